@@ -14,12 +14,13 @@ unexport PYTHONDONTWRITEBYTECODE
 EMULATOR := gcc-avr avr-libc avrdude libsimavr-dev gcc libc6-dev make
 SUDO := $(shell test "$$(id -u)" = 0 || echo sudo)
 
-.PHONY: demo test test-all lint bench docs clean help emulator firmware
+.PHONY: demo test test-all examples lint bench docs clean help emulator firmware
 
 help:
 	@echo "make demo      planned and learned policies drive a wheelchair; prints where the report is"
 	@echo "make test      the laws of the project, under 10 minutes on two cores"
 	@echo "make test-all  the long ones, too"
+	@echo "make examples  runs the programs in examples/"
 	@echo "make lint      ruff and mypy"
 	@echo "make bench     how fast it is on this machine"
 	@echo "make docs      builds the documentation into build/docs; a warning is an error"
@@ -40,6 +41,9 @@ test: $(READY)
 
 test-all: $(READY)
 	$(TEST)
+
+examples: $(READY)
+	$(TEST) tests/test_examples.py
 
 lint: $(READY)
 	$(BIN)/ruff check .

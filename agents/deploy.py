@@ -166,7 +166,8 @@ def check_start(env: Any, start: Array, forced: bool, log: Log) -> None:
         InputError: it fits badly, and is not forced.
     """
     env = env.unwrapped
-    found = start_fit(env.episode.map, start, env.settings.sensors.laser, env.task.reading.laser)
+    laser = env.settings.sensors.laser
+    found = start_fit(env.episode.map, start, laser, env.task.reading.laser[: laser.beams])
     x, y, yaw = start.tolist()
     off = np.hypot(*(found.pose - start)[:2])
     turn = np.degrees(abs(wrap(float(found.pose[2] - yaw))))

@@ -30,6 +30,8 @@ PLANNERS: Final = Registry(
             " RrtStarWoaGlobal RrtStarWoaLocal RrtWoa SplineRrtStar",
         ),
     },
+    group="wheelchair_gym.planners",
+    needs=("plan",),
 )
 FIRST_PLANNERS: Final = Registry(
     "first", {name: PLANNERS.places[name] for name in ("a_star", "rrt", "rrt_connect", "rrt_star")}

@@ -60,7 +60,19 @@ def test_a_part_keeps_the_defaults_that_it_has_where_it_stands():
         ),
         (SensorSettings, {"laser": 3}, r"chair.json.laser is 3; expected an object"),
         (SensorSettings, {"ultrasonic": {"order": [0, 1]}}, "order must name each mounted ranger"),
-        (SensorSettings, {"ultrasonic": {"mounted": []}}, "mounted has 0 rangers; expected 8"),
+        (
+            SensorSettings,
+            {"ultrasonic": {"mounted": [{}] * 9}},
+            "mounted has 9 rangers; expected at most 8",
+        ),
+        (SensorSettings, {"laser": {"beams": 1}}, "expected 2 or more, or 0: no scanner"),
+        (
+            SensorSettings,
+            {"more_lasers": [{}] * 4},
+            "more_lasers has 4 scanners; expected at most 3",
+        ),
+        (SensorSettings, {"laser": {"beams": 0}, "more_lasers": [{}]}, "expected beams of each"),
+        (SensorSettings, {"laser": {"beams": 0}, "pose_source": "mcl"}, "it needs a laser"),
         (
             ChairSettings,
             {"random": {"mass": [1]}},

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
+import sys
 from typing import NamedTuple
 
 import pytest
@@ -13,6 +14,7 @@ from agents.cli import parser
 from agents.cli.commands import COMMANDS, GROUPS, OneOf
 from tests.conftest import ROOT
 from wheelchair_gym.hardware.boards.protocol import Fault
+from wheelchair_gym.registry import imported
 from wheelchair_gym.safety.stops import STOPS, as_table
 
 PAGES = sorted(
@@ -31,7 +33,9 @@ class Block(NamedTuple):
     page: str
     line: int
     language: str
-    marks: str  # comments before it: `continues`, `needs emulator`
+    # Comments before it: `continues`, `needs emulator`; `file NAME`: it is a file's content;
+    # `writes files`: it is run before each command and each other block of its page.
+    marks: str
     text: str
 
 
@@ -54,6 +58,8 @@ def chains():
     found: list[list[Block]] = []
     for block in BLOCKS:
         if block.language != "python" or block.page == "README.md":  # tests/agents/cli/test_cli.py
+            continue
+        if "file " in block.marks:
             continue
         if "continues" in block.marks:
             assert found, f"{block.page}:{block.line} continues nothing"
@@ -99,8 +105,33 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.fixture
+def page_files(folder, monkeypatch):
+    """Writes the files that a page has its reader write, to the folder."""
+    before = set(sys.modules)
+
+    def write(page):
+        for block in BLOCKS:
+            if block.page != page:
+                continue
+            if name := re.search(r"<!-- file (\S+) -->", block.marks):
+                (folder / name[1]).write_text(block.text)
+            elif "writes files" in block.marks:
+                exec(block.text, {})
+
+    yield write
+    imported.cache_clear()
+    for name in set(sys.modules) - before:
+        if getattr(sys.modules[name], "__file__", None) and str(folder) in str(
+            sys.modules[name].__file__
+        ):
+            del sys.modules[name]
+    sys.path[:] = [place for place in sys.path if place != str(folder)]
+
+
 @pytest.mark.parametrize("chain", chains(), ids=lambda c: f"{c[0].page}:{c[0].line}")
-def test_a_pages_python_runs(chain, folder):
+def test_a_pages_python_runs(chain, page_files):
+    page_files(chain[0].page)
     if "needs emulator" in chain[0].marks:
         from tests.hardware.conftest import build
 
@@ -114,7 +145,8 @@ def test_a_pages_python_runs(chain, folder):
 
 
 @pytest.mark.parametrize("line", commands(), ids=str)
-def test_a_pages_command_is_understood_and_quick_ones_run(line, folder):
+def test_a_pages_command_is_understood_and_quick_ones_run(line, folder, page_files):
+    page_files(commands()[line])
     words = shlex.split(line)[1:]
     if words == ["--version"]:
         return

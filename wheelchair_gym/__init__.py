@@ -10,7 +10,7 @@ import gymnasium as gym
 
 from wheelchair_gym.config import InputError
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 __all__ = ["InputError", "__version__"]
 
 _ENTRY = "wheelchair_gym.envs.navigation:NavigationEnv"

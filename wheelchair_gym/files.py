@@ -60,6 +60,7 @@ def opened(path: str | Path, limit: str | None = None) -> Iterator[IO[bytes]]:
     Raises:
         InputError: it is missing, unreadable, no regular file or too large.
     """
+    path = _shipped(path)
     try:
         # Not opened before it is known to be regular: opening a pipe waits, a port resets a board.
         kind = os.stat(path)
@@ -76,6 +77,15 @@ def opened(path: str | Path, limit: str | None = None) -> Iterator[IO[bytes]]:
         if isinstance(error, InputError) or "null" not in str(error):
             raise
         raise InputError(f"{str(path)!r}: cannot be read (a NUL character in its name)") from None
+
+
+def _shipped(path: str | Path) -> str | Path:
+    """The installed copy of `configs/NAME`, where there is no such file."""
+    parts = Path(path).parts
+    if len(parts) == 2 and parts[0] == "configs" and not os.path.lexists(path):
+        copy = Path(__file__).parent.joinpath(*parts)
+        return copy if copy.exists() else path
+    return path
 
 
 def _check_size(path: str | Path, size: int, limit: str) -> None:

@@ -34,9 +34,9 @@ class Reading(NamedTuple):
 
     pose: Array  # (3,) m, m, rad: where the chair believes it is, in the map frame
     twist: Array  # (2,) m/s, rad/s: from the encoders
-    laser: NDArray[np.float32]  # (beams,) m
-    ultrasonic: NDArray[np.float32]  # (8,) m
-    age: NDArray[np.float32]  # (8,) s since each ultrasonic fired
+    laser: NDArray[np.float32]  # (beams,) m: of each scanner, see `SensorSettings.slices`
+    ultrasonic: NDArray[np.float32]  # (8,) m; NaN where none is mounted
+    age: NDArray[np.float32]  # (8,) s since each ultrasonic fired; +inf where none is mounted
     bumped: bool  # a bumper strip is pressed
     battery: float  # V
     stamp: float  # s since reset

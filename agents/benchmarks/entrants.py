@@ -50,8 +50,15 @@ class Entrant:
             "package": self.package,
             "takes_deadline": self.timed,
             "calls": list(self.calls),
-            "settings": dump(self.config),
+            "settings": settings_dump(self.config),
         }
+
+
+def settings_dump(planner: Any) -> Any:
+    """A planner's settings as plain values; of one that has none, the place of its class."""
+    if dataclasses.is_dataclass(planner):
+        return dump(planner)
+    return {"class": f"{type(planner).__module__}:{type(planner).__qualname__}"}
 
 
 def make_plan(planner: Any, problem: Problem, seed: int, deadline: float | None = None) -> Plan:
@@ -65,7 +72,7 @@ def make_plan(planner: Any, problem: Problem, seed: int, deadline: float | None 
 def with_iterations(planner: Any, iterations: int) -> Any:
     """A planner with this limit of iterations, also of the planners in its settings."""
     changes: dict[str, Any] = {}
-    for field in dataclasses.fields(planner):
+    for field in dataclasses.fields(planner) if dataclasses.is_dataclass(planner) else ():
         value = getattr(planner, field.name)
         if field.name == "iterations" and isinstance(value, int):
             changes[field.name] = iterations
@@ -76,13 +83,13 @@ def with_iterations(planner: Any, iterations: int) -> Any:
 
 def named_planners(values: Any) -> Iterator[str]:
     """The planners named in settings, such as the one for a first path."""
-    if isinstance(values, str) and values in PLANNERS:
+    if isinstance(values, str) and values in PLANNERS.places:
         yield values
     elif isinstance(values, Mapping):
         for key, value in values.items():
             if key != "name":
                 yield from named_planners(value)
-            elif value in PLANNERS:
+            elif value in PLANNERS.places:
                 yield value
 
 
@@ -91,7 +98,7 @@ def called_planners(planner: Any) -> tuple[str, ...]:
 
     A planner in its settings that is not called, such as the tree of RRT*-WOA, is left out.
     """
-    seen = dict.fromkeys(named_planners(dump(planner)))
+    seen = dict.fromkeys(named_planners(settings_dump(planner)))
 
     def watch(frame: FrameType, event: str, _: Any) -> None:
         if event == "call" and frame.f_code.co_name == "solve":

@@ -15,12 +15,21 @@ from typing import Any
 import numpy as np
 
 from agents import is_interrupt, read_data
-from agents.benchmarks.cases import MARGIN, SEED, Case, description, scene_cases, stored_cases
+from agents.benchmarks.cases import (
+    MARGIN,
+    SEED,
+    Case,
+    description,
+    scene_case,
+    scene_cases,
+    stored_cases,
+)
 from agents.benchmarks.entrants import (
     UNLIMITED,
     Entrant,
     make_entrants,
     make_plan,
+    settings_dump,
     with_iterations,
 )
 from agents.benchmarks.environments import provenance
@@ -46,7 +55,7 @@ from agents.evaluation.runs import (
 from agents.peers import PEERS
 from planners import Plan, make_planner
 from planners.swarm.planner import SwarmPlanner
-from wheelchair_gym.config import InputError, dump, read_json
+from wheelchair_gym.config import InputError, read_json
 
 FORMAT = "wheelchair bench planners 1"  # of a results file
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -164,20 +173,29 @@ class PlannerBenchmark:
     def __init__(
         self, ours: Sequence[Any], peers: Sequence[str], problems: str | Path | None,
         only: Sequence[str], seeds: Sequence[int], deadlines: Sequence[float], file: str | Path,
-        *, resume: bool = False, core: int | None = None,
+        *, scenes: Sequence[Any] = (), resume: bool = False, core: int | None = None,
     ) -> None:  # fmt: skip
         self.file, self.store = Path(file), Path(file).with_suffix(".jsonl")
         if resume:
             check_result(file)
         self.peers, self.deadlines = list(peers), sorted(deadlines)
-        self.cases = stored_cases(problems, only) if problems else scene_cases(only)
+        if scenes:
+            self.cases = [scene_case(scene) for scene in scenes]
+        else:
+            self.cases = stored_cases(problems, only) if problems else scene_cases(only)
         self.entrants = make_entrants(ours, peers)
         source, cpu = source_digest(), machine()["cpu"]
         self.jobs: dict[str, Job] = {}
         for case in self.cases:
             for seed in seeds:
                 for entrant in self.entrants:
-                    parts = source, cpu, entrant.name, entrant.package, dump(entrant.config)
+                    parts = (
+                        source,
+                        cpu,
+                        entrant.name,
+                        entrant.package,
+                        settings_dump(entrant.config),
+                    )
                     cold = [COLD] if seed == seeds[0] else []
                     for budget in [*cold, FREE, *(self.deadlines if entrant.timed else ())]:
                         key = run_key(*parts, case.digest, seed, budget)

@@ -148,6 +148,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         try:
             typed = sys.argv[1:] if arguments is None else arguments
+            if not typed or (len(typed) == 1 and typed[0] in GROUPS):  # a name that is not whole
+                typed = [*typed, "--help"]
             given = parser().parse_all(_joined(typed))
             if arguments is None:
                 _restart(given.row.environ)

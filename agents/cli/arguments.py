@@ -19,7 +19,7 @@ from wheelchair_gym.files import parse_json, read_text
 
 
 def spec(text: str) -> str | dict[str, Any]:
-    """The name NAME, or the settings called NAME in a file, for FILE.json:NAME.
+    """The name NAME or module:Class, or the settings called NAME in a file, for FILE.json:NAME.
 
     A file in the format of the thesis (figure 3.1) holds the settings of its planners.
 
@@ -27,7 +27,7 @@ def spec(text: str) -> str | dict[str, Any]:
         InputError: the file cannot be read, or has no object of settings under that name.
     """
     file, colon, name = text.rpartition(":")
-    if not colon:
+    if not colon or not Path(file).suffix:
         return text
     content = parse_json(without_trailing_commas(read_text(file, "json")), file)
     if is_thesis(content):
@@ -42,6 +42,30 @@ def labelled(name: str) -> str | dict[str, Any]:
     """As `spec`; settings from a file get the label FILE.json:NAME."""
     found = spec(name)
     return found if isinstance(found, str) else {**found, "label": Path(name).name}
+
+
+def map_scenes(given: argparse.Namespace) -> list[dict[str, Any]]:
+    """A scene for each map of --map, with --resolution, --start and --goal; none without --map.
+
+    Raises:
+        InputError: an option needs --map, or a pose has no heading where it needs one.
+    """
+    if not given.map:
+        for name in ("resolution", "start", "goal"):
+            if getattr(given, name) is not None:
+                raise InputError(f"--{name} needs --map")
+        return []
+    ends = {
+        name: [*pose, 0.0][:3]
+        for name, pose in (("start", given.start), ("goal", given.goal))
+        if pose is not None
+    }
+    scale = {} if given.resolution is None else {"resolution": given.resolution}
+    files = [given.map] if isinstance(given.map, str) else given.map
+    return [
+        {"name": "map_file", "path": file, **scale, **ends, "label": Path(file).stem}
+        for file in files
+    ]
 
 
 def chair_spec(text: str) -> Any:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from agents import StoppedError
-from agents.cli.arguments import check_picture, labelled, report, stopped
+from agents.cli.arguments import check_picture, labelled, map_scenes, report, stopped
 from agents.evaluation.provenance import write_json, write_text
 from wheelchair_gym.config import InputError
 
@@ -70,7 +70,7 @@ def planners(given: argparse.Namespace) -> int:
     with one_core() as core:
         benchmark = PlannerBenchmark(
             ours, peers, given.problems, given.only, range(given.seeds), given.deadlines, file,
-            resume=bool(given.resume), core=core,
+            scenes=map_scenes(given), resume=bool(given.resume), core=core,
         )  # fmt: skip
         try:
             benchmark.run(not given.quiet)

@@ -166,6 +166,22 @@ SHIELD = option(
     choices=("on", "off"),
 )  # fmt: skip
 CHAIR = "a real chair: hardware, ros://HOST:PORT, or FILE.json:NAME as in configs/chairs.json"
+MAP_FILES = ("map_server .yaml, MovingAI .map, HouseExpo .json, polygons .json, or an image of a "
+             "floor plan with --resolution")  # fmt: skip
+RESOLUTION = option("--resolution", "edge of a pixel of an image [m]", finite, "M")
+
+
+def map_options(kind: Callable[[str], Any] | None = None) -> list[Option]:
+    """The options `--map`, of one file or of several, `--resolution`, `--start` and `--goal`."""
+    metavar = "FILE" if kind is None else "FILE,FILE"
+    return [
+        option("--map", f"drive on a map of your own: {MAP_FILES}", kind, metavar), RESOLUTION,
+        option("--start", "start on that map [m, m, rad] (default: drawn by the seed)", pose),
+        option("--goal", "goal on that map [m, m, rad] (default: drawn by the seed)", pose),
+    ]  # fmt: skip
+
+
+OTHERS = "FILE.json:NAME, module:Class"
 RECORD = record("FILE.mcap", "observations and commands")
 WORKERS = [
     option("--jobs", "number of worker processes (default: one a core)", count),
@@ -198,13 +214,13 @@ COMMANDS = (
         "wheelchair plan --map hall.yaml --start 1,2 --goal 9,4 --planner rrt_star "
         "--set iterations=30000",
         [
-            option("--planner", "planner: a name of `wheelchair settings`, or FILE.json:NAME as in "
-                   "configs/planners.json"),
+            option("--planner", "planner: a name of `wheelchair settings`, module:Class, or "
+                   "FILE.json:NAME as in configs/planners.json"),
             option("--config", "settings file of the thesis: planner, map 1 to 5 with start and "
                    "goal, dilation; other options override it", None, "FILE.json"),
             option("--set", "change a setting of the planner, such as tree.iterations=30000; "
                    "repeatable", None, "KEY=VALUE", action="append", default=[], dest="changes"),
-            option("--map", "map_server .yaml, MovingAI .map or HouseExpo .json", None, "FILE"),
+            option("--map", MAP_FILES, None, "FILE"), RESOLUTION,
             option("--problems", "file of problems, in place of a map", None, "FILE.json"),
             option("--start", "start on the map [m, m, rad]", pose),
             option("--goal", "goal on the map [m, m, rad]", pose),
@@ -220,13 +236,14 @@ COMMANDS = (
         "wheelchair simulate --scene floor_plan --policy a_star+pure_pursuit --seed 3 "
         "--video drive.mp4",
         [
-            option("--scene", "scene: a name of `wheelchair scenes`, or FILE.json:NAME as in "
-                   "configs/scenes.json (default: the config's, or floor_plan)"),
+            option("--scene", "scene: a name of `wheelchair scenes`, module:Class, or "
+                   "FILE.json:NAME as in configs/scenes.json (default: the config's, or "
+                   "floor_plan)"),
+            *map_options(),
+            flag("--pick", "choose start and goal on that map with the mouse, in a window"),
             option("--policy", POLICY_HELP, default="lattice+window"), seed(),
-            option("--chair", f"drive {CHAIR} (default: a simulated one)", None, "CHAIR"),
-            option("--goal", "goal on the map of a real chair [m, m, rad]", pose),
-            option("--start", "pose of a real chair that does not report it [m, m, rad]", pose,
-                   "X,Y,YAW"),
+            option("--chair", f"drive {CHAIR} (default: a simulated one); --goal is on its own "
+                   "map, and --start its pose X,Y,YAW where it does not report it", None, "CHAIR"),
             CONFIG, POSE, SHIELD, OneOf((WINDOW, VIDEO, END_PICTURE)), *RECORD, JSON,
         ],
     ),
@@ -250,9 +267,13 @@ COMMANDS = (
         [
             option("--suite", "suite: barn, clinic, crowd, cylinders, demo, doors, followers, "
                    "homes, league, temporary or thesis", default="demo"),
-            option("--policies", "policies, in place of the suite's", names),
-            option("--scenes", "scenes, in place of the suite's: a name, FILE.json:NAME as in "
-                   "configs/scenes.json, or FILE.json: all worlds of a BARN file", names),
+            option("--policies", "policies, in place of the suite's: PLANNER+FOLLOWER, "
+                   "module:Class, a file of weights (.npz, .onnx), a model of stable-baselines3 "
+                   "(.zip, which runs code), ...", names),
+            option("--scenes", "scenes, in place of the suite's: a name, module:Class, "
+                   "FILE.json:NAME as in configs/scenes.json, or FILE.json: all worlds of a BARN "
+                   "file", names),
+            *map_options(names),
             option("--episodes", "episodes of each policy on each scene (default: the suite's)",
                    count),
             OneOf((
@@ -265,7 +286,36 @@ COMMANDS = (
             SHIELD, *WORKERS,
             option("--out", "folder of the results (default runs/SUITE)", None, "DIR"),
             flag("--no-video", "write no video"), QUIET,
+            option("--columns", "columns of the table in the terminal, or all; the report has all",
+                   names, default=["episodes", "success", "collision", "timeout", "spl", "time"]),
             *record("DIR", "one file for each episode"), JSON,
+        ],
+    ),
+    Command(
+        "convert", "convert:run", "write a map or an image of a floor plan as a map_server file",
+        "Write a map as a map_server YAML file with its image, for ROS and for other programs.",
+        "wheelchair convert plan.png --resolution 0.05 --out plan.yaml",
+        [
+            option("file", MAP_FILES, None, "FILE"), RESOLUTION,
+            option("--out", "the YAML file (default: the map's name, in this folder)", None,
+                   "FILE.yaml"), JSON,
+        ],
+    ),
+    Command(
+        "dataset", "dataset:write", "write episodes of a policy as a data set for offline learning",
+        "Drive episodes and write observations, actions and rewards as a Minari data set. Ctrl-C "
+        "keeps the episodes driven so far. Needs the extra 'dataset'.",
+        "wheelchair dataset wheelchair/homes-v0 --policy lattice+window --episodes 100",
+        [
+            option("name", "name of the data set, such as wheelchair/homes-v0", None, "NAME"),
+            option("--policy", POLICY_HELP, default="lattice+window"),
+            option("--scene", f"a scene, {OTHERS} (default: floor_plan)"), *map_options(),
+            option("--episodes", "number of episodes", count, default=100),
+            option("--first-seed", "seed of the first episode; seeds of training begin at 1000000",
+                   parse_int, default=1_000_000),
+            CONFIG, POSE, SHIELD,
+            option("--out", "folder of data sets", None, "DIR", default="runs/datasets"), QUIET,
+            JSON,
         ],
     ),
     Command(
@@ -440,7 +490,8 @@ COMMANDS = (
             option("--problems", "file of problems (default: one of each scene that needs no file)",
                    None, "FILE.json"),
             option("--only", "names of problems (default: all)", names, default=[]),
-            option("--planners", "planners or peers, also FILE.json:NAME (default: all)", names),
+            *map_options(names),
+            option("--planners", f"planners or peers, also {OTHERS} (default: all)", names),
             option("--peers", "run other packages' planners (default: the installed ones, unless "
                    "--planners is given)", action=argparse.BooleanOptionalAction),
             option("--seeds", "number of runs of each planner and problem", count, default=20),

@@ -9,12 +9,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from agents.cli.arguments import labelled, report, shield_of, spec, watch
+from agents.cli.arguments import labelled, map_scenes, report, shield_of, spec, watch
 from agents.cli.commands import DEFAULT_POSE
 from agents.evaluation import compare as comparison
 from agents.evaluation.evaluate import Spec, label
 from agents.evaluation.provenance import cores
-from agents.evaluation.report import markdown
+from agents.evaluation.report import terminal_table
 from wheelchair_gym.config import InputError
 from wheelchair_gym.scenes.barn import world_numbers
 
@@ -38,9 +38,10 @@ def scenes_of(names: Sequence[str] | None) -> list[str | dict[str, Any]]:
 
 def compare(given: argparse.Namespace) -> int:
     """Compare policies, and write everything to the folder."""
+    terminal_table({"summary": [], "scenes": []}, given.columns)  # before hours of driving
     suite = comparison.suite(given.suite)
     env = dict(suite.env) if given.config is None else {"config": given.config}
-    scenes = scenes_of(given.scenes) or suite.scenes
+    scenes = [*scenes_of(given.scenes), *map_scenes(given)] or suite.scenes
     if given.pose is not None and len(given.pose) == 1:
         env["pose_source"] = given.pose[0]
     elif given.pose is not None:
@@ -68,7 +69,8 @@ def compare(given: argparse.Namespace) -> int:
         suite, folder, jobs=given.jobs or cores(), engine=given.engine, progress=not given.quiet,
         seeds=range(first, first + suite.episodes), watch=watch(given),
     )  # fmt: skip
-    report(given, evaluation, f"{markdown(evaluation)}\n{folder / 'report.html'}")
+    table = terminal_table(evaluation, given.columns)
+    report(given, evaluation, f"{table}\n{folder / 'report.html'}")
     return 0
 
 

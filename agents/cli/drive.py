@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.cli.arguments import chair_spec, env_of, real_chair_env, report, spec, watch
+from agents.cli.arguments import chair_spec, env_of, map_scenes, real_chair_env, report, spec, watch
 from agents.deploy import Deployment, EventLog, check_start, to_stderr
 from agents.deploy import deploy as deploy_policy
 from agents.evaluation.evaluate import drive_episode, env_settings, label, make_env, warm
@@ -27,6 +27,7 @@ _WARM_SCENE = "clutter"  # in which a policy drives in simulation before it driv
 
 def simulate(given: argparse.Namespace) -> int:
     """Drive one episode and report it."""
+    from wheelchair_gym.rendering.legend import scene_entries, with_legend
     from wheelchair_gym.rendering.video import write_png, write_video
 
     policy = make_policy(spec(given.policy))
@@ -34,11 +35,17 @@ def simulate(given: argparse.Namespace) -> int:
     scene = settings.get("config", {}).get("scene", "floor_plan")
     if given.scene is not None:
         scene = spec(given.scene)
+    if given.chair is None and (maps := map_scenes(given)):
+        if given.scene is not None:
+            raise InputError("--map and --scene: expected one of them")
+        (scene,) = maps
+        if given.pick:
+            scene |= _picked(scene, settings)
+    elif given.pick:
+        raise InputError("--pick needs --map")
     mode, episode = "human" if given.window else "rgb_array", None
     if given.chair is not None:
         env, episode = _real(given, settings, scene, mode)
-    elif given.goal or given.start:
-        raise InputError("--goal and --start need a real chair (--chair)")
     else:
         env = make_env(scene, settings, mode)
     frames: list[Any] = []
@@ -57,7 +64,8 @@ def simulate(given: argparse.Namespace) -> int:
         if given.video:
             write_video(given.video, frames, round(1.0 / env.unwrapped.task.period))
         if given.picture:
-            write_png(given.picture, env.render())
+            actors = env.unwrapped.episode.actors
+            write_png(given.picture, with_legend(env.render(), scene_entries(actors)))
     finally:
         env.close()
     if events is not None and events.ended:
@@ -75,6 +83,18 @@ def simulate(given: argparse.Namespace) -> int:
     )
     report(given, record, text)
     return 0
+
+
+def _picked(scene: dict[str, Any], settings: dict[str, Any]) -> dict[str, Any]:
+    """Start and goal that a person chooses in a window."""
+    from wheelchair_gym.rendering.pick import pick_poses
+
+    footprint = complete_env_settings(**{"config": None, **settings}).chair.footprint
+    start, goal = pick_poses(
+        read_any_map(scene["path"], resolution=scene.get("resolution")), footprint
+    )
+    print(f"--start {','.join(map(str, start))} --goal {','.join(map(str, goal))}", file=sys.stderr)
+    return {"start": start, "goal": goal}
 
 
 def _real(

@@ -26,6 +26,7 @@ from wheelchair_gym.localization.slam import Slam, SlamSettings
 from wheelchair_gym.maps import write_map
 from wheelchair_gym.recording.replay import sensor_log
 from wheelchair_gym.rendering import draw_map, write_png
+from wheelchair_gym.rendering.legend import MAP_ENTRIES, with_legend
 
 
 def run(given: argparse.Namespace) -> int:
@@ -81,7 +82,8 @@ def _explored(given: argparse.Namespace) -> tuple[dict[str, Any], list[str]]:
     if given.picture:
         truth = env.unwrapped.episode.map
         drawn = [("SLAM", made.grid, made.estimated), ("truth", truth, made.true)]
-        write_png(given.picture, draw_map(drawn[:1] if given.chair else drawn))
+        picture = draw_map(drawn[:1] if given.chair else drawn)
+        write_png(given.picture, with_legend(picture, MAP_ENTRIES))
     of = made.figures
     where = f"{label(scene)}, seed {given.seed}" if given.scene else given.chair
     lines = [
@@ -119,7 +121,8 @@ def _from_scans(given: argparse.Namespace) -> tuple[dict[str, Any], list[str]]:
         name = "map" if one is maps[-1] else "odometry"
         write_map(one.grid, Path(given.out) / f"{name}.yaml")
     if given.picture:
-        write_png(given.picture, draw_map([(s.name, s.grid, s.trail) for s in reversed(maps)]))
+        picture = draw_map([(s.name, s.grid, s.trail) for s in reversed(maps)])
+        write_png(given.picture, with_legend(picture, MAP_ENTRIES))
     skipped = sum(log.skipped.values())
     why = ", ".join(f"{lines} {reason}" for reason, lines in log.skipped.items())
     value = {

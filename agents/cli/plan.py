@@ -67,7 +67,7 @@ def _problem(given: argparse.Namespace, thesis: ThesisFile | None) -> Problem:
         if given.map is None and not Path(number).suffix:
             what = f"{given.config}: MapProcessor_Map_Name is {number!r}"
             raise InputError(f"{what}; expected 1 to 5 or the name of a map file, or give --map")
-        grid, walls = read_any_map(name)
+        grid, walls = read_any_map(name, resolution=given.resolution)
         cell, outlined = grid.resolution, Path(name).suffix.lower() == ".json"
         space = Space.from_walls(walls, (), grid.bounds) if outlined else Space.from_grid(grid)
     if ends["start"] is None or ends["goal"] is None:

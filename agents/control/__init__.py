@@ -19,11 +19,13 @@ FOLLOWERS: Final = Registry(
         "window": f"{_PLACE}:Window",
         "woa": f"{_PLACE}:WhaleFollower",
     },
+    group="wheelchair_gym.followers",
+    needs=("make", "twist"),
 )
 
 
 def make_follower(spec: Mapping[str, Any]) -> Any:
-    """Settings of a follower from `{"name": name, **settings}`.
+    """What makes a follower, from `{"name": name, **settings}`.
 
     Raises:
         InputError: the name is unknown or a setting is wrong.

@@ -1,7 +1,8 @@
 """The map around the chair: its pose, obstacles near it, and what moves, from its own readings.
 
 The laser sees 270 degrees from the front: what slips out of its view is remembered while the chair
-drives by. Wheel counts carry that memory, and they steady a pose estimate whose error wanders.
+drives by. Wheel counts carry that memory, and they steady a pose estimate whose error wanders. What
+further scanners hit is added; actors are tracked by the first one alone.
 
 What the given map explains is static. The rest falls into clusters, which are tracked from scan to
 scan in the frame of dead reckoning: those that move are dynamic (people, pushed things), the others
@@ -29,6 +30,7 @@ REACH = 2.4  # m: a chair at 0.8 m/s sweeps less than this before it can rest
 VOXEL = 0.04  # m: hits within one voxel become their mean, which also averages noise
 CLOSE = 1.3  # m: beyond, voxels are twice as large
 MEMORY = 15.0  # s for which a hit is remembered out of sight
+BESIDE_ACTOR = 0.15  # m: hits so near the disc of what moves are of it
 SETTLE = 3.0  # s over which the pose estimate corrects the wheel counts, so that it never jumps
 
 
@@ -72,7 +74,7 @@ class LocalMap:
 
     Attributes:
         pose: (3,) [m, m, rad] in the map's frame.
-        hits: obstacles (k, 2) [m] in the chair's frame that the laser saw, now or lately.
+        hits: obstacles (k, 2) [m] in the chair's frame that the scanners saw, now or lately.
         points: hits, and obstacles that only the map knows of, (k, 3): x, y, distance from the
             axle's centre [m], the nearest first.
         actors: what moves (m, 5): x, y [m], vx, vy [m/s], radius [m] in the chair's frame; its hits
@@ -92,6 +94,7 @@ class LocalMap:
         self._tracks = None if mission.map is None else Tracks(grid, self._laser)
         self.temporary = TemporaryObstacles(grid)
         self._beams = self._laser.directions
+        self._more = list(zip(mission.sensors.lasers, mission.sensors.slices, strict=True))[1:]
         self._odometry = np.zeros(3)  # dead reckoning, the frame of the memory
         self._memory = np.empty((0, 3))  # x, y, stamp
         self._stamp = reading.stamp
@@ -138,7 +141,7 @@ class LocalMap:
     def _sense(self, reading: Reading) -> None:
         self._shield.update(reading)
         laser = self._laser
-        ranges = np.asarray(reading.laser, dtype=np.float64)
+        ranges = np.asarray(reading.laser[: laser.beams], dtype=np.float64)
         near = np.isfinite(ranges) & (ranges < TRACKING_RANGE) & (ranges > laser.range_min)
         seen = self._beams[near] * ranges[near, None] + (laser.x, laser.y)
         static = ranges[near] < REACH + laser.x
@@ -150,6 +153,8 @@ class LocalMap:
             self.temporary.update(seen[unmapped & ~moving], ranges, laser, self.pose, reading.stamp)
             static &= ~moving
         seen = seen[static]
+        if self._more:
+            seen = np.concatenate([seen, *(self._more_hits(reading, *one) for one in self._more)])
         close = np.all(np.abs(seen) < CLOSE, axis=1)
         seen = np.concatenate(
             [voxel_means(seen[close], VOXEL), voxel_means(seen[~close], 2 * VOXEL)]
@@ -158,6 +163,10 @@ class LocalMap:
         old = to_frame(recent[:, :2], self._odometry)
         within = np.all(np.abs(old) < REACH, axis=1)
         hidden = (np.abs(bearings(old, laser)) > 0.5 * laser.fov) & within
+        for other, _ in self._more:
+            hidden &= (np.abs(bearings(old, other)) > 0.5 * other.fov) | (
+                np.hypot(old[:, 0] - other.x, old[:, 1] - other.y) > other.reach
+            )
         stamped = np.column_stack([seen, np.full(len(seen), reading.stamp)])
         kept = np.column_stack([old, recent[:, 2]])[hidden]
         local = np.concatenate([stamped, kept])  # (k, 3)
@@ -174,6 +183,17 @@ class LocalMap:
         far = np.hypot(points[:, 0], points[:, 1])
         nearest = np.argsort(far)
         self.points = np.column_stack([points, far])[nearest]
+
+    def _more_hits(self, reading: Reading, laser: LaserSettings, at: slice) -> Array:
+        """What a further scanner hits (k, 2) [m], without what the first one knows to move."""
+        ranges = np.asarray(reading.laser[at], dtype=np.float64)
+        ranges = np.where(np.isneginf(ranges), laser.range_min, ranges)
+        origin = np.array([laser.x, laser.y])
+        near = ranges < REACH + math.hypot(laser.x, laser.y)  # false for NaN
+        hits: Array = origin + laser.directions[near] * ranges[near, None]
+        for x, y, _, _, radius in self.actors:
+            hits = hits[np.hypot(hits[:, 0] - x, hits[:, 1] - y) > radius + BESIDE_ACTOR]
+        return hits
 
     def _walls_near(self) -> Array:
         """Points of mapped walls within reach; selected anew every half metre of way."""

@@ -72,11 +72,13 @@ def _ray(work: Callable[[Job], Any], jobs: Sequence[Job], workers: int, alone: b
         import agents
         import planners
         import wheelchair_gym
+        from wheelchair_gym.registry import modules_of_others
 
         # Send this code to the cluster's machines, whatever is installed there.
         threads = ("OMP", "OPENBLAS", "MKL", "NUMEXPR", "NUMBA")
         env = {f"{name}_NUM_THREADS": "1" for name in threads}
-        code = {"py_modules": [wheelchair_gym, planners, agents], "env_vars": env}
+        modules = [wheelchair_gym, planners, agents, *modules_of_others()]
+        code = {"py_modules": modules, "env_vars": env}
         ray.init(address, runtime_env=code, **quiet)
     elif started:  # Ray itself holds a task of one core to one thread
         ray.init("local", num_cpus=workers, include_dashboard=False, **quiet)

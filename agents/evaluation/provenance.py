@@ -82,7 +82,7 @@ def command_line() -> str:
     """The command that a person typed, as a shell takes it."""
     name = Path(sys.argv[0]).name
     # python -m agents.cli is the same program
-    return shlex.join(["wheelchair" if name == "cli.py" else name, *sys.argv[1:]])
+    return shlex.join(["wheelchair" if name in ("cli.py", "__main__.py") else name, *sys.argv[1:]])
 
 
 def write_text(path: str | Path, text: str) -> None:

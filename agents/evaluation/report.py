@@ -13,6 +13,7 @@ from agents.evaluation import metrics
 from agents.evaluation.figures import figures
 from agents.evaluation.pages import data_uri, write_page
 from agents.evaluation.tables import Column, Table, make_table
+from wheelchair_gym.config import InputError, suggest
 from wheelchair_gym.files import atomic_write
 from wheelchair_gym.rendering.video import webp
 
@@ -32,6 +33,9 @@ def _columns() -> tuple[Column, ...]:
 
 COLUMNS = _columns()
 SUCCESS = COLUMNS[1]
+# The columns in parts that a screen shows whole.
+_TIME = next(k for k, column in enumerate(COLUMNS) if column.key == "time")
+PARTS = ((": arrivals", COLUMNS[:_TIME]), (": how it drove", COLUMNS[_TIME:]))
 LEVEL = 0.05  # of a test
 FEWEST = 6  # pairs: with fewer, the paired test cannot be significant at that level
 RANKING_NOTE = (
@@ -118,6 +122,10 @@ def learned_beside_planned(evaluation: Evaluation) -> str:
     return ", ".join(parts) + "."
 
 
+# Columns of the table in a terminal, after policy and scene.
+BRIEF = ("episodes", "success", "collision", "timeout", "spl", "time")
+
+
 def markdown(evaluation: Evaluation) -> str:
     """The summary as Markdown, under the command, and who wins where."""
     summary, table = evaluation["summary"], ranking_table(evaluation)
@@ -130,6 +138,25 @@ def markdown(evaluation: Evaluation) -> str:
         make_table("", [POLICY, SCENE, *COLUMNS], [rows]).markdown(),
     ]  # fmt: skip
     return "\n\n".join(part.rstrip("\n") for part in parts if part) + "\n"
+
+
+def terminal_table(evaluation: Evaluation, keys: Sequence[str] = BRIEF) -> str:
+    """The summary as aligned columns; `keys` are those of `COLUMNS`, or 'all' alone.
+
+    Raises:
+        InputError: there is no such column.
+    """
+    known = {column.key: column for column in COLUMNS}
+    for key in keys:
+        if key not in known and list(keys) != ["all"]:
+            near = suggest(key, known)
+            raise InputError(f"--columns {key} is unknown; known: all, {', '.join(known)}{near}")
+    chosen = COLUMNS if list(keys) == ["all"] else [known[key] for key in keys]
+    summary = evaluation["summary"]
+    rows = [*ranked(summary), *(row for row in summary if row["scene"] != "all")]
+    if len(evaluation["scenes"]) == 1:
+        rows = ranked(summary)
+    return make_table("", [POLICY, SCENE, *chosen], [rows]).text()
 
 
 def write_report(evaluation: Evaluation, folder: str | Path) -> Path:
@@ -153,10 +180,14 @@ def write_report(evaluation: Evaluation, folder: str | Path) -> Path:
     best = ranked(evaluation["summary"])
     scenes, several = evaluation["scenes"], len(evaluation["scenes"]) > 1
     caption = f"{'All scenes, best' if several else 'Best'} first"
-    tables = [make_table(caption, [POLICY, *COLUMNS], [best]), ranking_table(evaluation)]
+    tables = [make_table(caption + what, [POLICY, *part], [best]) for what, part in PARTS]
+    tables += filter(None, [ranking_table(evaluation)])
     if several:
         groups = [ranked(evaluation["summary"], scene) for scene in scenes]
-        tables.append(make_table("By scene, best first", [POLICY, SCENE, *COLUMNS], groups))
+        tables += [
+            make_table(f"By scene, best first{what}", [POLICY, SCENE, *part], groups)
+            for what, part in PARTS
+        ]
     some = bool(best and evaluation["records"])
     first = best[0]["policy"] if some else ""
     of = [record for record in evaluation["records"] if record["policy"] == first]
@@ -164,7 +195,7 @@ def write_report(evaluation: Evaluation, folder: str | Path) -> Path:
         folder / "report.html", "evaluation.html", title=evaluation["title"], source=evaluation,
         best=best[0] if some else None, second=best[1] if some and len(best) > 1 else None,
         comparison=learned_beside_planned(evaluation), success=SUCCESS, columns=COLUMNS,
-        ended=Counter(record["outcome"] for record in of), tables=filter(None, tables),
+        ended=Counter(record["outcome"] for record in of), tables=tables,
         figures=drawn, video=_video(evaluation["video"], folder), legend=_LEGEND,
         failures=_failures(evaluation["records"], [row["policy"] for row in best], folder),
     )  # fmt: skip

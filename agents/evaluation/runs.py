@@ -22,6 +22,7 @@ from agents import StoppedError, is_interrupt
 from agents.evaluation.engines import ENGINES, LostError, check
 from wheelchair_gym.config import InputError, dump
 from wheelchair_gym.files import LIMITS, opened, parse_json, write_error
+from wheelchair_gym.registry import imported, places_in
 
 Record = dict[str, Any]
 Job = TypeVar("Job")
@@ -57,9 +58,15 @@ def source_digest(*packages: str) -> str:
     return digest.hexdigest()
 
 
+def _code_of_others(parts: Sequence[Any]) -> list[str]:
+    modules = {sys.modules[imported(place).__module__] for place in places_in(parts)}
+    files = {str(module.__file__) for module in modules if getattr(module, "__file__", None)}
+    return [source_digest(file) for file in sorted(files)]
+
+
 def run_key(*parts: Any) -> str:
-    """A key that is equal for runs of equal parts."""
-    plain = json.dumps([dump(part) for part in parts], sort_keys=True)
+    """A key that is equal for runs of equal parts, and of other people's code that they name."""
+    plain = json.dumps([dump(part) for part in parts] + _code_of_others(parts), sort_keys=True)
     return hashlib.sha256(plain.encode()).hexdigest()[:16]
 
 

@@ -49,7 +49,8 @@ def export_onnx(weights: Weights, path: str | Path) -> dict[str, Any]:
     (n, units).
 
     Raises:
-        InputError: onnx is not installed, or a file cannot be written.
+        InputError: onnx is not installed, a file cannot be written, or the weights are not of a
+            chair with one laser and with ultrasonics.
     """
     try:
         import onnx
@@ -57,8 +58,10 @@ def export_onnx(weights: Weights, path: str | Path) -> dict[str, Any]:
         raise InputError("export needs: pip install 'wheelchair_gym[learn]'") from None
     layout, arrays = weights.layout, weights.arrays
     env = load(EnvSettings, weights.card["env"], "weights: env")
-    beams, limits, rangers = env.sensors.laser.beams, env.chair.limits, env.sensors.ultrasonic
     sizes = {key: n for key, n in layout.sizes if key not in PRIVILEGED}
+    lasers, beams, limits = env.sensors.lasers, env.sensors.beams, env.chair.limits
+    if len(lasers) != 1 or not env.sensors.ultrasonic.mounted:
+        raise InputError("export: expected one laser, and ultrasonics; the weights have others")
     state = dict.fromkeys("hc" if weights.lstm_size else "", weights.lstm_size)
     inputs = {NAMES.get(key, key): n for key, n in {**sizes, "laser": beams}.items()} | state
     outputs = {"action": 2, "twist_asked": 2, **{f"{key}_next": n for key, n in state.items()}}
@@ -70,10 +73,8 @@ def export_onnx(weights: Weights, path: str | Path) -> dict[str, Any]:
     model = onnx.parser.parse_model(text)
     constants: dict[str, Any] = {
         "zero": 0.0, "one": 1.0, "minus_one": -1.0,
-        "laser_reach": [env.sensors.laser.reach],
-        "ultrasonic_reach": [
-            (rangers.narrow if m.model == "narrow" else rangers.wide).reach for m in rangers.mounted
-        ],
+        "laser_reach": [lasers[0].reach],
+        "ultrasonic_reach": [model.reach for model in env.sensors.ultrasonic.models],
         "groups": groups_of(beams, sizes["laser"]),
         "range_shift": RANGE_SHIFT, "range_scale": RANGE_SCALE,
         "goal_range_index": np.array([0]), "bearing_indices": np.arange(1, sizes["goal"]),

@@ -53,6 +53,11 @@ class Layout:
         return sum(size for _, size in self.sizes)
 
     @property
+    def ranges_size(self) -> int:
+        """Numbers that are ranges of lasers and ultrasonics; they are first."""
+        return sum(size for key, size in self.sizes if key in ("laser", "ultrasonic"))
+
+    @property
     def privileged_size(self) -> int:
         """Numbers that only a critic gets; they are last."""
         return sum(size for key, size in self.sizes if key in PRIVILEGED)
@@ -93,7 +98,7 @@ def features(xp: Any, flat: Any, layout: Layout, scaled: Any, scales: Any) -> An
 
     `scaled` and `scales` are `layout.scaled_indices` and `layout.scales`, as arrays of `xp`.
     """
-    ranges = flat[:, : layout.slice_of("ultrasonic").stop]
+    ranges = flat[:, : layout.ranges_size]
     goal = layout.slice_of("goal").start
     far = flat[:, goal : goal + 1]
     parts = [

@@ -81,6 +81,8 @@ class OcclusionRecorder:
         `moment` is a share of the episode, 0 to 1. Returns the figure and its values.
         """
         world, task = env.unwrapped.episode, env.unwrapped.task
+        if len(task.sensors.lasers) != 1:
+            raise InputError("occlusion is drawn of a chair with one laser; this one has others")
         laser = task.sensors.laser
         network, layout = self._driver.network, self._driver.layout
         observations = np.array(self._observations)

@@ -51,6 +51,7 @@ class SB3VecEnv(VecEnv):
         space: Any = env.single_observation_space
         if flat:
             space = flatten_space(list(env.task.spaces.values()))
+        self.render_mode = env.render_mode
         super().__init__(env.num_envs, space, env.single_action_space)
         self._returns = np.zeros(self.num_envs)
         self._lengths = np.zeros(self.num_envs, np.int64)
@@ -100,6 +101,10 @@ class SB3VecEnv(VecEnv):
         if self._flat:
             return self._observation(observations)[i]
         return {key: value[i] for key, value in observations.items()}
+
+    def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
+        """A picture of each row, where the environment has `render_mode="rgb_array"`."""
+        return self.env.render() or []
 
     def close(self) -> None:
         """Close the environments."""

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError, dump, load, suggest
-from wheelchair_gym.registry import Registry
+from wheelchair_gym.registry import Registry, imported, is_place
 from wheelchair_gym.types import Command, Mission, Reading
 
 Array = NDArray[np.float64]
@@ -32,8 +32,11 @@ POLICIES: Final = Registry(
         "manual": "agents.policies.manual:Manual",
         "planned": "agents.policies.planned:Planned",
         "random": "agents.policies.scripted:RandomPolicy",
+        "sb3": "agents.policies.sb3:Sb3Model",
         "straight": "agents.policies.scripted:StraightPolicy",
     },
+    group="wheelchair_gym.policies",
+    needs=("make", "act"),
 )
 
 
@@ -89,11 +92,11 @@ def policy_names() -> str:
     from agents.learning.weights import shipped
     from planners import PLANNERS
 
-    simple = [name for name in POLICIES if name not in ("learned", "planned")]
+    simple = [name for name in POLICIES if name not in ("learned", "planned", "sb3")]
     return (
-        f"{', '.join(sorted([*simple, *shipped()]))}, a file of weights (.npz, .onnx), PLANNER or "
-        f"PLANNER+FOLLOWER with PLANNER one of {', '.join(sorted(PLANNERS))} and FOLLOWER one of "
-        f"{', '.join(sorted(FOLLOWERS))}"
+        f"{', '.join(sorted([*simple, *shipped()]))}, a file of weights (.npz, .onnx), a model of "
+        "stable-baselines3 (.zip), module:Class, PLANNER or PLANNER+FOLLOWER with PLANNER one of "
+        f"{', '.join(sorted(PLANNERS))} and FOLLOWER one of {', '.join(sorted(FOLLOWERS))}"
     )
 
 
@@ -102,7 +105,8 @@ def make_policy(spec: str | Mapping[str, Any] | Any) -> Policy:
 
     Args:
         spec: a name (`straight`, `a_star`, `a_star+window`), a mapping `{"name": name, **settings}`
-            or a settings object that has `make()`.
+            or a settings object that has `make()`. `module:Class` names somebody's class: a
+            policy, settings of one, or a planner or follower in `PLANNER+FOLLOWER`.
 
     Raises:
         InputError: the name is unknown (the message lists those known) or a setting is wrong.
@@ -141,8 +145,8 @@ def spec_of(policy: str | Mapping[str, Any] | Any) -> str | Mapping[str, Any] | 
     if isinstance(policy, str | Mapping):
         return policy
     settings_of(policy)
-    for name, family in POLICIES.items():
-        if type(policy) is family:
+    for name in POLICIES.own:
+        if type(policy) is (family := POLICIES[name]):
             plain, config = dump(family()), dump(policy)
             changed = {key: value for key, value in config.items() if value != plain[key]}
             if name == "planned":
@@ -159,7 +163,7 @@ def spec_of(policy: str | Mapping[str, Any] | Any) -> str | Mapping[str, Any] | 
 def kind_of(policy: str | Mapping[str, Any] | Any) -> str:
     """The name of a policy's family: learned, planned, ...; empty if it is not one of ours."""
     config = settings_of(policy)
-    return next((name for name, kind in POLICIES.items() if type(config) is kind), "")
+    return next((name for name in POLICIES.own if type(config) is POLICIES[name]), "")
 
 
 def _named(name: str, values: dict[str, Any]) -> Any:
@@ -169,8 +173,10 @@ def _named(name: str, values: dict[str, Any]) -> Any:
 
     if name in shipped() or name.endswith((".npz", ".onnx")):
         return load(POLICIES["learned"], {"weights": name, **values}, f"policy {name}")
-    if name in POLICIES:
-        return load(POLICIES[name], values, f"policy {name}")
+    if name.endswith(".zip"):
+        return load(POLICIES["sb3"], {"file": name, **values}, f"policy {name}")
+    if name in POLICIES.places or (is_place(name) and not hasattr(imported(name), "plan")):
+        return POLICIES.make({"name": name, **values})
     planner, plus, follower = name.partition("+")
     if planner not in PLANNERS or (plus and follower not in FOLLOWERS):
         pairs = (f"{planner}+{one}" for one in FOLLOWERS)

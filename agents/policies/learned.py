@@ -88,7 +88,7 @@ def weights_digest(spec: Any) -> str | None:
     if not isinstance(spec, str):
         return None
     try:
-        path = find_weights(spec)
+        path = Path(spec) if spec.endswith(".zip") else find_weights(spec)
     except InputError:
         return None
     return file_digest(path)
@@ -119,8 +119,11 @@ class LearnedDriver:
                 f"the policy acts at {env.rate:g} Hz; a control period of {mission.period:g} s is "
                 "no whole part of that"
             )
-        if len(mission.sensors.ultrasonic.mounted) != dict(self.layout.sizes)["ultrasonic"]:
+        sizes, sensors = dict(self.layout.sizes), mission.sensors
+        if len(sensors.ultrasonic.mounted) != sizes.get("ultrasonic", 0):
             raise InputError("the policy was trained with other ultrasonics than this chair has")
+        if len(sensors.lasers) != len(env.sensors.lasers):
+            raise InputError("the policy was trained with other lasers than this chair has")
         shown = "path" in dict(self.layout.sizes)
         task = dataclasses.replace(env.task, privileged=False, aim="goal")
         self._mission = mission
@@ -133,6 +136,12 @@ class LearnedDriver:
         guidance = make_guidance(spec) if shown else None
         period = self._hold * mission.period
         self._task = Task(task, mission.chair, mission.sensors, period, guidance)
+        for key, box in self._task.spaces.items():
+            if sizes.get(key, box.shape[0]) != box.shape[0]:
+                raise InputError(
+                    f"the policy was trained with {sizes[key]} numbers of {key}; this chair's "
+                    f"sensors give {box.shape[0]}"
+                )
         self.network.reset(1)
         self._intervention = np.zeros(2)
         self._steps, self._updated = 0, 0.0

@@ -98,7 +98,7 @@ def _tells(states, chairs, worlds, sensed, periods):
             world = worlds[j]
             walls = table_at(world.walls, world.n_walls, 4)
             discs = table_at(world.discs, world.n_discs, 3)
-            write_sensed(states[j], chairs[j], walls, discs, sensed[j])
+            write_sensed(states[j], chairs[j], 8, walls, discs, sensed[j])
 
 
 @_compiled

@@ -8,6 +8,7 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 import wheelchair_gym
+from wheelchair_gym.config import InputError
 from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv, world_banks
 
 NEXT, SAME = AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP
@@ -222,8 +223,8 @@ def test_what_is_seen_and_rewarded_leaves_kept_worlds_as_they_are(task, others, 
     [
         ({"num_envs": 0}, "num_envs is 0; expected at least 1"),
         ({"num_threads": 0}, "num_threads is 0; expected at least 1"),
-        ({"render_mode": "human"}, "render_mode is 'human'; many chairs at once draw no picture"),
-        ({"autoreset_mode": "Disabled"}, "Disabled; expected NextStep or SameStep"),
+        ({"render_mode": "human"}, "render_mode is 'human'; expected rgb_array or None"),
+        ({"autoreset_mode": "Sometimes"}, "Sometimes; expected NextStep or SameStep or Disabled"),
         ({"beamz": 3}, "beamz: not an argument of this env"),
         ({"bank": {"sizes": 3}}, "bank.sizes is not a setting; it has cache, seed, size, turnover"),
         ({"bank": -1}, r"BankSettings.size is -1; it must be at least 0"),
@@ -291,3 +292,60 @@ def test_a_million_steps_in_all_are_those_of_single_envs(mode, threads):
                 assert np.array_equal(value, observations[key][i])
             assert np.array_equal(info["pose"], infos["pose"][i])
     assert ends >= 1000
+
+
+def test_rows_that_are_over_wait_for_their_reset_where_autoreset_is_disabled():
+    envs = NavigationVectorEnv(
+        3, scene="clutter", beams=16, max_episode_steps=2, autoreset_mode="Disabled"
+    )
+    envs.reset(seed=0)
+    ahead = np.full((3, 2), 0.3)
+    assert not envs.step(ahead)[3].any()
+    assert envs.step(ahead)[3].all()
+    with pytest.raises(gym.error.ResetNeeded, match=r"rows \[0, 1, 2\]"):
+        envs.step(ahead)
+    mask = np.array([True, False, True])
+    envs.reset(options={"reset_mask": mask})
+    with pytest.raises(gym.error.ResetNeeded, match=r"rows \[1\]"):
+        envs.step(ahead)
+    envs.reset(options={"reset_mask": ~mask})
+    assert not envs.step(ahead)[3].any()
+
+
+def test_a_limit_of_steps_is_that_of_gymnasium():
+    many = gym.make_vec(
+        "wheelchair_gym/Navigation-v0", 2, scene="clutter", beams=16, max_episode_steps=5
+    )
+    wrapped = gym.make(
+        "wheelchair_gym/Navigation-v0", scene="clutter", beams=16, max_episode_steps=5
+    )
+    ours = NavigationEnv("clutter", beams=16, max_episode_steps=5)
+    many.reset(seed=0)
+    wrapped.reset(seed=1)
+    ours.reset(seed=1)
+    for step in range(1, 6):
+        action = np.array([0.4, -0.1], np.float32)
+        rows = [many.step(np.tile(action, (2, 1))), wrapped.step(action), ours.step(action)]
+        rewards = [rows[0][1][1], rows[1][1], rows[2][1]]
+        ended = [bool(rows[0][3][1]), rows[1][3], rows[2][3]]
+        assert len(set(rewards)) == 1
+        assert ended == [step == 5] * 3
+
+
+def test_every_row_has_a_picture_and_shares_its_attributes():
+    size = {"render_width": 120, "render_height": 80}
+    envs = NavigationVectorEnv(2, scene="crowd", beams=16, render_mode="rgb_array", **size)
+    envs.reset(seed=0)
+    before = envs.render()
+    for _ in range(10):
+        envs.step(np.full((2, 2), 0.5))
+    after = envs.render()
+    assert [picture.shape for picture in after] == [(80, 120, 3)] * 2
+    assert all((a != b).any() for a, b in zip(before, after, strict=True))
+    assert envs.get_attr("num_envs") == envs.call("num_envs") == (2, 2)
+    envs.set_attr("num_threads", [1, 1])
+    assert envs.num_threads == 1
+    with pytest.raises(InputError, match="one value for all"):
+        envs.set_attr("num_threads", [1, 2])
+    with pytest.raises(InputError, match="no attribute 'absent'"):
+        envs.set_attr("absent", 1)

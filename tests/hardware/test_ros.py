@@ -583,7 +583,7 @@ def test_what_does_not_answer_is_one_line(tmp_path, capsys):
         ("ros://", "expected ros://HOST:PORT"),
         ("ros://x:y", "expected ros://HOST:PORT"),
         ("ros://x:99999", "expected ros://HOST:PORT"),
-        ("tcp://x:1", "known: hardware, ros"),
+        ("tcp://x:1", "there are hardware, ros"),
     ):
         assert main(["simulate", "--chair", chair, "--goal", "1,1"]) == 2
         said = capsys.readouterr().err.strip().splitlines()

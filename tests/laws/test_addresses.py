@@ -25,11 +25,13 @@ TABLES = {
     "wheelchair_gym.safety.state": ("CONSTANTS",),
     "wheelchair_gym.physics.chairs": ("WORLD", "CHAIRS"),
     "wheelchair_gym.physics.sensor_suite": ("SUITE",),
+    "wheelchair_gym.sensors.scanners": ("SCANNER",),
     "wheelchair_gym.task.prepared_episode": ("PREPARED",),
     "wheelchair_gym.task.task": ("RULES", "TASK"),
 }
 # Fields of eight unsigned bytes that are no addresses of arrays.
-OTHERS = {*(ENGINE.names or ()), "space", "body", "shape", "key", "laser_hash", "sonar_hash"}
+HASHES = {"laser_hash", "sonar_hash", "other_hash"}
+OTHERS = {*(ENGINE.names or ()), "space", "body", "shape", "key", *HASHES}
 
 
 # Of a world: kernels write them too, from an episode's record and from its own.

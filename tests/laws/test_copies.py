@@ -272,8 +272,9 @@ def test_a_copy_that_was_pickled_shares_nothing_with_what_it_is_a_copy_of():
     made = copy.deepcopy(by_pickle(copy.deepcopy(env)))
     for array in (env.episode.walls, env.episode.discs, env._prepared.geodesic.extended):
         array[:] = np.nan
-    laser = env.chair.chairs.suite.laser
-    for array in (*env.shield._constants.laser[:2], *laser[:2], env.task._directions):
+    scanners = [env.chair.chairs.suite.scanners, env.shield._constants.scanners]
+    rays = [each.array(name) for each in scanners for name in ("cosine", "sine")]
+    for array in (*env.shield._constants.laser[:2], *rays, env.task._directions):
         array[:] = np.nan
     for _ in range(5):
         action = np.array([0.5, 0.1])

@@ -17,13 +17,14 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from agents.cli import main
 from agents.policies import GymPolicy, make_policy
+from tests.conftest import ROOT
 from wheelchair_gym import InputError
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.geometry import compose
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.physics.chair import SimulatedChair
 from wheelchair_gym.recording.record import RecordEpisodes, RecordingSettings
-from wheelchair_gym.recording.replay import read_recording, replay_env
+from wheelchair_gym.recording.replay import read_recording, replay_env, sensor_log
 from wheelchair_gym.recording.sink import McapFile
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.types import Belief
@@ -120,6 +121,26 @@ def test_an_episode_without_its_shield_is_replayed_without(tmp_path):
             again, worth, *_ = env.step(action)
             assert_same(again, observation)
             assert worth == reward
+
+
+def test_a_chair_with_three_scanners_is_recorded_and_replayed(tmp_path):
+    env = gym.make(KINDS[0][0], config=str(ROOT / "examples" / "own_robot.json"))
+    env = RecordEpisodes(env, tmp_path / "run.mcap")
+    first, _ = env.reset(seed=1)
+    steps = [env.step(np.array([0.5, 0.2]))[0] for _ in range(10)]
+    mounts = env.unwrapped.settings.sensors.lasers
+    env.close()
+    (chapter,) = read_recording(tmp_path / "run.mcap")
+    again = replay_env(chapter)
+    assert_same(again.reset(options={"episode": chapter.episode})[0], first)
+    for action, observation in zip(chapter.actions, steps, strict=True):
+        assert_same(again.step(action)[0], observation)
+    scans = ("/scan", "/scan_1", "/scan_2")
+    seen = {topic for topic, _, _ in told(tmp_path / "run.mcap", *scans, "/scan_3")}
+    assert seen == set(scans)
+    log, laser = sensor_log(tmp_path / "run.mcap")
+    assert laser == mounts[0]
+    assert log.ranges.shape == (11, laser.beams)
 
 
 def test_every_reader_opens_it(run):

@@ -46,25 +46,30 @@ class EpisodeRenderer:
 
         It shows a path (n, 2) [m] and, ahead of the chair, points (n, 2) [m] of the guidance.
         """
+        (v, w), rest = task.reading.twist, task.way_to_go(task.reading.pose)
+        caption = f"{v:5.2f} m/s  {w:5.2f} rad/s   {rest:5.1f} m to go"
+        return self.draw(
+            episode, task.tolerance, truth.pose,
+            reading=task.reading,
+            path=path,
+            look_ahead=ahead,
+            caption=f"{task.reading.stamp:6.1f} s   {caption}",
+            actors=truth.actor_poses if len(truth.actor_poses) else None,
+        )  # fmt: skip
+
+    def draw(
+        self, episode: Episode, tolerance: float, pose: Array, **shown: Any
+    ) -> NDArray[np.uint8]:
+        """An RGB picture of the chair at a pose (3,), with what `TopView.draw` takes by name."""
         if self._view is None:
             from wheelchair_gym.rendering.picture import TopView
 
             s = self._settings
             self._view = TopView(
                 episode, s.chair.footprint, s.chair.drive, s.sensors,
-                size=(s.render_height, s.render_width), tolerance=task.tolerance,
+                size=(s.render_height, s.render_width), tolerance=tolerance,
             )  # fmt: skip
-        (v, w), rest = task.reading.twist, task.way_to_go(task.reading.pose)
-        stamp = task.reading.stamp
-        return self._view.draw(
-            truth.pose,
-            reading=task.reading,
-            trail=np.array(self._trail)[:, :2],
-            path=path,
-            look_ahead=ahead,
-            caption=f"{stamp:6.1f} s   {v:5.2f} m/s  {w:5.2f} rad/s   {rest:5.1f} m to go",
-            actors=truth.actor_poses if len(truth.actor_poses) else None,
-        )
+        return self._view.draw(pose, trail=np.array(self._trail)[:, :2], **shown)
 
     def show(self, picture: NDArray[np.uint8]) -> None:
         """Show a picture in a window."""

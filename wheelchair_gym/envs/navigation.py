@@ -25,6 +25,7 @@ from wheelchair_gym.random import episode_key
 from wheelchair_gym.safety.settings import ShieldSettings
 from wheelchair_gym.safety.shield import Shield
 from wheelchair_gym.task.observations import observation_table
+from wheelchair_gym.task.own_reward import as_record, checked, make_reward
 from wheelchair_gym.task.prepared_episode import PreparedEpisode
 from wheelchair_gym.task.rewards import TERMS, reward_table
 from wheelchair_gym.task.task import Observation, Task
@@ -34,7 +35,7 @@ Array = NDArray[np.float64]
 
 
 class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
-    """Drive a wheelchair to a goal, seeing with a laser and eight ultrasonics.
+    """Drive a wheelchair to a goal, seeing with laser scanners and ultrasonics.
 
     ## Description
     A differential-drive wheelchair (1.00 m x 0.62 m) stands in a world of walls and round obstacles
@@ -110,12 +111,15 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
                 - guidance: 'geodesic' (points on the shortest path), 'poses' (of the quickest path
                   of the chair's outline, with headings, at plan times), 'module:function' or a
                   callable that gives a path from a task;
+                - reward: what gives the reward in place of the weighted terms: 'module:function' or
+                  a callable (`wheelchair_gym.task.own_reward`);
                 - noise: false makes every sensor exact;
                 - randomize: true draws mass, friction and motor gain anew for each episode;
                 - bank: how many worlds episodes share, or a mapping of size, turnover and seed; 0:
                   each episode has its own world;
                 - shield: true, or a mapping of its settings: only what it allows is driven
                   (`wheelchair_gym.safety`). None: off in simulation, on for a real chair by name;
+                - max_episode_steps: truncates every episode, beside its time limit;
                 - render_width, render_height: of every frame [pixels]; even.
 
         Raises:
@@ -138,9 +142,12 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             chair = make_chair(chair, s)
         self.chair: Chair = chair or SimulatedChair(s.chair, s.sensors, s.physics, 1.0 / s.rate)
         self._simulated = isinstance(self.chair, SimulatedChair)
+        self._reward = make_reward(s.reward)
+        if self._reward is not None and not self._simulated:
+            raise InputError("reward: a function of one's own needs the simulated chair")
         if s.sensors.localizes:
             localizer = make_localizer(s)
-            self.chair = LocalizedChair(self.chair, localizer)
+            self.chair = LocalizedChair(self.chair, localizer, s.sensors.laser.beams)
         guided = make_guidance(s.guidance)
         self.task = Task(s.task, s.chair, s.sensors, 1.0 / s.rate, guided, s.shield)
         if s.sensors.localizes:
@@ -195,7 +202,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             self.shield.reset()
         reading = self.chair.reset(self.episode, key)
         if not self._simulated:
-            check_reading(reading, self.settings.sensors.laser.beams)
+            check_reading(reading, self.settings.sensors.beams)
         is_shielded = self.shield is not None and not is_unshielded(
             np.uint64(key), self.settings.unshielded
         )
@@ -231,14 +238,22 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             stop = self.shield.decision.protective
         reading = self.chair.drive(twist, stop)
         if not self._simulated:
-            check_reading(reading, self.settings.sensors.laser.beams)
+            check_reading(reading, self.settings.sensors.beams)
         observation = self.task.assess(reading, chosen, less)
         verdict = self.task.verdict
         self._running = not (verdict.terminated or verdict.truncated)
         info = self._info()
         if self.render_mode == "human":
             self.render()
-        return observation, verdict.reward, verdict.terminated, verdict.truncated, info
+        reward = verdict.reward if self._reward is None else self._own_reward(chosen)
+        return observation, reward, verdict.terminated, verdict.truncated, info
+
+    def _own_reward(self, action: Array) -> float:
+        """The reward of the last step by the function of the settings."""
+        assert self._reward is not None
+        simulated: Any = unwrapped(self.chair)
+        terms, sensed = self.task.terms, simulated.sensed
+        return checked(self._reward(as_record(terms), as_record(sensed), action))
 
     def _info(self) -> dict[str, Any]:
         truth, task = self.chair.truth, self.task
@@ -295,6 +310,31 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
     def show(self, shown: Shown) -> None:
         """Show people what a policy wants shown, until the next call or reset()."""
         self.shown = shown if shown.path is not None else shown._replace(path=self.task.path)
+
+    def get_keys_to_action(self) -> dict[tuple[str, ...], NDArray[np.float32]]:
+        """Actions of the keys w, a, s, d and of their pairs, for `gymnasium.utils.play`.
+
+        Play needs `noop=np.zeros(2)`, and `render_mode="rgb_array"`.
+        """
+        ahead, turn = {"": 0.0, "w": 0.8, "s": -1.0}, {"": 0.0, "a": 0.6, "d": -0.6}
+        return {
+            tuple(sorted(key for key in (one, other) if key)): np.array([v, w], np.float32)
+            for one, v in ahead.items()
+            for other, w in turn.items()
+            if one or other
+        }
+
+    def _repr_html_(self) -> str:
+        """The environment in a notebook: its settings, and once reset its picture."""
+        from wheelchair_gym.rendering.html import picture_html, settings_html
+
+        head = f"<b>{type(self).__name__}</b>" + settings_html(self.settings)
+        if self.episode is None:
+            return head
+        view = EpisodeRenderer(self.settings)
+        truth, path = self.chair.truth, self.shown.path
+        view.follow(truth.pose)
+        return head + picture_html(view.picture(self.episode, truth, self.task, path, None))
 
     @property
     def points_ahead(self) -> Array | None:

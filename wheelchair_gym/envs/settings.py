@@ -52,13 +52,16 @@ class EnvSettings:
     """Everything that makes an environment."""
 
     scene: Any = setting(default="floor_plan", source="design choice")
-    """Scene that episodes are drawn from: a name, a mapping with a name, or the path of a map
-    file."""
+    """Scene that episodes are drawn from: a name, module:Class, a mapping with a name, the Path of
+    a map file, or a list of such files."""
     rate: float = setting(default=10.0, unit="Hz", low=0.5, high=200.0, source="design choice")
     """Frequency of control."""
     guidance: Any = setting(default=None, source="design choice")
     """What shows the way: none, 'geodesic', 'poses', 'module:function', or a mapping with
     'call'."""
+    reward: Any = setting(default=None, source="design choice")
+    """What gives the reward: none (the weighted terms of task.reward), or 'module:function' or a
+    callable, see `wheelchair_gym.task.own_reward`. Recordings and reports keep the terms."""
     bank: BankSettings = BankSettings()
     starts: StartSettings = StartSettings()
     chair: ChairSettings = ChairSettings()
@@ -85,8 +88,11 @@ class EnvSettings:
     def __post_init__(self) -> None:
         if isinstance(self.scene, Mapping):  # plain, so that settings can be written as JSON
             object.__setattr__(self, "scene", dump(self.scene))
-        elif isinstance(self.scene, PathLike):
-            object.__setattr__(self, "scene", {"name": "map_file", "path": fspath(self.scene)})
+        elif isinstance(self.scene, PathLike | list | tuple):
+            paths = [self.scene] if isinstance(self.scene, PathLike) else self.scene
+            files = [fspath(path) for path in paths]
+            path = files[0] if len(files) == 1 else files
+            object.__setattr__(self, "scene", {"name": "map_file", "path": path})
         for name in ("render_width", "render_height"):
             if getattr(self, name) % 2:
                 raise InputError(
@@ -100,12 +106,15 @@ class EnvSettings:
 
 
 _ON_EDGE = 1e-3  # m: a sensor so near the outline's edge is on it
-_ARGUMENTS = ("scene", "rate", "guidance", "bank", "shield", "render_width", "render_height")
+_ARGUMENTS = (
+    "scene", "rate", "guidance", "reward", "bank", "shield", "render_width", "render_height"
+)  # fmt: skip
 _PLACES = {
     "beams": ("task", "beams"),
     "pose_source": ("sensors", "pose_source"),
     "noise": ("sensors", "noise"),
     "randomize": ("chair", "randomize"),
+    "max_episode_steps": ("task", "max_episode_steps"),
 }
 
 
@@ -120,8 +129,8 @@ def env_settings(
     Args:
         config: path of a JSON file, its content, ready settings, or None for the defaults.
         also: further arguments of the caller, for the message about an unknown one.
-        changes: scene, rate, guidance, bank, shield, render_width, render_height, beams,
-            pose_source, noise, randomize.
+        changes: scene, rate, guidance, reward, bank, shield, render_width, render_height, beams,
+            pose_source, noise, randomize, max_episode_steps.
 
     Raises:
         InputError: the file or a value is wrong.
@@ -161,9 +170,11 @@ def env_settings(
 
 def _warn_of_mounts(config: EnvSettings) -> None:
     """Warn of sensors that are mounted outside the chair's outline."""
-    outline, rangers = config.chair.footprint, config.sensors.ultrasonic.mounted
-    mounts: list[tuple[str, Any]] = [("laser", config.sensors.laser)]
-    mounts += [(f"ultrasonic {k}", mount) for k, mount in enumerate(rangers)]
+    outline, sensors = config.chair.footprint, config.sensors
+    mounts: list[tuple[str, Any]] = [
+        (f"more_lasers[{k - 1}]" if k else "laser", laser) for k, laser in enumerate(sensors.lasers)
+    ]
+    mounts += [(f"ultrasonic {k}", mount) for k, mount in enumerate(sensors.ultrasonic.mounted)]
     outside = [
         f"{name} at ({mount.x:g}, {mount.y:g})"
         for name, mount in mounts
@@ -173,7 +184,8 @@ def _warn_of_mounts(config: EnvSettings) -> None:
     if outside:
         warnings.warn(
             f"sensors outside the chair's outline ({outline}): {', '.join(outside)}; they may see "
-            "from inside a wall: set sensors.laser and sensors.ultrasonic.mounted",
+            "from inside a wall: set sensors.laser, sensors.more_lasers and "
+            "sensors.ultrasonic.mounted",
             stacklevel=3,
         )
 

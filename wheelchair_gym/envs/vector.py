@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError
 from wheelchair_gym.envs.batch import Batch, Results, begin_chairs, step_chairs
+from wheelchair_gym.envs.drawing import EpisodeRenderer
 from wheelchair_gym.envs.guidance import make_guidance
 from wheelchair_gym.envs.info import info_of_rows
 from wheelchair_gym.envs.settings import EnvSettings, check_options, env_settings
@@ -30,11 +31,14 @@ from wheelchair_gym.physics.state import SENSED
 from wheelchair_gym.random import episode_key
 from wheelchair_gym.safety.shield import SHIELDS, point_to_shields
 from wheelchair_gym.safety.state import DECISION, REASONS, SHIELD, ShieldConstants
+from wheelchair_gym.task.own_reward import compiled_rewards, make_reward
 from wheelchair_gym.task.prepared_episode import PREPARED, PreparedEpisode
 from wheelchair_gym.task.records import PROGRESS
 from wheelchair_gym.task.rewards import TERMS, VERDICT
 from wheelchair_gym.task.task import Observation, Task
 
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 Floats = NDArray[np.float32]
 
 
@@ -84,15 +88,16 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
     Observations, actions, rewards and infos are as there, with a first axis of `num_envs`; infos
     are arrays with their masks. An episode's end begins the next one by itself: in the step after
     (NEXT_STEP, its action is ignored) or in the same step (SAME_STEP, with `final_obs` and
-    `final_info`). Arrays that were handed out are never written again. A deep copy, or one by
-    pickle, steps on as the original does, to the bit.
+    `final_info`). With DISABLED, rows that are over are to be reset, by `reset_mask`. Arrays that
+    were handed out are never written again. A deep copy, or one by pickle, steps on as the original
+    does, to the bit.
 
     Args:
         num_envs: how many.
         config: as of the single env.
-        autoreset_mode: NEXT_STEP or SAME_STEP.
+        autoreset_mode: NEXT_STEP, SAME_STEP or DISABLED.
         num_threads: that share the work; None: as many as are of use.
-        render_mode: None; pictures are for the single env.
+        render_mode: 'rgb_array': `render` gives a picture of each row; or None.
         settings: as of the single env.
 
     Raises:
@@ -111,24 +116,31 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
     ) -> None:
         if num_envs < 1:
             raise InputError(f"num_envs is {num_envs}; expected at least 1")
-        if render_mode is not None:
-            raise InputError(f"render_mode is {render_mode!r}; many chairs at once draw no picture")
+        if render_mode not in (None, "rgb_array"):
+            raise InputError(f"render_mode is {render_mode!r}; expected rgb_array or None")
         if num_threads is not None and num_threads < 1:
             raise InputError(f"num_threads is {num_threads}; expected at least 1, or None")
-        modes = {m.value: m for m in (AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP)}
-        mode = modes.get(getattr(autoreset_mode, "value", autoreset_mode))
+        modes = {m.value: m for m in AutoresetMode}
+        mode = modes.get(str(getattr(autoreset_mode, "value", autoreset_mode)))
         if mode is None:
             raise InputError(f"autoreset_mode is {autoreset_mode}; expected {' or '.join(modes)}")
         self.settings = s = env_settings(config, also=_ALSO, **settings)
         if s.sensors.localizes:
-            known = "truth, odometry or modelled, where there are many chairs at once"
-            raise InputError(f"sensors.pose_source is {s.sensors.pose_source!r}; expected {known}")
+            raise InputError(
+                f"sensors.pose_source is {s.sensors.pose_source!r}; expected truth, odometry or "
+                "modelled: mcl and slam take milliseconds a step, so use single environments in "
+                "gymnasium.vector.AsyncVectorEnv"
+            )
         self.num_envs = n = num_envs
-        self.metadata = {"autoreset_mode": mode, "render_modes": [], "render_fps": round(s.rate)}
-        self.render_mode = None
+        self.metadata = {
+            "autoreset_mode": mode, "render_modes": ["rgb_array"], "render_fps": round(s.rate)
+        }  # fmt: skip
+        self.render_mode = render_mode
+        self._drawings = [EpisodeRenderer(s) for _ in range(n if render_mode else 0)]
         guidance = make_guidance(s.guidance)
         self.task = Task(s.task, s.chair, s.sensors, 1.0 / s.rate, guidance, s.shield)
         self.worlds = WorldBank(s, self.task)
+        self._reward = make_reward(s.reward)
         self.single_observation_space = self.task.space
         self.single_action_space = gym.spaces.Box(-1.0, 1.0, (2,), np.float32)
         self.observation_space = batch_space(self.single_observation_space, n)
@@ -176,7 +188,8 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
             was_reset=np.zeros(n, np.bool_),
         )
         self._pool: ThreadPoolExecutor | None = None
-        beams = self.settings.sensors.laser.beams
+        self._write_rewards = None if self._reward is None else compiled_rewards(self._reward)
+        beams = self.settings.sensors.beams
         self._ranges = [np.zeros(beams, np.float32) for _ in self._shares]
         self._make_workspace(0)
         for i, (now, following) in enumerate(zip(self._held, self._next, strict=True)):
@@ -188,7 +201,9 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
 
     def __getstate__(self) -> dict[str, Any]:
         """Without threads, memory that is worked in, and what `_bind` makes."""
-        made = "_batch", "_pool", "_ranges", "_rows", "_task_rows", "_shield_rows"
+        made = {
+            "_batch", "_pool", "_ranges", "_rows", "_task_rows", "_shield_rows", "_write_rewards"
+        }  # fmt: skip
         return {name: value for name, value in self.__dict__.items() if name not in made}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -242,6 +257,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         self._batch.is_over[chosen] = False
         self._draw_next(np.flatnonzero(chosen))
         self._last = results
+        self._follow(chosen)
         return self.task.unpack(results.out), self._info(results, chosen)
 
     def step(
@@ -262,6 +278,10 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         chosen = np.ascontiguousarray(actions, np.float64)
         if chosen.shape != (n, 2) or not np.isfinite(chosen).all():
             raise InputError(f"actions have shape {chosen.shape}; expected finite ({n}, 2)")
+        mode = self.metadata["autoreset_mode"]
+        if mode is AutoresetMode.DISABLED and self._over.any():
+            over = np.flatnonzero(self._over).tolist()
+            raise gym.error.ResetNeeded(f"rows {over} are over; reset them with reset_mask")
         same_step = self.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
         results = finals = self._blank_results(self._out)
         if same_step:
@@ -278,20 +298,84 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         self._share(work)
         begun = self._batch.was_reset.copy()
         verdicts = results.verdicts
-        rewards = verdicts["reward"].copy()
+        rewards = self._rewards(results, chosen, ~begun)
         terminated, truncated = verdicts["terminated"].copy(), verdicts["truncated"].copy()
         infos = self._info(results, np.ones(n, np.bool_))
         if begun.any():
             self._draw_next(np.flatnonzero(begun))
             if same_step:
-                rewards[begun] = finals.verdicts["reward"][begun]
+                rewards[begun] = self._rewards(finals, chosen, begun)[begun]
                 terminated[begun] = finals.verdicts["terminated"][begun]
                 truncated[begun] = finals.verdicts["truncated"][begun]
                 infos["final_obs"] = self.task.unpack(finals.out)
                 infos["final_info"] = self._info(finals, begun)
                 infos["_final_obs"] = infos["_final_info"] = begun
         self._last = results
+        self._follow(begun)
         return self.task.unpack(results.out), rewards, terminated, truncated, infos
+
+    def _follow(self, begun: Flags) -> None:
+        """Keep the trails that pictures show; of rows that began an episode, new ones."""
+        assert self._last is not None
+        for i, drawing in enumerate(self._drawings):
+            if begun[i]:
+                drawing.begin()
+            drawing.follow(self._last.sensed["true_pose"][i].copy())
+
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
+        """A picture of each row, RGB (render_height, render_width, 3); None without render_mode."""
+        if self.render_mode is None:
+            gym.logger.warn("render() needs render_mode='rgb_array'")
+            return None
+        if self._last is None:
+            raise gym.error.ResetNeeded("call reset() before render()")
+        pictures, sensed = [], self._last.sensed
+        for i, (drawing, prepared) in enumerate(zip(self._drawings, self._held, strict=True)):
+            assert prepared is not None
+            actors = self.chairs.worlds[i].actor_poses() if len(prepared.episode.actors) else None
+            v, w = sensed["twist"][i].tolist()
+            caption = f"{sensed['stamp'][i]:6.1f} s   {v:5.2f} m/s  {w:5.2f} rad/s"
+            picture = drawing.draw(
+                prepared.episode, self.task.tolerance_of(prepared.episode),
+                sensed["true_pose"][i], path=prepared.path, actors=actors, caption=caption,
+            )  # fmt: skip
+            pictures.append(picture)
+        return tuple(pictures)
+
+    def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
+        """An attribute of this environment, called if it is a method, once for each row."""
+        found = getattr(self, name)
+        value = found(*args, **kwargs) if callable(found) else found
+        return (value,) * self.num_envs
+
+    def get_attr(self, name: str) -> tuple[Any, ...]:
+        """An attribute of this environment, which all rows share, once for each row."""
+        return (getattr(self, name),) * self.num_envs
+
+    def set_attr(self, name: str, values: Any) -> None:
+        """Set an attribute of this environment, which all rows share.
+
+        Raises:
+            InputError: there is none of this name, or rows are given different values.
+        """
+        if not hasattr(self, name):
+            raise InputError(f"set_attr: the vector environment has no attribute {name!r}")
+        if isinstance(values, list | tuple):
+            if len(values) != self.num_envs or any(value != values[0] for value in values):
+                raise InputError(f"set_attr {name}: rows share it; expected one value for all")
+            values = values[0]
+        setattr(self, name, values)
+
+    def _rewards(self, results: Results, actions: Array, rows: Flags) -> Array:
+        """The rewards (n,) of a step, of the rows that made one."""
+        rewards: Array = results.verdicts["reward"].copy()
+        if self._write_rewards is not None:
+            found = np.zeros_like(rewards)
+            self._write_rewards(results.verdicts, results.sensed, actions, found)
+            if not np.isfinite(found[rows]).all():
+                raise InputError("reward: the function gave a number that is not finite")
+            rewards[rows] = found[rows]
+        return rewards
 
     def _share(self, work: Any) -> None:
         """Let every thread do its share; the calling one does the first."""

@@ -30,7 +30,7 @@ from wheelchair_gym.hardware.boards.protocol import (
 )
 from wheelchair_gym.hardware.boards.senses import BoardSensors
 from wheelchair_gym.hardware.control_loop import Clock, ControlLoop, WallClock, wait_until
-from wheelchair_gym.hardware.settings import HardwareSettings
+from wheelchair_gym.hardware.settings import HardwareSettings, check_boards
 from wheelchair_gym.kinematics import Limits
 from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.safety.stops import BROUGHT_TO_REST, BY_HAND, DRY_RUN
@@ -86,6 +86,7 @@ class HardwareChair(NotCopyable):
         clock: Clock | None = None,
         senses: BoardSensors | None = None,
     ) -> None:
+        check_boards(sensors)
         self.settings, self.sensors, self.chair, self.period = settings, sensors, chair, period
         self.clock = clock or WallClock()
         self.senses = senses or BoardSensors(settings, sensors, chair.drive, self.clock.now)

@@ -7,14 +7,20 @@ from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import urlsplit
 
 from wheelchair_gym.config import InputError, load
-from wheelchair_gym.hardware.ros.settings import RosSettings
 from wheelchair_gym.hardware.settings import HardwareSettings
+from wheelchair_gym.registry import Registry
 
 if TYPE_CHECKING:
     from wheelchair_gym.envs.settings import EnvSettings
     from wheelchair_gym.types import Chair
 
-CHAIRS: Final[dict[str, type]] = {"hardware": HardwareSettings, "ros": RosSettings}
+CHAIRS: Final = Registry(
+    "chair",
+    {
+        "hardware": "wheelchair_gym.hardware.settings:HardwareSettings",
+        "ros": "wheelchair_gym.hardware.ros.settings:RosSettings",
+    },
+)
 
 
 def chair_settings(spec: str | Mapping[str, Any], base: HardwareSettings | None = None) -> Any:
@@ -38,8 +44,7 @@ def chair_settings(spec: str | Mapping[str, Any], base: HardwareSettings | None 
         if not host or url.path not in ("", "/"):
             raise InputError(f"chair {name!r}: expected {name.partition(':')[0]}://HOST:PORT")
         name, place = url.scheme, {"host": host} | ({} if port is None else {"port": port})
-    if not isinstance(name, str) or name not in CHAIRS:
-        raise InputError(f"chair {name!r} is unknown; known: {', '.join(sorted(CHAIRS))}")
+    CHAIRS.spec(name)
     kept = base if isinstance(base, CHAIRS[name]) else None
     return load(CHAIRS[name], values | place, f"chair {name}", kept)
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from wheelchair_gym.config import setting, settings
+from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.hardware.joystick import JoystickSettings
 from wheelchair_gym.safety.settings import StaleSettings
+from wheelchair_gym.sensors.settings import RANGERS, SensorSettings
 
 _STALE = StaleSettings()  # of the shield: the host's limits are the same by default
 
@@ -97,3 +98,30 @@ class HardwareSettings:
     # The resonator of an Arduino Mega drifts by 0.5 %.
     limits: HostLimits = HostLimits(clock_drift=0.006)
     joystick: JoystickSettings = JoystickSettings()
+
+
+def check_one_laser(sensors: SensorSettings) -> None:
+    """Refuse scanners that a real chair cannot have.
+
+    Raises:
+        InputError: there is no laser, or more than one.
+    """
+    if len(sensors.lasers) != 1:
+        raise InputError(
+            f"sensors name {len(sensors.lasers)} laser scanners; a real chair has one: "
+            "expected beams of sensors.laser, and no sensors.more_lasers"
+        )
+
+
+def check_boards(sensors: SensorSettings) -> None:
+    """Refuse sensors other than those that the boards serve.
+
+    Raises:
+        InputError: there is not one laser, or not as many ultrasonics as the range board has.
+    """
+    check_one_laser(sensors)
+    if len(sensors.ultrasonic.mounted) != RANGERS:
+        raise InputError(
+            f"sensors.ultrasonic.mounted has {len(sensors.ultrasonic.mounted)} rangers; "
+            f"the range board has {RANGERS}"
+        )

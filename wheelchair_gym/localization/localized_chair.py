@@ -42,10 +42,11 @@ class LocalizedChair:
     Args:
         chair: its readings hold dead-reckoned poses, in any frame.
         localizer: estimates its pose.
+        beams: ranges of a reading that it gets: those of the first scanner; None: all.
     """
 
-    def __init__(self, chair: Chair, localizer: Localizer) -> None:
-        self.chair, self.localizer = chair, localizer
+    def __init__(self, chair: Chair, localizer: Localizer, beams: int | None = None) -> None:
+        self.chair, self.localizer, self._beams = chair, localizer, beams
 
     def reset(self, episode: Episode, key: int) -> Reading:
         """See `Chair.reset`."""
@@ -61,7 +62,7 @@ class LocalizedChair:
     def _localized(self, reading: Reading) -> Reading:
         increment = relative_pose(self._odometry, reading.pose)
         self._odometry = reading.pose
-        pose = self.localizer.update(increment, reading.laser)
+        pose = self.localizer.update(increment, reading.laser[: self._beams])
         # A real chair takes the estimate for its true pose.
         believe: Callable[[Array], object] | None = getattr(self.chair, "found", None)
         if believe is not None:

@@ -50,7 +50,7 @@ class SimulatedChair:
         self.physics = physics or PhysicsSettings()
         self.period = period
         self.chairs = SimulatedChairs(chair, sensors, self.physics, period)
-        self._beams = sensors.laser.beams
+        self._beams = sensors.beams
         self._episode: Episode | None = None
         self._moves = False  # anything beside it
         self._truth: Truth | None = None
@@ -148,6 +148,11 @@ class SimulatedChair:
     def rows(self) -> Rows:
         """Where its row lies (1,), a record of `physics.step.CHAIRS`, to move it by other means."""
         return self._rows.record
+
+    @property
+    def sensed(self) -> Rows:
+        """What was sensed last, with the truth, rows (1,) of `physics.state.SENSED`."""
+        return self._store[self._used - 1 : self._used]
 
     def _blank_reading(self) -> tuple[NDArray[np.float32], Rows]:
         # Fresh memory for each reading: what was handed out is never written again. Small records

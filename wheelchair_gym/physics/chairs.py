@@ -73,7 +73,7 @@ class SimulatedChairs:
         self.world_rows = np.zeros(n, WORLD)
         self.episodes: list[Episode | None] = [None] * n
         freezes = n if sensors.faults.share > 0.0 else 1
-        self._frozen = np.zeros((freezes, sensors.laser.beams), np.float32)
+        self._frozen = np.zeros((freezes, sensors.beams), np.float32)
         self._make_worlds()
 
     def _make_worlds(self) -> None:

@@ -11,28 +11,22 @@ from wheelchair_gym.compiled.address import (
     Pointers,
     Target,
     doubles_at,
-    floats_at,
     integers_at,
     pointer_record,
     table_at,
-    words_at,
 )
 from wheelchair_gym.compiled.kernel import inlined
 from wheelchair_gym.physics.engine import ENGINE, engine_record
 from wheelchair_gym.sensors.laser import LaserArrays
+from wheelchair_gym.sensors.scanners import SCANNER, scanner_at, scanner_pointers
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.sensors.ultrasonic import UltrasonicArrays
 
-_LASER_FIELDS = ("first", "per_angle", "reach", "nearest", "sigma", "no_echo", "bias")
-_RANGER_FIELDS = ("slope", "reach", "blind", "sigma", "ghosts", "loss_from", "loss_at")
+_RANGER_FIELDS = ("slope", "reach", "blind", "ghosts", "loss_from", "loss_at")
 
 SUITE, _TARGETS = pointer_record(
-    ("beams", "i8"),
-    ("cosine", Target("f4", None)),
-    ("sine", Target("f4", None)),
-    ("salt", Target("u4", None)),
-    ("laser_mount", Target("f8", 3)),
-    *((f"laser_{name}", "f8") for name in _LASER_FIELDS),
+    ("n_scanners", "i8"),
+    ("scanners", Target(SCANNER, None)),
     ("rangers", "i8"),
     ("ranger_mount", Target("f8", None, 3)),
     ("order", Target("i8", None)),
@@ -49,20 +43,15 @@ class SensorSuite:
 
     def __init__(self, sensors: SensorSettings) -> None:
         self._sensors = sensors
-        self.laser = LaserArrays.of(sensors.laser, sensors.noise)
+        self.scanners = scanner_pointers(sensors, sensors.noise)
         self.rangers = UltrasonicArrays.of(sensors.ultrasonic, sensors.noise)
         self.pointers = pointers = Pointers(np.zeros(1, SUITE), _TARGETS, constant=True)
         self.record: NDArray[np.void] = pointers.record
         r: Any = self.record[0]
         for name in ENGINE.names or ():
             r[name] = engine_record()[name][0]
-        r["beams"], r["rangers"] = sensors.laser.beams, len(self.rangers.order)
-        pointers.point("cosine", self.laser.cosine)
-        pointers.point("sine", self.laser.sine)
-        pointers.point("salt", self.laser.salt)
-        pointers.point("laser_mount", self.laser.mount)
-        for name in _LASER_FIELDS:
-            r[f"laser_{name}"] = getattr(self.laser, name)
+        r["n_scanners"], r["rangers"] = len(self.scanners.record), len(self.rangers.order)
+        pointers.point("scanners", self.scanners)
         pointers.point("ranger_mount", self.rangers.mount)
         pointers.point("order", self.rangers.order)
         for name in _RANGER_FIELDS:
@@ -76,32 +65,35 @@ class SensorSuite:
 
 
 @inlined
-def laser_of(suite: Any) -> LaserArrays:
-    """The laser of a suite's record."""
+def scanner_of(suite: Any, p: Any, k: int) -> LaserArrays:
+    """Scanner k of a suite's record, with the mount and the errors of an episode's parameters."""
+    one = scanner_at(suite.scanners, suite.n_scanners, k)
     return LaserArrays(
-        floats_at(suite.cosine, suite.beams),
-        floats_at(suite.sine, suite.beams),
-        words_at(suite.salt, suite.beams),
-        suite.laser_first,
-        suite.laser_per_angle,
-        doubles_at(suite.laser_mount, 3),
-        suite.laser_reach,
-        suite.laser_nearest,
-        suite.laser_sigma,
-        suite.laser_no_echo,
-        suite.laser_bias,
+        one.cosine,
+        one.sine,
+        one.salt,
+        one.first,
+        one.per_angle,
+        p.laser_mount[k],
+        one.reach,
+        one.nearest,
+        p.laser_sigma[k],
+        p.laser_dropout[k],
+        p.laser_bias[k],
+        one.number,
+        one.start,
     )
 
 
 @inlined
-def rangers_of(suite: Any) -> UltrasonicArrays:
-    """The ultrasonics of a suite's record."""
+def rangers_of(suite: Any, p: Any) -> UltrasonicArrays:
+    """The ultrasonics of a suite's record, with the errors of an episode's parameters."""
     return UltrasonicArrays(
         table_at(suite.ranger_mount, suite.rangers, 3),
         doubles_at(suite.ranger_slope, suite.rangers),
         doubles_at(suite.ranger_reach, suite.rangers),
         doubles_at(suite.ranger_blind, suite.rangers),
-        doubles_at(suite.ranger_sigma, suite.rangers),
+        p.ranger_sigma[:],
         doubles_at(suite.ranger_ghosts, suite.rangers),
         doubles_at(suite.ranger_loss_from, suite.rangers),
         doubles_at(suite.ranger_loss_at, suite.rangers),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.kinematics import DriveGeometry, Limits
+from wheelchair_gym.physics.randomization import Randomization, check_randomization
 
 GRAVITY = 9.81  # m/s2
 
@@ -140,6 +141,19 @@ class ChairSettings:
     random: RandomSettings = RandomSettings()
     randomize: bool = setting(default=False, source="design choice")
     """True: mass, friction and motor gain are drawn for each episode."""
+    randomization: tuple[Randomization, ...] = setting(default=(), source="design choice")
+    """Sensor errors and delays that are drawn for each episode, whatever `randomize` is."""
+    command_delay: float = setting(default=0.0, unit="s", low=0.0, high=1.0, source="design choice")
+    """Delay from a command to its effect in simulation, rounded to whole physics steps."""
+
+    def __post_init__(self) -> None:
+        check_randomization(self.randomization)
+
+    @property
+    def longest_delay(self) -> float:
+        """The longest delay [s] from a command to its effect in any episode."""
+        drawn = [row.most for row in self.randomization if row.quantity == "command_delay"]
+        return max(drawn, default=self.command_delay)
 
     @property
     def grip(self) -> float:

@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.kinematics import LIMITS
+from wheelchair_gym.physics.randomization import DRAW, RANDOMIZED, draws_of, randomize_sensors
 from wheelchair_gym.physics.settings import ChairSettings, PhysicsSettings, integer_ratio
 from wheelchair_gym.random import PARAMETERS, uniform
-from wheelchair_gym.sensors.settings import POSE_SOURCES, RANGERS, SensorSettings
+from wheelchair_gym.sensors.settings import POSE_SOURCES, RANGERS, SCANNERS, SensorSettings
 
 PARAMETER = np.dtype(
     [
@@ -68,12 +69,20 @@ PARAMETER = np.dtype(
         ("pose_sigma", "f8", (3,)),  # m, m, rad
         ("pose_max", "f8", (3,)),  # m, m, rad
         ("pose_time", "f8"),  # s
+        # of each scanner and ranger, as they truly are this episode
+        ("laser_mount", "f8", (SCANNERS, 3)),  # m, m, rad in the chair's frame
+        ("laser_sigma", "f8", (SCANNERS,)),  # m
+        ("laser_bias", "f8", (SCANNERS,)),  # m
+        ("laser_dropout", "f8", (SCANNERS,)),
+        ("ranger_sigma", "f8", (RANGERS,)),  # m
+        ("draws", DRAW, (len(RANDOMIZED),)),  # of what is drawn anew each episode
         # faults
         ("fault_share", "f8"),
         ("fault_onset", "f8", (2,)),  # s: from, to
         # time
         ("dt", "f8"),  # s, physics step
         ("substeps", "i8"),  # in a control period
+        ("delay", "i8"),  # physics steps from a command to its effect
         ("speed_every", "i8"),  # physics steps between two runs of the speed control
         ("fire_every", "i8"),  # physics steps between two ultrasonic firings
         # people
@@ -137,6 +146,11 @@ STATE = np.dtype(
         # what fails
         ("fault", "i8"),  # index into FAULTS
         ("fault_step", "i8"),  # the first reading that is wrong
+        (
+            "fault_beams",
+            "i8",
+            (2,),
+        ),  # ranges of the scanner that fails: the first, one past the last
         ("frozen_twist", "f8", (2,)),  # the last right values
         ("frozen_pose", "f8", (3,)),
         ("frozen_ranges", "f4", (RANGERS,)),
@@ -180,6 +194,8 @@ SENSED = np.dtype(
     align=True,
 )
 
+
+_NEVER = 2**62  # physics steps: more than there are
 
 # Parameters that are settings of the same name, by the section of the settings.
 _COPIED = {
@@ -243,8 +259,19 @@ def parameters(
     p["speed_every"] = integer_ratio(
         1.0 / motor.control_rate, physics.step, "1/motor.control_rate and physics.step"
     )
-    interval = sensors.ultrasonic.interval
-    p["fire_every"] = integer_ratio(interval, physics.step, "ultrasonic.interval and physics.step")
+    p["delay"] = round(chair.command_delay / physics.step)
+    for k, laser in enumerate(sensors.lasers):
+        p["laser_mount"][k] = laser.x, laser.y, laser.yaw
+        p["laser_sigma"][k], p["laser_bias"][k] = errors * laser.sigma, errors * laser.bias
+        p["laser_dropout"][k] = errors * laser.dropout
+    for k, model in enumerate(sensors.ultrasonic.models):
+        p["ranger_sigma"][k] = errors * model.sigma
+    p["draws"] = draws_of(chair.randomization, sensors.noise)
+    rangers = sensors.ultrasonic
+    p["fire_every"] = _NEVER
+    if rangers.mounted:
+        what = "ultrasonic.interval and physics.step"
+        p["fire_every"] = integer_ratio(rangers.interval, physics.step, what)
     p["decide_every"] = max(1, round(people.decision_period / physics.step))
     return rows
 
@@ -258,6 +285,7 @@ def _uniform_between(low: float, high: float, key: np.uint64, index: int) -> flo
 @borrowing_kernel
 def randomize_parameters(p: Any, key: np.uint64) -> None:
     """Draw what is random about the chair of one episode."""
+    randomize_sensors(p, key)
     p.mass = _uniform_between(p.mass_range[0], p.mass_range[1], key, 0)
     p.friction = _uniform_between(p.friction_range[0], p.friction_range[1], key, 1)
     p.gain = _uniform_between(p.gain_range[0], p.gain_range[1], key, 2)

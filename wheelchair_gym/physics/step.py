@@ -43,7 +43,7 @@ from wheelchair_gym.physics.drive_train import (
 )
 from wheelchair_gym.physics.engine import ANGLE, BODY_DOUBLES, VX, VY, W, X, Y, body_view
 from wheelchair_gym.physics.fault_injection import apply_fault, draw_fault
-from wheelchair_gym.physics.sensor_suite import SUITE, laser_of, rangers_of
+from wheelchair_gym.physics.sensor_suite import SUITE, rangers_of, scanner_of
 from wheelchair_gym.physics.state import PARAMETER, STATE, randomize_parameters
 from wheelchair_gym.physics.world import WORLD, enter_world
 from wheelchair_gym.sensors.laser import WORKSPACE_ROWS, sense_laser
@@ -84,10 +84,26 @@ def decide_actors(state: Any, p: Any, world: Any, chair: Motion) -> float:
 
 
 @borrowing_kernel
+def delayed_command(state: Any, p: Any, world: Any) -> tuple[float, float, bool]:
+    """The command that takes effect now: twist, and whether it is a protective stop.
+
+    It is one that the world has recorded; before the first, the chair is told to stand.
+    """
+    since = state.tick - p.delay
+    if since < 0:
+        return 0.0, 0.0, False
+    command = table_at(world.drives, world.drives_capacity, 3)[since // p.substeps]
+    return command[0], command[1], command[2] != 0.0
+
+
+@borrowing_kernel
 def drive_period(
     state: Any, p: Any, world: Any, engine: Any, v: float, w: float, protective: bool, order: Any
 ) -> None:
-    """Drive towards a target twist for one control period."""
+    """Drive towards a target twist for one control period.
+
+    Where commands take effect late, the twist is the one that the world recorded so long ago.
+    """
     k = drive_constants(p)
     state.contact, state.bumped = False, False
     state.contact_recorded, state.at_fault, state.contact_with = False, False, -1
@@ -95,6 +111,8 @@ def drive_period(
     fields = body_view(world.body)
     for _ in range(p.substeps):
         if state.tick % p.speed_every == 0:
+            if p.delay > 0:
+                v, w, protective = delayed_command(state, p, world)
             hard = protective or state.bumped
             ramp_set_point(state, p, v, w, hard, k.run)
             control_speed(state, p, k)
@@ -173,8 +191,11 @@ def workspace_of(chairs: Any) -> Floats:
 
 
 @borrowing_kernel
-def write_sensed(state: Any, p: Any, walls: Array, discs: Array, sensed: Any) -> None:
-    """Write what was sensed, but for the scan, and how things really are."""
+def write_sensed(state: Any, p: Any, rangers: int, walls: Array, discs: Array, sensed: Any) -> None:
+    """Write what was sensed, but for the scans, and how things really are.
+
+    Columns of ultrasonics beyond the mounted ones are invalid (NaN), and their age is infinite.
+    """
     for i in range(3):
         sensed.pose[i] = state.estimated_pose[i]
         sensed.true_pose[i] = state.pose[i]
@@ -182,9 +203,11 @@ def write_sensed(state: Any, p: Any, walls: Array, discs: Array, sensed: Any) ->
     for i in range(2):
         sensed.twist[i] = state.measured_twist[i]
         sensed.true_twist[i] = state.twist[i]
-    for i in range(state.ranges.shape[0]):
+    for i in range(rangers):
         sensed.ultrasonic[i] = state.ranges[i]
         sensed.age[i] = (state.tick - state.fired[i]) * p.dt
+    for i in range(rangers, state.ranges.shape[0]):
+        sensed.ultrasonic[i], sensed.age[i] = math.nan, math.inf
     sensed.bumped, sensed.contact = state.bumped, state.contact
     state.touched |= state.contact
     sensed.touched = state.touched
@@ -214,10 +237,11 @@ def sense(
     """Range the ultrasonics that fired after a tick, scan now, and write reading and truth.
 
     An ultrasonic ranges from the pose, and among the actors, of the moment when it fired.
-    `ranges` (beams,) [m] is the scan. Shapes of actors are left at their present places.
+    `ranges` (beams,) [m] holds the scan of each scanner, one after another. Shapes of actors are
+    left at their present places.
     """
     walls, discs = shapes_of(world)
-    rangers = rangers_of(suite)
+    rangers = rangers_of(suite, p)
     for which in range(suite.rangers):
         fired = state.fired[which]
         if fired > fired_after:
@@ -229,8 +253,11 @@ def sense(
             )
     if world.n_actors > 0:
         write_actor_shapes(world)
-    sense_laser(laser_of(suite), state.pose, walls, discs, state.key, state.step, workspace, ranges)
-    write_sensed(state, p, walls, discs, sensed)
+    for k in range(suite.n_scanners):
+        laser = scanner_of(suite, p, k)
+        scan = ranges[laser.start : laser.start + laser.cosine.shape[0]]
+        sense_laser(laser, state.pose, walls, discs, state.key, state.step, workspace, scan)
+    write_sensed(state, p, suite.rangers, walls, discs, sensed)
     apply_fault(state, p, world.frozen_scan, ranges, sensed)
 
 
@@ -244,7 +271,7 @@ def place_chair(i: int, chairs: Any, start: Array, key: np.uint64) -> None:
     randomize_parameters(p, key)
     enter_world(suite, world, p, start[0], start[1], start[2])
     state.key, state.contact_with = key, -1
-    draw_fault(state, p)
+    draw_fault(state, p, suite)
     state.charge = p.initial_charge * p.capacity
     state.voltage = p.empty_voltage + (p.full_voltage - p.empty_voltage) * p.initial_charge
     read_true_state(state, p, doubles_at(world.body, BODY_DOUBLES))

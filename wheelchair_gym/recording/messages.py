@@ -21,7 +21,7 @@ from wheelchair_gym.arrays import Array
 from wheelchair_gym.geometry import map_to_odom
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.rendering.palette import CHAIR, NARROW, PERSON, TRAIL, WIDE, Colour
-from wheelchair_gym.sensors.settings import LaserSettings, UltrasonicSettings
+from wheelchair_gym.sensors.settings import SCANNERS, LaserSettings, UltrasonicSettings
 
 _NANO = 1_000_000_000
 _ARC = 9  # points on the arc of a cone
@@ -87,9 +87,22 @@ def frames(now: int, pose: Array, odometry: Array) -> Any:
     return m.FrameTransforms(transforms=tree)
 
 
-def mounts(now: int, laser: LaserSettings, rangers: UltrasonicSettings | None = None) -> Any:
-    """base_link -> laser, and each ultrasonic."""
-    tree = [_transform(now, "base_link", "laser", (laser.x, laser.y, laser.yaw))]
+def scanner_frame(number: int) -> str:
+    """The frame of a scanner: laser, laser_1, ..."""
+    return f"laser_{number}" if number else "laser"
+
+
+def mounts(
+    now: int,
+    lasers: LaserSettings | Sequence[LaserSettings],
+    rangers: UltrasonicSettings | None = None,
+) -> Any:
+    """base_link -> each scanner, and each ultrasonic."""
+    scanners = [lasers] if isinstance(lasers, LaserSettings) else lasers
+    tree = [
+        _transform(now, "base_link", scanner_frame(k), (laser.x, laser.y, laser.yaw))
+        for k, laser in enumerate(scanners)
+    ]
     tree += [
         _transform(now, "base_link", f"ultrasonic_{k}", (one.x, one.y, one.yaw))
         for k, one in enumerate(rangers.mounted if rangers else ())
@@ -113,11 +126,16 @@ def grid(now: int, map_: OccupancyGrid) -> Any:
     )
 
 
-def scan(now: int, laser: LaserSettings, ranges: NDArray[np.float32]) -> Any:
-    """A sweep of the laser, in its own frame."""
+def scan_topic(number: int) -> str:
+    """The topic of a scanner: /scan, /scan_1, ..."""
+    return f"/scan_{number}" if number else "/scan"
+
+
+def scan(now: int, laser: LaserSettings, ranges: NDArray[np.float32], number: int = 0) -> Any:
+    """A sweep of a scanner, in its own frame."""
     half = 0.5 * laser.fov
     return m.LaserScan(
-        frame_id="laser",
+        frame_id=scanner_frame(number),
         timestamp=_time(now),
         pose=_pose((0.0, 0.0, 0.0)),
         start_angle=-half,
@@ -138,10 +156,11 @@ def cones(
 ) -> Any:
     """The ultrasonics' ranges as cones in their frames: paler with age, palest without echo.
 
-    No cone is drawn of a range that is invalid (NaN) or too near (-inf).
+    No cone is drawn of a range that is invalid (NaN) or too near (-inf). Values beyond the mounted
+    rangers are left out.
     """
     found = []
-    values = zip(rangers.mounted, ranges.tolist(), ages.tolist(), strict=True)
+    values = zip(rangers.mounted, ranges.tolist(), ages.tolist(), strict=False)
     for k, (one, value, age) in enumerate(values):
         narrow = one.model == "narrow"
         model = rangers.narrow if narrow else rangers.wide
@@ -263,6 +282,7 @@ TYPED: Final[dict[str, tuple[Any, Callable[..., Any]]]] = {
     "/tf": (channels.FrameTransformsChannel, frames),
     "/tf_static": (channels.FrameTransformsChannel, mounts),
     "/scan": (channels.LaserScanChannel, scan),
+    **{scan_topic(k): (channels.LaserScanChannel, scan) for k in range(1, SCANNERS)},
     "/ultrasonic": (channels.SceneUpdateChannel, cones),
     "/odometry": (channels.OdometryChannel, odometry),
     "/path": (channels.PosesInFrameChannel, poses_in_map),

@@ -167,7 +167,7 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
         self._map = map_
         self._out.send("/map", map_)
         self._out.send("/goal", env.episode.goal)
-        self._out.send("/tf_static", sensors.laser, sensors.ultrasonic)
+        self._out.send("/tf_static", sensors.lasers, sensors.ultrasonic)
         self._out.send("/footprint", env.settings.chair.footprint.corners)
         self._path = None  # so that it is sent, too
 
@@ -186,7 +186,8 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
             values["map"] = self._map
         self._out.write(READING, values)
         self._out.write(BATTERY, {"voltage": reading.battery})
-        self._out.send("/scan", sensors.laser, reading.laser)
+        for k, (laser, at) in enumerate(zip(sensors.lasers, sensors.slices, strict=True)):
+            self._out.send("/scan" + (f"_{k}" if k else ""), laser, reading.laser[at], k)
         self._out.send("/ultrasonic", sensors.ultrasonic, reading.ultrasonic, reading.age)
         self._out.send("/tf", reading.pose, believed.odometry)
         self._out.send("/odometry", believed.odometry, reading.twist)

@@ -37,7 +37,7 @@ from wheelchair_gym.recording.topics import (
     read_fields,
     reading_fields,
 )
-from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
+from wheelchair_gym.sensors.settings import RANGERS, LaserSettings, SensorSettings
 from wheelchair_gym.types import Belief, Episode, Reading, Truth
 
 
@@ -238,7 +238,7 @@ def _read_episode(content: Content) -> RecordedEpisode:
 
 def _read_state(content: Content, before: Belief | None, sensors: SensorSettings) -> RecordedState:
     """A recorded instant; fields that older recordings lack count as unknown."""
-    fields = reading_fields(sensors.laser.beams, len(sensors.ultrasonic.mounted))
+    fields = reading_fields(sensors.beams, RANGERS)
     values = read_fields(fields, content, "halted", "odometry", "particles", "map")
     built_map = before.built_map if before else None
     if "map" in values:
@@ -262,8 +262,11 @@ def sensor_log(file: str | Path) -> tuple[SensorLog, LaserSettings]:
     periods = np.diff(stamps, prepend=stamps[0])[:, None]
     motions = np.array([reading.twist for reading in readings]) * periods
     increments = np.array([odometric_step(0.0, 0.0, 0.0, *motion) for motion in motions])
-    ranges = np.stack([reading.laser for reading in readings])
-    return SensorLog(stamps - stamps[0], increments, ranges, {}), recorded.settings.sensors.laser
+    laser = recorded.settings.sensors.laser
+    if not laser.beams:
+        raise InputError(f"{file}: expected the scans of a laser; the chair has none")
+    ranges = np.stack([reading.laser[: laser.beams] for reading in readings])
+    return SensorLog(stamps - stamps[0], increments, ranges, {}), laser
 
 
 def replay_env(recorded: RecordedEpisode, render_mode: str | None = None) -> NavigationEnv:

@@ -106,8 +106,12 @@ def new_canvas(bounds: ArrayLike, size: int | tuple[int, int]) -> Canvas:
     image[:] = palette.UNKNOWN
     long_side = max(height, width)
     room = height - strip_height(long_side)
-    unit = max(min(1.0, long_side / _NO_STRIP), long_side / 640.0)
-    return Canvas(image, fit_frame(bounds, room, width), unit)
+    return Canvas(image, fit_frame(bounds, room, width), stroke_scale(long_side))
+
+
+def stroke_scale(long_side: int) -> float:
+    """The factor of stroke widths in a picture with this long side [pixels]."""
+    return max(min(1.0, long_side / _NO_STRIP), long_side / 640.0)
 
 
 def strip_height(long_side: int) -> int:

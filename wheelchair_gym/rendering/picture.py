@@ -26,7 +26,7 @@ from wheelchair_gym.physics.actors.records import (
 )
 from wheelchair_gym.rendering import floor, palette
 from wheelchair_gym.rendering.canvas import Canvas, Image
-from wheelchair_gym.sensors.settings import SensorSettings, UltrasonicSettings
+from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings, UltrasonicSettings
 from wheelchair_gym.types import Episode, Reading
 
 _MARGIN = 0.3  # m round what is known
@@ -177,7 +177,7 @@ class TopView:
         if trail is not None:
             canvas.line(trail, palette.TRAIL, 2.0)
         if reading is not None:
-            self._laser(canvas, at, reading)
+            self._lasers(canvas, at, np.asarray(reading.laser, dtype=np.float64))
             self._ultrasonics(canvas, at, reading)
             gap = np.asarray(reading.pose) - at
             if math.hypot(gap[0], gap[1]) > _DIFFERS[0] or abs(wrap_angle(gap[2])) > _DIFFERS[1]:
@@ -202,12 +202,18 @@ class TopView:
         floor.write_caption(canvas, caption)
         return canvas.image
 
-    def _laser(self, canvas: Canvas, pose: Array, reading: Reading) -> None:
-        laser = self.sensors.laser
-        ranges = np.asarray(reading.laser, dtype=np.float64)
-        if not len(ranges):
-            return
-        rays = replace(laser, beams=len(ranges)).directions
+    def _lasers(self, canvas: Canvas, pose: Array, ranges: Array) -> None:
+        """Draw the scan of each scanner from its own place; of a lone one, any number of beams."""
+        lasers = self.sensors.lasers
+        if len(lasers) == 1 and len(ranges):
+            lasers = (replace(lasers[0], beams=len(ranges)),)
+        first = 0
+        for laser in lasers if len(ranges) else ():
+            self._laser(canvas, pose, laser, ranges[first : first + laser.beams])
+            first += laser.beams
+
+    def _laser(self, canvas: Canvas, pose: Array, laser: LaserSettings, ranges: Array) -> None:
+        rays = laser.directions
         seen = np.clip(np.nan_to_num(ranges, nan=0.0, posinf=laser.reach), 0.0, laser.reach)
         # A lone beam without echo would stand out of the fan as a spike.
         beside = np.pad(seen, 1)
@@ -229,7 +235,7 @@ class TopView:
 
 
 def _cones(settings: UltrasonicSettings) -> tuple[Array, Array, list[palette.Colour]]:
-    """Where each ranger sits (8, 2) [m], its cone as a sector of radius one (8, 14, 2), its colour.
+    """Where each ranger sits (n, 2) [m], its cone as a sector of radius one (n, 14, 2), its colour.
 
     A sector's first point is the ranger, the others its arc; turned as in the chair's frame.
     """
@@ -239,9 +245,13 @@ def _cones(settings: UltrasonicSettings) -> tuple[Array, Array, list[palette.Col
         angles = mounted.yaw + np.linspace(-0.5 * cone, 0.5 * cone, 13)
         arc = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
         sectors.append(np.vstack([np.zeros((1, 2)), arc]))
-    mounts = np.array([(mounted.x, mounted.y) for mounted in settings.mounted])
+    mounts = np.array([(mounted.x, mounted.y) for mounted in settings.mounted]).reshape(-1, 2)
     colours = {"narrow": palette.NARROW, "wide": palette.WIDE}
-    return mounts, np.array(sectors), [colours[m.model] for m in settings.mounted]
+    return (
+        mounts,
+        np.array(sectors).reshape(-1, 14, 2),
+        [colours[m.model] for m in settings.mounted],
+    )
 
 
 def _wheels(footprint: Footprint, drive: DriveGeometry) -> list[Array]:

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wheelchair_gym.arrays import Array
 from wheelchair_gym.geometry import polygon_edges
 from wheelchair_gym.rendering import floor, palette
-from wheelchair_gym.rendering.canvas import Canvas, Frame, Image, text_width, write_text
+from wheelchair_gym.rendering.canvas import Canvas, Image
+from wheelchair_gym.rendering.legend import Entry, with_legend
 from wheelchair_gym.types import no_discs, no_walls
 
 _TREE, _SWARM, _OUTLINE, _PATH, _OPTIMUM = 0.8, 0.9, 1.0, 4.0, 1.6  # widths [pixels]
-_SWATCH = 2.2  # length of a line in the legend, in heights of its letters
-_GAP = 1.4  # between two entries, likewise
 
 
 def draw_plan(
@@ -84,7 +82,7 @@ def draw_plan(
     floor.write_caption(picture, caption)
     if not legend:
         return picture.image
-    entries: list[tuple[str, Callable[[Canvas, Array], None]]] = [
+    entries: list[Entry] = [
         ("start", lambda on, at: floor.draw_start(on, at.mean(axis=0))),
         ("goal", lambda on, at: _mark_goal(on, at.mean(axis=0))),
     ]
@@ -98,31 +96,9 @@ def draw_plan(
         entries.append(("swarm", lambda on, at: on.line(at, palette.SWARM, 2 * _SWARM)))
     if len(outlines):
         entries.append(("footprint", lambda on, at: on.line(at, palette.OUTLINE, 2 * _OUTLINE)))
-    return np.vstack([_legend(entries, picture), picture.image])
+    return with_legend(picture.image, entries)
 
 
 def _mark_goal(canvas: Canvas, goal: ArrayLike) -> None:
     canvas.dot(goal, 7.0, palette.FREE)
     canvas.dot(goal, 5.5, palette.GOAL)
-
-
-def _legend(entries: Sequence[tuple[str, Callable[[Canvas, Array], None]]], below: Canvas) -> Image:
-    """Rows of swatches and words, as wide as the picture below them."""
-    width = floor.FINE * below.image.shape[1]
-    row = floor.FINE * floor.strip_height(max(below.image.shape[:2]))
-    capital = 0.36 * row
-    places, x, rows = [], capital, 1
-    for label, _ in entries:
-        needed = (_SWATCH + 0.6) * capital + text_width(label, capital)
-        if x + needed > width - capital and x > capital:
-            x, rows = capital, rows + 1
-        places.append((x, (rows - 0.5) * row))
-        x += needed + _GAP * capital
-    # One metre is one pixel here, and y points up.
-    image: Image = np.full((rows * row, width, 3), palette.PAPER, dtype=np.uint8)
-    canvas = Canvas(image, Frame(1.0, 0.0, 0.0), below.stroke_scale * floor.FINE)
-    for (left, middle), (label, swatch) in zip(places, entries, strict=True):
-        swatch(canvas, np.array([(left, -middle), (left + _SWATCH * capital, -middle)]))
-        at = (left + (_SWATCH + 0.6) * capital, middle + 0.5 * capital)
-        write_text(image, label, at, capital, palette.INK)
-    return canvas.downsampled(floor.FINE).image

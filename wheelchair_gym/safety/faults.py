@@ -26,6 +26,7 @@ from wheelchair_gym.safety.state import (
     SONAR_FROZEN,
     SONAR_SILENT,
 )
+from wheelchair_gym.sensors.scanners import scanner_at
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
@@ -153,6 +154,29 @@ def _check_laser(g: Any, s: Any, laser: Floats, moves: bool, dt: float) -> tuple
 
 
 @borrowing_kernel
+def check_others(g: Any, s: Any, ranges: Floats, moves: bool, dt: float) -> int:
+    """Update the timers of the scanners after the first; returns the reason of a fault, 0: none.
+
+    They show obstacles and no free space: one that sees nothing is no fault.
+    """
+    reason = 0
+    for k in range(1, g.n_scanners):
+        one = scanner_at(g.scanners, g.n_scanners, k)
+        scan = ranges[one.start : one.start + one.cosine.shape[0]]
+        s.other_silent[k] = _lasting(valid_share(scan) < _VALID, s.other_silent[k], dt)
+        now = hash_floats(scan, np.uint64(0))
+        fresh = not s.begun or now != s.other_hash[k] or count_echoes(scan) == 0
+        if fresh or moves:
+            s.other_frozen[k] = _lasting(not fresh, s.other_frozen[k], dt)
+        s.other_hash[k] = now
+        if s.other_silent[k] > g.stale_laser + _ROUND:
+            reason = LASER_SILENT
+        elif s.other_frozen[k] > g.stale_laser + _ROUND:
+            reason = LASER_FROZEN
+    return reason
+
+
+@borrowing_kernel
 def _check_ultrasonics(
     g: Any, s: Any, ultrasonic: Floats, age: Floats, moves: bool, dt: float
 ) -> int:
@@ -199,13 +223,16 @@ def _check_odometry(g: Any, s: Any, pose: Array, twist: Array, halted: bool, dt:
 
 @borrowing_kernel
 def check_sensors(
-    g: Any, s: Any, pose: Array, twist: Array, laser: Floats, ultrasonic: Floats, age: Floats,
+    g: Any, s: Any, pose: Array, twist: Array, ranges: Floats, ultrasonic: Floats, age: Floats,
     bumped: bool, halted: bool, dt: float,
 ) -> bool:  # fmt: skip
-    """Detect faults and latch them; returns whether the scan is new and trusted."""
+    """Detect faults and latch them; returns whether the first scanner's scan is new and trusted."""
     v, w = twist[0], twist[1]
     moves = not math.isfinite(v + w) or abs(v) * dt > _MOVED or abs(w) * dt > _MOVED
-    fresh, laser_fault = _check_laser(g, s, laser, moves, dt)
+    fresh, laser_fault = _check_laser(g, s, ranges[: g.beams], moves, dt)
+    if g.n_scanners > 1:
+        other_fault = check_others(g, s, ranges, moves, dt)
+        laser_fault = laser_fault if laser_fault > 0 else other_fault
     sonar_fault = _check_ultrasonics(g, s, ultrasonic, age, moves, dt)
     odometry_fault = _check_odometry(g, s, pose, twist, halted, dt)
     if bumped:

@@ -1,7 +1,8 @@
 """What the shield perceives around the chair, updated by each reading.
 
 A grid (`safety.grid`) holds when each cell was last seen, a list holds the points that the laser
-hit, and arcs hold the echoes that only ultrasonics have measured. `update` takes in a reading.
+hit, and arcs hold the echoes that only ultrasonics have measured. `update` takes in a reading. The
+grid is that of the first scanner; a second list holds the points that further scanners hit.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.address import floats_at
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
-from wheelchair_gym.geometry import point_to_world, signed_clearance, world_to_body
+from wheelchair_gym.geometry import body_to_world, point_to_world, signed_clearance, world_to_body
 from wheelchair_gym.kinematics import arc_step
 from wheelchair_gym.safety.faults import check_sensors
 from wheelchair_gym.safety.grid import Frame, laser_frame, recenter_grid, update_grid, was_empty
@@ -28,12 +29,17 @@ from wheelchair_gym.safety.state import (
     KEPT,
     MARKS,
     NOTHING,
+    OTHERS,
+    OTHERS_KEPT,
     REACH,
     REST_SPEED,
+    SECTORS,
     set_motion,
 )
 from wheelchair_gym.sensors.echoes import atan2_f32
-from wheelchair_gym.sensors.laser import median3
+from wheelchair_gym.sensors.laser import LaserArrays, median3
+from wheelchair_gym.sensors.scanners import scanner_at
+from wheelchair_gym.sensors.settings import SCANNERS
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
@@ -53,6 +59,8 @@ _CLOSE_BY = 1.5  # m from the laser: what was last seen farther away is not in t
 # width of a beam; an oblique surface is hit farther along it as the chair drives on.
 _HIT_ALONG, _HIT_BESIDE = 0.20, 0.02  # m
 _HIT_KEPT = 1.0  # s: for which a hit is kept that other beams pass
+_PASSED = 2  # readings in which a scanner sees beyond a point before it is dropped
+_ALMOST = 1e-9
 _ALIKE = 0.015  # m: points so near each other are one
 _SPACING = 0.04  # m between the points of an echo's arc
 _SLACK = 0.04  # m: points of the laser stand for arcs of this length (`_FINE`)
@@ -310,7 +318,114 @@ def _is_explained(g: Any, s: Any, k: int, x: float, y: float, yaw: float, r: flo
         inside = ahead > 0.0 and abs(left) <= slope * ahead + _SLACK
         if inside and dx * dx + dy * dy <= (r + _AGREE) * (r + _AGREE):
             return True
+    for i in range(s.n_others):
+        dx, dy = s.others[i].x - x, s.others[i].y - y
+        ahead, left = world_to_body(c, sn, dx, dy)
+        inside = ahead > 0.0 and abs(left) <= slope * ahead + _SLACK
+        if inside and dx * dx + dy * dy <= (r + _AGREE) * (r + _AGREE):
+            return True
     return False
+
+
+@borrowing_kernel
+def _frame_of(s: Any, mount: Array) -> Frame:
+    """The frame of a scanner with a mount (3,), where the chair is (dead-reckoned)."""
+    c, sn = math.cos(s.pose[2]), math.sin(s.pose[2])
+    x, y = point_to_world(c, sn, s.pose[0], s.pose[1], mount[0], mount[1])
+    yaw = s.pose[2] + mount[2]
+    return Frame(x, y, math.cos(yaw), math.sin(yaw))
+
+
+@borrowing_kernel
+def _is_kept(g: Any, s: Any, ranges: Floats, k: int) -> bool:
+    """Whether point k of a further scanner is remembered after a reading.
+
+    It goes where its scanner hits its place again, which gives a new point, or sees beyond it in
+    two readings: a lost echo alone is no evidence.
+    """
+    point = s.others[k]
+    dx, dy = point.x - s.pose[0], point.y - s.pose[1]
+    if s.stamp > point.stamp or dx * dx + dy * dy > FAR * FAR:
+        return False
+    one = scanner_at(g.scanners, g.n_scanners, point.scanner)
+    frame = _frame_of(s, one.mount)
+    dx, dy = point.x - frame.x, point.y - frame.y
+    ahead, left = world_to_body(frame.c, frame.s, dx, dy)
+    b = math.floor((math.atan2(left, ahead) - one.first) * one.per_angle)
+    if b < 0 or b + 1 >= one.cosine.shape[0]:
+        return True
+    far = math.sqrt(dx * dx + dy * dy)
+    least = min(ranges[one.start + b], ranges[one.start + b + 1])
+    if far > one.reach or not least >= far - _SAME:
+        return True
+    point.passed += 1
+    return bool(least > far + _SAME and point.passed < _PASSED)
+
+
+@borrowing_kernel
+def _add_other(g: Any, s: Any, one: LaserArrays, frame: Frame, r: np.float32, b: int) -> None:
+    """Add the hit of beam b of a further scanner at a range [m]."""
+    x, y = r * one.cosine[b], r * one.sine[b]
+    point = s.others[s.n_others]
+    px, py = point_to_world(frame.c, frame.s, frame.x, frame.y, x, y)
+    static = x * x + y * y < _CLOSE_BY * _CLOSE_BY and not was_empty(s, px, py)
+    point.x, point.y, point.scanner, point.passed = px, py, one.number, 0
+    point.stamp = s.stamp + (g.static_memory_time if static else g.memory_time)
+    s.n_others += 1
+
+
+@borrowing_kernel
+def _range_of_edge(g: Any, one: LaserArrays, b: int) -> float:
+    """How far beam b of a scanner runs within the outline [m], at most its least range."""
+    c, sn = math.cos(one.mount[2]), math.sin(one.mount[2])
+    dx, dy = body_to_world(c, sn, one.cosine[b], one.sine[b])
+    ahead = g.outline[0] - one.mount[0] if dx > 0.0 else g.outline[1] + one.mount[0]
+    aside = g.outline[2] - one.mount[1] if dy > 0.0 else g.outline[2] + one.mount[1]
+    r = min(ahead / max(abs(dx), _ALMOST), aside / max(abs(dy), _ALMOST))
+    return float(min(max(r, 0.0), one.nearest))
+
+
+@borrowing_kernel
+def update_others(g: Any, s: Any, ranges: Floats) -> None:
+    """Add the hits of all scanners but the first: each is an obstacle, whatever the others see.
+
+    Neighbouring beams whose ranges differ little become one point, the nearest of them: each of at
+    most `SECTORS` groups of beams has one at least, and more where ranges jump within the group.
+    What is too near to be measured (-inf) counts as at the outline: it may be anywhere up to there.
+    """
+    kept = 0
+    for k in range(s.n_others):
+        if kept < OTHERS_KEPT and _is_kept(g, s, ranges, k):
+            s.others[kept] = s.others[k]
+            kept += 1
+    for k in range(kept):  # new points come first, so that the oldest are lost
+        s.others[OTHERS - kept + k] = s.others[k]
+    s.n_others, far = 0, _F(FAR)
+    spare = (SCANNERS - g.n_scanners) * SECTORS
+    for k in range(1, g.n_scanners):
+        one = scanner_at(g.scanners, g.n_scanners, k)
+        beams, frame = one.cosine.shape[0], _frame_of(s, one.mount)
+        size = (beams + SECTORS - 1) // SECTORS
+        best, at = far, -1
+        for b in range(beams):
+            if b % size == 0 and at >= 0:
+                _add_other(g, s, one, frame, best, at)
+                at = -1
+            r = ranges[one.start + b]
+            r = _F(_range_of_edge(g, one, b)) if r == -_F(np.inf) else r
+            if not r <= far:  # NaN, too
+                continue
+            if at >= 0 and abs(r - best) > _JUMP and spare > 0:
+                _add_other(g, s, one, frame, best, at)
+                spare -= 1
+                at = -1
+            if at < 0 or r < best:
+                best, at = r, b
+        if at >= 0:
+            _add_other(g, s, one, frame, best, at)
+    for k in range(kept):
+        s.others[s.n_others] = s.others[OTHERS - kept + k]
+        s.n_others += 1
 
 
 @borrowing_kernel
@@ -375,7 +490,9 @@ def reset(s: Any) -> None:
     s.doubtful[:], s.n_arc[:] = math.nan, 0
     s.corner[:] = 1 << 40  # far away: all cells of the grid come in as never seen
     s.n_points, s.n_old, s.n_marks, s.n_near, s.n_moving, s.n_close = 0, 0, 0, 0, 0, 0
-    s.n_hits, s.columns, s.gap, s.hidden = 0, 0, FAR, 0.0
+    s.n_hits, s.n_others, s.columns, s.gap, s.hidden = 0, 0, 0, FAR, 0.0
+    s.other_silent[:] = s.other_frozen[:] = 0.0
+    s.other_hash[:] = np.uint64(0)
 
 
 @borrowing_kernel
@@ -408,6 +525,9 @@ def gather(g: Any, s: Any) -> None:
     for k in range(s.n_points):
         px, py = world_to_body(c, sn, s.points[k].x - x, s.points[k].y - y)
         n = _store_near(s, outline, margin, px, py, n)
+    for k in range(s.n_others):
+        px, py = world_to_body(c, sn, s.others[k].x - x, s.others[k].y - y)
+        n = _store_near(s, outline, margin, px, py, n)
     for k in range(s.n_arc.shape[0]):
         for i in range(s.n_arc[k]):
             px, py = world_to_body(c, sn, s.arc[k, i].x - x, s.arc[k, i].y - y)
@@ -433,10 +553,13 @@ def gather(g: Any, s: Any) -> None:
 
 @borrowing_kernel
 def update(
-    g: Any, s: Any, pose: Array, twist: Array, laser: Floats, ultrasonic: Floats, age: Floats,
+    g: Any, s: Any, pose: Array, twist: Array, ranges: Floats, ultrasonic: Floats, age: Floats,
     bumped: bool, halted: bool, stamp: float,
 ) -> None:  # fmt: skip
-    """Update the state by a reading; a repeated reading counts as time without one."""
+    """Update the state by a reading; a repeated reading counts as time without one.
+
+    `ranges` holds the scans of all scanners, one after another.
+    """
     dt = stamp - s.stamp if s.begun else 0.0
     if s.begun and dt <= 0.0:
         dt = g.period
@@ -449,7 +572,8 @@ def update(
         x, y, yaw = arc_step(s.pose[0], s.pose[1], s.pose[2], v, w, dt)
         s.pose[0], s.pose[1], s.pose[2] = x, y, yaw
     s.stamp = stamp
-    fresh = check_sensors(g, s, pose, twist, laser, ultrasonic, age, bumped, halted, dt)
+    fresh = check_sensors(g, s, pose, twist, ranges, ultrasonic, age, bumped, halted, dt)
+    laser = ranges[: g.beams]
     if halted:
         set_motion(s, v, 0.0, w, 0.0)
     recenter_grid(s)
@@ -458,6 +582,8 @@ def update(
         update_grid(g, s, laser)
         if not s.begun:  # the other half of the columns, too
             update_grid(g, s, laser)
+    if g.n_scanners > 1:
+        update_others(g, s, ranges)
     update_echoes(g, s, ultrasonic, age)
     gather(g, s)
     s.begun = True

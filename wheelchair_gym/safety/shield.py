@@ -129,7 +129,7 @@ class Shield:
             self.settings, chair or ChairSettings(), sensors or SensorSettings(), period
         )
         self.state: NDArray[np.void] = np.zeros(1, SHIELD)
-        self._beams = (sensors or SensorSettings()).laser.beams
+        self._beams = (sensors or SensorSettings()).beams
         self._rows = point_to_shields(self._constants, self.state)
         self._asked = False
         self._warm()
@@ -137,8 +137,7 @@ class Shield:
 
     def _warm(self) -> None:
         """Compile everything that a decision needs before a chair drives."""
-        beams = int(self._constants.record["beams"][0])
-        dark, deaf = np.full(beams, np.nan, np.float32), np.full(RANGERS, np.nan, np.float32)
+        dark, deaf = np.full(self._beams, np.nan, np.float32), np.full(RANGERS, np.nan, np.float32)
         blank = Reading(np.zeros(3), np.zeros(2), dark, deaf, deaf, False, math.nan, 0.0)
         self.filter(np.zeros(2), blank)
 
@@ -167,7 +166,7 @@ class Shield:
         """Update the state by a reading.
 
         Raises:
-            ValueError: an array has another shape; its laser is not the one in the settings.
+            ValueError: an array has another shape; its lasers are not those in the settings.
         """
         check_reading(reading, self._beams)
         update_shield(

@@ -22,7 +22,8 @@ from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.safety.settings import ShieldSettings
 from wheelchair_gym.safety.stops import SHIELD_FAULTS
 from wheelchair_gym.sensors.laser import LaserArrays
-from wheelchair_gym.sensors.settings import RANGERS, SensorSettings
+from wheelchair_gym.sensors.scanners import SCANNER, scanner_pointers
+from wheelchair_gym.sensors.settings import RANGERS, SCANNERS, SensorSettings
 
 Rows = NDArray[np.void]
 
@@ -39,7 +40,10 @@ BINS = 36  # of distance, to sort points by
 FRESH = 512  # points of one scan
 KEPT = 512  # points of earlier scans
 ARC = 12  # points on the arc of an echo
-NEAR = FRESH + KEPT + RANGERS * ARC
+SECTORS = 256  # of each further scanner: each gives a point where it is hit
+OTHERS_KEPT = 256  # points of earlier scans that further scanners hit
+OTHERS = (SCANNERS - 1) * SECTORS + OTHERS_KEPT
+NEAR = FRESH + KEPT + OTHERS + RANGERS * ARC
 MARKS = 96  # points that may move
 CLOSE = 64  # points inside the stop zone
 HITS = 48  # hits of single beams
@@ -57,6 +61,8 @@ SAMPLE = np.dtype([(name, _F8) for name in ("x", "y", "normal_x", "normal_y")])
 XY = np.dtype([("x", _F8), ("y", _F8)])  # m
 POINT = np.dtype([*XY.descr, ("stamp", _F8)])  # stamp: kept until then [s]
 HIT = np.dtype([*POINT.descr, ("scans", _F8)])  # stamp: of the last hit; hits in so many scans
+# Stamp: kept until then [s]; its scanner, which has seen beyond it in so many readings.
+OTHER = np.dtype([*POINT.descr, ("scanner", "i8"), ("passed", "i8")])
 MARK = np.dtype([*POINT.descr, ("seen", _F8)])  # stamps [s] of the last motion and sighting
 DISTANT = np.dtype([(name, _F8) for name in ("x", "y", "distance")])  # m
 
@@ -79,6 +85,8 @@ CONSTANTS = np.dtype(
         ("nearest", "f8"),  # m
         ("reach", "f8"),  # m
         ("mount", "f8", (3,)),  # pose of the laser
+        ("n_scanners", "i8"),  # the laser, which is the first, and further ones
+        ("scanners", "u8"),  # address of their records, of SCANNER
         ("ranger_mount", "f8", (RANGERS, 3)),  # poses
         ("ranger_half", "f8", (RANGERS,)),  # rad: half of the cone
         ("ranger_reach", "f8", (RANGERS,)),  # m
@@ -116,6 +124,9 @@ SHIELD = np.dtype(
         ("laser_frozen", "f8"),  # s with repeated ranges
         ("laser_blind", "f8"),  # s without the echoes that the scan before predicts
         ("laser_denied", "f8"),  # s without an echo while ultrasonics measure one
+        ("other_silent", "f8", (SCANNERS,)),  # s without valid ranges of each further scanner
+        ("other_frozen", "f8", (SCANNERS,)),  # s with repeated ranges
+        ("other_hash", "u8", (SCANNERS,)),
         ("echo", "f4", (ECHOES,)),  # m: evenly spaced ranges of the last scan with echoes
         ("echo_pose", "f8", (3,)),  # pose at that scan
         ("sonar_silent", "f8", (RANGERS,)),
@@ -136,6 +147,9 @@ SHIELD = np.dtype(
         ("points", POINT, (FRESH + KEPT,)),
         ("n_hits", "i8"),
         ("hits", HIT, (HITS,)),  # of single beams
+        # points that further scanners hit, those of the last reading first
+        ("n_others", "i8"),
+        ("others", OTHER, (OTHERS,)),
         ("n_marks", "i8"),
         ("marks", MARK, (MARKS,)),  # points that may move
         ("old_marks", MARK, (MARKS,)),  # before the last scan
@@ -221,8 +235,15 @@ class ShieldConstants:
     ) -> None:
         self._made_of = config, chair, sensors, period
         check(chair, period)
+        if not sensors.lasers:
+            raise InputError(
+                "shield: it needs a laser, since ultrasonics alone do not show what is free; "
+                "expected beams of sensors.laser, or no shield"
+            )
         self.laser = laser = LaserArrays.of(sensors.laser, False)
+        self.scanners = scanner_pointers(sensors, False)
         targets = dict.fromkeys(("cosine", "sine"), Target("f4", None))
+        targets["scanners"] = Target(SCANNER, None)
         self.pointers = pointers = Pointers(np.zeros(1, CONSTANTS), targets, constant=True)
         self.record: Rows = pointers.record
         g: Any = self.record[0]
@@ -231,12 +252,13 @@ class ShieldConstants:
         g["period"], g["track"] = period, chair.drive.track
         for name in COPIED:
             g[name] = getattr(config, name)
-        g["reaction_time"] += chair.following_lag
+        g["reaction_time"] += chair.following_lag + chair.longest_delay
         for name in ("laser", "ultrasonic", "odometry"):
             g[f"stale_{name}"] = getattr(config.stale, name)
         pointers.point("cosine", laser.cosine)
         pointers.point("sine", laser.sine)
-        g["beams"] = sensors.laser.beams
+        pointers.point("scanners", self.scanners)
+        g["beams"], g["n_scanners"] = sensors.laser.beams, len(sensors.lasers)
         for name in ("first", "per_angle", "nearest", "mount", "reach"):
             g[name] = getattr(laser, name)
         rangers = sensors.ultrasonic

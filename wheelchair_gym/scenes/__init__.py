@@ -32,6 +32,8 @@ SCENES: Final = Registry(
         **{f"lab_{k}": f"{_PLACE}.published:Lab{k}" for k in range(1, 4)},
         **{f"thesis_{k}": f"{_PLACE}.published:ThesisMap{k}" for k in range(1, 6)},
     },
+    group="wheelchair_gym.scenes",
+    needs=("sample",),
 )
 
 

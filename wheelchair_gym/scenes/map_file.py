@@ -37,18 +37,22 @@ def example_map() -> Path:
 
 
 @lru_cache(maxsize=8)
-def _read(path: Path, stamp: int, unknown_is_solid: bool) -> tuple[OccupancyGrid, Array]:
+def _read(
+    path: Path, stamp: int, unknown_is_solid: bool, resolution: float | None
+) -> tuple[OccupancyGrid, Array]:
     """Map and walls; the stamp makes an edited file be read again."""
-    return read_any_map(path, unknown_is_solid)
+    return read_any_map(path, unknown_is_solid, resolution)
 
 
 @settings
 class MapFile:
     """A map file; start and goal are given, or drawn from where the chair can stand."""
 
-    path: str = setting(default="")
-    """Map file: map_server's YAML, MovingAI's .map or HouseExpo's JSON; empty takes the clinic of
-    the package."""
+    path: str | tuple[str, ...] = setting(default="")
+    """Map file: map_server's YAML, MovingAI's .map, HouseExpo's JSON, polygons in JSON or an image;
+    of several each episode draws one; empty takes the clinic of the package."""
+    resolution: float | None = setting(default=None, unit="m", low=1e-4, high=10.0)
+    """Edge of a pixel of an image; null for other files, which have a scale."""
     start: Pose | None = setting(default=None, unit="m, m, rad")
     """Start pose; null draws it at random."""
     goal: Pose | None = setting(default=None, unit="m, m, rad")
@@ -60,14 +64,20 @@ class MapFile:
     unknown_is_solid: bool = setting(default=False)
     """Whether walls are put round unknown cells, too."""
 
+    def __post_init__(self) -> None:
+        if not isinstance(self.path, str) and not self.path:
+            raise InputError("MapFile.path is an empty list; expected map files")
+
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
         """Draw what is not given, for a chair of this footprint.
 
         Raises:
             InputError: the map cannot be read; a given pose is not free; there is no way.
         """
-        path = Path(self.path) if self.path else example_map()
-        grid, walls = _read(path, modified(path), self.unknown_is_solid)
+        files = (self.path,) if isinstance(self.path, str) else self.path
+        chosen = files[0] if len(files) == 1 else files[int(rng.integers(len(files)))]
+        path = Path(chosen) if chosen else example_map()
+        grid, walls = _read(path, modified(path), self.unknown_is_solid, self.resolution)
         for name, pose in (("start", self.start), ("goal", self.goal)):
             if pose is not None and not _is_free(grid, walls, pose, footprint):
                 raise InputError(f"MapFile.{name} is {list(pose)}; {footprint} cannot stand there")

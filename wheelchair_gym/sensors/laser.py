@@ -57,7 +57,7 @@ class LaserArrays(NamedTuple):
 
     cosine: Floats  # (beams,) of each beam's angle in the sensor's frame
     sine: Floats  # (beams,)
-    salt: NDArray[np.uint32]  # (beams,) a hash of each beam's number
+    salt: NDArray[np.uint32]  # (beams,) a hash of each beam's number in the reading
     first: float  # rad: angle of beam 0
     per_angle: float  # beams per rad
     mount: Array  # (3,) m, m, rad in the chair's frame
@@ -66,16 +66,22 @@ class LaserArrays(NamedTuple):
     sigma: float  # m
     no_echo: float
     bias: float  # m
+    number: int  # among the chair's scanners
+    start: int  # its first range in a reading
 
     @classmethod
-    def of(cls, laser: LaserSettings, noise: bool) -> LaserArrays:
-        """Arrays of settings; without noise all errors are zero."""
+    def of(cls, laser: LaserSettings, noise: bool, number: int = 0, start: int = 0) -> LaserArrays:
+        """Arrays of settings; without noise all errors are zero.
+
+        `number` is the scanner's among those of the chair, `start` its first range in a reading:
+        so that no two scanners share a draw.
+        """
         angles = laser.angles
         share = 1.0 if noise else 0.0
         return cls(
             np.cos(angles).astype(np.float32),
             np.sin(angles).astype(np.float32),
-            np.array([mix(np.uint64(i)) for i in range(laser.beams)], np.uint64).astype(_U),
+            np.array([mix(np.uint64(start + i)) for i in range(laser.beams)], np.uint64).astype(_U),
             -laser.fov / 2,
             (laser.beams - 1) / laser.fov,
             np.array([laser.x, laser.y, laser.yaw]),
@@ -84,6 +90,8 @@ class LaserArrays(NamedTuple):
             laser.sigma * share,
             laser.dropout * share,
             laser.bias * share,
+            number,
+            start,
         )
 
 
@@ -218,7 +226,7 @@ def add_laser_noise(laser: LaserArrays, key: np.uint64, step: int, out: Floats) 
     seed = bits(key, step, LASER, 0)
     low, high = _U(seed), _U(seed >> np.uint64(32))
     scale = _F(laser.sigma) * _PER_COUNT
-    offset = _F(laser.bias * normal(key, 0, LASER_BIAS, 0)) - _MEAN * scale
+    offset = _F(laser.bias * normal(key, 0, LASER_BIAS, laser.number)) - _MEAN * scale
     lost = _U(min(laser.no_echo * 2.0**32, 2.0**32 - 1.0))
     reach, nearest = _F(laser.reach), _F(laser.nearest)
     for i in range(np.uint64(out.shape[0])):

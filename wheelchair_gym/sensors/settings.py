@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import Final, Literal, get_args
 
@@ -12,7 +13,8 @@ from wheelchair_gym.config import InputError, setting, settings
 
 Array = NDArray[np.float64]
 
-RANGERS = 8  # ultrasonics of a chair, whatever it is
+RANGERS = 8  # most ultrasonics of a chair, and the width of what readings hold of them
+SCANNERS = 4  # most planar scanners of a chair
 PoseSource = Literal["truth", "odometry", "modelled", "mcl", "slam"]
 POSE_SOURCES: Final = get_args(PoseSource)
 
@@ -28,9 +30,9 @@ class LaserSettings:
     yaw: float = setting(default=0.0, unit="rad", source="design choice: straight ahead")
     """Heading of the middle beam."""
     beams: int = setting(
-        default=1081, low=2, high=20000, source="data sheet: Hokuyo UST-10LX, 0.25 deg apart"
+        default=1081, low=0, high=20000, source="data sheet: Hokuyo UST-10LX, 0.25 deg apart"
     )
-    """Number of beams."""
+    """Number of beams: 2 or more; 0: the chair has no such scanner."""
     fov: float = setting(
         default=math.radians(270.0),
         unit="rad",
@@ -63,6 +65,10 @@ class LaserSettings:
     """Share of beams without an echo."""
     bias: float = setting(default=0.002, unit="m", low=0.0, high=1.0, source="design choice")
     """Standard deviation of the offset that all ranges of an episode share."""
+
+    def __post_init__(self) -> None:
+        if self.beams == 1:
+            raise InputError("LaserSettings.beams is 1; expected 2 or more, or 0: no scanner")
 
     @property
     def angles(self) -> Array:
@@ -135,13 +141,13 @@ def _mounted() -> tuple[Ultrasonic, ...]:
 
 @settings
 class UltrasonicSettings:
-    """Eight rangers of two models, fired one after another."""
+    """Up to eight rangers of two models, fired one after another."""
 
     mounted: tuple[Ultrasonic, ...] = setting(
         default=_mounted(),
         source="design choice: narrow ones look ahead, wide ones to corners and sides",
     )
-    """Place and model of each ranger."""
+    """Place and model of each ranger: 0 to 8 of them."""
     narrow: UltrasonicModel = setting(default=UltrasonicModel(), source="data sheet: HC-SR04")
     """Model of the narrow rangers."""
     wide: UltrasonicModel = setting(
@@ -161,19 +167,32 @@ class UltrasonicSettings:
         default=(0, 4, 1, 5, 2, 6, 3, 7),
         source="design choice: opposite sides in turn, against cross-talk",
     )
-    """Order of firing."""
+    """Order of firing; numbers of rangers that are not mounted are skipped."""
     interval: float = setting(
         default=0.06, unit="s", low=0.01, high=1.0, source="data sheets: 50 to 65 ms a cycle"
     )
     """Time between two firings."""
 
     def __post_init__(self) -> None:
-        if len(self.mounted) != RANGERS:
+        if len(self.mounted) > RANGERS:
             raise InputError(
-                f"UltrasonicSettings.mounted has {len(self.mounted)} rangers; expected {RANGERS}"
+                f"UltrasonicSettings.mounted has {len(self.mounted)} rangers; expected at most "
+                f"{RANGERS}"
             )
-        if sorted(self.order) != list(range(len(self.mounted))):
+        unmounted = [k for k in self.order if not 0 <= k < len(self.mounted)]
+        known = len(self.order) == len(set(self.order)) and all(0 <= k < RANGERS for k in unmounted)
+        if not known or sorted(self.firing_order) != list(range(len(self.mounted))):
             raise InputError("UltrasonicSettings.order must name each mounted ranger once")
+
+    @property
+    def firing_order(self) -> tuple[int, ...]:
+        """The order of firing without rangers that are not mounted."""
+        return tuple(k for k in self.order if k < len(self.mounted))
+
+    @property
+    def models(self) -> tuple[UltrasonicModel, ...]:
+        """The model of each mounted ranger."""
+        return tuple(self.narrow if m.model == "narrow" else self.wide for m in self.mounted)
 
 
 @settings
@@ -239,6 +258,9 @@ class SensorSettings:
     """Every sensor of the chair."""
 
     laser: LaserSettings = LaserSettings()
+    more_lasers: tuple[LaserSettings, ...] = setting(default=(), source="design choice")
+    """Further planar scanners, such as one at the back, or a depth camera's fan of few beams.
+    Readings hold their ranges after those of `laser`."""
     ultrasonic: UltrasonicSettings = UltrasonicSettings()
     odometry: OdometrySettings = OdometrySettings()
     modelled: ModelledPose = ModelledPose()
@@ -248,6 +270,50 @@ class SensorSettings:
     Monte Carlo localization or SLAM."""
     noise: bool = setting(default=True, source="design choice")
     """False: exact ranges, no lost echoes, no ghosts, exact parameters of odometry."""
+
+    def __post_init__(self) -> None:
+        if len(self.more_lasers) >= SCANNERS:
+            raise InputError(
+                f"SensorSettings.more_lasers has {len(self.more_lasers)} scanners; expected at most"
+                f" {SCANNERS - 1}"
+            )
+        if self.more_lasers and not all(laser.beams for laser in (self.laser, *self.more_lasers)):
+            raise InputError(
+                "SensorSettings.more_lasers: expected beams of each scanner, `laser` included"
+            )
+        if not self.laser.beams and self.localizes:
+            raise InputError(
+                f"SensorSettings.pose_source is {self.pose_source!r}; it needs a laser, and "
+                "laser.beams is 0"
+            )
+
+    @property
+    def lasers(self) -> tuple[LaserSettings, ...]:
+        """All scanners, in the order in which a reading holds their ranges; () without any."""
+        return (self.laser, *self.more_lasers) if self.laser.beams else ()
+
+    @property
+    def beams(self) -> int:
+        """Number of ranges in a reading: the beams of all scanners."""
+        return sum(laser.beams for laser in self.lasers)
+
+    @property
+    def slices(self) -> tuple[slice, ...]:
+        """Where a reading holds the ranges of each scanner."""
+        ends = list(itertools.accumulate(laser.beams for laser in self.lasers))
+        return tuple(slice(b - laser.beams, b) for laser, b in zip(self.lasers, ends, strict=True))
+
+    @property
+    def origins(self) -> Array:
+        """Where each beam begins, in the chair's frame (beams, 2) [m]."""
+        counts = [laser.beams for laser in self.lasers]
+        places = np.array([(laser.x, laser.y) for laser in self.lasers]).reshape(-1, 2)
+        return np.repeat(places, counts, axis=0)
+
+    @property
+    def directions(self) -> Array:
+        """Cosine and sine of each beam of all scanners in the chair's frame (beams, 2)."""
+        return np.concatenate([np.empty((0, 2)), *(laser.directions for laser in self.lasers)])
 
     @property
     def localizes(self) -> bool:

@@ -54,10 +54,10 @@ class UltrasonicArrays(NamedTuple):
     def of(cls, rangers: UltrasonicSettings, noise: bool) -> UltrasonicArrays:
         """Arrays of settings; without noise no echo is lost, added or shifted."""
         share = 1.0 if noise else 0.0
-        models = [rangers.narrow if m.model == "narrow" else rangers.wide for m in rangers.mounted]
+        models = rangers.models
         never = 2.0 * math.pi  # an incidence that no echo reaches
         return cls(
-            np.array([(m.x, m.y, m.yaw) for m in rangers.mounted]),
+            np.array([(m.x, m.y, m.yaw) for m in rangers.mounted], np.float64).reshape(-1, 3),
             np.array([math.tan(m.field_of_view / 2) for m in models]),
             np.array([m.reach for m in models]),
             np.array([m.range_min for m in models]),
@@ -65,7 +65,7 @@ class UltrasonicArrays(NamedTuple):
             np.array([m.ghost_share * share for m in models]),
             np.array([m.loss_from if noise else never for m in models]),
             np.array([m.loss_at if noise else 2 * never for m in models]),
-            np.array(rangers.order, dtype=np.int64),
+            np.array(rangers.firing_order, dtype=np.int64),
         )
 
 

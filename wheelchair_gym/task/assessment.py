@@ -60,7 +60,7 @@ def begin_task(
         limit = prepared.time_limit
     progress.time_limit = limit
     progress.geodesic = geodesic_to_go(prepared, prepared.start[0], prepared.start[1])
-    progress.steps_left = max(1, round(limit / rule.period))
+    progress.steps_left, progress.steps = max(1, round(limit / rule.period)), 0
     progress.to_go = distance_to_go(prepared, rule.aim, pose[0], pose[1], pose[2])
     progress.is_shielded = is_shielded
     reset_trail(progress, pose)
@@ -92,6 +92,7 @@ def assess(
     rule, prepared, progress = task_row(task, i)
     verdict = verdicts[i]
     progress.steps_left -= 1
+    progress.steps += 1
     for k in range(2):
         progress.previous[k] = progress.action[k]
         progress.action[k] = min(1.0, max(-1.0, action[k]))
@@ -109,5 +110,6 @@ def assess(
     verdict.terminated = verdict.arrived or bumped
     verdict.truncated = progress.steps_left <= 0 and not verdict.terminated
     write_terms(rule, progress, verdict, covered, bumped, twist, laser)
+    verdict.truncated = verdict.truncated or progress.steps >= rule.max_steps
     verdict.geodesic = progress.geodesic
     verdict.valid_beams = observe(rule, prepared, progress, pose, twist, laser, ultrasonic, out)

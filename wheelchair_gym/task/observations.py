@@ -15,7 +15,14 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wheelchair_gym.compiled.address import doubles_at, floats_at, moves_at, states_at, table_at
+from wheelchair_gym.compiled.address import (
+    doubles_at,
+    floats_at,
+    moves_at,
+    rows_of,
+    states_at,
+    table_at,
+)
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.geometry import project, world_to_body
 from wheelchair_gym.maps.cost_to_go import poses_ahead, to_local
@@ -41,7 +48,7 @@ class ObservationSource(NamedTuple):
 
     settings: TaskSettings
     reaches: Array  # (rangers,) m, of the ultrasonics
-    laser_reach: float  # m
+    beam_reaches: Array  # (observed beams,) m, of all scanners
     twist_most: Array  # (2,) m/s, rad/s
     half_width: float  # m, of the chair
     points: int  # of the guidance that are looked at; 0: none
@@ -94,17 +101,18 @@ _POSES, _CLEARANCE = (0.5, 0.5, 1.0, 1.0), (4.0,)  # of x, y [m], cosine, sine; 
 OBSERVATION_KEYS = (
     ObservationKey(
         "laser",
-        lambda o: o.settings.beams,
+        lambda o: len(o.beam_reaches),
         lambda o: 0.0,
-        lambda o: o.laser_reach,
-        "(beams,) | 0 to 10 m | right to left; no echo is 10 m; pooled by minimum if fewer",
+        lambda o: o.beam_reaches,
+        "(beams,) | 0 to 10 m | right to left; no echo is 10 m; pooled by minimum if fewer; "
+        "further scanners follow",
     ),
     ObservationKey(
         "ultrasonic",
         lambda o: len(o.reaches),
         lambda o: 0.0,
         lambda o: o.reaches,
-        "(8,) | 0 to 4 or 6 m | latest range of each",
+        "(8,) | 0 to 4 or 6 m | latest range of each that is mounted",
     ),
     ObservationKey(
         "twist",
@@ -188,6 +196,9 @@ OBSERVATION_KEYS = (
 )
 PRIVILEGED = tuple(key.name for key in OBSERVATION_KEYS if key.privileged)
 SCALES = {key.name: list(key.scale) for key in OBSERVATION_KEYS if key.scale != (1.0,)}
+# How the beams of one scanner are pooled: beams of it, numbers of the observation, reach [m].
+POOL = np.dtype([("beams", "i8"), ("observed", "i8"), ("reach", "f8")])
+pools_at = rows_of(POOL)
 SIZES = np.dtype([(key.name, "i8") for key in OBSERVATION_KEYS])
 
 
@@ -385,9 +396,9 @@ def write_guidance(rules: Any, prepared: Any, pose: Array, out: Floats) -> None:
 
 @borrowing_kernel
 def write_side_clearance(rules: Any, laser: Floats, poses: Floats, out: Floats) -> None:
-    """Side clearances where the chair is and at poses (4 k,) ahead."""
-    directions = table_at(rules.directions, rules.laser_beams, 2)
-    side_clearance(laser, directions, rules.mount[:], rules.outline[:], poses, out)
+    """Side clearances where the chair is and at poses (4 k,) ahead, by the first scanner."""
+    directions, scan = table_at(rules.directions, rules.laser_beams, 2), laser[: rules.laser_beams]
+    side_clearance(scan, directions, rules.mount[:], rules.outline[:], poses, out)
 
 
 @borrowing_kernel
@@ -403,8 +414,13 @@ def observe(
 ) -> int:
     """Write what a policy observes of a reading; returns how many beams are finite."""
     size = rules.size
-    at = size.laser
-    valid = pool_beams(laser, rules.laser_reach, out[:at])
+    at, valid, first = 0, 0, 0
+    pools = pools_at(rules.pools, rules.scanners)
+    for k in range(rules.scanners):
+        beams, observed = pools[k].beams, pools[k].observed
+        scan, pooled = laser[first : first + beams], out[at : at + observed]
+        valid += pool_beams(scan, pools[k].reach, pooled)
+        first, at = first + beams, at + observed
     reaches = doubles_at(rules.reaches, size.ultrasonic)
     for i in range(size.ultrasonic):
         out[at + i] = observed_range(ultrasonic[i], reaches[i])

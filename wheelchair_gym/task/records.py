@@ -5,17 +5,19 @@ from __future__ import annotations
 import numpy as np
 
 from wheelchair_gym.compiled.address import Target, pointer_record
-from wheelchair_gym.task.observations import SIZES, TRAIL_POINTS
+from wheelchair_gym.task.observations import POOL, SIZES, TRAIL_POINTS
 from wheelchair_gym.task.prepared_episode import PREPARED
 from wheelchair_gym.task.rewards import TERM_VALUES
 
 RULES, RULES_TARGETS = pointer_record(
     ("period", "f8"),  # s
+    ("max_steps", "i8"),  # of an episode
     ("forward", "f8"),  # m/s
     ("backward", "f8"),
     ("turn", "f8"),  # rad/s
     ("size", SIZES),  # numbers of each key of the observation
-    ("laser_reach", "f8"),  # m
+    ("scanners", "i8"),
+    ("pools", Target(POOL, None)),  # of each scanner
     ("reaches", Target("f8", None)),  # m: of the ultrasonics
     ("twist_most", "f8", (2,)),  # m/s, rad/s
     ("points", "i8"),  # of the guidance that are observed; 0: none
@@ -24,8 +26,8 @@ RULES, RULES_TARGETS = pointer_record(
     ("uses_fan", "b1"),  # side clearances are those at a fan of poses
     ("fan_poses", Target("f4", None)),  # `side_clearance.fan_poses()`
     ("outline", "f8", (3,)),  # `Footprint.array`
-    ("mount", "f8", (2,)),  # m: of the laser
-    ("directions", Target("f8", None, 2)),  # of the beams (laser_beams, 2)
+    ("mount", "f8", (2,)),  # m: of the first scanner
+    ("directions", Target("f8", None, 2)),  # of its beams (laser_beams, 2)
     ("laser_beams", "i8"),
     ("back", Target("f8", None)),  # m: how far back places of the trail are
     ("arrival_margin", "f8"),  # m
@@ -40,6 +42,7 @@ RULES, RULES_TARGETS = pointer_record(
 PROGRESS = np.dtype(
     [
         ("steps_left", "i8"),  # control periods
+        ("steps", "i8"),  # so far
         ("to_go", "f8"),  # m, or s, at the last reading where a way was known
         ("geodesic", "f8"),  # m, from the start
         ("time_limit", "f8"),  # s

@@ -43,8 +43,8 @@ class RewardWeights:
     shield_intervention: float = setting(default=0.0, source=_CHOICE)
     """What the shield took off the twist that was asked for, in full speeds."""
     proximity_speed: float = setting(default=0.0, unit="s/m2", source=_CHOICE)
-    """Squared speed of the outline's fastest corner within 0.2 m of what the scan shows, more the
-    nearer [m2/s2], times the period [s]."""
+    """Squared speed of the outline's fastest corner within 0.2 m of what the first scanner shows,
+    more the nearer [m2/s2], times the period [s]."""
 
 
 TERMS = tuple(field.name for field in dataclasses.fields(RewardWeights))
@@ -121,7 +121,8 @@ def write_terms(
     near = 0.0
     if w.proximity_speed != 0.0:
         directions = table_at(rule.directions, rule.laser_beams, 2)
-        near = proximity_speed(laser, directions, rule.mount[:], rule.outline[:], twist)
+        scan = laser[: rule.laser_beams]
+        near = proximity_speed(scan, directions, rule.mount[:], rule.outline[:], twist)
     t.progress = w.progress * covered
     t.time = w.time * rule.period
     t.arrived = w.arrived * verdict.arrived

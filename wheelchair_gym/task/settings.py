@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.task.rewards import RewardWeights
+
+if TYPE_CHECKING:
+    from wheelchair_gym.sensors.settings import SensorSettings
 
 _CHOICE = "design choice"
 
@@ -16,7 +19,8 @@ class TaskSettings:
     """Navigation to a goal."""
 
     beams: int = setting(default=1081, low=1, source="data sheet: Hokuyo UST-10LX")
-    """Observed laser beams; fewer than the laser has are pooled by their minimum."""
+    """Observed beams of the laser; fewer than it has are pooled by their minimum. The beams of each
+    further scanner (`sensors.more_lasers`) follow, pooled in the same proportion."""
     tolerance: float = setting(default=0.30, unit="m", low=0.01, source=_CHOICE)
     """Distance at which the goal counts as reached."""
     arrival_margin: float = setting(
@@ -36,6 +40,9 @@ class TaskSettings:
     """Time limit of an episode without a way to go."""
     time_factor: float = setting(default=3.0, low=0.0, source=_CHOICE)
     """Time limit added for each second at full speed along the geodesic."""
+    max_episode_steps: int | None = setting(default=None, low=1, source="Gymnasium's TimeLimit")
+    """Steps after which an episode is truncated, whatever its time limit, and without the reward
+    term of a timeout; null: none."""
     look_ahead: tuple[float, ...] = setting(
         default=(0.5, 1.0, 1.5, 2.0, 3.0), unit="m", low=0.0, source=_CHOICE
     )
@@ -67,3 +74,11 @@ class TaskSettings:
     margin: float = setting(default=0.05, unit="m", low=0.0, source=_CHOICE)
     """Clearance that the geodesic keeps beyond half the chair's width."""
     reward: RewardWeights = RewardWeights()
+
+    def observed_beams(self, sensors: SensorSettings) -> tuple[int, ...]:
+        """How many numbers of an observation each scanner of a chair gives."""
+        if not sensors.lasers:
+            return ()
+        share = self.beams / sensors.laser.beams
+        more = (max(1, round(share * laser.beams)) for laser in sensors.more_lasers)
+        return (self.beams, *more)

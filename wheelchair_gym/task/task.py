@@ -10,14 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.address import Pointers, as_array
-from wheelchair_gym.config import InputError
+from wheelchair_gym.config import LARGEST_INTEGER, InputError
 from wheelchair_gym.maps import Geodesic, OccupancyGrid, geodesic
 from wheelchair_gym.maps.cost_to_go import CostToGo
 from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.safety.settings import ShieldSettings
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.task.assessment import assess, begin_task
-from wheelchair_gym.task.observations import OBSERVATION_KEYS, ObservationSource, places, spaces
+from wheelchair_gym.task.observations import (
+    OBSERVATION_KEYS,
+    POOL,
+    ObservationSource,
+    places,
+    spaces,
+)
 from wheelchair_gym.task.prepared_episode import AIMS, PreparedEpisode, first_geodesic_to_go
 from wheelchair_gym.task.records import PROGRESS, RULES, RULES_TARGETS, TASK, TASK_TARGETS
 from wheelchair_gym.task.rewards import TERMS, VERDICT, Verdict, reached
@@ -60,7 +66,7 @@ class Task:
         guidance: Guidance | None = None,
         shield: ShieldSettings | None = None,
     ) -> None:
-        if settings.beams > sensors.laser.beams:
+        if settings.beams > sensors.laser.beams > 0:
             raise InputError(
                 f"task.beams is {settings.beams}; the laser has only {sensors.laser.beams}"
             )
@@ -73,12 +79,15 @@ class Task:
         self.time_limit = settings.time_base  # s
         self.path: Array | None = None  # (n, 2) m: of the guidance
         self.built_map: Callable[[], OccupancyGrid] | None = None
-        rangers = sensors.ultrasonic
-        self._reaches = np.array(
+        self._reaches = np.array([m.reach for m in sensors.ultrasonic.models], np.float64)
+        self._pools = np.array(
             [
-                (rangers.narrow if m.model == "narrow" else rangers.wide).reach
-                for m in rangers.mounted
-            ]
+                (laser.beams, observed, laser.reach)
+                for laser, observed in zip(
+                    sensors.lasers, settings.observed_beams(sensors), strict=True
+                )
+            ],
+            POOL,
         )
         self.has_poses = bool(getattr(guidance, "poses", False))
         if settings.aim == "time" and not self.has_poses:
@@ -112,9 +121,11 @@ class Task:
         r, s, limits = cast("Any", self.rules[0]), self.settings, self.limits
         point = self._pointers.point
         r["period"] = self.period
+        r["max_steps"] = s.max_episode_steps or LARGEST_INTEGER
         r["forward"], r["backward"], r["turn"] = limits.forward, limits.backward, limits.turn
         laser, most = self.sensors.laser, max(limits.forward, limits.backward)
-        r["laser_reach"] = laser.reach
+        r["scanners"] = len(self._pools)
+        point("pools", self._pools)
         point("reaches", self._reaches)
         r["twist_most"] = np.float32(TWIST_RANGE) * np.array((most, limits.turn), np.float32)
         r["points"] = 0 if self.guidance is None else len(self._ahead)
@@ -123,7 +134,7 @@ class Task:
         self._source = source = ObservationSource(
             s,
             self._reaches,
-            laser.reach,
+            np.repeat(self._pools["reach"], self._pools["observed"]),
             np.array(r["twist_most"]),
             self.footprint.half_width,
             int(r["points"]),
@@ -258,6 +269,11 @@ class Task:
         self._take_verdict()
         self.observation = self.unpack(out)
         return self.observation
+
+    @property
+    def terms(self) -> Rows:
+        """The weighted reward terms of the last step, rows (1,) of TERM_VALUES."""
+        return self._judged["terms"]
 
     def _take_verdict(self) -> None:
         self.verdict = Verdict(*cast("tuple[Any, ...]", self._judged.item()))

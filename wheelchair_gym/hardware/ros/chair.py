@@ -26,10 +26,11 @@ from wheelchair_gym.hardware.ros.clock import SimulatedClock
 from wheelchair_gym.hardware.ros.rosbridge import Rosbridge
 from wheelchair_gym.hardware.ros.senses import RosSensors
 from wheelchair_gym.hardware.ros.settings import RosSettings
+from wheelchair_gym.hardware.settings import check_one_laser
 from wheelchair_gym.kinematics import approach_twist
 from wheelchair_gym.maps import FREE, OccupancyGrid
 from wheelchair_gym.physics.settings import ChairSettings
-from wheelchair_gym.sensors.settings import SensorSettings
+from wheelchair_gym.sensors.settings import RANGERS, SensorSettings
 from wheelchair_gym.types import Belief, Episode, NotCopyable, Reading, Truth
 
 
@@ -55,6 +56,12 @@ class RosChair(NotCopyable):
         period: float,
         on_map: bool = True,
     ) -> None:
+        check_one_laser(sensors)
+        if settings.ultrasonic and len(sensors.ultrasonic.mounted) != RANGERS:
+            raise InputError(
+                f"chair ros: there are {len(settings.ultrasonic)} topics of ultrasonics; "
+                f"sensors.ultrasonic.mounted has {len(sensors.ultrasonic.mounted)}"
+            )
         self.settings, self.sensors, self.period, s = settings, sensors, period, settings
         self._clock = SimulatedClock(s.clock, s.clock_timeout) if s.use_sim_time else None
         self.senses = RosSensors(settings, sensors, on_map, self._clock)

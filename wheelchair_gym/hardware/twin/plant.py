@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 from wheelchair_gym.compiled.address import table_at
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.hardware.settings import check_boards
 from wheelchair_gym.physics.chair import SimulatedChair
 from wheelchair_gym.physics.drive_train import DriveConstants, drive_constants, physics_step
 from wheelchair_gym.physics.engine import VX, VY, W, X, Y, body_view
-from wheelchair_gym.physics.sensor_suite import laser_of, rangers_of
+from wheelchair_gym.physics.sensor_suite import rangers_of, scanner_of
 from wheelchair_gym.physics.settings import GRAVITY, ChairSettings, PhysicsSettings
 from wheelchair_gym.physics.step import chair_row, read_true_state, workspace_of
 from wheelchair_gym.sensors.laser import sense_laser
@@ -140,9 +141,9 @@ def step_plant(
 @borrowing_kernel
 def measure_ultrasonic(chairs: Any, which: int) -> float:
     """The range [m] of one ultrasonic at the chair's present pose; +inf without echo."""
-    suite, _, state, world = chair_row(chairs, 0)
+    suite, p, state, world = chair_row(chairs, 0)
     return sense_ultrasonic(
-        rangers_of(suite),
+        rangers_of(suite, p),
         which,
         state.pose,
         table_at(world.walls, world.n_walls, 4),
@@ -156,9 +157,9 @@ def measure_ultrasonic(chairs: Any, which: int) -> float:
 @borrowing_kernel
 def scan_laser(chairs: Any, turn: int, ranges: Any) -> None:
     """Write the ranges [m] of one turn of the laser at the chair's present pose."""
-    suite, _, state, world = chair_row(chairs, 0)
+    suite, p, state, world = chair_row(chairs, 0)
     sense_laser(
-        laser_of(suite),
+        scanner_of(suite, p, 0),
         state.pose,
         table_at(world.walls, world.n_walls, 4),
         table_at(world.discs, world.n_discs, 3),
@@ -178,6 +179,8 @@ class Plant:
         sensors: SensorSettings | None = None,
         brakes: BrakeSettings | None = None,
     ) -> None:
+        if sensors is not None:
+            check_boards(sensors)
         self.chair = SimulatedChair(chair, sensors, PhysicsSettings(step=TIME_STEP))
         self.brakes = brakes or BrakeSettings()
         self._rows = self.chair.rows

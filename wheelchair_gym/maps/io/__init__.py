@@ -7,7 +7,14 @@ from typing import NamedTuple
 
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import InputError
+from wheelchair_gym.files import read_json
 from wheelchair_gym.maps.grid import OccupancyGrid
+from wheelchair_gym.maps.io.floor_plan import (
+    IMAGES,
+    is_polygons,
+    polygons_map,
+    read_floor_plan_image,
+)
 from wheelchair_gym.maps.io.house_expo import read_house
 from wheelchair_gym.maps.io.map_server import read_map
 from wheelchair_gym.maps.io.moving_ai import read_moving_ai_map
@@ -20,14 +27,35 @@ class MapWithWalls(NamedTuple):
     walls: Array  # (n, 4) m
 
 
-def read_any_map(path: str | Path, unknown_is_solid: bool = False) -> MapWithWalls:
-    """The map of a map_server `.yaml`, a MovingAI `.map` or a HouseExpo `.json`.
+def read_any_map(
+    path: str | Path, unknown_is_solid: bool = False, resolution: float | None = None
+) -> MapWithWalls:
+    """The map of a file: its kind follows from the ending of its name.
+
+    Args:
+        path: a map_server `.yaml`, a MovingAI `.map`, a HouseExpo `.json`, polygons (`.json`), or
+            an image of a floor plan.
+        unknown_is_solid: whether walls are put round unknown cells, too.
+        resolution: edge of a pixel [m]; for an image, and for nothing else.
 
     Raises:
-        InputError: the file cannot be read or is malformed, or has another ending.
+        InputError: the file cannot be read or is malformed, has another ending, or the resolution
+            is missing or not needed.
     """
     ending = Path(path).suffix.lower()
+    if ending in IMAGES:
+        if resolution is None:
+            raise InputError(
+                f"{path}: an image has no scale; give the resolution, the metres of one pixel"
+            )
+        grid = read_floor_plan_image(path, resolution)
+        return MapWithWalls(grid, grid.walls())
+    if resolution is not None:
+        raise InputError(f"{path}: the resolution is for images; this file has its own scale")
     if ending == ".json":
+        data = read_json(path)
+        if is_polygons(data):
+            return MapWithWalls(*polygons_map(data, path))
         house = read_house(path)
         return MapWithWalls(house.grid(), house.walls)
     if ending == ".map":
@@ -35,6 +63,8 @@ def read_any_map(path: str | Path, unknown_is_solid: bool = False) -> MapWithWal
     elif ending in (".yaml", ".yml"):
         grid = read_map(path)
     else:
-        expected = "expected .yaml (map_server), .map (MovingAI) or .json (HouseExpo)"
+        expected = (
+            "expected .yaml (map_server), .map (MovingAI), .json (HouseExpo, polygons) or .png"
+        )
         raise InputError(f"{path}: not a known kind of map; {expected}")
     return MapWithWalls(grid, grid.walls(unknown_is_solid))

@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.arrays import Array, Mask
 from wheelchair_gym.errors import InputError, shorten
 from wheelchair_gym.files import check_cells, coordinate_lists, read_json
 from wheelchair_gym.geometry import polygon_edges, signed_area
@@ -44,24 +44,30 @@ class House(NamedTuple):
         low, high = self.outline.min(axis=0) - MARGIN, self.outline.max(axis=0) + MARGIN
         columns, rows = np.ceil((high - low) / resolution).astype(int)
         check_cells(rows, columns, self.name)
-        inside, cut = np.zeros((rows, columns), dtype=np.bool_), np.zeros((rows, columns), np.bool_)
-        corners = (self.outline - low) / resolution
-        for (ax, ay), (bx, by) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-            # Only rows that the edge reaches: an outline of many corners costs its length.
-            part = slice(max(0, int(min(ay, by)) - 1), int(max(ay, by)) + 2)
-            y = np.arange(rows)[part, None] + 0.5  # centres
-            x = np.arange(columns) + 0.5
-            if ay != by:
-                straddles = (ay <= y) != (by <= y)
-                inside[part] ^= straddles & (ax + (y - ay) / (by - ay) * (bx - ax) > x)
-            # Cells through whose inside the edge passes: no axis parts it from them.
-            ex, ey = bx - ax, by - ay
-            near = np.abs(ex * (y - ay) - ey * (x - ax)) < 0.5 * (abs(ex) + abs(ey)) - TOUCH
-            near &= (x + 0.5 > min(ax, bx) + TOUCH) & (x - 0.5 < max(ax, bx) - TOUCH) | (ex == 0.0)
-            near &= (y + 0.5 > min(ay, by) + TOUCH) & (y - 0.5 < max(ay, by) - TOUCH) | (ey == 0.0)
-            cut[part] |= near
+        inside, cut = cells_of_outline((self.outline - low) / resolution, (rows, columns))
         cells = np.where(inside & ~cut, FREE, OCCUPIED).astype(np.int8)
         return OccupancyGrid(cells, resolution, (float(low[0]), float(low[1]), 0.0))
+
+
+def cells_of_outline(outline: Array, shape: tuple[int, int]) -> tuple[Mask, Mask]:
+    """Which cells have their centre inside an outline (k, 2) [cells], and which its edges cut."""
+    rows, columns = shape
+    inside, cut = np.zeros(shape, dtype=np.bool_), np.zeros(shape, np.bool_)
+    for (ax, ay), (bx, by) in zip(outline, np.roll(outline, -1, axis=0), strict=True):
+        # Only rows that the edge reaches: an outline of many corners costs its length.
+        part = slice(max(0, int(min(ay, by)) - 1), max(0, int(max(ay, by)) + 2))
+        y = np.arange(rows)[part, None] + 0.5  # centres
+        x = np.arange(columns) + 0.5
+        if ay != by:
+            straddles = (ay <= y) != (by <= y)
+            inside[part] ^= straddles & (ax + (y - ay) / (by - ay) * (bx - ax) > x)
+        # Cells through whose inside the edge passes: no axis parts it from them.
+        ex, ey = bx - ax, by - ay
+        near = np.abs(ex * (y - ay) - ey * (x - ax)) < 0.5 * (abs(ex) + abs(ey)) - TOUCH
+        near &= (x + 0.5 > min(ax, bx) + TOUCH) & (x - 0.5 < max(ax, bx) - TOUCH) | (ex == 0.0)
+        near &= (y + 0.5 > min(ay, by) + TOUCH) & (y - 0.5 < max(ay, by) - TOUCH) | (ey == 0.0)
+        cut[part] |= near
+    return inside, cut
 
 
 def read_house(path: str | Path) -> House:

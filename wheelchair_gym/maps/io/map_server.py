@@ -99,8 +99,12 @@ def _checked_image(path: Path) -> bytes:
     return content
 
 
-def _pixels(path: Path) -> tuple[Bytes, Bytes]:
-    """Greys (rows, cols), top row first, and how opaque each pixel is."""
+def read_pixels(path: Path) -> tuple[Bytes, Bytes]:
+    """Greys (rows, cols) of an image, top row first, and how opaque each pixel is.
+
+    Raises:
+        InputError: the image cannot be read, or is too large.
+    """
     content = np.frombuffer(_checked_image(path), dtype=np.uint8)
     level = cv2.utils.logging.getLogLevel()
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # the error below says it
@@ -145,7 +149,7 @@ def read_map(path: str | Path) -> OccupancyGrid:
     if free >= occupied:
         raise InputError(f"{path}: free_thresh is {free}; expected less than occupied_thresh")
     x, y, yaw = (*coordinates(data["origin"], (2, 3), f"{path}: origin"), 0.0)[:3]
-    grey, opacity = _pixels(path.parent / data["image"])
+    grey, opacity = read_pixels(path.parent / data["image"])
     cells = _meaning(mode, bool(negate), occupied, free)[grey]
     clear = opacity < 255
     if mode == "trinary":

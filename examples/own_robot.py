@@ -1,0 +1,58 @@
+"""A chair of your own from one JSON file: try it, drive it behind its shield, and learn with it.
+
+The file names the outline, the limits, two laser scanners, a depth camera's fan and four
+ultrasonics. Copy it, and change it to your chair:
+
+    python examples/own_robot.py --config my_robot.json --steps 100000
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import gymnasium as gym
+from stable_baselines3 import PPO
+
+import wheelchair_gym  # noqa: F401 (registers the ids)
+from agents.policies import GymPolicy, make_policy
+
+ENV = "wheelchair_gym/Navigation-v0"
+
+
+def drive(config: str, episodes: int) -> float:
+    """The share of episodes in which a planner with a local controller arrives safely."""
+    env = gym.make(ENV, config=config)
+    policy, arrived = GymPolicy(make_policy("lattice+window"), env), 0
+    for seed in range(episodes):
+        observation, info = env.reset(seed=seed)
+        policy.reset()
+        over = False
+        while not over:
+            observation, _, terminated, truncated, info = env.step(policy.act(observation))
+            over = terminated or truncated
+        arrived += info["is_success"]
+    env.close()
+    return arrived / episodes
+
+
+def main() -> None:
+    """Say what the chair observes, how it drives, and train a policy for it."""
+    parser = argparse.ArgumentParser(description=main.__doc__)
+    default = str(Path(__file__).with_name("own_robot.json"))
+    parser.add_argument("--config", default=default, help="settings of the environment")
+    parser.add_argument("--episodes", type=int, default=5, help="that the planner drives")
+    parser.add_argument("--steps", type=int, default=100_000, help="of training")
+    given = parser.parse_args()
+
+    env = gym.make(ENV, config=given.config)
+    for key, space in env.observation_space.items():
+        print(f"{key}: {space.shape}")
+    print(f"lattice+window arrives in {drive(given.config, given.episodes):.0%} of the episodes")
+    model = PPO("MultiInputPolicy", env, n_steps=min(512, given.steps), batch_size=32, seed=0)
+    model.learn(given.steps)
+    print(f"trained {model.num_timesteps} steps")
+
+
+if __name__ == "__main__":
+    main()

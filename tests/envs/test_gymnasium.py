@@ -1,0 +1,111 @@
+"""Gymnasium's and stable-baselines3's own tools work with every id, single and many."""
+
+from __future__ import annotations
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.play import PlayableGame
+from gymnasium.vector import AutoresetMode
+from gymnasium.wrappers import AddRenderObservation, RecordEpisodeStatistics, RecordVideo
+from gymnasium.wrappers import vector as wrappers
+
+import wheelchair_gym
+from agents.learning.sb3 import SB3VecEnv
+from wheelchair_gym.envs import NavigationVectorEnv
+
+IDS = [  # the id of the real chair needs one
+    name for name in gym.registry if name.startswith("wheelchair_gym/") and "Hardware" not in name
+]
+SMALL = {"scene": "clutter", "beams": 16, "max_episode_steps": 6}
+FRAMES = {"render_mode": "rgb_array", "render_width": 96, "render_height": 64}
+AHEAD = np.array([0.4, 0.1], np.float32)
+
+
+def test_there_are_ids():
+    assert len(IDS) == 2
+    assert wheelchair_gym.__version__
+
+
+def films(folder):
+    return [path for path in folder.glob("*.mp4") if path.stat().st_size > 500]
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_wrappers_of_one_environment(name, tmp_path):
+    env = RecordVideo(
+        RecordEpisodeStatistics(gym.make(name, **SMALL, **FRAMES)),
+        str(tmp_path / "films"),
+        disable_logger=True,
+    )
+    env.reset(seed=0)
+    over = False
+    while not over:
+        _, _, terminated, truncated, info = env.step(AHEAD)
+        over = terminated or truncated
+    env.close()
+    assert info["episode"]["l"] == 6
+    assert len(films(tmp_path / "films")) == 1
+    pixels = AddRenderObservation(gym.make(name, **SMALL, **FRAMES))
+    assert pixels.reset(seed=0)[0].shape == (64, 96, 3)
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_keys_drive_in_play(name, monkeypatch):
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    env = gym.make(name, **SMALL, **FRAMES)
+    env.reset(seed=0)
+    keys = env.unwrapped.get_keys_to_action()
+    game = PlayableGame(env, {tuple(map(ord, combo)): a for combo, a in keys.items()})
+    assert set(game.relevant_keys) == set(map(ord, "wasd"))
+    for action in keys.values():
+        assert env.action_space.contains(action)
+    ahead = env.step(keys["w",])[4]["pose"]
+    assert ahead.shape == (3,)
+    env.close()
+
+
+@pytest.mark.parametrize("mode", AutoresetMode)
+@pytest.mark.parametrize("kind", ["sync", "async", "vector_entry_point"])
+@pytest.mark.parametrize("name", IDS)
+def test_every_kind_of_vector_in_every_autoreset_mode(name, kind, mode):
+    more = {"vector_kwargs": {"autoreset_mode": mode}}
+    if kind == "vector_entry_point":
+        more = {"autoreset_mode": mode}
+    envs = gym.make_vec(name, 2, vectorization_mode=kind, **more, **SMALL)
+    envs = wrappers.RecordEpisodeStatistics(envs)
+    observations, _ = envs.reset(seed=0)
+    assert envs.observation_space.contains(observations)
+    ends = 0
+    for _ in range(9):
+        observations, _, terminated, truncated, _ = envs.step(np.tile(AHEAD, (2, 1)))
+        assert envs.observation_space.contains(observations)
+        over = terminated | truncated
+        ends += over.sum()
+        if mode is AutoresetMode.DISABLED and over.any():
+            envs.reset(options={"reset_mask": over})
+    assert ends == 2
+    envs.close()
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_videos_of_many(name, tmp_path):
+    from stable_baselines3.common.vec_env import VecVideoRecorder
+
+    envs = wrappers.RecordVideo(
+        gym.make_vec(name, 2, **SMALL, **FRAMES), str(tmp_path / "a"),
+        episode_trigger=lambda episode: True, disable_logger=True,
+    )  # fmt: skip
+    envs.reset(seed=0)
+    for _ in range(8):
+        envs.step(np.tile(AHEAD, (2, 1)))
+    envs.close()
+    assert films(tmp_path / "a")
+    kwargs = dict(gym.spec(name).kwargs)
+    many = NavigationVectorEnv(2, autoreset_mode="SameStep", **kwargs, **SMALL, **FRAMES)
+    recorder = VecVideoRecorder(SB3VecEnv(many), str(tmp_path / "b"), lambda step: step == 0, 5)
+    recorder.reset()
+    for _ in range(7):
+        recorder.step(np.tile(AHEAD, (2, 1)))
+    recorder.close()
+    assert films(tmp_path / "b")

@@ -1,0 +1,173 @@
+"""Laws of a chair of one's own: outline, mass and sensors from one config, single and vector."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import warnings
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from stable_baselines3.common.env_checker import check_env as sb3_check_env
+
+from agents.evaluation.evaluate import drive_episode
+from agents.policies import make_policy
+from tests.conftest import ROOT
+from tests.envs.test_vector import NEXT, SAME, compare
+from wheelchair_gym.config import InputError, dump, read
+from wheelchair_gym.envs import EnvSettings, NavigationEnv
+from wheelchair_gym.envs.settings import env_settings
+from wheelchair_gym.hardware.settings import check_boards, check_one_laser
+from wheelchair_gym.rendering.picture import TopView
+from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings, UltrasonicSettings
+from wheelchair_gym.task import TaskSettings
+
+FILE = ROOT / "examples" / "own_robot.json"  # 0.7 m x 1.1 m, two lasers and a camera's fan
+SHORT = {"time_base": 4.0, "time_factor": 0.0}
+BARE = {"laser": {"beams": 0}}  # ultrasonics and odometry only
+
+
+def own(**changes):
+    """The settings of the file as plain values, with changed sections."""
+    values = dump(read(EnvSettings, FILE))
+    for section, change in changes.items():
+        if isinstance(change, dict) and isinstance(values[section], dict):
+            values[section] = values[section] | change
+        else:
+            values[section] = change
+    return values
+
+
+def test_the_file_is_this_chair():
+    settings = read(EnvSettings, FILE)
+    outline, sensors = settings.chair.footprint, settings.sensors
+    assert (outline.front + outline.rear, 2 * outline.half_width) == (1.1, 0.7)
+    assert [laser.beams for laser in sensors.lasers] == [541, 181, 9]
+    assert settings.task.observed_beams(sensors) == (61, 20, 1)
+
+
+@pytest.mark.parametrize("mode", [NEXT, SAME])
+@pytest.mark.parametrize("shield", [True, False])
+def test_each_row_is_a_single_env(mode, shield):
+    config = own(task=SHORT, shield={} if shield else None)
+    bank = {"size": 4, "turnover": 0.5}
+    assert compare(mode, 2, n=4, steps=90, config=config, bank=bank) >= 8
+
+
+@pytest.mark.parametrize("sensors", [BARE, BARE | {"ultrasonic": {"mounted": []}}])
+def test_each_row_is_a_single_env_without_a_laser(sensors):
+    config = {"scene": "clutter", "sensors": sensors, "task": SHORT}
+    assert compare(NEXT, 1, n=3, steps=90, config=config, bank={"size": 4}) >= 3
+
+
+@pytest.mark.parametrize(
+    "config", [str(FILE), {"scene": "clutter", "sensors": BARE}], ids=["own", "no laser"]
+)
+def test_gymnasium_and_sb3_find_nothing_to_say(config):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        env = gym.make("wheelchair_gym/Navigation-v0", config=config)
+        check_env(env.unwrapped)
+        sb3_check_env(gym.make("wheelchair_gym/Navigation-v0", config=config))
+
+
+@pytest.mark.parametrize("mounted", [0, 1, 8])
+def test_an_observation_has_as_many_ultrasonics_as_are_mounted(mounted):
+    rangers = UltrasonicSettings().mounted[:mounted]
+    sensors = SensorSettings(ultrasonic=UltrasonicSettings(mounted=rangers))
+    env = NavigationEnv(config={"scene": "clutter", "sensors": dump(sensors)})
+    observation, _ = env.reset(seed=0)
+    assert ("ultrasonic" in observation) == (mounted > 0)
+    assert observation.get("ultrasonic", np.zeros(0)).shape == (mounted,)
+
+
+def test_without_a_laser_there_is_no_such_key_and_no_shield():
+    config = {"scene": "clutter", "sensors": BARE}
+    observation, info = NavigationEnv(config=config).reset(seed=0)
+    assert "laser" not in observation
+    assert info["valid_beams"] == 0
+    with pytest.raises(InputError, match="shield: it needs a laser"):
+        NavigationEnv(config=config, shield=True)
+
+
+@pytest.mark.parametrize("observed", [541, 100, 10])
+def test_each_scanner_is_pooled_by_itself(observed):
+    env = NavigationEnv(config=own(task={"beams": observed}))
+    observation, _ = env.reset(seed=1)
+    sensors, counts = env.settings.sensors, env.settings.task.observed_beams(env.settings.sensors)
+    assert counts[0] == observed
+    assert sum(counts) == len(observation["laser"])
+    parts = np.split(observation["laser"], np.cumsum(counts)[:-1])
+    high = np.split(env.observation_space["laser"].high, np.cumsum(counts)[:-1])
+    for laser, at, pooled, most in zip(sensors.lasers, sensors.slices, parts, high, strict=True):
+        ranges = np.clip(env.reading.laser[at], 0.0, laser.reach)
+        assert pooled.min() == ranges.min()
+        assert (most == np.float32(laser.reach)).all()
+
+
+def test_it_drives_behind_its_shield():
+    env = NavigationEnv(config=str(FILE))
+    for seed in (0, 1):
+        record = drive_episode(env, make_policy("lattice+window"), seed)
+        assert record["success"]
+
+
+def test_a_copy_steps_on_as_the_original():
+    env = NavigationEnv(config=str(FILE))
+    env.reset(seed=2)
+    env.step(np.array([0.5, 0.1]))
+    other = copy.deepcopy(env)
+    for _ in range(5):
+        one, another = env.step(np.array([0.3, 0.4])), other.step(np.array([0.3, 0.4]))
+        assert all(np.array_equal(one[0][key], another[0][key]) for key in one[0])
+
+
+def test_sensors_outside_the_outline_are_warned_of():
+    sensors = own()["sensors"]
+    sensors["more_lasers"][0]["x"] = -0.5
+    with pytest.warns(UserWarning, match=r"more_lasers\[0\] at \(-0.5, 0\)") as caught:
+        env_settings(own(sensors=sensors))
+    assert "laser at" not in str(caught[0].message)
+
+
+def test_a_picture_shows_each_scan_from_its_own_place():
+    env = NavigationEnv(config=own(shield=None))
+    env.reset(seed=1)
+    s, reading = env.settings, env.reading
+    view = TopView(env.episode, s.chair.footprint, s.chair.drive, s.sensors)
+    whole = view.draw(env.episode.start, reading)
+    for at in s.sensors.slices:
+        ranges = reading.laser.copy()
+        ranges[at] = np.nan
+        assert (view.draw(env.episode.start, reading._replace(laser=ranges)) != whole).any()
+
+
+def test_real_chairs_refuse_other_sensors_in_one_line():
+    own_sensors = read(EnvSettings, FILE).sensors
+    few = dataclasses.replace(own_sensors, more_lasers=())
+    none = SensorSettings(laser=LaserSettings(beams=0))
+    for check, sensors, why in (
+        (check_one_laser, own_sensors, "name 3 laser scanners; a real chair has one"),
+        (check_one_laser, none, "name 0 laser scanners"),
+        (check_boards, few, "mounted has 4 rangers; the range board has 8"),
+    ):
+        with pytest.raises(InputError, match=why) as caught:
+            check(sensors)
+        assert "\n" not in str(caught.value)
+    check_boards(SensorSettings())
+
+
+def test_more_beams_than_the_laser_has_are_refused():
+    with pytest.raises(InputError, match=r"task.beams is 1081; the laser has only 541"):
+        NavigationEnv(config=own(task=dump(TaskSettings())))
+
+
+def test_a_localizer_uses_the_first_scanner():
+    env = NavigationEnv(config=own(), pose_source="mcl")
+    env.reset(seed=0)
+    for _ in range(10):
+        env.step(np.array([0.3, 0.1]))
+    off = env.reading.pose - env.chair.truth.pose
+    assert np.hypot(off[0], off[1]) < 0.3

@@ -1,0 +1,139 @@
+"""Laws of the shield on chairs with other sensors: what only a further scanner sees stops them."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from tests.physics.worlds import box
+from wheelchair_gym.config import InputError
+from wheelchair_gym.physics.chair import SimulatedChair
+from wheelchair_gym.safety import Shield
+from wheelchair_gym.sensors.settings import (
+    FaultSettings,
+    LaserSettings,
+    SensorSettings,
+    UltrasonicSettings,
+)
+
+BACK = LaserSettings(x=-0.28, yaw=math.pi, beams=181, fov=math.radians(180.0), reach=6.0)
+CAMERA = LaserSettings(x=-0.28, yaw=math.pi, beams=17, fov=math.radians(80.0), reach=3.0)
+NONE = UltrasonicSettings(mounted=())
+FRONT_ONLY = SensorSettings(ultrasonic=NONE)
+BACKWARD = np.array([-0.3, 0.0])
+
+
+def with_more(*lasers, **others):
+    return SensorSettings(ultrasonic=NONE, more_lasers=lasers, **others)
+
+
+def reverse(sensors, twist=BACKWARD, seconds=20.0, discs=(), key=3, change=lambda k, r: r):
+    """Ask for one twist from near the rear wall, in a room; chair, shield, reasons."""
+    chair, shield, reasons = SimulatedChair(sensors=sensors), Shield(sensors=sensors), []
+    episode = box(5.0, (-3.5, 0.0, 0.0))
+    episode = dataclasses.replace(episode, discs=np.reshape(discs, (-1, 3)).astype(float))
+    reading = chair.reset(episode, key)
+    for k in range(round(seconds / 0.1)):
+        given = shield.filter(twist, change(k, reading))
+        reasons.append(shield.decision.reason)
+        reading = chair.drive(given, shield.decision.protective)
+    return chair, shield, reasons
+
+
+@pytest.mark.parametrize("laser", [BACK, CAMERA])
+@pytest.mark.parametrize("key", [3, 4, 5])
+def test_a_wall_that_only_the_rear_scanner_sees_stops_it(laser, key):
+    chair, _, reasons = reverse(with_more(laser), key=key)
+    assert not chair.truth.touched
+    assert chair.truth.clearance < 0.15
+    assert reasons[-1] == "obstacle"
+
+
+def test_without_the_rear_scanner_it_meets_the_wall():
+    """The law above is about the scanner: unseen space only slows the chair."""
+    chair, _, reasons = reverse(FRONT_ONLY)
+    assert chair.truth.touched
+    assert "obstacle" not in reasons
+
+
+@pytest.mark.parametrize("aside", [-0.25, 0.0, 0.2])
+def test_a_post_that_one_beam_meets_stops_it(aside):
+    chair, _, _ = reverse(with_more(BACK), discs=(-4.4, aside, 0.01))
+    assert not chair.truth.touched
+    assert chair.truth.pose[0] > -4.4 + 0.28
+
+
+def test_what_leaves_the_view_of_its_scanner_is_remembered():
+    """A post enters the blind corner beside a narrow fan; the chair turns, then reverses."""
+    sensors = with_more(dataclasses.replace(CAMERA, beams=41))
+    chair, shield = SimulatedChair(sensors=sensors), Shield(sensors=sensors)
+    episode = dataclasses.replace(box(5.0, (0.0, 0.0, 0.0)), discs=np.array([(-0.75, 0.0, 0.03)]))
+    reading = chair.reset(episode, 3)
+    for twist in [np.array([0.0, 0.6])] * 15 + [np.array([-0.3, 0.0])] * 60:
+        given = shield.filter(twist, reading)
+        reading = chair.drive(given, shield.decision.protective)
+    assert not chair.truth.touched
+
+
+def test_it_leaves_when_the_thing_behind_has_gone():
+    """Its scanner sees beyond where a post was: the chair may reverse again."""
+    sensors = with_more(BACK)
+    chair, shield = SimulatedChair(sensors=sensors), Shield(sensors=sensors)
+    episode = box(5.0, (0.0, 0.0, 0.0))
+    reading = chair.reset(dataclasses.replace(episode, discs=np.array([(-0.5, 0.0, 0.05)])), 3)
+    for _ in range(20):
+        reading = chair.drive(shield.filter(BACKWARD, reading))
+    assert shield.decision.reason == "obstacle"
+    reading = chair.reset(episode, 3)._replace(stamp=reading.stamp)
+    for k in range(30):
+        given = shield.filter(BACKWARD, reading)
+        reading = chair.drive(given)._replace(stamp=reading.stamp + 0.1 * (k > -1))
+    assert chair.truth.twist[0] < -0.05
+
+
+@pytest.mark.parametrize("what", ["silent", "frozen"])
+def test_a_rear_scanner_that_fails_stops_the_chair(what):
+    sensors = with_more(BACK)
+    at, last = sensors.slices[1], []
+
+    def change(k, reading):
+        ranges = reading.laser.copy()
+        if k == 10:
+            last.append(ranges[at].copy())
+        if k >= 10:
+            ranges[at] = np.nan if what == "silent" else last[0]
+        return reading._replace(laser=ranges)
+
+    _, shield, _ = reverse(sensors, np.array([-0.1, 0.3]), seconds=3.0, change=change)
+    assert shield.latched == f"laser {what}"
+
+
+def test_a_scanner_that_sees_nothing_is_no_fault():
+    camera = dataclasses.replace(CAMERA, reach=0.5, range_min=0.05)
+    _, shield, reasons = reverse(with_more(camera), np.array([0.3, 0.0]), seconds=4.0)
+    assert shield.latched == ""
+    assert set(reasons) <= {"", "unseen", "obstacle"}
+
+
+@pytest.mark.parametrize("mounted", [0, 2])
+def test_unmounted_ultrasonics_raise_no_fault(mounted):
+    ultrasonic = UltrasonicSettings(mounted=UltrasonicSettings().mounted[:mounted])
+    chair, shield, _ = reverse(SensorSettings(ultrasonic=ultrasonic), np.array([0.4, 0.1]), 8.0)
+    assert shield.latched == ""
+    assert chair.truth.distance > 1.0
+
+
+def test_without_a_laser_there_is_no_shield():
+    with pytest.raises(InputError, match="shield: it needs a laser") as caught:
+        Shield(sensors=SensorSettings(laser=LaserSettings(beams=0)))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("key", range(6))
+def test_it_hits_nothing_behind_while_sensors_fail(key):
+    faults = FaultSettings(share=1.0, onset=(0.5, 2.0))
+    chair, _, _ = reverse(with_more(BACK, faults=faults), key=key, seconds=12.0)
+    assert chair.truth.approach_speed * chair.truth.at_fault <= 0.05

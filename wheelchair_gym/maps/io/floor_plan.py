@@ -1,0 +1,106 @@
+"""Floor plans of one's own: an image from a paint program, or a JSON file of polygons.
+
+An image is dark where something stands; what is transparent is free, and its border is a wall. It
+says nothing of its size: the edge of a pixel in metres is told beside it. Its lower left corner is
+the origin.
+
+A JSON file holds `polygons`, solid ones, each a list of corners [x, y] in metres, and may hold
+`bounds` [xmin, ymin, xmax, ymax], round which a wall stands; without them it stands 1 m away.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from wheelchair_gym.arrays import Array
+from wheelchair_gym.errors import InputError
+from wheelchair_gym.files import LIMITS, check_cells, coordinate_lists, coordinates, is_coordinate
+from wheelchair_gym.geometry import polygon_edges, signed_area
+from wheelchair_gym.maps.grid import FREE, OCCUPIED, OccupancyGrid
+from wheelchair_gym.maps.io.house_expo import MOST_SIDE, cells_of_outline
+from wheelchair_gym.maps.io.map_server import read_pixels
+
+IMAGES: Final = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".tif", ".tiff")
+DARK: Final = 128  # of 255: a pixel below is occupied
+SPACE: Final = 1.0  # m of free space round polygons without bounds
+WALL: Final = 0.1  # m: of the wall round the bounds
+CELL: Final = 0.05  # m
+
+
+def read_floor_plan_image(path: str | Path, resolution: float) -> OccupancyGrid:
+    """The grid of an image whose pixels are `resolution` [m] wide.
+
+    Raises:
+        InputError: the image cannot be read, the resolution makes no sense, or nothing is free.
+    """
+    path = Path(path)
+    if not 1e-4 <= resolution <= 10.0:
+        raise InputError(f"{path}: resolution is {resolution:g}; expected metres, 0.0001 to 10")
+    grey, opacity = read_pixels(path)
+    white = 255.0 - (255.0 - grey) * (opacity / 255.0)  # on white paper
+    cells = np.where(white < DARK, OCCUPIED, FREE).astype(np.int8)
+    cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
+    if not (cells == FREE).any():
+        raise InputError(f"{path}: all of it is dark; expected white where the chair may drive")
+    grid = OccupancyGrid(np.flipud(cells), resolution, (0.0, 0.0, 0.0))
+    if not all(map(is_coordinate, grid.bounds)):
+        most = LIMITS["coordinate"].most
+        raise InputError(f"{path}: is larger than {most:,} m; expected a smaller resolution")
+    return grid
+
+
+def is_polygons(data: Any) -> bool:
+    """Whether the content of a JSON file is a floor plan of polygons."""
+    return isinstance(data, Mapping) and "polygons" in data
+
+
+def polygons_map(data: Mapping[str, Any], path: str | Path) -> tuple[OccupancyGrid, Array]:
+    """The grid of a floor plan of polygons, and its walls (n, 4) [m], which are exact.
+
+    Raises:
+        InputError: a polygon or the bounds make no sense.
+    """
+    for key in data:
+        if key not in ("polygons", "bounds", "name"):
+            raise InputError(f"{path}: {key} is unknown; expected polygons, bounds and name")
+    polygons = data["polygons"]
+    if not isinstance(polygons, list) or not (polygons or "bounds" in data):
+        raise InputError(f"{path}: polygons is no list of polygons, or empty without bounds")
+    outlines = []
+    for k, polygon in enumerate(polygons):
+        where = f"{path}: polygons[{k}]"
+        corners = np.array(coordinate_lists(polygon, 2, where)).reshape(-1, 2)
+        area = signed_area(corners) if len(corners) > 2 else 0.0
+        if area == 0.0:
+            raise InputError(f"{where} encloses nothing; expected at least 3 corners [x, y]")
+        outlines.append(corners if area > 0.0 else corners[::-1])
+    if "bounds" in data:
+        low, high = np.array(coordinates(data["bounds"], (4,), f"{path}: bounds")).reshape(2, 2)
+    else:
+        every = np.vstack(outlines)
+        low, high = every.min(axis=0) - SPACE, every.max(axis=0) + SPACE
+    if not (low < high).all() or (high - low).max() > MOST_SIDE:
+        sides = f"{(high - low).tolist()} m"
+        raise InputError(f"{path}: bounds span {sides}; expected more than 0, up to {MOST_SIDE:g}")
+    corner = low - WALL
+    columns, rows = np.ceil((high - low + 2 * WALL) / CELL - 1e-9).astype(int)
+    check_cells(rows, columns, str(path))
+    inside, _ = cells_of_outline((_box(low, high) - corner) / CELL, (rows, columns))
+    solid = ~inside
+    for outline in outlines:
+        within, cut = cells_of_outline((outline - corner) / CELL, (rows, columns))
+        solid |= within | cut
+    cells = np.where(solid, OCCUPIED, FREE).astype(np.int8)
+    grid = OccupancyGrid(cells, CELL, (float(corner[0]), float(corner[1]), 0.0))
+    walls = [polygon_edges(_box(low - WALL, high + WALL)), polygon_edges(_box(low, high)[::-1])]
+    walls += map(polygon_edges, outlines)
+    return grid, np.vstack(walls)
+
+
+def _box(low: Array, high: Array) -> Array:
+    """The corners (4, 2) of a box, counter-clockwise."""
+    return np.array([low, (high[0], low[1]), high, (low[0], high[1])])

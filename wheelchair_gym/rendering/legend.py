@@ -1,0 +1,100 @@
+"""Legends above finished pictures: what each colour and mark is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from wheelchair_gym.arrays import Array
+from wheelchair_gym.physics.actors.records import (
+    DOOR,
+    EVERYBODY,
+    FURNITURE,
+    NOBODY,
+    OBSTACLE,
+    PEOPLE,
+    PERSON,
+    Actors,
+)
+from wheelchair_gym.rendering import floor, palette
+from wheelchair_gym.rendering.canvas import Canvas, Frame, Image, text_width, write_text
+from wheelchair_gym.rendering.palette import Colour
+
+# Words, and what draws their mark between two points (2, 2).
+Entry = tuple[str, Callable[[Canvas, Array], None]]
+_SWATCH = 2.2  # length of a line, in heights of the letters
+_GAP = 1.4  # between two entries, likewise
+
+
+def line(words: str, colour: Colour, width: float = 3.0) -> Entry:
+    """An entry with a line."""
+    return words, lambda on, at: on.line(at, colour, width)
+
+
+def disc(words: str, colour: Colour, rim: Colour | None = None) -> Entry:
+    """An entry with a disc, with a rim."""
+
+    def draw(on: Canvas, at: Array) -> None:
+        middle = at.mean(axis=0)
+        if rim is not None:
+            on.dot(middle, 7.5, rim)
+        on.dot(middle, 5.5, colour)
+
+    return words, draw
+
+
+def scene_entries(actors: Actors) -> list[Entry]:
+    """What pictures of an episode show."""
+    entries = [
+        ("start", lambda on, at: floor.draw_start(on, at.mean(axis=0))),
+        disc("goal", palette.GOAL),
+        line("path", palette.PATH),
+        line("trail", palette.TRAIL),
+        line("laser", palette.LASER),
+        line("ultrasonic", palette.WIDE),
+        line("estimated pose", palette.ESTIMATE),
+    ]
+    kinds = set(actors.rows["kind"].tolist())
+    avoids = set(actors.rows["avoids"][actors.rows["kind"] == PERSON].tolist())
+    rims = {
+        EVERYBODY: ("person", palette.INK),
+        PEOPLE: ("inattentive person", palette.BLIND),
+        NOBODY: ("person who avoids nothing", palette.VERMILION),
+    }
+    entries += [disc(rims[k][0], palette.PERSON, rims[k][1]) for k in sorted(avoids, reverse=True)]
+    others = {DOOR: ("door", palette.LEAF), OBSTACLE: ("new obstacle", palette.SUDDEN)}
+    others[FURNITURE] = ("furniture that moves", palette.LIGHT)
+    return entries + [line(*others[kind], 6.0) for kind in sorted(kinds & set(others))]
+
+
+MAP_ENTRIES: list[Entry] = [
+    ("start", lambda on, at: floor.draw_start(on, at.mean(axis=0))),
+    line("trail", palette.TRAIL),
+    line("occupied", palette.SOLID, 8.0),
+    line("unknown", palette.UNKNOWN, 8.0),
+]
+
+
+def with_legend(picture: Image, entries: Sequence[Entry]) -> Image:
+    """A picture (h, w, 3) with rows of marks and words on top, as wide as it is."""
+    long_side = max(picture.shape[:2])
+    width, row = floor.FINE * picture.shape[1], floor.FINE * floor.strip_height(long_side)
+    if row == 0:
+        return picture
+    capital = 0.36 * row
+    places, x, rows = [], capital, 1
+    for label, _ in entries:
+        needed = (_SWATCH + 0.6) * capital + text_width(label, capital)
+        if x + needed > width - capital and x > capital:
+            x, rows = capital, rows + 1
+        places.append((x, (rows - 0.5) * row))
+        x += needed + _GAP * capital
+    # One metre is one pixel here, and y points up.
+    image: Image = np.full((rows * row, width, 3), palette.PAPER, dtype=np.uint8)
+    canvas = Canvas(image, Frame(1.0, 0.0, 0.0), floor.stroke_scale(long_side) * floor.FINE)
+    for (left, middle), (label, mark) in zip(places, entries, strict=True):
+        mark(canvas, np.array([(left, -middle), (left + _SWATCH * capital, -middle)]))
+        at = (left + (_SWATCH + 0.6) * capital, middle + 0.5 * capital)
+        write_text(image, label, at, capital, palette.INK)
+    return np.vstack([canvas.downsampled(floor.FINE).image, picture])

@@ -1,0 +1,111 @@
+"""Rewards of one's own: a function in place of the weighted sum of terms.
+
+`reward(terms, sensed, action) -> float` is called after each step with
+
+- `terms`: the weighted terms by name, as in `info["reward_terms"]`: `terms.progress`;
+- `sensed`: a record of `wheelchair_gym.physics.state.SENSED`: what the chair senses, and the truth
+  (`sensed.true_pose`, `sensed.clearance`, `sensed.contact`, `sensed.energy`, ...);
+- `action`: (2,) in [-1, 1], as the policy gave it.
+
+The vector environment compiles it with numba, so there it may use numbers, arrays and `math` only.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import cache
+from typing import Any, Final
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from wheelchair_gym.errors import InputError, shorten
+from wheelchair_gym.physics.state import SENSED
+from wheelchair_gym.registry import Registry, is_place
+from wheelchair_gym.task.rewards import TERM_VALUES, VERDICT
+
+Array = NDArray[np.float64]
+Rows = NDArray[np.void]
+RewardFunction = Callable[[Any, Any, Array], float]
+
+# Names that other packages add; the project has none of its own.
+REWARDS: Final = Registry("reward", {}, group="wheelchair_gym.rewards")
+
+
+def make_reward(spec: Any) -> RewardFunction | None:
+    """The function of a setting: a callable, a name or `module:function`; None of None.
+
+    Raises:
+        InputError: it is none of these, or it gives no number for a blank step.
+    """
+    if spec is None:
+        return None
+    name = spec if isinstance(spec, str) else getattr(spec, "__name__", shorten(spec))
+    if isinstance(spec, str):
+        if spec not in REWARDS.places and not is_place(spec):
+            known = ", ".join([*REWARDS, "module:function"])
+            raise InputError(f"reward {spec!r} is unknown; expected {known}")
+        spec = REWARDS[spec]
+    if not callable(spec):
+        raise InputError(f"reward is {shorten(spec)}; expected a function or module:function")
+    function: RewardFunction = spec
+    try:
+        value = function(*_blank())
+    except Exception as error:  # whatever somebody's function raises
+        why = f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}"
+        raise InputError(f"reward {name}: a blank step raises {why}") from error
+    checked(value, name)
+    return function
+
+
+def _blank() -> tuple[Any, Any, Array]:
+    terms, sensed = np.zeros(1, TERM_VALUES), np.zeros(1, SENSED)
+    return as_record(terms), as_record(sensed), np.zeros(2)
+
+
+def as_record(rows: Rows) -> Any:
+    """The first of some rows, with its fields as attributes."""
+    return rows.view(np.recarray)[0]
+
+
+def checked(value: Any, name: str = "function") -> float:
+    """A reward as a float.
+
+    Raises:
+        InputError: it is no finite number.
+    """
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = math.nan
+    if not math.isfinite(number):
+        raise InputError(f"reward {name} gave {shorten(value)}; expected a finite number")
+    return number
+
+
+@cache
+def compiled_rewards(function: RewardFunction) -> Callable[[Rows, Rows, Array, Array], None]:
+    """A compiled loop that writes the rewards (n,) of verdicts, sensed records and actions.
+
+    Raises:
+        InputError: numba cannot compile the function.
+    """
+    one: Any = function if hasattr(function, "py_func") else numba.njit(function)
+
+    @numba.njit(error_model="numpy")
+    def rewards_of_rows(verdicts: Any, sensed: Any, actions: Array, rewards: Array) -> None:
+        for i in range(rewards.shape[0]):
+            rewards[i] = one(verdicts[i].terms, sensed[i], actions[i])
+
+    try:
+        rewards_of_rows(np.zeros(1, VERDICT), np.zeros(1, SENSED), np.zeros((1, 2)), np.zeros(1))
+    except Exception as error:  # numba has errors of several kinds
+        name = getattr(function, "__name__", "function")
+        lines = (line.strip() for line in str(error).splitlines())
+        why = next(filter(None, lines), type(error).__name__)
+        raise InputError(
+            f"reward {name}: numba cannot compile it, as the vector environment needs ({why})"
+        ) from error
+    return rewards_of_rows
