@@ -76,7 +76,7 @@ class Plan:
 
     def _repr_html_(self) -> str:
         """The plan in a notebook."""
-        from wheelchair_gym.rendering.html import path_html
+        from wheelchair_gym.notebook import path_html
 
         found = f", {self.length:.3f} m, {len(self.path)} points" if len(self.path) else ""
         return path_html(self.path, f"{self.status}{found}{self.note and '; '}{self.note}")
