@@ -431,3 +431,17 @@ def test_weights_that_come_with_the_package_are_small_told_of_and_drive(name, tm
         folder=tmp_path, progress=False,
     )  # fmt: skip
     assert sum(record["success"] for record in records) >= 2
+
+
+@pytest.mark.parametrize("sensors", [{"ultrasonic": {"mounted": []}}, {"laser": {"beams": 0}}])
+def test_a_chair_with_fewer_sensors_learns_and_drives(sensors, tmp_path):
+    env = {"scene": "empty", "sensors": sensors, "guidance": "geodesic", "task": {"beams": 1}}
+    config = tiny("ppo", env=env, curriculum={"initial_time": 0.0})
+    run = Run(config, 0, tmp_path / "run")
+    run.learn()
+    policy = make_policy(str(tmp_path / "run" / POLICY))
+    world = NavigationEnv("empty", config={"sensors": {**sensors, "pose_source": "modelled"}})
+    driver = GymPolicy(policy, world)
+    observation, _ = world.reset(seed=0)
+    driver.reset()
+    assert np.isfinite(driver.act(observation)).all()
