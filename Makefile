@@ -14,13 +14,14 @@ unexport PYTHONDONTWRITEBYTECODE
 EMULATOR := gcc-avr avr-libc avrdude libsimavr-dev gcc libc6-dev make
 SUDO := $(shell test "$$(id -u)" = 0 || echo sudo)
 
-.PHONY: demo test test-all examples lint bench docs clean help emulator firmware
+.PHONY: demo test test-all examples package lint bench docs clean help emulator firmware
 
 help:
 	@echo "make demo      planned and learned policies drive a wheelchair; prints where the report is"
 	@echo "make test      the laws of the project, under 10 minutes on two cores"
 	@echo "make test-all  the long ones, too"
 	@echo "make examples  runs the programs in examples/"
+	@echo "make package   wheel and sdist, and a plan with the wheel alone"
 	@echo "make lint      ruff and mypy"
 	@echo "make bench     how fast it is on this machine"
 	@echo "make docs      builds the documentation into build/docs; a warning is an error"
@@ -41,6 +42,14 @@ test: $(READY)
 
 test-all: $(READY)
 	$(TEST)
+
+# The wheel alone, from a folder in which there is nothing else.
+package: $(READY)
+	rm -rf dist build/wheel
+	$(BIN)/python -m build --quiet --outdir dist .
+	$(BIN)/python -m pip install --quiet --no-deps --target build/wheel dist/*.whl
+	cd build && PYTHONPATH=wheel ../$(BIN)/python -P -m wheelchair_gym plan \
+	  --map wheel/wheelchair_gym/maps/data/clinic.yaml --planner visibility --start 2,2 --goal 13,8
 
 examples: $(READY)
 	$(TEST) tests/test_examples.py

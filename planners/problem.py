@@ -8,13 +8,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from time import perf_counter
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from planners.collision.polygon_tests import point_free
 from wheelchair_gym.config import InputError
+from wheelchair_gym.errors import shorten
 from wheelchair_gym.geometry import path_length
 
 if TYPE_CHECKING:
@@ -76,7 +77,7 @@ class Plan:
 
     def _repr_html_(self) -> str:
         """The plan in a notebook."""
-        from wheelchair_gym.rendering.html import path_html
+        from wheelchair_gym.notebook import path_html
 
         found = f", {self.length:.3f} m, {len(self.path)} points" if len(self.path) else ""
         return path_html(self.path, f"{self.status}{found}{self.note and '; '}{self.note}")
@@ -126,6 +127,18 @@ class PlannerBase(ABC):
     @abstractmethod
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Search a path until `perf_counter` shows `end` [s], which may be infinite."""
+
+
+def checked_plan(planner: object, plan: Any) -> Plan:
+    """What a planner gave, if it is a plan.
+
+    Raises:
+        InputError: it is none.
+    """
+    if not isinstance(plan, Plan):
+        name = type(planner).__name__
+        raise InputError(f"{name}.plan gave {shorten(plan)}; expected a Plan (planners.Plan)")
+    return plan
 
 
 def remaining(end: float) -> float | None:

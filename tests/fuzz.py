@@ -20,6 +20,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import zipfile
 import zlib
 from collections.abc import Callable
 from pathlib import Path
@@ -236,6 +237,27 @@ def _use_scenario(path: Path) -> None:
     from wheelchair_gym.maps import read_moving_ai_scenario
 
     read_moving_ai_scenario(path)
+
+
+def _polygons(folder: Path) -> Path:
+    path = folder / "room.json"
+    room = {"bounds": [0, 0, 8, 6], "polygons": [[[3, 0], [3.2, 0], [3.2, 3.5]]], "name": "room"}
+    path.write_text(json.dumps(room))
+    return path
+
+
+def _sb3_model(folder: Path) -> Path:
+    path = folder / "model.zip"
+    data = {"policy_class": {"__module__": "stable_baselines3.sac.policies"}, "gamma": 0.99}
+    with zipfile.ZipFile(path, "w") as file:
+        file.writestr("data", json.dumps(data))
+    return path
+
+
+def _read_sb3(path: Path) -> object:
+    from agents.policies.sb3 import _algorithm
+
+    return _algorithm(path)
 
 
 def _house(folder: Path) -> Path:
@@ -677,6 +699,10 @@ READERS: dict[str, Reader] = {
     ),
     "octile map": Reader(_octile, _use_map, ("maps.io.moving_ai.read_moving_ai_map",)),
     "scenario": Reader(_scenario, _use_scenario, ("maps.io.moving_ai.read_moving_ai_scenario",)),
+    "polygons": Reader(_polygons, _use_map, ("maps.io.__init__.read_any_map",)),
+    "model of stable-baselines3": Reader(
+        _sb3_model, _read_sb3, ("policies.sb3._algorithm",), flipped
+    ),
     "house": Reader(_house, _use_map, ("maps.io.house_expo.read_house",)),
     "barn worlds": Reader(_barn, _use_barn, ("scenes.barn._worlds",)),
     "problems": Reader(

@@ -13,7 +13,7 @@ import pytest
 from agents.control import FOLLOWERS, make_follower
 from agents.evaluation.evaluate import episode_key, evaluate
 from agents.evaluation.runs import source_digest
-from agents.policies import make_policy
+from agents.policies import GymPolicy, make_policy
 from planners import make_planner
 from wheelchair_gym.config import InputError
 from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
@@ -120,6 +120,34 @@ def test_workers_drive_other_peoples_policies_and_their_code_is_part_of_the_key(
     (tmp_path / f"{theirs}.py").write_text(SOURCE + "\n# another version\n")
     source_digest.cache_clear()
     assert episode_key(f"{theirs}:Policy", "empty", 0, {}) != key
+
+
+def test_what_is_no_command_or_plan_is_said(theirs, tmp_path):
+    (tmp_path / f"{theirs}.py").write_text(
+        SOURCE
+        + """
+class Bare(Policy):
+    def act(self, reading):
+        return np.zeros(2)
+
+class List(Planner):
+    def plan(self, problem, rng, deadline=None):
+        return [problem.start, problem.goal]
+"""
+    )
+    env = NavigationEnv("empty")
+    for policy, words in ((f"{theirs}:Bare", "a Command"), (f"{theirs}:List+window", "a Plan")):
+        driver = GymPolicy(make_policy(policy), env)
+        env.reset(seed=0)
+
+        def first_action(driver=driver):
+            driver.reset()
+            driver.act({})
+
+        with pytest.raises(InputError, match=f"expected {words}"):
+            first_action()
+    with pytest.raises(InputError, match=r"did you mean lattice\+window"):
+        make_policy("latice+window")
 
 
 def test_an_entry_point_is_a_name(theirs, monkeypatch):

@@ -108,7 +108,7 @@ def settings(cls: type[T]) -> type[T]:
             rule(self)
 
     def in_notebook(self: Any) -> str:
-        from wheelchair_gym.rendering.html import settings_html
+        from wheelchair_gym.notebook import settings_html
 
         return f"<b>{type(self).__name__}</b>{settings_html(self)}"
 

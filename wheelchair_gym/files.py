@@ -80,12 +80,14 @@ def opened(path: str | Path, limit: str | None = None) -> Iterator[IO[bytes]]:
 
 
 def _shipped(path: str | Path) -> str | Path:
-    """The installed copy of `configs/NAME`, where there is no such file."""
+    """The installed copy of `configs/NAME`, or of a map of the package, where there is no file."""
     parts = Path(path).parts
-    if len(parts) == 2 and parts[0] == "configs" and not os.path.lexists(path):
-        copy = Path(__file__).parent.joinpath(*parts)
-        return copy if copy.exists() else path
-    return path
+    if parts[:2] == ("wheelchair_gym", "maps"):
+        parts = parts[1:]
+    elif parts[:1] != ("configs",):
+        return path
+    copy = Path(__file__).parent.joinpath(*parts)
+    return path if os.path.lexists(path) or ".." in parts or not copy.exists() else copy
 
 
 def _check_size(path: str | Path, size: int, limit: str) -> None:

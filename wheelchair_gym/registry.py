@@ -49,7 +49,7 @@ def imported(place: str) -> Any:
     try:
         found: Any = import_module(module)
     except Exception as error:  # whatever another package's code raises
-        why = f"{type(error).__name__}: {shorten(error)[1:-1]}"
+        why = f"{type(error).__name__}: {shorten(str(error))}"
         raise InputError(f"{place}: the module cannot be imported ({why})") from error
     names = dir(found)
     for part in attribute.split("."):

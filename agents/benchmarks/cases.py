@@ -13,7 +13,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from agents.evaluation.evaluate import Spec, label
+from agents.evaluation.evaluate import Spec, label, without_labels
 from planners import PLANNERS, Problem, Space, make_planner
 from planners.judge import Judge
 from planners.problem_files import read_problems
@@ -117,7 +117,7 @@ def scene_case(scene: Spec, seed: int = SEED) -> Case:
     Raises:
         InputError: there is no such scene, or it needs a file.
     """
-    episode = make_scene(scene).sample(np.random.default_rng(seed))
+    episode = make_scene(without_labels(scene)).sample(np.random.default_rng(seed))
     space = Space.from_walls(episode.walls, episode.discs, episode.map.bounds)
     clearance = Footprint().half_width + MARGIN
     return _case(Problem(space, episode.start, episode.goal, clearance, label(scene)))

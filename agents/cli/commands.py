@@ -292,7 +292,7 @@ COMMANDS = (
         ],
     ),
     Command(
-        "convert", "convert:run", "write a map or an image of a floor plan as a map_server file",
+        "convert", "map:convert", "write a map or an image of a floor plan as a map_server file",
         "Write a map as a map_server YAML file with its image, for ROS and for other programs.",
         "wheelchair convert plan.png --resolution 0.05 --out plan.yaml",
         [

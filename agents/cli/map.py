@@ -1,4 +1,4 @@
-"""`wheelchair map`: a map of a place, from a drive through it, a recording or a log."""
+"""`wheelchair map` and `convert`: a map from a drive, a recording or a log, or from a file."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from wheelchair_gym.config import InputError, dump
 from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.localization.logs import LogFormat, read_log
 from wheelchair_gym.localization.slam import Slam, SlamSettings
-from wheelchair_gym.maps import write_map
+from wheelchair_gym.maps import read_any_map, write_map
 from wheelchair_gym.recording.replay import sensor_log
 from wheelchair_gym.rendering import draw_map, write_png
 from wheelchair_gym.rendering.legend import MAP_ENTRIES, with_legend
@@ -141,3 +141,23 @@ def _from_scans(given: argparse.Namespace) -> tuple[dict[str, Any], list[str]]:
         *(one.line for one in maps),
     ]
     return value, lines
+
+
+def convert(given: argparse.Namespace) -> int:
+    """Write the YAML file and its image."""
+    out = Path(given.out or Path(given.file).with_suffix(".yaml").name)
+    if out.suffix not in (".yaml", ".yml"):
+        raise InputError(f"--out {out}: expected a name that ends with .yaml")
+    for path in (out, out.with_suffix(".pgm")):
+        if path.exists():
+            raise InputError(f"{path} exists; expected a new name (--out)")
+    grid = read_any_map(given.file, resolution=given.resolution).grid
+    write_map(grid, out)
+    rows, columns = grid.shape
+    size = [columns * grid.resolution, rows * grid.resolution]
+    value = {"file": str(out), "resolution": grid.resolution, "size": size, "origin": grid.origin}
+    text = (
+        f"{out}: {size[0]:g} m x {size[1]:g} m, {columns} x {rows} cells of {grid.resolution:g} m"
+    )
+    report(given, value, text)
+    return 0

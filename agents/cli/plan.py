@@ -15,6 +15,7 @@ from agents.cli.arguments import changed, report, spec
 from planners import Plan, Problem, Space, Status, make_planner
 from planners.graphs.visibility import Visibility, optima
 from planners.judge import TOLERANCE, Judge, sweep_faults
+from planners.problem import check, checked_plan
 from planners.problem_files import read_problems
 from planners.thesis_settings import ThesisFile, read_thesis
 from wheelchair_gym.compiled.progress import called_by, kernels_of
@@ -105,9 +106,11 @@ def _grow_obstacles(planner: Any, clearance: float) -> None:
 
 def _answer(planner: Any, problem: Problem, seed: int) -> tuple[Plan, dict[str, Any]]:
     begun = time.perf_counter()
-    plan = planner.plan(problem, np.random.default_rng(seed))
+    plan = checked_plan(planner, planner.plan(problem, np.random.default_rng(seed)))
     spent = time.perf_counter() - begun
     solved = len(plan.path) > 0
+    if not solved and (status := check(problem)):  # also where somebody's planner says less
+        plan = replace(plan, status=status)
     why = _fault(planner, plan, problem) if solved else ""
     if why:  # by the independent judge
         plan = replace(plan, note=why)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable, Generator, Sequence
@@ -39,7 +40,11 @@ def _end_with(parent: int) -> None:
     os._exit(1)
 
 
-def _numbered(work: Callable[[Job], Any], number: int, job: Job) -> tuple[int, Any]:
+def _numbered(
+    work: Callable[[Job], Any], number: int, job: Job, places: Sequence[str] = ()
+) -> tuple[int, Any]:
+    """The number and the result of a job, with modules looked for in these folders, too."""
+    sys.path += [place for place in places if place not in sys.path]
     return number, work(job)
 
 
@@ -53,7 +58,9 @@ def _loky(work: Callable[[Job], Any], jobs: Sequence[Job], workers: int, alone: 
         max_nbytes=None, initializer=_start_worker, inner_max_num_threads=1,
         idle_worker_timeout=IDLE_TIME,
     )  # fmt: skip
-    made = pool(delayed(_numbered)(work, number, job) for number, job in enumerate(jobs))
+    # Workers may be those of an earlier call from another folder.
+    places = [os.getcwd(), *filter(None, sys.path)]
+    made = pool(delayed(_numbered)(work, number, job, places) for number, job in enumerate(jobs))
     try:
         yield from made
     except BrokenExecutor as error:

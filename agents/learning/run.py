@@ -10,9 +10,10 @@ from __future__ import annotations
 import dataclasses
 import gc
 import json
+import math
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -42,13 +43,36 @@ LOGGED = (
 )  # fmt: skip
 
 
+def _differences(before: str, now: str) -> list[str]:
+    """How a run's settings, seed and teacher differ from those asked for; more frames extend it."""
+
+    def flat(value: Any, name: str) -> dict[str, Any]:
+        if not isinstance(value, Mapping):
+            return {name: value}
+        inner = (flat(item, f"{name}.{key}" if name else key) for key, item in value.items())
+        return {key: item for part in inner for key, item in part.items()}
+
+    old, new = (
+        flat(settings, "") | {"seed": seed, "the teacher's digest": teacher}
+        for settings, seed, teacher in map(json.loads, (before, now))
+    )
+    if new["frames"] > old.get("frames", math.inf):
+        old["frames"] = new["frames"]
+    return [
+        f"{key} {json.dumps(old.get(key))}, not {json.dumps(new.get(key))}"
+        for key in sorted({*old, *new})
+        if old.get(key) != new.get(key)
+    ]
+
+
 class Run:
     """One training run of one seed in one folder.
 
     Args:
         config: its settings.
         seed: of all random numbers.
-        folder: where it is kept; a run of the same settings in it is resumed.
+        folder: where it is kept; a run of the same settings in it is resumed; with more
+            frames, also a finished one.
         on_prepared: called with the number of worlds that are ready, and of all worlds.
 
     Raises:
@@ -67,9 +91,12 @@ class Run:
             [as_json(config), seed, self._teacher_digest], sort_keys=True
         )
         content = checkpoint.load_checkpoint(folder)
-        if content is not None and content["identity"] != self._fingerprint:
-            raise InputError(f"{folder}: holds a run of other settings or another seed; choose "
-                             "another folder, or delete it")  # fmt: skip
+        differ = [] if content is None else _differences(content["identity"], self._fingerprint)
+        if differ:
+            some = ", ".join(differ[:3]) + (", ..." if len(differ) > 3 else "")
+            raise InputError(
+                f"{folder}: holds a run with {some}; choose another folder, or delete it"
+            )
         torch.set_num_threads(config.threads)
         self._env_settings = config.env_settings()
         env = NavigationVectorEnv(

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import is_dataclass
+from difflib import get_close_matches
 from typing import Any, Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError, dump, load, suggest
+from wheelchair_gym.errors import shorten
 from wheelchair_gym.registry import Registry, imported, is_place
 from wheelchair_gym.types import Command, Mission, Reading
 
@@ -82,6 +84,11 @@ class GymPolicy:
     def act(self, observation: Mapping[str, NDArray[np.float32]]) -> Array:
         """The next action (2,) in [-1, 1]."""
         self.command = command = self.policy.act(self._env.reading)
+        if not isinstance(command, Command) or np.shape(command.twist) != (2,):
+            raise InputError(
+                f"{type(self.policy).__name__}.act gave {shorten(command)}; expected a Command "
+                "with a twist of two numbers [m/s, rad/s]"
+            )
         self._env.show(command.shown)
         return command.as_action(self._limits)
 
@@ -179,7 +186,8 @@ def _named(name: str, values: dict[str, Any]) -> Any:
         return POLICIES.make({"name": name, **values})
     planner, plus, follower = name.partition("+")
     if planner not in PLANNERS or (plus and follower not in FOLLOWERS):
-        pairs = (f"{planner}+{one}" for one in FOLLOWERS)
+        likely = get_close_matches(planner, PLANNERS, 1) or [planner]
+        pairs = (f"{likely[0]}+{one}" for one in FOLLOWERS) if plus else ()
         near = suggest(name, (*POLICIES, *shipped(), *PLANNERS, *pairs))
         raise InputError(f"policy {name!r} is unknown; known: {policy_names()}{near}")
     for key, chosen in (("planner", planner), ("follower", follower)):

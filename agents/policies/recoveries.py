@@ -18,7 +18,7 @@ from agents.control.rollout import ReferencePath, stops_clear
 from agents.evaluation.metrics import backing
 from planners import Planner
 from planners.collision.space import Space
-from planners.problem import Plan, Problem, Status
+from planners.problem import Plan, Problem, Status, checked_plan
 from wheelchair_gym.geometry import Footprint, to_frame
 from wheelchair_gym.kinematics import corner_speed
 from wheelchair_gym.maps import FREE, UNKNOWN, OccupancyGrid, bottleneck
@@ -279,7 +279,7 @@ def widest_plan(
         clearance -= FINER  # where no disc passes a search is in vain
     best = math.inf  # m in reverse
     while True:
-        plan = planner.plan(Problem(space, start, goal, clearance), rng)
+        plan = checked_plan(planner, planner.plan(Problem(space, start, goal, clearance), rng))
         found, reverse = plan.status is Status.SOLVED, backing(plan.path)
         second = best < math.inf
         if not second or (found and reverse < best - REVERSE_WAY):

@@ -7,7 +7,6 @@ that you trust. `wheelchair train export` writes weights (.npz) that hold no cod
 from __future__ import annotations
 
 import dataclasses
-import json
 import sys
 import zipfile
 from collections.abc import Mapping
@@ -24,7 +23,7 @@ from agents.policies.learned import LearnedDriver
 from wheelchair_gym.config import InputError, dump, load, setting, settings
 from wheelchair_gym.envs.guidance import make_guidance
 from wheelchair_gym.envs.settings import EnvSettings
-from wheelchair_gym.files import LIMITS
+from wheelchair_gym.files import LIMITS, opened, parse_json
 from wheelchair_gym.task.task import Task
 
 Floats = NDArray[np.float32]
@@ -127,14 +126,14 @@ def _text(shapes: Mapping[str, Any]) -> str:
 def _algorithm(path: Path) -> Any:
     """The class of a model, read from its file without running anything in it."""
     try:
-        with zipfile.ZipFile(path) as file:
+        with opened(path) as stream, zipfile.ZipFile(stream) as file:
             if file.getinfo("data").file_size > LIMITS["json"].most:
                 raise InputError(f"{path}: its data is too long")
-            data = json.loads(file.read("data"))
+            data = parse_json(file.read("data"), path)
         module = data["policy_class"]["__module__"]
-    except FileNotFoundError:
-        raise InputError(f"{path}: there is no such file") from None
-    except (OSError, zipfile.BadZipFile, KeyError, ValueError, TypeError):
+    except InputError:
+        raise
+    except Exception:  # whatever a damaged archive makes of itself
         raise InputError(f"{path}: expected a model that stable-baselines3 saved (.zip)") from None
     place = _ALGORITHMS.get(module)
     if place is None:

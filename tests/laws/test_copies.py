@@ -196,7 +196,7 @@ def drive_policy(name, copies):
     )
 
 
-DRIVERS = [name for name in POLICIES if name not in ("manual", "learned", "planned")]
+DRIVERS = [name for name in POLICIES if name not in ("manual", "learned", "planned", "sb3")]
 
 
 @pytest.mark.parametrize("name", [*DRIVERS, *(f"a_star+{name}" for name in FOLLOWERS)])

@@ -326,7 +326,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
 
     def _repr_html_(self) -> str:
         """The environment in a notebook: its settings, and once reset its picture."""
-        from wheelchair_gym.rendering.html import picture_html, settings_html
+        from wheelchair_gym.notebook import picture_html, settings_html
 
         head = f"<b>{type(self).__name__}</b>" + settings_html(self.settings)
         if self.episode is None:

@@ -80,7 +80,12 @@ class MapFile:
         grid, walls = _read(path, modified(path), self.unknown_is_solid, self.resolution)
         for name, pose in (("start", self.start), ("goal", self.goal)):
             if pose is not None and not _is_free(grid, walls, pose, footprint):
-                raise InputError(f"MapFile.{name} is {list(pose)}; {footprint} cannot stand there")
+                x0, y0, x1, y1 = grid.bounds
+                raise InputError(
+                    f"MapFile.{name} is {list(pose)}; {footprint} cannot stand there: it would "
+                    f"touch something, or lie outside the map, {x0:g} to {x1:g} and {y0:g} to "
+                    f"{y1:g} m"
+                )
 
         def draw(cells: NDArray[np.int64]) -> Array | None:
             """A pose on one of the cells where the chair stands free."""

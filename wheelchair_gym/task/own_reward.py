@@ -55,7 +55,10 @@ def make_reward(spec: Any) -> RewardFunction | None:
         value = function(*_blank())
     except Exception as error:  # whatever somebody's function raises
         why = f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}"
-        raise InputError(f"reward {name}: a blank step raises {why}") from error
+        known = ", ".join([*(TERM_VALUES.names or ()), *(SENSED.names or ())])
+        raise InputError(
+            f"reward {name}: with a step of zeros it raises {why}; terms and sensed have {known}"
+        ) from error
     checked(value, name)
     return function
 
@@ -103,8 +106,9 @@ def compiled_rewards(function: RewardFunction) -> Callable[[Rows, Rows, Array, A
         rewards_of_rows(np.zeros(1, VERDICT), np.zeros(1, SENSED), np.zeros((1, 2)), np.zeros(1))
     except Exception as error:  # numba has errors of several kinds
         name = getattr(function, "__name__", "function")
-        lines = (line.strip() for line in str(error).splitlines())
-        why = next(filter(None, lines), type(error).__name__)
+        lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+        telling = [line for line in lines if not line.startswith(("Failed in", "During", "File"))]
+        why = next(iter(telling or lines), type(error).__name__)
         raise InputError(
             f"reward {name}: numba cannot compile it, as the vector environment needs ({why})"
         ) from error

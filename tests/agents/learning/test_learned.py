@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
+import shutil
 import subprocess
 import sys
 
@@ -174,8 +176,25 @@ def test_files_that_are_not_whole_are_refused_in_one_line(trained, tmp_path, cap
     (run_of / NAME).write_bytes(bytes(data))
     with pytest.raises(InputError, match="expected a complete checkpoint"):
         load_checkpoint(run_of)
-    with pytest.raises(InputError, match="holds a run of other settings or another seed"):
+    with pytest.raises(InputError, match="holds a run with seed 0, not 1; choose another folder"):
         Run(tiny("ppo"), 1, folder)
+    other = dataclasses.replace(tiny("ppo"), checkpoint_frequency=77)
+    with pytest.raises(InputError, match=r"holds a run with checkpoint_frequency .*, not 77"):
+        Run(other, 0, folder)
+
+
+def test_a_finished_run_is_extended_by_asking_for_more_frames(trained, tmp_path):
+    _, folder = trained
+    copy = shutil.copytree(folder, tmp_path / "run")
+    finished = Run(tiny("ppo"), 0, copy)
+    assert finished.done
+    longer = dataclasses.replace(tiny("ppo"), frames=tiny("ppo").frames + 1)
+    run = Run(longer, 0, copy)
+    assert not run.done
+    run.learn()
+    assert run.done
+    with pytest.raises(InputError, match="holds a run with frames"):
+        Run(tiny("ppo"), 0, copy)  # fewer than it has
 
 
 def test_a_damaged_byte_of_weights_is_noticed_or_changes_nothing(trained, tmp_path):
@@ -412,3 +431,17 @@ def test_weights_that_come_with_the_package_are_small_told_of_and_drive(name, tm
         folder=tmp_path, progress=False,
     )  # fmt: skip
     assert sum(record["success"] for record in records) >= 2
+
+
+@pytest.mark.parametrize("sensors", [{"ultrasonic": {"mounted": []}}, {"laser": {"beams": 0}}])
+def test_a_chair_with_fewer_sensors_learns_and_drives(sensors, tmp_path):
+    env = {"scene": "empty", "sensors": sensors, "guidance": "geodesic", "task": {"beams": 1}}
+    config = tiny("ppo", env=env, curriculum={"initial_time": 0.0})
+    run = Run(config, 0, tmp_path / "run")
+    run.learn()
+    policy = make_policy(str(tmp_path / "run" / POLICY))
+    world = NavigationEnv("empty", config={"sensors": {**sensors, "pose_source": "modelled"}})
+    driver = GymPolicy(policy, world)
+    observation, _ = world.reset(seed=0)
+    driver.reset()
+    assert np.isfinite(driver.act(observation)).all()

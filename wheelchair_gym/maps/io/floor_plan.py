@@ -10,6 +10,7 @@ A JSON file holds `polygons`, solid ones, each a list of corners [x, y] in metre
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
@@ -17,7 +18,7 @@ from typing import Any, Final
 import numpy as np
 
 from wheelchair_gym.arrays import Array
-from wheelchair_gym.errors import InputError
+from wheelchair_gym.errors import InputError, shorten
 from wheelchair_gym.files import LIMITS, check_cells, coordinate_lists, coordinates, is_coordinate
 from wheelchair_gym.geometry import polygon_edges, signed_area
 from wheelchair_gym.maps.grid import FREE, OCCUPIED, OccupancyGrid
@@ -25,7 +26,8 @@ from wheelchair_gym.maps.io.house_expo import MOST_SIDE, cells_of_outline
 from wheelchair_gym.maps.io.map_server import read_pixels
 
 IMAGES: Final = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".tif", ".tiff")
-DARK: Final = 128  # of 255: a pixel below is occupied
+DARK: Final = 192  # of 255: a pixel below is occupied, so that greys are
+DOUBTFUL: Final = 0.01  # share of grey pixels from which a warning says so: edges have fewer
 SPACE: Final = 1.0  # m of free space round polygons without bounds
 WALL: Final = 0.1  # m: of the wall round the bounds
 CELL: Final = 0.05  # m
@@ -43,6 +45,13 @@ def read_floor_plan_image(path: str | Path, resolution: float) -> OccupancyGrid:
     grey, opacity = read_pixels(path)
     white = 255.0 - (255.0 - grey) * (opacity / 255.0)  # on white paper
     cells = np.where(white < DARK, OCCUPIED, FREE).astype(np.int8)
+    doubtful = float(((white > 0.25 * 255) & (white < 0.75 * 255)).mean())
+    if doubtful > DOUBTFUL:
+        warnings.warn(
+            f"{path}: {doubtful:.0%} of its pixels are grey; darker than {DARK} of 255 is solid, "
+            "the rest is free",
+            stacklevel=2,
+        )
     cells[[0, -1]] = cells[:, [0, -1]] = OCCUPIED
     if not (cells == FREE).any():
         raise InputError(f"{path}: all of it is dark; expected white where the chair may drive")
@@ -66,7 +75,7 @@ def polygons_map(data: Mapping[str, Any], path: str | Path) -> tuple[OccupancyGr
     """
     for key in data:
         if key not in ("polygons", "bounds", "name"):
-            raise InputError(f"{path}: {key} is unknown; expected polygons, bounds and name")
+            raise InputError(f"{path}: {shorten(key)} is unknown; expected polygons, bounds, name")
     polygons = data["polygons"]
     if not isinstance(polygons, list) or not (polygons or "bounds" in data):
         raise InputError(f"{path}: polygons is no list of polygons, or empty without bounds")
