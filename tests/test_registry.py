@@ -12,7 +12,7 @@ import pytest
 
 from agents.control import FOLLOWERS, make_follower
 from agents.evaluation.evaluate import episode_key, evaluate
-from agents.evaluation.runs import source_digest
+from agents.evaluation.runs import run_key, source_digest
 from agents.policies import GymPolicy, make_policy
 from planners import make_planner
 from wheelchair_gym.config import InputError
@@ -148,6 +148,11 @@ class List(Planner):
             first_action()
     with pytest.raises(InputError, match=r"did you mean lattice\+window"):
         make_policy("latice+window")
+
+
+def test_a_label_of_settings_in_a_file_is_no_place():
+    for label in ("planners.json:fast", "nowhere.json:fast", "no_such_module_at_all:Class"):
+        assert run_key("planner", label) == run_key("planner", label)
 
 
 def test_an_entry_point_is_a_name(theirs, monkeypatch):

@@ -16,12 +16,14 @@ from collections.abc import Iterator, Mapping
 from functools import cache, cached_property
 from importlib import import_module
 from importlib.metadata import entry_points
+from importlib.util import find_spec
 from types import ModuleType
 from typing import Any
 
 from wheelchair_gym.config import dump, load, suggest
 from wheelchair_gym.errors import InputError, shorten
 
+_OURS = ("wheelchair_gym", "planners", "agents")
 _PLACE = re.compile(r"[A-Za-z_]\w*(\.\w+)*:[A-Za-z_]\w*(\.\w+)*")
 
 
@@ -44,8 +46,8 @@ def imported(place: str) -> Any:
         InputError: the module cannot be imported, or has no such attribute.
     """
     module, _, attribute = place.partition(":")
-    if os.getcwd() not in sys.path and "" not in sys.path:
-        sys.path.append(os.getcwd())
+    if module.partition(".")[0] not in _OURS:
+        _look_in_working_folder()
     try:
         found: Any = import_module(module)
     except Exception as error:  # whatever another package's code raises
@@ -58,6 +60,21 @@ def imported(place: str) -> Any:
             raise InputError(f"{place}: {module} has no {part}{near}")
         found = getattr(found, part)
     return found
+
+
+def source_of(place: str) -> str | None:
+    """The file of the module that `module:attribute` names; None where there is none."""
+    _look_in_working_folder()
+    try:
+        found = find_spec(place.partition(":")[0])
+    except (ImportError, ValueError):
+        return None
+    return found.origin if found is not None and found.has_location else None
+
+
+def _look_in_working_folder() -> None:
+    if os.getcwd() not in sys.path and "" not in sys.path:
+        sys.path.append(os.getcwd())
 
 
 def places_in(spec: Any) -> set[str]:

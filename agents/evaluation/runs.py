@@ -22,7 +22,7 @@ from agents import StoppedError, is_interrupt
 from agents.evaluation.engines import ENGINES, LostError, check
 from wheelchair_gym.config import InputError, dump
 from wheelchair_gym.files import LIMITS, opened, parse_json, write_error
-from wheelchair_gym.registry import imported, places_in
+from wheelchair_gym.registry import places_in, source_of
 
 Record = dict[str, Any]
 Job = TypeVar("Job")
@@ -59,9 +59,9 @@ def source_digest(*packages: str) -> str:
 
 
 def _code_of_others(parts: Sequence[Any]) -> list[str]:
-    modules = {sys.modules[imported(place).__module__] for place in places_in(parts)}
-    files = {str(module.__file__) for module in modules if getattr(module, "__file__", None)}
-    return [source_digest(file) for file in sorted(files)]
+    # A label such as planners.json:NAME looks like a place, and is none.
+    files = {source_of(place) for place in places_in(parts)} - {None}
+    return [source_digest(file) for file in sorted(map(str, files))]
 
 
 def run_key(*parts: Any) -> str:

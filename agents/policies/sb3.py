@@ -1,7 +1,7 @@
 """Models of stable-baselines3 as policies: a .zip that `model.save` wrote.
 
 Loading such a file runs code that the file contains (it holds pickled objects): load only files
-that you trust. `wheelchair train export` writes weights (.npz) that hold no code.
+that you trust. `wheelchair export` writes weights (.npz) that hold no code.
 """
 
 from __future__ import annotations
