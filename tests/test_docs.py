@@ -20,7 +20,7 @@ from wheelchair_gym.safety.stops import STOPS, as_table
 PAGES = sorted(
     path
     for path in [*ROOT.glob("docs/**/*.md"), ROOT / "README.md", *ROOT.glob("[a-z]*/**/README.md")]
-    if "generated" not in path.parts
+    if not {"generated", "build", "dist"} & set(path.relative_to(ROOT).parts)
 )
 # Commands that are run, not only parsed, unless a word in SLOW is among theirs.
 QUICK = {"plan", "scenes", "settings", "simulate"}
