@@ -19,7 +19,7 @@ from wheelchair_gym.config import InputError
 from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
 from wheelchair_gym.registry import Registry, imported, places_in
 from wheelchair_gym.scenes import make_scene
-from wheelchair_gym.task.own_reward import make_reward
+from wheelchair_gym.task.custom_reward import make_reward
 
 SOURCE = """
 import numpy as np

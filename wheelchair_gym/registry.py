@@ -83,7 +83,7 @@ def places_in(spec: Any) -> set[str]:
         spec = list(spec.values())
     if isinstance(spec, list | tuple):
         return set().union(*map(places_in, spec))
-    added = {k: v for each in _REGISTRIES for k, v in each.places.items() if k not in each.own}
+    added = {k: v for each in _REGISTRIES for k, v in each.places.items() if k not in each.built_in}
     parts = spec.split("+") if isinstance(spec, str) else []
     return {added.get(part, part) for part in parts if is_place(part) or part in added}
 
@@ -116,7 +116,7 @@ class Registry(Mapping[str, Any]):
     """Objects by name; each is imported when it is first looked up.
 
     Attributes:
-        own: `module:attribute` of each name that comes with the project.
+        built_in: `module:attribute` of each name that comes with the project.
 
     Args:
         kind: what the entries are, such as `planner`; error messages begin with it.
@@ -133,7 +133,7 @@ class Registry(Mapping[str, Any]):
         needs: tuple[str, ...] = (),
     ) -> None:
         self.kind, self.group, self.needs = kind, group, needs
-        self.own = dict(sorted(places.items()))
+        self.built_in = dict(sorted(places.items()))
         if group:
             _REGISTRIES.append(self)
 
@@ -141,14 +141,14 @@ class Registry(Mapping[str, Any]):
     def places(self) -> dict[str, str]:
         """`module:attribute` of each name, those of other packages last."""
         added = entry_points(group=self.group) if self.group else ()
-        return {**{point.name: point.value for point in added}, **self.own}
+        return {**{point.name: point.value for point in added}, **self.built_in}
 
     def __getitem__(self, name: str) -> Any:
         if name not in self.places:
             if is_place(name):
                 return self._of_others(name)
             raise KeyError(name)
-        return imported(self.places[name]) if name in self.own else self._of_others(name)
+        return imported(self.places[name]) if name in self.built_in else self._of_others(name)
 
     def _of_others(self, name: str) -> Any:
         place = self.places.get(name, name)

@@ -80,7 +80,7 @@ def all_settings() -> dict[str, type]:
         module, _, attribute = place.partition(":")
         classes[name] = getattr(importlib.import_module(module), attribute)
     for registry in (PLANNERS, FOLLOWERS, POLICIES, SCENES, CHAIRS):
-        classes.update((name, registry[name]) for name in registry.own)
+        classes.update((name, registry[name]) for name in registry.built_in)
     return dict(sorted(classes.items()))
 
 

@@ -120,6 +120,8 @@ def _train(given: argparse.Namespace, case: Case) -> dict[str, Any]:
         total=case.config.frames, unit="frame", unit_scale=True, desc=f"seed {case.seed}", **style
     )
 
+    evaluation: list[Any] = []  # the bar of the evaluation that runs
+
     def on_prepared(ready: int, total: int) -> None:
         worlds.total = total
         worlds.update(ready - worlds.n)
@@ -128,13 +130,22 @@ def _train(given: argparse.Namespace, case: Case) -> dict[str, Any]:
         worlds.close()
         frames.update(done - frames.n)
 
+    def on_evaluated(done: int, total: int) -> None:
+        if not evaluation:
+            evaluation.append(
+                tqdm(total=total, unit="episode", leave=False, desc="evaluation", **style)
+            )
+        evaluation[0].update(done - evaluation[0].n)
+        if done == total:
+            evaluation.pop().close()
+
     def on_row(row: dict[str, Any]) -> None:
         frames.set_postfix_str(_line(row))
 
     try:
         rows = train(
             case.config, case.seed, case.folder, on_step=on_step, on_row=on_row,
-            on_prepared=on_prepared,
+            on_prepared=on_prepared, on_evaluated=on_evaluated,
         )  # fmt: skip
     except (KeyboardInterrupt, SystemError) as error:
         if is_interrupt(error):
@@ -144,8 +155,8 @@ def _train(given: argparse.Namespace, case: Case) -> dict[str, Any]:
             )
         raise
     finally:
-        worlds.close()
-        frames.close()
+        for bar in (worlds, *evaluation, frames):
+            bar.close()
     return rows[-1]
 
 

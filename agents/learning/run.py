@@ -74,6 +74,8 @@ class Run:
         folder: where it is kept; a run of the same settings in it is resumed; with more
             frames, also a finished one.
         on_prepared: called with the number of worlds that are ready, and of all worlds.
+        on_evaluated: called with the number of episodes of an evaluation that have ended, and
+            of all its episodes.
 
     Raises:
         InputError: the folder holds another run, or settings do not fit each other.
@@ -82,8 +84,10 @@ class Run:
     def __init__(
         self, config: Training, seed: int, folder: Path,
         on_prepared: Callable[[int, int], None] | None = None,
+        on_evaluated: Callable[[int, int], None] | None = None,
     ) -> None:  # fmt: skip
         self.config, self.seed, self.folder = config, seed, folder
+        self._on_evaluated = on_evaluated
         name = config.kickstarting.teacher
         teacher = None if name is None else load_weights(find_weights(name))
         self._teacher_digest = None if teacher is None else teacher.digest
@@ -97,6 +101,8 @@ class Run:
             raise InputError(
                 f"{folder}: holds a run with {some}; choose another folder, or delete it"
             )
+        folder.mkdir(parents=True, exist_ok=True)
+        write_json(folder / "settings.json", as_json(config))
         torch.set_num_threads(config.threads)
         self._env_settings = config.env_settings()
         env = NavigationVectorEnv(
@@ -214,7 +220,9 @@ class Run:
             return {}
         if self._eval_env is None:
             self._eval_env = make_eval_env(self._env_settings, config, self.config.threads)
-        figures = evaluate_network(self._eval_env, Network(weights), config.seed)
+        figures = evaluate_network(
+            self._eval_env, Network(weights), config.seed, self._on_evaluated
+        )
         weights.card["evaluation"] = {
             **figures, "episodes": config.episodes, "seed": config.seed
         }  # fmt: skip
@@ -243,7 +251,6 @@ class Run:
     def _save(self, weights: Weights) -> None:
         curves.write_curve(self.folder, self.rows)
         save(self.folder / POLICY, weights)
-        write_json(self.folder / "settings.json", as_json(self.config))
         write_json(self.folder / "card.json", weights.card)
         content = {
             "identity": self._fingerprint,
@@ -270,6 +277,7 @@ def train(
     on_step: Callable[[int], None] | None = None,
     on_row: Callable[[Row], None] | None = None,
     on_prepared: Callable[[int, int], None] | None = None,
+    on_evaluated: Callable[[int, int], None] | None = None,
 ) -> list[Row]:
     """Train to the end, or resume the run in the folder; the rows of the curve.
 
@@ -278,7 +286,7 @@ def train(
     Raises:
         InputError: the folder holds another run, or settings do not fit each other.
     """
-    run = Run(config, seed, folder, on_prepared)
+    run = Run(config, seed, folder, on_prepared, on_evaluated)
     logger = curves.tensorboard_logger(folder)
     try:
         while not run.done:
@@ -302,16 +310,24 @@ def make_eval_env(env: EnvSettings, config: Evaluation, threads: int) -> Navigat
     )  # fmt: skip
 
 
-def evaluate_network(env: NavigationVectorEnv, network: Network, seed: int) -> dict[str, float]:
+def evaluate_network(
+    env: NavigationVectorEnv,
+    network: Network,
+    seed: int,
+    on_evaluated: Callable[[int, int], None] | None = None,
+) -> dict[str, float]:
     """Shares of success, collision and timeout of the first episode of each row, and mean time.
 
     Success is measured by true poses and without contact; the mean time [s] is over successes.
+    `on_evaluated` is called with the number of episodes that have ended, and of all episodes.
     """
     n = env.num_envs
     observations, _ = env.reset(seed=seed)
     network.reset(n)
     running = np.ones(n, bool)
     success, collision, times = np.zeros(n, bool), np.zeros(n, bool), np.zeros(n)
+    if on_evaluated is not None:
+        on_evaluated(0, n)
     while running.any():
         actions = network(flatten_observations(observations))
         observations, _, terminated, truncated, infos = env.step(actions)
@@ -322,6 +338,8 @@ def evaluate_network(env: NavigationVectorEnv, network: Network, seed: int) -> d
             collision[ended] = (final["bumped"] | final["contact"])[ended] & ~success[ended]
             times[ended] = final["time"][ended]
             running &= ~ended
+        if on_evaluated is not None:
+            on_evaluated(n - int(running.sum()), n)
     return {
         "success": float(success.mean()),
         "collision": float(collision.mean()),

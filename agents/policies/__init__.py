@@ -152,7 +152,7 @@ def spec_of(policy: str | Mapping[str, Any] | Any) -> str | Mapping[str, Any] | 
     if isinstance(policy, str | Mapping):
         return policy
     settings_of(policy)
-    for name in POLICIES.own:
+    for name in POLICIES.built_in:
         if type(policy) is (family := POLICIES[name]):
             plain, config = dump(family()), dump(policy)
             changed = {key: value for key, value in config.items() if value != plain[key]}
@@ -170,7 +170,7 @@ def spec_of(policy: str | Mapping[str, Any] | Any) -> str | Mapping[str, Any] | 
 def kind_of(policy: str | Mapping[str, Any] | Any) -> str:
     """The name of a policy's family: learned, planned, ...; empty if it is not one of ours."""
     config = settings_of(policy)
-    return next((name for name in POLICIES.own if type(config) is POLICIES[name]), "")
+    return next((name for name in POLICIES.built_in if type(config) is POLICIES[name]), "")
 
 
 def _named(name: str, values: dict[str, Any]) -> Any:

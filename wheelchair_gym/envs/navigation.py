@@ -25,7 +25,7 @@ from wheelchair_gym.random import episode_key
 from wheelchair_gym.safety.settings import ShieldSettings
 from wheelchair_gym.safety.shield import Shield
 from wheelchair_gym.task.observations import observation_table
-from wheelchair_gym.task.own_reward import as_record, checked, make_reward
+from wheelchair_gym.task.custom_reward import as_record, checked, make_reward
 from wheelchair_gym.task.prepared_episode import PreparedEpisode
 from wheelchair_gym.task.rewards import TERMS, reward_table
 from wheelchair_gym.task.task import Observation, Task
@@ -112,7 +112,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
                   of the chair's outline, with headings, at plan times), 'module:function' or a
                   callable that gives a path from a task;
                 - reward: what gives the reward in place of the weighted terms: 'module:function' or
-                  a callable (`wheelchair_gym.task.own_reward`);
+                  a callable (`wheelchair_gym.task.custom_reward`);
                 - noise: false makes every sensor exact;
                 - randomize: true draws mass, friction and motor gain anew for each episode;
                 - bank: how many worlds episodes share, or a mapping of size, turnover and seed; 0:
@@ -245,10 +245,10 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         info = self._info()
         if self.render_mode == "human":
             self.render()
-        reward = verdict.reward if self._reward is None else self._own_reward(chosen)
+        reward = verdict.reward if self._reward is None else self._custom_reward(chosen)
         return observation, reward, verdict.terminated, verdict.truncated, info
 
-    def _own_reward(self, action: Array) -> float:
+    def _custom_reward(self, action: Array) -> float:
         """The reward of the last step by the function of the settings."""
         assert self._reward is not None
         simulated: Any = unwrapped(self.chair)

@@ -61,7 +61,7 @@ class EnvSettings:
     'call'."""
     reward: Any = setting(default=None, source="design choice")
     """What gives the reward: none (the weighted terms of task.reward), or 'module:function' or a
-    callable, see `wheelchair_gym.task.own_reward`. Recordings and reports keep the terms."""
+    callable, see `wheelchair_gym.task.custom_reward`. Recordings and reports keep the terms."""
     bank: BankSettings = BankSettings()
     starts: StartSettings = StartSettings()
     chair: ChairSettings = ChairSettings()

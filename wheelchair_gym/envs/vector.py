@@ -31,7 +31,7 @@ from wheelchair_gym.physics.state import SENSED
 from wheelchair_gym.random import episode_key
 from wheelchair_gym.safety.shield import SHIELDS, point_to_shields
 from wheelchair_gym.safety.state import DECISION, REASONS, SHIELD, ShieldConstants
-from wheelchair_gym.task.own_reward import compiled_rewards, make_reward
+from wheelchair_gym.task.custom_reward import compiled_rewards, make_reward
 from wheelchair_gym.task.prepared_episode import PREPARED, PreparedEpisode
 from wheelchair_gym.task.records import PROGRESS
 from wheelchair_gym.task.rewards import TERMS, VERDICT

@@ -54,8 +54,14 @@ def test_a_run_that_was_killed_and_resumed_equals_one_that_was_not(algorithm, tr
     own = tiny(algorithm)
     if algorithm == "ppo":
         own = tiny("ppo", kickstarting={"teacher": str(trained[1] / POLICY), "duration": 0.8})
-    whole = train(own, 3, tmp_path / "whole")
+    evaluated = []
+    whole = train(
+        own, 3, tmp_path / "whole", on_evaluated=lambda done, total: evaluated.append((done, total))
+    )
     assert len(whole) == 3
+    total = own.evaluation.episodes
+    assert evaluated[0] == (0, total)
+    assert evaluated[-1] == (total, total)
     killed = Run(own, 3, tmp_path / "killed")
     killed.learn()
 
