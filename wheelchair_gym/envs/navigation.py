@@ -24,8 +24,8 @@ from wheelchair_gym.physics.chair import SimulatedChair
 from wheelchair_gym.random import episode_key
 from wheelchair_gym.safety.settings import ShieldSettings
 from wheelchair_gym.safety.shield import Shield
-from wheelchair_gym.task.observations import observation_table
 from wheelchair_gym.task.custom_reward import as_record, checked, make_reward
+from wheelchair_gym.task.observations import observation_table
 from wheelchair_gym.task.prepared_episode import PreparedEpisode
 from wheelchair_gym.task.rewards import TERMS, reward_table
 from wheelchair_gym.task.task import Observation, Task
