@@ -40,10 +40,8 @@ class Block(NamedTuple):
 
 
 def blocks_of(page):
-    found = re.finditer(
-        r"((?:^<!-- .* -->\n+)*)^```(\w+)\n(.*?)^```", page.read_text(encoding="utf-8"), re.M | re.S
-    )
     text = page.read_text(encoding="utf-8")
+    found = re.finditer(r"((?:^<!-- [^\n]* -->\n+)*)^```(\w+)\n(.*?)^```", text, re.M | re.S)
     name = page.relative_to(ROOT).as_posix()
     for one in found:
         line = text.count("\n", 0, one.start(2)) + 1
@@ -127,6 +125,12 @@ def page_files(folder, monkeypatch):
         ):
             del sys.modules[name]
     sys.path[:] = [place for place in sys.path if place != str(folder)]
+
+
+def test_no_block_is_overlooked():
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8")
+        assert len(re.findall(r"^```\w", text, re.M)) == len([*blocks_of(page)]), page
 
 
 @pytest.mark.parametrize("chain", chains(), ids=lambda c: f"{c[0].page}:{c[0].line}")
