@@ -14,8 +14,10 @@ from agents.cli import parser
 from agents.cli.commands import COMMANDS, GROUPS, OneOf
 from tests.conftest import ROOT
 from wheelchair_gym.hardware.boards.protocol import Fault
+from wheelchair_gym.physics.state import SENSED
 from wheelchair_gym.registry import imported
 from wheelchair_gym.safety.stops import STOPS, as_table
+from wheelchair_gym.task.rewards import TERM_VALUES
 
 PAGES = sorted(
     path
@@ -185,6 +187,12 @@ def test_links_lead_to_files(page):
     for link in re.findall(r"\]\(([^)#]+)", page.read_text()):
         if "://" not in link:
             assert (page.parent / link).exists(), link
+
+
+def test_the_page_of_rewards_lists_every_field():
+    text = (ROOT / "docs" / "tutorials" / "own_reward.md").read_text()
+    for record, fields in (("terms", TERM_VALUES), ("sensed", SENSED)):
+        assert re.findall(rf"^\| `{record}\.(\w+)` \|", text, re.M) == list(fields.names or ())
 
 
 def test_the_page_of_the_architecture_names_every_folder():
