@@ -129,8 +129,7 @@ def _wanted(names: Sequence[str], only: Sequence[str], where: str) -> list[str]:
         if name not in names:
             known = ", ".join(names[:_LISTED]) + (", ..." if len(names) > _LISTED else "")
             raise InputError(
-                f"--only {name}: not a problem of {where}; there are {known}"
-                + suggest(name, names)
+                f"--only {name}: not a problem of {where}; there are {known}" + suggest(name, names)
             )
     return [name for name in names if not only or name in only]
 
