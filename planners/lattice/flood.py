@@ -158,6 +158,8 @@ def is_cut_off(
     if width * height > MOST_POINTS * spacing * spacing:
         return False
     places, least, first = _discs(motion, spacing)
+    if time.perf_counter() >= end:
+        return False
     full = float((least + spacing * np.hypot(*places.T)).max(initial=0.0))
     gaps = distance_field(space, full + spacing, spacing)
     ends = np.full((2, 3), -1)
