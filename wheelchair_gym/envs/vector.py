@@ -172,7 +172,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         self._task_rows = self.task.row_pointers(self._progress, prepared)
         self._shield_rows = None if guard is None else point_to_shields(guard, self._shields)
         self._rows = [chairs.row_pointers() for _ in self._shares]
-        self._segments = 0  # that kernels have a workspace for
+        self._columns = 0  # of the workspaces
         self._batch = Batch(
             task=self._task_rows.record,
             shields=np.zeros(1, SHIELDS) if self._shield_rows is None else self._shield_rows.record,
@@ -195,7 +195,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         for i, (now, following) in enumerate(zip(self._held, self._next, strict=True)):
             if now is not None:
                 prepared[i] = now.record[0]
-                self._make_workspace(now.segments)
+                self._make_workspace(now.columns)
             if following is not None:
                 self._make_ready(i, following)
 
@@ -400,13 +400,13 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         self._batch.next_prepared[i] = prepared.record[0]
         self._batch.keys[i] = episode_key(self._seeds[i], int(self._counts[i]))
         self.chairs.worlds[i].reserve_shapes(prepared.episode)
-        self._make_workspace(prepared.segments)
+        self._make_workspace(prepared.columns)
 
-    def _make_workspace(self, segments: int) -> None:
-        if segments >= self._segments:
-            self._segments = segments
+    def _make_workspace(self, columns: int) -> None:
+        if columns >= self._columns:
+            self._columns = columns
             for rows in self._rows:
-                size_workspace(rows, segments)
+                size_workspace(rows, columns)
 
     def _draw_next(self, rows: NDArray[np.intp]) -> None:
         """Draw the episodes after those that rows have begun."""
