@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from agents.cli.commands import POSES
 from agents.cli.lists import all_settings
+from agents.learning.settings import Training
 from planners.trees.settings import RrtStarWoaGlobal
 from tests.configs import SINGLE
 from wheelchair_gym.config import InputError, dump, load, read, setting_docs
@@ -86,6 +87,26 @@ def test_what_is_wrong_is_named_in_one_line(cls, data, message):
     with pytest.raises(InputError, match=message) as caught:
         load(cls, data, "chair.json")
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("cls", "data", "near"),
+    [
+        (EnvSettings, {"pose_source": "mcl"}, "did you mean sensors.pose_source?"),
+        (EnvSettings, {"task": {"pose_source": "mcl"}}, "did you mean sensors.pose_source?"),
+        (EnvSettings, {"sensors": {"rate": 5.0}}, "did you mean rate at the top level?"),
+        (EnvSettings, {"stop_margin": 0.1}, "did you mean shield.stop_margin?"),
+        (EnvSettings, {"beams": 64}, "did you mean sensors.laser.beams or task.beams?"),
+        (Training, {"scene": "clutter"}, "did you mean env.scene?"),
+        (Training, {"env": {"noise": False}}, "did you mean env.sensors.noise?"),
+        (Training, {"env": {"n_steps": 8}}, "did you mean on_policy.n_steps?"),
+        (EnvSettings, {"sensors": {"noize": False}}, "did you mean noise?"),
+    ],
+)
+def test_a_key_in_the_wrong_place_is_told_where_it_belongs(cls, data, near):
+    with pytest.raises(InputError) as caught:
+        load(cls, data, "some.json")
+    assert str(caught.value).endswith(near)
 
 
 def test_files_that_cannot_be_read_are_named(tmp_path):

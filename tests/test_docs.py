@@ -14,8 +14,10 @@ from agents.cli import parser
 from agents.cli.commands import COMMANDS, GROUPS, OneOf
 from tests.conftest import ROOT
 from wheelchair_gym.hardware.boards.protocol import Fault
+from wheelchair_gym.physics.state import SENSED
 from wheelchair_gym.registry import imported
 from wheelchair_gym.safety.stops import STOPS, as_table
+from wheelchair_gym.task.rewards import TERM_VALUES
 
 PAGES = sorted(
     path
@@ -40,10 +42,8 @@ class Block(NamedTuple):
 
 
 def blocks_of(page):
-    found = re.finditer(
-        r"((?:^<!-- .* -->\n+)*)^```(\w+)\n(.*?)^```", page.read_text(encoding="utf-8"), re.M | re.S
-    )
     text = page.read_text(encoding="utf-8")
+    found = re.finditer(r"((?:^<!-- [^\n]* -->\n+)*)^```(\w+)\n(.*?)^```", text, re.M | re.S)
     name = page.relative_to(ROOT).as_posix()
     for one in found:
         line = text.count("\n", 0, one.start(2)) + 1
@@ -129,6 +129,12 @@ def page_files(folder, monkeypatch):
     sys.path[:] = [place for place in sys.path if place != str(folder)]
 
 
+def test_no_block_is_overlooked():
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8")
+        assert len(re.findall(r"^```\w", text, re.M)) == len([*blocks_of(page)]), page
+
+
 @pytest.mark.parametrize("chain", chains(), ids=lambda c: f"{c[0].page}:{c[0].line}")
 def test_a_pages_python_runs(chain, page_files):
     page_files(chain[0].page)
@@ -181,6 +187,12 @@ def test_links_lead_to_files(page):
     for link in re.findall(r"\]\(([^)#]+)", page.read_text()):
         if "://" not in link:
             assert (page.parent / link).exists(), link
+
+
+def test_the_page_of_rewards_lists_every_field():
+    text = (ROOT / "docs" / "tutorials" / "own_reward.md").read_text()
+    for record, fields in (("terms", TERM_VALUES), ("sensed", SENSED)):
+        assert re.findall(rf"^\| `{record}\.(\w+)` \|", text, re.M) == list(fields.names or ())
 
 
 def test_the_page_of_the_architecture_names_every_folder():

@@ -16,7 +16,7 @@ import os
 import textwrap
 import types
 import typing
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, Literal, TypeVar, dataclass_transform
 
@@ -52,6 +52,7 @@ def setting(
     high: float | None = None,
     source: str = "",
     doc: str = "",
+    holds: type | None = None,
 ) -> Any:
     """A field of a settings class; the string below the field says what the setting does.
 
@@ -62,8 +63,12 @@ def setting(
         high: the greatest value that is accepted.
         source: where the default comes from: a publication, a data sheet, a measurement, a choice.
         doc: what the setting does, for one that several classes share.
+        holds: the class of the settings that a value of another type stands for, where a message
+            about an unknown key should look for it.
     """
-    metadata = {"unit": unit, "low": low, "high": high, "source": source, "doc": doc}
+    metadata = {
+        "unit": unit, "low": low, "high": high, "source": source, "doc": doc, "holds": holds
+    }  # fmt: skip
     return dataclasses.field(default=default, metadata=metadata)
 
 
@@ -195,6 +200,33 @@ def _convert(value: Any, hint: Any, where: str) -> Any:
     raise InputError(f"{where} is {shorten(value)}; expected {_name(hint)}")
 
 
+class UnknownKeyError(InputError):
+    """A key that a class of settings does not have."""
+
+    def __init__(self, text: str, key: object, near: str) -> None:
+        super().__init__(text + near)
+        self.text, self.key, self.near = text, key, near
+
+    def seen_from(self, cls: type, prefix: str = "") -> UnknownKeyError:
+        """The error as settings around it tell it: they may know where the key belongs."""
+        here = any(field.name == self.key for field in dataclasses.fields(cls))
+        homes = [f"{self.key} at the top level"] if here else list(_homes(cls, self.key))[:3]
+        near = f"; did you mean {' or '.join(homes)}?" if homes else self.near
+        return UnknownKeyError(prefix + self.text, self.key, near)
+
+
+def _homes(cls: type, key: object) -> Iterator[str]:
+    """Dotted names of the settings called so in the parts of a class."""
+    hints = typing.get_type_hints(cls)
+    for field in dataclasses.fields(cls):
+        hint = field.metadata.get("holds") or hints[field.name]
+        for part in typing.get_args(hint) if isinstance(hint, types.UnionType) else (hint,):
+            if dataclasses.is_dataclass(part):
+                names = {inner.name for inner in dataclasses.fields(part)}
+                deeper = [key] if key in names else _homes(typing.cast(type, part), key)
+                yield from (f"{field.name}.{name}" for name in deeper)
+
+
 def load(cls: type[T], data: Mapping[str, Any], where: str, base: T | None = None) -> T:
     """Make settings from a mapping (JSON content).
 
@@ -214,22 +246,27 @@ def load(cls: type[T], data: Mapping[str, Any], where: str, base: T | None = Non
         if key not in fields:
             named = key if str(key).isidentifier() and len(key) < 80 else shorten(key)
             known = ", ".join(sorted(fields))
-            near = suggest(key, fields)
-            raise InputError(f"{where}.{named} is not a setting; it has {known}{near}")
+            text = f"{where}.{named} is not a setting; it has {known}"
+            raise UnknownKeyError(text, key, suggest(key, fields)).seen_from(cls)
     hints = typing.get_type_hints(cls)
     values = {}
     for key, value in data.items():
         default = fields[key].default if base is None else getattr(base, key)
-        if isinstance(value, Mapping) and _is_settings(default):
-            # A part keeps the defaults that it has here, which may not be those of its class.
-            values[key] = load(type(default), value, f"{where}.{key}", default)
-            continue
-        values[key] = _convert(value, hints[key], f"{where}.{key}")
+        try:
+            if isinstance(value, Mapping) and _is_settings(default):
+                # A part keeps the defaults that it has here, which may not be those of its class.
+                values[key] = load(type(default), value, f"{where}.{key}", default)
+                continue
+            values[key] = _convert(value, hints[key], f"{where}.{key}")
+        except UnknownKeyError as error:
+            raise error.seen_from(cls) from None
         _bounded(values[key], fields[key].metadata, f"{where}.{key}")
     try:
         if base is not None:
             return dataclasses.replace(base, **values)  # type: ignore[type-var]
         return cls(**values)
+    except UnknownKeyError as error:
+        raise error.seen_from(cls, f"{where}: ") from None
     except InputError as error:  # a rule between several settings
         raise InputError(f"{where}: {error}") from None
 

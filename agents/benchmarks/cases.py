@@ -17,7 +17,7 @@ from agents.evaluation.evaluate import Spec, label, without_labels
 from planners import PLANNERS, Problem, Space, make_planner
 from planners.judge import Judge
 from planners.problem_files import read_problems
-from wheelchair_gym.config import InputError, read_json
+from wheelchair_gym.config import InputError, read_json, suggest
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.scenes import SCENES, make_scene
 
@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 MARGIN = 0.05  # m between the chair's side and obstacles, in problems made from scenes
 SEED = 0  # of the episode from which a problem is made
 OPTIMUM = "visibility"  # the planner of the optimum where none is stored
+_LISTED = 20  # names in the message about an unknown one
 
 
 @dataclass(frozen=True)
@@ -126,7 +127,10 @@ def scene_case(scene: Spec, seed: int = SEED) -> Case:
 def _wanted(names: Sequence[str], only: Sequence[str], where: str) -> list[str]:
     for name in only:
         if name not in names:
-            raise InputError(f"{where}: no problem {name!r}; there are {', '.join(names)}")
+            known = ", ".join(names[:_LISTED]) + (", ..." if len(names) > _LISTED else "")
+            raise InputError(
+                f"--only {name}: not a problem of {where}; there are {known}" + suggest(name, names)
+            )
     return [name for name in names if not only or name in only]
 
 

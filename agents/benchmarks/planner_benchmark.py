@@ -225,7 +225,8 @@ class PlannerBenchmark:
             with stopped_by_ctrl_c(
                 lambda: f"{len(self.records)} of {len(self.jobs)} runs are kept"
             ):
-                self._iterations = iteration_rows(self.cases, self.peers)
+                if any(isinstance(entrant.config, SwarmPlanner) for entrant in self.entrants):
+                    self._iterations = iteration_rows(self.cases, self.peers)
                 compute(self.jobs, self._work, self.store, progress=progress)
         finally:
             write_json(self.file, self.result())

@@ -284,7 +284,8 @@ COMMANDS = (
             option("--pose", f"source of the estimated pose: {', '.join(POSES)} (slam: the map is "
                    "unknown); several are compared (default: the config's, or the suite's)", poses),
             SHIELD, *WORKERS,
-            option("--out", "folder of the results (default runs/SUITE)", None, "DIR"),
+            option("--out", "folder of the results (default runs/SUITE, or a folder called as "
+                   "the scenes or maps)", None, "DIR"),
             flag("--no-video", "write no video"), QUIET,
             option("--columns", "columns of the table in the terminal, or all; the report has all",
                    names, default=["episodes", "success", "collision", "timeout", "spl", "time"]),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import importlib.util
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from agents.evaluation.report import terminal_table
 from wheelchair_gym.config import InputError
 from wheelchair_gym.scenes.barn import world_numbers
 
+NAMED = 3  # scenes in the name of a folder
 SEED_OFFSET = 500_000  # from the seeds of trials to those on which the best is evaluated again
 
 
@@ -63,7 +65,7 @@ def compare(given: argparse.Namespace) -> int:
         env=env,
         video=suite.video and not given.no_video,
     )
-    folder = Path(given.out or Path("runs") / given.suite)
+    folder = Path(given.out or Path("runs") / comparison_name(given))
     first = comparison.TRAINING if given.training_seeds else given.first_seed
     evaluation = comparison.compare(
         suite, folder, jobs=given.jobs or cores(), engine=given.engine, progress=not given.quiet,
@@ -72,6 +74,18 @@ def compare(given: argparse.Namespace) -> int:
     table = terminal_table(evaluation, given.columns)
     report(given, evaluation, f"{table}\n{folder / 'report.html'}")
     return 0
+
+
+def comparison_name(given: argparse.Namespace) -> str:
+    """What a comparison is called: its scenes and maps, or its suite where it has that one's."""
+    names = [
+        Path(name).stem if name.endswith(".json") else Path(name).name
+        for name in given.scenes or ()
+    ] + [Path(file).stem for file in given.map or ()]
+    if not names:
+        return str(given.suite)
+    more = f"_and_{len(names) - NAMED}_more" if len(names) > NAMED else ""
+    return re.sub(r"[^\w.-]+", "_", "_".join(names[:NAMED])) + more
 
 
 def study(given: argparse.Namespace) -> int:

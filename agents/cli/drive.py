@@ -74,8 +74,10 @@ def simulate(given: argparse.Namespace) -> int:
     place = label(scene) if episode is None else episode.name
     record |= {"policy": given.policy, "scene": place, "seed": given.seed, "stands": stands}
     least = record["clearance_min"]
+    outcome = record["outcome"]
     text = (
-        f"{given.policy} on {place}, seed {given.seed}: {record['outcome']} after "
+        f"{given.policy} on {place}, seed {given.seed}: "
+        f"{outcome if record['success'] else f'did not arrive ({outcome})'} after "
         f"{record['time']:.1f} s and {record['length']:.2f} m (shortest {record['geodesic']:.2f}"
         f" m), least clearance {'-' if least is None else f'{least:.3f}'} m"
         + (f"; it stands: {'; '.join(stands)}" if stands else "")

@@ -112,7 +112,7 @@ def settings(given: argparse.Namespace) -> int:
     classes = all_settings()
     for name in given.names:
         if name not in classes:
-            raise InputError(f"settings {name!r} are unknown{suggest(name, classes)}")
+            raise InputError(f"no settings are called {name!r}{_near(name, classes)}")
     found = {name: settings_rows(classes[name]) for name in given.names or classes}
     if given.markdown is not None:
         page = markdown(found)
@@ -130,6 +130,20 @@ def settings(given: argparse.Namespace) -> int:
             lines += [f"      source: {row['source']}"] if row["source"] else []
     report(given, found, "\n".join(lines))
     return 0
+
+
+def _near(name: str, classes: dict[str, type]) -> str:
+    """The end of a message: the nearest name, else the settings that have a part called so."""
+    if near := suggest(name.lower(), classes):
+        return near
+    holders = [
+        each
+        for each, cls in classes.items()
+        if any(field.name == name for field in dataclasses.fields(cls))
+    ]
+    if holders:
+        return f"; {name} is a setting of {', '.join(holders)}"
+    return "; `wheelchair settings` lists all names"
 
 
 def _unit(row: dict[str, Any]) -> str:

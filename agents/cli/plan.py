@@ -152,6 +152,9 @@ def _run_map(given: argparse.Namespace, planner: Any, problem: Problem) -> int:
     _warm(planner, clearance)
     plan, answer = _answer(planner, problem, given.seed)
     if answer["status"] == INVALID:
+        if given.picture:
+            drawn = replace(plan, path=plan.path[np.isfinite(plan.path).all(axis=-1)])
+            _draw(problem, drawn, planner, f"{INVALID}: {plan.note}", given.picture)
         if given.json:
             report(given, answer, INVALID)
         why = f"{type(planner).__name__} says solved, but by an independent judge {plan.note}"
@@ -231,6 +234,8 @@ def _footprints(problem: Problem, plan: Plan, planner: Any) -> list[Any]:
     A path with headings has the planner's footprint, another one the disc of the clearance.
     """
     path = plan.path
+    if not len(path):
+        return []
     way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path[:, :2], axis=0).T))])
     stops = np.linspace(0.0, way[-1], max(2, round(way[-1] / FOOTPRINT_SPACING) + 1))
     if path.shape[1] == 3:

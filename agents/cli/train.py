@@ -6,6 +6,7 @@ import argparse
 import re
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -49,6 +50,9 @@ def run(given: argparse.Namespace) -> int:
         raise InputError(f"{given.config}: expected an object with keys")
     if algorithm in SB3_CONTRIB:  # fails before anything is compiled or written
         algorithm_class(algorithm)
+    if not imitates and find_spec("tensorboard") is None:
+        needs = "TensorBoard's log needs pip install 'wheelchair_gym[learn]'"
+        print(f"wheelchair: {needs}; curve.csv is written without", file=sys.stderr)
     where = "settings" if given.config is None else Path(given.config).name
     if given.frames is not None and not imitates:
         content["frames"] = given.frames

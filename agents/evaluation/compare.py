@@ -26,7 +26,7 @@ from agents.evaluation.metrics import Record, summarise
 from agents.evaluation.provenance import command_line, now, provenance, write_json, write_text
 from agents.policies import kind_of, make_policy
 from agents.watch import Watch
-from wheelchair_gym.config import InputError, dump
+from wheelchair_gym.config import InputError, dump, suggest
 from wheelchair_gym.scenes.arena import Doorway
 
 Evaluation = dict[str, Any]
@@ -69,7 +69,8 @@ def suite(name: str) -> Suite:
         InputError: there is none of that name.
     """
     if name not in SUITES:
-        raise InputError(f"suite {name!r} is unknown; known: {', '.join(sorted(SUITES))}")
+        near = suggest(name, SUITES)
+        raise InputError(f"suite {name!r} is unknown; known: {', '.join(sorted(SUITES))}{near}")
     return SUITES[name]
 
 

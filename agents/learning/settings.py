@@ -132,6 +132,7 @@ class Training:
     """The learning algorithm."""
     env: Any = setting(
         default=None,
+        holds=EnvSettings,
         source="default: those of ppo_guided without the critic's privileged observation",
     )
     """Settings of the environment, as in a file for `--config` of `wheelchair simulate`."""
@@ -224,7 +225,7 @@ class Imitation:
 
     expert: Any = setting(default="lattice+window", source="measured: the best scripted policy")
     """The policy that is imitated: a name or an object of settings."""
-    env: Any = setting(default=None)
+    env: Any = setting(default=None, holds=EnvSettings)
     """Settings of the environment, as those of a training run."""
     episodes: int = setting(default=200, low=1, source="design choice")
     """Episodes in each round."""

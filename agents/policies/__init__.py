@@ -94,16 +94,14 @@ class GymPolicy:
 
 
 def policy_names() -> str:
-    """The names that `make_policy` takes, as one line for a person."""
-    from agents.control import FOLLOWERS
+    """What `make_policy` takes, as one line for a person."""
     from agents.learning.weights import shipped
-    from planners import PLANNERS
 
     simple = [name for name in POLICIES if name not in ("learned", "planned", "sb3")]
     return (
         f"{', '.join(sorted([*simple, *shipped()]))}, a file of weights (.npz, .onnx), a model of "
-        "stable-baselines3 (.zip), module:Class, PLANNER or PLANNER+FOLLOWER with PLANNER one of "
-        f"{', '.join(sorted(PLANNERS))} and FOLLOWER one of {', '.join(sorted(FOLLOWERS))}"
+        "stable-baselines3 (.zip), module:Class, PLANNER or PLANNER+FOLLOWER "
+        "(`wheelchair settings` lists planners and followers)"
     )
 
 

@@ -304,8 +304,8 @@ def test_the_example_map_is_what_its_command_writes():
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ({"start": [0.0, 0.0, 0.0]}, "MapFile.start"),
-        ({"goal": [-50.0, 0.0, 0.0]}, "MapFile.goal"),
+        ({"start": [0.0, 0.0, 0.0]}, r"clinic.yaml: the start 0,0,0 is not free"),
+        ({"goal": [-50.0, 0.0, 0.0]}, r"clinic.yaml: the goal -50,0,0 lies outside the map, 0 to"),
         ({"min_path_length": 900.0}, "no start and goal"),
         ({"path": "none.yaml"}, "cannot be read"),
     ],

@@ -81,10 +81,14 @@ class MapFile:
         for name, pose in (("start", self.start), ("goal", self.goal)):
             if pose is not None and not _is_free(grid, walls, pose, footprint):
                 x0, y0, x1, y1 = grid.bounds
+                place = f"{path}: the {name} {','.join(f'{value:g}' for value in pose)}"
+                if not grid.inside(pose[:2]):
+                    raise InputError(
+                        f"{place} lies outside the map, {x0:g} to {x1:g} and {y0:g} to {y1:g} m"
+                    )
                 raise InputError(
-                    f"MapFile.{name} is {list(pose)}; {footprint} cannot stand there: it would "
-                    f"touch something, or lie outside the map, {x0:g} to {x1:g} and {y0:g} to "
-                    f"{y1:g} m"
+                    f"{place} is not free: {footprint} would touch something there; expected "
+                    "another place, or another heading (X,Y,YAW)"
                 )
 
         def draw(cells: NDArray[np.int64]) -> Array | None:
@@ -111,6 +115,8 @@ class MapFile:
                 start = np.array(self.start) if np.isfinite(paths.at(self.start[:2])) else None
             if start is not None:
                 return Episode(grid, start, goal, walls, name=path.stem)
+        if self.start is not None and self.goal is not None:
+            raise InputError(f"{path}: there is no way from the start to the goal for {footprint}")
         raise InputError(
             f"{path}: no start and goal for {footprint} with {self.min_path_length} m between them"
         )

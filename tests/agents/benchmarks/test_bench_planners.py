@@ -121,6 +121,15 @@ def test_results_say_all_and_resume_computes_nothing_twice(problems, ghost, tmp_
     assert json.loads((out / "planners.json").read_text())["records"] == result["records"]
 
 
+@pytest.mark.parametrize("planner", ["swarm", "rrt_star"])
+def test_an_iteration_of_swarms_is_timed_where_a_swarm_takes_part(problems, tmp_path, planner):
+    benchmark = planner_benchmark.PlannerBenchmark(
+        [planner], [], problems, ["hall"], [], [0.05], tmp_path / "p.json"
+    )
+    benchmark.run(progress=False)
+    assert ("One iteration" in benchmark.text()) == (planner == "swarm")
+
+
 def test_ctrl_c_keeps_what_is_done(problems, ghost, tmp_path, capsys, monkeypatch):
     made = []
 

@@ -15,6 +15,7 @@ import pytest
 from agents import cli
 from agents.cli import COMMANDS, main, parser
 from agents.cli.arguments import changed, spec
+from agents.cli.compare import comparison_name
 from agents.cli.lists import all_settings
 from agents.control import FOLLOWERS
 from agents.evaluation.compare import SUITES
@@ -223,7 +224,7 @@ def test_the_thesis_settings_are_a_planner_and_a_map(hall, capsys):
 
 
 @pytest.mark.parametrize("poses", [False, True])
-def test_a_path_through_a_wall_is_not_called_solved(hall, capsys, monkeypatch, poses):
+def test_a_path_through_a_wall_is_not_called_solved(hall, capsys, monkeypatch, tmp_path, poses):
     """Whoever planned it: an independent judge has looked at it before the word is said."""
 
     class Straight:
@@ -235,7 +236,9 @@ def test_a_path_through_a_wall_is_not_called_solved(hall, capsys, monkeypatch, p
     if poses:
         planner.footprint = Footprint()
     monkeypatch.setattr("agents.cli.plan.make_planner", lambda spec: planner)
-    assert run(*plan(hall, "hall.yaml")) == 1
+    picture = tmp_path / "plan.png"
+    assert run(*plan(hall, "hall.yaml"), "--picture", picture) == 1
+    assert picture.exists()
     said = capsys.readouterr()
     assert said.out == ""
     assert said.err.startswith("wheelchair: plan: invalid: Straight says solved, but")
@@ -276,11 +279,43 @@ def test_help_has_an_example(capsys, command):
 @pytest.mark.parametrize(
     ("words", "near"),
     [("simulat", "simulate"), ("plan --planer rrt", "--planner"), ("simulate --pose mlc", "mcl"),
-     ("settings limitz", "limits"), ("bench plannrs", "planners")],
+     ("settings limitz", "limits"), ("settings Limits", "limits"), ("bench plannrs", "planners"),
+     ("bench planners --no-peers --only cluter", "clutter"), ("compare --suite hom", "homes"),
+     ("compare --policies latice+window", "lattice+window")],
 )  # fmt: skip
 def test_the_nearest_known_name_is_suggested(capsys, words, near):
     assert run(*words.split()) == 2
-    assert f"did you mean {near}?" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert f"did you mean {near}?" in said
+    assert len(said) < 500
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("laser", "; laser is a setting of log, sensors"),
+        ("zzz", "; `wheelchair settings` lists all names"),
+    ],
+)
+def test_settings_of_an_unknown_name_are_looked_for(capsys, name, says):
+    assert run("settings", name) == 2
+    assert capsys.readouterr().err == f"wheelchair: no settings are called {name!r}{says}\n"
+
+
+@pytest.mark.parametrize(
+    ("words", "folder"),
+    [("", "demo"), ("--suite homes", "homes"), ("--map a/hall.yaml,plan.png", "hall_plan"),
+     ("--scenes clutter,my.json:wide", "clutter_my.json_wide"),
+     ("--scenes a,b,c,d,e --suite homes", "a_b_c_and_2_more")],
+)  # fmt: skip
+def test_a_comparisons_folder_is_called_as_what_is_compared(words, folder):
+    assert comparison_name(parser().parse_all(["compare", *words.split()])) == folder
+
+
+def test_training_says_what_tensorboard_needs(monkeypatch, capsys):
+    monkeypatch.setattr("agents.cli.train.find_spec", lambda name: None)
+    assert run("train", "ppo", "--set", "frames=none") == 2
+    assert "log needs pip install 'wheelchair_gym[learn]'" in capsys.readouterr().err
 
 
 def test_the_version_and_completion_scripts_are_printed(capsys):
@@ -305,9 +340,11 @@ def test_an_episode_is_driven_and_drawn(capsys, tmp_path):
     config.write_text('{"task": {"time_base": 1.0, "time_factor": 0.0}}')
     picture = tmp_path / "end.png"
     arguments = ["simulate", "--policy", "straight", "--config", config, "--picture", picture]
-    assert run(*arguments, "--json", "-") == 0
+    assert run(*arguments, "--json", "-") == 0  # it was driven
     assert json.loads(capsys.readouterr().out)["outcome"] == "timeout"
     assert picture.exists()
+    assert run(*arguments) == 0
+    assert "did not arrive (timeout) after" in capsys.readouterr().out.splitlines()[-1]
 
 
 def test_a_comparison_leaves_everything_in_its_folder(capsys, tmp_path):
