@@ -197,6 +197,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
                 prepared[i] = now.record[0]
                 self._make_workspace(now.columns)
             if following is not None:
+                self._batch.keys[i] = episode_key(self._seeds[i], int(self._counts[i]))
                 self._make_ready(i, following)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -392,13 +393,13 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
     def _draw(self, i: int) -> None:
         """Draw row i's next episode, its key, and shapes for its walls."""
         seed, count = self._seeds[i], int(self._counts[i])
-        prepared = self._next[i] = self.worlds.episode(seed, count)
+        self._batch.keys[i] = key = episode_key(seed, count)
+        prepared = self._next[i] = self.worlds.episode(seed, count, key)
         self._make_ready(i, prepared)
 
     def _make_ready(self, i: int, prepared: PreparedEpisode) -> None:
         """Let a prepared episode be row i's next, without a change to the present one."""
         self._batch.next_prepared[i] = prepared.record[0]
-        self._batch.keys[i] = episode_key(self._seeds[i], int(self._counts[i]))
         self.chairs.worlds[i].reserve_shapes(prepared.episode)
         self._make_workspace(prepared.columns)
 

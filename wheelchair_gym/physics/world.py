@@ -323,6 +323,7 @@ class World:
         self.space.add(self.body, outline)
         self._surface = pymunk.Circle(self.space.static_body, 1.0)  # of walls; in no Space
         self._surface.friction, self._surface.filter = friction, FIXED
+        self._walls = self._discs = 0  # for so many is there room
         self._actor_shapes: list[pymunk.Shape] = []
         self._bodies: list[pymunk.Body] = []  # of actors
         self._pointers, self._row = pointers, row
@@ -344,10 +345,12 @@ class World:
         What the present episode uses stays as it is.
         """
         walls, discs = len(episode.walls), len(episode.discs)
-        for name, count in {"segments": walls, "circles": discs}.items():
-            self._reserve(name, count)
-        for name, count in {"walls_held": walls, "discs_held": discs}.items():
-            self._reserve(name, count)
+        if walls > self._walls:
+            self._walls = self._reserve("segments", walls)
+            self._reserve("walls_held", walls)
+        if discs > self._discs:
+            self._discs = self._reserve("circles", discs)
+            self._reserve("discs_held", discs)
         if len(episode.actors):
             self._reserve_actors(walls, discs, episode.actors)
 
@@ -397,13 +400,15 @@ class World:
         self._point("drives", new)
         self._rows["drives_capacity"] = capacity
 
-    def _reserve(self, name: str, count: int) -> None:
-        """Make an array of the world at least so long; what it holds stays."""
+    def _reserve(self, name: str, count: int) -> int:
+        """Make an array of the world at least so long, and tell its length; what it holds stays."""
         old = self._array(name)
-        if count > len(old):
-            new = np.zeros(round(_GROWTH * count), old.dtype)
-            new[: len(old)] = old
-            self._point(name, new)
+        if count <= len(old):
+            return len(old)
+        new = np.zeros(round(_GROWTH * count), old.dtype)
+        new[: len(old)] = old
+        self._point(name, new)
+        return len(new)
 
     def _array(self, name: str) -> NDArray[Any]:
         return self._pointers.array(name, self._row)
