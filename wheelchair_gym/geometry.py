@@ -209,7 +209,7 @@ def rectangle_point_gap(px: float, py: float, footprint: Array) -> float:
 
 @kernel
 def outline_segment_gap(footprint: Array, px: float, py: float, qx: float, qy: float) -> float:
-    """Distance [m] from the segment p-q in the footprint's own frame to it; 0 where they overlap."""
+    """Distance [m] of a segment p-q in a footprint's own frame from it; 0 where they overlap."""
     front, back, half = footprint[0], -footprint[1], footprint[2]
     # Liang and Barsky: the part of the segment inside the rectangle is t0..t1.
     t0, t1 = 0.0, 1.0

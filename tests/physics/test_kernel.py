@@ -86,8 +86,9 @@ LONG = (pytest.param(seed, marks=pytest.mark.long) for seed in range(3, 6))
 def test_kernel_equals_the_plain_api(seed, monkeypatch):
     """Pose, twist and wheels, in a used Space that is furnished on the way.
 
-    The other Space holds all walls and discs, and makes every step: both agree to the bit until
-    the chair touches two things at once, which Munk2D then solves in another order. (Where things move, all is in the Space: `test_mover_kernel.py` is exact throughout.)
+    The other Space holds all walls and discs, and makes every step. Both agree to the bit until
+    the chair touches two things at once, which Munk2D then solves in another order. (Where things
+    move, all is in the Space: `test_mover_kernel.py` is exact throughout.)
     """
     chair = exact_chair()
     for used in range(3):  # other worlds, other contacts, more and fewer shapes

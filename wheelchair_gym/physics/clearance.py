@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 
 _F = np.float32
-_ZERO = _F(0.0)
+_ZERO, _TINY = _F(0.0), _F(1e-3)
 _ERROR = _F(4e-6)  # share of its coordinates by which float32 errs about a segment
 
 
@@ -23,6 +23,7 @@ _ERROR = _F(4e-6)  # share of its coordinates by which float32 errs about a segm
 def _rank(n: int, ends: Floats, c: np.float32, s: np.float32, box: Array, out: Floats) -> None:
     """Distances of n segments, for `rank_walls`, in vectors."""
     front, back, half = _F(box[0]), _F(-box[1]), _F(box[2])
+    middle, long = _F(0.5 * (box[0] - box[1])), _F(0.5 * (box[0] + box[1]))
     for k in range(np.uint64(n)):
         x0, y0, x1, y1 = ends[4 * k], ends[4 * k + 1], ends[4 * k + 2], ends[4 * k + 3]
         ax, ay, bx, by = c * x0 + s * y0, c * y0 - s * x0, c * x1 + s * y1, c * y1 - s * x1
@@ -33,8 +34,13 @@ def _rank(n: int, ends: Floats, c: np.float32, s: np.float32, box: Array, out: F
         dx = ahead if ahead > behind else behind
         dy = left if left > right else right
         dx, dy = dx if dx > _ZERO else _ZERO, dy if dy > _ZERO else _ZERO
+        of_box = np.sqrt(dx * dx + dy * dy)
+        ex, ey = bx - ax, by - ay
+        length = np.sqrt(ex * ex + ey * ey)
+        off = abs((ax - middle) * ey - ay * ex) - long * abs(ey) - half * abs(ex)
+        of_line = off / (length if length > _TINY else _TINY)
         size = abs(x0) + abs(y0) + abs(x1) + abs(y1)
-        out[k] = np.sqrt(dx * dx + dy * dy) - _ERROR * size
+        out[k] = (of_box if of_box > of_line else of_line) - _ERROR * size
 
 
 @inlined
@@ -50,8 +56,8 @@ def rank_walls(
 ) -> None:
     """Write of each wall a distance [m] that it has at least from an outline (3,) at a pose.
 
-    It is that of its bounding box in the outline's frame. `workspace` has at least five rows, and
-    a column for each wall and disc.
+    It is that of its bounding box in the outline's frame, or of its line. `workspace` has at least
+    five rows, and a column for each wall and disc.
     """
     ends = workspace.reshape(workspace.size)[: 4 * workspace.shape[1]]
     relative_endpoints(walls, x, y, ends)
