@@ -6,6 +6,7 @@ Returned arrays are never overwritten while a caller holds them.
 from __future__ import annotations
 
 import math
+import mmap
 import weakref
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -42,6 +43,14 @@ Flags = NDArray[np.bool_]
 Floats = NDArray[np.float32]
 
 
+def _fresh_memory(size: int) -> mmap.mmap:
+    """Memory of so many bytes, in large pages where the system has them."""
+    memory = mmap.mmap(-1, max(size, 1))
+    if hasattr(mmap, "MADV_HUGEPAGE"):
+        memory.madvise(mmap.MADV_HUGEPAGE)
+    return memory
+
+
 class BufferPool:
     """Arrays to write results to that no caller holds any more.
 
@@ -52,12 +61,12 @@ class BufferPool:
 
     def __init__(self, shape: tuple[int, ...]) -> None:
         self._shape = shape
-        self._free: list[bytearray] = []
+        self._free: list[mmap.mmap] = []
         self._taken: dict[int, weakref.ref[Floats]] = {}
 
     def take(self) -> Floats:
         """An array that only the caller knows; what it holds is arbitrary."""
-        memory = self._free.pop() if self._free else bytearray(4 * math.prod(self._shape))
+        memory = self._free.pop() if self._free else _fresh_memory(4 * math.prod(self._shape))
         # Parts of an array refer to it, since its memory is no array: it goes when they have gone.
         array: Floats = np.ndarray(self._shape, np.float32, memory)
         free, taken = self._free, self._taken

@@ -17,6 +17,7 @@ from wheelchair_gym.compiled.address import (
     field_at,
     integers_at,
     pointer_record,
+    prefetch,
     rows_of,
     table_at,
 )
@@ -177,6 +178,7 @@ CHAIRS, CHAIRS_TARGETS = pointer_record(
     ("workspace", Target("f4", WORKSPACE_ROWS, None)),  # overwritten by each scan
     ("columns", "i8"),  # of the workspace
 )
+_STATE_SIZE, _PARAMETER_SIZE = STATE.itemsize, PARAMETER.itemsize
 _suites_at, _parameters_at, _states_at, _worlds_at = map(rows_of, (SUITE, PARAMETER, STATE, WORLD))
 
 
@@ -190,6 +192,18 @@ def chair_row(chairs: Any, i: int) -> Any:
         _states_at(rows.states, rows.n)[i],
         _worlds_at(rows.worlds, rows.n)[i],
     )
+
+
+@borrowing_kernel
+def prefetch_chair(i: int, chairs: Any) -> None:
+    """Have what row i needs loaded while something else is computed."""
+    rows = chairs[0]
+    world = _worlds_at(rows.worlds, rows.n)[i]
+    prefetch(world.walls, world.n_walls * 32)
+    prefetch(world.discs, world.n_discs * 24)
+    prefetch(world.body, 8 * BODY_DOUBLES)
+    prefetch(rows.states + np.uint64(i * _STATE_SIZE), _STATE_SIZE)
+    prefetch(rows.parameters + np.uint64(i * _PARAMETER_SIZE), _PARAMETER_SIZE)
 
 
 @inlined
