@@ -14,7 +14,7 @@ unexport PYTHONDONTWRITEBYTECODE
 EMULATOR := gcc-avr avr-libc avrdude libsimavr-dev gcc libc6-dev make
 SUDO := $(shell test "$$(id -u)" = 0 || echo sudo)
 
-.PHONY: demo test test-all examples package lint bench docs clean help emulator firmware
+.PHONY: demo test test-all examples package lint bench docs films clean help emulator firmware
 
 help:
 	@echo "make demo      planned and learned policies drive a wheelchair; prints where the report is"
@@ -25,6 +25,7 @@ help:
 	@echo "make lint      ruff and mypy"
 	@echo "make bench     how fast it is on this machine"
 	@echo "make docs      builds the documentation into build/docs; a warning is an error"
+	@echo "make films     draws the films of the documentation"
 	@echo "make emulator  compilers and emulator of the chair's boards (Debian; root or sudo)"
 	@echo "make firmware  builds the boards' firmware and prints its sizes"
 
@@ -69,6 +70,9 @@ bench: $(READY)
 docs: $(READY)
 	$(CLEAN_ENV) $(BIN)/python -m sphinx -b html -j 2 -W --keep-going -q docs build/docs
 	@echo "build/docs/index.html"
+
+films: $(READY)
+	$(BIN)/python docs/films.py
 
 emulator:
 	@command -v apt-get >/dev/null || { echo "make emulator knows Debian and its kin only;" \

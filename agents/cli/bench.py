@@ -10,7 +10,7 @@ from typing import Any
 
 from agents import StoppedError
 from agents.cli.arguments import check_picture, labelled, map_scenes, report, stopped
-from agents.evaluation.provenance import write_json, write_text
+from agents.evaluation.provenance import command_line, write_json, write_text
 from wheelchair_gym.config import InputError
 
 
@@ -28,7 +28,7 @@ def env(given: argparse.Namespace) -> int:
     for row in measure(*sizes.values(), **more, peer=peer, start=not given.no_startup):
         rows.append(row)
         print(_line(row), file=sys.stderr if given.json == "-" else sys.stdout, flush=True)
-    value = {"rows": rows, **source}
+    value = {"command": command_line(), "rows": rows, **source}
     path = Path(given.out) / "env.json"
     write_json(path, value)
     report(given, value, str(path))

@@ -6,6 +6,7 @@ import importlib.metadata
 import json
 import os
 import platform
+import re
 import shlex
 import subprocess
 import sys
@@ -83,6 +84,11 @@ def command_line() -> str:
     name = Path(sys.argv[0]).name
     # python -m agents.cli is the same program
     return shlex.join(["wheelchair" if name in ("cli.py", "__main__.py") else name, *sys.argv[1:]])
+
+
+def without_outputs(command: str) -> str:
+    """A command without where it wrote to and how many processes it took."""
+    return re.sub(r" --(out|jobs|json) \S+| --(no-video|quiet)", "", command)
 
 
 def write_text(path: str | Path, text: str) -> None:

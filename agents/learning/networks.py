@@ -10,6 +10,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import torch
+from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.noise import NormalActionNoise, VectorizedActionNoise
 from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
@@ -197,6 +198,7 @@ def make_model(config: Training, seed: int, env: SB3VecEnv, layout: Layout) -> A
         policy_kwargs=policy_options, seed=seed, device="cpu", verbose=0, **options,
     )  # fmt: skip
     made.append(model)
+    model.set_logger(Logger(None, []))  # by default the library leaves an empty folder in /tmp
     return model
 
 

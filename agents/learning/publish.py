@@ -10,7 +10,7 @@ from statistics import median
 from typing import Any
 
 from agents.evaluation.pages import templates
-from agents.evaluation.provenance import write_text
+from agents.evaluation.provenance import without_outputs, write_text
 from agents.learning.curves import read_curve
 from agents.learning.run import POLICY
 from agents.learning.weights import Weights, load_weights, save_weights
@@ -72,7 +72,7 @@ def _results(file: Path, names: Mapping[str, str], name: str) -> list[dict[str, 
     """The results of each seed's weights in a comparison."""
     content = read_json(file)
     try:
-        command = re.sub(r" --(out|jobs|json) \S+| --(no-video|quiet)", "", content["command"])
+        command = without_outputs(content["command"])
         command = re.sub(r"--policies \S+", f"--policies {name}", command)
         return [
             {"suite": content["title"], "command": command,

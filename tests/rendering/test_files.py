@@ -57,6 +57,19 @@ def test_gif_keeps_frames_and_pace(tmp_path):
         assert gif.info["duration"] == 100
 
 
+def test_what_stands_still_keeps_its_colours_in_a_gif(tmp_path):
+    rng = np.random.default_rng(0)
+    still = rng.integers(0, 256, (64, 24, 3)).astype(np.uint8)
+    pictures = [np.concatenate([still, image], axis=1) for image in frames()]
+    write_video(tmp_path / "a.gif", pictures, 10)
+    with Image.open(tmp_path / "a.gif") as gif:
+        shown = []
+        for k in range(gif.n_frames):
+            gif.seek(k)
+            shown.append(np.asarray(gif.convert("RGB"))[:, :24])
+    assert (np.array(shown) == shown[0]).all()
+
+
 def test_contact_sheet_shows_first_and_last():
     sheet = contact_sheet(list(frames()), columns=3, most=6)
     assert sheet.shape == (2 * 32 + 4, 3 * 48 + 8, 3)

@@ -104,12 +104,18 @@ def _write_mp4(path: Path, frames: Iterable[Image], rate: float, shape: tuple[in
 
 
 def _write_gif(path: Path, frames: Iterable[Image], rate: float) -> None:
-    pictures = (Pillow.fromarray(frame).quantize(64) for frame in frames)
-    first = next(pictures)
+    every = list(frames)
+    # One palette for all: what stands still keeps its colours, and is stored once.
+    some = np.concatenate(every[:: max(1, len(every) // 8)])
+    palette = Pillow.fromarray(some).quantize(64)
+    first, *others = (
+        Pillow.fromarray(frame).quantize(palette=palette, dither=Pillow.Dither.NONE)
+        for frame in every
+    )
     with atomic_write(path) as part:
         # A GIF counts hundredths of a second; browsers slow down anything under two.
         first.save(
-            part, save_all=True, append_images=list(pictures), loop=0,
+            part, save_all=True, append_images=others, loop=0,
             duration=max(20, round(100.0 / rate) * 10),
         )  # fmt: skip
 

@@ -31,7 +31,7 @@ def test_each_size_is_measured_and_written(tmp_path, capsys):
     assert set(rates) == {(what, beams, n, t) for beams in (16, 32) for what, n, t in sizes}
     assert min(rates.values()) > 0
     assert told["settings"]["bank"] == 2
-    assert {"machine", "versions", "commit"} <= set(told)
+    assert {"command", "machine", "versions", "commit"} <= set(told)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,406 @@
+"""Tables of results: `python docs/tables.py` fills them into README.md and the pages of docs.
+
+A page holds `<!-- figures: NAME -->`, the table and `<!-- end -->`; a function here writes the
+table from result files, docs/results/data/*.json, and from the cards of the shipped weights.
+`python docs/tables.py take NAME FILE` makes such a file from the results.json of a comparison or
+the env.json of `wheelchair bench env`: counts and means, from which intervals follow.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(ROOT)]
+
+from agents.evaluation.compare import BEST  # noqa: E402
+from agents.evaluation.evaluate import label  # noqa: E402
+from agents.evaluation.metrics import WIDE, wilson  # noqa: E402
+from agents.evaluation.provenance import without_outputs, write_text  # noqa: E402
+from agents.evaluation.tables import markdown_table  # noqa: E402
+from agents.learning.weights import load_weights  # noqa: E402
+from wheelchair_gym.config import InputError, read_json  # noqa: E402
+
+DATA = ROOT / "docs" / "results" / "data"
+WEIGHTS = ROOT / "agents" / "data" / "weights"
+PAGES = ("README.md", "docs/results/index.md", "docs/how_to/learning.md")
+_PART = re.compile(r"(<!-- figures: (\w+) -->\n).*?(<!-- end -->\n)", re.S)
+
+Row = Mapping[str, Any]
+
+
+# ---- result files
+
+
+def condensed(content: Mapping[str, Any]) -> dict[str, Any]:
+    """What a result file holds of the results of a comparison or of a benchmark."""
+    source = content.get("provenance", content)
+    head = {
+        "command": without_outputs(content["command"]),
+        **{key: source[key] for key in ("commit", "finished") if key in source},
+        "machine": {key: source["machine"][key] for key in ("cpu", "cores")},
+        "versions": source["versions"],
+    }
+    if "records" not in content:
+        return {**head, "rows": [row for row in content["rows"] if "rate" in row]}
+    env = source["config"]["env"]
+    poses = {
+        label(scene): {**env, **(scene.get("env", {}) if isinstance(scene, dict) else {})}.get(
+            "pose_source"
+        )
+        for scene in source["config"]["scenes"]
+    }
+    rows = [
+        drives(
+            [r for r in content["records"] if r["policy"] == name and poses[r["scene"]] == pose],
+            [r for r in content["records"] if r["policy"] == BEST and poses[r["scene"]] == pose],
+        )
+        | {"policy": name, "pose": pose}
+        for name in content["policies"]
+        for pose in dict.fromkeys(poses.values())
+    ]
+    return {**head, "seeds": [source["seeds"][0], source["seeds"][-1]], "rows": rows}
+
+
+def drives(records: Sequence[Row], best: Sequence[Row]) -> dict[str, Any]:
+    """Counts, means and medians of a policy's episodes; the best policy's are compared by pairs.
+
+    Time is the mean of successful episodes; jerk and energy are medians of all.
+    """
+    successes = [record for record in records if record["success"]]
+    wide = [r for r in records if r["margin"] is not None and r["margin"] >= WIDE]
+    row: dict[str, Any] = {"policy": "", "pose": "", "episodes": len(records)}
+    row |= {
+        key: sum(record[key] for record in records)
+        for key in ("success", "contact", "at_fault", "touched_actor")
+    }
+    row["timeout"] = sum(record["outcome"] == "timeout" for record in records)
+    row["wide"] = {"episodes": len(wide), "success": sum(record["success"] for record in wide)}
+    row["time"] = _figure(np.mean, successes, "time")
+    row |= {key: _figure(np.mean, records, key) for key in ("barn", "barn_own")}
+    row |= {key: _figure(np.median, records, key) for key in ("jerk_rms", "energy_per_m")}
+    if best and best[0]["policy"] != records[0]["policy"]:
+        row["beside_best"] = pairs(records, best)
+    row["scenes"] = dict.fromkeys((record["scene"].partition(", ")[0] for record in records), 0)
+    for record in successes:
+        row["scenes"][record["scene"].partition(", ")[0]] += 1
+    return row
+
+
+def _figure(statistic: Callable[[Any], Any], records: Sequence[Row], key: str) -> float | None:
+    values = [record[key] for record in records if record[key] is not None]
+    return float(f"{statistic(values):.4g}") if values else None
+
+
+def pairs(records: Sequence[Row], best: Sequence[Row]) -> dict[str, Any]:
+    """In how many episodes either alone succeeds, and the ratio of their times where both do.
+
+    The ratio is the geometric mean, with its 95 % interval (Student's t, of logarithms).
+    """
+    others = {(record["scene"], record["seed"]): record for record in best}
+    both = [(record, others[record["scene"], record["seed"]]) for record in records]
+    found: dict[str, Any] = {
+        "alone": sum(a["success"] and not b["success"] for a, b in both),
+        "best_alone": sum(b["success"] and not a["success"] for a, b in both),
+    }
+    ratios = np.log([a["time"] / b["time"] for a, b in both if a["success"] and b["success"]])
+    if len(ratios) > 1:
+        spread = stats.sem(ratios) * stats.t.ppf(0.975, len(ratios) - 1)
+        middle = ratios.mean() + spread * np.array([0.0, -1.0, 1.0])
+        found["time_ratio"] = [round(float(value), 3) for value in np.exp(middle)]
+    return found
+
+
+def take(name: str, file: Path) -> Path:
+    """Write a result file from results.json or env.json, one row a line.
+
+    Raises:
+        InputError: the file cannot be read, or holds something else.
+    """
+    try:
+        found = condensed(read_json(file))
+    except (KeyError, TypeError, AttributeError):
+        raise InputError(
+            f"{file}: expected results.json of `wheelchair compare` or env.json of `wheelchair "
+            "bench env`"
+        ) from None
+    rows = ",\n  ".join(json.dumps(row) for row in found.pop("rows"))
+    head = "".join(f" {json.dumps(key)}: {json.dumps(value)},\n" for key, value in found.items())
+    path = DATA / f"{name}.json"
+    write_text(path, f'{{\n{head} "rows": [\n  {rows}\n ]\n}}\n')
+    return path
+
+
+def results(name: str) -> dict[str, Any]:
+    """The content of a result file."""
+    return dict(read_json(DATA / f"{name}.json"))
+
+
+def row_of(name: str, policy: str = BEST, pose: str = "mcl") -> Row:
+    """The row of a policy with a pose source in a result file."""
+    rows = results(name)["rows"]
+    return next(row for row in rows if row["policy"] == policy and row["pose"] == pose)
+
+
+# ---- tables
+
+
+def percent(hits: int, of: int) -> str:
+    """A share in percent with its 95 % interval."""
+    low, high = wilson(hits, of)
+    return f"{100 * hits / of:.1f} ({100 * low:.1f} to {100 * high:.1f})"
+
+
+def success(row: Row) -> str:
+    """The share of successes of a row."""
+    return percent(row["success"], row["episodes"])
+
+
+def contacts(*rows: Row) -> str:
+    """Episodes with a contact, and those in which the chair was at fault for one."""
+    return "; ".join(str(sum(row[key] for row in rows)) for key in ("contact", "at_fault"))
+
+
+def number(value: float | None, digits: int) -> str:
+    """A figure; empty where there is none."""
+    return "" if value is None else f"{value:.{digits}f}"
+
+
+def planned() -> str:
+    """The best planned policy on each suite."""
+    rows = []
+    for name, text in (
+        ("homes", "`homes`: doors from 0.90 m, corridors from 1.10 m"),
+        ("thesis", "`thesis`: its five maps"),
+        ("temporary", "`temporary`: obstacles appear on the way"),
+        ("barn", "`barn`, as drawn"),
+        ("crowd", "`crowd`: buildings and halls with people"),
+    ):
+        row = row_of(name)
+        time = number(row["time"], 1)
+        rows.append((text, f"{row['episodes']:,}", success(row), contacts(row), time))
+        if name == "barn":
+            wide = row["wide"]
+            for text, of, hits in (
+                ("of 5 cm or more", wide["episodes"], wide["success"]),
+                (
+                    "below 5 cm",
+                    row["episodes"] - wide["episodes"],
+                    row["success"] - wide["success"],
+                ),
+            ):
+                text = f"the same, worlds with a footprint margin {text}"
+                rows.append((text, of, percent(hits, of), "", ""))
+    headings = ("suite", "episodes", "success [%], 95 % interval", "contacts; chair at fault",
+                "time [s]")  # fmt: skip
+    return markdown_table(headings, rows, (False, True, False, False, True))
+
+
+def barn_60() -> str:
+    """BARN's own worlds with a known and with an unknown map."""
+    rows = []
+    for policy, note in (
+        (BEST, ""), ("lattice+dwa", ""), ("a_star+pure_pursuit", ", planned for a disc"),
+    ):  # fmt: skip
+        known, unknown = (row_of("barn_60", policy, pose) for pose in ("mcl", "slam"))
+        scores = f"{known['barn']:.2f}; {known['barn_own']:.2f}"
+        rows.append(
+            (f"`{policy}`{note}", known["success"], unknown["success"], contacts(known, unknown),
+             scores)
+        )  # fmt: skip
+    headings = ("policy", "known", "unknown", "contacts; chair at fault",
+                "BARN's score, known (at 2 m/s; at the chair's 0.8 m/s)")  # fmt: skip
+    return markdown_table(headings, rows, (False, True, True, False, False))
+
+
+def league() -> str:
+    """Each policy of the league with a known and with an unknown map, the best first."""
+    notes = {"ppo_goal": ", which observes no map"}
+    known, unknown = (
+        {row["policy"]: row for row in results("league")["rows"] if row["pose"] == pose}
+        for pose in ("modelled", "slam")
+    )
+    rows = [
+        (f"`{row['policy']}`{notes.get(row['policy'], '')}", success(row),
+         success(unknown[row["policy"]]), contacts(row, unknown[row["policy"]]),
+         number(row["time"], 1), number(row["jerk_rms"], 2), number(row["energy_per_m"], 3))
+        for row in sorted(known.values(), key=lambda row: -row["success"])
+    ]  # fmt: skip
+    episodes = results("league")["rows"][0]["episodes"]
+    headings = ("policy", f"known map, success in {episodes} episodes [%]",
+                f"unknown map, {episodes} episodes", "contacts; chair at fault", "time [s]",
+                "jerk [m/s3]", "energy [Wh/m]")  # fmt: skip
+    return markdown_table(headings, rows, (False,) * 4 + (True,) * 3)
+
+
+def league_pairs() -> str:
+    """The learned policy beside the planned one, episode by episode."""
+    rows = []
+    for pose, where in (("modelled", "known map"), ("slam", "unknown map")):
+        row, best = (row_of("league", policy, pose) for policy in ("ppo_guided", BEST))
+        middle, low, high = row["beside_best"]["time_ratio"]
+        alone, other = (row["beside_best"][key] for key in ("alone", "best_alone"))
+        p = stats.binomtest(alone, alone + other).pvalue if alone + other else 1.0
+        people = [sum(of["scenes"][k] for k in ("building", "hall")) for of in (row, best)]
+        episodes = 2 * row["episodes"] // len(row["scenes"])
+        rows.append(
+            (where, f"{middle:.2f} ({low:.2f} to {high:.2f})", f"{alone}; {other}", f"{p:.2f}",
+             f"{people[0]}; {people[1]} of {episodes}")
+        )  # fmt: skip
+    headings = ("", "ratio of times where both succeed", "one alone succeeds: it; the other",
+                "p (McNemar)", "successes among people: it; the other")  # fmt: skip
+    return markdown_table(headings, rows)
+
+
+def speed() -> str:
+    """Steps per second beside those of a peer."""
+    rows = []
+    for beams in dict.fromkeys(row["beams"] for row in results("speed")["rows"]):
+        rates = {row["what"]: row for row in results("speed")["rows"] if row["beams"] == beams}
+        ours = (
+            f"{rates[k]['rate']:,.0f} ({rates[k]['ratio']:.0f} x)" for k in ("one env", "batch")
+        )
+        rows.append((f"{beams:,}", f"{rates['IR-SIM']['rate']:.0f}", *ours))
+    headings = ("beams", "IR-SIM", "one env", "1,024 envs, 2 threads")
+    return markdown_table(headings, rows, (True,) * 4)
+
+
+def measured() -> str:
+    """The figures of README.md: success, speed and claims."""
+    drives = [
+        (text.format(f"{row['episodes']:,}"), success(row), contacts(row))
+        for text, row in (
+            (f"`{BEST}`, {{}} homes", row_of("homes")),
+            (f"`{BEST}`, {{}} buildings and halls with people", row_of("crowd")),
+            (f"`{BEST}`, {{}} BARN worlds as the challenge draws them", row_of("barn")),
+            ("`ppo_guided`, {} homes, behind the shield",
+             row_of("homes_ppo_guided", "ppo_guided", "modelled")),
+        )
+    ]  # fmt: skip
+    texts = {"IR-SIM": "IR-SIM 2.12.0, same walls, same run", "one env": "one environment",
+             "batch": "1,024 environments, two threads"}  # fmt: skip
+    rates = {row["what"]: row["rate"] for row in results("speed")["rows"] if row["beams"] == 1081}
+    headings = "steps per second, two cores of 2.5 GHz, 1,081 beams", ""
+    return "\n".join((
+        markdown_table(("", "success [%], 95 % interval", "contacts; chair at fault"), drives),
+        markdown_table(
+            headings, [(text, f"{rates[k]:,.0f}") for k, text in texts.items()], (False, True)
+        ),
+        claims(),
+    ))  # fmt: skip
+
+
+def claims() -> str:
+    """How many claims of the sources hold."""
+    count = results("studies")
+    total = sum(count[key] for key in ("hold", "fail", "open"))
+    return (
+        f"Of the {total} claims in the five publications that the planners come from, "
+        f"{count['hold']} hold, {count['fail']} do not, and {count['open']} cannot be decided.\n"
+    )
+
+
+def learned() -> str:
+    """Success and contacts of the shipped policies, for each seed."""
+    cards = {
+        name: load_weights(WEIGHTS / f"{name}.npz").card
+        for name in ("ppo_guided", "ppo_goal", "td3_guided")
+    }
+    extra = results("ppo_goal_without_map")
+    cards["ppo_goal"]["results"] += [{**row, "command": extra["command"]} for row in extra["rows"]]
+    headings = [""]
+    for name, card in cards.items():
+        seeds = [f"{s} (shipped)" if int(s) == card["seed"] else s for s in sorted(card["curves"])]
+        headings.append(f"`{name}`: seeds {', '.join(seeds)}")
+    rows = []
+    for text, options in (
+        ("`homes`, 1,000 each, no shield", "--suite homes --episodes 1000 --shield off"),
+        ("the same behind the shield", "--suite homes --episodes 1000 --shield on"),
+        ("`homes`, 100 each, no map (`--pose slam`), no shield",
+         "--suite homes --episodes 100 --shield off --pose slam"),
+        ("`crowd`, 120 each, behind the shield", "--suite crowd --episodes 60 --shield on"),
+        ("BARN's 60 worlds, no shield", "--scenes barn_60.json --episodes 1 --shield off"),
+        ("the same behind the shield", "--scenes barn_60.json --episodes 1 --shield on"),
+    ):  # fmt: skip
+        cells = []
+        for name, card in cards.items():
+            command = f"wheelchair compare --policies {name} {options}"
+            of = {int(r["seed"]): r for r in card["results"] if r["command"] == command}
+            cell = ", ".join(
+                f"{100 * r['success']:.1f} ({100 * r['collision']:.1f})"
+                for _, r in sorted(of.items())
+            )
+            missing = len(of) < len(card["curves"])
+            cells.append(cell + (f": seeds {', '.join(map(str, sorted(of)))}" if missing else ""))
+        rows.append((text, *cells))
+    return markdown_table(headings, rows)
+
+
+def sources() -> str:
+    """Every result file with its command."""
+    rows = [
+        (f"[{path.stem}](data/{path.name})", f"`{found['command']}`", found["commit"],
+         found["machine"]["cpu"])
+        for path in sorted(DATA.glob("*.json")) for found in [results(path.stem)]
+    ]  # fmt: skip
+    return markdown_table(("file", "command", "commit", "machine"), rows)
+
+
+FIGURES: dict[str, Callable[[], str]] = {
+    function.__name__: function
+    for function in (planned, barn_60, league, league_pairs, speed, measured, claims, learned,
+                     sources)
+}  # fmt: skip
+
+
+def filled(text: str, page: str) -> str:
+    """A page's text with its figures.
+
+    Raises:
+        InputError: a name is unknown.
+    """
+
+    def table(part: re.Match[str]) -> str:
+        if part[2] not in FIGURES:
+            raise InputError(
+                f"{page}: figures {part[2]!r} are unknown; known: {', '.join(FIGURES)}"
+            )
+        return f"{part[1]}{FIGURES[part[2]]()}{part[3]}"
+
+    return _PART.sub(table, text)
+
+
+def contents() -> dict[Path, str]:
+    """The text of each page that shows figures."""
+    paths = {name: ROOT / name for name in PAGES}
+    return {path: filled(path.read_text(encoding="utf-8"), name) for name, path in paths.items()}
+
+
+def main(words: Sequence[str]) -> int:
+    """Take a result file if asked to, and fill the pages."""
+    try:
+        match words:
+            case []:
+                pass
+            case ["take", name, file]:
+                take(name, Path(file))
+            case _:
+                raise InputError("expected no argument, or: take NAME FILE")
+        for path, text in contents().items():
+            write_text(path, text)
+    except InputError as error:
+        print(f"tables: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
