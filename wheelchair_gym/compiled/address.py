@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, cast
 
 import numpy as np
+from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
@@ -223,6 +224,19 @@ def rows_of(dtype: np.dtype[Any]) -> Callable[[Any, int], NDArray[np.void]]:
     viewer.source_digest = repr(dtype)  # a kernel that calls it is stale when the record changes
     return cast("Callable[[Any, int], NDArray[np.void]]", viewer)
 
+
+@intrinsic
+def _on_stack(typingctx: Any, size: Any) -> Any:
+    def lower(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        place = builder.alloca(ir.IntType(8), args[0])
+        place.align = 64
+        return builder.ptrtoint(place, ir.IntType(64))
+
+    return types.uint64(types.int64), lower
+
+
+# The address of so many bytes that hold anything, until the kernel that asks for them returns.
+on_stack = cast("Callable[[int], Any]", _on_stack)
 
 # numba gives these the arguments that their callers see; mypy knows only how they are declared.
 doubles_at = cast("Callable[[Any, int], NDArray[np.float64]]", _viewer(types.float64, 1))
