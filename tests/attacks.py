@@ -24,6 +24,7 @@ from wheelchair_gym.kinematics import Limits, approach_twist, arc_step
 from wheelchair_gym.physics.actors.bodies import actors_of
 from wheelchair_gym.physics.state import FAULTS
 from wheelchair_gym.random import episode_key, uniform
+from wheelchair_gym.safety.grid import place_of_cell
 from wheelchair_gym.safety.state import CELL, outline_samples
 from wheelchair_gym.sensors.settings import SensorSettings
 
@@ -203,6 +204,9 @@ def aim(
         out[i, 1] = min(1.0, max(-1.0, 2.0 * error))
 
 
+_place_of_cell: Any = place_of_cell
+
+
 def entering(shields: Any, twist: Array, outline: Array, memory: float) -> Array:
     """How fast [m/s] (n,) the outlines go at most into cells that no shield has seen of late.
 
@@ -221,9 +225,9 @@ def entering(shields: Any, twist: Array, outline: Array, memory: float) -> Array
     out[:, :2] = np.where(v > 0.05, 0.0, np.hypot(back, aside))  # rear corners
     x, y, yaw = shields["pose"].T[:, :, None]
     c, s = np.cos(yaw), np.sin(yaw)
-    i = np.floor((x + c * ax - s * ay) / CELL).astype(int) - shields["corner"][:, :1]
-    j = np.floor((y + s * ax + c * ay) / CELL).astype(int) - shields["corner"][:, 1:]
-    seen = shields["seen"][np.arange(len(shields))[:, None], i, j]
+    i = np.floor((x + c * ax - s * ay) / CELL).astype(int)
+    j = np.floor((y + s * ax + c * ay) / CELL).astype(int)
+    seen = shields["seen"][np.arange(len(shields))[:, None], _place_of_cell.py_func(i, j)]
     unseen = seen < shields["stamp"][:, None] - memory
     return np.array(np.where(unseen, out, 0.0).max(axis=1))
 

@@ -16,8 +16,9 @@ from wheelchair_gym.physics.actors.records import NOBODY, combine, door, person
 from wheelchair_gym.physics.chair import SimulatedChair
 from wheelchair_gym.physics.settings import BodySettings, ChairSettings
 from wheelchair_gym.safety import Shield, ShieldSettings
+from wheelchair_gym.safety.grid import place_of_cell
 from wheelchair_gym.safety.perception import last_rows
-from wheelchair_gym.safety.state import KEPT, POINT, REASONS
+from wheelchair_gym.safety.state import CELLS, KEPT, POINT, REASONS
 from wheelchair_gym.sensors.settings import FaultSettings, SensorSettings
 from wheelchair_gym.types import Reading
 
@@ -444,6 +445,13 @@ def test_who_has_left_its_view_may_stand_behind_it():
     assert turns[seen].max() > 0.07  # as fast as it may where nobody has seen
     assert hidden.sum() > 5
     assert turns[hidden].max() < 0.05
+
+
+@pytest.mark.parametrize("corner", [(-75, 12), (0, 0), (31, -640)])
+def test_each_cell_of_the_grid_has_a_place_of_its_own(corner):
+    i, j = np.ogrid[:CELLS, :CELLS]
+    places = place_of_cell.py_func(i + corner[0], j + corner[1])
+    assert sorted(places.ravel()) == list(range(CELLS * CELLS))
 
 
 def test_for_who_plans_only_the_unseen_slows_and_nothing_is_decided():

@@ -252,6 +252,19 @@ def rows_of(dtype: np.dtype[Any]) -> Callable[[Any, int], NDArray[np.void]]:
     return cast("Callable[[Any, int], NDArray[np.void]]", viewer)
 
 
+@intrinsic
+def _on_stack(typingctx: Any, size: Any) -> Any:
+    def lower(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        place = builder.alloca(ir.IntType(8), args[0])
+        place.align = 64
+        return builder.ptrtoint(place, ir.IntType(64))
+
+    return types.uint64(types.int64), lower
+
+
+# The address of so many bytes that hold anything, until the kernel that asks for them returns.
+on_stack = cast("Callable[[int], Any]", _on_stack)
+
 # numba gives these the arguments that their callers see; mypy knows only how they are declared.
 doubles_at = cast("Callable[[Any, int], NDArray[np.float64]]", _viewer(types.float64, 1))
 floats_at = cast("Callable[[Any, int], NDArray[np.float32]]", _viewer(types.float32, 1))

@@ -1,4 +1,4 @@
-"""Many beams at once against one line, as vectors."""
+"""Many beams at once against one line, as vectors; and the bits of numbers, for loops over them."""
 
 from __future__ import annotations
 
@@ -76,3 +76,16 @@ def rasterize_line(
     else:
         for i in range(i0, i1, SIMD_WIDTH):
             _rasterize_vector(out, cosine, sine, a, b, min(i, last), i0, i1)
+
+
+def _bitcast(kind: Any, to: Any) -> Any:
+    def lower(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.bitcast(args[0], context.get_value_type(to))
+
+    return intrinsic(lambda typingctx, value: (to(kind), lower))
+
+
+# The least of numbers that are not negative is that of their bits, which a loop finds in vectors.
+bits_of_double = cast("Callable[[float], np.int64]", _bitcast(types.float64, types.int64))
+double_of_bits = cast("Callable[[np.int64], float]", _bitcast(types.int64, types.float64))
+bits_of_float = cast("Callable[[Any], np.uint32]", _bitcast(types.float32, types.uint32))

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.compiled.kernel import borrowing_kernel
+from wheelchair_gym.compiled.address import on_stack, rows_of
+from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
+from wheelchair_gym.compiled.simd import bits_of_double, double_of_bits
 from wheelchair_gym.geometry import (
-    clearance_to_points,
     point_to_world,
     required_clearance,
     signed_clearance,
@@ -26,17 +27,22 @@ from wheelchair_gym.kinematics import (
 )
 from wheelchair_gym.safety.grid import was_seen
 from wheelchair_gym.safety.state import (
+    CLOSE,
     FAR,
     MOVING,
+    NEARBY,
     NOTHING,
     OBSTACLE,
+    REACH,
     REST_SPEED,
-    SAMPLES,
+    SIDES,
     UNSEEN,
     set_motion,
 )
 
 Array = NDArray[np.float64]
+
+_nearby_at, _SIZE = rows_of(NEARBY), NEARBY.itemsize
 
 STEP = 0.05  # s between two poses of a predicted trajectory
 _MAX_STEPS = 100
@@ -54,6 +60,8 @@ _ROUND = 1e-6  # of a pose
 _WORSE = 1e-6  # m: what is inside the stop zone may not come nearer, beyond rounding
 _HALVINGS = 5  # of the share that is driven: to 3 %
 _COARSE = 4  # the same for planning, with many twists at once
+_BLOCK = 32  # points that are compared at once
+_NOWHERE = 1e9  # m
 _FINE = 0.01  # s: step of the set point's model, as boards run it at 100 Hz
 
 
@@ -64,28 +72,42 @@ def held_steps(g: Any) -> int:
     return poses
 
 
-@borrowing_kernel
-def outward_speed(g: Any, k: int, v: float, v1: float, w: float, w1: float) -> float:
-    """Greatest outward speed [m/s] of outline sample k, for intervals of speed and turn rate.
-
-    It is the speed along the normal of the sample's side. For a rear corner in a pivot or in
-    reverse it is the corner's full speed; ahead, a rear corner follows its own side.
-    """
-    point = g.samples[k]
-    ax, ay, nx, ny = point.x, point.y, point.normal_x, point.normal_y
-    if k < 2:  # the rear corners
-        if v > _PIVOT:
-            return 0.0
-        low, high = (w * ay, w1 * ay) if ay > 0.0 else (w1 * ay, w * ay)
-        vx, vy = max(high - v, v1 - low), max(-w, w1) * ax
-        return math.sqrt(vx * vx + vy * vy)
-    turning = ax * ny - ay * nx
+@inlined
+def _outward_speed(samples: Any, k: int, v: float, v1: float, w: float, w1: float) -> float:
+    """Greatest speed [m/s] of a point of the outline along the normal of its side."""
+    nx, ny = samples.normal_x[k], samples.normal_y[k]
+    turning = samples.x[k] * ny - samples.y[k] * nx
     return float((v1 if nx > 0.0 else v) * nx + (w1 if turning > 0.0 else w) * turning)
 
 
 @borrowing_kernel
+def _find_outward(g: Any, near: Any, v: float, v1: float, w: float, w1: float, most: float) -> int:
+    """Store the points of the outline that go outward faster than `most` [m/s]; how many they are.
+
+    Speed and turn rate are intervals. For a rear corner in a pivot or in reverse it is the corner's
+    full speed; ahead, it follows its own side.
+    """
+    samples, n = g.samples, 0
+    for k in range(2 if v <= _PIVOT else 0):  # the rear corners
+        ax, ay = samples.x[k], samples.y[k]
+        low, high = (w * ay, w1 * ay) if ay > 0.0 else (w1 * ay, w * ay)
+        vx, vy = max(high - v, v1 - low), max(-w, w1) * ax
+        if math.sqrt(vx * vx + vy * vy) > most:
+            near.out_x[n], near.out_y[n] = ax, ay
+            n += 1
+    for begin, last in SIDES:  # no point of a side is faster than both of its ends
+        fastest = _outward_speed(samples, begin, v, v1, w, w1)
+        if max(fastest, _outward_speed(samples, last, v, v1, w, w1)) > most:
+            for k in range(begin, last + 1):
+                if _outward_speed(samples, k, v, v1, w, w1) > most:
+                    near.out_x[n], near.out_y[n] = samples.x[k], samples.y[k]
+                    n += 1
+    return n
+
+
+@borrowing_kernel
 def may_reach_person(
-    g: Any, s: Any, x: float, y: float, yaw: float, v: float, w: float, t: float
+    g: Any, near: Any, x: float, y: float, yaw: float, v: float, w: float, t: float
 ) -> bool:
     """Whether a moving object may reach a part of the outline that moves outward.
 
@@ -94,21 +116,19 @@ def may_reach_person(
     c, sn = math.cos(yaw), math.sin(yaw)
     walks = g.person_speed * t
     starts = min(walks, 0.5 * g.person_acceleration * t * t)
-    for k in range(SAMPLES):
-        if outward_speed(g, k, v, v, w, w) <= g.creep_speed:
-            continue
-        ax = g.samples[k].x
-        px, py = point_to_world(c, sn, x, y, ax, g.samples[k].y)
-        for i in range(s.n_moving):
-            reach = g.stop_margin + _BETWEEN + (starts if s.standing_for[i] > _STOOD else walks)
-            if s.hidden_for[i] > 0.0:
+    for k in range(_find_outward(g, near, v, v, w, w, g.creep_speed)):
+        ax = near.out_x[k]
+        px, py = point_to_world(c, sn, x, y, ax, near.out_y[k])
+        for i in range(near.n_moving):
+            reach = g.stop_margin + _BETWEEN + (starts if near.standing_for[i] > _STOOD else walks)
+            if near.hidden_for[i] > 0.0:
                 if ax < _BLIND:
-                    reach = g.stop_margin + _BETWEEN + walks + g.person_speed * s.hidden_for[i]
-                elif s.moving[i, 0] < _BLIND:
+                    reach = g.stop_margin + _BETWEEN + walks + g.person_speed * near.hidden_for[i]
+                elif near.moving_x[i] < _BLIND:
                     continue  # the laser sees them before they are ahead
                 else:
                     reach = g.stop_margin + _BETWEEN + walks
-            dx, dy = s.moving[i, 0] - px, s.moving[i, 1] - py
+            dx, dy = near.moving_x[i] - px, near.moving_y[i] - py
             if dx * dx + dy * dy < reach * reach:
                 return True
     return False
@@ -126,34 +146,119 @@ def speed_interval(speed: float, delayed: float, factor: float) -> tuple[float, 
 
 
 @borrowing_kernel
-def enters_unseen_space(
-    g: Any, s: Any, x: float, y: float, yaw: float, v: float, v1: float, w: float, w1: float,
-    since: float, most: float,
-) -> bool:  # fmt: skip
-    """Whether a point of the outline enters unseen space faster than `most` [m/s]."""
+def _enters_unseen_space(
+    s: Any, near: Any, n: int, x: float, y: float, yaw: float, since: float
+) -> bool:
+    """Whether a pose puts one of the n points stored where nobody has looked since a stamp."""
     c, sn = math.cos(yaw), math.sin(yaw)
-    for k in range(SAMPLES):
-        if outward_speed(g, k, v, v1, w, w1) <= most:
-            continue
-        px, py = point_to_world(c, sn, x, y, g.samples[k].x, g.samples[k].y)
+    out_x, out_y = near.out_x[:], near.out_y[:]
+    for k in range(n):
+        px, py = point_to_world(c, sn, x, y, out_x[k], out_y[k])
         if not was_seen(s, px, py, since):
             return True
     return False
 
 
 @borrowing_kernel
-def check_trajectory(g: Any, s: Any, v: float, w: float) -> int:
+def _place_near(
+    g: Any, near: Any, points_x: Array, points_y: Array, n: int, c: float, s: float, x: float,
+    y: float,
+) -> None:  # fmt: skip
+    """Store n points in the chair's frame, either as inside the stop zone or as near."""
+    outline, margin, begin = g.outline[:], g.stop_margin, near.n
+    front, rear, half = outline[0], -outline[1], outline[2]
+    near_x, near_y, gap = near.x[begin:], near.y[begin:], near.gaps[:]
+    least = bits_of_double(near.gap)
+    for k in range(np.uint64(n)):
+        px, py = world_to_body(c, s, points_x[k] - x, points_y[k] - y)
+        dx, dy = max(px - front, rear - px), abs(py) - half
+        beside = math.sqrt(dx * dx + dy * dy)
+        apart = beside if (dx > 0.0) & (dy > 0.0) else max(dx, dy)
+        inside = math.sqrt(px * px + py * py) < REACH
+        near_x[k], near_y[k], gap[k] = px, py, apart if inside else FAR
+        bits = bits_of_double(max(0.0, gap[k]))
+        least = bits if bits < least else least
+    near.gap = double_of_bits(least)
+    m = np.uint64(0)
+    for k in range(np.uint64(n)):
+        near_x[m], near_y[m] = near_x[k], near_y[k]
+        if gap[k] < margin and near.n_close < CLOSE:
+            point = near.close[near.n_close]
+            point.x, point.y, point.distance = near_x[k], near_y[k], gap[k]
+            near.n_close += 1
+        else:
+            m += np.uint64(gap[k] < FAR)
+    near.n += np.int64(m)
+
+
+@borrowing_kernel
+def empty_nearby(near: Any) -> None:
+    """Let nothing be near."""
+    near.n, near.n_moving, near.n_close, near.gap, near.hidden = 0, 0, 0, FAR, 0.0
+
+
+@borrowing_kernel
+def _pad(x: Array, y: Array, n: int) -> None:
+    """Put points that matter nowhere behind n points, since vectors take blocks of them."""
+    for k in range(n, n + -n % _BLOCK):
+        x[k] = y[k] = _NOWHERE
+
+
+@borrowing_kernel
+def gather(g: Any, s: Any, near: Any) -> None:
+    """Store points and echoes in the chair's frame, as NEARBY."""
+    empty_nearby(near)
+    c, sn = math.cos(s.pose[2]), math.sin(s.pose[2])
+    x, y = s.pose[0], s.pose[1]
+    points, others = s.points, s.others
+    _place_near(g, near, points.x[:], points.y[:], s.n_points, c, sn, x, y)
+    _place_near(g, near, others.x[:], others.y[:], s.n_others, c, sn, x, y)
+    for k in range(s.n_arc.shape[0]):
+        arc = s.arc[k]
+        _place_near(g, near, arc.x[:], arc.y[:], s.n_arc[k], c, sn, x, y)
+    for k in range(s.n_marks):
+        mark = s.marks[k]
+        px, py = world_to_body(c, sn, mark.x - x, mark.y - y)
+        near.moving_x[k], near.moving_y[k] = px, py
+        near.standing_for[k], near.hidden_for[k] = s.stamp - mark.stamp, s.stamp - mark.seen
+        near.hidden = max(near.hidden, near.hidden_for[k])
+    near.n_moving, s.gap = s.n_marks, near.gap
+    _pad(near.x[:], near.y[:], near.n)
+    _pad(near.moving_x[:], near.moving_y[:], near.n_moving)
+
+
+@borrowing_kernel
+def _clearance(
+    px: Array, py: Array, n: int, x: float, y: float, yaw: float, outline: Array,
+    interest: float,
+) -> float:  # fmt: skip
+    """Distance [m] from the outline at a pose to the nearest of n points, at most `interest`."""
+    c, s = math.cos(yaw), math.sin(yaw)
+    middle = 0.5 * (outline[0] - outline[1])
+    half_length, half_width = 0.5 * (outline[0] + outline[1]), outline[2]
+    mx, my = x + c * middle, y + s * middle
+    least = bits_of_double(interest * interest)
+    for k in range(np.uint64(n + -n % _BLOCK)):
+        ahead, left = world_to_body(c, s, px[k] - mx, py[k] - my)
+        dx, dy = max(abs(ahead) - half_length, 0.0), max(abs(left) - half_width, 0.0)
+        bits = bits_of_double(dx * dx + dy * dy)
+        least = bits if bits < least else least
+    return math.sqrt(double_of_bits(least))
+
+
+@borrowing_kernel
+def check_trajectory(g: Any, s: Any, near: Any, v: float, w: float) -> int:
     """The reason why a twist may not be driven for one period and then braked; NOTHING if it may.
 
     Without a better option the next decision brakes in the same way: within the comfort limits
     before static obstacles, at the protective limit before moving ones.
     """
-    reason = _sweep_static(g, s, v, w, g.stop_margin, g.time_headway, g.unseen_speed)
-    return _sweep_moving(g, s, v, w) if reason == NOTHING and s.n_moving > 0 else reason
+    reason = _sweep_static(g, s, near, v, w, g.stop_margin, g.time_headway, g.unseen_speed)
+    return _sweep_moving(g, s, near, v, w) if reason == NOTHING and near.n_moving > 0 else reason
 
 
 @borrowing_kernel
-def needs_protective_stop(g: Any, s: Any) -> bool:
+def needs_protective_stop(g: Any, s: Any, near: Any) -> bool:
     """Whether the chair must brake harder than a comfort stop does.
 
     It must if a moving object would come too near even to a protective stop. At creep speed beside
@@ -163,29 +268,29 @@ def needs_protective_stop(g: Any, s: Any) -> bool:
     v, w = s.setpoint.v, s.setpoint.w
     if v == 0.0 and w == 0.0:
         return False
-    if s.n_moving > 0 and _sweep_moving(g, s, 0.0, 0.0) != NOTHING:
+    if near.n_moving > 0 and _sweep_moving(g, s, near, 0.0, 0.0) != NOTHING:
         return True
-    if s.n_close > 0:
+    if near.n_close > 0:
         corner = math.sqrt(max(g.outline[0], g.outline[1]) ** 2 + g.outline[2] ** 2)
         if abs(v) + 0.5 * corner * abs(w) <= _TOO_FAST * g.creep_speed:
             return False
     margin, unseen = _MARGIN_SHARE * g.stop_margin, _TOO_FAST * g.unseen_speed
     headway = _HEADWAY_SHARE * g.time_headway
-    return bool(_sweep_static(g, s, 0.0, 0.0, margin, headway, unseen) != NOTHING)
+    return bool(_sweep_static(g, s, near, 0.0, 0.0, margin, headway, unseen) != NOTHING)
 
 
 @borrowing_kernel
-def _sweep_moving(g: Any, s: Any, v: float, w: float) -> int:
+def _sweep_moving(g: Any, s: Any, near: Any, v: float, w: float) -> int:
     """Check one period and a protective stop against moving objects and all other points."""
     limits, outline, setpoint = g.limits, g.outline[:], s.setpoint
-    near, moving = s.near[: s.n_near], s.moving[: s.n_moving]
+    px, py, moving_x, moving_y = near.x[:], near.y[:], near.moving_x[:], near.moving_y[:]
     lever = math.sqrt(max(outline[0], outline[1]) ** 2 + outline[2] ** 2)
     sv, av, sw, aw = setpoint.v, setpoint.v_slope, setpoint.w, setpoint.w_slope
     x, y, yaw = odometric_step(0.0, 0.0, 0.0, sv * g.reaction_time, sw * g.reaction_time)
     t, hold = g.reaction_time, held_steps(g)
     least = _MARGIN_SHARE * g.stop_margin
     # Lower bounds of both clearances, which are computed anew only where they might matter.
-    bound, moving_bound = s.gap - (abs(sv) + lever * abs(sw)) * t, 0.0
+    bound, moving_bound = near.gap - (abs(sv) + lever * abs(sw)) * t, 0.0
     for k in range(_MAX_STEPS):
         v0, w0 = sv, sw
         if k < hold:
@@ -198,29 +303,31 @@ def _sweep_moving(g: Any, s: Any, v: float, w: float) -> int:
         if k >= hold and fastest <= g.creep_speed:
             break
         bound -= fastest * STEP
-        if bound < least and s.n_close == 0:
-            bound = clearance_to_points(x, y, yaw, outline, near, least + 0.2)
+        if bound < least and near.n_close == 0:
+            bound = _clearance(px, py, near.n, x, y, yaw, outline, least + 0.2)
             if bound < least:
                 return OBSTACLE
         moving_bound -= fastest * STEP
-        need = g.stop_margin + g.person_speed * (t + s.hidden)
+        need = g.stop_margin + g.person_speed * (t + near.hidden)
         if fastest > g.creep_speed and moving_bound < need:
-            moving_bound = clearance_to_points(x, y, yaw, outline, moving, need + 0.3)
+            moving_bound = _clearance(
+                moving_x, moving_y, near.n_moving, x, y, yaw, outline, need + 0.3
+            )
             fast, turns = _FAST * sv, _TURNS * sw
-            if moving_bound < need and may_reach_person(g, s, x, y, yaw, fast, turns, t):
+            if moving_bound < need and may_reach_person(g, near, x, y, yaw, fast, turns, t):
                 return MOVING
     return NOTHING
 
 
 @borrowing_kernel
 def _sweep_static(
-    g: Any, s: Any, v: float, w: float, margin: float, headway: float, unseen: float
+    g: Any, s: Any, near: Any, v: float, w: float, margin: float, headway: float, unseen: float
 ) -> int:
     """Check one period and a comfort stop against static obstacles and unseen space.
 
     It keeps a margin [m] and a time headway [s], and enters unseen space no faster than `unseen`.
     """
-    limits, outline, near, setpoint = g.limits, g.outline[:], s.near[: s.n_near], s.setpoint
+    limits, outline, setpoint = g.limits, g.outline[:], s.setpoint
     sv, av, sw, aw = setpoint.v, setpoint.v_slope, setpoint.w, setpoint.w_slope
     lever = math.sqrt(max(outline[0], outline[1]) ** 2 + outline[2] ** 2)
     px, py, yaw0 = s.pose[0], s.pose[1], s.pose[2]
@@ -231,9 +338,9 @@ def _sweep_static(
     t = g.reaction_time
     hold = held_steps(g)
     # Along something inside the stop zone the chair may creep on, as far as noise permits.
-    least = _MARGIN_SHARE * g.stop_margin if s.n_close > 0 else margin
+    least = _MARGIN_SHARE * g.stop_margin if near.n_close > 0 else margin
     # A lower bound of the clearance, which is computed anew only where it might matter.
-    bound = s.gap - (abs(sv) + lever * abs(sw)) * t if s.n_close == 0 else 0.0
+    bound = near.gap - (abs(sv) + lever * abs(sw)) * t if near.n_close == 0 else 0.0
     lv, lw = s.delayed_v, s.delayed_w
     rises, late = True, STEP / (g.reaction_time + STEP)
     for k in range(_MAX_STEPS):
@@ -248,30 +355,28 @@ def _sweep_static(
         bound -= fastest * STEP
         need = required_clearance(least, headway, speed, turn, lever, g.creep_speed)
         if bound < need:
-            bound = clearance_to_points(x, y, yaw, outline, near, need + 0.2)
+            bound = _clearance(near.x[:], near.y[:], near.n, x, y, yaw, outline, need + 0.2)
             if bound < need:
                 return OBSTACLE
-        if s.n_close > 0:
+        if near.n_close > 0:
             if k >= hold and speed + 0.5 * lever * turn > g.creep_speed:
                 return OBSTACLE
             c, sn = math.cos(yaw), math.sin(yaw)
-            for i in range(s.n_close):
-                ex, ey = world_to_body(c, sn, s.close[i].x - x, s.close[i].y - y)
-                if signed_clearance(ex, ey, outline) < s.close[i].distance - _WORSE:
+            for i in range(near.n_close):
+                ex, ey = world_to_body(c, sn, near.close[i].x - x, near.close[i].y - y)
+                if signed_clearance(ex, ey, outline) < near.close[i].distance - _WORSE:
                     return OBSTACLE
         rises = rises and (k < hold or speed > abs(v0) or turn > abs(w0))
         lv, lw = lv + late * (sv - lv), lw + late * (sw - lw)
         vl, vh = speed_interval(sv, lv, _FAST)
         wl, wh = speed_interval(sw, lw, _TURNS)
         if max(-vl, vh) + lever * max(-wl, wh) > unseen:
-            since = s.stamp - g.memory_time
+            since, n = s.stamp - g.memory_time, _find_outward(g, near, vl, vh, wl, wh, unseen)
             # Until it brakes, the chair may lag behind its set point by up to a reaction time.
-            if rises and enters_unseen_space(
-                g, s, bx, by, byaw, vl, vh, wl, wh, since + k * STEP, unseen
-            ):
+            if n > 0 and rises and _enters_unseen_space(s, near, n, bx, by, byaw, since + k * STEP):
                 return UNSEEN
             wx, wy = point_to_world(c0, s0, px, py, x, y)
-            if enters_unseen_space(g, s, wx, wy, yaw0 + yaw, vl, vh, wl, wh, since + t, unseen):
+            if n > 0 and _enters_unseen_space(s, near, n, wx, wy, yaw0 + yaw, since + t):
                 return UNSEEN
         if rises:
             way, turned = 0.5 * (v0 + sv) * STEP, 0.5 * (w0 + sw) * STEP
@@ -283,17 +388,17 @@ def _sweep_static(
 
 
 @borrowing_kernel
-def _allowed_share(g: Any, s: Any, v: float, w: float) -> tuple[float, int]:
+def _allowed_share(g: Any, s: Any, near: Any, v: float, w: float) -> tuple[float, int]:
     """The share of a twist that may be driven, and the reason that limits it."""
     if v == 0.0 and w == 0.0 and s.setpoint.v == 0.0 and s.setpoint.w == 0.0:
         return 1.0, NOTHING
-    reason = check_trajectory(g, s, v, w)
+    reason = check_trajectory(g, s, near, v, w)
     if reason == NOTHING:
         return 1.0, reason
     low, high = 0.0, 1.0
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
-        if check_trajectory(g, s, middle * v, middle * w) == NOTHING:
+        if check_trajectory(g, s, near, middle * v, middle * w) == NOTHING:
             low = middle
         else:
             high = middle
@@ -306,19 +411,19 @@ def limit_for_unseen_space(g: Any, s: Any, motion: Array, twists: Array) -> None
 
     `motion` (4,) is the chair's speed, its slope, its turn rate and its slope.
     """
-    obstacles, setpoint = (s.n_near, s.n_moving, s.n_close, s.gap), s.setpoint
+    near, setpoint = _nearby_at(on_stack(_SIZE), 1)[0], s.setpoint
+    empty_nearby(near)
     v0, v0_slope, w0, w0_slope = setpoint.v, setpoint.v_slope, setpoint.w, setpoint.w_slope
     delayed = s.delayed_v, s.delayed_w
-    s.n_near, s.n_moving, s.n_close, s.gap = 0, 0, 0, FAR
     for k in range(twists.shape[0]):
         v, w = twists[k, 0], twists[k, 1]
         low, high, share = 0.0, 1.0, 1.0
         for _ in range(_COARSE + 1):
             set_motion(s, motion[0], motion[1], motion[2], motion[3])
-            good = check_trajectory(g, s, share * v, share * w) == NOTHING
+            good = check_trajectory(g, s, near, share * v, share * w) == NOTHING
             if good:  # and once the chair drives like that
                 set_motion(s, share * v, 0.0, share * w, 0.0)
-                good = check_trajectory(g, s, share * v, share * w) == NOTHING
+                good = check_trajectory(g, s, near, share * v, share * w) == NOTHING
             if good:
                 low = share
             else:
@@ -327,7 +432,6 @@ def limit_for_unseen_space(g: Any, s: Any, motion: Array, twists: Array) -> None
                 break
             share = 0.5 * (low + high)
         twists[k, 0], twists[k, 1] = low * v, low * w
-    s.n_near, s.n_moving, s.n_close, s.gap = obstacles
     set_motion(s, v0, v0_slope, w0, w0_slope)
     s.delayed_v, s.delayed_w = delayed
 
@@ -349,14 +453,18 @@ def decide(g: Any, s: Any, v: float, w: float) -> tuple[float, float, bool]:
         a comfort stop is no longer enough.
     """
     limits, setpoint, decision = g.limits, s.setpoint, s.decision
+    near = _nearby_at(on_stack(_SIZE), 1)[0]
+    gather(g, s, near)
     v, w = clip_to_limits(v, w, limits)
     decision.asked[0], decision.asked[1] = v, w
     s.rearmed = s.rearmed and s.latched != NOTHING
     share, reason = 0.0, s.latched
     if reason == NOTHING:
-        share, reason = _allowed_share(g, s, v, w)
+        share, reason = _allowed_share(g, s, near, v, w)
     v, w = share * v, share * w
-    decision.protective = s.latched != NOTHING or (share == 0.0 and needs_protective_stop(g, s))
+    decision.protective = s.latched != NOTHING or (
+        share == 0.0 and needs_protective_stop(g, s, near)
+    )
     decision.reason, decision.given[0], decision.given[1] = reason, v, w
     if s.rearmed and abs(setpoint.v) + abs(setpoint.w) < REST_SPEED:  # it stands one more period
         s.latched, s.rearmed = NOTHING, False

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
+from wheelchair_gym.compiled.simd import bits_of_float
 from wheelchair_gym.geometry import wrap
 from wheelchair_gym.safety.grid import laser_frame
 from wheelchair_gym.safety.state import (
@@ -31,7 +32,8 @@ from wheelchair_gym.sensors.scanners import scanner_at
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 
-_FACTOR = np.uint64(0x9E3779B97F4A7C15)
+_FACTOR, _KEY = np.uint64(0x9E3779B97F4A7C15), np.uint32(0x9E3779B1)
+_INF = np.float32(np.inf)
 _MOVED = 1e-3  # m or rad in a period: sensors of a chair that moves more report something new
 _ASKED_V, _ASKED_W = 0.1, 0.25  # m/s, rad/s: at such set points, wheels must report a motion
 _OFF_V, _OFF_W = 0.25, 0.5  # m/s, rad/s: wheels so far from the set point are astray
@@ -51,27 +53,12 @@ def _lasting(condition: bool, seconds: float, dt: float) -> float:
 
 
 @borrowing_kernel
-def hash_value(value: float, salt: int) -> np.uint64:
-    """A hash of a number, also of NaN and infinities."""
-    # Each kind of invalid value has a word of its own; the others differ by at least 2^-30 m.
-    if value != value:
-        word = np.uint64(1)
-    elif value == math.inf:
-        word = np.uint64(2)
-    elif value == -math.inf:
-        word = np.uint64(3)
-    else:
-        word = np.uint64(np.int64(value * 1073741824.0)) + np.uint64(4)
-    return (word + np.uint64(salt)) * _FACTOR
-
-
-@borrowing_kernel
 def hash_floats(values: Floats, begin: np.uint64) -> np.uint64:
-    """A hash of float32 numbers (n,), continued from another hash."""
-    h = begin
-    for k in range(values.shape[0]):
-        word = hash_value(float(values[k]), k)
-        h += (word ^ (word >> np.uint64(29))) * _FACTOR
+    """A hash of the bits of float32 numbers (n,), continued from another hash."""
+    h = begin * _FACTOR
+    for k in range(np.uint64(values.shape[0])):
+        key = np.uint32(np.uint32(k) * _KEY) | np.uint32(1)
+        h += np.uint64(bits_of_float(values[k])) * np.uint64(key)
     return h
 
 
@@ -79,7 +66,7 @@ def hash_floats(values: Floats, begin: np.uint64) -> np.uint64:
 def valid_share(laser: Floats) -> float:
     """Share of beams that are not invalid (NaN)."""
     valid = 0
-    for k in range(laser.shape[0]):
+    for k in range(np.uint64(laser.shape[0])):
         valid += laser[k] == laser[k]
     return float(valid / laser.shape[0])
 
@@ -88,8 +75,8 @@ def valid_share(laser: Floats) -> float:
 def count_echoes(laser: Floats) -> int:
     """Number of beams with an echo, those that are too near to be measured included."""
     echoes = 0
-    for k in range(laser.shape[0]):
-        echoes += laser[k] < math.inf
+    for k in range(np.uint64(laser.shape[0])):
+        echoes += laser[k] < _INF
     return echoes
 
 
@@ -97,7 +84,8 @@ def count_echoes(laser: Floats) -> int:
 def expected_echoes(g: Any, s: Any) -> int:
     """Number of an earlier scan's echoes that should be in view from the present pose."""
     half = -g.first - _EDGE
-    now, before = laser_frame(g, s.pose), laser_frame(g, s.echo_pose)
+    now_x, now_y, _, _ = laser_frame(g, s.pose)
+    x, y, _, _ = laser_frame(g, s.echo_pose)
     yaw = s.echo_pose[2] + g.mount[2]
     count = 0
     for k in range(ECHOES):
@@ -105,8 +93,8 @@ def expected_echoes(g: Any, s: Any) -> int:
             continue
         beam = k * (g.beams - 1) // (ECHOES - 1)
         way = yaw + g.first + beam / g.per_angle
-        dx = before.x + s.echo[k] * math.cos(way) - now.x
-        dy = before.y + s.echo[k] * math.sin(way) - now.y
+        dx = x + s.echo[k] * math.cos(way) - now_x
+        dy = y + s.echo[k] * math.sin(way) - now_y
         far = math.hypot(dx, dy)
         bearing = wrap(math.atan2(dy, dx) - s.pose[2] - g.mount[2])
         count += g.nearest < far < g.reach - _FAR and abs(bearing) < half

@@ -8,8 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.compiled.kernel import borrowing_kernel
-from wheelchair_gym.geometry import point_to_world
+from wheelchair_gym.compiled.address import on_stack, rows_of
+from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
+from wheelchair_gym.geometry import point_to_world, world_to_body
 from wheelchair_gym.safety.state import CELL, CELLS
 from wheelchair_gym.sensors.echoes import atan2_f32
 
@@ -17,30 +18,80 @@ Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 Numbers = NDArray[np.int32]
 
+# Workspace of a column: the beam that covers each cell, how far it sees and how far the cell is.
+_COLUMN = np.dtype([("beam", "i4", (CELLS,)), ("least", "f4", (CELLS,)), ("far", "f4", (CELLS,))])
+_column_at, _SIZE = rows_of(_COLUMN), _COLUMN.itemsize
+
 _F = np.float32
 _NEVER = _F(-1e9)  # s
 _REACHED = _F(-0.07)  # m: a ray that ends so near a cell's centre has seen the cell
 _BEYOND = _F(0.20)  # m: a ray that ends so far beyond it has found the cell empty
 _CLEARED = 1.0  # s: what stands where a cell was empty so recently has moved there
 _INSET = _F(0.02)  # m: only cells well below the outline count as seen
+_NONE = _F(-np.inf)
+_HALF, _MASK = CELLS // 2, np.uint32(CELLS - 1)
 
 
-class Frame(NamedTuple):
-    """A frame in another: its origin, and cosine and sine of its yaw."""
+class Scan(NamedTuple):
+    """A scan where it was taken (dead-reckoned): the laser's place, cosine and sine of its yaw."""
 
     x: float
     y: float
     c: float
     s: float
+    first: float  # rad: of beam 0
+    per_angle: float  # beams per rad
+    least: Floats  # (beams,) m: of a beam and the two beside it; -inf where one is invalid
 
 
 @borrowing_kernel
-def laser_frame(g: Any, pose: Array) -> Frame:
-    """The laser's frame at a pose (3,) of the chair (dead-reckoned)."""
+def laser_frame(g: Any, pose: Array) -> tuple[float, float, float, float]:
+    """The laser's frame at a pose (3,) of the chair: origin, cosine and sine of its yaw."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
     x, y = point_to_world(c, s, pose[0], pose[1], g.mount[0], g.mount[1])
     yaw = pose[2] + g.mount[2]
-    return Frame(x, y, math.cos(yaw), math.sin(yaw))
+    return x, y, math.cos(yaw), math.sin(yaw)
+
+
+@borrowing_kernel
+def scan_of(g: Any, pose: Array, laser: Floats, least: Floats) -> Scan:
+    """A scan taken at a pose (3,) of the chair; `least` is workspace (beams,)."""
+    x, y, c, s = laser_frame(g, pose)
+    last = np.uint64(laser.shape[0] - 1)
+    least[0] = least[last] = _NONE
+    for b in range(np.uint64(1), last):
+        r0, r, r1 = laser[b - np.uint64(1)], laser[b], laser[b + np.uint64(1)]
+        low = r0 if r0 < r else r
+        low = r1 if r1 < low else low
+        valid = (r0 == r0) & (r == r) & (r1 == r1)
+        least[b] = low if valid else _NONE
+    return Scan(x, y, c, s, g.first, g.per_angle, least)
+
+
+@inlined
+def beam_towards(scan: Scan, x: float, y: float) -> np.int64:
+    """The beam whose direction is nearest to that of a vector (dead-reckoned) from the laser."""
+    ahead, left = world_to_body(scan.c, scan.s, x, y)
+    at = (atan2_f32(_F(left), _F(ahead)) - scan.first) * scan.per_angle
+    return np.int64((at if at > 0.0 else 0.0) + 0.5)
+
+
+@inlined
+def sees_beyond(scan: Scan, x: float, y: float, near: float, edge: int) -> bool:
+    """Whether the beams towards a vector from the laser reach so far; not near the view's edge."""
+    b, beams = beam_towards(scan, x, y), scan.least.shape[0]
+    within = (b > edge) & (b < beams - 1 - edge)
+    return bool(within & (scan.least[np.uint64(b if within else 0)] >= near))
+
+
+@inlined
+def place_of_cell(i: int, j: int) -> np.uint64:
+    """Where cell (i, j) is stored: columns that one reading updates lie together.
+
+    A cell keeps its place while the grid moves with the chair.
+    """
+    column = (i & 1) * _HALF + ((i >> 1) & (_HALF - 1))
+    return np.uint64(column * CELLS + (j & (CELLS - 1)))
 
 
 @borrowing_kernel
@@ -49,88 +100,107 @@ def recenter_grid(s: Any) -> None:
     for axis in range(2):
         corner = math.floor(s.pose[axis] / CELL) - CELLS // 2
         shift = corner - s.corner[axis]
-        if shift == 0:
-            continue
         s.corner[axis] = corner
-        step = 1 if shift > 0 else -1
-        first = 0 if shift > 0 else CELLS - 1
-        for k in range(CELLS):
-            to = first + step * k
-            source = to + shift
-            inside = 0 <= source < CELLS
+        many = min(abs(shift), CELLS)
+        first = corner + CELLS - many if shift > 0 else corner
+        for k in range(first, first + many):
             for i in range(CELLS):
-                if axis == 0:
-                    s.seen[to, i] = s.seen[source, i] if inside else _NEVER
-                    s.clear[to, i] = s.clear[source, i] if inside else _NEVER
-                else:
-                    s.seen[i, to] = s.seen[i, source] if inside else _NEVER
-                    s.clear[i, to] = s.clear[i, source] if inside else _NEVER
+                place = place_of_cell(k, i) if axis == 0 else place_of_cell(i, k)
+                s.seen[place] = s.clear[place] = _NEVER
 
 
 @borrowing_kernel
 def _find_beams(
-    ex: np.float32, ey: np.float32, step: np.float32, c: np.float32, s: np.float32,
-    first: np.float32, per: np.float32, beam: Numbers, far: Floats,
+    beam: Numbers, far: Floats, low: np.uint32, ex: np.float32, ey: np.float32, c: np.float32,
+    s: np.float32, first: np.float32, per: np.float32, last: np.int32,
 ) -> None:  # fmt: skip
-    """Store which beam covers each cell of a column, and how far its centre is [m]."""
-    for j in range(np.uint64(CELLS)):
-        y = ey + _F(np.int32(j)) * step
-        beam[j] = np.int32((atan2_f32(c * y - s * ex, c * ex + s * y) - first) * per + _F(1.5)) - 1
-        far[j] = np.sqrt(ex * ex + y * y)
+    """Store which beam covers each cell of a column, 0: none, and how far its centre is [m]."""
+    step = _F(CELL)
+    for k in range(np.uint64(CELLS)):
+        y = ey + _F(np.int32((np.uint32(k) - low) & _MASK)) * step
+        b = np.int32((atan2_f32(c * y - s * ex, c * ex + s * y) - first) * per + _F(1.5))
+        beam[k] = b - 1 if (b > 1) & (b <= last) else 0
+        far[k] = np.sqrt(ex * ex + y * y)
 
 
 @borrowing_kernel
-def update_grid(g: Any, s: Any, laser: Floats) -> None:
+def _find_least(work: Any, least: Floats) -> None:
+    """Store how far the beams of a column's cells see, and those beside them [m]."""
+    for k in range(np.uint64(CELLS)):
+        work.least[k] = least[np.uint64(work.beam[k])]
+
+
+@borrowing_kernel
+def _update_column(
+    seen: Floats, clear: Floats, now: np.float32, least: Floats, far: Floats
+) -> None:
+    """Store when the scan has seen the cells of a column, and when it has found them empty."""
+    for k in range(np.uint64(CELLS)):
+        r, d = least[k], far[k]
+        seen[k] = now if r >= d + _REACHED else seen[k]
+        clear[k] = now if r >= d + _BEYOND else clear[k]
+
+
+@borrowing_kernel
+def _vacate_column(
+    seen: Floats, then: np.float32, low: np.uint32, bx: float, by: float, c: np.float32,
+    s: np.float32, front: np.float32, rear: np.float32, half: np.float32,
+) -> None:  # fmt: skip
+    """Cells wholly under the chair count as seen, and for a while after it has left them."""
+    x = _F(bx)
+    for k in range(np.uint64(CELLS)):
+        y = _F(by + np.int32((np.uint32(k) - low) & _MASK) * CELL)
+        px, py = c * x + s * y, c * y - s * x
+        under = (rear <= px) & (px <= front) & (abs(py) <= half)
+        seen[k] = then if under & (then > seen[k]) else seen[k]
+
+
+@borrowing_kernel
+def update_grid(g: Any, s: Any, scan: Scan) -> None:
     """Store which cells the scan has seen, and which it has found empty.
 
     Each call updates every other column, since this is half of a reading's work.
     """
-    beams, now, step = laser.shape[0], _F(s.stamp), _F(CELL)
-    frame = laser_frame(g, s.pose)
+    now, corner = _F(s.stamp), s.corner[1]
     c, sn = _F(math.cos(s.pose[2])), _F(math.sin(s.pose[2]))
     vacated = _F(s.stamp - max(0.0, g.memory_time - g.vacated_time))
     front, rear = _F(g.outline[0]) + _REACHED, _F(-g.outline[1]) - _REACHED
     half = _F(g.outline[2]) - _INSET
-    ey, by = (s.corner[1] + 0.5) * CELL - frame.y, (s.corner[1] + 0.5) * CELL - s.pose[1]
-    first, per = _F(g.first), _F(g.per_angle)
-    beam, far = s.beam[:], s.range[:]
+    ey, by = (corner + 0.5) * CELL - scan.y, (corner + 0.5) * CELL - s.pose[1]
     reach = math.hypot(max(g.outline[0], g.outline[1]), g.outline[2])
+    work, low = _column_at(on_stack(_SIZE), 1)[0], np.uint32(corner & (CELLS - 1))
+    first, per, last = _F(g.first), _F(g.per_angle), np.int32(g.beams - 1)
     s.columns = 1 - s.columns
-    for i in range((s.corner[0] + s.columns) % 2, CELLS, 2):
-        ex = (s.corner[0] + i + 0.5) * CELL - frame.x
-        _find_beams(_F(ex), _F(ey), step, _F(frame.c), _F(frame.s), first, per, beam, far)
-        for j in range(CELLS):
-            b = beam[j]
-            if b < 1 or b > beams - 2:
-                continue
-            d = far[j] + _REACHED
-            if laser[b] >= d and laser[b - 1] >= d and laser[b + 1] >= d:
-                s.seen[i, j] = now
-                d = far[j] + _BEYOND
-                if laser[b] >= d and laser[b - 1] >= d and laser[b + 1] >= d:
-                    s.clear[i, j] = now
-        # Cells wholly under the chair count as seen, and for a while after it has left them.
-        bx = (s.corner[0] + i + 0.5) * CELL - s.pose[0]
-        if abs(bx) > reach:
-            continue
-        low, high = int((-reach - by) / CELL), int((reach - by) / CELL) + 2
-        for j in range(max(low, 0), min(high, CELLS)):
-            y = _F(by + j * CELL)
-            px, py = c * _F(bx) + sn * y, c * y - sn * _F(bx)
-            if rear <= px <= front and abs(py) <= half:
-                s.seen[i, j] = max(s.seen[i, j], vacated)
+    begin = s.corner[0] + (s.corner[0] + s.columns) % 2
+    for i in range(begin, s.corner[0] + CELLS, 2):
+        at = np.int64(place_of_cell(i, 0))
+        seen, clear = s.seen[at : at + CELLS], s.clear[at : at + CELLS]
+        ex, bx = (i + 0.5) * CELL - scan.x, (i + 0.5) * CELL - s.pose[0]
+        _find_beams(
+            work.beam[:], work.far[:], low, _F(ex), _F(ey), _F(scan.c), _F(scan.s), first, per, last
+        )
+        _find_least(work, scan.least)
+        _update_column(seen, clear, now, work.least[:], work.far[:])
+        if abs(bx) <= reach:
+            _vacate_column(seen, vacated, low, bx, by, c, sn, front, rear, half)
+
+
+@inlined
+def _is_inside(s: Any, i: int, j: int, edge: int) -> bool:
+    """Whether a cell is in the grid, so many cells from its edge."""
+    i, j = i - s.corner[0], j - s.corner[1]
+    return (i >= edge) & (j >= edge) & (i < CELLS - edge) & (j < CELLS - edge)
 
 
 @borrowing_kernel
 def was_empty(s: Any, x: float, y: float) -> bool:
     """Whether all cells around a point (dead-reckoned) were empty a moment ago."""
-    i, j = math.floor(x / CELL) - s.corner[0], math.floor(y / CELL) - s.corner[1]
-    if i < 1 or j < 1 or i >= CELLS - 1 or j >= CELLS - 1:
+    i, j, since = math.floor(x / CELL), math.floor(y / CELL), s.stamp - _CLEARED
+    if not _is_inside(s, i, j, 1) or s.clear[place_of_cell(i, j)] < since:
         return False
-    since = s.stamp - _CLEARED
-    for a in range(-1, 2):
-        for b in range(-1, 2):
-            if s.clear[i + a, j + b] < since:
+    for a in range(i - 1, i + 2):
+        for b in range(j - 1, j + 2):
+            if s.clear[place_of_cell(a, b)] < since:
                 return False
     return True
 
@@ -138,7 +208,5 @@ def was_empty(s: Any, x: float, y: float) -> bool:
 @borrowing_kernel
 def was_seen(s: Any, x: float, y: float, since: float) -> bool:
     """Whether the cell of a point (dead-reckoned) has been seen since a stamp [s]."""
-    i, j = math.floor(x / CELL) - s.corner[0], math.floor(y / CELL) - s.corner[1]
-    if i < 0 or j < 0 or i >= CELLS or j >= CELLS:
-        return False
-    return bool(s.seen[i, j] >= since)
+    i, j = math.floor(x / CELL), math.floor(y / CELL)
+    return bool(_is_inside(s, i, j, 0) and s.seen[place_of_cell(i, j)] >= since)

@@ -8,21 +8,27 @@ grid is that of the first scanner; a second list holds the points that further s
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.compiled.address import floats_at
-from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
-from wheelchair_gym.geometry import body_to_world, point_to_world, signed_clearance, world_to_body
+from wheelchair_gym.compiled.address import floats_at, on_stack, rows_of
+from wheelchair_gym.compiled.kernel import as_int, borrowing_kernel, inlined
+from wheelchair_gym.geometry import body_to_world, point_to_world, world_to_body
 from wheelchair_gym.kinematics import arc_step
 from wheelchair_gym.safety.faults import check_sensors
-from wheelchair_gym.safety.grid import Frame, laser_frame, recenter_grid, update_grid, was_empty
+from wheelchair_gym.safety.grid import (
+    Scan,
+    beam_towards,
+    recenter_grid,
+    scan_of,
+    sees_beyond,
+    update_grid,
+    was_empty,
+)
 from wheelchair_gym.safety.state import (
     ARC,
-    BINS,
-    CLOSE,
     FAR,
     FRESH,
     HITS,
@@ -31,9 +37,9 @@ from wheelchair_gym.safety.state import (
     NOTHING,
     OTHERS,
     OTHERS_KEPT,
-    REACH,
     REST_SPEED,
     SECTORS,
+    UPDATE,
     set_motion,
 )
 from wheelchair_gym.sensors.echoes import atan2_f32
@@ -43,8 +49,11 @@ from wheelchair_gym.sensors.settings import SCANNERS
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
+Bytes = NDArray[np.int8]
 
-_F = np.float32
+_update_at, _SIZE = rows_of(UPDATE), UPDATE.itemsize
+_F, _INF, _ONE = np.float32, np.float32(np.inf), np.uint64(1)
+_BLOCK = 32  # beams that are compared at once
 _BESIDE = 0.20  # m: points so near a moving point may belong to the same object
 _FINE = 0.04  # m: length of the arc that becomes one point,
 _NEARBY = 1.3  # m: up to this range; twice as long up to twice the range, and again beyond
@@ -66,8 +75,16 @@ _SPACING = 0.04  # m between the points of an echo's arc
 _SLACK = 0.04  # m: points of the laser stand for arcs of this length (`_FINE`)
 _ECHO = 2.5  # m: farther echoes do not matter yet
 _AGREE = 0.15  # m: laser and ultrasonic together err by less
-_ASIDE = math.radians(4.0)  # cones have soft edges
 _FIRING = 5e-3  # s: stamps of two firings differ by more
+
+
+class Frame(NamedTuple):
+    """A frame in another: its origin, and cosine and sine of its yaw."""
+
+    x: float
+    y: float
+    c: float
+    s: float
 
 
 @inlined
@@ -83,14 +100,6 @@ def _arc_length(r: float) -> float:
 
 
 @borrowing_kernel
-def _beam_towards(g: Any, frame: Frame, dx: float, dy: float) -> int:
-    """The beam whose direction is nearest to a vector (dead-reckoned) from the laser."""
-    ahead, left = world_to_body(frame.c, frame.s, dx, dy)
-    at = (atan2_f32(_F(left), _F(ahead)) - g.first) * g.per_angle
-    return int(max(at, 0.0) + 0.5)
-
-
-@borrowing_kernel
 def last_rows(rows: Any, n: int, most: int) -> int:
     """Keep at most `most` of n rows, the last ones; returns their number."""
     over = max(0, n - most)
@@ -101,91 +110,127 @@ def last_rows(rows: Any, n: int, most: int) -> int:
 
 
 @borrowing_kernel
-def _forget(
-    g: Any, s: Any, laser: Floats, rows: Any, n: int, most: int, age: float, edge: int
-) -> int:
-    """Drop the rows (n,) that are too old, too far, or whose place was seen again.
-
-    At most the last `most` are kept, at the front; returns their number.
-    """
-    beams, kept, frame = laser.shape[0], 0, laser_frame(g, s.pose)
-    for k in range(n):
-        dx, dy = rows[k].x - frame.x, rows[k].y - frame.y
-        far = math.sqrt(dx * dx + dy * dy)
-        if s.stamp - rows[k].stamp > age or far > FAR:
-            continue
-        b = _beam_towards(g, frame, dx, dy)
-        if 1 + edge <= b < beams - 1 - edge:
-            near = far - _SAME
-            if laser[b] >= near and laser[b - 1] >= near and laser[b + 1] >= near:
-                continue
-        rows[kept] = rows[k]
-        kept += 1
-    return last_rows(rows, kept, most)
+def _compact(points: Any, kept: Bytes, begin: int, end: int, to: int) -> int:
+    """Move the kept ones of points begin to end to `to` and on; returns where they end."""
+    x, y, stamp = points.x[:], points.y[:], points.stamp[:]
+    n = np.uint64(to)
+    for k in range(np.uint64(begin), np.uint64(end)):
+        x[n], y[n], stamp[n] = x[k], y[k], stamp[k]
+        n += np.uint64(kept[k])
+    moved: int = as_int(n)
+    return moved
 
 
 @borrowing_kernel
-def _keep_points(g: Any, s: Any, laser: Floats, dt: float) -> None:
+def _find_kept(s: Any, scan: Scan, work: Any) -> None:
+    """Store 1 for each point that is neither too old, nor too far, nor its place seen again."""
+    x, y, stamp, now = s.points.x[:], s.points.y[:], s.points.stamp[:], s.stamp
+    kept, far, beam, n, last = (
+        work.kept[:],
+        work.far[:],
+        work.beam[:],
+        s.n_points,
+        scan.least.shape[0] - 1,
+    )
+    for k in range(np.uint64(n + -n % _BLOCK)):
+        dx, dy = x[k] - scan.x, y[k] - scan.y
+        b = beam_towards(scan, dx, dy)
+        beam[k] = b if b < last else 0
+        far[k] = math.sqrt(dx * dx + dy * dy)
+    for k in range(np.uint64(n)):
+        again = scan.least[np.uint64(beam[k])] >= far[k] - _SAME
+        kept[k] = (now <= stamp[k]) & (far[k] <= FAR) & (not again)
+
+
+@borrowing_kernel
+def _first_alike(points: Any, n: int, px: float, py: float) -> int:
+    """The first of n points that is where another is, or n."""
+    x, y, first = points.x[:], points.y[:], n
+    for k in range(np.uint64(n + -n % _BLOCK)):
+        dx, dy = x[k] - px, y[k] - py
+        at = as_int(k) if dx * dx + dy * dy < _ALIKE * _ALIKE else n
+        first = at if at < first else first
+    return first
+
+
+@borrowing_kernel
+def _keep_points(g: Any, s: Any, scan: Scan, work: Any, dt: float) -> None:
     """Keep the points that the scan does not see again, and merge points that are seen twice.
 
     At rest, dead reckoning has no error: points age more slowly.
     """
+    points = s.points
+    x, y, stamp = points.x[:], points.y[:], points.stamp[:]
     if abs(s.setpoint.v) + abs(s.setpoint.w) < REST_SPEED:
-        for k in range(s.n_points):
-            if s.points[k].stamp > s.stamp + g.memory_time:
-                s.points[k].stamp += (1.0 - _AGEING) * dt
-    old = _forget(g, s, laser, s.points[:], s.n_old, KEPT, 0.0, 0)
-    fresh = s.points[s.n_old : s.n_points]
-    n = old
-    for k in range(_forget(g, s, laser, fresh, s.n_points - s.n_old, FRESH, 0.0, 0)):
-        alike = -1
-        for j in range(old):
-            dx, dy = s.points[j].x - fresh[k].x, s.points[j].y - fresh[k].y
-            if dx * dx + dy * dy < _ALIKE * _ALIKE:
-                alike = j
-                break
-        if alike >= 0:
-            s.points[alike].stamp = fresh[k].stamp
+        latest, younger = s.stamp + g.memory_time, (1.0 - _AGEING) * dt
+        for k in range(np.uint64(s.n_points)):
+            stamp[k] += younger if stamp[k] > latest else 0.0
+    _find_kept(s, scan, work)
+    kept = work.kept[:]
+    n = old = _compact(points, kept, 0, s.n_old, 0)
+    end = _compact(points, kept, s.n_old, s.n_points, old)
+    for k in range(max(old, end - FRESH), end):
+        alike = _first_alike(points, old, x[k], y[k])
+        if alike < old:
+            stamp[alike] = stamp[k]
         else:
-            s.points[n] = fresh[k]
+            x[n], y[n], stamp[n] = x[k], y[k], stamp[k]
             n += 1
-    s.n_points = s.n_old = last_rows(s.points[:], n, KEPT)
+    last_rows(x, n, KEPT)
+    last_rows(y, n, KEPT)
+    s.n_points = s.n_old = last_rows(stamp, n, KEPT)
 
 
 @borrowing_kernel
-def _add_point(g: Any, s: Any, marks: int, frame: Frame, x: float, y: float) -> None:
-    """Add a point in the laser's frame; it counts as moving if points beside it moved recently."""
-    n = s.n_points
-    if n >= FRESH + KEPT:
-        return
-    px, py = point_to_world(frame.c, frame.s, frame.x, frame.y, x, y)
-    point = s.points[n]
-    point.x, point.y = px, py
-    s.n_points = n + 1
-    last = s.stamp if was_empty(s, px, py) else -math.inf
-    for k in range(marks):
-        dx, dy = s.old_marks[k].x - px, s.old_marks[k].y - py
-        if s.old_marks[k].stamp > last and dx * dx + dy * dy < _BESIDE * _BESIDE:
-            last = s.old_marks[k].stamp
-    moves = s.stamp - last <= g.moving_memory_time
-    static = not moves and x * x + y * y < _CLOSE_BY * _CLOSE_BY
-    point.stamp = s.stamp + (g.static_memory_time if static else g.memory_time)
-    if moves and s.n_marks < MARKS:
-        mark = s.marks[s.n_marks]
-        mark.x, mark.y, mark.stamp, mark.seen = px, py, last, s.stamp
-        s.n_marks += 1
+def _keep_marks(g: Any, s: Any, scan: Scan) -> None:
+    """Keep the marks that are not too old, nor too far, and whose place is not seen again."""
+    kept, edge = 0, int(_EDGE * g.per_angle)
+    for k in range(s.n_marks):
+        mark = s.marks[k]
+        dx, dy = mark.x - scan.x, mark.y - scan.y
+        far = math.sqrt(dx * dx + dy * dy)
+        lasts = s.stamp - mark.stamp <= g.moving_memory_time and far <= FAR
+        if lasts and not sees_beyond(scan, dx, dy, far - _SAME, edge):
+            s.marks[kept] = mark
+            kept += 1
+    s.n_marks = last_rows(s.marks[:], kept, MARKS // 2)
 
 
 @borrowing_kernel
-def _add_hit(g: Any, s: Any, frame: Frame, x: float, y: float) -> None:
+def _add_points(g: Any, s: Any, work: Any, scan: Scan, marks: int, end: int) -> None:
+    """Add points in the laser's frame; one moves if its cell was empty or marks beside it moved."""
+    x, y, stamp = s.points.x[:], s.points.y[:], s.points.stamp[:]
+    near, far, begin = s.stamp + g.static_memory_time, s.stamp + g.memory_time, s.n_points
+    for k in range(np.uint64(begin), np.uint64(end)):
+        ahead, left = work.x[k], work.y[k]
+        x[k], y[k] = point_to_world(scan.c, scan.s, scan.x, scan.y, ahead, left)
+        stamp[k] = near if ahead * ahead + left * left < _CLOSE_BY * _CLOSE_BY else far
+    s.n_points = end
+    for k in range(begin, end):
+        last = s.stamp if was_empty(s, x[k], y[k]) else -math.inf
+        for i in range(marks):
+            old = work.old_marks[i]
+            dx, dy = old.x - x[k], old.y - y[k]
+            if old.stamp > last and dx * dx + dy * dy < _BESIDE * _BESIDE:
+                last = old.stamp
+        if s.stamp - last <= g.moving_memory_time:
+            stamp[k] = far
+            if s.n_marks < MARKS:
+                mark = s.marks[s.n_marks]
+                mark.x, mark.y, mark.stamp, mark.seen = x[k], y[k], last, s.stamp
+                s.n_marks += 1
+
+
+@borrowing_kernel
+def _add_hit(s: Any, scan: Scan, x: float, y: float) -> None:
     """Store a hit of a single beam, in the laser's frame, or match it to one of an earlier scan.
 
     Ghost echoes do not repeat at one place; thin objects do, though not in every scan.
     """
-    px, py = point_to_world(frame.c, frame.s, frame.x, frame.y, x, y)
+    px, py = point_to_world(scan.c, scan.s, scan.x, scan.y, x, y)
     far = math.sqrt(x * x + y * y)
-    ux, uy = (px - frame.x) / far, (py - frame.y) / far
-    beside = _HIT_BESIDE + far / g.per_angle
+    ux, uy = (px - scan.x) / far, (py - scan.y) / far
+    beside = _HIT_BESIDE + far / scan.per_angle
     for k in range(s.n_hits):
         hit = s.hits[k]
         dx, dy = hit.x - px, hit.y - py
@@ -200,46 +245,43 @@ def _add_hit(g: Any, s: Any, frame: Frame, x: float, y: float) -> None:
 
 
 @borrowing_kernel
-def _keep_hits(g: Any, s: Any, laser: Floats) -> None:
+def _keep_hits(g: Any, s: Any, scan: Scan, laser: Floats) -> None:
     """Drop old hits of single beams; a hit that repeats in a second scan is an obstacle.
 
     A hit that beams pass is dropped sooner.
     """
-    n, kept, beams = s.n_points, 0, laser.shape[0]
-    frame = laser_frame(g, s.pose)
+    n, kept, beams, points = s.n_points, 0, laser.shape[0], s.points
     for k in range(s.n_hits):
         hit = s.hits[k]
-        dx, dy = hit.x - frame.x, hit.y - frame.y
+        dx, dy = hit.x - scan.x, hit.y - scan.y
         far = math.sqrt(dx * dx + dy * dy)
-        b = _beam_towards(g, frame, dx, dy)
+        b = beam_towards(scan, dx, dy)
         passed = 1 <= b < beams - 1 and laser[b] >= far - _SAME
         if s.stamp - hit.stamp > (_HIT_KEPT if passed else g.memory_time) or far > FAR:
             continue
         s.hits[kept] = hit
         kept += 1
         if hit.scans > 1.0 and n < FRESH + KEPT:
-            s.points[n].x, s.points[n].y = hit.x, hit.y
-            s.points[n].stamp = -math.inf  # of this scan alone: it is added again after each scan
+            points.x[n], points.y[n] = hit.x, hit.y
+            points.stamp[n] = -math.inf  # of this scan alone: it is added again after each scan
             n += 1
     s.n_hits, s.n_points = kept, n
 
 
 @borrowing_kernel
-def _drop_passed(g: Any, s: Any, first: int) -> None:
+def _drop_passed(s: Any, scan: Scan, in_view: Bytes, first: int) -> None:
     """Drop moving points not seen again near one that was: they are a body's earlier position.
 
     A mark at the edge of the view is no evidence: its body may reach beyond.
     """
-    kept, frame = 0, laser_frame(g, s.pose)
+    kept = 0
     for k in range(first, s.n_marks):
-        ahead, left = world_to_body(
-            frame.c, frame.s, s.marks[k].x - frame.x, s.marks[k].y - frame.y
-        )
-        s.in_view[k] = abs(atan2_f32(_F(left), _F(ahead))) < abs(g.first) - _EDGE
+        ahead, left = world_to_body(scan.c, scan.s, s.marks[k].x - scan.x, s.marks[k].y - scan.y)
+        in_view[k] = abs(atan2_f32(_F(left), _F(ahead))) < abs(scan.first) - _EDGE
     for k in range(s.n_marks):
         passed = False
         for i in range(first if k < first else s.n_marks, s.n_marks):
-            if not s.in_view[i]:
+            if not in_view[i]:
                 continue
             dx, dy = s.marks[i].x - s.marks[k].x, s.marks[i].y - s.marks[k].y
             passed = passed or dx * dx + dy * dy < _BODY * _BODY
@@ -250,81 +292,105 @@ def _drop_passed(g: Any, s: Any, first: int) -> None:
 
 
 @borrowing_kernel
-def update_points(g: Any, s: Any, laser: Floats, dt: float) -> None:
-    """Add a scan, dt [s] after the last one: neighbouring beams on one surface become one point.
+def _find_medians(g: Any, s: Any, scan: Scan, laser: Floats, medians: Floats) -> None:
+    """Store the median of each three beams, and add what a single one of them hits.
 
-    A point is the mean of its arc's ranges, which averages noise. Where the arc ends in the open it
-    is not: an oblique edge is nearer than the mean. The median of three beams rejects lost echoes
-    and what a single beam hits, which is an obstacle once another scan hits it. Too near (-inf)
-    counts as the laser's minimum range.
+    It rejects lost echoes. Too near (-inf) counts as the laser's minimum range.
     """
     beams = laser.shape[0]
     cosine, sine = floats_at(g.cosine, beams), floats_at(g.sine, beams)
-    marks = s.n_marks
-    for k in range(marks):
-        s.old_marks[k] = s.marks[k]
-    view_edge = int(_EDGE * g.per_angle)
-    _keep_points(g, s, laser, dt)
-    first = s.n_marks = _forget(
-        g, s, laser, s.marks[:], s.n_marks, MARKS // 2, g.moving_memory_time, view_edge
-    )
-    frame, far = laser_frame(g, s.pose), _F(FAR)
-    nearest, none = _F(g.nearest), _F(np.inf)
-    begin, count, limit, edge = 0, 0, 0, False
-    total, before, mean, head, tail = _F(0.0), none, _F(0.0), _F(0.0), _F(0.0)
+    nearest, far = _F(g.nearest), _F(FAR)
+    medians[beams] = _INF
+    for b in (0, beams - 1):
+        medians[b] = nearest if laser[b] == -_INF else laser[b]
+    for begin in range(1, beams - 1, _BLOCK):
+        end, found = min(begin + _BLOCK, beams - 1), 0
+        for b in range(np.uint64(begin), np.uint64(end)):
+            r = median3(laser[b - _ONE], laser[b], laser[b + _ONE])
+            single = max(laser[b], nearest)
+            found |= (single < r - _JUMP) & (single <= far)
+            medians[b] = nearest if r == -_INF else r
+        for b in range(begin, end if found else begin):
+            r, single = median3(laser[b - 1], laser[b], laser[b + 1]), max(laser[b], nearest)
+            if single < r - _JUMP and single <= far:
+                _add_hit(s, scan, single * cosine[b], single * sine[b])
+
+
+@inlined
+def _put(work: Any, n: int, x: np.float32, y: np.float32) -> int:
+    """Store a point in the laser's frame as the n-th, where it fits; how many there are then."""
+    if n < FRESH + KEPT:
+        work.x[n], work.y[n] = x, y
+        n += 1
+    return n
+
+
+@borrowing_kernel
+def _find_points(g: Any, work: Any, laser: Floats, medians: Floats, n: int) -> int:
+    """Store points from the n-th on in the laser's frame; returns where they end.
+
+    Neighbouring beams on one surface become one point, the mean of their ranges, which averages
+    noise. Where the arc ends in the open it is not: an oblique edge is nearer than the mean.
+    """
+    beams = laser.shape[0]
+    cosine, sine = floats_at(g.cosine, beams), floats_at(g.sine, beams)
+    far, begin, tail, count, limit, edge = _F(FAR), 0, 0, 0, 0, False
+    total, before = _F(0.0), _INF
     for b in range(beams + 1):
-        r = none
-        if b < beams:
-            r = laser[b]
-            if 0 < b < beams - 1:
-                r = median3(laser[b - 1], r, laser[b + 1])
-                single = max(laser[b], nearest)
-                if single < r - _JUMP and single <= far:
-                    _add_hit(g, s, frame, single * cosine[b], single * sine[b])
-            r = nearest if r == -none else r
+        r = medians[b]
         if count > 0:
             off = total - r * _F(count)
             if not (abs(off) <= _SPREAD * _F(count) and b - begin <= limit):
                 mean = total / _F(count)
                 i, last = begin + count // 2, begin + count - 1
                 if edge and i > begin:
-                    r0 = min(mean, head)
-                    _add_point(g, s, marks, frame, r0 * cosine[begin], r0 * sine[begin])
-                _add_point(g, s, marks, frame, mean * cosine[i], mean * sine[i])
+                    r0 = min(mean, _nearer(laser[begin], medians[begin]))
+                    n = _put(work, n, r0 * cosine[begin], r0 * sine[begin])
+                n = _put(work, n, mean * cosine[i], mean * sine[i])
                 if not abs(r - mean) <= _JUMP and last > i:
-                    r0 = min(mean, tail)
-                    _add_point(g, s, marks, frame, r0 * cosine[last], r0 * sine[last])
+                    r0 = min(mean, _nearer(laser[tail], medians[tail]))
+                    n = _put(work, n, r0 * cosine[last], r0 * sine[last])
                 before, count, total = mean, 0, _F(0.0)
         if r <= far:
             if count == 0:
-                begin, head, edge = b, _nearer(laser[b], r), bool(abs(r - before) > _JUMP)
+                begin, edge = b, bool(abs(r - before) > _JUMP)
                 limit = int(_arc_length(float(r)) * g.per_angle / r)
             count += 1
             total += r
-            tail = _nearer(laser[b], r)
+            tail = b
         elif count == 0:
-            before = none
-    _keep_hits(g, s, laser)
-    _drop_passed(g, s, first)
+            before = _INF
+    return n
 
 
 @borrowing_kernel
-def _is_explained(g: Any, s: Any, k: int, x: float, y: float, yaw: float, r: float) -> bool:
-    """Whether a laser point inside ranger k's cone explains its echo."""
-    c, sn, slope = math.cos(yaw), math.sin(yaw), math.tan(g.ranger_half[k] + _ASIDE)
-    for i in range(s.n_points):
-        dx, dy = s.points[i].x - x, s.points[i].y - y
-        ahead, left = world_to_body(c, sn, dx, dy)
-        inside = ahead > 0.0 and abs(left) <= slope * ahead + _SLACK
-        if inside and dx * dx + dy * dy <= (r + _AGREE) * (r + _AGREE):
-            return True
-    for i in range(s.n_others):
-        dx, dy = s.others[i].x - x, s.others[i].y - y
-        ahead, left = world_to_body(c, sn, dx, dy)
-        inside = ahead > 0.0 and abs(left) <= slope * ahead + _SLACK
-        if inside and dx * dx + dy * dy <= (r + _AGREE) * (r + _AGREE):
-            return True
-    return False
+def update_points(g: Any, s: Any, scan: Scan, laser: Floats, dt: float) -> None:
+    """Add a scan, dt [s] after the last one, and forget what it shows to be gone."""
+    work, marks = _update_at(on_stack(_SIZE), 1)[0], s.n_marks
+    beams = laser.shape[0]
+    medians = floats_at(on_stack(4 * beams + 4), beams + 1)
+    for k in range(marks):
+        work.old_marks[k] = s.marks[k]
+    _keep_points(g, s, scan, work, dt)
+    _keep_marks(g, s, scan)
+    first = s.n_marks
+    _find_medians(g, s, scan, laser, medians)
+    end = _find_points(g, work, laser, medians, s.n_points)
+    _add_points(g, s, work, scan, marks, end)
+    _keep_hits(g, s, scan, laser)
+    _drop_passed(s, scan, work.in_view[:], first)
+
+
+@borrowing_kernel
+def _is_explained(x: Array, y: Array, n: int, at: Frame, slope: float, r: float) -> bool:
+    """Whether one of n points inside a ranger's cone explains its echo."""
+    square, found = (r + _AGREE) * (r + _AGREE), 0
+    for k in range(np.uint64(n + -n % _BLOCK)):
+        dx, dy = x[k] - at.x, y[k] - at.y
+        ahead, left = world_to_body(at.c, at.s, dx, dy)
+        inside = (ahead > 0.0) & (abs(left) <= slope * ahead + _SLACK)
+        found |= inside & (dx * dx + dy * dy <= square) & (k < np.uint64(n))
+    return found > 0
 
 
 @borrowing_kernel
@@ -343,13 +409,13 @@ def _is_kept(g: Any, s: Any, ranges: Floats, k: int) -> bool:
     It goes where its scanner hits its place again, which gives a new point, or sees beyond it in
     two readings: a lost echo alone is no evidence.
     """
-    point = s.others[k]
-    dx, dy = point.x - s.pose[0], point.y - s.pose[1]
-    if s.stamp > point.stamp or dx * dx + dy * dy > FAR * FAR:
+    others = s.others
+    dx, dy = others.x[k] - s.pose[0], others.y[k] - s.pose[1]
+    if s.stamp > others.stamp[k] or dx * dx + dy * dy > FAR * FAR:
         return False
-    one = scanner_at(g.scanners, g.n_scanners, point.scanner)
+    one = scanner_at(g.scanners, g.n_scanners, others.scanner[k])
     frame = _frame_of(s, one.mount)
-    dx, dy = point.x - frame.x, point.y - frame.y
+    dx, dy = others.x[k] - frame.x, others.y[k] - frame.y
     ahead, left = world_to_body(frame.c, frame.s, dx, dy)
     b = math.floor((math.atan2(left, ahead) - one.first) * one.per_angle)
     if b < 0 or b + 1 >= one.cosine.shape[0]:
@@ -358,20 +424,27 @@ def _is_kept(g: Any, s: Any, ranges: Floats, k: int) -> bool:
     least = min(ranges[one.start + b], ranges[one.start + b + 1])
     if far > one.reach or not least >= far - _SAME:
         return True
-    point.passed += 1
-    return bool(least > far + _SAME and point.passed < _PASSED)
+    others.passed[k] += 1
+    return bool(least > far + _SAME and others.passed[k] < _PASSED)
 
 
 @borrowing_kernel
 def _add_other(g: Any, s: Any, one: LaserArrays, frame: Frame, r: np.float32, b: int) -> None:
     """Add the hit of beam b of a further scanner at a range [m]."""
     x, y = r * one.cosine[b], r * one.sine[b]
-    point = s.others[s.n_others]
+    others, n = s.others, s.n_others
     px, py = point_to_world(frame.c, frame.s, frame.x, frame.y, x, y)
     static = x * x + y * y < _CLOSE_BY * _CLOSE_BY and not was_empty(s, px, py)
-    point.x, point.y, point.scanner, point.passed = px, py, one.number, 0
-    point.stamp = s.stamp + (g.static_memory_time if static else g.memory_time)
+    others.x[n], others.y[n], others.scanner[n], others.passed[n] = px, py, one.number, 0
+    others.stamp[n] = s.stamp + (g.static_memory_time if static else g.memory_time)
     s.n_others += 1
+
+
+@borrowing_kernel
+def _move_other(others: Any, k: int, to: int) -> None:
+    """Copy point k of further scanners to another place."""
+    others.x[to], others.y[to], others.stamp[to] = others.x[k], others.y[k], others.stamp[k]
+    others.scanner[to], others.passed[to] = others.scanner[k], others.passed[k]
 
 
 @borrowing_kernel
@@ -396,10 +469,10 @@ def update_others(g: Any, s: Any, ranges: Floats) -> None:
     kept = 0
     for k in range(s.n_others):
         if kept < OTHERS_KEPT and _is_kept(g, s, ranges, k):
-            s.others[kept] = s.others[k]
+            _move_other(s.others, k, kept)
             kept += 1
     for k in range(kept):  # new points come first, so that the oldest are lost
-        s.others[OTHERS - kept + k] = s.others[k]
+        _move_other(s.others, k, OTHERS - kept + k)
     s.n_others, far = 0, _F(FAR)
     spare = (SCANNERS - g.n_scanners) * SECTORS
     for k in range(1, g.n_scanners):
@@ -424,7 +497,7 @@ def update_others(g: Any, s: Any, ranges: Floats) -> None:
         if at >= 0:
             _add_other(g, s, one, frame, best, at)
     for k in range(kept):
-        s.others[s.n_others] = s.others[OTHERS - kept + k]
+        _move_other(s.others, OTHERS - kept + k, s.n_others)
         s.n_others += 1
 
 
@@ -456,7 +529,11 @@ def update_echoes(g: Any, s: Any, ultrasonic: Floats, age: Floats) -> None:
         mount = g.ranger_mount[k]
         x, y = point_to_world(math.cos(yaw), math.sin(yaw), bx, by, mount[0], mount[1])
         yaw += mount[2]
-        if _is_explained(g, s, k, x, y, yaw, r):
+        at, slope = Frame(x, y, math.cos(yaw), math.sin(yaw)), g.ranger_slope[k]
+        points, others = s.points, s.others
+        if _is_explained(points.x[:], points.y[:], s.n_points, at, slope, r) or _is_explained(
+            others.x[:], others.y[:], s.n_others, at, slope, r
+        ):
             s.n_arc[k], s.doubtful[k] = 0, math.nan
             continue
         moved = abs(v) * since if math.isfinite(v) else 0.0
@@ -464,11 +541,11 @@ def update_echoes(g: Any, s: Any, ultrasonic: Floats, age: Floats) -> None:
         s.doubtful[k] = r
         s.n_arc[k] = 0
         if again:
-            half = g.ranger_half[k]
+            half, arc = g.ranger_half[k], s.arc[k]
             n = min(ARC, 2 + int(2.0 * half * r / _SPACING))
             for i in range(n):
                 angle = yaw - half + 2.0 * half * i / (n - 1)
-                s.arc[k, i].x, s.arc[k, i].y = x + r * math.cos(angle), y + r * math.sin(angle)
+                arc.x[i], arc.y[i] = x + r * math.cos(angle), y + r * math.sin(angle)
             s.n_arc[k] = n
 
 
@@ -489,66 +566,10 @@ def reset(s: Any) -> None:
     s.sonar_silent[:], s.fired[:] = 0.0, -math.inf
     s.doubtful[:], s.n_arc[:] = math.nan, 0
     s.corner[:] = 1 << 40  # far away: all cells of the grid come in as never seen
-    s.n_points, s.n_old, s.n_marks, s.n_near, s.n_moving, s.n_close = 0, 0, 0, 0, 0, 0
-    s.n_hits, s.n_others, s.columns, s.gap, s.hidden = 0, 0, 0, FAR, 0.0
+    s.n_points, s.n_old, s.n_marks, s.n_hits, s.n_others, s.columns = 0, 0, 0, 0, 0, 0
+    s.gap = FAR
     s.other_silent[:] = s.other_frozen[:] = 0.0
     s.other_hash[:] = np.uint64(0)
-
-
-@borrowing_kernel
-def _store_near(s: Any, outline: Array, margin: float, px: float, py: float, n: int) -> int:
-    """Store a point in the chair's frame, either as inside the stop zone or as near."""
-    far = math.sqrt(px * px + py * py)
-    if far >= REACH:
-        return n
-    gap = signed_clearance(px, py, outline)
-    s.gap = min(s.gap, max(0.0, gap))
-    if gap < margin and s.n_close < CLOSE:
-        point = s.close[s.n_close]
-        point.x, point.y, point.distance = px, py, gap
-        s.n_close += 1
-        return n
-    point = s.unsorted[n]
-    point.x, point.y, point.distance = px, py, far
-    s.bins[int(far * BINS / REACH) + 1] += 1
-    return n + 1
-
-
-@borrowing_kernel
-def gather(g: Any, s: Any) -> None:
-    """Transform points and echoes into the chair's frame, sorted by bins of distance."""
-    s.bins[:] = 0
-    s.gap, s.n_close, n = FAR, 0, 0
-    outline, margin = g.outline[:], g.stop_margin
-    c, sn = math.cos(s.pose[2]), math.sin(s.pose[2])
-    x, y = s.pose[0], s.pose[1]
-    for k in range(s.n_points):
-        px, py = world_to_body(c, sn, s.points[k].x - x, s.points[k].y - y)
-        n = _store_near(s, outline, margin, px, py, n)
-    for k in range(s.n_others):
-        px, py = world_to_body(c, sn, s.others[k].x - x, s.others[k].y - y)
-        n = _store_near(s, outline, margin, px, py, n)
-    for k in range(s.n_arc.shape[0]):
-        for i in range(s.n_arc[k]):
-            px, py = world_to_body(c, sn, s.arc[k, i].x - x, s.arc[k, i].y - y)
-            n = _store_near(s, outline, margin, px, py, n)
-    for b in range(BINS):
-        s.bins[b + 1] += s.bins[b]
-    s.n_near = n
-    for k in range(n):
-        point = s.unsorted[k]
-        b = int(point.distance * BINS / REACH)
-        at = s.bins[b]
-        s.bins[b] = at + 1
-        s.near[at, 0], s.near[at, 1], s.near[at, 2] = point.x, point.y, b * REACH / BINS
-    s.hidden = 0.0
-    for k in range(s.n_marks):
-        mark = s.marks[k]
-        s.moving[k, 0], s.moving[k, 1] = world_to_body(c, sn, mark.x - x, mark.y - y)
-        s.moving[k, 2] = 0.0
-        s.standing_for[k], s.hidden_for[k] = s.stamp - mark.stamp, s.stamp - mark.seen
-        s.hidden = max(s.hidden, s.hidden_for[k])
-    s.n_moving = s.n_marks
 
 
 @borrowing_kernel
@@ -578,12 +599,12 @@ def update(
         set_motion(s, v, 0.0, w, 0.0)
     recenter_grid(s)
     if fresh:
-        update_points(g, s, laser, dt)
-        update_grid(g, s, laser)
+        scan = scan_of(g, s.pose, laser, floats_at(on_stack(4 * g.beams), g.beams))
+        update_points(g, s, scan, laser, dt)
+        update_grid(g, s, scan)
         if not s.begun:  # the other half of the columns, too
-            update_grid(g, s, laser)
+            update_grid(g, s, scan)
     if g.n_scanners > 1:
         update_others(g, s, ranges)
     update_echoes(g, s, ultrasonic, age)
-    gather(g, s)
     s.begun = True

@@ -33,10 +33,9 @@ NOTHING, OBSTACLE, MOVING, UNSEEN, LASER_SILENT, LASER_FROZEN, LASER_BLIND = ran
 SONAR_SILENT, SONAR_FROZEN, ODOMETRY_SILENT, ODOMETRY_FROZEN, BUMPED = range(7, 12)
 
 CELL = 0.10  # m: side of a cell of the grid
-CELLS = 64  # cells per side: 3.2 m around the chair, as far as people matter
+CELLS = 64  # cells per side, a power of two: 3.2 m around the chair, as far as people matter
 REACH = 2.6  # m from the axle: the outline, and what it sweeps from 0.8 m/s to rest
 FAR = 3.6  # m from the laser: farther points are not stored
-BINS = 36  # of distance, to sort points by
 FRESH = 512  # points of one scan
 KEPT = 512  # points of earlier scans
 ARC = 12  # points on the arc of an echo
@@ -52,7 +51,9 @@ _SPARE = 1.2  # the chair must exceed its limits by this factor to follow its se
 _ROUND = 1e-6
 REST_SPEED = 0.02  # m/s, rad/s: slower is at rest
 ECHOES = 64  # beams of the last scan with echoes that are kept, to detect a blind laser
+_ASIDE = math.radians(4.0)  # cones of ultrasonics have soft edges
 SAMPLES = 38  # points of the outline that are checked against unseen space
+SIDES: Final = ((2, 8), (9, 15), (16, 26), (27, 37))  # the first and last of each side
 
 COPIED = [field.name for field in fields(ShieldSettings) if field.name != "stale"]
 _F8 = "f8"
@@ -61,16 +62,26 @@ SAMPLE = np.dtype([(name, _F8) for name in ("x", "y", "normal_x", "normal_y")])
 XY = np.dtype([("x", _F8), ("y", _F8)])  # m
 POINT = np.dtype([*XY.descr, ("stamp", _F8)])  # stamp: kept until then [s]
 HIT = np.dtype([*POINT.descr, ("scans", _F8)])  # stamp: of the last hit; hits in so many scans
-# Stamp: kept until then [s]; its scanner, which has seen beyond it in so many readings.
-OTHER = np.dtype([*POINT.descr, ("scanner", "i8"), ("passed", "i8")])
 MARK = np.dtype([*POINT.descr, ("seen", _F8)])  # stamps [s] of the last motion and sighting
 DISTANT = np.dtype([(name, _F8) for name in ("x", "y", "distance")])  # m
+
+
+def _columns(row: np.dtype[np.void], n: int) -> list[tuple[str, str, tuple[int]]]:
+    """Fields that hold n such rows, each field of theirs as an array, for loops in vectors."""
+    return [(name, _F8, (n,)) for name in row.names or ()]
+
+
+POINTS, ARC_POINTS = np.dtype(_columns(POINT, FRESH + KEPT)), np.dtype(_columns(XY, ARC))
+OUTLINE = np.dtype(_columns(SAMPLE, SAMPLES))
+# Of each also its scanner, which has seen beyond it in so many readings.
+_MORE = [(name, "i1", (OTHERS,)) for name in ("scanner", "passed")]
+OTHER_POINTS = np.dtype([*_columns(POINT, OTHERS), *_MORE], align=True)
 
 CONSTANTS = np.dtype(
     [
         ("limits", LIMITS),
         ("outline", "f8", (3,)),  # Footprint.array
-        ("samples", SAMPLE, (SAMPLES,)),  # outward normals; 0, 0 at the rear corners
+        ("samples", OUTLINE),  # outward normals; 0, 0 at the rear corners
         ("period", "f8"),  # s
         ("track", "f8"),  # m
         *((name, "f8") for name in COPIED),
@@ -89,6 +100,7 @@ CONSTANTS = np.dtype(
         ("scanners", "u8"),  # address of their records, of SCANNER
         ("ranger_mount", "f8", (RANGERS, 3)),  # poses
         ("ranger_half", "f8", (RANGERS,)),  # rad: half of the cone
+        ("ranger_slope", "f8", (RANGERS,)),  # of the edge of a slightly wider cone
         ("ranger_reach", "f8", (RANGERS,)),  # m
     ],
     align=True,
@@ -137,42 +149,62 @@ SHIELD = np.dtype(
         # grid
         ("corner", "i8", (2,)),  # cell of the grid's lower left corner
         ("columns", "i8"),  # 0 or 1: whether even or odd columns were updated last
-        ("seen", "f4", (CELLS, CELLS)),  # s: when a ray last reached the cell
-        ("clear", "f4", (CELLS, CELLS)),  # s: when a ray last passed well beyond it
-        ("beam", "i4", (CELLS,)),  # of one column: the beam that covers each cell
-        ("range", "f4", (CELLS,)),  # m: the distance of its centre
+        ("seen", "f4", (CELLS * CELLS,)),  # s: when a ray last reached the cell
+        ("clear", "f4", (CELLS * CELLS,)),  # s: when a ray last passed well beyond it
         # points that the laser hit; the first n_old are of earlier scans
         ("n_points", "i8"),
         ("n_old", "i8"),
-        ("points", POINT, (FRESH + KEPT,)),
+        ("points", POINTS),
         ("n_hits", "i8"),
         ("hits", HIT, (HITS,)),  # of single beams
         # points that further scanners hit, those of the last reading first
         ("n_others", "i8"),
-        ("others", OTHER, (OTHERS,)),
+        ("others", OTHER_POINTS),
         ("n_marks", "i8"),
         ("marks", MARK, (MARKS,)),  # points that may move
-        ("old_marks", MARK, (MARKS,)),  # before the last scan
-        ("in_view", "i1", (MARKS,)),  # 1: the body of a mark is wholly in view
         # echoes that no laser point explains
         ("fired", "f8", (RANGERS,)),  # s: when each ranger fired
         ("doubtful", "f8", (RANGERS,)),  # m: an echo measured once, or NaN
         ("n_arc", "i8", (RANGERS,)),
-        ("arc", XY, (RANGERS, ARC)),
-        # the same in the chair's frame
-        ("n_near", "i8"),
-        ("unsorted", DISTANT, (NEAR,)),
-        ("near", "f8", (NEAR, 3)),  # x, y and a lower bound of the distance, which rises
+        ("arc", ARC_POINTS, (RANGERS,)),
+        ("gap", "f8"),  # m: clearance of the outline
+        ("decision", DECISION),
+    ],
+    align=True,
+)
+
+# What is near, in the chair's frame: workspace of a decision.
+NEARBY = np.dtype(
+    [
+        ("n", "i8"),
+        ("x", "f8", (NEAR,)),
+        ("y", "f8", (NEAR,)),
+        ("gaps", "f8", (NEAR,)),  # m: signed clearances
+        ("out_x", "f8", (SAMPLES,)),  # points of the outline that move outward
+        ("out_y", "f8", (SAMPLES,)),
         ("n_moving", "i8"),
-        ("moving", "f8", (MARKS, 3)),  # x, y, 0
+        ("moving_x", "f8", (MARKS,)),
+        ("moving_y", "f8", (MARKS,)),
         ("standing_for", "f8", (MARKS,)),  # s
         ("hidden_for", "f8", (MARKS,)),  # s
         ("hidden", "f8"),  # s: the longest of these
         ("n_close", "i8"),
         ("close", DISTANT, (CLOSE,)),  # signed clearances
         ("gap", "f8"),  # m: clearance of the outline
-        ("bins", "i8", (BINS + 1,)),
-        ("decision", DECISION),
+    ],
+    align=True,
+)
+
+# Workspace of an update.
+UPDATE = np.dtype(
+    [
+        ("kept", "i1", (FRESH + KEPT,)),  # 1: a point is kept
+        ("beam", "i4", (FRESH + KEPT,)),  # the beam towards it
+        ("far", "f8", (FRESH + KEPT,)),  # m: from the laser
+        ("x", "f4", (FRESH + KEPT,)),  # m: points of the last scan in the laser's frame
+        ("y", "f4", (FRESH + KEPT,)),
+        ("old_marks", MARK, (MARKS,)),  # before the scan
+        ("in_view", "i1", (MARKS,)),  # 1: the body of a mark is wholly in view
     ],
     align=True,
 )
@@ -248,7 +280,9 @@ class ShieldConstants:
         self.record: Rows = pointers.record
         g: Any = self.record[0]
         g["limits"], g["outline"] = chair.limits.record, chair.footprint.array
-        g["samples"] = outline_samples(*chair.footprint.array.tolist())
+        samples = outline_samples(*chair.footprint.array.tolist())
+        for name in SAMPLE.names or ():
+            g["samples"][name] = samples[name]
         g["period"], g["track"] = period, chair.drive.track
         for name in COPIED:
             g[name] = getattr(config, name)
@@ -265,7 +299,9 @@ class ShieldConstants:
         for k, one in enumerate(rangers.mounted):
             model = rangers.narrow if one.model == "narrow" else rangers.wide
             g["ranger_mount"][k] = one.x, one.y, one.yaw
-            g["ranger_half"][k], g["ranger_reach"][k] = 0.5 * model.field_of_view, model.reach
+            half = 0.5 * model.field_of_view
+            g["ranger_half"][k], g["ranger_reach"][k] = half, model.reach
+            g["ranger_slope"][k] = math.tan(half + _ASIDE)
 
     def __deepcopy__(self, memo: dict[int, Any]) -> ShieldConstants:
         return self
