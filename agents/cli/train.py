@@ -67,6 +67,8 @@ def run(given: argparse.Namespace) -> int:
             load_imitation(settings, where) if imitates
             else read_training(settings, where, algorithm)
         )  # fmt: skip
+        if not imitates and not cases:
+            _warn_of_short_checkpoints(config)
         for seed in seeds:
             folder = out / name / f"seed_{seed}" if len(seeds) > 1 else out / name
             cases.append(Case(f"{name} seed {seed}".strip(), config, changes, seed, folder, value))
@@ -82,6 +84,22 @@ def run(given: argparse.Namespace) -> int:
         lines.append(write_sweep(key, [(case.value, case.folder) for case in cases], out))
     report(given, results, "\n".join([*lines, str(out)]))
     return 0
+
+
+def _warn_of_short_checkpoints(config: Any) -> None:
+    """Say where episodes may last longer than the time between two checkpoints."""
+    env, steps = config.env_settings(), config.steps_per_checkpoint
+    least = env.task.time_base
+    if env.task.max_episode_steps is not None:
+        least = min(least, env.task.max_episode_steps / env.rate)
+    if steps / env.rate < least:
+        print(
+            f"wheelchair: all environments reset at a checkpoint, after {steps / env.rate:g} s of "
+            f"driving ({steps} steps at {env.rate:g} Hz), and episodes may last {least:g} s and "
+            "longer: only short ones end, so the success in training is of these, and no long one "
+            "is learned to its end; set a larger checkpoint_frequency",
+            file=sys.stderr,
+        )
 
 
 def varied(text: str | None) -> tuple[str, list[str]]:
@@ -166,9 +184,15 @@ def _train(given: argparse.Namespace, case: Case) -> dict[str, Any]:
 
 def _line(row: dict[str, Any]) -> str:
     """The main figures of a row."""
-    parts = [f"success {float(row['success']):.2f}"] if "success" in row else []
+    parts = []
     if row.get("eval_success") not in (None, ""):
-        parts.append(f"evaluation {float(row['eval_success']):.2f}")
+        parts.append(f"success in evaluation {float(row['eval_success']):.2f}")
+    if "episodes" in row:
+        of = f"of {row['episodes']} episodes" if row["episodes"] else "no episode ended"
+        share = f"{float(row['success']):.2f} " if row["episodes"] else ""
+        parts.append(f"in training {share}({of})")
+    elif "success" in row:
+        parts.append(f"success {float(row['success']):.2f}")
     if "frames_per_second_s" in row:
         parts.append(f"{float(row['frames_per_second_s']):,.0f} frames/s")
     return ", ".join(parts)

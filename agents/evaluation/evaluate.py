@@ -89,7 +89,12 @@ def env_settings(**values: Any) -> dict[str, Any]:
     if isinstance(path, str | Path):
         from wheelchair_gym.envs import EnvSettings
 
-        values["config"] = read_json(path)
+        values["config"] = content = read_json(path)
+        if isinstance(content, Mapping) and "env" in content:
+            raise InputError(
+                f"{path}: these are settings of a training run; expected those of the environment, "
+                "which stand there under 'env': save them as a file of their own"
+            )
         load(EnvSettings, values["config"], Path(path).name)  # errors name the file
     return {key: value for key, value in values.items() if value is not None}
 

@@ -145,6 +145,7 @@ WRONG = {
     "missing config": lambda hall: ["simulate", "--policy", "random", "--config", hall / "no.json"],
     "broken config": lambda hall: ["simulate", "--config", hall / "broken.json"],
     "unknown key in a config": lambda hall: ["simulate", "--config", hall / "unknown.json"],
+    "config of a training run": lambda _: ["simulate", "--config", ROOT / "configs/ppo_goal.json"],
     "config is a list": lambda hall: ["simulate", "--config", hall / "list.json"],
     "unknown key of a scene": lambda hall: [
         "simulate", "--policy", "random", "--scene", f"{hall / 'scenes.json'}:clutter",
