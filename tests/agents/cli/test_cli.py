@@ -356,7 +356,10 @@ def test_a_comparison_leaves_everything_in_its_folder(capsys, tmp_path):
         "compare", "--policies", "random,straight", "--scenes", "floor_plan", "--episodes", "1",
         "--jobs", "1", "--out", out, "--config", config, "--quiet", "--no-video",
     ]  # fmt: skip
+    out.mkdir()
+    (out / "episode.gif").write_bytes(b"a film of another comparison")
     assert run(*arguments) == 0
+    assert not (out / "episode.gif").exists()
     assert "straight" in capsys.readouterr().out
     results = json.loads((out / "results.json").read_text())
     assert set(results) == {
