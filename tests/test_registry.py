@@ -94,7 +94,7 @@ def test_every_kind_is_made_by_its_place(theirs):
         ("{0}:Polcy", "did you mean Policy"),
         ("nowhere_at_all:Policy", "cannot be imported"),
         ("broken:f", "SyntaxError"),
-        ({"name": "{0}:Policy", "sped": 1}, "sped"),
+        ({"name": "{0}:Policy", "sped": 1}, "'sped'; did you mean speed"),
         ("{0}:Policy+window", "has no method plan"),
         ("a_star+{0}:Policy", "no method make or twist"),
     ],

@@ -289,7 +289,7 @@ COMMANDS = (
                    "the scenes or maps)", None, "DIR"),
             flag("--no-video", "write no video"), QUIET,
             option("--columns", "columns of the table in the terminal, or all; the report has all",
-                   names, default=["episodes", "success", "collision", "timeout", "spl", "time"]),
+                   names, default=["episodes", "success", "collision", "at_fault", "spl", "time"]),
             *record("DIR", "one file for each episode"), JSON,
         ],
     ),
@@ -406,8 +406,8 @@ COMMANDS = (
             option("--frames", "environment steps of a run", count),
             option("--seeds", "seeds of the runs", names, default=["0"]),
             option("--jobs", "runs at once", count, default=1),
-            option("--out", "folder of the results, with a folder for each seed (default "
-                   "runs/ALGORITHM)", None, "DIR"),
+            option("--out", "folder of the run; with several seeds or --vary, of a folder for each "
+                   "run (default runs/ALGORITHM)", None, "DIR"),
             QUIET, JSON,
         ],
         TRAINING_ENVIRON,

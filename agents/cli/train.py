@@ -57,7 +57,7 @@ def run(given: argparse.Namespace) -> int:
     if given.frames is not None and not imitates:
         content["frames"] = given.frames
     out = Path(given.out or Path("runs") / algorithm)
-    cases = []
+    cases: list[Case] = []
     key, values = varied(given.vary)
     for value in values:
         name = f"{key.rpartition('.')[2]}_{value}" if key else ""
@@ -137,7 +137,9 @@ def _train(given: argparse.Namespace, case: Case) -> dict[str, Any]:
 
     pause = 0.5 if sys.stderr.isatty() else 10.0
     style: dict[str, Any] = {"mininterval": pause, "maxinterval": pause, "disable": given.quiet}
-    worlds = tqdm(total=0, unit="world", leave=False, desc="worlds", **style)
+    # A second bar moves the cursor, which a log does not have.
+    inner = style | {"disable": given.quiet or not sys.stderr.isatty()}
+    worlds = tqdm(total=0, unit="world", leave=False, desc="worlds", **inner)
     frames = tqdm(
         total=case.config.frames, unit="frame", unit_scale=True, desc=f"seed {case.seed}", **style
     )
@@ -155,7 +157,7 @@ def _train(given: argparse.Namespace, case: Case) -> dict[str, Any]:
     def on_evaluated(done: int, total: int) -> None:
         if not evaluation:
             evaluation.append(
-                tqdm(total=total, unit="episode", leave=False, desc="evaluation", **style)
+                tqdm(total=total, unit="episode", leave=False, desc="evaluation", **inner)
             )
         evaluation[0].update(done - evaluation[0].n)
         if done == total:

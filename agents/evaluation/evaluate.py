@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import re
 import sys
 import time
 from collections.abc import Mapping, Sequence
@@ -192,7 +193,8 @@ def run_episode(
         record = drive_episode(world, make_policy(without_labels(policy)), seed, each)
         picture = None
         if not record["success"]:
-            picture = f"pictures/{label(policy)}-{label(scene)}-{seed}.png".replace(" ", "_")
+            name = re.sub("[ :]", "_", f"{label(policy)}-{label(scene)}-{seed}")
+            picture = f"pictures/{name}.png"
             from wheelchair_gym.rendering.video import write_png
 
             write_png(folder / picture, world.render())

@@ -181,6 +181,29 @@ def test_wrong_input_is_one_line_and_code_2(hall, capfd, case):
 
 
 @pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (
+            ["simulate", "--policy", "mine/hugger.py:Gap"],
+            "write hugger:Gap, in the folder of hugger.py",
+        ),
+        (["settings", "ppo"], "'ppo'; training has those of `train ppo`"),
+        (["settings", "bc"], "'bc'; imitation has those of `train bc`"),
+        (["simulate", "--config", str(ROOT / "configs/ppo_goal.json")], "a training run; expected"),
+    ],
+)
+def test_a_likely_slip_is_told_what_was_meant(arguments, says, capsys):
+    assert run(*arguments) == 2
+    assert says in capsys.readouterr().err
+
+
+def test_a_warning_about_settings_has_no_line_of_the_source():
+    where = ("some.py", 3)
+    assert cli.one_line_warning("mind this", UserWarning, *where) == "wheelchair: mind this\n"
+    assert "some.py:3" in cli.one_line_warning("old", DeprecationWarning, *where)
+
+
+@pytest.mark.parametrize(
     ("change", "status"),
     [({"start": "2.5,2"}, "start_occupied"), ({"goal": "9,9"}, "goal_outside")],
 )
@@ -362,6 +385,7 @@ def test_a_comparison_leaves_everything_in_its_folder(capsys, tmp_path):
     assert not (out / "episode.gif").exists()
     assert "straight" in capsys.readouterr().out
     results = json.loads((out / "results.json").read_text())
+    assert results["title"] == "Policies on floor_plan"
     assert set(results) == {
         "title", "command", "provenance", "policies", "scenes", "records", "summary", "video",
         "kinds",
