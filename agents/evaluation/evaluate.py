@@ -178,6 +178,12 @@ def _kind(policy: Spec, scene: Spec) -> str:
     return f"{label(policy)} {scene_env(scene, {})}"
 
 
+def picture_name(policy: Spec, scene: Spec, seed: int) -> str:
+    """Where the picture of a failed episode lies in its folder: a name that every system takes."""
+    name = re.sub("[ :]", "_", f"{label(policy)}-{label(scene)}-{seed}")
+    return f"pictures/{name}.png"
+
+
 def run_episode(
     job: tuple[Spec, Spec, int], env: Mapping[str, Any], folder: Path, watch: Watch = NO_WATCH
 ) -> Record:
@@ -193,8 +199,7 @@ def run_episode(
         record = drive_episode(world, make_policy(without_labels(policy)), seed, each)
         picture = None
         if not record["success"]:
-            name = re.sub("[ :]", "_", f"{label(policy)}-{label(scene)}-{seed}")
-            picture = f"pictures/{name}.png"
+            picture = picture_name(policy, scene, seed)
             from wheelchair_gym.rendering.video import write_png
 
             write_png(folder / picture, world.render())
