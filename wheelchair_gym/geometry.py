@@ -208,14 +208,9 @@ def rectangle_point_gap(px: float, py: float, footprint: Array) -> float:
 
 
 @kernel
-def rectangle_segment_gap(
-    x: float, y: float, yaw: float, footprint: Array, ax: float, ay: float, bx: float, by: float
-) -> float:
-    """Distance [m] between a footprint (3,) at a pose and the segment a-b; 0 where they overlap."""
-    c, s = math.cos(yaw), math.sin(yaw)
+def outline_segment_gap(footprint: Array, px: float, py: float, qx: float, qy: float) -> float:
+    """Distance [m] of a segment p-q in a footprint's own frame from it; 0 where they overlap."""
     front, back, half = footprint[0], -footprint[1], footprint[2]
-    px, py = world_to_body(c, s, ax - x, ay - y)
-    qx, qy = world_to_body(c, s, bx - x, by - y)
     # Liang and Barsky: the part of the segment inside the rectangle is t0..t1.
     t0, t1 = 0.0, 1.0
     ex, ey = qx - px, qy - py
@@ -245,6 +240,17 @@ def rectangle_segment_gap(
         corner_y = half if k % 2 == 0 else -half
         gap = min(gap, point_segment_distance(corner_x, corner_y, px, py, qx, qy))
     return gap
+
+
+@kernel
+def rectangle_segment_gap(
+    x: float, y: float, yaw: float, footprint: Array, ax: float, ay: float, bx: float, by: float
+) -> float:
+    """Distance [m] between a footprint (3,) at a pose and the segment a-b; 0 where they overlap."""
+    c, s = math.cos(yaw), math.sin(yaw)
+    px, py = world_to_body(c, s, ax - x, ay - y)
+    qx, qy = world_to_body(c, s, bx - x, by - y)
+    return outline_segment_gap(footprint, px, py, qx, qy)
 
 
 @kernel

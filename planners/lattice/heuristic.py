@@ -46,20 +46,20 @@ class Guide(NamedTuple):
 
 @borrowing_kernel
 def _rasterize_segments(
-    segments: Array, origin: Array, gaps: Field, nearest: NDArray[np.int32]
+    segments: Array, origin: Array, spacing: float, gaps: Field, nearest: NDArray[np.int32]
 ) -> None:
     """Write the nearest segment, and its distance, where it passes within two grid points."""
     rows, columns = gaps.shape
-    most = 2.0 * SPACING
+    most = 2.0 * spacing
     for k in range(segments.shape[0]):
         ax, ay, bx, by = segments[k]
-        low_i = max(0, math.ceil((min(ay, by) - most - origin[1]) / SPACING))
-        high_i = min(rows - 1, int((max(ay, by) + most - origin[1]) / SPACING))
-        low_j = max(0, math.ceil((min(ax, bx) - most - origin[0]) / SPACING))
-        high_j = min(columns - 1, int((max(ax, bx) + most - origin[0]) / SPACING))
+        low_i = max(0, math.ceil((min(ay, by) - most - origin[1]) / spacing))
+        high_i = min(rows - 1, int((max(ay, by) + most - origin[1]) / spacing))
+        low_j = max(0, math.ceil((min(ax, bx) - most - origin[0]) / spacing))
+        high_j = min(columns - 1, int((max(ax, bx) + most - origin[0]) / spacing))
         for i in range(low_i, high_i + 1):
             for j in range(low_j, high_j + 1):
-                x, y = origin[0] + j * SPACING, origin[1] + i * SPACING
+                x, y = origin[0] + j * spacing, origin[1] + i * spacing
                 gap = np.float32(point_segment_distance(x, y, ax, ay, bx, by))
                 if gap < gaps[i, j]:
                     gaps[i, j], nearest[i, j] = gap, k
@@ -67,7 +67,7 @@ def _rasterize_segments(
 
 @borrowing_kernel
 def _propagate_nearest(
-    segments: Array, origin: Array, gaps: Field, nearest: NDArray[np.int32]
+    segments: Array, origin: Array, spacing: float, gaps: Field, nearest: NDArray[np.int32]
 ) -> None:
     """Hand the nearest segments on from point to point, there and back (Danielsson 1980)."""
     rows, columns = gaps.shape
@@ -78,7 +78,7 @@ def _propagate_nearest(
             for again in range(2):
                 for n in range(columns):
                     j = n if again == 0 else columns - 1 - n
-                    x, y = origin[0] + j * SPACING, origin[1] + i * SPACING
+                    x, y = origin[0] + j * spacing, origin[1] + i * spacing
                     last = -1
                     for part in range(4):  # beside it, and the three of the row before
                         r = i if part == 0 else i - sign
@@ -95,18 +95,18 @@ def _propagate_nearest(
                             gaps[i, j], nearest[i, j] = gap, k
 
 
-def distance_field(space: Space, most: float) -> Field:
+def distance_field(space: Space, most: float, spacing: float = SPACING) -> Field:
     """Distance (rows, columns) [m] from grid points to what is not free, at most `most`.
 
     Where three segments are about as near the one found may not be the nearest, by little.
     """
     arrays = space.arrays
     low, high = arrays.bounds[:2].copy(), arrays.bounds[2:]
-    columns, rows = (int(n) for n in np.ceil(np.maximum(high - low, 0.0) / SPACING) + 1)
+    columns, rows = (int(n) for n in np.ceil(np.maximum(high - low, 0.0) / spacing) + 1)
     gaps = np.full((rows, columns), most, dtype=np.float32)
     nearest = np.full((rows, columns), -1, dtype=np.int32)
-    _rasterize_segments(arrays.segments, low, gaps, nearest)
-    _propagate_nearest(arrays.segments, low, gaps, nearest)
+    _rasterize_segments(arrays.segments, low, spacing, gaps, nearest)
+    _propagate_nearest(arrays.segments, low, spacing, gaps, nearest)
     return gaps
 
 
@@ -156,7 +156,7 @@ def cost_to_go(guide: Guide, x: float, y: float) -> float:
         return math.inf
     if guide.settled[row, column]:
         return float(guide.left[row, column])
-    least = guide.radius - ROUNDING
+    least = guide.radius + guide.motion.margin - ROUNDING
     if guide.gaps[row, column] < least and guide.left[row, column] == math.inf:
         return math.inf
     keys, items, left, settled = guide.keys, guide.items, guide.left, guide.settled

@@ -9,9 +9,11 @@ goal, are reached exactly.
 from __future__ import annotations
 
 import math
+import sys
 import time
-from dataclasses import replace
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -22,6 +24,7 @@ from planners.collision.nearby import Nearby, nearby
 from planners.collision.polygon_tests import clearance
 from planners.collision.space import Space
 from planners.graphs.visibility import Visibility
+from planners.lattice.flood import is_cut_off
 from planners.lattice.heuristic import Field, distance_field, new_guide
 from planners.lattice.narrow_passages import gaps_at, make_lines, narrow_places
 from planners.lattice.pose_search import (
@@ -32,6 +35,8 @@ from planners.lattice.pose_search import (
     Search,
     Tree,
     expand,
+    reopen,
+    start_estimate,
     trace_path,
 )
 from planners.problem import Plan, PlannerBase, Problem, Status, check, remaining
@@ -42,13 +47,18 @@ from wheelchair_gym.maps.driving_cost import DrivingCost, MotionCost
 
 Array = NDArray[np.float64]
 
-CHUNK = 256  # expansions between two readings of the clock
+CHUNK = 128  # expansions between two readings of the clock
 MIN_GAP = 2e-6  # m: least gap of the outline, above rounding errors and those of tiny turns
 NARROW = 0.15  # m beyond the half width on each side: wider passages need no exact poses
 YAWS = 360  # headings tried at a goal without heading
 START_GAP_SHARE = (
     0.98  # share of the gap to keep at a start that is nearer to a wall than the margin
 )
+FIRST_ROUND = 1000  # poses expanded at each resolution before the next one's turn
+FLOOD_SPACING = 0.05 / math.sqrt(2.0)  # m: of the grid points of the first flood
+DISC_NOTE = "no way even for a disc as wide as the outline"
+FLOOD_NOTE = "no way for the outline: a flood through its poses does not reach the goal"
+LATTICE_NOTE = "no way at the resolution of the lattice"
 INITIAL_NODES = 4096  # initial capacity of a tree
 POSE_SPACING = 0.05  # m, and rad of a pivot times 2: between poses of the path
 
@@ -84,7 +94,13 @@ class Lattice(DrivingCost, PlannerBase):
     """A path (n, 3) with headings for the chair's rectangle; it may drive backwards.
 
     The rectangle keeps the problem's clearance less half its width. A start without heading has
-    heading 0; a goal without heading allows any. Failure is `exhausted`: it proves nothing.
+    heading 0; a goal without heading allows any.
+
+    The lattice and finer ones take turns, each turn longer than the last and with a heuristic that
+    weighs more. Failure is `no_path` where it is proven: no disc as wide as the outline gets there,
+    or a flood through cells of poses does not. Else it is `exhausted`; the note says whether the
+    lattices have been searched completely. A first path is improved for `improvement` poses (ARA*:
+    Likhachev et al. 2003). As many as `iterations`, and a deadline, make an anytime planner.
     """
 
     footprint: Footprint = Footprint()
@@ -111,22 +127,24 @@ class Lattice(DrivingCost, PlannerBase):
     )
     """Size of a position cell."""
     refinements: int = setting(default=1, low=0, high=4, source="design choice")
-    """How often moves and cells are halved where no path is found."""
+    """How often moves and cells are halved where no path is found soon."""
     curvature_weight: float = setting(default=0.03, unit="s m", low=0.0, source="design choice")
     """Cost of a change of curvature, against oscillation."""
     heuristic_weight: float = setting(
-        default=1.6, low=1.0, high=10.0, source="tuned on training seeds"
+        default=3.0, low=1.0, high=10.0, source="tuned on training seeds"
     )
-    """Factor of the heuristic: higher is faster and less optimal."""
+    """Factor of the heuristic: higher is faster and worse. It grows until there is a path."""
+    improvement: int = setting(default=1000, low=0, source="tuned on training seeds")
+    """Poses expanded after the first path, while the factor falls to 1, to find better paths."""
     stop_ratio: float = setting(default=0.8, low=0.1, high=1.0, source="tuned on training seeds")
-    """Stop when no path can cost less than this share of the best path."""
+    """The first path is good enough when no path can cost less than this share of it."""
     heading_weight: float = setting(default=0.5, low=0.0, source="tuned on training seeds")
     """Share of the time to turn to the path ahead that the heuristic counts."""
     goal_connection_distance: float = setting(
         default=1.5, unit="m", low=0.1, source="design choice"
     )
     """Distance from which exact connections to the goal are tried."""
-    iterations: int = setting(default=200_000, low=0, source="design choice: 200 MB of memory")
+    iterations: int = setting(default=100_000, low=0, source="design choice: 50 MB of memory")
     """Largest number of expanded poses."""
 
     def trivial(self, problem: Problem) -> Plan | None:
@@ -144,19 +162,37 @@ class Lattice(DrivingCost, PlannerBase):
         status, motion = self._ends(problem, map_data, motion, start, goal)
         if status is not None:
             return Plan(status)
-        iterations, nodes, path, level = 0, 0, np.empty((0, 3)), 0
-        for level in range(self.refinements + 1):
-            most = self.iterations - iterations
-            path, expanded, made, over = self._search(
-                map_data, motion, start, goal, level, most, end
-            )
-            iterations, nodes = iterations + expanded, nodes + made
-            if len(path) or not over:
-                break
+        begin = partial(self._begin, map_data, motion, start, goal)
+        searches, left, status, note = [begin(0)], self.iterations, Status.EXHAUSTED, ""
+        level, most, weight, spacing = 0, FIRST_ROUND, self.heuristic_weight, FLOOD_SPACING
+        if not start_estimate(searches[0].search) < math.inf:
+            return Plan(Status.NO_PATH, note=DISC_NOTE)
+        while status is Status.EXHAUSTED and left > 0 and time.perf_counter() < end:
+            for level in range(self.refinements + 1):
+                if level == len(searches):
+                    searches.append(begin(level))
+                left -= searches[level].advance(weight, most, left, end)
+                if searches[level].solved:
+                    left -= searches[level].improve(min(left, self.improvement), end)
+                    status = Status.SOLVED
+                    break
+            else:
+                flood = left > 0 and most > FIRST_ROUND
+                if flood and is_cut_off(problem.space, motion, start, goal, spacing, end):
+                    status, note = Status.NO_PATH, FLOOD_NOTE
+                elif all(one.over for one in searches):
+                    note = LATTICE_NOTE
+                    break
+            most, weight, spacing = 4 * most, 2.0 * weight, spacing / math.sqrt(2.0)
         return Plan(
-            Status.SOLVED if len(path) else Status.EXHAUSTED,
-            path,
-            counters={"iterations": iterations, "nodes": nodes, "halvings": level},
+            status,
+            searches[level].path if status is Status.SOLVED else np.empty((0, 3)),
+            counters={
+                "iterations": self.iterations - left,
+                "nodes": sum(int(one.counts["nodes"]) for one in searches),
+                "halvings": level,
+            },
+            note=note,
         )
 
     @property
@@ -200,11 +236,10 @@ class Lattice(DrivingCost, PlannerBase):
             return Status.GOAL_OCCUPIED, motion
         return None, motion
 
-    def _search(
-        self, map_data: MapData, motion: MotionCost, start: Array, goal: Array, level: int,
-        most: int, end: float,
-    ) -> tuple[Array, int, int, bool]:  # fmt: skip
-        """The path (n, 3) or none, expanded poses, nodes, and whether the search is complete."""
+    def _begin(
+        self, map_data: MapData, motion: MotionCost, start: Array, goal: Array, level: int
+    ) -> PoseSearch:
+        """The search at a resolution, with the start alone."""
         near, part = map_data.near, 0.5**level
         low, join = near.box[:2].copy(), self.goal_connection_distance
         lines, seeds = make_lines(
@@ -219,22 +254,67 @@ class Lattice(DrivingCost, PlannerBase):
             self.heading_weight / self.limits.turn,
         )  # fmt: skip
         tree = _new_tree(start, rows * columns * headings, len(lines.poses))
-        search = Search(
+        return PoseSearch(Search(
             near, motion, new_guide(seeds, map_data.gaps, low, motion), lines, grid,
             np.array([goal[0], goal[1], join]), tree, sweeps(1), np.empty_like(near.segments),
             np.empty((3, 2)),
-        )  # fmt: skip
-        over, counts = False, tree.counts[0]
-        most_made = len(moves.way) + 3 * (len(lines.poses) + 1)  # of one expansion
-        while not over and counts["expanded"] < most:
-            if time.perf_counter() >= end:
-                break
-            if counts["nodes"] + most_made > len(search.tree.nodes):
-                search = search._replace(tree=_enlarged(search.tree, most_made))
-            over = expand(search, min(most, int(counts["expanded"]) + CHUNK))
-        node = int(counts["goal"])
-        path = trace_path(search.tree, node, POSE_SPACING) if node >= 0 else np.empty((0, 3))
-        return path, int(counts["expanded"]), int(counts["nodes"]), over
+        ))  # fmt: skip
+
+
+@dataclass
+class PoseSearch:
+    """A search at one resolution, as far as it has come."""
+
+    search: Search
+    over: bool = False  # nothing is left to expand, or the path is good enough
+
+    @property
+    def counts(self) -> Any:
+        """The tree's counts."""
+        return self.search.tree.counts[0]
+
+    @property
+    def solved(self) -> bool:
+        """Whether there is a path to the goal."""
+        return bool(self.counts["goal"] >= 0)
+
+    @property
+    def path(self) -> Array:
+        """The best path (n, 3) so far."""
+        return trace_path(self.search.tree, int(self.counts["goal"]), POSE_SPACING)
+
+    def advance(self, weight: float, most: int, left: int, end: float) -> int:
+        """Expand poses until they are `most` in all, or `left`, or `perf_counter` shows `end`.
+
+        Returns:
+            How many poses have been expanded.
+        """
+        before = int(self.counts["expanded"])
+        if weight != self.search.grid.heuristic_weight and not self.over:
+            self._reopen(weight, self.search.grid.stop_ratio)
+        lines, moves = self.search.lines, self.search.grid.moves
+        most, most_made = min(most, before + left), len(moves.way) + 3 * (len(lines.poses) + 1)
+        while not self.over and self.counts["expanded"] < most and time.perf_counter() < end:
+            tree = self.search.tree
+            if self.counts["nodes"] + most_made > len(tree.nodes):
+                self.search = self.search._replace(tree=_enlarged(tree, most_made))
+            self.over = expand(self.search, min(most, int(self.counts["expanded"]) + CHUNK))
+        return int(self.counts["expanded"]) - before
+
+    def improve(self, left: int, end: float) -> int:
+        """Look for better paths with a falling weight; how many poses have been expanded."""
+        before, weight = left, self.search.grid.heuristic_weight
+        while left > 0 and weight > 1.0 and time.perf_counter() < end:
+            weight, self.over = max(1.0, 0.5 * weight), False
+            self._reopen(weight, 1.0)
+            left -= self.advance(weight, sys.maxsize, left, end)
+        return before - left
+
+    def _reopen(self, weight: float, stop_ratio: float) -> None:
+        """Order the open list by another weight of the heuristic."""
+        grid = self.search.grid._replace(heuristic_weight=weight, stop_ratio=stop_ratio)
+        self.search = self.search._replace(grid=grid)
+        reopen(self.search)
 
 
 def _new_tree(start: Array, slots: int, anchors: int) -> Tree:
@@ -331,8 +411,6 @@ class DiscThenLattice(PlannerBase):
                 if solved:
                     break
         if solved:
-            status, counters = disc.status, {**disc.counters, "iterations": 0, "tight": 0}
-        else:
-            plan = self.lattice.plan(problem, rng, remaining(end))
-            status, path, counters = plan.status, plan.path, {**plan.counters, "tight": 1}
-        return Plan(status, path, counters=counters)
+            return Plan(disc.status, path, counters={**disc.counters, "iterations": 0, "tight": 0})
+        plan = self.lattice.plan(problem, rng, remaining(end))
+        return replace(plan, counters={**plan.counters, "tight": 1})

@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 OPPOSITE = -0.5  # cosine: the other side lies at least 120 deg from the nearest point
 STEPS = 6  # from a grid point to the saddle at most
 SETTLED = 1e-4  # m
-APART = 0.15  # m: narrow places in line that are nearer to each other are one
+APART = 0.3  # m: narrow places in line that are nearer to each other are one
 ALIGNED = math.radians(3.0)  # of places that are in line
 
 
@@ -114,7 +114,7 @@ def narrow_places(near: Nearby, gaps: Field, least: float, most: float) -> Array
     return found[:n].copy()
 
 
-REACH = 0.8  # m: distance from which a line is joined: about a chair's length
+REACH = 4.0  # strides: distance from which a line is joined
 LONGEST = 3.0  # m: of a straight last stretch
 BESIDE = 0.5  # m: from so far beside its beginning it is tried
 TURNS = 0.5 * math.pi  # rad: a chair that can turn so far to both sides can come from anywhere
@@ -227,7 +227,7 @@ def make_lines(
         np.vstack([at_goal, poses[free]]),
         np.concatenate([ahead, index[:, 2:][free]]),
         np.concatenate([behind, index[:, :-2][free]]),
-        np.concatenate([np.maximum(join, reach + BESIDE), np.full(many, REACH)]),
+        np.concatenate([np.maximum(join, reach + BESIDE), np.full(many, REACH * stride)]),
         np.concatenate([np.full(len(at_goal), math.pi), np.full(many, HEADING_RANGE)]),
         len(at_goal),
         headed,

@@ -409,6 +409,28 @@ def expand(search: Search, most: int) -> bool:
     return True
 
 
+@kernel
+def start_estimate(search: Search) -> float:
+    """Estimated cost [s] from the root: infinite where no disc within the outline passes."""
+    root = search.tree.nodes[0]
+    return _estimate(search, root.x, root.y, root.yaw)
+
+
+@kernel
+def reopen(search: Search) -> None:
+    """Order the open list anew, for another weight of the heuristic (ARA*: Likhachev 2003)."""
+    tree, counts = search.tree, search.tree.counts[0]
+    waiting, counts.open = counts.open, 0
+    tree.left_anchor[:] = -1.0
+    for k in range(waiting):  # the list never grows beyond what has been read of it
+        number = tree.items[k]
+        node = tree.nodes[number]
+        if node.anchor != AT_GOAL and not _outdated(search, number):
+            _open(tree, number, node.cost + _estimate(search, node.x, node.y, node.yaw))
+    if counts.goal >= 0:
+        _open(tree, counts.goal, tree.nodes[counts.goal].cost * search.grid.stop_ratio)
+
+
 @borrowing_kernel
 def _slot(grid: Grid, x: float, y: float, yaw: float) -> int:
     i, j = int((y - grid.origin[1]) / grid.cell_size), int((x - grid.origin[0]) / grid.cell_size)

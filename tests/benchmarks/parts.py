@@ -16,10 +16,9 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from wheelchair_gym.compiled.address import table_at
 from wheelchair_gym.envs import NavigationVectorEnv
-from wheelchair_gym.physics.engine import step_space
 from wheelchair_gym.physics.step import drive_period, write_sensed
+from wheelchair_gym.physics.world import measure_clearance
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.sensors.laser import WORKSPACE_ROWS, LaserArrays, add_laser_noise, exact_scan
 from wheelchair_gym.sensors.odometry import update_odometry
@@ -68,20 +67,13 @@ def _firings(rangers, poses, plans, walls, starts, discs, firsts, workspace, out
 
 
 @_compiled
-def _drives(suites, chairs, states, worlds, twists, order):
+def _drives(suites, chairs, states, worlds, twists, order, workspace):
     for k in range(twists.shape[0]):
         for j in range(states.shape[0]):
             world, suite = worlds[j], suites[0]
             v, w = twists[k, 0], twists[k, 1]
-            drive_period(states[j], chairs[j], world, suite, v, w, False, order)
-
-
-@_compiled
-def _steps(suites, chairs, worlds, periods):
-    for _ in range(periods):
-        for j in range(chairs.shape[0]):
-            for _ in range(chairs[j].substeps):
-                step_space(suites[0].step, worlds[j].space, chairs[j].dt)
+            measure_clearance(states[j], chairs[j], world, workspace)
+            drive_period(states[j], chairs[j], world, suite, v, w, False, order, workspace)
 
 
 @_compiled
@@ -92,13 +84,11 @@ def _reckons(states, chairs, periods):
 
 
 @_compiled
-def _tells(states, chairs, worlds, sensed, periods):
+def _tells(states, chairs, worlds, sensed, periods, workspace):
     for _ in range(periods):
         for j in range(states.shape[0]):
-            world = worlds[j]
-            walls = table_at(world.walls, world.n_walls, 4)
-            discs = table_at(world.discs, world.n_discs, 3)
-            write_sensed(states[j], chairs[j], 8, walls, discs, sensed[j])
+            measure_clearance(states[j], chairs[j], worlds[j], workspace)
+            write_sensed(states[j], chairs[j], worlds[j], 8, sensed[j])
 
 
 @_compiled
@@ -161,11 +151,11 @@ def measure(repeats: int) -> dict[str, float]:
     # Turning on the spot, so that nothing is touched.
     twists = np.column_stack([np.zeros(PERIODS), rng.uniform(-1, 1, PERIODS)])
     count = PERIODS * PLANS
-    part("drive", count, _drives, suites, chairs, states, worlds, twists, rangers.order)
-    part("... of it cpSpaceStep", count, _steps, suites, chairs, worlds, PERIODS)
+    own = suites, chairs, states, worlds, twists, rangers.order, workspace
+    part("drive, with clearance", count, _drives, *own)
     part("reckon", count, _reckons, states, chairs, PERIODS)
     sensed, verdicts, *_ = env._last
-    part("tell, clearance", count, _tells, states, chairs, worlds, sensed, PERIODS)
+    part("tell, clearance", count, _tells, states, chairs, worlds, sensed, PERIODS, workspace)
     own = batch.task, verdicts
     actions, out = np.zeros((PLANS, 2)), np.empty((PLANS, env.task.observation_size), np.float32)
     part("judge and observe", count, _judges, *own, actions, sensed, scans[0], out, PERIODS)

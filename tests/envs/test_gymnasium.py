@@ -5,7 +5,7 @@ from __future__ import annotations
 import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.utils.play import PlayableGame
+from gymnasium.utils.play import play
 from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers import AddRenderObservation, RecordEpisodeStatistics, RecordVideo
 from gymnasium.wrappers import vector as wrappers
@@ -51,18 +51,30 @@ def test_wrappers_of_one_environment(name, tmp_path):
 
 
 @pytest.mark.parametrize("name", IDS)
-def test_keys_drive_in_play(name, monkeypatch):
+def test_a_game_is_played_by_keys_over_several_episodes(name, monkeypatch):
+    """A person holds a key, and closes the window after some frames."""
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    pygame = pytest.importorskip("pygame", reason="pip install 'wheelchair_gym[view]'")
     env = gym.make(name, **SMALL, **FRAMES)
-    env.reset(seed=0)
     keys = env.unwrapped.get_keys_to_action()
-    game = PlayableGame(env, {tuple(map(ord, combo)): a for combo, a in keys.items()})
-    assert set(game.relevant_keys) == set(map(ord, "wasd"))
     for action in keys.values():
         assert env.action_space.contains(action)
-    ahead = env.step(keys["w",])[4]["pose"]
-    assert ahead.shape == (3,)
-    env.close()
+    driven, ends = [], []
+
+    def follow(before, after, action, reward, terminated, truncated, info):
+        driven.append((action.tolist(), float(info["distance"])))
+        ends.append(terminated or truncated)
+        kind, key = pygame.KEYDOWN, ord("w")
+        if len(driven) == 15:
+            kind = pygame.QUIT
+        pygame.event.post(pygame.event.Event(kind, key=key))
+
+    play(env, keys_to_action=keys, callback=follow, noop=np.zeros(2, np.float32), fps=1000, seed=0)
+    assert len(driven) >= 15
+    assert driven[0][0] == [0.0, 0.0]
+    assert [0.8, 0.0] in [[round(v, 6) for v in action] for action, _ in driven]
+    assert max(way for _, way in driven) > 0.0
+    assert sum(ends) >= 2
 
 
 @pytest.mark.parametrize("mode", AutoresetMode)

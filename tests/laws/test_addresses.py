@@ -31,7 +31,7 @@ TABLES = {
 }
 # Fields of eight unsigned bytes that are no addresses of arrays.
 HASHES = {"laser_hash", "sonar_hash", "other_hash"}
-OTHERS = {*(ENGINE.names or ()), "space", "body", "shape", "key", *HASHES}
+OTHERS = {"static_body", "surface", *(ENGINE.names or ()), "space", "body", "shape", "key", *HASHES}
 
 
 # Of a world: kernels write them too, from an episode's record and from its own.

@@ -116,7 +116,7 @@ class BusyOracle(Oracle):
             patch.setattr(drive_train, "body_view", lambda address: self.fields[0])
             patch.setattr(drive_train, "step_space", step_space)
             return STEP_ONCE(
-                Record(self.lent.chairs.states), Record(self.lent.chairs.parameters), k, 0, 0, 0
+                Record(self.lent.chairs.states), Record(self.lent.chairs.parameters), k, 1, 0, 0
             )
 
     def move_on(self, *records):
@@ -134,12 +134,15 @@ class BusyOracle(Oracle):
             patch.setattr(period, "decide_actors", self.move_on)
             patch.setattr(period, "relocate_obstacles", self.carry)
             patch.setattr(period, "physics_step", self.step)
+            patch.setattr(period, "touchable_space", lambda *_: 1)
             own = [
                 a.view(np.recarray)[0]
                 for a in (lent.chairs.states, lent.chairs.parameters, lent.chairs.world_rows)
             ]
             engine = lent.chairs.suite.record.view(np.recarray)[0]
-            period.drive_period.py_func(*own, engine, v, w, False, lent.chairs.suite.rangers.order)
+            period.drive_period.py_func(
+                *own, engine, v, w, False, lent.chairs.suite.rangers.order, None
+            )
 
 
 LONG = (pytest.param(seed, marks=pytest.mark.long) for seed in (1, 2))

@@ -13,6 +13,9 @@ from hypothesis import strategies as st
 from planners import Problem, Space, Status, make_planner
 from planners.collision.footprint import path_gap
 from planners.judge import sweep_faults
+from planners.lattice.flood import is_cut_off
+from planners.lattice.lattice import MIN_GAP, Lattice
+from tests.benchmarks.lattice import seconds
 from tests.planners.footprints import read
 from wheelchair_gym.config import dump
 from wheelchair_gym.geometry import Footprint
@@ -53,8 +56,7 @@ def check_case(name, planner):
     spec = {"name": planner} | (own if planner == "lattice" else {"lattice": own})
     answer = make_planner(spec).plan(problem, np.random.default_rng(0))
     if not verdict.feasible:
-        assert answer.status in {Status.EXHAUSTED, Status.SOLVED}
-        assert answer.status is Status.EXHAUSTED or verdict.feasible is None
+        assert verdict.feasible is None or answer.status is not Status.SOLVED
         return
     assert answer.status is Status.SOLVED
     assert not faults(answer, problem, footprint)
@@ -130,7 +132,7 @@ def test_a_disc_finds_no_way_where_the_outline_does():
         ((0.6, 0.6, 0.0), (1.0, 1.25), DOOR, {}, Status.GOAL_OCCUPIED),
         ((0.6, 0.6, 0.0), (1.0, 1.65), DOOR, {}, Status.GOAL_OCCUPIED),  # by any outline
         ((0.6, 0.6, 0.0), (1.0, 4.5, 1.5), DOOR, {}, Status.GOAL_OCCUPIED),  # at that heading
-        ((0.6, 0.6, 0.0), (3.5, 4.0), 0.5, {}, Status.EXHAUSTED),
+        ((0.6, 0.6, 0.0), (3.5, 4.0), 0.5, {}, Status.NO_PATH),
         ((0.6, 0.6, 0.0), (3.5, 4.0), DOOR, {"iterations": 3}, Status.EXHAUSTED),
     ],
 )
@@ -170,6 +172,52 @@ def test_a_deadline_ends_it_and_its_iterations_replay_it():
         if late.counters["iterations"]:
             np.testing.assert_array_equal(late.path, again.path)
             assert again.counters == late.counters
+
+
+def is_proven(case, spacing):
+    """Whether the flood at a spacing proves that a problem has no way."""
+    problem, footprint, _ = case
+    motion = Lattice().motion_cost(footprint, Lattice().limits, MIN_GAP)
+    goal = np.asarray(problem.goal, dtype=np.float64)
+    return is_cut_off(problem.space, motion, problem.start, goal, spacing, math.inf)
+
+
+@pytest.mark.parametrize("spacing", [0.05, 0.035, 0.02])
+def test_the_flood_never_shuts_a_way_that_there_is(spacing):
+    for name, case in CASES.items():
+        if case.verdict.feasible:
+            assert not is_proven(case, spacing), name
+
+
+def bend(clearance):
+    """A bend in which a disc as wide as the chair turns, but not the chair; and the disc's plan."""
+    walls = [(0.0, 0.84, 3.16, 4.0), (4.0, 0.0, 4.84, 4.0)]
+    space = Space.from_rectangles(walls, (0.0, 0.0, 4.84, 4.0))
+    problem = Problem(space, np.array([0.6, 0.42, 0.0]), np.array([3.58, 3.0]), clearance)
+    answer = make_planner("lattice").plan(problem, np.random.default_rng(0))
+    return answer, make_planner("visibility").plan(problem, np.random.default_rng(0))
+
+
+def test_the_flood_proves_what_a_disc_does_not():
+    answer, disc = bend(0.40)
+    assert (disc.status, answer.status) == (Status.SOLVED, Status.NO_PATH)
+    assert "flood" in answer.note
+    assert answer.counters["iterations"] < 20_000
+
+
+def test_a_complete_search_says_so():
+    answer, _ = bend(0.31)
+    assert (answer.status, "resolution" in answer.note) == (Status.EXHAUSTED, True)
+    answer, _ = plan((0.6, 0.6, 0.0), (3.5, 4.0), iterations=3)
+    assert (answer.status, answer.note) == (Status.EXHAUSTED, "")
+
+
+def test_more_time_makes_better_paths():
+    costs = [
+        seconds(plan((0.6, 0.6, 0.0), (5.0, 4.0, 2.0), improvement=more)[0].path, Lattice())
+        for more in (0, 1000, 30_000)
+    ]
+    assert costs[0] > costs[1] > costs[2]
 
 
 LENGTH = st.floats(0.05, 1.0)

@@ -96,7 +96,8 @@ def test_bad_ends_have_names(name, problem, status):
 @pytest.mark.parametrize("name", PLANNERS)
 def test_a_closed_box_has_no_path(name):
     plan = quick(name).plan(on(BOX), np.random.default_rng(0))
-    assert plan.status in ({Status.NO_PATH} if name in PROVE else GIVEN_UP)
+    proven = name in PROVE or "lattice" in name  # which proves it where it can
+    assert plan.status in ({Status.NO_PATH} if proven else GIVEN_UP)
     assert len(plan.path) == 0
 
 

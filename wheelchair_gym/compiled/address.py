@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, cast
 
 import numpy as np
+from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
@@ -20,6 +21,7 @@ from numba.np.arrayobj import make_array, populate_array
 from numba.np.numpy_support import from_dtype
 from numpy.typing import DTypeLike, NDArray
 
+from wheelchair_gym.compiled.kernel import inlined
 from wheelchair_gym.config import InputError
 
 Shape = tuple[int | None, ...]  # None: any length
@@ -215,6 +217,32 @@ def _viewer(item: Any, ndim: int) -> Any:
 
     makers: tuple[Any, ...] = (one, two, three)
     return intrinsic(makers[ndim - 1])
+
+
+@intrinsic
+def _fetch_line(typingctx: Any, address: Any) -> Any:
+    """Ask for a cache line to be loaded, without waiting for it; any address will do."""
+
+    def lower(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        number, pointer = ir.IntType(32), cgutils.voidptr_t
+        kind = ir.FunctionType(ir.VoidType(), [pointer, number, number, number])
+        insert: Any = cgutils.get_or_insert_function
+        function = insert(builder.module, kind, "llvm.prefetch.p0")
+        read, keep, data = (ir.Constant(number, value) for value in (0, 3, 1))
+        builder.call(function, [builder.inttoptr(args[0], pointer), read, keep, data])
+        return context.get_dummy_value()
+
+    return types.void(types.uint64), lower
+
+
+_fetch = cast("Callable[[Any], None]", _fetch_line)
+
+
+@inlined
+def prefetch(address: Any, size: int) -> None:
+    """Have so many bytes at an address loaded into the cache in the meantime."""
+    for k in range(0, size, 64):
+        _fetch(np.uint64(address) + np.uint64(k))
 
 
 def rows_of(dtype: np.dtype[Any]) -> Callable[[Any, int], NDArray[np.void]]:

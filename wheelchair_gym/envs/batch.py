@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.kinematics import twist_of_action
-from wheelchair_gym.physics.step import reset_chair, step_chair
+from wheelchair_gym.physics.step import prefetch_chair, reset_chair, step_chair
 from wheelchair_gym.physics.world import enter_episode
 from wheelchair_gym.random import SHIELDS, uniform
 from wheelchair_gym.safety.shield import filter_twist, reset_shield, update_shield
@@ -134,6 +134,8 @@ def step_chairs(
     rule, is_over = batch.rules[0], batch.is_over
     sensed, verdicts = results.sensed, results.verdicts
     for i in range(low, high):
+        if i + 1 < high:
+            prefetch_chair(i + 1, chairs)
         batch.was_reset[i] = is_over[i]
         if not is_over[i]:
             seen, action, stop = sensed[i], actions[i], False

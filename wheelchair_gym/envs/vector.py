@@ -6,6 +6,7 @@ Returned arrays are never overwritten while a caller holds them.
 from __future__ import annotations
 
 import math
+import mmap
 import weakref
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -42,6 +43,14 @@ Flags = NDArray[np.bool_]
 Floats = NDArray[np.float32]
 
 
+def _fresh_memory(size: int) -> mmap.mmap:
+    """Memory of so many bytes, in large pages where the system has them."""
+    memory = mmap.mmap(-1, max(size, 1))
+    if hasattr(mmap, "MADV_HUGEPAGE"):
+        memory.madvise(mmap.MADV_HUGEPAGE)
+    return memory
+
+
 class BufferPool:
     """Arrays to write results to that no caller holds any more.
 
@@ -52,12 +61,12 @@ class BufferPool:
 
     def __init__(self, shape: tuple[int, ...]) -> None:
         self._shape = shape
-        self._free: list[bytearray] = []
+        self._free: list[mmap.mmap] = []
         self._taken: dict[int, weakref.ref[Floats]] = {}
 
     def take(self) -> Floats:
         """An array that only the caller knows; what it holds is arbitrary."""
-        memory = self._free.pop() if self._free else bytearray(4 * math.prod(self._shape))
+        memory = self._free.pop() if self._free else _fresh_memory(4 * math.prod(self._shape))
         # Parts of an array refer to it, since its memory is no array: it goes when they have gone.
         array: Floats = np.ndarray(self._shape, np.float32, memory)
         free, taken = self._free, self._taken
@@ -172,7 +181,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         self._task_rows = self.task.row_pointers(self._progress, prepared)
         self._shield_rows = None if guard is None else point_to_shields(guard, self._shields)
         self._rows = [chairs.row_pointers() for _ in self._shares]
-        self._segments = 0  # that kernels have a workspace for
+        self._columns = 0  # of the workspaces
         self._batch = Batch(
             task=self._task_rows.record,
             shields=np.zeros(1, SHIELDS) if self._shield_rows is None else self._shield_rows.record,
@@ -195,8 +204,9 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         for i, (now, following) in enumerate(zip(self._held, self._next, strict=True)):
             if now is not None:
                 prepared[i] = now.record[0]
-                self._make_workspace(now.segments)
+                self._make_workspace(now.columns)
             if following is not None:
+                self._batch.keys[i] = episode_key(self._seeds[i], int(self._counts[i]))
                 self._make_ready(i, following)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -392,21 +402,21 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
     def _draw(self, i: int) -> None:
         """Draw row i's next episode, its key, and shapes for its walls."""
         seed, count = self._seeds[i], int(self._counts[i])
-        prepared = self._next[i] = self.worlds.episode(seed, count)
+        self._batch.keys[i] = key = episode_key(seed, count)
+        prepared = self._next[i] = self.worlds.episode(seed, count, key)
         self._make_ready(i, prepared)
 
     def _make_ready(self, i: int, prepared: PreparedEpisode) -> None:
         """Let a prepared episode be row i's next, without a change to the present one."""
         self._batch.next_prepared[i] = prepared.record[0]
-        self._batch.keys[i] = episode_key(self._seeds[i], int(self._counts[i]))
         self.chairs.worlds[i].reserve_shapes(prepared.episode)
-        self._make_workspace(prepared.segments)
+        self._make_workspace(prepared.columns)
 
-    def _make_workspace(self, segments: int) -> None:
-        if segments >= self._segments:
-            self._segments = segments
+    def _make_workspace(self, columns: int) -> None:
+        if columns >= self._columns:
+            self._columns = columns
             for rows in self._rows:
-                size_workspace(rows, segments)
+                size_workspace(rows, columns)
 
     def _draw_next(self, rows: NDArray[np.intp]) -> None:
         """Draw the episodes after those that rows have begun."""

@@ -55,21 +55,20 @@ class WorldBank:
     def __len__(self) -> int:
         return len(self._made)
 
-    def episode(self, seed: int, episode: int) -> PreparedEpisode:
-        """The prepared episode of a seed and a number, at its start."""
-        prepared = self._prepared(seed, episode)
+    def episode(self, seed: int, episode: int, key: int | None = None) -> PreparedEpisode:
+        """The prepared episode of a seed and a number, at its start; its key, where it is known."""
+        key = episode_key(seed, episode) if key is None else key
+        prepared = self._prepared(seed, episode, key)
         if self.max_time > 0.0 and prepared.cost_to_go is not None:
-            start = prepared.cost_to_go.sample(
-                episode_key(seed, episode), self._least, self.max_time
-            )
+            start = prepared.cost_to_go.sample(key, self._least, self.max_time)
             if start is not None:
                 return prepared.starting_at(start)
         return prepared
 
-    def _prepared(self, seed: int, episode: int) -> PreparedEpisode:
+    def _prepared(self, seed: int, episode: int, key: int) -> PreparedEpisode:
         if self._bank.size == 0:
             return self._make((seed, episode))
-        number = self._begin(episode) + self.pick(seed, episode)
+        number = self._begin(episode) + self._pick(key)
         prepared = self._made.get(number)
         if prepared is None:
             prepared = self._made[number] = self._of_bank(number)
@@ -84,10 +83,9 @@ class WorldBank:
             if report is not None:
                 report(ready + 1, self._bank.size)
 
-    def pick(self, seed: int, episode: int) -> int:
-        """Which world of its window an episode of a seed draws."""
-        key = np.uint64(episode_key(seed, episode))
-        return int(bits(key, 0, WORLDS, 0) % np.uint64(self._bank.size))
+    def _pick(self, key: int) -> int:
+        """Which world of its window the episode with a key draws."""
+        return int(bits(np.uint64(key), 0, WORLDS, 0)) % self._bank.size
 
     def drop_before(self, episode: int) -> None:
         """Let go of worlds that no episode from this one on can draw."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.second_process import compile_beside
-from wheelchair_gym.physics.chairs import SimulatedChairs, size_workspace
+from wheelchair_gym.physics.chairs import SimulatedChairs, columns_of, size_workspace
 from wheelchair_gym.physics.settings import ChairSettings, PhysicsSettings
 from wheelchair_gym.physics.state import SENSED
 from wheelchair_gym.physics.step import reset_chair, step_chair
@@ -71,10 +71,7 @@ class SimulatedChair:
         self._store, self._used = np.empty(0, SENSED), 0
 
     def _make_workspace(self) -> None:
-        segments = 0
-        if self._episode is not None:
-            segments = len(self._episode.walls) + self._episode.actors.segments
-        size_workspace(self._rows, segments)
+        size_workspace(self._rows, 0 if self._episode is None else columns_of(self._episode))
 
     def __getstate__(self) -> dict[str, Any]:
         """Settings, episode and the chair's row; all else follows from these."""

@@ -32,10 +32,16 @@ _WRITTEN_BY_SENSING = (
 )  # fmt: skip
 
 
-def size_workspace(rows: Pointers, segments: int) -> None:
-    """Give a record of CHAIRS a workspace for so many segments."""
-    rows.point("workspace", np.empty((WORKSPACE_ROWS, segments), np.float32))
-    rows.record["segments"] = segments
+def size_workspace(rows: Pointers, columns: int) -> None:
+    """Give a record of CHAIRS a workspace of so many columns (`columns_of`)."""
+    rows.point("workspace", np.empty((WORKSPACE_ROWS, columns), np.float32))
+    rows.record["columns"] = columns
+
+
+def columns_of(episode: Episode) -> int:
+    """Columns of the workspace that an episode takes: for what sensors see of it, and its discs."""
+    actors = episode.actors
+    return max(len(episode.walls) + actors.segments, len(episode.discs) + actors.discs)
 
 
 class SimulatedChairs:
@@ -149,7 +155,9 @@ class SimulatedChairs:
         self.worlds[i].reserve_drives(max(_DRIVES_RESERVED, 2 * len(drives)))
         self.pointers.array("drives", i)[: len(drives)] = drives
         was = self.states[i : i + 1].copy()
-        replay_drives(i, self.row_pointers().record, episode.start, was["key"][0], len(drives))
+        rows = self.row_pointers()
+        size_workspace(rows, columns_of(episode))
+        replay_drives(i, rows.record, episode.start, was["key"][0], len(drives))
         now = self.states[i : i + 1]
         for name in _WRITTEN_BY_SENSING:
             now[name] = was[name]

@@ -23,7 +23,18 @@ from wheelchair_gym.kinematics import (
     clip_to_limits,
     wheels_of_twist,
 )
-from wheelchair_gym.physics.engine import ANGLE, FX, FY, TORQUE, VX, VY, W, body_view, step_space
+from wheelchair_gym.physics.engine import (
+    ANGLE,
+    FX,
+    FY,
+    TORQUE,
+    VX,
+    VY,
+    W,
+    body_view,
+    move_freely,
+    step_space,
+)
 from wheelchair_gym.physics.settings import GRAVITY
 
 _SWEEPS = 20  # of Gauss-Seidel, when a wheel slips
@@ -154,6 +165,8 @@ def physics_step(
 ) -> float:
     """One physics step: motors push, tyres hold, Munk2D moves.
 
+    `space` is 0 where nothing is near enough to be touched in this step.
+
     Returns:
         The impulse of contact [N s]; 0 but for rounding where nothing is touched.
     """
@@ -233,7 +246,10 @@ def physics_step(
     torque = (half * (jr - jl) - arm * jy + twist) / dt
     vx, vy = fields[VX], fields[VY]
     fields[FX], fields[FY], fields[TORQUE] = fx, fy, torque
-    step_space(engine, space, dt)
+    if space == 0:
+        move_freely(body, dt)
+    else:
+        step_space(engine, space, dt)
     hit_x = mass * (fields[VX] - vx) - fx * dt
     hit_y = mass * (fields[VY] - vy) - fy * dt
     hit_w = moment * (fields[W] - turning) - torque * dt

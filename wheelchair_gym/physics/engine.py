@@ -175,9 +175,26 @@ def _call_with(typingctx: Any, function: Any, one: Any, other: Any) -> Any:
     return types.void(types.uint64, types.uint64, types.uint64), codegen
 
 
+@intrinsic
+def _call_maker(
+    typingctx: Any, function: Any, body: Any, a: Any, b: Any, c: Any, d: Any, e: Any
+) -> Any:
+    """Call void *f(void*, double, ...) at an address; a pair of doubles by value is two of them."""
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        kind = ir.FunctionType(cgutils.voidptr_t, [cgutils.voidptr_t] + 5 * [ir.DoubleType()])
+        target = builder.inttoptr(args[0], kind.as_pointer())
+        made = builder.call(target, [builder.inttoptr(args[1], cgutils.voidptr_t), *args[2:]])
+        return builder.ptrtoint(made, ir.IntType(64))
+
+    address, number = types.uint64, types.float64
+    return address(address, address, number, number, number, number, number), codegen
+
+
 # numba gives these the arguments that their callers see; mypy knows only how they are declared.
 _call_double = cast("Callable[..., None]", _call)
 _call_pair = cast("Callable[..., None]", _call_with)
+_make = cast("Callable[..., np.uint64]", _call_maker)
 
 _FUNCTIONS = {
     "step": "cpSpaceStep",
@@ -187,6 +204,8 @@ _FUNCTIONS = {
     "remove_body": "cpSpaceRemoveBody",
     "reindex": "cpSpaceReindexShapesForBody",
     "turn": "cpBodySetAngle",
+    "new_segment": "cpSegmentShapeNew",
+    "new_circle": "cpCircleShapeNew",
 }
 ENGINE = np.dtype([(name, "u8") for name in _FUNCTIONS])
 X, Y, VX, VY, FX, FY = (OFFSETS.x, OFFSETS.y, OFFSETS.vx, OFFSETS.vy, OFFSETS.fx, OFFSETS.fy)
@@ -249,6 +268,30 @@ def set_circle(shape: np.uint64, x: float, y: float, radius: float) -> None:
 
 
 @borrowing_kernel
+def new_shape(make: np.uint64, body: np.uint64, like: np.uint64) -> np.uint64:
+    """A cpSegmentShape or cpCircleShape of a body, with friction and filter of another shape.
+
+    `make` is the address of Munk2D's function; ends, or radius and place, are yet to be set.
+    """
+    shape = _make(make, body, 1.0, 0.0, 0.0, 1.0, 0.0)
+    fields, others = integers_at(shape, CIRCLE_DOUBLES), integers_at(like, CIRCLE_DOUBLES)
+    fields[SHAPE.friction] = others[SHAPE.friction]
+    fields[SHAPE.group] = others[SHAPE.group]
+    fields[SHAPE.group + 1] = others[SHAPE.group + 1]  # categories and mask
+    return shape
+
+
+def free_shapes(*tables: NDArray[np.uint64]) -> None:
+    """Take shapes out of their Spaces and free them; addresses of 0 are skipped."""
+    for table in tables:
+        for address in table[table != 0].tolist():
+            shape = ffi.cast("cpShape *", address)
+            if lib.cpShapeGetSpace(shape) != ffi.NULL:
+                lib.cpSpaceRemoveShape(lib.cpShapeGetSpace(shape), shape)
+            lib.cpShapeFree(shape)
+
+
+@borrowing_kernel
 def set_box(shape: np.uint64, rear: float, front: float, half: float) -> None:
     """Give a cpPolyShape of four corners, from rear right, other ends and half a width [m]."""
     fields = doubles_at(shape, POLY_DOUBLES)
@@ -281,6 +324,19 @@ def place_body(
     fields[FX], fields[FY], fields[TORQUE] = 0.0, 0.0, 0.0
     _call_double(engine.turn, body, angle)
     _call_pair(engine.reindex, space, body)
+
+
+@inlined
+def move_freely(body: np.uint64, dt: float) -> None:
+    """What `step_space` does to a body that nothing touches, to the bit, without its Space."""
+    fields = body_view(body)
+    fields[X] += fields[VX] * dt
+    fields[Y] += fields[VY] * dt
+    fields[ANGLE] += fields[W] * dt
+    fields[VX] += fields[FX] * fields[OFFSETS.mass_inverse] * dt
+    fields[VY] += fields[FY] * fields[OFFSETS.mass_inverse] * dt
+    fields[W] += fields[TORQUE] * fields[OFFSETS.moment_inverse] * dt
+    fields[FX], fields[FY], fields[TORQUE] = 0.0, 0.0, 0.0
 
 
 @borrowing_kernel

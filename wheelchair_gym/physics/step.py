@@ -17,11 +17,12 @@ from wheelchair_gym.compiled.address import (
     field_at,
     integers_at,
     pointer_record,
+    prefetch,
     rows_of,
     table_at,
 )
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
-from wheelchair_gym.geometry import footprint_clearance, wrap
+from wheelchair_gym.geometry import wrap
 from wheelchair_gym.physics.actors.bodies import (
     apply_forces,
     read_actor_poses,
@@ -45,10 +46,13 @@ from wheelchair_gym.physics.engine import ANGLE, BODY_DOUBLES, VX, VY, W, X, Y, 
 from wheelchair_gym.physics.fault_injection import apply_fault, draw_fault
 from wheelchair_gym.physics.sensor_suite import SUITE, rangers_of, scanner_of
 from wheelchair_gym.physics.state import PARAMETER, STATE, randomize_parameters
-from wheelchair_gym.physics.world import WORLD, enter_world
+from wheelchair_gym.physics.world import WORLD, enter_world, measure_clearance, touchable_space
 from wheelchair_gym.sensors.laser import WORKSPACE_ROWS, sense_laser
 from wheelchair_gym.sensors.odometry import update_odometry, update_pose_estimate
 from wheelchair_gym.sensors.ultrasonic import sense_ultrasonic
+
+Array = NDArray[np.float64]
+Floats = NDArray[np.float32]
 
 _TOUCH = 1e-6  # N s: smaller impulses are rounding
 
@@ -98,7 +102,15 @@ def delayed_command(state: Any, p: Any, world: Any) -> tuple[float, float, bool]
 
 @borrowing_kernel
 def drive_period(
-    state: Any, p: Any, world: Any, engine: Any, v: float, w: float, protective: bool, order: Any
+    state: Any,
+    p: Any,
+    world: Any,
+    engine: Any,
+    v: float,
+    w: float,
+    protective: bool,
+    order: Any,
+    workspace: Floats,
 ) -> None:
     """Drive towards a target twist for one control period.
 
@@ -124,7 +136,8 @@ def drive_period(
         if world.n_actors > 0:
             bump = decide_actors(state, p, world, before)
             relocate_obstacles(engine, world)
-        hit = physics_step(state, p, k, world.space, world.body, engine.step)
+        space = touchable_space(engine, world, p, workspace)
+        hit = physics_step(state, p, k, space, world.body, engine.step)
         state.tick += 1
         if world.n_actors > 0:
             read_actor_poses(world)
@@ -151,10 +164,6 @@ def drive_period(
     state.step += 1
 
 
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
-
-CLEARANCE_REACH = 2.0  # m: clearances beyond this are reported as this
 JOULES_PER_WH = 3600.0
 
 # Rows of chairs by address: a call takes a microsecond for each array, and for this record once.
@@ -167,8 +176,9 @@ CHAIRS, CHAIRS_TARGETS = pointer_record(
     ("states", Target(STATE, None)),
     ("worlds", Target(WORLD, None)),
     ("workspace", Target("f4", WORKSPACE_ROWS, None)),  # overwritten by each scan
-    ("segments", "i8"),  # columns of the workspace
+    ("columns", "i8"),  # of the workspace
 )
+_STATE_SIZE, _PARAMETER_SIZE = STATE.itemsize, PARAMETER.itemsize
 _suites_at, _parameters_at, _states_at, _worlds_at = map(rows_of, (SUITE, PARAMETER, STATE, WORLD))
 
 
@@ -184,14 +194,26 @@ def chair_row(chairs: Any, i: int) -> Any:
     )
 
 
+@borrowing_kernel
+def prefetch_chair(i: int, chairs: Any) -> None:
+    """Have what row i needs loaded while something else is computed."""
+    rows = chairs[0]
+    world = _worlds_at(rows.worlds, rows.n)[i]
+    prefetch(world.walls, world.n_walls * 32)
+    prefetch(world.discs, world.n_discs * 24)
+    prefetch(world.body, 8 * BODY_DOUBLES)
+    prefetch(rows.states + np.uint64(i * _STATE_SIZE), _STATE_SIZE)
+    prefetch(rows.parameters + np.uint64(i * _PARAMETER_SIZE), _PARAMETER_SIZE)
+
+
 @inlined
 def workspace_of(chairs: Any) -> Floats:
-    """What scans are computed in (WORKSPACE_ROWS, segments)."""
-    return field_at(chairs[0].workspace, WORKSPACE_ROWS, chairs[0].segments)
+    """What scans are computed in (WORKSPACE_ROWS, columns)."""
+    return field_at(chairs[0].workspace, WORKSPACE_ROWS, chairs[0].columns)
 
 
 @borrowing_kernel
-def write_sensed(state: Any, p: Any, rangers: int, walls: Array, discs: Array, sensed: Any) -> None:
+def write_sensed(state: Any, p: Any, world: Any, rangers: int, sensed: Any) -> None:
     """Write what was sensed, but for the scans, and how things really are.
 
     Columns of ultrasonics beyond the mounted ones are invalid (NaN), and their age is infinite.
@@ -218,9 +240,7 @@ def write_sensed(state: Any, p: Any, rangers: int, walls: Array, discs: Array, s
         state.approach_speed[1],
     )
     sensed.distance, sensed.energy = state.distance, state.energy / JOULES_PER_WH
-    sensed.clearance = footprint_clearance(
-        state.pose[0], state.pose[1], state.pose[2], p.outline[:], walls, discs, CLEARANCE_REACH
-    )
+    sensed.clearance = world.clearance
 
 
 @borrowing_kernel
@@ -257,7 +277,8 @@ def sense(
         laser = scanner_of(suite, p, k)
         scan = ranges[laser.start : laser.start + laser.cosine.shape[0]]
         sense_laser(laser, state.pose, walls, discs, state.key, state.step, workspace, scan)
-    write_sensed(state, p, suite.rangers, walls, discs, sensed)
+    measure_clearance(state, p, world, workspace)
+    write_sensed(state, p, world, suite.rangers, sensed)
     apply_fault(state, p, world.frozen_scan, ranges, sensed)
 
 
@@ -269,7 +290,7 @@ def place_chair(i: int, chairs: Any, start: Array, key: np.uint64) -> None:
     _states_at(rows.states, rows.n)[i] = _states_at(rows.blank, 1)[0]
     suite, p, state, world = chair_row(chairs, i)
     randomize_parameters(p, key)
-    enter_world(suite, world, p, start[0], start[1], start[2])
+    enter_world(suite, world, p, start[0], start[1], start[2], workspace_of(chairs))
     state.key, state.contact_with = key, -1
     draw_fault(state, p, suite)
     state.charge = p.initial_charge * p.capacity
@@ -309,11 +330,15 @@ def replay_drives(i: int, chairs: Any, start: Array, key: np.uint64, periods: in
     suite, p, state, world = chair_row(chairs, i)
     order = integers_at(suite.order, suite.rangers)
     drives = table_at(world.drives, periods, 3)
+    measure_clearance(state, p, world, workspace_of(chairs))
     for k in range(periods):
         stop = drives[k, 2] != 0.0
-        drive_period(state, p, world, suite, drives[k, 0], drives[k, 1], stop, order)
+        drive_period(
+            state, p, world, suite, drives[k, 0], drives[k, 1], stop, order, workspace_of(chairs)
+        )
         if world.n_actors > 0:  # as `sense` leaves the world
             write_actor_shapes(world)
+        measure_clearance(state, p, world, workspace_of(chairs))
 
 
 @borrowing_kernel
@@ -330,6 +355,6 @@ def step_chair(
     if state.step < world.drives_capacity:
         record = table_at(world.drives, world.drives_capacity, 3)[state.step]
         record[0], record[1], record[2] = v, w, 1.0 if protective else 0.0
-    drive_period(state, p, world, suite, v, w, protective, order)
+    drive_period(state, p, world, suite, v, w, protective, order, workspace_of(chairs))
     update_odometry(state, p)
     sense(suite, p, state, world, before, workspace_of(chairs), ranges, sensed[i])

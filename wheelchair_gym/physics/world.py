@@ -1,14 +1,19 @@
-"""Worlds in pymunk: one Space for each chair, furnished at each reset.
+"""Worlds in pymunk: one Space for each chair, which holds what the chair may touch.
 
 A Space keeps more than its shapes: contact caches, the order of the broad phase. The canonical
-entry leaves none of it: the chair goes far away, all walls and discs are taken out and the next
-ones put in, in order; one step, and the chair stands at its start. What follows is then the same
-to the bit as in a Space made for this episode alone, and costs no Python.
+entry leaves none of it: the chair goes far away, all shapes are taken out; one step, and the chair
+stands at its start. What follows is then the same to the bit as in a Space made for this episode
+alone, and costs no Python.
+
+Where nothing moves beside the chair, walls and discs are put in when the chair comes near them, and
+taken out when it has left them (`touchable_space`). A chair that can touch nothing in a step moves
+without its Space. Where people, doors or furniture move, all of a world is in its Space.
 """
 
 from __future__ import annotations
 
 import math
+import weakref
 from collections.abc import Callable
 from typing import Any, Final
 
@@ -16,7 +21,13 @@ import numpy as np
 import pymunk
 from numpy.typing import NDArray
 
-from wheelchair_gym.compiled.address import Pointers, Target, integers_at, pointer_record
+from wheelchair_gym.compiled.address import (
+    Pointers,
+    Target,
+    integers_at,
+    pointer_record,
+    table_at,
+)
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.physics.actors.bodies import (
@@ -30,10 +41,20 @@ from wheelchair_gym.physics.actors.bodies import (
 )
 from wheelchair_gym.physics.actors.orca import HALF_PLANES
 from wheelchair_gym.physics.actors.records import ACTOR, Actors
+from wheelchair_gym.physics.clearance import distances_in, outline_clearance, rank_discs, rank_walls
 from wheelchair_gym.physics.engine import (
+    ANGLE,
     UNIT_BOX,
+    VX,
+    VY,
+    W,
+    X,
+    Y,
     add_shape,
     address_of_struct,
+    body_view,
+    free_shapes,
+    new_shape,
     place_body,
     remove_shape,
     set_circle,
@@ -46,15 +67,24 @@ from wheelchair_gym.sensors.settings import RANGERS
 from wheelchair_gym.types import Episode
 
 Array = NDArray[np.float64]
+Floats = NDArray[np.float32]
+Integers = NDArray[np.int64]
 
 _PAIRS = Target("u8", None, 2)  # addresses of a cpBody and its cpShape
 WORLD, TARGETS = pointer_record(
     ("space", "u8"),  # address of the cpSpace
     ("body", "u8"),  # address of the chair's cpBody
-    ("segments", Target("u8", None)),  # addresses of spare cpSegmentShapes
-    ("circles", Target("u8", None)),  # addresses of spare cpCircleShapes
+    ("static_body", "u8"),  # address of the Space's own cpBody
+    ("surface", "u8"),  # address of a cpShape with the friction and filter of walls
+    ("segments", Target("u8", None)),  # addresses of cpSegmentShapes; 0: not made yet
+    ("circles", Target("u8", None)),  # addresses of cpCircleShapes; 0: not made yet
+    ("walls_held", Target("i8", None)),  # which wall each of the segments in the Space is
+    ("discs_held", Target("i8", None)),
     ("walls_in_space", "i8"),
     ("discs_in_space", "i8"),
+    ("clearance", "f8"),  # m, of the outline at the end of the last period
+    ("free", "f8"),  # m: how far its points may move before any can touch something
+    ("furnished", "f8"),  # m: and before one can touch what is not in the Space
     ("walls", Target("f8", None, 4)),  # m: walls and discs of this episode
     ("discs", Target("f8", None, 3)),
     ("n_walls", "i8"),
@@ -85,6 +115,11 @@ WORLD, TARGETS = pointer_record(
 FIXED: Final = pymunk.ShapeFilter(categories=1)
 LEAF: Final = pymunk.ShapeFilter(mask=pymunk.ShapeFilter.ALL_MASKS() ^ 1)
 NO_POSES: Array = np.empty((0, 3))  # poses of no actors
+CLEARANCE_REACH: Final = 2.0  # m: clearances beyond this are reported as this
+_ROUNDING: Final = 1e-6  # m
+_STEPS_REMEMBERED: Final = 4  # Munk2D keeps what it knows of a contact for three steps after it
+_FASTEST: Final = 3.0  # m/s: the outline is never faster
+_REACH: Final = 0.5  # m: walls within are put into the Space at once
 _SLOP = 1e-4  # m: overlap that contacts leave
 _BIAS = 1e-4  # share of a remaining overlap after one second: pushed out within a few steps
 _GROWTH = 1.25  # of shapes made at once: the next world may be a little larger
@@ -101,36 +136,146 @@ def enter_episode(world: Any, ground: Any) -> None:
 
 
 @borrowing_kernel
-def rebuild_space(engine: Any, world: Any) -> None:
-    """Take everything out of a world's Space and put this episode's in, in order."""
+def _empty(engine: Any, world: Any) -> None:
+    """Take all but the chair out of a Space."""
     remove_actors(engine, world)
-    segments = integers_at(world.segments, max(world.walls_in_space, world.n_walls))
-    circles = integers_at(world.circles, max(world.discs_in_space, world.n_discs))
-    for k in range(world.walls_in_space):
-        remove_shape(engine.remove, world.space, np.uint64(segments[k]))
-    for k in range(world.discs_in_space):
-        remove_shape(engine.remove, world.space, np.uint64(circles[k]))
-    set_shape_counter(world.space, 1)  # 0 is the chair
-    walls, discs = shapes_of(world)
-    for k in range(world.n_walls):
-        shape = np.uint64(segments[k])
-        set_segment(shape, walls[k, 0], walls[k, 1], walls[k, 2], walls[k, 3])
-        add_shape(engine.add, world.space, shape)
-    for k in range(world.n_discs):
-        shape = np.uint64(circles[k])
-        set_circle(shape, discs[k, 0], discs[k, 1], discs[k, 2])
-        add_shape(engine.add, world.space, shape)
-    world.walls_in_space, world.discs_in_space = world.n_walls, world.n_discs
-    if world.n_actors > 0:
-        add_actors(engine, world)
+    for table, n in (
+        (world.segments, world.walls_in_space), (world.circles, world.discs_in_space)
+    ):  # fmt: skip
+        shapes = integers_at(table, n)
+        for k in range(n):
+            remove_shape(engine.remove, world.space, np.uint64(shapes[k]))
+    world.walls_in_space = world.discs_in_space = 0
 
 
 @borrowing_kernel
-def enter_world(engine: Any, world: Any, p: Any, x: float, y: float, yaw: float) -> None:
-    """Canonical entry: a furnished world whose chair stands at a pose [m, m, rad], at rest."""
+def _furnish_with(
+    engine: Any, world: Any, things: Array, first: int, shapes: Integers, held: Integers,
+    inside: int, near: Floats, reach: float,
+) -> int:  # fmt: skip
+    """Let a Space hold those of its walls (n, 4), or discs (n, 3), that are nearer than a reach.
+
+    Args:
+        engine: functions of Munk2D.
+        world: record of WORLD.
+        things: walls or discs.
+        first: number of the first of them in the Space: the order in which Munk2D solves goes by
+            numbers, so each has its own whenever it is put in.
+        shapes: addresses of shapes, made when they are first needed.
+        held: which thing each shape in the Space is.
+        inside: how many of them are in the Space.
+        near: distance of each thing from the outline, at least [m].
+        reach: [m].
+
+    Returns:
+        How many are in the Space now.
+    """
+    kept = 0
+    for k in range(inside):
+        shape, number = shapes[k], held[k]
+        if near[number] < reach:
+            shapes[k], held[k] = shapes[kept], held[kept]
+            shapes[kept], held[kept] = shape, number
+            kept += 1
+        else:
+            remove_shape(engine.remove, world.space, np.uint64(shape))
+    stayed, is_wall = kept, things.shape[1] == 4
+    for k in range(things.shape[0]):
+        if near[k] >= reach or _is_among(k, held, stayed):
+            continue
+        if shapes[kept] == 0:
+            make = engine.new_segment if is_wall else engine.new_circle
+            shapes[kept] = np.int64(new_shape(make, world.static_body, world.surface))
+        shape = np.uint64(shapes[kept])
+        if is_wall:
+            set_segment(shape, things[k, 0], things[k, 1], things[k, 2], things[k, 3])
+        else:
+            set_circle(shape, things[k, 0], things[k, 1], things[k, 2])
+        set_shape_counter(world.space, first + k)
+        add_shape(engine.add, world.space, shape)
+        held[kept] = k
+        kept += 1
+    return kept
+
+
+@borrowing_kernel
+def _is_among(number: int, numbers: Integers, n: int) -> bool:
+    found = False
+    for k in range(n):
+        found |= numbers[k] == number
+    return found
+
+
+@borrowing_kernel
+def _furnish(engine: Any, world: Any, p: Any, reach: float, workspace: Floats) -> None:
+    """Let a Space hold the walls and discs within a reach [m] of the chair's outline."""
+    fields = body_view(world.body)
+    yaw = fields[ANGLE]
+    x = fields[X] - math.cos(yaw) * p.centre_of_mass
+    y = fields[Y] - math.sin(yaw) * p.centre_of_mass
+    n, m, outline = world.n_fixed_walls, world.n_fixed_discs, p.outline[:]
+    walls, discs = table_at(world.walls, n, 4), table_at(world.discs, m, 3)
+    near = distances_in(workspace)
+    rank_walls(x, y, yaw, outline, walls, workspace)
+    world.walls_in_space = _furnish_with(
+        engine, world, walls, 1, integers_at(world.segments, n), integers_at(world.walls_held, n),
+        world.walls_in_space, near, reach,
+    )  # fmt: skip
+    rank_discs(x, y, yaw, outline, discs, workspace)
+    world.discs_in_space = _furnish_with(
+        engine, world, discs, 1 + n, integers_at(world.circles, m),
+        integers_at(world.discs_held, m), world.discs_in_space, near, reach,
+    )  # fmt: skip
+
+
+@borrowing_kernel
+def touchable_space(engine: Any, world: Any, p: Any, workspace: Floats) -> np.uint64:
+    """The Space of the coming physics step, which holds all that the chair may touch in it.
+
+    0: that is nothing, so that no Space is needed.
+    """
+    fields, arm = body_view(world.body), p.centre_of_mass
+    far = max(p.outline[0] - arm, p.outline[1] + arm)
+    corner = math.sqrt(far * far + p.outline[2] * p.outline[2])
+    speed = math.sqrt(fields[VX] * fields[VX] + fields[VY] * fields[VY])
+    moved = (speed + corner * abs(fields[W])) * p.dt  # no point of the outline moves farther
+    world.free -= moved
+    world.furnished -= moved
+    if world.free > 0.0:
+        return np.uint64(0)
+    if world.furnished <= 0.0:
+        _furnish(engine, world, p, _REACH + moved, workspace)
+        world.furnished = _REACH
+    return np.uint64(world.space)
+
+
+@borrowing_kernel
+def measure_clearance(state: Any, p: Any, world: Any, workspace: Floats) -> None:
+    """Measure how far the outline is from all that its world shows, and so how far it may move.
+
+    Where a contact may be so recent that Munk2D remembers it, the Space goes on step by step.
+    """
+    walls, discs = shapes_of(world)
+    world.clearance = clearance = outline_clearance(
+        state.pose, p.outline[:], walls, discs, CLEARANCE_REACH, workspace
+    )
+    is_away = clearance > _STEPS_REMEMBERED * p.dt * _FASTEST and world.n_actors == 0
+    world.free = clearance - _ROUNDING if is_away else 0.0
+
+
+@borrowing_kernel
+def enter_world(
+    engine: Any, world: Any, p: Any, x: float, y: float, yaw: float, workspace: Floats
+) -> None:
+    """Canonical entry: an episode's world, whose chair stands at a pose [m, m, rad], at rest."""
     set_mass(world.body, p.mass, p.moment)
     place_body(engine, world.space, world.body, PARKING, PARKING, 0.0)
-    rebuild_space(engine, world)
+    _empty(engine, world)
+    world.free = world.furnished = 0.0
+    if world.n_actors > 0:
+        _furnish(engine, world, p, math.inf, workspace)
+        world.furnished = math.inf
+        add_actors(engine, world)
     step_space(engine.step, world.space, p.dt)
     c, s = math.cos(yaw), math.sin(yaw)
     place_body(
@@ -139,6 +284,11 @@ def enter_world(engine: Any, world: Any, p: Any, x: float, y: float, yaw: float)
     if world.n_actors > 0:
         reset_actors(engine, world)
         write_actor_shapes(world)
+
+
+def _free_shapes(pointers: Pointers, row: int) -> None:
+    """Free the shapes that kernels made for a world that is gone; its Space is not yet."""
+    free_shapes(pointers.array("segments", row), pointers.array("circles", row))
 
 
 def _leaf(body: pymunk.Body) -> pymunk.Shape:
@@ -169,20 +319,25 @@ class World:
         self.space.collision_bias = _BIAS
         self.body = pymunk.Body(1.0, 1.0)
         outline = pymunk.Poly(self.body, [(x - centre, y) for x, y in footprint.corners])
-        outline.friction = self._friction = friction
+        outline.friction = friction
         self.space.add(self.body, outline)
-        self._segments: list[pymunk.Shape] = []
-        self._circles: list[pymunk.Shape] = []
+        self._surface = pymunk.Circle(self.space.static_body, 1.0)  # of walls; in no Space
+        self._surface.friction, self._surface.filter = friction, FIXED
+        self._walls = self._discs = 0  # for so many is there room
         self._actor_shapes: list[pymunk.Shape] = []
         self._bodies: list[pymunk.Body] = []  # of actors
         self._pointers, self._row = pointers, row
         self._rows = rows = pointers.record[row : row + 1]
         rows["friction"] = friction
         self._point("half_planes", np.zeros((2 * HALF_PLANES, 4)))
-        rows["space"], rows["body"] = (
-            address_of_struct(self.space._space),
-            address_of_struct(self.body._body),
-        )
+        for name, thing in {
+            "space": self.space._space,
+            "body": self.body._body,
+            "static_body": self.space.static_body._body,
+            "surface": self._surface._shape,
+        }.items():
+            rows[name] = address_of_struct(thing)
+        weakref.finalize(self, _free_shapes, pointers, row).atexit = False
 
     def reserve_shapes(self, episode: Episode) -> None:
         """Have spare shapes for an episode's walls, discs and actors before it is entered.
@@ -190,29 +345,14 @@ class World:
         What the present episode uses stays as it is.
         """
         walls, discs = len(episode.walls), len(episode.discs)
-        self._reserve_static("segments", self._segments, walls)
-        self._reserve_static("circles", self._circles, discs)
+        if walls > self._walls:
+            self._walls = self._reserve("segments", walls)
+            self._reserve("walls_held", walls)
+        if discs > self._discs:
+            self._discs = self._reserve("circles", discs)
+            self._reserve("discs_held", discs)
         if len(episode.actors):
             self._reserve_actors(walls, discs, episode.actors)
-
-    def _reserve_static(self, name: str, spare: list[pymunk.Shape], wanted: int) -> None:
-        """Have so many spare segments or circles."""
-        if wanted <= len(spare):
-            return
-        static = self.space.static_body
-        fresh: list[pymunk.Shape] = []
-        for _ in range(round(_GROWTH * wanted) - len(spare)):
-            segment = name == "segments"
-            shape: pymunk.Shape = (
-                pymunk.Segment(static, (0, 0), (1, 0), 0.0)
-                if segment
-                else pymunk.Circle(static, 1.0)
-            )
-            shape.friction, shape.filter = self._friction, FIXED
-            fresh.append(shape)
-        spare += fresh
-        addresses = np.array([address_of_struct(shape._shape) for shape in fresh], np.uint64)
-        self._point(name, np.concatenate([self._array(name), addresses]))
 
     def actor_poses(self) -> Array:
         """Where the actors are (k, 3) [m, m, rad]; NaN: not there."""
@@ -260,13 +400,15 @@ class World:
         self._point("drives", new)
         self._rows["drives_capacity"] = capacity
 
-    def _reserve(self, name: str, count: int) -> None:
-        """Make an array of the world at least so long; what it holds stays."""
+    def _reserve(self, name: str, count: int) -> int:
+        """Make an array of the world at least so long, and tell its length; what it holds stays."""
         old = self._array(name)
-        if count > len(old):
-            new = np.zeros(round(_GROWTH * count), old.dtype)
-            new[: len(old)] = old
-            self._point(name, new)
+        if count <= len(old):
+            return len(old)
+        new = np.zeros(round(_GROWTH * count), old.dtype)
+        new[: len(old)] = old
+        self._point(name, new)
+        return len(new)
 
     def _array(self, name: str) -> NDArray[Any]:
         return self._pointers.array(name, self._row)

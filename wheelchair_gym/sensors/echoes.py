@@ -18,6 +18,7 @@ Floats = NDArray[np.float32]
 
 _F = np.float32
 _ZERO, _TINY = _F(0.0), _F(1e-30)
+_MARGIN = 1e-6  # m: more than rounding
 _QUARTER, _HALF = _F(0.5 * math.pi), _F(math.pi)
 # Odd polynomial of the arc tangent on [0, 1] (Abramowitz and Stegun 4.4.49), lowest power first.
 _A1, _A3, _A5, _A7 = _F(0.9999993329), _F(-0.3332985605), _F(0.1994653599), _F(-0.1390853351)
@@ -100,15 +101,17 @@ def echo_of_discs(
 ) -> float:
     """Distance [m] of the first echo of a disc, walls in between regarded; +inf if none."""
     best = math.inf
-    half = math.atan(slope)
+    half, edge = math.atan(slope), math.sqrt(1.0 + slope * slope)
     for k in range(discs.shape[0]):
         x0, y0, radius = discs[k, 0] - x, discs[k, 1] - y, discs[k, 2]
+        ahead, left = world_to_body(c, s, x0, y0)
+        if abs(left) - slope * ahead > edge * radius + _MARGIN:  # beside the cone or behind it
+            continue
         far = math.sqrt(x0 * x0 + y0 * y0)
         if far - radius >= min(best, reach):
             continue
         if far <= radius:
             return 0.0
-        ahead, left = world_to_body(c, s, x0, y0)
         bearing = math.atan2(left, ahead)
         direction = min(half, max(-half, bearing))
         aside = abs(bearing - direction)

@@ -26,6 +26,7 @@ from wheelchair_gym.maps import Geodesic
 from wheelchair_gym.maps.cost_to_go import CostToGo, time_to_go, to_local
 from wheelchair_gym.maps.geodesic import interpolate
 from wheelchair_gym.physics.actors.records import ACTOR
+from wheelchair_gym.physics.chairs import columns_of
 from wheelchair_gym.types import Episode
 
 Array = NDArray[np.float64]
@@ -86,9 +87,9 @@ class PreparedEpisode:
         return self
 
     @cached_property
-    def segments(self) -> int:
-        """How many segments sensors see, those of actors among them."""
-        return len(self.episode.walls) + self.episode.actors.segments
+    def columns(self) -> int:
+        """Columns of the workspace that it takes."""
+        return columns_of(self.episode)
 
     @classmethod
     def of(

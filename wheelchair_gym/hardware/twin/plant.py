@@ -22,6 +22,7 @@ from wheelchair_gym.physics.engine import VX, VY, W, X, Y, body_view
 from wheelchair_gym.physics.sensor_suite import rangers_of, scanner_of
 from wheelchair_gym.physics.settings import GRAVITY, ChairSettings, PhysicsSettings
 from wheelchair_gym.physics.step import chair_row, read_true_state, workspace_of
+from wheelchair_gym.physics.world import touchable_space
 from wheelchair_gym.sensors.laser import sense_laser
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.sensors.ultrasonic import sense_ultrasonic
@@ -124,7 +125,8 @@ def step_plant(
         state.duty[i] = (left if i == 0 else right) if powered[i] else free
         if held[i]:
             state.spin[i], state.duty[i] = 0.0, 0.0
-    hit = physics_step(state, p, k, world.space, world.body, suite.step)
+    space = touchable_space(suite, world, p, workspace_of(chairs))
+    hit = physics_step(state, p, k, space, world.body, suite.step)
     state.tick += 1
     read_true_state(state, p, fields)
     scale = k.counts_per_rad

@@ -1,0 +1,178 @@
+"""Proof that no way leads an outline from its start to its goal, by a flood through cells of poses.
+
+A cell holds the poses nearest to a grid point and to one of some headings. It is shut if at each of
+these poses an obstacle lies in one of the discs within the outline. What a flood from the start
+does not reach through cells that are not shut, no path reaches. The headings of a grid point are
+the bits of a word.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planners.collision.space import Space
+from planners.lattice.heuristic import Field, distance_field
+from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
+from wheelchair_gym.maps.driving_cost import MotionCost
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+HEADINGS = 64
+PROTRUSION = 0.05
+CHUNK = 500  # grid points between two readings of the clock
+MOST_POINTS = 2_000_000  # of a grid: larger maps are not flooded
+ROUNDING = 1e-6  # m: of distances
+ONE, LAST, NONE = np.uint64(1), np.uint64(HEADINGS - 1), np.uint64(0)
+
+
+class Flood(NamedTuple):
+    """Cells reached, and what shuts a cell."""
+
+    gaps: Field  # (rows, columns) m: distance to obstacles
+    places: Ints  # (discs, 2) rows and columns from the axle's grid point
+    least: Array  # (discs,) m: a smaller distance shuts the cell
+    first: Ints  # (HEADINGS + 1,): where the discs of each heading begin
+    full: float  # m: at such a distance no cell of a grid point is shut
+    free: NDArray[np.uint64]  # (rows, columns): cells that are not shut, where known
+    known: NDArray[np.bool_]  # (rows, columns)
+    reached: NDArray[np.uint64]  # (rows, columns)
+    fresh: NDArray[np.uint64]  # (rows, columns): reached, but not spread from
+    stack: Ints  # (rows * columns + 1,): grid points with fresh cells, after their number
+    goal: Ints  # (3,) row, column, heading or -1
+
+
+@kernel
+def _discs(motion: MotionCost, spacing: float) -> tuple[Ints, Array, Ints]:
+    """Discs about grid points within the outline at each heading, the largest first."""
+    front, rear, half = motion.outline
+    reach = int(math.hypot(max(front, rear), half) / spacing) + 1
+    side = 2 * reach + 1
+    places, least = (
+        np.empty((HEADINGS * side * side, 2), np.int64),
+        np.empty(HEADINGS * side * side),
+    )
+    first, count = np.zeros(HEADINGS + 1, np.int64), 0
+    radii = np.empty(side * side)
+    for k in range(HEADINGS):
+        c, s = math.cos(2.0 * math.pi * k / HEADINGS), math.sin(2.0 * math.pi * k / HEADINGS)
+        for m in range(side * side):
+            y, x = spacing * (m // side - reach), spacing * (m % side - reach)
+            along, across = c * x + s * y, c * y - s * x
+            inner = min(min(front - along, rear + along), half - abs(across))
+            moved = spacing / math.sqrt(2.0) + math.pi / HEADINGS * math.hypot(x, y)
+            radii[m] = inner + motion.margin - moved - ROUNDING if inner >= 0.0 else -1.0
+        inside = np.flatnonzero(radii > 0.0)
+        for m in inside[np.argsort(-radii[inside], kind="mergesort")]:
+            i, j = m // side - reach, m % side - reach
+            kept = True
+            for n in range(first[k], count):
+                apart = spacing * math.hypot(places[n, 0] - i, places[n, 1] - j)
+                if apart + radii[m] <= least[n] + PROTRUSION:
+                    kept = False
+                    break
+            if kept:
+                places[count, 0], places[count, 1], least[count] = i, j, radii[m]
+                count += 1
+        first[k + 1] = count
+    return places[:count].copy(), least[:count].copy(), first
+
+
+@borrowing_kernel
+def _look(flood: Flood, i: int, j: int) -> None:
+    """Find which cells at a grid point are shut."""
+    gaps, places, least, first = flood.gaps, flood.places, flood.least, flood.first
+    rows, columns = gaps.shape
+    flood.known[i, j] = True
+    if gaps[i, j] >= flood.full:
+        flood.free[i, j] = ~NONE
+        return
+    for k in range(HEADINGS):
+        free = True
+        for m in range(first[k], first[k + 1]):
+            r, c = i + places[m, 0], j + places[m, 1]
+            if r < 0 or c < 0 or r >= rows or c >= columns or gaps[r, c] < least[m]:
+                free = False
+                break
+        if free:
+            flood.free[i, j] |= ONE << np.uint64(k)
+
+
+@kernel
+def _spread(flood: Flood, most: int) -> int:
+    """Spread from so many grid points at most. 1: to the goal, 0: there are no more, -1: else."""
+    free, reached, fresh, goal = flood.free, flood.reached, flood.fresh, flood.goal
+    rows, columns = free.shape
+    for _ in range(most):
+        size = flood.stack[0]
+        if size == 0:
+            return 0
+        i, j = flood.stack[size] // columns, flood.stack[size] % columns
+        flood.stack[0] = size - 1
+        if not flood.known[i, j]:
+            _look(flood, i, j)
+        bits, before = reached[i, j] | fresh[i, j], NONE
+        while bits != before:
+            before = bits
+            turned = (bits << ONE) | (bits >> LAST) | (bits >> ONE) | (bits << LAST)
+            bits |= turned & free[i, j]
+        reached[i, j], fresh[i, j] = bits, NONE
+        if (
+            i == goal[0]
+            and j == goal[1]
+            and (goal[2] < 0 or (bits >> np.uint64(goal[2])) & ONE == ONE)
+        ):
+            return 1
+        for r in range(max(0, i - 1), min(rows, i + 2)):
+            for c in range(max(0, j - 1), min(columns, j + 2)):
+                if not flood.known[r, c]:
+                    _look(flood, r, c)
+                more = bits & free[r, c] & ~reached[r, c]
+                if more != NONE:
+                    if fresh[r, c] == NONE:
+                        flood.stack[0] += 1
+                        flood.stack[flood.stack[0]] = r * columns + c
+                    fresh[r, c] |= more
+    return -1
+
+
+def is_cut_off(
+    space: Space, motion: MotionCost, start: Array, goal: Array, spacing: float, end: float
+) -> bool:
+    """Whether it is proven that no path leads from a start (3,) [m, m, rad] to a goal (2 or 3,).
+
+    Args:
+        space: the map.
+        motion: the outline, and its least clearance.
+        start: pose.
+        goal: pose; any heading will do where it has none.
+        spacing: of the grid points [m]; a smaller one proves more, and takes longer.
+        end: when `perf_counter` shows it, nothing is proven.
+    """
+    width, height = space.bounds[2] - space.bounds[0], space.bounds[3] - space.bounds[1]
+    if width * height > MOST_POINTS * spacing * spacing:
+        return False
+    places, least, first = _discs(motion, spacing)
+    if time.perf_counter() >= end:
+        return False
+    full = float((least + spacing * np.hypot(*places.T)).max(initial=0.0))
+    gaps = distance_field(space, full + spacing, spacing)
+    ends = np.full((2, 3), -1)
+    for one, pose in zip(ends, (start, goal), strict=True):
+        one[:2] = (pose[1::-1] - np.array(space.bounds[1::-1])) / spacing + 0.5
+        if len(pose) == 3:
+            one[2] = round(pose[2] * HEADINGS / (2.0 * math.pi)) % HEADINGS
+    free, reached, fresh = (np.zeros(gaps.shape, np.uint64) for _ in range(3))
+    stack, (i, j, k), answer = np.zeros(gaps.size + 1, np.int64), ends[0], -1
+    fresh[i, j] = ONE << np.uint64(k)
+    stack[:2] = 1, i * gaps.shape[1] + j
+    known = np.zeros(gaps.shape, np.bool_)
+    flood = Flood(gaps, places, least, first, full, free, known, reached, fresh, stack, ends[1])
+    while answer < 0 and time.perf_counter() < end:
+        answer = _spread(flood, CHUNK)
+    return answer == 0

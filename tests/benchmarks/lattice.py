@@ -1,0 +1,169 @@
+"""How soon the lattice planner finds a path, how good it is by then, and how it fails.
+
+`python -m tests.benchmarks.lattice [--worlds 100] [--settings JSON] [--out FILE.json]`: drawn BARN
+worlds and the 60 of the benchmark, homes, doors and the stored footprint problems, each in a map
+that the planner has not seen. A world is asked for the clearance that a policy begins with (wide),
+and for 1 cm beside the chair (narrow). Seconds are those of the process, deadlines too: other
+programs do not count.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+
+import planners.lattice.lattice
+import planners.problem
+from planners import Problem, Space, make_planner
+from planners.collision.footprint import path_gap, stretch_between
+from tests.conftest import ROOT
+from tests.planners.footprints import read
+from wheelchair_gym.config import dump
+from wheelchair_gym.geometry import Footprint
+from wheelchair_gym.maps import bottleneck
+from wheelchair_gym.maps.driving_cost import STILL, duration, kind_of
+from wheelchair_gym.scenes import make_scene
+
+SHARED = Path(os.environ.get("WHEELCHAIR_SHARED", ROOT.parent / "shared"))
+DEADLINES = (0.05, 0.1, 1.0)  # s
+FIRST = 1_000_000  # training seed
+HOME = {"name": "floor_plan", "kind": "home", "door_width": [0.9, 1.1],
+        "corridor_width": [1.1, 1.6]}  # fmt: skip
+DOORS = [{"name": "doorway", "door_width": door, "corridor_width": corridor}
+         for door in (1.0, 0.95, 0.9, 0.85, 0.8) for corridor in (1.2, 1.05, 0.9)]  # fmt: skip
+ASKED = (0.40, 0.36, 0.32, 0.28)  # m: by `agents.policies.recoveries.widest_plan`
+
+
+def drawn(scenes, seeds):
+    """Problems of scenes, and the footprint: with the policy's clearance, and with 1 cm."""
+    footprint = Footprint()
+    for scene in scenes:
+        for seed in seeds:
+            episode = make_scene(scene).sample(np.random.default_rng(seed))
+            start, goal = episode.start, episode.goal[:2]
+            space = Space.from_grid(episode.map)
+            most = bottleneck(episode.map, start[:2], goal) + 0.5 * episode.map.resolution
+            wide = next((asked for asked in ASKED if asked <= most), ASKED[-1])
+            for clearance in sorted({wide, footprint.half_width + 0.01}):
+                yield Problem(space, start, goal, clearance, f"{episode.name}_{seed}"), footprint
+
+
+def sets(worlds):
+    """Problems by name of their set."""
+    known = str(SHARED / "maps" / "barn_60.json")
+    numbers = [world["world"] for world in json.loads(Path(known).read_text())]
+    seeds = range(FIRST, FIRST + worlds)
+    yield "barn", drawn(["barn"], seeds)
+    yield "barn_60", drawn([{"name": "barn", "path": known, "world": n} for n in numbers], [0])
+    yield "homes", drawn([HOME], seeds)
+    yield "doors", drawn(DOORS, seeds[: max(1, worlds // 15)])
+    yield "problems", ((case.problem, case.footprint) for case in read())
+
+
+def seconds(path, planner):
+    """Time [s] of a path of poses at the chair's limits, with stops to change the direction."""
+    motion = planner.motion_cost(planner.footprint, planner.limits, 0.0)
+    motion = motion._replace(backward=planner.limits.backward)
+    spent, before = 0.0, 0
+    for k in range(len(path) - 1):
+        way, turn = stretch_between(*path[k], *path[k + 1])
+        if abs(way) < 1e-7:
+            way = 0.0
+        kind = kind_of(way, turn)
+        if kind == 0 or max(abs(way), abs(turn)) < STILL:
+            continue
+        spent += duration(motion, way, turn) + (
+            motion.switch_time if before not in (0, kind) else 0
+        )
+        before = kind
+    return spent
+
+
+def planned(problem, footprint, settings):
+    """One row: the plan without a deadline, and what there is at each deadline."""
+    planner = make_planner({"name": "lattice", "footprint": dump(footprint), **settings})
+    rng = np.random.default_rng(0)
+    clearance = max(problem.clearance, footprint.half_width)
+
+    def once(deadline=None):
+        space = Space(problem.space._solid, problem.space.bounds, (), problem.space._edges)
+        space.arrays  # noqa: B018  every planner needs them
+        fresh = Problem(space, problem.start, problem.goal, clearance, problem.name)
+        begun = time.process_time()
+        plan = planner.plan(fresh, rng, deadline)
+        took = time.process_time() - begun
+        begun = time.process_time()
+        if deadline is None:
+            planner.plan(fresh, rng)
+        return plan, took, time.process_time() - begun
+
+    plan, took, later = once()
+    row = {"name": problem.name, "clearance": clearance, "status": str(plan.status),
+           "note": plan.note, "ms": 1e3 * took, "later_ms": 1e3 * later, "s": None,
+           "poses": plan.counters.get("iterations", 0)}  # fmt: skip
+    if len(plan.path):
+        margin = max(0.0, clearance - footprint.half_width)
+        gap = path_gap(plan.path, problem.space, footprint, 1.0)
+        row |= {"s": seconds(plan.path, planner), "short": max(0.0, margin - gap)}
+    for deadline in DEADLINES:
+        plan, took, _ = once(deadline)
+        row[f"{deadline:g}"] = seconds(plan.path, planner) if len(plan.path) else None
+        row[f"{deadline:g}_status"], row[f"{deadline:g}_ms"] = str(plan.status), 1e3 * took
+    return row
+
+
+def summary(rows):
+    """One line of a table."""
+    found = [row for row in rows if row["status"] == "solved"]
+    failed = [row for row in rows if row["status"] != "solved"]
+    line = {"asked": len(rows), "found": len(found)}
+    for key in ("ms", "later_ms", "s"):
+        values = [row[key] for row in found] or [np.nan]
+        line |= {f"{key}_{q}": round(float(np.quantile(values, q / 100)), 2) for q in (50, 95)}
+    for deadline in DEADLINES:
+        by = [row[f"{deadline:g}"] for row in found]
+        line[f"by_{deadline:g}"] = round(100 * np.mean([b is not None for b in by]), 1)
+        ratio = [b / row["s"] for b, row in zip(by, found, strict=True) if b and row["s"]]
+        line[f"ratio_{deadline:g}"] = round(float(np.mean(ratio)), 4) if ratio else None
+    line["proven"] = sum(row["status"] != "exhausted" for row in failed)
+    line["complete"] = sum(row["status"] == "exhausted" and bool(row["note"]) for row in failed)
+    line["given_up"] = len(failed) - line["proven"] - line["complete"]
+    line["failed_ms"] = round(float(np.median([row["ms"] for row in failed] or [0.0])), 1)
+    line["failed_ms_max"] = round(max([row["ms"] for row in failed] or [0.0]), 1)
+    line["late_ms"] = round(max(row["0.05_ms"] for row in rows), 1)
+    return line
+
+
+def main():
+    """Print a line for each set."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--worlds", type=int, default=100, help="of each scene")
+    parser.add_argument("--sets", default="barn,barn_60,homes,doors,problems")
+    parser.add_argument("--settings", type=json.loads, default={}, help="of the planner, as JSON")
+    parser.add_argument("--out", type=Path)
+    given = parser.parse_args()
+    clock = SimpleNamespace(perf_counter=time.process_time)
+    planners.lattice.lattice.time, planners.problem.perf_counter = clock, time.process_time
+    planned(*next(drawn(DOORS, [FIRST])), given.settings)  # compiles
+    results = {}
+    for name, problems in sets(given.worlds):
+        if name not in given.sets.split(","):
+            continue
+        rows = results[name] = [planned(*one, given.settings) for one in problems]
+        for asked in ("wide", "narrow") if name != "problems" else ("all",):
+            least = [row for row in rows if asked == "all" or
+                     (row["clearance"] < 0.325) == (asked == "narrow")]  # fmt: skip
+            if least:
+                print(name, asked, json.dumps(summary(least)), flush=True)
+        if given.out:
+            given.out.write_text(json.dumps(results, indent=1))
+
+
+if __name__ == "__main__":
+    main()
