@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -39,9 +40,11 @@ class StoredProblem:
 
 
 def _problem(data: Any, where: str) -> tuple[Problem, float | None]:
-    for key in ("name", "size", "rects", "start", "goal"):
+    *required, optional = (field.name for field in dataclasses.fields(StoredProblem))
+    for key in required:
         if isinstance(data, Mapping) and key not in data:
-            raise InputError(f"{where}.{key} is missing")
+            keys = f"{', '.join(required)}, and may have {optional}"
+            raise InputError(f"{where}.{key} is missing; a problem has {keys}")
     stored = load(StoredProblem, data, where)
     if len(stored.rects) > LIMITS["outline"].most:
         expected = f"expected at most {LIMITS['outline'].most:,}"
@@ -66,4 +69,4 @@ def read_problems(path: str | Path) -> list[tuple[Problem, float | None]]:
     data = read_json(path)
     if not isinstance(data, list):
         raise InputError(f"{path.name}: expected a list of problems, got {type(data).__name__}")
-    return [_problem(item, f"{path.name}: [{index}]") for index, item in enumerate(data)]
+    return [_problem(item, f"{path.name}: problem [{index}]") for index, item in enumerate(data)]

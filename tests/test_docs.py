@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 import shlex
 import sys
@@ -18,6 +19,7 @@ from wheelchair_gym.physics.state import SENSED
 from wheelchair_gym.registry import imported
 from wheelchair_gym.safety.stops import STOPS, as_table
 from wheelchair_gym.task.rewards import TERM_VALUES
+from wheelchair_gym.types import Command, Mission, Reading, Shown
 
 PAGES = sorted(
     path
@@ -193,6 +195,12 @@ def test_the_page_of_rewards_lists_every_field():
     text = (ROOT / "docs" / "tutorials" / "own_reward.md").read_text()
     for record, fields in (("terms", TERM_VALUES), ("sensed", SENSED)):
         assert re.findall(rf"^\| `{record}\.(\w+)` \|", text, re.M) == list(fields.names or ())
+
+
+@pytest.mark.parametrize("cls", [Reading, Mission, Shown, Command], ids=lambda c: c.__name__)
+def test_help_describes_every_field_of_what_policies_get_and_give(cls):
+    described = re.findall(r"^    (\w+): \S", (inspect.getdoc(cls) or ""), re.M)
+    assert described == list(inspect.get_annotations(cls))
 
 
 def test_the_page_of_the_architecture_names_every_folder():

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from agents.control import FOLLOWERS, make_follower
-from agents.evaluation.evaluate import episode_key, evaluate
+from agents.evaluation.evaluate import drive_episode, episode_key, evaluate
 from agents.evaluation.runs import run_key, source_digest
 from agents.policies import GymPolicy, make_policy
 from planners import make_planner
@@ -94,7 +94,7 @@ def test_every_kind_is_made_by_its_place(theirs):
         ("{0}:Polcy", "did you mean Policy"),
         ("nowhere_at_all:Policy", "cannot be imported"),
         ("broken:f", "SyntaxError"),
-        ({"name": "{0}:Policy", "sped": 1}, "sped"),
+        ({"name": "{0}:Policy", "sped": 1}, "'sped'; did you mean speed"),
         ("{0}:Policy+window", "has no method plan"),
         ("a_star+{0}:Policy", "no method make or twist"),
     ],
@@ -148,6 +148,31 @@ class List(Planner):
             first_action()
     with pytest.raises(InputError, match=r"did you mean lattice\+window"):
         make_policy("latice+window")
+
+
+def test_an_error_in_a_policy_ends_with_the_policy_and_the_step(theirs, tmp_path):
+    (tmp_path / f"{theirs}.py").write_text(
+        SOURCE
+        + """
+class Lost(Policy):
+    def act(self, reading):
+        if reading.stamp > 0.15:
+            raise KeyError("goal")
+        return Policy.act(self, reading)
+
+class Never(Policy):
+    def reset(self, mission):
+        raise KeyError("map")
+"""
+    )
+    for policy, note in (
+        ("Lost", "policy Lost: its act failed in step 2, 0.2 s after the start"),
+        ("Never", "policy Never: its reset failed"),
+    ):
+        env = NavigationEnv("empty")
+        with pytest.raises(KeyError) as raised:
+            drive_episode(env, make_policy(f"{theirs}:{policy}"), 0)
+        assert raised.value.__notes__ == [note]
 
 
 def test_a_label_of_settings_in_a_file_is_no_place():

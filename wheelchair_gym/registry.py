@@ -214,10 +214,13 @@ class Registry(Mapping[str, Any]):
             return load(found, values, where)  # type: ignore[arg-type]
         if not callable(found):
             raise InputError(f"{where}: expected a class, not {shorten(found)}")
+        signature = inspect.signature(found)
         try:
-            inspect.signature(found).bind(**values)
+            signature.bind(**values)
         except TypeError as error:
-            raise InputError(f"{where}: {error}") from None
+            unknown = (key for key in values if key not in signature.parameters)
+            near = "".join(suggest(key, signature.parameters) for key in unknown)
+            raise InputError(f"{where}: {error}{near}") from None
         if "make" in self.needs and not hasattr(found, "make"):
             return Maker(self.places.get(name, name), values)
         return found(**values)

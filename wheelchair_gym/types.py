@@ -29,22 +29,37 @@ Array = NDArray[np.float64]
 class Reading(NamedTuple):
     """All that a chair can know at one instant; never changed in place.
 
-    No echo is +inf, too near -inf, invalid NaN (REP-117).
+    No echo is +inf, too near -inf, invalid NaN (REP-117). The environment fills in the last three
+    for a policy (`NavigationEnv.reading`).
+
+    Attributes:
+        pose: (3,) m, m, rad: where the chair believes it is, in the map frame.
+        twist: (2,) m/s, rad/s: forward speed and turn rate, counter-clockwise, from the encoders.
+        laser: (beams,) m: ranges of each scanner, one after another (`SensorSettings.slices`);
+            beams are counter-clockwise.
+        ultrasonic: (8,) m: ranges; NaN where none is mounted.
+        age: (8,) s since each ultrasonic fired; +inf where none is mounted.
+        bumped: a bumper strip is pressed.
+        battery: its voltage [V].
+        stamp: s since reset.
+        halted: why the chair stands whatever the command; empty: it obeys commands.
+        action: the last one asked of the chair, in [-1, 1].
+        shield_intervention: what the shield took from the twist of that action [m/s, rad/s].
+        map: drawn so far, where the chair draws its own map; else None.
     """
 
-    pose: Array  # (3,) m, m, rad: where the chair believes it is, in the map frame
-    twist: Array  # (2,) m/s, rad/s: from the encoders
-    laser: NDArray[np.float32]  # (beams,) m: of each scanner, see `SensorSettings.slices`
-    ultrasonic: NDArray[np.float32]  # (8,) m; NaN where none is mounted
-    age: NDArray[np.float32]  # (8,) s since each ultrasonic fired; +inf where none is mounted
-    bumped: bool  # a bumper strip is pressed
-    battery: float  # V
-    stamp: float  # s since reset
-    halted: str = ""  # why the chair stands whatever the command; empty: it obeys commands
-    # The environment fills these in for a policy (`NavigationEnv.reading`).
-    action: tuple[float, float] = (0.0, 0.0)  # the last one asked of the chair, in [-1, 1]
-    shield_intervention: tuple[float, float] = (0.0, 0.0)  # taken from its twist [m/s, rad/s]
-    map: OccupancyGrid | None = None  # drawn so far, where the chair draws its own map
+    pose: Array
+    twist: Array
+    laser: NDArray[np.float32]
+    ultrasonic: NDArray[np.float32]
+    age: NDArray[np.float32]
+    bumped: bool
+    battery: float
+    stamp: float
+    halted: str = ""
+    action: tuple[float, float] = (0.0, 0.0)
+    shield_intervention: tuple[float, float] = (0.0, 0.0)
+    map: OccupancyGrid | None = None
 
 
 def check_reading(reading: Reading, beams: int) -> None:
@@ -152,19 +167,33 @@ class Episode:
 
 @dataclass(frozen=True, eq=False)
 class Mission:
-    """What a policy may know before it drives. Policies may share one; none changes it."""
+    """What a policy may know before it drives. Policies may share one; none changes it.
 
-    map: OccupancyGrid | None  # of the world; None: the chair draws its own (`Reading.map`)
-    reading: Reading  # the first, taken at the start
-    goal: Array  # (3,) m, m, rad
-    tolerance: float  # m: how near the goal counts
-    time_limit: float  # s
-    period: float  # s: of control
+    Attributes:
+        map: of the world; None: the chair draws its own (`Reading.map`).
+        reading: the first, taken at the start.
+        goal: (3,) m, m, rad, on the map.
+        tolerance: how near the goal counts [m].
+        time_limit: of the episode [s].
+        period: of control [s]: each command is driven for so long.
+        chair: settings of the chair: outline, limits of speed and acceleration, drive.
+        sensors: settings of the sensors: where they are mounted, their beams and noise.
+        shield: settings of the shield that filters the commands; None: there is none.
+        is_shielded: the shield filters this episode's commands.
+        key: of the episode; seeds what a policy draws.
+    """
+
+    map: OccupancyGrid | None
+    reading: Reading
+    goal: Array
+    tolerance: float
+    time_limit: float
+    period: float
     chair: ChairSettings
     sensors: SensorSettings
-    shield: ShieldSettings | None  # of what filters the commands; None: nothing does
-    is_shielded: bool  # the shield filters this episode's commands
-    key: int  # of the episode; seeds what a policy draws
+    shield: ShieldSettings | None
+    is_shielded: bool
+    key: int
 
     @property
     def start(self) -> Array:
@@ -189,24 +218,37 @@ class Mission:
 
 
 class Shown(NamedTuple):
-    """What a policy wants people to see in pictures, recordings and logs."""
+    """What a policy wants people to see in pictures, recordings and logs.
 
-    path: Array | None = None  # (n, 2) m: it follows this; None: the guidance is shown
-    status: str = ""  # what it is doing
-    plans: int = 0  # made in this episode
+    Attributes:
+        path: (n, 2) m: what it follows; None: the guidance is shown.
+        status: what it is doing.
+        plans: number of plans made in this episode.
+    """
+
+    path: Array | None = None
+    status: str = ""
+    plans: int = 0
 
 
 _NOTHING = Shown()
 
 
 class Command(NamedTuple):
-    """A policy's answer to a reading."""
+    """A policy's answer to a reading.
 
-    twist: Array  # (2,) m/s, rad/s
+    Attributes:
+        twist: (2,) m/s, rad/s: the forward speed and turn rate that it wants.
+        shown: what people shall see.
+        action: (2,) in [-1, 1]: what the twist was computed from, if the policy's own output is
+            an action; else None.
+        done: the policy has nothing left to do.
+    """
+
+    twist: Array
     shown: Shown = _NOTHING
-    # (2,) in [-1, 1]: what the twist was computed from, if the policy's own output is an action.
     action: Array | None = None
-    done: bool = False  # the policy has nothing left to do
+    done: bool = False
 
     @classmethod
     def from_action(

@@ -39,9 +39,9 @@ from agents.benchmarks.summary import (
     LATE_FACTOR,
     Record,
     deadline_key,
-    markdown,
     ranking,
     summarise,
+    terminal,
 )
 from agents.evaluation.metrics import path_figures
 from agents.evaluation.provenance import command_line, machine, now, write_json
@@ -275,9 +275,9 @@ class PlannerBenchmark:
             "records": [{"key": key, **record} for key, record in self.records.items()],
         }
 
-    def text(self) -> str:
-        """The figures as Markdown."""
-        text = markdown(self.rows(), self.deadlines)
+    def text(self, of: Callable[..., str] = terminal) -> str:
+        """The figures for a terminal, or as `markdown` writes them."""
+        text = of(self.rows(), self.deadlines)
         if self._iterations:
             first = self._iterations[0]
             text += (

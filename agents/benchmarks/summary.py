@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -144,6 +144,18 @@ def columns(deadlines: Sequence[float]) -> list[Column]:
     return [*every[:first], *timed, *every[first + 2 :]]
 
 
+def terminal(rows: Sequence[Row], deadlines: Sequence[float]) -> str:
+    """The main columns, with the last three deadlines, and the anytime ranking."""
+    keys = list(read_data("planner_benchmark.yaml")["terminal"])
+    keys += [f"ratio_{deadline_key(deadline)}" for deadline in deadlines[-3:]]
+    return _text(rows, deadlines, [c for c in columns(deadlines) if c.key in keys], Table.text)
+
+
+def markdown(rows: Sequence[Row], deadlines: Sequence[float]) -> str:
+    """A table with all columns for each problem, and the anytime ranking."""
+    return _text(rows, deadlines, columns(deadlines), Table.markdown)
+
+
 def entrant_title(row: Row) -> str:
     """An entrant's name with remarks."""
     marks = []
@@ -156,9 +168,12 @@ def entrant_title(row: Row) -> str:
     return str(row["planner"]) + (f" ({'; '.join(marks)})" if marks else "")
 
 
-def markdown(rows: Sequence[Row], deadlines: Sequence[float]) -> str:
-    """A table for each problem, and the anytime ranking."""
-    heads = columns(deadlines)
+def _text(
+    rows: Sequence[Row],
+    deadlines: Sequence[float],
+    heads: Sequence[Column],
+    written: Callable[[Table], str],
+) -> str:
     text = ""
     for problem in dict.fromkeys(row["problem"] for row in rows):
         body = [
@@ -167,7 +182,9 @@ def markdown(rows: Sequence[Row], deadlines: Sequence[float]) -> str:
             if row["problem"] == problem
         ]
         table = Table("", [Column("planner", "planner", None), *heads], [body])
-        text += f"## {'all problems' if problem == ALL else problem}\n\n{table.markdown()}\n"
+        text += (
+            f"## {'all problems' if problem == ALL else problem}\n\n{written(table).rstrip()}\n\n"
+        )
     for deadline in deadlines:
         ratio = f"ratio_{deadline_key(deadline)}"
         names = [f"{row['planner']} {row[ratio]:.4f}" for row in ranking(rows, deadline)]

@@ -11,6 +11,7 @@ import io
 import os
 import re
 import sys
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NoReturn
 
@@ -142,9 +143,27 @@ def _restart(environ: Mapping[str, str]) -> None:
         os.execve(sys.executable, [sys.executable, *sys.orig_argv[1:]], {**os.environ, **missing})
 
 
+def one_line_warning(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    line: str | None = None,
+) -> str:
+    """A warning about settings without the line of the source; others as Python writes them."""
+    if category is UserWarning:
+        return f"wheelchair: {message}\n"
+    return _python_warning(message, category, filename, lineno, line)
+
+
+_python_warning = warnings.formatwarning
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; the exit code."""
     _replace_closed_streams()
+    if arguments is None:  # this process is the command
+        warnings.formatwarning = one_line_warning
     try:
         try:
             typed = sys.argv[1:] if arguments is None else arguments

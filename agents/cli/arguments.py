@@ -29,6 +29,12 @@ def spec(text: str) -> str | dict[str, Any]:
     file, colon, name = text.rpartition(":")
     if not colon or not Path(file).suffix:
         return text
+    if Path(file).suffix == ".py":
+        path = Path(file)
+        raise InputError(
+            f"{text}: a class is named by its module, not its file: write {path.stem}:{name}, in "
+            f"the folder of {path.name}"
+        )
     content = parse_json(without_trailing_commas(read_text(file, "json")), file)
     if is_thesis(content):
         return read_thesis(file).planner(name)

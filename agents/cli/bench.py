@@ -48,6 +48,7 @@ def planners(given: argparse.Namespace) -> int:
     from agents.benchmarks.curves import draw
     from agents.benchmarks.entrants import select_peers
     from agents.benchmarks.planner_benchmark import PlannerBenchmark, one_core
+    from agents.benchmarks.summary import markdown
     from agents.evaluation.tables import csv_table
     from agents.peers import PEERS
     from planners import PLANNERS
@@ -62,7 +63,7 @@ def planners(given: argparse.Namespace) -> int:
     peers: list[str] = []
     if given.peers is not False and (named or given.peers or asked is None):
         peers, missing = select_peers(None if given.peers else named)
-        for text in missing:
+        for text in missing if given.peers else ():
             print(f"wheelchair: {text}", file=sys.stderr)
     file = given.resume or (
         given.json if given.json not in (None, "-") else f"{given.out}/planners.json"
@@ -90,6 +91,8 @@ def planners(given: argparse.Namespace) -> int:
         )
     if given.json == "-" or given.json not in (None, file):
         report(given, benchmark.result(), "")
+    table = Path(file).with_suffix(".md")
+    write_text(table, benchmark.text(markdown))
     if given.json != "-":
-        print(benchmark.text(), end="")
+        print(f"{benchmark.text()}all columns: {table}")
     return 0 if stop is None else stopped(stop, "" if given.resume else f" --resume {file}")

@@ -221,7 +221,8 @@ COMMANDS = (
             option("--set", "change a setting of the planner, such as tree.iterations=30000; "
                    "repeatable", None, "KEY=VALUE", action="append", default=[], dest="changes"),
             option("--map", MAP_FILES, None, "FILE"), RESOLUTION,
-            option("--problems", "file of problems, in place of a map", None, "FILE.json"),
+            option("--problems", "file of problems (docs/how_to/files.md), in place of a map", None,
+                   "FILE.json"),
             option("--start", "start on the map [m, m, rad]", pose),
             option("--goal", "goal on the map [m, m, rad]", pose),
             option("--clearance", "distance to obstacles [m] (default 0.36 in a map, 0 in "
@@ -288,7 +289,7 @@ COMMANDS = (
                    "the scenes or maps)", None, "DIR"),
             flag("--no-video", "write no video"), QUIET,
             option("--columns", "columns of the table in the terminal, or all; the report has all",
-                   names, default=["episodes", "success", "collision", "timeout", "spl", "time"]),
+                   names, default=["episodes", "success", "collision", "at_fault", "spl", "time"]),
             *record("DIR", "one file for each episode"), JSON,
         ],
     ),
@@ -405,8 +406,8 @@ COMMANDS = (
             option("--frames", "environment steps of a run", count),
             option("--seeds", "seeds of the runs", names, default=["0"]),
             option("--jobs", "runs at once", count, default=1),
-            option("--out", "folder of the results, with a folder for each seed (default "
-                   "runs/ALGORITHM)", None, "DIR"),
+            option("--out", "folder of the run; with several seeds or --vary, of a folder for each "
+                   "run (default runs/ALGORITHM)", None, "DIR"),
             QUIET, JSON,
         ],
         TRAINING_ENVIRON,
@@ -485,11 +486,12 @@ COMMANDS = (
         "Run every planner, and those of other packages where they are installed (extra 'peers'), "
         "on the same problems, on one core, judged by independent geometry: time to the first "
         "path, length at deadlines, success, validity, smoothness, clearance.",
-        "wheelchair bench planners --problems problems.json --seeds 5 "
+        "wheelchair bench planners --map plan.png --resolution 0.05 --seeds 5 "
         "--planners rrt_star,visibility --plot planners.png",
         [
-            option("--problems", "file of problems (default: one of each scene that needs no file)",
-                   None, "FILE.json"),
+            option("--problems", "file of problems (docs/how_to/files.md), planned with clearance "
+                   "of 0 m (default: one of each scene that needs no file, with 0.36 m)", None,
+                   "FILE.json"),
             option("--only", "names of problems (default: all)", names, default=[]),
             *map_options(names),
             option("--planners", f"planners or peers, also {OTHERS} (default: all)", names),

@@ -6,7 +6,7 @@ import argparse
 import dataclasses
 import importlib.util
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -57,6 +57,8 @@ def compare(given: argparse.Namespace) -> int:
             for scene in scenes
         ]
     env["shield"] = shield_of(given)
+    if given.scenes or given.map:  # the title of the suite is of its scenes
+        suite = dataclasses.replace(suite, title=f"Policies on {_joined(map(label, scenes))}")
     suite = dataclasses.replace(
         suite,
         policies=tuple(map(labelled, given.policies or ())) or suite.policies,
@@ -74,6 +76,12 @@ def compare(given: argparse.Namespace) -> int:
     table = terminal_table(evaluation, given.columns)
     report(given, evaluation, f"{table}\n{folder / 'report.html'}")
     return 0
+
+
+def _joined(names: Iterable[str]) -> str:
+    first = list(dict.fromkeys(names))
+    more = f" and {len(first) - NAMED} more" if len(first) > NAMED else ""
+    return ", ".join(first[:NAMED]) + more
 
 
 def comparison_name(given: argparse.Namespace) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 
 from agents.cli.arguments import env_of, map_scenes, report, spec
 from wheelchair_gym.config import InputError
@@ -22,7 +23,10 @@ def write(given: argparse.Namespace) -> int:
     found = write_dataset(
         given.name, spec(given.policy), scene, env_of(given), seeds, given.out, not given.quiet
     )
-    text = f"{found['episodes']} episodes, {found['steps']} steps, {found['successes']} successes"
-    where = f"MINARI_DATASETS_PATH={given.out}; minari.load_dataset({given.name!r})"
-    report(given, found, f"{text}: {found['folder']}\nread it with {where}")
+    counts = (found["episodes"], "episode"), (found["steps"], "step")
+    text = ", ".join(f"{count} {name}{'' if count == 1 else 's'}" for count, name in counts)
+    where = f"export MINARI_DATASETS_PATH={shlex.quote(given.out)}"
+    load = f"python -c \"import minari; print(minari.load_dataset('{given.name}'))\""
+    arrived = f"{found['successes']} successful"
+    report(given, found, f"{text}, {arrived}: {found['folder']}; read it with\n{where}\n{load}")
     return 0

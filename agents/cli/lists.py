@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from agents.cli.arguments import report, spec
+from agents.cli.commands import ALGORITHMS
 from agents.evaluation.provenance import write_text
 from agents.evaluation.tables import markdown_table
 from wheelchair_gym.config import InputError, dump, setting_docs, suggest
@@ -134,6 +135,8 @@ def settings(given: argparse.Namespace) -> int:
 
 def _near(name: str, classes: dict[str, type]) -> str:
     """The end of a message: the nearest name, else the settings that have a part called so."""
+    if name in ALGORITHMS:
+        return f"; {'imitation' if name == 'bc' else 'training'} has those of `train {name}`"
     if near := suggest(name.lower(), classes):
         return near
     holders = [

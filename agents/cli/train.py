@@ -57,7 +57,7 @@ def run(given: argparse.Namespace) -> int:
     if given.frames is not None and not imitates:
         content["frames"] = given.frames
     out = Path(given.out or Path("runs") / algorithm)
-    cases = []
+    cases: list[Case] = []
     key, values = varied(given.vary)
     for value in values:
         name = f"{key.rpartition('.')[2]}_{value}" if key else ""
@@ -67,6 +67,8 @@ def run(given: argparse.Namespace) -> int:
             load_imitation(settings, where) if imitates
             else read_training(settings, where, algorithm)
         )  # fmt: skip
+        if not imitates and not cases:
+            _warn_of_short_checkpoints(config)
         for seed in seeds:
             folder = out / name / f"seed_{seed}" if len(seeds) > 1 else out / name
             cases.append(Case(f"{name} seed {seed}".strip(), config, changes, seed, folder, value))
@@ -82,6 +84,22 @@ def run(given: argparse.Namespace) -> int:
         lines.append(write_sweep(key, [(case.value, case.folder) for case in cases], out))
     report(given, results, "\n".join([*lines, str(out)]))
     return 0
+
+
+def _warn_of_short_checkpoints(config: Any) -> None:
+    """Say where episodes may last longer than the time between two checkpoints."""
+    env, steps = config.env_settings(), config.steps_per_checkpoint
+    least = env.task.time_base
+    if env.task.max_episode_steps is not None:
+        least = min(least, env.task.max_episode_steps / env.rate)
+    if steps / env.rate < least:
+        print(
+            f"wheelchair: all environments reset at a checkpoint, after {steps / env.rate:g} s of "
+            f"driving ({steps} steps at {env.rate:g} Hz), and episodes may last {least:g} s and "
+            "longer: only short ones end, so the success in training is of these, and no long one "
+            "is learned to its end; set a larger checkpoint_frequency",
+            file=sys.stderr,
+        )
 
 
 def varied(text: str | None) -> tuple[str, list[str]]:
@@ -119,7 +137,9 @@ def _train(given: argparse.Namespace, case: Case) -> dict[str, Any]:
 
     pause = 0.5 if sys.stderr.isatty() else 10.0
     style: dict[str, Any] = {"mininterval": pause, "maxinterval": pause, "disable": given.quiet}
-    worlds = tqdm(total=0, unit="world", leave=False, desc="worlds", **style)
+    # A second bar moves the cursor, which a log does not have.
+    inner = style | {"disable": given.quiet or not sys.stderr.isatty()}
+    worlds = tqdm(total=0, unit="world", leave=False, desc="worlds", **inner)
     frames = tqdm(
         total=case.config.frames, unit="frame", unit_scale=True, desc=f"seed {case.seed}", **style
     )
@@ -137,7 +157,7 @@ def _train(given: argparse.Namespace, case: Case) -> dict[str, Any]:
     def on_evaluated(done: int, total: int) -> None:
         if not evaluation:
             evaluation.append(
-                tqdm(total=total, unit="episode", leave=False, desc="evaluation", **style)
+                tqdm(total=total, unit="episode", leave=False, desc="evaluation", **inner)
             )
         evaluation[0].update(done - evaluation[0].n)
         if done == total:
@@ -166,9 +186,15 @@ def _train(given: argparse.Namespace, case: Case) -> dict[str, Any]:
 
 def _line(row: dict[str, Any]) -> str:
     """The main figures of a row."""
-    parts = [f"success {float(row['success']):.2f}"] if "success" in row else []
+    parts = []
     if row.get("eval_success") not in (None, ""):
-        parts.append(f"evaluation {float(row['eval_success']):.2f}")
+        parts.append(f"success in evaluation {float(row['eval_success']):.2f}")
+    if "episodes" in row:
+        of = f"of {row['episodes']} episodes" if row["episodes"] else "no episode ended"
+        share = f"{float(row['success']):.2f} " if row["episodes"] else ""
+        parts.append(f"in training {share}({of})")
+    elif "success" in row:
+        parts.append(f"success {float(row['success']):.2f}")
     if "frames_per_second_s" in row:
         parts.append(f"{float(row['frames_per_second_s']):,.0f} frames/s")
     return ", ".join(parts)

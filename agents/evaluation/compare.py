@@ -31,6 +31,7 @@ from wheelchair_gym.scenes.arena import Doorway
 
 Evaluation = dict[str, Any]
 BEST = "lattice+window"  # chosen on training seeds; test seeds are 0 to n-1
+FILM, FILMS = "episode", (".mp4", ".gif")
 TRAINING = 1_000_000  # the first training seed
 
 
@@ -119,6 +120,8 @@ def compare(
         "summary": summary,
         "video": None,
     }
+    for suffix in FILMS:  # of another comparison in this folder
+        (folder / f"{FILM}{suffix}").unlink(missing_ok=True)
     if what.video and records:
         filmed = episode_to_film(summary, records)
         evaluation["video"] = {"file": film(what, filmed, folder), **filmed}
@@ -151,6 +154,6 @@ def film(what: Suite, episode: Record, folder: Path) -> str:
         period = env.unwrapped.task.period
     finally:
         env.close()
-    path = folder / f"episode{video_suffix()}"
+    path = folder / f"{FILM}{video_suffix()}"
     write_video(path, frames, round(1.0 / period))
     return path.name

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import re
 import sys
 import time
 from collections.abc import Mapping, Sequence
@@ -89,7 +90,12 @@ def env_settings(**values: Any) -> dict[str, Any]:
     if isinstance(path, str | Path):
         from wheelchair_gym.envs import EnvSettings
 
-        values["config"] = read_json(path)
+        values["config"] = content = read_json(path)
+        if isinstance(content, Mapping) and "env" in content:
+            raise InputError(
+                f"{path}: these are settings of a training run; expected those of the environment, "
+                "which stand there under 'env': save them as a file of their own"
+            )
         load(EnvSettings, values["config"], Path(path).name)  # errors name the file
     return {key: value for key, value in values.items() if value is not None}
 
@@ -172,6 +178,12 @@ def _kind(policy: Spec, scene: Spec) -> str:
     return f"{label(policy)} {scene_env(scene, {})}"
 
 
+def picture_name(policy: Spec, scene: Spec, seed: int) -> str:
+    """Where the picture of a failed episode lies in its folder: a name that every system takes."""
+    name = re.sub("[ :]", "_", f"{label(policy)}-{label(scene)}-{seed}")
+    return f"pictures/{name}.png"
+
+
 def run_episode(
     job: tuple[Spec, Spec, int], env: Mapping[str, Any], folder: Path, watch: Watch = NO_WATCH
 ) -> Record:
@@ -187,7 +199,7 @@ def run_episode(
         record = drive_episode(world, make_policy(without_labels(policy)), seed, each)
         picture = None
         if not record["success"]:
-            picture = f"pictures/{label(policy)}-{label(scene)}-{seed}.png".replace(" ", "_")
+            picture = picture_name(policy, scene, seed)
             from wheelchair_gym.rendering.video import write_png
 
             write_png(folder / picture, world.render())

@@ -123,7 +123,7 @@ def learned_beside_planned(evaluation: Evaluation) -> str:
 
 
 # Columns of the table in a terminal, after policy and scene.
-BRIEF = ("episodes", "success", "collision", "timeout", "spl", "time")
+BRIEF = ("episodes", "success", "collision", "at_fault", "spl", "time")
 
 
 def markdown(evaluation: Evaluation) -> str:

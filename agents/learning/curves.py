@@ -35,9 +35,9 @@ def count_episodes(sums: Counter[str], infos: Any, dones: Any) -> None:
 
 
 def episode_row(sums: Counter[str]) -> Row:
-    """The number of episodes, and shares and means over them."""
-    n, keys = max(1, sums["episodes"]), ("success", "timeout", "return", "length")
-    return {"episodes": sums["episodes"], **{key: sums[key] / n for key in keys}}
+    """The number of episodes, and shares and means over them, if any."""
+    n, keys = sums["episodes"], ("success", "timeout", "return", "length")
+    return {"episodes": n, **{key: sums[key] / n for key in keys if n}}
 
 
 def tensorboard_logger(folder: Path) -> Logger:

@@ -53,7 +53,8 @@ def write_dataset(
     if find_spec("minari") is None or find_spec("h5py") is None:
         raise InputError("data sets need minari; pip install 'wheelchair_gym[dataset]'")
     if _NAME.fullmatch(name) is None:
-        raise InputError(f"{name!r}: expected a name such as wheelchair/homes-v0")
+        rule = "letters, digits, _ and -, parts separated by /, and -v0, -v1, ... at the end"
+        raise InputError(f"{name!r}: expected a name such as wheelchair/homes-v0: {rule}")
     place = Path(folder) / name
     if place.exists():
         raise InputError(f"{place} exists; expected a new name or version of a data set")

@@ -69,6 +69,8 @@ class OcclusionRecorder:
 
     def __call__(self, env: Any) -> None:
         """Record the observation of the last step."""
+        if len(env.unwrapped.task.sensors.lasers) != 1:
+            raise InputError("occlusion is drawn of a chair with one laser; this one has others")
         observation = self._driver.observation
         if observation is not None and not any(observation is o for o in self._observations[-1:]):
             self._observations.append(observation)
@@ -81,8 +83,6 @@ class OcclusionRecorder:
         `moment` is a share of the episode, 0 to 1. Returns the figure and its values.
         """
         world, task = env.unwrapped.episode, env.unwrapped.task
-        if len(task.sensors.lasers) != 1:
-            raise InputError("occlusion is drawn of a chair with one laser; this one has others")
         laser = task.sensors.laser
         network, layout = self._driver.network, self._driver.layout
         observations = np.array(self._observations)

@@ -145,9 +145,7 @@ class Run:
     @property
     def frames_per_checkpoint(self) -> int:
         """Frames between two checkpoints."""
-        config = self.config
-        steps = config.on_policy.n_steps if config.algorithm in ON_POLICY else 1
-        return config.n_envs * steps * config.checkpoint_frequency
+        return self.config.n_envs * self.config.steps_per_checkpoint
 
     def learn(self, on_step: Callable[[int], None] | None = None) -> Row:
         """Learn until the next checkpoint, and save it; the new row of the curve.

@@ -168,6 +168,12 @@ class Training:
         """The settings of the environments."""
         return training_env_settings(self.env)
 
+    @property
+    def steps_per_checkpoint(self) -> int:
+        """Steps of each environment between two checkpoints."""
+        collected = self.on_policy.n_steps if self.algorithm in ON_POLICY else 1
+        return collected * self.checkpoint_frequency
+
 
 def training_env_settings(spec: Any) -> EnvSettings:
     """Settings of an environment; None gives those of `ppo_guided` without privileged keys.

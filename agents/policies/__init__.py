@@ -78,12 +78,23 @@ class GymPolicy:
     def reset(self) -> None:
         """Begin the episode that the environment was reset to."""
         self.command, mission = None, self._env.mission
-        self._limits = mission.limits
-        self.policy.reset(mission)
+        self._limits, self._steps = mission.limits, 0
+        try:
+            self.policy.reset(mission)
+        except Exception as error:
+            error.add_note(f"policy {type(self.policy).__name__}: its reset failed")
+            raise
 
     def act(self, observation: Mapping[str, NDArray[np.float32]]) -> Array:
         """The next action (2,) in [-1, 1]."""
-        self.command = command = self.policy.act(self._env.reading)
+        reading = self._env.reading
+        try:
+            self.command = command = self.policy.act(reading)
+        except Exception as error:
+            when = f"in step {self._steps}, {reading.stamp:g} s after the start"
+            error.add_note(f"policy {type(self.policy).__name__}: its act failed {when}")
+            raise
+        self._steps += 1
         if not isinstance(command, Command) or np.shape(command.twist) != (2,):
             raise InputError(
                 f"{type(self.policy).__name__}.act gave {shorten(command)}; expected a Command "

@@ -29,6 +29,7 @@ from wheelchair_gym.types import Command, Episode, Mission, Reading, Shown
 Floats = NDArray[np.float32]
 
 UPDATE_PERIOD = 1.0  # s between two updates from a map that grows
+_ELSE = "; give the settings of the chair that it was trained with (--config)"
 SLACK = 4.0  # s: until then the chair may have strayed so far from the path
 
 
@@ -121,9 +122,11 @@ class LearnedDriver:
             )
         sizes, sensors = dict(self.layout.sizes), mission.sensors
         if len(sensors.ultrasonic.mounted) != sizes.get("ultrasonic", 0):
-            raise InputError("the policy was trained with other ultrasonics than this chair has")
+            raise InputError(
+                f"the policy was trained with other ultrasonics than this chair has{_ELSE}"
+            )
         if len(sensors.lasers) != len(env.sensors.lasers):
-            raise InputError("the policy was trained with other lasers than this chair has")
+            raise InputError(f"the policy was trained with other lasers than this chair has{_ELSE}")
         shown = "path" in dict(self.layout.sizes)
         task = dataclasses.replace(env.task, privileged=False, aim="goal")
         self._mission = mission
@@ -140,7 +143,7 @@ class LearnedDriver:
             if sizes.get(key, box.shape[0]) != box.shape[0]:
                 raise InputError(
                     f"the policy was trained with {sizes[key]} numbers of {key}; this chair's "
-                    f"sensors give {box.shape[0]}"
+                    f"sensors give {box.shape[0]}{_ELSE}"
                 )
         self.network.reset(1)
         self._intervention = np.zeros(2)

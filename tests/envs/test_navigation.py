@@ -37,7 +37,8 @@ def room(start, goal, half=4.0):
 
 
 @pytest.mark.parametrize("env_id", IDS)
-def test_gymnasium_and_sb3_find_nothing_to_say(env_id):
+def test_gymnasium_and_sb3_find_nothing_to_say(env_id, monkeypatch):
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")  # check_env opens a window
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         env = gym.make(env_id)

@@ -65,7 +65,8 @@ def test_each_row_is_a_single_env_without_a_laser(sensors):
 @pytest.mark.parametrize(
     "config", [str(FILE), {"scene": "clutter", "sensors": BARE}], ids=["own", "no laser"]
 )
-def test_gymnasium_and_sb3_find_nothing_to_say(config):
+def test_gymnasium_and_sb3_find_nothing_to_say(config, monkeypatch):
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")  # check_env opens a window
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         env = gym.make("wheelchair_gym/Navigation-v0", config=config)
@@ -122,6 +123,12 @@ def test_a_copy_steps_on_as_the_original():
     for _ in range(5):
         one, another = env.step(np.array([0.3, 0.4])), other.step(np.array([0.3, 0.4]))
         assert all(np.array_equal(one[0][key], another[0][key]) for key in one[0])
+
+
+def test_ultrasonics_that_stay_behind_when_the_outline_grows_are_warned_of():
+    wider = {"chair": {"footprint": {"front": 0.7, "rear": 0.3, "half_width": 0.4}}}
+    with pytest.warns(UserWarning, match=r"ultrasonic 7 at \(0.4, -0.31\)"):
+        env_settings(wider)
 
 
 def test_sensors_outside_the_outline_are_warned_of():

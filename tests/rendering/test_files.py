@@ -123,6 +123,15 @@ def test_missing_pygame_says_what_to_install(monkeypatch):
     )
 
 
+def test_without_a_display_a_window_is_refused_at_once(monkeypatch):
+    pytest.importorskip("pygame")
+    monkeypatch.setattr(sys, "platform", "linux")
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"):
+        monkeypatch.delenv(name, raising=False)
+    with pytest.raises(InputError, match="no display to open a window on"):
+        Window()
+
+
 def test_pygame_is_imported_by_an_open_window_only():
     code = "import sys, wheelchair_gym.rendering; sys.exit('pygame' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from wheelchair_gym.config import InputError
 from wheelchair_gym.geometry import footprint_clearance
@@ -313,6 +314,21 @@ def test_the_example_map_is_what_its_command_writes():
 def test_map_files_refuse_what_cannot_be(change, says):
     with pytest.raises(InputError, match=says):
         make_scene({"name": "map_file", **change}).sample(np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("end", ["start", "goal"])
+def test_what_is_drawn_lies_some_metres_from_what_is_given(end, tmp_path):
+    given = {"name": "map_file", end: (2.0, 2.0, 0.0)}
+    for seed in range(8):
+        episode = make_scene(given).sample(np.random.default_rng(seed))
+        assert (getattr(episode, end) == given[end]).all()
+        assert geodesic(episode.map, episode.goal, RADIUS).at(episode.start[:2]) > 2.9
+    # On a map without 3 m of way, it lies in the half that is farther away.
+    Image.new("L", (60, 60), "white").save(tmp_path / "small.png")
+    small = {"path": str(tmp_path / "small.png"), "resolution": 0.05, end: (0.8, 0.8, 0.78)}
+    for seed in range(8):
+        episode = make_scene({**given, **small}).sample(np.random.default_rng(seed))
+        assert np.hypot(*(episode.goal - episode.start)[:2]) > 0.7
 
 
 def test_given_poses_are_taken(worlds):

@@ -106,6 +106,7 @@ class EnvSettings:
 
 
 _ON_EDGE = 1e-3  # m: a sensor so near the outline's edge is on it
+_DEEP = 0.03  # m: an ultrasonic so far inside the outline is probably a forgotten one
 _ARGUMENTS = (
     "scene", "rate", "guidance", "reward", "bank", "shield", "render_width", "render_height"
 )  # fmt: skip
@@ -169,7 +170,7 @@ def env_settings(
 
 
 def _warn_of_mounts(config: EnvSettings) -> None:
-    """Warn of sensors that are mounted outside the chair's outline."""
+    """Warn of sensors outside the chair's outline, and of ultrasonics deep inside it."""
     outline, sensors = config.chair.footprint, config.sensors
     mounts: list[tuple[str, Any]] = [
         (f"more_lasers[{k - 1}]" if k else "laser", laser) for k, laser in enumerate(sensors.lasers)
@@ -181,6 +182,19 @@ def _warn_of_mounts(config: EnvSettings) -> None:
         if not -outline.rear - _ON_EDGE <= mount.x <= outline.front + _ON_EDGE
         or abs(mount.y) > outline.half_width + _ON_EDGE
     ]
+    deep = [
+        f"ultrasonic {k} at ({mount.x:g}, {mount.y:g})"
+        for k, mount in enumerate(sensors.ultrasonic.mounted)
+        if min(outline.front - mount.x, outline.rear + mount.x, outline.half_width - abs(mount.y))
+        > _DEEP
+    ]
+    if deep:
+        warnings.warn(
+            f"ultrasonics more than {_DEEP:g} m inside the chair's outline ({outline}): "
+            f"{', '.join(deep)}; they stay where they are when the outline grows: set "
+            "sensors.ultrasonic.mounted",
+            stacklevel=3,
+        )
     if outside:
         warnings.warn(
             f"sensors outside the chair's outline ({outline}): {', '.join(outside)}; they may see "

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import os
+import sys
 from collections.abc import Iterable
 from importlib import import_module
 from importlib.util import find_spec
@@ -21,6 +23,7 @@ from wheelchair_gym.files import atomic_write
 Image = NDArray[np.uint8]
 
 _NO_PYGAME = 'render_mode "human" needs pygame-ce: pip install "wheelchair_gym[view]"'
+_DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER")
 _MARGIN = (33, 37, 41)  # RGB around a picture that does not fill the window
 _NO_MOVIEPY = 'video files need moviepy: pip install "wheelchair_gym[view]" (or ask for a .gif)'
 
@@ -152,6 +155,10 @@ class Window:
             import pygame
         except ImportError:
             raise InputError(_NO_PYGAME) from None
+        if sys.platform == "linux" and not any(os.environ.get(name) for name in _DISPLAYS):
+            # pygame would draw to a display that nobody sees.
+            expected = f"none of {', '.join(_DISPLAYS)} is set"
+            raise InputError(f"there is no display to open a window on: {expected}")
         self._pygame = pygame
         self._rate = rate
         self._open = True

@@ -58,7 +58,8 @@ class MapFile:
     goal: Pose | None = setting(default=None, unit="m, m, rad")
     """Goal pose; null draws it at random."""
     min_path_length: float = setting(default=3.0, unit="m", low=0.0, source="design choice")
-    """Least length of the path from a drawn start to a drawn goal."""
+    """Least length of the path from start to goal where one is drawn or both are; half the longest
+    possible one where one is given and the map is smaller."""
     clearance: float = setting(default=0.15, unit="m", low=0.0, high=0.5, source="design choice")
     """Clearance of the footprint at drawn poses."""
     unknown_is_solid: bool = setting(default=False)
@@ -102,21 +103,27 @@ class MapFile:
 
         radius = passing_radius(footprint)
         free = np.argwhere(grid.traversable(radius))
-        for _ in range(_GOALS if self.goal is None else 1):
-            goal = draw(free) if self.goal is None else np.array(self.goal)
-            if goal is None:
-                break
-            paths = geodesic(grid, goal, radius)
-            if self.start is None:
-                lengths = paths.field
-                far = np.isfinite(lengths) & (lengths >= self.min_path_length)
-                start = draw(np.argwhere(far))
-            else:
-                start = np.array(self.start) if np.isfinite(paths.at(self.start[:2])) else None
-            if start is not None:
-                return Episode(grid, start, goal, walls, name=path.stem)
         if self.start is not None and self.goal is not None:
-            raise InputError(f"{path}: there is no way from the start to the goal for {footprint}")
+            start, goal = np.array(self.start), np.array(self.goal)
+            if not np.isfinite(geodesic(grid, goal, radius).at(start[:2])):
+                raise InputError(
+                    f"{path}: there is no way from the start to the goal for {footprint}"
+                )
+            return Episode(grid, start, goal, walls, name=path.stem)
+        given = self.goal if self.start is None else self.start
+        for _ in range(_GOALS if given is None else 1):
+            end = draw(free) if given is None else np.array(given)
+            if end is None:
+                break
+            lengths = geodesic(grid, end, radius).field
+            reached = lengths[np.isfinite(lengths)]
+            least = self.min_path_length
+            if given is not None and len(reached):  # on a small map, the half that is farther away
+                least = min(least, 0.5 * float(reached.max()))
+            other = draw(np.argwhere(np.isfinite(lengths) & (lengths >= least)))
+            if other is not None:
+                start, goal = (other, end) if self.start is None else (end, other)
+                return Episode(grid, start, goal, walls, name=path.stem)
         raise InputError(
             f"{path}: no start and goal for {footprint} with {self.min_path_length} m between them"
         )

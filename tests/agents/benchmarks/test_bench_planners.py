@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -79,6 +80,13 @@ def test_results_say_all_and_resume_computes_nothing_twice(problems, ghost, tmp_
     bench("--problems", problems, "--csv", table, "--plot", plot, out=out)
     said = capsys.readouterr().out
     assert "ghost (INVALID: 3 of 6 paths)" in said
+    assert "wheelchair: " not in said  # what is not installed is no concern of one who did not ask
+    heads = next(line for line in said.splitlines() if line.startswith("planner "))
+    assert len(re.split(" {2,}", heads)) <= 8
+    assert said.endswith(f"all columns: {out / 'planners.md'}\n")
+    every = (out / "planners.md").read_text()
+    assert "valid at 0.05s [%]" in every
+    assert "of it computing [ms]" in every
     assert plot.read_bytes()[:4] == b"\x89PNG"
     result = json.loads((out / "planners.json").read_text())
     assert set(result) == KEYS

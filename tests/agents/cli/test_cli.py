@@ -145,6 +145,7 @@ WRONG = {
     "missing config": lambda hall: ["simulate", "--policy", "random", "--config", hall / "no.json"],
     "broken config": lambda hall: ["simulate", "--config", hall / "broken.json"],
     "unknown key in a config": lambda hall: ["simulate", "--config", hall / "unknown.json"],
+    "config of a training run": lambda _: ["simulate", "--config", ROOT / "configs/ppo_goal.json"],
     "config is a list": lambda hall: ["simulate", "--config", hall / "list.json"],
     "unknown key of a scene": lambda hall: [
         "simulate", "--policy", "random", "--scene", f"{hall / 'scenes.json'}:clutter",
@@ -177,6 +178,29 @@ def test_wrong_input_is_one_line_and_code_2(hall, capfd, case):
     lines = [line for line in said.err.splitlines() if not line.startswith("compiling")]
     assert len(lines) == 1
     assert lines[0].startswith("wheelchair: ")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (
+            ["simulate", "--policy", "mine/hugger.py:Gap"],
+            "write hugger:Gap, in the folder of hugger.py",
+        ),
+        (["settings", "ppo"], "'ppo'; training has those of `train ppo`"),
+        (["settings", "bc"], "'bc'; imitation has those of `train bc`"),
+        (["simulate", "--config", str(ROOT / "configs/ppo_goal.json")], "a training run; expected"),
+    ],
+)
+def test_a_likely_slip_is_told_what_was_meant(arguments, says, capsys):
+    assert run(*arguments) == 2
+    assert says in capsys.readouterr().err
+
+
+def test_a_warning_about_settings_has_no_line_of_the_source():
+    where = ("some.py", 3)
+    assert cli.one_line_warning("mind this", UserWarning, *where) == "wheelchair: mind this\n"
+    assert "some.py:3" in cli.one_line_warning("old", DeprecationWarning, *where)
 
 
 @pytest.mark.parametrize(
@@ -355,9 +379,13 @@ def test_a_comparison_leaves_everything_in_its_folder(capsys, tmp_path):
         "compare", "--policies", "random,straight", "--scenes", "floor_plan", "--episodes", "1",
         "--jobs", "1", "--out", out, "--config", config, "--quiet", "--no-video",
     ]  # fmt: skip
+    out.mkdir()
+    (out / "episode.gif").write_bytes(b"a film of another comparison")
     assert run(*arguments) == 0
+    assert not (out / "episode.gif").exists()
     assert "straight" in capsys.readouterr().out
     results = json.loads((out / "results.json").read_text())
+    assert results["title"] == "Policies on floor_plan"
     assert set(results) == {
         "title", "command", "provenance", "policies", "scenes", "records", "summary", "video",
         "kinds",

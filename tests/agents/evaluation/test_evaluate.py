@@ -10,7 +10,7 @@ import pytest
 from agents import StoppedError
 from agents.evaluation import evaluate as module
 from agents.evaluation.compare import Suite, compare
-from agents.evaluation.evaluate import STORE, evaluate
+from agents.evaluation.evaluate import STORE, evaluate, picture_name
 from agents.evaluation.metrics import TIMING
 from agents.evaluation.runs import read_store
 from agents.policies.planned import Planned
@@ -166,3 +166,8 @@ def test_a_label_names_a_policy_in_its_film_too(tmp_path):
     made = compare(suite, tmp_path, progress=False)
     assert made["video"]["policy"] == "ahead"
     assert made["scenes"] == ["clinic"]
+
+
+def test_the_name_of_a_failures_picture_has_no_colon_and_no_space():
+    scene = {"name": "map_file", "label": "plan, mcl"}
+    assert picture_name("mine:Policy", scene, 3) == "pictures/mine_Policy-plan,_mcl-3.png"

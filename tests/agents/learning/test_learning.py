@@ -6,6 +6,8 @@ import csv
 import dataclasses
 import inspect
 import json
+import re
+from collections import Counter
 
 import gymnasium as gym
 import numpy as np
@@ -17,7 +19,7 @@ from stable_baselines3 import PPO
 import wheelchair_gym
 from agents.cli import main
 from agents.cli.train import varied
-from agents.learning.curves import read_curve
+from agents.learning.curves import episode_row, read_curve
 from agents.learning.demonstrations import imitate
 from agents.learning.features import Layout, features
 from agents.learning.networks import FeaturesExtractor, Teacher, actor_arrays
@@ -258,6 +260,11 @@ def test_recipes_are_whole_runs(name):
         Training(algorithm="sac", env=PRIVY)
 
 
+def test_a_row_without_an_episode_that_ended_has_no_share_of_success():
+    assert episode_row(Counter()) == {"episodes": 0}
+    assert episode_row(Counter(episodes=2, success=1))["success"] == 0.5
+
+
 def test_values_that_vary_are_taken_as_they_were_typed():
     assert varied("env.guidance=geodesic, my.ways:guide ,") == (
         "env.guidance", ["geodesic", "my.ways:guide"],
@@ -275,6 +282,10 @@ def test_runs_that_differ_in_a_setting_are_told_side_by_side(tmp_path, capsys):
     own.write_text(json.dumps(as_json(tiny("ppo"))))
     varied = ["train", "ppo", "--config", str(own), "--vary", "env.bank.size=1,2", "--quiet"]
     assert main([*varied, "--seeds", "0,1", "--out", str(tmp_path / "out")]) == 0
+    said = capsys.readouterr()
+    short = "after 3.2 s of driving (16 steps at 5 Hz), and episodes may last 4 s and longer"
+    assert said.err.count(short) == 1
+    assert re.search(r"success in evaluation \d\.\d\d, in training .*\(.*episode", said.out)
     with (tmp_path / "out" / "sweep.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert [(row["env.bank.size"], row["seed"]) for row in rows] == [
