@@ -8,7 +8,9 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.compiled.address import doubles_at, floats_at, on_stack
 from wheelchair_gym.compiled.kernel import borrowing_kernel
+from wheelchair_gym.compiled.simd import bits_of_double, double_of_bits
 from wheelchair_gym.geometry import rectangle_point_gap, world_to_body
 from wheelchair_gym.kinematics import arc_step, corner_speed
 from wheelchair_gym.sensors.laser import median3
@@ -18,6 +20,8 @@ Floats = NDArray[np.float32]
 
 CLEARANCE_MAX = 0.5  # m: larger clearances are observed as this
 NEAR = 0.2  # m from the outline, from which on proximity_speed counts
+_ZERO = np.float32(0.0)
+_MORE = 1.0 + 1e-9  # beyond rounding
 BEYOND = 0.05  # m before and behind the outline that count as beside it
 
 
@@ -35,6 +39,24 @@ def fan_poses() -> Floats:
 
 
 @borrowing_kernel
+def _find_points(scan: Floats, directions: Array, mount: Array, xs: Array, ys: Array) -> None:
+    """Where a scan shows something [m], in the chair's frame: of each two beams, (beams / 2,).
+
+    The median of three neighbouring beams counts. Too near is -inf, no echo is inf, invalid NaN:
+    the place of none of them is finite.
+    """
+    n = xs.shape[0]
+    ranges = floats_at(on_stack(4 * n), n)
+    for j in range(np.uint64(n)):
+        ranges[j] = median3(scan[2 * j], scan[2 * j + 1], scan[2 * j + 2])
+    mount_x, mount_y = mount[0], mount[1]
+    for j in range(np.uint64(n)):
+        r, i = ranges[j], 2 * j + np.uint64(1)
+        x, y = mount_x + r * directions[i, 0], mount_y + r * directions[i, 1]
+        xs[j], ys[j] = x if r > _ZERO else math.inf, y if r > _ZERO else math.inf
+
+
+@borrowing_kernel
 def proximity_speed(
     scan: Floats, directions: Array, mount: Array, outline: Array, twist: Array
 ) -> float:
@@ -44,14 +66,44 @@ def proximity_speed(
     Beams are filtered as by `side_clearance`.
     """
     ahead, aside = max(outline[0], outline[1]), outline[2]
-    near = math.hypot(mount[0], mount[1]) + math.hypot(ahead, aside) + NEAR
-    least = NEAR
-    for i in range(1, scan.shape[0] - 1, 2):
-        r = median3(scan[i - 1], scan[i], scan[i + 1])
-        if 0.0 < r < near:
-            x, y = mount[0] + r * directions[i, 0], mount[1] + r * directions[i, 1]
-            least = min(least, rectangle_point_gap(x, y, outline))
+    n = (scan.shape[0] - 1) // 2
+    xs, ys = doubles_at(on_stack(8 * n), n), doubles_at(on_stack(8 * n), n)
+    squares = doubles_at(on_stack(8 * n), n)
+    _find_points(scan, directions, mount, xs, ys)
+    front, back, half = outline[0], -outline[1], outline[2]
+    nearest = bits_of_double(NEAR * NEAR)
+    for j in range(np.uint64(n)):
+        dx = xs[j] - front if xs[j] - front > back - xs[j] else back - xs[j]
+        dy = abs(ys[j]) - half
+        dx, dy = dx if dx > 0.0 else 0.0, dy if dy > 0.0 else 0.0
+        squares[j] = square = dx * dx + dy * dy
+        bits = bits_of_double(square)
+        nearest = bits if bits < nearest else nearest
+    least, limit = NEAR, _MORE * double_of_bits(nearest)
+    for j in range(n):
+        if squares[j] <= limit:
+            least = min(least, rectangle_point_gap(xs[j], ys[j], outline))
     return (1.0 - least / NEAR) * corner_speed(twist[0], twist[1], ahead, aside) ** 2
+
+
+@borrowing_kernel
+def _least_asides(
+    xs: Array, ys: Array, low: float, high: float, x: float, y: float, c: float, s: float
+) -> tuple[float, float]:
+    """How near [m] to the axis of a pose points are, left and right of it, between low and high.
+
+    `c` and `s` are cosine and sine of the pose's heading; +inf where there is no point.
+    """
+    none = bits_of_double(math.inf)
+    left = right = none
+    for j in range(np.uint64(xs.shape[0])):
+        along, aside = world_to_body(c, s, xs[j] - x, ys[j] - y)
+        size = bits_of_double(abs(aside))
+        size = size if (low <= along) & (along <= high) else none
+        on_left, on_right = size if aside >= 0.0 else none, none if aside >= 0.0 else size
+        left = on_left if on_left < left else left
+        right = on_right if on_right < right else right
+    return double_of_bits(left), double_of_bits(right)
 
 
 @borrowing_kernel
@@ -65,24 +117,16 @@ def side_clearance(
     """
     count, side = poses.shape[0] // 4, outline[2]
     low, high = -outline[1] - BEYOND, outline[0] + BEYOND
-    far = 0.0  # m: to the farthest pose
-    for k in range(count):
-        far = max(far, math.hypot(poses[4 * k], poses[4 * k + 1]))
-    near = far + math.hypot(mount[0], mount[1]) + math.hypot(max(high, -low), side + CLEARANCE_MAX)
-    for k in range(out.shape[0]):
-        out[k] = CLEARANCE_MAX
-    for i in range(1, scan.shape[0] - 1, 2):
-        r = median3(scan[i - 1], scan[i], scan[i + 1])
-        if not 0.0 < r < near:  # too near is -inf, no echo is inf; NaN is neither
-            continue
-        x, y = mount[0] + r * directions[i, 0], mount[1] + r * directions[i, 1]
-        for k in range(count + 1):
-            along, aside = x, y
-            if k > 0:
-                at = 4 * (k - 1)
-                dx, dy = x - poses[at], y - poses[at + 1]
-                cosine, sine = poses[at + 2], poses[at + 3]
-                along, aside = world_to_body(cosine, sine, dx, dy)
-            if low <= along <= high:
-                place = 2 * k + (0 if aside >= 0.0 else 1)
-                out[place] = min(out[place], np.float32(abs(aside) - side))
+    n = (scan.shape[0] - 1) // 2
+    xs, ys = doubles_at(on_stack(8 * n), n), doubles_at(on_stack(8 * n), n)
+    _find_points(scan, directions, mount, xs, ys)
+    for k in range(count + 1):
+        x, y, c, s = 0.0, 0.0, 1.0, 0.0
+        if k > 0:
+            at = 4 * (k - 1)
+            x, y, c, s = (
+                float(poses[at]), float(poses[at + 1]), float(poses[at + 2]), float(poses[at + 3])
+            )  # fmt: skip
+        left, right = _least_asides(xs, ys, low, high, x, y, c, s)
+        out[2 * k] = min(np.float32(CLEARANCE_MAX), np.float32(left - side))
+        out[2 * k + 1] = min(np.float32(CLEARANCE_MAX), np.float32(right - side))
