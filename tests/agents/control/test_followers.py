@@ -177,6 +177,7 @@ def test_what_slips_out_of_sight_is_remembered():
     assert np.hypot(*(behind - (2.65, 0.5)).T).min() < 0.06
 
 
+@pytest.mark.filterwarnings("ignore:ultrasonics more than")
 @pytest.mark.parametrize("shield", [None, {"unseen_speed": 0.3, "stop_margin": 0.1}])
 @pytest.mark.parametrize(
     "chair",
