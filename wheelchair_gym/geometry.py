@@ -199,11 +199,20 @@ def segments_cross(
     return abc * abd < 0.0 and cda * cdb < 0.0
 
 
+@inlined
+def offsets_from_rectangle(
+    px: float, py: float, front: float, back: float, half: float
+) -> tuple[float, float]:
+    """How far [m] a point lies beyond a rectangle from x = back to front, ahead and aside; or 0."""
+    dx = px - front if px - front > back - px else back - px
+    dy = abs(py) - half
+    return dx if dx > 0.0 else 0.0, dy if dy > 0.0 else 0.0
+
+
 @kernel
 def rectangle_point_gap(px: float, py: float, footprint: Array) -> float:
     """Distance [m] from a point in the footprint's own frame to the footprint; 0 inside."""
-    dx = max(max(px - footprint[0], -footprint[1] - px), 0.0)
-    dy = max(abs(py) - footprint[2], 0.0)
+    dx, dy = offsets_from_rectangle(px, py, footprint[0], -footprint[1], footprint[2])
     return math.hypot(dx, dy)
 
 

@@ -98,3 +98,14 @@ def test_haste_counts_what_stands_ahead_and_beside_a_corner():
         assert proximity_speed(seen, *RIG, np.array([0.5, 0.0])) == pytest.approx(
             0.5 * 0.25, rel=0.05
         )
+
+
+@pytest.mark.parametrize("beams", [0, 1, 2])
+def test_where_beams_are_too_few_nothing_is_near(beams):
+    """Also without a laser."""
+    scan, directions = np.full(beams, 0.5, np.float32), np.ones((beams, 2))
+    rig = directions, np.zeros(2), OUTLINE.array
+    out = np.zeros(2, np.float32)
+    side_clearance(scan, *rig, np.empty(0, np.float32), out)
+    assert (out == np.float32(CLEARANCE_MAX)).all()
+    assert proximity_speed(scan, *rig, np.array([0.5, 0.4])) == 0.0

@@ -8,7 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
-from wheelchair_gym.geometry import outline_segment_gap, rectangle_point_gap, world_to_body
+from wheelchair_gym.geometry import (
+    offsets_from_rectangle,
+    outline_segment_gap,
+    rectangle_point_gap,
+    world_to_body,
+)
 from wheelchair_gym.sensors.echoes import relative_endpoints
 
 Array = NDArray[np.float64]
@@ -75,10 +80,8 @@ def rank_discs(
     c, s = math.cos(yaw), math.sin(yaw)
     for k in range(np.uint64(discs.shape[0])):
         dx, dy = discs[k, 0] - x, discs[k, 1] - y
-        px, py = c * dx + s * dy, c * dy - s * dx
-        ex = px - front if px - front > back - px else back - px
-        ey = abs(py) - half
-        ex, ey = ex if ex > 0.0 else 0.0, ey if ey > 0.0 else 0.0
+        px, py = world_to_body(c, s, dx, dy)
+        ex, ey = offsets_from_rectangle(px, py, front, back, half)
         size = abs(dx) + abs(dy) + discs[k, 2]
         near[k] = _F(math.sqrt(ex * ex + ey * ey) - discs[k, 2]) - _ERROR * _F(size)
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from wheelchair_gym.compiled.address import doubles_at, floats_at, on_stack
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.compiled.simd import bits_of_double, double_of_bits
-from wheelchair_gym.geometry import rectangle_point_gap, world_to_body
+from wheelchair_gym.geometry import offsets_from_rectangle, rectangle_point_gap, world_to_body
 from wheelchair_gym.kinematics import arc_step, corner_speed
 from wheelchair_gym.sensors.laser import median3
 
@@ -66,16 +66,14 @@ def proximity_speed(
     Beams are filtered as by `side_clearance`.
     """
     ahead, aside = max(outline[0], outline[1]), outline[2]
-    n = (scan.shape[0] - 1) // 2
+    n = max(0, scan.shape[0] - 1) // 2
     xs, ys = doubles_at(on_stack(8 * n), n), doubles_at(on_stack(8 * n), n)
     squares = doubles_at(on_stack(8 * n), n)
     _find_points(scan, directions, mount, xs, ys)
     front, back, half = outline[0], -outline[1], outline[2]
     nearest = bits_of_double(NEAR * NEAR)
     for j in range(np.uint64(n)):
-        dx = xs[j] - front if xs[j] - front > back - xs[j] else back - xs[j]
-        dy = abs(ys[j]) - half
-        dx, dy = dx if dx > 0.0 else 0.0, dy if dy > 0.0 else 0.0
+        dx, dy = offsets_from_rectangle(xs[j], ys[j], front, back, half)
         squares[j] = square = dx * dx + dy * dy
         bits = bits_of_double(square)
         nearest = bits if bits < nearest else nearest
@@ -117,7 +115,7 @@ def side_clearance(
     """
     count, side = poses.shape[0] // 4, outline[2]
     low, high = -outline[1] - BEYOND, outline[0] + BEYOND
-    n = (scan.shape[0] - 1) // 2
+    n = max(0, scan.shape[0] - 1) // 2
     xs, ys = doubles_at(on_stack(8 * n), n), doubles_at(on_stack(8 * n), n)
     _find_points(scan, directions, mount, xs, ys)
     for k in range(count + 1):

@@ -102,6 +102,7 @@ def step_plant(
     suite, p, state, world = chair_row(chairs, 0)
     k = drive_constants(p)
     fields = body_view(world.body)
+    space = touchable_space(suite, world, p, workspace_of(chairs))
     c, s = math.cos(state.pose[2]), math.sin(state.pose[2])
     for along, axis, speed in (
         (pull[0] + c * force / p.mass, X, VX),
@@ -125,7 +126,6 @@ def step_plant(
         state.duty[i] = (left if i == 0 else right) if powered[i] else free
         if held[i]:
             state.spin[i], state.duty[i] = 0.0, 0.0
-    space = touchable_space(suite, world, p, workspace_of(chairs))
     hit = physics_step(state, p, k, space, world.body, suite.step)
     state.tick += 1
     read_true_state(state, p, fields)
