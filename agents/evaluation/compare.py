@@ -32,6 +32,7 @@ from wheelchair_gym.scenes.arena import Doorway
 Evaluation = dict[str, Any]
 BEST = "lattice+window"  # chosen on training seeds; test seeds are 0 to n-1
 FILM, FILMS = "episode", (".mp4", ".gif")
+RESULTS = "results.json"
 TRAINING = 1_000_000  # the first training seed
 
 
@@ -120,13 +121,14 @@ def compare(
         "summary": summary,
         "video": None,
     }
-    for suffix in FILMS:  # of another comparison in this folder
-        (folder / f"{FILM}{suffix}").unlink(missing_ok=True)
+    if (folder / RESULTS).exists():  # then a film there is of another comparison
+        for suffix in FILMS:
+            (folder / f"{FILM}{suffix}").unlink(missing_ok=True)
     if what.video and records:
         filmed = episode_to_film(summary, records)
         evaluation["video"] = {"file": film(what, filmed, folder), **filmed}
     evaluation["provenance"]["wall_time_s"] = round(time.perf_counter() - begun, 2)
-    write_json(folder / "results.json", evaluation)
+    write_json(folder / RESULTS, evaluation)
     write_text(folder / "table.md", report.markdown(evaluation))
     report.write_report(evaluation, folder)
     return evaluation
