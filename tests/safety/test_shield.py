@@ -16,9 +16,10 @@ from wheelchair_gym.physics.actors.records import NOBODY, combine, door, person
 from wheelchair_gym.physics.chair import SimulatedChair
 from wheelchair_gym.physics.settings import BodySettings, ChairSettings
 from wheelchair_gym.safety import Shield, ShieldSettings
+from wheelchair_gym.safety.decision import _BLOCK
 from wheelchair_gym.safety.grid import place_of_cell
 from wheelchair_gym.safety.perception import last_rows
-from wheelchair_gym.safety.state import CELLS, KEPT, POINT, REASONS
+from wheelchair_gym.safety.state import CELLS, KEPT, NEARBY, POINT, REASONS, SAMPLES
 from wheelchair_gym.sensors.settings import FaultSettings, SensorSettings
 from wheelchair_gym.types import Reading
 
@@ -519,3 +520,10 @@ def test_an_empty_scan_is_believed_where_the_last_thing_in_view_was_passed():
     assert shield.latched == ""
     assert trace[-1][1].pose[0] > 10.0
     assert trace[-1][1].twist[0] > 0.75
+
+
+def test_workspaces_hold_whole_blocks_of_points():
+    """Points are padded to blocks, which would else be written behind the arrays."""
+    for points in (NEARBY["x"], NEARBY["y"], NEARBY["moving_x"], NEARBY["moving_y"]):
+        assert points.shape[0] % _BLOCK == 0
+    assert NEARBY["out_x"].shape[0] >= SAMPLES
