@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 HEADINGS = 64
-PROTRUSION = 0.05
+PROTRUSION = 0.05  # m: discs that protrude less from larger ones are left out
 CHUNK = 500  # grid points between two readings of the clock
 MOST_POINTS = 2_000_000  # of a grid: larger maps are not flooded
 ROUNDING = 1e-6  # m: of distances
