@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -160,6 +161,13 @@ class Episode:
             if value is not None and not least <= value < math.inf:
                 raise InputError(f"Episode.{name} is {value}; expected a positive number, or None")
         object.__setattr__(self, "actors", check_actors(self.actors))
+
+    def starting_at(self, start: Array) -> Episode:
+        """The same episode from another start (3,) [m, m, rad]."""
+        other = copy.copy(self)  # its other arrays are checked already
+        where = as_array(start, np.float64, (3,), "Episode.start", FARTHEST)
+        object.__setattr__(other, "start", where)
+        return other
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Episode:
         return self

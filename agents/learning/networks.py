@@ -10,6 +10,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import torch
+from stable_baselines3 import SAC, TD3
 from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.noise import NormalActionNoise, VectorizedActionNoise
 from stable_baselines3.common.policies import ActorCriticPolicy
@@ -17,6 +18,7 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
 
 from agents.learning.features import Layout, features
+from agents.learning.ppo import FastPPO
 from agents.learning.sb3 import SB3VecEnv
 from agents.learning.settings import ON_POLICY, Training
 from agents.learning.weights import Floats, Network, Weights
@@ -26,11 +28,14 @@ from wheelchair_gym.task.observations import PRIVILEGED
 
 
 class FeaturesExtractor(BaseFeaturesExtractor):
-    """Features of a flat observation; those that only a critic gets are last."""
+    """Features of a flat observation: the actor's, the critic's own, and a teacher's action."""
 
-    def __init__(self, space: gym.Space[Any], layout: Layout) -> None:
-        super().__init__(space, layout.actor_size + layout.privileged_size)
-        self.layout = layout
+    def __init__(
+        self, space: gym.Space[Any], layout: Layout, teacher: Teacher | None = None
+    ) -> None:
+        taught = 0 if teacher is None else 2
+        super().__init__(space, layout.actor_size + layout.privileged_size + taught)
+        self.layout, self.teacher = layout, teacher
         self.scaled: torch.Tensor
         self.scales: torch.Tensor
         self.private: torch.Tensor
@@ -39,12 +44,13 @@ class FeaturesExtractor(BaseFeaturesExtractor):
         self.register_buffer("private", torch.from_numpy(layout.privileged_scales))
 
     def forward(self, observations: torch.Tensor) -> torch.Tensor:
-        """Features (n, actor_size + privileged_size) of observations (n, size)."""
+        """Features (n, features_dim) of observations (n, size)."""
         public = self.layout.size - self.layout.privileged_size
         found = features(torch, observations[:, :public], self.layout, self.scaled, self.scales)
-        if self.layout.privileged_size == 0:
-            return found  # type: ignore[no-any-return]
-        return torch.cat([found, observations[:, public:] * self.private], -1)
+        parts = [found, observations[:, public:] * self.private]
+        if self.teacher is not None:
+            parts.append(self.teacher(observations))
+        return torch.cat(parts, -1)
 
 
 class SeparateNetworks(nn.Module):
@@ -52,10 +58,10 @@ class SeparateNetworks(nn.Module):
 
     def __init__(self, actor_size: int, privileged_size: int, hidden: tuple[int, ...]) -> None:
         super().__init__()
-        self.actor_size = actor_size
+        self.actor_size, self.critic_size = actor_size, actor_size + privileged_size
         self.latent_dim_pi = self.latent_dim_vf = hidden[-1]
         self.actor = mlp(actor_size, hidden)
-        self.critic = mlp(actor_size + privileged_size, hidden)
+        self.critic = mlp(self.critic_size, hidden)
 
     def forward(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Latent vectors of actor and critic."""
@@ -67,7 +73,7 @@ class SeparateNetworks(nn.Module):
 
     def forward_critic(self, x: torch.Tensor) -> torch.Tensor:
         """The latent vector of the critic."""
-        return self.critic(x)  # type: ignore[no-any-return]
+        return self.critic(x[:, : self.critic_size])  # type: ignore[no-any-return]
 
 
 def mlp(size: int, hidden: tuple[int, ...]) -> nn.Sequential:
@@ -115,12 +121,23 @@ class Teacher:
 class AsymmetricPolicy(ActorCriticPolicy):
     """Actor and critic of PPO with separate networks (asymmetric: Pinto et al. 2018)."""
 
+    in_bfloat16 = False  # compute hidden layers in bfloat16 while learning
+    kickstart_weight = 0.0  # of the squared distance to the teacher's action
+
     def _build_mlp_extractor(self) -> None:
         layout: Layout = self.features_extractor_kwargs["layout"]
         hidden = tuple(self.net_arch["pi"])  # type: ignore[call-overload]
         self.mlp_extractor = SeparateNetworks(layout.actor_size, layout.privileged_size, hidden)  # type: ignore[assignment]
-        self.teacher: Teacher | None = None
-        self.kickstart_weight = 0.0  # of the squared distance to the teacher's action
+
+    def action_distribution(self, features: torch.Tensor) -> Any:
+        """The distribution of actions, given features (n, features_dim)."""
+        with torch.autocast("cpu", torch.bfloat16, self.in_bfloat16):
+            latent = self.mlp_extractor.forward_actor(features)
+        return self._get_action_dist_from_latent(latent.float())
+
+    def values(self, features: torch.Tensor) -> torch.Tensor:
+        """The critic's values (n,), given features (n, features_dim)."""
+        return self.value_net(self.mlp_extractor.forward_critic(features)).flatten()  # type: ignore[no-any-return]
 
     def evaluate_actions(
         self, obs: Any, actions: torch.Tensor
@@ -128,14 +145,19 @@ class AsymmetricPolicy(ActorCriticPolicy):
         """Values, log-probabilities, and entropy less the kickstarting loss (Schmitt et al. 2018).
 
         PPO maximises the last one with the weight `ent_coef`.
+
+        Args:
+            obs: features (n, features_dim), not observations: a `Rollout` holds features.
+            actions: (n, 2).
         """
-        actor, critic = self.mlp_extractor(self.extract_features(obs))
-        distribution: Any = self._get_action_dist_from_latent(actor)
+        with torch.autocast("cpu", torch.bfloat16, self.in_bfloat16):
+            actor, critic = self.mlp_extractor(obs)
+        distribution: Any = self._get_action_dist_from_latent(actor.float())
         bonus = distribution.entropy()
-        if self.teacher is not None and self.kickstart_weight > 0.0:
-            error = distribution.distribution.mean - self.teacher(obs)
+        if self.kickstart_weight > 0.0:
+            error = distribution.distribution.mean - obs[:, -2:]
             bonus = bonus - self.kickstart_weight * (error * error).sum(dim=1)
-        return self.value_net(critic), distribution.log_prob(actions), bonus
+        return self.value_net(critic.float()), distribution.log_prob(actions), bonus
 
 
 SB3_CONTRIB = ("recurrent_ppo", "tqc")  # algorithms of sb3-contrib, of the extra 'learn'
@@ -147,10 +169,9 @@ def algorithm_class(name: str) -> Any:
     Raises:
         InputError: it needs an extra that is not installed.
     """
-    import stable_baselines3 as sb3
-
-    if name in ("ppo", "sac", "td3"):
-        return getattr(sb3, name.upper())
+    included = {"ppo": FastPPO, "sac": SAC, "td3": TD3}
+    if name in included:
+        return included[name]
     try:
         import sb3_contrib
     except ImportError:
@@ -158,7 +179,9 @@ def algorithm_class(name: str) -> Any:
     return {"recurrent_ppo": sb3_contrib.RecurrentPPO, "tqc": sb3_contrib.TQC}[name]
 
 
-def make_model(config: Training, seed: int, env: SB3VecEnv, layout: Layout) -> Any:
+def make_model(
+    config: Training, seed: int, env: SB3VecEnv, layout: Layout, teacher: Teacher | None = None
+) -> Any:
     """A new model, whose learning rate decreases linearly over the run.
 
     Raises:
@@ -166,15 +189,18 @@ def make_model(config: Training, seed: int, env: SB3VecEnv, layout: Layout) -> A
     """
     on_policy = config.algorithm in ON_POLICY
     options = dump(config.on_policy if on_policy else config.off_policy)
-    initial_rate, log_std_init, units, sigma = (
+    initial_rate, log_std_init, units, precision, sigma = (
         options.pop(key, None)
-        for key in ("learning_rate", "log_std_init", "lstm_hidden_size", "action_noise")
-    )
+        for key in (
+            "learning_rate", "log_std_init", "lstm_hidden_size", "precision", "action_noise",
+        )
+    )  # fmt: skip
     hidden = list(config.net_arch)
     policy_options: dict[str, Any] = {
         "features_extractor_class": FeaturesExtractor,
-        "features_extractor_kwargs": {"layout": layout},
+        "features_extractor_kwargs": {"layout": layout, "teacher": teacher},
         "net_arch": {"pi": hidden, "vf": hidden} if on_policy else hidden,
+        "optimizer_kwargs": {"fused": True},
     }
     if on_policy:
         policy_options |= {"log_std_init": log_std_init, "activation_fn": nn.ReLU}
@@ -198,6 +224,9 @@ def make_model(config: Training, seed: int, env: SB3VecEnv, layout: Layout) -> A
         policy_kwargs=policy_options, seed=seed, device="cpu", verbose=0, **options,
     )  # fmt: skip
     made.append(model)
+    if config.algorithm == "ppo":
+        fast = precision == "auto" and torch.cpu._is_avx512_bf16_supported()
+        model.policy.in_bfloat16 = fast or precision == "bfloat16"
     model.set_logger(Logger(None, []))  # by default the library leaves an empty folder in /tmp
     return model
 

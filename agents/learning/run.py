@@ -116,9 +116,10 @@ class Run:
         self.env = SB3VecEnv(env, flat=True)
         self.layout = Layout.of_task(env.task)
         self._eval_env: NavigationVectorEnv | None = None
-        self.model = networks.make_model(config, seed, self.env, self.layout)
+        tutor = None
         if teacher is not None:
-            self.model.policy.teacher = networks.Teacher(teacher, self.layout, self._env_settings)
+            tutor = networks.Teacher(teacher, self.layout, self._env_settings)
+        self.model = networks.make_model(config, seed, self.env, self.layout, tutor)
         self.sums: Counter[str] = Counter()  # over the episodes since the last checkpoint
         self.worlds.max_time = config.curriculum.initial_time
         self._curriculum_mark = [0, 0]  # episodes and successes at the last advance

@@ -10,6 +10,7 @@ import mmap
 import weakref
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -88,6 +89,7 @@ Info = dict[str, Any]
 _REASONS = np.array(REASONS)
 _ROWS_A_THREAD = 64  # fewer take less time than a second thread needs to wake up
 _ALSO = ("num_envs", "autoreset_mode", "num_threads", "render_mode")  # arguments
+_BLOCKS_A_THREAD = 8  # so that threads end together, though some chairs take longer than others
 _CORES: int = vars(numba.config)["NUMBA_NUM_THREADS"]  # that this process may use
 
 
@@ -156,8 +158,9 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         self.action_space = batch_space(self.single_action_space, n)
         threads = num_threads or min(_CORES, n // _ROWS_A_THREAD)
         self.num_threads = max(1, min(n, threads))
-        bounds = np.linspace(0, n, self.num_threads + 1).astype(int)
-        self._shares = list(zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True))
+        blocks = 1 if self.num_threads == 1 else min(n, _BLOCKS_A_THREAD * self.num_threads)
+        bounds = np.linspace(0, n, blocks + 1).astype(int).tolist()
+        self._blocks = list(pairwise(bounds))
         self.chairs = SimulatedChairs(s.chair, s.sensors, s.physics, 1.0 / s.rate, n)
         self._guard: ShieldConstants | None = None
         if s.shield is not None:
@@ -180,7 +183,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         prepared, guard = np.zeros(n, PREPARED), self._guard
         self._task_rows = self.task.row_pointers(self._progress, prepared)
         self._shield_rows = None if guard is None else point_to_shields(guard, self._shields)
-        self._rows = [chairs.row_pointers() for _ in self._shares]
+        self._rows = [chairs.row_pointers() for _ in range(self.num_threads)]
         self._columns = 0  # of the workspaces
         self._batch = Batch(
             task=self._task_rows.record,
@@ -199,7 +202,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         self._pool: ThreadPoolExecutor | None = None
         self._write_rewards = None if self._reward is None else compiled_rewards(self._reward)
         beams = self.settings.sensors.beams
-        self._ranges = [np.zeros(beams, np.float32) for _ in self._shares]
+        self._ranges = [np.zeros(beams, np.float32) for _ in self._rows]
         self._make_workspace(0)
         for i, (now, following) in enumerate(zip(self._held, self._next, strict=True)):
             if now is not None:
@@ -261,9 +264,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
                 getattr(results, name)[:] = getattr(self._last, name)
         elif not chosen.all():
             raise gym.error.ResetNeeded("the first reset() must be of every row")
-        shares = zip(self._shares, self._rows, self._ranges, strict=True)
-        for (low, high), rows, ranges in shares:
-            begin_chairs(low, high, chosen, self._batch, rows.record, results, ranges)
+        begin_chairs(0, n, chosen, self._batch, self._rows[0].record, results, self._ranges[0])
         self._batch.is_over[chosen] = False
         self._draw_next(np.flatnonzero(chosen))
         self._last = results
@@ -299,8 +300,12 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
 
         def work(t: int) -> None:
             rows, ranges = self._rows[t].record, self._ranges[t]
-            low, high = self._shares[t]
-            step_chairs(low, high, same_step, chosen, self._batch, rows, results, finals, ranges)
+            for low, high in blocks:
+                step_chairs(
+                    low, high, same_step, chosen, self._batch, rows, results, finals, ranges
+                )
+
+        blocks = iter(self._blocks)  # each thread takes the next one when it is done with one
 
         self.chairs.drives_left -= 1
         if self.chairs.drives_left < 0:
@@ -388,7 +393,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         return rewards
 
     def _share(self, work: Any) -> None:
-        """Let every thread do its share; the calling one does the first."""
+        """Let every thread work; the calling one is the first."""
         if self.num_threads == 1:
             work(0)
             return

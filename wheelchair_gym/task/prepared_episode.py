@@ -146,7 +146,7 @@ class PreparedEpisode:
 
     def starting_at(self, start: Array) -> PreparedEpisode:
         """The same episode from another start (3,) [m, m, rad]."""
-        episode = replace(self.episode, start=start)
+        episode = self.episode.starting_at(start)
         pointers = self.pointers.again()
         pointers.record["start"] = episode.start
         return replace(self, episode=episode, pointers=pointers)

@@ -22,7 +22,7 @@ from agents.cli.train import varied
 from agents.learning.curves import episode_row, read_curve
 from agents.learning.demonstrations import imitate
 from agents.learning.features import Layout, features
-from agents.learning.networks import FeaturesExtractor, Teacher, actor_arrays
+from agents.learning.networks import AsymmetricPolicy, FeaturesExtractor, Teacher, actor_arrays
 from agents.learning.run import POLICY, Run, train
 from agents.learning.settings import RECIPES, Imitation, Training, as_json, read_training
 from agents.learning.weights import Network, load_weights
@@ -88,6 +88,65 @@ def test_a_run_that_was_killed_and_resumed_equals_one_that_was_not(algorithm, tr
     assert numbers(train(own, 3, tmp_path / "whole")) == numbers(whole)  # nothing more to do
     other = train(own, 4, tmp_path / "other")
     assert numbers(other) != numbers(whole)
+
+
+class ReferencePolicy(AsymmetricPolicy):
+    """The policy for the library's own PPO, whose rollouts hold observations."""
+
+    def evaluate_actions(self, obs, actions):
+        return super().evaluate_actions(self.extract_features(obs), actions)
+
+
+def test_ppo_equals_that_of_the_library(tmp_path):
+    exact = {**ON, "n_steps": 24, "precision": "float32", "batch_size": 96, "learning_rate": 0.01}
+    run = Run(tiny("ppo", env=PRIVY, on_policy=exact, evaluation={"episodes": 0}), 0, tmp_path)
+    model = run.model
+    theirs = PPO(
+        ReferencePolicy, run.env, learning_rate=0.01, policy_kwargs=model.policy_kwargs,
+        n_steps=model.n_steps, batch_size=96, n_epochs=model.n_epochs, gamma=model.gamma,
+        gae_lambda=model.gae_lambda, ent_coef=model.ent_coef, vf_coef=model.vf_coef,
+        max_grad_norm=model.max_grad_norm, device="cpu",
+    )  # fmt: skip
+    theirs.policy.load_state_dict(model.policy.state_dict())
+    model.lr_schedule = theirs.lr_schedule
+    assert run.env.num_envs * model.n_steps == 96  # one batch: its order does not matter
+    ends = []
+    for each in (model, theirs):
+        torch.manual_seed(3)
+        run.env.seed(5)
+        each.learn(2 * 96)
+        ends.append(each.rollout_buffer)
+    ours, reference = ends
+    assert (ours.episode_starts[1:] > 0).any()  # an episode ended: also by its time limit
+    for name in ("actions", "rewards", "values", "log_probs", "advantages", "returns"):
+        seen, wanted = (getattr(end, name) for end in (ours, reference))
+        if name != "rewards":  # theirs are by environment, ours by step
+            wanted = wanted.reshape(4, 24, -1).swapaxes(0, 1)
+        assert seen.reshape(96, -1) == pytest.approx(wanted.reshape(96, -1), abs=2e-4), name
+    for ours_of, reference_of in zip(
+        model.policy.parameters(), theirs.policy.parameters(), strict=True
+    ):
+        assert ours_of.detach().numpy() == pytest.approx(reference_of.detach().numpy(), abs=1e-3)
+    run.close()
+
+
+def test_gradients_in_bfloat16_point_where_those_in_float32_do(trained):
+    run, _ = trained
+    buffer, policy = run.model.rollout_buffer, run.model.policy
+    seen, actions = (
+        torch.from_numpy(of.reshape(-1, of.shape[-1]))
+        for of in (buffer.observations, buffer.actions)
+    )
+    found = []
+    for policy.in_bfloat16 in (False, True):
+        values, log_prob, _ = policy.evaluate_actions(seen, actions)
+        policy.zero_grad()
+        (log_prob.mean() + values.mean()).backward()
+        gradients = [p.grad.flatten() for p in policy.parameters() if p.grad is not None]
+        found.append(torch.cat(gradients))
+    policy.in_bfloat16 = False
+    assert not torch.equal(*found)
+    assert torch.cosine_similarity(*found, dim=0) > 0.999
 
 
 def test_the_actor_never_reads_what_only_the_critic_may_see(trained):
@@ -223,10 +282,11 @@ def test_an_actor_imitates_its_teacher_with_a_weight_that_anneals(trained, tmp_p
     full = 50.0 / runs[0].config.on_policy.ent_coef
     annealed = [full * max(0.0, 1.0 - k / 24) for k in range(30)]
     assert weights == pytest.approx([*annealed, *[0.0] * 30])
-    seen = torch.from_numpy(runs[1].model.rollout_buffer.observations.reshape(-1, run.layout.size))
-    wanted = runs[0].model.policy.teacher(seen)
+    buffer = runs[0].model.rollout_buffer
+    seen = torch.from_numpy(buffer.observations.reshape(-1, buffer.obs_shape[0]))
+    wanted = seen[:, -2:]
     with torch.no_grad():
-        means = [r.model.policy.get_distribution(seen).distribution.mean for r in runs]
+        means = [r.model.policy.action_distribution(seen).distribution.mean for r in runs]
     near, far = (float(((mean - wanted) ** 2).mean()) for mean in means)
     assert near < 0.3 * far
     assert runs[0].weights({}).card["teacher"] == load_weights(trained[1] / POLICY).digest
