@@ -505,12 +505,12 @@ def test_training_starts_anew_in_its_environment_once(monkeypatch, capsys):
     monkeypatch.setattr(os, "execve", lambda *told: started.append(told))
     monkeypatch.setattr(sys, "argv", ["wheelchair", "train", "ppo", "--config", "none.json"])
     monkeypatch.setattr(sys, "orig_argv", ["python", "wheelchair", "train", "ppo"])
-    monkeypatch.setenv("GOMP_SPINCOUNT", "7")
+    monkeypatch.setenv("OMP_WAIT_POLICY", "ACTIVE")
     monkeypatch.delenv("GLIBC_TUNABLES", raising=False)
     assert main() == 2
     ((program, arguments, environ),) = started
     assert (program, arguments) == (sys.executable, [sys.executable, "wheelchair", "train", "ppo"])
-    assert environ["GOMP_SPINCOUNT"] == "7"
+    assert environ["OMP_WAIT_POLICY"] == "ACTIVE"
     assert environ["GLIBC_TUNABLES"] == "glibc.malloc.hugetlb=1"
     for name, value in environ.items():
         monkeypatch.setenv(name, value)
