@@ -2,8 +2,8 @@
 
     python -m tests.benchmarks.peers [--beams 64] [--seconds 2] [--rounds 3] [--envs 1024]
 
-A peer that is not installed is left out: IR-SIM (`ir-sim`), VMAS (`vmas`), JaxNav (`jaxmarl`, `jax`)
-and navground (`navground`). None of them does all that ours does, and the last column says what a
+A peer that is not installed is left out: IR-SIM (`ir-sim`), VMAS (`vmas`), JaxNav (`jaxmarl`) and
+Navground (`navground`). None of them does all that ours does, and the last column says what a
 step of each contains; where a peer takes walls, it gets those of the same floor plan.
 """
 
@@ -72,7 +72,7 @@ def vmas_stepper(episode: Episode, beams: int, n: int) -> Callable[[], Any]:
 
 
 def jaxnav_stepper(episode: Episode, beams: int, n: int) -> Callable[[], Any]:
-    """JaxNav (jax): a disc on a map of its own, whose beams march in steps of 0.05 m; with resets."""
+    """JaxNav (jax): a disc on its own map, whose beams march in steps of 0.05 m; with resets."""
     import jax
     from jaxmarl.environments.jaxnav import JaxNav
 
@@ -91,7 +91,7 @@ def jaxnav_stepper(episode: Episode, beams: int, n: int) -> Callable[[], Any]:
 
 
 def navground_stepper(episode: Episode, beams: int, n: int) -> Callable[[], Any]:
-    """navground (C++): a disc between the same walls, one scan a step, no reset; one world."""
+    """Navground (C++): a disc between the same walls, one scan a step, no reset; one world."""
     from navground import core, sim
 
     world = sim.World()
@@ -144,9 +144,9 @@ def main() -> None:
         ),
     }  # fmt: skip
     for name, make in (
-        ("VMAS", vmas_stepper), ("JaxNav", jaxnav_stepper), ("navground", navground_stepper),
+        ("VMAS", vmas_stepper), ("JaxNav", jaxnav_stepper), ("Navground", navground_stepper),
     ):  # fmt: skip
-        sizes = (1,) if name == "navground" else (1, many)
+        sizes = (1,) if name == "Navground" else (1, many)
         for n in sizes:
             try:
                 with contextlib.redirect_stdout(io.StringIO()):
