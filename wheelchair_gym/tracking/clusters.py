@@ -29,13 +29,14 @@ _PASSED = 0.20  # m: a beam that ends so far beyond a place has passed it
 _SAME = 0.12  # m: a beam that ends so near a place has hit it
 _SLANT = 6.0  # m of range per m between beams, of a surface that is seen at 10 degrees
 _JUMP = 0.10  # m: where ranges jump, the place of a hit is looked at anew
-_OWNED = 0.05  # m beyond its radius: what is so near a confirmed track is not static
+_OWNED = 0.05  # m beyond its radius: what is so near a confirmed track that rests is not static
+_FRESH = 0.3  # s since a track was seen: after longer, what is there may be something else
 _OWN_MAP = 0.3  # times as near to a mapped wall such a hit must be to belong to the wall
 _FARTHEST = 1.0  # m from the nearest confirmed track: hits farther from it are nobody's
 _HALF_HIDDEN = 0.10  # m: error of a centre of which only one side is seen
 _NARROW = 0.30  # m: a leg is narrower
+_ONE_LEG = 0.15  # m: error of a centre of which one leg is seen
 _COARSE = 0.10  # m between beams: more, and no leg can be told from a body
-_ABREAST = 0.35  # m: the legs of a person differ in range by less
 _STRAIGHT_WIDTH, _STRAIGHT = 0.45, 0.06  # m: what is so wide and bends less is straight
 DISC = 0.25 * math.pi  # radii: how much nearer than its centre all beams see a disc, in the mean
 RADII = (0.04, 0.45)  # m
@@ -162,11 +163,18 @@ def _nearest_confirmed(s: Any, x: float, y: float) -> tuple[int, float]:
 
 
 @borrowing_kernel
+def _rests(t: Any, stamp: float, far: float) -> bool:
+    """Whether a hit so far [m] from a confirmed track is of it, though it has stood for long."""
+    fresh = stamp - t.seen < _FRESH and math.hypot(t.x - t.rest_x, t.y - t.rest_y) < 2.0 * t.radius
+    return bool(fresh and far < t.radius + _OWNED)
+
+
+@borrowing_kernel
 def _judge(g: Any, s: Any, m: Any, now: Any, hit: Any) -> None:
     """Store whose a hit is, and what is known of its place."""
     x, y = point_to_world(now.c, now.s, now.x, now.y, hit.x, hit.y)
     hit.owner, far = _nearest_confirmed(s, x, y)
-    owned = hit.owner >= 0 and far < s.tracks[hit.owner].radius + _OWNED
+    owned = hit.owner >= 0 and _rests(s.tracks[hit.owner], s.stamp, far)
     c, sn = math.cos(g.mount[2]), math.sin(g.mount[2])
     ahead, left = point_to_world(c, sn, g.mount[0], g.mount[1], hit.x, hit.y)
     near = (g.map_distance + g.map_spread * hit.r) * (_OWN_MAP if owned else 1.0)
@@ -275,7 +283,7 @@ def _measure(g: Any, s: Any, now: Any, hits: Rows, n: int, begin: int, end: int,
     c.x, c.y = 0.5 * (ax + bx), 0.5 * (ay + by)
     c.x, c.y = place_of_cluster(c, now, c.radius)
     leg = c.width < _NARROW and spacing < _COARSE
-    sigma, turned = g.sigma_of_legs if leg else g.sigma, s.twist[1] * g.time_sigma * c.mean
+    sigma, turned = _ONE_LEG if leg else g.sigma, s.twist[1] * g.time_sigma * c.mean
     c.variance = sigma * sigma + spacing * spacing / 12.0 + turned * turned
     if part:
         c.variance += _HALF_HIDDEN * _HALF_HIDDEN
@@ -283,37 +291,37 @@ def _measure(g: Any, s: Any, now: Any, hits: Rows, n: int, begin: int, end: int,
 
 
 @borrowing_kernel
-def _is_pair(g: Any, a: Any, b: Any) -> bool:
-    """Whether two clusters are the legs of one person."""
+def _is_pair(g: Any, a: Any, b: Any, apart: float) -> bool:
+    """Whether two clusters so far apart [m] can be the legs of one person."""
     wide, spacing = max(a.width, b.width), max(a.mean, b.mean) / g.per_angle
-    apart = math.hypot(a.x - b.x, a.y - b.y)
     others = a.owner != b.owner and a.owner >= 0 and b.owner >= 0
-    abreast = abs(a.mean - b.mean) < _ABREAST and apart < g.leg_distance
-    return bool(wide < _NARROW and spacing < _COARSE and abreast and not others)
+    narrow = wide < _NARROW and spacing < _COARSE and not (a.legs or b.legs)
+    return bool(narrow and apart < g.leg_distance and not others)
 
 
 @borrowing_kernel
 def _merge_legs(g: Any, clusters: Rows, n: int) -> int:
-    """Let the legs of a person, which are narrow and abreast, become one cluster."""
-    kept = 0
-    for k in range(n):
-        b = clusters[k]
-        merged = False
-        for j in range(max(0, kept - 2), kept):
-            a = clusters[j]
-            if a.legs or merged or not _is_pair(g, a, b):
-                continue
-            a.radius = 0.5 * math.hypot(a.x - b.x, a.y - b.y) + 0.5 * (a.radius + b.radius)
-            a.x, a.y, a.mean = 0.5 * (a.x + b.x), 0.5 * (a.y + b.y), 0.5 * (a.mean + b.mean)
-            a.free = 0.5 * (a.free + b.free)
-            a.low, a.high = min(a.low, b.low), max(a.high, b.high)
-            a.width = 2.0 * a.radius
-            a.ends[2], a.ends[3] = b.ends[2], b.ends[3]
-            a.legs, merged = True, True
-        if not merged:
-            clusters[kept] = b
-            kept += 1
-    return kept
+    """Let the two legs of a person become one cluster, the nearest pair first."""
+    for _ in range(n):
+        first, second, least = -1, -1, math.inf
+        for j in range(n):
+            for k in range(j + 1, min(j + 4, n)):
+                a, b = clusters[j], clusters[k]
+                apart = math.hypot(a.x - b.x, a.y - b.y)
+                if apart < least and _is_pair(g, a, b, apart):
+                    first, second, least = j, k, apart
+        if first < 0:
+            break
+        a, b = clusters[first], clusters[second]
+        a.radius = 0.5 * least + 0.5 * (a.radius + b.radius)
+        a.x, a.y, a.mean = 0.5 * (a.x + b.x), 0.5 * (a.y + b.y), 0.5 * (a.mean + b.mean)
+        a.free, a.width, a.legs = 0.5 * (a.free + b.free), 2.0 * a.radius, True
+        a.variance = g.sigma_of_legs * g.sigma_of_legs
+        a.owner = a.owner if a.owner >= 0 else b.owner
+        n -= 1
+        for k in range(second, n):
+            clusters[k] = clusters[k + 1]
+    return n
 
 
 @borrowing_kernel

@@ -26,7 +26,7 @@ class TrackerSettings:
     )
     """Widest track that can be a person."""
     leg_distance: float = setting(
-        default=0.5, unit="m", low=0.0, high=2.0, source="a step of 0.7 m, seen aside: rarely wider"
+        default=0.8, unit="m", low=0.0, high=2.0, source="Leigh et al. 2015; a step of 0.7 m"
     )
     """Greatest distance between the centres of two legs of one person."""
     sigma: float = setting(
@@ -36,7 +36,7 @@ class TrackerSettings:
     sigma_of_legs: float = setting(
         default=0.08, unit="m", low=0.001, high=1.0, source="Leigh et al. 2015: 0.1"
     )
-    """The same of a pair of legs, and of a single leg."""
+    """The same of a pair of legs."""
     time_sigma: float = setting(
         default=0.005, unit="s", low=0.0, high=1.0, source="half of a 10 ms step of the drive board"
     )

@@ -63,10 +63,11 @@ Rows = NDArray[np.void]
 
 _LONGEST = 1.0  # s without a reading, after which the tracker begins anew
 _LOOSE = 0.10  # m: error of a cluster's centre for association, at least: people swing and turn
+_LEAP = 0.8  # m: whoever comes out farther from where they were expected is somebody else
 _SHARE = 0.2  # of a new value in a running mean
 _FREE = 0.5  # share of a cluster's hits at places that were free: it has come there
-_SURE = 2.0  # standard deviations of its speed: what moves is faster
-_BESIDE = 0.35  # m: nothing new is born so near a confirmed track
+_SURE = 1.0  # standard deviations of its speed: what moves is faster
+_BESIDE = 0.45  # m: nothing new is born so near a confirmed track
 _UNSEEN = 0.3  # s: an unconfirmed track is dropped that is in view and not seen for so long
 _STANDS = 1.0  # s: what has not moved for so long since it was first seen is furniture
 _STAYED, _TURNED = 0.25, 0.35  # m, rad: a leaf's hinge stays, and the leaf turns about it
@@ -138,9 +139,9 @@ def _find_pairs(g: Any, s: Any, clusters: Rows, n: int, pairs: Rows) -> int:
             c = clusters[i]
             dx, dy = c.x - t.x, c.y - t.y
             total = t.place_var + max(c.variance, _LOOSE * _LOOSE)
-            square = (dx * dx + dy * dy) / total
+            square, far = (dx * dx + dy * dy) / total, math.hypot(dx, dy)
             others = t.confirmed and c.owner >= 0 and c.owner != k
-            if square > g.gate * g.gate or others or count == _PAIRS:
+            if square > g.gate * g.gate or far > _LEAP or others or count == _PAIRS:
                 continue
             pair = pairs[count]
             # Minus twice the logarithm of the likelihood: a track of unknown place comes last.
