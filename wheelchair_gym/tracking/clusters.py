@@ -17,7 +17,7 @@ from wheelchair_gym.compiled.address import field_at, floats_at, rows_of
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.geometry import point_to_world, world_to_body
 from wheelchair_gym.sensors.echoes import atan2_f32
-from wheelchair_gym.tracking.state import CLUSTERS, FRAMES
+from wheelchair_gym.tracking.state import CLUSTERS, FRAMES, SECTORS
 
 Floats = NDArray[np.float32]
 Rows = NDArray[np.void]
@@ -30,6 +30,7 @@ _SAME = 0.12  # m: a beam that ends so near a place has hit it
 _SLANT = 6.0  # m of range per m between beams, of a surface that is seen at 10 degrees
 _JUMP = 0.10  # m: where ranges jump, the place of a hit is looked at anew
 _OWNED = 0.05  # m beyond its radius: what is so near a confirmed track that rests is not static
+_HUGE = 1e9  # cells
 _FRESH = 0.3  # s since a track was seen: after longer, what is there may be something else
 _OWN_MAP = 0.3  # times as near to a mapped wall such a hit must be to belong to the wall
 _FARTHEST = 1.0  # m from the nearest confirmed track: hits farther from it are nobody's
@@ -37,7 +38,8 @@ _HALF_HIDDEN = 0.10  # m: error of a centre of which only one side is seen
 _NARROW = 0.30  # m: a leg is narrower
 _ONE_LEG = 0.15  # m: error of a centre of which one leg is seen
 _COARSE = 0.10  # m between beams: more, and no leg can be told from a body
-_STRAIGHT_WIDTH, _STRAIGHT = 0.45, 0.06  # m: what is so wide and bends less is straight
+_STRAIGHT_WIDTH, _STRAIGHT = 0.45, 0.06  # m: what is so wide and bends less is straight,
+_MANY_HITS = 6  # if it has so many hits
 DISC = 0.25 * math.pi  # radii: how much nearer than its centre all beams see a disc, in the mean
 RADII = (0.04, 0.45)  # m
 _BODY = 0.25  # m: radius of what is seen in part, and width of people at least
@@ -70,6 +72,7 @@ CLUSTER = np.dtype(
         ("high_hidden", "b1"),
         ("straight", "b1"),
         ("legs", "b1"),
+        ("attached", "b1"),  # it hangs on something static
         ("taken", "b1"),  # a track is continued by it
     ],
     align=True,
@@ -85,7 +88,7 @@ def set_frame(g: Any, pose: Any, stamp: float, laser: Floats, frame: Any) -> Non
     yaw = pose[2] + g.mount[2]
     frame.stamp, frame.x, frame.y = stamp, x, y
     frame.c, frame.s = math.cos(yaw), math.sin(yaw)
-    for k in range(g.sectors):
+    for k in range(SECTORS):  # those beyond the last beam are empty
         least = _INF
         for b in range(k * g.group, min((k + 1) * g.group, g.beams)):
             r = laser[b] if laser[b] == laser[b] else -_INF  # of an invalid beam nothing is known
@@ -143,10 +146,12 @@ def _wall_distance(m: Any, s: Any, ahead: float, left: float) -> float:
     c, sn = math.cos(pose[2]), math.sin(pose[2])
     x, y = point_to_world(c, sn, pose[0] - origin[0], pose[1] - origin[1], ahead, left)
     x, y = world_to_body(math.cos(origin[2]), math.sin(origin[2]), x, y)
-    col, row = math.floor(x * m.per_metre), math.floor(y * m.per_metre)
-    if not (0 <= row < m.rows and 0 <= col < m.cols):
+    u, v = x * m.per_metre, y * m.per_metre
+    if not (abs(u) < _HUGE and abs(v) < _HUGE):
         return math.inf
-    return float(field_at(m.gap, m.rows, m.cols)[row, col])
+    col, row = min(max(u, 0.0), m.cols - 1.0), min(max(v, 0.0), m.rows - 1.0)
+    off = max(abs(u - col), abs(v - row), 1.0) - 1.0  # cells beyond the map's edge
+    return float(field_at(m.gap, m.rows, m.cols)[int(row), int(col)] + off / m.per_metre)
 
 
 @borrowing_kernel
@@ -165,8 +170,9 @@ def _nearest_confirmed(s: Any, x: float, y: float) -> tuple[int, float]:
 @borrowing_kernel
 def _rests(t: Any, stamp: float, far: float) -> bool:
     """Whether a hit so far [m] from a confirmed track is of it, though it has stood for long."""
-    fresh = stamp - t.seen < _FRESH and math.hypot(t.x - t.rest_x, t.y - t.rest_y) < 2.0 * t.radius
-    return bool(fresh and far < t.radius + _OWNED)
+    reach = max(t.radius, 0.5 * t.width)
+    fresh = stamp - t.seen < _FRESH and math.hypot(t.x - t.rest_x, t.y - t.rest_y) < 2.0 * reach
+    return bool(fresh and far < reach + _OWNED)
 
 
 @borrowing_kernel
@@ -270,7 +276,7 @@ def _measure(g: Any, s: Any, now: Any, hits: Rows, n: int, begin: int, end: int,
     c.low, c.high = g.first + (a.beam - 0.5) * step, g.first + (b.beam + 0.5) * step
     c.low_hidden = _is_hidden(g, a, hits[max(begin - 1, 0)], n, begin - 1)
     c.high_hidden = _is_hidden(g, b, hits[min(end, n - 1)], n, end)
-    c.straight = c.width >= _STRAIGHT_WIDTH and bend < _STRAIGHT and count >= _MOST_HITS
+    c.straight = c.width >= _STRAIGHT_WIDTH and bend < _STRAIGHT and count >= _MANY_HITS
     c.legs, c.taken, c.owner = False, False, hits[(begin + end) // 2].owner
     sine = math.sin(min(0.5 * (c.high - c.low), 1.2))
     c.radius = min(max(c.mean * sine / (1.0 - DISC * sine), RADII[0]), RADII[1])
@@ -326,10 +332,12 @@ def _merge_legs(g: Any, clusters: Rows, n: int) -> int:
 
 @borrowing_kernel
 def _add(
-    g: Any, s: Any, now: Any, hits: Rows, n: int, begin: int, end: int, clusters: Rows, count: int
-) -> int:
+    g: Any, s: Any, now: Any, hits: Rows, n: int, begin: int, end: int, attached: bool,
+    clusters: Rows, count: int,
+) -> int:  # fmt: skip
     """Add the cluster of hits begin to end where it is tracked and has room; how many there are."""
     if end > begin and count < CLUSTERS:
+        clusters[count].attached = attached
         count += _measure(g, s, now, hits, n, begin, end, clusters[count])
     return count
 
@@ -342,12 +350,13 @@ def find_clusters(g: Any, s: Any, now: Any, hits: Rows, n: int, clusters: Rows) 
         if k < n and not _breaks(g, hits[k - 1], hits[k]):
             continue
         if _distance(hits[begin], hits[k - 1]) <= g.person_width:
-            count = _add(g, s, now, hits, n, begin, k, clusters, count)
+            count = _add(g, s, now, hits, n, begin, k, False, clusters, count)
         else:  # something stands in front of a wall, or is part of it: static hits are cut out
             first = begin
             for i in range(begin, k + 1):
                 if i == k or hits[i].place == STATIC:
-                    count = _add(g, s, now, hits, n, first, i, clusters, count)
+                    attached = first > begin or i < k
+                    count = _add(g, s, now, hits, n, first, i, attached, clusters, count)
                     first = i + 1
         begin = k
     return _merge_legs(g, clusters, count)

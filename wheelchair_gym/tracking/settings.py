@@ -74,7 +74,11 @@ class TrackerSettings:
     )
     """What has been seen at one place for so long belongs to the static surroundings."""
     memory_time: float = setting(
-        default=3.2, unit="s", low=0.1, high=600.0, source="as the shield's"
+        default=8.0,
+        unit="s",
+        low=0.1,
+        high=600.0,
+        source="measured: with 3 s, tracks jump to walls",
     )
     """For how long the tracker remembers what was free and what was occupied."""
     map_distance: float = setting(

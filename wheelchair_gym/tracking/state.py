@@ -74,6 +74,7 @@ TRACK = np.dtype(
         ("travelled", _F8),  # m: greatest distance from where it was first seen
         ("ends", _F8, (4,)),  # m: of a straight thing as it was first seen
         ("straight", _F8),  # share of the last readings in which it was straight
+        ("attached", _F8),  # and in which it hung on something static
         ("confirmed", "b1"),
         ("swings", "b1"),  # one of its ends has stayed while the other turned about it
         ("hidden", "b1"),  # something nearer hides it, or the laser does not look there

@@ -61,14 +61,19 @@ Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 Rows = NDArray[np.void]
 
+_FASTEST = 50.0  # m/s, rad/s: no chair is faster
 _LONGEST = 1.0  # s without a reading, after which the tracker begins anew
 _LOOSE = 0.10  # m: error of a cluster's centre for association, at least: people swing and turn
 _LEAP = 0.8  # m: whoever comes out farther from where they were expected is somebody else
 _SHARE = 0.2  # of a new value in a running mean
 _FREE = 0.5  # share of a cluster's hits at places that were free: it has come there
-_SURE = 1.0  # standard deviations of its speed: what moves is faster
+_MOSTLY = 0.5  # share of the last readings
+_AWAY = 0.4  # m: the centre of a box whose other side comes into view moves by less
+_ATTACHED = 3.0  # times as long must what hangs on something static be seen moving
+_SURE = 1.0  # standard deviation of its speed: what moves is faster
 _BESIDE = 0.45  # m: nothing new is born so near a confirmed track
 _UNSEEN = 0.3  # s: an unconfirmed track is dropped that is in view and not seen for so long
+_LOST = 1.0  # s: and so long for a confirmed one, which may have merged with something else
 _STANDS = 1.0  # s: what has not moved for so long since it was first seen is furniture
 _STAYED, _TURNED = 0.25, 0.35  # m, rad: a leaf's hinge stays, and the leaf turns about it
 _PAIRS = 4 * CLUSTERS
@@ -91,7 +96,7 @@ def reset(s: Any) -> None:
 @borrowing_kernel
 def _follow_chair(s: Any, pose: Any, twist: Any, dt: float) -> None:
     """Move the pose by dead reckoning; the chair's own estimate, too, where it has none."""
-    if math.isfinite(twist[0] + twist[1]):
+    if abs(twist[0]) < _FASTEST and abs(twist[1]) < _FASTEST:  # false for NaN
         s.twist[0], s.twist[1] = twist[0], twist[1]
     v, w = s.twist[0], s.twist[1]
     known = math.isfinite(pose[0] + pose[1] + pose[2])
@@ -178,12 +183,6 @@ def _associate(g: Any, s: Any, now: Any, clusters: Rows, n: int) -> None:
 
 
 @borrowing_kernel
-def _is_left(g: Any, t: Any, now: Any) -> bool:
-    """Whether the place where a track has rested is seen to be empty now."""
-    return bool(look(g, now, t.rest_x, t.rest_y) == PASSED)
-
-
-@borrowing_kernel
 def _continue(g: Any, s: Any, t: Any, now: Any, c: Any) -> None:
     """Update a track by the cluster that continues it."""
     dt = s.stamp - t.seen
@@ -192,6 +191,7 @@ def _continue(g: Any, s: Any, t: Any, now: Any, c: Any) -> None:
         t.radius += _SHARE * (c.radius - t.radius)
         t.width += _SHARE * (c.width - t.width)
     t.straight += _SHARE * (c.straight - t.straight)
+    t.attached += _SHARE * (c.attached - t.attached)
     x, y = place_of_cluster(c, now, t.radius)
     _correct(t, x, y, c.variance)
     t.seen, t.passed_for, t.hidden, c.taken = s.stamp, 0.0, False, True
@@ -200,9 +200,13 @@ def _continue(g: Any, s: Any, t: Any, now: Any, c: Any) -> None:
     speed = math.hypot(t.vx, t.vy)
     moves = speed > max(g.moving_speed, _SURE * math.sqrt(t.speed_var))
     far = math.hypot(t.x - t.rest_x, t.y - t.rest_y)
-    came = c.free >= _FREE or _is_left(g, t, now)
-    t.moving_for = t.moving_for + dt if moves and came else max(0.0, t.moving_for - dt)
-    if t.moving_for >= g.confirm_time and far > g.confirm_distance:
+    # It has come to a place that was free, or the place where it rested is seen to be empty.
+    left = far > _AWAY and look(g, now, t.rest_x, t.rest_y) == PASSED
+    came = moves and (c.free >= _FREE or left)
+    t.moving_for = t.moving_for + dt if came else max(0.0, t.moving_for - dt)
+    slower = t.attached >= _MOSTLY and not t.swings
+    needed = g.confirm_time * (_ATTACHED if slower else 1.0)
+    if t.moving_for >= needed and far > g.confirm_distance:
         t.confirmed = True
     if moves and t.confirmed:
         t.moved = s.stamp
@@ -236,9 +240,9 @@ def _follow_leaf(t: Any, c: Any) -> None:
 @borrowing_kernel
 def _kind(g: Any, s: Any, t: Any) -> int:
     """What a track is, by how it looks and moves: index into KINDS."""
-    if t.swings:
+    if t.swings or (t.confirmed and t.attached >= _MOSTLY):
         return DOOR
-    if t.confirmed and t.width <= g.person_width and t.straight < _FREE:
+    if t.confirmed and t.width <= g.person_width and t.straight < _MOSTLY:
         return PERSON
     if not t.confirmed and s.stamp - t.born >= _STANDS and t.moving_for == 0.0:
         return FURNITURE
@@ -266,7 +270,7 @@ def _keep_tracks(g: Any, s: Any, now: Any, dt: float) -> None:
             t.hidden = sight == HIDDEN and _passed(g, t, now) == HIDDEN or sight == OUT
             t.passed_for = t.passed_for + dt if sight == PASSED else 0.0
             lives = lives and t.passed_for <= g.gone_time
-            lives = lives and (t.confirmed or t.hidden or unseen <= _UNSEEN)
+            lives = lives and (t.hidden or unseen <= (_LOST if t.confirmed else _UNSEEN))
         if lives:
             if kept < k:
                 s.tracks[kept] = t
@@ -313,6 +317,7 @@ def _add_tracks(g: Any, s: Any, now: Any, clusters: Rows, n: int) -> None:
         t.born = t.seen = s.stamp
         t.moved, t.moving_for, t.passed_for, t.travelled = -math.inf, 0.0, 0.0, 0.0
         t.straight = _SHARE if c.straight else 0.0
+        t.attached = 1.0 if c.attached else 0.0
         for j in range(4):
             t.ends[j] = c.ends[j]
         t.confirmed, t.swings, t.hidden, t.kind = False, False, False, UNKNOWN
@@ -334,7 +339,7 @@ def update(g: Any, s: Any, m: Any, pose: Any, twist: Any, laser: Floats, stamp: 
 
     Args:
         pose: of the chair by its own estimate (3,); where it is not finite, dead reckoning goes on.
-        twist: by its encoders (2,); where it is not finite, the last one.
+        twist: by its encoders (2,); where it is none, the last one.
         laser: (beams,) [m]; no echo +inf, too near -inf, invalid NaN.
         stamp: of the scan [s]; the same one again is ignored, an earlier one begins anew.
     """
@@ -481,6 +486,9 @@ class Tracker:
         self.state: Rows = np.zeros(1, TRACKER)
         self._map: OccupancyGrid | None = None
         self._rows = point_to_trackers(self._constants, self.state, [None])
+        blank = np.full(self._beams, np.nan, np.float32)
+        self.update(blank, np.zeros(3), np.zeros(2), 0.0)  # compiled before a chair drives
+        self.reset()
 
     def reset(self) -> None:
         """Forget everything."""
