@@ -1,4 +1,4 @@
-"""Settings of the tracker: what is tracked, how people move, when a track is confirmed or dropped."""
+"""Settings of the tracker: what is tracked, how it moves, when it is confirmed or dropped."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class TrackerSettings:
     cluster_gap: float = setting(
         default=0.15, unit="m", low=0.01, high=1.0, source="Leigh et al. 2015: 0.13"
     )
-    """Neighbouring hits farther apart belong to two clusters; more where beams are farther apart."""
+    """Neighbouring hits farther apart are of two clusters; more where beams are farther apart."""
     max_width: float = setting(
         default=1.2, unit="m", low=0.1, high=5.0, source="a door leaf is 0.6 to 1.1 m wide"
     )
@@ -32,7 +32,7 @@ class TrackerSettings:
     sigma: float = setting(
         default=0.04, unit="m", low=0.001, high=1.0, source="measured: see the page on tracking"
     )
-    """Standard deviation of a cluster's centre; more where beams are far apart or a part is hidden."""
+    """Standard deviation of a cluster's centre; more where beams are far apart, or it is hidden."""
     sigma_of_legs: float = setting(
         default=0.08, unit="m", low=0.001, high=1.0, source="Leigh et al. 2015: 0.1"
     )

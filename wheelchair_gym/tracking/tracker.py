@@ -1,10 +1,10 @@
 """The tracker: who and what moves, and how fast, from the scans of one laser.
 
-    scan ──▶ hits: free, static? ──▶ clusters, legs merged ──▶ association ──▶ Kalman filters ──▶ tracks
+    scan ──▶ hits: free, static? ──▶ clusters ──▶ association ──▶ Kalman filters ──▶ tracks
 
-After the joint leg tracker of Leigh et al. (2015): every narrow cluster is tracked, a person or not,
-with constant velocity; a track is confirmed once it has moved where nothing stood before. One
-compiled function, `update`, serves one chair, a batch and a real chair.
+After the joint leg tracker of Leigh et al. (2015): whatever is narrow and not static is tracked, a
+person or not, with constant velocity; a track is confirmed once it has moved to where nothing stood
+before. One compiled function, `update`, serves one chair, a batch and a real chair.
 """
 
 from __future__ import annotations
@@ -25,12 +25,10 @@ from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.sensors.settings import LaserSettings
 from wheelchair_gym.tracking.clusters import (
     CLUSTER,
-    DISC,
     HIDDEN,
     HIT_ROW,
     OUT,
     PASSED,
-    RADII,
     clusters_at,
     find_clusters,
     find_hits,
@@ -47,7 +45,6 @@ from wheelchair_gym.tracking.state import (
     FRAME,
     FRAMES,
     FURNITURE,
-    KINDS,
     PERSON,
     STATIC_MAP,
     TRACKER,
@@ -110,7 +107,7 @@ def _follow_chair(s: Any, pose: Any, twist: Any, dt: float) -> None:
 
 @borrowing_kernel
 def _predict(g: Any, t: Any, dt: float) -> None:
-    """Move a track on at constant velocity (Bar-Shalom et al. 2001, equation 6.2.2-4)."""
+    """Move a track on at constant velocity (Bar-Shalom et al. 2001, section 6.2.2)."""
     t.x += dt * t.vx
     t.y += dt * t.vy
     q = g.acceleration_density
@@ -250,11 +247,12 @@ def _kind(g: Any, s: Any, t: Any) -> int:
 
 
 @borrowing_kernel
-def _passed(g: Any, t: Any, now: Any) -> int:
-    """How the middle of a track's near side looks in the scan."""
+def _is_hidden(g: Any, t: Any, now: Any) -> bool:
+    """Whether something nearer hides a track, or the laser does not look there."""
     dx, dy = t.x - now.x, t.y - now.y
-    share = 1.0 - t.radius / max(math.hypot(dx, dy), t.radius)
-    return look(g, now, now.x + share * dx, now.y + share * dy)
+    share = 1.0 - t.radius / max(math.hypot(dx, dy), t.radius)  # to its near side
+    sight = look(g, now, now.x + share * dx, now.y + share * dy)
+    return sight in (HIDDEN, OUT)
 
 
 @borrowing_kernel
@@ -266,9 +264,9 @@ def _keep_tracks(g: Any, s: Any, now: Any, dt: float) -> None:
         unseen = s.stamp - t.seen
         lives = t.place_var <= g.max_sigma * g.max_sigma
         if unseen > 0.0:
-            sight = look(g, now, t.x, t.y)
-            t.hidden = sight == HIDDEN and _passed(g, t, now) == HIDDEN or sight == OUT
-            t.passed_for = t.passed_for + dt if sight == PASSED else 0.0
+            t.hidden = _is_hidden(g, t, now)
+            passed = look(g, now, t.x, t.y) == PASSED
+            t.passed_for = t.passed_for + dt if passed else 0.0
             lives = lives and t.passed_for <= g.gone_time
             lives = lives and (t.hidden or unseen <= (_LOST if t.confirmed else _UNSEEN))
         if lives:
@@ -280,7 +278,7 @@ def _keep_tracks(g: Any, s: Any, now: Any, dt: float) -> None:
 
 @borrowing_kernel
 def _free_row(s: Any, now: Any, c: Any) -> int:
-    """Where a new track goes: at the end, or in place of the farthest unconfirmed one; -1: nowhere."""
+    """Where a new track goes: behind the others, or in place of the farthest unconfirmed one."""
     if s.n_tracks < TRACKS:
         s.n_tracks += 1
         return int(s.n_tracks - 1)
@@ -290,7 +288,7 @@ def _free_row(s: Any, now: Any, c: Any) -> int:
         d = math.hypot(t.x - now.x, t.y - now.y)
         if not t.confirmed and d > far:
             worst, far = k, d
-    return worst
+    return worst  # -1: all are nearer
 
 
 @borrowing_kernel
@@ -335,9 +333,12 @@ def _remember_scan(g: Any, s: Any, now: Any) -> None:
 
 @borrowing_kernel
 def update(g: Any, s: Any, m: Any, pose: Any, twist: Any, laser: Floats, stamp: float) -> None:
-    """Update a tracker by a scan: records of CONSTANTS, TRACKER and STATIC_MAP.
+    """Update a tracker by a scan.
 
     Args:
+        g: settings and laser, a record of CONSTANTS.
+        s: state, a record of TRACKER; all zero: it has not begun.
+        m: static surroundings, a record of STATIC_MAP; all zero: not known.
         pose: of the chair by its own estimate (3,); where it is not finite, dead reckoning goes on.
         twist: by its encoders (2,); where it is none, the last one.
         laser: (beams,) [m]; no echo +inf, too near -inf, invalid NaN.
@@ -417,7 +418,7 @@ class Tracks:
         id: (n,) it stays the same as long as the track lives.
         place: (n, 2) m: centre.
         velocity: (n, 2) m/s over ground.
-        covariance: (n, 2, 2) of place and speed along x, and the same along y, which is independent.
+        covariance: (n, 2, 2) of place and speed along x; along y it is the same, and independent.
         radius: (n,) m.
         kind: (n,) index into KINDS: unknown, person, door, furniture.
         confirmed: (n,) it has moved where nothing stood before.
@@ -514,11 +515,10 @@ class Tracker:
         Raises:
             ValueError: an array has another shape.
         """
-        given = {"scan": scan, "pose": pose, "twist": twist}
-        shapes = {"scan": (self._beams,), "pose": (3,), "twist": (2,)}
-        for name, shape in shapes.items():
-            if np.shape(given[name]) != shape:
-                raise ValueError(f"{name} has shape {np.shape(given[name])}; expected {shape}")
+        shapes = ("scan", scan, (self._beams,)), ("pose", pose, (3,)), ("twist", twist, (2,))
+        for name, array, shape in shapes:
+            if array.shape != shape:
+                raise ValueError(f"{name} has shape {array.shape}; expected {shape}")
         if static_map is not self._map:
             self._map = static_map
             self._rows.point("static_maps", static_map_pointers([static_map]))
