@@ -333,12 +333,12 @@ def rows(scale: float) -> Iterator[Row]:
 def measure_rows(scale: float, only: str, settings: TrackerSettings) -> dict[str, Any]:
     """Every row of the table, as it becomes known."""
     print(
-        "RMS of place [m] and velocity [m/s]; confirmed after [s], median and 90 %; never confirmed;"
+        "RMS of place [m] and velocity [m/s]; confirmed after [s], median and 90 %; never so;"
         "\nlost, switched and false a minute; known again of those hidden for 1.5 s at most;"
         "\nshares: velocity within 2 sigma, people called so, leaves not called people\n"
     )
-    names = "place velocity, 95 % confirmed after never lost switched false known sigma person leaf"
-    print(f"{'':33}{names} minutes of people, of all")
+    names = "place velocity, 95 % confirmed after never lost switched false known sigma person"
+    print(f"{'':33}{names} leaf minutes: people, all")
     out: dict[str, Any] = {}
     whole = Score()
     for name, make, n, seconds, moves, rate, beams, pose, mapped in rows(scale):
@@ -459,7 +459,7 @@ def measure_association(settings: TrackerSettings) -> dict[str, int]:
 
 def both_associations(tracker: Tracker, reading: Reading) -> tuple[dict[int, int], ...]:
     """The clusters of confirmed tracks in a reading: nearest pair first, and least total cost."""
-    g: Any = TrackerConstants(tracker.settings, LaserSettings()).record[0]
+    g: Any = tracker._constants.record[0]
     s: Any = tracker.state.copy()[0]
     m, now = np.zeros(1, STATIC_MAP)[0], np.zeros(1, FRAME)[0]
     dt, s["stamp"] = reading.stamp - s["stamp"], reading.stamp
