@@ -24,7 +24,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from tests.benchmarks.equality import SHARED
 from wheelchair_gym.geometry import to_frame, to_world
+from wheelchair_gym.localization.logs import LogFormat, read_log
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.physics.actors.records import DOOR, NOBODY, PERSON, combine, person
 from wheelchair_gym.physics.chair import SimulatedChair
@@ -442,6 +444,19 @@ def step_response(legs: bool, rate: float, settings: TrackerSettings) -> dict[st
     }
 
 
+def measure_log(settings: TrackerSettings) -> dict[str, float]:
+    """What is confirmed in a log of a real robot among tables, in which nobody is known to walk."""
+    log, form = read_log(SHARED / "logs" / "mines_exp1.dat"), LogFormat()
+    tracker, confirmed = Tracker(settings, form.laser), set()
+    periods = np.diff(log.stamps, prepend=log.stamps[0] - 0.1)
+    rows = zip(log.stamps, periods, log.increments, log.ranges, strict=True)
+    for stamp, period, step, ranges in rows:
+        tracks = tracker.update(ranges, np.full(3, np.nan), step[[0, 2]] / period, stamp)
+        confirmed |= set(tracks.id[tracks.confirmed].tolist())
+    way = float(np.hypot(*log.increments[:, :2].T).sum())
+    return {"seconds": float(log.stamps[-1]), "metres": way, "confirmed": len(confirmed)}
+
+
 def measure_association(settings: TrackerSettings) -> dict[str, int]:
     """How often the pairs of least total cost are others than those that the tracker takes."""
     counts = {"confirmed tracks": 0, "with another cluster": 0}
@@ -534,6 +549,9 @@ def main() -> None:
                 print(name, {key: round(value, 3) for key, value in told.items()})
         results["association"] = measure_association(settings)
         print(f"\nassociation in dense halls, seeds 0 to 5: {results['association']}")
+        if SHARED.is_dir():
+            results["log"] = measure_log(settings)
+            print(f"\nlog of a real robot, nobody known to walk: {results['log']}")
         print("\nmicroseconds of a reading in a dense hall, call from Python included")
         results["cost"] = measure_cost(settings)
         for name, cost in results["cost"].items():

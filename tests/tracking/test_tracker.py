@@ -9,10 +9,11 @@ import math
 import numpy as np
 import pytest
 
-from tests.benchmarks.tracking import Wander
+from tests.benchmarks.tracking import Wander, measure_log
 from tests.physics.worlds import box, cluttered
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.config import InputError
+from wheelchair_gym.kinematics import arc_step
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid
 from wheelchair_gym.physics.actors.records import NOBODY, combine, door, person
 from wheelchair_gym.physics.chair import SimulatedChair
@@ -98,6 +99,42 @@ def test_nothing_is_confirmed_where_nothing_moves(seed):
         reading = chair.drive(given, shield.decision.protective)
         way += 0.1 * float(np.abs(reading.twist).max())
     assert way > 2.0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_twists_that_come_late_are_corrected_by_what_stands(seed):
+    """Else everything static would move while the chair changes its speed."""
+    sensors = SensorSettings(pose_source="truth")
+    chair, shield, tracker = SimulatedChair(sensors=sensors), Shield(), Tracker()
+    wander = Wander(seed)
+    reading = chair.reset(cluttered(seed), seed)
+    before, off, plain, pose = np.zeros(2), [], [], np.zeros(3)
+    for k in range(200):
+        tracks = tracker.update(reading.laser, reading.pose, before, reading.stamp)
+        assert not tracks.confirmed.any()
+        pose = np.array(arc_step(*pose, *before, 0.1)) if k else pose
+        off.append(np.hypot(*(tracker.state["pose"][0] - reading.pose)[:2]))
+        plain.append(np.hypot(*(pose - reading.pose)[:2]))
+        given = shield.filter(wander.twist(reading, shield.decision.reason != ""), reading)
+        before, reading = reading.twist, chair.drive(given, shield.decision.protective)
+    assert max(off) < 0.06
+    assert max(plain) > 2.0 * max(off)
+
+
+def test_a_person_alone_in_the_open_does_not_shift_the_chair():
+    tracker, nowhere = Tracker(), np.empty((0, 4))
+    for k in range(30):
+        pose = POSE + (0.05 * k, 0.0, 0.0)
+        seen = scan(crossing(0.1 * k), k, walls=nowhere, pose=pose)
+        tracks = tracker.update(seen, pose, np.array([0.5, 0.0]), 0.1 * k)
+    assert tracker.state["pose"][0] == pytest.approx([1.45, 0.0, 0.0], abs=1e-9)
+    assert np.hypot(*(tracks.velocity[tracks.confirmed][0] - (0.0, 1.2))) < 0.15
+
+
+def test_a_log_of_a_real_robot_confirms_little(shared, monkeypatch):
+    """Nobody is known to walk in it; its scans come some 0.15 s after its encoders."""
+    monkeypatch.setattr("tests.benchmarks.tracking.SHARED", shared)
+    assert measure_log(TrackerSettings())["confirmed"] <= 14
 
 
 @pytest.mark.parametrize("twist", [(0.5, 0.0), (0.0, 0.6), (0.4, -0.4)])

@@ -26,6 +26,7 @@ _F, _INF = np.float32, np.float32(np.inf)
 OUT, HIDDEN, NEAR, HIT, PASSED = range(5)  # how a place looks in a scan
 FREE, UNSURE, STATIC = range(3)  # what is known of the place of a hit
 _PASSED = 0.20  # m: a beam that ends so far beyond a place has passed it
+_BESIDE = 0.15  # m on either side of a place that must be empty, too
 _SAME = 0.12  # m: a beam that ends so near a place has hit it
 _SLANT = 6.0  # m of range per m between beams, of a surface that is seen at 10 degrees
 _JUMP = 0.10  # m: where ranges jump, the place of a hit is looked at anew
@@ -125,14 +126,31 @@ def look(g: Any, frame: Any, x: float, y: float) -> int:
 
 
 @borrowing_kernel
+def is_empty(g: Any, frame: Any, x: float, y: float) -> bool:
+    """Whether beams have passed a place (dead-reckoned) and all that is near it on either side."""
+    ahead, left = world_to_body(frame.c, frame.s, x - frame.x, y - frame.y)
+    far, k = math.sqrt(ahead * ahead + left * left), sector_of(g, ahead, left)
+    wide = int(_BESIDE / max(far, _BESIDE) * g.per_angle / g.group) + 1
+    if k < wide or k >= g.sectors - wide:
+        return False
+    for j in range(k - wide, k + wide + 1):
+        if not frame.least[j] > far + _PASSED:
+            return False
+    return True
+
+
+@borrowing_kernel
 def _remember(g: Any, s: Any, x: float, y: float) -> int:
     """Whether a place (dead-reckoned) was free or static, by the scans of the last seconds."""
+    passed = False
     for i in range(s.n_frames):
         frame = s.frames[(s.newest - i) % FRAMES]
         seen = look(g, frame, x, y)
         if seen == PASSED:
-            return FREE
-        if seen == HIT and s.stamp - frame.stamp >= g.static_time:
+            if is_empty(g, frame, x, y):
+                return FREE
+            passed = True  # beside something thin, which a small error of the pose moves
+        if seen == HIT and not passed and s.stamp - frame.stamp >= g.static_time:
             return STATIC
     return UNSURE
 

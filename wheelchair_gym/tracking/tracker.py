@@ -23,6 +23,7 @@ from wheelchair_gym.geometry import wrap
 from wheelchair_gym.kinematics import arc_step
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.sensors.settings import LaserSettings
+from wheelchair_gym.tracking.alignment import align
 from wheelchair_gym.tracking.clusters import (
     CLUSTER,
     HIDDEN,
@@ -33,6 +34,7 @@ from wheelchair_gym.tracking.clusters import (
     find_clusters,
     find_hits,
     hits_at,
+    is_empty,
     look,
     place_of_cluster,
     set_frame,
@@ -198,7 +200,7 @@ def _continue(g: Any, s: Any, t: Any, now: Any, c: Any) -> None:
     moves = speed > max(g.moving_speed, _SURE * math.sqrt(t.speed_var))
     far = math.hypot(t.x - t.rest_x, t.y - t.rest_y)
     # It has come to a place that was free, or the place where it rested is seen to be empty.
-    left = far > _AWAY and look(g, now, t.rest_x, t.rest_y) == PASSED
+    left = far > _AWAY and is_empty(g, now, t.rest_x, t.rest_y)
     came = moves and (c.free >= _FREE or left)
     t.moving_for = t.moving_for + dt if came else max(0.0, t.moving_for - dt)
     slower = t.attached >= _MOSTLY and not t.swings
@@ -356,6 +358,7 @@ def update(g: Any, s: Any, m: Any, pose: Any, twist: Any, laser: Floats, stamp: 
         _predict(g, s.tracks[k], dt)
     now = _frame_at(on_stack(_FRAME_SIZE), 1)[0]
     set_frame(g, s.pose, stamp, laser, now)
+    align(g, s, now, dt)
     hits = hits_at(on_stack(g.beams * _HIT_SIZE), g.beams)
     clusters = clusters_at(on_stack(_CLUSTERS_SIZE), CLUSTERS)
     n = find_hits(g, s, m, now, laser, hits)
