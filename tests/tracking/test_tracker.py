@@ -124,7 +124,7 @@ def test_twists_that_come_late_are_corrected_by_what_stands(seed):
 def test_a_person_alone_in_the_open_does_not_shift_the_chair():
     tracker, nowhere = Tracker(), np.empty((0, 4))
     for k in range(30):
-        pose = POSE + (0.05 * k, 0.0, 0.0)
+        pose = POSE + np.array([0.05 * k, 0.0, 0.0])
         seen = scan(crossing(0.1 * k), k, walls=nowhere, pose=pose)
         tracks = tracker.update(seen, pose, np.array([0.5, 0.0]), 0.1 * k)
     assert tracker.state["pose"][0] == pytest.approx([1.45, 0.0, 0.0], abs=1e-9)

@@ -30,6 +30,7 @@ _BESIDE = 0.15  # m on either side of a place that must be empty, too
 _SAME = 0.12  # m: a beam that ends so near a place has hit it
 _SLANT = 6.0  # m of range per m between beams, of a surface that is seen at 10 degrees
 _JUMP = 0.10  # m: where ranges jump, the place of a hit is looked at anew
+_SPREAD = 1.3  # times as far apart as two beams are neighbours on one surface, if it is slanted
 _OWNED = 0.05  # m beyond its radius: what is so near a confirmed track that rests is not static
 _HUGE = 1e9  # cells
 _FRESH = 0.3  # s since a track was seen: after longer, what is there may be something else
@@ -133,10 +134,10 @@ def is_empty(g: Any, frame: Any, x: float, y: float) -> bool:
     wide = int(_BESIDE / max(far, _BESIDE) * g.per_angle / g.group) + 1
     if k < wide or k >= g.sectors - wide:
         return False
+    least = _INF
     for j in range(k - wide, k + wide + 1):
-        if not frame.least[j] > far + _PASSED:
-            return False
-    return True
+        least = min(least, frame.least[j])
+    return bool(least > far + _PASSED)
 
 
 @borrowing_kernel
@@ -241,7 +242,7 @@ def _distance(a: Any, b: Any) -> float:
 def _breaks(g: Any, a: Any, b: Any) -> bool:
     """Whether two neighbouring hits belong to two clusters."""
     skipped = min(b.beam - a.beam, 2)  # one echo may be lost
-    gap = max(g.cluster_gap, 1.3 * skipped * min(a.r, b.r) / g.per_angle)
+    gap = max(g.cluster_gap, _SPREAD * skipped * min(a.r, b.r) / g.per_angle)
     other = a.owner != b.owner and a.owner >= 0 and b.owner >= 0
     return bool(other or _distance(a, b) > gap)
 

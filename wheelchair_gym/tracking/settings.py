@@ -94,6 +94,6 @@ class TrackerSettings:
     )
     """A track is dropped when the laser has seen through its place for so long."""
     max_sigma: float = setting(
-        default=1.2, unit="m", low=0.1, high=10.0, source="about 1.6 s hidden"
+        default=1.2, unit="m", low=0.1, high=10.0, source="about 1.5 s hidden"
     )
     """A track is dropped when the standard deviation of its place is greater."""
