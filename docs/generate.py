@@ -48,9 +48,10 @@ MODULES = {
         envs types config registry geometry kinematics random maps scenes scenes.map_file
         scenes.describe sensors.settings sensors.laser sensors.ultrasonic physics.settings
         physics.chair physics.actors.records task.settings task.observations task.rewards task.task
-        safety.shield safety.settings safety.stops localization.monte_carlo localization.slam
-        localization.occupancy localization.localized_chair hardware.registry hardware.settings
-        hardware.chair hardware.ros.settings hardware.twin.plant hardware.twin.lockstep
+        safety.shield safety.settings safety.stops tracking.tracker tracking.settings
+        localization.monte_carlo localization.slam localization.occupancy
+        localization.localized_chair hardware.registry hardware.settings hardware.chair
+        hardware.ros.settings hardware.twin.plant hardware.twin.lockstep
         hardware.twin.inprocess hardware.twin.faults recording.record recording.replay
         recording.sink rendering rendering.video compiled.kernel compiled.address errors
     """,

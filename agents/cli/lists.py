@@ -34,6 +34,7 @@ PARTS = {
     "physics": "wheelchair_gym.physics.settings:PhysicsSettings",
     "task": "wheelchair_gym.task.settings:TaskSettings",
     "training": "agents.learning.settings:Training",
+    "tracker": "wheelchair_gym.tracking.settings:TrackerSettings",
     "cost_to_go": "wheelchair_gym.maps.cost_to_go:CostToGoSettings",
 }
 QUANTILES = {"least": 0.0, "p5": 0.05, "p50": 0.5, "p95": 0.95, "most": 1.0}
