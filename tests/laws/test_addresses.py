@@ -28,6 +28,7 @@ TABLES = {
     "wheelchair_gym.sensors.scanners": ("SCANNER",),
     "wheelchair_gym.task.prepared_episode": ("PREPARED",),
     "wheelchair_gym.task.task": ("RULES", "TASK"),
+    "wheelchair_gym.envs.vector": ("BATCH",),
 }
 # Fields of eight unsigned bytes that are no addresses of arrays.
 HASHES = {"laser_hash", "sonar_hash", "other_hash"}
@@ -70,6 +71,9 @@ def records_of(holder, depth=3):
     """Every `Pointers` that an object holds."""
     if isinstance(holder, Pointers):
         yield holder
+    elif isinstance(holder, list):
+        for value in holder:
+            yield from records_of(value, depth)
     elif depth and hasattr(holder, "__dict__"):
         for value in vars(holder).values():
             yield from records_of(value, depth - 1)
@@ -106,7 +110,7 @@ def bad_arrays(target):
     right = np.zeros(shape, target.dtype)
     yield np.zeros((*shape, 2), target.dtype)
     yield np.zeros(shape, np.float16)
-    if target.dtype.kind != "V":
+    if target.dtype.newbyteorder() != target.dtype:
         yield right.astype(right.dtype.newbyteorder())
     if shape[-1] > 1:
         yield np.zeros((*shape[:-1], 2 * shape[-1]), target.dtype)[..., ::2]
