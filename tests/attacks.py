@@ -427,7 +427,7 @@ class Attack:
         env, n = self.env, self.env.num_envs
         outline = env.settings.chair.footprint.array
         _, info = env.reset(seed=seed)
-        worlds, states = env._batch.worlds, env.chairs.states
+        worlds, states = env.chairs.world_rows, env.chairs.states
         done, steps = np.zeros(n, np.int64), np.zeros(n, np.int64)
         memory, hold = self._memory, self._rate * TICK
         poses, twists = np.zeros((memory, n, 3)), np.zeros((memory, n, 2))
@@ -486,9 +486,9 @@ class Attack:
 
     def _could_be_seen(self, i: int, met: int, trace: tuple[Array, Array, Array]) -> bool:
         """Whether what row i touches was in sight, a stopping time before, in the last 3 s."""
-        settings, world = self.env.settings, self.env._batch.worlds[i]
+        settings, world = self.env.settings, self.env.chairs.world_rows[i]
         walls, discs = np.empty((world["n_walls"], 4)), np.empty((world["n_discs"], 3))
-        shown(self.env._batch.worlds[i : i + 1][0], walls, discs)
+        shown(self.env.chairs.world_rows[i], walls, discs)
         poses, twists, others = trace
         outline, limits = settings.chair.footprint.array, settings.chair.limits
         fixed = walls[: world["n_fixed_walls"]], discs[: world["n_fixed_discs"]]

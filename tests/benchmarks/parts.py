@@ -145,18 +145,17 @@ def measure(repeats: int) -> dict[str, float]:
 
     env = NavigationVectorEnv(PLANS, pose_source="modelled", num_threads=1)
     env.reset(seed=0)
-    batch = env._batch
     suites, chairs = env.chairs.suite.record, env.chairs.parameters
-    states, worlds = env.chairs.states, batch.worlds
+    states, worlds = env.chairs.states, env.chairs.world_rows
     # Turning on the spot, so that nothing is touched.
     twists = np.column_stack([np.zeros(PERIODS), rng.uniform(-1, 1, PERIODS)])
     count = PERIODS * PLANS
     own = suites, chairs, states, worlds, twists, rangers.order, workspace
     part("drive, with clearance", count, _drives, *own)
     part("reckon", count, _reckons, states, chairs, PERIODS)
-    sensed, verdicts, *_ = env._last
+    sensed, verdicts, *_ = env._last.columns
     part("tell, clearance", count, _tells, states, chairs, worlds, sensed, PERIODS, workspace)
-    own = batch.task, verdicts
+    own = env._task_rows.record, verdicts
     actions, out = np.zeros((PLANS, 2)), np.empty((PLANS, env.task.observation_size), np.float32)
     part("judge and observe", count, _judges, *own, actions, sensed, scans[0], out, PERIODS)
     begun = np.zeros((PLANS, 2))

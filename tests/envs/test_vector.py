@@ -8,8 +8,10 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 import wheelchair_gym
+from tests.copies import differences
 from wheelchair_gym.config import InputError
 from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv, world_banks
+from wheelchair_gym.envs.batch import step_chairs
 
 NEXT, SAME = AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP
 QUICK = {"scene": {"name": "clutter"}, "beams": 64, "bank": {"size": 6, "turnover": 0.5}}
@@ -138,6 +140,82 @@ def test_what_was_handed_out_is_never_written_again(mode):
     assert ended >= 8
     for array, copy in kept:
         assert np.array_equal(array, copy)
+
+
+PARTS = {
+    "array": lambda array: array,
+    "part": lambda array: array[1:],
+    "part of a part": lambda array: array[1:][:, None][::-1],
+    "element": lambda array: array[:1].reshape(-1)[:1],
+    "bytes": lambda array: memoryview(array),
+    "base": lambda array: array.base[:],
+}
+
+
+@pytest.mark.parametrize("mode", [NEXT, SAME])
+@pytest.mark.parametrize("part", PARTS)
+def test_whoever_holds_a_part_keeps_what_it_shows(part, mode):
+    """One array of many is kept, or what refers to it, for a random while."""
+    env = NavigationVectorEnv(3, SHORT, autoreset_mode=mode, shield=True, **QUICK)
+    rng = np.random.default_rng(0)
+    env.reset(seed=0)
+    kept = []
+    for _ in range(150):
+        observations, rewards, *ends, infos = env.step(rng.uniform(-1, 1, (3, 2)))
+        given = [*observations.values(), rewards, *ends, *flat(infos).values()]
+        given += flat(infos.pop("final_info", {})).values()
+        given = [a for a in given if isinstance(a, np.ndarray) and a.dtype.kind != "U"]
+        array = given[rng.integers(len(given))]
+        if part != "base" or array.base is not None:
+            held = PARTS[part](array)
+            kept.append((held, np.array(held, copy=True)))
+            assert part == "array" or held is not array
+        del observations, rewards, ends, infos, given, array
+        if len(kept) > rng.integers(8):
+            held, copied = kept.pop(rng.integers(len(kept)))
+            assert np.array_equal(held, copied)
+            del held
+    for held, copied in kept:
+        assert np.array_equal(held, copied)
+
+
+def test_memory_that_nobody_holds_is_used_again():
+    env = NavigationVectorEnv(2, SHORT, autoreset_mode=SAME, **QUICK)
+    env.reset(seed=0)
+    seen, ended = set(), 0
+    for _ in range(90):
+        observations, *_, infos = env.step(np.full((2, 2), 0.4))
+        ended += "final_info" in infos
+        seen.add(observations["laser"].ctypes.data)
+    assert ended >= 2
+    assert len(seen) == 2
+    kept = [env.step(np.zeros((2, 2)))[0]["laser"] for _ in range(40)]
+    assert len({array.ctypes.data for array in kept}) == 40
+
+
+def test_actions_of_any_kind_are_taken_by_the_same_compiled_function():
+    env = NavigationVectorEnv(2, **QUICK)
+    env.reset(seed=0)
+    env.step(np.zeros((2, 2)))
+    compiled = len(step_chairs.signatures)
+    frozen = np.full((2, 2), 0.1)
+    frozen.flags.writeable = False
+    for actions in (frozen, frozen.T, frozen.astype(">f4"), [[0, 1], [1, 0]], frozen[::-1] > 0):
+        env.step(actions)
+    assert len(step_chairs.signatures) == compiled
+    env.step(np.full((2, 2), 1.7e308))  # finite, though their sum is not
+
+
+def test_refused_actions_change_nothing():
+    envs = [NavigationVectorEnv(4, SHORT, num_threads=2, **QUICK) for _ in range(2)]
+    for env in envs:
+        env.reset(seed=3)
+    wrong = np.zeros((4, 2))
+    for k in range(8):
+        wrong[k % 4, k % 2] = (np.nan, np.inf)[k % 2]
+        with pytest.raises(InputError, match="expected finite"):
+            envs[0].step(wrong)
+        assert not list(differences(*(env.step(np.full((4, 2), 0.3)) for env in envs)))
 
 
 def test_a_mask_begins_some_rows_and_leaves_the_others():

@@ -17,6 +17,8 @@ from wheelchair_gym.physics.actors.records import ACTOR, Actors, combine, person
 from wheelchair_gym.physics.chair import SimulatedChair
 from wheelchair_gym.physics.engine import ENGINE
 from wheelchair_gym.safety.shield import Shield
+from wheelchair_gym.tracking import Tracker
+from wheelchair_gym.tracking.state import static_map_pointers
 from wheelchair_gym.types import Episode
 
 # Modules with records of addresses: their tables of what each address is of.
@@ -28,6 +30,9 @@ TABLES = {
     "wheelchair_gym.sensors.scanners": ("SCANNER",),
     "wheelchair_gym.task.prepared_episode": ("PREPARED",),
     "wheelchair_gym.task.task": ("RULES", "TASK"),
+    "wheelchair_gym.envs.vector": ("BATCH",),
+    "wheelchair_gym.tracking.state": ("CONSTANTS", "STATIC_MAP"),
+    "wheelchair_gym.tracking.tracker": ("TRACKERS",),
 }
 # Fields of eight unsigned bytes that are no addresses of arrays.
 HASHES = {"laser_hash", "sonar_hash", "other_hash"}
@@ -70,6 +75,9 @@ def records_of(holder, depth=3):
     """Every `Pointers` that an object holds."""
     if isinstance(holder, Pointers):
         yield holder
+    elif isinstance(holder, list):
+        for value in holder:
+            yield from records_of(value, depth)
     elif depth and hasattr(holder, "__dict__"):
         for value in vars(holder).values():
             yield from records_of(value, depth - 1)
@@ -81,7 +89,8 @@ def holders():
     env.reset(seed=0)
     many = NavigationVectorEnv(2, scene="crowd", shield=True, bank=1)
     many.reset(seed=0)
-    return env, many
+    grid = OccupancyGrid(np.zeros((100, 100), np.int8), 0.1)
+    return env, many, Tracker(), [static_map_pointers([grid])]
 
 
 def test_every_address_field_says_what_it_points_to(holders):
@@ -106,7 +115,7 @@ def bad_arrays(target):
     right = np.zeros(shape, target.dtype)
     yield np.zeros((*shape, 2), target.dtype)
     yield np.zeros(shape, np.float16)
-    if target.dtype.kind != "V":
+    if target.dtype.newbyteorder() != target.dtype:
         yield right.astype(right.dtype.newbyteorder())
     if shape[-1] > 1:
         yield np.zeros((*shape[:-1], 2 * shape[-1]), target.dtype)[..., ::2]

@@ -58,7 +58,7 @@ def test_nothing_of_the_outline_enters_unseen_cells_faster_than_it_may(rate, mon
 
     def told(actions):
         result = step(actions)
-        shields, free = env._batch.shield_states, ~result[-1]["contact"]
+        shields, free = env._shields, ~result[-1]["contact"]
         speed = entering(shields, result[-1]["twist"], outline, ShieldSettings().memory_time)
         speeds.append(speed[free & ~shields["decision"]["protective"]])
         return result

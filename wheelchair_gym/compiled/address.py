@@ -262,6 +262,12 @@ def _on_stack(typingctx: Any, size: Any) -> Any:
     return types.uint64(types.int64), lower
 
 
+@inlined
+def data_of(array: Any) -> Any:
+    """The address of an array's first element, for as long as the caller of the kernel has it."""
+    return array.ctypes.data
+
+
 # The address of so many bytes that hold anything, until the kernel that asks for them returns.
 on_stack = cast("Callable[[int], Any]", _on_stack)
 
@@ -269,6 +275,8 @@ on_stack = cast("Callable[[int], Any]", _on_stack)
 doubles_at = cast("Callable[[Any, int], NDArray[np.float64]]", _viewer(types.float64, 1))
 floats_at = cast("Callable[[Any, int], NDArray[np.float32]]", _viewer(types.float32, 1))
 words_at = cast("Callable[[Any, int], NDArray[np.uint32]]", _viewer(types.uint32, 1))
+keys_at = cast("Callable[[Any, int], NDArray[np.uint64]]", _viewer(types.uint64, 1))
+flags_at = cast("Callable[[Any, int], NDArray[np.bool_]]", _viewer(types.boolean, 1))
 integers_at = cast("Callable[[Any, int], NDArray[np.int64]]", _viewer(types.int64, 1))
 states_at = cast("Callable[[Any, int, int, int], NDArray[np.uint32]]", _viewer(types.uint32, 3))
 moves_at = cast("Callable[[Any, int, int, int], NDArray[np.int32]]", _viewer(types.int32, 3))

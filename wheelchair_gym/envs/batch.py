@@ -2,52 +2,61 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
+from wheelchair_gym.compiled.address import (
+    Target,
+    flags_at,
+    floats_at,
+    keys_at,
+    pointer_record,
+    rows_of,
+)
+from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined, kernel
+from wheelchair_gym.envs.results import Bytes, Columns, Flags, Floats, Rows, columns_of
 from wheelchair_gym.kinematics import twist_of_action
-from wheelchair_gym.physics.step import prefetch_chair, reset_chair, step_chair
+from wheelchair_gym.physics.step import CHAIRS, chair_row, prefetch_chair, reset_chair, step_chair
 from wheelchair_gym.physics.world import enter_episode
-from wheelchair_gym.random import SHIELDS, uniform
-from wheelchair_gym.safety.shield import filter_twist, reset_shield, update_shield
-from wheelchair_gym.safety.state import copy_decision
-from wheelchair_gym.task.assessment import assess, begin_task
+from wheelchair_gym.random import SHIELDS as UNSHIELDED
+from wheelchair_gym.random import uniform
+from wheelchair_gym.safety.shield import (
+    SHIELDS,
+    copy_decision,
+    filter_twist,
+    reset_shield,
+    update_shield,
+)
+from wheelchair_gym.task.assessment import assess, begin_task, task_row
+from wheelchair_gym.task.prepared_episode import PREPARED
+from wheelchair_gym.task.records import TASK
 from wheelchair_gym.task.rewards import reached
 
 Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
-Flags = NDArray[np.bool_]
-Rows = NDArray[np.void]
+
+# What one thread steps rows of a batch with: chairs, their worlds and their tasks.
+BATCH, BATCH_TARGETS = pointer_record(
+    ("n", "i8"),  # rows of the batch
+    ("task", Target(TASK, 1)),
+    ("chairs", Target(CHAIRS, 1)),  # with the workspace of the thread
+    ("shields", Target(SHIELDS, 1)),  # of no rows where there are none
+    ("unshielded", "f8"),  # share of episodes without
+    ("next_prepared", Target(PREPARED, None)),  # of each row's next episode
+    ("keys", Target("u8", None)),  # of the next episodes' randomness
+    ("is_over", Target("b1", None)),  # the episode has ended in an earlier step
+    ("ranges", Target("f4", None)),  # of one scan, overwritten by the next
+    ("beams", "i8"),
+)
+_task_at, _chairs_at, _shields_at, _prepared_at = map(rows_of, (TASK, CHAIRS, SHIELDS, PREPARED))
 
 
-class Batch(NamedTuple):
-    """Chairs, their worlds and their tasks; a row each."""
-
-    task: Rows  # (1,) of TASK
-    shields: Rows  # (1,) of SHIELDS
-    worlds: Rows  # (n,) of WORLD
-    prepared: Rows  # (n,) of PREPARED
-    next_prepared: Rows  # (n,) of PREPARED, of the next episode
-    keys: NDArray[np.uint64]  # (n,) of the next episode's randomness
-    progress: Rows  # (n,) of PROGRESS
-    rules: Rows  # (1,) of RULES
-    shield_states: Rows  # (n,) of SHIELD; (0,) without
-    unshielded: Array  # (1,) share of episodes without
-    is_over: Flags  # (n,) the episode has ended in an earlier step
-    was_reset: Flags  # (n,) an episode began in this step
-
-
-class Results(NamedTuple):
-    """What a step gives; a row each."""
-
-    sensed: Rows  # (n,) of SENSED
-    verdicts: Rows  # (n,) of VERDICT
-    success: Flags  # (n,) at the goal by truth, and nothing was touched
-    out: Floats  # (n, numbers) observations
-    decisions: Rows  # (n,) of DECISION
+@inlined
+def _parts(batch: Any) -> Any:
+    """The records (1,) of TASK, CHAIRS and SHIELDS of a batch."""
+    return _task_at(batch.task, 1), _chairs_at(batch.chairs, 1), _shields_at(batch.shields, 1)
 
 
 @borrowing_kernel
@@ -61,15 +70,15 @@ def is_success(rules: Any, prepared: Any, seen: Any) -> bool:
 @kernel
 def is_unshielded(key: np.uint64, share: float) -> bool:
     """Whether an episode is driven without the shield that there is."""
-    return share > 0.0 and uniform(key, 0, SHIELDS, 0) < share
+    return share > 0.0 and uniform(key, 0, UNSHIELDED, 0) < share
 
 
 @borrowing_kernel
-def update_row_shield(i: int, batch: Batch, seen: Any, ranges: Floats) -> None:
+def update_row_shield(i: int, shields: Rows, seen: Any, ranges: Floats) -> None:
     """Update row i's shield with a reading."""
     update_shield(
         i,
-        batch.shields,
+        shields,
         seen.pose[:],
         seen.twist[:],
         ranges,
@@ -82,72 +91,99 @@ def update_row_shield(i: int, batch: Batch, seen: Any, ranges: Floats) -> None:
 
 
 @borrowing_kernel
-def begin_chair(i: int, batch: Batch, chairs: Rows, results: Results, ranges: Floats) -> None:
-    """Begin row i's next episode; arguments as of `step_chairs`."""
-    batch.prepared[i] = batch.next_prepared[i]
-    prepared = batch.prepared[i]
-    enter_episode(batch.worlds[i], prepared)
-    reset_chair(i, chairs, prepared.start, batch.keys[i], ranges, results.sensed)
-    seen = results.sensed[i]
-    shields = batch.shield_states.shape[0] > 0
+def begin_chair(i: int, batch: Any, rows: Columns, out: Floats) -> None:
+    """Begin row i's next episode; batch: a record of BATCH."""
+    task, chairs, shields = _parts(batch)
+    ranges, key = floats_at(batch.ranges, batch.beams), keys_at(batch.keys, batch.n)[i]
+    _prepared_at(task[0].prepared, batch.n)[i] = _prepared_at(batch.next_prepared, batch.n)[i]
+    rule, prepared, _ = task_row(task, i)
+    enter_episode(chair_row(chairs, i)[3], prepared)
+    reset_chair(i, chairs, prepared.start, key, ranges, rows.sensed)
+    seen, shielded = rows.sensed[i], shields[0].n > 0
     begin_task(
         i,
-        batch.task,
-        results.verdicts,
+        task,
+        rows.verdicts,
         seen.pose,
         seen.twist,
         ranges,
         seen.ultrasonic,
-        shields and not is_unshielded(batch.keys[i], batch.unshielded[0]),
-        results.out[i],
+        shielded and not is_unshielded(key, batch.unshielded),
+        out[i],
     )
-    results.success[i] = is_success(batch.rules[0], prepared, seen)
-    if shields:
-        reset_shield(i, batch.shields)
-        copy_decision(batch.shield_states[i].decision, results.decisions[i])
-        update_row_shield(i, batch, seen, ranges)
+    rows.success[i] = is_success(rule, prepared, seen)
+    if shielded:
+        reset_shield(i, shields)
+        copy_decision(i, shields, rows.decisions[i])
+        update_row_shield(i, shields, seen, ranges)
 
 
 @borrowing_kernel
-def begin_chairs(
-    low: int, high: int, chosen: Flags, batch: Batch, chairs: Rows, results: Results, ranges: Floats
-) -> None:
-    """Begin the next episode of the chosen ones of rows low to high; see `step_chairs`."""
-    for i in range(low, high):
+def begin_chairs(batches: Rows, chosen: Flags, block: Bytes, out: Floats) -> None:
+    """Begin the next episode of the chosen rows; see `step_chairs`."""
+    batch = batches[0]
+    rows = columns_of(block, batch.n)
+    for i in range(batch.n):
+        rows.mask[i] = chosen[i]
         if chosen[i]:
-            begin_chair(i, batch, chairs, results, ranges)
+            flags_at(batch.is_over, batch.n)[i] = False
+            begin_chair(i, batch, rows, out)
 
 
 @borrowing_kernel
 def step_chairs(
     low: int,
     high: int,
+    batches: Rows,
     same_step: bool,
     actions: Array,
-    batch: Batch,
-    chairs: Rows,
-    results: Results,
-    finals: Results,
-    ranges: Floats,
-) -> None:
-    """One control period of rows low to high."""
-    rule, is_over = batch.rules[0], batch.is_over
-    sensed, verdicts = results.sensed, results.verdicts
+    block: Bytes,
+    out: Floats,
+    final_block: Bytes,
+    final_out: Floats,
+) -> int:
+    """One control period of rows low to high.
+
+    Args:
+        low: the first row.
+        high: one past the last.
+        batches: (1,) of BATCH.
+        same_step: an episode's end begins the next one, and what its last step gave is written to
+            other results.
+        actions: (n, 2) of the batch.
+        block: of `Results` of the batch.
+        out: their observations.
+        final_block: of `Results` for last steps.
+        final_out: their observations.
+
+    Returns:
+        How many rows began an episode; -1, and nothing was done, if an action is not finite.
+    """
+    batch = batches[0]
+    n = batch.n
+    for i in range(n):  # of all rows, so that none goes on alone
+        if not (math.isfinite(actions[i, 0]) and math.isfinite(actions[i, 1])):
+            return -1
+    task, chairs, shields = _parts(batch)
+    is_over, ranges = flags_at(batch.is_over, n), floats_at(batch.ranges, batch.beams)
+    rows, finals = columns_of(block, n), columns_of(final_block, n)
+    sensed, verdicts, begun = rows.sensed, rows.verdicts, 0
     for i in range(low, high):
         if i + 1 < high:
             prefetch_chair(i + 1, chairs)
-        batch.was_reset[i] = is_over[i]
+        rows.begun[i], rows.mask[i] = is_over[i], True
         if not is_over[i]:
+            rule, prepared, progress = task_row(task, i)
             seen, action, stop = sensed[i], actions[i], False
             v, w = twist_of_action(action[0], action[1], rule.forward, rule.backward, rule.turn)
             asked_v, asked_w = v, w
-            shielded = batch.progress[i].is_shielded
+            shielded = progress.is_shielded
             if shielded:
-                v, w, stop = filter_twist(i, batch.shields, v, w)
+                v, w, stop = filter_twist(i, shields, v, w)
             step_chair(i, chairs, v, w, stop, ranges, sensed)
             assess(
                 i,
-                batch.task,
+                task,
                 verdicts,
                 action,
                 seen.pose,
@@ -157,19 +193,22 @@ def step_chairs(
                 seen.bumped,
                 asked_v - v,
                 asked_w - w,
-                results.out[i],
+                out[i],
             )
-            results.success[i] = is_success(rule, batch.prepared[i], seen)
+            rows.success[i] = is_success(rule, prepared, seen)
+            if shields[0].n > 0:
+                copy_decision(i, shields, rows.decisions[i])
             if shielded:
-                copy_decision(batch.shield_states[i].decision, results.decisions[i])
-                update_row_shield(i, batch, seen, ranges)
+                update_row_shield(i, shields, seen, ranges)
             is_over[i] = verdicts[i].terminated or verdicts[i].truncated
             if not (is_over[i] and same_step):
                 continue
             finals.sensed[i], finals.verdicts[i] = sensed[i], verdicts[i]
-            finals.success[i], finals.decisions[i] = results.success[i], results.decisions[i]
-            for k in range(finals.out.shape[1]):
-                finals.out[i, k] = results.out[i, k]
-            batch.was_reset[i] = True
+            finals.success[i], finals.decisions[i] = rows.success[i], rows.decisions[i]
+            for k in range(out.shape[1]):
+                final_out[i, k] = out[i, k]
+            rows.begun[i] = finals.mask[i] = True
         is_over[i] = False
-        begin_chair(i, batch, chairs, results, ranges)
+        begin_chair(i, batch, rows, out)
+        begun += 1
+    return begun

@@ -2,13 +2,27 @@
 
 from __future__ import annotations
 
-from operator import attrgetter
-from typing import Any, NamedTuple
+from operator import itemgetter
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from wheelchair_gym.task.rewards import Verdict
+import numpy as np
+from numpy.typing import NDArray
+
+from wheelchair_gym.safety.shield import Decision
+from wheelchair_gym.task.rewards import TERMS, Verdict
 from wheelchair_gym.types import Reading, Truth
 
-SOURCES = ("truth", "reading", "verdict", "success")
+if TYPE_CHECKING:
+    from wheelchair_gym.envs.results import Columns
+
+Flags = NDArray[np.bool_]
+
+SOURCES: dict[str, tuple[str, ...]] = {
+    "truth": Truth._fields,
+    "reading": Reading._fields,
+    "verdict": Verdict._fields,
+    "success": ("",),
+}
 
 
 class InfoKey(NamedTuple):
@@ -50,28 +64,41 @@ INFO_KEYS = (
 )  # fmt: skip
 
 
-def _fields(source: str) -> tuple[str, ...]:
-    return tuple(key.field for key in INFO_KEYS if key.source == source)
+_FIELDS = [(source, field) for source, fields in SOURCES.items() for field in fields]
+_NAMES = tuple(key.name for key in INFO_KEYS)
+_VALUES = itemgetter(*(_FIELDS.index((key.source, key.field)) for key in INFO_KEYS))
 
 
-_OF_TRUTH, _OF_READING, _OF_VERDICT = (attrgetter(*_fields(s)) for s in SOURCES[:-1])
-_NAMES = tuple(key.name for source in SOURCES for key in INFO_KEYS if key.source == source)
+def info_of(
+    truth: Truth, reading: Reading, verdict: Verdict, success: bool, decision: Decision | None
+) -> dict[str, Any]:
+    """The info of one environment; decision: of its shield, if it has one."""
+    info = dict(zip(_NAMES, _VALUES((*truth, *reading, *verdict, success)), strict=True))
+    info["reward_terms"] = dict(zip(TERMS, verdict.terms, strict=True))
+    if decision is not None:
+        info["shield"] = decision._asdict()
+    return info
 
 
-def info_of(truth: Truth, reading: Reading, verdict: Verdict, success: bool) -> dict[str, Any]:
-    """The info of one environment, but for its reward terms and its shield."""
-    values = (*_OF_TRUTH(truth), *_OF_READING(reading), *_OF_VERDICT(verdict), success)
-    return dict(zip(_NAMES, values, strict=True))
-
-
-def info_of_rows(sensed: Any, verdicts: Any, success: Any) -> dict[str, Any]:
-    """The info of many environments, from records (n,) of SENSED and VERDICT."""
-    return {
+def info_of_rows(columns: Columns, shielded: bool) -> dict[str, Any]:
+    """The info of many environments, as arrays with their masks; of a reason, its number."""
+    sensed, verdicts, decisions, success, _, mask = columns
+    values: dict[str, Any] = {
         key.name: (verdicts if key.source == "verdict" else sensed)[key.column]
         if key.field
         else success
         for key in INFO_KEYS
     }
+    terms = verdicts["terms"]
+    values["reward_terms"] = _masked({name: terms[name] for name in TERMS}, mask)
+    if shielded:
+        names = decisions.dtype.names or ()
+        values["shield"] = _masked({name: decisions[name] for name in names}, mask)
+    return _masked(values, mask)
+
+
+def _masked(values: dict[str, Any], mask: Flags) -> dict[str, Any]:
+    return values | {f"_{name}": mask for name in values}
 
 
 def info_table() -> str:

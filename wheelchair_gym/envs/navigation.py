@@ -27,7 +27,7 @@ from wheelchair_gym.safety.shield import Shield
 from wheelchair_gym.task.custom_reward import as_record, checked, make_reward
 from wheelchair_gym.task.observations import observation_table
 from wheelchair_gym.task.prepared_episode import PreparedEpisode
-from wheelchair_gym.task.rewards import TERMS, reward_table
+from wheelchair_gym.task.rewards import reward_table
 from wheelchair_gym.task.task import Observation, Task
 from wheelchair_gym.types import Chair, Episode, Mission, Reading, Shown, check_reading
 
@@ -258,10 +258,9 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
     def _info(self) -> dict[str, Any]:
         truth, task = self.chair.truth, self.task
         self._drawing.follow(truth.pose)
-        shielded = {} if self.shield is None else {"shield": self.shield.decision._asdict()}
         success = not truth.touched and task.at_goal(truth.pose)
-        info = info_of(truth, task.reading, task.verdict, success)
-        return shielded | info | {"reward_terms": dict(zip(TERMS, task.verdict.terms, strict=True))}
+        decision = None if self.shield is None else self.shield.decision
+        return info_of(truth, task.reading, task.verdict, success, decision)
 
     def render(self) -> NDArray[np.uint8] | None:
         """The world from above: an RGB picture (render_height, render_width, 3).

@@ -1,13 +1,10 @@
 """Many chairs at once: the same step as one chair's, looped by a compiled function.
 
-Returned arrays are never overwritten while a caller holds them.
+Returned arrays are never overwritten while a caller holds them (`results`).
 """
 
 from __future__ import annotations
 
-import math
-import mmap
-import weakref
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
@@ -21,75 +18,32 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from wheelchair_gym.compiled.address import Pointers
 from wheelchair_gym.config import InputError
-from wheelchair_gym.envs.batch import Batch, Results, begin_chairs, step_chairs
+from wheelchair_gym.envs.batch import BATCH, BATCH_TARGETS, begin_chairs, step_chairs
 from wheelchair_gym.envs.drawing import EpisodeRenderer
 from wheelchair_gym.envs.guidance import make_guidance
-from wheelchair_gym.envs.info import info_of_rows
+from wheelchair_gym.envs.results import ResultPool, Results
 from wheelchair_gym.envs.settings import EnvSettings, check_options, env_settings
 from wheelchair_gym.envs.world_banks import WorldBank
 from wheelchair_gym.physics.chairs import SimulatedChairs, size_workspace
-from wheelchair_gym.physics.state import SENSED
 from wheelchair_gym.random import episode_key
 from wheelchair_gym.safety.shield import SHIELDS, point_to_shields
-from wheelchair_gym.safety.state import DECISION, REASONS, SHIELD, ShieldConstants
+from wheelchair_gym.safety.state import SHIELD, ShieldConstants
 from wheelchair_gym.task.custom_reward import compiled_rewards, make_reward
 from wheelchair_gym.task.prepared_episode import PREPARED, PreparedEpisode
 from wheelchair_gym.task.records import PROGRESS
-from wheelchair_gym.task.rewards import TERMS, VERDICT
 from wheelchair_gym.task.task import Observation, Task
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-Floats = NDArray[np.float32]
-
-
-def _fresh_memory(size: int) -> mmap.mmap:
-    """Memory of so many bytes, in large pages where the system has them."""
-    memory = mmap.mmap(-1, max(size, 1))
-    if hasattr(mmap, "MADV_HUGEPAGE"):
-        memory.madvise(mmap.MADV_HUGEPAGE)
-    return memory
-
-
-class BufferPool:
-    """Arrays to write results to that no caller holds any more.
-
-    The memory of an array is used again once the array and all parts of it are gone, so that large
-    results need no fresh memory at each step and yet are never overwritten. A copy has memory of
-    its own.
-    """
-
-    def __init__(self, shape: tuple[int, ...]) -> None:
-        self._shape = shape
-        self._free: list[mmap.mmap] = []
-        self._taken: dict[int, weakref.ref[Floats]] = {}
-
-    def take(self) -> Floats:
-        """An array that only the caller knows; what it holds is arbitrary."""
-        memory = self._free.pop() if self._free else _fresh_memory(4 * math.prod(self._shape))
-        # Parts of an array refer to it, since its memory is no array: it goes when they have gone.
-        array: Floats = np.ndarray(self._shape, np.float32, memory)
-        free, taken = self._free, self._taken
-
-        def give_back(gone: weakref.ref[Floats]) -> None:
-            del taken[id(gone)]
-            free.append(memory)
-
-        held = weakref.ref(array, give_back)
-        taken[id(held)] = held
-        return array
-
-    def __reduce__(self) -> tuple[type[BufferPool], tuple[Any, ...]]:
-        return type(self), (self._shape,)
 
 
 Info = dict[str, Any]
 
-_REASONS = np.array(REASONS)
+_BLOCKS_A_THREAD = 8  # some chairs take longer than others
 _ROWS_A_THREAD = 64  # fewer take less time than a second thread needs to wake up
 _ALSO = ("num_envs", "autoreset_mode", "num_threads", "render_mode")  # arguments
-_BLOCKS_A_THREAD = 8  # so that threads end together, though some chairs take longer than others
 _CORES: int = vars(numba.config)["NUMBA_NUM_THREADS"]  # that this process may use
 
 
@@ -159,8 +113,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         threads = num_threads or min(_CORES, n // _ROWS_A_THREAD)
         self.num_threads = max(1, min(n, threads))
         blocks = 1 if self.num_threads == 1 else min(n, _BLOCKS_A_THREAD * self.num_threads)
-        bounds = np.linspace(0, n, blocks + 1).astype(int).tolist()
-        self._blocks = list(pairwise(bounds))
+        self._blocks = list(pairwise(np.linspace(0, n, blocks + 1).astype(int).tolist()))
         self.chairs = SimulatedChairs(s.chair, s.sensors, s.physics, 1.0 / s.rate, n)
         self._guard: ShieldConstants | None = None
         if s.shield is not None:
@@ -172,57 +125,62 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         self._next: list[PreparedEpisode | None] = [None] * n
         self._seeds = [0] * n
         self._counts = np.zeros(n, np.int64)  # episodes begun of the present seeds
-        self._out = BufferPool((n, self.task.observation_size))
-        self._final = BufferPool((n, self.task.observation_size))
-        self._last: Results | None = None  # of the last step or reset
         self._bind()
 
     def _bind(self) -> None:
         """Find the rows that kernels take, and make what they work in."""
         n, chairs = self.num_envs, self.chairs
-        prepared, guard = np.zeros(n, PREPARED), self._guard
-        self._task_rows = self.task.row_pointers(self._progress, prepared)
-        self._shield_rows = None if guard is None else point_to_shields(guard, self._shields)
+        self._prepared, self._next_prepared = np.zeros(n, PREPARED), np.zeros(n, PREPARED)
+        self._keys = np.zeros(n, np.uint64)
+        self._task_rows = self.task.row_pointers(self._progress, self._prepared)
+        shields: Any = np.zeros(1, SHIELDS)
+        if self._guard is not None:
+            shields = point_to_shields(self._guard, self._shields)
         self._rows = [chairs.row_pointers() for _ in range(self.num_threads)]
         self._columns = 0  # of the workspaces
-        self._batch = Batch(
-            task=self._task_rows.record,
-            shields=np.zeros(1, SHIELDS) if self._shield_rows is None else self._shield_rows.record,
-            worlds=chairs.world_rows,
-            prepared=prepared,
-            next_prepared=np.zeros(n, PREPARED),
-            keys=np.zeros(n, np.uint64),
-            progress=self._progress,
-            rules=self.task.rules,
-            shield_states=self._shields,
-            unshielded=np.array([self.settings.unshielded]),
-            is_over=self._over,
-            was_reset=np.zeros(n, np.bool_),
-        )
+        self._batches = [Pointers(np.zeros(1, BATCH), BATCH_TARGETS) for _ in self._rows]
+        for rows, batch in zip(self._rows, self._batches, strict=True):
+            batch.record["n"] = n
+            batch.record["unshielded"] = self.settings.unshielded
+            ranges = np.zeros(self.settings.sensors.beams, np.float32)
+            batch.record["beams"] = len(ranges)
+            for name, to in {
+                "task": self._task_rows, "chairs": rows, "shields": shields, "ranges": ranges,
+                "next_prepared": self._next_prepared, "keys": self._keys, "is_over": self._over,
+            }.items():  # fmt: skip
+                batch.point(name, to)
         self._pool: ThreadPoolExecutor | None = None
+        self._results, self._finals = ResultPool(self.task, n), ResultPool(self.task, n)
+        self._last: Results | None = None  # of the last step or reset
+        self._spare: Results | None = None  # for last steps: zeros
         self._write_rewards = None if self._reward is None else compiled_rewards(self._reward)
-        beams = self.settings.sensors.beams
-        self._ranges = [np.zeros(beams, np.float32) for _ in self._rows]
         self._make_workspace(0)
         for i, (now, following) in enumerate(zip(self._held, self._next, strict=True)):
             if now is not None:
-                prepared[i] = now.record[0]
+                self._prepared[i] = now.record[0]
                 self._make_workspace(now.columns)
             if following is not None:
-                self._batch.keys[i] = episode_key(self._seeds[i], int(self._counts[i]))
+                self._keys[i] = episode_key(self._seeds[i], int(self._counts[i]))
                 self._make_ready(i, following)
 
     def __getstate__(self) -> dict[str, Any]:
         """Without threads, memory that is worked in, and what `_bind` makes."""
         made = {
-            "_batch", "_pool", "_ranges", "_rows", "_task_rows", "_shield_rows", "_write_rewards"
+            "_batches", "_finals", "_keys", "_last", "_next_prepared", "_pool", "_prepared",
+            "_results", "_rows", "_spare", "_task_rows", "_write_rewards",
         }  # fmt: skip
-        return {name: value for name, value in self.__dict__.items() if name not in made}
+        state = {name: value for name, value in self.__dict__.items() if name not in made}
+        state["last"] = None if self._last is None else (self._last.block, self._last.out)
+        return state
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Restore the state of a copy."""
+        last = state.pop("last")
         self.__dict__.update(state)
         self._bind()
+        if last is not None:
+            self._last = self._results.take()
+            self._last.block[:], self._last.out[:] = last
 
     def reset(
         self,
@@ -258,18 +216,17 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
             if given is not None:
                 self._seeds[i], self._counts[i] = given, 0
                 self._draw(i)
-        results = self._blank_results(self._out)
+        results = self._results.take()
         if self._last is not None:  # the rows that go on keep what they saw
-            for name in Results._fields:
-                getattr(results, name)[:] = getattr(self._last, name)
+            results.block[:], results.out[:] = self._last.block, self._last.out
         elif not chosen.all():
             raise gym.error.ResetNeeded("the first reset() must be of every row")
-        begin_chairs(0, n, chosen, self._batch, self._rows[0].record, results, self._ranges[0])
-        self._batch.is_over[chosen] = False
+        begin_chairs(self._batches[0].record, chosen, results.block, results.out)
         self._draw_next(np.flatnonzero(chosen))
         self._last = results
-        self._follow(chosen)
-        return self.task.unpack(results.out), self._info(results, chosen)
+        if self._drawings:
+            self._follow(chosen)
+        return results.observation(), results.info()
 
     def step(
         self, actions: Any
@@ -286,48 +243,50 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         n = self.num_envs
         if self._last is None:
             raise gym.error.ResetNeeded("call reset() before step()")
-        chosen = np.ascontiguousarray(actions, np.float64)
-        if chosen.shape != (n, 2) or not np.isfinite(chosen).all():
-            raise InputError(f"actions have shape {chosen.shape}; expected finite ({n}, 2)")
+        chosen = np.array(actions, np.float64, order="C")
+        if chosen.shape != (n, 2):
+            raise self._wrong(chosen)
         mode = self.metadata["autoreset_mode"]
         if mode is AutoresetMode.DISABLED and self._over.any():
             over = np.flatnonzero(self._over).tolist()
             raise gym.error.ResetNeeded(f"rows {over} are over; reset them with reset_mask")
-        same_step = self.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
-        results = finals = self._blank_results(self._out)
+        same_step = mode is AutoresetMode.SAME_STEP
+        results = finals = self._results.take()
         if same_step:
-            finals = self._blank_results(self._final)
-
-        def work(t: int) -> None:
-            rows, ranges = self._rows[t].record, self._ranges[t]
-            for low, high in blocks:
-                step_chairs(
-                    low, high, same_step, chosen, self._batch, rows, results, finals, ranges
-                )
-
-        blocks = iter(self._blocks)  # each thread takes the next one when it is done with one
-
+            if self._spare is None:
+                self._spare = self._finals.take()
+                self._spare.block[:] = 0
+            finals = self._spare
         self.chairs.drives_left -= 1
         if self.chairs.drives_left < 0:
             self.chairs.reserve_drives()
-        self._share(work)
-        begun = self._batch.was_reset.copy()
-        verdicts = results.verdicts
-        rewards = self._rewards(results, chosen, ~begun)
+        begun = self._share(same_step, chosen, results.block, results.out, finals.block, finals.out)
+        if begun < 0:
+            raise self._wrong(chosen)
+        verdicts, rows = results.columns.verdicts, results.columns.begun
+        rewards: Array = verdicts["reward"].copy()
         terminated, truncated = verdicts["terminated"].copy(), verdicts["truncated"].copy()
-        infos = self._info(results, np.ones(n, np.bool_))
-        if begun.any():
-            self._draw_next(np.flatnonzero(begun))
-            if same_step:
-                rewards[begun] = self._rewards(finals, chosen, begun)[begun]
-                terminated[begun] = finals.verdicts["terminated"][begun]
-                truncated[begun] = finals.verdicts["truncated"][begun]
-                infos["final_obs"] = self.task.unpack(finals.out)
-                infos["final_info"] = self._info(finals, begun)
-                infos["_final_obs"] = infos["_final_info"] = begun
+        infos = results.info()
+        if self._write_rewards is not None:
+            self._replace_rewards(rewards, results, chosen, ~rows)
         self._last = results
-        self._follow(begun)
-        return self.task.unpack(results.out), rewards, terminated, truncated, infos
+        if begun:
+            self._draw_next(np.flatnonzero(rows))
+            if same_step:
+                self._spare, ends = None, finals.columns.verdicts[rows]
+                rewards[rows] = ends["reward"]
+                terminated[rows], truncated[rows] = ends["terminated"], ends["truncated"]
+                if self._write_rewards is not None:
+                    self._replace_rewards(rewards, finals, chosen, rows)
+                infos["final_obs"], infos["final_info"] = finals.observation(), finals.info()
+                infos["_final_obs"] = infos["_final_info"] = rows
+        if self._drawings:
+            self._follow(rows)
+        return results.observation(), rewards, terminated, truncated, infos
+
+    def _wrong(self, actions: Array) -> InputError:
+        n = self.num_envs
+        return InputError(f"actions have shape {actions.shape}; expected finite ({n}, 2)")
 
     def _follow(self, begun: Flags) -> None:
         """Keep the trails that pictures show; of rows that began an episode, new ones."""
@@ -335,7 +294,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         for i, drawing in enumerate(self._drawings):
             if begun[i]:
                 drawing.begin()
-            drawing.follow(self._last.sensed["true_pose"][i].copy())
+            drawing.follow(self._last.columns.sensed["true_pose"][i].copy())
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """A picture of each row, RGB (render_height, render_width, 3); None without render_mode."""
@@ -344,7 +303,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
             return None
         if self._last is None:
             raise gym.error.ResetNeeded("call reset() before render()")
-        pictures, sensed = [], self._last.sensed
+        pictures, sensed = [], self._last.columns.sensed
         for i, (drawing, prepared) in enumerate(zip(self._drawings, self._held, strict=True)):
             assert prepared is not None
             actors = self.chairs.worlds[i].actor_poses() if len(prepared.episode.actors) else None
@@ -381,39 +340,43 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
             values = values[0]
         setattr(self, name, values)
 
-    def _rewards(self, results: Results, actions: Array, rows: Flags) -> Array:
-        """The rewards (n,) of a step, of the rows that made one."""
-        rewards: Array = results.verdicts["reward"].copy()
-        if self._write_rewards is not None:
-            found = np.zeros_like(rewards)
-            self._write_rewards(results.verdicts, results.sensed, actions, found)
-            if not np.isfinite(found[rows]).all():
-                raise InputError("reward: the function gave a number that is not finite")
-            rewards[rows] = found[rows]
-        return rewards
+    def _replace_rewards(
+        self, rewards: Array, results: Results, actions: Array, rows: Flags
+    ) -> None:
+        """Write rewards (n,) by the function of the settings, of the rows that made a step."""
+        assert self._write_rewards is not None
+        found = np.zeros_like(rewards)
+        self._write_rewards(results.columns.verdicts, results.columns.sensed, actions, found)
+        if not np.isfinite(found[rows]).all():
+            raise InputError("reward: the function gave a number that is not finite")
+        rewards[rows] = found[rows]
 
-    def _share(self, work: Any) -> None:
-        """Let every thread work; the calling one is the first."""
-        if self.num_threads == 1:
-            work(0)
-            return
-        if self._pool is None:
-            self._pool = ThreadPoolExecutor(self.num_threads - 1)
-        others = [self._pool.submit(work, t) for t in range(1, self.num_threads)]
-        work(0)
-        for other in others:
-            other.result()
+    def _share(self, *arguments: Any) -> int:
+        """Step all rows with all threads, the calling one among them; how many began an episode.
+
+        Each thread takes the next block when it is done with one, so that all end together.
+        """
+        blocks = iter(self._blocks)
+
+        def work(batch: Pointers) -> int:
+            return sum(step_chairs(*block, batch.record, *arguments) for block in blocks)
+
+        first, *others = self._batches
+        if others and self._pool is None:
+            self._pool = ThreadPoolExecutor(len(others))
+        started = [self._pool.submit(work, each) for each in others if self._pool]
+        return work(first) + sum(each.result() for each in started)
 
     def _draw(self, i: int) -> None:
         """Draw row i's next episode, its key, and shapes for its walls."""
         seed, count = self._seeds[i], int(self._counts[i])
-        self._batch.keys[i] = key = episode_key(seed, count)
+        self._keys[i] = key = episode_key(seed, count)
         prepared = self._next[i] = self.worlds.episode(seed, count, key)
         self._make_ready(i, prepared)
 
     def _make_ready(self, i: int, prepared: PreparedEpisode) -> None:
         """Let a prepared episode be row i's next, without a change to the present one."""
-        self._batch.next_prepared[i] = prepared.record[0]
+        self._next_prepared[i] = prepared.record[0]
         self.chairs.worlds[i].reserve_shapes(prepared.episode)
         self._make_workspace(prepared.columns)
 
@@ -431,25 +394,6 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
             self._counts[i] += 1
             self._draw(i)
         self.worlds.drop_before(int(self._counts.min()))
-
-    def _blank_results(self, store: BufferPool) -> Results:
-        n = self.num_envs
-        sensed, verdicts, decisions = (np.zeros(n, kind) for kind in (SENSED, VERDICT, DECISION))
-        return Results(sensed, verdicts, np.zeros(n, np.bool_), store.take(), decisions)
-
-    def _info(self, results: Results, mask: NDArray[np.bool_]) -> Info:
-        """The single env's info, as arrays with their masks."""
-        sensed, verdicts = results.sensed, results.verdicts
-        terms = verdicts["terms"]
-        values: Info = info_of_rows(sensed, verdicts, results.success) | {
-            "reward_terms": {name: terms[name] for name in TERMS}
-            | {f"_{name}": mask for name in TERMS}
-        }
-        if self.settings.shield is not None:
-            decided = {name: results.decisions[name] for name in DECISION.names or ()}
-            decided["reason"] = _REASONS[decided["reason"]]
-            values["shield"] = decided | {f"_{name}": mask for name in decided}
-        return values | {f"_{name}": mask for name in values}
 
     def close_extras(self, **kwargs: Any) -> None:
         """Let the threads go."""

@@ -80,6 +80,15 @@ def decide_row(
 
 
 @borrowing_kernel
+def copy_decision(i: int, shields: Any, target: Any) -> None:
+    """Copy row i's latest decision to a record of DECISION."""
+    decision = _shield_row(shields, i)[1].decision
+    target.reason, target.protective = decision.reason, decision.protective
+    for k in range(2):
+        target.asked[k], target.given[k] = decision.asked[k], decision.given[k]
+
+
+@borrowing_kernel
 def slow_row_for_unseen(i: int, shields: Any, motion: Array, twists: Array) -> None:
     """Slow twists (n, 2) to what may last where nobody has seen, as row i remembers it."""
     constants, shield = _shield_row(shields, i)

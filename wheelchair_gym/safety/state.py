@@ -211,14 +211,6 @@ UPDATE = np.dtype(
 
 
 @borrowing_kernel
-def copy_decision(source: Any, target: Any) -> None:
-    """Copy one record of DECISION to another."""
-    target.reason, target.protective = source.reason, source.protective
-    for k in range(2):
-        target.asked[k], target.given[k] = source.asked[k], source.given[k]
-
-
-@borrowing_kernel
 def set_motion(s: Any, v: float, v_slope: float, w: float, w_slope: float) -> None:
     """Let the chair of a SHIELD record drive at a set point, without delay."""
     setpoint = s.setpoint

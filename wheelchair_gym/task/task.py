@@ -276,7 +276,7 @@ class Task:
         return self._judged["terms"]
 
     def _take_verdict(self) -> None:
-        self.verdict = Verdict(*cast("tuple[Any, ...]", self._judged.item()))
+        self.verdict = Verdict._make(cast(Any, self._judged.item()))
 
     def unpack(self, out: Floats) -> Observation:
         """Observations (n, numbers) or one (numbers,), written in one piece, by key."""

@@ -1,0 +1,151 @@
+"""What a step of many chairs gives: memory that kernels write, and the arrays that show it.
+
+Arrays that were handed out are never written again while anybody holds one of them, or a part.
+"""
+
+from __future__ import annotations
+
+import math
+import mmap
+from collections import deque
+from collections.abc import Iterator
+from sys import getrefcount
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wheelchair_gym.compiled.address import data_of, flags_at, rows_of
+from wheelchair_gym.compiled.kernel import inlined
+from wheelchair_gym.envs.info import info_of_rows
+from wheelchair_gym.physics.state import SENSED
+from wheelchair_gym.safety.state import DECISION, REASONS
+from wheelchair_gym.task.rewards import VERDICT
+from wheelchair_gym.task.task import Observation, Task
+
+Floats = NDArray[np.float32]
+Flags = NDArray[np.bool_]
+Bytes = NDArray[np.uint8]
+Rows = NDArray[np.void]
+
+_REASONS = np.array(REASONS)
+_TRIED = 3  # results that are looked at before new ones are made
+_FEWEST, _MOST, _BYTES = 4, 256, 1 << 26  # results that are remembered, and their size
+_LARGE = 1 << 20  # bytes that are worth large pages
+_AFTER_SENSED = SENSED.itemsize
+_AFTER_VERDICTS = _AFTER_SENSED + VERDICT.itemsize
+_AFTER_DECISIONS = _AFTER_VERDICTS + DECISION.itemsize
+ROW_SIZE = _AFTER_DECISIONS + 4  # bytes of a row: three records, three flags, and one to align
+
+
+class Columns(NamedTuple):
+    """The columns of results, one after another in memory."""
+
+    sensed: Rows  # (n,) of SENSED
+    verdicts: Rows  # (n,) of VERDICT
+    decisions: Rows  # (n,) of DECISION; without shields they are arbitrary
+    success: Flags  # (n,) at the goal by truth, and nothing was touched
+    begun: Flags  # (n,) an episode began in this step
+    mask: Flags  # (n,) the row has an info
+
+
+_sensed_at, _verdicts_at, _decisions_at = map(rows_of, (SENSED, VERDICT, DECISION))
+
+
+@inlined
+def columns_of(block: Bytes, n: int) -> Columns:
+    """The columns in a block (n * ROW_SIZE,) of `Results`."""
+    start = data_of(block)
+    return Columns(
+        _sensed_at(start, n),
+        _verdicts_at(start + n * _AFTER_SENSED, n),
+        _decisions_at(start + n * _AFTER_VERDICTS, n),
+        flags_at(start + n * _AFTER_DECISIONS, n),
+        flags_at(start + n * (_AFTER_DECISIONS + 1), n),
+        flags_at(start + n * (_AFTER_DECISIONS + 2), n),
+    )
+
+
+def _fresh_memory(size: int) -> Any:
+    """Memory of so many bytes, in large pages where that is of use and the system has them."""
+    if size < _LARGE or not hasattr(mmap, "MADV_HUGEPAGE"):
+        return bytearray(size)
+    memory = mmap.mmap(-1, size)
+    memory.madvise(mmap.MADV_HUGEPAGE)
+    return memory
+
+
+class Results:
+    """What a step gives, n rows each, with every array of it that is ever handed out.
+
+    Attributes:
+        block: (n * ROW_SIZE,) the columns one after another.
+        out: (n, numbers) observations.
+        columns: in the block.
+    """
+
+    def __init__(self, task: Task, n: int) -> None:
+        shape = n, task.observation_size
+        memory = _fresh_memory(n * ROW_SIZE + 4 * math.prod(shape))
+        self.block: Bytes = np.ndarray(n * ROW_SIZE, np.uint8, memory)
+        self.out: Floats = np.ndarray(shape, np.float32, memory, n * ROW_SIZE)
+        self.columns = Columns(*self._views())
+        self._observation = task.unpack(self.out)
+        self._info = info_of_rows(self.columns, task.shield is not None)
+        self._nested = {k: each for k, each in self._info.items() if isinstance(each, dict)}
+        self._arrays = self._all_arrays()
+        self._references = self._count_references()
+
+    def _views(self) -> Iterator[NDArray[Any]]:
+        before, n = 0, len(self.out)
+        for kind in (SENSED, VERDICT, DECISION, *3 * [np.dtype(np.bool_)]):
+            yield np.ndarray(n, kind, self.block, n * before)
+            before += kind.itemsize
+
+    def _all_arrays(self) -> list[NDArray[Any]]:
+        """Each array that is handed out, and what others that show its memory refer to."""
+        shown = self._observation, self._info, *self._nested.values()
+        arrays: dict[int, NDArray[Any]] = {}
+        for array in (self.block, self.out, *self.columns, *(v for s in shown for v in s.values())):
+            if isinstance(array, np.ndarray):
+                arrays[id(array)] = array
+        return list(arrays.values())
+
+    def _count_references(self) -> int:
+        return sum(map(getrefcount, self._arrays))
+
+    def is_free(self) -> bool:
+        """Whether nobody holds any of the arrays, or a part."""
+        return self._count_references() == self._references
+
+    def observation(self) -> Observation:
+        """The observations by key."""
+        return self._observation.copy()
+
+    def info(self) -> dict[str, Any]:
+        """The infos, as arrays with their masks."""
+        info = self._info.copy()
+        for name, each in self._nested.items():
+            info[name] = each.copy()
+        if "shield" in info:
+            info["shield"]["reason"] = _REASONS[self.columns.decisions["reason"]]
+        return info
+
+
+class ResultPool:
+    """Results to write to that no caller holds any more."""
+
+    def __init__(self, task: Task, n: int) -> None:
+        self._task, self._n = task, n
+        size = n * (ROW_SIZE + 4 * task.observation_size)
+        # The latest at the end.
+        self._lent: deque[Results] = deque(maxlen=max(_FEWEST, min(_MOST, _BYTES // size)))
+
+    def take(self) -> Results:
+        """Results that only the caller knows; what they hold is arbitrary."""
+        for _ in range(min(_TRIED, len(self._lent))):
+            self._lent.rotate(-1)
+            if self._lent[-1].is_free():
+                return self._lent[-1]
+        self._lent.append(Results(self._task, self._n))
+        return self._lent[-1]
