@@ -101,7 +101,7 @@ def _is_beside_chair(row: Any, actor: Any, state: Any, p: Any) -> bool:
     if dx * dx + dy * dy > far * far:
         return False
     px, py = world_to_body(math.cos(state.pose[2]), math.sin(state.pose[2]), dx, dy)
-    return rectangle_point_gap(px, py, p.outline[:]) <= reach
+    return bool(rectangle_point_gap(px, py, p.outline[:]) <= reach)
 
 
 @borrowing_kernel
