@@ -153,7 +153,7 @@ class BusyOracle(Oracle):
 
 
 # What says who is in the Space, in which the oracle has all.
-OWN = ("body", "shape", "in_space", "moved", "free", "measured_at")
+OWN = ("body", "shape", "in_space", "moved", "clear", "free", "measured_at", "touchable_at")
 LONG = (pytest.param(seed, marks=pytest.mark.long) for seed in (1, 2, *range(4, 12)))
 
 

@@ -66,8 +66,10 @@ ACTOR_STATE = np.dtype(
         ("relocate", "i8"),  # an obstacle is to be put: 1 where it belongs, 2 away
         ("in_space", "b1"),
         ("moved", "f8"),  # m: how far its points move at most in the coming physics step
-        ("free", "f8"),  # m: how far they may move before any can touch something
-        ("measured_at", "i8"),  # tick at which `free` was measured
+        ("clear", "f8"),  # m: how far they may move before any can touch a wall or disc that stays
+        ("free", "f8"),  # m: the same of another actor, which may move as far
+        ("measured_at", "i8"),  # tick at which `clear` was measured
+        ("touchable_at", "i8"),  # tick before which it could last touch something
     ],
     align=True,
 )
@@ -281,7 +283,8 @@ def reset_actors(engine: Any, world: Any) -> None:
         state.opening, state.opening_target, state.present_until = 0.0, 0.0, 0.0
         state.is_present, state.is_gone = row.kind != OBSTACLE, False
         state.relocate, state.judged_at = 0, NEVER
-        state.free, state.moved, state.measured_at = 0.0, 0.0, NEVER
+        state.clear, state.free, state.moved = 0.0, 0.0, 0.0
+        state.measured_at = state.touchable_at = NEVER
         if state.is_present:
             place_body(engine, world.space, state.body, row.pose[0], row.pose[1], row.pose[2])
     read_actor_poses(world)
@@ -301,7 +304,7 @@ def relocate_obstacles(engine: Any, world: Any) -> None:
             place_body(
                 engine, world.space, state.body, -PARKING, PARKING + _PARKING_SPACING * k, 0.0
             )
-        state.relocate, state.free = 0, 0.0
+        state.relocate, state.clear, state.free = 0, 0.0, 0.0
         _read_pose(state)
 
 

@@ -20,6 +20,7 @@ from wheelchair_gym.geometry import body_to_world, segments_cross
 from wheelchair_gym.physics.actors.bodies import actors_of, offset_from_outline
 from wheelchair_gym.physics.actors.orca import HALF_PLANES, avoid_disc, avoid_wall, best_velocity
 from wheelchair_gym.physics.actors.records import DOOR, EVERYBODY, NOBODY, PERSON
+from wheelchair_gym.physics.actors.separation import ROUNDING
 from wheelchair_gym.random import ACTORS, normal, uniform
 
 Array = NDArray[np.float64]
@@ -95,10 +96,14 @@ def _is_neighbour(p: Any, dx: float, dy: float) -> bool:
 def _static_half_planes(
     world: Any, state: Any, radius: float, sight: float, p: Any, walls: Array
 ) -> int:
-    """Lines of near walls (n, 4), leaves among them, and of static things; returns how many."""
+    """Lines of near walls (n, 4), leaves among them, and of static things; returns how many.
+
+    It also measures how far the person is from walls and discs that stay (`separation`).
+    """
     lines = table_at(world.half_planes, 2 * HALF_PLANES, 4)
     discs = table_at(world.discs, world.n_fixed_discs, 3)
     x, y, n = state.pose[0], state.pose[1], 0
+    nearest = sight * sight
     for k in range(walls.shape[0]):
         ax, ay, bx, by = walls[k, 0], walls[k, 1], walls[k, 2], walls[k, 3]
         if (ax < x - sight and bx < x - sight) or (ax > x + sight and bx > x + sight):
@@ -108,12 +113,15 @@ def _static_half_planes(
         t = 0.0 if along <= 0.0 else (along / square if along < square else 1.0)
         dx, dy = x - ax - t * ex, y - ay - t * ey
         far = dx * dx + dy * dy
+        nearest = min(nearest, far)
         if far < sight * sight and far > 0.0 and n < _WALLS:
             d = math.sqrt(far)
             n = avoid_wall(lines, n, dx / d, dy / d, d - radius, p.wall_horizon)
+    state.clear = math.sqrt(nearest) - radius - ROUNDING
     rows, actor_states = actors_of(world)
     for k in range(world.n_fixed_discs):
         ex, ey, r = x - discs[k, 0], y - discs[k, 1], discs[k, 2]
+        state.clear = min(state.clear, math.sqrt(ex * ex + ey * ey) - r - radius - ROUNDING)
         n = _avoid_static_disc(lines, n, ex, ey, radius, sight, r, p)
     for k in range(world.n_actors):
         row, at = rows[k], actor_states[k].pose

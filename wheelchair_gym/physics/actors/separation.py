@@ -1,9 +1,10 @@
 """Which actors can touch something in the coming physics step: only these are in the Space.
 
-Each actor has a distance `free` that it may move before it can touch anything. Of the gap between
-two actors each has half. Whoever has used up that distance is measured anew. An actor that can then
-touch something is put into the Space; it leaves once it has touched nothing for longer than Munk2D
-remembers a contact. Until then it moves by the same arithmetic without the Space.
+Each actor has a distance that it may move before it can touch a wall (`clear`), and one before it
+can touch another actor (`free`): of the gap between two of them each has half. Whoever has used up
+one is measured anew. An actor that can touch something is put into the Space; it leaves once it has
+touched nothing for longer than Munk2D remembers a contact. All others move by the same arithmetic
+without the Space.
 """
 
 from __future__ import annotations
@@ -26,8 +27,9 @@ from wheelchair_gym.physics.engine import VX, VY, W, body_view, move_freely
 
 STEPS_REMEMBERED: Final = 4  # Munk2D keeps what it knows of a contact for three steps after it
 FASTEST: Final = 3.0  # m/s: the outline is never faster
+ROUNDING: Final = 1e-6  # m
 _FAR = 0.5  # m: farther things are not looked at
-_ROUNDING = 1e-6  # m
+_PUSHED = 0.5  # m/s: contacts push nothing faster out of what it overlaps after one step
 
 
 @borrowing_kernel
@@ -69,7 +71,7 @@ def _measure_to_what_stays(world: Any, k: int) -> None:
         for i in range(world.n_fixed_discs):
             dx, dy = discs[i, 0] - x, discs[i, 1] - y
             free = min(free, math.sqrt(dx * dx + dy * dy) - discs[i, 2] - size)
-    state.free = free - _ROUNDING
+    state.clear = free - ROUNDING
 
 
 @borrowing_kernel
@@ -77,7 +79,7 @@ def _share_gaps(world: Any, k: int) -> None:
     """Half of the gap to each other actor is what either may move."""
     rows, actor_states = actors_of(world)
     row, state = rows[k], actor_states[k]
-    size = extent(row)
+    size, state.free = extent(row), _FAR
     for j in range(world.n_actors):
         other = actor_states[j]
         dx, dy = other.pose[0] - state.pose[0], other.pose[1] - state.pose[1]
@@ -85,7 +87,7 @@ def _share_gaps(world: Any, k: int) -> None:
         reach += 2.0 * other.moved
         if j == k or dx * dx + dy * dy > reach * reach:
             continue
-        half = 0.5 * _gap(row, state, rows[j], other) - _ROUNDING
+        half = 0.5 * _gap(row, state, rows[j], other) - ROUNDING
         if half <= max(state.moved, other.moved):
             half = 0.0
         state.free, other.free = min(state.free, half), min(other.free, half)
@@ -95,7 +97,7 @@ def _share_gaps(world: Any, k: int) -> None:
 def _is_beside_chair(row: Any, actor: Any, state: Any, p: Any) -> bool:
     """Whether an actor and the chair can touch each other in the coming step."""
     front, rear, half = p.outline[0], p.outline[1], p.outline[2]
-    reach = extent(row) + actor.moved + FASTEST * p.dt + _ROUNDING
+    reach = extent(row) + actor.moved + FASTEST * p.dt + ROUNDING
     dx, dy = actor.pose[0] - state.pose[0], actor.pose[1] - state.pose[1]
     far = reach + max(front, rear) + half
     if dx * dx + dy * dy > far * far:
@@ -116,25 +118,28 @@ def choose_who_may_touch(engine: Any, world: Any, state: Any, p: Any) -> bool:
         actor = actor_states[k]
         fields = body_view(actor.body)
         speed = math.sqrt(fields[VX] * fields[VX] + fields[VY] * fields[VY])
-        actor.moved = (speed + extent(rows[k]) * abs(fields[W])) * p.dt
+        if fields[W] != 0.0:
+            speed += extent(rows[k]) * abs(fields[W])
+        actor.moved = (speed + (_PUSHED if actor.in_space else 0.0)) * p.dt
     for k in range(world.n_actors):
         actor = actor_states[k]
-        if actor.free > actor.moved:
-            continue
-        if not actor.in_space or state.tick > actor.measured_at + STEPS_REMEMBERED:
+        is_due = not actor.in_space or state.tick > actor.measured_at + STEPS_REMEMBERED
+        if actor.clear <= actor.moved and is_due:
             _measure_to_what_stays(world, k)
             actor.measured_at = state.tick
-        _share_gaps(world, k)
+        if actor.free <= actor.moved:
+            _share_gaps(world, k)
     found = False
     for k in range(world.n_actors):
         actor = actor_states[k]
-        if _is_beside_chair(rows[k], actor, state, p):
-            actor.free = 0.0
-        if actor.free <= actor.moved:
+        beside = _is_beside_chair(rows[k], actor, state, p)
+        if beside or min(actor.clear, actor.free) <= actor.moved:
+            actor.touchable_at = state.tick
             if not actor.in_space:
                 put_into_space(engine, world, k)
-        elif actor.in_space and state.tick > actor.measured_at + STEPS_REMEMBERED:
+        elif actor.in_space and state.tick > actor.touchable_at + STEPS_REMEMBERED:
             take_out_of_space(engine, world, actor)
+        actor.clear -= actor.moved
         actor.free -= actor.moved
         found |= actor.in_space
     return found
