@@ -77,19 +77,18 @@ def _walls_about(world: Any, p: Any, k: int, sight: float, near: Array) -> int:
     walls, n = table_at(world.walls, world.n_walls, 4), 0
     for i in range(world.n_walls):
         ax, ay, bx, by = walls[i, 0], walls[i, 1], walls[i, 2], walls[i, 3]
-        if (ax < left and bx < left) or (ax > right and bx > right):
-            continue
-        if (ay < low and by < low) or (ay > high and by > high):
-            continue
         near[n, 0], near[n, 1], near[n, 2], near[n, 3] = ax, ay, bx, by
-        n += 1
+        # Without branches, which would often be guessed wrongly.
+        along_x = ((ax >= left) | (bx >= left)) & ((ax <= right) | (bx <= right))
+        along_y = ((ay >= low) | (by >= low)) & ((ay <= high) | (by <= high))
+        n += int(along_x & along_y)
     return n
 
 
 @inlined
 def _is_neighbour(p: Any, dx: float, dy: float) -> bool:
     """Whether a person regards another at an offset [m]."""
-    return dx * dx + dy * dy <= p.neighbour_distance * p.neighbour_distance
+    return bool(dx * dx + dy * dy <= p.neighbour_distance * p.neighbour_distance)
 
 
 @borrowing_kernel
