@@ -87,8 +87,7 @@ def test_kernel_equals_the_plain_api(seed, monkeypatch):
     """Pose, twist and wheels, in a used Space that is furnished on the way.
 
     The other Space holds all walls and discs, and makes every step. Both agree to the bit until
-    the chair touches two things at once, which Munk2D then solves in another order. (Where things
-    move, all is in the Space: `test_mover_kernel.py` is exact throughout.)
+    the chair touches two things at once, which Munk2D then solves in another order.
     """
     chair = exact_chair()
     for used in range(3):  # other worlds, other contacts, more and fewer shapes

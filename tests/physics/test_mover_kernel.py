@@ -58,6 +58,7 @@ class BusyOracle(Oracle):
         self.lent, self.rows = lent, episode.actors.rows
         self.friction = lent.settings.body.wall_friction
         self.actors = []
+        self.most_touched = 0  # of things that one body has touched at once so far
         super().__init__(lent, episode, FIXED)
         self.fields = np.zeros((1 + len(self.actors), BODY_DOUBLES))
         lent.chairs.world_rows["body"] = address_of(self.fields[0])
@@ -111,6 +112,10 @@ class BusyOracle(Oracle):
             self.body.force, self.body.torque = own[[FX, FY]].tolist(), own[TORQUE]
             self.space.step(dt)
             self.read()
+            for body in (self.body, *self.actors):
+                touched = []
+                body.each_arbiter(touched.append)
+                self.most_touched = max(self.most_touched, len(touched))
 
         with self.monkeypatch.context() as patch:
             patch.setattr(drive_train, "body_view", lambda address: self.fields[0])
@@ -135,6 +140,8 @@ class BusyOracle(Oracle):
             patch.setattr(period, "relocate_obstacles", self.carry)
             patch.setattr(period, "physics_step", self.step)
             patch.setattr(period, "touchable_space", lambda *_: 1)
+            patch.setattr(period, "choose_who_may_touch", lambda *_: True)
+            patch.setattr(period, "move_the_others", lambda *_: None)
             own = [
                 a.view(np.recarray)[0]
                 for a in (lent.chairs.states, lent.chairs.parameters, lent.chairs.world_rows)
@@ -145,12 +152,18 @@ class BusyOracle(Oracle):
             )
 
 
-LONG = (pytest.param(seed, marks=pytest.mark.long) for seed in (1, 2))
+# What says who is in the Space, in which the oracle has all.
+OWN = ("body", "shape", "in_space", "moved", "clear", "free", "measured_at", "touchable_at")
+LONG = (pytest.param(seed, marks=pytest.mark.long) for seed in (1, 2, *range(4, 12)))
 
 
 @pytest.mark.parametrize("seed", [0, *LONG, 3])
-def test_movers_equal_the_plain_api_exactly(seed, monkeypatch):
-    """Chair and actors, bit for bit, in a used and refurnished Space, with all kinds of contact."""
+def test_movers_equal_the_plain_api(seed, monkeypatch):
+    """Chair and actors, in a used Space that holds who can touch something.
+
+    The other Space holds all, and makes every step. Both agree to the bit until somebody touches
+    two things at once, which Munk2D then solves in another order.
+    """
     rng = np.random.default_rng(seed)
     chair = exact_chair()
     for used in range(2):
@@ -160,20 +173,26 @@ def test_movers_equal_the_plain_api_exactly(seed, monkeypatch):
     episode = busy(seed, (0.0, 0.0, rng.uniform(-math.pi, math.pi)))
     chair.reset(episode, seed)
     oracle = BusyOracle(exact_chair(), episode, seed)
-    met = set()
+    met, inside = set(), []
     for k in range(150):
         if k % 30 == 0:
             twist = rng.uniform((0.2, -0.8), (0.8, 0.8))
         chair.drive(twist)
         oracle.drive(monkeypatch, *twist.tolist())
-        assert chair.state["pose"].tolist() == oracle.lent.chairs.states["pose"].tolist(), k
-        actor_states = chair.chairs.pointers.array("actor_states")
-        others = oracle.lent.chairs.pointers.array("actor_states")
-        for i, body in enumerate(oracle.actors):
-            assert actor_states["pose"][i].tolist() == [*body.position, body.angle], (k, i)
-            for name in actor_states.dtype.names:
-                if name not in ("body", "shape"):
-                    assert actor_states[name][i].tolist() == others[name][i].tolist(), name
+        n = len(oracle.actors)
+        actor_states = chair.chairs.pointers.array("actor_states")[:n]
+        others = oracle.lent.chairs.pointers.array("actor_states")[:n]
+        inside.append(actor_states["in_space"].mean())
+        own = [[*body.position, body.angle] for body in oracle.actors]
+        names = set(actor_states.dtype.names) - set(OWN)
+        equal = np.array_equal(actor_states["pose"], own)
+        equal &= all(np.array_equal(actor_states[name], others[name]) for name in names)
+        if not equal and oracle.most_touched > 1:
+            assert actor_states["pose"] == pytest.approx(np.array(own), abs=0.05), k
+            break
+        assert equal, k
+        pose = oracle.lent.chairs.states["pose"].tolist()
+        assert chair.state["pose"].tolist() == pose, k
         for name in (
             "tick",
             "spin",
@@ -186,4 +205,6 @@ def test_movers_equal_the_plain_api_exactly(seed, monkeypatch):
             assert chair.state[name].tolist() == oracle.lent.chairs.states[name].tolist(), name
         if chair.truth.contact:
             met.add(chair.truth.contact_with)
-    assert len(met) >= 1 + (seed < 3)
+    assert k > 10
+    assert met or oracle.most_touched > 1
+    assert 0.0 < np.mean(inside) < 0.5

@@ -129,9 +129,14 @@ def stop_people(world: Any, state: Any, p: Any, chair: Motion) -> float:
     """
     rows, actor_states = actors_of(world)
     hardest = 0.0
+    reach = math.hypot(max(p.outline[0], p.outline[1]), p.outline[2]) + _NEAR + _TOUCHING
     for k in range(world.n_actors):
         row, actor_state = rows[k], actor_states[k]
         if row.kind != PERSON:
+            continue
+        dx, dy = actor_state.pose[0] - state.pose[0], actor_state.pose[1] - state.pose[1]
+        far = reach + row.size[0]
+        if dx * dx + dy * dy > far * far:
             continue
         px, py, nx, ny, far = nearest_point(state, p, actor_state.pose[0], actor_state.pose[1])
         gap = far - row.size[0]

@@ -326,6 +326,12 @@ def place_body(
     _call_pair(engine.reindex, space, body)
 
 
+@borrowing_kernel
+def turn_body(engine: Any, body: np.uint64) -> None:
+    """Let what Munk2D derives from a body's place and angle agree with them."""
+    _call_double(engine.turn, body, body_view(body)[ANGLE])
+
+
 @inlined
 def move_freely(body: np.uint64, dt: float) -> None:
     """What `step_space` does to a body that nothing touches, to the bit, without its Space."""

@@ -34,6 +34,7 @@ from wheelchair_gym.physics.actors.bodies import (
 )
 from wheelchair_gym.physics.actors.doors import move_leaves, schedule_actors
 from wheelchair_gym.physics.actors.people import choose_velocities
+from wheelchair_gym.physics.actors.separation import choose_who_may_touch, move_the_others
 from wheelchair_gym.physics.contact import Motion, end_contacts, record_contacts, stop_people
 from wheelchair_gym.physics.drive_train import (
     control_speed,
@@ -133,13 +134,16 @@ def drive_period(
                 state.v_rate, state.w_rate = 0.0, 0.0
         before = (fields[X], fields[Y], fields[VX], fields[VY], fields[W])
         bump = 0.0
+        space = touchable_space(engine, world, p, workspace)
         if world.n_actors > 0:
             bump = decide_actors(state, p, world, before)
             relocate_obstacles(engine, world)
-        space = touchable_space(engine, world, p, workspace)
+            if choose_who_may_touch(engine, world, state, p):
+                space = np.uint64(world.space)
         hit = physics_step(state, p, k, space, world.body, engine.step)
         state.tick += 1
         if world.n_actors > 0:
+            move_the_others(world, p.dt)
             read_actor_poses(world)
         if bump > _TOUCH:
             state.contact = True

@@ -6,8 +6,9 @@ stands at its start. What follows is then the same to the bit as in a Space made
 alone, and costs no Python.
 
 Where nothing moves beside the chair, walls and discs are put in when the chair comes near them, and
-taken out when it has left them (`touchable_space`). A chair that can touch nothing in a step moves
-without its Space. Where people, doors or furniture move, all of a world is in its Space.
+taken out when it has left them (`touchable_space`). Where people, doors or furniture move, all
+walls and discs are in the Space, and those actors that can touch something in the coming step
+(`actors.separation`). Where neither they nor the chair can, nobody needs the Space.
 """
 
 from __future__ import annotations
@@ -41,6 +42,7 @@ from wheelchair_gym.physics.actors.bodies import (
 )
 from wheelchair_gym.physics.actors.orca import HALF_PLANES
 from wheelchair_gym.physics.actors.records import ACTOR, Actors
+from wheelchair_gym.physics.actors.separation import FASTEST, STEPS_REMEMBERED
 from wheelchair_gym.physics.clearance import distances_in, outline_clearance, rank_discs, rank_walls
 from wheelchair_gym.physics.engine import (
     ANGLE,
@@ -96,7 +98,7 @@ WORLD, TARGETS = pointer_record(
     ("n_actors", "i8"),
     ("n_routes", "i8"),
     ("actor_states", Target(ACTOR_STATE, None)),
-    ("actors_in_space", "i8"),
+    ("n_bodies", "i8"),  # of actors that have bodies
     ("spare_discs", _PAIRS),
     ("spare_boxes", _PAIRS),
     ("spare_leaves", _PAIRS),
@@ -117,8 +119,6 @@ LEAF: Final = pymunk.ShapeFilter(mask=pymunk.ShapeFilter.ALL_MASKS() ^ 1)
 NO_POSES: Array = np.empty((0, 3))  # poses of no actors
 CLEARANCE_REACH: Final = 2.0  # m: clearances beyond this are reported as this
 _ROUNDING: Final = 1e-6  # m
-_STEPS_REMEMBERED: Final = 4  # Munk2D keeps what it knows of a contact for three steps after it
-_FASTEST: Final = 3.0  # m/s: the outline is never faster
 _REACH: Final = 0.5  # m: walls within are put into the Space at once
 _SLOP = 1e-4  # m: overlap that contacts leave
 _BIAS = 1e-4  # share of a remaining overlap after one second: pushed out within a few steps
@@ -136,9 +136,9 @@ def enter_episode(world: Any, ground: Any) -> None:
 
 
 @borrowing_kernel
-def _empty(engine: Any, world: Any) -> None:
+def _empty(engine: Any, world: Any, dt: float) -> None:
     """Take all but the chair out of a Space."""
-    remove_actors(engine, world)
+    remove_actors(engine, world, dt)
     for table, n in (
         (world.segments, world.walls_in_space), (world.circles, world.discs_in_space)
     ):  # fmt: skip
@@ -232,7 +232,7 @@ def _furnish(engine: Any, world: Any, p: Any, reach: float, workspace: Floats) -
 def touchable_space(engine: Any, world: Any, p: Any, workspace: Floats) -> np.uint64:
     """The Space of the coming physics step, which holds all that the chair may touch in it.
 
-    0: that is nothing, so that no Space is needed.
+    0: that is nothing, so that the chair needs no Space.
     """
     fields, arm = body_view(world.body), p.centre_of_mass
     far = max(p.outline[0] - arm, p.outline[1] + arm)
@@ -259,7 +259,7 @@ def measure_clearance(state: Any, p: Any, world: Any, workspace: Floats) -> None
     world.clearance = clearance = outline_clearance(
         state.pose, p.outline[:], walls, discs, CLEARANCE_REACH, workspace
     )
-    is_away = clearance > _STEPS_REMEMBERED * p.dt * _FASTEST and world.n_actors == 0
+    is_away = clearance > STEPS_REMEMBERED * p.dt * FASTEST
     world.free = clearance - _ROUNDING if is_away else 0.0
 
 
@@ -270,7 +270,7 @@ def enter_world(
     """Canonical entry: an episode's world, whose chair stands at a pose [m, m, rad], at rest."""
     set_mass(world.body, p.mass, p.moment)
     place_body(engine, world.space, world.body, PARKING, PARKING, 0.0)
-    _empty(engine, world)
+    _empty(engine, world, p.dt)
     world.free = world.furnished = 0.0
     if world.n_actors > 0:
         _furnish(engine, world, p, math.inf, workspace)
@@ -356,7 +356,7 @@ class World:
 
     def actor_poses(self) -> Array:
         """Where the actors are (k, 3) [m, m, rad]; NaN: not there."""
-        count = int(self._rows["actors_in_space"][0])
+        count = int(self._rows["n_bodies"][0])
         actor_states: Any = self._array("actor_states")[:count]
         there = actor_states["is_present"][:, None]
         return np.where(there, actor_states["pose"], np.nan)

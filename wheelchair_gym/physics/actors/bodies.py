@@ -38,6 +38,9 @@ from wheelchair_gym.physics.engine import (
     set_circle,
     set_friction,
     set_mass,
+    set_shape_counter,
+    step_space,
+    turn_body,
 )
 from wheelchair_gym.physics.settings import GRAVITY
 
@@ -61,6 +64,12 @@ ACTOR_STATE = np.dtype(
         ("present_until", "f8"),  # s: when it goes
         ("judged_at", "i8"),  # tick at which its contact with the chair was judged; or NEVER
         ("relocate", "i8"),  # an obstacle is to be put: 1 where it belongs, 2 away
+        ("in_space", "b1"),
+        ("moved", "f8"),  # m: how far its points move at most in the coming physics step
+        ("clear", "f8"),  # m: how far they may move before any can touch a wall or disc that stays
+        ("free", "f8"),  # m: the same of another actor, which may move as far
+        ("measured_at", "i8"),  # tick at which `clear` was measured
+        ("touchable_at", "i8"),  # tick before which it could last touch something
     ],
     align=True,
 )
@@ -115,6 +124,15 @@ def _squared_size(row: Any) -> float:
 
 
 @borrowing_kernel
+def extent(row: Any) -> float:
+    """Radius [m] of the disc about an actor's place that covers it."""
+    if not is_box(row):
+        return float(row.size[0])
+    length = row.size[0] if row.kind == DOOR else 0.5 * row.size[0]
+    return math.sqrt(length * length + 0.25 * row.size[1] * row.size[1])
+
+
+@borrowing_kernel
 def inertia(row: Any) -> float:
     """Moment of inertia of light furniture about its centre [kg m2]: a box's, or a disc's."""
     if is_box(row):
@@ -123,13 +141,38 @@ def inertia(row: Any) -> float:
 
 
 @borrowing_kernel
-def remove_actors(engine: Any, world: Any) -> None:
-    """Take the actors of the last episode out of a world's Space."""
-    actor_states = _actor_states_at(world.actor_states, world.actors_in_space)
-    for k in range(world.actors_in_space):
-        remove_shape(engine.remove, world.space, actor_states[k].shape)
-        remove_shape(engine.remove_body, world.space, actor_states[k].body)
-    world.actors_in_space = 0
+def remove_actors(engine: Any, world: Any, dt: float) -> None:
+    """Take the actors of the last episode out of a world and its Space."""
+    actor_states = _actor_states_at(world.actor_states, world.n_bodies)
+    for k in range(world.n_bodies):
+        if actor_states[k].in_space:
+            remove_shape(engine.remove, world.space, actor_states[k].shape)
+    # What contacts have left in a body lasts for one step.
+    step_space(engine.step, world.space, dt)
+    for k in range(world.n_bodies):
+        if actor_states[k].in_space:
+            remove_shape(engine.remove_body, world.space, actor_states[k].body)
+            actor_states[k].in_space = False
+    world.n_bodies = 0
+
+
+@borrowing_kernel
+def put_into_space(engine: Any, world: Any, k: int) -> None:
+    """Put actor k into the Space, as it is; the order of Munk2D goes by its number."""
+    state = actors_of(world)[1][k]
+    turn_body(engine, state.body)  # its shape would remember where the Space last saw it
+    add_shape(engine.add_body, world.space, state.body)
+    set_shape_counter(world.space, 1 + world.n_fixed_walls + world.n_fixed_discs + k)
+    add_shape(engine.add, world.space, state.shape)
+    state.in_space = True
+
+
+@borrowing_kernel
+def take_out_of_space(engine: Any, world: Any, state: Any) -> None:
+    """Take an actor out of the Space."""
+    remove_shape(engine.remove, world.space, state.shape)
+    remove_shape(engine.remove_body, world.space, state.body)
+    state.in_space = False
 
 
 @borrowing_kernel
@@ -167,7 +210,7 @@ def _take_spare(pairs: np.uint64, k: int, state: Any) -> None:
 
 @borrowing_kernel
 def add_actors(engine: Any, world: Any) -> None:
-    """Put this episode's actors into a world's Space, in order, far away and at rest.
+    """Give this episode's actors bodies, far away and at rest; none is in the Space yet.
 
     From then on the world's walls and discs are its own copy, with those of actors behind them.
     """
@@ -208,12 +251,16 @@ def add_actors(engine: Any, world: Any) -> None:
                 group = _PASS_THROUGH_GROUP if row.avoids == NOBODY else 0
         set_friction(state.shape, friction, group)
         set_mass(state.body, row.mass, moment)
-        add_shape(engine.add_body, world.space, state.body)
-        # Placed before its shape is added, which would remember where the body was last used.
         place_body(engine, world.space, state.body, -PARKING, PARKING + _PARKING_SPACING * k, 0.0)
-        add_shape(engine.add, world.space, state.shape)
+        state.in_space = False
     world.n_walls, world.n_discs = segment, disc
-    world.actors_in_space = n
+    world.n_bodies = n
+
+
+@borrowing_kernel
+def _read_pose(state: Any) -> None:
+    fields = body_view(state.body)
+    state.pose[0], state.pose[1], state.pose[2] = fields[X], fields[Y], fields[ANGLE]
 
 
 @borrowing_kernel
@@ -221,9 +268,7 @@ def read_actor_poses(world: Any) -> None:
     """Read where the actors are from their bodies."""
     actor_states = actors_of(world)[1]
     for k in range(world.n_actors):
-        state = actor_states[k]
-        fields = body_view(state.body)
-        state.pose[0], state.pose[1], state.pose[2] = fields[X], fields[Y], fields[ANGLE]
+        _read_pose(actor_states[k])
 
 
 @borrowing_kernel
@@ -238,6 +283,8 @@ def reset_actors(engine: Any, world: Any) -> None:
         state.opening, state.opening_target, state.present_until = 0.0, 0.0, 0.0
         state.is_present, state.is_gone = row.kind != OBSTACLE, False
         state.relocate, state.judged_at = 0, NEVER
+        state.clear, state.free, state.moved = 0.0, 0.0, 0.0
+        state.measured_at = state.touchable_at = NEVER
         if state.is_present:
             place_body(engine, world.space, state.body, row.pose[0], row.pose[1], row.pose[2])
     read_actor_poses(world)
@@ -249,13 +296,16 @@ def relocate_obstacles(engine: Any, world: Any) -> None:
     rows, actor_states = actors_of(world)
     for k in range(world.n_actors):
         row, state = rows[k], actor_states[k]
+        if state.relocate == 0:
+            continue
         if state.relocate == 1:
             place_body(engine, world.space, state.body, row.pose[0], row.pose[1], row.pose[2])
-        elif state.relocate == 2:
+        else:
             place_body(
                 engine, world.space, state.body, -PARKING, PARKING + _PARKING_SPACING * k, 0.0
             )
-        state.relocate = 0
+        state.relocate, state.clear, state.free = 0, 0.0, 0.0
+        _read_pose(state)
 
 
 @borrowing_kernel

@@ -16,7 +16,7 @@ from wheelchair_gym.geometry import (
     rectangle_segment_gap,
     world_to_body,
 )
-from wheelchair_gym.physics.actors.bodies import actors_of
+from wheelchair_gym.physics.actors.bodies import actors_of, extent
 from wheelchair_gym.physics.actors.records import DOOR, OBSTACLE, PERSON
 
 Array = NDArray[np.float64]
@@ -69,8 +69,14 @@ def _is_blocked(world: Any, p: Any, pose: Array, k: int, share: float) -> bool:
     least = row.least + 0.5 * row.size[1]
     x, y, ex, ey = _leaf_ends(row, share)
     ax, ay, bx, by = _leaf_ends(row, actor_states[k].opening)
+    outer = max(p.outline[0], p.outline[1]) + p.outline[2]
     for j in range(-1, world.n_actors):
         if j >= 0 and (rows[j].kind == DOOR or not actor_states[j].is_present):
+            continue
+        at = pose if j < 0 else actor_states[j].pose
+        # No nearer to the leaf than to its hinge, less its length: most are far from both.
+        far = least + row.size[0] + (outer if j < 0 else extent(rows[j]))
+        if (at[0] - x) * (at[0] - x) + (at[1] - y) * (at[1] - y) > far * far:
             continue
         after = _leaf_gap(world, p, pose, j, x, y, ex, ey)
         if after < least and after <= _leaf_gap(world, p, pose, j, ax, ay, bx, by):

@@ -14,12 +14,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.compiled.address import table_at
-from wheelchair_gym.compiled.kernel import borrowing_kernel
+from wheelchair_gym.compiled.address import on_stack, table_at
+from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.geometry import body_to_world, segments_cross
-from wheelchair_gym.physics.actors.bodies import actors_of, offset_from_outline, shapes_of
+from wheelchair_gym.physics.actors.bodies import actors_of, offset_from_outline
 from wheelchair_gym.physics.actors.orca import HALF_PLANES, avoid_disc, avoid_wall, best_velocity
 from wheelchair_gym.physics.actors.records import DOOR, EVERYBODY, NOBODY, PERSON
+from wheelchair_gym.physics.actors.separation import ROUNDING
 from wheelchair_gym.random import ACTORS, normal, uniform
 
 Array = NDArray[np.float64]
@@ -60,12 +61,49 @@ def _next_waypoint(world: Any, row: Any, state: Any) -> None:
 
 
 @borrowing_kernel
-def _static_half_planes(world: Any, state: Any, radius: float, sight: float, p: Any) -> int:
-    """Lines of near walls, leaves and static things; returns how many."""
+def _walls_about(world: Any, p: Any, k: int, sight: float, near: Array) -> int:
+    """Copy the walls and leaves in the sight [m] of person k, and between them and neighbours.
+
+    They are those whose bounding boxes meet one that holds all this; returns how many.
+    """
+    rows, actor_states = actors_of(world)
+    x, y = actor_states[k].pose[0], actor_states[k].pose[1]
+    left, right, low, high = x - sight, x + sight, y - sight, y + sight
+    for j in range(world.n_actors):
+        at = actor_states[j].pose
+        if rows[j].kind == PERSON and _is_neighbour(p, at[0] - x, at[1] - y):
+            left, right = min(left, at[0]), max(right, at[0])
+            low, high = min(low, at[1]), max(high, at[1])
+    walls, n = table_at(world.walls, world.n_walls, 4), 0
+    for i in range(world.n_walls):
+        ax, ay, bx, by = walls[i, 0], walls[i, 1], walls[i, 2], walls[i, 3]
+        near[n, 0], near[n, 1], near[n, 2], near[n, 3] = ax, ay, bx, by
+        # Without branches, which would often be guessed wrongly.
+        along_x = ((ax >= left) | (bx >= left)) & ((ax <= right) | (bx <= right))
+        along_y = ((ay >= low) | (by >= low)) & ((ay <= high) | (by <= high))
+        n += int(along_x & along_y)
+    return n
+
+
+@inlined
+def _is_neighbour(p: Any, dx: float, dy: float) -> bool:
+    """Whether a person regards another at an offset [m]."""
+    return bool(dx * dx + dy * dy <= p.neighbour_distance * p.neighbour_distance)
+
+
+@borrowing_kernel
+def _static_half_planes(
+    world: Any, state: Any, radius: float, sight: float, p: Any, walls: Array
+) -> int:
+    """Lines of near walls (n, 4), leaves among them, and of static things; returns how many.
+
+    It also measures how far the person is from walls and discs that stay (`separation`).
+    """
     lines = table_at(world.half_planes, 2 * HALF_PLANES, 4)
-    walls, discs = shapes_of(world)
+    discs = table_at(world.discs, world.n_fixed_discs, 3)
     x, y, n = state.pose[0], state.pose[1], 0
-    for k in range(world.n_walls):
+    nearest = sight * sight
+    for k in range(walls.shape[0]):
         ax, ay, bx, by = walls[k, 0], walls[k, 1], walls[k, 2], walls[k, 3]
         if (ax < x - sight and bx < x - sight) or (ax > x + sight and bx > x + sight):
             continue
@@ -74,12 +112,15 @@ def _static_half_planes(world: Any, state: Any, radius: float, sight: float, p: 
         t = 0.0 if along <= 0.0 else (along / square if along < square else 1.0)
         dx, dy = x - ax - t * ex, y - ay - t * ey
         far = dx * dx + dy * dy
+        nearest = min(nearest, far)
         if far < sight * sight and far > 0.0 and n < _WALLS:
             d = math.sqrt(far)
             n = avoid_wall(lines, n, dx / d, dy / d, d - radius, p.wall_horizon)
+    state.clear = math.sqrt(nearest) - radius - ROUNDING
     rows, actor_states = actors_of(world)
     for k in range(world.n_fixed_discs):
         ex, ey, r = x - discs[k, 0], y - discs[k, 1], discs[k, 2]
+        state.clear = min(state.clear, math.sqrt(ex * ex + ey * ey) - r - radius - ROUNDING)
         n = _avoid_static_disc(lines, n, ex, ey, radius, sight, r, p)
     for k in range(world.n_actors):
         row, at = rows[k], actor_states[k].pose
@@ -102,11 +143,10 @@ def _avoid_static_disc(
 
 
 @borrowing_kernel
-def _is_occluded(world: Any, x: float, y: float, ex: float, ey: float) -> bool:
-    """Whether a wall or a leaf stands between two points."""
-    walls = table_at(world.walls, world.n_walls, 4)
+def _is_occluded(walls: Array, x: float, y: float, ex: float, ey: float) -> bool:
+    """Whether one of the walls and leaves (n, 4) stands between two points."""
     left, right, low, high = min(x, ex), max(x, ex), min(y, ey), max(y, ey)
-    for k in range(world.n_walls):
+    for k in range(walls.shape[0]):
         ax, ay, bx, by = walls[k, 0], walls[k, 1], walls[k, 2], walls[k, 3]
         # Most walls lie on one side, which is quick to see.
         if (ax < left and bx < left) or (ax > right and bx > right):
@@ -159,16 +199,18 @@ def _avoid_chair(
 
 @borrowing_kernel
 def _choose_velocity(
-    world: Any, p: Any, k: int, wx: float, wy: float, pose: Array, twist: Array
+    world: Any, p: Any, k: int, wx: float, wy: float, pose: Array, twist: Array, near: Array
 ) -> tuple[float, float]:
     """The velocity that person k chooses for a preferred one (wx, wy) [m/s]."""
     rows, actor_states = actors_of(world)
     row, state = rows[k], actor_states[k]
     lines = table_at(world.half_planes, 2 * HALF_PLANES, 4)
     radius, vx, vy = row.size[0], state.twist[0], state.twist[1]
-    hard = 0
+    hard, walls = 0, near[:0]
     if row.avoids != NOBODY:
-        hard = _static_half_planes(world, state, radius, radius + row.speed * p.wall_horizon, p)
+        sight = radius + row.speed * p.wall_horizon
+        walls = near[: _walls_about(world, p, k, sight, near)]
+        hard = _static_half_planes(world, state, radius, sight, p, walls)
     hard = n = _avoid_outline(p, state, row, hard, lines, pose)
     if row.avoids == EVERYBODY:
         n = _avoid_chair(p, state, row, vx, vy, n, lines, pose, twist)
@@ -176,10 +218,9 @@ def _choose_velocity(
         for j in range(world.n_actors):
             other, at = rows[j], actor_states[j].pose
             dx, dy = at[0] - state.pose[0], at[1] - state.pose[1]
-            far = dx * dx + dy * dy > p.neighbour_distance * p.neighbour_distance
-            if j == k or other.kind != PERSON or far:
+            if j == k or other.kind != PERSON or not _is_neighbour(p, dx, dy):
                 continue
-            if _is_occluded(world, state.pose[0], state.pose[1], at[0], at[1]):
+            if _is_occluded(walls, state.pose[0], state.pose[1], at[0], at[1]):
                 continue
             ux, uy = actor_states[j].twist[0], actor_states[j].twist[1]
             share = 1.0 if other.avoids == NOBODY else 0.5
@@ -196,6 +237,7 @@ def choose_velocities(
     rows, actor_states = actors_of(world)
     route = table_at(world.routes, world.n_routes, 2)
     period = p.decide_every * p.dt
+    near = table_at(on_stack(32 * world.n_walls), world.n_walls, 4)  # walls about one person
     for k in range(world.n_actors):
         row, state = rows[k], actor_states[k]
         if row.kind != PERSON:
@@ -212,7 +254,7 @@ def choose_velocities(
         turn = math.atan2(dy, dx) + sway
         wx, wy = speed * math.cos(turn), speed * math.sin(turn)
         state.preferred_velocity[0], state.preferred_velocity[1] = _choose_velocity(
-            world, p, k, wx, wy, pose, twist
+            world, p, k, wx, wy, pose, twist, near
         )
         got = (state.twist[0] * dx + state.twist[1] * dy) / max(far, 1e-9)
         change = period if got < _SLOW * speed else -period
