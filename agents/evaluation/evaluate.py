@@ -15,11 +15,13 @@ from typing import Any
 from agents.evaluation.engines import check
 from agents.evaluation.metrics import Record, Trace, measure
 from agents.evaluation.runs import compute, run_key, source_digest
+from agents.evaluation.social import PeopleTrace
 from agents.policies import GymPolicy, Policy, make_policy, spec_of
 from agents.policies.learned import weights_digest
 from agents.watch import Watch
 from wheelchair_gym.config import InputError, load, read_json
 from wheelchair_gym.maps import bottleneck, footprint_margin
+from wheelchair_gym.physics.actors.records import PERSON
 from wheelchair_gym.types import Episode
 
 ENV = "wheelchair_gym/Navigation-v0"
@@ -136,6 +138,9 @@ def drive_episode(
         ends = world.start, world.goal, task.footprint
         margin = min(margin, footprint_margin(world.walls, world.discs, *ends))
     trace = Trace(task.period, margin, task.limits.forward, world.reference_length)
+    if (world.actors.rows["kind"] == PERSON).any():
+        trace.people = PeopleTrace(world, task.footprint)
+        trace.people.add(env.unwrapped.chair.truth)
     trace.add(info)
     begun = time.perf_counter()
     driver = GymPolicy(policy, env)
@@ -150,6 +155,8 @@ def drive_episode(
         trace.acts_s.append(time.perf_counter() - begun)
         observation, _, ended, truncated, info = env.step(action)
         trace.add(info)
+        if trace.people is not None:
+            trace.people.add(env.unwrapped.chair.truth)
     if frames is not None:
         frames(env)
     assert driver.command is not None

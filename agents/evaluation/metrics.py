@@ -12,6 +12,7 @@ import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
 
+from agents.evaluation.social import PeopleTrace
 from planners.collision.polygon_tests import SpaceArrays, clearance
 from planners.problem import Problem
 from planners.swarm import path_cost
@@ -32,6 +33,14 @@ MEANS = (
     "spl", "sct", "barn", "barn_own", "halts", "replans", "clearance_mean", "accel_rms", "jerk_rms",
     "rough_share", "energy_per_m",
 )  # fmt: skip
+SOCIAL_MEANS = (
+    "person_distance_min",
+    "personal_share",
+    "intimate_share",
+    "ttc_min",
+    "people_delay",
+)
+EFFICIENCIES = ("path_efficiency", "time_efficiency")
 TIMING = ("plan_ms", "act_ms_p50", "act_ms_p95")  # the only fields in which equal runs may differ
 
 
@@ -104,6 +113,7 @@ class Trace:
     top: float = 0.8  # the chair's own top speed [m/s]
     reference: float | None = None  # path length of the BARN score, where the world names one [m]
     replans: int = 0  # plans made after the first
+    people: PeopleTrace | None = None
     poses: list[Array] = field(default_factory=list)
     twists: list[Array] = field(default_factory=list)
     clearances: list[float] = field(default_factory=list)
@@ -136,6 +146,7 @@ def measure(trace: Trace, info: Mapping[str, Any], truncated: bool) -> Record:
         `missed`, that the chair wrongly believed to have arrived; `at_fault`, that it caused a
         contact; `touched_actor`, that it touched something that moves. `sct` is success weighted
         by completion time (Yokoyama et al. 2021), for the shortest path at the chair's top speed.
+        Social measures are added where the episode has people.
     """
     success = bool(info["is_success"]) and not trace.contact
     if success:
@@ -178,6 +189,9 @@ def measure(trace: Trace, info: Mapping[str, Any], truncated: bool) -> Record:
         "act_ms_p50": float(np.percentile(acts, 50)),
         "act_ms_p95": float(np.percentile(acts, 95)),
     }
+    if trace.people is not None and (social := trace.people.figures(poses, twists, trace.period)):
+        way, least = (record[key] if success else math.nan for key in ("spl", "sct"))
+        record |= social | dict(zip(EFFICIENCIES, (way, least), strict=True))
     for key, value in record.items():  # JSON knows no infinity
         if isinstance(value, float) and not math.isfinite(value):
             record[key] = None
@@ -219,6 +233,9 @@ def summarise(records: Sequence[Record]) -> list[Record]:
         row |= share("wide", sum(r["success"] for r in wide), len(wide)) if wide else {"wide": None}
         row |= {key: _mean(of, key) for key in MEANS}
         row |= {key: _mean(successes, key) for key in ("time", "length")}
+        among = [record for record in of if SOCIAL_MEANS[0] in record]
+        if among:
+            row |= {key: _mean(among, key) for key in (*SOCIAL_MEANS, *EFFICIENCIES)}
         for key in ("margin", "clearance_min"):
             row[key] = min((r[key] for r in of if r[key] is not None), default=None)
         for name, key, q in (

@@ -9,8 +9,9 @@ from typing import Any
 from urllib.parse import quote
 
 from agents import read_data
-from agents.evaluation import metrics
+from agents.evaluation import metrics, social
 from agents.evaluation.figures import figures
+from agents.evaluation.metrics import EFFICIENCIES, SOCIAL_MEANS
 from agents.evaluation.pages import data_uri, write_page
 from agents.evaluation.tables import Column, Table, make_table
 from wheelchair_gym.config import InputError, suggest
@@ -27,11 +28,14 @@ def _columns() -> tuple[Column, ...]:
     rows = read_data("columns.yaml")
     of = ("name", "meaning")
     return tuple(
-        Column(**row | {key: row[key].format(**vars(metrics)) for key in of}) for row in rows
+        Column(**row | {key: row[key].format(**vars(metrics) | vars(social)) for key in of})
+        for row in rows
     )
 
 
-COLUMNS = _columns()
+_ALL = _columns()
+_SOCIAL = tuple(column for column in _ALL if column.key in (*SOCIAL_MEANS, *EFFICIENCIES))
+COLUMNS = _ALL[: -len(_SOCIAL)]  # of every evaluation
 SUCCESS = COLUMNS[1]
 # The columns in parts that a screen shows whole.
 _TIME = next(k for k, column in enumerate(COLUMNS) if column.key == "time")
@@ -122,6 +126,11 @@ def learned_beside_planned(evaluation: Evaluation) -> str:
     return ", ".join(parts) + "."
 
 
+def _among_people(summary: Sequence[Record]) -> tuple[Column, ...]:
+    """The columns that only episodes with people have; none where there were no people."""
+    return _SOCIAL if any(_SOCIAL[0].key in row for row in summary) else ()
+
+
 # Columns of the table in a terminal, after policy and scene.
 BRIEF = ("episodes", "success", "collision", "at_fault", "spl", "time")
 
@@ -135,24 +144,24 @@ def markdown(evaluation: Evaluation) -> str:
         "Shares carry their 95 % Wilson interval.",
         learned_beside_planned(evaluation),
         table.markdown() if table else "",
-        make_table("", [POLICY, SCENE, *COLUMNS], [rows]).markdown(),
+        make_table("", [POLICY, SCENE, *COLUMNS, *_among_people(summary)], [rows]).markdown(),
     ]  # fmt: skip
     return "\n\n".join(part.rstrip("\n") for part in parts if part) + "\n"
 
 
 def terminal_table(evaluation: Evaluation, keys: Sequence[str] = BRIEF) -> str:
-    """The summary as aligned columns; `keys` are those of `COLUMNS`, or 'all' alone.
+    """The summary as aligned columns; `keys` are those of columns, or 'all' alone.
 
     Raises:
         InputError: there is no such column.
     """
-    known = {column.key: column for column in COLUMNS}
+    known = {column.key: column for column in _ALL}
     for key in keys:
         if key not in known and list(keys) != ["all"]:
             near = suggest(key, known)
             raise InputError(f"--columns {key} is unknown; known: all, {', '.join(known)}{near}")
-    chosen = COLUMNS if list(keys) == ["all"] else [known[key] for key in keys]
     summary = evaluation["summary"]
+    chosen = [known[key] for key in keys if key in known] or [*COLUMNS, *_among_people(summary)]
     rows = [*ranked(summary), *(row for row in summary if row["scene"] != "all")]
     if len(evaluation["scenes"]) == 1:
         rows = ranked(summary)
@@ -177,16 +186,17 @@ def write_report(evaluation: Evaluation, folder: str | Path) -> Path:
     for name, (_, svg) in drawn.items():
         with atomic_write(folder / "figures" / f"{name}.svg") as part:
             part.write_bytes(svg)
-    best = ranked(evaluation["summary"])
+    best, among = ranked(evaluation["summary"]), _among_people(evaluation["summary"])
+    parts = (*PARTS, (": among people", among)) if among else PARTS
     scenes, several = evaluation["scenes"], len(evaluation["scenes"]) > 1
     caption = f"{'All scenes, best' if several else 'Best'} first"
-    tables = [make_table(caption + what, [POLICY, *part], [best]) for what, part in PARTS]
+    tables = [make_table(caption + what, [POLICY, *part], [best]) for what, part in parts]
     tables += filter(None, [ranking_table(evaluation)])
     if several:
         groups = [ranked(evaluation["summary"], scene) for scene in scenes]
         tables += [
             make_table(f"By scene, best first{what}", [POLICY, SCENE, *part], groups)
-            for what, part in PARTS
+            for what, part in parts
         ]
     some = bool(best and evaluation["records"])
     first = best[0]["policy"] if some else ""
@@ -194,7 +204,7 @@ def write_report(evaluation: Evaluation, folder: str | Path) -> Path:
     return write_page(
         folder / "report.html", "evaluation.html", title=evaluation["title"], source=evaluation,
         best=best[0] if some else None, second=best[1] if some and len(best) > 1 else None,
-        comparison=learned_beside_planned(evaluation), success=SUCCESS, columns=COLUMNS,
+        comparison=learned_beside_planned(evaluation), success=SUCCESS, columns=(*COLUMNS, *among),
         ended=Counter(record["outcome"] for record in of), tables=tables,
         figures=drawn, video=_video(evaluation["video"], folder), legend=_LEGEND,
         failures=_failures(evaluation["records"], [row["policy"] for row in best], folder),

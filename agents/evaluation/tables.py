@@ -34,13 +34,13 @@ class Column(NamedTuple):
 
     def bounds(self, row: Row) -> str:
         """The interval as 'low-high'; empty where there is none."""
-        if not self.interval or row[self.key] is None:
+        if not self.interval or row.get(self.key) is None:
             return ""
         return f"{self.text(row[f'{self.key}_low'])}-{self.text(row[f'{self.key}_high'])}"
 
     def cell(self, row: Row) -> Cell:
-        """The cell of a row."""
-        value = row[self.key]
+        """The cell of a row; a dash where the row has no such figure."""
+        value = row.get(self.key)
         if self.unit is None:
             return Cell(str(value))
         return Cell(self.text(value), self.bounds(row), value)

@@ -1,0 +1,124 @@
+"""Social measures of an episode among people, after Francis et al. 2023 (arXiv 2306.16740).
+
+`docs/concepts/social.md` defines each of them. They are computed once an episode is over; an
+episode without people has none.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from wheelchair_gym.geometry import Footprint
+from wheelchair_gym.physics.actors.records import PERSON
+from wheelchair_gym.types import Episode, Truth
+
+Array = NDArray[np.float64]
+
+PERSONAL = 1.2  # m: nearer is somebody's personal space (Hall 1966)
+INTIMATE = 0.45  # m: nearer is somebody's intimate space (Hall 1966)
+
+
+class PeopleTrace:
+    """Where people were in one episode: one entry for reset and each step."""
+
+    def __init__(self, world: Episode, footprint: Footprint) -> None:
+        """Begin the trace of an episode that has people, with a chair of this footprint."""
+        rows = world.actors.rows
+        self._which = np.flatnonzero(rows["kind"] == PERSON)
+        self._people = rows[self._which]
+        self._walls = shapely.multilinestrings(shapely.linestrings(world.walls.reshape(-1, 2, 2)))
+        self._footprint = footprint
+        self._places: list[Array] = []
+
+    def add(self, truth: Truth) -> None:
+        """Add the people's places; a real chair does not know them."""
+        if len(truth.actor_poses):
+            self._places.append(truth.actor_poses[self._which, :2])
+
+    def figures(self, poses: Array, twists: Array, period: float) -> dict[str, float]:
+        """Distance, shares of time, time to collision and delay; empty of a real chair.
+
+        The chair's poses (n, 3) and twists (n, 2) are those at the same instants, one a `period`
+        [s]. What does not exist is infinite.
+        """
+        if not self._places:
+            return {}
+        places = np.array(self._places)  # (n, people, 2)
+        c, s = np.cos(poses[:, 2:]), np.sin(poses[:, 2:])
+
+        def in_frame(vectors: Array) -> Array:
+            x, y = vectors[..., 0], vectors[..., 1]
+            return np.stack([c * x + s * y, c * y - s * x], axis=-1)
+
+        offsets, radii = in_frame(places - poses[:, None, :2]), self._people["size"][:, 0]
+        gaps = _gaps(offsets, radii, self._footprint)
+        met = ~self._behind_walls(poses, places)
+        nearest = np.where(met, gaps, np.inf).min(axis=1)
+
+        steps = np.diff(places, axis=0)  # (n - 1, people, 2)
+        velocities = np.concatenate([np.zeros_like(places[:1]), steps / period])
+        relative = in_frame(velocities) - twists[:, None, :1] * (1.0, 0.0)
+        times = time_to_collision(offsets, relative, radii, self._footprint)
+
+        seconds = period * len(steps)
+        walked = np.hypot(steps[..., 0], steps[..., 1]).sum(axis=0)
+        walks = (self._people["points"] > 1) & (self._people["speed"] > 0.0)
+        lost = seconds - walked[walks] / self._people["speed"][walks]
+        return {
+            "person_distance_min": float(nearest.min()),
+            "personal_share": float(np.mean((nearest >= INTIMATE) & (nearest < PERSONAL))),
+            "intimate_share": float(np.mean(nearest < INTIMATE)),
+            "ttc_min": float(np.where(met, times, np.inf).min()),
+            "people_delay": float(60.0 * np.maximum(lost, 0.0).sum() / seconds) if seconds else 0.0,
+        }
+
+    def _behind_walls(self, poses: Array, places: Array) -> NDArray[np.bool_]:
+        """Whether a wall is between the chair's axle and a person, at each instant."""
+        ends = np.stack([np.broadcast_to(poses[:, None, :2], places.shape), places], axis=-2)
+        shapely.prepare(self._walls)
+        behind: NDArray[np.bool_] = shapely.intersects(self._walls, shapely.linestrings(ends))
+        return behind
+
+
+def _gaps(offsets: Array, radii: Array, footprint: Footprint) -> Array:
+    """Distances [m] of discs at offsets (..., 2) in the chair's frame from its outline."""
+    x, y = offsets[..., 0], offsets[..., 1]
+    ahead = np.maximum(0.0, np.maximum(x - footprint.front, -footprint.rear - x))
+    aside = np.maximum(0.0, np.abs(y) - footprint.half_width)
+    return np.maximum(0.0, np.hypot(ahead, aside) - radii)
+
+
+def time_to_collision(offsets: Array, velocities: Array, radii: Any, footprint: Footprint) -> Array:
+    """Times [s] after which discs touch a footprint at constant velocities; infinite if never.
+
+    Offsets (..., 2) and relative velocities (..., 2) are in the chair's frame. A disc touches when
+    its centre enters the outline grown by its radius, which two boxes and four discs cover.
+    """
+    front, rear, half = footprint.front, footprint.rear, footprint.half_width
+    r = np.broadcast_to(radii, offsets.shape[:-1])
+    zero = np.zeros_like(r)
+    first = np.full(r.shape, np.inf)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        for along, across in ((r, zero), (zero, r)):
+            low = np.stack([-rear - along, -half - across], axis=-1)
+            high = np.stack([front + along, half + across], axis=-1)
+            to_low, to_high = (low - offsets) / velocities, (high - offsets) / velocities
+            begin = np.fmin(to_low, to_high).max(axis=-1)
+            end = np.fmax(to_low, to_high).min(axis=-1)
+            hits = (begin <= end) & (end >= 0.0)
+            first = np.where(hits, np.minimum(first, np.maximum(begin, 0.0)), first)
+        square = (velocities**2).sum(axis=-1)
+        for corner in product((front, -rear), (half, -half)):
+            away = offsets - corner
+            closing = -(away * velocities).sum(axis=-1)
+            outside = (away**2).sum(axis=-1) - r**2
+            root = closing**2 - square * outside
+            begin = np.where(outside <= 0.0, 0.0, (closing - np.sqrt(root)) / square)
+            hits = (outside <= 0.0) | ((closing > 0.0) & (root >= 0.0))
+            first = np.where(hits, np.minimum(first, begin), first)
+    return first
