@@ -10,10 +10,12 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from agents.evaluation.compare import suite
+from agents.evaluation.compare import TRAINING, suite
+from agents.evaluation.evaluate import without_labels
 from wheelchair_gym.config import InputError
+from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.geometry import footprint_clearance, path_length, point_segment_distance
-from wheelchair_gym.maps import bottleneck, geodesic
+from wheelchair_gym.maps import FREE, OCCUPIED, bottleneck, footprint_margin, geodesic
 from wheelchair_gym.physics.actors.records import (
     DOOR,
     FURNITURE,
@@ -25,7 +27,7 @@ from wheelchair_gym.physics.actors.records import (
     leaf_line,
 )
 from wheelchair_gym.scenes import make_scene
-from wheelchair_gym.scenes.arena import Doorway
+from wheelchair_gym.scenes.arena import WALL, Doorway
 from wheelchair_gym.scenes.crowd import WALKING_RADIUS, free_area
 from wheelchair_gym.scenes.describe import scene_statistics
 from wheelchair_gym.scenes.poses import FOOTPRINT, passing_radius
@@ -34,9 +36,9 @@ from wheelchair_gym.scenes.raster import CELL
 RADIUS = passing_radius(FOOTPRINT)
 
 
-def drawn(count=8, **spec):
+def drawn(count=8, first=0, **spec):
     scene = make_scene(spec)
-    return [scene.sample(np.random.default_rng(seed)) for seed in range(count)]
+    return [scene.sample(np.random.default_rng(first + k)) for k in range(count)]
 
 
 def test_a_crowd_begins_apart_from_the_chair_and_from_everything():
@@ -107,6 +109,72 @@ def test_leaves_shut_their_doorways_and_open_them_fully():
                 )
                 assert (episode.map.cells[tuple(episode.map.to_cell(inside).T)] == 100).all()
     assert min(slid, swung) >= 2
+
+
+PASSAGES = ("corridor", "crossing", "lobby", "lift")
+
+
+@pytest.mark.parametrize("name", PASSAGES)
+def test_suites_among_people_can_be_solved(name):
+    """A free way, closed walls, and people who begin and walk clear of walls and of the chair."""
+    for spec in (without_labels(scene) for scene in suite(name).scenes):
+        for episode in drawn(3, **spec) + drawn(3, TRAINING, **spec):
+            free = geodesic(episode.map, episode.goal[:2], RADIUS)
+            assert math.isfinite(free.at(episode.start[:2]))
+            ends = episode.start, episode.goal, FOOTPRINT
+            assert footprint_margin(episode.walls, episode.discs, *ends) > 0.0
+            for pose in ends[:2]:
+                array = FOOTPRINT.array
+                assert footprint_clearance(*pose, array, episode.walls, episode.discs, 1.0) >= 0.15
+            rows = episode.actors.rows
+            assert len(rows) >= 1
+            assert (rows["kind"] == PERSON).all()
+            for x, y, _ in rows["pose"]:
+                assert math.dist((x, y), episode.start[:2]) >= 2.0
+                assert min(point_segment_distance(x, y, *w) for w in episode.walls) > 0.25
+            places = rows["pose"][:, :2]
+            for k in range(len(places)):
+                gaps = np.hypot(*(places - places[k]).T)
+                assert np.delete(gaps, k).min(initial=1.0) > 0.5
+
+            # Nobody gets out: the border of the map is solid, and walls are closed lines.
+            rim = np.ones(episode.map.shape, bool)
+            rim[1:-1, 1:-1] = False
+            assert (episode.map.cells[rim] == OCCUPIED).all()
+            ends = np.round(episode.walls.reshape(-1, 2), 6)
+            assert (np.unique(ends, axis=0, return_counts=True)[1] % 2 == 0).all()
+            regions, count = ndimage.label(episode.map.cells == FREE)
+            assert count == 1
+            inside = episode.map.to_cell(np.vstack([places, episode.actors.routes]))
+            assert (regions[tuple(inside.T)] == 1).all()
+
+
+def test_people_of_passages_walk_both_ways_through_them():
+    directions = []
+    for episode in drawn(8, name="crowd", place="corridor", people={"density": (0.1, 0.1)}):
+        for k, row in enumerate(episode.actors.rows[episode.actors.rows["kind"] == PERSON]):
+            route = episode.actors.route(k)
+            assert path_length(route) >= 14.0 - 2 * 0.6 - 1e-9
+            assert route[0, 1] == route[1, 1] == row["pose"][1]  # on their own lane
+            directions.append(np.sign(route[0, 0] - row["pose"][0]))
+    assert 0.25 < np.mean(np.array(directions) > 0.0) < 0.75
+
+
+def test_people_come_out_of_a_lift_and_stay_out():
+    """The chair waits: whoever is inside walks out by the door, past it, and does not return."""
+    scene = {"name": "crowd", "place": "lift", "people": {"density": (0.6, 0.6)}}
+    for seed in range(3):
+        env = NavigationEnv(scene, pose_source="truth", bank=0)
+        env.reset(seed=seed)
+        low = 2.0 * env.episode.start[1] + WALL  # where the cabin begins
+        people = env.episode.actors.rows["kind"] == PERSON
+        assert people.any()
+        for step in range(200):
+            env.step(np.zeros(2, np.float32))
+            inside = env.chair.truth.actor_poses[people, 1] > low
+            assert inside.all() or step > 0
+            assert not inside.any() or step < 120
+        env.close()
 
 
 def test_numbers_of_people_follow_their_density():

@@ -29,6 +29,7 @@ from wheelchair_gym.physics.actors.records import (
 from wheelchair_gym.scenes.arena import draw_pose, make_arena
 from wheelchair_gym.scenes.floor_plan import FloorPlan
 from wheelchair_gym.scenes.layout import FloorLayout
+from wheelchair_gym.scenes.passages import PASSAGES, Passage
 from wheelchair_gym.scenes.poses import FOOTPRINT, check_ranges, passing_radius
 from wheelchair_gym.scenes.raster import CELL
 from wheelchair_gym.types import Episode
@@ -52,7 +53,7 @@ class PeopleSettings:
     density: tuple[float, float] = setting(
         default=(0.03, 0.08), unit="1/m2", low=0.0, high=1.0, source="design choice"
     )
-    """Least and greatest number of people per free area."""
+    """Least and greatest number of people per free area; of a lift, per area of its cabin."""
     speed: float = setting(default=SPEED, unit="m/s", low=0.1, source="Weidmann 1993")
     """Mean preferred walking speed."""
     speed_sigma: float = setting(default=0.26, unit="m/s", low=0.0, source="Weidmann 1993")
@@ -137,18 +138,49 @@ def sample_people(
     paths = [geodesic(grid, goal, WALKING_RADIUS) for goal in goals]
     found = []
     for _ in range(count):
-        speed = max(people.min_speed, rng.normal(people.speed, people.speed_sigma))
-        avoids = EVERYBODY
-        if rng.random() < people.crossing_share:
-            avoids = NOBODY
-        elif rng.random() < people.inattentive_share:
-            avoids = PEOPLE
-        near = [(*start[:2], people.start_distance + RADIUS)]
-        near += [(*at[:2], _PAIR - RADIUS + at[2]) for at in taken]
+        speed, avoids = _draw_walker(rng, people)
+        near = _too_near(start, people, taken)
         route = _draw_route(rng, grid, cells, paths, avoids == NOBODY, near)
         if route is not None:
             taken.append(np.array([*route[0], RADIUS]))
             found.append(person(route, speed, avoids=avoids, patience=people.patience))
+    return found
+
+
+def _draw_walker(rng: np.random.Generator, people: PeopleSettings) -> tuple[float, int]:
+    """Preferred speed [m/s] of somebody, and what they keep clear of."""
+    speed = max(people.min_speed, rng.normal(people.speed, people.speed_sigma))
+    if rng.random() < people.crossing_share:
+        return speed, NOBODY
+    return speed, PEOPLE if rng.random() < people.inattentive_share else EVERYBODY
+
+
+def _too_near(
+    start: Array, people: PeopleSettings, taken: list[Array]
+) -> list[tuple[float, float, float]]:
+    """Discs (x, y, radius) [m] in which nobody begins."""
+    near = [(*start[:2], people.start_distance + RADIUS)]
+    return near + [(*at[:2], _PAIR - RADIUS + at[2]) for at in taken]
+
+
+def _passage_people(
+    rng: np.random.Generator, passage: Passage, people: PeopleSettings, taken: list[Array]
+) -> list[Actor]:
+    """People of a passage; `taken` as in `sample_people`. In a lift there is one at least."""
+    found = []
+    for _ in range(
+        max(people.density[1] > 0.0, round(rng.uniform(*people.density) * passage.area))
+    ):
+        speed, avoids = _draw_walker(rng, people)
+        near = _too_near(passage.start, people, taken)
+        for _ in range(_TRIES):
+            place, route = passage.draw_walk(rng)
+            if all(math.dist(place, (x, y)) >= radius for x, y, radius in near):
+                taken.append(np.array([*place, RADIUS]))
+                found.append(
+                    person(route, speed, avoids=avoids, patience=people.patience, at=place)
+                )
+                break
     return found
 
 
@@ -271,10 +303,15 @@ _COLUMNS = 0.02  # 1/m2 of a hall
 
 @settings
 class Crowd:
-    """People who walk through a building or a hall, with powered doors and light furniture."""
+    """People who walk through a building, a hall, a corridor, a crossing or out of a lift.
 
-    place: Literal["any", "building", "hall"] = setting(default="any", source="design choice")
-    """Where people walk; any draws one of the two."""
+    Buildings have powered doors; light furniture stands about where there is room for it.
+    """
+
+    place: Literal["any", "building", "hall", "corridor", "crossing", "lift"] = setting(
+        default="any", source="design choice"
+    )
+    """Where people walk; any draws a building or a hall."""
     people: PeopleSettings = PeopleSettings()
     doors: DoorSettings = DoorSettings()
     furniture_density: float = setting(
@@ -286,12 +323,24 @@ class Crowd:
         default=(9.0, 14.0), unit="m", low=5.0, high=60.0, source="design choice"
     )
     """Least and greatest side of a hall."""
+    corridor_width: tuple[float, float] = setting(
+        default=(2.0, 3.0), unit="m", low=1.2, high=10.0, source="design choice"
+    )
+    """Least and greatest width of a corridor, a crossing's corridors and the landing of a lift."""
+    corridor_length: tuple[float, float] = setting(
+        default=(14.0, 18.0), unit="m", low=10.0, high=60.0, source="design choice"
+    )
+    """Least and greatest length of these, from end to end."""
+    lift_door_width: tuple[float, float] = setting(
+        default=(0.9, 1.1), unit="m", low=0.7, high=1.6, source="design choice"
+    )
+    """Least and greatest width of a lift's door, which stands open."""
 
     def __post_init__(self) -> None:
-        check_ranges(self, "hall_size")
+        check_ranges(self, "hall_size", "corridor_width", "corridor_length", "lift_door_width")
 
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
-        """Draw a building or hall that the footprint fits, then everything that moves in it.
+        """Draw a place that the footprint fits, then everything that moves in it.
 
         Raises:
             InputError: the settings leave no start and goal.
@@ -303,7 +352,11 @@ class Crowd:
     ) -> tuple[FloorLayout | None, Episode]:
         """The same, with the rooms, corridors and doors where it is a building."""
         layout: FloorLayout | None = None
-        if self.place == "building" or (self.place == "any" and rng.random() < 0.5):
+        passage: Passage | None = None
+        if self.place in PASSAGES:
+            passage = self._draw_passage(rng, footprint)
+            episode = passage.arena.episode(passage.start, passage.goal, "crowd")
+        elif self.place == "building" or (self.place == "any" and rng.random() < 0.5):
             layout, episode = self.building.sample_building(rng, footprint)
         else:
             episode = self._draw_hall(rng, footprint)
@@ -311,9 +364,27 @@ class Crowd:
         start, grid = episode.start, episode.map
         pieces = sample_furniture(rng, grid, self.furniture_density, start, taken)
         leaves = [] if layout is None else sample_doors(rng, grid, layout, self.doors)
-        people = sample_people(rng, grid, start, self.people, taken, leaves)
+        if passage is not None:
+            people = _passage_people(rng, passage, self.people, taken)
+        else:
+            people = sample_people(rng, grid, start, self.people, taken, leaves)
         actors = combine([*pieces, *leaves, *people])
         return layout, dataclasses.replace(episode, actors=actors, name="crowd")
+
+    def _draw_passage(self, rng: np.random.Generator, footprint: Footprint) -> Passage:
+        """A passage in which the footprint gets from start to goal."""
+        for _ in range(_CROWD_TRIES):
+            passage = PASSAGES[self.place](
+                rng, footprint, self.corridor_width, self.corridor_length, self.lift_door_width
+            )
+            arena, start, goal = passage[:3]
+            if all(arena.is_free(pose, footprint, _CLEARANCE) for pose in (start, goal)):
+                paths = geodesic(arena.map, goal[:2], passing_radius(footprint))
+                if np.isfinite(paths.at(start[:2])):
+                    return passage
+        raise InputError(
+            f"Crowd: {_CROWD_TRIES} draws had no start and goal for {footprint} in {self}"
+        )
 
     def _draw_hall(self, rng: np.random.Generator, footprint: Footprint) -> Episode:
         """An open hall with a few columns; start and goal far apart."""

@@ -1,0 +1,132 @@
+"""Passages with people: a corridor, a crossing of two corridors, and a lift to go into.
+
+This module draws walls, start and goal, and where people walk. `Crowd` draws the people.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wheelchair_gym.geometry import Footprint
+from wheelchair_gym.physics.actors.records import RADIUS
+from wheelchair_gym.scenes.arena import WALL, Arena, make_arena, poses_along
+from wheelchair_gym.scenes.raster import CELL
+
+Array = NDArray[np.float64]
+Range = tuple[float, float]
+
+_END = 2.5  # m from the ends of a corridor to the chair's start and goal
+_TURN = 0.6  # m from the ends, where people turn back
+_KEPT = RADIUS + 0.10  # m from walls to people's ways
+_CABIN: Final = ((1.6, 2.0), (2.2, 2.6))  # m: width and depth of a cabin for beds
+_WAIT: Final = (1.5, 2.5)  # m along the landing from the door to the chair's start
+_OUT = 0.9  # m before the door, where people who come out turn aside
+_STROLLS = 20  # times that they then walk up and down, away from the door
+
+
+class Passage(NamedTuple):
+    """Walls, start and goal, and where people begin and walk."""
+
+    arena: Arena
+    start: Array  # (3,)
+    goal: Array  # (3,)
+    draw_walk: Callable[[np.random.Generator], tuple[Array, Array]]  # place (2,), route (n, 2)
+    area: float  # m2 of the ground where people begin
+
+
+def _on_raster(rng: np.random.Generator, low_high: Range) -> float:
+    return CELL * round(rng.uniform(*low_high) / CELL)
+
+
+def _draw_lane(rng: np.random.Generator, length: float, width: float) -> tuple[Array, Array]:
+    """Place and route along a corridor that begins at (0, 0), in either direction."""
+    y = rng.uniform(_KEPT, width - _KEPT)
+    ends = np.array([(length - _TURN, y), (_TURN, y)])
+    return np.array([rng.uniform(_TURN, length - _TURN), y]), ends[:: rng.choice((-1, 1))]
+
+
+def draw_corridor(
+    rng: np.random.Generator, footprint: Footprint, widths: Range, lengths: Range, doors: Range
+) -> Passage:
+    """A straight corridor that people walk up and down, each on a lane of their own."""
+    length, width = _on_raster(rng, lengths), _on_raster(rng, widths)
+    beside = footprint.half_width + 0.25  # m
+    ends = rng.uniform(beside, width - beside, 2) if width > 2.0 * beside else [0.5 * width] * 2
+    start, goal = poses_along((_END, ends[0]), (length - _END, ends[1]))
+    start[2] = goal[2] = 0.0
+    arena = make_arena((0.0, 0.0, length, width))
+    return Passage(arena, start, goal, lambda r: _draw_lane(r, length, width), length * width)
+
+
+def draw_crossing(
+    rng: np.random.Generator, footprint: Footprint, widths: Range, lengths: Range, doors: Range
+) -> Passage:
+    """Two corridors that cross in their middles; the chair comes from one arm and takes another."""
+    size, along, across = (
+        _on_raster(rng, lengths), _on_raster(rng, widths), _on_raster(rng, widths)
+    )  # fmt: skip
+    x, y = (CELL * round(0.5 * (size - width) / CELL) for width in (across, along))
+    blocks = [
+        (left, low, right, high)
+        for left, right in ((0.0, x), (x + across, size))
+        for low, high in ((0.0, y), (y + along, size))
+    ]
+    arena = make_arena((0.0, 0.0, size, size), blocks)
+    middle = np.array([x + 0.5 * across, y + 0.5 * along])
+    headings = 0.5 * math.pi * rng.permutation(4)[:2]  # of the arms, seen from the middle
+    a, b = (
+        middle + (0.5 * size - _END) * np.array([math.cos(yaw), math.sin(yaw)]) for yaw in headings
+    )
+    start, goal = np.array([*a, headings[0] + math.pi]), np.array([*b, headings[1]])
+
+    def draw_walk(r: np.random.Generator) -> tuple[Array, Array]:
+        if r.random() < 0.5:
+            place, route = _draw_lane(r, size, along)
+            corner = np.array([0.0, y])
+        else:
+            place, route = (each[..., ::-1] for each in _draw_lane(r, size, across))
+            corner = np.array([x, 0.0])
+        return place + corner, route + corner
+
+    return Passage(arena, start, goal, draw_walk, size * (along + across) - along * across)
+
+
+def draw_lift(
+    rng: np.random.Generator, footprint: Footprint, widths: Range, lengths: Range, doors: Range
+) -> Passage:
+    """A landing with an open lift in its side, out of which people come; the chair is to go in.
+
+    Whoever has come out walks off to one side, and from then on up and down there.
+    """
+    length, width, door = (_on_raster(rng, each) for each in (lengths, widths, doors))
+    cabin, depth = (_on_raster(rng, each) for each in _CABIN)
+    left = CELL * round((rng.uniform(0.4, 0.6) * length - 0.5 * door) / CELL)
+    middle, low = left + 0.5 * door, width + WALL
+    side = CELL * round((middle - 0.5 * cabin) / CELL)
+    blocks = [
+        (0.0, width, left, low), (left + door, width, length, low),
+        (0.0, low, side, low + depth), (side + cabin, low, length, low + depth),
+    ]  # fmt: skip
+    arena = make_arena((0.0, 0.0, length, low + depth), blocks)
+    way = rng.choice((-1.0, 1.0))
+    start = np.array(
+        [middle - way * rng.uniform(*_WAIT), 0.5 * width, 0.0 if way > 0.0 else math.pi]
+    )
+    goal = np.array([middle, low + depth - footprint.front - 0.25, 0.5 * math.pi])
+
+    def draw_walk(r: np.random.Generator) -> tuple[Array, Array]:
+        place = r.uniform((side + _KEPT, low + _KEPT), (side + cabin - _KEPT, low + depth - _KEPT))
+        y, to_right = r.uniform(_KEPT, width - _KEPT), r.random() < 0.5
+        far, near = (length - _TURN, middle + 2.5) if to_right else (_TURN, middle - 2.5)
+        strolls = np.tile([(far, y), (near, y)], (_STROLLS, 1))
+        return place, np.vstack([(middle, max(_KEPT, width - _OUT)), strolls])
+
+    return Passage(arena, start, goal, draw_walk, cabin * depth)
+
+
+PASSAGES: Final = {"corridor": draw_corridor, "crossing": draw_crossing, "lift": draw_lift}
