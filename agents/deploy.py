@@ -140,8 +140,9 @@ def deploy(
         begin: is called with the environment after reset, before anything is driven; may raise.
 
     Returns:
-        Figures as of `drive_episode`, by the chair's estimated poses, and `ended`, the reason for
-        which the episode was ended.
+        Figures as of `drive_episode`, by the chair's estimated poses; `ended`, the reason for which
+        the episode was ended; `late_steps` and `late_ms_max`, the control periods that ended more
+        than 10 ms late, and the longest delay.
     """
     events, shield = EventLog(config, log, commands), env.unwrapped.shield
     steps = 0
@@ -156,7 +157,11 @@ def deploy(
         return events(now)
 
     capped = Capped(policy, config, lambda: shield.latched if shield else "")
-    return events.outcome(drive_episode(env, capped, 0, watch, episode))
+    record = drive_episode(env, capped, 0, watch, episode)
+    chair: Any = unwrapped(env.unwrapped.chair)
+    delays = [1e3 * delay for _, delay in getattr(chair, "late", [])]
+    late = {"late_steps": len(delays), "late_ms_max": max(delays, default=0.0)}
+    return events.outcome(record | late)
 
 
 def check_start(env: Any, start: Array, forced: bool, log: Log) -> None:

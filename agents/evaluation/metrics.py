@@ -12,6 +12,7 @@ import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
 
+from agents.policies.planning import PlanningFigures
 from planners.collision.polygon_tests import SpaceArrays, clearance
 from planners.problem import Problem
 from planners.swarm import path_cost
@@ -32,7 +33,10 @@ MEANS = (
     "spl", "sct", "barn", "barn_own", "halts", "replans", "clearance_mean", "accel_rms", "jerk_rms",
     "rough_share", "energy_per_m",
 )  # fmt: skip
-TIMING = ("plan_ms", "act_ms_p50", "act_ms_p95")  # the only fields in which equal runs may differ
+# The only fields in which equal runs may differ.
+TIMING = (
+    "plan_ms", "act_ms_p50", "act_ms_p95", "plans_ms_p50", "plans_ms_p95", "plans_ms_max",
+)  # fmt: skip
 
 
 def wilson(successes: int, trials: int) -> tuple[float, float]:
@@ -112,6 +116,7 @@ class Trace:
     touched_actor: bool = False
     acts_s: list[float] = field(default_factory=list)
     plan_s: float = 0.0
+    planning: PlanningFigures = field(default_factory=PlanningFigures)
 
     def add(self, info: Mapping[str, Any]) -> None:
         """Add one info of the environment."""
@@ -177,6 +182,7 @@ def measure(trace: Trace, info: Mapping[str, Any], truncated: bool) -> Record:
         "plan_ms": 1e3 * trace.plan_s,
         "act_ms_p50": float(np.percentile(acts, 50)),
         "act_ms_p95": float(np.percentile(acts, 95)),
+        **trace.planning.record(),
     }
     for key, value in record.items():  # JSON knows no infinity
         if isinstance(value, float) and not math.isfinite(value):

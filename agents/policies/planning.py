@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-SWITCH = 0.0005  # s after which planners written in Python let the loop run
+SWITCH = 0.0005  # s after which a planner written in Python lets the loop run
 
 
 @dataclass
@@ -66,6 +66,8 @@ class Planning:
     ) -> None:
         self.busy, self.periods, self.figures = False, 0, PlanningFigures()
         self._real_time, self._deadline = real_time, deadline
+        if real_time:
+            sys.setswitchinterval(min(SWITCH, sys.getswitchinterval()))
         self._most = math.ceil(deadline / period - 1e-9)  # periods
         self._delay = math.ceil(planning_time / period - 1e-9)  # periods
         self._made: list[tuple[Any, BaseException | None, float]] = []  # the plan, once it is there
@@ -80,8 +82,8 @@ class Planning:
         assert not self.busy
         self.busy, self.periods, self._take, self._made = True, 0, take, []
         if self._real_time:
-            work = _make, (make, time.perf_counter() + self._deadline, self._made)
-            threading.Thread(target=work[0], args=work[1], name="planning", daemon=True).start()
+            work = make, time.perf_counter() + self._deadline, self._made
+            threading.Thread(target=_make, args=work, name="planning", daemon=True).start()
         else:
             _make(make, math.inf, self._made)
             self._arrive()
@@ -117,9 +119,9 @@ def _make(make: Callable[[float], Any], end: float, made: list[Any]) -> None:
     made.append((plan, error, time.perf_counter() - begun))
 
 
-def figures_of(policy: Any) -> PlanningFigures | None:
-    """The figures of a policy's planning in this episode; None if it does not plan."""
-    while hasattr(policy, "policy"):  # what slows another one, say
+def figures_of(policy: Any) -> PlanningFigures:
+    """The figures of a policy's planning in this episode."""
+    while hasattr(policy, "policy"):  # as of one that is slowed
         policy = policy.policy
-    found: PlanningFigures | None = getattr(policy, "planning_figures", None)
+    found: PlanningFigures = getattr(policy, "planning_figures", PlanningFigures())
     return found

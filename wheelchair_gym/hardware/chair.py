@@ -223,6 +223,11 @@ class HardwareChair(NotCopyable):
         return self._loop.belief
 
     @property
+    def late(self) -> list[tuple[float, float]]:
+        """When control periods ended late [s since reset], and by how much [s]."""
+        return self._loop.late
+
+    @property
     def real_time(self) -> bool:
         """Whether time passes while a policy thinks."""
         return isinstance(self.clock, WallClock)
