@@ -58,13 +58,23 @@ class Explore:
     """Time for one frontier, after which it is given up."""
     seed: int = setting(default=0, low=0, source="design choice")
     """Seed of the planner, with the episode's key."""
+    deadline: float = setting(default=1.0, unit="s", low=0.05, source="design choice")
+    """Time within which a choice with its plans has to be there, as in `Planned`."""
+    planning_time: float = setting(default=0.0, unit="s", low=0.0, source="design choice")
+    """Time that it takes in simulation; 0: none, the chair follows it at once."""
 
     def __post_init__(self) -> None:
         self.planned()
 
     def planned(self) -> Planned:
         """What drives to each place."""
-        return Planned(planner=self.planner, follower=self.follower, seed=self.seed)
+        return Planned(
+            planner=self.planner,
+            follower=self.follower,
+            seed=self.seed,
+            deadline=self.deadline,
+            planning_time=self.planning_time,
+        )
 
     def make(self) -> Explorer:
         """A fresh policy."""
@@ -174,7 +184,7 @@ class Explorer:
         self._since += period
         self._spent += period
         due = self._since >= self.config.look or driver.ended
-        if self.state == "explore" and due and not driver.planning.busy:
+        if self.state == "explore" and due and not driver.thinks:
             self._choose(reading)
         if self.state == "done":
             return Command(np.zeros(2), driver.shown)

@@ -59,6 +59,7 @@ Then = Callable[[], object] | None
 ACTOR_RANGE = 2.5  # m: with an actor nearer, the chair reverses slowly: no sensor looks back
 HELD = 1.0  # s for which people see why there is a new path
 NEAR = 1.5  # m of way from the axle's centre: the chair's front, and to rest from 0.8 m/s
+STILL = 0.02  # m/s and rad/s: slower, the chair stands
 REJOIN = 2.0  # m along a plan on which a chair that drove on meanwhile may join it
 
 
@@ -197,6 +198,7 @@ class PlannedDriver:
         self._map = mission.map_at(mission.reading)
         self.goal = np.asarray(mission.goal, dtype=np.float64)
         self._held = False  # stands until there is a plan
+        self._again: Then = None  # asks for one as soon as the chair stands
         self.planning = Planning(
             mission.period, self.config.deadline, self.config.planning_time, mission.real_time
         )
@@ -280,7 +282,7 @@ class PlannedDriver:
     def _received(self, then: Then, answer: Answer) -> ReferencePath | None:
         """The path of an answer, from where the chair is by now; None where it no longer fits.
 
-        Then the chair stands until there is another, which fits where it stands.
+        Then the chair stops, and plans again once it stands: that plan fits where it stands.
         """
         self.plans += answer.tried
         start = answer.start
@@ -289,7 +291,7 @@ class PlannedDriver:
         reference = ReferencePath(answer.plan.path if answer.solved else straight, start)
         if self.planning.periods and answer.solved and not self._fits(reference, answer.clearance):
             self.planning.figures.discarded += 1
-            self._plan_anew(then, held=True)
+            self._again = partial(self._plan_anew, then, held=True)
             return None
         return reference
 
@@ -339,7 +341,8 @@ class PlannedDriver:
     def act(self, reading: Reading) -> Command:
         """See `Policy.act`."""
         unseen = self._update(reading)
-        self.planning.step()
+        if reading.stamp > self._mission.reading.stamp:  # a plan that reset asked for is of step 0
+            self.planning.step()
         self._decide(unseen)
         twist = self._steer()
         if twist is None or (twist[0] < 0.0 and self._local_map.blind):
@@ -370,6 +373,9 @@ class PlannedDriver:
     def _decide(self, unseen: bool) -> None:
         """Go on as before, or begin a recovery."""
         period, progress = self._mission.period, self._progress
+        if self._again is not None and np.abs(self._chair.body.state[[0, 2]]).max() < STILL:
+            again, self._again = self._again, None
+            again()
         if self._reference is None:
             return  # the first plan is being made
         off, bold = self._reference.advance(self._local_map.pose), progress.bold
@@ -381,7 +387,7 @@ class PlannedDriver:
         self._detours.pause -= period
         self._report.held -= period
         self._lost -= period
-        if self.planning.busy:
+        if self.thinks:
             return
         if self._spin.on:
             redrawn = self._redrawn()
@@ -404,12 +410,12 @@ class PlannedDriver:
 
     def _steer(self) -> Array | None:
         """The next twist (2,) in the present state; None where there is none."""
-        if self.planning.busy and self._stands():
+        if self.thinks and self._stands():
             self.planning.figures.stood += self._mission.period
             self._report.set("waits", "for a plan")
             return None
         assert self._reference is not None
-        self.planning.figures.followed += self._mission.period * self.planning.busy
+        self.planning.figures.followed += self._mission.period * self.thinks
         twist: Array | None = None
         now = Situation(self._local_map, self._reference, self._chair)
         if self._spin.on:
@@ -459,10 +465,15 @@ class PlannedDriver:
         else:
             self._replan(then, held)
 
+    @property
+    def thinks(self) -> bool:
+        """Whether a plan is being made, or will be as soon as the chair stands."""
+        return self.planning.busy or self._again is not None
+
     def _stands(self) -> bool:
         """Whether the chair stands while a plan is made: it goes nowhere, or not by its path."""
-        reference = self._reference
-        return self._held or reference is None or self._blocks(reference, NEAR, self._clearance)
+        held, reference = self._held or self._again is not None, self._reference
+        return held or reference is None or self._blocks(reference, NEAR, self._clearance)
 
     def _blocks(self, reference: ReferencePath, ahead: float, clearance: float) -> bool:
         """Whether the newest map shows something on the next metres of a path."""
