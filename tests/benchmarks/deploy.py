@@ -4,11 +4,11 @@
 JSON on stdout, recordings in runs/deploy. Each drive is a twin of its own behind pseudo-terminals
 and a TCP port, a deployed policy in another process, and beside both a process on every core that
 does nothing but sleep for a millisecond, and writes down when it slept too long. Every control step
-that ended more than 10 ms late is listed with its cause: the machine, if the loop was ready to run
-for at least half of the delay and got no core, or a sleeper beside it overslept; else our own
-doing. What else this machine does counts as well: run it in a quiet hour. `--simulated` drives the
-same in simulated time, on any machine: then nothing is late. Exit code 1: a goal was not reached,
-something was touched, or a step was late by our own doing.
+that ended more than 10 ms late is listed with its cause: the machine, if for at least half of the
+delay the loop, or a thread that it waited for, was ready to run and got no core, or a sleeper
+overslept; else our own doing. Run it in a quiet hour all the same. `--simulated` drives the same in
+simulated time, on any machine: then nothing is late. Exit code 1: a goal was not reached, something
+was touched, or a step was late by our own doing.
 """
 
 from __future__ import annotations
@@ -80,7 +80,8 @@ def overlap(spans, begin, end):
 def periods(events):
     """Control periods of a drive: numbers, and marks from the end of one wait to that of the next.
 
-    A mark is a stage, when it was reached, how long the loop had run and had waited for a core [s].
+    A mark is a stage, when it was reached, how long the loop had run, and how long it and all other
+    threads of its process had waited for a core [s].
     """
     steps = events["steps"]
     for number in range(1, len(steps)):
@@ -123,11 +124,14 @@ def late_steps(events, stalls):
         delay, begin, end = delays[number], marks[0][1], marks[-1][1]
         took = stages(marks)
         within = {name: overlap(events[name], begin, end) for name in ("plans", "garbage")}
-        queued = marks[-1][3] - marks[0][3]
+        ran, queued, others = (marks[-1][k] - marks[0][k] for k in (2, 3, 4))
+        # Where it neither ran, nor was ready to, before its wait, another thread held a lock.
+        blocked = max(0.0, marks[-2][1] - begin - (marks[-2][2] - marks[0][2]) - queued)
+        no_core = queued + min(blocked, others)
         stalled = max(overlap(those, begin, end) for those in stalls)
         within["compiled"] = overlap(events["compiled"], begin, end)
         slowest = max(list(took)[:-1], key=lambda name: took[name])
-        if queued + stalled >= 0.5 * delay:
+        if no_core + stalled >= 0.5 * delay:
             cause = "the machine"
         elif within["compiled"] >= 0.5 * delay:
             cause = "functions were compiled"
@@ -140,8 +144,8 @@ def late_steps(events, stalls):
                 "cause": cause,
                 "step": number,
                 "late_ms": 1e3 * delay,
-                "ran_ms": 1e3 * (marks[-1][2] - marks[0][2]),
-                "no_core_ms": 1e3 * queued,
+                "ran_ms": 1e3 * ran,
+                "no_core_ms": 1e3 * no_core,
                 "stalled_ms": 1e3 * stalled,
                 "stages_ms": took,
                 **{f"{name}_ms": 1e3 * value for name, value in within.items()},

@@ -7,6 +7,7 @@ collections of garbage, and functions that were compiled or loaded.
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import json
 import sys
@@ -26,9 +27,16 @@ events: dict[str, list] = {name: [] for name in ("steps", "late", "plans", "garb
 
 
 def running():
-    """How long this thread has run, and has waited for a core [s]."""
-    told = Path(f"/proc/self/task/{threading.get_native_id()}/schedstat").read_text().split()
-    return [1e-9 * int(part) for part in told[:2]]
+    """How long this thread has run, and how long it and all others have waited for a core [s]."""
+    own, ran, waited, others = str(threading.get_native_id()), 0, 0, 0
+    for task in Path("/proc/self/task").iterdir():
+        with contextlib.suppress(OSError):  # it has just ended
+            told = (task / "schedstat").read_text().split()
+            if task.name == own:
+                ran, waited = int(told[0]), int(told[1])
+            else:
+                others += int(told[1])
+    return [1e-9 * ran, 1e-9 * waited, 1e-9 * others]
 
 
 def timed(owner, name, begin, end):
