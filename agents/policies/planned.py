@@ -108,7 +108,7 @@ class Planned:
     )
     """Time for which the chair backs out."""
     deadline: float = setting(default=1.0, unit="s", low=0.05, source="design choice")
-    """Time within which a plan has to be there; planners of a real chair end by then."""
+    """Time within which a plan has to be there; planners of a real chair end before."""
     planning_time: float = setting(default=0.0, unit="s", low=0.0, source="design choice")
     """Time that a plan takes in simulation; 0: none, the chair follows it at once."""
 

@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+SHARE = 0.9  # of the deadline, after which planners end, so that their plans are there in time
 SWITCH = 0.0005  # s after which a planner written in Python lets the loop run
 
 
@@ -51,7 +52,7 @@ class Planning:
 
     Args:
         period: of control [s].
-        deadline: within which a plan has to be there [s]; in real time, planners end by then.
+        deadline: within which a plan has to be there [s]; in real time, planners end before.
         planning_time: that a plan takes in simulated time [s].
         real_time: time passes while a plan is made.
 
@@ -82,7 +83,7 @@ class Planning:
         assert not self.busy
         self.busy, self.periods, self._take, self._made = True, 0, take, []
         if self._real_time:
-            work = make, time.perf_counter() + self._deadline, self._made
+            work = make, time.perf_counter() + SHARE * self._deadline, self._made
             threading.Thread(target=_make, args=work, name="planning", daemon=True).start()
         else:
             _make(make, math.inf, self._made)
