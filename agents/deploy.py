@@ -6,19 +6,20 @@ import logging
 import signal
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.evaluation.evaluate import drive_episode
+from agents.evaluation.evaluate import drive_episode, make_env
 from agents.evaluation.metrics import Record
-from agents.policies import Policy
+from agents.policies import GymPolicy, Policy, make_policy
 from agents.start_fit import start_fit
 from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.geometry import wrap
 from wheelchair_gym.localization.localized_chair import unwrapped
+from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid
 from wheelchair_gym.safety.stops import StopMonitor, active_stops, advice_for, shield_message
 from wheelchair_gym.types import Command, Episode, Mission, Reading
 
@@ -140,8 +141,9 @@ def deploy(
         begin: is called with the environment after reset, before anything is driven; may raise.
 
     Returns:
-        Figures as of `drive_episode`, by the chair's estimated poses, and `ended`, the reason for
-        which the episode was ended.
+        Figures as of `drive_episode`, by the chair's estimated poses; `ended`, the reason for which
+        the episode was ended; `late_steps` and `late_ms_max`, the control periods that ended more
+        than 10 ms late, and the longest delay.
     """
     events, shield = EventLog(config, log, commands), env.unwrapped.shield
     steps = 0
@@ -156,7 +158,49 @@ def deploy(
         return events(now)
 
     capped = Capped(policy, config, lambda: shield.latched if shield else "")
-    return events.outcome(drive_episode(env, capped, 0, watch, episode))
+    return events.outcome(drive_episode(env, capped, 0, watch, episode) | late_steps(env))
+
+
+def narrow_gap(width: float = 0.6) -> Episode:
+    """A goal behind a wall with a gap that may be too narrow: what blocks every plan of a chair."""
+    cells = np.full((80, 160), FREE, np.int8)
+    cells[:4], cells[-4:], cells[:, :4], cells[:, -4:], cells[:, 78:82] = 5 * (OCCUPIED,)
+    half = round(0.5 * width / 0.05)
+    cells[40 - half : 40 + half, 78:82] = FREE
+    grid = OccupancyGrid(cells, 0.05, (0.0, 0.0, 0.0))
+    return Episode(grid, np.array([2.0, 2.0, 0.0]), np.array([6.0, 2.0, 0.0]), grid.walls())
+
+
+def late_steps(env: Any) -> Record:
+    """How many control periods of a real chair ended late, and by how much at most."""
+    chair: Any = unwrapped(env.unwrapped.chair)
+    delays = [1e3 * delay for _, delay in getattr(chair, "late", [])]
+    return {"late_steps": len(delays), "late_ms_max": max(delays, default=0.0)}
+
+
+REHEARSED = 300  # steps at most of each drive
+
+
+def rehearse(policy: Any, settings: Mapping[str, Any]) -> None:
+    """Drive in simulation, so that nothing compiles once a person sits in the chair.
+
+    The drives lead around sudden obstacles, and to a goal that cannot be reached: there a policy
+    does all that it can do.
+
+    Args:
+        policy: a spec for `make_policy`.
+        settings: keyword settings of the environment.
+    """
+    for seed, options in ((2, None), (0, {"episode": narrow_gap()})):
+        env = make_env("temporary", settings)
+        observation, _ = env.reset(seed=seed, options=options)
+        driver = GymPolicy(make_policy(policy), env)
+        driver.reset()
+        for _ in range(REHEARSED):
+            observation, _, terminated, truncated, _ = env.step(driver.act(observation))
+            if terminated or truncated:
+                break
+        env.close()
 
 
 def check_start(env: Any, start: Array, forced: bool, log: Log) -> None:

@@ -189,6 +189,7 @@ class Mission:
         shield: settings of the shield that filters the commands; None: there is none.
         is_shielded: the shield filters this episode's commands.
         key: of the episode; seeds what a policy draws.
+        real_time: time passes while the policy thinks, as on a real chair.
     """
 
     map: OccupancyGrid | None
@@ -202,6 +203,7 @@ class Mission:
     shield: ShieldSettings | None
     is_shielded: bool
     key: int
+    real_time: bool = False
 
     @property
     def start(self) -> Array:

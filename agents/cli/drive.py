@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from agents.cli.arguments import chair_spec, env_of, map_scenes, real_chair_env, report, spec, watch
-from agents.deploy import Deployment, EventLog, check_start, to_stderr
+from agents.deploy import Deployment, EventLog, check_start, late_steps, rehearse, to_stderr
 from agents.deploy import deploy as deploy_policy
-from agents.evaluation.evaluate import drive_episode, env_settings, label, make_env, warm
+from agents.evaluation.evaluate import drive_episode, env_settings, label, make_env
 from agents.policies import make_policy
 from wheelchair_gym.config import InputError
 from wheelchair_gym.envs.settings import env_settings as complete_env_settings
@@ -21,8 +21,6 @@ from wheelchair_gym.hardware.registry import check_extras
 from wheelchair_gym.maps import OCCUPIED, read_any_map
 from wheelchair_gym.safety.stops import active_stops
 from wheelchair_gym.types import Episode
-
-_WARM_SCENE = "clutter"  # in which a policy drives in simulation before it drives a real chair
 
 
 def simulate(given: argparse.Namespace) -> int:
@@ -68,8 +66,8 @@ def simulate(given: argparse.Namespace) -> int:
             write_png(given.picture, with_legend(env.render(), scene_entries(actors)))
     finally:
         env.close()
-    if events is not None and events.ended:
-        record |= {"outcome": "halted", "success": False}
+    if events is not None:
+        record = events.outcome(record) | late_steps(env)
     stands = active_stops(env.unwrapped.task.reading.halted, env.unwrapped.shield)
     place = label(scene) if episode is None else episode.name
     record |= {"policy": given.policy, "scene": place, "seed": given.seed, "stands": stands}
@@ -82,6 +80,7 @@ def simulate(given: argparse.Namespace) -> int:
         f" m), least clearance {'-' if least is None else f'{least:.3f}'} m"
         + (f"; it stands: {'; '.join(stands)}" if stands else "")
         + (" (in simulation it cannot be re-armed)" if stands and given.chair is None else "")
+        + ("" if given.chair is None else _timing(record))
     )
     report(given, record, text)
     return 0
@@ -109,6 +108,8 @@ def _real(
         raise InputError("--chair: expected --goal X,Y on its own map, or --scene with one")
     if given.start is not None and len(given.start) != 3:
         raise InputError("--start of a real chair: expected X,Y,YAW (m, m, rad)")
+    if given.policy != "manual":  # which needs the window
+        rehearse(spec(given.policy), settings)
     env, chair = real_chair_env(chair_spec(given.chair), settings, scene=scene, render_mode=mode)
     try:
         if given.goal is not None and not hasattr(chair, "episode"):
@@ -136,8 +137,7 @@ def deploy(given: argparse.Namespace) -> int:
             raise InputError(f"--dry-run: {given.chair} cannot be listened to; expected hardware")
         chair = {**chair, "dry_run": True}
     print("getting ready", file=sys.stderr)
-    # Nothing compiles while a person sits in the chair.
-    warm(spec(given.policy), _WARM_SCENE, settings)
+    rehearse(spec(given.policy), settings)
     env, _ = real_chair_env(chair, settings, render_mode="rgb_array")
 
     def begin(env: Any) -> None:
@@ -155,9 +155,24 @@ def deploy(given: argparse.Namespace) -> int:
         record,
         f"{given.policy}: {record['outcome']} after {record['time']:.1f} s and "
         f"{record['length']:.2f} m (shortest {record['geodesic']:.2f} m), by its own estimate"
-        f"{ended}",
+        f"{ended}{_timing(record)}",
     )
     return 0 if record["success"] or given.dry_run else 1
+
+
+def _timing(record: dict[str, Any]) -> str:
+    """What planning and the loop's periods took, as a person reads it."""
+    text = ""
+    if record["plans_ms_max"] > 0.0:
+        text += (
+            f"; plans took {record['plans_ms_p50']:.0f} ms (95 %: {record['plans_ms_p95']:.0f}, "
+            f"longest: {record['plans_ms_max']:.0f}), {record['late_plans']} came late and "
+            f"{record['discarded_plans']} were discarded; meanwhile the chair drove on for "
+            f"{record['thinking_drove_s']:.1f} s and stood for {record['thinking_stood_s']:.1f} s"
+        )
+    if record.get("late_steps"):
+        text += f"; late steps: {record['late_steps']}, by {record['late_ms_max']:.0f} ms at most"
+    return text
 
 
 def _episode(given: argparse.Namespace, footprint: Any) -> Episode:

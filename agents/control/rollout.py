@@ -290,11 +290,14 @@ class ReferencePath:
     """Poses to follow, the distance s [m] along them, and how far the chair has come.
 
     Attributes:
+        path: (n, 2) [m]: as it was planned.
         rows: (n, 4) x, y [m], yaw [rad], s [m].
         at: the row where the chair is.
     """
 
     def __init__(self, path: Array, pose: Array) -> None:
+        path = np.asarray(path, dtype=np.float64)
+        self.path = path[:, :2]
         if len(path) < 2:
             path = np.concatenate([path[:, :2], path[:, :2] + 1e-6])
         poses = path if path.shape[1] == 3 else poses_of(path, float(pose[2]))
@@ -304,10 +307,10 @@ class ReferencePath:
         self.rows = np.column_stack([poses, s])  # (n, 4)
         self.at = 0
 
-    def advance(self, pose: Array) -> float:
-        """Move along to where the pose is; the distance [m] between pose and reference."""
+    def advance(self, pose: Array, most: float = 0.4) -> float:
+        """Move along, at most so far [m], to where the pose is; the distance [m] between both."""
         first = int(np.searchsorted(self.rows[:, S], self.way - 0.2))
-        self.at, distance = match(pose[0], pose[1], pose[2], self.rows, first, self.way + 0.4)
+        self.at, distance = match(pose[0], pose[1], pose[2], self.rows, first, self.way + most)
         return float(distance)
 
     @property

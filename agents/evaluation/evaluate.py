@@ -18,6 +18,7 @@ from agents.evaluation.runs import compute, run_key, source_digest
 from agents.evaluation.social import PeopleTrace
 from agents.policies import GymPolicy, Policy, make_policy, spec_of
 from agents.policies.learned import weights_digest
+from agents.policies.planning import figures_of
 from agents.watch import Watch
 from wheelchair_gym.config import InputError, load, read_json
 from wheelchair_gym.maps import bottleneck, footprint_margin
@@ -148,6 +149,7 @@ def drive_episode(
     trace.plan_s = time.perf_counter() - begun
     ended = truncated = False
     while not (ended or truncated):
+        trace.planning = figures_of(policy)
         if frames is not None and frames(env):
             return measure(trace, info, truncated)
         begun = time.perf_counter()

@@ -13,6 +13,7 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from agents.evaluation.social import PeopleTrace
+from agents.policies.planning import PlanningFigures
 from planners.collision.polygon_tests import SpaceArrays, clearance
 from planners.problem import Problem
 from planners.swarm import path_cost
@@ -41,7 +42,10 @@ SOCIAL_MEANS = (
     "people_delay",
 )
 EFFICIENCIES = ("path_efficiency", "time_efficiency")
-TIMING = ("plan_ms", "act_ms_p50", "act_ms_p95")  # the only fields in which equal runs may differ
+# The only fields in which equal runs may differ.
+TIMING = (
+    "plan_ms", "act_ms_p50", "act_ms_p95", "plans_ms_p50", "plans_ms_p95", "plans_ms_max",
+)  # fmt: skip
 
 
 def wilson(successes: int, trials: int) -> tuple[float, float]:
@@ -122,6 +126,7 @@ class Trace:
     touched_actor: bool = False
     acts_s: list[float] = field(default_factory=list)
     plan_s: float = 0.0
+    planning: PlanningFigures = field(default_factory=PlanningFigures)
 
     def add(self, info: Mapping[str, Any]) -> None:
         """Add one info of the environment."""
@@ -188,6 +193,7 @@ def measure(trace: Trace, info: Mapping[str, Any], truncated: bool) -> Record:
         "plan_ms": 1e3 * trace.plan_s,
         "act_ms_p50": float(np.percentile(acts, 50)),
         "act_ms_p95": float(np.percentile(acts, 95)),
+        **trace.planning.record(),
     }
     if trace.people is not None and (social := trace.people.figures(poses, twists, trace.period)):
         way, least = (record[key] if success else math.nan for key in ("spl", "sct"))

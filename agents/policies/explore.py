@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import field
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agents.control.unknown_space import with_free_footprint
-from agents.policies.planned import Planned
+from agents.policies.planned import Answer, Planned, PlannedDriver, Search
+from agents.policies.planning import PlanningFigures
 from wheelchair_gym.config import setting, settings
+from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.localization.occupancy import Frontier, find_frontiers
-from wheelchair_gym.maps import UNKNOWN, geodesic
+from wheelchair_gym.maps import UNKNOWN, OccupancyGrid, geodesic
 from wheelchair_gym.types import Command, Mission, Reading
 
 Array = NDArray[np.float64]
@@ -56,17 +58,93 @@ class Explore:
     """Time for one frontier, after which it is given up."""
     seed: int = setting(default=0, low=0, source="design choice")
     """Seed of the planner, with the episode's key."""
+    deadline: float = setting(default=1.0, unit="s", low=0.05, source="design choice")
+    """Time within which a choice with its plans has to be there, as in `Planned`."""
+    planning_time: float = setting(default=0.0, unit="s", low=0.0, source="design choice")
+    """Time that it takes in simulation; 0: none, the chair follows it at once."""
 
     def __post_init__(self) -> None:
         self.planned()
 
     def planned(self) -> Planned:
         """What drives to each place."""
-        return Planned(planner=self.planner, follower=self.follower, seed=self.seed)
+        return Planned(
+            planner=self.planner,
+            follower=self.follower,
+            seed=self.seed,
+            deadline=self.deadline,
+            planning_time=self.planning_time,
+        )
 
     def make(self) -> Explorer:
         """A fresh policy."""
         return Explorer(self)
+
+
+class Choice(NamedTuple):
+    """Where to drive next."""
+
+    state: str
+    answers: list[tuple[Array, Answer]]  # places (2 or 3,) planned to, of which the last is taken
+    given_up: list[Array]  # places (2,)
+    seen: int  # explored cells when frontiers were last given up
+
+
+@dataclass(frozen=True)
+class Chooser:
+    """Everything that a choice is made of, so that it can be made beside the loop."""
+
+    config: Explore
+    search: Search
+    pose: Array  # (3,)
+    grid: OccupancyGrid
+    footprint: Footprint
+    goal: Array  # (3,)
+    aim: Array  # (2,) of the last choice
+    over: bool  # that one was reached, or led nowhere
+    given_up: list[Array]
+    seen: int
+
+    def choose(self, end: float) -> Choice:
+        """Aim at the goal if a path to it is explored, or else at the frontier of least cost."""
+        config, pose, answers = self.config, self.pose, list[tuple[Array, Answer]]()
+        grid = with_free_footprint(self.grid, pose, self.footprint)
+        goal, given_up, seen = self.goal, [*self.given_up], self.seen
+
+        def plan(to: Array) -> bool:
+            answers.append((to, self.search.plan(to, end)))
+            return answers[-1][1].solved
+
+        def chosen(state: str) -> Choice:
+            return Choice(state, answers, given_up, seen)
+
+        if config.seek and np.isfinite(geodesic(grid, goal[:2], config.clearance).at(pose[:2])):
+            plan(goal)
+            return chosen("drive")
+        if self.over:
+            given_up.append(self.aim)
+        found = find_frontiers(grid, pose, config.clearance, config.least)
+        for one in sorted(found, key=self._cost):
+            away = [np.hypot(*(one.place - place)) for place in given_up]
+            if min(away, default=np.inf) < config.clearance:
+                continue
+            if np.hypot(*(one.place - self.aim)) < SAME and not self.over:
+                return chosen("explore")  # on the way there
+            if plan(one.place):
+                return chosen("explore")
+            given_up.append(one.place)
+        explored = int((grid.cells != UNKNOWN).sum())
+        if found and explored > MORE * seen:  # much was seen since: a path may be open now
+            seen = explored
+            given_up.clear()
+            return chosen("explore")
+        plan(goal if config.seek else pose)
+        return chosen("drive" if config.seek else "done")
+
+    def _cost(self, one: Frontier) -> float:
+        """What a frontier costs [m]: the way there and on to the goal, less what it may show."""
+        rest = self.config.towards * float(np.hypot(*(one.place - self.goal[:2])))
+        return one.path_length + (rest if self.config.seek else 0.0) - self.config.gain * one.length
 
 
 class Explorer:
@@ -83,61 +161,48 @@ class Explorer:
         """See `Policy.reset`."""
         self._mission = mission
         self._given_up: list[Array] = []  # places (2,) that were in vain
-        self._spent = self._since = 0.0  # s on this frontier, and since the last search
+        self._spent = 0.0  # s on this frontier
+        self._since = np.inf  # s since the last search
         self._seen = 0  # explored cells when frontiers were last given up
         self.state = "explore"
-        self._driver = self.config.planned().make()
+        self._driver: PlannedDriver = self.config.planned().make()
         self._driver.reset(mission)
-        self._choose(mission.reading)
+        if not self._driver.planning.busy:
+            self._choose(mission.reading)
+
+    @property
+    def planning_figures(self) -> PlanningFigures:
+        """What planning took in this episode."""
+        return self._driver.planning_figures
 
     def act(self, reading: Reading) -> Command:
         """See `Policy.act`; done one period after nothing was left to see."""
+        driver = self._driver
         if self.state == "done":
-            return Command(np.zeros(2), self._driver.shown, done=True)
+            return Command(np.zeros(2), driver.shown, done=True)
         period = self._mission.period
         self._since += period
         self._spent += period
-        if self.state == "explore" and (self._since >= self.config.look or self._driver.ended):
+        due = self._since >= self.config.look or driver.ended
+        if self.state == "explore" and due and not driver.thinks:
             self._choose(reading)
         if self.state == "done":
-            return Command(np.zeros(2), self._driver.shown)
-        return self._driver.act(reading)
+            return Command(np.zeros(2), driver.shown)
+        return driver.act(reading)
 
     def _choose(self, reading: Reading) -> None:
-        """Aim at the goal if a path to it is explored, or else at the frontier of least cost."""
-        config, mission = self.config, self._mission
-        pose, goal = reading.pose, mission.goal[:2]
-        grid = with_free_footprint(mission.map_at(reading), pose, mission.footprint)
+        """Choose where to drive, and plan there."""
+        driver, mission = self._driver, self._mission
+        over = driver.ended or not driver.solved or self._spent > self.config.patience
         self._since = 0.0
-        if config.seek and np.isfinite(geodesic(grid, goal, config.clearance).at(pose[:2])):
-            self.state = "drive"
-            self._driver.aim(mission.goal, reading)
-            return
-        aim = self._driver.goal[:2]
-        over = self._driver.ended or not self._driver.solved or self._spent > config.patience
-        if over:
-            self._given_up.append(aim)
-        found = find_frontiers(grid, pose, config.clearance, config.least)
-        for one in sorted(found, key=self._cost):
-            away = [np.hypot(*(one.place - place)) for place in self._given_up]
-            if min(away, default=np.inf) < config.clearance:
-                continue
-            if np.hypot(*(one.place - aim)) < SAME and not over:
-                return  # on the way there
-            self._driver.aim(one.place, reading)
-            self._spent = 0.0
-            if self._driver.solved:
-                return
-            self._given_up.append(one.place)
-        seen = int((grid.cells != UNKNOWN).sum())
-        if found and seen > MORE * self._seen:  # much was seen since: a path there may be open now
-            self._seen = seen
-            self._given_up.clear()
-            return
-        self.state = "drive" if config.seek else "done"
-        self._driver.aim(mission.goal if config.seek else pose, reading)
+        chooser = Chooser(
+            self.config, driver.search(reading), reading.pose, mission.map_at(reading),
+            mission.footprint, mission.goal, driver.goal[:2], over, self._given_up, self._seen,
+        )  # fmt: skip
+        driver.planning.ask(chooser.choose, self._chosen)
 
-    def _cost(self, one: Frontier) -> float:
-        """What a frontier costs [m]: the way there and on to the goal, less what it may show."""
-        rest = self.config.towards * float(np.hypot(*(one.place - self._mission.goal[:2])))
-        return one.path_length + (rest if self.config.seek else 0.0) - self.config.gain * one.length
+    def _chosen(self, choice: Choice) -> None:
+        self.state, answers, self._given_up, self._seen = choice
+        for place, answer in answers:
+            self._spent = 0.0
+            self._driver.aim(place, answer)

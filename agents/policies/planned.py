@@ -6,16 +6,18 @@ It has named states, shown in pictures and logs as the status of its commands:
     goes round   a temporary obstacle blocks the path: a new plan from where the chair is
     halts        an actor is near or on course
     gives way    the same, and the chair moves back from it
-    waits        nothing leads on for now: a temporary obstacle blocks the path, or the goal
+    waits        nothing leads on for now: a temporary obstacle blocks the path, or the goal, or
+                 the chair stands until there is a plan
     backs out    no progress for a while; then a new plan
     looks round  the path leads into unknown space: the chair turns in place to see it first
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import field, replace
-from typing import Any
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +27,9 @@ from agents.control.followers import CREEP, Situation
 from agents.control.local_map import LocalMap
 from agents.control.rollout import ChairState, ReferencePath
 from agents.control.unknown_space import BEYOND, assumed_maps, blind_behind, walls_block
+from agents.policies.planning import Planning, PlanningFigures
 from agents.policies.recoveries import (
+    AHEAD,
     BACK,
     CRAWL,
     DETOUR,
@@ -42,16 +46,21 @@ from agents.policies.recoveries import (
     widest_plan,
 )
 from agents.policies.scripted import episode_rng
-from planners import make_planner
+from planners import Planner, make_planner
 from planners.problem import Plan, Status
 from wheelchair_gym.config import setting, settings
+from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.types import Command, Mission, Reading, Shown
 
 Array = NDArray[np.float64]
+Then = Callable[[], object] | None
 
 ACTOR_RANGE = 2.5  # m: with an actor nearer, the chair reverses slowly: no sensor looks back
 HELD = 1.0  # s for which people see why there is a new path
+NEAR = 1.5  # m of way from the axle's centre: the chair's front, and to rest from 0.8 m/s
+STILL = 0.02  # m/s and rad/s: slower, the chair stands
+REJOIN = 2.0  # m along a plan on which a chair that drove on meanwhile may join it
 
 
 @settings
@@ -98,6 +107,10 @@ class Planned:
         default=2.5, unit="s", low=0.1, source="design choice; about half the chair's length"
     )
     """Time for which the chair backs out."""
+    deadline: float = setting(default=1.0, unit="s", low=0.05, source="design choice")
+    """Time within which a plan has to be there; planners of a real chair end before."""
+    planning_time: float = setting(default=0.0, unit="s", low=0.0, source="design choice")
+    """Time that a plan takes in simulation; 0: none, the chair follows it at once."""
 
     def __post_init__(self) -> None:
         make_planner(dict(self.planner))
@@ -106,6 +119,51 @@ class Planned:
     def make(self) -> PlannedDriver:
         """A fresh policy."""
         return PlannedDriver(self)
+
+
+class Answer(NamedTuple):
+    """A plan, and what it was made of."""
+
+    plan: Plan
+    clearance: float  # m: asked for last
+    start: Array  # (3,) m, m, rad
+    maps: list[OccupancyGrid]  # to be tried in turn
+    tried: int  # of them
+
+    @property
+    def solved(self) -> bool:
+        """Whether the plan leads to the goal."""
+        return self.plan.status is Status.SOLVED
+
+
+@dataclass(frozen=True)
+class Search:
+    """Everything that a plan is made of, so that it can be made beside the loop."""
+
+    config: Planned
+    planner: Planner
+    rng: np.random.Generator
+    start: Array  # (3,) m, m, rad
+    maps: list[OccupancyGrid]  # to be tried in turn
+    drawn: Footprint | None = None  # the chair's, where it draws the only map itself
+
+    def plan(self, goal: Array, end: float) -> Answer:
+        """Plan to a goal (2 or 3,), until `perf_counter` shows `end` [s], in one map after another.
+
+        In each, at the widest clearance that leads to the goal.
+        """
+        config, maps = self.config, self.maps
+        if self.drawn is not None:
+            ends = np.stack([self.start[:2], goal[:2]])
+            maps = assumed_maps(maps[0].extended_to(ends, config.beyond), self.start, self.drawn)
+        for k, grid in enumerate(maps):
+            found = widest_plan(
+                self.planner, grid, self.start, goal, config.clearance, config.least, self.rng, end
+            )
+            answer = Answer(*found, self.start, maps, k + 1)
+            if answer.solved:
+                break
+        return answer
 
 
 class PlannedDriver:
@@ -136,13 +194,30 @@ class PlannedDriver:
         self._reference: ReferencePath | None = None
         self._draws = mission.map is None  # the chair draws its own map
         self._report = StatusReport(mission.footprint)
-        self.aim(mission.goal, mission.reading)
-
-    def aim(self, goal: Array, reading: Reading) -> None:
-        """Drive to a goal (2 or 3,) [m, m, rad] from now on; without a heading any will do."""
-        self.goal = np.asarray(goal, dtype=np.float64)
-        self._map = self._mission.map_at(reading)
+        self._path: Array | None = None
+        self._map = mission.map_at(mission.reading)
+        self.goal = np.asarray(mission.goal, dtype=np.float64)
+        self._held = False  # stands until there is a plan
+        self._again: Then = None  # asks for one as soon as the chair stands
+        self.planning = Planning(
+            mission.period, self.config.deadline, self.config.planning_time, mission.real_time
+        )
         self._replan()
+
+    @property
+    def planning_figures(self) -> PlanningFigures:
+        """What planning took in this episode."""
+        return self.planning.figures
+
+    def search(self, reading: Reading) -> Search:
+        """What a plan from where the chair is, in the map of a reading, is made of."""
+        self._map = grid = self._mission.map_at(reading)
+        return self._search([grid])
+
+    def aim(self, goal: Array, answer: Answer) -> None:
+        """Drive to a goal (2 or 3,) [m, m, rad] from now on, by an answer of `search`."""
+        self.goal = np.asarray(goal, dtype=np.float64)
+        self._replanned(None, answer)
 
     @property
     def shown(self) -> Shown:
@@ -164,36 +239,70 @@ class PlannedDriver:
         """Whether the chair has come to the end of its path."""
         return self._reference is not None and self._reference.ended
 
-    def _replan(self) -> None:
-        """Plan from where the chair is, and begin the new path if one leads to the goal."""
-        start, goal = self._local_map.pose, self.goal
-        maps = self._maps(start, goal)
+    def _search(self, maps: list[OccupancyGrid]) -> Search:
+        drawn = self._mission.footprint if self._draws else None
+        start = self._local_map.pose
+        return Search(self.config, self._planner, self._rng, start, maps, drawn)
+
+    def _replan(self, then: Then = None, held: bool = False) -> None:
+        """Plan from where the chair is, and begin the new path if one leads to the goal.
+
+        `then` is called when that is done; if the chair is held, it stands meanwhile.
+        """
         self._detours.taken = self._temporary
-        for grid in maps:
-            if self._plan(grid, start, goal):
-                break
+        painted = [self._local_map.temporary.painted()] if self._temporary else []
+        self._ask([*painted, self._map], partial(self._replanned, then), held)
+
+    def _ask(self, maps: list[OccupancyGrid], take: Callable[[Answer], object], held: bool) -> None:
+        self._held = held
+        self.planning.ask(partial(self._search(maps).plan, self.goal), take)
+
+    def _replanned(self, then: Then, answer: Answer) -> None:
+        start, maps = answer.start, answer.maps
+        reference = self._received(then, answer)
+        if reference is None:
+            return
+        self.plan, self._clearance = answer.plan, answer.clearance
         if self._draws:  # the follower never reverses into unknown space
-            self._local_map.set_walls(grid if grid is not maps[-1] else maps[-2])
-            if grid is maps[-1] and blind_behind(self._map, start, self._mission.footprint):
-                self._spin.begin(start, goal)
-        assert self.plan is not None
-        path = self.plan.path
+            self._local_map.set_walls(maps[min(answer.tried, len(maps) - 1) - 1])
+            last = answer.tried == len(maps)
+            if last and blind_behind(self._map, start, self._mission.footprint):
+                self._spin.begin(start, self.goal)
         self._mapped = 0.0
         self._progress.stalled_time = 0.0
         plain = self.solved and not self.plan.note
         self._reason = "" if plain else f"{self.plan.status.name} {self.plan.note}".strip()
         self._lost = 0.0 if self.solved else RETRY_TIME  # a search that finds nothing is longest
-        if not self.solved:
-            if self._reference is not None:
-                return  # the old path is better than none
-            # Straight on: the follower still touches nothing, and the next plan begins elsewhere.
-            path = np.stack([start[:2], goal[:2]])
-        self._take(path, start)
+        # The old path is better than none.
+        if self.solved or self._reference is None:
+            self._take(reference)
+        if then is not None:
+            then()
 
-    def _take(self, path: Array, start: Array) -> None:
-        """Follow a path (n, 2 or 3) [m] from now on."""
-        self._path = path[:, :2]
-        self._reference = ReferencePath(np.asarray(path, dtype=np.float64), start)
+    def _received(self, then: Then, answer: Answer) -> ReferencePath | None:
+        """The path of an answer, from where the chair is by now; None where it no longer fits.
+
+        Then the chair stops, and plans again once it stands: that plan fits where it stands.
+        """
+        self.plans += answer.tried
+        start = answer.start
+        # Straight on: the follower still touches nothing, and the next plan begins elsewhere.
+        straight = np.stack([start[:2], self.goal[:2]])
+        reference = ReferencePath(answer.plan.path if answer.solved else straight, start)
+        if self.planning.periods and answer.solved and not self._fits(reference, answer.clearance):
+            self.planning.figures.discarded += 1
+            self._again = partial(self._plan_anew, then, held=True)
+            return None
+        return reference
+
+    def _fits(self, reference: ReferencePath, clearance: float) -> bool:
+        """Join a path that was planned a while ago; whether that is possible in the newest map."""
+        off = reference.advance(self._local_map.pose, REJOIN)
+        return off <= self.config.astray and not self._blocks(reference, AHEAD, clearance)
+
+    def _take(self, reference: ReferencePath) -> None:
+        """Follow a path from now on."""
+        self._path, self._reference = reference.path, reference
         self._follow()
         self._progress.begin()
 
@@ -202,49 +311,38 @@ class PlannedDriver:
         bold = self._progress.bold > 0.0
         self._follower = (self._boldly if bold else self._follower_settings).make()
 
-    def _go_round(self) -> None:
+    def _go_round(self, then: Then = None, held: bool = False) -> None:
         """Plan a detour around temporary obstacles; where there is none, keep the path, and wait.
 
         T1 3.2.2: temporary obstacles are taken into the plan as soon as they are met.
         """
-        start, goal = self._local_map.pose, self.goal
-        kept, before = (self.plan, self._clearance), self._reference
+        self._ask([self._local_map.temporary.painted()], partial(self._went_round, then), held)
+
+    def _went_round(self, then: Then, answer: Answer) -> None:
+        detour, before = self._received(then, answer), self._reference
+        if detour is None:
+            return
         assert before is not None
-        found = self._plan(self._local_map.temporary.painted(), start, goal)
-        assert self.plan is not None
-        if not found:
-            blocked = self.plan.status is Status.GOAL_OCCUPIED
+        blocked = answer.plan.status is Status.GOAL_OCCUPIED
+        if not answer.solved:
+            self.plan, self._clearance = answer.plan, answer.clearance
             why = "the goal is blocked" if blocked else "no way round"
             self._report.set("waits", why, self._detours.wait())
-            return
-        detour = ReferencePath(np.asarray(self.plan.path, dtype=np.float64), start)
-        if self._detours.too_long(detour, before):
-            self.plan, self._clearance = kept
+        elif self._detours.too_long(detour, before):
             self._report.set("waits", "the way round is long", self._detours.wait())
-            return
-        self._take(self.plan.path, start)
-        self._detours.taken = True
-        self._report.set("goes round", held=HELD)
-
-    def _maps(self, start: Array, goal: Array) -> list[OccupancyGrid]:
-        """Maps to plan in, the next one if the last leads nowhere."""
-        grid = self._map
-        if not self._draws:
-            return [self._local_map.temporary.painted(), grid] if self._temporary else [grid]
-        grid = grid.extended_to(np.stack([start[:2], goal[:2]]), self.config.beyond)
-        return assumed_maps(grid, start, self._mission.footprint)
-
-    def _plan(self, grid: OccupancyGrid, start: Array, goal: Array) -> bool:
-        """Plan in a map at the widest clearance that leads to the goal."""
-        self.plans += 1
-        self.plan, self._clearance = widest_plan(
-            self._planner, grid, start, goal, self.config.clearance, self.config.least, self._rng
-        )
-        return self.solved
+        else:
+            self.plan, self._clearance = answer.plan, answer.clearance
+            self._take(detour)
+            self._detours.taken = True
+            self._report.set("goes round", held=HELD)
+        if then is not None:
+            then()
 
     def act(self, reading: Reading) -> Command:
         """See `Policy.act`."""
         unseen = self._update(reading)
+        if reading.stamp > self._mission.reading.stamp:  # a plan that reset asked for is of step 0
+            self.planning.step()
         self._decide(unseen)
         twist = self._steer()
         if twist is None or (twist[0] < 0.0 and self._local_map.blind):
@@ -275,7 +373,11 @@ class PlannedDriver:
     def _decide(self, unseen: bool) -> None:
         """Go on as before, or begin a recovery."""
         period, progress = self._mission.period, self._progress
-        assert self._reference is not None  # reset made one
+        if self._again is not None and np.abs(self._chair.body.state[[0, 2]]).max() < STILL:
+            again, self._again = self._again, None
+            again()
+        if self._reference is None:
+            return  # the first plan is being made
         off, bold = self._reference.advance(self._local_map.pose), progress.bold
         if progress.update(self._reference.way):
             if bold > progress.bold == 0.0:
@@ -285,18 +387,20 @@ class PlannedDriver:
         self._detours.pause -= period
         self._report.held -= period
         self._lost -= period
+        if self.thinks:
+            return
         if self._spin.on:
             redrawn = self._redrawn()
             if self._spin.done or (redrawn and not unseen):
                 self._spin.end()
-                self._replan()
+                self._replan(held=True)
             elif redrawn:
                 maps = assumed_maps(self._map, self._local_map.pose, self._mission.footprint)
                 self._local_map.set_walls(maps[-2])
         elif self._backing > 0.0:
             self._backing -= period * (CRAWL / BACK if self._peopled else 1.0)
             if self._backing <= 0.0:
-                self._plan_anew()
+                self._plan_anew(held=True)
         elif self._lost <= 0.0 and (off > self.config.astray or self._outdated()):
             self._replan()
         elif self._blocked():
@@ -306,7 +410,12 @@ class PlannedDriver:
 
     def _steer(self) -> Array | None:
         """The next twist (2,) in the present state; None where there is none."""
+        if self.thinks and self._stands():
+            self.planning.figures.stood += self._mission.period
+            self._report.set("waits", "for a plan")
+            return None
         assert self._reference is not None
+        self.planning.figures.followed += self._mission.period * self.thinks
         twist: Array | None = None
         now = Situation(self._local_map, self._reference, self._chair)
         if self._spin.on:
@@ -330,10 +439,17 @@ class PlannedDriver:
         self._follow()
         if self._progress.tries % 2:
             assert self._reference is not None
-            left, waits = self._reference.left, self._temporary
-            self._plan_anew()
-            if waits or self._reference.left < left + DETOUR:
-                return
+            self._plan_anew(partial(self._recovered, self._reference.left, self._temporary))
+        else:
+            self._back_out()
+
+    def _recovered(self, left: float, waits: bool) -> None:
+        """Back out if the new plan is longer by a detour than what was left [m] of the old one."""
+        assert self._reference is not None
+        if not waits and self._reference.left >= left + DETOUR:
+            self._back_out()
+
+    def _back_out(self) -> None:
         times = self._backup.begin(self._local_map.pose[:2])
         self._backing = times * self.config.backing
 
@@ -342,12 +458,30 @@ class PlannedDriver:
         """Whether there is an obstacle that is not on the map that the chair was given."""
         return not self._draws and len(self._local_map.temporary.points) > 0
 
-    def _plan_anew(self) -> None:
+    def _plan_anew(self, then: Then = None, held: bool = False) -> None:
         """A new plan; around temporary obstacles if that is not a long detour."""
-        if self._temporary:
-            self._go_round()
+        if self._temporary and self._reference is not None:
+            self._go_round(then, held)
         else:
-            self._replan()
+            self._replan(then, held)
+
+    @property
+    def thinks(self) -> bool:
+        """Whether a plan is being made, or will be as soon as the chair stands."""
+        return self.planning.busy or self._again is not None
+
+    def _stands(self) -> bool:
+        """Whether the chair stands while a plan is made: it goes nowhere, or not by its path."""
+        held, reference = self._held or self._again is not None, self._reference
+        return held or reference is None or self._blocks(reference, NEAR, self._clearance)
+
+    def _blocks(self, reference: ReferencePath, ahead: float, clearance: float) -> bool:
+        """Whether the newest map shows something on the next metres of a path."""
+        if self._draws:
+            rows = reference.rows[reference.at :]
+            rows = rows[rows[:, 3] < reference.way + ahead]
+            return walls_block(self._map, rows, clearance)
+        return is_blocked(self._local_map.temporary, reference, clearance, ahead)
 
     def _blocked(self) -> bool:
         """Whether a temporary obstacle is on the next metres of the path."""

@@ -18,7 +18,7 @@ from agents.control.rollout import ReferencePath, stops_clear
 from agents.evaluation.metrics import backing
 from planners import Planner
 from planners.collision.space import Space
-from planners.problem import Plan, Problem, Status, checked_plan
+from planners.problem import Plan, Problem, Status, checked_plan, remaining
 from wheelchair_gym.geometry import Footprint, to_frame
 from wheelchair_gym.kinematics import corner_speed
 from wheelchair_gym.maps import FREE, UNKNOWN, OccupancyGrid, bottleneck
@@ -237,11 +237,12 @@ class DetourPolicy:
         return True
 
 
-def is_blocked(temporary: TemporaryObstacles, reference: ReferencePath, clearance: float) -> bool:
+def is_blocked(
+    temporary: TemporaryObstacles, reference: ReferencePath, clearance: float, ahead: float = AHEAD
+) -> bool:
     """Whether a temporary obstacle is on the next metres of the path."""
     rows = reference.rows[reference.at :]
-    ahead = rows[rows[:, 3] < reference.way + AHEAD]
-    return temporary.blocks(ahead, clearance - TOLERATED)
+    return temporary.blocks(rows[rows[:, 3] < reference.way + ahead], clearance - TOLERATED)
 
 
 FINER = 0.04  # m: a plan that finds no way is tried again with this much less clearance,
@@ -256,6 +257,7 @@ def widest_plan(
     clearance: float,
     least: float,
     rng: np.random.Generator,
+    end: float = math.inf,
 ) -> tuple[Plan, float]:
     """Plan in a map at the widest clearance that leads to the goal.
 
@@ -267,6 +269,7 @@ def widest_plan(
         clearance: to begin with [m].
         least: to end with [m].
         rng: the planner's.
+        end: `perf_counter` [s] by which the planner ends.
 
     Returns:
         The plan, the last one tried if none leads there, and its clearance [m].
@@ -279,7 +282,9 @@ def widest_plan(
         clearance -= FINER  # where no disc passes a search is in vain
     best = math.inf  # m in reverse
     while True:
-        plan = checked_plan(planner, planner.plan(Problem(space, start, goal, clearance), rng))
+        problem = Problem(space, start, goal, clearance)
+        timed = {} if end == math.inf else {"deadline": remaining(end)}
+        plan = checked_plan(planner, planner.plan(problem, rng, **timed))
         found, reverse = plan.status is Status.SOLVED, backing(plan.path)
         second = best < math.inf
         if not second or (found and reverse < best - REVERSE_WAY):

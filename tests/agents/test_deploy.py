@@ -16,19 +16,25 @@ import pytest
 from mcap.reader import make_reader
 
 from agents.cli import main
-from agents.deploy import Capped, Deployment, deploy, listen_for_rearm, rearm
+from agents.cli.drive import _timing
+from agents.deploy import Capped, Deployment, deploy, listen_for_rearm, rearm, rehearse
 from agents.policies import make_policy
+from agents.policies.planning import PlanningFigures
 from tests.agents.fakes import PaperWorld, corridor
+from tests.benchmarks import deploy as benchmark
 from tests.conftest import ROOT
 from tests.hardware.hosted import Hosted
 from tests.hardware.realtime import EPISODE, X, Y, serving
 from wheelchair_gym import InputError
 from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.hardware.boards.protocol import Switch
+from wheelchair_gym.hardware.control_loop import ControlLoop
 from wheelchair_gym.hardware.joystick import Joystick, JoystickSettings
 from wheelchair_gym.hardware.registry import localized
 from wheelchair_gym.hardware.twin.lockstep import JoystickState
 from wheelchair_gym.maps import write_map
+from wheelchair_gym.physics.settings import ChairSettings
+from wheelchair_gym.sensors.settings import LaserSettings
 from wheelchair_gym.types import Command
 
 pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
@@ -413,3 +419,72 @@ def test_wrong_words_are_one_line(tmp_path, capsys, change, why):
     said = capsys.readouterr().err.strip().splitlines()
     assert len(said) == 1
     assert why in said[0]
+
+
+class Watchless:
+    """A clock that stands still unless it is told to move."""
+
+    def __init__(self):
+        self.time = 100.0
+
+    def now(self):
+        return self.time
+
+    def wait(self, deadline, cancelled=None):
+        self.time = max(self.time, deadline)
+
+
+def test_late_periods_are_counted_those_that_were_missed_as_a_whole_too():
+    clock, chair = Watchless(), ChairSettings()
+    loop = ControlLoop("it", clock, 0.1, 0.2, chair.limits, chair.footprint, LaserSettings())
+    loop.begin(np.zeros(3))
+    for took in (0.25, 0.02, 0.09, 0.115, 0.02, 0.32, 0.05):  # s of thinking in each period
+        clock.time += took
+        loop.wait_period()
+    stamps, delays = np.array(loop.late).T
+    np.testing.assert_allclose(delays, [0.1, 0.3])  # the first may take as long as it likes
+    np.testing.assert_allclose(stamps, [0.7, 1.2])
+    loop.begin(np.zeros(3))
+    assert loop.late == []
+
+
+def test_the_benchmark_tells_why_a_step_was_late():
+    names = "begins", "acted", "filtered", "commanded", "waited", "sensed"
+
+    def step(at, ran=0.0, waits=0.0, others=0.0, act=0.01, film=0.0):
+        """A control step that begins at a time [s]."""
+        times = np.cumsum([at + film, act, 0.001, 0.001, 0.08, 0.001])
+        return [
+            [name, time, ran if k > 0 else 0.0, waits if k > 3 else 0.0, others if k > 3 else 0.0]
+            for k, (name, time) in enumerate(zip(names, times, strict=True))
+        ]
+
+    def cause(late, stalls=(), **more):
+        events = {"steps": [step(0.0), late], "late": [[1, 0.2]], "plans": []}
+        (row,) = benchmark.late_steps({**events, "garbage": [], "compiled": [], **more}, [stalls])
+        return row["cause"]
+
+    assert cause(step(0.1, ran=0.3, act=0.3)) == "slow: begins to acted"
+    assert cause(step(0.1, ran=0.3, act=0.3), [(0.1, 0.35)]) == "the machine"
+    assert cause(step(0.1, waits=0.15, act=0.3)) == "the machine"
+    assert cause(step(0.1, others=0.2, act=0.3)) == "the machine"  # it waited for one of those
+    assert cause(step(0.1, film=0.3)) == "slow: sensed to begins"
+    compiled = [[0.1, 0.3, "f"]]
+    assert cause(step(0.1, ran=0.3, act=0.3), compiled=compiled) == "functions were compiled"
+    assert cause(step(0.1, ran=0.3, act=0.3), garbage=compiled) == "garbage was collected"
+
+
+def test_rehearsals_compile_what_only_a_closed_way_needs():
+    from planners.lattice import flood
+
+    rehearse("lattice+window", {"beams": 64})
+    assert flood._spread.signatures
+
+
+def test_it_reports_what_plans_took_and_late_steps():
+    record = PlanningFigures([0.02, 0.5], 1, 2, 0.7, 0.3).record()
+    text = _timing({**record, "late_steps": 3, "late_ms_max": 41.0})
+    assert "longest: 500), 1 came late and 2 were discarded" in text
+    assert "drove on for 0.7 s and stood for 0.3 s" in text
+    assert "late steps: 3, by 41 ms at most" in text
+    assert _timing(PlanningFigures().record() | {"late_steps": 0}) == ""

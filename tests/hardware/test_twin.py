@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 
@@ -35,8 +36,10 @@ from wheelchair_gym.hardware.twin.board import FREQUENCY
 from wheelchair_gym.hardware.twin.laser import sensor_specs
 from wheelchair_gym.hardware.twin.lockstep import IBUS_BAUD
 from wheelchair_gym.hardware.twin.plant import Slope
-from wheelchair_gym.physics.settings import MotorSettings
-from wheelchair_gym.sensors.settings import LaserSettings
+from wheelchair_gym.physics.actors.records import NOBODY, combine, person
+from wheelchair_gym.physics.chair import SimulatedChair
+from wheelchair_gym.physics.settings import MotorSettings, PhysicsSettings
+from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
 
 WATCHDOG, BROWN_OUT, POWER = 0x08, 0x04, 0x01  # MCUSR
 COUNTS = 4346.0  # 1/m
@@ -473,3 +476,30 @@ def test_beams_that_no_hokuyo_has_are_said_so():
     assert sensor_specs(LaserSettings(beams=181, fov=math.pi)).steps_per_turn == 360
     with pytest.raises(InputError, match="64 beams over 270 deg"):
         sensor_specs(LaserSettings(beams=64))
+
+
+def test_people_walk_in_the_twin_as_they_do_in_simulation(pilot):
+    walker = person([(2.5, -2.0), (2.5, 2.0)], avoids=NOBODY)
+    world = dataclasses.replace(box(5.0), actors=combine([walker]))
+    chair = SimulatedChair(sensors=SensorSettings(noise=False), physics=PhysicsSettings(step=1e-3))
+    chair.reset(world, 0)
+    pilot.twin.reset(world, 0)
+    apart, seen = [], []
+    for _ in range(40):
+        reading = chair.drive(np.zeros(2))
+        pilot.run(0.1)
+        twins = pilot.twin.plant.chair.chairs.worlds[0].actor_poses()
+        apart.append(np.hypot(*(twins - chair.truth.actor_poses)[0, :2]))
+        seen.append(np.nanmin(pilot.twin.plant.scan(0)))
+        assert seen[-1] == pytest.approx(np.nanmin(reading.laser), abs=0.05)
+    assert max(apart) < 0.02
+    assert max(seen) - min(seen) > 0.3  # somebody passes
+
+
+def test_who_walks_into_the_standing_twin_presses_its_strip(pilot):
+    walker = person([(2.5, 0.0), (0.0, 0.0)], avoids=NOBODY)
+    pilot.twin.reset(dataclasses.replace(box(5.0), actors=combine([walker])), 0)
+    pilot.run(0.5)
+    assert pilot.twin.bumper_steps == 0
+    pilot.run(4.0)
+    assert pilot.twin.bumper_steps > 0

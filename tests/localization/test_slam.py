@@ -10,11 +10,13 @@ from agents.policies import GymPolicy, make_policy
 from tests.localization.rooms import LASER, away, ranges, tour
 from wheelchair_gym.config import InputError
 from wheelchair_gym.geometry import compose, relative_pose
+from wheelchair_gym.localization.occupancy import MappingSettings, OccupancyMap
 from wheelchair_gym.localization.slam import Slam, SlamSettings
 from wheelchair_gym.maps import OCCUPIED, UNKNOWN
 from wheelchair_gym.sensors.settings import LaserSettings
 
 # Odometry that drifts in the room: 5 % too far, and to the left.
+MAPPING = {}  # settings of its map
 DRIFT = np.array([1.05, 1.0, 1.0]), np.array([0.0, 0.0, 0.006])
 
 
@@ -22,7 +24,8 @@ def driven(particles, seed=0, learn=True):
     """A SLAM's poses, a drifting odometry's and the truth."""
     rng = np.random.default_rng(5)
     truth = np.concatenate([tour(90), np.add(tour(90)[::-1], (0, 0, np.pi))])
-    slam = Slam(LASER, SlamSettings(particles=particles), seed, truth[0])
+    settings = SlamSettings(particles=particles, mapping=MappingSettings(**MAPPING))
+    slam = Slam(LASER, settings, seed, truth[0])
     wheels, poses = [truth[0]], []
     for k in range(len(truth)):
         moved = relative_pose(truth[k - 1], truth[k]) * DRIFT[0] + DRIFT[1] if k else np.zeros(3)
@@ -54,6 +57,27 @@ def test_the_same_seed_is_the_same_run_and_another_seed_is_not():
     np.testing.assert_array_equal(one[1], two[1])
     np.testing.assert_array_equal(one[0].map.cells, two[0].map.cells)
     assert (one[1] != other[1]).any()
+
+
+def test_memory_in_reserve_spares_the_map_to_grow_and_changes_nothing_else(monkeypatch):
+    _, poses, _, _ = driven(8)
+    monkeypatch.setitem(MAPPING, "reserve", 25.0)
+    grown = []
+    monkeypatch.setattr(OccupancyMap, "_replace", counted(OccupancyMap._replace, grown))
+    slam, others, _, _ = driven(8)
+    assert len(grown) == 2  # nothing, and all that it has in reserve
+    np.testing.assert_allclose(poses, others, atol=0.02)
+    assert min(slam.map.cells.shape) * slam.maps.settings.resolution < 40.0
+
+
+def counted(function, calls):
+    """The function, with what it is called with in a list."""
+
+    def call(*arguments):
+        calls.append(arguments)
+        return function(*arguments)
+
+    return call
 
 
 def test_scans_that_are_not_to_be_learned_leave_the_map():

@@ -295,6 +295,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             shield=task.shield,
             is_shielded=task.is_shielded,
             key=task.key,
+            real_time=getattr(unwrapped(self.chair), "real_time", not self._simulated),
         )
 
     @property

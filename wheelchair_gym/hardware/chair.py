@@ -223,6 +223,16 @@ class HardwareChair(NotCopyable):
         return self._loop.belief
 
     @property
+    def late(self) -> list[tuple[float, float]]:
+        """When control periods ended late [s since reset], and by how much [s]."""
+        return self._loop.late
+
+    @property
+    def real_time(self) -> bool:
+        """Whether time passes while a policy thinks."""
+        return isinstance(self.clock, WallClock)
+
+    @property
     def report(self) -> dict[str, float | str]:
         """The drive board's last state: mode, faults, switches, counts, duties and set point."""
         with self._lock:

@@ -24,6 +24,7 @@ from wheelchair_gym.types import Belief, Reading, Truth
 
 POLL_PERIOD = 0.01  # s between two checks of what arrives in other threads
 QUIET = 1.0  # s of waiting before a person is informed
+LATE = 0.01  # s: a control period that ends so much after its time is late
 _MAX_CLEARANCE = 2.0  # m: upper bound of `Truth.clearance`
 
 
@@ -129,6 +130,7 @@ class ControlLoop:
         odometry: the pose (3,) by odometry.
         truth: the estimated pose, the nearest echo, contacts at the bumpers; no energy.
         lock: held by whoever commands.
+        late: of each late period but the first, its end [s since `begin`] and its delay [s].
     """
 
     def __init__(
@@ -140,6 +142,8 @@ class ControlLoop:
         self.lock = threading.RLock()
         self._valid_until, self._due, self._begun = -math.inf, 0.0, math.nan
         self._end_guard: Callable[[], None] = lambda: None
+        self.late: list[tuple[float, float]] = []
+        self._started = False
         self._set_estimate(np.zeros(3))
 
     def _set_estimate(self, odometry: Array) -> None:
@@ -149,6 +153,7 @@ class ControlLoop:
     def begin(self, odometry: Array) -> None:
         """Begin an episode now, at a pose (3,) of the odometry."""
         self._due = self._begun = self.clock.now()
+        self.late, self._started = [], False
         self._set_estimate(odometry)
 
     def end(self) -> None:
@@ -187,11 +192,17 @@ class ControlLoop:
     def wait_period(self, cancelled: threading.Event | None = None) -> None:
         """Wait for the end of the control period, or until the event is set.
 
-        Periods end at multiples of the period; those that the policy missed are skipped.
+        Periods end at multiples of the period; those that the policy missed are skipped. In the
+        first, which the policy begins when it is ready, nothing is late.
         """
+        due = self._due + self.period
         missed = math.floor((self.clock.now() - self._due) / self.period)
         self._due += self.period * (1 + max(0, missed))
         self.clock.wait(self._due, cancelled)
+        now = self.clock.now()
+        if self._started and now - due > LATE:
+            self.late.append((now - self._begun, now - due))
+        self._started = True
 
     @property
     def expired(self) -> bool:

@@ -233,6 +233,7 @@ class Slam:
     def _start(self, pose: Array, seed: int) -> None:
         count = self.settings.particles
         self.maps = OccupancyMap(self.settings.mapping, count)
+        self.maps.reserve(pose)
         self._map: tuple[int, OccupancyGrid] | None = None  # scans in it, and it
         self._key = np.uint64(seed % 2**64)
         self._poses = np.tile(pose, (count, 1))

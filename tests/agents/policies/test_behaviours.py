@@ -11,6 +11,7 @@ from agents.control.local_map import LocalMap
 from agents.evaluation.evaluate import env_settings, make_env
 from agents.evaluation.metrics import backing
 from agents.policies import make_policy
+from agents.policies.planned import Answer
 from agents.policies.recoveries import RETRY_TIME, BackUp
 from planners.problem import Plan, Status
 from tests.agents.fakes import PaperWorld, corridor
@@ -156,7 +157,8 @@ def test_no_long_way_round_is_taken_for_want_of_progress_before_it_has_backed_ou
     world = Peopled(lambda t: None, corridor(10.0, 3.2), tuple(start), (9.0, 0.0, 0.0))
     policy.reset(world.mission)
     way = np.array([(1.0, 0.0), (1.0 + policy._reference.left + longer, 0.0)])
-    policy._replan = lambda: policy._take(way, start)  # what a new plan comes to
+    answer = Answer(Plan(Status.SOLVED, way), 0.3, start, [world.mission.map], 1)
+    policy._replan = lambda then, held: policy._replanned(then, answer)
     policy._recover()
     assert (policy._backing > 0.0) == backs
 

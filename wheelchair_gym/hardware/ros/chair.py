@@ -129,6 +129,11 @@ class RosChair(NotCopyable):
         self._loop.end_guard()
         self._link.close()
 
+    @property
+    def late(self) -> list[tuple[float, float]]:
+        """When control periods ended late [s since reset], and by how much [s]."""
+        return self._loop.late
+
     def episode(self, goal: ArrayLike, start: ArrayLike | None = None) -> Episode:
         """An episode on the map that ROS publishes, from the chair's pose to a goal (2 or 3,).
 

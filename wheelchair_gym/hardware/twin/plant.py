@@ -12,16 +12,21 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.compiled.address import table_at
-from wheelchair_gym.compiled.kernel import borrowing_kernel
-from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
+from wheelchair_gym.config import setting, settings
 from wheelchair_gym.hardware.settings import check_boards
+from wheelchair_gym.physics.actors.bodies import (
+    read_actor_poses,
+    relocate_obstacles,
+    shapes_of,
+    write_actor_shapes,
+)
 from wheelchair_gym.physics.chair import SimulatedChair
 from wheelchair_gym.physics.drive_train import DriveConstants, drive_constants, physics_step
 from wheelchair_gym.physics.engine import VX, VY, W, X, Y, body_view
 from wheelchair_gym.physics.sensor_suite import rangers_of, scanner_of
 from wheelchair_gym.physics.settings import GRAVITY, ChairSettings, PhysicsSettings
-from wheelchair_gym.physics.step import chair_row, read_true_state, workspace_of
+from wheelchair_gym.physics.step import chair_row, decide_actors, read_true_state, workspace_of
 from wheelchair_gym.physics.world import touchable_space
 from wheelchair_gym.sensors.laser import sense_laser
 from wheelchair_gym.sensors.settings import SensorSettings
@@ -102,6 +107,11 @@ def step_plant(
     suite, p, state, world = chair_row(chairs, 0)
     k = drive_constants(p)
     fields = body_view(world.body)
+    bump = 0.0
+    if world.n_actors > 0:
+        before = (fields[X], fields[Y], fields[VX], fields[VY], fields[W])
+        bump = decide_actors(state, p, world, before)
+        relocate_obstacles(suite, world)
     space = touchable_space(suite, world, p, workspace_of(chairs))
     c, s = math.cos(state.pose[2]), math.sin(state.pose[2])
     for along, axis, speed in (
@@ -128,6 +138,8 @@ def step_plant(
             state.spin[i], state.duty[i] = 0.0, 0.0
     hit = physics_step(state, p, k, space, world.body, suite.step)
     state.tick += 1
+    if world.n_actors > 0:
+        read_actor_poses(world)
     read_true_state(state, p, fields)
     scale = k.counts_per_rad
     return (
@@ -136,20 +148,29 @@ def step_plant(
         state.voltage,
         state.twist[0],
         state.twist[1],
-        hit > p.bumper_force * p.dt,
+        max(hit, bump) > p.bumper_force * p.dt,
     )
+
+
+@inlined
+def present_shapes(world: Any) -> Any:
+    """Walls (n, 4) and discs (m, 3) of a world, with those of actors where they are now."""
+    if world.n_actors > 0:
+        write_actor_shapes(world)
+    return shapes_of(world)
 
 
 @borrowing_kernel
 def measure_ultrasonic(chairs: Any, which: int) -> float:
     """The range [m] of one ultrasonic at the chair's present pose; +inf without echo."""
     suite, p, state, world = chair_row(chairs, 0)
+    walls, discs = present_shapes(world)
     return sense_ultrasonic(
         rangers_of(suite, p),
         which,
         state.pose,
-        table_at(world.walls, world.n_walls, 4),
-        table_at(world.discs, world.n_discs, 3),
+        walls,
+        discs,
         state.key,
         state.tick,
         workspace_of(chairs),
@@ -160,11 +181,12 @@ def measure_ultrasonic(chairs: Any, which: int) -> float:
 def scan_laser(chairs: Any, turn: int, ranges: Any) -> None:
     """Write the ranges [m] of one turn of the laser at the chair's present pose."""
     suite, p, state, world = chair_row(chairs, 0)
+    walls, discs = present_shapes(world)
     sense_laser(
         scanner_of(suite, p, 0),
         state.pose,
-        table_at(world.walls, world.n_walls, 4),
-        table_at(world.discs, world.n_discs, 3),
+        walls,
+        discs,
         state.key,
         turn,
         workspace_of(chairs),
@@ -188,13 +210,7 @@ class Plant:
         self._rows = self.chair.rows
 
     def reset(self, episode: Episode, key: int) -> None:
-        """Put the chair at the episode's start.
-
-        Raises:
-            InputError: the episode has actors, which the twin does not simulate.
-        """
-        if len(episode.actors):
-            raise InputError("the twin simulates no actors: expected an episode without actors")
+        """Put the chair at the episode's start."""
         self.chair.reset(episode, key)
 
     def step(

@@ -1,0 +1,207 @@
+"""Laws of planning beside driving: no plan holds the loop up, whichever clock it goes by."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from agents.evaluation.evaluate import drive_episode, make_env
+from agents.policies import make_policy
+from agents.policies.planning import SWITCH, Planning
+from planners import make_planner
+from tests.agents.fakes import PaperWorld, corridor
+from tests.agents.policies.test_behaviours import Peopled
+
+PERIOD = 0.1  # s
+
+
+class SlowPlanner:
+    """A planner that waits until it is allowed to answer."""
+
+    def __init__(self):
+        self.allowed, self.deadlines = threading.Event(), []
+
+    def plan(self, problem, rng, deadline=None):
+        self.deadlines.append(deadline)
+        self.allowed.wait(10.0)
+        return make_planner("a_star").plan(problem, rng)
+
+
+def arrived(planning, taken):
+    """Steps until a plan is taken."""
+    for k in range(1, 1000):
+        planning.step()
+        if taken:
+            return k
+        time.sleep(0.001)
+    return None
+
+
+@pytest.mark.parametrize("real_time", [False, True])
+def test_one_plan_at_a_time_is_taken_once(real_time):
+    planning, taken = Planning(PERIOD, 1.0, 0.3, real_time), []
+    for number in range(3):
+        planning.ask(lambda end, number=number: number, taken.append)
+        assert planning.busy
+        with pytest.raises(AssertionError):
+            planning.ask(lambda end: None, taken.append)
+        assert arrived(planning, taken) is not None
+        assert not planning.busy
+        planning.step()
+        assert taken == [number]
+        taken.clear()
+    assert len(planning.figures.times) == 3
+
+
+@pytest.mark.parametrize("real_time", [False, True])
+def test_what_a_planner_raises_is_raised_in_the_loop(real_time):
+    def fails(end):
+        raise ValueError("no map")
+
+    planning = Planning(PERIOD, 1.0, 0.1, real_time)
+    planning.ask(fails, lambda plan: None)
+    with pytest.raises(ValueError, match="no map"):
+        arrived(planning, [])
+    assert not planning.busy
+
+
+@pytest.mark.parametrize(
+    ("planning_time", "steps"), [(0.01, 1), (0.1, 1), (0.3, 3), (0.31, 4), (2.0, 20)]
+)
+def test_in_simulated_time_a_plan_takes_as_many_periods_as_it_is_told(planning_time, steps):
+    planning, taken = Planning(PERIOD, 1.0, planning_time, False), []
+    planning.ask(lambda end: end, taken.append)
+    assert arrived(planning, taken) == steps
+    assert taken == [np.inf]  # it searches without a clock
+    assert planning.figures.late == (steps > 10)
+
+
+def test_without_planning_time_a_plan_is_taken_at_once():
+    planning, taken = Planning(PERIOD, 1.0, 0.0, False), []
+    planning.ask(lambda end: 1, taken.append)
+    assert taken == [1]
+    assert not planning.busy
+
+
+def test_in_real_time_the_loop_goes_on_while_a_plan_is_made():
+    planner = SlowPlanner()
+    policy = make_policy({"name": "planned", "planner": {"name": "a_star"}, "deadline": 0.5})
+    policy._planner = planner
+    world = PaperWorld(corridor(12.0, 3.2), (1.0, 0.0, 0.0), (11.0, 0.0, 0.0))
+    policy.reset(dataclasses.replace(world.mission, real_time=True))
+    assert sys.getswitchinterval() <= 1.01 * SWITCH
+    for _ in range(9):
+        command = world.step(policy)
+        assert command.shown.status == "waits: for a plan"
+        assert not command.twist.any()
+    assert policy.planning_figures.late == 1
+    while not planner.deadlines:
+        time.sleep(0.001)
+    assert 0.0 <= planner.deadlines[0] <= 0.5
+    planner.allowed.set()
+    while not policy.planning._made:
+        time.sleep(0.001)
+    assert world.step(policy).shown.status == "follows"
+    assert policy.planning_figures.stood == pytest.approx(0.9)
+    while world.pose[0] < 4.0:
+        world.step(policy)
+    planner.allowed.clear()
+    policy._replan()
+    before, begun = policy._reference, world.pose[0]
+    for _ in range(5):
+        world.step(policy)
+    assert policy.planning.busy
+    assert world.pose[0] > begun + 0.02  # it goes on by the old path
+    assert policy._reference is before
+    planner.allowed.set()
+    while not policy.planning._made:
+        time.sleep(0.001)
+    world.step(policy)
+    assert policy._reference is not before
+    assert policy.planning_figures.followed > 0.4
+
+
+def thinking(planning_time, place=lambda t: None, length=12.0):
+    """A world, and a policy whose plans take a time there, once it has the first."""
+    spec = {"name": "a_star+window", "planning_time": planning_time}
+    world = Peopled(place, corridor(length, 3.2), (1.0, 0.0, 0.0), (length - 1.0, 0.0, 0.0))
+    policy = make_policy(spec)
+    policy.reset(world.mission)
+    while policy._reference is None:
+        world.step(policy)
+    return world, policy
+
+
+def test_the_first_plan_is_there_after_its_time():
+    world, _ = thinking(0.5)
+    assert world.time == pytest.approx(0.6)  # of step 0, taken in step 5
+
+
+def test_what_stands_on_the_first_plan_is_planned_round_before_it_drives():
+    world, policy = thinking(1.2, lambda t: (3.0, 0.2))
+    assert policy.planning_figures.discarded == 1
+    assert world.pose[0] < 1.002  # the first step of the drive
+    assert np.hypot(*(policy._path - (3.0, 0.2)).T).min() > 0.5
+
+
+def test_a_plan_that_no_longer_fits_is_discarded_and_the_chair_stands_until_the_next():
+    appears = [np.inf]
+    world, policy = thinking(1.5, lambda t: (5.8, 0.2) if t >= appears[0] else None)
+    while world.pose[0] < 3.0:
+        world.step(policy)
+    policy._replan()
+    appears[0] = world.time  # on the way that is planned just now
+    statuses, asked = [], None
+    while "goes round" not in statuses:
+        statuses.append(world.step(policy).shown.status)
+        if policy.planning_figures.discarded and policy.planning.busy and asked is None:
+            asked = world.pose.copy()
+    first, last = statuses.index("waits: for a plan"), statuses.index("goes round")
+    assert 10 <= first <= 15
+    assert set(statuses[first:last]) == {"waits: for a plan"}
+    assert np.hypot(*(world.pose - asked)[:2]) < 0.05  # the next is asked for at rest, and fits
+    assert policy.planning_figures.discarded == 1
+
+
+def test_it_stands_before_an_obstacle_while_it_plans_round_it():
+    """And reaches the goal, touching nothing, as it does when it need not think."""
+    for planning_time in (0.0, 2.0):
+        world, policy = thinking(planning_time, lambda t: (5.0, 0.2) if t > 3.0 else None)
+        gaps = []
+        while world.time < 60.0 and np.hypot(*(world.pose - world.mission.goal)[:2]) > 0.3:
+            world.step(policy)
+            corners = policy._mission.footprint.corners
+            c, s = np.cos(world.pose[2]), np.sin(world.pose[2])
+            at = corners @ np.array([(c, s), (-s, c)]) + world.pose[:2]
+            if world.time > 3.0:
+                gaps.append(np.hypot(*(at - (5.0, 0.2)).T).min() - 0.25)
+        assert world.time < 60.0
+        assert min(gaps) > 0.0
+        assert (policy.planning_figures.stood > 0.0) == (planning_time > 0.0)
+        assert policy.planning_figures.late == (planning_time > 1.0) * len(
+            policy.planning_figures.times
+        )
+
+
+@pytest.mark.parametrize("policy", ["lattice+window", "explore"])
+def test_drives_with_planning_time_repeat_and_their_records_tell_what_it_cost(policy):
+    settings = {"pose_source": "slam"} if policy == "explore" else {}
+    records = []
+    for planning_time in (0.0, 0.4, 0.4):
+        env = make_env("floor_plan" if policy == "explore" else "temporary", settings)
+        spec = {"name": policy, "planning_time": planning_time}
+        records.append(drive_episode(env, make_policy(spec), 3))
+        env.close()
+    timed = [{k: v for k, v in r.items() if "_ms" not in k} for r in records]
+    assert timed[1] == timed[2]
+    assert timed[0] != timed[1]
+    at_once, thought = records[:2]
+    assert at_once["thinking_drove_s"] == at_once["thinking_stood_s"] == 0.0
+    assert thought["thinking_stood_s"] >= 0.4
+    assert thought["late_plans"] == 0
+    assert 0.0 < thought["plans_ms_p50"] <= thought["plans_ms_p95"] <= thought["plans_ms_max"]
