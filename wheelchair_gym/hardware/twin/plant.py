@@ -21,6 +21,7 @@ from wheelchair_gym.physics.actors.bodies import (
     shapes_of,
     write_actor_shapes,
 )
+from wheelchair_gym.physics.actors.separation import choose_who_may_touch, move_the_others
 from wheelchair_gym.physics.chair import SimulatedChair
 from wheelchair_gym.physics.drive_train import DriveConstants, drive_constants, physics_step
 from wheelchair_gym.physics.engine import VX, VY, W, X, Y, body_view
@@ -108,11 +109,13 @@ def step_plant(
     k = drive_constants(p)
     fields = body_view(world.body)
     bump = 0.0
+    space = touchable_space(suite, world, p, workspace_of(chairs))
     if world.n_actors > 0:
         before = (fields[X], fields[Y], fields[VX], fields[VY], fields[W])
         bump = decide_actors(state, p, world, before)
         relocate_obstacles(suite, world)
-    space = touchable_space(suite, world, p, workspace_of(chairs))
+        if choose_who_may_touch(suite, world, state, p):
+            space = np.uint64(world.space)
     c, s = math.cos(state.pose[2]), math.sin(state.pose[2])
     for along, axis, speed in (
         (pull[0] + c * force / p.mass, X, VX),
@@ -139,6 +142,7 @@ def step_plant(
     hit = physics_step(state, p, k, space, world.body, suite.step)
     state.tick += 1
     if world.n_actors > 0:
+        move_the_others(world, p.dt)
         read_actor_poses(world)
     read_true_state(state, p, fields)
     scale = k.counts_per_rad
