@@ -267,7 +267,8 @@ COMMANDS = (
         "wheelchair compare --suite demo --jobs 2 --out runs/demo",
         [
             option("--suite", "suite: barn, clinic, corridor, crossing, crowd, cylinders, demo, "
-                   "doors, followers, homes, league, lift, lobby, temporary or thesis", default="demo"),
+                   "doors, followers, homes, league, lift, lobby, temporary or thesis",
+                   default="demo"),
             option("--policies", "policies, in place of the suite's: PLANNER+FOLLOWER, "
                    "module:Class, a file of weights (.npz, .onnx), a model of stable-baselines3 "
                    "(.zip, which runs code), ...", names),
