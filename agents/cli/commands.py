@@ -438,8 +438,7 @@ COMMANDS = (
         [
             option("policy", "weights: a name or a file"),
             option("--scene", "scene of the episode", default="floor_plan"), seed(),
-            option("--moment", "moment for the beams, as a share of the episode", share,
-                   default=0.5),
+            option("--moment", "moment of the beams, a share of the episode", share, default=0.5),
             option("--out", "picture: .png, .svg or .pdf", None, "FILE", default="occlusion.png"),
             CONFIG, POSE, SHIELD, JSON,
         ],
@@ -560,8 +559,7 @@ COMMANDS = (
         f"wheelchair hardware tune --config {CHAIR_CONFIG} --plot step.png",
         [
             HARDWARE_CONFIG,
-            option("--step", "height of the step [m/s, with --turn rad/s]", non_negative,
-                   default=0.3),
+            option("--step", "its height [m/s, with --turn rad/s]", non_negative, default=0.3),
             option("--seconds", "duration of the step [s]", non_negative, default=2.0),
             flag("--turn", "turn in place"),
             option("--set", "try a gain: kp, ki, kd, ka or smoothing; `hardware setup` saves gains",
@@ -578,8 +576,7 @@ COMMANDS = (
             option("quantity", "distance: counts per metre; track: the track, after the distance",
                    nargs="?", choices=("distance", "track"), default="distance"),
             option("--runs", "number of runs there and back", count, default=2),
-            option("--distance", "distance driven straight towards a wall [m]", non_negative,
-                   default=1.5),
+            option("--distance", "driven straight towards a wall [m]", non_negative, default=1.5),
             flag("--tape", "distance: a person measures, where no wall is ahead"),
             flag("--push", "distance: a person pushes the chair, with its brakes released"),
             option("--side", "track: side of the square [m]", non_negative, default=4.0),
@@ -596,8 +593,7 @@ COMMANDS = (
         f"wheelchair hardware drive --config {CHAIR_CONFIG}",
         [
             HARDWARE_CONFIG, SECONDS,
-            option("--timeout", "how long a joystick may be missing [s]", non_negative,
-                   default=30.0),
+            option("--timeout", "longest absence of a joystick [s]", non_negative, default=30.0),
         ],
     ),
 )  # fmt: skip

@@ -35,7 +35,7 @@ def _columns() -> tuple[Column, ...]:
 
 _ALL = _columns()
 _SOCIAL = tuple(column for column in _ALL if column.key in (*SOCIAL_MEANS, *EFFICIENCIES))
-COLUMNS = _ALL[: -len(_SOCIAL)]  # of every evaluation
+COLUMNS = tuple(column for column in _ALL if column not in _SOCIAL)  # of every evaluation
 SUCCESS = COLUMNS[1]
 # The columns in parts that a screen shows whole.
 _TIME = next(k for k, column in enumerate(COLUMNS) if column.key == "time")

@@ -13,7 +13,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from wheelchair_gym.geometry import Footprint
+from wheelchair_gym.compiled.kernel import kernel
+from wheelchair_gym.geometry import Footprint, rectangle_point_gap
 from wheelchair_gym.physics.actors.records import PERSON
 from wheelchair_gym.types import Episode, Truth
 
@@ -55,8 +56,9 @@ class PeopleTrace:
             x, y = vectors[..., 0], vectors[..., 1]
             return np.stack([c * x + s * y, c * y - s * x], axis=-1)
 
-        offsets, radii = in_frame(places - poses[:, None, :2]), self._people["size"][:, 0]
-        gaps = _gaps(offsets, radii, self._footprint)
+        offsets = in_frame(places - poses[:, None, :2])
+        radii = self._people["size"][:, 0].copy()
+        gaps = _gaps(offsets, radii, self._footprint.array)
         met = ~self._behind_walls(poses, places)
         nearest = np.where(met, gaps, np.inf).min(axis=1)
 
@@ -85,12 +87,15 @@ class PeopleTrace:
         return behind
 
 
-def _gaps(offsets: Array, radii: Array, footprint: Footprint) -> Array:
-    """Distances [m] of discs at offsets (..., 2) in the chair's frame from its outline."""
-    x, y = offsets[..., 0], offsets[..., 1]
-    ahead = np.maximum(0.0, np.maximum(x - footprint.front, -footprint.rear - x))
-    aside = np.maximum(0.0, np.abs(y) - footprint.half_width)
-    return np.maximum(0.0, np.hypot(ahead, aside) - radii)
+@kernel
+def _gaps(offsets: Array, radii: Array, outline: Array) -> Array:
+    """Distances (n, k) [m] of discs at offsets (n, k, 2) in the chair's frame from its outline."""
+    gaps = np.empty(offsets.shape[:2])
+    for i in range(offsets.shape[0]):
+        for j in range(offsets.shape[1]):
+            gap = rectangle_point_gap(offsets[i, j, 0], offsets[i, j, 1], outline)
+            gaps[i, j] = max(0.0, gap - radii[j])
+    return gaps
 
 
 def time_to_collision(offsets: Array, velocities: Array, radii: Any, footprint: Footprint) -> Array:

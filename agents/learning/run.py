@@ -241,6 +241,7 @@ class Run:
         )  # fmt: skip
         card |= {
             "teacher": self._teacher_digest,
+            "in_bfloat16": getattr(self.model.policy, "in_bfloat16", False),  # by this processor
             "frames": self.frames,
             "row": row,
             "curve": [[r.get(key, "") for key in CURVE_COLUMNS] for r in (*self.rows, row)],

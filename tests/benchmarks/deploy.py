@@ -68,8 +68,8 @@ def twin(given, scene, seed, folder):
     words = ["-m", "agents.cli", "twin", "--config", given.config, "--scene", scene]
     words += ["--seed", str(seed), "--write-map", str(folder / "map.yaml")]
     running = program(*words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-    told = dict(running.stdout.readline().rsplit(maxsplit=1) for _ in range(5))
-    return running, told
+    shown = dict(running.stdout.readline().rsplit(maxsplit=1) for _ in range(5))
+    return running, shown
 
 
 def overlap(spans, begin, end):
@@ -154,17 +154,24 @@ def late_steps(events, stalls):
     return rows
 
 
-def deploy(given, seed, told, folder):
+def deploy(given, seed, shown, folder):
     """Run the command as a person does, who presses Enter while it waits; its report."""
     content = read_json(given.config)
     names = {"drive_port": "drive board", "range_port": "range board", "laser_port": "laser"}
-    content["hardware"] |= {key: told[name] for key, name in names.items()}
+    content["hardware"] |= {key: shown[name] for key, name in names.items()}
     config = folder / "config.json"
     config.write_text(json.dumps(content))
-    record, result = f"{given.out}/{told['name']}-{seed}.mcap", folder / "result.json"
+    record, result = f"{given.out}/{shown['name']}-{seed}.mcap", folder / "result.json"
     words = ["-m", "tests.benchmarks.probe", str(folder / "events.json"), "deploy"]
     words += ["--policy", given.policy, "--config", str(config), "--pose", given.pose]
-    words += ["--map", str(folder / "map.yaml"), "--start", told["start"], "--goal", told["goal"]]
+    words += [
+        "--map",
+        str(folder / "map.yaml"),
+        "--start",
+        shown["start"],
+        "--goal",
+        shown["goal"],
+    ]
     words += ["--record", record, "--json", str(result)]
     near, far = pty.openpty()
     running = program(*words, stdin=far, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
@@ -192,13 +199,13 @@ def trial(given, scene, seed):
     """One drive; a row of figures."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        world, told = twin(given, scene, seed, folder)
-        told["name"] = scene
+        world, shown = twin(given, scene, seed, folder)
+        shown["name"] = scene
         pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
         cores = sorted(os.sched_getaffinity(0))
         sleepers = [program("-c", SLEEPER, str(core), **pipes) for core in cores]
         try:
-            report, log = deploy(given, seed, told, folder)
+            report, log = deploy(given, seed, shown, folder)
         finally:
             stalls = [ast.literal_eval(one.communicate("\n")[0]) for one in sleepers]
             world.send_signal(signal.SIGINT)
@@ -207,12 +214,12 @@ def trial(given, scene, seed):
         events = json.loads(file.read_text()) if file.exists() else {name: [] for name in EVENTS}
     behind = [line for line in said.splitlines() if "late" in line]
     truth = dict(line.rsplit(maxsplit=1) for line in ended.splitlines() if line)
-    (x, y), (gx, gy) = (map(float, where.split(",")[:2]) for where in (truth["end"], told["goal"]))
+    (x, y), (gx, gy) = (map(float, where.split(",")[:2]) for where in (truth["end"], shown["goal"]))
     planning = ["replans", "late_plans", "discarded_plans", "thinking_drove_s", "thinking_stood_s"]
     figures = "time", "length", "clearance_min", *planning, "plans_ms_p50", "plans_ms_p95"
     driven = sum(any(mark[0] == "waited" for mark in step) for step in events["steps"])
     return {
-        "scene": told["name"],
+        "scene": shown["name"],
         "seed": seed,
         "outcome": report["outcome"],
         "from_goal": math.hypot(x - gx, y - gy),

@@ -31,11 +31,11 @@ def running():
     own, ran, waited, others = str(threading.get_native_id()), 0, 0, 0
     for task in Path("/proc/self/task").iterdir():
         with contextlib.suppress(OSError):  # it has just ended
-            told = (task / "schedstat").read_text().split()
+            parts = (task / "schedstat").read_text().split()
             if task.name == own:
-                ran, waited = int(told[0]), int(told[1])
+                ran, waited = int(parts[0]), int(parts[1])
             else:
-                others += int(told[1])
+                others += int(parts[1])
     return [1e-9 * ran, 1e-9 * waited, 1e-9 * others]
 
 

@@ -545,8 +545,8 @@ def main() -> None:
         for rate in (10.0, 40.0):
             for legs in (False, True):
                 name = f"{'legs' if legs else 'body'}, {rate:g} Hz"
-                told = results[name] = step_response(legs, rate, settings)
-                print(name, {key: round(value, 3) for key, value in told.items()})
+                found = results[name] = step_response(legs, rate, settings)
+                print(name, {key: round(value, 3) for key, value in found.items()})
         results["association"] = measure_association(settings)
         print(f"\nassociation in dense halls, seeds 0 to 5: {results['association']}")
         if SHARED.is_dir():

@@ -72,18 +72,18 @@ def drive(episode, seconds, twist, sensors=None):
 
 @pytest.mark.parametrize("speed", [0.5, 1.0, 1.6])
 def test_who_walks_is_confirmed_soon_as_a_person_and_their_speed_is_known(speed):
-    told = follow(lambda t: crossing(t, speed), 3.5)
-    first = next(k for k, tracks in enumerate(told) if tracks.confirmed.any())
+    history = follow(lambda t: crossing(t, speed), 3.5)
+    first = next(k for k, tracks in enumerate(history) if tracks.confirmed.any())
     assert 0.1 * first <= 0.35 + 0.3 / speed
-    for k in range(first + 5, len(told)):
-        (i,) = np.flatnonzero(told[k].confirmed)
+    for k in range(first + 5, len(history)):
+        (i,) = np.flatnonzero(history[k].confirmed)
         x, y, _ = crossing(0.1 * k, speed)[0]
-        assert math.dist(told[k].place[i], (x, y)) < 0.08
-        assert np.hypot(*(told[k].velocity[i] - (0.0, speed))) < 0.25
-        assert told[k].kind[i] == PERSON
-        assert told[k].radius[i] == pytest.approx(0.25, abs=0.05)
-    assert told[-1].id[told[-1].confirmed] == told[first].id[told[first].confirmed]
-    assert told[-1].travelled[told[-1].confirmed] > 0.9 * speed * 3.0
+        assert math.dist(history[k].place[i], (x, y)) < 0.08
+        assert np.hypot(*(history[k].velocity[i] - (0.0, speed))) < 0.25
+        assert history[k].kind[i] == PERSON
+        assert history[k].radius[i] == pytest.approx(0.25, abs=0.05)
+    assert history[-1].id[history[-1].confirmed] == history[first].id[history[first].confirmed]
+    assert history[-1].travelled[history[-1].confirmed] > 0.9 * speed * 3.0
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -174,20 +174,20 @@ def test_a_leaf_that_swings_is_a_door(travel):
 
 def test_who_passes_behind_a_pillar_is_the_same_person_and_predicted_meanwhile():
     pillar = (-1.5, 0.0, 0.2)
-    told = follow(lambda t: [*crossing(t), pillar], 4.5)
-    ids = {int(number) for tracks in told for number in tracks.id[tracks.confirmed]}
+    history = follow(lambda t: [*crossing(t), pillar], 4.5)
+    ids = {int(number) for tracks in history for number in tracks.id[tracks.confirmed]}
     assert len(ids) == 1
-    assert any(tracks.hidden[tracks.confirmed].any() for tracks in told)
-    (i,) = np.flatnonzero(told[-1].confirmed)
-    assert math.dist(told[-1].place[i], crossing(4.4)[0][:2]) < 0.1
+    assert any(tracks.hidden[tracks.confirmed].any() for tracks in history)
+    (i,) = np.flatnonzero(history[-1].confirmed)
+    assert math.dist(history[-1].place[i], crossing(4.4)[0][:2]) < 0.1
 
 
 def test_two_who_pass_each_other_keep_their_names():
     def discs(t):
         return [(0.0, -3.0 + 1.2 * t, 0.25), (0.9, 3.0 - 1.2 * t, 0.25)]
 
-    told = follow(discs, 5.0)
-    early, late = told[12], told[-1]
+    history = follow(discs, 5.0)
+    early, late = history[12], history[-1]
 
     def names(tracks, t):
         gaps = np.hypot(*(tracks.place[None] - np.array(discs(t))[:, None, :2]).transpose(2, 0, 1))
@@ -198,17 +198,17 @@ def test_two_who_pass_each_other_keep_their_names():
 
 
 def test_a_track_is_dropped_once_its_place_is_seen_to_be_empty():
-    told = follow(lambda t: crossing(t) if t < 2.0 else [], 3.0)
-    assert told[19].confirmed.any()
-    assert not told[24].confirmed.any()
+    history = follow(lambda t: crossing(t) if t < 2.0 else [], 3.0)
+    assert history[19].confirmed.any()
+    assert not history[24].confirmed.any()
 
 
 def test_who_stands_still_after_a_walk_is_kept():
-    told = follow(lambda t: crossing(min(t, 2.0)), 20.0)
-    (i,) = np.flatnonzero(told[-1].confirmed)
-    assert told[-1].unseen[i] < 0.5
-    assert told[-1].still[i] > 15.0
-    assert np.hypot(*told[-1].velocity[i]) < 0.1
+    history = follow(lambda t: crossing(min(t, 2.0)), 20.0)
+    (i,) = np.flatnonzero(history[-1].confirmed)
+    assert history[-1].unseen[i] < 0.5
+    assert history[-1].still[i] > 15.0
+    assert np.hypot(*history[-1].velocity[i]) < 0.1
 
 
 def test_two_legs_are_one_person():
@@ -219,8 +219,8 @@ def test_two_legs_are_one_person():
         left, right = feet if foot % 2 else feet[::-1]
         return [(0.1, left, 0.06), (-0.1, right, 0.06)]
 
-    told = follow(legs, 4.0)
-    late = [tracks for k, tracks in enumerate(told) if k >= 10]
+    history = follow(legs, 4.0)
+    late = [tracks for k, tracks in enumerate(history) if k >= 10]
     assert {int(number) for t in late for number in t.id[t.confirmed]} == set(
         late[-1].id[late[-1].confirmed].tolist()
     )
@@ -282,18 +282,18 @@ def test_more_things_than_fit_displace_none_that_is_confirmed():
         around = around[np.hypot(*(around - POSE[:2]).T) > 5.5]
         return np.vstack([crossing(t), np.column_stack([around, np.full(len(around), 0.05)])])
 
-    told = follow(posts, 2.0)
-    assert max(map(len, told)) == TRACKS
+    history = follow(posts, 2.0)
+    assert max(map(len, history)) == TRACKS
     at = crossing(1.9)[0][:2]
-    mine = np.hypot(*(told[-1].place - at).T) < 0.2
-    assert told[-1].confirmed[mine].any()
+    mine = np.hypot(*(history[-1].place - at).T) < 0.2
+    assert history[-1].confirmed[mine].any()
 
 
 def test_an_earlier_stamp_begins_anew_and_the_same_changes_nothing():
     tracker = Tracker()
-    told = follow(crossing, 2.0, tracker=tracker)
+    history = follow(crossing, 2.0, tracker=tracker)
     again = tracker.update(scan([], 0), POSE, STILL, 0.1 * 19)
-    assert again.id.tolist() == told[-1].id.tolist()
+    assert again.id.tolist() == history[-1].id.tolist()
     assert not tracker.update(scan(crossing(0.0), 0), POSE, STILL, 0.0).confirmed.any()
 
 

@@ -25,7 +25,6 @@ from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.geometry import wrap
 from wheelchair_gym.physics.actors.bodies import (
     apply_forces,
-    read_actor_poses,
     relocate_obstacles,
     restore_actor_shapes,
     save_actor_shapes,
@@ -88,6 +87,26 @@ def decide_actors(state: Any, p: Any, world: Any, chair: Motion) -> float:
     return stop_people(world, state, p, chair)
 
 
+@inlined
+def prepare_step(
+    engine: Any, world: Any, state: Any, p: Any, chair: Motion, workspace: Floats
+) -> tuple[float, np.uint64]:
+    """Let actors decide before a physics step, and find the Space that it needs.
+
+    After the step, `move_the_others` moves the actors that are not in the Space.
+
+    Returns:
+        The impulse [N s] of the hardest who walks into the chair, and the Space; 0 if none.
+    """
+    bump, space = 0.0, touchable_space(engine, world, p, workspace)
+    if world.n_actors > 0:
+        bump = decide_actors(state, p, world, chair)
+        relocate_obstacles(engine, world)
+        if choose_who_may_touch(engine, world, state, p):
+            space = np.uint64(world.space)
+    return bump, space
+
+
 @borrowing_kernel
 def delayed_command(state: Any, p: Any, world: Any) -> tuple[float, float, bool]:
     """The command that takes effect now: twist, and whether it is a protective stop.
@@ -133,18 +152,11 @@ def drive_period(
             if hard:  # what follows begins without a slope
                 state.v_rate, state.w_rate = 0.0, 0.0
         before = (fields[X], fields[Y], fields[VX], fields[VY], fields[W])
-        bump = 0.0
-        space = touchable_space(engine, world, p, workspace)
-        if world.n_actors > 0:
-            bump = decide_actors(state, p, world, before)
-            relocate_obstacles(engine, world)
-            if choose_who_may_touch(engine, world, state, p):
-                space = np.uint64(world.space)
+        bump, space = prepare_step(engine, world, state, p, before, workspace)
         hit = physics_step(state, p, k, space, world.body, engine.step)
         state.tick += 1
         if world.n_actors > 0:
             move_the_others(world, p.dt)
-            read_actor_poses(world)
         if bump > _TOUCH:
             state.contact = True
             state.bumped |= bump > p.bumper_force * p.dt

@@ -2,22 +2,23 @@
 
 A grid (`safety.grid`) holds when each cell was last seen, a list holds the points that the laser
 hit, and arcs hold the echoes that only ultrasonics have measured. `update` takes in a reading. The
-grid is that of the first scanner; a second list holds the points that further scanners hit.
+grid is that of the first scanner; what further scanners hit is in `safety.further_scanners`.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.address import floats_at, on_stack, rows_of
 from wheelchair_gym.compiled.kernel import as_int, borrowing_kernel, inlined
-from wheelchair_gym.geometry import body_to_world, point_to_world, world_to_body
+from wheelchair_gym.geometry import point_to_world, world_to_body
 from wheelchair_gym.kinematics import arc_step
 from wheelchair_gym.safety.faults import check_sensors
+from wheelchair_gym.safety.further_scanners import update_others
 from wheelchair_gym.safety.grid import (
     Scan,
     beam_towards,
@@ -29,23 +30,22 @@ from wheelchair_gym.safety.grid import (
 )
 from wheelchair_gym.safety.state import (
     ARC,
+    CLOSE_BY,
     FAR,
     FRESH,
     HITS,
+    JUMP,
     KEPT,
     MARKS,
     NOTHING,
-    OTHERS,
-    OTHERS_KEPT,
     REST_SPEED,
-    SECTORS,
+    SAME,
     UPDATE,
+    Frame,
     set_motion,
 )
 from wheelchair_gym.sensors.echoes import atan2_f32
-from wheelchair_gym.sensors.laser import LaserArrays, median3
-from wheelchair_gym.sensors.scanners import scanner_at
-from wheelchair_gym.sensors.settings import SCANNERS
+from wheelchair_gym.sensors.laser import median3
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
@@ -58,18 +58,13 @@ _BESIDE = 0.20  # m: points so near a moving point may belong to the same object
 _FINE = 0.04  # m: length of the arc that becomes one point,
 _NEARBY = 1.3  # m: up to this range; twice as long up to twice the range, and again beyond
 _SPREAD = _F(0.03)  # m: hits of one arc differ from their mean by less: no more than the margin
-_JUMP = _F(0.10)  # m: where ranges jump, the edge is a point of its own
 _BODY = 0.35  # m: marks so near each other are of one body
 _EDGE = math.radians(15.0)  # of the laser's view: half a body at 2 m
-_SAME = 0.10  # m: a ray that ends so near a point, or beyond it, has seen its place again
 _AGEING = 0.2  # share of the time that counts at rest
-_CLOSE_BY = 1.5  # m from the laser: what was last seen farther away is not in the way
 # Hits of two scans are of one thing within these distances along the ray, and beside it beyond the
 # width of a beam; an oblique surface is hit farther along it as the chair drives on.
 _HIT_ALONG, _HIT_BESIDE = 0.20, 0.02  # m
 _HIT_KEPT = 1.0  # s: for which a hit is kept that other beams pass
-_PASSED = 2  # readings in which a scanner sees beyond a point before it is dropped
-_ALMOST = 1e-9
 _ALIKE = 0.015  # m: points so near each other are one
 _SPACING = 0.04  # m between the points of an echo's arc
 _SLACK = 0.04  # m: points of the laser stand for arcs of this length (`_FINE`)
@@ -78,19 +73,10 @@ _AGREE = 0.15  # m: laser and ultrasonic together err by less
 _FIRING = 5e-3  # s: stamps of two firings differ by more
 
 
-class Frame(NamedTuple):
-    """A frame in another: its origin, and cosine and sine of its yaw."""
-
-    x: float
-    y: float
-    c: float
-    s: float
-
-
 @inlined
 def _nearer(edge: np.float32, r: np.float32) -> np.float32:
     """A beam's range where it is slightly nearer than the median, which cuts off edges."""
-    return edge if r - _JUMP < edge < r else r
+    return edge if r - JUMP < edge < r else r
 
 
 @borrowing_kernel
@@ -138,7 +124,7 @@ def _find_kept(s: Any, scan: Scan, work: Any) -> None:
         beam[k] = b if b < last else 0
         far[k] = math.sqrt(dx * dx + dy * dy)
     for k in range(np.uint64(n)):
-        again = scan.least[np.uint64(beam[k])] >= far[k] - _SAME
+        again = scan.least[np.uint64(beam[k])] >= far[k] - SAME
         kept[k] = (now <= stamp[k]) & (far[k] <= FAR) & (not again)
 
 
@@ -190,7 +176,7 @@ def _keep_marks(g: Any, s: Any, scan: Scan) -> None:
         dx, dy = mark.x - scan.x, mark.y - scan.y
         far = math.sqrt(dx * dx + dy * dy)
         lasts = s.stamp - mark.stamp <= g.moving_memory_time and far <= FAR
-        if lasts and not sees_beyond(scan, dx, dy, far - _SAME, edge):
+        if lasts and not sees_beyond(scan, dx, dy, far - SAME, edge):
             s.marks[kept] = mark
             kept += 1
     s.n_marks = last_rows(s.marks[:], kept, MARKS // 2)
@@ -204,7 +190,7 @@ def _add_points(g: Any, s: Any, work: Any, scan: Scan, marks: int, end: int) -> 
     for k in range(np.uint64(begin), np.uint64(end)):
         ahead, left = work.x[k], work.y[k]
         x[k], y[k] = point_to_world(scan.c, scan.s, scan.x, scan.y, ahead, left)
-        stamp[k] = near if ahead * ahead + left * left < _CLOSE_BY * _CLOSE_BY else far
+        stamp[k] = near if ahead * ahead + left * left < CLOSE_BY * CLOSE_BY else far
     s.n_points = end
     for k in range(begin, end):
         last = s.stamp if was_empty(s, x[k], y[k]) else -math.inf
@@ -256,7 +242,7 @@ def _keep_hits(g: Any, s: Any, scan: Scan, laser: Floats) -> None:
         dx, dy = hit.x - scan.x, hit.y - scan.y
         far = math.sqrt(dx * dx + dy * dy)
         b = beam_towards(scan, dx, dy)
-        passed = 1 <= b < beams - 1 and laser[b] >= far - _SAME
+        passed = 1 <= b < beams - 1 and laser[b] >= far - SAME
         if s.stamp - hit.stamp > (_HIT_KEPT if passed else g.memory_time) or far > FAR:
             continue
         s.hits[kept] = hit
@@ -308,11 +294,11 @@ def _find_medians(g: Any, s: Any, scan: Scan, laser: Floats, medians: Floats) ->
         for b in range(np.uint64(begin), np.uint64(end)):
             r = median3(laser[b - _ONE], laser[b], laser[b + _ONE])
             single = max(laser[b], nearest)
-            found |= (single < r - _JUMP) & (single <= far)
+            found |= (single < r - JUMP) & (single <= far)
             medians[b] = nearest if r == -_INF else r
         for b in range(begin, end if found else begin):
             r, single = median3(laser[b - 1], laser[b], laser[b + 1]), max(laser[b], nearest)
-            if single < r - _JUMP and single <= far:
+            if single < r - JUMP and single <= far:
                 _add_hit(s, scan, single * cosine[b], single * sine[b])
 
 
@@ -347,13 +333,13 @@ def _find_points(g: Any, work: Any, laser: Floats, medians: Floats, n: int) -> i
                     r0 = min(mean, _nearer(laser[begin], medians[begin]))
                     n = _put(work, n, r0 * cosine[begin], r0 * sine[begin])
                 n = _put(work, n, mean * cosine[i], mean * sine[i])
-                if not abs(r - mean) <= _JUMP and last > i:
+                if not abs(r - mean) <= JUMP and last > i:
                     r0 = min(mean, _nearer(laser[tail], medians[tail]))
                     n = _put(work, n, r0 * cosine[last], r0 * sine[last])
                 before, count, total = mean, 0, _F(0.0)
         if r <= far:
             if count == 0:
-                begin, edge = b, bool(abs(r - before) > _JUMP)
+                begin, edge = b, bool(abs(r - before) > JUMP)
                 limit = int(_arc_length(float(r)) * g.per_angle / r)
             count += 1
             total += r
@@ -391,114 +377,6 @@ def _is_explained(x: Array, y: Array, n: int, at: Frame, slope: float, r: float)
         inside = (ahead > 0.0) & (abs(left) <= slope * ahead + _SLACK)
         found |= inside & (dx * dx + dy * dy <= square) & (k < np.uint64(n))
     return found > 0
-
-
-@borrowing_kernel
-def _frame_of(s: Any, mount: Array) -> Frame:
-    """The frame of a scanner with a mount (3,), where the chair is (dead-reckoned)."""
-    c, sn = math.cos(s.pose[2]), math.sin(s.pose[2])
-    x, y = point_to_world(c, sn, s.pose[0], s.pose[1], mount[0], mount[1])
-    yaw = s.pose[2] + mount[2]
-    return Frame(x, y, math.cos(yaw), math.sin(yaw))
-
-
-@borrowing_kernel
-def _is_kept(g: Any, s: Any, ranges: Floats, k: int) -> bool:
-    """Whether point k of a further scanner is remembered after a reading.
-
-    It goes where its scanner hits its place again, which gives a new point, or sees beyond it in
-    two readings: a lost echo alone is no evidence.
-    """
-    others = s.others
-    dx, dy = others.x[k] - s.pose[0], others.y[k] - s.pose[1]
-    if s.stamp > others.stamp[k] or dx * dx + dy * dy > FAR * FAR:
-        return False
-    one = scanner_at(g.scanners, g.n_scanners, others.scanner[k])
-    frame = _frame_of(s, one.mount)
-    dx, dy = others.x[k] - frame.x, others.y[k] - frame.y
-    ahead, left = world_to_body(frame.c, frame.s, dx, dy)
-    b = math.floor((math.atan2(left, ahead) - one.first) * one.per_angle)
-    if b < 0 or b + 1 >= one.cosine.shape[0]:
-        return True
-    far = math.sqrt(dx * dx + dy * dy)
-    least = min(ranges[one.start + b], ranges[one.start + b + 1])
-    if far > one.reach or not least >= far - _SAME:
-        return True
-    others.passed[k] += 1
-    return bool(least > far + _SAME and others.passed[k] < _PASSED)
-
-
-@borrowing_kernel
-def _add_other(g: Any, s: Any, one: LaserArrays, frame: Frame, r: np.float32, b: int) -> None:
-    """Add the hit of beam b of a further scanner at a range [m]."""
-    x, y = r * one.cosine[b], r * one.sine[b]
-    others, n = s.others, s.n_others
-    px, py = point_to_world(frame.c, frame.s, frame.x, frame.y, x, y)
-    static = x * x + y * y < _CLOSE_BY * _CLOSE_BY and not was_empty(s, px, py)
-    others.x[n], others.y[n], others.scanner[n], others.passed[n] = px, py, one.number, 0
-    others.stamp[n] = s.stamp + (g.static_memory_time if static else g.memory_time)
-    s.n_others += 1
-
-
-@borrowing_kernel
-def _move_other(others: Any, k: int, to: int) -> None:
-    """Copy point k of further scanners to another place."""
-    others.x[to], others.y[to], others.stamp[to] = others.x[k], others.y[k], others.stamp[k]
-    others.scanner[to], others.passed[to] = others.scanner[k], others.passed[k]
-
-
-@borrowing_kernel
-def _range_of_edge(g: Any, one: LaserArrays, b: int) -> float:
-    """How far beam b of a scanner runs within the outline [m], at most its least range."""
-    c, sn = math.cos(one.mount[2]), math.sin(one.mount[2])
-    dx, dy = body_to_world(c, sn, one.cosine[b], one.sine[b])
-    ahead = g.outline[0] - one.mount[0] if dx > 0.0 else g.outline[1] + one.mount[0]
-    aside = g.outline[2] - one.mount[1] if dy > 0.0 else g.outline[2] + one.mount[1]
-    r = min(ahead / max(abs(dx), _ALMOST), aside / max(abs(dy), _ALMOST))
-    return float(min(max(r, 0.0), one.nearest))
-
-
-@borrowing_kernel
-def update_others(g: Any, s: Any, ranges: Floats) -> None:
-    """Add the hits of all scanners but the first: each is an obstacle, whatever the others see.
-
-    Neighbouring beams whose ranges differ little become one point, the nearest of them: each of at
-    most `SECTORS` groups of beams has one at least, and more where ranges jump within the group.
-    What is too near to be measured (-inf) counts as at the outline: it may be anywhere up to there.
-    """
-    kept = 0
-    for k in range(s.n_others):
-        if kept < OTHERS_KEPT and _is_kept(g, s, ranges, k):
-            _move_other(s.others, k, kept)
-            kept += 1
-    for k in range(kept):  # new points come first, so that the oldest are lost
-        _move_other(s.others, k, OTHERS - kept + k)
-    s.n_others, far = 0, _F(FAR)
-    spare = (SCANNERS - g.n_scanners) * SECTORS
-    for k in range(1, g.n_scanners):
-        one = scanner_at(g.scanners, g.n_scanners, k)
-        beams, frame = one.cosine.shape[0], _frame_of(s, one.mount)
-        size = (beams + SECTORS - 1) // SECTORS
-        best, at = far, -1
-        for b in range(beams):
-            if b % size == 0 and at >= 0:
-                _add_other(g, s, one, frame, best, at)
-                at = -1
-            r = ranges[one.start + b]
-            r = _F(_range_of_edge(g, one, b)) if r == -_F(np.inf) else r
-            if not r <= far:  # NaN, too
-                continue
-            if at >= 0 and abs(r - best) > _JUMP and spare > 0:
-                _add_other(g, s, one, frame, best, at)
-                spare -= 1
-                at = -1
-            if at < 0 or r < best:
-                best, at = r, b
-        if at >= 0:
-            _add_other(g, s, one, frame, best, at)
-    for k in range(kept):
-        _move_other(s.others, OTHERS - kept + k, s.n_others)
-        s.n_others += 1
 
 
 @borrowing_kernel

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import fields
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,9 @@ CELL = 0.10  # m: side of a cell of the grid
 CELLS = 64  # cells per side, a power of two: 3.2 m around the chair, as far as people matter
 REACH = 2.6  # m from the axle: the outline, and what it sweeps from 0.8 m/s to rest
 FAR = 3.6  # m from the laser: farther points are not stored
+JUMP = np.float32(0.10)  # m: where ranges jump, the edge is a point of its own
+SAME = 0.10  # m: a ray that ends so near a point, or beyond it, has seen its place again
+CLOSE_BY = 1.5  # m from the laser: what was last seen farther away is not in the way
 FRESH = 512  # points of one scan
 KEPT = 512  # points of earlier scans
 ARC = 12  # points on the arc of an echo
@@ -243,6 +246,15 @@ def check(chair: ChairSettings, period: float) -> None:
                 f"friction and motors the chair reaches {held:.2f} (SI units), so no shield holds: "
                 "lower the limits, or drive without a shield"
             )
+
+
+class Frame(NamedTuple):
+    """A frame in another: its origin, and cosine and sine of its yaw."""
+
+    x: float
+    y: float
+    c: float
+    s: float
 
 
 class ShieldConstants:

@@ -15,20 +15,14 @@ from numpy.typing import NDArray
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.hardware.settings import check_boards
-from wheelchair_gym.physics.actors.bodies import (
-    read_actor_poses,
-    relocate_obstacles,
-    shapes_of,
-    write_actor_shapes,
-)
-from wheelchair_gym.physics.actors.separation import choose_who_may_touch, move_the_others
+from wheelchair_gym.physics.actors.bodies import shapes_of, write_actor_shapes
+from wheelchair_gym.physics.actors.separation import move_the_others
 from wheelchair_gym.physics.chair import SimulatedChair
 from wheelchair_gym.physics.drive_train import DriveConstants, drive_constants, physics_step
 from wheelchair_gym.physics.engine import VX, VY, W, X, Y, body_view
 from wheelchair_gym.physics.sensor_suite import rangers_of, scanner_of
 from wheelchair_gym.physics.settings import GRAVITY, ChairSettings, PhysicsSettings
-from wheelchair_gym.physics.step import chair_row, decide_actors, read_true_state, workspace_of
-from wheelchair_gym.physics.world import touchable_space
+from wheelchair_gym.physics.step import chair_row, prepare_step, read_true_state, workspace_of
 from wheelchair_gym.sensors.laser import sense_laser
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.sensors.ultrasonic import sense_ultrasonic
@@ -108,14 +102,8 @@ def step_plant(
     suite, p, state, world = chair_row(chairs, 0)
     k = drive_constants(p)
     fields = body_view(world.body)
-    bump = 0.0
-    space = touchable_space(suite, world, p, workspace_of(chairs))
-    if world.n_actors > 0:
-        before = (fields[X], fields[Y], fields[VX], fields[VY], fields[W])
-        bump = decide_actors(state, p, world, before)
-        relocate_obstacles(suite, world)
-        if choose_who_may_touch(suite, world, state, p):
-            space = np.uint64(world.space)
+    before = (fields[X], fields[Y], fields[VX], fields[VY], fields[W])
+    bump, space = prepare_step(suite, world, state, p, before, workspace_of(chairs))
     c, s = math.cos(state.pose[2]), math.sin(state.pose[2])
     for along, axis, speed in (
         (pull[0] + c * force / p.mass, X, VX),
@@ -143,7 +131,6 @@ def step_plant(
     state.tick += 1
     if world.n_actors > 0:
         move_the_others(world, p.dt)
-        read_actor_poses(world)
     read_true_state(state, p, fields)
     scale = k.counts_per_rad
     return (

@@ -20,6 +20,7 @@ from wheelchair_gym.physics.actors.bodies import (
     extent,
     is_box,
     put_into_space,
+    read_actor_poses,
     take_out_of_space,
 )
 from wheelchair_gym.physics.actors.records import DOOR
@@ -147,8 +148,9 @@ def choose_who_may_touch(engine: Any, world: Any, state: Any, p: Any) -> bool:
 
 @borrowing_kernel
 def move_the_others(world: Any, dt: float) -> None:
-    """Move the actors that are not in the Space by a physics step."""
+    """Move the actors that are not in the Space by a physics step, and read where all are."""
     actor_states = actors_of(world)[1]
     for k in range(world.n_actors):
         if not actor_states[k].in_space:
             move_freely(actor_states[k].body, dt)
+    read_actor_poses(world)

@@ -1,0 +1,141 @@
+"""What scanners but the first hit: each of their points is an obstacle, whatever the others see."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wheelchair_gym.compiled.kernel import borrowing_kernel
+from wheelchair_gym.geometry import body_to_world, point_to_world, world_to_body
+from wheelchair_gym.safety.grid import was_empty
+from wheelchair_gym.safety.state import (
+    CLOSE_BY,
+    FAR,
+    JUMP,
+    OTHERS,
+    OTHERS_KEPT,
+    SAME,
+    SECTORS,
+    Frame,
+)
+from wheelchair_gym.sensors.laser import LaserArrays
+from wheelchair_gym.sensors.scanners import scanner_at
+from wheelchair_gym.sensors.settings import SCANNERS
+
+Array = NDArray[np.float64]
+Floats = NDArray[np.float32]
+
+_F = np.float32
+_PASSED = 2  # readings in which a scanner sees beyond a point before it is dropped
+_ALMOST = 1e-9
+
+
+@borrowing_kernel
+def _frame_of(s: Any, mount: Array) -> Frame:
+    """The frame of a scanner with a mount (3,), where the chair is (dead-reckoned)."""
+    c, sn = math.cos(s.pose[2]), math.sin(s.pose[2])
+    x, y = point_to_world(c, sn, s.pose[0], s.pose[1], mount[0], mount[1])
+    yaw = s.pose[2] + mount[2]
+    return Frame(x, y, math.cos(yaw), math.sin(yaw))
+
+
+@borrowing_kernel
+def _is_kept(g: Any, s: Any, ranges: Floats, k: int) -> bool:
+    """Whether point k of a further scanner is remembered after a reading.
+
+    It goes where its scanner hits its place again, which gives a new point, or sees beyond it in
+    two readings: a lost echo alone is no evidence.
+    """
+    others = s.others
+    dx, dy = others.x[k] - s.pose[0], others.y[k] - s.pose[1]
+    if s.stamp > others.stamp[k] or dx * dx + dy * dy > FAR * FAR:
+        return False
+    one = scanner_at(g.scanners, g.n_scanners, others.scanner[k])
+    frame = _frame_of(s, one.mount)
+    dx, dy = others.x[k] - frame.x, others.y[k] - frame.y
+    ahead, left = world_to_body(frame.c, frame.s, dx, dy)
+    b = math.floor((math.atan2(left, ahead) - one.first) * one.per_angle)
+    if b < 0 or b + 1 >= one.cosine.shape[0]:
+        return True
+    far = math.sqrt(dx * dx + dy * dy)
+    least = min(ranges[one.start + b], ranges[one.start + b + 1])
+    if far > one.reach or not least >= far - SAME:
+        return True
+    others.passed[k] += 1
+    return bool(least > far + SAME and others.passed[k] < _PASSED)
+
+
+@borrowing_kernel
+def _add_other(g: Any, s: Any, one: LaserArrays, frame: Frame, r: np.float32, b: int) -> None:
+    """Add the hit of beam b of a further scanner at a range [m]."""
+    x, y = r * one.cosine[b], r * one.sine[b]
+    others, n = s.others, s.n_others
+    px, py = point_to_world(frame.c, frame.s, frame.x, frame.y, x, y)
+    static = x * x + y * y < CLOSE_BY * CLOSE_BY and not was_empty(s, px, py)
+    others.x[n], others.y[n], others.scanner[n], others.passed[n] = px, py, one.number, 0
+    others.stamp[n] = s.stamp + (g.static_memory_time if static else g.memory_time)
+    s.n_others += 1
+
+
+@borrowing_kernel
+def _move_other(others: Any, k: int, to: int) -> None:
+    """Copy point k of further scanners to another place."""
+    others.x[to], others.y[to], others.stamp[to] = others.x[k], others.y[k], others.stamp[k]
+    others.scanner[to], others.passed[to] = others.scanner[k], others.passed[k]
+
+
+@borrowing_kernel
+def _range_of_edge(g: Any, one: LaserArrays, b: int) -> float:
+    """How far beam b of a scanner runs within the outline [m], at most its least range."""
+    c, sn = math.cos(one.mount[2]), math.sin(one.mount[2])
+    dx, dy = body_to_world(c, sn, one.cosine[b], one.sine[b])
+    ahead = g.outline[0] - one.mount[0] if dx > 0.0 else g.outline[1] + one.mount[0]
+    aside = g.outline[2] - one.mount[1] if dy > 0.0 else g.outline[2] + one.mount[1]
+    r = min(ahead / max(abs(dx), _ALMOST), aside / max(abs(dy), _ALMOST))
+    return float(min(max(r, 0.0), one.nearest))
+
+
+@borrowing_kernel
+def update_others(g: Any, s: Any, ranges: Floats) -> None:
+    """Add the hits of all scanners but the first: each is an obstacle, whatever the others see.
+
+    Neighbouring beams whose ranges differ little become one point, the nearest of them: each of at
+    most `SECTORS` groups of beams has one at least, and more where ranges jump within the group.
+    What is too near to be measured (-inf) counts as at the outline: it may be anywhere up to there.
+    """
+    kept = 0
+    for k in range(s.n_others):
+        if kept < OTHERS_KEPT and _is_kept(g, s, ranges, k):
+            _move_other(s.others, k, kept)
+            kept += 1
+    for k in range(kept):  # new points come first, so that the oldest are lost
+        _move_other(s.others, k, OTHERS - kept + k)
+    s.n_others, far = 0, _F(FAR)
+    spare = (SCANNERS - g.n_scanners) * SECTORS
+    for k in range(1, g.n_scanners):
+        one = scanner_at(g.scanners, g.n_scanners, k)
+        beams, frame = one.cosine.shape[0], _frame_of(s, one.mount)
+        size = (beams + SECTORS - 1) // SECTORS
+        best, at = far, -1
+        for b in range(beams):
+            if b % size == 0 and at >= 0:
+                _add_other(g, s, one, frame, best, at)
+                at = -1
+            r = ranges[one.start + b]
+            r = _F(_range_of_edge(g, one, b)) if r == -_F(np.inf) else r
+            if not r <= far:  # NaN, too
+                continue
+            if at >= 0 and abs(r - best) > JUMP and spare > 0:
+                _add_other(g, s, one, frame, best, at)
+                spare -= 1
+                at = -1
+            if at < 0 or r < best:
+                best, at = r, b
+        if at >= 0:
+            _add_other(g, s, one, frame, best, at)
+    for k in range(kept):
+        _move_other(s.others, OTHERS - kept + k, s.n_others)
+        s.n_others += 1
