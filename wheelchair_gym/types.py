@@ -180,7 +180,7 @@ class Mission:
     Attributes:
         map: of the world; None: the chair draws its own (`Reading.map`).
         reading: the first, taken at the start.
-        goal: (3,) m, m, rad, on the map.
+        goal: (3,) m, m, rad, on the map; (2,) where the task asks for no heading.
         tolerance: how near the goal counts [m].
         time_limit: of the episode [s].
         period: of control [s]: each command is driven for so long.

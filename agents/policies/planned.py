@@ -41,6 +41,7 @@ from agents.policies.recoveries import (
     Spin,
     StatusReport,
     back_up,
+    clearest_place,
     crawled,
     is_blocked,
     widest_plan,
@@ -61,6 +62,7 @@ HELD = 1.0  # s for which people see why there is a new path
 NEAR = 1.5  # m of way from the axle's centre: the chair's front, and to rest from 0.8 m/s
 STILL = 0.02  # m/s and rad/s: slower, the chair stands
 REJOIN = 2.0  # m along a plan on which a chair that drove on meanwhile may join it
+INSIDE = 0.7  # times the goal's tolerance: so far from it a path may end where the goal is occupied
 
 
 @settings
@@ -146,20 +148,24 @@ class Search:
     start: Array  # (3,) m, m, rad
     maps: list[OccupancyGrid]  # to be tried in turn
     drawn: Footprint | None = None  # the chair's, where it draws the only map itself
+    around: float = 0.0  # m from a goal without heading, where a path may end if that is occupied
 
     def plan(self, goal: Array, end: float) -> Answer:
         """Plan to a goal (2 or 3,), until `perf_counter` shows `end` [s], in one map after another.
 
-        In each, at the widest clearance that leads to the goal.
+        In each, at the widest clearance that leads to the goal; or, where the goal is occupied and
+        has no heading, to the free place beside it.
         """
         config, maps = self.config, self.maps
         if self.drawn is not None:
             ends = np.stack([self.start[:2], goal[:2]])
             maps = assumed_maps(maps[0].extended_to(ends, config.beyond), self.start, self.drawn)
         for k, grid in enumerate(maps):
-            found = widest_plan(
-                self.planner, grid, self.start, goal, config.clearance, config.least, self.rng, end
-            )
+            plan = partial(widest_plan, self.planner, grid, self.start)
+            found = plan(goal, config.clearance, config.least, self.rng, end)
+            if found[0].status is Status.GOAL_OCCUPIED and len(goal) == 2:
+                beside = clearest_place(grid, goal, config.clearance, self.around)
+                found = plan(beside, config.clearance, config.least, self.rng, end)
             answer = Answer(*found, self.start, maps, k + 1)
             if answer.solved:
                 break
@@ -242,7 +248,8 @@ class PlannedDriver:
     def _search(self, maps: list[OccupancyGrid]) -> Search:
         drawn = self._mission.footprint if self._draws else None
         start = self._local_map.pose
-        return Search(self.config, self._planner, self._rng, start, maps, drawn)
+        around = INSIDE * self._mission.tolerance
+        return Search(self.config, self._planner, self._rng, start, maps, drawn, around)
 
     def _replan(self, then: Then = None, held: bool = False) -> None:
         """Plan from where the chair is, and begin the new path if one leads to the goal.

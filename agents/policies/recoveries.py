@@ -247,6 +247,24 @@ def is_blocked(
 
 FINER = 0.04  # m: a plan that finds no way is tried again with this much less clearance,
 REVERSE_WAY = 0.3  # m: and once more if it leads so far in reverse, where no sensor looks
+NEARER = 0.1  # m of clearance that a place nearer to the goal by a metre is worth
+
+
+def clearest_place(grid: OccupancyGrid, goal: Array, clearance: float, radius: float) -> Array:
+    """The place (2,) nearest to a goal (2,) [m] with a clearance [m], at most a radius [m] from it.
+
+    Or that of most clearance, where none has as much.
+    """
+    reach = np.arange(-(radius // grid.resolution), radius // grid.resolution + 1)
+    places = goal + grid.resolution * np.stack(np.meshgrid(reach, reach), axis=-1).reshape(-1, 2)
+    away = np.hypot(*(places - goal).T)
+    places = places[(away <= radius) & grid.inside(places)]
+    if len(places) == 0:
+        return goal
+    free = grid.distance()[tuple(grid.to_cell(places).T)]
+    score = np.minimum(free, clearance) - NEARER * np.hypot(*(places - goal).T)
+    best: Array = places[int(np.argmax(score))]
+    return best
 
 
 def widest_plan(

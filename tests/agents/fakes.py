@@ -77,7 +77,7 @@ class PaperWorld:
         """Poses (n, 3) and actions (n, 2) until the goal or for so long."""
         policy.reset(self.mission)
         poses, actions = [], []
-        while self.time < seconds and np.hypot(*(self.pose - self.mission.goal)[:2]) > 0.2:
+        while self.time < seconds and np.hypot(*(self.pose[:2] - self.mission.goal[:2])) > 0.2:
             command = self.step(policy)
             poses.append(self.pose)
             actions.append(command.as_action(self.mission.limits))

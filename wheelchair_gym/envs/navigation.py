@@ -286,7 +286,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         return Mission(
             map=task.map if task.built_map is None else None,
             reading=self.reading,
-            goal=task.goal,
+            goal=task.goal if task.settings.heading else task.goal[:2],
             tolerance=task.tolerance,
             time_limit=task.time_limit,
             period=task.period,

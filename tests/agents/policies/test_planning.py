@@ -173,7 +173,7 @@ def test_it_stands_before_an_obstacle_while_it_plans_round_it():
     for planning_time in (0.0, 2.0):
         world, policy = thinking(planning_time, lambda t: (5.0, 0.2) if t > 3.0 else None)
         gaps = []
-        while world.time < 60.0 and np.hypot(*(world.pose - world.mission.goal)[:2]) > 0.3:
+        while world.time < 60.0 and np.hypot(*(world.pose[:2] - world.mission.goal[:2])) > 0.3:
             world.step(policy)
             corners = policy._mission.footprint.corners
             c, s = np.cos(world.pose[2]), np.sin(world.pose[2])
