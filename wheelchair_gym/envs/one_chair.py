@@ -9,9 +9,11 @@ from struct import Struct
 from typing import Any
 
 import numpy as np
+from numba import types
 from numpy.typing import NDArray
 
-from wheelchair_gym.compiled.address import Pointers, address_of
+from wheelchair_gym.compiled.address import Pointers
+from wheelchair_gym.compiled.second_process import compile_beside
 from wheelchair_gym.envs.batch import STEP, STEP_TARGETS, step_one
 from wheelchair_gym.envs.info import INFO_KEYS
 from wheelchair_gym.envs.results import ResultPool
@@ -21,6 +23,8 @@ from wheelchair_gym.task.rewards import TERMS, VERDICT
 from wheelchair_gym.task.task import Observation, Task
 
 _CODES = {"f8": "d", "i8": "q", "b1": "?"}  # of `struct`, whose order and sizes are numpy's here
+# Address, action, twist, whether to stop, and what the shield took.
+_SIGNATURE = (types.int64, *4 * [types.float64], types.boolean, *2 * [types.float64])
 Pair = tuple[float, float]
 
 
@@ -81,7 +85,7 @@ class _Result:
         }  # fmt: skip
         for name, array in to.items():
             self._pointers.point(name, array)
-        self.address = address_of(self._pointers.record)
+        self.address = self._pointers.address
 
     def arrays(self) -> Iterator[NDArray[Any]]:
         """Each array that is handed out, and what others that show its memory refer to."""
@@ -95,6 +99,8 @@ class SimulatedSteps:
     def __init__(self, chair: SimulatedChair, task: Task) -> None:
         self._chair, self._task = chair, task
         self._bind()
+        compiled: Any = step_one
+        compile_beside((step_one,), lambda: compiled.compile(_SIGNATURE))
 
     def _bind(self) -> None:
         chair, task = self._chair, self._task

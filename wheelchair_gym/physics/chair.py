@@ -59,13 +59,12 @@ class SimulatedChair:
         self._moves = False  # anything beside it
         self._truth: Truth | None = None  # of the latest reading, once asked for
         self._bind()
-        compile_beside((reset_chair, step_chair), self._drive_nowhere)
+        compile_beside((reset_chair,), self._stand_nowhere)
 
-    def _drive_nowhere(self) -> None:
-        """Compile all that driving needs; for a helper process."""
+    def _stand_nowhere(self) -> None:
+        """Compile what a reset needs; for a helper process."""
         nowhere: Any = None
         self.reset(Episode(nowhere, np.zeros(3), np.zeros(3)), 0)
-        self.drive(np.zeros(2))
 
     def _bind(self) -> None:
         """Find the rows of the only chair."""
