@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
 from typing import Any, Final
 
 import numpy as np
@@ -31,8 +32,25 @@ def twist_of_action(
     return a_v * (forward if a_v > 0.0 else backward), a_w * turn
 
 
+def numbers_of(action: Any) -> tuple[float, float]:
+    """The two numbers of an action (2,).
+
+    Raises:
+        InputError: it is not two finite numbers.
+    """
+    try:
+        a_v, a_w = map(float, np.asarray(action).tolist())
+    except (TypeError, ValueError, OverflowError):
+        a_v = a_w = math.nan
+    if not math.isfinite(a_v + a_w):
+        raise InputError(f"action is {action!r}; expected two finite numbers in [-1, 1]")
+    return a_v, a_w
+
+
 _kernel: Any = twist_of_action
-_twist_in_python = _kernel.py_func  # faster than calling compiled code
+_twist_in_python: Callable[..., tuple[float, float]] = (
+    _kernel.py_func
+)  # faster than calling compiled code
 
 
 @settings
@@ -103,13 +121,11 @@ class Limits:
         Raises:
             InputError: the action is not two finite numbers.
         """
-        try:
-            a_v, a_w = np.asarray(action, np.float64).tolist()
-        except (TypeError, ValueError):
-            a_v = a_w = math.nan
-        if type(a_v) is not float or not math.isfinite(a_v + a_w):
-            raise InputError(f"action is {action!r}; expected two finite numbers in [-1, 1]")
-        return np.array(_twist_in_python(a_v, a_w, self.forward, self.backward, self.turn))
+        return np.array(self.twist_of(*numbers_of(action)))
+
+    def twist_of(self, a_v: float, a_w: float) -> tuple[float, float]:
+        """The target twist [m/s, rad/s] of an action's two numbers."""
+        return _twist_in_python(a_v, a_w, self.forward, self.backward, self.turn)
 
     def action(self, twist: NDArray[np.floating]) -> Array:
         """The action (2,) in [-1, 1] that asks for a twist (2,), clipped to the limits."""

@@ -173,7 +173,7 @@ class LearnedDriver:
             # The twist driven may be less than commanded: `deploy` begins slowly.
             less = float(self._intervention[0]), float(self._intervention[1])
             self._intervention[:] = 0.0
-            seen = self._task.assess(reading, np.array(reading.action), less)
+            seen = self._task.assess(reading, reading.action, less)
             self.observation = np.concatenate(
                 [seen[key] for key, _ in self.layout.sizes if key in seen]
             )

@@ -31,6 +31,7 @@ TABLES = {
     "wheelchair_gym.task.prepared_episode": ("PREPARED",),
     "wheelchair_gym.task.task": ("RULES", "TASK"),
     "wheelchair_gym.envs.vector": ("BATCH",),
+    "wheelchair_gym.envs.one_chair": ("STEP",),
     "wheelchair_gym.tracking.state": ("CONSTANTS", "STATIC_MAP"),
     "wheelchair_gym.tracking.tracker": ("TRACKERS",),
 }
@@ -90,7 +91,8 @@ def holders():
     many = NavigationVectorEnv(2, scene="crowd", shield=True, bank=1)
     many.reset(seed=0)
     grid = OccupancyGrid(np.zeros((100, 100), np.int8), 0.1)
-    return env, many, Tracker(), [static_map_pointers([grid])]
+    result = env._steps._pool.take()
+    return env, many, result, Tracker(), [static_map_pointers([grid])]
 
 
 def test_every_address_field_says_what_it_points_to(holders):

@@ -102,7 +102,7 @@ def test_kernel_equals_the_plain_api(seed, monkeypatch):
     fields = np.ctypeslib.as_array(
         ctypes.cast(int(place["body"]), ctypes.POINTER(ctypes.c_double)), (BODY_DOUBLES,)
     )
-    engine, workspace = engine_record()[0], chair._rows.array("workspace")
+    engine, workspace = engine_record()[0], chair.pointers.array("workspace")
     k = drive_train.drive_constants(p)
     contacts = steps = free = 0
     duty = np.zeros(2)

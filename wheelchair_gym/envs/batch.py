@@ -19,6 +19,7 @@ from wheelchair_gym.compiled.address import (
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined, kernel
 from wheelchair_gym.envs.results import Bytes, Columns, Flags, Floats, Rows, columns_of
 from wheelchair_gym.kinematics import twist_of_action
+from wheelchair_gym.physics.state import SENSED
 from wheelchair_gym.physics.step import CHAIRS, chair_row, prefetch_chair, reset_chair, step_chair
 from wheelchair_gym.physics.world import enter_episode
 from wheelchair_gym.random import SHIELDS as UNSHIELDED
@@ -33,7 +34,7 @@ from wheelchair_gym.safety.shield import (
 from wheelchair_gym.task.assessment import assess, begin_task, task_row
 from wheelchair_gym.task.prepared_episode import PREPARED
 from wheelchair_gym.task.records import TASK
-from wheelchair_gym.task.rewards import reached
+from wheelchair_gym.task.rewards import VERDICT, reached
 
 Array = NDArray[np.float64]
 
@@ -131,6 +132,87 @@ def begin_chairs(batches: Rows, chosen: Flags, block: Bytes, out: Floats) -> Non
 
 
 @borrowing_kernel
+def step_row(
+    i: int,
+    chairs: Any,
+    task: Any,
+    sensed: Rows,
+    verdicts: Rows,
+    ranges: Floats,
+    action: tuple[float, float],
+    twist: tuple[float, float],
+    stop: bool,
+    less: tuple[float, float],
+    out: Floats,
+) -> bool:
+    """Drive row i's chair, and assess its step; `less` is what a shield took from the twist asked.
+
+    Returns:
+        Whether it is at the goal by truth, and has touched nothing.
+    """
+    step_chair(i, chairs, twist[0], twist[1], stop, ranges, sensed)
+    seen = sensed[i]
+    assess(
+        i,
+        task,
+        verdicts,
+        action,
+        seen.pose,
+        seen.twist,
+        ranges,
+        seen.ultrasonic,
+        seen.bumped,
+        less[0],
+        less[1],
+        out,
+    )
+    rule, prepared, _ = task_row(task, i)
+    return is_success(rule, prepared, seen)
+
+
+# What one chair's step is given, and what it writes, by address.
+STEP, STEP_TARGETS = pointer_record(
+    ("task", Target(TASK, 1)),
+    ("chairs", Target(CHAIRS, 1)),
+    ("verdict", Target(VERDICT, 1)),
+    ("sensed", Target(SENSED, 1)),
+    ("ranges", Target("f4", None)),
+    ("beams", "i8"),
+    ("out", Target("f4", None)),
+    ("numbers", "i8"),  # of an observation
+)
+_steps_at, _sensed_at, _verdicts_at = map(rows_of, (STEP, SENSED, VERDICT))
+
+
+@borrowing_kernel
+def step_one(
+    place: int,
+    a_v: float,
+    a_w: float,
+    v: float,
+    w: float,
+    stop: bool,
+    less_v: float,
+    less_w: float,
+) -> bool:
+    """`step_row` of the record of STEP at an address: numbers reach it faster than arrays."""
+    step = _steps_at(place, 1)[0]
+    return step_row(
+        0,
+        _chairs_at(step.chairs, 1),
+        _task_at(step.task, 1),
+        _sensed_at(step.sensed, 1),
+        _verdicts_at(step.verdict, 1),
+        floats_at(step.ranges, step.beams),
+        (a_v, a_w),
+        (v, w),
+        stop,
+        (less_v, less_w),
+        floats_at(step.out, step.numbers),
+    )
+
+
+@borrowing_kernel
 def step_chairs(
     low: int,
     high: int,
@@ -173,33 +255,21 @@ def step_chairs(
             prefetch_chair(i + 1, chairs)
         rows.begun[i], rows.mask[i] = is_over[i], True
         if not is_over[i]:
-            rule, prepared, progress = task_row(task, i)
-            seen, action, stop = sensed[i], actions[i], False
+            rule, _, progress = task_row(task, i)
+            action, stop = (actions[i, 0], actions[i, 1]), False
             v, w = twist_of_action(action[0], action[1], rule.forward, rule.backward, rule.turn)
-            asked_v, asked_w = v, w
+            less = (v, w)
             shielded = progress.is_shielded
             if shielded:
                 v, w, stop = filter_twist(i, shields, v, w)
-            step_chair(i, chairs, v, w, stop, ranges, sensed)
-            assess(
-                i,
-                task,
-                verdicts,
-                action,
-                seen.pose,
-                seen.twist,
-                ranges,
-                seen.ultrasonic,
-                seen.bumped,
-                asked_v - v,
-                asked_w - w,
-                out[i],
+            less = (less[0] - v, less[1] - w)
+            rows.success[i] = step_row(
+                i, chairs, task, sensed, verdicts, ranges, action, (v, w), stop, less, out[i]
             )
-            rows.success[i] = is_success(rule, prepared, seen)
             if shields[0].n > 0:
                 copy_decision(i, shields, rows.decisions[i])
             if shielded:
-                update_row_shield(i, shields, seen, ranges)
+                update_row_shield(i, shields, sensed[i], ranges)
             is_over[i] = verdicts[i].terminated or verdicts[i].truncated
             if not (is_over[i] and same_step):
                 continue

@@ -23,7 +23,7 @@ class EpisodeRenderer:
 
     def __init__(self, settings: EnvSettings) -> None:
         self._settings = settings
-        self._trail: list[Array] = []
+        self._trail: list[list[float]] = []
         self._view: TopView | None = None
         self._window: Window | None = None
 
@@ -37,7 +37,7 @@ class EpisodeRenderer:
 
     def follow(self, pose: Array) -> None:
         """The chair has come to a pose (3,) [m, m, rad]."""
-        self._trail.append(pose)
+        self._trail.append(pose.tolist())  # the array may be written again
 
     def picture(
         self, episode: Episode, truth: Truth, task: Task, path: Array | None, ahead: Array | None

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.safety.shield import Decision
 from wheelchair_gym.task.rewards import TERMS, Verdict
 from wheelchair_gym.types import Reading, Truth
 
@@ -69,14 +68,10 @@ _NAMES = tuple(key.name for key in INFO_KEYS)
 _VALUES = itemgetter(*(_FIELDS.index((key.source, key.field)) for key in INFO_KEYS))
 
 
-def info_of(
-    truth: Truth, reading: Reading, verdict: Verdict, success: bool, decision: Decision | None
-) -> dict[str, Any]:
-    """The info of one environment; decision: of its shield, if it has one."""
+def info_of(truth: Truth, reading: Reading, verdict: Verdict, success: bool) -> dict[str, Any]:
+    """The info of one environment, but for its shield's."""
     info = dict(zip(_NAMES, _VALUES((*truth, *reading, *verdict, success)), strict=True))
     info["reward_terms"] = dict(zip(TERMS, verdict.terms, strict=True))
-    if decision is not None:
-        info["shield"] = decision._asdict()
     return info
 
 

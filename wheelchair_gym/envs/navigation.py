@@ -16,9 +16,11 @@ from wheelchair_gym.envs.batch import is_unshielded
 from wheelchair_gym.envs.drawing import EpisodeRenderer
 from wheelchair_gym.envs.guidance import make_guidance
 from wheelchair_gym.envs.info import info_of, info_table
+from wheelchair_gym.envs.one_chair import Pair, SimulatedSteps
 from wheelchair_gym.envs.settings import EnvSettings, check_options, env_settings, make_localizer
 from wheelchair_gym.envs.world_banks import WorldBank
 from wheelchair_gym.geometry import to_world
+from wheelchair_gym.kinematics import numbers_of
 from wheelchair_gym.localization.localized_chair import LocalizedChair, unwrapped
 from wheelchair_gym.physics.chair import SimulatedChair
 from wheelchair_gym.random import episode_key
@@ -167,6 +169,9 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         self._seed: int | None = None
         self._count = 0  # episodes of the present seed
         self._running = False
+        self._steps: SimulatedSteps | None = None
+        if type(self.chair) is SimulatedChair:
+            self._steps = SimulatedSteps(self.chair, self.task)
         self._drawing = EpisodeRenderer(s)
         self.shown = Shown()  # what the policy shows; before it drives, the guidance
 
@@ -211,6 +216,9 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         self._drawing.begin()
         self.show(Shown())
         info = self._info()
+        if self.shield is not None:
+            info["shield"] = self.shield.decision._asdict()
+        self._drawing.follow(info["pose"])
         if self.render_mode == "human":
             self.render()
         return observation, info
@@ -229,38 +237,45 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         """
         if not self._running:
             raise gym.error.ResetNeeded("the episode is over; call reset() before step()")
-        chosen = np.asarray(action, np.float64)
-        twist = self.task.limits.twist(chosen)
-        stop, less = False, (0.0, 0.0)
-        if self.shield is not None and self.task.is_shielded:
-            asked, twist = twist, self.shield.filter(twist, self.task.reading)
-            less = float(asked[0] - twist[0]), float(asked[1] - twist[1])
-            stop = self.shield.decision.protective
-        reading = self.chair.drive(twist, stop)
-        if not self._simulated:
-            check_reading(reading, self.settings.sensors.beams)
-        observation = self.task.assess(reading, chosen, less)
-        verdict = self.task.verdict
-        self._running = not (verdict.terminated or verdict.truncated)
-        info = self._info()
+        task, shield = self.task, self.shield
+        a_v, a_w = numbers_of(action)
+        v, w = asked_v, asked_w = task.limits.twist_of(a_v, a_w)
+        stop = False
+        if shield is not None and task.is_shielded:
+            v, w = shield.filter(np.array((v, w)), task.reading).tolist()
+            stop = shield.decision.protective
+        step = self._step if self._steps is None else self._steps.step
+        observation, reward, terminated, truncated, info = step(
+            (a_v, a_w), (v, w), stop, (asked_v - v, asked_w - w)
+        )
+        self._running = not (terminated or truncated)
+        if shield is not None:
+            info["shield"] = shield.decision._asdict()
+        self._drawing.follow(info["pose"])
         if self.render_mode == "human":
             self.render()
-        reward = verdict.reward if self._reward is None else self._custom_reward(chosen)
-        return observation, reward, verdict.terminated, verdict.truncated, info
+        if self._reward is not None:
+            simulated: Any = unwrapped(self.chair)
+            records = as_record(task.terms), as_record(simulated.sensed)
+            reward = checked(self._reward(*records, np.array((a_v, a_w))))
+        return observation, reward, terminated, truncated, info
 
-    def _custom_reward(self, action: Array) -> float:
-        """The reward of the last step by the function of the settings."""
-        assert self._reward is not None
-        simulated: Any = unwrapped(self.chair)
-        terms, sensed = self.task.terms, simulated.sensed
-        return checked(self._reward(as_record(terms), as_record(sensed), action))
+    def _step(
+        self, action: Pair, twist: Pair, stop: bool, less: Pair
+    ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """`SimulatedSteps.step` with any chair."""
+        reading = self.chair.drive(np.array(twist), stop)
+        if not self._simulated:
+            check_reading(reading, self.settings.sensors.beams)
+        observation = self.task.assess(reading, action, less)
+        verdict = self.task.verdict
+        return observation, verdict.reward, verdict.terminated, verdict.truncated, self._info()
 
     def _info(self) -> dict[str, Any]:
+        """The info of the latest reading, but for the shield's."""
         truth, task = self.chair.truth, self.task
-        self._drawing.follow(truth.pose)
         success = not truth.touched and task.at_goal(truth.pose)
-        decision = None if self.shield is None else self.shield.decision
-        return info_of(truth, task.reading, task.verdict, success, decision)
+        return info_of(truth, task.reading, task.verdict, success)
 
     def render(self) -> NDArray[np.uint8] | None:
         """The world from above: an RGB picture (render_height, render_width, 3).
@@ -302,10 +317,8 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
     def reading(self) -> Reading:
         """The latest reading as a policy gets it, with the last action and the map drawn so far."""
         task = self.task
-        v, w = task.action.tolist()
         drawn = None if task.built_map is None else task.built_map()
-        less = task.shield_intervention
-        return Reading(*task.reading[:-3], (v, w), less, drawn)
+        return Reading(*task.reading[:-3], task.action, task.shield_intervention, drawn)
 
     def show(self, shown: Shown) -> None:
         """Show people what a policy wants shown, until the next call or reset()."""

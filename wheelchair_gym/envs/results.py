@@ -8,9 +8,9 @@ from __future__ import annotations
 import math
 import mmap
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from sys import getrefcount
-from typing import Any, NamedTuple
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,8 +93,6 @@ class Results:
         self._observation = task.unpack(self.out)
         self._info = info_of_rows(self.columns, task.shield is not None)
         self._nested = {k: each for k, each in self._info.items() if isinstance(each, dict)}
-        self._arrays = self._all_arrays()
-        self._references = self._count_references()
 
     def _views(self) -> Iterator[NDArray[Any]]:
         before, n = 0, len(self.out)
@@ -102,21 +100,11 @@ class Results:
             yield np.ndarray(n, kind, self.block, n * before)
             before += kind.itemsize
 
-    def _all_arrays(self) -> list[NDArray[Any]]:
+    def arrays(self) -> Iterator[NDArray[Any]]:
         """Each array that is handed out, and what others that show its memory refer to."""
-        shown = self._observation, self._info, *self._nested.values()
-        arrays: dict[int, NDArray[Any]] = {}
-        for array in (self.block, self.out, *self.columns, *(v for s in shown for v in s.values())):
-            if isinstance(array, np.ndarray):
-                arrays[id(array)] = array
-        return list(arrays.values())
-
-    def _count_references(self) -> int:
-        return sum(map(getrefcount, self._arrays))
-
-    def is_free(self) -> bool:
-        """Whether nobody holds any of the arrays, or a part."""
-        return self._count_references() == self._references
+        yield from (self.block, self.out, *self.columns)
+        for shown in (self._observation, self._info, *self._nested.values()):
+            yield from (value for value in shown.values() if isinstance(value, np.ndarray))
 
     def observation(self) -> Observation:
         """The observations by key."""
@@ -132,20 +120,40 @@ class Results:
         return info
 
 
-class ResultPool:
-    """Results to write to that no caller holds any more."""
+class Lendable(Protocol):
+    """What a pool lends."""
 
-    def __init__(self, task: Task, n: int) -> None:
-        self._task, self._n = task, n
-        size = n * (ROW_SIZE + 4 * task.observation_size)
-        # The latest at the end.
-        self._lent: deque[Results] = deque(maxlen=max(_FEWEST, min(_MOST, _BYTES // size)))
+    def arrays(self) -> Iterator[NDArray[Any]]:
+        """Each array that is handed out, and what others that show its memory refer to."""
+        ...
 
-    def take(self) -> Results:
+
+R = TypeVar("R", bound=Lendable)
+
+
+class ResultPool(Generic[R]):
+    """Results to write to that no caller holds any more.
+
+    Args:
+        make: a new one.
+        size: of one [bytes].
+    """
+
+    def __init__(self, make: Callable[[], R], size: int) -> None:
+        self._make = make
+        # Each with its arrays and how many references there are to these; the latest at the end.
+        self._lent: deque[tuple[R, list[NDArray[Any]], int]] = deque(
+            maxlen=max(_FEWEST, min(_MOST, _BYTES // size))
+        )
+
+    def take(self) -> R:
         """Results that only the caller knows; what they hold is arbitrary."""
-        for _ in range(min(_TRIED, len(self._lent))):
+        for _ in range(_TRIED if self._lent else 0):
             self._lent.rotate(-1)
-            if self._lent[-1].is_free():
-                return self._lent[-1]
-        self._lent.append(Results(self._task, self._n))
-        return self._lent[-1]
+            result, arrays, references = self._lent[-1]
+            if sum(map(getrefcount, arrays)) == references:
+                return result
+        result = self._make()
+        arrays = list({id(array): array for array in result.arrays()}.values())
+        self._lent.append((result, arrays, sum(map(getrefcount, arrays))))
+        return result

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -23,7 +24,7 @@ from wheelchair_gym.config import InputError
 from wheelchair_gym.envs.batch import BATCH, BATCH_TARGETS, begin_chairs, step_chairs
 from wheelchair_gym.envs.drawing import EpisodeRenderer
 from wheelchair_gym.envs.guidance import make_guidance
-from wheelchair_gym.envs.results import ResultPool, Results
+from wheelchair_gym.envs.results import ROW_SIZE, ResultPool, Results
 from wheelchair_gym.envs.settings import EnvSettings, check_options, env_settings
 from wheelchair_gym.envs.world_banks import WorldBank
 from wheelchair_gym.physics.chairs import SimulatedChairs, size_workspace
@@ -150,7 +151,8 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
             }.items():  # fmt: skip
                 batch.point(name, to)
         self._pool: ThreadPoolExecutor | None = None
-        self._results, self._finals = ResultPool(self.task, n), ResultPool(self.task, n)
+        make, size = partial(Results, self.task, n), n * (ROW_SIZE + 4 * self.task.observation_size)
+        self._results, self._finals = ResultPool(make, size), ResultPool(make, size)
         self._last: Results | None = None  # of the last step or reset
         self._spare: Results | None = None  # for last steps: zeros
         self._write_rewards = None if self._reward is None else compiled_rewards(self._reward)
@@ -257,9 +259,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
                 self._spare = self._finals.take()
                 self._spare.block[:] = 0
             finals = self._spare
-        self.chairs.drives_left -= 1
-        if self.chairs.drives_left < 0:
-            self.chairs.reserve_drives()
+        self.chairs.expect_drive()
         begun = self._share(same_step, chosen, results.block, results.out, finals.block, finals.out)
         if begun < 0:
             raise self._wrong(chosen)
@@ -294,7 +294,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         for i, drawing in enumerate(self._drawings):
             if begun[i]:
                 drawing.begin()
-            drawing.follow(self._last.columns.sensed["true_pose"][i].copy())
+            drawing.follow(self._last.columns.sensed["true_pose"][i])
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """A picture of each row, RGB (render_height, render_width, 3); None without render_mode."""

@@ -28,6 +28,10 @@ class SimulatedChair:
 
     A copy, by `copy.deepcopy` or `pickle`, drives on as the original does, to the bit.
 
+    Attributes:
+        pointers: to its row, a record (1,) of `physics.step.CHAIRS`.
+        sensed: the latest reading and the truth, a record (1,) of `physics.state.SENSED`.
+
     Args:
         chair: body, motors, limits.
         sensors: what it senses and how it errs.
@@ -53,30 +57,30 @@ class SimulatedChair:
         self._beams = sensors.beams
         self._episode: Episode | None = None
         self._moves = False  # anything beside it
-        self._truth: Truth | None = None
+        self._truth: Truth | None = None  # of the latest reading, once asked for
         self._bind()
-        compile_beside((reset_chair, step_chair), self._drive_nowhere)
+        compile_beside((reset_chair,), self._stand_nowhere)
 
-    def _drive_nowhere(self) -> None:
-        """Compile all that driving needs; for a helper process."""
+    def _stand_nowhere(self) -> None:
+        """Compile what a reset needs; for a helper process."""
         nowhere: Any = None
         self.reset(Episode(nowhere, np.zeros(3), np.zeros(3)), 0)
-        self.drive(np.zeros(2))
 
     def _bind(self) -> None:
         """Find the rows of the only chair."""
         chairs = self.chairs
-        self._rows, self._world = chairs.row_pointers(), chairs.worlds[0]
+        self.pointers, self._world = chairs.row_pointers(), chairs.worlds[0]
         self._make_workspace()
         self._store, self._used = np.empty(0, SENSED), 0
 
     def _make_workspace(self) -> None:
-        size_workspace(self._rows, 0 if self._episode is None else columns_of(self._episode))
+        size_workspace(self.pointers, 0 if self._episode is None else columns_of(self._episode))
 
     def __getstate__(self) -> dict[str, Any]:
         """Settings, episode and the chair's row; all else follows from these."""
         names = "settings", "sensors", "physics", "period", "chairs", "_beams", "_episode"
-        return {name: getattr(self, name) for name in (*names, "_moves", "_truth")}
+        state = {name: getattr(self, name) for name in (*names, "_moves")}
+        return state | {"_truth": None if self._episode is None else self.truth}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Restore the state of a copy."""
@@ -89,8 +93,9 @@ class SimulatedChair:
         self._episode, self._moves = episode, len(episode.actors) > 0
         self._make_workspace()
         ranges, sensed = self._blank_reading()
-        reset_chair(0, self._rows.record, episode.start, np.uint64(key), ranges, sensed)
-        return self._reading(ranges, sensed)
+        reset_chair(0, self.pointers.record, episode.start, np.uint64(key), ranges, sensed)
+        self.take_step(ranges, sensed)
+        return self.reading()
 
     def drive(self, twist: Array, protective: bool = False) -> Reading:
         """See `Chair.drive`.
@@ -101,14 +106,25 @@ class SimulatedChair:
         v, w = twist.tolist()
         if not math.isfinite(v + w):
             raise ValueError(f"twist is ({v}, {w}); expected two finite numbers")
+        self.expect_drive()
+        ranges, sensed = self._blank_reading()
+        step_chair(0, self.pointers.record, v, w, protective, ranges, sensed)
+        self.take_step(ranges, sensed)
+        return self.reading()
+
+    def expect_drive(self) -> None:
+        """Make ready for one more drive.
+
+        Raises:
+            ValueError: the chair was never reset, or it was closed.
+        """
         if self._episode is None:
             raise ValueError("the chair was never reset, or it was closed")
-        self.chairs.drives_left -= 1
-        if self.chairs.drives_left < 0:
-            self.chairs.reserve_drives()
-        ranges, sensed = self._blank_reading()
-        step_chair(0, self._rows.record, v, w, protective, ranges, sensed)
-        return self._reading(ranges, sensed)
+        self.chairs.expect_drive()
+
+    def take_step(self, ranges: NDArray[np.float32], sensed: Rows) -> None:
+        """Take the scan and the record (1,) of SENSED that a drive gave; nothing changes them."""
+        self._ranges, self.sensed, self._truth = ranges, sensed, None
 
     def close(self) -> None:
         """Let the episode go."""
@@ -121,9 +137,18 @@ class SimulatedChair:
         Raises:
             ValueError: the chair was never reset.
         """
-        if self._truth is None:
+        if self._episode is None:
             raise ValueError("the chair was never reset, or it was closed")
+        if self._truth is None:
+            values: Any = self.sensed.item()
+            actors = self._world.actor_poses() if self._moves else NO_POSES
+            self._truth = Truth._make((*values[7:], actors))
         return self._truth
+
+    def reading(self) -> Reading:
+        """The latest reading."""
+        values: Any = self.sensed.item()
+        return Reading(values[0], values[1], self._ranges, *values[2:7])
 
     @property
     def belief(self) -> Belief:
@@ -144,12 +169,7 @@ class SimulatedChair:
     @property
     def rows(self) -> Rows:
         """Where its row lies (1,), a record of `physics.step.CHAIRS`, to move it by other means."""
-        return self._rows.record
-
-    @property
-    def sensed(self) -> Rows:
-        """What was sensed last, with the truth, rows (1,) of `physics.state.SENSED`."""
-        return self._store[self._used - 1 : self._used]
+        return self.pointers.record
 
     def _blank_reading(self) -> tuple[NDArray[np.float32], Rows]:
         # Fresh memory for each reading: what was handed out is never written again. Small records
@@ -158,9 +178,3 @@ class SimulatedChair:
             self._store, self._used = np.empty(_STORE, SENSED), 0
         self._used += 1
         return np.empty(self._beams, np.float32), self._store[self._used - 1 : self._used]
-
-    def _reading(self, ranges: NDArray[np.float32], sensed: Rows) -> Reading:
-        values: Any = sensed.item()
-        actors = self._world.actor_poses() if self._moves else NO_POSES
-        self._truth = Truth._make((*values[7:], actors))
-        return Reading(values[0], values[1], ranges, *values[2:7])

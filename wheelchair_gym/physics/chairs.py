@@ -56,7 +56,7 @@ class SimulatedChairs:
         world_rows: (n,) of WORLD.
         worlds: with the Space of each.
         episodes: that they drive in; None before the first.
-        drives_left: drives for which every row has memory; the caller counts it down.
+        drives_left: drives for which every row has memory.
 
     Raises:
         InputError: the periods are not integer multiples of the physics step.
@@ -120,8 +120,11 @@ class SimulatedChairs:
             self.pointers.point("actors", actors.rows, i)
             self.pointers.point("routes", actors.routes, i)
 
-    def reserve_drives(self) -> None:
-        """Have memory to record more drives; call it before `drives_left` falls below 0."""
+    def expect_drive(self) -> None:
+        """Have memory to record one more drive of each row."""
+        self.drives_left -= 1
+        if self.drives_left >= 0:
+            return
         capacity = self.world_rows["drives_capacity"]
         for i, world in enumerate(self.worlds):
             if capacity[i] - self.states["step"][i] <= _DRIVES_RESERVED:

@@ -78,7 +78,7 @@ def assess(
     i: int,
     task: Any,
     verdicts: Any,
-    action: Array,
+    action: tuple[float, float],
     pose: Array,
     twist: Array,
     laser: Floats,

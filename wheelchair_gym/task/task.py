@@ -51,10 +51,8 @@ class Task:
     geodesic: Geodesic  # the shortest distances to the goal
     key: int  # of the episode's randomness; seeds what a policy draws
     is_shielded: bool  # a shield filters the commands
-    reading: Reading  # the latest; its pose is the chair's estimate
-    observation: Observation  # of that reading
-    verdict: Verdict  # of that reading
-    action: Array  # (2,) the last one, in [-1, 1]
+    observation: Observation  # of the latest reading
+    action: tuple[float, float]  # the last one, in [-1, 1]
     shield_intervention: tuple[float, float]  # taken from the last twist [m/s, rad/s]
 
     def __init__(
@@ -101,8 +99,8 @@ class Task:
         self.rules: Rows = self._pointers.record
         self._set_rules()
         self._progress = np.zeros(1, PROGRESS)
-        self._judged = np.zeros(1, VERDICT)
-        self._rows = self.row_pointers(self._progress)
+        self.judged = np.zeros(1, VERDICT)  # of the latest reading
+        self.rows = self.row_pointers(self._progress)
         self.spaces = spaces(self._source)
         self._places = places((key, box.shape[0]) for key, box in self.spaces.items())
         self.observation_size = sum(box.shape[0] for box in self.spaces.values())
@@ -216,13 +214,12 @@ class Task:
     ) -> Observation:
         """Begin an episode with its first reading; behind a shield if it is shielded."""
         self.replace_prepared(prepared)
-        self.reading, self.key, self.is_shielded = reading, key, is_shielded
-        self.action, self.shield_intervention = np.zeros(2), (0.0, 0.0)
-        out, verdict = np.empty(self.observation_size, np.float32), self._judged
+        self.key, self.is_shielded = key, is_shielded
+        out = np.empty(self.observation_size, np.float32)
         begin_task(
             0,
-            self._rows.record,
-            verdict,
+            self.rows.record,
+            self.judged,
             reading.pose,
             reading.twist,
             reading.laser,
@@ -232,20 +229,22 @@ class Task:
         )
         self.tolerance = float(prepared.record["tolerance"][0])
         self.time_limit = float(self._progress["time_limit"][0])
-        self._take_verdict()
-        self.observation = self.unpack(out)
+        self.take_step(reading, self.unpack(out), (0.0, 0.0), (0.0, 0.0))
         return self.observation
 
     def replace_prepared(self, prepared: PreparedEpisode) -> None:
         """Go on with another prepared episode, such as that of a map that has grown."""
         self._take(prepared.episode, prepared.geodesic)
         self._prepared, self.path = prepared, prepared.path
-        self._rows.point("prepared", prepared.pointers)
+        self.rows.point("prepared", prepared.pointers)
 
     def assess(
-        self, reading: Reading, action: Array, less: tuple[float, float] = (0.0, 0.0)
+        self,
+        reading: Reading,
+        action: tuple[float, float],
+        less: tuple[float, float] = (0.0, 0.0),
     ) -> Observation:
-        """Assess the step of an action (2,) in [-1, 1], and return the observation that follows.
+        """Assess the step of an action in [-1, 1], and return the observation that follows.
 
         `less` is what a shield took from the twist that was asked for [m/s, rad/s].
 
@@ -254,8 +253,8 @@ class Task:
         out = np.empty(self.observation_size, np.float32)
         assess(
             0,
-            self._rows.record,
-            self._judged,
+            self.rows.record,
+            self.judged,
             action,
             reading.pose,
             reading.twist,
@@ -265,18 +264,43 @@ class Task:
             *less,
             out,
         )
-        self.reading, self.action, self.shield_intervention = reading, action, less
-        self._take_verdict()
-        self.observation = self.unpack(out)
+        self.take_step(reading, self.unpack(out), action, less)
         return self.observation
+
+    def take_step(
+        self,
+        reading: Reading | Callable[[], Reading],
+        observation: Observation,
+        action: tuple[float, float],
+        less: tuple[float, float],
+    ) -> None:
+        """Take what an assessed step gave; the reading may be one that is made when asked for."""
+        self._reading, self.observation = reading, observation
+        self.action, self.shield_intervention = action, less
+
+    @property
+    def reading(self) -> Reading:
+        """The latest reading; its pose is the chair's estimate."""
+        if callable(self._reading):
+            self._reading = self._reading()
+        return self._reading
+
+    def __getstate__(self) -> dict[str, Any]:
+        """With the latest reading itself."""
+        state = self.__dict__.copy()
+        if "_reading" in state:
+            state["_reading"] = self.reading
+        return state
+
+    @property
+    def verdict(self) -> Verdict:
+        """The verdict of the latest reading."""
+        return Verdict._make(cast(Any, self.judged.item()))
 
     @property
     def terms(self) -> Rows:
         """The weighted reward terms of the last step, rows (1,) of TERM_VALUES."""
-        return self._judged["terms"]
-
-    def _take_verdict(self) -> None:
-        self.verdict = Verdict._make(cast(Any, self._judged.item()))
+        return self.judged["terms"]
 
     def unpack(self, out: Floats) -> Observation:
         """Observations (n, numbers) or one (numbers,), written in one piece, by key."""

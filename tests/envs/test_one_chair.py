@@ -1,0 +1,117 @@
+"""Laws of the simulated chair's compiled step: equal to the step in parts, never writing twice."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.copies import differences
+from wheelchair_gym.envs import NavigationEnv
+from wheelchair_gym.physics.chair import SimulatedChair
+
+BANK = {"size": 4, "turnover": 0.5}
+
+
+def gentle(terms, sensed, action):
+    return terms.progress - 0.1 * abs(action[1]) + sensed.clearance
+
+
+def seen_by_others(env):
+    """What policies, recordings and pictures read from an environment after a step."""
+    task, chair = env.task, env.chair
+    return (
+        env.reading._asdict(), task.verdict._asdict(), chair.truth._asdict(), task.observation,
+        task.action, task.shield_intervention, np.array(chair.sensed).tobytes(),
+        np.array(task.terms).tobytes(),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"scene": "clutter", "pose_source": "modelled", "randomize": True},
+        {"scene": "crowd", "shield": True, "guidance": "geodesic"},
+        {"scene": "clutter", "reward": gentle, "noise": False},
+        {"scene": "clutter", "config": {"shield": {}, "unshielded": 0.5}},
+    ],
+)
+def test_a_compiled_step_is_the_step_in_parts(settings):
+    settings = {"beams": 32, "bank": BANK, "max_episode_steps": 60} | settings
+    env, other = NavigationEnv(**settings), NavigationEnv(**settings)
+    assert env._steps is not None
+    other._steps = None
+    rng, ends = np.random.default_rng(0), 0
+    assert not list(differences(env.reset(seed=3), other.reset(seed=3)))
+    for k in range(200):
+        action = rng.uniform((-0.2, -1.3), 1.3).astype(np.float32)
+        one, another = env.step(action), other.step(action)
+        assert [type(value) for value in one[4].values()] == [
+            type(value) for value in another[4].values()
+        ]
+        assert list(one[4]) == list(another[4])
+        assert not list(differences(one, another))
+        if k % 3 == 0:  # made when asked for
+            assert not list(differences(seen_by_others(env), seen_by_others(other)))
+        if one[2] or one[3]:
+            ends += 1
+            assert not list(differences(env.reset(), other.reset()))
+    assert ends > 1
+
+
+def test_a_chair_of_another_class_drives_itself():
+    class Counting(SimulatedChair):
+        drives = 0
+
+        def drive(self, twist, protective=False):
+            self.drives += 1
+            return super().drive(twist, protective)
+
+    chair = Counting()
+    env = NavigationEnv("empty", bank=BANK, chair=chair)
+    env.reset(seed=0)
+    env.step(np.zeros(2))
+    assert chair.drives == 1
+
+
+SHOWN = (
+    lambda env, observation, info: observation.values(),
+    lambda env, observation, info: info.values(),
+    lambda env, observation, info: env.task.reading,
+    lambda env, observation, info: env.chair.truth,
+    lambda env, observation, info: (env.chair.sensed["pose"], env.chair.sensed["age"]),
+)
+
+
+def test_what_was_handed_out_is_never_written_again():
+    """One array of many is kept, or what refers to it, for a random while."""
+    env = NavigationEnv("clutter", beams=16, bank=BANK)
+    rng, kept = np.random.default_rng(0), []
+    ended = True
+    for _ in range(3000):
+        if ended:
+            env.reset(seed=int(rng.integers(3)))
+        observation, _, terminated, truncated, info = env.step(rng.uniform(-1.0, 1.0, 2))
+        ended = terminated or truncated
+        if rng.random() < 0.5:
+            shown = SHOWN[rng.integers(len(SHOWN))](env, observation, info)
+            arrays = [each for each in shown if isinstance(each, np.ndarray)]
+            held = arrays[rng.integers(len(arrays))]
+            held = (held, held[:1], held[::-1].view(), memoryview(held))[rng.integers(4)]
+            kept.append((held, np.array(held, copy=True)))
+            del shown, arrays, held
+        del observation, info
+        while len(kept) > rng.integers(1, 12):
+            held, copied = kept.pop(rng.integers(len(kept)))
+            assert np.asarray(held).tobytes() == copied.tobytes()
+    for held, copied in kept:
+        assert np.asarray(held).tobytes() == copied.tobytes()
+
+
+def test_memory_is_used_again_once_nobody_holds_what_it_shows():
+    env = NavigationEnv("empty", beams=16, bank=BANK)
+    env.reset(seed=0)
+    addresses = set()
+    for _ in range(100):
+        observation = env.step(np.zeros(2))[0]
+        addresses.add(observation["laser"].ctypes.data)
+    assert len(addresses) <= 4
