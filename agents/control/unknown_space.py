@@ -18,6 +18,8 @@ BEYOND = 5.0  # m: paths through unknown space may lead so far round
 BLIND = 1.5  # m: an unseen obstacle so near the chair may be hit before it is seen
 BESIDE = 0.10  # m round the chair, where the space is taken to be free
 BEHIND = 0.25  # m: backing at 0.2 m/s comes to rest within
+FINE = 0.025  # m between places on the floor that the chair stands on
+TURN = 0.05  # rad after which it stands on other places
 JITTER = 2.0  # cells by which a wall that is seen anew may come nearer
 
 
@@ -68,14 +70,52 @@ def _fill(
     return OccupancyGrid(cells, grid.resolution, grid.origin)
 
 
+class Ground:
+    """The floor that the chair has stood on: it is free, though the laser may never have seen it.
+
+    Args:
+        footprint: of the chair.
+    """
+
+    def __init__(self, footprint: Footprint) -> None:
+        low, high = footprint.corners[0], footprint.corners[2]
+        sides = [np.arange(a, b, FINE) for a, b in zip(low, high, strict=True)]
+        self._under = np.stack(np.meshgrid(*sides), axis=-1).reshape(-1, 2)
+        self._places = np.empty((0, 2))  # m: (n, 2)
+        self._pose = np.full(3, np.inf)  # at which the last were added
+        self._grid: OccupancyGrid | None = None  # the last one, and
+        self._marked: OccupancyGrid | None = None  # what became of it
+
+    def marked(self, grid: OccupancyGrid, pose: Array) -> OccupancyGrid:
+        """A map, in which the floor where the chair was, now at a pose (3,), is free if unknown."""
+        moved = np.hypot(*(pose[:2] - self._pose[:2])) > FINE or abs(pose[2] - self._pose[2]) > TURN
+        if moved:
+            added = np.vstack([self._places, to_world(self._under, pose)])
+            _, first = np.unique(np.floor(added / FINE), axis=0, return_index=True)
+            self._places, self._pose = added[first], pose.copy()
+        if moved or grid is not self._grid or self._marked is None:
+            at = grid.to_cell(self._places)
+            at = at[((at >= 0) & (at < grid.shape)).all(axis=1)]
+            cells = grid.cells.copy()
+            under = cells[at[:, 0], at[:, 1]]
+            cells[at[:, 0], at[:, 1]] = np.where(under == UNKNOWN, FREE, under)
+            self._grid, self._marked = grid, OccupancyGrid(cells, grid.resolution, grid.origin)
+        return self._marked
+
+
 def blind_behind(grid: OccupancyGrid, pose: Array, footprint: Footprint) -> bool:
-    """Whether a strip behind the chair, as long as BEHIND, holds anything that was never seen."""
+    """Whether a strip behind the chair, as long as BEHIND, holds anything that was never seen.
+
+    What lies behind a wall does not count: nothing comes through, and nothing is driven to there.
+    """
     x = -footprint.rear - np.linspace(0.0, BEHIND, 8)
     y = np.linspace(-footprint.half_width, footprint.half_width, 15)
-    strip = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    cells = grid.to_cell(to_world(strip, pose))
-    on = ((cells >= 0) & (cells < grid.shape)).all(axis=1)
-    return bool(not on.all() or (grid.cells[tuple(cells.T)] == UNKNOWN).any())
+    cells = grid.to_cell(to_world(np.stack(np.meshgrid(x, y), axis=-1), pose))  # (15, 8, 2)
+    on = ((cells >= 0) & (cells < grid.shape)).all(axis=-1)
+    there = np.full(on.shape, UNKNOWN, grid.cells.dtype)
+    there[on] = grid.cells[tuple(cells[on].T)]
+    open_so_far = np.logical_and.accumulate(there != OCCUPIED, axis=1)
+    return bool(((there == UNKNOWN) & open_so_far).any())
 
 
 def walls_block(grid: OccupancyGrid, way: ArrayLike, clearance: float) -> bool:

@@ -195,8 +195,9 @@ class Explorer:
         driver, mission = self._driver, self._mission
         over = driver.ended or not driver.solved or self._spent > self.config.patience
         self._since = 0.0
+        search = driver.search(reading)
         chooser = Chooser(
-            self.config, driver.search(reading), reading.pose, mission.map_at(reading),
+            self.config, search, reading.pose, search.maps[0],
             mission.footprint, mission.goal, driver.goal[:2], over, self._given_up, self._seen,
         )  # fmt: skip
         driver.planning.ask(chooser.choose, self._chosen)

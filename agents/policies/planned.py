@@ -26,7 +26,7 @@ from agents.control import make_follower
 from agents.control.followers import CREEP, Situation
 from agents.control.local_map import LocalMap
 from agents.control.rollout import ChairState, ReferencePath
-from agents.control.unknown_space import BEYOND, assumed_maps, blind_behind, walls_block
+from agents.control.unknown_space import BEYOND, Ground, assumed_maps, blind_behind, walls_block
 from agents.policies.planning import Planning, PlanningFigures
 from agents.policies.recoveries import (
     AHEAD,
@@ -201,7 +201,8 @@ class PlannedDriver:
         self._draws = mission.map is None  # the chair draws its own map
         self._report = StatusReport(mission.footprint)
         self._path: Array | None = None
-        self._map = mission.map_at(mission.reading)
+        self._ground = Ground(mission.footprint)
+        self._map = self._map_at(mission.reading)
         self.goal = np.asarray(mission.goal, dtype=np.float64)
         self._held = False  # stands until there is a plan
         self._again: Then = None  # asks for one as soon as the chair stands
@@ -217,8 +218,13 @@ class PlannedDriver:
 
     def search(self, reading: Reading) -> Search:
         """What a plan from where the chair is, in the map of a reading, is made of."""
-        self._map = grid = self._mission.map_at(reading)
-        return self._search([grid])
+        self._map = self._map_at(reading)
+        return self._search([self._map])
+
+    def _map_at(self, reading: Reading) -> OccupancyGrid:
+        """The newest map; where the chair has stood, one that it draws itself is free."""
+        grid = self._mission.map_at(reading)
+        return self._ground.marked(grid, np.asarray(reading.pose)) if self._draws else grid
 
     def aim(self, goal: Array, answer: Answer) -> None:
         """Drive to a goal (2 or 3,) [m, m, rad] from now on, by an answer of `search`."""
@@ -365,7 +371,7 @@ class PlannedDriver:
     def _update(self, reading: Reading) -> bool:
         """Update the local map; whether the space behind the chair may hold something unseen."""
         local_map = self._local_map
-        self._map = self._mission.map_at(reading)
+        self._map = self._map_at(reading)
         local_map.update(reading)
         self._chair.measured(reading.twist)
         self._peopled |= len(local_map.actors) > 0

@@ -114,6 +114,7 @@ class Spin:
     def __init__(self) -> None:
         self._rate = 0.0  # rad/s
         self._turned = 0.0  # rad
+        self._reversed = False  # it was blocked on one side already
         self._place = np.full(2, np.inf)  # m: of the last one
 
     @property
@@ -130,22 +131,22 @@ class Spin:
         """Begin towards a goal (2 or 3,), unless there was a spin here."""
         if np.hypot(*(pose[:2] - self._place)) > SPIN_DISTANCE:
             self._rate = math.copysign(SPIN_RATE, to_frame(goal[:2], pose)[1])
-            self._place, self._turned = pose[:2].copy(), 0.0
+            self._place, self._turned, self._reversed = pose[:2].copy(), 0.0, False
 
     def end(self) -> None:
         """Stop: enough was seen."""
         self._rate = 0.0
 
     def twist(self, now: Situation) -> Array | None:
-        """The next twist (2,), the other way around where this one is blocked; None ends it."""
+        """The next twist (2,); once, the other way around where one is blocked; None ends it."""
         self._turned += SPIN_RATE * now.chair.period
-        for rate in (self._rate, -self._rate):
-            twist = first_clear([(0.0, rate)], now)
-            if twist is not None:
-                self._rate = rate
-                return twist
-        self.end()
-        return None
+        twist = first_clear([(0.0, self._rate)], now)
+        if twist is None and not self._reversed:
+            self._rate, self._reversed = -self._rate, True
+            twist = first_clear([(0.0, self._rate)], now)
+        if twist is None:
+            self.end()
+        return twist
 
 
 BACK = 0.15  # m/s in reverse: no sensor looks back

@@ -10,21 +10,33 @@ import pytest
 from scipy import ndimage
 
 from agents.cli import main
-from agents.control.unknown_space import assumed_maps, walls_block, with_free_footprint
+from agents.control.followers import Situation
+from agents.control.local_map import LocalMap
+from agents.control.rollout import ChairState, ReferencePath
+from agents.control.unknown_space import (
+    Ground,
+    assumed_maps,
+    blind_behind,
+    walls_block,
+    with_free_footprint,
+)
 from agents.evaluation.evaluate import ENV, make_env
 from agents.evaluation.map_evaluation import map_by_driving, map_quality
 from agents.policies import GymPolicy, make_policy
 from agents.policies.manual import Manual
+from agents.policies.recoveries import Spin
+from tests.agents.fakes import PaperWorld, corridor
 from wheelchair_gym.config import InputError
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+from wheelchair_gym.types import Command
 
 ONE = {"slam": {"particles": 1}}
 
 
 def unknown(scene="floor_plan", config=ONE):
-    return make_env(scene, {"pose_source": "slam", "config": config})
+    return make_env(scene, {"pose_source": "slam", "config": config or {}})
 
 
 def drive(env, policy, seed, episode=None, steps=10_000):
@@ -48,6 +60,14 @@ def test_a_goal_in_an_unknown_home_is_found(policy):
     off = np.subtract(info["pose_estimate"], info["pose"])
     assert np.hypot(*off[:2]) < 0.10
     assert (env.unwrapped.task.map.cells == OCCUPIED).sum() > 500
+
+
+def test_a_chair_without_a_map_backs_where_it_stood_before():
+    """It drives into a dead end of a home, and out again; without its ground it ran out of time."""
+    corridors = {"door_width": (0.9, 1.1), "corridor_width": (1.1, 1.6)}
+    env = unknown({"name": "floor_plan", "kind": "home", **corridors}, None)
+    _, info = drive(env, "lattice+window", 2)
+    assert info["is_success"]
 
 
 def test_no_map_is_looked_at_where_the_world_is_unknown():
@@ -113,6 +133,52 @@ def test_what_is_assumed_of_the_unseen():
     assert walls_block(
         OccupancyGrid(cells, 0.1), [(6.0, y) for y in np.arange(5.0, 9.0, 0.05)], 0.4
     )
+
+
+def test_the_ground_that_the_chair_stood_on_is_free_and_nothing_else_changes():
+    footprint, ground = Footprint(), Ground(Footprint())
+    area = (footprint.front + footprint.rear) * 2.0 * footprint.half_width
+    cells = np.full((60, 120), UNKNOWN, np.int8)
+    cells[30, 40] = OCCUPIED  # under the chair: what was seen counts
+    grid = OccupancyGrid(cells, 0.05, (-3.0, -1.5, 0.0))
+    ground.marked(grid, np.array([-1.0, 0.0, 0.0]))
+    marked = ground.marked(grid, np.array([1.0, 0.0, 0.0]))
+    freed = (marked.cells == FREE).sum() * grid.resolution**2
+    assert freed == pytest.approx(2.0 * area, rel=0.15)
+    assert marked.cells[30, 40] == OCCUPIED
+    assert (grid.cells == cells).all()
+    assert ground.marked(grid, np.array([1.0, 0.0, 0.0])) is marked
+
+
+def test_space_behind_a_wall_is_not_unseen_space_behind_the_chair():
+    footprint = Footprint()
+    cells = np.full((80, 80), UNKNOWN, np.int8)
+    cells[20:60, 40:] = FREE
+    grid = OccupancyGrid(cells, 0.05, (-2.0, -2.0, 0.0))
+    near = np.array([footprint.rear + 0.1, 0.0, 0.0])
+    assert blind_behind(grid, near, footprint)
+    walled = cells.copy()
+    walled[20:60, 39] = OCCUPIED
+    grid = OccupancyGrid(walled, 0.05, (-2.0, -2.0, 0.0))
+    assert not blind_behind(grid, near, footprint)
+
+
+def test_a_chair_that_cannot_turn_round_gives_up_after_both_sides():
+    world = PaperWorld(corridor(6.0, 1.0), (3.0, 0.0, 0.0), (5.0, 0.0))
+    local_map = LocalMap(world.mission)
+    chair = ChairState(world.mission.limits, world.mission.footprint, world.mission.period)
+    reference = ReferencePath(np.array([(3.0, 0.0), (5.0, 0.0)]), world.pose)
+    spin, turns = Spin(), []
+    spin.begin(world.pose, world.mission.goal)
+    while spin.on and world.time < 30.0:
+        twist = spin.twist(Situation(local_map, reference, chair))
+        turns.append(0.0 if twist is None else twist[1])
+        world.drive(Command(np.array([0.0, turns[-1]])).as_action(world.mission.limits))
+        local_map.update(world.seen)
+        chair.measured(world.seen.twist)
+        chair.command(np.array([0.0, turns[-1]]))
+    assert min(turns) < 0.0 < max(turns)
+    assert world.time < 15.0
 
 
 def test_what_cannot_be_done_in_an_unknown_world_is_refused():
