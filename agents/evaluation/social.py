@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.geometry import Footprint, rectangle_point_gap
-from wheelchair_gym.physics.actors.records import PERSON
+from wheelchair_gym.physics.actors.records import PERSON, WALKS_BESIDE
 from wheelchair_gym.types import Episode, Truth
 
 Array = NDArray[np.float64]
@@ -69,8 +69,10 @@ class PeopleTrace:
 
         seconds = period * len(steps)
         walked = np.hypot(steps[..., 0], steps[..., 1]).sum(axis=0)
-        walks = (self._people["points"] > 1) & (self._people["speed"] > 0.0)
-        lost = seconds - walked[walks] / self._people["speed"][walks]
+        people = self._people
+        walks = (people["points"] > 1) & (people["speed"] > 0.0) & (people["leader"] == 0)
+        walks &= people["behaviour"] != WALKS_BESIDE
+        lost = seconds - walked[walks] / people["speed"][walks]
         return {
             "person_distance_min": float(nearest.min()),
             "personal_share": float(np.mean((nearest >= INTIMATE) & (nearest < PERSONAL))),
