@@ -166,17 +166,17 @@ def test_who_cuts_in_walks_right_before_the_chair_and_goes_on(model):
     beside = []
     for behaviour in (CUTS_IN, WALKS):
         thing = person(route, 1.4, model=model, behaviour=behaviour, near=3.0, stay=4.0, every=20.0)
-        poses, own, contacts = watch([thing], 12.0, (0.4, 0.0), start=(-4.5, 0.0, 0.0))
+        poses, own, contacts = watch([thing], 16.0, (0.4, 0.0), start=(-4.5, 0.0, 0.0))
         at = np.array([to_frame(a[:2], b) for a, b in zip(poses[:, 0], own, strict=True)])
         before = (at[:, 0] > 0.8) & (at[:, 0] < 2.0) & (np.abs(at[:, 1]) < 0.35)
         assert contacts == 0
         beside.append(before.sum())
         if behaviour == CUTS_IN:
             first, last = np.flatnonzero(before)[[0, -1]]
-            assert first < 40
-            assert last < 90
-            assert poses[last:, 0, 0].max() > own[last, 0] + 3.0  # on their own way
-    assert beside[0] >= 35
+            assert first < 70
+            assert last < first + 70
+            assert poses[last:, 0, 0].max() > own[last, 0] + 2.0  # on their own way
+    assert beside[0] >= 30
     assert beside[1] == 0
 
 
@@ -272,11 +272,16 @@ def test_a_trolley_goes_with_its_person(model, ahead):
         assert speeds(at).max() < FASTEST
 
 
-def test_a_trolley_that_meets_a_standing_chair_stops_and_does_not_shove_it():
-    cart = with_trolley(person([(-5.0, 0.0), (5.0, 0.0)], 1.0, avoids=PEOPLE))
-    poses, own, _ = watch(cart, 20.0)
-    assert np.hypot(*(own[:, :2]).T).max() < 0.02
-    assert distances(poses[:, 0], poses[:, 1]).min() > 0.4
+@BOTH
+def test_a_trolley_does_not_touch_a_standing_chair(model):
+    """Neither straight on, nor where its person turns about beside the chair."""
+    for route in ([(-5.0, 0.0), (5.0, 0.0)], [(-5.0, 0.9), (0.5, 0.9), (0.5, -5.0)]):
+        for ahead in (True, False):
+            cart = with_trolley(person(route, 1.0, model=model, avoids=PEOPLE), ahead)
+            poses, _, contacts = watch(cart, 20.0)
+            assert contacts == 0
+            assert np.hypot(*poses[:, 1, :2].T).min() < 2.0
+            assert distances(poses[:, 0], poses[:, 1]).min() > 0.4
 
 
 # --- reactions to the chair

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.address import table_at
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
-from wheelchair_gym.geometry import point_to_world, segments_cross, wrap
-from wheelchair_gym.physics.actors.bodies import actors_of
+from wheelchair_gym.geometry import body_to_world, point_to_world, segments_cross, wrap
+from wheelchair_gym.physics.actors.bodies import actors_of, extent, offset_from_outline
 from wheelchair_gym.physics.actors.records import (
     CURIOUS,
     CUTS_IN,
@@ -52,6 +52,7 @@ _WAITS_FROM, _WAITS_PER_METRE, _LEAST_SHARE = 0.5, 0.4, 0.2  # of a leader whose
 _TURN_RATE = 1.5  # rad/s with which people turn who walk by `orca`
 _RUN_TURN, _RUN_STANDS = math.radians(60.0), 0.2  # of a child: turns aside, share of standing
 _NOWHERE = 0.05  # m, m/s: who wants no more than this keeps their heading
+_SWING, _SWING_ROOM = 0.1, 0.4  # rad, m: a turn of a trolley, and the room that it needs
 _SLACK = 0.2  # m: a trolley that is so far off stops who pushes it
 
 
@@ -215,19 +216,30 @@ def _react(
 
 
 @borrowing_kernel
-def _with_company(world: Any, k: int, want: Want) -> Want:
-    """Slower where a group falls behind, or a trolley has to be turned or is held by something."""
+def _with_trolley(world: Any, p: Any, k: int, trolley: int, chair: Array, want: Want) -> Want:
+    """Slower while a trolley has to be turned or is held; it is not turned towards a near chair."""
+    rows, actor_states = actors_of(world)
+    state, row, cart = actor_states[k], rows[trolley], actor_states[trolley].pose
+    c, s = math.cos(cart[2]), math.sin(cart[2])
+    x, y = point_to_world(c, s, state.pose[0], state.pose[1], row.offset[0], row.offset[1])
+    held = math.hypot(cart[0] - x, cart[1] - y) / _SLACK
+    turn = wrap(math.atan2(want[1], want[0]) - cart[2])
+    a, b = math.cos(chair[2]), math.sin(chair[2])
+    _, _, ex, ey = offset_from_outline(p, a, b, cart[0] - chair[0], cart[1] - chair[1])
+    ex, ey = body_to_world(a, b, ex, ey)
+    swings_away = turn * row.offset[0] * (c * ey - s * ex) >= 0.0
+    if math.hypot(ex, ey) < extent(row) + _SWING_ROOM and abs(turn) > _SWING and not swings_away:
+        state.blocked_for += 2.0 * p.decide_every * p.dt  # they turn back when this lasts
+        return c, s, 0.0, want[3]
+    speed = want[2] * max(0.0, math.cos(turn)) * max(0.0, 1.0 - held)
+    return want[0], want[1], speed, want[3]
+
+
+@borrowing_kernel
+def _with_group(world: Any, k: int, want: Want) -> Want:
+    """Slower where a group falls behind."""
     rows, actor_states = actors_of(world)
     row, state, speed = rows[k], actor_states[k], want[2]
-    trolley = trolley_of(world, k)
-    if trolley >= 0:
-        pose, offset = actor_states[trolley].pose, rows[trolley].offset
-        c, s = math.cos(pose[2]), math.sin(pose[2])
-        x, y = point_to_world(c, s, state.pose[0], state.pose[1], offset[0], offset[1])
-        dx, dy = pose[0] - x, pose[1] - y
-        held = math.sqrt(dx * dx + dy * dy) / _SLACK
-        speed *= max(0.0, math.cos(math.atan2(want[1], want[0]) - pose[2])) * max(0.0, 1.0 - held)
-        return want[0], want[1], speed, want[3]
     behind, j = 0.0, k + 1
     while j < world.n_actors and rows[j].leader == j - k:
         at, offset = actor_states[j].pose, rows[j].offset
@@ -268,7 +280,12 @@ def want_of(
             want = _cut_in(p, row, state, now, pose, twist)
     elif row.reaction == CURIOUS or row.reaction == WARY or row.reaction == SURPRISED:
         want = _react(world, row, state, key, tick, k, now, pose, want)
-    return _with_company(world, k, want) if leads(world, k) else want
+    if not leads(world, k):
+        return want
+    trolley = trolley_of(world, k)
+    if trolley >= 0:
+        return _with_trolley(world, p, k, trolley, pose, want)
+    return _with_group(world, k, want)
 
 
 @borrowing_kernel

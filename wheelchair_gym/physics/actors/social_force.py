@@ -18,9 +18,8 @@ from wheelchair_gym.compiled.address import table_at
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.geometry import body_to_world, world_to_body, wrap
 from wheelchair_gym.physics.actors.behaviours import is_occluded, trolley_of
-from wheelchair_gym.physics.actors.bodies import actors_of, leg_force, offset_from_outline
+from wheelchair_gym.physics.actors.bodies import actors_of, extent, leg_force, offset_from_outline
 from wheelchair_gym.physics.actors.records import (
-    CUTS_IN,
     DOOR,
     EVERYBODY,
     NOBODY,
@@ -110,16 +109,20 @@ def _force_of_people(world: Any, p: Any, k: int) -> tuple[float, float]:
 
 
 @borrowing_kernel
-def _force_of_chair(p: Any, row: Any, state: Any, pose: Array) -> tuple[float, float]:
-    """Of the chair's outline; of one that somebody wants to be near or overlooks, only close."""
+def _force_of_chair(
+    p: Any, row: Any, state: Any, radius: float, pose: Array
+) -> tuple[float, float]:
+    """Of the chair's outline on a disc, of a person or a trolley.
+
+    Of a chair that somebody wants to be beside, or overlooks, only close.
+    """
     c, s = math.cos(pose[2]), math.sin(pose[2])
     _, _, ex, ey = offset_from_outline(p, c, s, state.pose[0] - pose[0], state.pose[1] - pose[1])
-    gap = math.sqrt(ex * ex + ey * ey) - row.size[0]
+    gap = math.sqrt(ex * ex + ey * ey) - radius
     if row.avoids != EVERYBODY and gap > p.inattentive_distance:
         return 0.0, 0.0
     dx, dy = body_to_world(c, s, ex, ey)
-    close = row.behaviour == WALKS_BESIDE or row.behaviour == CUTS_IN
-    close |= row.behaviour == READS_PHONE
+    close = row.behaviour == WALKS_BESIDE or row.behaviour == READS_PHONE
     gx, gy = _repulsion(p.social_strength, p.wall_range if close else p.social_range, gap, dx, dy)
     return gx, gy
 
@@ -167,7 +170,12 @@ def apply_social_forces(world: Any, p: Any, pose: Array) -> None:
         if row.avoids != NOBODY:
             for gx, gy in (
                 _force_of_walls(world, p, k), _force_of_people(world, p, k),
-                _force_of_chair(p, row, state, pose),
+                _force_of_chair(p, row, state, row.size[0], pose),
             ):  # fmt: skip
+                fx, fy = fx + gx, fy + gy
+            trolley = trolley_of(world, k)
+            if trolley >= 0:
+                cart = actor_states[trolley]
+                gx, gy = _force_of_chair(p, row, cart, extent(rows[trolley]), pose)
                 fx, fy = fx + gx, fy + gy
         _headed_step(p, row, state, body_view(state.body), fx, fy)
