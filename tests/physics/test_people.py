@@ -10,7 +10,6 @@ import pytest
 
 from tests.physics.worlds import box, exact_chair
 from wheelchair_gym.config import InputError
-from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
 from wheelchair_gym.geometry import point_segment_distance, to_frame
 from wheelchair_gym.physics.actors.records import (
     CURIOUS,
@@ -377,26 +376,6 @@ def test_bounds_hold_and_nobody_leaves_in_the_scene_of_all_people(model):
                     gap = min(point_segment_distance(x, y, *wall) for wall in episode.walls)
                     assert gap > radius - 0.02
     assert fast <= 0.01 * steps
-
-
-@pytest.mark.parametrize("model", MODELS)
-def test_a_batch_among_all_people_is_the_single_environment_to_the_bit(model):
-    scene = {"name": "people", "people": {"model": model}}
-    batch = NavigationVectorEnv(3, scene=scene, beams=32, bank=0)
-    many, steps = batch.reset(seed=5)[0], 0
-    singles = [NavigationEnv(scene, beams=32, bank=0) for _ in range(3)]
-    ones = [env.reset(seed=5 + k)[0] for k, env in enumerate(singles)]
-    rng = np.random.default_rng(0)
-    over = False
-    while not over and steps < 80:
-        for k, one in enumerate(ones):
-            for name, value in one.items():
-                np.testing.assert_array_equal(value, many[name][k])
-        actions = rng.uniform((-0.2, -1.0), (0.3, 1.0), (3, 2)).astype(np.float32)
-        many, _, ended, late, _ = batch.step(actions)
-        ones = [env.step(action)[0] for env, action in zip(singles, actions, strict=True)]
-        over, steps = bool((ended | late).any()), steps + 1
-    assert steps > 30
 
 
 def test_the_scene_is_the_same_for_the_same_seed_and_another_for_another():
