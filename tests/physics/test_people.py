@@ -31,6 +31,7 @@ from wheelchair_gym.physics.actors.records import (
     WARY,
     Actors,
     combine,
+    furniture,
     group,
     person,
     with_trolley,
@@ -409,6 +410,10 @@ def test_wrong_people_are_refused_in_one_line(make, message):
     ("field", "value"), [("leader", 1), ("leader", 7), ("model", 5), ("every", 0.0)]
 )
 def test_an_episode_refuses_wrong_rows(field, value):
+    round_thing = combine([person([(0.0, 0.0)]), furniture((1.0, 0.0, 0.0), (0.2, 0.0), 5.0)])
+    round_thing.rows["leader"][1] = 1  # a trolley has corners
+    with pytest.raises(InputError, match="actor 1: leader is 1"):
+        Episode(None, np.zeros(3), np.zeros(3), actors=round_thing)  # type: ignore[arg-type]
     actors = combine([person([(0.0, 0.0)], behaviour=PAUSES, stay=1.0, every=2.0)])
     rows = actors.rows.copy()
     rows[field] = value

@@ -158,7 +158,8 @@ def check_actors(actors: Actors) -> Actors:
     first, points = rows["first"], rows["points"]
     leader, numbers = rows["leader"], np.arange(len(rows))
     led = (leader >= 0) & (leader <= numbers)
-    moved = (walks | (rows["kind"] == FURNITURE)) & walks[numbers - np.where(led, leader, 0)]
+    moved = walks | ((rows["kind"] == FURNITURE) & (rows["size"][:, 1] > 0.0))
+    moved &= walks[numbers - np.where(led, leader, 0)]
     led &= (leader == 0) | moved
     right = {
         "kind": (rows["kind"] >= 0) & (rows["kind"] < len(ACTOR_KINDS)),
