@@ -84,7 +84,8 @@ def decide_actors(state: Any, p: Any, world: Any, chair: Motion) -> float:
         schedule_actors(world, p, state.pose, state.tick * p.dt)
         choose_velocities(world, p, state.key, state.tick, state.pose, state.twist)
     move_leaves(world, p, state.pose)
-    if apply_forces(world, p):
+    apply_forces(world, p)
+    if world.n_headed > 0:
         apply_social_forces(world, p, state.pose)
     return stop_people(world, state, p, chair)
 

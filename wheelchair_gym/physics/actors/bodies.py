@@ -28,8 +28,8 @@ from wheelchair_gym.physics.actors.records import (
     MASS,
     NOBODY,
     OBSTACLE,
-    ORCA,
     PERSON,
+    SOCIAL_FORCE,
 )
 from wheelchair_gym.physics.engine import (
     ANGLE,
@@ -305,8 +305,10 @@ def _first_heading(world: Any, row: Any) -> float:
 def reset_actors(engine: Any, world: Any) -> None:
     """Put the actors where they begin; obstacles stay away."""
     rows, actor_states = actors_of(world)
+    world.n_headed = 0
     for k in range(world.n_actors):
         row, state = rows[k], actor_states[k]
+        world.n_headed += int(row.kind == PERSON and row.model == SOCIAL_FORCE)
         state.preferred_velocity[0], state.preferred_velocity[1] = 0.0, 0.0
         state.twist[0], state.twist[1], state.twist[2] = 0.0, 0.0, 0.0
         state.waypoint, state.direction, state.blocked_for = 0, 1, 0.0
@@ -408,22 +410,14 @@ def _set_leaf_velocity(row: Any, state: Any, fields: Array, dt: float) -> None:
 
 
 @borrowing_kernel
-def apply_forces(world: Any, p: Any) -> bool:
-    """What moves the actors in the coming physics step: forces, and velocities of doors.
-
-    Returns:
-        Whether there are people whom `social_force` is to push, too.
-    """
+def apply_forces(world: Any, p: Any) -> None:
+    """What moves the actors in the coming physics step: forces, and velocities of doors."""
     rows, actor_states = actors_of(world)
-    others = False
     for k in range(world.n_actors):
         row, state = rows[k], actor_states[k]
         fields = body_view(state.body)
         if row.kind == PERSON:
-            if row.model == ORCA:
-                _apply_leg_force(row, state, fields, p)
-            else:
-                others = True
+            _apply_leg_force(row, state, fields, p)
         elif row.kind == FURNITURE:
             if row.leader > 0:
                 _move_trolley(row, state, actor_states[k - row.leader], fields, p)
@@ -432,7 +426,6 @@ def apply_forces(world: Any, p: Any) -> bool:
         elif row.kind == DOOR:
             _set_leaf_velocity(row, state, fields, p.dt)
         state.twist[0], state.twist[1], state.twist[2] = fields[VX], fields[VY], fields[W]
-    return others
 
 
 @borrowing_kernel
