@@ -350,7 +350,9 @@ def leg_force(row: Any, p: Any, ax: float, ay: float) -> tuple[float, float]:
     """
     size = math.sqrt(ax * ax + ay * ay)
     most = p.max_force * (row.mass / MASS) if row.mass < MASS else p.max_force
-    share = row.mass * min(1.0, most / (row.mass * size)) if size > 0.0 else 0.0
+    share = row.mass if size > 0.0 else 0.0
+    if row.mass * size > most:  # seldom, so that most steps need no division
+        share = row.mass * (most / (row.mass * size))
     return share * ax, share * ay
 
 
