@@ -29,6 +29,7 @@ class Film(NamedTuple):
 FILMS = {
     "drive": Film("floor_plan", "lattice+window", 4, 1),
     "crowd": Film("crowd", "ppo_guided", 33, 2),
+    "people": Film("people", "lattice+window", 9, 3),
 }
 
 

@@ -58,6 +58,12 @@ THIN: Final = {"thin": Edges(0.0001, 0.008)}  # narrower: no law, counted apart
 COARSE: Final = {"181_beams": Edges(0.053, 0.12), "64_beams": Edges(0.15, 0.30)}
 BEAMS: Final = {"181_beams": 181, "64_beams": 64}
 APART: Final[dict[str, Any]] = {**THIN, **COARSE}
+# Only where they are named: people of every kind, by both models of motion.
+PEOPLE: Final[dict[str, Any]] = {
+    "people": {"name": "people"},
+    "people_social_force": {"name": "people", "people": {"model": "social_force"}},
+}
+ALL: Final = SCENES | APART | PEOPLE
 HARM, SLOW = 0.05, 0.10  # m/s
 _ACTORS = 48  # that are remembered of a row
 _FAN = ((1.0, 0.0), (1.0, 0.4), (1.0, -0.4), (1.0, 1.0), (1.0, -1.0), (-1.0, 0.0), (-1.0, 1.0),
@@ -413,7 +419,7 @@ class Attack:
         if scene in BEAMS:
             config["sensors"]["laser"] = {"beams": BEAMS[scene]}
         self.env = NavigationVectorEnv(
-            rows, config, scene={**SCENES, **APART}[scene], shield=shield, num_threads=threads,
+            rows, config, scene=ALL[scene], shield=shield, num_threads=threads,
             bank={"size": bank, "turnover": 0.0}, rate=rate,
         )  # fmt: skip
         self._rate, self._memory = rate, round(MEMORY * rate) + 1

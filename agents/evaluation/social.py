@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.geometry import Footprint, rectangle_point_gap
-from wheelchair_gym.physics.actors.records import PERSON
+from wheelchair_gym.physics.actors.records import PERSON, WALKS_BESIDE
 from wheelchair_gym.types import Episode, Truth
 
 Array = NDArray[np.float64]
@@ -25,12 +25,16 @@ INTIMATE = 0.45  # m: nearer is somebody's intimate space (Hall 1966)
 
 
 class PeopleTrace:
-    """Where people were in one episode: one entry for reset and each step."""
+    """Where people were in one episode: one entry for reset and each step.
+
+    Who walks beside the chair is left out.
+    """
 
     def __init__(self, world: Episode, footprint: Footprint) -> None:
         """Begin the trace of an episode that has people, with a chair of this footprint."""
         rows = world.actors.rows
-        self._which = np.flatnonzero(rows["kind"] == PERSON)
+        stays_away = rows["behaviour"] != WALKS_BESIDE
+        self._which = np.flatnonzero((rows["kind"] == PERSON) & stays_away)
         self._people = rows[self._which]
         self._walls = shapely.multilinestrings(shapely.linestrings(world.walls.reshape(-1, 2, 2)))
         self._footprint = footprint
@@ -60,7 +64,7 @@ class PeopleTrace:
         radii = self._people["size"][:, 0].copy()
         gaps = _gaps(offsets, radii, self._footprint.array)
         met = ~self._behind_walls(poses, places)
-        nearest = np.where(met, gaps, np.inf).min(axis=1)
+        nearest = np.where(met, gaps, np.inf).min(axis=1, initial=np.inf)
 
         steps = np.diff(places, axis=0)  # (n - 1, people, 2)
         velocities = np.concatenate([np.zeros_like(places[:1]), steps / period])
@@ -69,13 +73,14 @@ class PeopleTrace:
 
         seconds = period * len(steps)
         walked = np.hypot(steps[..., 0], steps[..., 1]).sum(axis=0)
-        walks = (self._people["points"] > 1) & (self._people["speed"] > 0.0)
-        lost = seconds - walked[walks] / self._people["speed"][walks]
+        people = self._people
+        walks = (people["points"] > 1) & (people["speed"] > 0.0) & (people["leader"] == 0)
+        lost = seconds - walked[walks] / people["speed"][walks]
         return {
             "person_distance_min": float(nearest.min()),
             "personal_share": float(np.mean((nearest >= INTIMATE) & (nearest < PERSONAL))),
             "intimate_share": float(np.mean(nearest < INTIMATE)),
-            "ttc_min": float(np.where(met, times, np.inf).min()),
+            "ttc_min": float(np.where(met, times, np.inf).min(initial=np.inf)),
             "people_delay": float(60.0 * np.maximum(lost, 0.0).sum() / seconds) if seconds else 0.0,
         }
 

@@ -32,7 +32,8 @@ from wheelchair_gym.physics.actors.records import DOOR, NOBODY, PERSON, combine,
 from wheelchair_gym.physics.chair import SimulatedChair
 from wheelchair_gym.safety import Shield
 from wheelchair_gym.scenes import make_scene
-from wheelchair_gym.scenes.crowd import Crowd, PeopleSettings
+from wheelchair_gym.scenes.crowd import Crowd
+from wheelchair_gym.scenes.people import PeopleSettings
 from wheelchair_gym.sensors.laser import WORKSPACE_ROWS, LaserArrays, sense_laser
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
 from wheelchair_gym.tracking import PERSON as TRACKED_PERSON

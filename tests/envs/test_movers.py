@@ -39,6 +39,13 @@ def test_each_row_is_a_single_env_where_things_appear():
     assert compare(NEXT, 2, n=3, steps=80, config=SHORT, **settings) >= 3
 
 
+@pytest.mark.parametrize("model", ["orca", "social_force"])
+def test_each_row_is_a_single_env_among_people_of_every_kind(model):
+    scene = {"name": "people", "people": {"model": model}}
+    settings = CROWDED | {"scene": scene, "pose_source": "modelled"}
+    assert compare(NEXT, 2, n=4, steps=120, config=SHORT, randomize=True, **settings) >= 4
+
+
 def test_worlds_with_and_without_movers_share_a_batch():
     """A batch row that goes from a crowd to an empty floor and back is as fresh."""
     crowd = NavigationEnv(config=SHORT, **CROWDED)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import errno
 import json
 import resource
@@ -18,14 +19,17 @@ from mcap_protobuf.decoder import DecoderFactory
 from agents.cli import main
 from agents.policies import GymPolicy, make_policy
 from tests.conftest import ROOT
+from tests.physics.worlds import busy
 from wheelchair_gym import InputError
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.geometry import compose
 from wheelchair_gym.maps import OccupancyGrid
+from wheelchair_gym.physics.actors.records import FORMER_ACTOR
 from wheelchair_gym.physics.chair import SimulatedChair
 from wheelchair_gym.recording.record import RecordEpisodes, RecordingSettings
 from wheelchair_gym.recording.replay import read_recording, replay_env, sensor_log
 from wheelchair_gym.recording.sink import McapFile
+from wheelchair_gym.recording.topics import EPISODE, FIELDS, widened_actors
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.types import Belief
 
@@ -312,6 +316,18 @@ def test_the_first_recordings_are_still_read(tmp_path, capsys):
         for was, is_ in zip(old.states, new.states, strict=True):
             np.testing.assert_equal(is_.reading, was.reading)
             np.testing.assert_equal(is_.truth, was.truth)
+
+
+def test_actors_of_earlier_recordings_only_walk():
+    """Until release 0.2 a recorded actor had no motion model, behaviour or reaction."""
+    episode = busy(1)
+    rows = episode.actors.rows
+    former = np.zeros(len(rows), FORMER_ACTOR)
+    for name in FORMER_ACTOR.names:
+        former[name] = rows[name]
+    text = base64.b64encode(former.tobytes()).decode()
+    assert (FIELDS[EPISODE]["actors"].read(widened_actors(text)) == rows).all()
+    assert FORMER_ACTOR.itemsize == 160
 
 
 @pytest.mark.parametrize("damage", ["cut", "flipped", "empty", "text", "missing", "other"])

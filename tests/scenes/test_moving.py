@@ -17,19 +17,21 @@ from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.geometry import footprint_clearance, path_length, point_segment_distance
 from wheelchair_gym.maps import FREE, OCCUPIED, bottleneck, footprint_margin, geodesic
 from wheelchair_gym.physics.actors.records import (
+    BEHAVIOURS,
     DOOR,
     FURNITURE,
     NOBODY,
     OBSTACLE,
     PERSON,
+    REACTIONS,
     actor_outline,
     actor_shapes,
     leaf_line,
 )
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.scenes.arena import WALL, Doorway
-from wheelchair_gym.scenes.crowd import WALKING_RADIUS, free_area
 from wheelchair_gym.scenes.describe import scene_statistics
+from wheelchair_gym.scenes.people import WALKING_RADIUS, free_area
 from wheelchair_gym.scenes.poses import FOOTPRINT, passing_radius
 from wheelchair_gym.scenes.raster import CELL
 
@@ -188,6 +190,33 @@ def test_numbers_of_people_follow_their_density():
         assert (rows["avoids"][rows["kind"] == PERSON] == NOBODY).all()
 
 
+def test_the_scene_of_all_people_has_every_kind_in_each_episode():
+    for episode in drawn(12, name="people"):
+        rows = episode.actors.rows
+        people = rows[rows["kind"] == PERSON]
+        assert set(people["behaviour"]) == set(range(len(BEHAVIOURS)))
+        assert set(people["reaction"]) == set(range(len(REACTIONS)))
+        assert (people["leader"] > 0).any()
+        assert (rows["leader"][rows["kind"] == FURNITURE] == 1).any()
+        for k in np.flatnonzero(rows["leader"] > 0):
+            leader = rows[k - rows["leader"][k]]
+            assert leader["kind"] == PERSON
+            assert math.dist(rows["pose"][k, :2], leader["pose"][:2]) == pytest.approx(
+                np.hypot(*rows["offset"][k])
+            )
+        for x, y, _ in rows["pose"]:
+            assert min(point_segment_distance(x, y, *w) for w in episode.walls) > 0.2
+
+
+def test_shares_are_spread_evenly():
+    shares = {"pauses": 0.25, "children": 0.25}
+    for episode in drawn(6, name="crowd", place="hall", people={"behaviours": shares}):
+        people = episode.actors.rows[episode.actors.rows["kind"] == PERSON]
+        for behaviour in ("pauses", "runs"):
+            count = (people["behaviour"] == BEHAVIOURS.index(behaviour)).sum()
+            assert abs(count - 0.25 * len(people)) <= 1.0
+
+
 def test_what_appears_lies_on_the_way():
     count = 0
     for episode in drawn(name="temporary"):
@@ -263,6 +292,9 @@ def test_distributions_tell_what_moves():
     found = scene_statistics(make_scene("doorway"), range(2))["margin round the corner [m]"]
     assert found == pytest.approx([Doorway().margin] * 2)
     assert "people" not in scene_statistics(make_scene("clutter"), range(1))
+    figures = scene_statistics(make_scene("people"), range(4))
+    for name in ("people in groups", "trolleys", "people: reads phone", "people: wary"):
+        assert min(figures[name]) >= 1
 
 
 @pytest.mark.parametrize(
@@ -279,6 +311,22 @@ def test_distributions_tell_what_moves():
             "min_distance is 0.2; it must be at least 0.9",
         ),
         ({"name": "doorway", "door_width": 0.3}, "door_width is 0.3; it must be at least 0.65"),
+        (
+            {"name": "crowd", "people": {"behaviours": {"pauses": 0.7, "groups": 0.6}}},
+            "people.behaviours: BehaviourShares add up to 1.3; expected 1 at most",
+        ),
+        (
+            {"name": "people", "people": {"reactions": {"curious": -0.1}}},
+            "curious is -0.1; it must be at least 0.0",
+        ),
+        (
+            {"name": "crowd", "people": {"behaviours": {"group": 0.5}}},
+            "group is not a setting; .* did you mean groups",
+        ),
+        (
+            {"name": "people", "people": {"model": "hsfm"}},
+            "model is 'hsfm'; it must be one of orca, social_force",
+        ),
     ],
 )
 def test_impossible_settings_are_refused(spec, message):

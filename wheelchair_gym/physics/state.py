@@ -93,6 +93,15 @@ PARAMETER = np.dtype(
         ("wall_horizon", "f8"),  # s
         ("neighbour_distance", "f8"),  # m
         ("inattentive_distance", "f8"),  # m
+        ("drive_time", "f8"),  # s, of the social force model, as what follows
+        ("social_strength", "f8"),  # N
+        ("social_range", "f8"),  # m
+        ("wall_strength", "f8"),  # N
+        ("wall_range", "f8"),  # m
+        ("sideways_gain", "f8"),
+        ("sideways_damping", "f8"),  # kg/s
+        ("turn_gain", "f8"),  # 1/(kg m)
+        ("turn_ratio", "f8"),
     ],
     align=True,
 )
@@ -213,6 +222,10 @@ _COPIED = {
         "relaxation_time", "max_force", "horizon", "wall_horizon", "neighbour_distance",
         "inattentive_distance",
     ),
+    "social_force": (
+        "drive_time", "social_strength", "social_range", "wall_strength", "wall_range",
+        "sideways_gain", "sideways_damping", "turn_gain", "turn_ratio",
+    ),
 }  # fmt: skip
 
 
@@ -231,6 +244,7 @@ def parameters(
     random, errors = chair.random, 1.0 if sensors.noise else 0.0
     people = physics.people
     sections = {"body": body, "motor": motor, "battery": battery, "people": people}
+    sections["social_force"] = people.social_force
     for section, names in _COPIED.items():
         for name in names:
             p[name] = getattr(sections[section], name)

@@ -34,6 +34,7 @@ from wheelchair_gym.physics.actors.bodies import (
 from wheelchair_gym.physics.actors.doors import move_leaves, schedule_actors
 from wheelchair_gym.physics.actors.people import choose_velocities
 from wheelchair_gym.physics.actors.separation import choose_who_may_touch, move_the_others
+from wheelchair_gym.physics.actors.social_force import apply_social_forces
 from wheelchair_gym.physics.contact import Motion, end_contacts, record_contacts, stop_people
 from wheelchair_gym.physics.drive_train import (
     control_speed,
@@ -84,6 +85,8 @@ def decide_actors(state: Any, p: Any, world: Any, chair: Motion) -> float:
         choose_velocities(world, p, state.key, state.tick, state.pose, state.twist)
     move_leaves(world, p, state.pose)
     apply_forces(world, p)
+    if world.n_headed > 0:
+        apply_social_forces(world, p, state.pose)
     return stop_people(world, state, p, chair)
 
 

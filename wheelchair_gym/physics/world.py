@@ -97,6 +97,7 @@ WORLD, TARGETS = pointer_record(
     ("routes", Target("f8", None, 2)),  # m: of all people
     ("n_actors", "i8"),
     ("n_routes", "i8"),
+    ("n_headed", "i8"),  # people who walk by the social force model
     ("actor_states", Target(ACTOR_STATE, None)),
     ("n_bodies", "i8"),  # of actors that have bodies
     ("spare_discs", _PAIRS),

@@ -149,7 +149,8 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
         settings = {name: dump(getattr(env.settings, name)) for name in SETTINGS}
         if not env.task.is_shielded:  # a share of episodes may be driven without
             settings["shield"] = None
-        actors = {"actors": episode.actors.rows, "routes": episode.actors.routes}
+        rows = episode.actors.rows
+        actors = {"actors": rows, "actor_size": rows.itemsize, "routes": episode.actors.routes}
         values = vars(episode) | actors | {"settings": settings}
         self._out.write(EPISODE, values, path=self._guidance())
 

@@ -24,7 +24,7 @@ from wheelchair_gym.kinematics import odometric_step
 from wheelchair_gym.localization.logs import SensorLog
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.migration import migrated
-from wheelchair_gym.physics.actors.records import Actors
+from wheelchair_gym.physics.actors.records import ACTOR, Actors
 from wheelchair_gym.recording.topics import (
     COMMAND,
     EPISODE,
@@ -36,6 +36,7 @@ from wheelchair_gym.recording.topics import (
     numbers,
     read_fields,
     reading_fields,
+    widened_actors,
 )
 from wheelchair_gym.sensors.settings import RANGERS, LaserSettings, SensorSettings
 from wheelchair_gym.types import Belief, Episode, Reading, Truth
@@ -220,9 +221,14 @@ def _take(episodes: list[RecordedEpisode], topic: str, content: Any) -> None:
 def _read_episode(content: Content) -> RecordedEpisode:
     if "movers" in content:  # until release 0.1
         content["actors"] = content.pop("movers")
+    if "actors" in content and "actor_size" not in content:  # until release 0.2
+        content["actors"] = widened_actors(content["actors"])
     # Recordings of the first release have no actors.
-    values = read_fields(FIELDS[EPISODE], content, "actors", "routes")
+    values = read_fields(FIELDS[EPISODE], content, "actors", "routes", "actor_size")
     given, routes = values.pop("settings"), values.pop("routes", None)
+    size = values.pop("actor_size", ACTOR.itemsize)
+    if size != ACTOR.itemsize:
+        raise ValueError(f"actor_size is {size}; expected {ACTOR.itemsize}")
     if "actors" in values:
         values["actors"] = Actors(values["actors"], routes)
     path = content["path"]

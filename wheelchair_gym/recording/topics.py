@@ -17,7 +17,7 @@ from wheelchair_gym.errors import shorten
 from wheelchair_gym.files import LIMITS, check_cells, is_coordinate
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.migration import migrated
-from wheelchair_gym.physics.actors.records import ACTOR
+from wheelchair_gym.physics.actors.records import ACTOR, FORMER_ACTOR
 from wheelchair_gym.types import Truth
 
 Content = dict[str, Any]
@@ -201,6 +201,18 @@ def reading_fields(beams: int = -1, rangers: int = -1) -> dict[str, Kind]:
 
 
 _OPTIONAL = ("particles", "map")  # fields of a reading
+
+
+def widened_actors(text: Any) -> str:
+    """Packed actors of a recording until release 0.2 as those of today, who only walk."""
+    former = _packed(FORMER_ACTOR).read(text)
+    rows = np.zeros(len(former), ACTOR)
+    for name in FORMER_ACTOR.names or ():
+        rows[name] = former[name]
+    written: str = _packed(ACTOR).write(rows)
+    return written
+
+
 FIELDS: Final[dict[str, dict[str, Kind]]] = {
     EPISODE: {
         "settings": OBJECT,
@@ -213,6 +225,7 @@ FIELDS: Final[dict[str, dict[str, Kind]]] = {
         "time_limit": _nullable(None),
         "name": TEXT,
         "actors": _packed(ACTOR),
+        "actor_size": _SCALARS[int],  # bytes of one of them
         "routes": numbers(-1, 2),
     },
     READING: reading_fields(),

@@ -20,6 +20,7 @@ SCENES: Final = Registry(
         "floor_plan": f"{_PLACE}.floor_plan:FloorPlan",
         "clutter": f"{_PLACE}.arena:Clutter",
         "crowd": f"{_PLACE}.crowd:Crowd",
+        "people": f"{_PLACE}.crowd:People",
         "temporary": f"{_PLACE}.crowd:Temporary",
         "doorway": f"{_PLACE}.arena:Doorway",
         "empty": f"{_PLACE}.arena:EmptyRoom",

@@ -4,75 +4,43 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.geometry import Footprint
-from wheelchair_gym.maps import FREE, OCCUPIED, Geodesic, OccupancyGrid, geodesic
+from wheelchair_gym.maps import OCCUPIED, OccupancyGrid, geodesic
 from wheelchair_gym.physics.actors.records import (
-    EVERYBODY,
-    NOBODY,
-    PEOPLE,
-    RADIUS,
-    SPEED,
     Actor,
     combine,
     door,
     furniture,
-    leaf_line,
     obstacle,
-    person,
 )
 from wheelchair_gym.scenes.arena import draw_pose, make_arena
 from wheelchair_gym.scenes.floor_plan import FloorPlan
 from wheelchair_gym.scenes.layout import FloorLayout
 from wheelchair_gym.scenes.passages import PASSAGES, Passage
+from wheelchair_gym.scenes.people import (
+    BehaviourShares,
+    PeopleSettings,
+    ReactionShares,
+    draw_place,
+    free_area,
+    sample_passage_people,
+    sample_people,
+)
 from wheelchair_gym.scenes.poses import FOOTPRINT, check_ranges, passing_radius
 from wheelchair_gym.scenes.raster import CELL
 from wheelchair_gym.types import Episode
 
 Array = NDArray[np.float64]
 
-WALKING_RADIUS = RADIUS + 0.10  # m: people's routes keep this from walls
-_PLACES = 8  # where people are going to: each costs one geodesic
-_TRIES = 60  # starts drawn for one person before they stay away
-_LEAST_WAY = 3.0  # m: shorter routes are no routes
 _CLEAR = 1.05  # m round light furniture: the chair passes it on either side
-_PAIR = 0.7  # m between people at the beginning
 _PIECES = (((0.45, 0.45), 5.0), ((0.20, 0.0), 3.0), ((0.60, 0.40), 9.0), ((0.25, 0.0), 8.0))
 # chair, stool, serving trolley, waste bin: size [m], mass [kg]
-
-
-@settings
-class PeopleSettings:
-    """Number and behaviour of people."""
-
-    density: tuple[float, float] = setting(
-        default=(0.03, 0.08), unit="1/m2", low=0.0, high=1.0, source="design choice"
-    )
-    """Least and greatest number of people per free area; of a lift, per area of its cabin."""
-    speed: float = setting(default=SPEED, unit="m/s", low=0.1, source="Weidmann 1993")
-    """Mean preferred walking speed."""
-    speed_sigma: float = setting(default=0.26, unit="m/s", low=0.0, source="Weidmann 1993")
-    """Standard deviation of the preferred walking speed."""
-    min_speed: float = setting(
-        default=0.4, unit="m/s", low=0.05, source="a person with a walking frame"
-    )
-    """Least preferred walking speed."""
-    inattentive_share: float = setting(default=0.1, low=0.0, high=1.0, source="design choice")
-    """Share of people who do not see the chair."""
-    crossing_share: float = setting(default=0.0, low=0.0, high=1.0, source="DynaBARN")
-    """Share of moving cylinders that avoid nobody."""
-    patience: float = setting(default=4.0, unit="s", low=0.5, source="design choice")
-    """Time without progress after which a person turns back."""
-    start_distance: float = setting(default=2.0, unit="m", low=0.8, source="design choice")
-    """Least distance of people from the chair's start."""
-
-    def __post_init__(self) -> None:
-        check_ranges(self, "density")
 
 
 @settings
@@ -87,146 +55,6 @@ class DoorSettings:
         default=2.0, unit="m", low=0.5, source="EN 16005, sensors of powered doors"
     )
     """Distance at which a leaf opens for somebody."""
-
-
-def free_area(grid: OccupancyGrid) -> float:
-    """Area [m2] of the map that is free."""
-    return float((grid.cells == FREE).sum()) * grid.resolution**2
-
-
-def _draw_place(rng: np.random.Generator, grid: OccupancyGrid, cells: NDArray[np.intp]) -> Array:
-    """A place (2,) [m] in one of the cells (n, 2)."""
-    cell = cells[rng.integers(len(cells))]
-    drawn: Array = grid.to_world(cell) + rng.uniform(-0.4, 0.4, 2) * grid.resolution
-    return drawn
-
-
-def _cells_along(grid: OccupancyGrid, a: Array, b: Array, steps: float) -> NDArray[np.int64]:
-    """Cells (n, 2) at even steps along the segment a-b, its ends included."""
-    shares = np.linspace(0.0, 1.0, 2 + math.ceil(steps))
-    return grid.to_cell(a + shares[:, None] * (b - a))
-
-
-def sample_people(
-    rng: np.random.Generator,
-    grid: OccupancyGrid,
-    start: Array,
-    people: PeopleSettings,
-    taken: list[Array],
-    leaves: list[Actor],
-) -> list[Actor]:
-    """People on routes between places of a map; none begins where a leaf swings.
-
-    Args:
-        rng: every draw comes from it.
-        grid: where they walk.
-        start: pose (3,) of the chair.
-        people: their number and behaviour.
-        taken: places (x, y, reach) where something stands already; those of people are added.
-        leaves: doors; routes lead round them where they stand open.
-    """
-    count = round(rng.uniform(*people.density) * free_area(grid))
-    grid = _with_open_doors(grid, leaves)
-    cells = np.argwhere(grid.traversable(WALKING_RADIUS))
-    for leaf in leaves:
-        hinge, length = leaf.row["pose"][0, :2], leaf.row["size"][0, 0]
-        far = np.hypot(*(grid.to_world(cells) - hinge).T) > length + WALKING_RADIUS
-        cells = cells[far | ~leaf.row["swings"]]
-    if not count or not len(cells):
-        return []
-    goals = [_draw_place(rng, grid, cells) for _ in range(min(_PLACES, count))]
-    paths = [geodesic(grid, goal, WALKING_RADIUS) for goal in goals]
-    found = []
-    for _ in range(count):
-        speed, avoids = _draw_walker(rng, people)
-        near = _too_near(start, people, taken)
-        route = _draw_route(rng, grid, cells, paths, avoids == NOBODY, near)
-        if route is not None:
-            taken.append(np.array([*route[0], RADIUS]))
-            found.append(person(route, speed, avoids=avoids, patience=people.patience))
-    return found
-
-
-def _draw_walker(rng: np.random.Generator, people: PeopleSettings) -> tuple[float, int]:
-    """Preferred speed [m/s] of somebody, and what they keep clear of."""
-    speed = max(people.min_speed, rng.normal(people.speed, people.speed_sigma))
-    if rng.random() < people.crossing_share:
-        return speed, NOBODY
-    return speed, PEOPLE if rng.random() < people.inattentive_share else EVERYBODY
-
-
-def _too_near(
-    start: Array, people: PeopleSettings, taken: list[Array]
-) -> list[tuple[float, float, float]]:
-    """Discs (x, y, radius) [m] in which nobody begins."""
-    near = [(*start[:2], people.start_distance + RADIUS)]
-    return near + [(*at[:2], _PAIR - RADIUS + at[2]) for at in taken]
-
-
-def _passage_people(
-    rng: np.random.Generator, passage: Passage, people: PeopleSettings, taken: list[Array]
-) -> list[Actor]:
-    """People of a passage; `taken` as in `sample_people`. In a lift there is one at least."""
-    found = []
-    for _ in range(
-        max(people.density[1] > 0.0, round(rng.uniform(*people.density) * passage.area))
-    ):
-        speed, avoids = _draw_walker(rng, people)
-        near = _too_near(passage.start, people, taken)
-        for _ in range(_TRIES):
-            place, route = passage.draw_walk(rng)
-            if all(math.dist(place, (x, y)) >= radius for x, y, radius in near):
-                taken.append(np.array([*place, RADIUS]))
-                found.append(
-                    person(route, speed, avoids=avoids, patience=people.patience, at=place)
-                )
-                break
-    return found
-
-
-def _with_open_doors(grid: OccupancyGrid, leaves: list[Actor]) -> OccupancyGrid:
-    """A copy of the map on which leaves that swing stand open."""
-    cells = grid.cells.copy()
-    for leaf in leaves:
-        row = leaf.row[0]
-        if row["swings"]:
-            x, y, heading = row["pose"]
-            a, b = leaf_line(row, x, y, heading + row["travel"])
-            on = _cells_along(grid, a, b, 4.0 * row["size"][0] / grid.resolution)
-            inside = ((on >= 0) & (on < grid.shape)).all(axis=1)
-            cells[tuple(on[inside].T)] = OCCUPIED
-    return OccupancyGrid(cells, grid.resolution, grid.origin)
-
-
-def _draw_route(
-    rng: np.random.Generator,
-    grid: OccupancyGrid,
-    cells: NDArray[np.intp],
-    paths: list[Geodesic],
-    straight: bool,
-    near: list[tuple[float, float, float]],
-) -> Array | None:
-    """A route (n, 2) [m] that begins in one of the cells, or None where the draws were unlucky.
-
-    It begins outside of the discs `near`, and leads to the goal of a geodesic or `straight` to
-    another cell.
-    """
-    for _ in range(_TRIES):
-        here = _draw_place(rng, grid, cells)
-        path = paths[rng.integers(len(paths))]
-        if any(math.dist(here, (x, y)) < radius for x, y, radius in near):
-            continue
-        if straight:
-            there = _draw_place(rng, grid, cells)
-            length = math.dist(here, there)
-            on = _cells_along(grid, here, there, length / grid.resolution)
-            if length >= _LEAST_WAY and grid.traversable(WALKING_RADIUS)[tuple(on.T)].all():
-                return np.array([here, there])
-        elif _LEAST_WAY <= float(path.at(here)) < math.inf:
-            route = path.path(here)
-            if len(route) >= 2:
-                return route
-    return None
 
 
 def sample_doors(
@@ -285,7 +113,7 @@ def sample_furniture(
     found: list[Actor] = []
     for _ in range(round(density * free_area(grid)) if len(places) else 0):
         size, mass = _PIECES[rng.integers(len(_PIECES))]
-        x, y = _draw_place(rng, grid, places)
+        x, y = draw_place(rng, grid, places)
         yaw = rng.uniform(-math.pi, math.pi)
         reach = math.hypot(*size) / (2.0 if size[1] else 1.0)
         if math.dist((x, y), start[:2]) < 1.5:
@@ -307,6 +135,8 @@ class Crowd:
 
     Buildings have powered doors; light furniture stands about where there is room for it.
     """
+
+    name: ClassVar[str] = "crowd"  # of its episodes
 
     place: Literal["any", "building", "hall", "corridor", "crossing", "lift"] = setting(
         default="any", source="design choice"
@@ -365,11 +195,11 @@ class Crowd:
         pieces = sample_furniture(rng, grid, self.furniture_density, start, taken)
         leaves = [] if layout is None else sample_doors(rng, grid, layout, self.doors)
         if passage is not None:
-            people = _passage_people(rng, passage, self.people, taken)
+            people = sample_passage_people(rng, passage, self.people, taken)
         else:
             people = sample_people(rng, grid, start, self.people, taken, leaves)
         actors = combine([*pieces, *leaves, *people])
-        return layout, dataclasses.replace(episode, actors=actors, name="crowd")
+        return layout, dataclasses.replace(episode, actors=actors, name=self.name)
 
     def _draw_passage(self, rng: np.random.Generator, footprint: Footprint) -> Passage:
         """A passage in which the footprint gets from start to goal."""
@@ -403,6 +233,34 @@ class Crowd:
         raise InputError(
             f"Crowd: {_CROWD_TRIES} halls had no start and goal for {footprint} in {self}"
         )
+
+
+@settings
+class People(Crowd):
+    """A hall with everything that people do, and every reaction to the chair."""
+
+    name: ClassVar[str] = "people"
+
+    place: Literal["any", "building", "hall", "corridor", "crossing", "lift"] = setting(
+        default="hall", source="design choice"
+    )
+    """Where people walk; any draws a building or a hall."""
+    people: PeopleSettings = PeopleSettings(
+        density=(0.12, 0.14),
+        behaviours=BehaviourShares(
+            groups=0.25, pauses=0.1, cuts_in=0.1, reads_phone=0.1, walks_beside=0.1, children=0.1,
+            trolleys=0.1,
+        ),
+        reactions=ReactionShares(curious=0.2, wary=0.2, surprised=0.2, indifferent=0.2),
+    )  # fmt: skip
+    furniture_density: float = setting(
+        default=0.0, unit="1/m2", low=0.0, high=1.0, source="design choice"
+    )
+    """Movable pieces of furniture per free area."""
+    hall_size: tuple[float, float] = setting(
+        default=(10.0, 12.0), unit="m", low=5.0, high=60.0, source="design choice"
+    )
+    """Least and greatest side of a hall."""
 
 
 _ENDS = 2.0  # m of the way at start and goal where nothing appears

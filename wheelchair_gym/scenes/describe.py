@@ -9,11 +9,21 @@ import numpy as np
 
 from wheelchair_gym.geometry import path_length
 from wheelchair_gym.maps import OCCUPIED, bottleneck, geodesic
-from wheelchair_gym.physics.actors.records import ACTOR_KINDS, NOBODY, PEOPLE, PERSON
+from wheelchair_gym.physics.actors.records import (
+    ACTOR_KINDS,
+    BEHAVIOURS,
+    NOBODY,
+    PEOPLE,
+    PERSON,
+    REACTIONS,
+    REGULAR,
+    WALKS,
+)
 from wheelchair_gym.scenes import Scene
 from wheelchair_gym.scenes.arena import Doorway
-from wheelchair_gym.scenes.crowd import Crowd, Temporary, free_area
+from wheelchair_gym.scenes.crowd import Crowd, Temporary
 from wheelchair_gym.scenes.floor_plan import FloorPlan
+from wheelchair_gym.scenes.people import free_area
 from wheelchair_gym.scenes.poses import FOOTPRINT, passing_radius
 from wheelchair_gym.types import Episode
 
@@ -68,16 +78,29 @@ def _actor_figures(episode: Episode) -> dict[str, Any]:
     rows = episode.actors.rows
     of = {name: rows[rows["kind"] == kind] for kind, name in enumerate(ACTOR_KINDS)}
     people, obstacles = of["person"], of["obstacle"]
+    led = np.flatnonzero((rows["kind"] == PERSON) & (rows["leader"] > 0))
     routes = [episode.actors.route(int(k)) for k in np.flatnonzero(rows["kind"] == PERSON)]
     return {
         "people": len(people),
         "people per free m2": len(people) / free_area(episode.map),
         "people who pay no attention": (people["avoids"] == PEOPLE).sum(),
         "crossing cylinders": (people["avoids"] == NOBODY).sum(),
+        "people in groups": len(np.union1d(led, led - rows["leader"][led])),
+        "trolleys": (of["furniture"]["leader"] > 0).sum(),
+        **{
+            f"people: {name.replace('_', ' ')}": (people["behaviour"] == k).sum()
+            for k, name in enumerate(BEHAVIOURS)
+            if k != WALKS
+        },
+        **{
+            f"people: {name}": (people["reaction"] == k).sum()
+            for k, name in enumerate(REACTIONS)
+            if k != REGULAR
+        },
         "walking speed [m/s]": people["speed"],
         "length of their routes [m]": [path_length(route) for route in routes],
         "doors with a leaf": len(of["door"]),
-        "light furniture": len(of["furniture"]),
+        "light furniture": (of["furniture"]["leader"] == 0).sum(),
         "obstacles that appear": len(obstacles),
         "radius of these [m]": obstacles["size"][:, 0],
         "stay of these [s]": obstacles["stay"],

@@ -15,7 +15,7 @@ from agents.policies import make_policy
 from tests.agents.evaluation.test_metrics import info
 from tests.agents.evaluation.test_report import evaluation
 from wheelchair_gym.geometry import Footprint
-from wheelchair_gym.physics.actors.records import combine, furniture, person
+from wheelchair_gym.physics.actors.records import WALKS_BESIDE, combine, furniture, person
 from wheelchair_gym.scenes.arena import make_arena
 from wheelchair_gym.types import Episode, Truth
 
@@ -23,11 +23,13 @@ OUTLINE = Footprint(front=0.7, rear=0.3, half_width=0.31)
 PERIOD = 0.5
 
 
-def trace_of(tracks, poses, twists, walls=(), speed=1.0, points=2):
+def trace_of(tracks, poses, twists, walls=(), speed=1.0, points=2, companions=0):
     """The figures of a chair among people of 0.25 m radius who go along tracks (n, 2)."""
     arena = make_arena((-20.0, -20.0, 20.0, 20.0))
     route = [(0.0, 0.0), (9.0, 0.0)][:points]
     people = [person(route, speed, radius=0.25, at=track[0]) for track in tracks]
+    for companion in people[:companions]:
+        companion.row["behaviour"] = WALKS_BESIDE
     box = furniture((9.0, 9.0, 0.0), (0.4, 0.4), 5.0)  # is no person, though it comes first
     world = Episode(
         arena.map, np.zeros(3), np.array([5.0, 0.0, 0.0]),
@@ -59,6 +61,15 @@ def test_somebody_who_walks_past_beside_the_chair():
     assert figures["personal_share"] == pytest.approx(6 / 25)
     assert figures["intimate_share"] == 0.0
     assert figures["ttc_min"] == math.inf
+
+
+def test_who_walks_beside_the_chair_is_left_out():
+    passer, companion = line((-6.0, 1.16), (1.0, 0.0), 25), line((0.0, -0.85), (0.0, 0.0), 25)
+    alone = trace_of([passer], *rest(25))
+    assert trace_of([companion, passer], *rest(25), companions=1) == alone
+    figures = trace_of([companion], *rest(25), companions=1)
+    assert figures["person_distance_min"] == figures["ttc_min"] == math.inf
+    assert figures["intimate_share"] == figures["people_delay"] == 0.0
 
 
 def test_somebody_who_stands_in_the_way():

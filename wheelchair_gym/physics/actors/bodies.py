@@ -18,8 +18,19 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.address import doubles_at, integers_at, rows_of, table_at
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
-from wheelchair_gym.geometry import point_to_world, world_to_body
-from wheelchair_gym.physics.actors.records import ACTOR, DOOR, FURNITURE, NOBODY, OBSTACLE, PERSON
+from wheelchair_gym.geometry import point_to_world, world_to_body, wrap
+from wheelchair_gym.physics.actors.records import (
+    ACTOR,
+    DOOR,
+    FASTEST,
+    FIRST_LOOK,
+    FURNITURE,
+    MASS,
+    NOBODY,
+    OBSTACLE,
+    PERSON,
+    SOCIAL_FORCE,
+)
 from wheelchair_gym.physics.engine import (
     ANGLE,
     FX,
@@ -70,6 +81,11 @@ ACTOR_STATE = np.dtype(
         ("free", "f8"),  # m: the same of another actor, which may move as far
         ("measured_at", "i8"),  # tick at which `clear` was measured
         ("touchable_at", "i8"),  # tick before which it could last touch something
+        ("heading", "f8"),  # rad: of a person
+        ("facing", "f8"),  # rad: the heading that they want
+        ("turn_rate", "f8"),  # rad/s, of one who walks by the social force model
+        ("lasts_until", "f8"),  # s: until when they cut in or react to the chair
+        ("begins_again", "f8"),  # s: from when on they may do so again
     ],
     align=True,
 )
@@ -79,6 +95,9 @@ PARKING = 1e4  # m: where no wall is
 _PARKING_SPACING = 20.0  # m between things that are far away
 _PASS_THROUGH_GROUP = 1  # people who avoid nobody pass through each other, as in DynaBARN
 _FRICTION_LEVER = 3.0  # the mean lever of floor friction is a third of a radius or a diagonal
+_TROLLEY_TURN = 1.0  # rad/s with which a trolley is turned
+_TROLLEY_LAG = 0.1  # s in which it comes to where it belongs
+_TROLLEY_GRIP = 0.05  # s in which it takes up a speed
 
 _actors_at, _actor_states_at = rows_of(ACTOR), rows_of(ACTOR_STATE)
 
@@ -272,11 +291,24 @@ def read_actor_poses(world: Any) -> None:
 
 
 @borrowing_kernel
+def _first_heading(world: Any, row: Any) -> float:
+    """Where a person looks at first; see `records.first_heading`."""
+    route = table_at(world.routes, world.n_routes, 2)
+    for k in range(row.first, row.first + row.points):
+        dx, dy = route[k, 0] - row.pose[0], route[k, 1] - row.pose[1]
+        if math.sqrt(dx * dx + dy * dy) > FIRST_LOOK:
+            return math.atan2(dy, dx)
+    return 0.0
+
+
+@borrowing_kernel
 def reset_actors(engine: Any, world: Any) -> None:
     """Put the actors where they begin; obstacles stay away."""
     rows, actor_states = actors_of(world)
+    world.n_headed = 0
     for k in range(world.n_actors):
         row, state = rows[k], actor_states[k]
+        world.n_headed += int(row.kind == PERSON and row.model == SOCIAL_FORCE)
         state.preferred_velocity[0], state.preferred_velocity[1] = 0.0, 0.0
         state.twist[0], state.twist[1], state.twist[2] = 0.0, 0.0, 0.0
         state.waypoint, state.direction, state.blocked_for = 0, 1, 0.0
@@ -285,6 +317,8 @@ def reset_actors(engine: Any, world: Any) -> None:
         state.relocate, state.judged_at = 0, NEVER
         state.clear, state.free, state.moved = 0.0, 0.0, 0.0
         state.measured_at = state.touchable_at = NEVER
+        state.heading = state.facing = _first_heading(world, row)
+        state.turn_rate = state.lasts_until = state.begins_again = 0.0
         if state.is_present:
             place_body(engine, world.space, state.body, row.pose[0], row.pose[1], row.pose[2])
     read_actor_poses(world)
@@ -309,13 +343,47 @@ def relocate_obstacles(engine: Any, world: Any) -> None:
 
 
 @borrowing_kernel
+def leg_force(row: Any, p: Any, ax: float, ay: float) -> tuple[float, float]:
+    """The force [N] of legs for an acceleration [m/s2]: never more than they give.
+
+    Whoever is lighter than an adult has less force: children start no faster.
+    """
+    size = math.sqrt(ax * ax + ay * ay)
+    most = p.max_force * (row.mass / MASS) if row.mass < MASS else p.max_force
+    share = row.mass if size > 0.0 else 0.0
+    if row.mass * size > most:  # seldom, so that most steps need no division
+        share = row.mass * (most / (row.mass * size))
+    return share * ax, share * ay
+
+
+@borrowing_kernel
 def _apply_leg_force(row: Any, state: Any, fields: Array, p: Any) -> None:
-    """The force of legs: towards the wanted velocity, never more than they give."""
+    """The force of legs towards the wanted velocity."""
     ax = (state.preferred_velocity[0] - fields[VX]) / p.relaxation_time
     ay = (state.preferred_velocity[1] - fields[VY]) / p.relaxation_time
-    size = math.sqrt(ax * ax + ay * ay)
-    share = row.mass * min(1.0, p.max_force / (row.mass * size)) if size > 0.0 else 0.0
-    fields[FX], fields[FY] = share * ax, share * ay
+    fields[FX], fields[FY] = leg_force(row, p, ax, ay)
+
+
+@borrowing_kernel
+def _move_trolley(row: Any, state: Any, walker: Any, fields: Array, p: Any) -> None:
+    """The force of arms that keeps a trolley before or behind a person, no more than legs give.
+
+    It turns about that person, and no corner of it wants to be faster than FASTEST.
+    """
+    c, s = math.cos(state.pose[2]), math.sin(state.pose[2])
+    ox, oy = c * row.offset[0] - s * row.offset[1], s * row.offset[0] + c * row.offset[1]
+    turn = wrap(walker.facing - state.pose[2]) / p.relaxation_time
+    turn = max(-_TROLLEY_TURN, min(_TROLLEY_TURN, turn))
+    walks = body_view(walker.body)
+    vx = walks[VX] - turn * oy + (walker.pose[0] + ox - state.pose[0]) / _TROLLEY_LAG
+    vy = walks[VY] + turn * ox + (walker.pose[1] + oy - state.pose[1]) / _TROLLEY_LAG
+    share = min(1.0, (FASTEST - abs(turn) * extent(row)) / max(math.sqrt(vx * vx + vy * vy), 1e-9))
+    vx, vy = share * vx, share * vy
+    ax, ay = (vx - fields[VX]) / _TROLLEY_GRIP, (vy - fields[VY]) / _TROLLEY_GRIP
+    fields[FX], fields[FY] = leg_force(row, p, ax, ay)
+    most = row.mass * p.max_force / MASS * abs(row.offset[0])
+    torque = inertia(row) * (turn - fields[W]) / _TROLLEY_GRIP
+    fields[TORQUE] = max(-most, min(most, torque))
 
 
 @borrowing_kernel
@@ -353,7 +421,10 @@ def apply_forces(world: Any, p: Any) -> None:
         if row.kind == PERSON:
             _apply_leg_force(row, state, fields, p)
         elif row.kind == FURNITURE:
-            _apply_floor_friction(row, fields, p.dt)
+            if row.leader > 0:
+                _move_trolley(row, state, actor_states[k - row.leader], fields, p)
+            else:
+                _apply_floor_friction(row, fields, p.dt)
         elif row.kind == DOOR:
             _set_leaf_velocity(row, state, fields, p.dt)
         state.twist[0], state.twist[1], state.twist[2] = fields[VX], fields[VY], fields[W]

@@ -1,4 +1,7 @@
-"""How people walk: along their routes, by optimal reciprocal collision avoidance.
+"""How people walk: along their routes, and by what else they want (`behaviours`).
+
+Those who walk by optimal reciprocal collision avoidance (`orca`) choose a velocity here; who walks
+by the social force model (`social_force`) is pushed there.
 
 Someone who avoids all keeps from walls, things, other people and the chair; someone who pays no
 attention notices the chair only when it is a step away; someone who avoids nobody goes straight on.
@@ -16,10 +19,26 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.address import on_stack, table_at
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
-from wheelchair_gym.geometry import body_to_world, segments_cross
-from wheelchair_gym.physics.actors.bodies import actors_of, offset_from_outline
+from wheelchair_gym.geometry import body_to_world
+from wheelchair_gym.physics.actors.behaviours import (
+    face,
+    is_occluded,
+    only_walks,
+    trolley_of,
+    want_of,
+)
+from wheelchair_gym.physics.actors.bodies import actors_of, extent, offset_from_outline
 from wheelchair_gym.physics.actors.orca import HALF_PLANES, avoid_disc, avoid_wall, best_velocity
-from wheelchair_gym.physics.actors.records import DOOR, EVERYBODY, NOBODY, PERSON
+from wheelchair_gym.physics.actors.records import (
+    CUTS_IN,
+    DOOR,
+    EVERYBODY,
+    INDIFFERENT,
+    NOBODY,
+    PERSON,
+    READS_PHONE,
+    SOCIAL_FORCE,
+)
 from wheelchair_gym.physics.actors.separation import ROUNDING
 from wheelchair_gym.random import ACTORS, normal, uniform
 
@@ -61,10 +80,11 @@ def _next_waypoint(world: Any, row: Any, state: Any) -> None:
 
 
 @borrowing_kernel
-def _walls_about(world: Any, p: Any, k: int, sight: float, near: Array) -> int:
+def _walls_about(world: Any, p: Any, k: int, trolley: int, sight: float, near: Array) -> int:
     """Copy the walls and leaves in the sight [m] of person k, and between them and neighbours.
 
-    They are those whose bounding boxes meet one that holds all this; returns how many.
+    They are those whose bounding boxes meet one that holds all this, but for the person's own
+    trolley; returns how many.
     """
     rows, actor_states = actors_of(world)
     x, y = actor_states[k].pose[0], actor_states[k].pose[1]
@@ -75,13 +95,15 @@ def _walls_about(world: Any, p: Any, k: int, sight: float, near: Array) -> int:
             left, right = min(left, at[0]), max(right, at[0])
             low, high = min(low, at[1]), max(high, at[1])
     walls, n = table_at(world.walls, world.n_walls, 4), 0
-    for i in range(world.n_walls):
-        ax, ay, bx, by = walls[i, 0], walls[i, 1], walls[i, 2], walls[i, 3]
-        near[n, 0], near[n, 1], near[n, 2], near[n, 3] = ax, ay, bx, by
-        # Without branches, which would often be guessed wrongly.
-        along_x = ((ax >= left) | (bx >= left)) & ((ax <= right) | (bx <= right))
-        along_y = ((ay >= low) | (by >= low)) & ((ay <= high) | (by <= high))
-        n += int(along_x & along_y)
+    own = actor_states[trolley].slot if trolley >= 0 else world.n_walls
+    for begin, end in ((0, own), (own + 4, world.n_walls)):
+        for i in range(begin, end):
+            ax, ay, bx, by = walls[i, 0], walls[i, 1], walls[i, 2], walls[i, 3]
+            near[n, 0], near[n, 1], near[n, 2], near[n, 3] = ax, ay, bx, by
+            # Without branches, which would often be guessed wrongly.
+            along_x = ((ax >= left) | (bx >= left)) & ((ax <= right) | (bx <= right))
+            along_y = ((ay >= low) | (by >= low)) & ((ay <= high) | (by <= high))
+            n += int(along_x & along_y)
     return n
 
 
@@ -143,34 +165,39 @@ def _avoid_static_disc(
 
 
 @borrowing_kernel
-def _is_occluded(walls: Array, x: float, y: float, ex: float, ey: float) -> bool:
-    """Whether one of the walls and leaves (n, 4) stands between two points."""
-    left, right, low, high = min(x, ex), max(x, ex), min(y, ey), max(y, ey)
+def _trolley_half_planes(
+    state: Any, radius: float, sight: float, p: Any, walls: Array, lines: Array, n: int
+) -> int:
+    """Lines of walls (m, 4) near a trolley, behind n others; returns how many there are."""
+    x, y = state.pose[0], state.pose[1]
     for k in range(walls.shape[0]):
-        ax, ay, bx, by = walls[k, 0], walls[k, 1], walls[k, 2], walls[k, 3]
-        # Most walls lie on one side, which is quick to see.
-        if (ax < left and bx < left) or (ax > right and bx > right):
-            continue
-        if (ay < low and by < low) or (ay > high and by > high):
-            continue
-        if segments_cross(x, y, ex, ey, ax, ay, bx, by):
-            return True
-    return False
+        ax, ay = walls[k, 0], walls[k, 1]
+        ex, ey = walls[k, 2] - ax, walls[k, 3] - ay
+        along, square = (x - ax) * ex + (y - ay) * ey, ex * ex + ey * ey
+        t = 0.0 if along <= 0.0 else (along / square if along < square else 1.0)
+        dx, dy = x - ax - t * ex, y - ay - t * ey
+        d = math.sqrt(dx * dx + dy * dy)
+        if 0.0 < d < sight and n < _WALLS:
+            n = avoid_wall(lines, n, dx / d, dy / d, d - radius, p.wall_horizon)
+    return n
 
 
 @borrowing_kernel
-def _avoid_outline(p: Any, state: Any, row: Any, n: int, lines: Array, pose: Array) -> int:
+def _avoid_outline(
+    p: Any, state: Any, row: Any, radius: float, n: int, lines: Array, pose: Array
+) -> int:
     """The line of the chair's outline as a wall, for people who see or touch it."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
     dx, dy = state.pose[0] - pose[0], state.pose[1] - pose[1]
     _, _, ex, ey = offset_from_outline(p, c, s, dx, dy)
     d = math.sqrt(ex * ex + ey * ey)
-    gap = d - row.size[0]
+    gap = d - radius
     nx, ny = body_to_world(c, s, ex, ey)
     nx, ny = nx / max(d, 1e-9), ny / max(d, 1e-9)
     sight = (p.neighbour_distance, p.inattentive_distance, 0.0)[EVERYBODY - row.avoids]
     if d > 0.0 and gap < sight:
-        return avoid_wall(lines, n, nx, ny, gap - _PERSONAL_SPACE, 2.0 * p.wall_horizon)
+        space = 0.0 if row.reaction == INDIFFERENT else _PERSONAL_SPACE
+        return avoid_wall(lines, n, nx, ny, gap - space, 2.0 * p.wall_horizon)
     if d > 0.0 and gap < _TOUCH:
         return avoid_wall(lines, n, nx, ny, 0.0, p.wall_horizon)
     return n
@@ -178,13 +205,13 @@ def _avoid_outline(p: Any, state: Any, row: Any, n: int, lines: Array, pose: Arr
 
 @borrowing_kernel
 def _avoid_chair(
-    p: Any, state: Any, row: Any, vx: float, vy: float, n: int, lines: Array, pose: Array,
+    p: Any, state: Any, own_radius: float, vx: float, vy: float, n: int, lines: Array, pose: Array,
     twist: Array,
 ) -> int:  # fmt: skip
     """Lines of the chair as two discs that cover its outline; it is not relied on to give way."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
     quarter = 0.25 * (p.outline[0] + p.outline[1])
-    radius = math.sqrt(quarter * quarter + p.outline[2] * p.outline[2]) + row.size[0]
+    radius = math.sqrt(quarter * quarter + p.outline[2] * p.outline[2]) + own_radius
     for part in range(2):
         ahead = (3.0 if part == 0 else 1.0) * quarter - p.outline[1]
         dx = pose[0] + c * ahead - state.pose[0]
@@ -198,34 +225,61 @@ def _avoid_chair(
 
 
 @borrowing_kernel
+def _moving_half_planes(
+    world: Any, p: Any, k: int, state: Any, radius: float, walls: Array, n: int, lines: Array,
+    pose: Array, twist: Array,
+) -> int:  # fmt: skip
+    """Lines of the chair and of other people for person k, or their trolley: a disc at a state."""
+    rows, actor_states = actors_of(world)
+    row, velocity = rows[k], actor_states[k].twist
+    vx, vy = velocity[0], velocity[1]
+    keeps_from_chair = row.reaction != INDIFFERENT and row.behaviour != CUTS_IN
+    if row.avoids == EVERYBODY and keeps_from_chair:
+        n = _avoid_chair(p, state, radius, vx, vy, n, lines, pose, twist)
+    if row.avoids == NOBODY:
+        return n
+    near = p.inattentive_distance if row.behaviour == READS_PHONE else p.neighbour_distance
+    for j in range(world.n_actors):
+        other, at = rows[j], actor_states[j].pose
+        dx, dy = at[0] - state.pose[0], at[1] - state.pose[1]
+        if j == k or other.kind != PERSON or dx * dx + dy * dy > near * near:
+            continue
+        if is_occluded(walls, state.pose[0], state.pose[1], at[0], at[1]):
+            continue
+        ux, uy = actor_states[j].twist[0], actor_states[j].twist[1]
+        share = 1.0 if other.avoids == NOBODY else 0.5
+        both, overlap_time = radius + other.size[0], p.decide_every * p.dt
+        n = avoid_disc(lines, n, dx, dy, both, vx, vy, ux, uy, share, p.horizon, overlap_time)
+    return n
+
+
+@borrowing_kernel
 def _choose_velocity(
-    world: Any, p: Any, k: int, wx: float, wy: float, pose: Array, twist: Array, near: Array
-) -> tuple[float, float]:
-    """The velocity that person k chooses for a preferred one (wx, wy) [m/s]."""
+    world: Any, p: Any, k: int, trolley: int, wx: float, wy: float, pose: Array, twist: Array,
+    near: Array,
+) -> tuple[float, float]:  # fmt: skip
+    """The velocity that person k, who may have a trolley, chooses for a preferred one [m/s]."""
     rows, actor_states = actors_of(world)
     row, state = rows[k], actor_states[k]
     lines = table_at(world.half_planes, 2 * HALF_PLANES, 4)
-    radius, vx, vy = row.size[0], state.twist[0], state.twist[1]
-    hard, walls = 0, near[:0]
+    radius = row.size[0]
+    hard, walls, beyond = 0, near[:0], 0.0
+    if trolley >= 0:
+        beyond = abs(rows[trolley].offset[0]) + extent(rows[trolley])
     if row.avoids != NOBODY:
         sight = radius + row.speed * p.wall_horizon
-        walls = near[: _walls_about(world, p, k, sight, near)]
+        walls = near[: _walls_about(world, p, k, trolley, sight + beyond, near)]
         hard = _static_half_planes(world, state, radius, sight, p, walls)
-    hard = n = _avoid_outline(p, state, row, hard, lines, pose)
-    if row.avoids == EVERYBODY:
-        n = _avoid_chair(p, state, row, vx, vy, n, lines, pose, twist)
-    if row.avoids != NOBODY:
-        for j in range(world.n_actors):
-            other, at = rows[j], actor_states[j].pose
-            dx, dy = at[0] - state.pose[0], at[1] - state.pose[1]
-            if j == k or other.kind != PERSON or not _is_neighbour(p, dx, dy):
-                continue
-            if _is_occluded(walls, state.pose[0], state.pose[1], at[0], at[1]):
-                continue
-            ux, uy = actor_states[j].twist[0], actor_states[j].twist[1]
-            share = 1.0 if other.avoids == NOBODY else 0.5
-            both, overlap_time = radius + other.size[0], p.decide_every * p.dt
-            n = avoid_disc(lines, n, dx, dy, both, vx, vy, ux, uy, share, p.horizon, overlap_time)
+    hard = _avoid_outline(p, state, row, radius, hard, lines, pose)
+    if trolley >= 0:
+        cart, cart_radius = actor_states[trolley], extent(rows[trolley])
+        sight = cart_radius + row.speed * p.wall_horizon
+        hard = _trolley_half_planes(cart, cart_radius, sight, p, walls, lines, hard)
+        hard = _avoid_outline(p, cart, row, cart_radius, hard, lines, pose)
+    n = _moving_half_planes(world, p, k, state, radius, walls, hard, lines, pose, twist)
+    if trolley >= 0:
+        cart, cart_radius = actor_states[trolley], extent(rows[trolley])
+        n = _moving_half_planes(world, p, k, cart, cart_radius, walls, n, lines, pose, twist)
     return best_velocity(lines, hard, n, row.speed, wx, wy)
 
 
@@ -245,17 +299,26 @@ def choose_velocities(
         _next_waypoint(world, row, state)
         at = row.first + state.waypoint
         dx, dy = route[at, 0] - state.pose[0], route[at, 1] - state.pose[1]
-        far = math.sqrt(dx * dx + dy * dy)
-        if far < _REACHED and row.points < 2:
+        far, is_on_way, plain = math.sqrt(dx * dx + dy * dy), True, only_walks(world, k)
+        if far < _REACHED and row.points < 2 and plain:
             state.preferred_velocity[0], state.preferred_velocity[1] = 0.0, 0.0
             continue
         speed = min(row.speed, far / period)
+        if not plain:
+            dx, dy, speed, is_on_way = want_of(world, p, key, tick, k, pose, twist, dx, dy)
+            far = math.sqrt(dx * dx + dy * dy)
+        if not plain or row.model == SOCIAL_FORCE:
+            face(row, state, dx, dy, period)
         sway = 0.0 if row.avoids == NOBODY else _HEADING_NOISE * normal(key, tick, ACTORS, k)
         turn = math.atan2(dy, dx) + sway
         wx, wy = speed * math.cos(turn), speed * math.sin(turn)
-        state.preferred_velocity[0], state.preferred_velocity[1] = _choose_velocity(
-            world, p, k, wx, wy, pose, twist, near
-        )
+        if row.model != SOCIAL_FORCE:
+            trolley = -1 if plain else trolley_of(world, k)
+            wx, wy = _choose_velocity(world, p, k, trolley, wx, wy, pose, twist, near)
+        state.preferred_velocity[0], state.preferred_velocity[1] = wx, wy
+        if not is_on_way:
+            state.blocked_for = 0.0
+            continue
         got = (state.twist[0] * dx + state.twist[1] * dy) / max(far, 1e-9)
         change = period if got < _SLOW * speed else -period
         state.blocked_for = max(0.0, state.blocked_for + change)

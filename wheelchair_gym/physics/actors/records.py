@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from wheelchair_gym.compiled.address import as_array
 from wheelchair_gym.config import FARTHEST, InputError
+from wheelchair_gym.errors import shorten
 from wheelchair_gym.geometry import polygon_edges, to_world
 
 Array = NDArray[np.float64]
@@ -26,6 +27,18 @@ ACTOR_KINDS: Final = ("person", "door", "obstacle", "furniture")
 # What a person keeps clear of, beside walls and things.
 NOBODY, PEOPLE, EVERYBODY = range(3)
 
+# How a person gets where they want: `orca.py`, `social_force.py`.
+ORCA, SOCIAL_FORCE = range(2)
+MODELS: Final = ("orca", "social_force")
+
+# What a person does: `behaviours.py`.
+WALKS, PAUSES, CUTS_IN, READS_PHONE, WALKS_BESIDE, RUNS = range(6)
+BEHAVIOURS: Final = ("walks", "pauses", "cuts_in", "reads_phone", "walks_beside", "runs")
+
+# And how they react to a chair that they see.
+REGULAR, CURIOUS, WARY, SURPRISED, INDIFFERENT = range(5)
+REACTIONS: Final = ("regular", "curious", "wary", "surprised", "indifferent")
+
 RADIUS: Final = 0.25  # m, of a person: shoulders 0.5 m wide (Fruin 1971: body ellipse 0.6 x 0.45)
 MASS: Final = 75.0  # kg, of a person: ISO 7176-11's middle dummy
 SPEED: Final = 1.34  # m/s that people prefer (Weidmann 1993; standard deviation 0.26 m/s)
@@ -33,6 +46,18 @@ FLOOR: Final = 0.4  # friction of furniture on the floor: felt or rubber feet on
 LEAF_TURN: Final = 1.0  # rad/s of a swing door: 90 degrees in under 2 s
 LEAF_SPEED: Final = 0.5  # m/s of a sliding door
 LEAF_WIDTH: Final = 0.04  # m, thickness of a leaf: DIN 68706-1, 39 to 42 mm
+FASTEST: Final = 1.5  # m/s of who does more than walk, and of trolleys: as the shield expects
+TROLLEY: Final = (0.60, 0.40)  # m: length and width of a serving trolley
+TROLLEY_MASS: Final = 20.0  # kg: loaded
+FIRST_LOOK: Final = 0.5  # m: at way points nearer than this nobody looks first
+GROUP_SIZES: Final = (2, 3, 4)
+_HANDLE = 0.10  # m between a trolley and who pushes it
+ABREAST: Final = 0.75  # m between neighbours of a group (Moussaid et al. 2010: 0.8 m)
+_AHEAD = 0.3  # m that the wings of a V are ahead of its middle
+# (ahead, to the left) [m] of those who walk with the first of a group: a V from three on
+PLACES_OF_GROUP: Final = ((0.0, ABREAST),), ((_AHEAD, ABREAST), (_AHEAD, -ABREAST)), (
+    (_AHEAD, ABREAST), (_AHEAD, -ABREAST), (-0.8, 0.0)
+)  # fmt: skip
 
 ACTOR = np.dtype(
     [
@@ -53,9 +78,19 @@ ACTOR = np.dtype(
         ("since", "f8"),  # s: from when on
         ("stay", "f8"),  # s: how long a door is open, or an obstacle there
         ("every", "f8"),  # s: period of a door's timetable; inf: once
+        ("model", "i8"),  # ORCA, SOCIAL_FORCE
+        ("behaviour", "i8"),  # WALKS, PAUSES, ...
+        ("reaction", "i8"),  # REGULAR, CURIOUS, ...
+        ("leader", "i8"),  # who leads its group, or pushes it: so many rows before; 0: nobody
+        ("offset", "f8", (2,)),  # m: ahead of that person, or of the chair, and to the left
     ],
     align=True,
 )
+
+
+# Those of recordings until release 0.2: people only walk, by ORCA.
+_FORMER = (ACTOR.names or ())[: (ACTOR.names or ()).index("model")]
+FORMER_ACTOR = np.dtype([(name, ACTOR[name]) for name in _FORMER], align=True)
 
 
 class Actors(NamedTuple):
@@ -115,12 +150,17 @@ def check_actors(actors: Actors) -> Actors:
     """
     rows = as_array(actors.rows, ACTOR, (None,), "Actors.rows")
     routes = as_array(actors.routes, np.float64, (None, 2), "Actors.routes", FARTHEST)
-    for name in ("pose", "size", "friction", "speed", "travel", "least"):
+    for name in ("pose", "size", "friction", "speed", "travel", "least", "offset"):
         as_array(
             rows[name], np.float64, (None, *ACTOR[name].shape), f"Actors.rows.{name}", FARTHEST
         )
     walks = rows["kind"] == PERSON
     first, points = rows["first"], rows["points"]
+    leader, numbers = rows["leader"], np.arange(len(rows))
+    led = (leader >= 0) & (leader <= numbers)
+    moved = walks | ((rows["kind"] == FURNITURE) & (rows["size"][:, 1] > 0.0))
+    moved &= walks[numbers - np.where(led, leader, 0)]
+    led &= (leader == 0) | moved
     right = {
         "kind": (rows["kind"] >= 0) & (rows["kind"] < len(ACTOR_KINDS)),
         "size": (rows["size"][:, 0] > 0.0) & (rows["size"][:, 1] >= 0.0),
@@ -130,7 +170,12 @@ def check_actors(actors: Actors) -> Actors:
         "avoids": (rows["avoids"] >= NOBODY) & (rows["avoids"] <= EVERYBODY),
         "first": (first >= 0) & (first <= len(routes)),
         "points": (points >= walks) & (points <= len(routes) - first),
-    } | {name: rows[name] >= 0.0 for name in ("patience", "near", "since", "stay", "every")}
+        "model": (rows["model"] >= 0) & (rows["model"] < len(MODELS)),
+        "behaviour": (rows["behaviour"] >= 0) & (rows["behaviour"] < len(BEHAVIOURS)),
+        "reaction": (rows["reaction"] >= 0) & (rows["reaction"] < len(REACTIONS)),
+        "leader": led,
+        "every": (rows["every"] > 0.0) | ((rows["every"] == 0.0) & (rows["behaviour"] == WALKS)),
+    } | {name: rows[name] >= 0.0 for name in ("patience", "near", "since", "stay")}
     for name, fits in right.items():
         if not fits.all():
             k = int(np.flatnonzero(~fits)[0])
@@ -179,6 +224,15 @@ def person(
     mass: float = MASS,
     patience: float = 4.0,
     at: ArrayLike | None = None,
+    model: int = ORCA,
+    behaviour: int = WALKS,
+    reaction: int = REGULAR,
+    near: float = math.inf,
+    since: float = 0.0,
+    stay: float = math.inf,
+    every: float = math.inf,
+    leader: int = 0,
+    offset: tuple[float, float] = (0.0, 0.0),
 ) -> Actor:
     """Someone who walks a route there and back, again and again.
 
@@ -191,18 +245,101 @@ def person(
         mass: [kg].
         patience: without getting on, after which they turn back [s].
         at: where they stand first (2,) [m]; the first way point if left out.
+        model: how they get where they want: ORCA or SOCIAL_FORCE.
+        behaviour: WALKS; PAUSES (stands from `since` on for `stay`, and again after `every`);
+            CUTS_IN (goes to stand before a chair that is `near`, for `stay`, and not again for
+            `every`); READS_PHONE (notices chair and people when they are a step away);
+            WALKS_BESIDE (keeps an `offset` from the chair) or RUNS (turns aside or stands, anew
+            after `every`).
+        reaction: to a chair that they see: REGULAR, CURIOUS, WARY, SURPRISED or INDIFFERENT.
+        near: of what starts a behaviour [m].
+        since: of a behaviour [s].
+        stay: of a behaviour [s].
+        every: of a behaviour [s].
+        leader: who leads their group, so many actors before this one; 0: nobody.
+        offset: ahead of the leader or the chair, and to the left (2,) [m].
 
     Raises:
         InputError: a value is out of bounds.
     """
+    for name, number, known in (
+        ("model", model, MODELS), ("behaviour", behaviour, BEHAVIOURS),
+        ("reaction", reaction, REACTIONS),
+    ):  # fmt: skip
+        if number not in range(len(known)):
+            raise InputError(
+                f"person: {name} is {shorten(number)}; expected 0 to {len(known) - 1}: "
+                + ", ".join(known)
+            )
+    if behaviour == READS_PHONE:
+        avoids = min(avoids, PEOPLE)
+    if behaviour != WALKS and not every > 0.0:
+        raise InputError(f"person: every is {every:g} s; expected a positive number")
     points = np.asarray(route, np.float64).reshape(-1, 2)
     if not len(points):
         raise InputError("person: the route has no way points; expected one at least")
     x, y = points[0] if at is None else np.asarray(at, np.float64)
     return _actor(
         PERSON, points, pose=(x, y, 0.0), size=(radius, 0.0), mass=mass, speed=speed, avoids=avoids,
-        patience=patience,
+        patience=patience, model=model, behaviour=behaviour, reaction=reaction, near=near,
+        since=since, stay=stay, every=every, leader=leader, offset=offset,
     )  # fmt: skip
+
+
+def first_heading(walker: Actor) -> float:
+    """Where a person looks at first [rad]: at the first way point that is not where they stand."""
+    away = walker.route - walker.row["pose"][0, :2]
+    for x, y in away:
+        if math.hypot(x, y) > FIRST_LOOK:
+            return math.atan2(y, x)
+    return 0.0
+
+
+def group(first: Actor, size: int, speed: float) -> list[Actor]:
+    """People who walk together: the first one, and others at places beside them.
+
+    Args:
+        first: a person, who leads.
+        size: how many they are, 2 to 4.
+        speed: with which those who fall behind catch up [m/s].
+
+    Raises:
+        InputError: the size is out of bounds.
+    """
+    if size not in GROUP_SIZES:
+        raise InputError(f"group: size is {shorten(size)}; expected 2, 3 or 4")
+    x, y, _ = first.row["pose"][0]
+    found, pose = [first], (x, y, first_heading(first))
+    for number, offset in enumerate(PLACES_OF_GROUP[size - 2], start=1):
+        row = first.row.copy()
+        row["leader"], row["offset"], row["speed"] = number, offset, speed
+        row["pose"][0, :2] = to_world(np.array(offset), pose)
+        found.append(Actor(row, first.route))
+    return found
+
+
+def with_trolley(
+    walker: Actor, ahead: bool = True, size: tuple[float, float] = TROLLEY,
+    mass: float = TROLLEY_MASS,
+) -> list[Actor]:  # fmt: skip
+    """A person who pushes a trolley, or pulls it if it is not `ahead`, and that trolley.
+
+    Args:
+        walker: who walks with it.
+        ahead: before the person; else behind.
+        size: length and width [m].
+        mass: with its load [kg].
+    """
+    walker.row["mass"] += mass  # legs move both
+    far = float(walker.row["size"][0, 0]) + _HANDLE + 0.5 * size[0]
+    offset = (far if ahead else -far, 0.0)
+    x, y, _ = walker.row["pose"][0]
+    yaw = first_heading(walker)
+    x, y = to_world(np.array(offset), (x, y, yaw))
+    return [
+        walker,
+        _actor(FURNITURE, pose=(x, y, yaw), size=size, mass=mass, leader=1, offset=offset),
+    ]
 
 
 def door(

@@ -1,0 +1,419 @@
+"""People in a scene: how many, what kinds of people, and the routes that they walk."""
+
+from __future__ import annotations
+
+import math
+from typing import Final, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.geometry import to_world
+from wheelchair_gym.maps import FREE, OCCUPIED, Geodesic, OccupancyGrid, geodesic
+from wheelchair_gym.physics.actors.records import (
+    CUTS_IN,
+    EVERYBODY,
+    FASTEST,
+    GROUP_SIZES,
+    MODELS,
+    NOBODY,
+    PAUSES,
+    PEOPLE,
+    RADIUS,
+    REACTIONS,
+    READS_PHONE,
+    RUNS,
+    SPEED,
+    WALKS_BESIDE,
+    Actor,
+    group,
+    leaf_line,
+    person,
+    with_trolley,
+)
+from wheelchair_gym.scenes.passages import Passage
+from wheelchair_gym.scenes.poses import check_ranges
+
+Array = NDArray[np.float64]
+
+WALKING_RADIUS = RADIUS + 0.10  # m: people's routes keep this from walls
+_PLACES = 8  # where people are going to: each costs one geodesic
+_TRIES = 60  # starts drawn for one person before they stay away
+_TRIES_TOGETHER = 20  # of groups and trolleys, before somebody walks alone
+_LEAST_WAY = 3.0  # m: shorter routes are no routes
+_PAIR = 0.7  # m between people at the beginning
+
+CHILD: Final = 0.18, 25.0  # m, kg: radius and mass at some eight years
+_RUN_TIME = 1.5  # s for which a child runs one way
+_PHONE_SHARE = 0.77  # of the speed: 19.3 s instead of 25.0 s (Licence et al. 2015)
+_TROLLEY_SPEED = 1.0  # m/s: its far end, turned by 1 rad/s, then moves with 1.45 m/s
+_PUSHED_SHARE = 0.7  # of trolleys; the others are pulled
+_PAUSE, _BETWEEN_PAUSES = (2.0, 8.0), (5.0, 15.0)  # s
+_CUTS_WITHIN, _CUTS, _CUTS_AGAIN, _CUTTING_SPEED = 3.0, (3.0, 6.0), 20.0, 1.2  # m, s, s, m/s
+_BESIDE, _BESIDE_SPEED = 0.85, 1.1  # m from the chair's middle, m/s
+_ROOM_BESIDE = 0.4  # m: radius of the room for a trolley, and for each of a group
+
+
+class _Shares:
+    """Shares of people, which add up to 1 at most; the others do nothing special."""
+
+    def __post_init__(self) -> None:
+        if self.total > 1.0 + 1e-9:
+            what = type(self).__name__
+            raise InputError(f"{what} add up to {self.total:g}; expected 1 at most")
+
+    @property
+    def total(self) -> float:
+        """The share of those who do something special."""
+        return float(sum(vars(self).values()))
+
+    def spread(self, start: float, count: int) -> list[str]:
+        """What each of so many people does: a name of a share, or "".
+
+        With an even spread, which a number in [0, 1) shifts, who has a share of 1/count is there.
+        """
+        names, ends = ["", *vars(self)], np.cumsum([1.0 - self.total, *vars(self).values()])
+        at = (start + np.arange(count)) / max(count, 1)
+        return [names[min(k, len(names) - 1)] for k in np.searchsorted(ends, at, side="right")]
+
+
+@settings
+class BehaviourShares(_Shares):
+    """Shares of people who do more than walk along their routes."""
+
+    groups: float = setting(
+        default=0.0, low=0.0, high=1.0, source="Moussaid et al. 2010: up to 0.7"
+    )
+    """Who walk in groups of two to four."""
+    pauses: float = setting(default=0.0, low=0.0, high=1.0, source="design choice")
+    """Who stop for a while, again and again."""
+    cuts_in: float = setting(default=0.0, low=0.0, high=1.0, source="design choice")
+    """Who step before the chair and walk there for a while."""
+    reads_phone: float = setting(default=0.0, low=0.0, high=1.0, source="design choice")
+    """Who look at their phone: slower, and they notice others when these are a step away."""
+    walks_beside: float = setting(default=0.0, low=0.0, high=1.0, source="design choice")
+    """Who walk beside the chair; two at most."""
+    children: float = setting(default=0.0, low=0.0, high=1.0, source="design choice")
+    """Children who run."""
+    trolleys: float = setting(default=0.0, low=0.0, high=1.0, source="design choice")
+    """Who push a trolley, or pull it."""
+
+
+@settings
+class ReactionShares(_Shares):
+    """Shares of people who react to the chair otherwise than to another person.
+
+    People who cut in, walk beside the chair or in a group are not counted: they do not react so.
+    """
+
+    curious: float = setting(default=0.0, low=0.0, high=1.0, source="HuNavSim's reaction")
+    """Who come near and look."""
+    wary: float = setting(default=0.0, low=0.0, high=1.0, source="HuNavSim's reaction: scared")
+    """Who keep wide of it, and slow down."""
+    surprised: float = setting(default=0.0, low=0.0, high=1.0, source="HuNavSim's reaction")
+    """Who stop and look."""
+    indifferent: float = setting(
+        default=0.0, low=0.0, high=1.0, source="HuNavSim's reaction: impassive"
+    )
+    """Who treat it as a thing that stands."""
+
+
+@settings
+class PeopleSettings:
+    """Number and behaviour of people."""
+
+    density: tuple[float, float] = setting(
+        default=(0.03, 0.08), unit="1/m2", low=0.0, high=1.0, source="design choice"
+    )
+    """Least and greatest number of people per free area; of a lift, per area of its cabin."""
+    speed: float = setting(default=SPEED, unit="m/s", low=0.1, source="Weidmann 1993")
+    """Mean preferred walking speed."""
+    speed_sigma: float = setting(default=0.26, unit="m/s", low=0.0, source="Weidmann 1993")
+    """Standard deviation of the preferred walking speed."""
+    min_speed: float = setting(
+        default=0.4, unit="m/s", low=0.05, source="a person with a walking frame"
+    )
+    """Least preferred walking speed."""
+    inattentive_share: float = setting(default=0.1, low=0.0, high=1.0, source="design choice")
+    """Share of people who do not see the chair."""
+    crossing_share: float = setting(default=0.0, low=0.0, high=1.0, source="DynaBARN")
+    """Share of moving cylinders that avoid nobody."""
+    patience: float = setting(default=4.0, unit="s", low=0.5, source="design choice")
+    """Time without progress after which a person turns back."""
+    start_distance: float = setting(default=2.0, unit="m", low=0.8, source="design choice")
+    """Least distance of people from the chair's start."""
+    model: Literal["orca", "social_force"] = setting(default="orca", source="design choice")
+    """How people avoid others: optimal reciprocal collision avoidance, or the headed social force
+    model."""
+    behaviours: BehaviourShares = BehaviourShares()
+    reactions: ReactionShares = ReactionShares()
+
+    def __post_init__(self) -> None:
+        check_ranges(self, "density")
+
+    @property
+    def only_walk(self) -> bool:
+        """Whether all people do nothing but walk along their routes."""
+        return self.behaviours.total == 0.0 and self.reactions.total == 0.0
+
+
+def free_area(grid: OccupancyGrid) -> float:
+    """Area [m2] of the map that is free."""
+    return float((grid.cells == FREE).sum()) * grid.resolution**2
+
+
+def draw_place(rng: np.random.Generator, grid: OccupancyGrid, cells: NDArray[np.intp]) -> Array:
+    """A place (2,) [m] in one of the cells (n, 2)."""
+    cell = cells[rng.integers(len(cells))]
+    drawn: Array = grid.to_world(cell) + rng.uniform(-0.4, 0.4, 2) * grid.resolution
+    return drawn
+
+
+def cells_along(grid: OccupancyGrid, a: Array, b: Array, steps: float) -> NDArray[np.int64]:
+    """Cells (n, 2) at even steps along the segment a-b, its ends included."""
+    shares = np.linspace(0.0, 1.0, 2 + math.ceil(steps))
+    return grid.to_cell(a + shares[:, None] * (b - a))
+
+
+def sample_people(
+    rng: np.random.Generator,
+    grid: OccupancyGrid,
+    start: Array,
+    people: PeopleSettings,
+    taken: list[Array],
+    leaves: list[Actor],
+) -> list[Actor]:
+    """People on routes between places of a map; none begins where a leaf swings.
+
+    Args:
+        rng: every draw comes from it.
+        grid: where they walk.
+        start: pose (3,) of the chair.
+        people: their number and behaviour.
+        taken: places (x, y, reach) where something stands already; those of people are added.
+        leaves: doors; routes lead round them where they stand open.
+    """
+    count = round(rng.uniform(*people.density) * free_area(grid))
+    grid = _with_open_doors(grid, leaves)
+    cells = np.argwhere(grid.traversable(WALKING_RADIUS))
+    for leaf in leaves:
+        hinge, length = leaf.row["pose"][0, :2], leaf.row["size"][0, 0]
+        far = np.hypot(*(grid.to_world(cells) - hinge).T) > length + WALKING_RADIUS
+        cells = cells[far | ~leaf.row["swings"]]
+    if not count or not len(cells):
+        return []
+    goals = [draw_place(rng, grid, cells) for _ in range(min(_PLACES, count))]
+    paths = [geodesic(grid, goal, WALKING_RADIUS) for goal in goals]
+    found: list[Actor] = []
+    for kind in _draw_kinds(rng, people, count):
+        speed, avoids = _draw_walker(rng, people)
+        near = _too_near(start, people, taken)
+        made: list[Actor] = []
+        for _ in range(_TRIES_TOGETHER if kind.behaviour in TOGETHER else 1):
+            route = _draw_route(rng, grid, cells, paths, avoids == NOBODY, near)
+            if route is None:
+                break
+            who = person(route, speed, avoids=avoids, patience=people.patience)
+            made = _make(rng, people, kind, who)
+            if _fits(made, grid, near):
+                break
+            made = made[:1]
+        if made and kind.behaviour == "walks_beside":
+            _put_beside_chair(made[0], start, grid, taken)
+        found += _take(made, taken) if made else []
+    return found
+
+
+TOGETHER: Final = ("groups", "trolleys")  # behaviours of more than one actor
+
+
+class Kind(NamedTuple):
+    """What somebody is beside a walker: names of shares, and the size of their group."""
+
+    behaviour: str = ""
+    reaction: str = ""
+    size: int = 1
+
+
+def _draw_kinds(rng: np.random.Generator, people: PeopleSettings, count: int) -> list[Kind]:
+    """What so many people do; a group is one entry."""
+    if people.only_walk:
+        return [Kind()] * count
+    behaviours = people.behaviours.spread(rng.random(), count)
+    in_groups = behaviours.count("groups")
+    kinds = []
+    while in_groups > 1:
+        # Nobody is left over who would be a group of one.
+        sizes = [n for n in GROUP_SIZES if n == in_groups or n + 1 < in_groups]
+        kinds.append(Kind("groups", size=int(rng.choice(sizes))))
+        in_groups -= kinds[-1].size
+    others = [name for name in behaviours if name != "groups"] + [""] * in_groups
+    react = [k for k, name in enumerate(others) if name not in ("cuts_in", "walks_beside")]
+    reactions = dict(
+        zip(rng.permutation(react), people.reactions.spread(rng.random(), len(react)), strict=True)
+    )
+    kinds += [Kind(name, reactions.get(k, "")) for k, name in enumerate(others)]
+    return [kinds[k] for k in rng.permutation(len(kinds))]
+
+
+def _make(
+    rng: np.random.Generator, people: PeopleSettings, kind: Kind, walker: Actor
+) -> list[Actor]:
+    """A walker as a kind says, and who or what goes with them."""
+    row = walker.row
+    row["model"] = MODELS.index(people.model)
+    if people.model != "orca" or not people.only_walk:
+        row["speed"] = min(row["speed"][0], FASTEST)
+    if kind.reaction:
+        row["reaction"] = REACTIONS.index(kind.reaction)
+    match kind.behaviour:
+        case "groups":
+            row["speed"] = min(row["speed"][0], _group_speed(kind.size))
+            return group(walker, kind.size, FASTEST)
+        case "pauses":
+            row["behaviour"], row["stay"] = PAUSES, rng.uniform(*_PAUSE)
+            row["every"] = row["stay"] + rng.uniform(*_BETWEEN_PAUSES)
+            row["since"] = rng.uniform(0.0, row["every"][0])
+        case "cuts_in":
+            row["behaviour"], row["near"], row["stay"] = CUTS_IN, _CUTS_WITHIN, rng.uniform(*_CUTS)
+            row["every"], row["speed"] = _CUTS_AGAIN, max(row["speed"][0], _CUTTING_SPEED)
+        case "reads_phone":
+            row["behaviour"], row["speed"] = READS_PHONE, _PHONE_SHARE * row["speed"]
+            row["avoids"] = min(row["avoids"][0], PEOPLE)
+        case "children":
+            row["behaviour"], row["every"], row["speed"] = RUNS, _RUN_TIME, FASTEST
+            row["size"][0, 0], row["mass"] = CHILD
+        case "trolleys":
+            row["speed"] = min(row["speed"][0], _TROLLEY_SPEED)
+            return with_trolley(walker, bool(rng.random() < _PUSHED_SHARE))
+    return [walker]
+
+
+def _fits(made: list[Actor], grid: OccupancyGrid, near: list[tuple[float, float, float]]) -> bool:
+    """Whether there is room for those who go with the first of them."""
+    free = grid.traversable(_ROOM_BESIDE)
+    places = [each.row["pose"][0, :2] for each in made[1:]]
+    return all(
+        _is_free(grid, free, place) and all(math.dist(place, (x, y)) >= r for x, y, r in near)
+        for place in places
+    )
+
+
+def _take(made: list[Actor], taken: list[Array]) -> list[Actor]:
+    """The same people, once their places are taken."""
+    room = [RADIUS] + [_ROOM_BESIDE] * (len(made) - 1)
+    taken += [np.array([*each.row["pose"][0, :2], r]) for each, r in zip(made, room, strict=True)]
+    return made
+
+
+def _is_free(grid: OccupancyGrid, free: NDArray[np.bool_], place: Array) -> bool:
+    """Whether a place (2,) [m] lies in one of the free cells of a map."""
+    inside: bool = bool(grid.inside(place)) and bool(free[tuple(grid.to_cell(place))])
+    return inside
+
+
+def _put_beside_chair(walker: Actor, start: Array, grid: OccupancyGrid, taken: list[Array]) -> None:
+    """Let a walker begin beside the chair, left or right, and stay there, if there is room."""
+    free = grid.traversable(RADIUS)
+    for offset in ((0.0, _BESIDE), (0.0, -_BESIDE)):
+        place = to_world(np.array(offset), start)
+        gap = min((math.dist(at[:2], place) for at in taken), default=math.inf)
+        if _is_free(grid, free, place) and gap >= 2.0 * RADIUS:
+            row = walker.row
+            row["behaviour"], row["offset"] = WALKS_BESIDE, offset
+            row["speed"] = max(row["speed"][0], _BESIDE_SPEED)
+            row["pose"][0, :2] = place
+            return
+
+
+def _group_speed(size: int) -> float:
+    """Mean speed [m/s] of a group (Moussaid et al. 2010)."""
+    return 1.24 - 0.08 * size
+
+
+def _draw_walker(rng: np.random.Generator, people: PeopleSettings) -> tuple[float, int]:
+    """Preferred speed [m/s] of somebody, and what they keep clear of."""
+    speed = max(people.min_speed, rng.normal(people.speed, people.speed_sigma))
+    if rng.random() < people.crossing_share:
+        return speed, NOBODY
+    return speed, PEOPLE if rng.random() < people.inattentive_share else EVERYBODY
+
+
+def _too_near(
+    start: Array, people: PeopleSettings, taken: list[Array]
+) -> list[tuple[float, float, float]]:
+    """Discs (x, y, radius) [m] in which nobody begins."""
+    near = [(*start[:2], people.start_distance + RADIUS)]
+    return near + [(*at[:2], _PAIR - RADIUS + at[2]) for at in taken]
+
+
+def sample_passage_people(
+    rng: np.random.Generator, passage: Passage, people: PeopleSettings, taken: list[Array]
+) -> list[Actor]:
+    """People of a passage; `taken` as in `sample_people`. In a lift there is one at least."""
+    found: list[Actor] = []
+    grid = passage.arena.map
+    count = max(people.density[1] > 0.0, round(rng.uniform(*people.density) * passage.area))
+    for kind in _draw_kinds(rng, people, count):
+        speed, avoids = _draw_walker(rng, people)
+        near = _too_near(passage.start, people, taken)
+        for tried in range(_TRIES):
+            place, route = passage.draw_walk(rng)
+            if all(math.dist(place, (x, y)) >= radius for x, y, radius in near):
+                who = person(route, speed, avoids=avoids, patience=people.patience, at=place)
+                made = _make(rng, people, kind, who)
+                if not _fits(made, grid, near):
+                    if tried < _TRIES_TOGETHER:
+                        continue
+                    made = made[:1]
+                if kind.behaviour == "walks_beside":
+                    _put_beside_chair(who, passage.start, grid, taken)
+                found += _take(made, taken)
+                break
+    return found
+
+
+def _with_open_doors(grid: OccupancyGrid, leaves: list[Actor]) -> OccupancyGrid:
+    """A copy of the map on which leaves that swing stand open."""
+    cells = grid.cells.copy()
+    for leaf in leaves:
+        row = leaf.row[0]
+        if row["swings"]:
+            x, y, heading = row["pose"]
+            a, b = leaf_line(row, x, y, heading + row["travel"])
+            on = cells_along(grid, a, b, 4.0 * row["size"][0] / grid.resolution)
+            inside = ((on >= 0) & (on < grid.shape)).all(axis=1)
+            cells[tuple(on[inside].T)] = OCCUPIED
+    return OccupancyGrid(cells, grid.resolution, grid.origin)
+
+
+def _draw_route(
+    rng: np.random.Generator,
+    grid: OccupancyGrid,
+    cells: NDArray[np.intp],
+    paths: list[Geodesic],
+    straight: bool,
+    near: list[tuple[float, float, float]],
+) -> Array | None:
+    """A route (n, 2) [m] that begins in one of the cells, or None where the draws were unlucky.
+
+    It begins outside of the discs `near`, and leads to the goal of a geodesic or `straight` to
+    another cell.
+    """
+    for _ in range(_TRIES):
+        here = draw_place(rng, grid, cells)
+        path = paths[rng.integers(len(paths))]
+        if any(math.dist(here, (x, y)) < radius for x, y, radius in near):
+            continue
+        if straight:
+            there = draw_place(rng, grid, cells)
+            length = math.dist(here, there)
+            on = cells_along(grid, here, there, length / grid.resolution)
+            if length >= _LEAST_WAY and grid.traversable(WALKING_RADIUS)[tuple(on.T)].all():
+                return np.array([here, there])
+        elif _LEAST_WAY <= float(path.at(here)) < math.inf:
+            route = path.path(here)
+            if len(route) >= 2:
+                return route
+    return None
