@@ -23,6 +23,13 @@ class RosbridgeSettings:
         default=128 << 20, unit="bytes", low=1024, source="a map of 30 million cells"
     )
     """Maximum size of a message."""
+    tls: bool = setting(default=False)
+    """Encrypt the connection (wss), and check the other side's certificate."""
+    ca_file: str = setting(default="")
+    """PEM file of the authority that has signed that certificate; empty: the system's."""
+    token_file: str = setting(default="")
+    """File with the token that is sent as `Authorization: Bearer TOKEN`, for a proxy in front of
+    rosbridge_server, which itself knows no tokens; empty: none."""
 
 
 @settings
