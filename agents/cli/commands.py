@@ -167,7 +167,8 @@ SHIELD = option(
     "--shield", "filter commands by the shield (default: on, with the config's settings if any)",
     choices=("on", "off"),
 )  # fmt: skip
-CHAIR = "a real chair: hardware, ros://HOST:PORT, or FILE.json:NAME as in configs/chairs.json"
+CHAIR = ("a real chair: hardware, ros2://HOST:PORT, ros://HOST:PORT, or FILE.json:NAME as in "
+         "configs/chairs.json")  # fmt: skip
 MAP_FILES = ("map_server .yaml, MovingAI .map, HouseExpo .json, polygons .json, or an image of a "
              "floor plan with --resolution")  # fmt: skip
 RESOLUTION = option("--resolution", "edge of a pixel of an image [m]", finite, "M")

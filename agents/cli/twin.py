@@ -149,10 +149,13 @@ def _link(given: argparse.Namespace, driver: Any) -> Any:
     from wheelchair_gym.hardware.registry import chair_settings
     from wheelchair_gym.hardware.ros.rosbridge import Rosbridge, read_token
     from wheelchair_gym.hardware.ros.server import RosbridgeServer
+    from wheelchair_gym.hardware.ros.settings import RosSettings
 
     link: Any
     if given.rosbridge is not None:
         other = chair_settings(chair_spec(given.rosbridge))
+        if not isinstance(other, RosSettings):
+            raise InputError(f"--rosbridge {given.rosbridge}: expected ros://HOST:PORT")
         link = Rosbridge(other.host, other.port, driver.command, other.link)
         link.subscribe(COMMAND, COMMAND_TYPES[given.stamped])
     else:

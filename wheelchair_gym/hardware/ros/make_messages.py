@@ -205,9 +205,9 @@ def twist(v: float, w: float) -> Message:
     return {"linear": _vector(v, 0.0), "angular": _vector(0.0, 0.0, w)}
 
 
-def twist_stamped(now: int, v: float, w: float) -> Message:
+def twist_stamped(now: int, v: float, w: float, frame: str = "base_link") -> Message:
     """A geometry_msgs/TwistStamped."""
-    return {"header": header(now, "base_link"), "twist": twist(v, w)}
+    return {"header": header(now, frame), "twist": twist(v, w)}
 
 
 def footprint(now: int, corners: Array) -> Message:

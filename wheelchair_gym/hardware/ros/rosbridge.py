@@ -111,7 +111,8 @@ class Rosbridge:
     Attributes:
         lost: why the link is lost, in a line; empty while it is open.
         closed: is set when the link is lost.
-        farewell: a topic and a message that are published before the link is closed.
+        farewell: a topic, and what makes the message that is published on it before the link is
+            closed.
 
     Raises:
         InputError: the extra 'ros' is not installed, or no rosbridge answers there.
@@ -129,7 +130,7 @@ class Rosbridge:
         self.url = f"ros://{name}:{port}"
         self.lost, self.closed = "", threading.Event()
         self._write_lock = threading.RLock()
-        self.farewell: tuple[str, Any] | None = None
+        self.farewell: tuple[str, Callable[[], Any]] | None = None
         self.services: dict[str, Service] = {}
         self._on_message, self._stack = on_message, ExitStack()
         try:
@@ -231,8 +232,8 @@ class Rosbridge:
             if not self.lost:
                 self.lost = " ".join(why.split())
                 if self.farewell is not None:
-                    topic, message = self.farewell
-                    last = {"op": "publish", "topic": topic, "msg": message}
+                    topic, make = self.farewell
+                    last = {"op": "publish", "topic": topic, "msg": make()}
                     with suppress(Exception):  # the link may be the very thing that is broken
                         self._socket.send(json.dumps(last))
         self.closed.set()

@@ -264,7 +264,8 @@ class RosbridgeServer:
             client.topics = {**client.topics, topic: (queue, interval)}
             if topic in self._latched:
                 client.put(topic, self._latched[topic], latched=True)
-        return "" if topic in self._topics else f"{topic} is not published here"
+        known = topic in self._topics or "type" in content  # with a type, it may come later
+        return "" if known else f"{topic} is not published here"
 
     def _call(self, client: _Client, content: Mapping[str, Any]) -> None:
         name = str(content.get("service", ""))

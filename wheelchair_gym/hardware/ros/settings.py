@@ -42,10 +42,14 @@ class RosSettings:
     """TCP port of rosbridge_server."""
     scan: str = setting(default="/scan", source=_THESIS)
     """Topic of the laser scan."""
+    more_scans: tuple[str, ...] = setting(default=(), source="the thesis has one laser")
+    """Topics of further lasers, in the order of sensors.more_lasers."""
     odometry: str = setting(default="/ARDUINO1/Odom", source=_THESIS)
     """Topic of the odometry."""
     velocity: str = setting(default="/ARDUINO1/Velocity", source=_THESIS)
     """Topic of the commanded twist."""
+    stamped: bool = setting(default=False, source="the thesis; nav2 until Jazzy")
+    """The commanded twist is a TwistStamped, as nav2 expects from Kilted on, and no Twist."""
     map: str = setting(default="/map", source=_THESIS)
     """Topic of the map."""
     tf: str = setting(default="/tf", source=_THESIS)
