@@ -86,7 +86,8 @@ class Robot:
         self.link: Link
         self.wish, self.late = "", 0
         self._lock = threading.Lock()
-        self._twist, self._commander, self._fresh = (0.0, 0.0), None, False
+        self._twist, self._fresh = (0.0, 0.0), False
+        self._commander: object = None
         self._silent, self._stopped = math.inf, True
         self._elapsed = 1.0  # s of simulated time: for tf2, a stamp of 0 means the newest
         self._due = 0.0

@@ -9,6 +9,7 @@ import json
 import math
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -293,7 +294,7 @@ def test_it_stands_after_a_contact_until_a_service_is_called(tmp_path):
 def test_a_stranger_drives_floor_plans_and_is_scored(tmp_path):
     result, bag = tmp_path / "result.json", tmp_path / "bag"
     served = Served(
-        "--scene", "floor_plan", "--seed", "3", "--episodes", "2", "--sim-time", "3",
+        "--scene", "floor_plan", "--seed", "3", "--episodes", "2", "--sim-time", "5",
         "--rate", "20", "--json", str(result), "--record", str(bag), "--format", "ros2",
     )  # fmt: skip
     assert "wheelchair_gym" not in CONTROLLER.read_text().partition('"""\n')[2]
@@ -343,6 +344,61 @@ def test_a_token_is_needed_where_one_is_set():
         with Client(server.url, additional_headers={"Authorization": "Bearer abc"}) as client:
             client.drive(0.1)
             assert until(lambda: taken)
+    finally:
+        server.close()
+
+
+def test_a_frozen_client_holds_nobody_up():
+    """Neither the messages to others nor the end of the program."""
+    frozen = subprocess.Popen(
+        [sys.executable, "-c", "import sys, time; from websockets.sync.client import connect\n"
+         "with connect(sys.argv[1]) as link:\n"
+         "    link.send('{\"op\": \"subscribe\", \"topic\": \"/t\"}'); print(flush=True)\n"
+         "    time.sleep(100)", (server := RosbridgeServer("127.0.0.1", 0, lambda *_: "")).url],
+        stdout=subprocess.PIPE,
+    )  # fmt: skip
+    try:
+        server.advertise("/t", "std_msgs/String")
+        frozen.stdout.readline()
+        frozen.send_signal(signal.SIGSTOP)
+        with Client(server.url, "/t") as client:
+            for _ in range(300):
+                server.publish("/t", {"data": "x" * 100_000})
+                time.sleep(0.002)
+            assert client.counts["/t"] > 100
+    finally:
+        begun = time.monotonic()
+        server.close()
+        assert time.monotonic() - begun < 4.0
+        frozen.kill()
+        frozen.wait()
+
+
+@pytest.mark.skipif(shutil.which("openssl") is None, reason="makes the certificate")
+def test_tls_and_token_between_our_two_ends(tmp_path):
+    pem, token = tmp_path / "chair.pem", tmp_path / "token"
+    subprocess.run(
+        ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj",
+         "/CN=localhost", "-addext", "subjectAltName=DNS:localhost,IP:127.0.0.1",
+         "-keyout", tmp_path / "key", "-out", tmp_path / "certificate"],
+        check=True, capture_output=True,
+    )  # fmt: skip
+    pem.write_bytes((tmp_path / "key").read_bytes() + (tmp_path / "certificate").read_bytes())
+    token.write_text("abc\n")
+    heard = []
+    server = RosbridgeServer("127.0.0.1", 0, lambda *m: heard.append(m) or "", token="abc",
+                             certificate=pem)  # fmt: skip
+    server.listens["/t"] = ("std_msgs/String",)
+    try:
+        given = {"tls": True, "ca_file": str(tmp_path / "certificate"), "token_file": str(token)}
+        link = Rosbridge("127.0.0.1", server.port, lambda *_: None, RosbridgeSettings(**given))
+        link.publish("/t", {"data": "x"})
+        assert until(lambda: heard)
+        link.close()
+        for wrong in ({"ca_file": ""}, {"token_file": ""}):
+            with pytest.raises(InputError, match="no rosbridge answers there"):
+                Rosbridge("127.0.0.1", server.port, lambda *_: None,
+                          RosbridgeSettings(**{**given, **wrong}))  # fmt: skip
     finally:
         server.close()
 

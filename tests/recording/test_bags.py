@@ -352,15 +352,6 @@ def test_a_comparison_records_bags_and_finds_them_again(tmp_path):
     assert main(["replay", str(folder / "straight-empty-0")]) == 0
 
 
-def test_without_the_extra_it_says_so(tmp_path, monkeypatch, capsys):
-    monkeypatch.setitem(__import__("sys").modules, "rosbags.typesys", None)
-    bags.typestore.cache_clear()
-    drive = ["simulate", "--scene", "empty", "--policy", "straight", "--format", "ros2"]
-    assert main([*drive, "--record", str(tmp_path / "run")]) == 2
-    assert "pip install 'wheelchair_gym[ros]'" in capsys.readouterr().err
-    assert not list(tmp_path.iterdir())
-
-
 def test_three_scanners_have_topics_and_frames(tmp_path):
     env = gym.make("wheelchair_gym/Navigation-v0", config=str(ROOT / "examples/own_robot.json"))
     env = RecordEpisodes(env, tmp_path / "run", recording=RecordingSettings(format="ros2"))

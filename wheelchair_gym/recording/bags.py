@@ -113,8 +113,10 @@ class RosBag:
     """
 
     def __init__(self, file: str | Path, viewers: Sink | None = None) -> None:
-        typestore()
-        from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
+        try:
+            from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
+        except ImportError:
+            raise InputError(_EXTRA) from None
 
         first = Path(file)
         first = first.with_suffix("") if first.suffix == ".mcap" else first

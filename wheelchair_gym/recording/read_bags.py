@@ -170,7 +170,8 @@ def bag_log(
             base = str(message["child_frame_id"]).lstrip("/")
     with complete(path):
         laser = _laser(path, _message(scans[0]), edges, base)
-    times, ranges = [], []
+    times: list[int] = []
+    ranges = []
     for one in scans:
         with _skipping(skipped, "scan"):
             message = _message(one)

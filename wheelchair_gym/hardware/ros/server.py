@@ -10,7 +10,9 @@ from __future__ import annotations
 import hmac
 import json
 import logging
+import socket
 import ssl
+import struct
 import threading
 import time
 from collections import deque
@@ -28,6 +30,7 @@ _LOG = logging.getLogger(__name__)
 _MOST_MESSAGES = 1000  # a second from one client: more is an error of the client, which is cut off
 _MOST_BYTES = 1 << 20  # of a client's message
 _PING = 2.0  # s between two pings; a client that does not answer for as long is cut off
+_PATIENCE = 1  # s for which a client may take no data before it is cut off
 _DEFAULT_QUEUE = 10  # messages of a topic that wait for a client that does not say how many may
 
 
@@ -147,6 +150,7 @@ class RosbridgeServer:
             self._server = serve(
                 self._serve, host, port, compression=None, max_size=_MOST_BYTES, ssl=context,
                 process_request=self._admit, ping_interval=_PING, ping_timeout=_PING,
+                close_timeout=_PATIENCE,
                 logger=logging.getLogger(f"{__name__}.websockets"),
             )  # fmt: skip
         except (OSError, OverflowError) as error:
@@ -187,11 +191,13 @@ class RosbridgeServer:
 
     def close(self) -> None:
         """Close all connections; may be called again."""
+        closers = [threading.Thread(target=one.connection.close) for one in self._clients]
+        for closer in closers:
+            closer.start()
+        for closer in closers:
+            closer.join()
         self._server.shutdown()
         self._thread.join()
-        for client in list(self._clients):
-            with suppress(Exception):
-                client.connection.close()
 
     def _admit(self, connection: Any, request: Any) -> Any:
         """Refuse whoever has not got the token."""
@@ -201,8 +207,12 @@ class RosbridgeServer:
         return None
 
     def _serve(self, connection: Any) -> None:
+        # A client that is frozen would hold up whoever sends, for ever.
+        timeout = struct.pack("ll", _PATIENCE, 0)
+        connection.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, timeout)
         client = _Client(connection)
-        self._clients = [*self._clients, client]
+        with self._lock:
+            self._clients = [*self._clients, client]
         sender = threading.Thread(target=client.send_all, daemon=True)
         sender.start()
         begun, count = time.monotonic(), 0
@@ -221,7 +231,8 @@ class RosbridgeServer:
         except Exception as error:  # whatever a client sends or breaks concerns it alone
             _LOG.debug("a client is gone: %s", error)
         finally:
-            self._clients = [one for one in self._clients if one is not client]
+            with self._lock:
+                self._clients = [one for one in self._clients if one is not client]
             client.end()
             self._on_leave(client)
 
@@ -269,6 +280,7 @@ class RosbridgeServer:
 
     def _call(self, client: _Client, content: Mapping[str, Any]) -> None:
         name = str(content.get("service", ""))
+        values: Any
         if (service := self.services.get(name)) is None:
             done, values = False, f"{name} is not served; expected {', '.join(self.services)}"
         else:
