@@ -23,14 +23,14 @@ def plan(grid, start, goal):
     dear = np.where(wall < 0.33, 100.0, 1.0) + 8.0 * np.clip(0.8 - wall, 0.0, None)
     first, last = ((p - corner) / size + 1 + 1j for p in (start, goal))
     first, last = complex(int(first.real), int(first.imag)), complex(int(last.real), int(last.imag))
-    cost, heap = {first: 0.0}, [(0.0, 0, first)]
-    while heap and (at := heapq.heappop(heap)[2]) != last:
+    cost, heap = {first: 0.0}, [(0.0, first.real, first.imag)]
+    while heap and (at := complex(*heapq.heappop(heap)[1:])) != last:
         for step in (1, -1, 1j, -1j, 1 + 1j, 1 - 1j, -1 + 1j, -1 - 1j):
             to, cell = at + step, (int((at + step).imag), int((at + step).real))
             new = cost[at] + abs(step) * dear[cell]
             if free[cell] and new < cost.get(to, np.inf):
                 cost[to], came[to] = new, at
-                heapq.heappush(heap, (new + abs(to - last), len(cost), to))
+                heapq.heappush(heap, (new + abs(to - last), to.real, to.imag))
     path = [last]
     while path[-1] in came:
         path.append(came[path[-1]])

@@ -23,6 +23,7 @@ from wheelchair_gym import InputError
 from wheelchair_gym.geometry import compose, to_world
 from wheelchair_gym.hardware.ros import make_messages as ros
 from wheelchair_gym.localization.occupancy import read_scan
+from wheelchair_gym.physics.actors.records import actor_shapes
 from wheelchair_gym.recording import bags
 from wheelchair_gym.recording.read_bags import bag_log, bag_messages
 from wheelchair_gym.recording.record import RecordEpisodes, RecordingSettings
@@ -350,6 +351,25 @@ def test_a_comparison_records_bags_and_finds_them_again(tmp_path):
     assert main(arguments) == 0  # stored and recorded already
     assert [one.name for one in folder.iterdir()] == ["straight-empty-0"]
     assert main(["replay", str(folder / "straight-empty-0")]) == 0
+
+
+def test_actors_are_markers_that_replace_those_of_before(tmp_path):
+    env = gym.make("wheelchair_gym/Navigation-v0", scene="crowd")
+    env = RecordEpisodes(env, tmp_path / "run", recording=RecordingSettings(format="ros2"))
+    env.reset(seed=1)
+    env.step(np.zeros(2))
+    chair, world = env.unwrapped.chair, env.unwrapped.episode
+    discs, segments = actor_shapes(world.actors, chair.truth.actor_poses)
+    env.close()
+    *_, (kind, _, _, newest) = decoded(tmp_path / "run", "/actors")
+    assert kind == "visualization_msgs/msg/MarkerArray"
+    first, *others = newest.markers
+    assert first.action == 3
+    cylinders = [one for one in others if one.type == 3]
+    found = [(m.pose.position.x, m.pose.position.y, 0.5 * m.scale.x) for m in cylinders]
+    np.testing.assert_allclose(found, discs)
+    assert sum(len(one.points) for one in others if one.type == 5) == 2 * len(segments)
+    assert len({one.id for one in others}) == len(others)
 
 
 def test_three_scanners_have_topics_and_frames(tmp_path):

@@ -92,6 +92,7 @@ _MADE: Final[dict[str, tuple[str, str, Callable[..., ros.Message]]]] = {
     "/pose": ("/pose", "geometry_msgs/msg/PoseStamped", ros.pose_stamped),
     "/truth": ("/ground_truth", "geometry_msgs/msg/PoseStamped", ros.pose_stamped),
     "/particles": ("/particle_cloud", "geometry_msgs/msg/PoseArray", ros.poses),
+    "/actors": ("/actors", "visualization_msgs/msg/MarkerArray", ros.actors),
     "/footprint": ("/footprint", "geometry_msgs/msg/PolygonStamped", ros.footprint),
 }
 

@@ -210,6 +210,22 @@ def twist_stamped(now: int, v: float, w: float, frame: str = "base_link") -> Mes
     return {"header": header(now, frame), "twist": twist(v, w)}
 
 
+def actors(now: int, shapes: tuple[Array, Array]) -> Message:
+    """A visualization_msgs/MarkerArray of actors' discs (n, 3) and segments (m, 4) [m]."""
+    discs, segments = shapes
+    orange = {"r": 0.9, "g": 0.5, "b": 0.2, "a": 0.9}
+    common = {"header": header(now, "map"), "ns": "actors", "color": orange}
+    markers = [common | {"action": 3}]  # deletes those of before
+    for k, (x, y, r) in enumerate(discs.tolist()):
+        cylinder = {"id": k, "type": 3, "pose": pose((x, y, 0.0))}
+        markers.append(common | cylinder | {"scale": _vector(2.0 * r, 2.0 * r, 0.1)})
+    if len(segments):
+        points = [_vector(x, y) for x, y in segments.reshape(-1, 2).tolist()]
+        lines = {"id": len(discs), "type": 5, "pose": pose((0.0, 0.0, 0.0)), "points": points}
+        markers.append(common | lines | {"scale": _vector(0.03, 0.0)})
+    return {"markers": markers}
+
+
 def footprint(now: int, corners: Array) -> Message:
     """A geometry_msgs/PolygonStamped of the chair's outline (4, 2), in its own frame."""
     points = [_vector(x, y) for x, y in corners.tolist()]
