@@ -291,10 +291,11 @@ def test_it_stands_after_a_contact_until_a_service_is_called(tmp_path):
         assert served.close() == 130
 
 
-def test_a_stranger_drives_floor_plans_and_is_scored(tmp_path):
+@pytest.mark.parametrize(("scene", "seed", "episodes"), [("floor_plan", 6, 1), ("empty", 0, 2)])
+def test_a_stranger_drives_and_is_scored(scene, seed, episodes, tmp_path):
     result, bag = tmp_path / "result.json", tmp_path / "bag"
     served = Served(
-        "--scene", "floor_plan", "--seed", "3", "--episodes", "2", "--sim-time", "5",
+        "--scene", scene, "--seed", f"{seed}", "--episodes", f"{episodes}", "--sim-time", "3",
         "--rate", "20", "--json", str(result), "--record", str(bag), "--format", "ros2",
     )  # fmt: skip
     assert "wheelchair_gym" not in CONTROLLER.read_text().partition('"""\n')[2]
@@ -305,12 +306,12 @@ def test_a_stranger_drives_floor_plans_and_is_scored(tmp_path):
     finally:
         served.close()
     content = json.loads(result.read_text())
-    assert [one["seed"] for one in content["episodes"]] == [3, 4]
-    assert content["episodes"][0]["outcome"] == "success"
-    assert content["episodes"][0]["spl"] > 0.8
+    assert [one["seed"] for one in content["episodes"]] == list(range(seed, seed + episodes))
+    assert {one["outcome"] for one in content["episodes"]} == {"success"}
+    assert min(one["spl"] for one in content["episodes"]) > 0.8
     assert content["summary"][0]["policy"] == "ros"
     assert not any(key.startswith(("act_ms", "plan_ms")) for key in content["episodes"][0])
-    assert len(read_recording(bag)) == 2
+    assert len(read_recording(bag)) == episodes
 
 
 @pytest.mark.parametrize("way", [signal.SIGKILL, signal.SIGSTOP])
