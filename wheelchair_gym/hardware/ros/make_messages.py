@@ -215,7 +215,7 @@ def actors(now: int, shapes: tuple[Array, Array]) -> Message:
     discs, segments = shapes
     orange = {"r": 0.9, "g": 0.5, "b": 0.2, "a": 0.9}
     common = {"header": header(now, "map"), "ns": "actors", "color": orange}
-    markers = [common | {"action": 3}]  # deletes those of before
+    markers: list[Message] = [common | {"action": 3}]  # deletes those of before
     for k, (x, y, r) in enumerate(discs.tolist()):
         cylinder = {"id": k, "type": 3, "pose": pose((x, y, 0.0))}
         markers.append(common | cylinder | {"scale": _vector(2.0 * r, 2.0 * r, 0.1)})
