@@ -31,6 +31,7 @@ class Watch:
     live: int | None = None  # port where viewers may join, 0 for a free one
     images: float = 0.0  # rate of rendered pictures [Hz]; 0: none
     when_full: Literal["go-on", "end"] = "go-on"  # see `RecordingSettings.when_full`
+    format: Literal["foxglove", "ros2"] = "foxglove"  # see `RecordingSettings.format`
 
     def __bool__(self) -> bool:
         return self.record is not None or self.live is not None
@@ -40,20 +41,23 @@ class Watch:
         if self.record is None:
             return self
         name = re.sub(r"[^\w.+-]", "_", "-".join(map(str, names)))
-        return replace(self, record=str(Path(self.record) / f"{name}.mcap"))
+        suffix = ".mcap" if self.format == "foxglove" else ""  # a bag is a folder
+        return replace(self, record=str(Path(self.record) / f"{name}{suffix}"))
 
     def on(self, env: Any, film: Each | None = None) -> tuple[Any, Each | None]:
         """The recorded environment, and the function to call after reset and each step.
 
         Raises:
-            InputError: the extra 'record' is not installed, the file cannot be written, or the
-                port is taken.
+            InputError: the extra 'record' or 'ros' is not installed, the file cannot be written, or
+                the port is taken.
         """
         if not self:
             return env, film
         from wheelchair_gym.recording.record import RecordEpisodes, RecordingSettings
 
-        settings = RecordingSettings(image_rate=self.images, when_full=self.when_full)
+        settings = RecordingSettings(
+            image_rate=self.images, when_full=self.when_full, format=self.format
+        )
         env = RecordEpisodes(env, self.record, self.live, settings)
         if env.port is None:
             return env, film
@@ -66,10 +70,10 @@ class Watch:
         if not self:
             yield lambda slam: None
             return
-        from wheelchair_gym.recording.record import RecordingSettings
-        from wheelchair_gym.recording.sink import NANO, Sink
+        from wheelchair_gym.recording.record import RecordingSettings, open_sink
+        from wheelchair_gym.recording.sink import NANO
 
-        out, odometry = Sink(self.record, self.live), log.odometry
+        out, odometry = open_sink(self.record, self.live, self.format), log.odometry
         if out.port is not None:
             _print_address(out.port)
         begun, drawn, k = time.perf_counter(), -np.inf, 0

@@ -576,6 +576,68 @@ def _use_recording(path: Path) -> None:
     sensor_log(path)
 
 
+def _bag(folder: Path) -> Path:
+    import gymnasium as gym
+
+    from wheelchair_gym.recording.record import RecordEpisodes, RecordingSettings
+
+    config = {"sensors": {"laser": {"beams": 31}}, "task": {"beams": 16}, "shield": {}}
+    scene = {"name": "empty", "size": [5.0, 4.0]}
+    env: Any = gym.make("wheelchair_gym/Navigation-v0", scene=scene, config=config)
+    env = RecordEpisodes(env, folder / "run", recording=RecordingSettings(format="ros2"))
+    env.reset(seed=1)
+    for _ in range(4):
+        env.step(np.array([0.5, 0.2]))
+    env.close()
+    return Path(env.file)
+
+
+def _use_bag(path: Path) -> None:
+    from wheelchair_gym.recording.replay import sensor_log
+
+    sensor_log(path)
+    _use_recording(path)
+
+
+def _sqlite_bag(folder: Path) -> Path:
+    from rosbags.rosbag2 import StoragePlugin, Writer
+
+    from wheelchair_gym.recording.bags import typestore
+    from wheelchair_gym.recording.read_bags import bag_messages
+
+    path = folder / "old"
+    with Writer(path, version=8, storage_plugin=StoragePlugin.SQLITE3) as bag:
+        topics: dict[str, Any] = {}
+        for one in bag_messages(_bag(folder), lambda *_: True):
+            if one.topic not in topics:
+                topics[one.topic] = bag.add_connection(one.topic, one.type, typestore=typestore())
+            bag.write(topics[one.topic], one.time, one.data)
+    return path / "old.db3"
+
+
+def _mutated_bag(data: bytes, rng: np.random.Generator) -> bytes:
+    """Bytes of the file, or, in most inputs, messages in a file that is whole again."""
+    if rng.random() < 0.3:
+        return flipped(data, rng)
+    from mcap.reader import make_reader
+    from mcap.writer import Writer
+
+    out = io.BytesIO()
+    writer = Writer(out)
+    writer.start(profile="ros2")
+    messages = list(make_reader(io.BytesIO(data)).iter_messages())
+    which = set(rng.integers(0, len(messages), int(rng.integers(1, 9))).tolist())
+    ids: dict[int, int] = {}
+    for k, (schema, channel, message) in enumerate(messages):
+        if channel.id not in ids:
+            of = writer.register_schema(schema.name, schema.encoding, schema.data)
+            ids[channel.id] = writer.register_channel(channel.topic, "cdr", of)
+        body = flipped(message.data, rng) if k in which else message.data
+        writer.add_message(ids[channel.id], message.log_time, body, message.publish_time)
+    writer.finish()
+    return out.getvalue()
+
+
 # ---- what was learned
 
 
@@ -725,7 +787,14 @@ READERS: dict[str, Reader] = {
     "store": Reader(_store, _use_store, ("evaluation.runs.read_store",)),
     "log": Reader(_log, _use_log, ("localization.logs.read_log",)),
     "recording": Reader(
-        _recording, _use_recording, ("recording.replay.read_recording",), _mutated_recording
+        _recording, _use_recording, ("recording.replay._texts",), _mutated_recording
+    ),
+    "bag": Reader(
+        _bag, _use_bag,
+        ("recording.read_bags.is_bag", "recording.read_bags.bag_messages"), _mutated_bag,
+    ),
+    "bag in SQLite": Reader(
+        _sqlite_bag, _use_bag, ("recording.read_bags._rows",), flipped
     ),
     "weights": Reader(
         _weights, _use_weights, ("learning.weights.load_weights", "policies.learned._digest"),

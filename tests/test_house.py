@@ -50,6 +50,7 @@ ROOMS = {
     "websockets": ("wheelchair_gym/hardware/",),
     "foxglove": ("wheelchair_gym/recording/",),
     "mcap": ("wheelchair_gym/recording/",),
+    "rosbags": ("wheelchair_gym/recording/",),
     "torch": ("agents/",),
     "stable_baselines3": ("agents/",),
 }

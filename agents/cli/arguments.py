@@ -117,8 +117,8 @@ def env_of(given: argparse.Namespace) -> dict[str, Any]:
 
 
 def watch(given: argparse.Namespace) -> Watch:
-    """Recording and live viewers by --record, --live, --images and --when-full."""
-    return Watch(given.record, given.live, given.images, given.when_full)
+    """Recording and live viewers by --record, --format, --live, --images and --when-full."""
+    return Watch(given.record, given.live, given.images, given.when_full, given.format)
 
 
 def check_picture(file: str | None) -> None:

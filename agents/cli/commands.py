@@ -144,6 +144,8 @@ def record(metavar: str, what: str) -> list[Option]:
     """Options that record a run or show it to viewers, see `agents.watch.Watch`."""
     return [
         option("--record", f"write {what}, as MCAP", metavar=metavar),
+        option("--format", "of the recording: Foxglove's messages in one file, or a ROS 2 bag, "
+               "which is a folder", choices=("foxglove", "ros2"), default="foxglove"),
         option("--live", "serve Foxglove's viewers in real time, on this port (8765 if none is "
                "given)", parse_int, "PORT", nargs="?", const=8765),
         option("--images", "rate of rendered pictures in the recording [Hz]; 0: none",
@@ -165,7 +167,8 @@ SHIELD = option(
     "--shield", "filter commands by the shield (default: on, with the config's settings if any)",
     choices=("on", "off"),
 )  # fmt: skip
-CHAIR = "a real chair: hardware, ros://HOST:PORT, or FILE.json:NAME as in configs/chairs.json"
+CHAIR = ("a real chair: hardware, ros2://HOST:PORT, ros://HOST:PORT, or FILE.json:NAME as in "
+         "configs/chairs.json")  # fmt: skip
 MAP_FILES = ("map_server .yaml, MovingAI .map, HouseExpo .json, polygons .json, or an image of a "
              "floor plan with --resolution")  # fmt: skip
 RESOLUTION = option("--resolution", "edge of a pixel of an image [m]", finite, "M")
@@ -254,7 +257,8 @@ COMMANDS = (
         "ones in at least one bit.",
         "wheelchair replay run.mcap --policy lattice+window --video run.mp4",
         [
-            option("file", "a recording of `simulate --record`", None, "FILE.mcap"),
+            option("file", "a recording of `simulate --record`, of either format", None,
+                   "FILE.mcap"),
             option("--episode", "replay only this episode, counted from 0", parse_int),
             option("--policy", f"compare the actions of this {POLICY_HELP}"),
             OneOf((VIDEO, END_PICTURE)), *RECORD, JSON,
@@ -376,9 +380,13 @@ COMMANDS = (
                 option("--scene", "explore this scene, or FILE.json:NAME"),
                 option("--chair", f"explore with {CHAIR}", None, "CHAIR"),
                 option("--log", "read a log in BreezySLAM's format: one line a scan", None, "FILE"),
-                option("--recording", "read the first episode of a chair's recording", None,
-                       "FILE.mcap"),
+                option("--recording", "read the first episode of a chair's recording, or a ROS 2 "
+                       "bag (MCAP or SQLite) of any robot", None, "PATH"),
             ), required=True),
+            option("--scan-topic", "the bag's topic of scans (default: /scan, or the only one)",
+                   default=""),
+            option("--odometry-topic", "the bag's topic of odometry (default: /odom, or the only "
+                   "one)", default=""),
             option("--policy", "policy that drives: explore, manual, ...", default="explore"),
             option("--time", "limit of the drive [s]", finite, default=900.0),
             WINDOW, CONFIG,
@@ -517,6 +525,40 @@ COMMANDS = (
             option("--port", "port of the laser; 0: a free one", parse_int, default=0), SECONDS,
             WINDOW,
             option("--write-map", "write the map of the world", None, "FILE.yaml"), END_PICTURE,
+        ],
+    ),
+    Command(
+        "robot", "twin:robot", "serve a simulated chair as a ROS 2 robot, which nav2 can drive",
+        "Publish /scan, /odom, /tf, /battery_state and ultrasonics of a simulated chair in real "
+        "time, and drive as /cmd_vel says, until Ctrl-C. It serves rosbridge's protocol itself, or "
+        "is a client of a rosbridge_server; ROS need not be installed. When /cmd_vel is silent for "
+        "0.5 s, the chair stops. Needs the extra 'ros'.",
+        "wheelchair robot --scene crowd --pose mcl --sim-time",
+        [
+            option("--scene", f"a scene, {OTHERS} (default: floor_plan)"), *map_options(), seed(),
+            CONFIG, POSE, SHIELD,
+            option("--rate", "rate of control, /odom, /tf and /clock [Hz]", number(float, 1, 200),
+                   "HZ", default=50.0),
+            option("--scan-rate", "rate of scans [Hz]", number(float, 0.1, 200), "HZ",
+                   default=10.0),
+            option("--sim-time", "stamp messages with simulated time on /clock, so many times as "
+                   "fast as real time (1 if none is given); default: real time",
+                   number(float, 0.01, 1000), "SPEED", nargs="?", const=1.0, default=0.0),
+            flag("--no-map", "publish neither /map nor map -> odom: amcl or slam_toolbox does"),
+            flag("--imu", "publish the turn rate on /imu"),
+            option("--episodes", "end after so many episodes, each at its goal, a contact or its "
+                   "time limit, and report the figures of `compare`; an episode begins with its "
+                   "first /cmd_vel", count),
+            option("--host", "address to serve at", None, "ADDRESS", default="127.0.0.1"),
+            option("--port", "TCP port; 0: a free one", number(int, 0, 65535), "PORT",
+                   default=9090),
+            option("--token-file", "file with the token that clients must send", None, "FILE"),
+            option("--tls", "serve wss with the key and the certificate in this file", None,
+                   "FILE.pem"),
+            option("--rosbridge", "serve nothing, and be a client of this rosbridge_server: "
+                   "ros://HOST:PORT, or FILE.json:NAME", None, "ROSBRIDGE"),
+            flag("--stamped", "with --rosbridge: /cmd_vel is a TwistStamped (nav2 from Kilted on)"),
+            SECONDS, WINDOW, *RECORD, JSON,
         ],
     ),
     Command(

@@ -105,7 +105,11 @@ def _from_scans(given: argparse.Namespace) -> tuple[dict[str, Any], list[str]]:
         raise InputError("--odometry-only: viewers and recordings show SLAM")
     form = LogFormat()
     file = given.log or given.recording
-    log, laser = (read_log(file, form), form.laser) if given.log else sensor_log(file)
+    log, laser = (
+        (read_log(file, form), form.laser)
+        if given.log
+        else sensor_log(file, given.scan_topic, given.odometry_topic)
+    )
     config = SlamSettings() if given.particles is None else SlamSettings(particles=given.particles)
     with progress(len(log.stamps), not given.quiet) as bar:
         maps = [by_odometry(log, laser, config.mapping)]

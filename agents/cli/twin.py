@@ -1,4 +1,4 @@
-"""`wheelchair twin`: the boards' firmware on emulated chips, in real time."""
+"""`wheelchair twin` and `robot`: a simulated chair behind its boards, or behind ROS 2's topics."""
 
 from __future__ import annotations
 
@@ -7,11 +7,12 @@ import dataclasses
 import os
 import select
 import sys
+import time
 from typing import Any
 
 import numpy as np
 
-from agents.cli.arguments import spec
+from agents.cli.arguments import chair_spec, env_of, map_scenes, report, spec, watch
 from wheelchair_gym.config import InputError
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.envs.settings import env_settings
@@ -64,6 +65,108 @@ def run(given: argparse.Namespace) -> int:
         twin.close()
         env.close()
     return 0
+
+
+def robot(given: argparse.Namespace) -> int:
+    """Let whoever publishes /cmd_vel drive the simulated chair; the figures of its episodes."""
+    from agents.evaluation.evaluate import drive_episode, label, make_env
+    from agents.evaluation.map_evaluation import NO_TOLERANCE
+    from agents.evaluation.metrics import TIMING, summarise
+    from agents.robot import SERVICES, Robot, RobotSettings
+
+    settings: dict[str, Any] = {**env_of(given), "rate": given.rate}
+    config = RobotSettings(
+        scan_rate=given.scan_rate, speed=given.sim_time, localized=not given.no_map, imu=given.imu
+    )
+    maps = map_scenes(given)
+    if maps and given.scene is not None:
+        raise InputError("--map and --scene: expected one of them")
+    scene = maps[0] if maps else spec(given.scene or "floor_plan")
+    env = make_env(scene, settings, "human" if given.window else None)
+    world, judged = env.unwrapped, given.episodes is not None
+    if world.settings.sensors.pose_source == "slam":
+        raise InputError("--pose slam: expected another; with --no-map, ROS draws the map")
+    driver = Robot(config, _log, waits=judged)
+    begun, records, number = time.monotonic(), [], 0
+    link: Any = None
+
+    def over() -> bool:
+        return given.seconds is not None and time.monotonic() - begun >= given.seconds
+
+    try:
+        env.reset(seed=given.seed)
+        env.step(np.zeros(2))  # compiled before real time begins
+        link = _link(given, driver)
+        driver.connect(link, world.mission, over)
+        print(f"{'rosbridge':12} {link.url}", flush=True)
+        env, film = watch(given).on(env)
+
+        def each(now: Any) -> bool:
+            if film is not None:
+                film(now)
+            return driver.follow(now)
+
+        while not over() and (not judged or number < given.episodes):
+            seed = given.seed + number
+            world.reset(seed=seed)  # outside the recording
+            episode = world.episode
+            if not judged:
+                episode = dataclasses.replace(episode, tolerance=NO_TOLERANCE, time_limit=1e9)
+            _print_pose("start", episode.start)
+            _print_pose("goal", episode.goal)
+            record = drive_episode(env, driver, seed, each, episode)
+            if judged and not over():
+                record |= {"policy": "ros", "scene": label(scene), "seed": seed}
+                records.append(record)
+                print(f"{record['outcome']:12} {record['time']:.1f} s", flush=True)
+            elif not (driver.wish or over()):
+                _log(f"the chair has touched something: it stands until {' or '.join(SERVICES)}")
+                driver.stand(world.task.reading, lambda: False)
+            number += driver.wish != SERVICES[1]
+    finally:
+        env.close()
+        if link is not None:
+            link.close()
+        if driver.late:
+            _log(f"{driver.late} control periods ended over a second late")
+    rows = summarise(records)[-1:]
+    for row in (*records, *rows):  # Robot waits in act: its times are not those of whoever drives
+        for key in {*TIMING, "act_ms_p50", "plan_ms_p50", "plan_ms_p95"}:
+            row.pop(key, None)
+    found = sum(record["success"] for record in records)
+    text = f"{found} of {len(records)} episodes are successes" if judged else "the end"
+    report(given, {"episodes": records, "summary": rows}, text)
+    return 0
+
+
+def _log(line: str) -> None:
+    print(line, file=sys.stderr, flush=True)
+
+
+def _link(given: argparse.Namespace, driver: Any) -> Any:
+    """A rosbridge server, or the link to one, by which the chair is commanded."""
+    from agents.robot import COMMAND, COMMAND_TYPES, SERVICES
+    from wheelchair_gym.hardware.registry import chair_settings
+    from wheelchair_gym.hardware.ros.rosbridge import Rosbridge, read_token
+    from wheelchair_gym.hardware.ros.server import RosbridgeServer
+    from wheelchair_gym.hardware.ros.settings import RosSettings
+
+    link: Any
+    if given.rosbridge is not None:
+        other = chair_settings(chair_spec(given.rosbridge))
+        if not isinstance(other, RosSettings):
+            raise InputError(f"--rosbridge {given.rosbridge}: expected ros://HOST:PORT")
+        link = Rosbridge(other.host, other.port, driver.command, other.link)
+        link.subscribe(COMMAND, COMMAND_TYPES[given.stamped])
+    else:
+        token = "" if given.token_file is None else read_token(given.token_file)
+        link = RosbridgeServer(
+            given.host, given.port, driver.command, driver.left, token, given.tls
+        )
+        link.listens[COMMAND] = COMMAND_TYPES
+    for name in SERVICES if given.episodes is None else ():
+        link.serve(name, "std_srvs/srv/Trigger", driver.ask(name))
+    return link
 
 
 def _print_pose(name: str, where: Any) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import json
 import math
@@ -22,6 +23,7 @@ from agents.evaluation.evaluate import drive_episode
 from agents.policies import make_policy
 from tests.conftest import ROOT
 from tests.hardware.fake_rosbridge import RANGERS, SENSORS, FakeRosbridge
+from tests.hardware.test_robot import Served
 from wheelchair_gym import InputError
 from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.envs import EnvSettings, NavigationEnv
@@ -29,10 +31,12 @@ from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.geometry import point_segment_distance, to_world
 from wheelchair_gym.hardware.connection import ClockSync
 from wheelchair_gym.hardware.registry import chair_settings, make_chair
+from wheelchair_gym.hardware.ros import messages as ros
 from wheelchair_gym.hardware.ros.rosbridge import Rosbridge
 from wheelchair_gym.hardware.ros.senses import RosSensors
 from wheelchair_gym.hardware.ros.settings import RosbridgeSettings, RosSettings
 from wheelchair_gym.maps import OCCUPIED, read_map
+from wheelchair_gym.sensors.settings import LaserSettings
 
 CONFIG = {"sensors": {"laser": {"beams": 181}}, "task": {"beams": 181}}
 # A busy machine that runs the chair, the bridge and the policy at once is late now and then.
@@ -250,9 +254,10 @@ def tipped(message):
 
 
 WRONG = {
-    "a beam too few": ("/scan", lengthened, "180 ranges; expected 181"),
+    "a beam too few": ("/scan", lengthened, "laser.fov"),
     "words for ranges": ("/scan", lambda m: {**m, "ranges": ["x"] * 181}, "could not convert"),
     "ranges in ranges": ("/scan", lambda m: {**m, "ranges": [[1.0, 2.0], [3.0]]}, "inhomogeneous"),
+    "a single beam": ("/scan", lambda m: {**m, "ranges": [1.0]}, "1 ranges; expected 2 to"),
     "another fan": ("/scan", lambda m: {**m, "angle_increment": 0.001}, "laser.fov"),
     "no angle": ("/scan", lambda m: {**m, "angle_min": None}, "not made as its type says"),
     "time goes back": ("/scan", backwards, "older than the one before"),
@@ -410,7 +415,7 @@ FAULTS = {
     "scan is silent": ("/scan", None, "/scan is silent"),
     "odometry is silent": ("/ARDUINO1/Odom", None, "/ARDUINO1/Odom is silent"),
     "tf is silent": ("/tf", None, "base_link"),
-    "a beam too few": ("/scan", lengthened, "180 ranges; expected 181"),
+    "a beam too few": ("/scan", lengthened, "laser.fov"),
     "time goes back": ("/scan", backwards, "older than the one before"),
 }
 
@@ -461,7 +466,7 @@ def test_a_link_that_cannot_be_trusted_is_given_up_with_a_last_word(bridge, way)
     link = Rosbridge(
         "127.0.0.1", bridge.port, lambda *told: heard.append(told), RosbridgeSettings()
     )
-    link.farewell = ("/v", {"linear": {"x": 0.0}, "angular": {"z": 0.0}})
+    link.farewell = ("/v", lambda: {"linear": {"x": 0.0}, "angular": {"z": 0.0}})
     link.advertise("/v", "geometry_msgs/Twist")
     link.publish("/v", {"linear": {"x": 1.0}, "angular": {"z": 0.0}})
     assert until(lambda: len(bridge.commands) == 1)
@@ -700,3 +705,107 @@ def test_the_defaults_are_the_thesis_topics():
     limits = own.limits
     assert (limits.scan, limits.odometry, limits.pose) == (0.2, 0.1, 0.5)
     assert EnvSettings().rate == 10.0
+
+
+def of_a_circle(beams, clockwise=False, first=-math.pi):
+    """A scan of the whole circle, and the distance at each angle: 2 m, 1 m to the left."""
+    step = 2.0 * math.pi / beams
+    angles = first + step * np.arange(beams)
+    ranges = np.where(np.abs(np.mod(angles, 2 * np.pi) - math.pi / 2) < 0.3, 1.0, 2.0)
+    ends = (angles[0], angles[-1], step)
+    if clockwise:
+        ranges, ends = ranges[::-1], (angles[-1], angles[0], -step)
+    header = {"frame_id": "laser", "stamp": {"sec": 1, "nanosec": 0}}
+    names = ("angle_min", "angle_max", "angle_increment")
+    return {
+        "header": header, "range_min": 0.05, "range_max": 12.0, "ranges": ranges.tolist(),
+        **dict(zip(names, ends, strict=True)),
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("beams", [90, 360, 1440])
+@pytest.mark.parametrize("clockwise", [False, True])
+@pytest.mark.parametrize("first", [-math.pi, 0.0, 1.0])
+def test_scans_of_the_whole_circle_are_resampled(beams, clockwise, first):
+    laser = SENSORS.laser
+    out = ros.scan(of_a_circle(beams, clockwise, first), laser, math.inf)
+    assert out.shape == (laser.beams,)
+    off = np.abs(laser.angles - math.pi / 2)
+    near = 2.0 * math.pi / beams + laser.fov / (laser.beams - 1)
+    assert (out[off < 0.3 - near] == 1.0).all()
+    assert (out[off > 0.3 + near] == 2.0).all()
+
+
+def test_the_least_range_next_to_a_beam_counts_and_rep_117_holds():
+    laser, message = SENSORS.laser, of_a_circle(3600)
+    ahead = 1800
+    message["ranges"][ahead - 3] = 0.7  # a leg of a chair, which a beam of ours alone would miss
+    assert ros.scan(message, laser, math.inf)[90] == np.float32(0.7)
+    wide = of_a_circle(3600)
+    for value, wanted in (
+        (math.inf, math.inf), (-math.inf, -math.inf), (math.nan, math.nan), (0.01, -math.inf),
+        (0.0, math.nan), (50.0, math.inf),
+    ):  # fmt: skip
+        wide["ranges"][ahead - 20 : ahead + 20] = [value] * 40
+        np.testing.assert_equal(ros.scan(wide, laser, math.inf)[90], np.float32(wanted))
+
+
+def test_a_fan_that_is_too_small_is_refused():
+    message = of_a_circle(360)
+    message["ranges"] = message["ranges"][:200]
+    with pytest.raises(ValueError, match=r"expected -135.0 over 270.0 \(laser.fov\), or more"):
+        ros.scan(message, SENSORS.laser, math.inf)
+
+
+def test_two_lasers_have_topics_and_mounts_of_their_own(bridge):
+    rear = LaserSettings(x=-0.1, yaw=math.pi, beams=91, fov=math.pi)
+    sensors = dataclasses.replace(SENSORS, more_lasers=(rear,))
+    senses = RosSensors(RosSettings(more_scans=("/scan_rear",)), sensors, False)
+    scan = bridge._messages()["/scan"]()
+    senses.receive("/scan", scan, 1.0)
+    senses.receive("/ARDUINO1/Odom", bridge._messages()["/ARDUINO1/Odom"](), 1.0)
+    assert "/scan_rear is silent" in senses.stale(1.0)
+    senses.receive("/scan_rear", of_a_circle(360), 1.0)
+    assert senses.stale(1.0) == ""
+    laser, *_ = senses.ranges(1.0)
+    assert laser.shape == (181 + 91,)
+    assert (laser[181:] == np.where(np.abs(rear.angles - math.pi / 2) < 0.3, 1.0, 2.0)).mean() > 0.9
+    senses.receive("/tf_static", {"transforms": [
+        bridge._edge("base_link", "laser_link", bridge.mounted),
+        bridge._edge("base_link", "laser", (0.4, 0.0, 0.0)),
+    ]}, 1.0)  # fmt: skip
+    assert "sensors.more_lasers[0] says (-0.10, 0.00) m" in senses.laser_mount_error()
+    with pytest.raises(InputError, match=r"2 topics of scans; sensors name 1 laser"):
+        make_chair({"name": "ros", "more_scans": ("/b",)}, env_settings(CONFIG))
+
+
+def test_the_preset_of_ros_2():
+    chair = chair_settings("ros2://robot:9091")
+    assert (chair.host, chair.port, chair.odometry, chair.velocity) == (
+        "robot", 9091, "/odom", "/cmd_vel"
+    )  # fmt: skip
+    assert chair_settings({"name": "ros2", "stamped": True, "odometry": "/o"}).odometry == "/o"
+
+
+@pytest.mark.parametrize("stamped", [False, True])
+def test_it_drives_the_robot_that_this_package_serves(stamped):
+    """Both ends of rosbridge are ours; the shield is that of the chair's environment."""
+    served = Served("--scene", "empty", "--shield", "off", "--rate", "20", "--scan-rate", "20")
+    try:
+        port = int(served.url.rpartition(":")[2])
+        chair = {"name": "ros2", "host": "127.0.0.1", "port": port, "limits": LATE}
+        chair["stamped"] = stamped
+        config = {"sensors": {"laser": {"beams": 541}}, "task": {"beams": 541}}
+        env = NavigationEnv(chair=chair, config=config, pose_source="modelled")
+        assert until(env.chair.senses.map_pose)
+        episode = env.chair.episode(env.chair.senses.map_pose().value[:2])
+        env.reset(options={"episode": dataclasses.replace(episode, tolerance=1e-9)})
+        begin = env.reading.pose
+        for _ in range(15):
+            env.step(np.array([0.0, 0.6], np.float32))
+        assert env.reading.halted == ""
+        assert abs(env.reading.pose[2] - begin[2]) > 0.2
+        env.close()
+        assert until(lambda: served.errors, 5.0)  # it left, and the robot says that it stands
+    finally:
+        served.close()

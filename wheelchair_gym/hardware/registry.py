@@ -22,9 +22,16 @@ CHAIRS: Final = Registry(
     },
 )
 
+# Names for settings of one of these chairs, which other settings override.
+PRESETS: Final[dict[str, dict[str, Any]]] = {
+    "ros2": {"name": "ros", "odometry": "/odom", "velocity": "/cmd_vel"},  # as nav2 names them
+}
+
 
 def chair_settings(spec: str | Mapping[str, Any], base: HardwareSettings | None = None) -> Any:
     """Settings of a chair from NAME, NAME://HOST:PORT or a mapping {"name": NAME, settings}.
+
+    A NAME is one of `CHAIRS` or `PRESETS`.
 
     Args:
         spec: name, URL or mapping.
@@ -44,6 +51,9 @@ def chair_settings(spec: str | Mapping[str, Any], base: HardwareSettings | None 
         if not host or url.path not in ("", "/"):
             raise InputError(f"chair {name!r}: expected {name.partition(':')[0]}://HOST:PORT")
         name, place = url.scheme, {"host": host} | ({} if port is None else {"port": port})
+    if name in PRESETS:
+        values = PRESETS[name] | values
+        name = values.pop("name")
     CHAIRS.spec(name)
     kept = base if isinstance(base, CHAIRS[name]) else None
     return load(CHAIRS[name], values | place, f"chair {name}", kept)

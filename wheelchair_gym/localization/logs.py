@@ -11,6 +11,7 @@ import math
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.files import read_text
+from wheelchair_gym.geometry import relative_pose, wrap_angle
 from wheelchair_gym.kinematics import odometric_step, twist_of_wheels
 from wheelchair_gym.sensors.settings import LaserSettings
 
@@ -61,6 +63,9 @@ class LogFormat:
     """The laser and its mount."""
 
 
+_NONE: Mapping[str, int] = MappingProxyType({})
+
+
 class SensorLog(NamedTuple):
     """Odometry and scans that a robot recorded, and the lines that were skipped."""
 
@@ -79,6 +84,21 @@ class SensorLog(NamedTuple):
             x, y, yaw = x + c * dx - s * dy, y + s * dx + c * dy, yaw + turn
             poses[k] = x, y, yaw
         return poses
+
+
+def log_of_poses(
+    stamps: Array, poses: Array, ranges: NDArray[np.float32], skipped: Mapping[str, int] = _NONE
+) -> SensorLog:
+    """A log of the odometry's poses (n, 3) at each scan.
+
+    Stamps and poses are rounded to 1e-9 s, m and rad: ROS keeps no more of a time, and its
+    quaternion not the last bit of a heading. A recording and its ROS 2 bag then give the same log.
+    """
+    stamps, poses = np.round(stamps, 9), np.array(poses)
+    poses[:, 2] = wrap_angle(poses[:, 2])
+    poses = np.round(poses, 9)
+    increments = relative_pose(np.concatenate([poses[:1], poses[:-1]]), poses)
+    return SensorLog(np.round(stamps - stamps[0], 9), increments, ranges, skipped)
 
 
 def _numbers(line: str, columns: int) -> Array | str:

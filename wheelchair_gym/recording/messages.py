@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterable, Sequence
 from functools import cache
 from typing import Any, Final
 
-import cv2
 import numpy as np
 from foxglove import channels
 from foxglove import messages as m
@@ -21,6 +20,7 @@ from wheelchair_gym.arrays import Array
 from wheelchair_gym.geometry import map_to_odom
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.rendering.palette import CHAIR, NARROW, PERSON, TRAIL, WIDE, Colour
+from wheelchair_gym.rendering.video import jpeg
 from wheelchair_gym.sensors.settings import SCANNERS, LaserSettings, UltrasonicSettings
 
 _NANO = 1_000_000_000
@@ -269,11 +269,8 @@ def log_message(now: int, name: str, text: str, warning: bool = False) -> Any:
 
 def image(now: int, picture: NDArray[np.uint8], quality: int) -> Any:
     """A picture (h, w, 3) RGB as JPEG."""
-    bgr = np.ascontiguousarray(picture[..., ::-1])
-    data = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
-    return m.CompressedImage(
-        timestamp=_time(now), frame_id="map", data=data.tobytes(), format="jpeg"
-    )
+    data = jpeg(picture, quality)
+    return m.CompressedImage(timestamp=_time(now), frame_id="map", data=data, format="jpeg")
 
 
 # Topic: its channel, and what makes its messages of an instant [ns] and content.

@@ -20,6 +20,7 @@ from wheelchair_gym.config import InputError, dump, setting, settings
 from wheelchair_gym.localization.localized_chair import unwrapped
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.physics.actors.records import actor_shapes
+from wheelchair_gym.recording.bags import RosBag
 from wheelchair_gym.recording.sink import NANO, Sink
 from wheelchair_gym.recording.topics import (
     BATTERY,
@@ -54,6 +55,19 @@ class RecordingSettings:
     """JPEG quality of the pictures."""
     when_full: Literal["go-on", "end"] = setting(default="go-on")
     """Whether the run goes on when the disk is full; the recording ends in any case."""
+    format: Literal["foxglove", "ros2"] = setting(default="foxglove")
+    """What is written: one MCAP file with Foxglove's messages, or a rosbag2."""
+
+
+def open_sink(file: str | Path | None, port: int | None, format: str = "foxglove") -> Sink | RosBag:
+    """Where a recording goes: to a file of a format, to viewers at a port, or to both.
+
+    Raises:
+        InputError: see `Sink` and `RosBag`.
+    """
+    if format == "foxglove" or file is None:
+        return Sink(file, port)
+    return RosBag(file, None if port is None else Sink(port=port))
 
 
 class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
@@ -62,17 +76,17 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
     Args:
         env: a `NavigationEnv`, wrapped or not.
         file: MCAP to write; if it exists, a number is added to its name. It is complete after
-            `close`, and after a disk has run full.
+            `close`, and after a disk has run full. In the format ros2, the folder of a bag.
         port: of this machine, for Foxglove's viewers (WebSocket); 0: a free one.
-        recording: rates of messages.
+        recording: rates of messages, and the format.
 
     Attributes:
         file: that is written, or None.
         port: for viewers, or None.
 
     Raises:
-        InputError: the extra 'record' is not installed, the file cannot be written, or the port is
-            taken.
+        InputError: the extra 'record' or 'ros' is not installed, the file cannot be written, or the
+            port is taken.
     """
 
     def __init__(
@@ -83,9 +97,9 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
         recording: RecordingSettings | None = None,
     ) -> None:
         super().__init__(env)
-        self._out = Sink(file, port)
-        self.file, self.port = self._out.file, self._out.port
         self._config = recording or RecordingSettings()
+        self._out = open_sink(file, port, self._config.format)
+        self.file, self.port = self._out.file, self._out.port
         self._base = 0  # ns: episodes follow each other in time
         self._trail: list[Any] = []
 

@@ -1,13 +1,8 @@
-"""Replays a recording as a chair that returns recorded readings, judged by the same loop.
-
-Files are unpacked within limits; damaged ones are refused with the file's name.
-"""
+"""Replays a recording as a chair that returns recorded readings, judged by the same loop."""
 
 from __future__ import annotations
 
 import dataclasses
-import io
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -19,12 +14,13 @@ from wheelchair_gym.config import load
 from wheelchair_gym.envs import EnvSettings, NavigationEnv
 from wheelchair_gym.envs.guidance import is_built_in
 from wheelchair_gym.errors import InputError, shorten
-from wheelchair_gym.files import LIMITS, parse_json, read_bytes
-from wheelchair_gym.kinematics import odometric_step
-from wheelchair_gym.localization.logs import SensorLog
+from wheelchair_gym.files import parse_json, read_bytes
+from wheelchair_gym.localization.logs import SensorLog, log_of_poses
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.migration import migrated
 from wheelchair_gym.physics.actors.records import ACTOR, Actors
+from wheelchair_gym.recording.mcap_file import complete, mcap_messages
+from wheelchair_gym.recording.read_bags import bag_log, bag_texts, is_bag
 from wheelchair_gym.recording.topics import (
     COMMAND,
     EPISODE,
@@ -40,59 +36,6 @@ from wheelchair_gym.recording.topics import (
 )
 from wheelchair_gym.sensors.settings import RANGERS, LaserSettings, SensorSettings
 from wheelchair_gym.types import Belief, Episode, Reading, Truth
-
-
-def mcap_messages(content: bytes, topics: Sequence[str]) -> list[tuple[str, bytes]]:
-    """Topics and texts of messages on these topics, in the order of their times.
-
-    Raises:
-        ImportError: the extra 'record' is not installed.
-        ValueError, McapError: the file is damaged, or beyond a limit.
-    """
-    from mcap.records import Channel, Chunk, Message
-    from mcap.stream_reader import StreamReader, breakup_chunk
-
-    names: dict[int, str] = {}
-    found: list[tuple[int, str, bytes]] = []
-    unpacked = 0
-    for record in StreamReader(io.BytesIO(content), emit_chunks=True, validate_crcs=True).records:
-        records: list[Any] = [record]
-        if isinstance(record, Chunk):
-            record.data = _decompressed(record.compression, record.data)
-            record.compression = ""
-            unpacked += len(record.data)
-            if unpacked > LIMITS["unpacked"].most:
-                raise ValueError(f"more than {LIMITS['unpacked'].most:,} bytes unpacked")
-            records = breakup_chunk(record, validate_crc=True)
-        for inner in records:
-            if isinstance(inner, Channel):
-                names[inner.id] = inner.topic
-            elif isinstance(inner, Message) and names[inner.channel_id] in topics:
-                found.append((inner.log_time, names[inner.channel_id], inner.data))
-    found.sort(key=lambda message: message[0])  # stable: equal times stay in the file's order
-    return [(topic, data) for _, topic, data in found]
-
-
-def _decompressed(compression: str, data: bytes) -> bytes:
-    """The content of a chunk, which must not exceed the limit."""
-    most = LIMITS["chunk"].most
-    if compression == "":
-        content = data
-    elif compression == "zstd":
-        import zstandard
-
-        with zstandard.ZstdDecompressor(max_window_size=most).stream_reader(data) as stream:
-            content = stream.read(most + 1)
-    elif compression == "lz4":
-        import lz4.frame
-
-        content = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=most + 1)
-    else:
-        raise ValueError(f"compression {shorten(compression)} is unknown")
-    if len(content) > most:
-        raise ValueError(f"a chunk of more than {most:,} bytes")
-    return content
-
 
 _TOPICS: Final = (EPISODE, READING, COMMAND, VERDICT)
 
@@ -164,22 +107,17 @@ class ReplayedChair:
 
 
 def read_recording(file: str | Path) -> list[RecordedEpisode]:
-    """The episodes of a recording.
+    """The episodes of a recording, also of one in the format ros2.
 
     Raises:
-        InputError: the extra 'record' is not installed, or the file is no complete recording.
+        InputError: the extra 'record' or 'ros' is not installed, or the file is no complete
+            recording.
     """
-    content = read_bytes(file, "recording")
     episodes: list[RecordedEpisode] = []
-    try:
-        for topic, text in mcap_messages(content, _TOPICS):
+    texts = bag_texts(file, _TOPICS) if is_bag(file) else _texts(file)
+    with complete(file):
+        for topic, text in texts:
             _take(episodes, topic, parse_json(text, topic))
-    except ImportError:
-        raise InputError("replaying needs: pip install 'wheelchair_gym[record]'") from None
-    except Exception as error:  # of readers and decompressors, for damaged bytes
-        why = f"no {error}" if isinstance(error, KeyError) else str(error) or type(error).__name__
-        why = " ".join(why.split())[:200]
-        raise InputError(f"{file}: expected a complete recording as MCAP ({why})") from None
     if episodes:  # a full disk or an error may have cut the last step
         _cut(episodes)
     for recorded in episodes:
@@ -188,6 +126,14 @@ def read_recording(file: str | Path) -> list[RecordedEpisode]:
     if not episodes:
         raise InputError(f"{file}: expected a recording of a chair; there is no {EPISODE} in it")
     return episodes
+
+
+def _texts(file: str | Path) -> list[tuple[str, bytes]]:
+    """Topics and texts of a recording's messages, in the order of their times."""
+    content = read_bytes(file, "recording")
+    with complete(file):
+        found = mcap_messages(content, lambda topic, _: topic in _TOPICS)
+    return [(one.topic, one.data) for one in found]
 
 
 def _cut(episodes: list[RecordedEpisode]) -> None:
@@ -256,23 +202,32 @@ def _read_state(content: Content, before: Belief | None, sensors: SensorSettings
     return RecordedState(Reading(**{"halted": "", **values}), truth, belief)
 
 
-def sensor_log(file: str | Path) -> tuple[SensorLog, LaserSettings]:
-    """Odometry and scans of a recording's first episode, for mapping.
+def sensor_log(
+    file: str | Path, scan: str = "", odometry: str = ""
+) -> tuple[SensorLog, LaserSettings]:
+    """Odometry and scans of a recording's first episode, or of a bag, for mapping.
+
+    Args:
+        file: a recording, or a ROS 2 bag of any robot.
+        scan: the bag's topic of scans; empty: /scan, or the only one.
+        odometry: the bag's topic of odometry; empty: /odom, or the only one.
 
     Raises:
-        InputError: see `read_recording`.
+        InputError: see `read_recording` and `bag_log`.
     """
+    if is_bag(file):
+        return bag_log(file, scan, odometry)
+    for name, given in (("--scan-topic", scan), ("--odometry-topic", odometry)):
+        if given:
+            raise InputError(f"{name} {given}: {file} is no ROS 2 bag")
     recorded = read_recording(file)[0]
-    readings = [moment.reading for moment in recorded.states]
-    stamps = np.array([reading.stamp for reading in readings])
-    periods = np.diff(stamps, prepend=stamps[0])[:, None]
-    motions = np.array([reading.twist for reading in readings]) * periods
-    increments = np.array([odometric_step(0.0, 0.0, 0.0, *motion) for motion in motions])
     laser = recorded.settings.sensors.laser
     if not laser.beams:
         raise InputError(f"{file}: expected the scans of a laser; the chair has none")
-    ranges = np.stack([reading.laser[: laser.beams] for reading in readings])
-    return SensorLog(stamps - stamps[0], increments, ranges, {}), laser
+    stamps = np.array([state.reading.stamp for state in recorded.states])
+    poses = np.array([state.belief.odometry for state in recorded.states])
+    ranges = np.stack([state.reading.laser[: laser.beams] for state in recorded.states])
+    return log_of_poses(stamps, poses, ranges), laser
 
 
 def replay_env(recorded: RecordedEpisode, render_mode: str | None = None) -> NavigationEnv:

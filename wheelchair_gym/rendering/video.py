@@ -45,6 +45,12 @@ def write_png(path: str | Path, image: Image) -> None:
         part.write_bytes(data.tobytes())
 
 
+def jpeg(image: Image, quality: int) -> bytes:
+    """A picture (h, w, 3) RGB as JPEG of a quality from 1 to 100."""
+    bgr = np.ascontiguousarray(image[..., ::-1])
+    return cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])[1].tobytes()
+
+
 def webp(path: str | Path) -> bytes:
     """A picture file as WebP: a top view takes a tenth of its PNG and looks the same."""
     out = io.BytesIO()

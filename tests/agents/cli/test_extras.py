@@ -32,6 +32,10 @@ NEEDED = {
     "websockets": ("websockets", [
         [*REAL, "--chair", "ros://127.0.0.1:1"],
         [*DEPLOY, "--chair", "ros://127.0.0.1:1", *CONFIG],
+        ["robot", "--scene", "empty"],
+    ]),
+    "rosbags": ("rosbags", [
+        ["simulate", "--scene", "empty", "--record", "run", "--format", "ros2"],
     ]),
     "mcap": ("mcap", [["replay", "there.mcap"]]),
     "foxglove-sdk": ("foxglove", [lambda: Sink("some.mcap")]),

@@ -1,6 +1,6 @@
 """A chair that runs under ROS, driven over rosbridge: its topics in, its twist out.
 
-    drive(twist) ──▶ guard ──▶ geometry_msgs/Twist            LaserScan ─┐
+    drive(twist) ──▶ guard ──▶ Twist or TwistStamped          LaserScan ─┐
                        ▲                                       Odometry ─┼─▶ Reading
                        └── stale sensor, late policy: zero   tf, Range ──┘
 
@@ -13,6 +13,7 @@ chair's own computer must stop it when no command comes.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 
 import numpy as np
@@ -23,10 +24,10 @@ from wheelchair_gym.config import InputError
 from wheelchair_gym.geometry import best_clearance_heading
 from wheelchair_gym.hardware.control_loop import POLL_PERIOD, ControlLoop, WallClock
 from wheelchair_gym.hardware.ros.clock import SimulatedClock
+from wheelchair_gym.hardware.ros.make_messages import twist, twist_stamped
 from wheelchair_gym.hardware.ros.rosbridge import Rosbridge
 from wheelchair_gym.hardware.ros.senses import RosSensors
 from wheelchair_gym.hardware.ros.settings import RosSettings
-from wheelchair_gym.hardware.settings import check_one_laser
 from wheelchair_gym.kinematics import approach_twist
 from wheelchair_gym.maps import FREE, OccupancyGrid
 from wheelchair_gym.physics.settings import ChairSettings
@@ -56,7 +57,11 @@ class RosChair(NotCopyable):
         period: float,
         on_map: bool = True,
     ) -> None:
-        check_one_laser(sensors)
+        if len(sensors.lasers) != 1 + len(settings.more_scans):
+            raise InputError(
+                f"chair ros: there are {1 + len(settings.more_scans)} topics of scans; "
+                f"sensors name {len(sensors.lasers)} laser scanners"
+            )
         if settings.ultrasonic and len(sensors.ultrasonic.mounted) != RANGERS:
             raise InputError(
                 f"chair ros: there are {len(settings.ultrasonic)} topics of ultrasonics; "
@@ -73,8 +78,8 @@ class RosChair(NotCopyable):
             chair.footprint, sensors.laser,
         )  # fmt: skip
         self._lock, self.clock = self._loop.lock, self._loop.clock
-        self._link.farewell = (s.velocity, _twist(0.0, 0.0))
-        self._link.advertise(s.velocity, "geometry_msgs/Twist")
+        self._link.farewell = (s.velocity, lambda: self._command(0.0, 0.0))
+        self._link.advertise(s.velocity, f"geometry_msgs/Twist{'Stamped' * s.stamped}")
         for topic, one in self.senses.topics.items():
             if topic != s.map:
                 self._link.subscribe(topic, one.type, one.queue)
@@ -216,15 +221,22 @@ class RosChair(NotCopyable):
     def _stop(self) -> None:
         """Command zero at once."""
         self._setpoint = (0.0, 0.0, 0.0, 0.0)
-        self._link.publish(self.settings.velocity, _twist(0.0, 0.0))
+        self._link.publish(self.settings.velocity, self._command(0.0, 0.0))
 
     def _approach(self, v: float, w: float) -> None:
         """Command the twist nearest to (v, w) that the limits allow within a period."""
         self._setpoint = approach_twist(
             *self._setpoint, v, w, self._loop.limits.record, self.period
         )
-        twist = _twist(self._setpoint[0], self._setpoint[2])
-        self._link.publish(self.settings.velocity, twist)
+        message = self._command(self._setpoint[0], self._setpoint[2])
+        self._link.publish(self.settings.velocity, message)
+
+    def _command(self, v: float, w: float) -> dict[str, object]:
+        """The message that commands a twist."""
+        if not self.settings.stamped:
+            return twist(v, w)
+        now = time.time() if self._clock is None else self._clock.ros_time
+        return twist_stamped(round(now * 1e9), v, w, self.settings.base_frame)
 
     def _guard(self) -> None:
         """Replace a command that is no longer valid by zero."""
@@ -241,8 +253,3 @@ class RosChair(NotCopyable):
         pose = odometry if on_map is None else on_map.value
         halted = senses.stale(now) or halted
         return self._loop.reading(odometry, pose, twist, ranges, False, senses.battery, halted)
-
-
-def _twist(v: float, w: float) -> dict[str, dict[str, float]]:
-    """A geometry_msgs/Twist."""
-    return {"linear": {"x": v, "y": 0.0, "z": 0.0}, "angular": {"x": 0.0, "y": 0.0, "z": w}}

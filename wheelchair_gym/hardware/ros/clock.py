@@ -54,6 +54,11 @@ class SimulatedClock:
         return min(made, now)
 
     @property
+    def ros_time(self) -> float:
+        """The newest time of /clock [s]; 0 before the first."""
+        return max(0.0, self._last)
+
+    @property
     def stopped(self) -> str:
         """Why time stands still, as a line of text; empty: it runs."""
         stalled = self.stalled_for

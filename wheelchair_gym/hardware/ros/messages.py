@@ -19,6 +19,7 @@ from wheelchair_gym.sensors.settings import LaserSettings
 
 _MAX_TILT = 0.3  # rad: maximum roll or pitch of a chair on a floor
 _MAX_STAMP = 1 << 32  # s: ROS uses 32 bits
+_MAX_BEAMS = 20_000
 _NEAR = 1e-3  # rad: angles that are rounded to float32 are the same
 
 
@@ -61,33 +62,63 @@ def _pose(position: Mapping[str, Any], orientation: Mapping[str, Any]) -> Array:
 
 
 def scan(message: Mapping[str, Any], laser: LaserSettings, null: float) -> NDArray[np.float32]:
-    """Ranges (beams,) [m] of a sensor_msgs/LaserScan, as in `Reading.laser`.
+    """Ranges (beams,) [m] of a sensor_msgs/LaserScan, as in `Reading.laser` (REP-117).
+
+    Beams may come in either order, in any number, and over a wider fan or the whole circle: each
+    beam of the settings gets the least of the ranges next to it. A fan that is too small is an
+    error.
 
     Args:
         message: as received.
-        laser: its settings; another number or fan of beams is an error.
+        laser: its settings.
         null: the value of a null range: JSON has neither NaN nor infinity.
 
     A scan of nulls alone is an error: no echo anywhere looks like a broken sensor.
     """
     ranges = np.array(message["ranges"], dtype=np.float64)  # None becomes NaN
-    if ranges.shape != (laser.beams,):
-        raise ValueError(f"has {ranges.size} ranges; expected {laser.beams} (laser.beams)")
+    if ranges.ndim != 1 or not 2 <= len(ranges) <= _MAX_BEAMS:
+        raise ValueError(f"has {ranges.size} ranges; expected 2 to {_MAX_BEAMS}")
     first, step = _finite(message["angle_min"], message["angle_increment"])
-    begin, fan = first + 0.5 * laser.fov, step * (laser.beams - 1)
-    if abs(fan - laser.fov) > abs(step) + _NEAR or abs(begin) > abs(step) + _NEAR:
+    nearest, farthest = float(message["range_min"]), float(message["range_max"])
+    if not (math.isfinite(nearest) and farthest > nearest) or step == 0.0:
         raise ValueError(
-            f"looks from {math.degrees(first):.1f} over {math.degrees(fan):.1f} deg; expected "
-            f"{math.degrees(-0.5 * laser.fov):.1f} over {math.degrees(laser.fov):.1f} (laser.fov)"
+            f"has ranges from {nearest:g} to {farthest:g} m, {step:g} rad apart; expected a "
+            "maximum above the minimum, and a step"
         )
-    nearest, farthest = _finite(message["range_min"], message["range_max"])
     missing = np.array([value is None for value in message["ranges"]])
     if missing.all():
         raise ValueError("has no range that is a number: JSON does not say why")
     out = np.where(ranges > min(farthest, laser.reach), np.inf, ranges)
     out = np.where(ranges < nearest, -np.inf, out)
     out = np.where(ranges == 0.0, np.nan, out)  # drivers older than REP-117: an error
-    return np.where(missing, null, out).astype(np.float32)
+    out = np.where(missing, null, out).astype(np.float32)
+    begin, fan = first + 0.5 * laser.fov, step * (laser.beams - 1)
+    same = len(out) == laser.beams and abs(fan - laser.fov) <= abs(step) + _NEAR
+    return out if same and abs(begin) <= abs(step) + _NEAR else _resampled(out, first, step, laser)
+
+
+def _resampled(
+    ranges: NDArray[np.float32], first: float, step: float, laser: LaserSettings
+) -> NDArray[np.float32]:
+    """Ranges (beams,) at a laser's beams, of ranges (n,) from a first angle on, a step apart."""
+    angles = first + step * np.arange(len(ranges))
+    if step < 0.0:
+        ranges, angles, first, step = ranges[::-1], angles[::-1], float(angles[-1]), -step
+    ahead = np.mod(laser.angles - first + 0.5 * step, 2.0 * np.pi)  # of half a step before theirs
+    near = (ahead / step).astype(np.int64)
+    if not (near < len(ranges)).all():
+        raise ValueError(
+            f"looks from {math.degrees(first):.1f} over "
+            f"{math.degrees(angles[-1] - first):.1f} deg; "
+            f"expected {math.degrees(-0.5 * laser.fov):.1f} over {math.degrees(laser.fov):.1f} "
+            "(laser.fov), or more"
+        )
+    out = ranges[near]
+    spacing = laser.fov / (laser.beams - 1)
+    mine = np.mod(angles + 0.5 * laser.fov + 0.5 * spacing, 2.0 * np.pi) / spacing
+    kept = mine < laser.beams
+    np.fmin.at(out, mine[kept].astype(np.int64), ranges[kept])  # of NaN and a number, the number
+    return out
 
 
 def odometry(message: Mapping[str, Any]) -> tuple[Array, Array]:

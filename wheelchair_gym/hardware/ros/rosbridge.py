@@ -14,18 +14,25 @@ import importlib
 import json
 import logging
 import socket
+import ssl
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack, suppress
+from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from wheelchair_gym.config import InputError
+from wheelchair_gym.files import read_text
 from wheelchair_gym.hardware.ros.settings import RosbridgeSettings
 
 _LOG = logging.getLogger(__name__)
 
 Callback = Callable[[str, Any, float], None]
+Service = Callable[[Mapping[str, Any]], dict[str, Any]]
 
 
 def load_websockets() -> None:
@@ -40,6 +47,58 @@ def load_websockets() -> None:
         raise InputError("a chair under ROS needs: pip install 'wheelchair_gym[ros]'") from None
 
 
+def is_local(host: str) -> bool:
+    """Whether only this machine reaches a host."""
+    return host == "localhost" or host.startswith("127.") or host == "::1"
+
+
+def rounded(values: NDArray[Any]) -> list[Any]:
+    """An array as a list; of float32, with digits to a tenth of a millimetre."""
+    if values.dtype == np.float32:
+        values = np.round(values.astype(np.float64), 4)
+    return list(values.tolist())
+
+
+def read_token(file: str | Path) -> str:
+    """The token that a file holds.
+
+    Raises:
+        InputError: the file cannot be read, or is not one line of printable characters.
+    """
+    token = read_text(file, "yaml").strip()
+    if not token or not token.isascii() or not token.isprintable() or " " in token:
+        raise InputError(f"{file}: expected a token: one line of printable ASCII without spaces")
+    return token
+
+
+def _security(
+    host: str, port: int, link: RosbridgeSettings
+) -> tuple[ssl.SSLContext | None, dict[str, str]]:
+    """The context of TLS and the headers of a connection; what is missing is said.
+
+    Raises:
+        InputError: a file cannot be read, or a token would go over a network unencrypted.
+    """
+    context = None
+    if link.tls:
+        try:
+            context = ssl.create_default_context(cafile=link.ca_file or None)
+        except (OSError, ssl.SSLError) as error:
+            why = error.strerror or error
+            raise InputError(f"ca_file {link.ca_file}: expected certificates ({why})") from None
+    headers = {}
+    if link.token_file:
+        headers["Authorization"] = f"Bearer {read_token(link.token_file)}"
+    if not is_local(host) and context is None:
+        if headers:
+            raise InputError(f"ros://{host}:{port}: a token needs tls, or this machine as its host")
+        _LOG.warning(
+            "ros://%s:%d: no TLS and no token: whoever is on the network can read and command the "
+            "chair", host, port,
+        )  # fmt: skip
+    return context, headers
+
+
 class Rosbridge:
     """A link that is open from when it is made until `close`, or until it is lost.
 
@@ -52,7 +111,8 @@ class Rosbridge:
     Attributes:
         lost: why the link is lost, in a line; empty while it is open.
         closed: is set when the link is lost.
-        farewell: a topic and a message that are published before the link is closed.
+        farewell: a topic, and what makes the message that is published on it before the link is
+            closed.
 
     Raises:
         InputError: the extra 'ros' is not installed, or no rosbridge answers there.
@@ -63,20 +123,24 @@ class Rosbridge:
         from websockets.exceptions import ConnectionClosed, WebSocketException
         from websockets.sync.client import connect
 
+        context, headers = _security(host, port, link)
+
         self._broken: tuple[type[Exception], ...] = (ConnectionClosed, EOFError, OSError)
         name, ping = f"[{host}]" if ":" in host else host, link.ping_interval
         self.url = f"ros://{name}:{port}"
         self.lost, self.closed = "", threading.Event()
         self._write_lock = threading.RLock()
-        self.farewell: tuple[str, Any] | None = None
+        self.farewell: tuple[str, Callable[[], Any]] | None = None
+        self.services: dict[str, Service] = {}
         self._on_message, self._stack = on_message, ExitStack()
         try:
             plug = socket.create_connection((host, port), link.connect_timeout)
             self._socket = self._stack.enter_context(
                 connect(
-                    f"ws://{name}:{port}", sock=plug, open_timeout=link.connect_timeout,
-                    close_timeout=ping, ping_interval=ping, ping_timeout=ping,
-                    max_size=link.max_message_size, compression=None,
+                    f"{'wss' if context else 'ws'}://{name}:{port}", sock=plug, ssl=context,
+                    open_timeout=link.connect_timeout, close_timeout=ping, ping_interval=ping,
+                    ping_timeout=ping, max_size=link.max_message_size, compression=None,
+                    additional_headers=headers,
                 )
             )  # fmt: skip
         except (OSError, WebSocketException, EOFError) as error:
@@ -93,9 +157,15 @@ class Rosbridge:
         """Unsubscribe from a topic."""
         self._send({"op": "unsubscribe", "topic": topic})
 
-    def advertise(self, topic: str, kind: str) -> None:
-        """Announce that messages of a type will be published."""
-        self._send({"op": "advertise", "topic": topic, "type": kind})
+    def advertise(self, topic: str, kind: str, latch: bool = False) -> None:
+        """Announce messages of a type; late subscribers get the last one of a latched topic."""
+        more = {"latch": True} if latch else {}
+        self._send({"op": "advertise", "topic": topic, "type": kind} | more)
+
+    def serve(self, name: str, kind: str, service: Service) -> None:
+        """Offer a service: a function of its arguments, which is called in the link's thread."""
+        self.services[name] = service
+        self._send({"op": "advertise_service", "service": name, "type": kind})
 
     def publish(self, topic: str, message: Any) -> None:
         """Send a message; it is dropped where the link is lost."""
@@ -113,7 +183,8 @@ class Rosbridge:
             if self.lost:
                 return
             try:
-                self._socket.send(json.dumps(content, allow_nan=False))
+                # NaN and infinities go out as such, which rosbridge_server takes; it refuses null.
+                self._socket.send(json.dumps(content, default=rounded))
             except self._broken as error:
                 self._end(f"it broke ({error})")
 
@@ -141,6 +212,11 @@ class Rosbridge:
         operation = content.get("op") if isinstance(content, dict) else None
         if operation == "publish" and isinstance(content.get("topic"), str):
             self._on_message(content["topic"], content.get("msg"), now)
+        elif operation == "call_service" and content.get("service") in self.services:
+            name = content["service"]
+            answer = {"op": "service_response", "service": name, "result": True}
+            values = self.services[name](content.get("args") or {})
+            self._send(answer | {"id": content.get("id"), "values": values})
         elif operation == "status":
             if content.get("level") in ("error", "warning"):
                 _LOG.warning("%s reports: %s", self.url, " ".join(str(content.get("msg")).split()))
@@ -156,8 +232,8 @@ class Rosbridge:
             if not self.lost:
                 self.lost = " ".join(why.split())
                 if self.farewell is not None:
-                    topic, message = self.farewell
-                    last = {"op": "publish", "topic": topic, "msg": message}
+                    topic, make = self.farewell
+                    last = {"op": "publish", "topic": topic, "msg": make()}
                     with suppress(Exception):  # the link may be the very thing that is broken
                         self._socket.send(json.dumps(last))
         self.closed.set()

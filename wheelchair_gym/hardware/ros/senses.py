@@ -52,14 +52,18 @@ class RosSensors:
     ) -> None:
         self.settings, self.sensors, self.on_map, s = settings, sensors, on_map, settings
         self.clock, self._simulated = clock, False
-        self._laser = ""  # its frame
+        self._frames: dict[str, str] = {}  # topic of a scan: its frame
+        self._lasers = dict(zip((s.scan, *s.more_scans), sensors.lasers, strict=True))
         null = math.nan if s.null_range == "invalid" else math.inf
         self.topics = {
-            s.scan: Topic(
-                "sensor_msgs/LaserScan",
-                lambda message: ros.scan(message, sensors.laser, null),
-                s.limits.scan,
-            ),
+            **{
+                topic: Topic(
+                    "sensor_msgs/LaserScan",
+                    lambda message, laser=laser: ros.scan(message, laser, null),  # type: ignore[misc]
+                    s.limits.scan,
+                )
+                for topic, laser in self._lasers.items()
+            },
             s.odometry: Topic("nav_msgs/Odometry", ros.odometry, s.limits.odometry),
             s.tf: Topic("tf2_msgs/TFMessage", ros.transforms, queue=_BROADCASTERS),
             s.tf_static: Topic("tf2_msgs/TFMessage", ros.transforms, queue=_BROADCASTERS),
@@ -106,8 +110,8 @@ class RosSensors:
                 edges = {child: (parent, pose, math.inf) for parent, child, pose in value}
                 self._rigid = {**self._rigid, **edges}
             else:
-                if topic == s.scan:
-                    self._laser = str(message["header"]["frame_id"]).lstrip("/")
+                if topic in self._lasers:
+                    self._frames[topic] = str(message["header"]["frame_id"]).lstrip("/")
                 stamp = ros.stamp(message["header"])
                 self._newest[topic] = Stamped(value, self._made_at(topic, stamp, came))
             self._wrong.pop(topic, None)
@@ -186,20 +190,22 @@ class RosSensors:
         return self.pose_in(self.settings.base_frame, self.settings.map_frame)
 
     def laser_mount_error(self) -> str:
-        """That the laser's pose in tf is not that of the settings; empty: it is, or is unknown."""
-        mount = self.pose_in(self._laser, self.settings.base_frame)
-        laser = self.sensors.laser
-        if mount is None:
-            return ""
-        apart = relative_pose((laser.x, laser.y, laser.yaw), mount.value)
-        if max(np.hypot(*apart[:2]), abs(apart[2])) <= self.settings.mount_tolerance:
-            return ""
-        x, y, yaw = mount.value
-        return (
-            f"{self.settings.tf} has the laser at ({x:.2f}, {y:.2f}) m, {math.degrees(yaw):.0f} "
-            f"deg; sensors.laser says ({laser.x:.2f}, {laser.y:.2f}) m, "
-            f"{math.degrees(laser.yaw):.0f} deg"
-        )
+        """That a laser's pose in tf is not that of the settings; empty: it is, or is unknown."""
+        names = ("sensors.laser", *(f"sensors.more_lasers[{k}]" for k in range(len(self._lasers))))
+        for name, (topic, laser) in zip(names, self._lasers.items(), strict=False):
+            mount = self.pose_in(self._frames[topic], self.settings.base_frame)
+            if mount is None:
+                continue
+            apart = relative_pose((laser.x, laser.y, laser.yaw), mount.value)
+            if max(np.hypot(*apart[:2]), abs(apart[2])) <= self.settings.mount_tolerance:
+                continue
+            x, y, yaw = mount.value
+            return (
+                f"{self.settings.tf} has the laser at ({x:.2f}, {y:.2f}) m, "
+                f"{math.degrees(yaw):.0f} deg; {name} says ({laser.x:.2f}, {laser.y:.2f}) m, "
+                f"{math.degrees(laser.yaw):.0f} deg"
+            )
+        return ""
 
     def pose_in(self, frame: str, root: str) -> Stamped | None:
         """The pose (3,) of a frame in one above it."""
@@ -217,9 +223,12 @@ class RosSensors:
     def ranges(self, now: float) -> tuple[Floats, Floats, Floats]:
         """Laser, ultrasonics and their ages; what is too old is invalid."""
         s = self.settings
-        scan = self._newest[s.scan]
-        fresh = now - scan.measured_at <= s.limits.scan
-        laser = scan.value if fresh else np.full_like(scan.value, np.nan)
+        scans = []
+        for topic in self._lasers:
+            scan = self._newest[topic]
+            fresh = now - scan.measured_at <= s.limits.scan
+            scans.append(scan.value if fresh else np.full_like(scan.value, np.nan))
+        laser = np.concatenate(scans)
         newest = [self._newest.get(topic, NEVER) for topic in s.ultrasonic] or [NEVER] * RANGERS
         ages = np.array([now - one.measured_at for one in newest], np.float32)
         values = np.array([one.value for one in newest], np.float32)

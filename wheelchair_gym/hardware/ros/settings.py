@@ -23,6 +23,13 @@ class RosbridgeSettings:
         default=128 << 20, unit="bytes", low=1024, source="a map of 30 million cells"
     )
     """Maximum size of a message."""
+    tls: bool = setting(default=False)
+    """Encrypt the connection (wss), and check the other side's certificate."""
+    ca_file: str = setting(default="")
+    """PEM file of the authority that has signed that certificate; empty: the system's."""
+    token_file: str = setting(default="")
+    """File with the token that is sent as `Authorization: Bearer TOKEN`, for a proxy in front of
+    rosbridge_server, which itself knows no tokens; empty: none."""
 
 
 @settings
@@ -35,10 +42,14 @@ class RosSettings:
     """TCP port of rosbridge_server."""
     scan: str = setting(default="/scan", source=_THESIS)
     """Topic of the laser scan."""
+    more_scans: tuple[str, ...] = setting(default=(), source="the thesis has one laser")
+    """Topics of further lasers, in the order of sensors.more_lasers."""
     odometry: str = setting(default="/ARDUINO1/Odom", source=_THESIS)
     """Topic of the odometry."""
     velocity: str = setting(default="/ARDUINO1/Velocity", source=_THESIS)
     """Topic of the commanded twist."""
+    stamped: bool = setting(default=False, source="the thesis; nav2 until Jazzy")
+    """The commanded twist is a TwistStamped, as nav2 expects from Kilted on, and no Twist."""
     map: str = setting(default="/map", source=_THESIS)
     """Topic of the map."""
     tf: str = setting(default="/tf", source=_THESIS)

@@ -1,0 +1,244 @@
+"""The simulated chair as a ROS 2 robot: publishes what it senses, and drives by /cmd_vel.
+
+    NavigationEnv ──▶ Robot.act ──▶ /scan, /odom, /tf, ... ──▶ rosbridge ──▶ nav2, RViz, ...
+          ▲               │                                                          │
+          └── shield ◀────┘ the last twist, zero after a silence ◀── /cmd_vel ◀──────┘
+
+`Robot` is a policy, so that `agents.evaluation.evaluate.drive_episode` drives and scores whoever
+commands it as it does every other policy.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Callable, Mapping
+from typing import Any, Final, Protocol
+
+import numpy as np
+
+from wheelchair_gym.config import setting, settings
+from wheelchair_gym.geometry import map_to_odom
+from wheelchair_gym.hardware.ros import make_messages as ros
+from wheelchair_gym.types import Belief, Command, Mission, Reading
+
+COMMAND: Final = "/cmd_vel"
+COMMAND_TYPES: Final = ("geometry_msgs/Twist", "geometry_msgs/TwistStamped")
+SERVICES: Final = ("/next_episode", "/restart_episode")  # of std_srvs/srv/Trigger
+_BATTERY_PERIOD = 1.0  # s
+_LATE = 1.0  # s: later periods are not made up for
+
+
+@settings
+class RobotSettings:
+    """What the robot publishes, how often, and when it stops."""
+
+    scan_rate: float = setting(
+        default=10.0, unit="Hz", low=0.1, high=1000.0, source="nav2_loopback_sim"
+    )
+    """Rate of scans; odometry, transforms and clock come in every control period."""
+    command_timeout: float = setting(
+        default=0.5, unit="s", low=0.0, source="twist_mux (ROS), which uses 0.5 s"
+    )
+    """How long the last command is driven."""
+    speed: float = setting(default=0.0, low=0.0, high=1000.0, source="design choice")
+    """Simulated time, times real time, published on /clock; 0: stamps are of real time, and there
+    is no /clock."""
+    localized: bool = setting(default=True, source="design choice")
+    """Publish /map, /goal_pose and the transform map -> odom; false: amcl or slam_toolbox does."""
+    imu: bool = setting(default=False, source="design choice")
+    """Publish the turn rate on /imu."""
+
+
+class Link(Protocol):
+    """A rosbridge: a server, or a client of one."""
+
+    lost: str
+
+    def advertise(self, topic: str, kind: str, latch: bool = False) -> None:
+        """Announce a topic."""
+        ...
+
+    def publish(self, topic: str, message: Any) -> None:
+        """Send a message."""
+        ...
+
+
+class Robot:
+    """The policy that drives as /cmd_vel says; see `Policy`.
+
+    Args:
+        config: rates and limits.
+        log: is called with lines for a person: the chair stops, a message is wrong.
+        waits: an episode begins with its first command.
+
+    Attributes:
+        link: where messages go; to be set before the first reset.
+        wish: the service that was called, to end the episode; empty: none.
+        late: control periods that ended more than `_LATE` after their time.
+    """
+
+    def __init__(
+        self, config: RobotSettings, log: Callable[[str], object], waits: bool = False
+    ) -> None:
+        self.config, self._log, self._waits = config, log, waits
+        self.link: Link
+        self.wish, self.late = "", 0
+        self._lock = threading.Lock()
+        self._twist, self._fresh = (0.0, 0.0), False
+        self._commander: object = None
+        self._silent, self._stopped = math.inf, True
+        self._elapsed = 1.0  # s of simulated time: for tf2, a stamp of 0 means the newest
+        self._due = 0.0
+        self._wrong: set[str] = set()
+        self._end: Callable[[], bool] = lambda: False
+
+    def connect(self, link: Link, mission: Mission, end: Callable[[], bool]) -> None:
+        """Announce all topics of a chair with the mission's sensors.
+
+        Args:
+            link: where messages go.
+            mission: any of this chair.
+            end: whether the program is to end.
+        """
+        self.link, self._end = link, end
+        config, sensors = self.config, mission.sensors
+        topics = ["/tf", "/tf_static", "/odom", "/battery_state", "/footprint"]
+        topics += ["/clock"] * (config.speed > 0.0) + ["/imu"] * config.imu
+        topics += ["/map", "/goal_pose"] * config.localized
+        topics += [ros.scanner_name(k, "/scan") for k in range(len(sensors.lasers))]
+        topics += [f"/ultrasonic_{k}" for k in range(len(sensors.ultrasonic.mounted))]
+        for topic in topics:
+            kind = ros.topic_type(topic)
+            link.advertise(topic, kind.type, kind.latched)
+
+    def reset(self, mission: Mission) -> None:
+        """Publish the world and the goal of a new episode."""
+        self.wish, self._mission = "", mission
+        self._published, self._awaits = 0, self._waits
+        with self._lock:
+            self._twist, self._silent, self._stopped, self._fresh = (0.0, 0.0), 0.0, True, False
+        now, publish, sensors = self._now(), self.link.publish, mission.sensors
+        publish("/tf_static", ros.mounts(now, sensors.lasers, sensors.ultrasonic))
+        publish("/footprint", ros.footprint(now, mission.footprint.corners))
+        if self.config.localized and mission.map is not None:
+            publish("/map", ros.grid(now, mission.map))
+            publish("/goal_pose", ros.pose_stamped(now, mission.goal))
+        self._due = time.monotonic()
+
+    def follow(self, env: Any) -> bool:
+        """Take the odometry of the environment's chair; whether the episode is to end."""
+        inner = env.unwrapped
+        self._odometry = getattr(inner.chair, "belief", Belief(inner.task.reading.pose)).odometry
+        return bool(self.wish) or self._end()
+
+    def act(self, reading: Reading) -> Command:
+        """Let a control period pass, and return the last command; zero after a silence."""
+        self._publish(reading)
+        if self._awaits:
+            self._awaits = False
+            self.stand(reading, lambda: self._fresh)
+        self._pass_period()
+        with self._lock:
+            fresh, self._fresh = self._fresh, False
+            self._silent = 0.0 if fresh else self._silent + self._mission.period
+            if self._silent > self.config.command_timeout:
+                self._stop(f"{COMMAND} is silent for {self.config.command_timeout:g} s")
+            elif any(self._twist):
+                self._stopped = False
+            return Command(np.array(self._twist))
+
+    def stand(self, reading: Reading, done: Callable[[], bool]) -> None:
+        """Stand still and go on publishing until `done`, or until the program is to end."""
+        still = reading._replace(twist=np.zeros(2))
+        while not (done() or self.wish or self._end()):
+            self._pass_period()
+            self._publish(still)
+
+    def command(self, topic: str, message: Any, sender: object = None) -> str:
+        """Take a Twist or TwistStamped from a sender; returns what is wrong with it, or nothing."""
+        try:
+            twist = message.get("twist", message)
+            v, w = float(twist["linear"]["x"]), float(twist["angular"]["z"])
+            if not math.isfinite(v + w):
+                raise ValueError
+        except (AttributeError, KeyError, TypeError, ValueError, OverflowError):
+            why = f"{topic}: expected a Twist or TwistStamped of finite numbers"
+            if why not in self._wrong:
+                self._wrong.add(why)
+                self._log(f"{why}; such messages are not used")
+            return why
+        with self._lock:
+            self._twist, self._commander, self._fresh = (v, w), sender, True
+        return ""
+
+    def left(self, client: object) -> None:
+        """Stop the chair if the client that is gone has commanded it."""
+        with self._lock:
+            if client is self._commander:
+                self._stop("the client that commanded is gone")
+
+    def ask(self, service: str) -> Callable[[Mapping[str, Any]], dict[str, Any]]:
+        """The service that ends the episode, as a std_srvs/srv/Trigger."""
+
+        def answer(arguments: Mapping[str, Any]) -> dict[str, Any]:
+            self.wish = service
+            return {"success": True, "message": "an episode begins"}
+
+        return answer
+
+    def _stop(self, why: str) -> None:
+        """Stand still from now on; with the lock held."""
+        self._twist = (0.0, 0.0)
+        if not self._stopped:
+            self._stopped = True
+            self._log(f"{why}: the chair stops")
+
+    def _now(self) -> int:
+        """The time of messages [ns]."""
+        if self.config.speed > 0.0:
+            return round(self._elapsed * ros.NANO)
+        return time.time_ns()
+
+    def _pass_period(self) -> None:
+        """Wait for the end of the control period in real time."""
+        period = self._mission.period
+        self._elapsed += period
+        self._due += period / (self.config.speed or 1.0)
+        wait = self._due - time.monotonic()
+        if wait > 0.0:
+            time.sleep(wait)
+        elif wait < -_LATE:
+            self.late, self._due = self.late + 1, time.monotonic()
+
+    def _publish(self, reading: Reading) -> None:
+        """Publish a reading, as of now."""
+        if self.link.lost:
+            raise ConnectionError(f"rosbridge: the link is lost: {self.link.lost}")
+        now, publish, config, odometry = self._now(), self.link.publish, self.config, self._odometry
+        if config.speed > 0.0:
+            publish("/clock", ros.clock(now))
+        edges = [ros.transform(now, "odom", "base_link", odometry)]
+        if config.localized:
+            fixed = map_to_odom(reading.pose, odometry)
+            edges.insert(0, ros.transform(now, "map", "odom", fixed))
+        publish("/tf", {"transforms": edges})
+        publish("/odom", ros.odometry(now, odometry, reading.twist))
+        if config.imu:
+            publish("/imu", ros.imu(now, float(reading.twist[1])))
+        sensors = self._mission.sensors
+        if self._is_due(1.0 / config.scan_rate):
+            for k, (laser, part) in enumerate(zip(sensors.lasers, sensors.slices, strict=True)):
+                ranges = reading.laser[part]
+                publish(ros.scanner_name(k, "/scan"), ros.scan(now, laser, ranges, k))
+            found = ros.distances(now, sensors.ultrasonic, reading.ultrasonic, reading.age)
+            for topic, message in found.items():
+                publish(topic, message)
+        if self._is_due(_BATTERY_PERIOD):
+            publish("/battery_state", ros.battery(now, reading.battery))
+        self._published += 1
+
+    def _is_due(self, interval: float) -> bool:
+        """Whether what comes at an interval [s] comes in this control period."""
+        return self._published % max(1, round(interval / self._mission.period)) == 0

@@ -1,0 +1,60 @@
+"""A controller that knows ROS's messages, and nothing of this project, drives the simulated chair.
+
+`wheelchair robot --scene floor_plan --episodes 5 --json result.json` serves the chair and scores
+it; `python examples/ros_pure_pursuit.py ws://127.0.0.1:9090` drives, by A* and pure pursuit.
+"""
+
+import cmath
+import heapq
+import json
+import sys
+
+import numpy as np
+from scipy.ndimage import distance_transform_edt
+from websockets.sync.client import connect
+
+
+def plan(grid, start, goal):
+    """Points x + y * 1j of a path on a nav_msgs/OccupancyGrid; near walls, cells are dear."""
+    info, came, corner = grid["info"], {}, grid["info"]["origin"]["position"]
+    size, corner = info["resolution"], complex(corner["x"], corner["y"])
+    free = np.pad(np.array(grid["data"]).reshape(info["height"], info["width"]) == 0, 1)
+    wall = size * distance_transform_edt(free)
+    dear = np.where(wall < 0.33, 100.0, 1.0) + 8.0 * np.clip(0.8 - wall, 0.0, None)
+    first, last = ((p - corner) / size + 1 + 1j for p in (start, goal))
+    first, last = complex(int(first.real), int(first.imag)), complex(int(last.real), int(last.imag))
+    cost, heap = {first: 0.0}, [(0.0, first.real, first.imag)]
+    while heap and (at := complex(*heapq.heappop(heap)[1:])) != last:
+        for step in (1, -1, 1j, -1j, 1 + 1j, 1 - 1j, -1 + 1j, -1 - 1j):
+            to, cell = at + step, (int((at + step).imag), int((at + step).real))
+            new = cost[at] + abs(step) * dear[cell]
+            if free[cell] and new < cost.get(to, np.inf):
+                cost[to], came[to] = new, at
+                heapq.heappush(heap, (new + abs(to - last), to.real, to.imag))
+    path = [last]
+    while path[-1] in came:
+        path.append(came[path[-1]])
+    return [(cell - 0.5 - 0.5j) * size + corner for cell in path[::-1]]
+
+
+with connect((sys.argv[1:] or ["ws://127.0.0.1:9090"])[0], max_size=None) as link:
+    for topic in ("/map", "/goal_pose", "/tf"):
+        link.send(json.dumps({"op": "subscribe", "topic": topic}))
+    link.send(json.dumps({"op": "advertise", "topic": "/cmd_vel", "type": "geometry_msgs/Twist"}))
+    newest, path = {}, []
+    for message in map(json.loads, link):  # until the robot ends
+        topic = message.get("topic")
+        newest[topic], path = message.get("msg"), path if topic == "/tf" else []
+        if topic == "/tf" and {"/map", "/goal_pose"} <= newest.keys():
+            at, ahead = 0j, 1 + 0j
+            for edge in (one["transform"] for one in newest["/tf"]["transforms"]):  # from the map
+                at += ahead * complex(edge["translation"]["x"], edge["translation"]["y"])
+                ahead *= complex(edge["rotation"]["w"], edge["rotation"]["z"]) ** 2
+            goal = newest["/goal_pose"]["pose"]["position"]
+            path = path or plan(newest["/map"], at, complex(goal["x"], goal["y"]))
+            path = path[min(range(len(path)), key=lambda k: abs(path[k] - at)) :]
+            aim = next((point for point in path if abs(point - at) > 0.5), path[-1])
+            off = cmath.phase((aim - at) / ahead) if aim != at else 0.0
+            v, w = 0.5 * max(0.0, 1.0 - abs(off)), max(-0.8, min(0.8, 1.5 * off))
+            twist = {"linear": {"x": v}, "angular": {"z": w}}
+            link.send(json.dumps({"op": "publish", "topic": "/cmd_vel", "msg": twist}))

@@ -1,0 +1,493 @@
+"""Laws of the robot: others can read what it publishes, and silence of /cmd_vel stops it.
+
+Clients are plain WebSockets and the example's controller, which import nothing of the project.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+from contextlib import ExitStack, suppress
+
+import numpy as np
+import pytest
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import connect
+
+from agents.cli import main
+from agents.robot import Robot, RobotSettings
+from tests.conftest import ROOT
+from wheelchair_gym import InputError
+from wheelchair_gym.hardware.ros import messages as ros
+from wheelchair_gym.hardware.ros.rosbridge import Rosbridge
+from wheelchair_gym.hardware.ros.server import RosbridgeServer, strict
+from wheelchair_gym.hardware.ros.settings import RosbridgeSettings
+from wheelchair_gym.recording.replay import read_recording
+from wheelchair_gym.sensors.settings import SensorSettings
+
+CONTROLLER = ROOT / "examples" / "ros_pure_pursuit.py"
+QUIET = 3.0  # s within which a busy machine has noticed that nobody commands
+
+
+class Served:
+    """`wheelchair robot` in a process of its own, from when it is ready until it is closed."""
+
+    def __init__(self, *arguments, cwd=None):
+        command = [sys.executable, "-m", "wheelchair_gym", "robot", "--port", "0", *arguments]
+        environ = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path])}
+        self.process = subprocess.Popen(
+            command, env=environ, cwd=cwd, text=True, stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+        )  # fmt: skip
+        self.said, self.errors = [], []
+        self._threads = [
+            threading.Thread(target=self._read, args=pair, daemon=True)
+            for pair in (
+                (self.process.stdout, self.said), (self.process.stderr, self.errors)
+            )
+        ]  # fmt: skip
+        for thread in self._threads:
+            thread.start()
+        assert until(lambda: any("goal" in line for line in self.said), 120.0), self.errors
+        self.url = re.search(r"wss?://\S+", "".join(self.said))[0]
+
+    def _read(self, stream, lines):
+        for line in stream:
+            lines.append(line)
+
+    def close(self):
+        """End it as Ctrl-C does; its exit code."""
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGINT)
+        code = self.process.wait(30.0)
+        for thread in self._threads:
+            thread.join()
+        return code
+
+
+@pytest.fixture(scope="module")
+def robot():
+    served = Served("--scene", "empty", "--imu", "--pose", "odometry")
+    yield served
+    served.close()
+
+
+def until(true, seconds=QUIET):
+    end = time.monotonic() + seconds
+    while not true() and time.monotonic() < end:
+        time.sleep(0.01)
+    return true()
+
+
+class Client:
+    """A client that knows the protocol alone."""
+
+    def __init__(self, url, *topics, **more):
+        self._stack = ExitStack()
+        self.link = self._stack.enter_context(connect(url, max_size=None, compression=None, **more))
+        self.newest, self.counts, self.answers = {}, {}, []
+        for topic in topics:
+            self.send(op="subscribe", topic=topic)
+        self._thread = threading.Thread(target=self._listen, daemon=True)
+        self._thread.start()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self._stack.close()
+        self._thread.join()
+
+    def _listen(self):
+        with suppress(ConnectionClosed):
+            self._read()
+
+    def _read(self):
+        for text in self.link:
+            message = json.loads(text, parse_constant=pytest.fail)  # JavaScript reads no NaN
+            if message["op"] == "publish":
+                self.newest[message["topic"]] = message["msg"]
+                self.counts[message["topic"]] = self.counts.get(message["topic"], 0) + 1
+            else:
+                self.answers.append(message)
+
+    def send(self, **content):
+        self.link.send(json.dumps(content))
+
+    def drive(self, v, w=0.0, stamped=False):
+        twist = {"linear": {"x": v, "y": 0.0, "z": 0.0}, "angular": {"x": 0.0, "y": 0.0, "z": w}}
+        message = {"header": {}, "twist": twist} if stamped else twist
+        self.send(op="publish", topic="/cmd_vel", msg=message)
+
+    @property
+    def speed(self):
+        twist = self.newest["/odom"]["twist"]["twist"]
+        return max(abs(twist["linear"]["x"]), abs(twist["angular"]["z"]))
+
+    @property
+    def moving(self):
+        return self.speed > 0.1
+
+    @property
+    def still(self):
+        return self.speed < 0.02
+
+
+def driven(client, stamped=False):
+    """The client, while the chair turns on the spot by its commands."""
+    assert until(lambda: "/odom" in client.newest)
+    assert until(lambda: client.drive(0.0, 0.6, stamped) or client.moving)
+    return client
+
+
+TOPICS = (
+    "/scan", "/odom", "/tf", "/tf_static", "/map", "/goal_pose", "/battery_state", "/imu",
+    "/footprint", *(f"/ultrasonic_{k}" for k in range(8)),
+)  # fmt: skip
+
+
+def test_everything_is_published_and_can_be_read(robot):
+    """The readers are those of a chair under ROS."""
+    with Client(robot.url, *TOPICS) as client:
+        assert until(lambda: set(TOPICS) <= client.newest.keys())
+        newest, sensors = client.newest, SensorSettings()
+        ranges = ros.scan(newest["/scan"], sensors.laser, math.inf)
+        assert np.isfinite(ranges).mean() > 0.5
+        ros.odometry(newest["/odom"])
+        grid = ros.grid(newest["/map"], 25, 65)
+        edges = {child: (parent, pose) for parent, child, pose in ros.transforms(newest["/tf"])}
+        assert {child: parent for child, (parent, _) in edges.items()} == {
+            "odom": "map", "base_link": "odom"
+        }  # fmt: skip
+        mounts = {child: pose for _, child, pose in ros.transforms(newest["/tf_static"])}
+        assert mounts["laser"][0] == sensors.laser.x
+        assert len(mounts) == 9
+        assert grid.inside(edges["odom"][1][:2])
+        assert all(ros.distance(newest[f"/ultrasonic_{k}"], math.inf) > 0.0 for k in range(8))
+        assert ros.voltage(newest["/battery_state"]) > 20.0
+        stamps = [ros.stamp(newest[topic]["header"]) for topic in ("/scan", "/odom", "/imu")]
+        assert max(abs(stamp - time.time()) for stamp in stamps) < 5.0
+        assert not client.answers
+
+
+def test_it_drives_as_both_kinds_of_twist_say(robot):
+    for stamped in (False, True):
+        with driven(Client(robot.url, "/odom"), stamped) as client:
+            client.drive(0.0, 0.0, stamped)
+            assert until(lambda: client.still)
+
+
+@pytest.mark.parametrize("way", ["muted", "left", "cut"])
+def test_silence_stops_it_and_is_said(robot, way):
+    watcher = Client(robot.url, "/odom")
+    with watcher, driven(Client(robot.url, "/odom")) as client:
+        assert until(lambda: watcher.moving)
+        if way == "left":
+            client.link.close()
+        elif way == "cut":
+            client.link.socket.shutdown(2)
+        assert until(lambda: watcher.still)
+    said = "is silent for 0.5 s" if way == "muted" else "the client that commanded is gone"
+    assert until(lambda: f"{said}: the chair stops" in robot.errors[-1])
+
+
+def test_a_flood_is_cut_off_and_the_chair_stops(robot):
+    watcher = Client(robot.url, "/odom")
+    with watcher, driven(Client(robot.url, "/odom")) as client:
+        before = len(robot.errors)
+        with suppress(ConnectionClosed):
+            for _ in range(100_000):
+                client.drive(0.0, 0.6)
+            pytest.fail("it was not cut off")
+        assert until(lambda: watcher.still, 10.0)
+        begun, count = time.monotonic(), watcher.counts["/odom"]
+        assert until(lambda: watcher.counts["/odom"] > count + 20)  # the world goes on in time
+        assert time.monotonic() - begun < 2.0
+    assert any("messages/s: cut off" in line for line in robot.errors[before:])
+
+
+BAD = [
+    ({"op": "publish", "topic": "/cmd_vel", "msg": {"linear": {"x": "fast"}}}, "finite numbers"),
+    ({"op": "publish", "topic": "/cmd_vel", "msg": None}, "finite numbers"),
+    ({"op": "publish", "topic": "/cmd_vel"}, "finite numbers"),
+    ({"op": "publish", "topic": "/cmd", "msg": {}}, "nothing listens to /cmd; expected /cmd_vel"),
+    ({"op": "advertise", "topic": "/cmd_vel", "type": "std_msgs/String"}, "expected geometry_msgs"),
+    ({"op": "subscribe", "topic": "/nothing"}, "/nothing is not published here"),
+    ({"op": "subscribe", "topic": "/odom", "compression": "cbor"}, "expected none"),
+    ({"op": "subscribe", "topic": "/odom", "queue_length": []}, ""),
+    ({"op": "subscribe", "topic": "/odom", "throttle_rate": "x"}, "expected numbers"),
+    ({"op": "fly"}, "'fly' is not supported"),
+    ([1], "expected a JSON object"),
+    ("text", "expected a JSON object"),
+]  # fmt: skip
+
+
+def test_what_is_wrong_is_answered_and_moves_nothing(robot):
+    with Client(robot.url, "/odom") as client:
+        for content, said in BAD:
+            client.answers.clear()
+            client.link.send(json.dumps(content))
+            if said:
+                assert until(lambda: client.answers), content
+                assert said in client.answers[0]["msg"]
+        client.link.send(b"\xff\xfe")
+        client.link.send("[" * 100_000)
+        client.send(op="publish", topic="/cmd_vel", msg=json.loads(
+            '{"linear": {"x": 1e999}, "angular": {"z": NaN}}'))  # fmt: skip
+        assert until(lambda: "/odom" in client.newest)
+        time.sleep(0.3)
+        assert client.still
+
+
+def test_throttled_and_late_subscribers_get_what_they_ask_for(robot):
+    with Client(robot.url) as client:
+        client.send(op="subscribe", topic="/odom", throttle_rate=500)
+        client.send(op="subscribe", topic="/tf")
+        assert until(lambda: client.counts.get("/tf", 0) > 50, 10.0)
+        assert client.counts["/odom"] <= 5
+        client.send(op="subscribe", topic="/map")  # was published long ago
+        assert until(lambda: "/map" in client.newest)
+
+
+def test_services_begin_episodes(robot):
+    with Client(robot.url, "/odom", "/goal_pose") as client:
+        assert until(lambda: "/goal_pose" in client.newest)
+        first = client.newest["/goal_pose"]["pose"]
+        client.send(op="call_service", service="/next_episode", id="a", args={})
+        assert until(lambda: client.newest["/goal_pose"]["pose"] != first)
+        second, count = client.newest["/goal_pose"]["pose"], client.counts["/goal_pose"]
+        client.send(op="call_service", service="/restart_episode", id="b")
+        assert until(lambda: client.counts["/goal_pose"] > count)
+        assert client.newest["/goal_pose"]["pose"] == second
+        client.send(op="call_service", service="/fly", id="c")
+        assert until(lambda: len(client.answers) == 3)
+        assert [(one["id"], one["result"]) for one in client.answers] == [
+            ("a", True), ("b", True), ("c", False)
+        ]  # fmt: skip
+        assert client.answers[0]["values"]["success"] is True
+
+
+def test_it_stands_after_a_contact_until_a_service_is_called(tmp_path):
+    served = Served("--scene", "empty", "--shield", "off", "--sim-time", "5")
+    try:
+        with Client(served.url, "/odom", "/clock") as client:
+            assert until(lambda: "/odom" in client.newest)
+            said = lambda: any("touched something" in line for line in served.errors)  # noqa: E731
+            assert until(lambda: client.drive(0.8) or said(), 60.0)
+            count = client.counts["/clock"]
+            assert until(lambda: client.counts["/clock"] > count + 10)
+            assert client.still
+            client.send(op="call_service", service="/restart_episode")
+            assert until(lambda: client.drive(-0.3) or client.moving)
+    finally:
+        assert served.close() == 130
+
+
+@pytest.mark.parametrize(("scene", "seed", "episodes"), [("floor_plan", 6, 1), ("empty", 0, 2)])
+def test_a_stranger_drives_and_is_scored(scene, seed, episodes, tmp_path):
+    result, bag = tmp_path / "result.json", tmp_path / "bag"
+    served = Served(
+        "--scene", scene, "--seed", f"{seed}", "--episodes", f"{episodes}", "--sim-time", "3",
+        "--rate", "20", "--json", str(result), "--record", str(bag), "--format", "ros2",
+    )  # fmt: skip
+    assert "wheelchair_gym" not in CONTROLLER.read_text().partition('"""\n')[2]
+    try:
+        arguments = [sys.executable, str(CONTROLLER), served.url]
+        subprocess.run(arguments, check=True, timeout=180.0, cwd=tmp_path)
+        assert served.process.wait(30.0) == 0
+    finally:
+        served.close()
+    content = json.loads(result.read_text())
+    assert [one["seed"] for one in content["episodes"]] == list(range(seed, seed + episodes))
+    assert {one["outcome"] for one in content["episodes"]} == {"success"}
+    assert min(one["spl"] for one in content["episodes"]) > 0.8
+    assert content["summary"][0]["policy"] == "ros"
+    assert not any(key.startswith(("act_ms", "plan_ms")) for key in content["episodes"][0])
+    assert len(read_recording(bag)) == episodes
+
+
+@pytest.mark.parametrize("way", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_controller_that_is_killed_or_frozen_leaves_it_standing(way, tmp_path):
+    served = Served("--scene", "floor_plan", "--seed", "3", "--episodes", "1", "--rate", "20")
+    try:
+        with Client(served.url, "/odom") as watcher:
+            controller = subprocess.Popen([sys.executable, str(CONTROLLER), served.url])
+            try:
+                assert until(lambda: "/odom" in watcher.newest and watcher.moving, 60.0)
+                controller.send_signal(way)
+                assert until(lambda: watcher.still)
+                time.sleep(0.3)
+                assert watcher.still
+            finally:
+                controller.kill()
+                controller.wait()
+        assert any("the chair stops" in line for line in served.errors)
+    finally:
+        served.close()
+
+
+def test_a_token_is_needed_where_one_is_set():
+    taken = []
+    server = RosbridgeServer("127.0.0.1", 0, lambda *given: taken.append(given) or "", token="abc")
+    server.listens["/cmd_vel"] = ("geometry_msgs/Twist",)
+    try:
+        for headers in ({}, {"Authorization": "Bearer wrong"}):
+            with pytest.raises(InvalidStatus, match="401"):
+                Client(server.url, additional_headers=headers)
+        with Client(server.url, additional_headers={"Authorization": "Bearer abc"}) as client:
+            client.drive(0.1)
+            assert until(lambda: taken)
+    finally:
+        server.close()
+
+
+def test_a_frozen_client_holds_nobody_up():
+    """Neither the messages to others nor the end of the program."""
+    frozen = subprocess.Popen(
+        [sys.executable, "-c", "import sys, time; from websockets.sync.client import connect\n"
+         "with connect(sys.argv[1]) as link:\n"
+         "    link.send('{\"op\": \"subscribe\", \"topic\": \"/t\"}'); print(flush=True)\n"
+         "    time.sleep(100)", (server := RosbridgeServer("127.0.0.1", 0, lambda *_: "")).url],
+        stdout=subprocess.PIPE,
+    )  # fmt: skip
+    try:
+        server.advertise("/t", "std_msgs/String")
+        frozen.stdout.readline()
+        frozen.send_signal(signal.SIGSTOP)
+        with Client(server.url, "/t") as client:
+            for _ in range(300):
+                server.publish("/t", {"data": "x" * 100_000})
+                time.sleep(0.002)
+            assert client.counts["/t"] > 100
+    finally:
+        begun = time.monotonic()
+        server.close()
+        assert time.monotonic() - begun < 4.0
+        frozen.kill()
+        frozen.wait()
+
+
+@pytest.mark.skipif(shutil.which("openssl") is None, reason="makes the certificate")
+def test_tls_and_token_between_our_two_ends(tmp_path):
+    pem, token = tmp_path / "chair.pem", tmp_path / "token"
+    subprocess.run(
+        ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj",
+         "/CN=localhost", "-addext", "subjectAltName=DNS:localhost,IP:127.0.0.1",
+         "-keyout", tmp_path / "key", "-out", tmp_path / "certificate"],
+        check=True, capture_output=True,
+    )  # fmt: skip
+    pem.write_bytes((tmp_path / "key").read_bytes() + (tmp_path / "certificate").read_bytes())
+    token.write_text("abc\n")
+    heard = []
+    server = RosbridgeServer("127.0.0.1", 0, lambda *m: heard.append(m) or "", token="abc",
+                             certificate=pem)  # fmt: skip
+    server.listens["/t"] = ("std_msgs/String",)
+    try:
+        given = {"tls": True, "ca_file": str(tmp_path / "certificate"), "token_file": str(token)}
+        link = Rosbridge("127.0.0.1", server.port, lambda *_: None, RosbridgeSettings(**given))
+        link.publish("/t", {"data": "x"})
+        assert until(lambda: heard)
+        link.close()
+        for wrong in ({"ca_file": ""}, {"token_file": ""}):
+            with pytest.raises(InputError, match="no rosbridge answers there"):
+                Rosbridge("127.0.0.1", server.port, lambda *_: None,
+                          RosbridgeSettings(**{**given, **wrong}))  # fmt: skip
+    finally:
+        server.close()
+
+
+def test_it_is_a_client_of_another_rosbridge(tmp_path):
+    """Numbers that are not finite go out as rosbridge_server takes them."""
+    heard, left = [], []
+    server = RosbridgeServer(
+        "127.0.0.1", 0, lambda t, m, c: heard.append((t, m)) or "", left.append
+    )
+    server.listens |= {"/scan": ("sensor_msgs/LaserScan",), "/clock": ("rosgraph_msgs/Clock",)}
+    link = Rosbridge("127.0.0.1", server.port, lambda *_: None, RosbridgeSettings())
+    try:
+        link.advertise("/scan", "sensor_msgs/msg/LaserScan")
+        ranges = np.array([1.23456, np.inf, -np.inf, np.nan], np.float32)
+        link.publish("/scan", {"ranges": ranges})
+        assert until(lambda: heard)
+        np.testing.assert_equal(heard[0][1]["ranges"], [1.2346, math.inf, -math.inf, math.nan])
+        assert strict({"ranges": ranges}) == {"ranges": [1.2346, None, None, None]}
+        out = main(["robot", "--scene", "empty", "--rosbridge", f"ros://127.0.0.1:{server.port}",
+                    "--seconds", "2", "--sim-time", "--rate", "20"])  # fmt: skip
+        assert out == 0
+        clocks = [
+            m["clock"]["sec"] + 1e-9 * m["clock"]["nanosec"] for t, m in heard if t == "/clock"
+        ]
+        assert len(clocks) > 5
+        assert clocks == sorted(set(clocks))
+        assert until(lambda: left)
+    finally:
+        link.close()
+        server.close()
+
+
+def test_a_lost_rosbridge_is_one_line(capsys):
+    server = RosbridgeServer("127.0.0.1", 0, lambda *_: "")
+    threading.Timer(6.0, server.close).start()
+    code = main(["robot", "--scene", "empty", "--rosbridge", f"ros://127.0.0.1:{server.port}"])
+    assert code == 1
+    assert "the link is lost" in capsys.readouterr().err.splitlines()[-1]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ("--pose slam", "ROS draws the map"),
+        ("--map x.yaml --scene empty", "expected one of them"),
+        ("--tls missing.pem --scene empty", "missing.pem: expected a PEM file"),
+        ("--token-file missing --scene empty", "missing: cannot be read"),
+        ("--host 300.1.1.1 --scene empty", "300.1.1.1:9090: cannot be served"),
+        ("--rosbridge ros://127.0.0.1:1 --scene empty", "no rosbridge answers"),
+        ("--rosbridge hardware --scene empty", "expected ros://HOST:PORT"),
+        ("--rate 0", "expected 1 to 200"),
+    ],
+)
+def test_what_is_wrong_is_one_line(arguments, said, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    try:
+        code = main(["robot", *arguments.split()])
+    except SystemExit as left:
+        code = left.code
+    assert code == 2
+    line = capsys.readouterr().err.strip().splitlines()[-1]
+    assert said in line
+
+
+def test_being_open_to_a_network_is_said(caplog):
+    RosbridgeServer("0.0.0.0", 0, lambda *_: "").close()
+    assert "0.0.0.0: no token and no TLS: whoever reaches it can read and command" in caplog.text
+
+
+def test_tls_and_token_of_the_link(tmp_path, caplog):
+    (tmp_path / "token").write_text("secret\n")
+    (tmp_path / "bad").write_text("two words\n")
+    given = {"connect_timeout": 0.1, "token_file": str(tmp_path / "token")}
+    with pytest.raises(InputError, match="a token needs tls"):
+        Rosbridge("192.0.2.1", 1, lambda *_: None, RosbridgeSettings(**given))
+    with pytest.raises(InputError, match="one line of printable ASCII"):
+        Rosbridge("192.0.2.1", 1, lambda *_: None,
+                  RosbridgeSettings(token_file=str(tmp_path / "bad")))  # fmt: skip
+    with pytest.raises(InputError, match="expected certificates"):
+        Rosbridge("192.0.2.1", 1, lambda *_: None,
+                  RosbridgeSettings(tls=True, ca_file=str(tmp_path / "bad")))  # fmt: skip
+    with pytest.raises(InputError, match="no rosbridge answers"):
+        Rosbridge("192.0.2.1", 1, lambda *_: None, RosbridgeSettings(connect_timeout=0.1))
+    assert "no TLS and no token: whoever is on the network can read and command" in caplog.text
+
+
+def test_settings_of_the_robot_have_bounds():
+    with pytest.raises(InputError):
+        RobotSettings(scan_rate=0.0)
+    assert Robot(RobotSettings(), print).command("/cmd_vel", {"linear": {}}, None)

@@ -1,0 +1,232 @@
+"""ROS 2 messages of a chair, its sensors and its map, as dictionaries of their fields.
+
+rosbridge sends them as JSON, and `recording.bags` writes them as CDR. Fields that are left out are
+zero or empty. Frames are those of REP-105: map -> odom -> base_link -> laser, ultrasonic_0, ...
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from wheelchair_gym.arrays import Array
+from wheelchair_gym.maps import OccupancyGrid
+from wheelchair_gym.sensors.settings import LaserSettings, UltrasonicSettings
+
+Message = dict[str, Any]
+NANO: Final = 1_000_000_000
+
+
+class TopicType(NamedTuple):
+    """The type of a topic, and whether late subscribers get its last message (transient local)."""
+
+    type: str
+    latched: bool = False
+
+
+# Topics of the chair as a robot; further scanners are /scan_1, ..., ultrasonics /ultrasonic_0, ...
+TOPICS: Final[dict[str, TopicType]] = {
+    "/clock": TopicType("rosgraph_msgs/msg/Clock"),
+    "/tf": TopicType("tf2_msgs/msg/TFMessage"),
+    "/tf_static": TopicType("tf2_msgs/msg/TFMessage", latched=True),
+    "/map": TopicType("nav_msgs/msg/OccupancyGrid", latched=True),
+    "/scan": TopicType("sensor_msgs/msg/LaserScan"),
+    "/ultrasonic": TopicType("sensor_msgs/msg/Range"),
+    "/odom": TopicType("nav_msgs/msg/Odometry"),
+    "/imu": TopicType("sensor_msgs/msg/Imu"),
+    "/battery_state": TopicType("sensor_msgs/msg/BatteryState"),
+    "/goal_pose": TopicType("geometry_msgs/msg/PoseStamped", latched=True),
+    "/footprint": TopicType("geometry_msgs/msg/PolygonStamped", latched=True),
+}
+
+
+def topic_type(topic: str) -> TopicType:
+    """The type of a topic of `TOPICS`, or of one of its numbered kin."""
+    return TOPICS[topic] if topic in TOPICS else TOPICS[topic.rpartition("_")[0]]
+
+
+def time(now: int) -> Message:
+    """A builtin_interfaces/Time of an instant [ns]."""
+    return {"sec": now // NANO, "nanosec": now % NANO}
+
+
+def header(now: int, frame: str) -> Message:
+    """A std_msgs/Header."""
+    return {"stamp": time(now), "frame_id": frame}
+
+
+def clock(now: int) -> Message:
+    """A rosgraph_msgs/Clock."""
+    return {"clock": time(now)}
+
+
+def _vector(x: float, y: float, z: float = 0.0) -> Message:
+    return {"x": float(x), "y": float(y), "z": float(z)}
+
+
+def _quaternion(yaw: float) -> Message:
+    return {"x": 0.0, "y": 0.0, "z": math.sin(0.5 * yaw), "w": math.cos(0.5 * yaw)}
+
+
+def pose(where: Iterable[float]) -> Message:
+    """A geometry_msgs/Pose of a pose (3,)."""
+    x, y, yaw = where
+    return {"position": _vector(x, y), "orientation": _quaternion(yaw)}
+
+
+def pose_stamped(now: int, where: Iterable[float], frame: str = "map") -> Message:
+    """A geometry_msgs/PoseStamped of a pose (3,) on the map."""
+    return {"header": header(now, frame), "pose": pose(where)}
+
+
+def poses(now: int, rows: ArrayLike) -> Message:
+    """A geometry_msgs/PoseArray of poses (n, 3) on the map."""
+    found = [pose(row) for row in np.asarray(rows, np.float64).tolist()]
+    return {"header": header(now, "map"), "poses": found}
+
+
+def path(now: int, points: ArrayLike) -> Message:
+    """A nav_msgs/Path of points (n, 2 or 3) on the map, each with its heading to the next one."""
+    places = np.asarray(points, np.float64)[:, :2]
+    steps = np.diff(places, axis=0, append=places[-1:])
+    yaws = np.arctan2(steps[:, 1], steps[:, 0])
+    yaws[-1:] = yaws[max(0, len(yaws) - 2) :][:1]
+    found = [pose_stamped(now, row) for row in np.column_stack([places, yaws]).tolist()]
+    return {"header": header(now, "map"), "poses": found}
+
+
+def transform(now: int, parent: str, child: str, where: Iterable[float]) -> Message:
+    """A geometry_msgs/TransformStamped."""
+    x, y, yaw = where
+    return {
+        "header": header(now, parent),
+        "child_frame_id": child,
+        "transform": {"translation": _vector(x, y), "rotation": _quaternion(yaw)},
+    }
+
+
+def scanner_name(number: int, first: str) -> str:
+    """The topic or the frame of a scanner: /scan, /scan_1, ... or laser, laser_1, ..."""
+    return f"{first}_{number}" if number else first
+
+
+def mounts(
+    now: int, lasers: Iterable[LaserSettings], rangers: UltrasonicSettings | None = None
+) -> Message:
+    """A tf2_msgs/TFMessage: base_link -> each scanner, and each ultrasonic."""
+    places = {
+        scanner_name(k, "laser"): (laser.x, laser.y, laser.yaw) for k, laser in enumerate(lasers)
+    }
+    for k, one in enumerate(rangers.mounted if rangers else ()):
+        places[f"ultrasonic_{k}"] = (one.x, one.y, one.yaw)
+    return {"transforms": [transform(now, "base_link", *place) for place in places.items()]}
+
+
+def grid(now: int, map_: OccupancyGrid) -> Message:
+    """A nav_msgs/OccupancyGrid: 0 free, 100 occupied, -1 unknown."""
+    rows, columns = map_.shape
+    info = {
+        "map_load_time": time(now), "resolution": map_.resolution, "width": columns,
+        "height": rows, "origin": pose(map_.origin),
+    }  # fmt: skip
+    return {"header": header(now, "map"), "info": info, "data": map_.cells.ravel()}
+
+
+def scan(now: int, laser: LaserSettings, ranges: NDArray[np.float32], number: int = 0) -> Message:
+    """A sensor_msgs/LaserScan of a scanner; REP-117: +inf no echo, -inf too near, NaN invalid."""
+    half = 0.5 * laser.fov
+    return {
+        "header": header(now, scanner_name(number, "laser")),
+        "angle_min": -half,
+        "angle_max": half,
+        "angle_increment": laser.fov / (laser.beams - 1),
+        "range_min": laser.range_min,
+        "range_max": laser.reach,
+        "ranges": ranges,
+    }
+
+
+def distances(
+    now: int, rangers: UltrasonicSettings, ranges: NDArray[np.float32], ages: NDArray[np.float32]
+) -> dict[str, Message]:
+    """A sensor_msgs/Range of each ultrasonic that has fired, by its topic, as old as it is."""
+    found = {}
+    values = zip(rangers.models, ranges.tolist(), ages.tolist(), strict=False)
+    for k, (model, value, age) in enumerate(values):
+        if not math.isfinite(age):
+            continue
+        found[f"/ultrasonic_{k}"] = {
+            "header": header(max(0, now - round(age * NANO)), f"ultrasonic_{k}"),
+            "radiation_type": 0,
+            "field_of_view": model.field_of_view,
+            "min_range": model.range_min,
+            "max_range": model.reach,
+            "range": value,
+        }
+    return found
+
+
+def odometry(now: int, where: Array, speed: Array) -> Message:
+    """A nav_msgs/Odometry of the odometry's pose (3,) and the twist (2,)."""
+    return {
+        "header": header(now, "odom"),
+        "child_frame_id": "base_link",
+        "pose": {"pose": pose(where), "covariance": [0.0] * 36},
+        "twist": {"twist": twist(*speed.tolist()), "covariance": [0.0] * 36},
+    }
+
+
+def imu(now: int, turn: float) -> Message:
+    """A sensor_msgs/Imu that measures the turn rate [rad/s] alone: -1 says that the rest is not."""
+    return {
+        "header": header(now, "base_link"),
+        "orientation": _quaternion(0.0),
+        "orientation_covariance": [-1.0] + [0.0] * 8,
+        "angular_velocity": _vector(0.0, 0.0, turn),
+        "angular_velocity_covariance": [0.0] * 9,
+        "linear_acceleration": _vector(0.0, 0.0),
+        "linear_acceleration_covariance": [-1.0] + [0.0] * 8,
+    }
+
+
+def battery(now: int, voltage: float) -> Message:
+    """A sensor_msgs/BatteryState; what is not measured is NaN."""
+    unknown = ("temperature", "current", "charge", "capacity", "design_capacity", "percentage")
+    state = {"header": header(now, "base_link"), "voltage": voltage, "present": True}
+    return state | dict.fromkeys(unknown, math.nan)
+
+
+def twist(v: float, w: float) -> Message:
+    """A geometry_msgs/Twist."""
+    return {"linear": _vector(v, 0.0), "angular": _vector(0.0, 0.0, w)}
+
+
+def twist_stamped(now: int, v: float, w: float, frame: str = "base_link") -> Message:
+    """A geometry_msgs/TwistStamped."""
+    return {"header": header(now, frame), "twist": twist(v, w)}
+
+
+def actors(now: int, shapes: tuple[Array, Array]) -> Message:
+    """A visualization_msgs/MarkerArray of actors' discs (n, 3) and segments (m, 4) [m]."""
+    discs, segments = shapes
+    orange = {"r": 0.9, "g": 0.5, "b": 0.2, "a": 0.9}
+    common = {"header": header(now, "map"), "ns": "actors", "color": orange}
+    markers: list[Message] = [common | {"action": 3}]  # deletes those of before
+    for k, (x, y, r) in enumerate(discs.tolist()):
+        cylinder = {"id": k, "type": 3, "pose": pose((x, y, 0.0))}
+        markers.append(common | cylinder | {"scale": _vector(2.0 * r, 2.0 * r, 0.1)})
+    if len(segments):
+        points = [_vector(x, y) for x, y in segments.reshape(-1, 2).tolist()]
+        lines = {"id": len(discs), "type": 5, "pose": pose((0.0, 0.0, 0.0)), "points": points}
+        markers.append(common | lines | {"scale": _vector(0.03, 0.0)})
+    return {"markers": markers}
+
+
+def footprint(now: int, corners: Array) -> Message:
+    """A geometry_msgs/PolygonStamped of the chair's outline (4, 2), in its own frame."""
+    points = [_vector(x, y) for x, y in corners.tolist()]
+    return {"header": header(now, "base_link"), "polygon": {"points": points}}

@@ -1,0 +1,93 @@
+"""Reads messages of MCAP files within limits; damaged files are refused with their names."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from wheelchair_gym.errors import InputError, shorten
+from wheelchair_gym.files import LIMITS
+
+
+@contextmanager
+def complete(file: str | Path) -> Iterator[None]:
+    """Report whatever a reader finds wrong with a file's content in one line.
+
+    Raises:
+        InputError: the extra 'record' is not installed, or the file is damaged.
+    """
+    try:
+        yield
+    except ImportError:
+        raise InputError("replaying needs: pip install 'wheelchair_gym[record]'") from None
+    except Exception as error:  # of readers and decompressors, for damaged bytes
+        why = f"no {error}" if isinstance(error, KeyError) else str(error) or type(error).__name__
+        why = " ".join(why.split())[:200]
+        raise InputError(f"{file}: expected a complete recording ({why})") from None
+
+
+class Recorded(NamedTuple):
+    """A message of an MCAP file, or of a bag."""
+
+    time: int  # ns
+    topic: str
+    type: str  # the name of its schema
+    data: bytes
+
+
+def mcap_messages(content: bytes, wanted: Callable[[str, str], bool]) -> list[Recorded]:
+    """The messages whose topic and type are wanted, in the order of their times.
+
+    Raises:
+        ImportError: the extra 'record' is not installed.
+        ValueError, McapError: the file is damaged, or beyond a limit.
+    """
+    from mcap.records import Channel, Chunk, Message, Schema
+    from mcap.stream_reader import StreamReader, breakup_chunk
+
+    types = {0: ""}  # of channels without a schema
+    channels: dict[int, tuple[str, str]] = {}
+    found: list[Recorded] = []
+    unpacked = 0
+    for record in StreamReader(io.BytesIO(content), emit_chunks=True, validate_crcs=True).records:
+        records: list[Any] = [record]
+        if isinstance(record, Chunk):
+            record.data = _decompressed(record.compression, record.data)
+            record.compression = ""
+            unpacked += len(record.data)
+            if unpacked > LIMITS["unpacked"].most:
+                raise ValueError(f"more than {LIMITS['unpacked'].most:,} bytes unpacked")
+            records = breakup_chunk(record, validate_crc=True)
+        for inner in records:
+            if isinstance(inner, Schema):
+                types[inner.id] = inner.name
+            elif isinstance(inner, Channel):
+                channels[inner.id] = inner.topic, types[inner.schema_id]
+            elif isinstance(inner, Message) and wanted(*channels[inner.channel_id]):
+                found.append(Recorded(inner.log_time, *channels[inner.channel_id], inner.data))
+    found.sort(key=lambda message: message.time)  # stable: equal times stay in the file's order
+    return found
+
+
+def _decompressed(compression: str, data: bytes) -> bytes:
+    """The content of a chunk, which must not exceed the limit."""
+    most = LIMITS["chunk"].most
+    if compression == "":
+        content = data
+    elif compression == "zstd":
+        import zstandard
+
+        with zstandard.ZstdDecompressor(max_window_size=most).stream_reader(data) as stream:
+            content = stream.read(most + 1)
+    elif compression == "lz4":
+        import lz4.frame
+
+        content = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=most + 1)
+    else:
+        raise ValueError(f"compression {shorten(compression)} is unknown")
+    if len(content) > most:
+        raise ValueError(f"a chunk of more than {most:,} bytes")
+    return content

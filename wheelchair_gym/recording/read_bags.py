@@ -1,0 +1,287 @@
+"""Reads ROS 2 bags, as MCAP or SQLite: what `replay` needs of ours, scans and odometry of any.
+
+Files are read within the limits of recordings. Only standard messages are read, whose definitions
+are the same in every distribution; those in the bag are not used.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import sqlite3
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Final
+from urllib.parse import quote
+
+import numpy as np
+
+from wheelchair_gym.arrays import Array
+from wheelchair_gym.errors import InputError, shorten
+from wheelchair_gym.files import LIMITS, opened, read_bytes
+from wheelchair_gym.geometry import compose, relative_pose
+from wheelchair_gym.hardware.ros import messages as ros
+from wheelchair_gym.localization.logs import SensorLog, log_of_poses
+from wheelchair_gym.recording.bags import PREFIX, typestore
+from wheelchair_gym.recording.mcap_file import Recorded, complete, mcap_messages
+from wheelchair_gym.sensors.settings import LaserSettings
+
+_LOG = logging.getLogger(__name__)
+_SCAN, _ODOMETRY = "sensor_msgs/msg/LaserScan", "nav_msgs/msg/Odometry"
+_TF, _TEXT = "tf2_msgs/msg/TFMessage", "std_msgs/msg/String"
+_MOST_BEAMS: Final = 20_000
+_PROFILE = slice(17, 25)  # of an MCAP file: the length and the text of its first record's profile
+_QUERY = """
+    SELECT m.timestamp, t.name, t.type, m.data FROM messages m JOIN topics t ON m.topic_id = t.id
+    ORDER BY m.timestamp, m.id
+"""
+
+
+def is_bag(path: str | Path) -> bool:
+    """Whether a path is a folder, a .db3 file, or an MCAP file of ROS 2."""
+    path = Path(path)
+    if path.is_dir() or path.suffix == ".db3":
+        return True
+    with opened(path) as file:
+        return file.read(_PROFILE.stop)[_PROFILE] == b"\x04\0\0\0ros2"
+
+
+def bag_messages(path: str | Path, wanted: Callable[[str, str], bool]) -> list[Recorded]:
+    """The messages of a bag whose topic and type are wanted, as CDR, in the order of their times.
+
+    Raises:
+        InputError: a file is missing, damaged, compressed as a whole or beyond a limit.
+    """
+    found: list[Recorded] = []
+    for file in _files(Path(path)):
+        if file.suffix == ".db3":
+            found += _rows(file, wanted)
+            continue
+        content = read_bytes(file, "recording")
+        with complete(file):
+            found += mcap_messages(content, wanted)
+    found.sort(key=lambda message: message.time)
+    return found
+
+
+def _files(path: Path) -> list[Path]:
+    """The files of a bag; messages are put into order by their times."""
+    if not path.is_dir():
+        return [path]
+    if found := [one for one in sorted(path.iterdir()) if one.suffix in (".mcap", ".db3")]:
+        return found
+    raise InputError(
+        f"{path}: expected a ROS 2 bag; it holds neither .mcap nor .db3 (`ros2 bag convert` "
+        "unpacks a compressed bag)"
+    )
+
+
+def _rows(file: Path, wanted: Callable[[str, str], bool]) -> list[Recorded]:
+    with opened(file, "recording"):  # its size is checked
+        pass
+    try:
+        link = sqlite3.connect(f"file:{quote(str(file))}?mode=ro&immutable=1", uri=True)
+        try:
+            link.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LIMITS["chunk"].most)
+            link.execute("PRAGMA trusted_schema = OFF")
+            kinds = dict(link.execute("SELECT name, type FROM sqlite_schema"))
+            if kinds.get("messages") != "table" or kinds.get("topics") != "table":
+                raise sqlite3.DatabaseError("it has no tables messages and topics")
+            rows = [Recorded(*row) for row in link.execute(_QUERY) if wanted(*row[1:3])]
+        finally:
+            link.close()
+    except (sqlite3.Error, OverflowError, TypeError, ValueError) as error:
+        why = shorten(str(error))
+        raise InputError(f"{file}: expected a ROS 2 bag in SQLite ({why})") from None
+    good = all(isinstance(row.time, int) and isinstance(row.data, bytes) for row in rows)
+    if not good:
+        raise InputError(f"{file}: expected whole numbers as timestamps and bytes as data")
+    return rows
+
+
+def bag_texts(path: str | Path, topics: Sequence[str]) -> list[tuple[str, str]]:
+    """Topics, without `PREFIX`, and texts of a bag that this package has recorded.
+
+    Raises:
+        InputError: see `bag_messages`; or this package has not recorded it.
+    """
+    names = {PREFIX + topic: topic for topic in topics}
+    found = bag_messages(path, lambda topic, kind: topic in names and kind == _TEXT)
+    if not found:
+        raise InputError(
+            f"{path}: only drives that this program has recorded can be judged again; "
+            "`wheelchair map --recording` reads the scans of every bag"
+        )
+    with complete(path):
+        return [(names[one.topic], _message(one)["data"]) for one in found]
+
+
+def _message(recorded: Recorded) -> dict[str, Any]:
+    """A message as a dictionary of its fields."""
+    found = _fields(typestore().deserialize_cdr(recorded.data, recorded.type))
+    assert isinstance(found, dict)
+    return found
+
+
+def _fields(value: Any) -> Any:
+    if isinstance(value, list):
+        return [_fields(item) for item in value]
+    if not hasattr(value, "__msgtype__"):
+        return value
+    names = (name for name in value.__dataclass_fields__ if name != "__msgtype__")
+    return {name: _fields(getattr(value, name)) for name in names}
+
+
+def bag_log(
+    path: str | Path, scan: str = "", odometry: str = ""
+) -> tuple[SensorLog, LaserSettings]:
+    """Scans of a bag with the odometry at their stamps, and the laser as the bag describes it.
+
+    Args:
+        path: of the bag.
+        scan: topic of the scans; empty: /scan, or the only one.
+        odometry: topic of the odometry; empty: /odom, or the only one.
+
+    Raises:
+        InputError: see `bag_messages`; or there are no such topics, or no good scan between two
+            messages of the odometry.
+    """
+
+    def wanted(topic: str, kind: str) -> bool:
+        return kind in (_SCAN, _ODOMETRY) or (kind == _TF and topic.endswith("tf_static"))
+
+    found = bag_messages(path, wanted)
+    scans = _of_topic(path, found, _SCAN, scan, "/scan", "--scan-topic")
+    moves = _of_topic(path, found, _ODOMETRY, odometry, "/odom", "--odometry-topic")
+    edges: dict[str, tuple[str, Array]] = {}
+    skipped: Counter[str] = Counter()
+    poses: dict[int, Array] = {}
+    base = ""
+    with complete(path):
+        for one in found:
+            if one.type == _TF:
+                edges |= {c: (p, pose) for p, c, pose in ros.transforms(_message(one))}
+    for one in moves:
+        with _skipping(skipped, "odometry"):
+            message = _message(one)
+            poses[_stamp(message)] = ros.odometry(message)[0]
+            base = str(message["child_frame_id"]).lstrip("/")
+    with complete(path):
+        laser = _laser(path, _message(scans[0]), edges, base)
+    times: list[int] = []
+    ranges = []
+    for one in scans:
+        with _skipping(skipped, "scan"):
+            message = _message(one)
+            stamp = _stamp(message)
+            if not poses or not min(poses) <= stamp <= max(poses):
+                raise ValueError("without odometry")
+            if times and stamp <= times[-1]:
+                raise ValueError("time goes back")
+            values = ros.scan(_centred(message), laser, math.inf)
+            times.append(stamp)
+            ranges.append(values)
+    if not times:
+        why = ", ".join(f"{count} {reason}" for reason, count in skipped.items())
+        raise InputError(f"{path}: no scan of {scans[0].topic} can be used ({why})")
+    known = sorted(poses)
+    rows = np.array([poses[stamp] for stamp in known])
+    rows[:, 2] = np.unwrap(rows[:, 2])
+    zero = known[0]  # int64 nanoseconds since 1970 would lose digits as float64
+    at, of = np.array([t - zero for t in times]), np.array([t - zero for t in known])
+    there = np.stack([np.interp(at, of, column) for column in rows.T], axis=1)
+    seconds = (at - at[0]) / 1e9
+    return log_of_poses(seconds, there, np.stack(ranges), dict(skipped)), laser
+
+
+@contextmanager
+def _skipping(skipped: Counter[str], what: str) -> Iterator[None]:
+    """Count a malformed message, and go on."""
+    try:
+        yield
+    except Exception as error:  # of readers, for damaged bytes
+        skipped[f"{what}: {' '.join(str(error).split())[:80] or type(error).__name__}"] += 1
+
+
+def _of_topic(
+    path: str | Path, found: list[Recorded], kind: str, chosen: str, usual: str, option: str
+) -> list[Recorded]:
+    """The messages of a topic of a type."""
+    topics = dict.fromkeys(one.topic for one in found if one.type == kind)
+    name = chosen or (usual if usual in topics or len(topics) != 1 else next(iter(topics)))
+    if name not in topics:
+        known = shorten(", ".join(topics))[1:-1] if topics else "none"
+        raise InputError(f"{path}: no {kind} on {name}; there are: {known} ({option})")
+    return [one for one in found if one.topic == name and one.type == kind]
+
+
+def _stamp(message: Mapping[str, Any]) -> int:
+    """The time of a message [ns], exactly."""
+    ros.stamp(message["header"])  # checks it
+    stamp = message["header"]["stamp"]
+    return int(stamp["sec"]) * 10**9 + int(stamp["nanosec"])
+
+
+def _degrees(angle: float) -> float:
+    """An angle [rad] of float32 as its maker meant it: a multiple of 1e-4 degrees."""
+    return math.radians(round(math.degrees(angle), 4))
+
+
+def _meant(value: float) -> float:
+    """A number of float32 as its maker wrote it: with as few digits as tell it from others."""
+    return float(str(np.float32(value)))
+
+
+def _centred(message: dict[str, Any]) -> dict[str, Any]:
+    """A scan with its beams counter-clockwise about the middle one, which is straight ahead."""
+    step, ranges = float(message["angle_increment"]), message["ranges"]
+    fan = abs(step) * (len(ranges) - 1)
+    ordered = ranges if step > 0.0 else ranges[::-1]
+    return message | {"angle_min": -0.5 * fan, "angle_increment": abs(step), "ranges": ordered}
+
+
+def _laser(
+    path: str | Path, message: dict[str, Any], edges: Mapping[str, tuple[str, Array]], base: str
+) -> LaserSettings:
+    """The laser that has made a scan, mounted as the static transforms say."""
+    beams, step = len(message["ranges"]), float(message["angle_increment"])
+    if not 2 <= beams <= _MOST_BEAMS or step == 0.0 or not math.isfinite(step):
+        raise ValueError(f"a scan of {beams} ranges, {step:g} rad apart")
+    frame = str(message["header"]["frame_id"]).lstrip("/")
+    mount = _pose_in(edges, frame, base)
+    if mount is None:
+        mount = np.zeros(3)
+        _LOG.warning("%s: %s has no transform to %s; the laser counts as there", path, frame, base)
+    fan = abs(step) * (beams - 1)
+    middle = float(message["angle_min"]) + 0.5 * step * (beams - 1)
+    x, y, yaw = compose(mount, (0.0, 0.0, middle)).tolist()
+    exact = float(message["angle_max"]) - float(message["angle_min"])
+    fov = exact if abs(abs(exact) - fan) <= abs(step) else fan
+    return LaserSettings(
+        x=round(x, 9), y=round(y, 9), yaw=_degrees(yaw), beams=beams,
+        fov=min(_degrees(abs(fov)), 2.0 * math.pi),
+        reach=min(max(_meant(message["range_max"]), 0.5), 100.0),
+        range_min=max(0.0, _meant(message["range_min"])),
+    )  # fmt: skip
+
+
+def _pose_in(edges: Mapping[str, tuple[str, Array]], frame: str, root: str) -> Array | None:
+    """The pose (3,) of a frame in another, by static transforms up from both."""
+    above = [_way_up(edges, name) for name in (frame, root)]
+    common = next((name for name in above[0] if name in above[1]), None)
+    return None if common is None else relative_pose(above[1][common], above[0][common])
+
+
+def _way_up(edges: Mapping[str, tuple[str, Array]], frame: str) -> dict[str, Array]:
+    """The pose (3,) of a frame in itself and in all frames above it."""
+    pose = np.zeros(3)
+    found = {frame: pose}
+    while frame in edges:
+        frame, edge = edges[frame]
+        if frame in found:
+            break  # the transforms form a cycle
+        pose = compose(edge, pose)
+        found[frame] = pose
+    return found
