@@ -21,6 +21,7 @@ EXAMPLES = {
     "pixel_observations": (["--steps", "32", "--episodes", "1"], "(3, 84, 84)"),
     "ppo_in_one_file": (["2"], "update 1: reward a step"),
     "study": (["p1", "--out", "{folder}"], "report.html"),
+    "thesis_map": (["--out", "{folder}"], "free of contact"),
     "tracks": ([], "person "),
     "train_sb3": (["--steps", "1024", "--episodes", "1", "--out", "{folder}"], "of 1 arrived"),
 }
