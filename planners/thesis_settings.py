@@ -1,6 +1,7 @@
 """The thesis's own settings file (its figure 3.1), read as settings of our planners and maps.
 
-Trailing commas are allowed, as in the figure.
+Trailing commas are allowed, as in the figure. `agents.studies.thesis` makes maps, pictures and
+films of the other keys.
 """
 
 from __future__ import annotations
@@ -47,10 +48,34 @@ GLOBAL: Final = "rrt_star_woa_global"
 class ThesisFile(NamedTuple):
     """The content of such a file; missing keys keep our defaults."""
 
+    path: Path
     settings: Mapping[str, Any]  # of the global variant
-    map_name: str  # "1" to "5", or a file; empty if not given
-    dilation: int  # pixels by which obstacles grow
-    epsilon: float  # pixels by which outlines may be simplified; ours stay exact
+    values: Mapping[str, Any]  # of the keys that it has
+
+    def value(self, key: str) -> Any:
+        """The value of a key that is no setting of a planner; false, 0 or '' if it is missing."""
+        return self.values.get(key, KEYS[key][0]())
+
+    def without_effect(self, planner: str, only_planner: bool = False) -> str:
+        """Which keys of the file change nothing, and why, in one line; '' if each has an effect.
+
+        Args:
+            planner: the one that plans.
+            only_planner: whether the map is given otherwise, and nothing is drawn.
+        """
+        used = {"tree"} if planner == "rrt_star" else set()
+        if planner in PLANNERS_OF_FILE[1:]:
+            used = {field.name for field in fields(PLANNERS[planner])}
+        said = []
+        idle = [key for key in self.values if KEYS[key][2] and KEYS[key][2][0] not in used]
+        if idle:
+            said.append(f"{', '.join(idle)}: not of the planner {planner}")
+        others = [key for key in self.values if not KEYS[key][2] and key != "TestMode"]
+        if only_planner and others:
+            said.append(f"{', '.join(others)}: --problems has its own maps, and draws nothing")
+        if self.value("TestMode"):
+            said.append("TestMode: the thesis does not say what it does")
+        return f"{self.path}: without effect: {'; '.join(said)}" if said else ""
 
     def planner(self, name: str = GLOBAL) -> dict[str, Any]:
         """The settings of one of the thesis's planners, as `make_planner` takes them.
@@ -107,12 +132,7 @@ def read_thesis(path: str | Path) -> ThesisFile:
             for part in above:
                 place = place.setdefault(part, {})
             place[last] = values[key]
-    return ThesisFile(
-        settings,
-        values.get("MapProcessor_Map_Name", ""),
-        values.get("MapProcessor_Obstacles_Dilation", 0),
-        values.get("MapProcessor_Epsilon", 0.0),
-    )
+    return ThesisFile(path, settings, values)
 
 
 def without_trailing_commas(text: str) -> str:

@@ -327,10 +327,13 @@ def _thesis(folder: Path) -> Path:
 
 def _use_thesis(path: Path) -> None:
     from agents.cli.arguments import spec
+    from agents.studies.thesis import problem_of
     from planners import make_planner
     from planners.thesis_settings import read_thesis
 
-    make_planner(read_thesis(path).planner())
+    file = read_thesis(path)
+    make_planner(file.planner())
+    problem_of(file)
     made = spec(f"{path}:rrt_star")
     make_planner(made)
 

@@ -23,6 +23,7 @@ EXAMPLES = {
     "ppo_in_one_file": (["2"], "update 1: reward a step"),
     "ros_pure_pursuit": ([], ""),  # which tests/hardware/test_robot.py runs with a robot
     "study": (["p1", "--out", "{folder}"], "report.html"),
+    "thesis_map": (["--out", "{folder}"], "free of contact"),
     "tracks": ([], "person "),
     "train_sb3": (["--steps", "1024", "--episodes", "1", "--out", "{folder}"], "of 1 arrived"),
 }

@@ -219,8 +219,8 @@ COMMANDS = (
         [
             option("--planner", "planner: a name of `wheelchair settings`, module:Class, or "
                    "FILE.json:NAME as in configs/planners.json"),
-            option("--config", "settings file of the thesis: planner, map 1 to 5 with start and "
-                   "goal, dilation; other options override it", None, "FILE.json"),
+            option("--config", "settings file of the thesis (docs/studies/thesis.md): planner, map "
+                   "and what to draw; other options override it", None, "FILE.json"),
             option("--set", "change a setting of the planner, such as tree.iterations=30000; "
                    "repeatable", None, "KEY=VALUE", action="append", default=[], dest="changes"),
             option("--map", MAP_FILES, None, "FILE"), RESOLUTION,
@@ -231,7 +231,9 @@ COMMANDS = (
             option("--clearance", "distance to obstacles [m] (default 0.36 in a map, 0 in "
                    "problems)", non_negative),
             seed("the planner"),
-            option("--picture", "draw the map and the path (.png)", None, "FILE"), JSON,
+            option("--picture", "draw the map and the path (.png)", None, "FILE"),
+            option("--video", "with --config: film the tree and the roll-out of the commands "
+                   "(.mp4, .gif)", None, "FILE"), JSON,
         ],
     ),
     Command(

@@ -12,19 +12,21 @@ from typing import Any
 import numpy as np
 
 from agents.cli.arguments import changed, report, spec
+from agents.studies.thesis import RATE, Drawn, controls_of, describe, draw, film
+from agents.studies.thesis import problem_of as thesis_problem
 from planners import Plan, Problem, Space, Status, make_planner
 from planners.graphs.visibility import Visibility, optima
 from planners.judge import TOLERANCE, Judge, sweep_faults
 from planners.problem import check, checked_plan
 from planners.problem_files import read_problems
-from planners.thesis_settings import ThesisFile, read_thesis
+from planners.thesis_settings import GLOBAL, PLANNERS_OF_FILE, ThesisFile, read_thesis
 from wheelchair_gym.compiled.progress import called_by, kernels_of
 from wheelchair_gym.compiled.second_process import compile_beside
 from wheelchair_gym.config import InputError
 from wheelchair_gym.geometry import Footprint, to_world
 from wheelchair_gym.maps import read_any_map
 from wheelchair_gym.rendering import draw_plan, write_png
-from wheelchair_gym.scenes import make_scene
+from wheelchair_gym.rendering.video import video_suffix, write_video
 
 CLEARANCE = 0.36  # m: the chair's half width of 0.31 m and a margin of 0.05 m
 INVALID = "invalid"  # a status that only the independent judge gives
@@ -33,50 +35,61 @@ FOOTPRINT_SPACING = 0.8  # m between the footprints drawn along a path
 
 def run(given: argparse.Namespace) -> int:
     """Plan and report; 0 when a path was found."""
-    thesis = None
-    if given.config is not None:
-        thesis = read_thesis(given.config)
-    named = given.planner or (thesis.planner() if thesis else None)
+    thesis = None if given.config is None else read_thesis(given.config)
+    named = given.planner or (GLOBAL if thesis else None)
     if not named:
         raise InputError("plan: give --planner, or --config with the thesis's settings")
     if thesis is None and (given.map is None) == (given.problems is None):
         raise InputError("plan: give either --map or --problems")
     if thesis is None and given.problems is None and (given.start is None or given.goal is None):
         raise InputError("plan: --map needs --start and --goal")
-    if given.problems is not None and (given.start or given.goal or given.picture):
-        raise InputError("plan: --problems takes neither --start, --goal nor --picture")
-    planner = make_planner(changed(spec(named) if isinstance(named, str) else named, given.changes))
+    if given.problems is not None and (given.start or given.goal or given.picture or given.video):
+        raise InputError("plan: --problems takes neither --start, --goal, --picture nor --video")
+    if given.video and thesis is None:
+        raise InputError("plan: --video needs --config")
+    settings = thesis.planner(named) if thesis and named in PLANNERS_OF_FILE else spec(named)
+    planner = make_planner(changed(settings, given.changes))
     _compile_beside(planner)
     if given.problems is not None:
-        return _run_problems(given, planner)
-    return _run_map(given, planner, _problem(given, thesis))
-
-
-def _problem(given: argparse.Namespace, thesis: ThesisFile | None) -> Problem:
-    """The problem of --map, --start and --goal, or of the thesis's settings."""
-    number = thesis.map_name if thesis and given.map is None else ""
-    ends = {"start": given.start, "goal": given.goal}
-    if number in ("1", "2", "3", "4", "5"):
-        name = f"thesis_{number}"
-        episode = make_scene(name).sample(np.random.default_rng(given.seed))
-        space = Space.from_walls(episode.walls, episode.discs, episode.map.bounds)
-        cell = episode.map.resolution
-        for end, pose_there in (("start", episode.start), ("goal", episode.goal)):
-            ends[end] = ends[end] or pose_there[:2].tolist()
+        code = _run_problems(given, planner)
+    elif thesis is not None:
+        _name_files(given, thesis)
+        drawn = thesis_problem(
+            thesis, given.map, given.resolution, given.start, given.goal, given.clearance
+        )
+        code = _run_map(given, planner, drawn.problem, drawn)
     else:
-        name = given.map or str(Path(given.config).parent / number)
-        if given.map is None and not Path(number).suffix:
-            what = f"{given.config}: MapProcessor_Map_Name is {number!r}"
-            raise InputError(f"{what}; expected 1 to 5 or the name of a map file, or give --map")
-        grid, walls = read_any_map(name, resolution=given.resolution)
-        cell, outlined = grid.resolution, Path(name).suffix.lower() == ".json"
-        space = Space.from_walls(walls, (), grid.bounds) if outlined else Space.from_grid(grid)
-    if ends["start"] is None or ends["goal"] is None:
-        raise InputError("plan: --map needs --start and --goal")
-    clearance = given.clearance
-    if clearance is None:
-        clearance = CLEARANCE if thesis is None else thesis.dilation * cell
-    return Problem(space, np.array(ends["start"]), np.array(ends["goal"]), clearance, name)
+        code = _run_map(given, planner, _problem(given))
+    if thesis and (idle := thesis.without_effect(named, given.problems is not None)):
+        print(f"wheelchair: plan: {idle}", file=sys.stderr)
+    return code
+
+
+def _name_files(given: argparse.Namespace, thesis: ThesisFile) -> None:
+    """Names for the picture and the film that the thesis's settings ask for, if they have none.
+
+    Raises:
+        InputError: there is such a file, and nobody named it.
+    """
+    for key, option, ending in (
+        ("RenderGraphics", "picture", ".png"),
+        ("CreateVideo", "video", video_suffix()),
+    ):
+        if thesis.value(key) and getattr(given, option) is None:
+            file = Path(thesis.path.stem + ending)
+            if file.exists():
+                what = f"{thesis.path}: {key} would overwrite {file}"
+                raise InputError(f"{what}; name it with --{option} {file}, or choose another name")
+            setattr(given, option, str(file))
+
+
+def _problem(given: argparse.Namespace) -> Problem:
+    """The problem of --map, --start and --goal."""
+    grid, walls = read_any_map(given.map, resolution=given.resolution)
+    outlined = Path(given.map).suffix.lower() == ".json"
+    space = Space.from_walls(walls, (), grid.bounds) if outlined else Space.from_grid(grid)
+    clearance = CLEARANCE if given.clearance is None else given.clearance
+    return Problem(space, np.array(given.start), np.array(given.goal), clearance, given.map)
 
 
 def _small_problem(clearance: float) -> Problem:
@@ -144,17 +157,19 @@ def _fault(planner: Any, plan: Plan, problem: Problem) -> str:
     return next(iter(sweep_faults(plan.path, footprint.corners, space.solid, space.bounds)), "")
 
 
-def _run_map(given: argparse.Namespace, planner: Any, problem: Problem) -> int:
+def _run_map(
+    given: argparse.Namespace, planner: Any, problem: Problem, drawn: Drawn | None = None
+) -> int:
     clearance = problem.clearance
     _grow_obstacles(planner, clearance)
-    if given.picture:
+    if given.picture and drawn is None:
         _warm(Visibility(), clearance)
     _warm(planner, clearance)
     plan, answer = _answer(planner, problem, given.seed)
     if answer["status"] == INVALID:
         if given.picture:
-            drawn = replace(plan, path=plan.path[np.isfinite(plan.path).all(axis=-1)])
-            _draw(problem, drawn, planner, f"{INVALID}: {plan.note}", given.picture)
+            finite = replace(plan, path=plan.path[np.isfinite(plan.path).all(axis=-1)])
+            _draw(problem, finite, planner, f"{INVALID}: {plan.note}", given.picture)
         if given.json:
             report(given, answer, INVALID)
         why = f"{type(planner).__name__} says solved, but by an independent judge {plan.note}"
@@ -171,7 +186,16 @@ def _run_map(given: argparse.Namespace, planner: Any, problem: Problem) -> int:
                 f"; no path with {clearance:g} m clearance is shorter than {bounds.at_least:.3f} m"
                 f", none at all than {bounds.touching:.3f} m"
             )
-        if given.picture:
+        if drawn is not None:
+            made = controls_of(drawn, plan, given.seed)
+            text += f"; {describe(made)}"
+            answer |= {"commands": made.commands.tolist(), "arrived": bool(made.arrived)}
+            answer |= {"collision_free": bool(made.collision_free), "error": made.error}
+            if given.picture:
+                write_png(given.picture, draw(drawn, plan, made, text))
+            if given.video:
+                write_video(given.video, film(drawn, planner, plan, made, given.seed), RATE)
+        elif given.picture:
             _draw(problem, plan, planner, text, given.picture)
         report(given, answer, text)
         return 0
@@ -181,7 +205,12 @@ def _run_map(given: argparse.Namespace, planner: Any, problem: Problem) -> int:
         where = "(" + ", ".join(f"{value:g}" for value in point) + ")"
         for status, what in (
             (f"{name}_outside", "lies outside the map"),
-            (f"{name}_occupied", f"is not {clearance:g} m from obstacles"),
+            (
+                f"{name}_occupied",
+                f"is not {clearance:g} m from obstacles"
+                if clearance > 0.0 or drawn is None
+                else f"lies in an obstacle of {problem.name}, as it is dilated",
+            ),
         ):
             if plan.status == status:
                 raise InputError(f"plan: {status}: the {name} {where} {what}")

@@ -6,7 +6,7 @@ Used once per map, never in a loop of a planner.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -35,6 +35,15 @@ def union(polygons: Iterable[ArrayLike]) -> Any:
             raise ValueError(f"polygon {index} has a corner that is not finite")
         solids.append(shapely.make_valid(shapely.Polygon(corners)))
     return shapely.union_all(solids) if solids else shapely.MultiPolygon()
+
+
+def with_holes(outlines: Iterable[tuple[Array, Sequence[Array]]]) -> Any:
+    """Union of polygons (k, 2) [m], each with the polygons of its holes; they may cross."""
+    pieces = [
+        shapely.difference(shapely.make_valid(shapely.Polygon(outer)), union(holes))
+        for outer, holes in outlines
+    ]
+    return polygonal(shapely.union_all(pieces)) if pieces else shapely.MultiPolygon()
 
 
 def disc(x: float, y: float, radius: float) -> Array:

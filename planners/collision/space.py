@@ -8,7 +8,7 @@ the map; where an obstacle touches the map's border, nothing passes.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import cached_property
 from typing import Any, Protocol
 
@@ -80,6 +80,13 @@ class Space:
     def from_polygons(cls, polygons: Iterable[ArrayLike], bounds: ArrayLike) -> Space:
         """A map with solid polygons (k, 2) [m], which may overlap."""
         return cls(solids.union(polygons), bounds)
+
+    @classmethod
+    def from_outlines(
+        cls, outlines: Iterable[tuple[Array, Sequence[Array]]], bounds: ArrayLike
+    ) -> Space:
+        """A map with solid outlines: a polygon (k, 2) [m], and the polygons of its holes."""
+        return cls(solids.with_holes(outlines), bounds)
 
     @classmethod
     def from_rectangles(cls, rectangles: ArrayLike, bounds: ArrayLike) -> Space:

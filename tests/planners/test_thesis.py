@@ -54,8 +54,16 @@ def test_the_figure_makes_the_thesis_planners(figure, name):
 
 def test_the_figure_names_every_key_and_its_map(figure):
     file = read_thesis(figure)
-    assert (file.map_name, file.dilation, file.epsilon) == ("5", 3, 0.02)
-    assert all(key in FIGURE for key in KEYS)
+    assert set(file.values) == set(KEYS)
+    assert file.value("MapProcessor_Epsilon") == 0.02
+    assert file.without_effect("rrt_star_woa_global") == (
+        f"{figure}: without effect: TestMode: the thesis does not say what it does"
+    )
+    assert "PathOptimizer_Shortness_Weight, PathOptimizer_Collision_Free_Weight: not of the" in (
+        file.without_effect("rrt_star_woa_local")
+    )
+    assert "ReturnOnFirstPath, PathPlanner_Iterations" in file.without_effect("a_star")
+    assert "MapProcessor_Map_Name: --problems has" in file.without_effect("rrt_star", True)
 
 
 def test_keys_that_are_missing_keep_our_defaults(tmp_path):
@@ -73,6 +81,7 @@ def test_keys_that_are_missing_keep_our_defaults(tmp_path):
     [
         ("Step_Size", "Stepsize", "'PathPlanner_Stepsize' is not a key; it has ReturnOnFirst"),
         ("1.5", '"far"', "PathPlanner_Search_Radius is 'far'; expected a number"),
+        ("0.02", "-1", "MapProcessor_Epsilon is -1; expected at least 0"),
         ("1.5", "-1.5", "PathPlanner_Search_Radius is -1.5; expected at least"),
         ("1.5", "NaN", "PathPlanner_Search_Radius is nan; expected a number"),
         ("true", "1", "ReturnOnFirstPath is 1; expected true or false"),

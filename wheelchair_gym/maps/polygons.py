@@ -48,7 +48,8 @@ def occupied_polygons(
     Args:
         source: a grid, or an image (see `grid_from_image`), which counts one unit a pixel.
         dilate: how far solid regions grow.
-        epsilon: how far a simplified outline may leave the exact one (Douglas and Peucker).
+        epsilon: how far a simplified outline may leave the exact one (Douglas and Peucker). An
+            obstacle that would become a line stays exact; such a hole is filled.
         unit: of dilate and epsilon.
 
     Returns:
@@ -70,6 +71,8 @@ def occupied_polygons(
 
     def polygon_of(k: int) -> Array:
         line = cv2.approxPolyDP(contours[k], 2.0 * epsilon * scale, True)[:, 0]
+        if len(line) < 3 and tree[0, k, 3] < 0:  # a thin obstacle stays as it is
+            line = contours[k][:, 0]
         return grid.from_lattice(line / 2.0 - edge)
 
     found = []
@@ -82,9 +85,7 @@ def occupied_polygons(
             if len(polygon) > 2:
                 holes.append(_oriented(polygon, -1))
             hole = int(tree[0, hole, 0])
-        outer = polygon_of(k)
-        if len(outer) > 2:
-            found.append(PolygonWithHoles(_oriented(outer, 1), tuple(holes)))
+        found.append(PolygonWithHoles(_oriented(polygon_of(k), 1), tuple(holes)))
     return found
 
 

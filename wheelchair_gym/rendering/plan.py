@@ -1,4 +1,4 @@
-"""A plan in its space: solids, tree, swarm, path, optimum, outlines of what moves, and a legend."""
+"""A plan in its space: solids, tree, swarm, path, roll-out, optimum, outlines, and a legend."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from wheelchair_gym.rendering.canvas import Canvas, Image
 from wheelchair_gym.rendering.legend import Entry, with_legend
 from wheelchair_gym.types import no_discs, no_walls
 
-_TREE, _SWARM, _OUTLINE, _PATH, _OPTIMUM = 0.8, 0.9, 1.0, 4.0, 1.6  # widths [pixels]
+_TREE, _SWARM, _OUTLINE, _PATH, _ROLLOUT, _OPTIMUM = 0.8, 0.9, 1.0, 4.0, 2.4, 1.6  # widths [pixels]
 
 
 def draw_plan(
@@ -26,6 +26,8 @@ def draw_plan(
     walls: ArrayLike | None = None,
     discs: ArrayLike | None = None,
     polygons: Sequence[ArrayLike] = (),
+    inflated: Sequence[ArrayLike] = (),
+    rollout: ArrayLike | None = None,
     optimum: ArrayLike | None = None,
     swarm: Sequence[ArrayLike] = (),
     outlines: Sequence[ArrayLike] = (),
@@ -45,6 +47,8 @@ def draw_plan(
         walls: segments (n, 4) [m] of closed loops.
         discs: (m, 3) [m]: x, y, radius.
         polygons: closed loops (k, 2) [m], filled with the walls by the even-odd rule.
+        inflated: closed loops (k, 2) [m] of what is solid and kept free, filled likewise, paler.
+        rollout: poses (n, 2 or 3) [m] that commands lead through; the path is then red, they blue.
         optimum: the best path known (n, 2 or 3) [m].
         swarm: paths (n, 2 or 3) [m] that a swarm has tried.
         outlines: closed loops (k, 2) [m] of what moves, at places along the path.
@@ -59,6 +63,7 @@ def draw_plan(
     fine = canvas.upsampled(floor.FINE)
     x0, y0, x1, y1 = box
     fine.fill([[(x0, y0), (x1, y0), (x1, y1), (x0, y1)]], palette.FREE)
+    fine.fill(inflated, palette.MAPPED)
     segments = [no_walls() if walls is None else np.asarray(walls, dtype=np.float64)]
     segments += [polygon_edges(polygon) for polygon in polygons]
     floor.draw_obstacles(fine, np.concatenate(segments), no_discs() if discs is None else discs)
@@ -68,8 +73,11 @@ def draw_plan(
         fine.line(particle, palette.SWARM, _SWARM)
     for outline in outlines:
         fine.line(outline, palette.OUTLINE, _OUTLINE, closed=True)
+    path_colour = palette.TRAIL if rollout is None else palette.VERMILION
     if path is not None:
-        fine.line(path, palette.TRAIL, _PATH)
+        fine.line(path, path_colour, _PATH)
+    if rollout is not None:
+        fine.line(rollout, palette.TRAIL, _ROLLOUT)
     if optimum is not None:
         fine.dashes(optimum, palette.OPTIMUM, _OPTIMUM)
     if tolerance > 0.0:
@@ -87,7 +95,12 @@ def draw_plan(
         ("goal", lambda on, at: _mark_goal(on, at.mean(axis=0))),
     ]
     if path is not None and len(np.asarray(path)):
-        entries.append(("path", lambda on, at: on.line(at, palette.TRAIL, _PATH)))
+        entries.append(("path", lambda on, at: on.line(at, path_colour, _PATH)))
+    if rollout is not None:
+        entries.append(("roll-out", lambda on, at: on.line(at, palette.TRAIL, _ROLLOUT)))
+    if len(inflated):
+        entries.append(("solid", lambda on, at: on.line(at, palette.SOLID, 2 * _PATH)))
+        entries.append(("dilated", lambda on, at: on.line(at, palette.MAPPED, 2 * _PATH)))
     if optimum is not None:
         entries.append(("shortest", lambda on, at: on.dashes(at, palette.OPTIMUM, _OPTIMUM)))
     if tree is not None and len(np.asarray(tree)):
