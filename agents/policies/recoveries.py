@@ -1,8 +1,9 @@
 """When a chair gives up following its path, and its recoveries.
 
-`ProgressMonitor` tells when. The chair then backs up or turns in place (`back_up`, `turn`), turns
-slowly to see what the laser has never seen (`Spin`), plans around temporary obstacles
-(`DetourPolicy`), or plans anew with less clearance (`widest_plan`).
+`ProgressMonitor` tells when. The chair then backs up or turns in place (`back_up`), makes room for
+what blocks its path (`place_aside`), turns slowly to see what the laser has never seen (`Spin`),
+plans around temporary obstacles (`DetourPolicy`), or plans anew with less clearance
+(`widest_plan`).
 """
 
 from __future__ import annotations
@@ -194,6 +195,28 @@ def back_up(now: Situation) -> Array | None:
     back = -min(BACK, now.chair.limits.backward)
     twists = [(v, turn) for turn in TURNS for v in (back, 0.0) if v or turn]
     return first_clear(twists, now)
+
+
+ROOM = 2.0  # m from what blocks the path: a leaf's length, the chair's front and a margin
+ASIDE = 3.0  # m: no place farther away is looked at
+BREADTH = 0.45  # m of clearance there
+GAINED = 0.3  # m that a place must be farther from what blocks than the chair is
+EVERY = 3  # cells between two places
+
+
+def place_aside(grid: OccupancyGrid, place: Array, blocking: Array) -> Array | None:
+    """The place (2,) near the chair's that leaves most room to what blocks its path (n, 2) [m].
+
+    A leaf that the chair holds can then swing, and whoever stands before it can pass. None where no
+    place leaves more than the chair does now.
+    """
+    cells = np.argwhere(grid.traversable(BREADTH)[::EVERY, ::EVERY]) * EVERY
+    places: Array = np.concatenate([place[None, :2], grid.to_world(cells)])
+    way = np.hypot(*(places - place[:2]).T)
+    places, way = places[way < ASIDE], way[way < ASIDE]
+    gaps = np.hypot(*(places[:, None] - blocking).T).min(axis=0)
+    best = int(np.argmax(np.minimum(gaps, ROOM) - 0.2 * way))
+    return places[best] if gaps[best] > gaps[0] + GAINED else None
 
 
 AHEAD = 3.0  # m of the path on which temporary obstacles count
