@@ -64,6 +64,7 @@ ACTOR_RANGE = 2.5  # m: with an actor nearer, the chair reverses slowly: no sens
 HELD = 1.0  # s for which people see why there is a new path
 NEAR = 1.5  # m of way from the axle's centre: the chair's front, and to rest from 0.8 m/s
 STILL = 0.02  # m/s and rad/s: slower, the chair stands
+LASTING = 5  # plans without a way round, some 15 s: what blocks the way will not go by itself
 REJOIN = 2.0  # m along a plan on which a chair that drove on meanwhile may join it
 
 
@@ -336,6 +337,7 @@ class PlannedDriver:
             return
         assert before is not None
         blocked = answer.plan.status is Status.GOAL_OCCUPIED
+        self._detours.failed = 0 if answer.solved else self._detours.failed + 1
         if not answer.solved:
             self.plan, self._clearance = answer.plan, answer.clearance
             why = "the goal is blocked" if blocked else "no way round"
@@ -455,7 +457,7 @@ class PlannedDriver:
         """
         self._progress.retry()
         self._follow()
-        if self._progress.tries % 2 and (self.solved or not self._temporary):
+        if self._progress.tries % 2 and self._detours.failed < LASTING:
             assert self._reference is not None
             self._plan_anew(partial(self._recovered, self._reference.left, self._temporary))
         else:

@@ -233,11 +233,13 @@ class DetourPolicy:
         taken: the path leads around temporary obstacles.
         waited: s that the chair has waited rather than take a long detour.
         pause: s until a detour is planned again.
+        failed: plans since one that led round them.
     """
 
     def __init__(self) -> None:
         self.taken = False
         self.waited = self.pause = 0.0
+        self.failed = 0
         self._checked = 0.0  # s since the path was last checked
 
     def wait(self) -> float:
