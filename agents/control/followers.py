@@ -74,17 +74,19 @@ class Objective:
     horizon: float = setting(default=1.5, unit="s", low=0.3, source="tuned on training floor plans")
     """Time over which commands are rolled out and scored."""
     prediction_time: float = setting(
-        default=4.0, unit="s", low=0.3, source="a chair at rest leaves its place in 3 s"
+        default=2.0, unit="s", low=0.3, source="tuned on training crowds"
     )
-    """Time over which actors are predicted."""
+    """Time from which on an actor on the way costs nothing: by then one of both turns aside."""
     desired_clearance: float = setting(
         default=0.20, unit="m", low=0.01, source="half the play in a 1.0 m door"
     )
     """Clearance to static obstacles beyond which more brings no lower cost."""
     actor_clearance: float = setting(
-        default=0.45, unit="m", low=0.01, source="personal space begins there"
+        default=0.8, unit="m", low=0.01, source="tuned on training crowds"
     )
     """Distance from actors beyond which more brings no lower cost."""
+    proximity: float = setting(default=2.0, low=0.0, source="tuned on training crowds")
+    """Cost of a metre towards an actor, at it; it falls to zero at `actor_clearance`."""
     progress: float = setting(default=1.0, low=0.0, source="the unit")
     """Gain of a metre along the path."""
     clearance: float = setting(

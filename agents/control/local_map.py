@@ -2,11 +2,11 @@
 
 The laser sees 270 degrees from the front: what slips out of its view is remembered while the chair
 drives by. Wheel counts carry that memory, and they steady a pose estimate whose error wanders. What
-further scanners hit is added; actors are tracked by the first one alone.
+further scanners hit is added; `wheelchair_gym.tracking` tracks actors by the first one alone.
 
-What the given map explains is static. The rest falls into clusters, which are tracked from scan to
-scan in the frame of dead reckoning: those that move are dynamic (people, pushed things), the others
-are temporary obstacles (T1 3.2.2). Nothing here knows the truth.
+What the given map explains is static. Of the rest, what is tracked and moves, or has just moved, is
+an actor (people, pushed things); all else is a temporary obstacle (T1 3.2.2), and so is the leaf of
+a door. Nothing here knows the truth.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from wheelchair_gym.kinematics import odometric_step
 from wheelchair_gym.maps import OCCUPIED, OccupancyGrid
 from wheelchair_gym.safety import Shield
 from wheelchair_gym.sensors.settings import LaserSettings
+from wheelchair_gym.tracking import DOOR, Tracker
 from wheelchair_gym.types import Mission, Reading
 
 Array = NDArray[np.float64]
@@ -31,6 +32,8 @@ VOXEL = 0.04  # m: hits within one voxel become their mean, which also averages 
 CLOSE = 1.3  # m: beyond, voxels are twice as large
 MEMORY = 15.0  # s for which a hit is remembered out of sight
 BESIDE_ACTOR = 0.15  # m: hits so near the disc of what moves are of it
+PAUSE = 3.0  # s after which what has moved counts as standing
+LIVELY = 3.0  # s for which the hits of somebody who stands are remembered out of sight
 SETTLE = 3.0  # s over which the pose estimate corrects the wheel counts, so that it never jumps
 
 
@@ -64,6 +67,13 @@ def bearings(points: Array, laser: LaserSettings) -> Array:
     return wrapped
 
 
+def near_discs(points: Array, actors: Array) -> Mask:
+    """Which points (n, 2) are of actors (m, 5 or more), as `LocalMap.actors`."""
+    off = points[:, None] - actors[None, :, :2]  # (n, m, 2)
+    near = np.hypot(off[..., 0], off[..., 1]) < actors[:, 4] + BESIDE_ACTOR
+    return np.asarray(near.any(axis=1))
+
+
 def _moved(pose: Array, way: float, turn: float) -> Array:
     x, y, yaw = pose
     return np.array(odometric_step(x, y, yaw, way, turn))
@@ -77,8 +87,9 @@ class LocalMap:
         hits: obstacles (k, 2) [m] in the chair's frame that the scanners saw, now or lately.
         points: hits, and obstacles that only the map knows of, (k, 3): x, y, distance from the
             axle's centre [m], the nearest first.
-        actors: what moves (m, 5): x, y [m], vx, vy [m/s], radius [m] in the chair's frame; its hits
-            are not among the others.
+        actors: what moves (m, 8): x, y [m], vx, vy [m/s], radius [m] in the chair's frame, and the
+            variance of place, its covariance with speed, and the variance of speed, the same along
+            each axis; its hits are not among the others.
         temporary: temporary obstacles, in the map's frame.
         blind: the space behind the chair is unknown, so that it must not reverse.
     """
@@ -91,17 +102,19 @@ class LocalMap:
         self._outline = mission.footprint.array
         self.set_walls(grid)
         # A map that the chair draws shows actors as well: nothing would stand out against it.
-        self._tracks = None if mission.map is None else Tracks(grid, self._laser)
+        self._tracker = None if mission.map is None else Tracker(laser=self._laser)
+        self._grid = grid
         self.temporary = TemporaryObstacles(grid)
         self._beams = self._laser.directions
         self._more = list(zip(mission.sensors.lasers, mission.sensors.slices, strict=True))[1:]
         self._odometry = np.zeros(3)  # dead reckoning, the frame of the memory
-        self._memory = np.empty((0, 3))  # x, y, stamp
+        self._memory = np.empty((0, 3))  # x, y, stamp until which it is remembered
+        self._standing = np.empty((0, 5))  # what may go on any moment, as `actors`
         self._stamp = reading.stamp
         self.pose: Array = np.array(reading.pose, dtype=np.float64)
         self.hits: Array = np.empty((0, 2))
         self.points: Array = np.empty((0, 3))
-        self.actors: Array = np.empty((0, 5))
+        self.actors: Array = np.empty((0, 8))
         # Also where nothing filters commands: then a shield's defaults say what is too fast.
         self._shield = Shield(mission.shield, mission.chair, mission.sensors, mission.period)
         self._sense(reading)
@@ -142,15 +155,16 @@ class LocalMap:
         self._shield.update(reading)
         laser = self._laser
         ranges = np.asarray(reading.laser[: laser.beams], dtype=np.float64)
-        near = np.isfinite(ranges) & (ranges < TRACKING_RANGE) & (ranges > laser.range_min)
+        near = np.isfinite(ranges) & (ranges < DRAWN_RANGE) & (ranges > laser.range_min)
         seen = self._beams[near] * ranges[near, None] + (laser.x, laser.y)
         static = ranges[near] < REACH + laser.x
-        if self._tracks is not None:
-            origin = np.array([laser.x, laser.y])
-            self._tracks.update(seen, origin, self.pose, self._odometry, reading.stamp)
-            self.actors = self._tracks.actors(self._odometry)
-            moving, unmapped = self._tracks.dynamic, self._tracks.unmapped
-            self.temporary.update(seen[unmapped & ~moving], ranges, laser, self.pose, reading.stamp)
+        if self._tracker is not None:
+            self._track(reading)
+            unmapped = ~self.temporary.explains(seen, ranges[near], self.pose)
+            moving = unmapped & near_discs(seen, self.actors)
+            self.temporary.update(
+                seen[unmapped & ~moving], self._standing, ranges, laser, self.pose, reading.stamp
+            )
             static &= ~moving
         seen = seen[static]
         if self._more:
@@ -159,7 +173,7 @@ class LocalMap:
         seen = np.concatenate(
             [voxel_means(seen[close], VOXEL), voxel_means(seen[~close], 2 * VOXEL)]
         )
-        recent = self._memory[self._memory[:, 2] > reading.stamp - MEMORY]
+        recent = self._memory[self._memory[:, 2] > reading.stamp]
         old = to_frame(recent[:, :2], self._odometry)
         within = np.all(np.abs(old) < REACH, axis=1)
         hidden = (np.abs(bearings(old, laser)) > 0.5 * laser.fov) & within
@@ -167,7 +181,8 @@ class LocalMap:
             hidden &= (np.abs(bearings(old, other)) > 0.5 * other.fov) | (
                 np.hypot(old[:, 0] - other.x, old[:, 1] - other.y) > other.reach
             )
-        stamped = np.column_stack([seen, np.full(len(seen), reading.stamp)])
+        last = np.where(near_discs(seen, self._standing), LIVELY, MEMORY)
+        stamped = np.column_stack([seen, reading.stamp + last])
         kept = np.column_stack([old, recent[:, 2]])[hidden]
         local = np.concatenate([stamped, kept])  # (k, 3)
         self.hits = local[:, :2]
@@ -184,6 +199,23 @@ class LocalMap:
         nearest = np.argsort(far)
         self.points = np.column_stack([points, far])[nearest]
 
+    def _track(self, reading: Reading) -> None:
+        """Update the actors: what is seen to move, or has moved within `PAUSE`, and is no leaf."""
+        assert self._tracker is not None
+        scan = reading.laser[: self._laser.beams]
+        tracks = self._tracker.update(scan, self.pose, reading.twist, reading.stamp, self._grid)
+        c, s = math.cos(self.pose[2]), math.sin(self.pose[2])
+        rows = np.column_stack(
+            [
+                to_frame(tracks.place, self.pose),
+                tracks.velocity @ np.array([(c, -s), (s, c)]),
+                tracks.radius,
+                tracks.covariance.reshape(-1, 4)[:, [0, 1, 3]],
+            ]
+        )
+        moves, lively = tracks.still < PAUSE, tracks.confirmed & (tracks.kind != DOOR)
+        self.actors, self._standing = rows[lively & moves], rows[lively & ~moves]
+
     def _more_hits(self, reading: Reading, laser: LaserSettings, at: slice) -> Array:
         """What a further scanner hits (k, 2) [m], without what the first one knows to move."""
         ranges = np.asarray(reading.laser[at], dtype=np.float64)
@@ -191,9 +223,7 @@ class LocalMap:
         origin = np.array([laser.x, laser.y])
         near = ranges < REACH + math.hypot(laser.x, laser.y)  # false for NaN
         hits: Array = origin + laser.directions[near] * ranges[near, None]
-        for x, y, _, _, radius in self.actors:
-            hits = hits[np.hypot(hits[:, 0] - x, hits[:, 1] - y) > radius + BESIDE_ACTOR]
-        return hits
+        return hits[~near_discs(hits, self.actors)]
 
     def _walls_near(self) -> Array:
         """Points of mapped walls within reach; selected anew every half metre of way."""
@@ -208,23 +238,42 @@ DRAWN_RANGE = 4.0  # m: beyond, a heading error moves a hit by more than a cell
 TEMPORARY_MEMORY = 20.0  # s for which an unobserved temporary obstacle is remembered
 MIN_AGE = 1.0  # s for which an obstacle must have been seen before it counts: others pass
 THROUGH = 0.25  # m that a beam must reach farther to show that a place is empty now
+EXPLAINED = 0.15  # m from a mapped wall, and
+SPREADING = 0.03  # m more per metre of range, for the heading's error: the map explains a hit
 
 
 class TemporaryObstacles:
     """Static hits that no mapped wall explains, by cells of the map, until they are seen gone."""
 
     def __init__(self, grid: OccupancyGrid) -> None:
-        self._grid = grid
+        self._grid, self._far = grid, grid.distance()
         self._cells = np.empty((0, 2), np.int64)  # row, col
         self._first_seen, self._last_seen = np.empty(0), np.empty(0)  # stamps [s]
+        self._memory = np.empty(0)  # s for which each is remembered
+
+    def explains(self, hits: Array, ranges: Array, pose: Array) -> Mask:
+        """Which hits (n, 2) at so many metres (n,) a mapped wall explains, or lie off the map."""
+        cells = self._grid.to_cell(to_world(hits, pose))
+        explained = np.ones(len(hits), bool)
+        on = ((cells >= 0) & (cells < self._grid.shape)).all(axis=1)
+        inside = cells[on]
+        explained[on] = self._far[inside[:, 0], inside[:, 1]] <= EXPLAINED + SPREADING * ranges[on]
+        return explained
 
     def update(
-        self, hits: Array, ranges: Array, laser: LaserSettings, pose: Array, stamp: float
+        self,
+        hits: Array,
+        standing: Array,
+        ranges: Array,
+        laser: LaserSettings,
+        pose: Array,
+        stamp: float,
     ) -> None:
         """Update from a scan.
 
         Args:
             hits: static hits that are not on the map (n, 2) [m] in the chair's frame.
+            standing: who stands and may go on (m, 5 or more), as `LocalMap.actors`.
             ranges: the whole scan (beams,) [m], no echo infinite.
             laser: its settings.
             pose: of the chair (3,).
@@ -242,6 +291,11 @@ class TemporaryObstacles:
         self._cells = np.concatenate([self._cells, np.stack(np.divmod(fresh, columns), axis=-1)])
         self._first_seen = np.append(self._first_seen, np.full(len(fresh), stamp))
         self._last_seen = np.append(self._last_seen, np.full(len(fresh), stamp))
+        self._memory = np.append(self._memory, np.full(len(fresh), TEMPORARY_MEMORY))
+        at = to_frame(self._grid.to_world(self._cells), pose)
+        brief = near_discs(at, standing)
+        seen = self._last_seen == stamp
+        self._memory[seen] = np.where(brief[seen], LIVELY, TEMPORARY_MEMORY)
 
     def _forget(self, ranges: Array, laser: LaserSettings, pose: Array, stamp: float) -> None:
         """Drop what is long out of sight, and what a beam has gone through."""
@@ -254,9 +308,9 @@ class TemporaryObstacles:
         reached = np.where(inside, ranges[np.clip(beam, 0, len(ranges) - 1)], 0.0)
         distance = np.hypot(at[:, 0] - laser.x, at[:, 1] - laser.y)
         gone = np.nan_to_num(reached, nan=0.0, posinf=np.inf) > distance + THROUGH
-        kept = ~gone & (stamp - self._last_seen < TEMPORARY_MEMORY)
+        kept = ~gone & (stamp - self._last_seen < self._memory)
         self._cells, self._first_seen = self._cells[kept], self._first_seen[kept]
-        self._last_seen = self._last_seen[kept]
+        self._last_seen, self._memory = self._last_seen[kept], self._memory[kept]
 
     @property
     def points(self) -> Array:
@@ -275,195 +329,3 @@ class TemporaryObstacles:
         if not len(points) or not len(way):
             return False
         return bool(np.hypot(*(way[:, None, :2] - points).T).min() < clearance)
-
-
-TRACKING_RANGE = 8.0  # m: someone at 1.5 m/s needs 5 s from there
-EXPLAINED = 0.15  # m from a mapped wall, and
-SPREADING = 0.03  # m more per metre of range, for the heading's error: the map explains a hit
-CLUSTER_GAP = 0.20  # m between neighbours of one cluster, at least
-MIN_HITS = 4  # of a cluster
-MAX_WIDTH = 0.9  # m: shoulders and swinging arms; what is wider is a wall, a door leaf, a group
-GATE = 0.45  # m between a track's prediction and the cluster that continues it
-NOISE = 0.04  # m: of a cluster's centre, seen from another side a moment later
-ACCELERATION = 3.0  # m/s2: process noise; how people change their speed where they turn back
-LOST = 1.0  # s: a track that is not seen for so long where the laser looks is dropped
-OUT_OF_VIEW = 8.0  # s: and so long where it does not look; meanwhile its speed decays
-DECAY = 1.0  # 1/s: of that speed
-TRACK_AGE = 0.4  # s after which a track may be called moving
-MOVING_SPEED = 0.25  # m/s: it moves; a slow walk is 0.4
-COVERED = 0.20  # m from where it was first seen, or stood last
-STANDING_SPEED = 0.15  # m/s: it does not move
-PAUSE = 3.0  # s: so long after, an actor that has moved may go on
-
-
-class Track:
-    """One thing that the map does not explain.
-
-    Attributes:
-        at: (4,) x, y [m], vx, vy [m/s] in the frame of dead reckoning.
-        radius: [m].
-        moved: stamp when it last moved [s]; -inf: never.
-    """
-
-    def __init__(self, place: Array, radius: float, stamp: float) -> None:
-        self.at = np.array([*place, 0.0, 0.0])
-        self.radius = radius
-        self.first_seen = self.seen = stamp
-        self.moved = -math.inf
-        self._anchor = np.array(place)
-        # Variances of place and speed, and their covariance: the same along x and y.
-        self._p = np.array([NOISE**2, 0.0, 1.0])
-
-    def predict(self, dt: float) -> None:
-        """Move on by a time [s] at constant speed."""
-        self.at[:2] += self.at[2:] * dt
-        a, b, c = self._p
-        q = ACCELERATION * ACCELERATION * dt
-        self._p = np.array(
-            [a + 2 * dt * b + dt * dt * c + q * dt**3 / 3, b + dt * c + q * dt**2 / 2, c + q * dt]
-        )
-
-    def correct(self, place: Array, radius: float, stamp: float) -> None:
-        """Update from the cluster that continues the track (Kalman 1960)."""
-        a, b, c = self._p
-        gain_place, gain_speed = a / (a + NOISE**2), b / (a + NOISE**2)
-        off = place - self.at[:2]
-        self.at[:2] += gain_place * off
-        self.at[2:] += gain_speed * off
-        self._p = np.array([(1 - gain_place) * a, (1 - gain_place) * b, c - gain_speed * b])
-        self.radius += 0.2 * (radius - self.radius)
-        self.seen = stamp
-        speed = math.hypot(self.at[2], self.at[3])
-        covered = math.hypot(*(self.at[:2] - self._anchor))
-        if speed > MOVING_SPEED and covered > COVERED and stamp - self.first_seen > TRACK_AGE:
-            self.moved = stamp
-        if speed < STANDING_SPEED and stamp - self.moved > 0.5:
-            self._anchor += 0.2 * (self.at[:2] - self._anchor)
-
-    def dynamic(self, stamp: float) -> bool:
-        """Whether it moves, or may go on any moment."""
-        return stamp - self.moved < PAUSE
-
-
-class Tracks:
-    """All that the map does not explain.
-
-    Attributes:
-        dynamic: hits of the last scan (n,) that belong to actors.
-        unmapped: hits of the last scan (n,) that the map does not explain.
-    """
-
-    def __init__(self, grid: OccupancyGrid, laser: LaserSettings) -> None:
-        self._all: list[Track] = []
-        self._stamp = -math.inf
-        self._grid, self._far = grid, grid.distance()
-        self._yaw, self._fov = laser.yaw, laser.fov
-
-    def actors(self, odometry: Array) -> Array:
-        """Actors (m, 5): x, y [m], vx, vy [m/s], radius [m] in the chair's frame.
-
-        `odometry` is the chair's pose by dead reckoning (3,).
-        """
-        some = [track for track in self._all if track.dynamic(self._stamp)]
-        rows = np.empty((len(some), 5))
-        if some:
-            at = np.array([track.at for track in some])
-            c, s = math.cos(odometry[2]), math.sin(odometry[2])
-            rows[:, :2] = to_frame(at[:, :2], odometry)
-            rows[:, 2:4] = at[:, 2:] @ np.array([(c, -s), (s, c)])
-            rows[:, 4] = [track.radius for track in some]
-        return rows
-
-    def update(
-        self, hits: Array, origin: Array, pose: Array, odometry: Array, stamp: float
-    ) -> None:
-        """Update from a scan.
-
-        Args:
-            hits: (n, 2) [m] in the chair's frame, in the order of beams.
-            origin: the laser's place there (2,).
-            pose: of the chair in the map (3,).
-            odometry: by dead reckoning (3,).
-            stamp: [s].
-        """
-        dt, self._stamp = min(LOST, stamp - self._stamp), stamp
-        far = np.hypot(*(hits - origin).T)
-        self.unmapped = self._unmapped(hits, far, pose)
-        self.dynamic = np.zeros(len(hits), bool)
-        for track in self._all:
-            track.predict(dt)
-        found = self._clusters(hits, far)
-        discs = [_fit_disc(hits[a:b] - origin, far[a:b]) for a, b in found]
-        places = [to_world((place + origin)[None], odometry)[0] for place, _ in discs]
-        pairs = sorted(
-            (gap, k, number)
-            for k, place in enumerate(places)
-            for number, gap in enumerate(math.hypot(*(t.at[:2] - place)) for t in self._all)
-            if gap < GATE
-        )
-        continued: dict[int, int] = {}  # which track each cluster continues, the nearest first
-        for _, k, number in pairs:
-            if k not in continued and number not in continued.values():
-                continued[k] = number
-        for k, (first, last) in enumerate(found):
-            radius = discs[k][1]
-            if k in continued:
-                track = self._all[continued[k]]
-                track.correct(places[k], radius, stamp)
-                self.dynamic[first:last] = self.unmapped[first:last] & track.dynamic(stamp)
-            else:
-                self._all.append(Track(places[k], radius, stamp))
-        self._all = [track for track in self._all if self._kept(track, origin, odometry, dt)]
-
-    def _kept(self, track: Track, origin: Array, odometry: Array, dt: float) -> bool:
-        """Whether a track is kept; its speed decays where the laser does not look."""
-        unseen = self._stamp - track.seen
-        if unseen == 0.0:
-            return True
-        at = to_frame(track.at[None, :2], odometry)[0] - origin
-        if abs(math.remainder(math.atan2(at[1], at[0]) - self._yaw, math.tau)) < 0.5 * self._fov:
-            return unseen < LOST
-        track.at[2:] *= math.exp(-DECAY * dt)
-        if track.dynamic(track.seen):
-            track.moved = max(track.moved, self._stamp - 0.5 * PAUSE)
-        return unseen < OUT_OF_VIEW
-
-    def _unmapped(self, hits: Array, far: Array, pose: Array) -> Mask:
-        """Which hits (n, 2) no mapped wall explains."""
-        cells = self._grid.to_cell(to_world(hits, pose))
-        on = ((cells >= 0) & (cells < self._grid.shape)).all(axis=1)
-        unmapped = np.zeros(len(hits), bool)
-        inside = cells[on]
-        off = self._far[inside[:, 0], inside[:, 1]]
-        unmapped[on] = off > EXPLAINED + SPREADING * far[on]
-        return unmapped & (far < TRACKING_RANGE)
-
-    def _clusters(self, hits: Array, far: Array) -> list[tuple[int, int]]:
-        """Runs of unmapped hits that are small enough to be tracked: first, one past the last."""
-        index = np.flatnonzero(self.unmapped)
-        if len(index) < MIN_HITS:
-            return []
-        gap = np.hypot(*(hits[index[1:]] - hits[index[:-1]]).T)
-        cut = np.flatnonzero(gap > np.maximum(CLUSTER_GAP, 0.05 * far[index[1:]])) + 1
-        found = []
-        for run in np.split(index, cut):
-            width = math.hypot(*(hits[run[-1]] - hits[run[0]]))
-            in_view = run[0] > 0 and run[-1] < len(hits) - 1  # not cut off by the laser's view
-            if in_view and len(run) >= MIN_HITS and width < MAX_WIDTH:
-                found.append((int(run[0]), int(run[-1]) + 1))
-        return found
-
-
-def _fit_disc(hits: Array, far: Array) -> tuple[Array, float]:
-    """Centre (2,) and radius [m] of the disc whose near side a cluster (n, 2) shows.
-
-    A disc of radius R at a distance d from the origin fills the angle 2 asin(R / d), and its
-    nearest point is d - R away.
-    """
-    angles = np.unwrap(np.arctan2(hits[:, 1], hits[:, 0]))
-    low, high = angles.min(), angles.max()
-    sine = math.sin(min(0.5 * (high - low), 1.2))
-    near = float(np.quantile(far, 0.1))
-    radius = min(max(near * sine / max(1e-3, 1.0 - sine), 0.05), 0.5 * MAX_WIDTH)
-    middle = 0.5 * (low + high)
-    return (near + radius) * np.array([math.cos(middle), math.sin(middle)]), radius

@@ -31,9 +31,14 @@ TURN_LENGTH = 0.4  # m per rad: about the mean lever of the outline about the dr
 STEP = 0.1  # s
 SPEED_CLEARANCE = 0.06  # s: the outline keeps this share of its speed clear, as the shield does
 SLOW = 0.1  # m/s: and only above this speed
+GENTLE = 0.4  # m/s: slower, people have the time to step back
+AT_REST = 0.03  # m/s: slower, a chair stands
+SPREAD = 0.25  # standard deviations of a predicted place by which an actor is wider,
+MOST_SPREAD = 0.1  # m: up to this
 ACTOR_CAUTION = 0.35  # s: of own speed, kept as distance from actors, which may turn any moment
 X, Y, YAW, S = range(4)  # columns of a reference path
-VX, VY, RADIUS = 2, 3, 4  # columns of actors, after X and Y
+# Columns of actors, after X and Y: of `LocalMap.actors`.
+VX, VY, RADIUS, PLACE_VAR, COVARIANCE, SPEED_VAR = 2, 3, 4, 5, 6, 7
 
 
 class Body(NamedTuple):
@@ -72,7 +77,7 @@ class LocalView(NamedTuple):
     """What is around the chair, in its own frame, as kernels take it."""
 
     points: Array  # (k, 3) x, y and the distance from the origin [m], which rises
-    actors: Array  # (m, 5) x, y [m], vx, vy [m/s], radius [m]
+    actors: Array  # (m, 8): see `LocalMap.actors`
     reference: Array  # (n, 4) x, y [m], yaw [rad], s [m]
 
 
@@ -98,13 +103,19 @@ def match(
 def actor_distance(
     x: float, y: float, yaw: float, footprint: Array, actors: Array, t: float, limit: float
 ) -> float:
-    """Distance [m], at most `limit`, from the outline to the nearest actor predicted at time t."""
+    """Distance [m], at most `limit`, from the outline to the nearest actor predicted at time t.
+
+    Actors keep their velocity, and are as much wider as their place may err by then.
+    """
     c, s = math.cos(yaw), math.sin(yaw)
     best = limit
     for k in range(actors.shape[0]):
         px, py = actors[k, X] + t * actors[k, VX] - x, actors[k, Y] + t * actors[k, VY] - y
-        gap = rectangle_point_gap(c * px + s * py, c * py - s * px, footprint)
-        best = min(best, max(0.0, gap - actors[k, RADIUS]))
+        gap = rectangle_point_gap(c * px + s * py, c * py - s * px, footprint) - actors[k, RADIUS]
+        if gap < best:
+            variance = t * (2.0 * actors[k, COVARIANCE] + t * actors[k, SPEED_VAR])
+            gap -= min(MOST_SPREAD, SPREAD * math.sqrt(max(0.0, variance)))
+            best = min(best, gap)
     return best
 
 
@@ -164,52 +175,45 @@ def rollout_cost(
     sv, av, sw, aw = body.state[0], body.state[1], body.state[2], body.state[3]
     v, w, row, until = commands[0, 0], commands[0, 1], 0, commands[0, 2]
     cost: float = objective.comfort * (abs(v - body.last[0]) + 0.5 * abs(w - body.last[1]))
-    reversed_way, driven, blocked, actors = 0.0, 0.1, False, view.actors.shape[0] > 0
+    reversed_way, driven, actors = 0.0, 0.1, view.actors.shape[0] > 0
     end = (0.0, 0.0, 0.0)
-    count = max(steps, round(objective.prediction_time / STEP)) if actors else steps
-    for k in range(count):
-        if k == steps:  # from here on it comes to rest: do actors come there?
-            v, w = 0.0, 0.0
-        while k < steps and k * STEP >= until - 1e-9 and row + 1 < commands.shape[0]:
+    for k in range(steps):
+        while k * STEP >= until - 1e-9 and row + 1 < commands.shape[0]:
             row += 1
             change = abs(commands[row, 0] - v) + 0.5 * abs(commands[row, 1] - w)
             cost += objective.comfort * change
             v, w, until = commands[row, 0], commands[row, 1], until + commands[row, 2]
-        if not blocked:
-            sv, av, sw, aw = approach_twist(sv, av, sw, aw, v, w, limits, STEP)
-            ax, ay, ayaw = arc_step(x, y, yaw, sv, sw, STEP)
-            if k < steps:
-                gap -= (abs(sv) + lever * abs(sw)) * STEP
-                if gap < desired:
-                    gap = clearance_to_points(ax, ay, ayaw, footprint, view.points, desired + 0.2)
-                if gap < margin:  # what lies beyond is not reached
-                    cost += weight * objective.horizon * (steps - k) / steps
-                    blocked = True
-                else:
-                    # By way, not by time: slow driving in a narrow place costs no more, and
-                    # standing before it gains nothing.
-                    moved = (abs(sv) + TURN_LENGTH * abs(sw)) * STEP
-                    short = max(0.0, 1.0 - gap / desired)
-                    cost += weight * short * short * moved
-                    reversed_way += max(0.0, -sv) * STEP
-                    driven += 1.1 * moved
-                    end = (ax, ay, ayaw)
-                    if k == steps // 2:  # half-way, too, or it cuts corners
-                        most = reference[start, S] + driven
-                        _, error = match(ax, ay, ayaw, reference, start, most)
-                        cost += 0.5 * objective.path * error
-            if not blocked:
-                x, y, yaw = ax, ay, ayaw
-        if actors:
-            limit = objective.actor_clearance
-            distance = actor_distance(x, y, yaw, footprint, view.actors, (k + 1) * STEP, limit)
-            short = 1.0 - distance / limit
-            cost += weight * short * short * STEP
-            if distance < margin:
-                cost += objective.actor_weight * (1.0 - 0.6 * k * STEP / objective.prediction_time)
-                break
-        elif blocked:
+        sv, av, sw, aw = approach_twist(sv, av, sw, aw, v, w, limits, STEP)
+        bx, by, byaw = x, y, yaw
+        x, y, yaw = arc_step(x, y, yaw, sv, sw, STEP)
+        gap -= (abs(sv) + lever * abs(sw)) * STEP
+        if gap < desired:
+            gap = clearance_to_points(x, y, yaw, footprint, view.points, desired + 0.2)
+        if gap < margin:  # what lies beyond is not reached
+            cost += weight * objective.horizon * (steps - k) / steps
             break
+        # By way, not by time: slow driving in a narrow place costs no more, and standing before it
+        # gains nothing. Who comes to a chair at rest walks round it, or stops.
+        moved = (abs(sv) + TURN_LENGTH * abs(sw)) * STEP
+        short = max(0.0, 1.0 - gap / desired)
+        cost += weight * short * short * moved
+        if actors and moved > AT_REST * STEP:
+            t, limit = (k + 1) * STEP, objective.actor_clearance
+            distance = actor_distance(x, y, yaw, footprint, view.actors, t, limit)
+            before = actor_distance(bx, by, byaw, footprint, view.actors, t, limit)
+            if distance < before:  # by the chair's own motion, not who walks into its side
+                short = 1.0 - distance / limit
+                cost += objective.proximity * short * short * (before - distance)
+                if distance < margin:  # the later, the surer one of both will have turned aside
+                    left = max(0.0, 1.0 - t / objective.prediction_time)
+                    cost += objective.actor_weight * left * left * min(1.0, abs(sv) / GENTLE)
+                    break
+        reversed_way += max(0.0, -sv) * STEP
+        driven += 1.1 * moved
+        end = (x, y, yaw)
+        if k == steps // 2:  # half-way, too, or it cuts corners
+            _, error = match(x, y, yaw, reference, start, reference[start, S] + driven)
+            cost += 0.5 * objective.path * error
     at, error = match(end[0], end[1], end[2], reference, start, reference[start, S] + driven)
     cost += objective.path * error
     cost -= objective.progress * (reference[at, S] - reference[start, S])

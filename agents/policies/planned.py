@@ -8,7 +8,9 @@ It has named states, shown in pictures and logs as the status of its commands:
     gives way    the same, and the chair moves back from it
     waits        nothing leads on for now: a temporary obstacle blocks the path, or the goal, or
                  the chair stands until there is a plan
-    backs out    no progress for a while; then a new plan
+    makes room   nothing leads on for a while: to a place away from what blocks the path, so that a
+                 leaf can swing and people can pass; then a new plan
+    backs out    no progress for a while, and no such place; then a new plan
     looks round  the path leads into unknown space: the chair turns in place to see it first
 """
 
@@ -35,6 +37,7 @@ from agents.policies.recoveries import (
     DETOUR,
     HALT_SHARE,
     RETRY_TIME,
+    ROOM,
     BackUp,
     DetourPolicy,
     ProgressMonitor,
@@ -44,6 +47,7 @@ from agents.policies.recoveries import (
     clearest_place,
     crawled,
     is_blocked,
+    place_aside,
     widest_plan,
 )
 from agents.policies.scripted import episode_rng
@@ -61,6 +65,7 @@ ACTOR_RANGE = 2.5  # m: with an actor nearer, the chair reverses slowly: no sens
 HELD = 1.0  # s for which people see why there is a new path
 NEAR = 1.5  # m of way from the axle's centre: the chair's front, and to rest from 0.8 m/s
 STILL = 0.02  # m/s and rad/s: slower, the chair stands
+LASTING = 5  # plans without a way round, some 15 s: what blocks the way will not go by itself
 REJOIN = 2.0  # m along a plan on which a chair that drove on meanwhile may join it
 INSIDE = 0.7  # times the goal's tolerance: so far from it a path may end where the goal is occupied
 
@@ -171,6 +176,13 @@ class Search:
                 break
         return answer
 
+    def plan_aside(self, blocking: Array, end: float) -> Answer:
+        """Plan to where there is room to what blocks the path (n, 2) [m]; see `place_aside`."""
+        place = place_aside(self.maps[0], self.start, blocking)
+        if place is None:
+            return Answer(Plan(Status.EXHAUSTED), self.config.least, self.start, self.maps, 0)
+        return self.plan(place, end)
+
 
 class PlannedDriver:
     """Plans from where the chair believes it is, follows, and recovers when stuck."""
@@ -192,6 +204,7 @@ class PlannedDriver:
         self._progress, self._detours = ProgressMonitor(self.config.patience), DetourPolicy()
         self._backup, self._spin = BackUp(), Spin()
         self._backing = 0.0  # s left to back up
+        self._aside = False  # the path leads away from what blocks the way
         self._lost = 0.0  # s until a plan that led nowhere is tried again
         self._peopled = False  # an actor has been seen on this drive
         self.plan: Plan | None = None
@@ -315,7 +328,7 @@ class PlannedDriver:
 
     def _take(self, reference: ReferencePath) -> None:
         """Follow a path from now on."""
-        self._path, self._reference = reference.path, reference
+        self._path, self._reference, self._aside = reference.path, reference, False
         self._follow()
         self._progress.begin()
 
@@ -337,6 +350,7 @@ class PlannedDriver:
             return
         assert before is not None
         blocked = answer.plan.status is Status.GOAL_OCCUPIED
+        self._detours.failed = 0 if answer.solved else self._detours.failed + 1
         if not answer.solved:
             self.plan, self._clearance = answer.plan, answer.clearance
             why = "the goal is blocked" if blocked else "no way round"
@@ -414,6 +428,9 @@ class PlannedDriver:
             self._backing -= period * (CRAWL / BACK if self._peopled else 1.0)
             if self._backing <= 0.0:
                 self._plan_anew(held=True)
+        elif self._aside:
+            if self._reference.ended or progress.stalled(True):
+                self._replan(held=True)
         elif self._lost <= 0.0 and (off > self.config.astray or self._outdated()):
             self._replan()
         elif self._blocked():
@@ -439,7 +456,10 @@ class PlannedDriver:
             self._report.set("looks round" if self._spin.on else "backs out")
             return twist
         twist = self._follower.twist(now)
-        self._report.follow(twist, self._local_map.actors, self._reason)
+        if self._aside:
+            self._report.set("makes room")
+        else:
+            self._report.follow(twist, self._local_map.actors, self._reason)
         return twist
 
     def _recover(self) -> None:
@@ -450,7 +470,7 @@ class PlannedDriver:
         """
         self._progress.retry()
         self._follow()
-        if self._progress.tries % 2:
+        if self._progress.tries % 2 and self._detours.failed < LASTING:
             assert self._reference is not None
             self._plan_anew(partial(self._recovered, self._reference.left, self._temporary))
         else:
@@ -463,8 +483,26 @@ class PlannedDriver:
             self._back_out()
 
     def _back_out(self) -> None:
+        """Make room for what blocks the path; back out where nothing does or no room is left."""
+        blocking = self._local_map.temporary.points if self._temporary else np.empty((0, 2))
+        away = np.hypot(*(blocking - self._local_map.pose[:2]).T)
+        if not (away < ROOM).any():
+            self._back_up()
+            return
+        self._held = True
+        search = self._search([self._local_map.temporary.painted()])
+        self.planning.ask(partial(search.plan_aside, blocking[away < ROOM]), self._make_room)
+
+    def _make_room(self, answer: Answer) -> None:
+        if not answer.solved:
+            self._back_up()
+        elif (reference := self._received(None, answer)) is not None:
+            self._take(reference)
+            self._aside = True
+
+    def _back_up(self) -> None:
         times = self._backup.begin(self._local_map.pose[:2])
-        self._backing = times * self.config.backing
+        self._backing = self.config.backing * (1 if self._peopled else times)
 
     @property
     def _temporary(self) -> bool:

@@ -1,8 +1,9 @@
 """When a chair gives up following its path, and its recoveries.
 
-`ProgressMonitor` tells when. The chair then backs up or turns in place (`back_up`, `turn`), turns
-slowly to see what the laser has never seen (`Spin`), plans around temporary obstacles
-(`DetourPolicy`), or plans anew with less clearance (`widest_plan`).
+`ProgressMonitor` tells when. The chair then backs up or turns in place (`back_up`), makes room for
+what blocks its path (`place_aside`), turns slowly to see what the laser has never seen (`Spin`),
+plans around temporary obstacles (`DetourPolicy`), or plans anew with less clearance
+(`widest_plan`).
 """
 
 from __future__ import annotations
@@ -197,6 +198,28 @@ def back_up(now: Situation) -> Array | None:
     return first_clear(twists, now)
 
 
+ROOM = 2.0  # m from what blocks the path: a leaf's length, the chair's front and a margin
+ASIDE = 3.0  # m: no place farther away is looked at
+BREADTH = 0.45  # m of clearance there
+GAINED = 0.3  # m that a place must be farther from what blocks than the chair is
+EVERY = 3  # cells between two places
+
+
+def place_aside(grid: OccupancyGrid, place: Array, blocking: Array) -> Array | None:
+    """The place (2,) near the chair's that leaves most room to what blocks its path (n, 2) [m].
+
+    A leaf that the chair holds can then swing, and whoever stands before it can pass. None where no
+    place leaves more than the chair does now.
+    """
+    cells = np.argwhere(grid.traversable(BREADTH)[::EVERY, ::EVERY]) * EVERY
+    places: Array = np.concatenate([place[None, :2], grid.to_world(cells)])
+    way = np.hypot(*(places - place[:2]).T)
+    places, way = places[way < ASIDE], way[way < ASIDE]
+    gaps = np.hypot(*(places[:, None] - blocking).T).min(axis=0)
+    best = int(np.argmax(np.minimum(gaps, ROOM) - 0.2 * way))
+    return places[best] if gaps[best] > gaps[0] + GAINED else None
+
+
 AHEAD = 3.0  # m of the path on which temporary obstacles count
 RETRY_TIME = 3.0  # s until a plan that found no way is tried again
 DETOUR = 2.0  # m by which a detour may be longer at once, and
@@ -211,11 +234,13 @@ class DetourPolicy:
         taken: the path leads around temporary obstacles.
         waited: s that the chair has waited rather than take a long detour.
         pause: s until a detour is planned again.
+        failed: plans since one that led round them.
     """
 
     def __init__(self) -> None:
         self.taken = False
         self.waited = self.pause = 0.0
+        self.failed = 0
         self._checked = 0.0  # s since the path was last checked
 
     def wait(self) -> float:

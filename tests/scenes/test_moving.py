@@ -15,7 +15,14 @@ from agents.evaluation.evaluate import without_labels
 from wheelchair_gym.config import InputError
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.geometry import footprint_clearance, path_length, point_segment_distance
-from wheelchair_gym.maps import FREE, OCCUPIED, bottleneck, footprint_margin, geodesic
+from wheelchair_gym.maps import (
+    FREE,
+    OCCUPIED,
+    OccupancyGrid,
+    bottleneck,
+    footprint_margin,
+    geodesic,
+)
 from wheelchair_gym.physics.actors.records import (
     BEHAVIOURS,
     DOOR,
@@ -26,14 +33,17 @@ from wheelchair_gym.physics.actors.records import (
     REACTIONS,
     actor_outline,
     actor_shapes,
+    door,
     leaf_line,
 )
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.scenes.arena import WALL, Doorway
+from wheelchair_gym.scenes.crowd import leaves_that_let_pass
 from wheelchair_gym.scenes.describe import scene_statistics
 from wheelchair_gym.scenes.people import WALKING_RADIUS, free_area
 from wheelchair_gym.scenes.poses import FOOTPRINT, passing_radius
 from wheelchair_gym.scenes.raster import CELL
+from wheelchair_gym.types import Episode
 
 RADIUS = passing_radius(FOOTPRINT)
 
@@ -41,6 +51,27 @@ RADIUS = passing_radius(FOOTPRINT)
 def drawn(count=8, first=0, **spec):
     scene = make_scene(spec)
     return [scene.sample(np.random.default_rng(first + k)) for k in range(count)]
+
+
+def test_no_furniture_stands_on_the_goal():
+    for episode in drawn(12, name="crowd", place="hall", furniture_density=0.15):
+        places = episode.actors.rows["pose"][episode.actors.rows["kind"] == FURNITURE][:, :2]
+        assert len(places) > 5
+        assert np.hypot(*(places - episode.goal[:2]).T).min() >= 1.1
+
+
+def test_no_leaf_stands_open_across_the_only_way():
+    """The chair starts in a nook whose opening a leaf would close."""
+    cells = np.full((60, 100), FREE, np.int8)
+    cells[:2], cells[-2:], cells[:, :2], cells[:, -2:] = (OCCUPIED,) * 4
+    cells[22:24, :40] = cells[:24, 38:40] = OCCUPIED  # a nook 1.0 m high, x 0.1 to 1.9 m,
+    cells[2:22, 38:40] = FREE  # open to the right
+    grid = OccupancyGrid(cells, 0.05, (0.0, 0.0, 0.0))
+    episode = Episode(grid, np.array([0.9, 0.6, 0.0]), np.array([4.0, 2.0, 0.0]))
+    across = door((2.1, 0.1), 0.0, 1.0, 0.5 * math.pi, near=3.0)
+    beside = door((3.0, 1.5), 0.0, 0.5, 0.5 * math.pi, near=3.0)
+    for leaves in ([across, beside], [beside]):
+        assert [one is beside for one in leaves_that_let_pass(leaves, episode, 0.3)] == [True]
 
 
 def test_a_crowd_begins_apart_from_the_chair_and_from_everything():
@@ -60,6 +91,7 @@ def test_a_crowd_begins_apart_from_the_chair_and_from_everything():
             corners = actor_outline(row, *row["pose"])
             gap = episode.map.distance()[tuple(episode.map.to_cell(corners).T)]
             assert gap.min() > 2 * FOOTPRINT.half_width - 0.2  # the chair gets past
+            assert math.dist(row["pose"][:2], episode.goal[:2]) >= 1.1  # and to its goal
         doors += (rows["kind"] == DOOR).sum()
         people += (rows["kind"] == PERSON).sum()
     assert doors >= 5

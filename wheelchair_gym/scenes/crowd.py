@@ -31,6 +31,7 @@ from wheelchair_gym.scenes.people import (
     free_area,
     sample_passage_people,
     sample_people,
+    with_open_doors,
 )
 from wheelchair_gym.scenes.poses import FOOTPRINT, check_ranges, passing_radius
 from wheelchair_gym.scenes.raster import CELL
@@ -39,6 +40,7 @@ from wheelchair_gym.types import Episode
 Array = NDArray[np.float64]
 
 _CLEAR = 1.05  # m round light furniture: the chair passes it on either side
+_START_FREE, _GOAL_FREE = 1.5, 1.1  # m about start and goal; the chair is 1.0 m long
 _PIECES = (((0.45, 0.45), 5.0), ((0.20, 0.0), 3.0), ((0.60, 0.40), 9.0), ((0.25, 0.0), 8.0))
 # chair, stool, serving trolley, waste bin: size [m], mass [kg]
 
@@ -86,6 +88,27 @@ def sample_doors(
     return found
 
 
+def leaves_that_let_pass(leaves: list[Actor], episode: Episode, radius: float) -> list[Actor]:
+    """The leaves that, while they stand open, leave a way for a disc from start to goal.
+
+    A leaf stands open as long as the chair is near it: the chair would never get past one that
+    stands across the only way.
+    """
+    start, goal = episode.start[:2], episode.goal[:2]
+
+    def passes(some: list[Actor]) -> bool:
+        paths = geodesic(with_open_doors(episode.map, some), goal, radius)
+        return bool(np.isfinite(paths.at(start)))
+
+    if passes(leaves):
+        return leaves
+    kept: list[Actor] = []
+    for leaf in leaves:
+        if not leaf.row["swings"][0] or passes([*kept, leaf]):
+            kept.append(leaf)
+    return kept
+
+
 def _in_room(layout: FloorLayout, hinge: tuple[float, float], heading: float, width: float) -> bool:
     """Whether the far end of an open leaf is in a room."""
     col = (hinge[0] + width * math.cos(heading)) / CELL
@@ -106,9 +129,13 @@ def _in_wall(grid: OccupancyGrid, hinge: tuple[float, float], heading: float, wi
 
 
 def sample_furniture(
-    rng: np.random.Generator, grid: OccupancyGrid, density: float, start: Array, taken: list[Array]
+    rng: np.random.Generator,
+    grid: OccupancyGrid,
+    density: float,
+    ends: tuple[Array, Array],
+    taken: list[Array],
 ) -> list[Actor]:
-    """Movable furniture; `taken` as in `sample_people`."""
+    """Movable furniture, none on the chair's start and goal; `taken` as in `sample_people`."""
     places = np.argwhere(grid.traversable(_CLEAR))
     found: list[Actor] = []
     for _ in range(round(density * free_area(grid)) if len(places) else 0):
@@ -116,7 +143,8 @@ def sample_furniture(
         x, y = draw_place(rng, grid, places)
         yaw = rng.uniform(-math.pi, math.pi)
         reach = math.hypot(*size) / (2.0 if size[1] else 1.0)
-        if math.dist((x, y), start[:2]) < 1.5:
+        gaps = [math.dist((x, y), end[:2]) for end in ends]
+        if gaps[0] < _START_FREE or gaps[1] < _GOAL_FREE:
             continue
         if all(math.dist((x, y), at[:2]) > reach + at[2] + 0.1 for at in taken):
             taken.append(np.array([x, y, reach]))
@@ -192,8 +220,9 @@ class Crowd:
             episode = self._draw_hall(rng, footprint)
         taken: list[Array] = []
         start, grid = episode.start, episode.map
-        pieces = sample_furniture(rng, grid, self.furniture_density, start, taken)
+        pieces = sample_furniture(rng, grid, self.furniture_density, (start, episode.goal), taken)
         leaves = [] if layout is None else sample_doors(rng, grid, layout, self.doors)
+        leaves = leaves_that_let_pass(leaves, episode, passing_radius(footprint))
         if passage is not None:
             people = sample_passage_people(rng, passage, self.people, taken)
         else:

@@ -195,7 +195,7 @@ def sample_people(
         leaves: doors; routes lead round them where they stand open.
     """
     count = round(rng.uniform(*people.density) * free_area(grid))
-    grid = _with_open_doors(grid, leaves)
+    grid = with_open_doors(grid, leaves)
     cells = np.argwhere(grid.traversable(WALKING_RADIUS))
     for leaf in leaves:
         hinge, length = leaf.row["pose"][0, :2], leaf.row["size"][0, 0]
@@ -374,7 +374,7 @@ def sample_passage_people(
     return found
 
 
-def _with_open_doors(grid: OccupancyGrid, leaves: list[Actor]) -> OccupancyGrid:
+def with_open_doors(grid: OccupancyGrid, leaves: list[Actor]) -> OccupancyGrid:
     """A copy of the map on which leaves that swing stand open."""
     cells = grid.cells.copy()
     for leaf in leaves:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from agents.control import FOLLOWERS, make_follower
+from agents.control.followers import Objective
 from agents.control.local_map import LocalMap, sampled_walls, voxel_means
 from agents.control.rollout import (
     Body,
@@ -13,11 +14,13 @@ from agents.control.rollout import (
     ReferencePath,
     actor_distance,
     poses_of,
+    rollout_costs,
     stops_clear,
 )
 from agents.policies import make_policy
 from planners import make_planner
 from tests.agents.fakes import PaperWorld, corridor
+from wheelchair_gym.compiled.kernel import record_of
 from wheelchair_gym.config import InputError
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.geometry import Footprint, clearance_to_points, footprint_clearance
@@ -25,7 +28,8 @@ from wheelchair_gym.kinematics import Limits
 from wheelchair_gym.safety import Shield
 
 PLANNER = "a_star"
-NOBODY = np.empty((0, 5))
+NOBODY = np.empty((0, 8))
+SURE = (1e-3, 0.0, 1e-4)  # variances of an actor that is known well
 
 
 def body(v):
@@ -133,12 +137,51 @@ def test_room_beside_a_wall_is_slow_room():
 )
 def test_movers_are_not_met_in_motion(mover, v, clear):
     speed = 0.8 if mover[0] > 1.0 and v > 0.0 else 0.3 * (v == 0.0)
-    near = LocalView(np.empty((0, 3)), np.array([mover]), np.zeros((2, 4)))
+    near = LocalView(np.empty((0, 3)), np.array([(*mover, *SURE)]), np.zeros((2, 4)))
     assert stops_clear(v, 0.0, body(speed), near, 0.4, 0.05) is clear
     exact = footprint_clearance(
         0.0, 0.0, 0.0, Footprint().array, np.empty((0, 4)), np.array([[*mover[:2], mover[4]]]), 9.0
     )
     assert actor_distance(0, 0, 0, Footprint().array, near.actors, 0.0, 9.0) == pytest.approx(exact)
+
+
+def cost_among(actors, v, w, speed=0.4):
+    """The cost of a twist that a chair at a speed keeps, along a straight path among actors."""
+    s = np.arange(0.0, 3.0, 0.05)
+    reference = np.column_stack([s, np.zeros((len(s), 2)), s])
+    view = LocalView(np.empty((0, 3)), np.array(actors).reshape(-1, 8), reference)
+    twist = np.array([[[v, w, 1.5]]])
+    return rollout_costs(twist, body(speed), view, 0.05, record_of(Objective()))[0]
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_people_who_cross_are_passed_behind(side):
+    """Somebody walks across, from one side to the other: there they will be, here they were."""
+    crosses = (1.9, -0.7 * side, 0.0, 0.8 * side, 0.25, *SURE)
+    behind, before = (cost_among([crosses], 0.6, turn * side) for turn in (-0.3, 0.3))
+    assert behind < before - 0.1
+    assert cost_among([], 0.6, -0.3 * side) == pytest.approx(cost_among([], 0.6, 0.3 * side))
+
+
+def test_who_comes_to_a_chair_at_rest_costs_nothing_and_a_slow_approach_little():
+    comes = (1.6, 0.0, -0.6, 0.0, 0.25, *SURE)
+    assert cost_among([comes], 0.0, 0.0, 0.0) == cost_among([], 0.0, 0.0, 0.0)
+    slow, fast = (cost_among([comes], v, 0.0, v) - cost_among([], v, 0.0, v) for v in (0.1, 0.8))
+    assert 0.0 < slow < 0.5 * fast
+
+
+def test_who_walks_into_its_side_is_no_reason_to_stand():
+    beside = (-0.1, 0.9, 0.0, -0.5, 0.25, *SURE)
+    assert cost_among([beside], 0.5, 0.0, 0.5) < cost_among([beside], 0.0, 0.0, 0.0)
+
+
+def test_a_place_that_may_err_is_kept_clear_of_from_farther_away():
+    there = (2.0, 0.0, -0.5, 0.0, 0.25)
+    gaps = [
+        actor_distance(0, 0, 0, Footprint().array, np.array([(*there, *spread)]), 1.0, 9.0)
+        for spread in (SURE, (1e-3, 0.01, 0.1))
+    ]
+    assert 0.05 < gaps[0] - gaps[1] <= 0.1
 
 
 def test_a_reference_begins_where_the_chair_looks_and_ends_at_the_goal():

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from agents.control.local_map import LocalMap
-from agents.evaluation.evaluate import env_settings, make_env
+from agents.evaluation.compare import suite
+from agents.evaluation.evaluate import drive_episode, env_settings, make_env
 from agents.evaluation.metrics import backing
 from agents.policies import make_policy
 from agents.policies.planned import Answer
-from agents.policies.recoveries import RETRY_TIME, BackUp, clearest_place
+from agents.policies.recoveries import RETRY_TIME, BackUp, clearest_place, place_aside
 from planners.problem import Plan, Status
 from tests.agents.fakes import PaperWorld, corridor
 from wheelchair_gym.config import InputError
@@ -61,7 +62,7 @@ def test_what_moves_is_tracked_whether_the_chair_stands_or_drives(velocity, v):
 
     world, local_map = watched(place, 1.8, v)
     assert len(local_map.actors) == 1
-    x, y, vx, vy, radius = local_map.actors[0]
+    x, y, vx, vy, radius = local_map.actors[0, :5]
     there = place(world.time)
     assert np.hypot(world.pose[0] + x - there[0], world.pose[1] + y - there[1]) < 0.12
     assert np.hypot(vx - velocity[0], vy - velocity[1]) < 0.3
@@ -87,6 +88,60 @@ def test_what_is_gone_is_forgotten_once_it_is_seen_to_be():
     assert len(local_map.temporary.points)
     _, local_map = watched(lambda t: (3.5, 0.0) if t < 2.5 else None, 3.0)
     assert not len(local_map.temporary.points)
+
+
+def test_who_stood_and_is_out_of_sight_is_soon_forgotten():
+    """Somebody walks up and stands; the chair drives by, and they go on behind it."""
+
+    def place(t):
+        return 2.6, -1.3 + min(0.8, 0.5 * t)
+
+    world, local_map = watched(place, 7.0)
+    assert np.hypot(*(local_map.temporary.points - (2.6, -0.5)).T).min() < 0.3
+    for k in range(75):
+        gone = world.pose[0] > 3.5
+        world.place = (lambda t: None) if gone else place
+        world.drive(np.array([0.8 * (not gone), 0.3 * (k < 12) - 0.3 * (12 <= k < 24)]))
+        local_map.update(world.seen)
+    assert world.pose[0] > 3.5
+    assert not len(local_map.temporary.points)
+    hits = local_map.hits
+    c, s = math.cos(world.pose[2]), math.sin(world.pose[2])
+    at = world.pose[:2] + hits @ np.array([(c, s), (-s, c)])
+    assert np.hypot(*(at - (2.6, -0.5)).T).min() > 0.4
+
+
+def test_there_is_room_away_from_what_blocks():
+    grid = corridor(10.0, 3.2)
+    blocking = np.array([(4.0, y) for y in np.linspace(-0.8, 0.8, 9)])
+    aside = place_aside(grid, np.array([3.0, 0.0]), blocking)
+    assert np.hypot(*(blocking - aside).T).min() > 1.6
+    assert math.dist(aside, (3.0, 0.0)) < 3.0
+    assert place_aside(grid, np.array([1.0, 0.0]), blocking) is None  # there is room already
+
+
+@pytest.mark.parametrize("seed", [1_000_014])
+def test_a_chair_before_a_powered_leaf_that_it_holds_makes_room_and_arrives(seed):
+    building = next(scene for scene in suite("crowd").scenes if scene["label"] == "building")
+    env = make_env(building, env_settings(pose_source="truth"))
+    shown = []
+
+    class Shown:
+        """The policy, its states written down."""
+
+        def __init__(self):
+            self.policy = make_policy("lattice+window")
+            self.reset = self.policy.reset
+
+        def act(self, reading):
+            command = self.policy.act(reading)
+            shown.append(command.shown.status)
+            return command
+
+    record = drive_episode(env, Shown(), seed)
+    env.close()
+    assert "makes room" in shown
+    assert record["success"]
 
 
 def states(place, goal=(9.0, 0.0, 0.0), seconds=30.0, width=3.2):
