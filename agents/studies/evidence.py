@@ -72,7 +72,7 @@ def estimate(samples: Sequence[Sample], weights: Sequence[float]) -> Estimate:
 LEVEL = 0.05  # of all claims together
 
 
-class Verdict(StrEnum):
+class ClaimVerdict(StrEnum):
     """The result of the tests of a claim."""
 
     HOLDS = "holds"
@@ -93,13 +93,13 @@ class Evidence:
     test: str
     text: str = ""  # what is compared
 
-    def verdict(self, claims: int) -> Verdict:
+    def verdict(self, claims: int) -> ClaimVerdict:
         """The verdict among this number of claims (Bonferroni)."""
         if claims * self.p_for < LEVEL:
-            return Verdict.HOLDS
+            return ClaimVerdict.HOLDS
         if claims * self.p_against < LEVEL:
-            return Verdict.FAILS
-        return Verdict.OPEN
+            return ClaimVerdict.FAILS
+        return ClaimVerdict.OPEN
 
 
 def no_evidence(why: str) -> Evidence:

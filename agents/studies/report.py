@@ -9,25 +9,28 @@ from typing import Any
 
 from agents.evaluation.pages import Figures, write_page
 from agents.evaluation.tables import Cell, Column, Table, exists
-from agents.studies.evidence import LEVEL, Verdict
+from agents.studies.evidence import LEVEL, ClaimVerdict
 
 Chapter = Mapping[str, Any]
 
-_CLASSES = {Verdict.FAILS: "fails", Verdict.OPEN: "open", Verdict.HOLDS: "holds"}  # worst first
+_CLASSES = {
+    ClaimVerdict.FAILS: "fails",
+    ClaimVerdict.OPEN: "open",
+    ClaimVerdict.HOLDS: "holds",
+}  # worst first
 
 
-def count_verdicts(chapters: Sequence[Chapter]) -> dict[Verdict, int]:
+def count_verdicts(chapters: Sequence[Chapter]) -> dict[ClaimVerdict, int]:
     """The number of claims with each verdict."""
     verdicts = [claim["verdict"] for chapter in chapters for claim in chapter["claims"]]
-    return {verdict: verdicts.count(verdict) for verdict in Verdict}
+    return {verdict: verdicts.count(verdict) for verdict in ClaimVerdict}
 
 
 def _totals(chapters: Sequence[Chapter]) -> str:
     count = count_verdicts(chapters)
-    return (
-        f"Of {sum(count.values())} claims {count[Verdict.HOLDS]} hold, {count[Verdict.FAILS]} do "
-        f"not, {count[Verdict.OPEN]} cannot be told"
-    )
+    kinds = ClaimVerdict.HOLDS, ClaimVerdict.FAILS, ClaimVerdict.OPEN
+    hold, fail, untold = (count[kind] for kind in kinds)
+    return f"Of {sum(count.values())} claims {hold} hold, {fail} do not, {untold} cannot be told"
 
 
 def summary_text(chapters: Sequence[Chapter]) -> str:
@@ -59,8 +62,8 @@ def write_studies_page(
     found = []
     for chapter, drawn in chapters:
         claims = [
-            {**claim, "effect": effect_text(claim), "class": _CLASSES[Verdict(claim["verdict"])],
-             "study": chapter["name"]}
+            {**claim, "effect": effect_text(claim), "study": chapter["name"],
+             "class": _CLASSES[ClaimVerdict(claim["verdict"])]}
             for claim in sorted(
                 chapter["claims"], key=lambda claim: list(_CLASSES).index(claim["verdict"])
             )
@@ -68,7 +71,7 @@ def write_studies_page(
         found.append({**chapter, "claims": claims, "table": _table(chapter), "drawn": drawn})
     return write_page(
         path, "studies.html", title=title, source=source, totals=_totals(found),
-        failed=[c for of in found for c in of["claims"] if c["verdict"] == Verdict.FAILS],
+        failed=[c for of in found for c in of["claims"] if c["verdict"] == ClaimVerdict.FAILS],
         level=f"{LEVEL:g}", contents=_contents(found), chapters=found,
     )  # fmt: skip
 
@@ -80,7 +83,7 @@ def _contents(chapters: Sequence[Chapter]) -> Table:
          *(Cell(str(n), key=n) for n in count_verdicts([chapter]).values())]
         for chapter in chapters
     ]  # fmt: skip
-    columns = [*texts, *(Column("", str(verdict), "claims") for verdict in Verdict)]
+    columns = [*texts, *(Column("", str(verdict), "claims") for verdict in ClaimVerdict)]
     return Table("Verdicts by study", columns, [rows])
 
 

@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from agents.studies import evidence
-from agents.studies.evidence import Verdict, estimate
+from agents.studies.evidence import ClaimVerdict, estimate
 
 CLAIMS = 100
 
@@ -35,30 +35,36 @@ NOISE = np.random.default_rng(1).normal(0.0, 1.0, 300)
 @pytest.mark.parametrize(
     ("found", "verdict"),
     [
-        (evidence.below(LESS, BASE, 0.01, ""), Verdict.HOLDS),
-        (evidence.below(MORE, BASE, 0.01, ""), Verdict.FAILS),
-        (evidence.below(SAME, BASE, 0.01, ""), Verdict.FAILS),  # surely no difference worth it
-        (evidence.above(MORE, BASE, 0.01, ""), Verdict.HOLDS),
-        (evidence.above(LESS, BASE, 0.01, ""), Verdict.FAILS),
-        (evidence.between(SAME, BASE, -0.01, 0.01, ""), Verdict.HOLDS),
-        (evidence.between(LESS, BASE, -0.01, 0.01, ""), Verdict.FAILS),
-        (evidence.between(LESS, BASE, -0.08, -0.02, ""), Verdict.HOLDS),
-        (evidence.between(LESS, BASE, -0.20, -0.10, ""), Verdict.FAILS),
-        (evidence.falls(*steps(-1.0), 0.01, ""), Verdict.HOLDS),
-        (evidence.falls(*steps(1.0), 0.01, ""), Verdict.FAILS),
-        (evidence.falls(*steps(0.0), 0.02, ""), Verdict.FAILS),
-        (evidence.rises(*steps(1.0), 0.01, ""), Verdict.HOLDS),
-        (evidence.rises(*steps(-1.0), 0.01, ""), Verdict.FAILS),
-        (evidence.level(*steps(0.0), 0.02, ""), Verdict.HOLDS),
-        (evidence.level(*steps(2.0), 0.02, ""), Verdict.FAILS),
-        (evidence.paired_below(PAIRS - 2.0 + NOISE, PAIRS, 0.005, ""), Verdict.HOLDS),
-        (evidence.paired_below(PAIRS + 2.0 + NOISE, PAIRS, 0.005, ""), Verdict.FAILS),
-        (evidence.paired_below(PAIRS + NOISE, PAIRS, 0.01, ""), Verdict.FAILS),
-        (evidence.share_above(495, 500, 0.95, ""), Verdict.HOLDS),
-        (evidence.share_above(400, 500, 0.95, ""), Verdict.FAILS),
+        (evidence.below(LESS, BASE, 0.01, ""), ClaimVerdict.HOLDS),
+        (evidence.below(MORE, BASE, 0.01, ""), ClaimVerdict.FAILS),
+        (evidence.below(SAME, BASE, 0.01, ""), ClaimVerdict.FAILS),  # surely no difference worth it
+        (evidence.above(MORE, BASE, 0.01, ""), ClaimVerdict.HOLDS),
+        (evidence.above(LESS, BASE, 0.01, ""), ClaimVerdict.FAILS),
+        (evidence.between(SAME, BASE, -0.01, 0.01, ""), ClaimVerdict.HOLDS),
+        (evidence.between(LESS, BASE, -0.01, 0.01, ""), ClaimVerdict.FAILS),
+        (evidence.between(LESS, BASE, -0.08, -0.02, ""), ClaimVerdict.HOLDS),
+        (evidence.between(LESS, BASE, -0.20, -0.10, ""), ClaimVerdict.FAILS),
+        (evidence.falls(*steps(-1.0), 0.01, ""), ClaimVerdict.HOLDS),
+        (evidence.falls(*steps(1.0), 0.01, ""), ClaimVerdict.FAILS),
+        (evidence.falls(*steps(0.0), 0.02, ""), ClaimVerdict.FAILS),
+        (evidence.rises(*steps(1.0), 0.01, ""), ClaimVerdict.HOLDS),
+        (evidence.rises(*steps(-1.0), 0.01, ""), ClaimVerdict.FAILS),
+        (evidence.level(*steps(0.0), 0.02, ""), ClaimVerdict.HOLDS),
+        (evidence.level(*steps(2.0), 0.02, ""), ClaimVerdict.FAILS),
+        (evidence.paired_below(PAIRS - 2.0 + NOISE, PAIRS, 0.005, ""), ClaimVerdict.HOLDS),
+        (evidence.paired_below(PAIRS + 2.0 + NOISE, PAIRS, 0.005, ""), ClaimVerdict.FAILS),
+        (evidence.paired_below(PAIRS + NOISE, PAIRS, 0.01, ""), ClaimVerdict.FAILS),
+        (evidence.share_above(495, 500, 0.95, ""), ClaimVerdict.HOLDS),
+        (evidence.share_above(400, 500, 0.95, ""), ClaimVerdict.FAILS),
         # without chance
-        (evidence.below({"a": np.full(3, 1.0)}, {"a": np.full(3, 2.0)}, 0.01, ""), Verdict.HOLDS),
-        (evidence.below({"a": np.full(3, 2.0)}, {"a": np.full(3, 2.0)}, 0.01, ""), Verdict.FAILS),
+        (
+            evidence.below({"a": np.full(3, 1.0)}, {"a": np.full(3, 2.0)}, 0.01, ""),
+            ClaimVerdict.HOLDS,
+        ),
+        (
+            evidence.below({"a": np.full(3, 2.0)}, {"a": np.full(3, 2.0)}, 0.01, ""),
+            ClaimVerdict.FAILS,
+        ),
     ],
 )
 def test_what_is_plain_is_told(found, verdict):
@@ -71,15 +77,15 @@ def test_what_is_plain_is_told(found, verdict):
 )
 def test_what_is_not_plain_cannot_be_told(judge):
     few, other = sample(99.0, 20.0, 5, 7), sample(100.0, 20.0, 5, 8)
-    assert of(judge(few, other, 0.01, "")) == Verdict.OPEN
+    assert of(judge(few, other, 0.01, "")) == ClaimVerdict.OPEN
     lonely = {"map 0": np.array([1.0])}
-    assert of(judge(lonely, lonely, 0.01, "")) == Verdict.OPEN
-    assert of(judge({}, {}, 0.01, "")) == Verdict.OPEN
+    assert of(judge(lonely, lonely, 0.01, "")) == ClaimVerdict.OPEN
+    assert of(judge({}, {}, 0.01, "")) == ClaimVerdict.OPEN
 
 
 def test_trends_of_noise_cannot_be_told():
     for judge in (evidence.falls, evidence.rises, evidence.level):
-        assert of(judge(*steps(0.2, 40.0, 6), 0.01, "")) == Verdict.OPEN
+        assert of(judge(*steps(0.2, 40.0, 6), 0.01, "")) == ClaimVerdict.OPEN
 
 
 def test_one_stratum_is_welch_as_scipy_has_it():
@@ -104,19 +110,19 @@ def test_true_nothing_is_seldom_called_something():
     wrong = 0
     for seed in range(300):
         a, b = sample(100.0, 5.0, 30, 2 * seed), sample(100.0, 5.0, 30, 2 * seed + 1)
-        wrong += evidence.below(a, b, 0.0, "").verdict(1) == Verdict.HOLDS
+        wrong += evidence.below(a, b, 0.0, "").verdict(1) == ClaimVerdict.HOLDS
     assert wrong / 300 < 0.06  # 2.5 % expected
 
 
 def test_all_must_hold_and_one_failure_is_enough():
     good, bad = evidence.below(LESS, BASE, 0.01, ""), evidence.below(MORE, BASE, 0.01, "")
     open_ = evidence.no_evidence("too few")
-    assert of(evidence.all_of([good, good], "")) == Verdict.HOLDS
-    assert of(evidence.all_of([good, bad], "")) == Verdict.FAILS
-    assert of(evidence.all_of([good, open_], "")) == Verdict.OPEN
+    assert of(evidence.all_of([good, good], "")) == ClaimVerdict.HOLDS
+    assert of(evidence.all_of([good, bad], "")) == ClaimVerdict.FAILS
+    assert of(evidence.all_of([good, open_], "")) == ClaimVerdict.OPEN
 
 
 def test_more_claims_ask_for_more():
     found = evidence.below(sample(99.3, 3.0, 40, 5), sample(100.0, 3.0, 40, 6), 0.001, "")
-    assert found.verdict(1) == Verdict.HOLDS
-    assert found.verdict(10_000) == Verdict.OPEN
+    assert found.verdict(1) == ClaimVerdict.HOLDS
+    assert found.verdict(10_000) == ClaimVerdict.OPEN
