@@ -124,7 +124,8 @@ class Robot:
         publish("/footprint", ros.footprint(now, mission.footprint.corners))
         if self.config.localized and mission.map is not None:
             publish("/map", ros.grid(now, mission.map))
-            publish("/goal_pose", ros.pose_stamped(now, mission.goal))
+            x, y, yaw = [*mission.goal, 0.0][:3]  # a message has a heading, also where none counts
+            publish("/goal_pose", ros.pose_stamped(now, (x, y, yaw)))
         self._due = time.monotonic()
 
     def follow(self, env: Any) -> bool:
