@@ -288,7 +288,7 @@ def measured() -> str:
     texts = {"IR-SIM": "IR-SIM 2.12.0, same walls, same run", "one env": "one environment",
              "batch": "1,024 environments, two threads"}  # fmt: skip
     rates = {row["what"]: row["rate"] for row in results("speed")["rows"] if row["beams"] == 1081}
-    headings = "steps per second, two cores of 2.5 GHz, 1,081 beams", ""
+    headings = "steps per second, two cores of an AMD EPYC, 1,081 beams", ""
     return "\n".join((
         markdown_table(("", "success [%], 95 % interval", "contacts; chair at fault"), drives),
         markdown_table(
