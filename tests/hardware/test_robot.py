@@ -37,6 +37,11 @@ CONTROLLER = ROOT / "examples" / "ros_pure_pursuit.py"
 QUIET = 3.0  # s within which a busy machine has noticed that nobody commands
 
 
+def hears_interrupts():
+    """Undo what a shell does to programs in its background: they ignore SIGINT."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 class Served:
     """`wheelchair robot` in a process of its own, from when it is ready until it is closed."""
 
@@ -45,7 +50,7 @@ class Served:
         environ = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path])}
         self.process = subprocess.Popen(
             command, env=environ, cwd=cwd, text=True, stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
+            stderr=subprocess.PIPE, preexec_fn=hears_interrupts,
         )  # fmt: skip
         self.said, self.errors = [], []
         self._threads = [
