@@ -75,7 +75,7 @@ class Robot:
 
     Attributes:
         link: where messages go; to be set before the first reset.
-        wish: the service that was called, to end the episode; empty: none.
+        service: the one called to end the episode; empty: none.
         late: control periods that ended more than `_LATE` after their time.
     """
 
@@ -84,7 +84,7 @@ class Robot:
     ) -> None:
         self.config, self._log, self._waits = config, log, waits
         self.link: Link
-        self.wish, self.late = "", 0
+        self.service, self.late = "", 0
         self._lock = threading.Lock()
         self._twist, self._fresh = (0.0, 0.0), False
         self._commander: object = None
@@ -115,7 +115,7 @@ class Robot:
 
     def reset(self, mission: Mission) -> None:
         """Publish the world and the goal of a new episode."""
-        self.wish, self._mission = "", mission
+        self.service, self._mission = "", mission
         self._published, self._awaits = 0, self._waits
         with self._lock:
             self._twist, self._silent, self._stopped, self._fresh = (0.0, 0.0), 0.0, True, False
@@ -132,7 +132,7 @@ class Robot:
         """Take the odometry of the environment's chair; whether the episode is to end."""
         inner = env.unwrapped
         self._odometry = getattr(inner.chair, "belief", Belief(inner.task.reading.pose)).odometry
-        return bool(self.wish) or self._end()
+        return bool(self.service) or self._end()
 
     def act(self, reading: Reading) -> Command:
         """Let a control period pass, and return the last command; zero after a silence."""
@@ -153,7 +153,7 @@ class Robot:
     def stand(self, reading: Reading, done: Callable[[], bool]) -> None:
         """Stand still and go on publishing until `done`, or until the program is to end."""
         still = reading._replace(twist=np.zeros(2))
-        while not (done() or self.wish or self._end()):
+        while not (done() or self.service or self._end()):
             self._pass_period()
             self._publish(still)
 
@@ -184,7 +184,7 @@ class Robot:
         """The service that ends the episode, as a std_srvs/srv/Trigger."""
 
         def answer(arguments: Mapping[str, Any]) -> dict[str, Any]:
-            self.wish = service
+            self.service = service
             return {"success": True, "message": "an episode begins"}
 
         return answer

@@ -15,19 +15,19 @@ from websockets.sync.client import connect
 
 
 def plan(grid, start, goal):
-    """Points x + y * 1j of a path on a nav_msgs/OccupancyGrid; near walls, cells are dear."""
+    """Points x + y * 1j of a path on a nav_msgs/OccupancyGrid; near walls, cells cost more."""
     info, came, corner = grid["info"], {}, grid["info"]["origin"]["position"]
     size, corner = info["resolution"], complex(corner["x"], corner["y"])
     free = np.pad(np.array(grid["data"]).reshape(info["height"], info["width"]) == 0, 1)
     wall = size * distance_transform_edt(free)
-    dear = np.where(wall < 0.33, 100.0, 1.0) + 8.0 * np.clip(0.8 - wall, 0.0, None)
+    price = np.where(wall < 0.33, 100.0, 1.0) + 8.0 * np.clip(0.8 - wall, 0.0, None)
     first, last = ((p - corner) / size + 1 + 1j for p in (start, goal))
     first, last = complex(int(first.real), int(first.imag)), complex(int(last.real), int(last.imag))
     cost, heap = {first: 0.0}, [(0.0, first.real, first.imag)]
     while heap and (at := complex(*heapq.heappop(heap)[1:])) != last:
         for step in (1, -1, 1j, -1j, 1 + 1j, 1 - 1j, -1 + 1j, -1 - 1j):
             to, cell = at + step, (int((at + step).imag), int((at + step).real))
-            new = cost[at] + abs(step) * dear[cell]
+            new = cost[at] + abs(step) * price[cell]
             if free[cell] and new < cost.get(to, np.inf):
                 cost[to], came[to] = new, at
                 heapq.heappush(heap, (new + abs(to - last), to.real, to.imag))

@@ -119,10 +119,10 @@ def robot(given: argparse.Namespace) -> int:
                 record |= {"policy": "ros", "scene": label(scene), "seed": seed}
                 records.append(record)
                 print(f"{record['outcome']:12} {record['time']:.1f} s", flush=True)
-            elif not (driver.wish or over()):
+            elif not (driver.service or over()):
                 _log(f"the chair has touched something: it stands until {' or '.join(SERVICES)}")
                 driver.stand(world.task.reading, lambda: False)
-            number += driver.wish != SERVICES[1]
+            number += driver.service != SERVICES[1]
     finally:
         env.close()
         if link is not None:

@@ -230,7 +230,7 @@ def _degrees(angle: float) -> float:
 
 
 def _meant(value: float) -> float:
-    """A number of float32 as its maker wrote it: with as few digits as tell it from others."""
+    """A number of float32 with the fewest digits that give it, as its maker wrote it."""
     return float(str(np.float32(value)))
 
 

@@ -88,7 +88,7 @@ def _force_of_walls(world: Any, p: Any, k: int) -> tuple[float, float]:
 
 @borrowing_kernel
 def _force_of_people(world: Any, p: Any, k: int) -> tuple[float, float]:
-    """Of other people whom no wall hides; of those of one's group, and to a phone, only close."""
+    """Of other people not hidden by a wall; of those of one's group, and to a phone, only close."""
     rows, actor_states = actors_of(world)
     row, x, y = rows[k], actor_states[k].pose[0], actor_states[k].pose[1]
     walls = table_at(world.walls, world.n_fixed_walls, 4)
