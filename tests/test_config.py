@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.cli.commands import POSES
 from agents.cli.lists import all_settings
+from agents.cli.options import POSES
 from agents.learning.settings import Training
 from planners.trees.settings import RrtStarWoaGlobal
 from tests.configs import SINGLE

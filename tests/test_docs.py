@@ -12,7 +12,8 @@ import pytest
 
 from agents import cli
 from agents.cli import parser
-from agents.cli.commands import COMMANDS, GROUPS, OneOf
+from agents.cli.commands import COMMANDS, GROUPS
+from agents.cli.options import OneOf
 from tests.conftest import ROOT
 from wheelchair_gym.hardware.boards.protocol import Fault
 from wheelchair_gym.physics.state import SENSED

@@ -16,7 +16,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NoReturn
 
 from agents import StoppedError, is_interrupt
-from agents.cli.commands import COMMANDS, GROUPS, Command, OneOf
+from agents.cli.commands import COMMANDS, GROUPS, Command
+from agents.cli.options import OneOf
 
 LONGEST_ERROR = 1000  # characters
 

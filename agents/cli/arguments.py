@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from agents.cli.commands import DEFAULT_POSE
+from agents.cli.options import DEFAULT_POSE
 from agents.evaluation.provenance import command_line, write_json
 from agents.watch import Watch
 from planners.thesis_settings import is_thesis, read_thesis, without_trailing_commas

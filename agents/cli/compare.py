@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from agents.cli.arguments import labelled, map_scenes, report, shield_of, spec, watch
-from agents.cli.commands import DEFAULT_POSE
+from agents.cli.options import DEFAULT_POSE
 from agents.evaluation import compare as comparison
 from agents.evaluation.evaluate import Spec, label
 from agents.evaluation.provenance import cores

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from agents.cli.arguments import report, spec
-from agents.cli.commands import ALGORITHMS
+from agents.cli.options import ALGORITHMS
 from agents.evaluation.provenance import write_text
 from agents.evaluation.tables import markdown_table
 from wheelchair_gym.config import InputError, dump, setting_docs, suggest

@@ -1,9 +1,10 @@
-"""`wheelchair train`, `export` and `inspect`: training runs, and the weights that they write."""
+"""`wheelchair train`, `export`, `inspect` and `dataset`: runs, their weights, and data sets."""
 
 from __future__ import annotations
 
 import argparse
 import re
+import shlex
 import subprocess
 import sys
 from importlib.util import find_spec
@@ -11,8 +12,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from agents import is_interrupt
-from agents.cli.arguments import changed, env_of, report, spec
-from agents.cli.commands import parse_int
+from agents.cli.arguments import changed, env_of, map_scenes, report, spec
+from agents.cli.options import parse_int
 from wheelchair_gym.config import InputError, read_json
 from wheelchair_gym.files import atomic_write
 
@@ -277,4 +278,27 @@ def inspect(given: argparse.Namespace) -> int:
     keys = sorted(values["parts"].items(), key=lambda pair: -pair[1])
     lines = [f"{name}: {change:.3f}" for name, change in keys]
     report(given, values, "\n".join([f"{outcome}; the action changes by", *lines, str(file)]))
+    return 0
+
+
+def dataset(given: argparse.Namespace) -> int:
+    """Drive the episodes, and write the data set."""
+    from agents.learning.dataset import write_dataset
+
+    scene = spec(given.scene or "floor_plan")
+    if maps := map_scenes(given):
+        if given.scene is not None:
+            raise InputError("--map and --scene: expected one of them")
+        (scene,) = maps
+        del scene["label"]
+    seeds = range(given.first_seed, given.first_seed + given.episodes)
+    found = write_dataset(
+        given.name, spec(given.policy), scene, env_of(given), seeds, given.out, not given.quiet
+    )
+    counts = (found["episodes"], "episode"), (found["steps"], "step")
+    text = ", ".join(f"{count} {name}{'' if count == 1 else 's'}" for count, name in counts)
+    where = f"export MINARI_DATASETS_PATH={shlex.quote(given.out)}"
+    load = f"python -c \"import minari; print(minari.load_dataset('{given.name}'))\""
+    arrived = f"{found['successes']} successful"
+    report(given, found, f"{text}, {arrived}: {found['folder']}; read it with\n{where}\n{load}")
     return 0
