@@ -19,6 +19,7 @@ BLIND = 1.5  # m: an unseen obstacle so near the chair may be hit before it is s
 BESIDE = 0.10  # m round the chair, where the space is taken to be free
 BEHIND = 0.25  # m: backing at 0.2 m/s comes to rest within
 FINE = 0.025  # m between places on the floor that the chair stands on
+SPAN = 2**24  # cells that a row may have
 TURN = 0.05  # rad after which it stands on other places
 JITTER = 2.0  # cells by which a wall that is seen anew may come nearer
 
@@ -81,24 +82,29 @@ class Ground:
         low, high = footprint.corners[0], footprint.corners[2]
         sides = [np.arange(a, b, FINE) for a, b in zip(low, high, strict=True)]
         self._under = np.stack(np.meshgrid(*sides), axis=-1).reshape(-1, 2)
-        self._places = np.empty((0, 2))  # m: (n, 2)
+        self._cells = np.empty(0, np.int64)  # each once: SPAN times its row, and its column
         self._pose = np.full(3, np.inf)  # at which the last were added
         self._grid: OccupancyGrid | None = None  # the last one, and
         self._marked: OccupancyGrid | None = None  # what became of it
 
     def marked(self, grid: OccupancyGrid, pose: Array) -> OccupancyGrid:
-        """A map, in which the floor where the chair was, now at a pose (3,), is free if unknown."""
+        """A map, in which the floor where the chair was, now at a pose (3,), is free if unknown.
+
+        The cells of all maps given must be those of one endless grid about (0, 0), as SLAM's are.
+        """
         moved = np.hypot(*(pose[:2] - self._pose[:2])) > FINE or abs(pose[2] - self._pose[2]) > TURN
         if moved:
-            added = np.vstack([self._places, to_world(self._under, pose)])
-            _, first = np.unique(np.floor(added / FINE), axis=0, return_index=True)
-            self._places, self._pose = added[first], pose.copy()
+            x, y = np.floor(to_world(self._under, pose).T / grid.resolution).astype(np.int64)
+            self._cells = np.union1d(self._cells, (y + SPAN // 2) * SPAN + x + SPAN // 2)
+            self._pose = pose.copy()
         if moved or grid is not self._grid or self._marked is None:
-            at = grid.to_cell(self._places)
-            at = at[((at >= 0) & (at < grid.shape)).all(axis=1)]
+            left, bottom = np.round(np.array(grid.origin[:2]) / grid.resolution).astype(np.int64)
+            rows, cols = self._cells // SPAN, self._cells % SPAN
+            at = np.stack([rows - SPAN // 2 - bottom, cols - SPAN // 2 - left])
+            row, col = at[:, ((at >= 0) & (at < np.array(grid.shape)[:, None])).all(axis=0)]
             cells = grid.cells.copy()
-            under = cells[at[:, 0], at[:, 1]]
-            cells[at[:, 0], at[:, 1]] = np.where(under == UNKNOWN, FREE, under)
+            under = cells[row, col]
+            cells[row, col] = np.where(under == UNKNOWN, FREE, under)
             self._grid, self._marked = grid, OccupancyGrid(cells, grid.resolution, grid.origin)
         return self._marked
 
