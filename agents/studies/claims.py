@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from agents.studies import evidence
+from agents.studies import agreement, evidence
 from agents.studies.evidence import Evidence, Sample
 
 if TYPE_CHECKING:
@@ -25,8 +25,10 @@ class Claim:
 
     text: str
     source: str
-    test: str  # below, above, between, paired_below, paired_above, rises, falls, level, share or
-    # share_without: the share of runs in which the metric is true, or is not, is above `low`
+    # below, above, between, paired_below, paired_above, rises, falls, level, spread_below; share or
+    # share_without: the share of runs in which the metric is true, or is not, is above `low`; of
+    # readings (see `agreement`) follows, fits_better, implied
+    test: str
     metric: str  # its key
     # Rows that are compared with others, or with a value of each stratum; all pairs must hold.
     pairs: Sequence[tuple[str, Any]] = ()
@@ -35,22 +37,34 @@ class Claim:
     high: float | None = None
     of_solved: bool = False  # a share of the runs that found a path only
     by_series: bool = False  # rows of different series are different strata
+    # The row of the shortest paths that there are: how much of the effect is possible at all.
+    ceiling: str = ""
 
     def judge(self, r: Results) -> Evidence:
         """The evidence for the claim in the results of its study."""
         if self.test.startswith("share"):
             return self._share(r)
+        if self.test in _AGREEMENT:
+            return _AGREEMENT[self.test](self, r)
         metric, margin = r.study.metric(self.metric), r.study.margins[self.metric]
+        paired = r.study.paired
         if self.test in _TRENDS:
             rows = _named(r, self.rows)
             text = f"{metric.name} from {rows[0].label} to {rows[-1].label}"
             return _TRENDS[self.test](
-                _trend(r, rows, metric), [row.x for row in rows], margin, text
+                _trend(r, rows, metric), [row.x for row in rows], margin, text, paired
             )
         parts = [self._compare(r, *pair, metric, margin) for pair in self.pairs]
-        if len(parts) == 1:
-            return parts[0]
-        return evidence.all_of(parts, f"{metric.name} in {len(parts)} comparisons")
+        found = parts[0]
+        if len(parts) > 1:
+            found = evidence.all_of(parts, f"{metric.name} in {len(parts)} comparisons")
+        if self.ceiling:
+            least = replace(self, test="between", ceiling="")._compare(
+                r, self.ceiling, self.pairs[0][1], metric, margin
+            )
+            text = f"{found.text}; no path can be more than {-least.effect:.1f} % shorter"
+            found = replace(found, text=text)
+        return found
 
     def _compare(self, r: Results, a: str, b: Any, metric: Metric, margin: float) -> Evidence:
         text = f"{metric.name} of {a} against {b if isinstance(b, str) else 'the optimum'}"
@@ -59,23 +73,30 @@ class Claim:
             both = np.isfinite(first) & np.isfinite(second)
             sign = _PAIRED[self.test]
             return evidence.paired_below(first[both], second[both], margin, text, sign)
+        if self.test == "spread_below":
+            return evidence.spread_below(r.sample(a, metric), r.sample(b, metric), text)
         ours = self._sample(r, a, metric)
         if isinstance(b, str):
             theirs = self._sample(r, b, metric)
         else:
-            theirs = {s: np.full(2, b[s] if isinstance(b, Mapping) else b) for s in ours}
+            value = b if isinstance(b, Mapping) else dict.fromkeys(ours, b)
+            theirs = {s: np.full(max(2, len(of)), value[s]) for s, of in ours.items()}
+        paired = r.study.paired
         if self.test == "between":
             low, high = -margin if self.low is None else self.low, self.high
-            return evidence.between(ours, theirs, low, margin if high is None else high, text)
-        return _COMPARISONS[self.test](ours, theirs, margin, text)
+            high = margin if high is None else high
+            return evidence.between(ours, theirs, low, high, text, paired)
+        return _COMPARISONS[self.test](ours, theirs, margin, text, paired)
 
     def _sample(self, r: Results, name: str, metric: Metric) -> Sample:
-        """The values of all rows of a name, by stratum."""
+        """The values of all rows of a name, by stratum; of paired rows, the mean of each run."""
         found: dict[str, list[np.ndarray]] = {}
         for row in _named(r, [name]):
-            for stratum, values in r.sample(row.label, metric).items():
+            for stratum, values in r.sample(row.label, metric, r.study.paired).items():
                 key = f"{row.series}, {stratum}" if self.by_series else stratum
                 found.setdefault(key, []).append(values)
+        if r.study.paired:
+            return {key: np.mean(values, axis=0) for key, values in found.items()}
         return {key: np.concatenate(values) for key, values in found.items()}
 
     def _share(self, r: Results) -> Evidence:
@@ -87,6 +108,45 @@ class Claim:
         of = f"runs of {', '.join(self.rows)}" if self.rows else "all runs"
         text = f"{of}: {'' if wanted else 'not '}{self.metric.replace('_', ' ')}"
         return evidence.share_above(hits, len(runs), self.low or 0.0, text)
+
+
+def _follows(claim: Claim, r: Results) -> Evidence:
+    """Evidence for 'the printed lengths follow a reading': their correlation is above `low`."""
+    (reading,), least = claim.rows, claim.low or 0.0
+    found = agreement.fit_reading(r, reading)
+    p_for, p_against = agreement.correlation_p(found, least)
+    half = 1.96 / np.sqrt(len(found.printed) - 3.0)
+    low, high = np.tanh(np.arctanh(found.correlation) + np.array([-half, half]))
+    text = f"{len(found.printed)} printed lengths and those predicted"
+    return Evidence(
+        p_for, p_against, found.correlation, float(low), float(high), "",
+        f"Pearson's r above {least:g}", text,
+    )  # fmt: skip
+
+
+def _fits_better(claim: Claim, r: Results) -> Evidence:
+    """Evidence for 'one reading's residuals are smaller than another's', row by row."""
+    ((a, b),) = claim.pairs
+    text = f"residual of {a} against {b}"
+    return evidence.paired_below(
+        agreement.residuals(r, a), agreement.residuals(r, b), 0.05, text, 1.0
+    )
+
+
+def _implied(claim: Claim, r: Results) -> Evidence:
+    """Evidence for 'the printed length of RRT* is that which the tables imply', within bounds."""
+    (reading,) = claim.rows
+    printed, length = agreement.PRINTED_RRT_STAR, agreement.fit_reading(r, reading).length
+    margin = claim.high or 0.0
+    p_for, p_against = agreement.p_within(
+        length, printed * (1.0 - margin), printed * (1.0 + margin)
+    )
+    effect, low, high = (100.0 * (v / printed - 1.0) for v in (length.value, *length.interval))
+    test = f"two one-sided t of the fit, within {100 * margin:g} %"
+    return Evidence(p_for, p_against, effect, low, high, "%", test, "implied against printed")
+
+
+_AGREEMENT: Final = {"follows": _follows, "fits_better": _fits_better, "implied": _implied}
 
 
 def _named(r: Results, names: Sequence[str]) -> list[Row]:
@@ -103,4 +163,4 @@ def _trend(r: Results, rows: Sequence[Row], metric: Metric) -> list[Sample]:
     """
     if metric.unit == "share":
         return [{"": np.append(r.pooled(row.label, metric), [0.0, 1.0])} for row in rows]
-    return [r.sample(row.label, metric) for row in rows]
+    return [r.sample(row.label, metric, r.study.paired) for row in rows]

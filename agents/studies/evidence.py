@@ -1,9 +1,10 @@
 """Statistical tests of claims: effects with intervals, and p-values for and against a claim.
 
 A sample has strata (a map, a goal): {stratum: values (n,)}. Strata are fixed and runs are random:
-means are over strata with equal weights. A claim is tested twice, for confirmation and for
-refutation; if neither test is significant, it cannot be told. A claim of 'no effect' is confirmed
-by equivalence: the effect lies within a margin (two one-sided tests, Schuirmann 1987).
+means are over strata with equal weights. Rows of a study whose runs share their seeds are compared
+run by run. A claim is tested twice, for confirmation and for refutation; if neither test is
+significant, it cannot be decided. A claim of 'no effect' is confirmed by equivalence: the effect
+lies within a margin (two one-sided tests, Schuirmann 1987).
 """
 
 from __future__ import annotations
@@ -52,8 +53,14 @@ class Estimate:
         return self.value - quantile * self.error, self.value + quantile * self.error
 
 
-def estimate(samples: Sequence[Sample], weights: Sequence[float]) -> Estimate:
-    """The weighted sum of samples' means; NaN where a stratum has fewer than two values."""
+def estimate(samples: Sequence[Sample], weights: Sequence[float], paired: bool = False) -> Estimate:
+    """The weighted sum of samples' means; NaN where a stratum has fewer than two values.
+
+    Paired samples have the same runs in the same order, NaN where a run has no value: the sum is
+    that of each run, so that what runs share cancels.
+    """
+    if paired:
+        samples, weights = [_sums(samples, weights)], [1.0]
     value, parts = 0.0, []
     for sample, weight in zip(samples, weights, strict=True):
         for values in sample.values():
@@ -69,6 +76,15 @@ def estimate(samples: Sequence[Sample], weights: Sequence[float]) -> Estimate:
     return Estimate(value, math.sqrt(square), freedom)
 
 
+def _sums(samples: Sequence[Sample], weights: Sequence[float]) -> dict[str, Array]:
+    """The weighted sum of paired samples, of the runs that have all values."""
+    found = {}
+    for stratum in samples[0]:
+        sums = np.tensordot(weights, [sample[stratum] for sample in samples], 1)
+        found[stratum] = sums[np.isfinite(sums)]
+    return found
+
+
 LEVEL = 0.05  # of all claims together
 
 
@@ -77,7 +93,7 @@ class ClaimVerdict(StrEnum):
 
     HOLDS = "holds"
     FAILS = "does not hold"
-    OPEN = "cannot be told"
+    OPEN = "cannot be decided"
 
 
 @dataclass(frozen=True)
@@ -109,7 +125,11 @@ def no_evidence(why: str) -> Evidence:
 
 def common_strata(samples: Sequence[Sample]) -> list[Sample]:
     """The samples, restricted to strata in which each has at least two values."""
-    common = [s for s in samples[0] if all(s in other and len(other[s]) > 1 for other in samples)]
+
+    def enough(values: Array) -> bool:
+        return int(np.isfinite(values).sum()) > 1
+
+    common = [s for s in samples[0] if all(s in other and enough(other[s]) for other in samples)]
     return [{s: sample[s] for s in common} for sample in samples]
 
 
@@ -120,17 +140,23 @@ class Effect:
     samples: Sequence[Sample]
     change: Sequence[float]  # weights of the difference
     level: Sequence[float]  # weights of the reference
+    paired: bool = False
 
     def beyond(self, part: float) -> Estimate:
         """The difference less a multiple of the reference, for exact tests of ratios."""
-        return estimate(
-            self.samples, [c - part * m for c, m in zip(self.change, self.level, strict=True)]
-        )
+        weights = [c - part * m for c, m in zip(self.change, self.level, strict=True)]
+        return estimate(self.samples, weights, self.paired)
+
+    @property
+    def test(self) -> str:
+        """The name of the test."""
+        return "paired t" if self.paired else "Welch t"
 
     @property
     def relative(self) -> tuple[float, float, float]:
         """The effect relative to the reference, and its interval."""
-        difference, level = self.beyond(0.0), estimate(self.samples, self.level).value
+        difference = self.beyond(0.0)
+        level = estimate(self.samples, self.level, self.paired).value
         low, high = difference.interval
         return difference.value / level, low / level, high / level
 
@@ -148,29 +174,31 @@ class Effect:
         return Evidence(p_for, p_against, effect, low, high, "%", test, text)
 
 
-def _difference(a: Sample, b: Sample) -> Effect | None:
+def _difference(a: Sample, b: Sample, paired: bool) -> Effect | None:
     """The difference of a from b relative to b; None without a common stratum."""
     samples = common_strata([a, b])
-    return Effect(samples, (1.0, -1.0), (0.0, 1.0)) if samples[0] else None
+    return Effect(samples, (1.0, -1.0), (0.0, 1.0), paired) if samples[0] else None
 
 
-def below(a: Sample, b: Sample, negligible: float, text: str, sign: float = -1.0) -> Evidence:
-    """Evidence for 'the mean of a is below that of b': Welch's t, strata of equal weight.
+def below(
+    a: Sample, b: Sample, negligible: float, text: str, paired: bool = False, sign: float = -1.0
+) -> Evidence:
+    """Evidence for 'the mean of a is below that of b': Welch's or the paired t, strata alike.
 
     `negligible` is a relative difference that counts as none, `text` says what is compared.
     """
-    effect = _difference(a, b)
+    effect = _difference(a, b, paired)
     if effect is None:
         return no_evidence("no runs to compare")
     gap = effect.beyond(0.0)
     p = min(1.0, 2.0 * min(gap.p_below(), gap.p_above()))
     none = effect.p_within(-negligible, negligible)
-    return effect.evidence(*_directional_p(sign * gap.value > 0.0, p, none), "Welch t", text)
+    return effect.evidence(*_directional_p(sign * gap.value > 0.0, p, none), effect.test, text)
 
 
-def above(a: Sample, b: Sample, negligible: float, text: str) -> Evidence:
+def above(a: Sample, b: Sample, negligible: float, text: str, paired: bool = False) -> Evidence:
     """Evidence for 'the mean of a is above that of b', as `below`."""
-    return below(a, b, negligible, text, 1.0)
+    return below(a, b, negligible, text, paired, 1.0)
 
 
 def _directional_p(right: bool, p: float, none: float) -> tuple[float, float]:
@@ -178,10 +206,13 @@ def _directional_p(right: bool, p: float, none: float) -> tuple[float, float]:
     return (p, none) if right else (1.0, min(p, none))
 
 
-def between(a: Sample, b: Sample, low: float, high: float, text: str) -> Evidence:
+def between(
+    a: Sample, b: Sample, low: float, high: float, text: str, paired: bool = False
+) -> Evidence:
     """Evidence for 'a differs from b by a part of b from low to high'."""
-    test = f"two one-sided Welch t, {100 * low:+g} to {100 * high:+g} %"
-    return _within(_difference(a, b), low, high, test, text)
+    effect = _difference(a, b, paired)
+    test = f"two one-sided {effect.test if effect else 't'}, {100 * low:+g} to {100 * high:+g} %"
+    return _within(effect, low, high, test, text)
 
 
 def _within(effect: Effect | None, low: float, high: float, test: str, text: str) -> Evidence:
@@ -191,14 +222,14 @@ def _within(effect: Effect | None, low: float, high: float, test: str, text: str
     return effect.evidence(effect.p_within(low, high), effect.p_outside(low, high), test, text)
 
 
-def _slope(samples: Sequence[Sample], x: Sequence[float]) -> Effect | None:
+def _slope(samples: Sequence[Sample], x: Sequence[float], paired: bool) -> Effect | None:
     """The change of the regression line from the first x to the last, relative to the mean."""
     ours = common_strata(samples)
     if not ours[0]:
         return None
     at = np.asarray(x, dtype=float) - np.mean(x)
     change = at / (at**2).sum() * (x[-1] - x[0])
-    return Effect(ours, change.tolist(), [1.0 / len(x)] * len(x))
+    return Effect(ours, change.tolist(), [1.0 / len(x)] * len(x), paired)
 
 
 def _spearman(samples: Sequence[Sample], x: Sequence[float]) -> tuple[float, float]:
@@ -215,27 +246,57 @@ def _spearman(samples: Sequence[Sample], x: Sequence[float]) -> tuple[float, flo
     return float(found.statistic), float(found.pvalue)
 
 
+def _page(samples: Sequence[Sample]) -> tuple[float, float]:
+    """Page's test of a trend over paired samples: its direction, and its two-sided p-value.
+
+    The values of each run are ranked among themselves (Page 1963).
+    """
+    runs = [np.stack([sample[stratum] for sample in samples], axis=1) for stratum in samples[0]]
+    ranked = np.concatenate(runs)
+    ranked = ranked[np.isfinite(ranked).all(axis=1)]
+    if len(ranked) < 2 or np.ptp(ranked, axis=1).max() == 0.0:
+        return 0.0, 1.0
+    up, down = (
+        float(stats.page_trend_test(values, method="asymptotic").pvalue)
+        for values in (ranked, ranked[:, ::-1])
+    )
+    return down - up, min(1.0, 2.0 * min(up, down))
+
+
 def rises(
-    samples: Sequence[Sample], x: Sequence[float], negligible: float, text: str, sign: float = 1.0
-) -> Evidence:
-    """Evidence for 'the values rise as x grows'; the effect is the line's over the range of x."""
-    effect = _slope(samples, x)
+    samples: Sequence[Sample], x: Sequence[float], negligible: float, text: str,
+    paired: bool = False, sign: float = 1.0,
+) -> Evidence:  # fmt: skip
+    """Evidence for 'the values rise as x grows'; the effect is the line's over the range of x.
+
+    The test is Spearman's rank correlation, or Page's trend of paired samples in the order of x.
+    """
+    effect = _slope(samples, x, paired)
     if effect is None:
         return no_evidence("no runs to compare")
-    rho, p = _spearman(effect.samples, x)
-    both = _directional_p(sign * rho > 0.0, p, effect.p_within(-negligible, negligible))
-    return effect.evidence(*both, f"Spearman, rho {rho:+.2f}", text)
+    if paired:
+        (direction, p), test = _page(effect.samples), "Page's trend"
+    else:
+        direction, p = _spearman(effect.samples, x)
+        test = f"Spearman, rho {direction:+.2f}"
+    both = _directional_p(sign * direction > 0.0, p, effect.p_within(-negligible, negligible))
+    return effect.evidence(*both, test, text)
 
 
-def falls(samples: Sequence[Sample], x: Sequence[float], negligible: float, text: str) -> Evidence:
+def falls(
+    samples: Sequence[Sample], x: Sequence[float], negligible: float, text: str,
+    paired: bool = False,
+) -> Evidence:  # fmt: skip
     """Evidence for 'the values fall as x grows', as `rises`."""
-    return rises(samples, x, negligible, text, -1.0)
+    return rises(samples, x, negligible, text, paired, -1.0)
 
 
-def level(samples: Sequence[Sample], x: Sequence[float], margin: float, text: str) -> Evidence:
+def level(
+    samples: Sequence[Sample], x: Sequence[float], margin: float, text: str, paired: bool = False
+) -> Evidence:
     """Evidence for 'the values do not depend on x': the line's change lies within a margin."""
     test = f"two one-sided t of the line, within {100 * margin:g} %"
-    return _within(_slope(samples, x), -margin, margin, test, text)
+    return _within(_slope(samples, x, paired), -margin, margin, test, text)
 
 
 def paired_below(a: Array, b: Array, negligible: float, text: str, sign: float = 1.0) -> Evidence:
@@ -267,6 +328,18 @@ def _median_interval(values: Array) -> tuple[float, float, float]:
     drawn = np.median(rng.choice(values, (2000, len(values))), axis=1)
     low, high = np.percentile(drawn, [2.5, 97.5])
     return float(np.median(values)), float(low), float(high)
+
+
+def spread_below(a: Sample, b: Sample, text: str) -> Evidence:
+    """Evidence for 'a scatters less than b': distances from medians of strata (Brown-Forsythe).
+
+    The effect is the mean distance of a relative to that of b.
+    """
+    near, far = (
+        np.concatenate([np.abs(values - np.median(values)) for values in sample.values()])
+        for sample in (a, b)
+    )
+    return below({"": near}, {"": far}, 0.05, text)
 
 
 def share_above(successes: int, trials: int, least: float, text: str) -> Evidence:

@@ -22,7 +22,7 @@ from agents.evaluation.runs import Record
 from agents.studies.model import SEED_STRIDE
 from planners import Problem, Space, make_planner
 from planners.problem import Plan, Status
-from wheelchair_gym.config import InputError
+from wheelchair_gym.config import InputError, load
 from wheelchair_gym.geometry import path_length, polygon_edges, to_world
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.scenes.published import (
@@ -153,6 +153,8 @@ def _timed_plan(job: Job, problem: Problem, seed: int) -> tuple[Plan, Record]:
         "status": str(plan.status),
         "length_m": plan.length if solved else None,
         "nodes": plan.counters.get("nodes"),
+        "edges": len(plan.path) - 1 if solved else None,
+        "edges_tested": plan.counters.get("edges_tested"),
         "time_s": seconds,
     }
 
@@ -163,6 +165,39 @@ def plan(job: Job, seed: int) -> Record:
     problem = problem_of(job["scene"]) if lab is None else lab_problem(lab)
     found, record = _timed_plan(job, problem, seed)
     return {**record, "walls_cut": found.counters.get("walls_cut")}
+
+
+@lru_cache(maxsize=4096)
+def tree_path(scene: str, tree: str, seed: int) -> Array:
+    """The path (n, 2) [m] of a tree, which the swarms of many rows then shorten."""
+    planner = make_planner(json.loads(tree))
+    return planner.plan(problem_of(json.loads(scene)), np.random.default_rng(seed)).path
+
+
+def shortened(job: Job, seed: int) -> Record:
+    """T1's global variant on the path of a tree: the length of its answer, relative to that path.
+
+    The answer is the path of least cost, even where an obstacle blocks it.
+    """
+    from wheelchair_gym.random import stream
+
+    path = tree_path(json.dumps(job["scene"]), json.dumps(job["tree"]), seed)
+    if not len(path):
+        return {"solved": False, "status": "exhausted", "time_s": 0.0}
+    planner: Any = make_planner(job["planner"])
+    begun = process_time()
+    found = planner.answer(
+        problem_of(job["scene"]).free.arrays, path, stream(np.random.default_rng([seed, 1]))
+    )
+    seconds = process_time() - begun
+    length = path_length(path if found is None else found.best)
+    return {
+        "solved": True,
+        "status": "solved",
+        "length_m": length,
+        "ratio": length / path_length(path),
+        "time_s": seconds,
+    }
 
 
 def plan_drawn(job: Job, seed: int) -> Record:
@@ -176,10 +211,16 @@ def smoothing(job: Job, seed: int) -> Record:
     """P1: one optimizer, from the initial population that all optimizers share."""
     from dataclasses import replace
 
+    from planners.registries import OBJECTIVES
     from planners.trees.settings import RrtWoa
 
     problem = problem_of(job["scene"], clearance=job["clearance"])
-    swarm = replace(RrtWoa().swarm, optimizer=job["optimizer"])
+    swarm = replace(
+        RrtWoa().swarm,
+        optimizer=job["optimizer"],
+        objective=OBJECTIVES.make(job["objective"]),
+        curve=job["curve"],
+    )
     rng = np.random.default_rng([seed, 0])
     first = RrtWoa().tree.plan(problem, rng)
     if first.status is not Status.SOLVED or len(first.path) < 3:
@@ -203,8 +244,19 @@ def smoothing(job: Job, seed: int) -> Record:
         "improvement": 100.0 * (before - after) / before if before > 0.0 else 0.0,
         "printed_turning": printed_turning(found.way_points),
         "length_m": path_length(found.line) if valid else None,
+        "curvature": peak_curvature(found.line) if valid else None,
         "least_is_valid": valid and found.cost <= found.best_cost + 1e-9,
     }
+
+
+def peak_curvature(line: Array) -> float:
+    """The largest angle between pieces of a line (n, 2) for their mean length [1/m]."""
+    steps = np.diff(line, axis=0)
+    length = np.hypot(*steps.T)
+    steps, length = steps[length > 1e-9], length[length > 1e-9]
+    angle = np.arctan2(steps[:, 1], steps[:, 0])
+    turn = np.abs((np.diff(angle) + math.pi) % (2.0 * math.pi) - math.pi)
+    return float((turn / (0.5 * (length[1:] + length[:-1]))).max(initial=0.0))
 
 
 def among_discs(job: Job, seed: int) -> Record:
@@ -233,6 +285,7 @@ def among_discs(job: Job, seed: int) -> Record:
         "length_m": length,
         "near": bool(free) and length is not None and length <= job["near"] * job["best"],
         "loss": float(found.best_cost),
+        "turning": turning(found.way_points),
         "found": 1 + int(np.argmin(costs)),
         "settled": 1 + int(np.argmax(costs <= SETTLED * final)),
         "time_s": seconds,
@@ -284,7 +337,7 @@ def controls(job: Job, seed: int) -> Record:
     if found.status is not Status.SOLVED:
         return {"solved": False, "status": str(found.status), "time_s": planned}
     begun = process_time()
-    made = ControlGenerator().generate(
+    made = load(ControlGenerator, job["generator"], "generator").generate(
         found.path, episode.start, episode.walls, episode.discs, footprint, limits, rng
     )
     seconds = process_time() - begun
@@ -322,6 +375,7 @@ def controls(job: Job, seed: int) -> Record:
 EXPERIMENTS: Final[dict[str, Callable[[Job, int], Record]]] = {
     "plan": plan,
     "plan_drawn": plan_drawn,
+    "shortened": shortened,
     "smoothing": smoothing,
     "among_discs": among_discs,
     "controls": controls,

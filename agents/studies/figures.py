@@ -73,7 +73,7 @@ def trend_figures(r: Results, what: str) -> Figures:
 
 def box_figures(r: Results) -> Figures:
     """Box plots of three metrics (P1, figures 9 to 11), and mean ranks (its figure 12)."""
-    rows, metrics = [row.label for row in r.study.rows], r.study.metrics[:3]
+    rows, metrics = [row.label for row in r.study.series("exact")], r.study.metrics[:3]
     figure, panels = new_panels(2.2 * len(metrics), len(metrics))
     for axes, metric in zip(panels, metrics, strict=True):
         axes.boxplot([r.pooled(row, metric) for row in rows], tick_labels=list(rows),
@@ -180,12 +180,12 @@ def map_figures(r: Results, rows: Sequence[str], best: str, scene: str) -> Figur
     axes.set_ylabel(LENGTH.heading)
     legend_above(figure, axes)
     drawn, plot = new_axes(3.4)
-    _draw_scene(plot, scene)
     jobs = {row.label: row.jobs[scene] for row in r.study.rows}
+    _draw_scene(plot, jobs[best]["scene"])
     for k, row in enumerate([*rows, best]):
         for seed in range(20):  # the first that finds a path
             plan = make_planner(jobs[row]["planner"]).plan(
-                problem_of(scene), np.random.default_rng(seed)
+                problem_of(jobs[row]["scene"]), np.random.default_rng(seed)
             )
             if len(plan.path):
                 plot.plot(*plan.path[:, :2].T, DASHES[k % 4], color=COLOURS[k], linewidth=1.5,
@@ -298,6 +298,23 @@ def rollout_figures(r: Results, scenes: Sequence[str]) -> Figures:
     return {"driven": figure}
 
 
+def agreement_figures(r: Results) -> Figures:
+    """Printed lengths over those that each reading predicts."""
+    from agents.studies.agreement import fit_reading
+
+    readings = list(dict.fromkeys(row.series for row in r.study.rows))
+    figure, axes = new_axes(4.2)
+    for k, reading in enumerate(readings):
+        found = fit_reading(r, reading)
+        axes.plot(found.predicted, found.printed, MARKS[k % 8], color=COLOURS[k % 8], markersize=4,
+                  alpha=0.8, label=f"{reading} (r = {found.correlation:.2f})")  # fmt: skip
+    ends = np.array(axes.get_xlim())
+    axes.plot(ends, ends, color=_GREY, linewidth=1.0, zorder=1)
+    axes.set(xlabel="predicted length [m]", ylabel="printed length [m]")
+    legend_above(figure, axes)
+    return {"agreement": figure}
+
+
 FIGURES: Final[dict[str, Callable[..., Figures]]] = {
     "trend": trend_figures,
     "boxes": box_figures,
@@ -307,4 +324,5 @@ FIGURES: Final[dict[str, Callable[..., Figures]]] = {
     "convergence": convergence_figures,
     "discs": disc_figures,
     "rollouts": rollout_figures,
+    "agreement": agreement_figures,
 }

@@ -69,13 +69,20 @@ class Results:
         for row, stratum, _, record in records:
             self.runs[row, stratum].append(record)
 
-    def sample(self, row: str, metric: Metric) -> dict[str, Array]:
-        """Values by stratum; for a metric with `only_solved`, of solved runs."""
+    def sample(self, row: str, metric: Metric, all_runs: bool = False) -> dict[str, Array]:
+        """Values by stratum; for a metric with `only_solved`, of solved runs.
+
+        With `all_runs` there is a value for each run, NaN for a run without one.
+        """
         found = {}
         for (label, stratum), records in self.runs.items():
             if label == row:
-                of = [r.get(metric.key) for r in records if r["solved"] or not metric.only_solved]
-                found[stratum] = np.array([v for v in of if v is not None], dtype=float)
+                of = [
+                    r.get(metric.key) if r["solved"] or not metric.only_solved else None
+                    for r in records
+                ]
+                values = np.array(of, dtype=float)
+                found[stratum] = values if all_runs else values[~np.isnan(values)]
         return found
 
     def pooled(self, row: str, metric: Metric) -> Array:
@@ -111,6 +118,11 @@ class Study:
     runs: int = 400  # the 100 of the thesis leave most trends undecided
     quick_runs: int = 10
     notes: tuple[str, ...] = ()
+
+    @property
+    def has_readings(self) -> bool:
+        """Whether the series are readings of an algorithm that are compared with a source."""
+        return any(claim.test == "follows" for claim in self.claims)
 
     def metric(self, key: str) -> Metric:
         """The metric of a key."""

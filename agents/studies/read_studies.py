@@ -49,10 +49,43 @@ def _rows(
         )  # fmt: skip
 
 
-def _study(name: str, values: dict[str, Any]) -> Study:
+def _readings(
+    *, readings: Sequence[Mapping[str, Any]], of: Sequence[str], known: Mapping[str, Study]
+) -> Iterator[Row]:
+    """The rows of studies of the global variant, once for each reading; x is the printed length.
+
+    A reading has a name, a `leader`, the `goal_bias` of the tree, and whether mu's branches are
+    exchanged: below mu a whale spirals, which is the same as a mu of 1 - mu.
+    """
+    for reading, name in product(readings, of):
+        for row in known[name].rows:
+            jobs = {}
+            for stratum, job in row.jobs.items():
+                planner = dict(job["planner"])
+                tree = {"name": "rrt_star", **planner["tree"], "goal_bias": reading["goal_bias"]}
+                whales = {**planner["whales"], "leader": reading["leader"]}
+                if reading["exchanged"]:
+                    whales["mu"] = 1.0 - whales.get("mu", 0.5)
+                planner = {**planner, "whales": whales}
+                jobs[stratum] = {"kind": "shortened", "scene": job["scene"], "tree": tree,
+                                 "planner": planner}  # fmt: skip
+            yield Row(
+                f"{reading['name']}: {name}, {row.label}", jobs, row.published["length_m"],
+                reading["name"], name,
+            )  # fmt: skip
+
+
+def _study(name: str, values: dict[str, Any], known: Mapping[str, Study]) -> Study:
     figure, *arguments = values.pop("figures")
+    groups = values.pop("rows")
     parts = {
-        "rows": [row for group in values.pop("rows") for row in _rows(name, **group)],
+        "rows": [
+            row
+            for group in groups
+            for row in (
+                _readings(**group, known=known) if "readings" in group else _rows(name, **group)
+            )
+        ],
         "metrics": [Metric(**metric) for metric in values.pop("metrics")],
         "claims": [Claim(**claim) for claim in values.pop("claims")],
         "notes": values.pop("notes"),
@@ -64,7 +97,11 @@ def _study(name: str, values: dict[str, Any]) -> Study:
 
 def _read() -> dict[str, Study]:
     content = read_data("studies.yaml")
-    return {name: _study(name, of) for name, of in content.items() if not name.startswith(".")}
+    found: dict[str, Study] = {}
+    for name, of in content.items():
+        if not name.startswith("."):
+            found[name] = _study(name, of, found)
+    return found
 
 
 STUDIES: Final[dict[str, Study]] = _read()

@@ -29,8 +29,9 @@ def count_verdicts(chapters: Sequence[Chapter]) -> dict[ClaimVerdict, int]:
 def _totals(chapters: Sequence[Chapter]) -> str:
     count = count_verdicts(chapters)
     kinds = ClaimVerdict.HOLDS, ClaimVerdict.FAILS, ClaimVerdict.OPEN
-    hold, fail, untold = (count[kind] for kind in kinds)
-    return f"Of {sum(count.values())} claims {hold} hold, {fail} do not, {untold} cannot be told"
+    hold, fail, undecided = (count[kind] for kind in kinds)
+    total = sum(count.values())
+    return f"Of {total} claims {hold} hold, {fail} do not, {undecided} cannot be decided"
 
 
 def summary_text(chapters: Sequence[Chapter]) -> str:
@@ -68,7 +69,9 @@ def write_studies_page(
                 chapter["claims"], key=lambda claim: list(_CLASSES).index(claim["verdict"])
             )
         ]  # fmt: skip
-        found.append({**chapter, "claims": claims, "table": _table(chapter), "drawn": drawn})
+        fits = _fits(chapter["readings"]) if chapter["readings"] else None
+        table = None if fits else _table(chapter)
+        found.append({**chapter, "claims": claims, "table": table, "fits": fits, "drawn": drawn})
     return write_page(
         path, "studies.html", title=title, source=source, totals=_totals(found),
         failed=[c for of in found for c in of["claims"] if c["verdict"] == ClaimVerdict.FAILS],
@@ -85,6 +88,23 @@ def _contents(chapters: Sequence[Chapter]) -> Table:
     ]  # fmt: skip
     columns = [*texts, *(Column("", str(verdict), "claims") for verdict in ClaimVerdict)]
     return Table("Verdicts by study", columns, [rows])
+
+
+def _fits(readings: Sequence[Mapping[str, Any]]) -> Table:
+    """The readings of an algorithm, by how well they predict the printed lengths."""
+    columns = [
+        Column("reading", "reading", None),
+        Column("correlation", "correlation", "", 2, interval=True),
+        Column("r2", "R2", "", 2, interval=True),
+        Column("rms", "RMS residual", "m", 2, interval=True),
+        Column("length", "RRT*'s length that is implied", "m", 2, interval=True),
+        Column("odd", "correlation, maps 1, 3, 5", "", 2),
+        Column("even", "correlation, maps 2, 4", "", 2),
+        Column("without", "correlation without table 3.7", "", 2),
+    ]
+    rows = [[column.cell(row) for column in columns] for row in readings]
+    caption = f"{readings[0]['rows']} printed mean lengths; intervals by bootstrap over them"
+    return Table(caption, columns, [rows])
 
 
 def _table(chapter: Chapter) -> Table:

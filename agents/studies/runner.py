@@ -15,6 +15,7 @@ from agents.evaluation.metrics import wilson
 from agents.evaluation.provenance import command_line, now, provenance, write_json, write_text
 from agents.evaluation.runs import compute, run_key, source_digest
 from agents.evaluation.tables import csv_table
+from agents.studies.agreement import agreement
 from agents.studies.evidence import LEVEL, no_evidence
 from agents.studies.experiments import kernel_key, measure
 from agents.studies.figures import mean_interval
@@ -45,8 +46,8 @@ STORE = "runs.jsonl"
 FORMAT = 1
 
 
-def study_jobs(study: Study, runs: int) -> dict[str, tuple[tuple[str, str, int], dict[str, Any]]]:
-    """Key -> (row, stratum, seed) and the job, in the order of the rows."""
+def study_jobs(study: Study, runs: int) -> dict[tuple[str, str, int], tuple[str, dict[str, Any]]]:
+    """(row, stratum, seed) -> the key of the run and its job; equal runs of rows have one key."""
     # A record depends on this code alone, not on how it is tested or drawn.
     source = source_digest("wheelchair_gym", "planners", "agents/studies/experiments.py")
     found = {}
@@ -54,7 +55,7 @@ def study_jobs(study: Study, runs: int) -> dict[str, tuple[tuple[str, str, int],
         for stratum, job in row.jobs.items():
             cell = run_key(source, job)
             for seed in study.seeds(row, runs):
-                found[f"{cell}-{seed}"] = ((row.label, stratum, seed), {**job, "seed": seed})
+                found[row.label, stratum, seed] = f"{cell}-{seed}", {**job, "seed": seed}
     return found
 
 
@@ -95,7 +96,7 @@ def run_studies(
     counts = {study.name: runs or (study.quick_runs if quick else study.runs) for study in studies}
     wanted = {study.name: study_jobs(study, counts[study.name]) for study in studies}
     records = compute(
-        {key: job for of in wanted.values() for key, (_, job) in of.items()}, measure,
+        {key: job for of in wanted.values() for key, job in of.values()}, measure,
         folder / STORE, workers=jobs, engine=engine, progress=progress,
         before=_compile_all,
     )  # fmt: skip
@@ -108,7 +109,7 @@ def run_studies(
     chapters: dict[str, Any] = {}
     page = []
     for study in studies:
-        runs_of = [(*where, records[key]) for key, (where, _) in wanted[study.name].items()]
+        runs_of = [(*where, records[key]) for where, (key, _) in wanted[study.name].items()]
         results = Results(study, runs_of)
         figures = _write_figures(study, results, folder)
         chapter = {
@@ -209,4 +210,5 @@ def summary(study: Study, results: Results, runs: int) -> dict[str, Any]:
         "metrics": [metric._asdict() for metric in study.metrics],
         "rows": rows,
         "claims": claims,
+        "readings": agreement(results) if study.has_readings else [],
     }

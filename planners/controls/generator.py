@@ -6,7 +6,7 @@ segment's commands leave space to come to rest, so that a chair that drives them
 motion: where nothing leads on, the commands end at rest.
 
 A particle is a list of at most `COMMANDS` commands and how many of them count. It is rolled out
-under the chair's limits. Good maneuvers that can be written down are in the swarm from the start.
+under the chair's limits. The swarm starts from maneuvers that can be written down, or at random.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ Array = NDArray[np.float64]
 
 COMMANDS = 6  # in a particle, at most
 V, W, T = range(3)  # columns of commands
-_COUNT = 3 * COMMANDS  # where a particle tells how many of its commands count
+_COUNT = 3 * COMMANDS  # where a particle says how many of its commands count
 _SIZE = _COUNT + 1
 _MANEUVERS = 5
 _COLLISION = 1e3  # s: cost of a contact, above all else that can be wrong with a segment
@@ -178,8 +178,9 @@ def write_maneuver(kind: int, now: Any, leg: Segment, limits: Any, commands: Arr
 
 @kernel
 def bridge(
-    now: Motion, leg: Segment, world: World, weights: Any, swarm: WhaleParameters, state: Stream
-) -> tuple[Array, bool]:
+    now: Motion, leg: Segment, world: World, weights: Any, swarm: WhaleParameters,
+    from_maneuvers: bool, state: Stream,
+) -> tuple[Array, bool]:  # fmt: skip
     """The commands (k, 3) for one segment from the motion `now`, and whether they are free."""
     limits = world.limits
     gap = math.hypot(leg.x - now[0].x, leg.y - now[0].y)
@@ -189,10 +190,15 @@ def bridge(
     lower[T::3], upper[T::3] = 0.0, 3.0 + 2.0 * gap / limits.forward + math.pi / limits.turn
     lower[_COUNT], upper[_COUNT] = 1.0, COMMANDS + 0.999
     trial = np.zeros(1, MOTION)
-    population = np.zeros((max(swarm.population, _MANEUVERS), _SIZE))
+    seeds = _MANEUVERS if from_maneuvers else 0
+    population = np.zeros((max(swarm.population, seeds), _SIZE))
     for i in range(population.shape[0]):
         X = population[i]
-        if i < _MANEUVERS:
+        if seeds == 0:
+            for j in range(_SIZE):
+                X[j] = lower[j] + next_uniform(state) * (upper[j] - lower[j])
+            continue
+        if i < seeds:
             commands = X[:_COUNT].reshape(COMMANDS, 3)
             X[_COUNT] = write_maneuver(i, now[0], leg, limits, commands)
             continue
@@ -204,6 +210,8 @@ def bridge(
             X[j] = min(max(X[j], lower[j]), upper[j])
     best, least = population[0].copy(), np.inf
     for t in range(swarm.iterations + 1):
+        if swarm.latest:
+            least = np.inf
         for i in range(population.shape[0]):
             cost = segment_cost(population[i], now, leg, world, weights, trial)
             if cost < least:
@@ -235,7 +243,7 @@ def around(walls: Array, box: Array) -> Array:
 @kernel
 def follow(
     targets: Array, start: Motion, everything: World, search_range: float, to_rest: bool,
-    weights: Any, swarm: WhaleParameters, state: Stream,
+    weights: Any, swarm: WhaleParameters, from_maneuvers: bool, state: Stream,
 ) -> tuple[Array, int, bool]:  # fmt: skip
     """Commands (k, 3) through targets (n, 2) [m]; the targets reached, and whether all was free.
 
@@ -260,7 +268,7 @@ def follow(
         if reached + 1 < n:
             onward = math.atan2(targets[reached + 1, 1] - y, targets[reached + 1, 0] - x)
         leg = Segment(x, y, onward, to_rest and reached + 1 == n)
-        found, free = bridge(motion, leg, world, weights, swarm, state)
+        found, free = bridge(motion, leg, world, weights, swarm, from_maneuvers, state)
         if not free:
             break
         for k in range(found.shape[0]):
@@ -321,6 +329,10 @@ class ControlGenerator:
         default=WhaleSettings(population=12, iterations=10), source="design choice"
     )
     """The swarm that searches the commands of a segment."""
+    maneuvers: bool = setting(
+        default=True, source="design choice; the thesis's swarm starts at random: false"
+    )
+    """Whether the swarm starts from maneuvers that serve well in free space, or at random."""
     horizon: float | None = setting(default=None, unit="m", low=0.1, source="design choice")
     """Length of the path to follow; null for the whole path."""
     tolerance: float = setting(default=0.05, unit="m", low=0.0, source="design choice")
@@ -417,7 +429,7 @@ class ControlGenerator:
         targets, to_rest = self.targets(points, pose)
         commands, reached, free = follow(
             targets, start, world, self.search_range, to_rest, record_of(self),
-            self.whales.parameters, stream(rng),
+            self.whales.parameters, self.maneuvers, stream(rng),
         )  # fmt: skip
         poses, twists, times = rollout(commands, pose, twist, world.limits)
         gaps = np.hypot(*(poses[:, :2] - targets[-1]).T)

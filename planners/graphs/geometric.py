@@ -81,9 +81,10 @@ class Geometric(PlannerBase):
         start: Point = (float(problem.start[0]), float(problem.start[1]))
         path, ahead = [start], [(float(problem.goal[0]), float(problem.goal[1]))]
         asked: set[tuple[Point, Point]] = set()
-        note = ""
+        note, tested = "", 0
         while ahead:
             edge = (path[-1], ahead[-1])
+            tested += 1
             if edge_free(space.arrays, *edge[0], *edge[1]):
                 path.append(ahead.pop())
                 continue
@@ -103,6 +104,6 @@ class Geometric(PlannerBase):
         return Plan(
             Status.EXHAUSTED if note else Status.SOLVED,
             np.empty((0, 2)) if note else np.array(path),
-            counters={"turns": len(asked)},
+            counters={"turns": len(asked), "edges_tested": tested},
             note=note,
         )

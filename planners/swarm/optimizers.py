@@ -12,7 +12,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planners.swarm.woa import move_whales
+from planners.swarm.woa import WhaleMoves, move_whales
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.config import InputError
 from wheelchair_gym.random import Stream, next_uniform
@@ -148,6 +148,8 @@ class MoveParameters(NamedTuple):
     lam: float = 1.0
     c_range: float = 2.0  # of the whales' factor C
     by_occupancy: bool = False  # C is 0 at way points of the best path that are not free
+    latest_leader: bool = False  # the best is that of the latest positions
+    listed: bool = False  # wolves as R1's listing has them
     particle_share: float = 0.5
     rule: int = DAMPED  # of the inertia: DAMPED, CHAOTIC, VARIABLE or ADAPTIVE
     inertia: float = 1.0
@@ -177,6 +179,14 @@ class MoveParameters(NamedTuple):
     min_factor: float = 0.2
     max_factor: float = 0.8
     crossover_rate: float = 0.2
+
+
+def whale_moves(whales: WhaleMoves) -> MoveParameters:
+    """The moves of whales as kernels take them."""
+    return MoveParameters(
+        WHALES, a=whales.a, b=whales.b, mu=whales.mu, lam=whales.lam,
+        latest_leader=whales.leader == "latest",
+    )  # fmt: skip
 
 
 @borrowing_kernel
@@ -234,12 +244,14 @@ def move_particles(swarm: Swarm, moves: MoveParameters, inertia: float, state: S
 
 
 @borrowing_kernel
-def move_wolves(swarm: Swarm, a: float, state: Stream) -> None:
+def move_wolves(swarm: Swarm, a: float, listed: bool, state: Stream) -> None:
     """Move every wolf once, in place: R1 (4.3)-(4.11), with the D of the original in (4.6)-(4.8).
 
-    The leaders alpha, beta and delta are the three best remembered positions.
+    The leaders alpha, beta and delta are the three best remembered positions. As R1's listing has
+    it, they are the three best current ones and stay, and share A and C.
     """
-    X, costs = swarm.positions, swarm.personal_best_costs
+    X, pack = swarm.positions, swarm.positions if listed else swarm.personal_best
+    costs = swarm.costs if listed else swarm.personal_best_costs
     k, d = X.shape
     alpha, beta, delta = -1, -1, -1
     for i in range(k):
@@ -250,12 +262,15 @@ def move_wolves(swarm: Swarm, a: float, state: Stream) -> None:
         elif delta < 0 or costs[i] < costs[delta]:
             delta = i
     for i in range(k):
+        if listed and i in (alpha, beta, delta):
+            continue
         for c in range(d):
-            total = 0.0
+            total, A, C = 0.0, 0.0, 0.0
             for leader in (alpha, beta, delta):
-                A = 2.0 * a * next_uniform(state) - a  # (4.10)
-                C = 2.0 * next_uniform(state)  # (4.11)
-                prey = swarm.personal_best[leader, c]
+                if leader == alpha or not listed:
+                    A = 2.0 * a * next_uniform(state) - a  # (4.10)
+                    C = 2.0 * next_uniform(state)  # (4.11)
+                prey = pack[leader, c]
                 total += prey - A * abs(C * prey - X[i, c])  # (4.3)-(4.8)
             X[i, c] = total / 3.0  # (4.9)
 
@@ -433,9 +448,10 @@ def move_swarm(swarm: Swarm, moves: MoveParameters, progress: float, state: Stre
         inertia = next_inertia(swarm, moves, flown)
         move_particles(swarm, moves, inertia, state)
     elif kind == WOLVES:
-        move_wolves(swarm, moves.a * (1.0 - progress), state)
+        move_wolves(swarm, moves.a * (1.0 - progress), moves.listed, state)
     elif kind == PARTICLES_THEN_WOLVES:
-        move_wolves(swarm, moves.a * (1.0 - progress) / (1.0 - moves.particle_share), state)
+        a = moves.a * (1.0 - progress) / (1.0 - moves.particle_share)
+        move_wolves(swarm, a, moves.listed, state)
     elif kind == BEES:
         move_bees(swarm, moves, state)
     elif kind == FIREFLIES:

@@ -6,6 +6,7 @@ rates it.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from time import perf_counter
 from typing import Final, NamedTuple
@@ -28,6 +29,7 @@ from planners.swarm.optimizers import (
     move_swarm,
     new_swarm,
     store,
+    whale_moves,
 )
 from planners.swarm.path_cost import (
     NO_PUSH,
@@ -130,12 +132,15 @@ def evaluate_swarm(
     workspace: Workspace,
 ) -> None:
     """Evaluate every position; store better positions and the best valid path."""
+    if moves.latest_leader:
+        swarm.record[0].best_cost, valid.cost[0] = math.inf, math.inf
     for i in range(swarm.positions.shape[0]):
         # Whales remember the best position only.
         j = 0 if moves.kind == WHALES else competitor(swarm, i)
         limit = swarm.record[0].best_cost if moves.kind == WHALES else swarm.personal_best_costs[j]
+        exact = math.inf if moves.listed else limit  # listed wolves are ranked by all costs
         cost, plain = evaluate(
-            problem, path_cost, swarm.positions[i], limit, valid.cost[0], workspace
+            problem, path_cost, swarm.positions[i], exact, valid.cost[0], workspace
         )
         swarm.costs[i] = cost
         if plain < valid.cost[0]:
@@ -276,24 +281,32 @@ class PathShortening(LengthFree, ShiftBounds):
     """The swarm."""
 
     def shorten(self, space: SpaceArrays, path: Array, state: Stream) -> Array:
-        """The shortest free path that the swarm finds near a free path (n, 2) [m]; never longer.
+        """The shortest free path that the swarm finds near a free path (n, 2) [m].
 
-        A particle is the shifts of the inner points; the first is the path itself. Where the
-        weights favour a path through a wall, the result is still the best free path.
+        Where the weights favour a path through a wall, the result is still the best free path. It
+        is never longer than the given path; with the latest leader it is the best of the last
+        population alone and may be longer.
+        """
+        found = self.answer(space, path, state)
+        return path if found is None or not len(found.line) else found.line
+
+    def answer(self, space: SpaceArrays, path: Array, state: Stream) -> SearchResult | None:
+        """How the search around a path (n, 2) [m] ended; None for a path of one edge.
+
+        A particle is the shifts of the inner points; the first is the path itself.
         """
         n, whales = len(path) - 2, self.whales
         if n < 1:
-            return path
+            return None
         box = np.tile([self.width_bound, self.height_bound], n)
         size = whales.population, n, self.width_bound, self.height_bound
         anchors = np.ascontiguousarray(path[1:-1])
-        found = search(
+        return search(
             PathProblem(space, np.empty((0, 3)), path[0], path[-1], anchors, POLYLINE, False, 1),
             self.path_cost,
-            MoveParameters(WHALES, a=whales.a, b=whales.b, mu=whales.mu, lam=whales.lam),
+            whale_moves(whales),
             new_swarm(scatter_in_ellipses(*size, state), -box, box),
             whales.iterations,
             max(1, whales.iterations),
             state,
         )
-        return found.line if len(found.line) else path

@@ -23,6 +23,7 @@ from planners.swarm.optimizers import (
     Swarm,
     new_swarm,
     store_and_move,
+    whale_moves,
 )
 from planners.swarm.woa import WhaleMoves
 from wheelchair_gym.config import InputError, setting, settings
@@ -87,6 +88,11 @@ class Woa(WhaleMoves, Optimizer):
     """Whales (Mirjalili and Lewis 2016), with the thesis's thresholds mu and lambda."""
 
     moves = MoveParameters(kinds.WHALES)
+
+    @property
+    def parameters(self) -> MoveParameters:
+        """The settings as kernels take them."""
+        return whale_moves(self)
 
 
 @settings
@@ -198,6 +204,9 @@ class Gwo(Optimizer):
 
     a: float = setting(default=2.0, low=0.0, source="Mirjalili et al. 2014")
     """Initial bound of the factor A; it falls to 0 over a run."""
+    listed: bool = setting(default=False, source="Mirjalili et al. 2014; R1's listing: true")
+    """Whether the wolves move as R1's listing has it: the leaders are the three best of the current
+    positions, stay where they are, and share the factors A and C."""
 
 
 @settings
@@ -228,8 +237,9 @@ class PsoGwo(Optimizer):
         """The settings as kernels take them."""
         particles: Optimizer = getattr(self, self.inertia)
         return particles.parameters._replace(
-            kind=kinds.PARTICLES_THEN_WOLVES, a=self.wolves.a, particle_share=self.particle_share
-        )
+            kind=kinds.PARTICLES_THEN_WOLVES, a=self.wolves.a, listed=self.wolves.listed,
+            particle_share=self.particle_share,
+        )  # fmt: skip
 
 
 @settings

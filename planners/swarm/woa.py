@@ -7,7 +7,7 @@ optimization and control generation differ only in what a position means and cos
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,7 @@ class WhaleParameters(NamedTuple):
     b: float
     mu: float
     lam: float
+    latest: bool = False  # the leader is the best of the latest population
 
 
 @borrowing_kernel
@@ -85,6 +86,11 @@ class WhaleMoves:
     """Probability of a move other than the spiral; 1 never spirals."""
     lam: float = setting(default=1.0, low=0.0, source="Mirjalili and Lewis 2016")
     """Bound of |A| below which a whale encircles the best; 0 always searches."""
+    leader: Literal["best", "latest"] = setting(
+        default="best", source="Mirjalili and Lewis 2016; the thesis's algorithms: latest"
+    )
+    """The leader: the best position of all populations so far, or of the latest one alone, which
+    can be worse than an earlier one. The result of a run is its last leader."""
 
 
 @settings
@@ -99,4 +105,7 @@ class WhaleSettings(WhaleMoves):
     @property
     def parameters(self) -> WhaleParameters:
         """The settings as kernels take them."""
-        return WhaleParameters(self.population, self.iterations, self.a, self.b, self.mu, self.lam)
+        latest = self.leader == "latest"
+        return WhaleParameters(
+            self.population, self.iterations, self.a, self.b, self.mu, self.lam, latest
+        )

@@ -287,6 +287,8 @@ def steering_target(
         population[i, 0] = u * steering.width
         population[i, 1] = v * steering.height
     for t in range(swarm.iterations + 1):
+        if swarm.latest:
+            least = np.inf
         for i in range(swarm.population):
             u, v = population[i, 0], population[i, 1]
             to_goal = math.sqrt((goal_x - x - u) ** 2 + (goal_y - y - v) ** 2)

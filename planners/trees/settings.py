@@ -139,11 +139,15 @@ class RrtStar(TreePlanner):
 
     @classmethod
     def thesis(cls) -> RrtStar:
-        """The settings of the thesis's figure 3.1, which ends with the first path."""
+        """The settings of the thesis's figure 3.1, which ends with the first path.
+
+        Samples are never the goal: neither its algorithm 2 nor its settings have such a share.
+        """
         return cls(
             iterations=10_000,
             step=1.0,
             search_radius=1.5,
+            goal_bias=0.0,
             goal_reach=1.0,
             return_on_first_path=True,
         )
@@ -329,8 +333,11 @@ class RrtStarWoaLocal(ShiftBounds, PlannerBase):
 
     @classmethod
     def thesis(cls) -> RrtStarWoaLocal:
-        """The settings of the thesis's figure 3.1; the four weights are not given there."""
-        return cls(tree=RrtStar.thesis(), whales=WhaleSettings(a=4.0))
+        """The settings of the thesis's figure 3.1; the four weights are not given there.
+
+        The leader is overwritten in each iteration, as its algorithms print it.
+        """
+        return cls(tree=RrtStar.thesis(), whales=WhaleSettings(a=4.0, leader="latest"))
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """The first path, or the best of all samples, as `tree` says."""
@@ -356,11 +363,18 @@ class RrtStarWoaGlobal(PathShortening, PlannerBase):
 
     @classmethod
     def thesis(cls) -> RrtStarWoaGlobal:
-        """The settings of the thesis's figure 3.1."""
-        return cls(tree=RrtStar.thesis(), whales=WhaleSettings(a=4.0), collision_free_weight=1.0)
+        """The settings of the thesis's figure 3.1.
+
+        The leader is overwritten in each iteration, as its algorithms print it.
+        """
+        return cls(
+            tree=RrtStar.thesis(),
+            whales=WhaleSettings(a=4.0, leader="latest"),
+            collision_free_weight=1.0,
+        )
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
-        """A free path, never longer than that of the tree.
+        """A free path, with the best leader never longer than that of the tree.
 
         The deadline is that of the tree; the run of the swarm, some ms, follows in one piece.
         """

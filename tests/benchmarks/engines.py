@@ -91,7 +91,7 @@ def main() -> None:
     warm(BEST, SCENE, ENV)
     seconds(driven, seeds(4), 2)  # workers load their kernels
     gain(f"{episodes} episodes", lambda workers: seconds(driven, seeds(episodes), workers))
-    jobs = {key: job for key, (_, job) in study_jobs(STUDIES[STUDY], runs).items()}
+    jobs = {key: job for key, job in study_jobs(STUDIES[STUDY], runs).values()}
     seconds(measure, dict(list(jobs.items())[:200]), 2)
     gain(f"{len(jobs)} runs of {STUDY}", lambda workers: seconds(measure, jobs, workers))
     for engine in ENGINES:

@@ -99,9 +99,20 @@ def test_inertia_follows_its_equations():
 def test_wolves_gather_between_their_leaders_once_a_is_zero():
     swarm = new_swarm(np.random.default_rng(0).normal(size=(9, D)), -9.0, 9.0)
     swarm.personal_best_costs[:] = np.random.default_rng(1).permutation(9)
-    move_wolves(swarm, 0.0, stream(np.random.default_rng(0)))
+    move_wolves(swarm, 0.0, False, stream(np.random.default_rng(0)))
     middle = swarm.personal_best[np.argsort(swarm.personal_best_costs)[:3]].mean(axis=0)
     np.testing.assert_allclose(swarm.positions, np.tile(middle, (9, 1)))
+
+
+def test_listed_wolves_follow_the_three_best_current_ones_which_stay():
+    swarm = new_swarm(np.random.default_rng(0).normal(size=(9, D)), -9.0, 9.0)
+    swarm.costs[:] = np.random.default_rng(1).permutation(9)
+    swarm.personal_best[:] = 5.0  # what they remember does not count
+    before, order = swarm.positions.copy(), np.argsort(swarm.costs)
+    move_wolves(swarm, 0.0, True, stream(np.random.default_rng(0)))
+    np.testing.assert_array_equal(swarm.positions[order[:3]], before[order[:3]])
+    middle = before[order[:3]].mean(axis=0)
+    np.testing.assert_allclose(swarm.positions[order[3:]], np.tile(middle, (6, 1)))
 
 
 @pytest.mark.parametrize("objective", OBJECTIVES)

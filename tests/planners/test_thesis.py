@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import pytest
 
@@ -71,7 +72,8 @@ def test_keys_that_are_missing_keep_our_defaults(tmp_path):
     path.write_text('{"PathPlanner_Step_Size": 2}')
     planner = make_planner(read_thesis(path).planner())
     assert planner.tree.step == 2.0
-    assert planner.whales == PLANNERS["rrt_star_woa_global"]().whales
+    assert planner.tree.goal_bias == 0.0
+    assert planner.whales == replace(PLANNERS["rrt_star_woa_global"]().whales, leader="latest")
     assert is_thesis({"TestMode": True})
     assert not is_thesis({"rrt": {}})
 

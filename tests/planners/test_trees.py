@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import shapely
@@ -144,7 +146,25 @@ def test_costs_follow_rewiring(problem):
         assert node == tuple(point)
 
 
-@pytest.mark.parametrize("settings", [RrtStarWoaGlobal(), RrtStarWoaGlobal.thesis()])
+def test_the_latest_leader_may_be_longer_than_the_tree_path(problem):
+    """The thesis overwrites the leader: the result is the best of the last population, free."""
+    latest = RrtStarWoaGlobal.thesis()
+    best = replace(latest, whales=replace(latest.whales, leader="best"))
+    gains = []
+    for seed in range(12):
+        plan, kept = (s.plan(problem, np.random.default_rng(seed)) for s in (latest, best))
+        tree = latest.tree.plan(problem, np.random.default_rng(seed))
+        assert_free(problem, plan.path)
+        assert len(plan.path) == len(tree.path)
+        assert kept.length <= tree.length
+        gains.append(1 - plan.length / tree.length)
+    assert min(gains) < 0 < max(gains)
+
+
+_BEST = RrtStarWoaGlobal(tree=RrtStar.thesis(), collision_free_weight=1.0)
+
+
+@pytest.mark.parametrize("settings", [RrtStarWoaGlobal(), _BEST])
 def test_global_variant_never_lengthens_its_tree_path(settings, problem):
     gains = []
     for seed in range(8):
@@ -158,12 +178,16 @@ def test_global_variant_never_lengthens_its_tree_path(settings, problem):
 
 
 def test_local_variant_needs_fewer_nodes_for_a_shorter_path():
-    """On an open map whales lead to the goal, and a tree that follows samples fills the map."""
+    """On an open map whales lead to the goal, and a tree that follows samples fills the map.
+
+    With equal weights the sum of both distances is the same along the line to the goal.
+    """
+    towards_goal = RrtStarWoaLocal(tree=RrtStar.thesis(), goal_weight=2.0)
     space = Space.from_rectangles(np.empty((0, 4)), (0.0, 0.0, 30.0, 30.0))
     problem = Problem(space, np.array([2.0, 2.0]), np.array([28.0, 28.0]))
     found = []
     for seed in range(8):
-        local = RrtStarWoaLocal(tree=RrtStar.thesis()).plan(problem, np.random.default_rng(seed))
+        local = towards_goal.plan(problem, np.random.default_rng(seed))
         tree = RrtStar.thesis().plan(problem, np.random.default_rng(seed))
         assert_free(problem, local.path)
         nodes = local.counters["nodes"], tree.counters["nodes"]

@@ -218,8 +218,8 @@ def _clutter(gap: float, seed: int) -> tuple[list[Disc], list[Array]]:
     return discs, rotated
 
 
-def _thesis_map(number: int, gap: float, seed: int) -> Arena:
-    """The ground of one of the five maps of the thesis on RRT*-WOA."""
+def _thesis_map(number: int, gap: float, seed: int, scale: float) -> Arena:
+    """The ground of one of the five maps of the thesis on RRT*-WOA, all lengths times a scale."""
     rects: list[Box] = []
     discs: list[Disc] = []
     rotated: list[Array] = []
@@ -239,7 +239,12 @@ def _thesis_map(number: int, gap: float, seed: int) -> Arena:
     elif number == 5:  # clutter
         rects = _barrier(10.0, 12.5, gap) + _barrier(20.0, 6.0, gap)
         discs, rotated = _clutter(gap, seed)
-    return make_arena((0.0, 0.0, WIDTH, HEIGHT), rects, rotated, discs)
+    return make_arena(
+        (0.0, 0.0, scale * WIDTH, scale * HEIGHT),
+        (scale * np.array(rects).reshape(-1, 4)).tolist(),
+        [scale * outline for outline in rotated],
+        scale * np.array(discs).reshape(-1, 3),
+    )
 
 
 @settings
@@ -254,11 +259,16 @@ class ThesisMap:
     """Width of the narrow passages."""
     seed: int = setting(default=5, low=0, source="design choice")
     """Seed of the clutter of map 5."""
+    scale: float = setting(
+        default=1.0, low=0.5, high=2.0, source="RRT* paths of the thesis are 35.27 m: 0.872"
+    )
+    """Factor of all lengths of the map, its passages included."""
 
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
         """The one world there is, whatever the footprint."""
-        arena = _thesis_map(self.number, self.gap, self.seed)
-        return arena.episode(*poses_along(START, GOAL), f"thesis_{self.number}")
+        arena = _thesis_map(self.number, self.gap, self.seed, self.scale)
+        start, goal = ((self.scale * x, self.scale * y) for x, y in (START, GOAL))
+        return arena.episode(*poses_along(start, goal), f"thesis_{self.number}")
 
 
 _define_maps(ThesisMap, 5, "Map of the thesis, no.")

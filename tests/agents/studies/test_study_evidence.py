@@ -32,6 +32,14 @@ PAIRS = np.random.default_rng(0).normal(100.0, 5.0, 300)
 NOISE = np.random.default_rng(1).normal(0.0, 1.0, 300)
 
 
+def shared_steps(slope, missing=np.nan, count=5):
+    """Rows of the same runs: their large chance is shared, and one run may have no value."""
+    rng = np.random.default_rng(2)
+    rows = [PAIRS + slope * k + 0.3 * rng.normal(size=len(PAIRS)) for k in range(count)]
+    rows[1][7] = missing
+    return [{"": row} for row in rows], list(range(count))
+
+
 @pytest.mark.parametrize(
     ("found", "verdict"),
     [
@@ -54,6 +62,26 @@ NOISE = np.random.default_rng(1).normal(0.0, 1.0, 300)
         (evidence.paired_below(PAIRS - 2.0 + NOISE, PAIRS, 0.005, ""), ClaimVerdict.HOLDS),
         (evidence.paired_below(PAIRS + 2.0 + NOISE, PAIRS, 0.005, ""), ClaimVerdict.FAILS),
         (evidence.paired_below(PAIRS + NOISE, PAIRS, 0.01, ""), ClaimVerdict.FAILS),
+        # Runs that share most of their chance: compared run by run.
+        (
+            evidence.below({"": PAIRS - 0.5 + NOISE}, {"": PAIRS}, 0.001, "", True),
+            ClaimVerdict.HOLDS,
+        ),
+        (
+            evidence.below({"": PAIRS + 0.5 + NOISE}, {"": PAIRS}, 0.001, "", True),
+            ClaimVerdict.FAILS,
+        ),
+        (
+            evidence.above({"": PAIRS + 0.5 + NOISE}, {"": PAIRS}, 0.001, "", True),
+            ClaimVerdict.HOLDS,
+        ),
+        (evidence.below({"": PAIRS - 0.5 + NOISE}, {"": PAIRS}, 0.001, ""), ClaimVerdict.OPEN),
+        (evidence.rises(*shared_steps(0.2), 0.001, "", True), ClaimVerdict.HOLDS),
+        (evidence.falls(*shared_steps(0.2), 0.001, "", True), ClaimVerdict.FAILS),
+        (evidence.rises(*shared_steps(0.2, 100.0), 0.001, ""), ClaimVerdict.OPEN),
+        (evidence.level(*shared_steps(0.0), 0.005, "", True), ClaimVerdict.HOLDS),
+        (evidence.spread_below({"": 1 * NOISE}, {"": 2 * NOISE[::-1]}, ""), ClaimVerdict.HOLDS),
+        (evidence.spread_below({"": 2 * NOISE}, {"": 1 * NOISE[::-1]}, ""), ClaimVerdict.FAILS),
         (evidence.share_above(495, 500, 0.95, ""), ClaimVerdict.HOLDS),
         (evidence.share_above(400, 500, 0.95, ""), ClaimVerdict.FAILS),
         # without chance
