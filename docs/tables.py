@@ -2,8 +2,9 @@
 
 A page holds `<!-- figures: NAME -->`, the table and `<!-- end -->`; a function here writes the
 table from result files, docs/results/data/*.json, and from the cards of the shipped weights.
-`python docs/tables.py take NAME FILE` makes such a file from the results.json of a comparison or
-the env.json of `wheelchair bench env`: counts and means, from which intervals follow.
+`python docs/tables.py take NAME FILE` makes such a file from the results.json of a comparison, the
+env.json of `wheelchair bench env` or the t1-agreement.json of `wheelchair study`: counts and means,
+from which intervals follow.
 """
 
 from __future__ import annotations
@@ -31,7 +32,9 @@ from wheelchair_gym.config import InputError, read_json  # noqa: E402
 
 DATA = ROOT / "docs" / "results" / "data"
 WEIGHTS = ROOT / "agents" / "data" / "weights"
-PAGES = ("README.md", "docs/results/index.md", "docs/how_to/learning.md")
+PAGES = (
+    "README.md", "docs/results/index.md", "docs/how_to/learning.md", "docs/studies/index.md",
+)  # fmt: skip
 _PART = re.compile(r"(<!-- figures: (\w+) -->\n).*?(<!-- end -->\n)", re.S)
 
 Row = Mapping[str, Any]
@@ -49,6 +52,8 @@ def condensed(content: Mapping[str, Any]) -> dict[str, Any]:
         "machine": {key: source["machine"][key] for key in ("cpu", "cores")},
         "versions": source["versions"],
     }
+    if "readings" in content:
+        return {**head, "runs": content["runs"], "rows": content["readings"]}
     if "records" not in content:
         return {**head, "rows": [row for row in content["rows"] if "rate" in row]}
     env = source["config"]["env"]
@@ -129,8 +134,8 @@ def take(name: str, file: Path) -> Path:
         found = condensed(read_json(file))
     except (KeyError, TypeError, AttributeError):
         raise InputError(
-            f"{file}: expected results.json of `wheelchair compare` or env.json of `wheelchair "
-            "bench env`"
+            f"{file}: expected results.json of `wheelchair compare`, env.json of `wheelchair bench "
+            "env` or t1-agreement.json of `wheelchair study`"
         ) from None
     rows = ",\n  ".join(json.dumps(row) for row in found.pop("rows"))
     head = "".join(f" {json.dumps(key)}: {json.dumps(value)},\n" for key, value in found.items())
@@ -308,6 +313,25 @@ def claims() -> str:
     )
 
 
+def agreement() -> str:
+    """How well each reading of the thesis's global variant predicts its printed lengths."""
+
+    def with_bounds(row: Row, key: str) -> str:
+        return f"{row[key]:.2f} ({row[f'{key}_low']:.2f} to {row[f'{key}_high']:.2f})"
+
+    rows = [
+        (row["reading"], with_bounds(row, "correlation"), with_bounds(row, "r2"),
+         f"{row['rms']:.2f} m", with_bounds(row, "length") + " m",
+         *(f"{row[part]:.2f}" for part in ("odd", "even", "without")))
+        for row in results("agreement")["rows"]
+    ]  # fmt: skip
+    headings = (
+        "reading", "correlation", "R²", "RMS residual", "RRT*'s length that is implied",
+        "correlation, maps 1, 3, 5", "maps 2, 4", "without table 3.7",
+    )  # fmt: skip
+    return markdown_table(headings, rows)
+
+
 def learned() -> str:
     """Success and contacts of the shipped policies, for each seed."""
     cards = {
@@ -356,8 +380,8 @@ def sources() -> str:
 
 FIGURES: dict[str, Callable[[], str]] = {
     function.__name__: function
-    for function in (planned, barn_60, league, league_pairs, speed, measured, claims, learned,
-                     sources)
+    for function in (planned, barn_60, league, league_pairs, speed, measured, claims, agreement,
+                     learned, sources)
 }  # fmt: skip
 
 
