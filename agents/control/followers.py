@@ -163,7 +163,7 @@ class Window(RolloutSettings):
     close to obstacles, the chair tracks the planned poses instead.
     """
 
-    tight: float = setting(default=0.10, unit="m", low=0.0, source="tuned on training doors")
+    tight: float = setting(default=0.10, unit="m", low=0.0, source="twice the margin")
     """Gap beside the planned outline, below which turns of the plan are tracked; 0: none are."""
 
     def fan(self, chair: ChairState) -> Array:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.control.rollout import YAW, ReferencePath, S, X, Y, match, stops_clear
+from agents.control.rollout import SPACING, YAW, ReferencePath, S, X, Y, match, stops_clear
 from wheelchair_gym.geometry import clearance_to_points, wrap
 
 if TYPE_CHECKING:
@@ -25,6 +25,7 @@ LOOK = 1.2  # m of way ahead, within which a tight turn makes the chair track it
 TURNING = 0.8  # rad a metre of way, of which a turn in place has 2.5: sharper is a turn
 REACH = 0.3  # m of way along the plan, where the chair may be a period later
 PAST = 0.2  # m of way behind the chair that still count as here
+LEAST_STEP = 1e-3  # m: a shorter step of a plan is a turn in place
 SIDE, HEADING = 0.10, 0.35  # m and rad off the plan, up to which the chair tracks it
 ACTORS = 2.5  # m: with an actor nearer, the follower decides
 CRUISE = 0.25  # m/s within a manoeuvre
@@ -32,6 +33,9 @@ SLOWING = 0.3  # m/s2 before one,
 RAMP = 0.4  # s after it has begun to brake, since its jerk is limited
 TURN_RATE = 0.5  # rad/s of a turn in place
 TURN_SLOWING = 0.8  # rad/s2 before its end
+LEAST_LEFT = 0.003  # rad to its end, at least, so that it comes there
+TURN_SHARE = 0.8  # of the turn limit, at most, while it drives
+SLOWEST = 0.03  # m/s before a stretch ends
 JERK = 0.6  # m/s3 with which a stretch ends
 LATENCY = 0.15  # s between a command and the motion
 ENDS, TURN_ENDS = 0.01, 0.025  # m and rad from the end of a stretch, where the next one begins
@@ -53,7 +57,8 @@ class ManoeuvreTracker:
 
     def __init__(self, follower: Follower, tight: float, margin: float) -> None:
         self._follower, self._tight, self._margin = follower, tight, margin
-        self._of: ReferencePath | None = None  # what the next two are of
+        self._of: ReferencePath | None = None  # what the next three are of
+        self._rows = np.empty((0, 4))  # with headings that do not jump
         self._kinds = np.empty(0)  # (n - 1,) of steps from row to row: 1 ahead, -1 back, 0 turn
         self._turns = np.empty(0, np.bool_)  # (n - 1,) steps that are turns, or lead back
 
@@ -71,13 +76,14 @@ class ManoeuvreTracker:
         return self._follower.twist(now)
 
     def _prepare(self, reference: ReferencePath) -> None:
-        rows = reference.rows
-        self._of, steps = reference, np.diff(rows, axis=0)
+        self._of, rows = reference, reference.rows.copy()
+        rows[:, YAW] = np.unwrap(rows[:, YAW])
+        self._rows, steps = rows, np.diff(rows, axis=0)
         middle = rows[:-1, YAW] + 0.5 * steps[:, YAW]
         way = steps[:, X] * np.cos(middle) + steps[:, Y] * np.sin(middle)
-        self._kinds = np.where(np.abs(way) > 1e-3, np.sign(way), 0.0)
-        turn = np.abs(np.remainder(steps[:, YAW] + math.pi, 2.0 * math.pi) - math.pi)
-        self._turns = (turn > TURNING * steps[:, S]) | (self._kinds < 0.0)
+        self._kinds = np.where(np.abs(way) > LEAST_STEP, np.sign(way), 0.0)
+        self._turns = np.abs(steps[:, YAW]) > TURNING * steps[:, S]
+        self._turns |= self._kinds < 0.0
 
     def _tracked(self, now: Situation) -> Array | None:
         """The twist (2,) that tracks the plan; None where nothing is tight, or it is not clear."""
@@ -150,8 +156,7 @@ class ManoeuvreTracker:
             The row, how far the pose is to the left of the plan [m] and turned [rad], and how far
             it is to the end [m; of a turn: rad].
         """
-        assert self._of is not None
-        rows, kind = self._of.rows, self._kinds[min(row, end - 1)]
+        rows, kind = self._rows, self._kinds[min(row, end - 1)]
         if kind == 0.0:
             row, _ = match(pose[0], pose[1], pose[2], rows[: end + 1], row, rows[row, S] + REACH)
         else:  # by place alone: a chair that turns too late is as far along
@@ -162,7 +167,7 @@ class ManoeuvreTracker:
         dx, dy = pose[0] - x, pose[1] - y
         side, along, turned = c * dy - s * dx, c * dx + s * dy, wrap(pose[2] - yaw)
         if kind == 0.0:
-            left = wrap(rows[end, YAW] - yaw) - turned
+            left = rows[end, YAW] - yaw - turned
             return row, side, 0.0, left * math.copysign(1.0, rows[end, YAW] - rows[end - 1, YAW])
         turned -= self._curvature(row, end) * along
         ex, ey, eyaw = rows[end, :3]
@@ -171,19 +176,18 @@ class ManoeuvreTracker:
 
     def _curvature(self, row: int, end: int) -> float:
         """Turn a metre of signed way [1/m] of the plan just after a row."""
-        assert self._of is not None
         k = max(0, min(row, end - 1))
-        step = self._of.rows[k + 1] - self._of.rows[k]
+        step = self._rows[k + 1] - self._rows[k]
         way = math.hypot(step[X], step[Y]) * self._kinds[k]
-        return float(wrap(step[YAW]) / way) if abs(way) > 1e-3 else 0.0
+        return float(step[YAW] / way) if self._kinds[k] else 0.0
 
     def _turn(self, now: Situation, end: int, left: float) -> tuple[float, float]:
         """The twist that turns in place, so far [rad], and keeps the place."""
         pose, body = now.local_map.pose, now.chair.body
-        row = now.reference.rows[end]
-        sign = math.copysign(1.0, row[YAW] - now.reference.rows[end - 1, YAW])
+        row = self._rows[end]
+        sign = math.copysign(1.0, row[YAW] - self._rows[end - 1, YAW])
         left -= LATENCY * sign * body.state[2]
-        w = sign * min(TURN_RATE, math.sqrt(2.0 * TURN_SLOWING * max(left, 0.003)))
+        w = sign * min(TURN_RATE, math.sqrt(2.0 * TURN_SLOWING * max(left, LEAST_LEFT)))
         ahead = math.cos(pose[2]) * (row[X] - pose[0]) + math.sin(pose[2]) * (row[Y] - pose[1])
         return float(np.clip(KEEP * ahead, -KEEP_SPEED, KEEP_SPEED)), w
 
@@ -192,23 +196,16 @@ class ManoeuvreTracker:
         to_turn: float,
     ) -> tuple[float, float]:  # fmt: skip
         """The twist along a stretch that is not a turn in place."""
-        kind, limits, speed = (
-            self._kinds[min(row, end - 1)],
-            now.chair.limits,
-            now.chair.body.state[0],
-        )
-        left, to_turn = (max(0.0, way - RAMP * abs(speed)) for way in (left, to_turn))
+        rows, limits, speed = self._rows, now.chair.limits, abs(now.chair.body.state[0])
+        kind = self._kinds[min(row, end - 1)]
+        left, to_turn = (max(0.0, way - RAMP * speed) for way in (left, to_turn))
         v = min(math.sqrt(CRUISE**2 + 2.0 * SLOWING * to_turn), limits.forward)
         if end < len(self._kinds):
-            v = min(v, max(0.03, (JERK * left**2) ** (1.0 / 3.0)))
+            v = min(v, max(SLOWEST, (JERK * left**2) ** (1.0 / 3.0)))
         v = min(v, limits.backward) if kind < 0.0 else v
-        ahead = int(
-            np.searchsorted(
-                now.reference.rows[:, S], now.reference.way + 0.025 + LATENCY * abs(speed)
-            )
-        )
+        ahead = int(np.searchsorted(rows[:, S], rows[row, S] + 0.5 * SPACING + LATENCY * speed))
         curvature = self._curvature(max(row, min(ahead, end - 1)), end)
-        bend = kind * curvature - kind * STIFFNESS * side - 2.0 * math.sqrt(STIFFNESS) * turned
-        if abs(bend) * v > 0.8 * limits.turn:
-            v = 0.8 * limits.turn / abs(bend)
+        bend = kind * (curvature - STIFFNESS * side) - 2.0 * math.sqrt(STIFFNESS) * turned
+        most = TURN_SHARE * limits.turn
+        v = min(v, most / abs(bend)) if abs(bend) * v > most else v
         return kind * v, bend * v
