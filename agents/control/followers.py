@@ -26,6 +26,7 @@ from agents.control.rollout import (
     start_row,
     stops_clear,
 )
+from agents.control.tight_places import ManoeuvreTracker
 from planners.controls.generator import ControlGenerator, Controls
 from planners.swarm.woa import WhaleParameters, WhaleSettings, move_whales
 from wheelchair_gym.compiled.kernel import kernel, record_of
@@ -158,8 +159,12 @@ class Window(RolloutSettings):
     """The best of a fan over all twists that the chair may be asked for.
 
     The chair approaches a twist by its ramps, in the roll-out as on the floor: so a fast turn is a
-    candidate from rest, too, which it is not in the classic dynamic window.
+    candidate from rest, too, which it is not in the classic dynamic window. Where the plan turns
+    close to obstacles, the chair tracks the planned poses instead.
     """
+
+    tight: float = setting(default=0.10, unit="m", low=0.0, source="twice the margin")
+    """Gap beside the planned outline, below which turns of the plan are tracked; 0: none are."""
 
     def fan(self, chair: ChairState) -> Array:
         """Twists (c, 2) to choose among [m/s, rad/s]."""
@@ -167,7 +172,7 @@ class Window(RolloutSettings):
 
     def make(self) -> Follower:
         """A follower at rest."""
-        return FanFollower(self)
+        return ManoeuvreTracker(FanFollower(self), self.tight, self.margin)
 
 
 @settings

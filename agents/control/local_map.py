@@ -83,6 +83,7 @@ class LocalMap:
     """The chair's pose and the obstacles near it, updated by every reading.
 
     Attributes:
+        outline: of the chair (3,), `Footprint.array`.
         pose: (3,) [m, m, rad] in the map's frame.
         hits: obstacles (k, 2) [m] in the chair's frame that the scanners saw, now or lately.
         points: hits, and obstacles that only the map knows of, (k, 3): x, y, distance from the
@@ -99,7 +100,7 @@ class LocalMap:
         grid = mission.map_at(reading)
         self.blind = False
         self._laser = mission.sensors.laser
-        self._outline = mission.footprint.array
+        self.outline = mission.footprint.array
         self.set_walls(grid)
         # A map that the chair draws shows actors as well: nothing would stand out against it.
         self._tracker = None if mission.map is None else Tracker(laser=self._laser)
@@ -130,7 +131,7 @@ class LocalMap:
         The last is nearly what is left: an outline already nearer may leave, not come nearer.
         """
         less = 0.6 * margin
-        gap = float(clearance_to_points(0.0, 0.0, 0.0, self._outline, self.points, margin))
+        gap = float(clearance_to_points(0.0, 0.0, 0.0, self.outline, self.points, margin))
         return margin, less, min(less, 0.95 * gap)
 
     def limit_for_unseen_space(self, twists: Array, motion: Array) -> Array:
@@ -191,7 +192,7 @@ class LocalMap:
         # Where the laser looks it knows better than a map seen from an uncertain pose.
         mapped = mapped[np.abs(bearings(mapped, laser)) > 0.5 * laser.fov]
         points = np.concatenate([self.hits, mapped])
-        front, rear, half = self._outline
+        front, rear, half = self.outline
         x, y = points[:, 0], points[:, 1]
         under = (x < front) & (x > -rear) & (np.abs(y) < half)
         points = points[~under]  # the chair stands there: nothing else does

@@ -297,11 +297,15 @@ class ReferencePath:
         path: (n, 2) [m]: as it was planned.
         rows: (n, 4) x, y [m], yaw [rad], s [m].
         at: the row where the chair is.
+        planned_headings: the planner has given the headings.
+        held: the row where the chair is, if its follower knows; else None: the nearest is.
+        blocked: its follower cannot drive it as it was planned.
     """
 
     def __init__(self, path: Array, pose: Array) -> None:
         path = np.asarray(path, dtype=np.float64)
         self.path = path[:, :2]
+        self.planned_headings = path.shape[1] == 3 and len(path) > 1
         if len(path) < 2:
             path = np.concatenate([path[:, :2], path[:, :2] + 1e-6])
         poses = path if path.shape[1] == 3 else poses_of(path, float(pose[2]))
@@ -310,9 +314,15 @@ class ReferencePath:
         s = np.concatenate([[0.0], np.cumsum(ways + TURN_LENGTH * np.abs(turns))])
         self.rows = np.column_stack([poses, s])  # (n, 4)
         self.at = 0
+        self.held: int | None = None
+        self.blocked = False
 
     def advance(self, pose: Array, most: float = 0.4) -> float:
         """Move along, at most so far [m], to where the pose is; the distance [m] between both."""
+        if self.held is not None:
+            rows = self.rows[: self.held + 1]
+            self.at, distance = match(pose[0], pose[1], pose[2], rows, self.held, math.inf)
+            return float(distance)
         first = int(np.searchsorted(self.rows[:, S], self.way - 0.2))
         self.at, distance = match(pose[0], pose[1], pose[2], self.rows, first, self.way + most)
         return float(distance)

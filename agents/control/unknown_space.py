@@ -19,7 +19,7 @@ BLIND = 1.5  # m: an unseen obstacle so near the chair may be hit before it is s
 BESIDE = 0.10  # m round the chair, where the space is taken to be free
 BEHIND = 0.25  # m: backing at 0.2 m/s comes to rest within
 FINE = 0.025  # m between places on the floor that the chair stands on
-SPAN = 2**24  # cells that a row may have
+RESERVE = 128  # cells by which the raster of the ground grows
 TURN = 0.05  # rad after which it stands on other places
 JITTER = 2.0  # cells by which a wall that is seen anew may come nearer
 
@@ -82,7 +82,8 @@ class Ground:
         low, high = footprint.corners[0], footprint.corners[2]
         sides = [np.arange(a, b, FINE) for a, b in zip(low, high, strict=True)]
         self._under = np.stack(np.meshgrid(*sides), axis=-1).reshape(-1, 2)
-        self._cells = np.empty(0, np.int64)  # each once: SPAN times its row, and its column
+        self._stood = np.zeros((0, 0), np.bool_)  # cells on which the chair has stood,
+        self._first = np.zeros(2, np.int64)  # row and column of the first, counted from (0, 0)
         self._pose = np.full(3, np.inf)  # at which the last were added
         self._grid: OccupancyGrid | None = None  # the last one, and
         self._marked: OccupancyGrid | None = None  # what became of it
@@ -94,19 +95,38 @@ class Ground:
         """
         moved = np.hypot(*(pose[:2] - self._pose[:2])) > FINE or abs(pose[2] - self._pose[2]) > TURN
         if moved:
-            x, y = np.floor(to_world(self._under, pose).T / grid.resolution).astype(np.int64)
-            self._cells = np.union1d(self._cells, (y + SPAN // 2) * SPAN + x + SPAN // 2)
+            at = np.floor(to_world(self._under, pose) / grid.resolution).astype(np.int64)[:, ::-1]
+            self._reach(at.min(axis=0), at.max(axis=0) + 1)
+            self._stood[tuple((at - self._first).T)] = True
             self._pose = pose.copy()
         if moved or grid is not self._grid or self._marked is None:
             left, bottom = np.round(np.array(grid.origin[:2]) / grid.resolution).astype(np.int64)
-            rows, cols = self._cells // SPAN, self._cells % SPAN
-            at = np.stack([rows - SPAN // 2 - bottom, cols - SPAN // 2 - left])
-            row, col = at[:, ((at >= 0) & (at < np.array(grid.shape)[:, None])).all(axis=0)]
+            first = self._first - (bottom, left)  # in the map's rows and columns
+            begin = np.maximum(first, 0)
+            end = np.minimum(first + self._stood.shape, grid.shape)
             cells = grid.cells.copy()
-            under = cells[row, col]
-            cells[row, col] = np.where(under == UNKNOWN, FREE, under)
+            if (begin < end).all():
+                part = cells[begin[0] : end[0], begin[1] : end[1]]
+                (row, column), (last_row, last_column) = begin - first, end - first
+                stood = self._stood[row:last_row, column:last_column]
+                part[stood & (part == UNKNOWN)] = FREE
             self._grid, self._marked = grid, OccupancyGrid(cells, grid.resolution, grid.origin)
         return self._marked
+
+    def _reach(self, begin: NDArray[np.int64], end: NDArray[np.int64]) -> None:
+        """Enlarge the raster, where it has to, so that it holds the cells from begin to end."""
+        shape = np.array(self._stood.shape)
+        last = self._first + shape
+        if (begin >= self._first).all() and (end <= last).all():
+            return
+        if not self._stood.size:
+            self._first = last = begin
+        first = np.where(begin < self._first, begin - RESERVE, self._first)
+        last = np.where(end > last, end + RESERVE, last)
+        raster = np.zeros(last - first, np.bool_)
+        row, column = self._first - first
+        raster[row : row + shape[0], column : column + shape[1]] = self._stood
+        self._stood, self._first = raster, first
 
 
 def blind_behind(grid: OccupancyGrid, pose: Array, footprint: Footprint) -> bool:

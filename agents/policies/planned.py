@@ -33,6 +33,7 @@ from agents.policies.planning import Planning, PlanningFigures
 from agents.policies.recoveries import (
     AHEAD,
     BACK,
+    BLOCKED_SHARE,
     CRAWL,
     DETOUR,
     HALT_SHARE,
@@ -410,7 +411,8 @@ class PlannedDriver:
             if bold > progress.bold == 0.0:
                 self._follow()
             self._detours.waited = 0.0
-        progress.stalled_time += period * (HALT_SHARE if self.state == "halts" else 1.0)
+        share = BLOCKED_SHARE if self._reference.blocked else 1.0
+        progress.stalled_time += period * (HALT_SHARE if self.state == "halts" else share)
         self._detours.pause -= period
         self._report.held -= period
         self._lost -= period

@@ -30,6 +30,7 @@ PROGRESS = 0.1  # m of way that count as progress
 END_SHARE = 0.4  # of the patience at the path's end, where the goal is near but not reached
 BOLD = 1.0  # m of way after a stall on which clearance costs nothing; margins stay
 HALT_SHARE = 0.5  # of time that counts while the chair halts for actors
+BLOCKED_SHARE = 2.0  # of time that counts while a manoeuvre cannot be driven as planned
 
 
 class ProgressMonitor:
@@ -324,16 +325,28 @@ def widest_plan(
     most = bottleneck(assumed, start[:2], goal[:2]) + 0.5 * grid.resolution
     while clearance > most and clearance - FINER >= least:
         clearance -= FINER  # where no disc passes a search is in vain
-    best = math.inf  # m in reverse
-    while True:
+
+    def planned(clearance: float) -> Plan:
         problem = Problem(space, start, goal, clearance)
         timed = {} if end == math.inf else {"deadline": remaining(end)}
-        plan = checked_plan(planner, planner.plan(problem, rng, **timed))
+        return checked_plan(planner, planner.plan(problem, rng, **timed))
+
+    best = math.inf  # m in reverse
+    while True:
+        plan = planned(clearance)
         found, reverse = plan.status is Status.SOLVED, backing(plan.path)
         second = best < math.inf
         if not second or (found and reverse < best - REVERSE_WAY):
             chosen = plan, clearance
         clearance -= FINER
         if second or (found and reverse < REVERSE_WAY) or clearance < least:
-            return chosen
+            break
         best = reverse if found else best  # once more: with less clearance it may lead ahead
+    (plan, clearance), solved = chosen, chosen[0].status is Status.SOLVED
+    between = clearance + 0.5 * FINER
+    if solved and least + FINER < between < min(most, least + 2.0 * FINER):
+        wider = planned(between)  # where so little is left beside the chair, half a step counts
+        more = backing(wider.path) - backing(plan.path)
+        if wider.status is Status.SOLVED and more < REVERSE_WAY:
+            return wider, between
+    return chosen

@@ -28,7 +28,7 @@ from agents.policies.recoveries import Spin
 from tests.agents.fakes import PaperWorld, corridor
 from wheelchair_gym.config import InputError
 from wheelchair_gym.envs import NavigationEnv
-from wheelchair_gym.geometry import Footprint
+from wheelchair_gym.geometry import Footprint, to_world
 from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from wheelchair_gym.types import Command
 
@@ -148,6 +148,26 @@ def test_the_ground_that_the_chair_stood_on_is_free_and_nothing_else_changes():
     assert marked.cells[30, 40] == OCCUPIED
     assert (grid.cells == cells).all()
     assert ground.marked(grid, np.array([1.0, 0.0, 0.0])) is marked
+
+
+def test_ground_is_kept_over_a_long_way_in_maps_that_grow_and_move():
+    footprint, rng = Footprint(), np.random.default_rng(4)
+    ground, pose, stood = Ground(footprint), np.zeros(3), set()
+    low, high = footprint.corners[0], footprint.corners[2]
+    under = np.stack(np.meshgrid(*map(np.arange, low, high, (0.025, 0.025))), -1).reshape(-1, 2)
+    for _ in range(200):
+        pose += np.array([0.3 * np.cos(pose[2]), 0.3 * np.sin(pose[2]), rng.normal(0.0, 0.4)])
+        stood |= set(map(tuple, np.floor(to_world(under, pose) / 0.05).astype(int)))
+        left, bottom = rng.integers(-300, 100, 2)
+        cells = rng.choice([UNKNOWN, FREE, OCCUPIED], rng.integers(40, 400, 2)).astype(np.int8)
+        expected = cells.copy()
+        for x, y in stood:
+            row, column = y - bottom, x - left
+            inside = 0 <= row < cells.shape[0] and 0 <= column < cells.shape[1]
+            if inside and cells[row, column] == UNKNOWN:
+                expected[row, column] = FREE
+        grid = OccupancyGrid(cells, 0.05, (0.05 * left, 0.05 * bottom, 0.0))
+        assert (ground.marked(grid, pose).cells == expected).all()
 
 
 def test_space_behind_a_wall_is_not_unseen_space_behind_the_chair():
