@@ -193,7 +193,7 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
         self._out.now = self._base + round(reading.stamp * NANO)
         changed = self._refresh(reading, believed)
         values = reading._asdict() | {"odometry": believed.odometry, "truth": truth}
-        del values["map"]  # it is sent where it has changed
+        del values["map"], values["stick"]  # the map is sent where it has changed
         if believed.particles is not None:
             values["particles"] = believed.particles
             self._out.send("/particles", believed.particles)

@@ -66,6 +66,8 @@ def begin_task(
     reset_trail(progress, pose)
     for k in range(2):
         progress.action[k] = progress.shield_intervention[k] = 0.0
+    progress.sticks[:, :] = 0.0
+    progress.latched = False
     write_no_terms(verdict)
     verdict.terminated, verdict.truncated = False, False
     verdict.arrived = estimates_arrival(rule, prepared, pose)
