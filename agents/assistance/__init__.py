@@ -1,4 +1,4 @@
-"""Assistants: from a person's stick and the chair's sensors to the twist that the chair is asked for.
+"""Assistants: from a person's stick and the chair's sensors to the twist that is asked for.
 
 None of them knows the person's goal. What they ask for passes the shield afterwards, where there
 is one: two safe twists may blend into an unsafe one.

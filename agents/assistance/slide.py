@@ -1,4 +1,4 @@
-"""The twist nearest to the stick's for which no obstacle comes near too fast: it slides along walls.
+"""The twist nearest to the stick's that closes on no obstacle too fast: it slides along walls.
 
 Each near obstacle limits the speed at which the outline closes on it. For the nearest pair of
 points, o on the obstacle and one on the outline, with distance d and unit normal n from the chair,
@@ -63,10 +63,10 @@ def write_constraints(
 
 @borrowing_kernel
 def _fits(rows: Array, n: int, v: float, w: float) -> bool:
+    fits = True
     for k in range(n):
-        if rows[k, 0] * v + rows[k, 1] * w > rows[k, 2] + _FEASIBLE:
-            return False
-    return True
+        fits = fits and rows[k, 0] * v + rows[k, 1] * w <= rows[k, 2] + _FEASIBLE
+    return fits
 
 
 @borrowing_kernel
@@ -105,7 +105,8 @@ def nearest_twist(
 @borrowing_kernel
 def _slide(
     points: Array, outline: Array, margin: float, deceleration: float, latency: float,
-    asked: tuple[float, float], turn: float, weights: tuple[float, float], every: Array, rows: Array,
+    asked: tuple[float, float], turn: float, weights: tuple[float, float], every: Array,
+    rows: Array,
 ) -> tuple[float, float]:  # fmt: skip
     n = write_constraints(points, outline, margin, deceleration, latency, every)
     m = 0

@@ -1,4 +1,4 @@
-"""Assisted teleop, as nav2's behaviour of that name: the twist shrinks with the time to a collision.
+"""Assisted teleop, after nav2's behaviour: the twist shrinks with the time to a collision.
 
 Source: nav2_behaviors, AssistedTeleop (main, August 2026): the twist is projected in steps; a
 collision at the first of them gives rest, one at time t scales all components by t over the whole

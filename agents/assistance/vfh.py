@@ -70,7 +70,7 @@ class Vfh:
         high=1000.0,
         source="Levine 1999: its width; value assumed",
     )
-    """Weight of the squared angle from the stick's direction: less leaves the chair more freedom."""
+    """Weight of the squared angle from the stick's direction: less gives the chair more freedom."""
     turn_per_angle: float = setting(
         default=1.0, unit="1/s", low=0.0, high=10.0, source="design choice"
     )

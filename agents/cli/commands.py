@@ -148,6 +148,10 @@ COMMANDS = (
             option("--policies", "policies, in place of the suite's: PLANNER+FOLLOWER, "
                    "module:Class, a file of weights (.npz, .onnx), a model of stable-baselines3 "
                    "(.zip, which runs code), ...", names),
+            option("--driver", "simulated persons who drive, in place of policies: a name of "
+                   "`wheelchair settings drivers`, module:function, or FILE.json:NAME", names),
+            option("--assist", "with --driver: assistants that are compared (default: all)",
+                   names),
             option("--scenes", "scenes, in place of the suite's: a name, module:Class, "
                    "FILE.json:NAME as in configs/scenes.json, or FILE.json: all worlds of a BARN "
                    "file", names),

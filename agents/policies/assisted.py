@@ -1,4 +1,4 @@
-"""A person drives with an assistant: the policy hands on the stick and the sensors, not the goal."""
+"""A person drives with an assistant, which gets the stick and the sensors, and not the goal."""
 
 from __future__ import annotations
 
