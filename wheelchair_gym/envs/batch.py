@@ -166,7 +166,10 @@ def step_row(
         forward, left, latched = step_driver(
             i, drivers, prepared, seen.true_pose, seen.true_twist, ranges
         )
-        take_stick(progress, forward, left, latched)
+        arrived = reached(
+            seen.true_pose, prepared.goal, prepared.tolerance, rule.heading, rule.heading_tolerance
+        )
+        take_stick(progress, forward, left, latched, arrived)
     assess(
         i,
         task,

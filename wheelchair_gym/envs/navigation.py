@@ -284,7 +284,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             truth, prepared = self.chair.truth, self._prepared
             assert prepared is not None
             stick = self.drivers.step(prepared, truth.pose, truth.twist, reading.laser)
-            self.task.take_stick(stick)
+            self.task.take_stick(stick, truth.pose)
         observation = self.task.assess(reading, action, less)
         verdict = self.task.verdict
         return observation, verdict.reward, verdict.terminated, verdict.truncated, self._info()

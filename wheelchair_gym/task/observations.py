@@ -299,19 +299,21 @@ def write_goal(pose: Array, goal: Array, out: Floats) -> None:
 
 
 @borrowing_kernel
-def take_stick(progress: Any, forward: float, left: float, latched: bool) -> None:
-    """Take a person's latest signal; those before move back by one."""
+def take_stick(progress: Any, forward: float, left: float, latched: bool, arrived: bool) -> None:
+    """Take a person's latest signal, and whether it is at its goal; signals move back by one."""
     for k in range(STICKS - 1, 0, -1):
         for j in range(2):
             progress.sticks[k, j] = progress.sticks[k - 1, j]
     progress.sticks[0, 0], progress.sticks[0, 1] = forward, left
-    progress.latched = latched
+    progress.latched, progress.person_arrived = latched, arrived
 
 
 @borrowing_kernel
-def take_first_stick(progress_rows: Any, forward: float, left: float, latched: bool) -> None:
+def take_first_stick(
+    progress_rows: Any, forward: float, left: float, latched: bool, arrived: bool
+) -> None:
     """`take_stick` of the only row of progress_rows (1,)."""
-    take_stick(progress_rows[0], forward, left, latched)
+    take_stick(progress_rows[0], forward, left, latched, arrived)
 
 
 @borrowing_kernel

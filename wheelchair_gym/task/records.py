@@ -55,6 +55,7 @@ PROGRESS = np.dtype(
         # is that which the last action answered
         ("sticks", "f8", (STICKS, 2)),
         ("latched", "b1"),
+        ("person_arrived", "b1"),  # the person who drives is at its goal, by truth
         ("n_trail", "i8"),  # points of its trail so far; the last ones are kept
         ("trail_points", "f8", (TRAIL_POINTS, 2)),  # m
     ],

@@ -286,9 +286,9 @@ class Task:
         self._reading, self.observation = reading, observation
         self.action, self.shield_intervention = action, less
 
-    def take_stick(self, stick: Stick) -> None:
-        """Take what a person's interface gives, before the step that it saw is assessed."""
-        take_first_stick(self._progress, *stick)
+    def take_stick(self, stick: Stick, true_pose: Array) -> None:
+        """Take what a person's interface gives where the chair truly is, before the assessment."""
+        take_first_stick(self._progress, *stick, self.at_goal(true_pose))
 
     @property
     def stick(self) -> Stick | None:
