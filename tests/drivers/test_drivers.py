@@ -8,7 +8,7 @@ import pytest
 from wheelchair_gym.config import InputError, dump
 from wheelchair_gym.drivers import DRIVERS, Driver, driver_spec, make_driver
 from wheelchair_gym.drivers.settings import Hand, Intention, Perception, Stick
-from wheelchair_gym.drivers.state import person_of, signals_of, tremor_filter
+from wheelchair_gym.drivers.state import constants_of, signals_of, tremor_filter
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.sensors.settings import SensorSettings
@@ -39,7 +39,7 @@ def test_each_is_made_and_stored(name):
     signals = signals_of(made)
     assert (signals[0] == 0.0).all()
     assert np.abs(signals).max() <= 1.0
-    person = person_of(made, ChairSettings(), SensorSettings(), 0.1)[0]
+    person = constants_of(made, ChairSettings(), SensorSettings(), 0.1)[0]
     assert person["n_signals"] == len(signals)
 
 

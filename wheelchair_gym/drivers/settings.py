@@ -157,7 +157,8 @@ class Hand:
 class Stick:
     """A proportional stick, for hand or chin, or an isometric one, which has no throw."""
 
-    kind: Literal["stick"] = "stick"
+    kind: Literal["stick"] = setting(default="stick", source=_CHOICE)
+    """What tells it apart from other interfaces."""
     gain: float = setting(default=1.0, low=0.05, high=1.0, source="chin 0.5: assumed")
     """Share of full speed at full deflection."""
     dead_zone: float = setting(
@@ -189,7 +190,8 @@ class Stick:
 class Switches:
     """Switches that give directions, on or off: head array, sip-and-puff, keyboard."""
 
-    kind: Literal["switches"] = "switches"
+    kind: Literal["switches"] = setting(default="switches", source=_CHOICE)
+    """What tells it apart from other interfaces."""
     directions: Literal[4, 8] = setting(
         default=8, source="head array: 8 directions (argallab/interface_assessments)"
     )
@@ -213,7 +215,8 @@ class Switches:
 class Scanning:
     """A single switch: it picks the command that is lit, and a press while driving stops."""
 
-    kind: Literal["scanning"] = "scanning"
+    kind: Literal["scanning"] = setting(default="scanning", source=_CHOICE)
+    """What tells it apart from other interfaces."""
     scan_period: float = setting(
         default=1.25,
         unit="s",
@@ -236,7 +239,8 @@ class Scanning:
 class BrainComputer:
     """Motor imagery, left or right, and none: straight on. A switch starts and stops the chair."""
 
-    kind: Literal["brain_computer"] = "brain_computer"
+    kind: Literal["brain_computer"] = setting(default="brain_computer", source=_CHOICE)
+    """What tells it apart from other interfaces."""
     accuracy: float = setting(
         default=0.85, low=0.0, high=1.0, source="Leeb 2015: more than 70 % to take part; Tonin 2022"
     )
@@ -266,7 +270,10 @@ class BrainComputer:
 
 
 INTERFACES: Final[dict[str, Any]] = {
-    cls.kind: cls for cls in (Stick, Switches, Scanning, BrainComputer)
+    "stick": Stick,
+    "switches": Switches,
+    "scanning": Scanning,
+    "brain_computer": BrainComputer,
 }
 
 
@@ -277,9 +284,9 @@ class Driver:
     intention: Intention = Intention()
     perception: Perception = Perception()
     hand: Hand = Hand()
-    interface: Any = setting(default=Stick(), source=_CHOICE)
+    interface: Any = setting(default=None, source=_CHOICE)
     """What it holds: settings of a stick, switches, scanning or a brain-computer interface, which
-    their `kind` tells apart."""
+    their `kind` tells apart; none: a stick."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "interface", interface_of(self.interface))
@@ -295,6 +302,8 @@ def interface_of(value: Any) -> Any:
     Raises:
         InputError: the kind is unknown, or a setting is wrong.
     """
+    if value is None:
+        return Stick()
     if type(value) in INTERFACES.values():
         return value
     if not isinstance(value, Mapping):

@@ -1,6 +1,6 @@
-"""Records of simulated people: PERSON, what one is, and DRIVER, where each stands in time.
+"""Records of simulated people: CONSTANTS of one, and DRIVER, where each stands in time.
 
-A person is pure numbers: a record holds no address but those of the rows in DRIVERS. Batch and
+Both are pure numbers: they hold no address, and DRIVERS those of their rows. Batch and
 single environment hold the same rows (`Drivers`), and step them by the same compiled function.
 """
 
@@ -41,7 +41,7 @@ def _numbers(*classes: Any) -> np.dtype[Any]:
 INTENTION, PERCEPTION, HAND = _numbers(Intention), _numbers(Perception), _numbers(Hand)
 INTERFACE = _numbers(*INTERFACES.values())
 
-PERSON = np.dtype(
+CONSTANTS = np.dtype(
     [
         ("intention", INTENTION),
         ("perception", PERCEPTION),
@@ -121,17 +121,17 @@ DRIVER = np.dtype(
 # People by address, as the shield's rows.
 DRIVERS, DRIVERS_TARGETS = pointer_record(
     ("n", "i8"),  # 0: nobody drives
-    ("person", Target(PERSON, 1)),
+    ("constants", Target(CONSTANTS, 1)),
     ("drivers", Target(DRIVER, None)),
 )
-_person_at, _drivers_at = rows_of(PERSON), rows_of(DRIVER)
+_constants_at, _drivers_at = rows_of(CONSTANTS), rows_of(DRIVER)
 
 
 @inlined
 def driver_row(drivers: Any, i: int) -> Any:
     """The records of row i: who drives, and its state; drivers: (1,) of DRIVERS."""
     rows = drivers[0]
-    return _person_at(rows.person, 1)[0], _drivers_at(rows.drivers, rows.n)[i]
+    return _constants_at(rows.constants, 1)[0], _drivers_at(rows.drivers, rows.n)[i]
 
 
 def signals_of(driver: Driver) -> Array:
@@ -153,20 +153,22 @@ def signals_of(driver: Driver) -> Array:
     return np.array([(0.0, 0.0), (v, 0.0), (0.0, w), (0.0, -w), (-v, 0.0)])
 
 
-def person_of(driver: Driver, chair: ChairSettings, sensors: SensorSettings, period: float) -> Rows:
-    """The record (1,) of PERSON of somebody who drives a chair, with its control period [s].
+def constants_of(
+    driver: Driver, chair: ChairSettings, sensors: SensorSettings, period: float
+) -> Rows:
+    """The record (1,) of CONSTANTS of somebody who drives a chair, with its control period [s].
 
     Raises:
         InputError: the stick is sampled more slowly than the chair is controlled.
     """
-    rows = np.zeros(1, PERSON)
+    rows = np.zeros(1, CONSTANTS)
     p: Any = rows[0]
     device = driver.interface
     for part, source in (
         ("intention", driver.intention), ("perception", driver.perception), ("hand", driver.hand),
         ("interface", device),
     ):  # fmt: skip
-        for name in PERSON[part].names or ():
+        for name in CONSTANTS[part].names or ():
             p[part][name] = getattr(source, name, 0.0)
     p["kind"], p["way"] = list(INTERFACES).index(device.kind), WAYS.index(driver.intention.way)
     p["latched"] = getattr(device, "latched", device.kind != "stick")

@@ -14,12 +14,12 @@ from wheelchair_gym.drivers.intention import NEAR_GOAL, begin_intention, decide,
 from wheelchair_gym.drivers.interfaces import begin_signal, give_signal
 from wheelchair_gym.drivers.settings import Driver
 from wheelchair_gym.drivers.state import (
+    CONSTANTS,
     DRIVER,
     DRIVERS,
     DRIVERS_TARGETS,
-    PERSON,
+    constants_of,
     driver_row,
-    person_of,
 )
 from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.sensors.settings import SensorSettings
@@ -101,10 +101,10 @@ class Drivers:
         self.states = np.zeros(0 if driver is None else n, DRIVER)
         self.pointers = Pointers(np.zeros(1, DRIVERS), DRIVERS_TARGETS)
         self.pointers.record["n"] = len(self.states)
-        person = np.zeros(1, PERSON)
+        constants = np.zeros(1, CONSTANTS)
         if driver is not None:
-            person = person_of(driver, chair, sensors, period)
-        self.pointers.point("person", person)
+            constants = constants_of(driver, chair, sensors, period)
+        self.pointers.point("constants", constants)
         self.pointers.point("drivers", self.states)
 
     def begin(self, key: int) -> None:

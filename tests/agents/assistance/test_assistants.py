@@ -39,7 +39,14 @@ SPECS = {**{name: name for name in ASSISTANTS}, **{f"{n}:map": s for n, s in MAP
 def reading(scan, twist=(0.0, 0.0), stamp=0.0):
     far = np.full(8, np.inf, np.float32)
     return Reading(
-        np.zeros(3), np.array(twist), np.asarray(scan, np.float32), far, np.zeros(8, np.float32), False, 24.0, stamp
+        np.zeros(3),
+        np.array(twist),
+        np.asarray(scan, np.float32),
+        far,
+        np.zeros(8, np.float32),
+        False,
+        24.0,
+        stamp,
     )
 
 
