@@ -4,8 +4,14 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from agents.assistance.assistant import AssistMission, Freedom, Plain, SharedAssistant, Situation
-from agents.assistance.assistant import Twist as Twist
+from agents.assistance.assistant import (
+    AssistMission,
+    Freedom,
+    Plain,
+    SharedAssistant,
+    Situation,
+    Twist,
+)
 from wheelchair_gym.config import settings
 
 
