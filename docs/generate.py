@@ -26,6 +26,7 @@ from typing import Any
 import numpy as np
 from sphinx.util.inspect import stringify_signature
 
+from agents.assistance import ASSISTANTS
 from agents.cli.lists import PARTS, all_settings, markdown, settings_rows
 from agents.control import FOLLOWERS
 from agents.evaluation.tables import markdown_table
@@ -34,6 +35,7 @@ from agents.studies.runner import STUDIES
 from planners import OPTIMIZERS, PLANNERS
 from planners.registries import OBJECTIVES, REFINERS
 from wheelchair_gym.config import setting_docs
+from wheelchair_gym.drivers import DRIVERS
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.envs.info import INFO_KEYS
 from wheelchair_gym.hardware.registry import CHAIRS
@@ -52,16 +54,18 @@ MODULES = {
         localization.monte_carlo localization.slam localization.occupancy
         localization.localized_chair hardware.registry hardware.settings hardware.chair
         hardware.ros.settings hardware.twin.plant hardware.twin.lockstep
-        hardware.twin.inprocess hardware.twin.faults recording.record recording.replay
-        recording.sink rendering rendering.video compiled.kernel compiled.address errors
+        hardware.twin.inprocess hardware.twin.faults drivers drivers.settings drivers.people
+        recording.record recording.replay recording.sink rendering rendering.video
+        compiled.kernel compiled.address errors
     """,
     "planners": """
         problem registries collision.space judge refine problem_files trees.replan
         controls.generator swarm.search swarm.path_cost
     """,
     "agents": """
-        policies policies.planned policies.learned policies.explore control control.followers deploy
-        watch evaluation.evaluate evaluation.compare evaluation.metrics evaluation.report
+        assistance assistance.assistant policies policies.planned policies.learned
+        policies.explore control control.followers deploy watch evaluation.evaluate
+        evaluation.compare evaluation.metrics evaluation.report
         evaluation.tuning learning.sb3 learning.settings learning.run learning.weights
         learning.export studies.model studies.evidence benchmarks.environments
         benchmarks.planner_benchmark
@@ -135,13 +139,14 @@ def fragments() -> dict[str, str]:
 def _observations() -> str:
     """The keys of the observation, with the shapes and bounds that the spaces have."""
     spaces: dict[str, tuple[str, Any]] = {}
-    for when, guidance, task in (
-        ("always", None, {}),
-        ("guided", "geodesic", {}),
-        ("by setting", "poses", MORE_KEYS),
-        ("by setting", "poses", {**MORE_KEYS, "hide_guidance": True}),
+    for when, guidance, driver, task in (
+        ("always", None, None, {}),
+        ("guided", "geodesic", None, {}),
+        ("by setting", "poses", None, MORE_KEYS),
+        ("by setting", "poses", None, {**MORE_KEYS, "hide_guidance": True}),
+        ("with a driver", "poses", "expert", {}),
     ):
-        env = NavigationEnv(config={"task": task}, guidance=guidance)
+        env = NavigationEnv(config={"task": task}, guidance=guidance, driver=driver)
         for name, space in env.task.spaces.items():
             spaces.setdefault(name, (when, space))
         env.close()
@@ -177,6 +182,7 @@ def settings_pages() -> Iterator[tuple[str, str]]:
         "followers": ("Followers", FOLLOWERS),
         "policies": ("Policies", POLICIES),
         "scenes": ("Scenes", SCENES),
+        "assistants": ("Assistants", ASSISTANTS),
         "chairs": ("Real chairs", CHAIRS),
     }
     for name, (title, members) in groups.items():
@@ -194,7 +200,8 @@ def names_page() -> str:
     for title, registry in (
         ("Scenes", SCENES), ("Planners", PLANNERS), ("Optimizers of `swarm`", OPTIMIZERS),
         ("Objectives of `swarm`", OBJECTIVES), ("Refiners", REFINERS), ("Followers", FOLLOWERS),
-        ("Policies", POLICIES), ("Real chairs", CHAIRS),
+        ("Policies", POLICIES), ("Drivers", DRIVERS), ("Assistants", ASSISTANTS),
+        ("Real chairs", CHAIRS),
     ):  # fmt: skip
         rows = [
             (f"`{name}`", f"`{cls.__name__}`", first_line(cls)) for name, cls in registry.items()

@@ -8,6 +8,7 @@ from typing import Any, Final
 from agents.learning.settings import RECIPES
 from planners import PLANNERS
 from tests.conftest import ROOT
+from wheelchair_gym.drivers import DRIVERS
 from wheelchair_gym.envs import EnvSettings
 from wheelchair_gym.hardware.registry import CHAIRS
 from wheelchair_gym.localization.occupancy import MappingSettings
@@ -21,6 +22,7 @@ from wheelchair_gym.task import TaskSettings
 DEFAULTS: Final[dict[str, Any]] = {
     "chair": ChairSettings(),
     "chairs": {name: chair() for name, chair in sorted(CHAIRS.items())},
+    "drivers": {name: DRIVERS[name]() for name in sorted(DRIVERS.built_in)},
     "env": EnvSettings(),
     "hardware": EnvSettings(
         sensors=SensorSettings(pose_source="mcl"),

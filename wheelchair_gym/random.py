@@ -19,8 +19,8 @@ from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined, kernel
 # One channel for each use, so that no two sensors ever share a draw.
 (
     LASER, LASER_BIAS, ULTRASONIC, WHEELS, POSE, PARAMETERS, WORLDS, LOCALIZATION, SLAM, ACTORS,
-    STARTS, FAULTS, SHIELDS, RANDOMIZATION,
-) = range(14)  # fmt: skip
+    STARTS, FAULTS, SHIELDS, RANDOMIZATION, DRIVERS,
+) = range(15)  # fmt: skip
 
 # Sum of four uniform 16-bit numbers: mean and standard deviation (Irwin-Hall, n = 4, cut at 3.46).
 _MEAN = 2.0 * 65535.0

@@ -27,10 +27,24 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
+class Stick(NamedTuple):
+    """What a person's interface asks of the chair.
+
+    Attributes:
+        forward: deflection in [-1, 1]; of the full speed forward or backward.
+        left: deflection in [-1, 1]; of the full turn rate, counter-clockwise.
+        latched: it lasts without the person's doing until a signal to stop.
+    """
+
+    forward: float
+    left: float
+    latched: bool
+
+
 class Reading(NamedTuple):
     """All that a chair can know at one instant; never changed in place.
 
-    No echo is +inf, too near -inf, invalid NaN (REP-117). The environment fills in the last three
+    No echo is +inf, too near -inf, invalid NaN (REP-117). The environment fills in the last four
     for a policy (`NavigationEnv.reading`).
 
     Attributes:
@@ -47,6 +61,7 @@ class Reading(NamedTuple):
         action: the last one asked of the chair, in [-1, 1].
         shield_intervention: what the shield took from the twist of that action [m/s, rad/s].
         map: drawn so far, where the chair draws its own map; else None.
+        stick: of the person who drives; None where nobody does.
     """
 
     pose: Array
@@ -61,6 +76,7 @@ class Reading(NamedTuple):
     action: tuple[float, float] = (0.0, 0.0)
     shield_intervention: tuple[float, float] = (0.0, 0.0)
     map: OccupancyGrid | None = None
+    stick: Stick | None = None
 
 
 def check_reading(reading: Reading, beams: int) -> None:

@@ -118,6 +118,9 @@ COMMANDS = (
             *map_options(),
             flag("--pick", "choose start and goal on that map with the mouse, in a window"),
             option("--policy", POLICY_HELP, default="lattice+window"), seed(),
+            option("--driver", "a simulated person drives, in place of a policy: expert, novice, "
+                   "... (configs/drivers.json), module:function or FILE.json:NAME"),
+            option("--assist", "with --driver: the assistant, direct for none (default slide)"),
             option("--chair", f"drive {CHAIR} (default: a simulated one); --goal is on its own "
                    "map, and --start its pose X,Y,YAW where it does not report it", None, "CHAIR"),
             CONFIG, POSE, SHIELD, OneOf((WINDOW, VIDEO, END_PICTURE)), *RECORD, JSON,
@@ -148,6 +151,10 @@ COMMANDS = (
             option("--policies", "policies, in place of the suite's: PLANNER+FOLLOWER, "
                    "module:Class, a file of weights (.npz, .onnx), a model of stable-baselines3 "
                    "(.zip, which runs code), ...", names),
+            option("--driver", "simulated people who drive, in place of policies: expert, novice, "
+                   "... (configs/drivers.json), module:function or FILE.json:NAME", names),
+            option("--assist", "with --driver: assistants that are compared (default: all)",
+                   names),
             option("--scenes", "scenes, in place of the suite's: a name, module:Class, "
                    "FILE.json:NAME as in configs/scenes.json, or FILE.json: all worlds of a BARN "
                    "file", names),

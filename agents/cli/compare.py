@@ -15,11 +15,14 @@ from agents.cli.options import DEFAULT_POSE
 from agents.evaluation import compare as comparison
 from agents.evaluation.evaluate import Spec, label
 from agents.evaluation.provenance import cores
-from agents.evaluation.report import terminal_table
+from agents.evaluation.report import BRIEF, terminal_table
 from wheelchair_gym.config import InputError
+from wheelchair_gym.drivers import make_driver
 from wheelchair_gym.scenes.barn import world_numbers
 
 NAMED = 3  # scenes in the name of a folder
+# Columns of a terminal beside the usual ones, where persons drive.
+STICK_COLUMNS = ("agreement_angle", "intervention_share", "stick_movements", "stick_effort")
 SEED_OFFSET = 500_000  # from the seeds of trials to those on which the best is evaluated again
 
 
@@ -40,7 +43,10 @@ def scenes_of(names: Sequence[str] | None) -> list[str | dict[str, Any]]:
 
 def compare(given: argparse.Namespace) -> int:
     """Compare policies, and write everything to the folder."""
-    terminal_table({"summary": [], "scenes": []}, given.columns)  # before hours of driving
+    columns = [*given.columns]
+    if given.driver is not None and columns == list(BRIEF):
+        columns += STICK_COLUMNS
+    terminal_table({"summary": [], "scenes": []}, columns)  # before hours of driving
     suite = comparison.suite(given.suite)
     env = dict(suite.env) if given.config is None else {"config": given.config}
     scenes = [*scenes_of(given.scenes), *map_scenes(given)] or suite.scenes
@@ -57,11 +63,21 @@ def compare(given: argparse.Namespace) -> int:
             for scene in scenes
         ]
     env["shield"] = shield_of(given)
+    policies: Sequence[Spec] = tuple(map(labelled, given.policies or ())) or suite.policies
+    if given.driver is None and given.assist is not None:
+        raise InputError("--assist needs --driver: a person whose stick is assisted")
+    if given.driver is not None:
+        if given.policies is not None:
+            raise InputError("--policies and --driver: expected one of them; see --assist")
+        policies = assistants(given.assist)
+        scenes = with_drivers(scenes, given.driver)
+        if given.config is None:  # some interfaces take their time
+            env["config"] = {"task": {"time_base": 60.0, "time_factor": 10.0}}
     if given.scenes or given.map:  # the title of the suite is of its scenes
         suite = dataclasses.replace(suite, title=f"Policies on {_joined(map(label, scenes))}")
     suite = dataclasses.replace(
         suite,
-        policies=tuple(map(labelled, given.policies or ())) or suite.policies,
+        policies=tuple(policies),
         scenes=tuple(scenes),
         episodes=given.episodes or suite.episodes,
         env=env,
@@ -73,9 +89,34 @@ def compare(given: argparse.Namespace) -> int:
         suite, folder, jobs=given.jobs or cores(), engine=given.engine, progress=not given.quiet,
         seeds=range(first, first + suite.episodes), watch=watch(given),
     )  # fmt: skip
-    table = terminal_table(evaluation, given.columns)
+    table = terminal_table(evaluation, columns)
     report(given, evaluation, f"{table}\n{folder / 'report.html'}")
     return 0
+
+
+def assistants(names: Sequence[str] | None) -> list[dict[str, Any]]:
+    """Policies that drive by assistants; by every one without any name."""
+    from agents.assistance import ASSISTANTS, is_shielded
+
+    found = []
+    for name in names or ASSISTANTS:
+        assist = spec(name)
+        policy: dict[str, Any] = {"name": "assisted", "assist": assist, "label": Path(name).name}
+        found.append(policy if is_shielded(assist) else {**policy, "env": {"shield": False}})
+    return found
+
+
+def with_drivers(scenes: Sequence[Spec], names: Sequence[str]) -> list[dict[str, Any]]:
+    """Each scene with each person, whose name its label has."""
+    found = []
+    for driver in names:
+        make_driver(spec(driver))  # which refuses what is wrong
+        for scene in scenes:
+            plain = {"name": scene} if isinstance(scene, str) else dict(scene)
+            name = Path(driver).name
+            more = {"label": f"{label(scene)}, {name}", "env": {"driver": spec(driver)}}
+            found.append({**plain, **more, "env": {**plain.get("env", {}), **more["env"]}})
+    return found
 
 
 def _joined(names: Iterable[str]) -> str:

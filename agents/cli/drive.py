@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from agents.assistance import is_shielded
 from agents.cli.arguments import chair_spec, env_of, map_scenes, real_chair_env, report, spec, watch
 from agents.deploy import Deployment, EventLog, check_start, late_steps, rehearse, to_stderr
 from agents.deploy import deploy as deploy_policy
@@ -28,8 +29,16 @@ def simulate(given: argparse.Namespace) -> int:
     from wheelchair_gym.rendering.legend import scene_entries, with_legend
     from wheelchair_gym.rendering.video import write_png, write_video
 
-    policy = make_policy(spec(given.policy))
-    settings = env_of(given)
+    settings, name = env_of(given), given.policy
+    policy = make_policy(spec(name))
+    if given.driver is not None:
+        name = given.assist or "slide"
+        policy = make_policy({"name": "assisted", "assist": spec(name)})
+        settings |= {"driver": spec(given.driver)}
+        if given.shield is None:
+            settings["shield"] = settings.get("shield") and is_shielded(spec(name))
+    elif given.assist is not None:
+        raise InputError("--assist needs --driver: a person whose stick is assisted")
     scene = settings.get("config", {}).get("scene", "floor_plan")
     if given.scene is not None:
         scene = spec(given.scene)
@@ -70,11 +79,11 @@ def simulate(given: argparse.Namespace) -> int:
         record = events.outcome(record) | late_steps(env)
     stands = active_stops(env.unwrapped.task.reading.halted, env.unwrapped.shield)
     place = label(scene) if episode is None else episode.name
-    record |= {"policy": given.policy, "scene": place, "seed": given.seed, "stands": stands}
+    record |= {"policy": name, "scene": place, "seed": given.seed, "stands": stands}
     least = record["clearance_min"]
     outcome = record["outcome"]
     text = (
-        f"{given.policy} on {place}, seed {given.seed}: "
+        f"{name} on {place}, seed {given.seed}: "
         f"{outcome if record['success'] else f'did not arrive ({outcome})'} after "
         f"{record['time']:.1f} s and {record['length']:.2f} m (shortest {record['geodesic']:.2f}"
         f" m), least clearance {'-' if least is None else f'{least:.3f}'} m"

@@ -35,6 +35,11 @@ PARTS = {
     "task": "wheelchair_gym.task.settings:TaskSettings",
     "training": "agents.learning.settings:Training",
     "tracker": "wheelchair_gym.tracking.settings:TrackerSettings",
+    "driver": "wheelchair_gym.drivers:Driver",
+    "brain_computer": "wheelchair_gym.drivers.settings:BrainComputer",
+    "scanning": "wheelchair_gym.drivers.settings:Scanning",
+    "stick": "wheelchair_gym.drivers.settings:Stick",
+    "switches": "wheelchair_gym.drivers.settings:Switches",
     "cost_to_go": "wheelchair_gym.maps.cost_to_go:CostToGoSettings",
 }
 QUANTILES = {"least": 0.0, "p5": 0.05, "p50": 0.5, "p95": 0.95, "most": 1.0}
@@ -72,6 +77,7 @@ def _measure(given: argparse.Namespace) -> int:
 
 def all_settings() -> dict[str, type]:
     """Every class of settings by name."""
+    from agents.assistance import ASSISTANTS
     from agents.control import FOLLOWERS
     from agents.policies import POLICIES
     from planners import PLANNERS
@@ -83,6 +89,8 @@ def all_settings() -> dict[str, type]:
         classes[name] = getattr(importlib.import_module(module), attribute)
     for registry in (PLANNERS, FOLLOWERS, POLICIES, SCENES, CHAIRS):
         classes.update((name, registry[name]) for name in registry.built_in)
+    for name in ASSISTANTS.built_in:  # one is called as the shield, which it has behind it
+        classes.setdefault(name, ASSISTANTS[name])
     return dict(sorted(classes.items()))
 
 

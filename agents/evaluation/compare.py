@@ -148,7 +148,7 @@ def film(what: Suite, episode: Record, folder: Path) -> str:
 
     policy = next(spec for spec in what.policies if label(spec) == episode["policy"])
     scene = next(spec for spec in what.scenes if label(spec) == episode["scene"])
-    env = make_env(scene, env_settings(**what.env))
+    env = make_env(scene, env_settings(**what.env), policy=policy)
     frames: list[Any] = []
     try:
         driver = make_policy(without_labels(policy))

@@ -6,12 +6,16 @@ import inspect
 import re
 import sys
 import time
+from collections import ChainMap
 from collections.abc import Mapping, Sequence
 from functools import partial
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from agents.evaluation.assisted import StickTrace
 from agents.evaluation.engines import check
 from agents.evaluation.metrics import Record, Trace, measure
 from agents.evaluation.runs import compute, run_key, source_digest
@@ -68,15 +72,16 @@ def distinct(specs: Sequence[Spec], what: str) -> tuple[Spec, ...]:
     return tuple(found.values())
 
 
-def scene_env(scene: Spec, env: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings of the environment, with the scene's own `env` in place of any of them."""
-    return {**env, **(scene.get("env", {}) if isinstance(scene, Mapping) else {})}
+def episode_env(scene: Spec, env: Mapping[str, Any], policy: Spec = "") -> dict[str, Any]:
+    """Settings of the environment, with the scene's and the policy's `env` in place of any."""
+    specs = (spec for spec in (scene, policy) if isinstance(spec, Mapping))
+    return dict(ChainMap(*[dict(spec.get("env", {})) for spec in specs][::-1], dict(env)))
 
 
 def episode_key(policy: Spec, scene: Spec, seed: int, env: Mapping[str, Any]) -> str:
     """A key that is equal for equal episodes: of code, settings, policy, scene and seed."""
     learned = weights_digest(without_labels(policy))
-    parts = [without_labels(policy), without_labels(scene), seed, scene_env(scene, env)]
+    parts = [without_labels(policy), without_labels(scene), seed, episode_env(scene, env, policy)]
     if not isinstance(policy, str | Mapping):  # a class from outside the project
         kind = type(policy)
         parts += [kind.__qualname__, source_digest(inspect.getfile(kind))]
@@ -103,14 +108,19 @@ def env_settings(**values: Any) -> dict[str, Any]:
     return {key: value for key, value in values.items() if value is not None}
 
 
-def make_env(scene: Spec, env: Mapping[str, Any], render_mode: str | None = "rgb_array") -> Any:
-    """A fresh environment of one scene."""
+def make_env(
+    scene: Spec,
+    env: Mapping[str, Any],
+    render_mode: str | None = "rgb_array",
+    policy: Spec = "",
+) -> Any:
+    """A fresh environment of one scene, as a policy is to drive there."""
     import gymnasium
 
     import wheelchair_gym  # registers the ids
 
     assert wheelchair_gym.__name__ in sys.modules
-    settings = scene_env(scene, env)
+    settings = episode_env(scene, env, policy)
     return gymnasium.make(ENV, scene=without_labels(scene), render_mode=render_mode, **settings)
 
 
@@ -142,6 +152,8 @@ def drive_episode(
     if (world.actors.rows["kind"] == PERSON).any():
         trace.people = PeopleTrace(world, task.footprint)
         trace.people.add(env.unwrapped.chair.truth)
+    if task.has_driver:
+        trace.sticks = StickTrace(task.limits, task.period)
     trace.add(info)
     begun = time.perf_counter()
     driver = GymPolicy(policy, env)
@@ -155,8 +167,12 @@ def drive_episode(
         begun = time.perf_counter()
         action = driver.act(observation)
         trace.acts_s.append(time.perf_counter() - begun)
+        stick = task.stick
         observation, _, ended, truncated, info = env.step(action)
         trace.add(info)
+        if trace.sticks is not None and stick is not None:
+            given = task.limits.twist(action) - np.array(task.shield_intervention)
+            trace.sticks.add(stick, given)
         if trace.people is not None:
             trace.people.add(env.unwrapped.chair.truth)
     if frames is not None:
@@ -168,7 +184,7 @@ def drive_episode(
 
 def warm(policy: Spec, scene: Spec, env: Mapping[str, Any]) -> None:
     """Compile (or load from the cache) all that an episode needs, outside its timings."""
-    world = make_env(scene, env)
+    world = make_env(scene, env, policy=policy)
     observation, _ = world.reset(seed=0)
     driver = GymPolicy(make_policy(without_labels(policy)), world)
     driver.reset()
@@ -184,7 +200,7 @@ _warmed: set[str] = set()
 
 def _kind(policy: Spec, scene: Spec) -> str:
     """Jobs of one kind need the same kernels."""
-    return f"{label(policy)} {scene_env(scene, {})}"
+    return f"{label(policy)} {episode_env(scene, {}, policy)}"
 
 
 def picture_name(policy: Spec, scene: Spec, seed: int) -> str:
@@ -203,7 +219,9 @@ def run_episode(
     if _kind(policy, scene) not in _warmed:
         warm(policy, scene, env)
         _warmed.add(_kind(policy, scene))
-    world, each = watch.of_episode(label(policy), label(scene), seed).on(make_env(scene, env))
+    world, each = watch.of_episode(label(policy), label(scene), seed).on(
+        make_env(scene, env, policy=policy)
+    )
     try:
         record = drive_episode(world, make_policy(without_labels(policy)), seed, each)
         picture = None

@@ -12,6 +12,7 @@ import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
 
+from agents.evaluation.assisted import MEASURES, StickTrace
 from agents.evaluation.social import PeopleTrace
 from agents.policies.planning import PlanningFigures
 from planners.collision.polygon_tests import SpaceArrays, clearance
@@ -118,6 +119,7 @@ class Trace:
     reference: float | None = None  # path length of the BARN score, where the world names one [m]
     replans: int = 0  # plans made after the first
     people: PeopleTrace | None = None
+    sticks: StickTrace | None = None
     poses: list[Array] = field(default_factory=list)
     twists: list[Array] = field(default_factory=list)
     clearances: list[float] = field(default_factory=list)
@@ -151,7 +153,8 @@ def measure(trace: Trace, info: Mapping[str, Any], truncated: bool) -> Record:
         `missed`, that the chair wrongly believed to have arrived; `at_fault`, that it caused a
         contact; `touched_actor`, that it touched something that moves. `sct` is success weighted
         by completion time (Yokoyama et al. 2021), for the shortest path at the chair's top speed.
-        Social measures are added where the episode has people.
+        Social measures are added where the episode has people, those of `assisted` where a person
+        drives.
     """
     success = bool(info["is_success"]) and not trace.contact
     if success:
@@ -198,6 +201,8 @@ def measure(trace: Trace, info: Mapping[str, Any], truncated: bool) -> Record:
     if trace.people is not None and (social := trace.people.figures(poses, twists, trace.period)):
         way, least = (record[key] if success else math.nan for key in ("spl", "sct"))
         record |= social | dict(zip(EFFICIENCIES, (way, least), strict=True))
+    if trace.sticks is not None:
+        record |= trace.sticks.figures(twists, length)
     for key, value in record.items():  # JSON knows no infinity
         if isinstance(value, float) and not math.isfinite(value):
             record[key] = None
@@ -242,6 +247,9 @@ def summarise(records: Sequence[Record]) -> list[Record]:
         among = [record for record in of if SOCIAL_MEANS[0] in record]
         if among:
             row |= {key: _mean(among, key) for key in (*SOCIAL_MEANS, *EFFICIENCIES)}
+        driven = [record for record in of if MEASURES[0] in record]
+        if driven:
+            row |= {key: _mean(driven, key) for key in MEASURES}
         for key in ("margin", "clearance_min"):
             row[key] = min((r[key] for r in of if r[key] is not None), default=None)
         for name, key, q in (

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
 from agents import read_data
-from agents.evaluation import metrics, social
+from agents.evaluation import assisted, metrics, social
 from agents.evaluation.figures import figures
 from agents.evaluation.metrics import EFFICIENCIES, SOCIAL_MEANS
 from agents.evaluation.pages import data_uri, write_page
@@ -26,16 +27,15 @@ POLICY, SCENE = Column("policy", "policy", None), Column("scene", "scene", None)
 
 def _columns() -> tuple[Column, ...]:
     rows = read_data("columns.yaml")
-    of = ("name", "meaning")
-    return tuple(
-        Column(**row | {key: row[key].format(**vars(metrics) | vars(social)) for key in of})
-        for row in rows
-    )
+    of, values = ("name", "meaning"), vars(metrics) | vars(social) | vars(assisted)
+    return tuple(Column(**row | {key: row[key].format(**values) for key in of}) for row in rows)
 
 
 _ALL = _columns()
 _SOCIAL = tuple(column for column in _ALL if column.key in (*SOCIAL_MEANS, *EFFICIENCIES))
-COLUMNS = tuple(column for column in _ALL if column not in _SOCIAL)  # of every evaluation
+_ASSISTED = tuple(column for column in _ALL if column.key in assisted.MEASURES)
+# Of every evaluation.
+COLUMNS = tuple(column for column in _ALL if column not in (*_SOCIAL, *_ASSISTED))
 SUCCESS = COLUMNS[1]
 # The columns in parts that a screen shows whole.
 _TIME = next(k for k, column in enumerate(COLUMNS) if column.key == "time")
@@ -126,9 +126,14 @@ def learned_beside_planned(evaluation: Evaluation) -> str:
     return ", ".join(parts) + "."
 
 
-def _among_people(summary: Sequence[Record]) -> tuple[Column, ...]:
-    """The columns that only episodes with people have; none where there were no people."""
-    return _SOCIAL if any(_SOCIAL[0].key in row for row in summary) else ()
+def _more_columns(summary: Sequence[Record]) -> dict[str, tuple[Column, ...]]:
+    """The columns that only some episodes have, by what they are about: people, a driver."""
+    groups = {": among people": _SOCIAL, ": with a person at the stick": _ASSISTED}
+    return {
+        name: columns
+        for name, columns in groups.items()
+        if any(columns[0].key in row for row in summary)
+    }
 
 
 # Columns of the table in a terminal, after policy and scene.
@@ -139,12 +144,13 @@ def markdown(evaluation: Evaluation) -> str:
     """The summary as Markdown, under the command, and who wins where."""
     summary, table = evaluation["summary"], ranking_table(evaluation)
     rows = [*ranked(summary), *(row for row in summary if row["scene"] != "all")]
+    more = chain(*_more_columns(summary).values())
     parts = [
         f"# {evaluation['title']}", f"`{evaluation['command']}`",
         "Shares carry their 95 % Wilson interval.",
         learned_beside_planned(evaluation),
         table.markdown() if table else "",
-        make_table("", [POLICY, SCENE, *COLUMNS, *_among_people(summary)], [rows]).markdown(),
+        make_table("", [POLICY, SCENE, *COLUMNS, *more], [rows]).markdown(),
     ]  # fmt: skip
     return "\n\n".join(part.rstrip("\n") for part in parts if part) + "\n"
 
@@ -161,7 +167,8 @@ def terminal_table(evaluation: Evaluation, keys: Sequence[str] = BRIEF) -> str:
             near = suggest(key, known)
             raise InputError(f"--columns {key} is unknown; known: all, {', '.join(known)}{near}")
     summary = evaluation["summary"]
-    chosen = [known[key] for key in keys if key in known] or [*COLUMNS, *_among_people(summary)]
+    every = [*COLUMNS, *chain(*_more_columns(summary).values())]
+    chosen = [known[key] for key in keys if key in known] or every
     rows = [*ranked(summary), *(row for row in summary if row["scene"] != "all")]
     if len(evaluation["scenes"]) == 1:
         rows = ranked(summary)
@@ -186,8 +193,8 @@ def write_report(evaluation: Evaluation, folder: str | Path) -> Path:
     for name, (_, svg) in drawn.items():
         with atomic_write(folder / "figures" / f"{name}.svg") as part:
             part.write_bytes(svg)
-    best, among = ranked(evaluation["summary"]), _among_people(evaluation["summary"])
-    parts = (*PARTS, (": among people", among)) if among else PARTS
+    best, more = ranked(evaluation["summary"]), _more_columns(evaluation["summary"])
+    parts = (*PARTS, *more.items())
     scenes, several = evaluation["scenes"], len(evaluation["scenes"]) > 1
     caption = f"{'All scenes, best' if several else 'Best'} first"
     tables = [make_table(caption + what, [POLICY, *part], [best]) for what, part in parts]
@@ -204,7 +211,8 @@ def write_report(evaluation: Evaluation, folder: str | Path) -> Path:
     return write_page(
         folder / "report.html", "evaluation.html", title=evaluation["title"], source=evaluation,
         best=best[0] if some else None, second=best[1] if some and len(best) > 1 else None,
-        comparison=learned_beside_planned(evaluation), success=SUCCESS, columns=(*COLUMNS, *among),
+        comparison=learned_beside_planned(evaluation), success=SUCCESS,
+        columns=(*COLUMNS, *chain(*more.values())),
         ended=Counter(record["outcome"] for record in of), tables=tables,
         figures=drawn, video=_video(evaluation["video"], folder), legend=_LEGEND,
         failures=_failures(evaluation["records"], [row["policy"] for row in best], folder),

@@ -29,6 +29,7 @@ DRIVING: dict[str, dict[str, Any]] = {
 POLICIES: Final = Registry(
     "policy",
     {
+        "assisted": "agents.policies.assisted:Assisted",
         "explore": "agents.policies.explore:Explore",
         "learned": "agents.policies.learned:Learned",
         "manual": "agents.policies.manual:Manual",

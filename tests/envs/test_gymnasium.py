@@ -23,7 +23,7 @@ AHEAD = np.array([0.4, 0.1], np.float32)
 
 
 def test_there_are_ids():
-    assert len(IDS) == 2
+    assert len(IDS) == 3
     assert wheelchair_gym.__version__
 
 

@@ -30,6 +30,7 @@ TABLES = {
     "wheelchair_gym.sensors.scanners": ("SCANNER",),
     "wheelchair_gym.task.prepared_episode": ("PREPARED",),
     "wheelchair_gym.task.task": ("RULES", "TASK"),
+    "wheelchair_gym.drivers.step": ("DRIVERS",),
     "wheelchair_gym.envs.vector": ("BATCH",),
     "wheelchair_gym.envs.one_chair": ("STEP",),
     "wheelchair_gym.tracking.state": ("CONSTANTS", "STATIC_MAP"),

@@ -17,6 +17,8 @@ from wheelchair_gym.compiled.address import (
     rows_of,
 )
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined, kernel
+from wheelchair_gym.drivers.state import DRIVERS
+from wheelchair_gym.drivers.step import begin_driver, step_driver
 from wheelchair_gym.envs.results import Bytes, Columns, Flags, Floats, Rows, columns_of
 from wheelchair_gym.kinematics import twist_of_action
 from wheelchair_gym.physics.state import SENSED
@@ -32,6 +34,7 @@ from wheelchair_gym.safety.shield import (
     update_shield,
 )
 from wheelchair_gym.task.assessment import assess, begin_task, task_row
+from wheelchair_gym.task.observations import take_stick
 from wheelchair_gym.task.prepared_episode import PREPARED
 from wheelchair_gym.task.records import TASK
 from wheelchair_gym.task.rewards import VERDICT, reached
@@ -44,6 +47,7 @@ BATCH, BATCH_TARGETS = pointer_record(
     ("task", Target(TASK, 1)),
     ("chairs", Target(CHAIRS, 1)),  # with the workspace of the thread
     ("shields", Target(SHIELDS, 1)),  # of no rows where there are none
+    ("drivers", Target(DRIVERS, 1)),  # of no rows where nobody drives
     ("unshielded", "f8"),  # share of episodes without
     ("next_prepared", Target(PREPARED, None)),  # of each row's next episode
     ("keys", Target("u8", None)),  # of the next episodes' randomness
@@ -52,6 +56,7 @@ BATCH, BATCH_TARGETS = pointer_record(
     ("beams", "i8"),
 )
 _task_at, _chairs_at, _shields_at, _prepared_at = map(rows_of, (TASK, CHAIRS, SHIELDS, PREPARED))
+_drivers_at = rows_of(DRIVERS)
 
 
 @inlined
@@ -100,6 +105,9 @@ def begin_chair(i: int, batch: Any, rows: Columns, out: Floats) -> None:
     rule, prepared, _ = task_row(task, i)
     enter_episode(chair_row(chairs, i)[3], prepared)
     reset_chair(i, chairs, prepared.start, key, ranges, rows.sensed)
+    drivers = _drivers_at(batch.drivers, 1)
+    if drivers[0].n > 0:
+        begin_driver(i, drivers, key)
     seen, shielded = rows.sensed[i], shields[0].n > 0
     begin_task(
         i,
@@ -136,6 +144,7 @@ def step_row(
     i: int,
     chairs: Any,
     task: Any,
+    drivers: Any,
     sensed: Rows,
     verdicts: Rows,
     ranges: Floats,
@@ -152,6 +161,15 @@ def step_row(
     """
     step_chair(i, chairs, twist[0], twist[1], stop, ranges, sensed)
     seen = sensed[i]
+    rule, prepared, progress = task_row(task, i)
+    if drivers[0].n > 0:
+        forward, left, latched = step_driver(
+            i, drivers, prepared, seen.true_pose, seen.true_twist, ranges
+        )
+        arrived = reached(
+            seen.true_pose, prepared.goal, prepared.tolerance, rule.heading, rule.heading_tolerance
+        )
+        take_stick(progress, forward, left, latched, arrived)
     assess(
         i,
         task,
@@ -166,7 +184,6 @@ def step_row(
         less[1],
         out,
     )
-    rule, prepared, _ = task_row(task, i)
     return is_success(rule, prepared, seen)
 
 
@@ -174,6 +191,7 @@ def step_row(
 STEP, STEP_TARGETS = pointer_record(
     ("task", Target(TASK, 1)),
     ("chairs", Target(CHAIRS, 1)),
+    ("drivers", Target(DRIVERS, 1)),
     ("verdict", Target(VERDICT, 1)),
     ("sensed", Target(SENSED, 1)),
     ("ranges", Target("f4", None)),
@@ -201,6 +219,7 @@ def step_one(
         0,
         _chairs_at(step.chairs, 1),
         _task_at(step.task, 1),
+        _drivers_at(step.drivers, 1),
         _sensed_at(step.sensed, 1),
         _verdicts_at(step.verdict, 1),
         floats_at(step.ranges, step.beams),
@@ -247,6 +266,7 @@ def step_chairs(
         if not (math.isfinite(actions[i, 0]) and math.isfinite(actions[i, 1])):
             return -1
     task, chairs, shields = _parts(batch)
+    drivers = _drivers_at(batch.drivers, 1)
     is_over, ranges = flags_at(batch.is_over, n), floats_at(batch.ranges, batch.beams)
     rows, finals = columns_of(block, n), columns_of(final_block, n)
     sensed, verdicts, begun = rows.sensed, rows.verdicts, 0
@@ -264,7 +284,18 @@ def step_chairs(
                 v, w, stop = filter_twist(i, shields, v, w)
             less = (less[0] - v, less[1] - w)
             rows.success[i] = step_row(
-                i, chairs, task, sensed, verdicts, ranges, action, (v, w), stop, less, out[i]
+                i,
+                chairs,
+                task,
+                drivers,
+                sensed,
+                verdicts,
+                ranges,
+                action,
+                (v, w),
+                stop,
+                less,
+                out[i],
             )
             if shields[0].n > 0:
                 copy_decision(i, shields, rows.decisions[i])

@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError
+from wheelchair_gym.drivers import make_driver
+from wheelchair_gym.drivers.step import Drivers
 from wheelchair_gym.envs.batch import is_unshielded
 from wheelchair_gym.envs.drawing import EpisodeRenderer
 from wheelchair_gym.envs.guidance import make_guidance
@@ -121,6 +123,9 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
                   each episode has its own world;
                 - shield: true, or a mapping of its settings: only what it allows is driven
                   (`wheelchair_gym.safety`). None: off in simulation, on for a real chair by name;
+                - driver: a simulated person who drives (`wheelchair_gym.drivers`), a name or a
+                  mapping: actions are those of an assistant, which is shown the person's stick and
+                  not its goal;
                 - max_episode_steps: truncates every episode, beside its time limit;
                 - render_width, render_height: of every frame [pixels]; even.
 
@@ -150,8 +155,15 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         if s.sensors.localizes:
             localizer = make_localizer(s)
             self.chair = LocalizedChair(self.chair, localizer, s.sensors.laser.beams)
-        guided = make_guidance(s.guidance)
-        self.task = Task(s.task, s.chair, s.sensors, 1.0 / s.rate, guided, s.shield)
+        guided, driver = make_guidance(s.guidance), None
+        if s.driver is not None:
+            driver = make_driver(s.driver)
+            if not self._simulated:
+                raise InputError("driver: a simulated person needs the simulated chair")
+        self.drivers = Drivers(driver, s.chair, s.sensors, 1.0 / s.rate)
+        self.task = Task(
+            s.task, s.chair, s.sensors, 1.0 / s.rate, guided, s.shield, driver is not None
+        )
         if s.sensors.localizes:
             self.task.built_map = localizer.built_map
         self.shield: Shield | None = None
@@ -171,7 +183,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         self._running = False
         self._steps: SimulatedSteps | None = None
         if type(self.chair) is SimulatedChair:
-            self._steps = SimulatedSteps(self.chair, self.task)
+            self._steps = SimulatedSteps(self.chair, self.task, self.drivers)
         self._drawing = EpisodeRenderer(s)
         self.shown = Shown()  # what the policy shows; before it drives, the guidance
 
@@ -206,6 +218,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         if self.shield is not None:
             self.shield.reset()
         reading = self.chair.reset(self.episode, key)
+        self.drivers.begin(key)
         if not self._simulated:
             check_reading(reading, self.settings.sensors.beams)
         is_shielded = self.shield is not None and not is_unshielded(
@@ -267,6 +280,11 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         reading = self.chair.drive(np.array(twist), stop)
         if not self._simulated:
             check_reading(reading, self.settings.sensors.beams)
+        if self.task.has_driver:
+            truth, prepared = self.chair.truth, self._prepared
+            assert prepared is not None
+            stick = self.drivers.step(prepared, truth.pose, truth.twist, reading.laser)
+            self.task.take_stick(stick, truth.pose)
         observation = self.task.assess(reading, action, less)
         verdict = self.task.verdict
         return observation, verdict.reward, verdict.terminated, verdict.truncated, self._info()
@@ -318,7 +336,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         """The latest reading as a policy gets it, with the last action and the map drawn so far."""
         task = self.task
         drawn = None if task.built_map is None else task.built_map()
-        return Reading(*task.reading[:-3], task.action, task.shield_intervention, drawn)
+        return Reading(*task.reading[:-4], task.action, task.shield_intervention, drawn, task.stick)
 
     def show(self, shown: Shown) -> None:
         """Show people what a policy wants shown, until the next call or reset()."""

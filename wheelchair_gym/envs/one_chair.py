@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.address import Pointers
 from wheelchair_gym.compiled.second_process import compile_beside
+from wheelchair_gym.drivers.step import Drivers
 from wheelchair_gym.envs.batch import STEP, STEP_TARGETS, step_one
 from wheelchair_gym.envs.info import INFO_KEYS
 from wheelchair_gym.envs.results import ResultPool
@@ -66,7 +67,7 @@ class _Result:
         info: all keys, with the arrays among their values.
     """
 
-    def __init__(self, chair: SimulatedChair, task: Task) -> None:
+    def __init__(self, chair: SimulatedChair, task: Task, drivers: Drivers) -> None:
         self.sensed = np.zeros(1, SENSED)
         self.ranges = np.zeros(chair.sensors.beams, np.float32)
         self._out = np.zeros(task.observation_size, np.float32)
@@ -80,7 +81,8 @@ class _Result:
         self._pointers.record["beams"] = len(self.ranges)
         self._pointers.record["numbers"] = len(self._out)
         to: dict[str, Any] = {
-            "task": task.rows, "chairs": chair.pointers, "verdict": task.judged,
+            "task": task.rows, "chairs": chair.pointers, "drivers": drivers.pointers,
+            "verdict": task.judged,
             "sensed": self.sensed, "ranges": self.ranges, "out": self._out,
         }  # fmt: skip
         for name, array in to.items():
@@ -96,21 +98,21 @@ class _Result:
 class SimulatedSteps:
     """Steps of a simulated chair and its task; what was handed out is never written again."""
 
-    def __init__(self, chair: SimulatedChair, task: Task) -> None:
-        self._chair, self._task = chair, task
+    def __init__(self, chair: SimulatedChair, task: Task, drivers: Drivers) -> None:
+        self._chair, self._task, self._drivers = chair, task, drivers
         self._bind()
         compiled: Any = step_one
         compile_beside((step_one,), lambda: compiled.compile(_SIGNATURE))
 
     def _bind(self) -> None:
-        chair, task = self._chair, self._task
+        chair, task, drivers = self._chair, self._task, self._drivers
         size = SENSED.itemsize + 4 * (chair.sensors.beams + task.observation_size)
-        self._pool = ResultPool(partial(_Result, chair, task), size)
+        self._pool = ResultPool(partial(_Result, chair, task, drivers), size)
         self._verdict = task.judged.view(np.uint8).data
 
     def __getstate__(self) -> dict[str, Any]:
-        """Chair and task; all else follows from these."""
-        return {"_chair": self._chair, "_task": self._task}
+        """Chair, task and drivers; all else follows from these."""
+        return {"_chair": self._chair, "_task": self._task, "_drivers": self._drivers}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Restore the state of a copy."""

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from wheelchair_gym.config import InputError, dump, load, read, setting, settings, suggest
+from wheelchair_gym.drivers import driver_spec, make_driver
 from wheelchair_gym.hardware.settings import HardwareSettings
 from wheelchair_gym.localization.localized_chair import Localizer
 from wheelchair_gym.localization.monte_carlo import LocalizationSettings, MonteCarloLocalizer
@@ -73,6 +74,10 @@ class EnvSettings:
     shield: ShieldSettings | None = setting(default=None, source="design choice")
     """Settings of the shield; none: the chair drives what a policy asks for. A real chair always
     has a shield."""
+    driver: Any = setting(default=None, source="design choice")
+    """Simulated person who drives: none, a name of `wheelchair_gym.drivers`, module:function, or a
+    mapping with a name. Actions are then those of an assistant, which sees the person's stick and
+    neither its goal nor its way; the guidance 'poses' is the person's."""
     unshielded: float = setting(default=0.0, low=0.0, high=1.0, source="design choice")
     """Share of simulated episodes that are driven without the shield; for training only."""
     hardware: HardwareSettings = HardwareSettings()
@@ -93,6 +98,12 @@ class EnvSettings:
             files = [fspath(path) for path in paths]
             path = files[0] if len(files) == 1 else files
             object.__setattr__(self, "scene", {"name": "map_file", "path": path})
+        if self.driver is not None:
+            make_driver(self.driver)  # which refuses what is wrong
+            if not isinstance(self.driver, str):
+                object.__setattr__(self, "driver", driver_spec(self.driver))
+            if self.guidance is None:
+                object.__setattr__(self, "guidance", "poses")
         for name in ("render_width", "render_height"):
             if getattr(self, name) % 2:
                 raise InputError(
@@ -108,7 +119,8 @@ class EnvSettings:
 _ON_EDGE = 1e-3  # m: a sensor so near the outline's edge is on it
 _DEEP = 0.03  # m: an ultrasonic so far inside the outline is probably a forgotten one
 _ARGUMENTS = (
-    "scene", "rate", "guidance", "reward", "bank", "shield", "render_width", "render_height"
+    "scene", "rate", "guidance", "reward", "bank", "shield", "driver", "render_width",
+    "render_height",
 )  # fmt: skip
 _PLACES = {
     "beams": ("task", "beams"),
@@ -130,8 +142,8 @@ def env_settings(
     Args:
         config: path of a JSON file, its content, ready settings, or None for the defaults.
         also: further arguments of the caller, for the message about an unknown one.
-        changes: scene, rate, guidance, reward, bank, shield, render_width, render_height, beams,
-            pose_source, noise, randomize, max_episode_steps.
+        changes: scene, rate, guidance, reward, bank, shield, driver, render_width, render_height,
+            beams, pose_source, noise, randomize, max_episode_steps.
 
     Raises:
         InputError: the file or a value is wrong.

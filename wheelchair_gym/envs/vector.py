@@ -21,6 +21,8 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.address import Pointers
 from wheelchair_gym.config import InputError
+from wheelchair_gym.drivers import make_driver
+from wheelchair_gym.drivers.step import Drivers
 from wheelchair_gym.envs.batch import BATCH, BATCH_TARGETS, begin_chairs, step_chairs
 from wheelchair_gym.envs.drawing import EpisodeRenderer
 from wheelchair_gym.envs.guidance import make_guidance
@@ -104,7 +106,11 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         self.render_mode = render_mode
         self._drawings = [EpisodeRenderer(s) for _ in range(n if render_mode else 0)]
         guidance = make_guidance(s.guidance)
-        self.task = Task(s.task, s.chair, s.sensors, 1.0 / s.rate, guidance, s.shield)
+        driver = None if s.driver is None else make_driver(s.driver)
+        self.drivers = Drivers(driver, s.chair, s.sensors, 1.0 / s.rate, n)
+        self.task = Task(
+            s.task, s.chair, s.sensors, 1.0 / s.rate, guidance, s.shield, driver is not None
+        )
         self.worlds = WorldBank(s, self.task)
         self._reward = make_reward(s.reward)
         self.single_observation_space = self.task.space
@@ -147,6 +153,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
             batch.record["beams"] = len(ranges)
             for name, to in {
                 "task": self._task_rows, "chairs": rows, "shields": shields, "ranges": ranges,
+                "drivers": self.drivers.pointers,
                 "next_prepared": self._next_prepared, "keys": self._keys, "is_over": self._over,
             }.items():  # fmt: skip
                 batch.point(name, to)

@@ -86,7 +86,7 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
 
     Raises:
         InputError: the extra 'record' or 'ros' is not installed, the file cannot be written, or the
-            port is taken.
+            port is taken, or a person drives.
     """
 
     def __init__(
@@ -97,6 +97,8 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
         recording: RecordingSettings | None = None,
     ) -> None:
         super().__init__(env)
+        if env.unwrapped.task.has_driver:  # type: ignore[attr-defined]
+            raise InputError("driver: episodes that a person drives cannot be recorded yet")
         self._config = recording or RecordingSettings()
         self._out = open_sink(file, port, self._config.format)
         self.file, self.port = self._out.file, self._out.port
@@ -193,7 +195,7 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
         self._out.now = self._base + round(reading.stamp * NANO)
         changed = self._refresh(reading, believed)
         values = reading._asdict() | {"odometry": believed.odometry, "truth": truth}
-        del values["map"]  # it is sent where it has changed
+        del values["map"], values["stick"]  # the map is sent where it has changed
         if believed.particles is not None:
             values["particles"] = believed.particles
             self._out.send("/particles", believed.particles)

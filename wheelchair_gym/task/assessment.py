@@ -66,6 +66,8 @@ def begin_task(
     reset_trail(progress, pose)
     for k in range(2):
         progress.action[k] = progress.shield_intervention[k] = 0.0
+    progress.sticks[:, :] = 0.0
+    progress.latched = progress.person_arrived = False
     write_no_terms(verdict)
     verdict.terminated, verdict.truncated = False, False
     verdict.arrived = estimates_arrival(rule, prepared, pose)
@@ -106,7 +108,10 @@ def assess(
         if not math.isnan(progress.to_go):
             covered = progress.to_go - rest
         progress.to_go = rest
-    verdict.arrived = estimates_arrival(rule, prepared, pose)
+    # The chair does not know a person's goal: who drives ends the drive there.
+    verdict.arrived = progress.person_arrived
+    if not rule.has_driver:
+        verdict.arrived = estimates_arrival(rule, prepared, pose)
     verdict.terminated = verdict.arrived or bumped
     verdict.truncated = progress.steps_left <= 0 and not verdict.terminated
     write_terms(rule, progress, verdict, covered, bumped, twist, laser)

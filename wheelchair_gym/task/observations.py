@@ -39,6 +39,7 @@ PRIVILEGED_MAX = 256.0  # s, m: a critic observes longer times and distances as 
 INTERVENTION_MAX = 2.0  # full speeds ahead or of turning: more is observed as this
 STRAIGHT = 0.8  # m/s: the pace of a way that is not known
 TRAIL_POINTS = 64  # of a trail that are kept
+STICKS = 17  # of a person that are kept: `TaskSettings.stick_history` and the present one
 TRAIL_SPACING = 0.25  # m between them
 _ZERO = np.float32(0.0)
 
@@ -53,6 +54,7 @@ class ObservationSource(NamedTuple):
     half_width: float  # m, of the chair
     points: int  # of the guidance that are looked at; 0: none
     per_point: int  # numbers of each: 2 of a point, 4 of a pose
+    has_driver: bool = False  # a person drives, whose goal nobody else knows
 
     @property
     def uses_fan(self) -> bool:
@@ -123,10 +125,18 @@ OBSERVATION_KEYS = (
     ),
     ObservationKey(
         "goal",
-        lambda o: 5 if o.settings.heading else 3,
+        lambda o: 0 if o.has_driver else 5 if o.settings.heading else 3,
         lambda o: [0.0, -1.0, -1.0, -1.0, -1.0][: 5 if o.settings.heading else 3],
         lambda o: [GOAL_REACH, 1.0, 1.0, 1.0, 1.0][: 5 if o.settings.heading else 3],
-        "(3,) | 0 to 100 m, -1 to 1 | distance, cosine and sine of its bearing",
+        "(3,) | 0 to 100 m, -1 to 1 | distance, cosine and sine of its bearing; not with a driver",
+    ),
+    ObservationKey(
+        "stick",
+        lambda o: 3 + 2 * o.settings.stick_history if o.has_driver else 0,
+        lambda o: -1.0,
+        lambda o: 1.0,
+        "(11,) | -1 to 1 | with a driver only: deflections forward and to the left, now; whether "
+        "they last by themselves (1 or 0); and those of earlier control periods, the latest first",
     ),
     ObservationKey(
         "action",
@@ -288,6 +298,34 @@ def write_goal(pose: Array, goal: Array, out: Floats) -> None:
         out[3], out[4] = np.float32(math.cos(turn)), np.float32(math.sin(turn))
 
 
+@borrowing_kernel
+def take_stick(progress: Any, forward: float, left: float, latched: bool, arrived: bool) -> None:
+    """Take a person's latest signal, and whether it is at its goal; signals move back by one."""
+    for k in range(STICKS - 1, 0, -1):
+        for j in range(2):
+            progress.sticks[k, j] = progress.sticks[k - 1, j]
+    progress.sticks[0, 0], progress.sticks[0, 1] = forward, left
+    progress.latched, progress.person_arrived = latched, arrived
+
+
+@borrowing_kernel
+def take_first_stick(
+    progress_rows: Any, forward: float, left: float, latched: bool, arrived: bool
+) -> None:
+    """`take_stick` of the only row of progress_rows (1,)."""
+    take_stick(progress_rows[0], forward, left, latched, arrived)
+
+
+@borrowing_kernel
+def write_sticks(progress: Any, out: Floats) -> None:
+    """The latest signal, whether it is latched, and those before (3 + 2 k,)."""
+    out[0], out[1] = progress.sticks[0, 0], progress.sticks[0, 1]
+    out[2] = 1.0 if progress.latched else 0.0
+    for k in range(1, (out.shape[0] - 1) // 2):
+        for j in range(2):
+            out[1 + 2 * k + j] = progress.sticks[k, j]
+
+
 @kernel
 def write_local_point(c: float, s: float, dx: float, dy: float, out: Floats) -> None:
     """A place (dx, dy) off [m], in the frame of a chair with that cosine and sine of its yaw."""
@@ -429,8 +467,12 @@ def observe(
         most = rules.twist_most[i]
         out[at + i] = min(most, max(-most, twist[i]))
     at += size.twist
-    write_goal(pose, prepared.goal, out[at : at + size.goal])
+    if size.goal > 0:
+        write_goal(pose, prepared.goal, out[at : at + size.goal])
     at += size.goal
+    if size.stick > 0:
+        write_sticks(progress, out[at : at + size.stick])
+    at += size.stick
     if size.action > 0:
         out[at], out[at + 1] = progress.action[0], progress.action[1]
     at += size.action

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from wheelchair_gym.compiled.address import Target, pointer_record
-from wheelchair_gym.task.observations import POOL, SIZES, TRAIL_POINTS
+from wheelchair_gym.task.observations import POOL, SIZES, STICKS, TRAIL_POINTS
 from wheelchair_gym.task.prepared_episode import PREPARED
 from wheelchair_gym.task.rewards import TERM_VALUES
 
@@ -30,6 +30,7 @@ RULES, RULES_TARGETS = pointer_record(
     ("directions", Target("f8", None, 2)),  # of its beams (laser_beams, 2)
     ("laser_beams", "i8"),
     ("back", Target("f8", None)),  # m: how far back places of the trail are
+    ("has_driver", "b1"),  # a person drives, whose stick is observed
     ("arrival_margin", "f8"),  # m
     ("heading", "b1"),
     ("heading_tolerance", "f8"),  # rad
@@ -50,6 +51,11 @@ PROGRESS = np.dtype(
         ("previous", "f8", (2,)),  # the one before
         ("is_shielded", "b1"),  # a shield filters
         ("shield_intervention", "f8", (2,)),  # taken off the last twist, in full speeds
+        # the person who drives: deflections forward and to the left, the latest first; the second
+        # is that which the last action answered
+        ("sticks", "f8", (STICKS, 2)),
+        ("latched", "b1"),
+        ("person_arrived", "b1"),  # the person who drives is at its goal, by truth
         ("n_trail", "i8"),  # points of its trail so far; the last ones are kept
         ("trail_points", "f8", (TRAIL_POINTS, 2)),  # m
     ],

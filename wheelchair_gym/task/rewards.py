@@ -16,6 +16,7 @@ from wheelchair_gym.compiled.address import table_at
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.config import setting, setting_docs, settings
 from wheelchair_gym.geometry import wrap
+from wheelchair_gym.kinematics import twist_of_action
 from wheelchair_gym.task.side_clearance import proximity_speed
 
 Array = NDArray[np.float64]
@@ -45,6 +46,9 @@ class RewardWeights:
     proximity_speed: float = setting(default=0.0, unit="s/m2", source=_CHOICE)
     """Squared speed of the outline's fastest corner within 0.2 m of what the first scanner shows,
     more the nearer [m2/s2], times the period [s]."""
+    disagreement: float = setting(default=-0.02, unit="1/s", source=_CHOICE)
+    """Distance of the twist that was asked for from that of the stick, in full speeds, times the
+    period [s]; 0 where nobody drives."""
 
 
 TERMS = tuple(field.name for field in dataclasses.fields(RewardWeights))
@@ -100,8 +104,17 @@ def write_no_terms(verdict: Any) -> None:
     """Set all reward terms of a record of VERDICT to zero."""
     t = verdict.terms
     t.progress = t.time = t.arrived = t.bumped = t.timeout = 0.0
-    t.action_rate = t.shield_intervention = t.proximity_speed = 0.0
+    t.action_rate = t.shield_intervention = t.proximity_speed = t.disagreement = 0.0
     verdict.reward = 0.0
+
+
+@borrowing_kernel
+def disagreement(rule: Any, progress: Any) -> float:
+    """Distance of the last action's twist from that of the stick it answered, in full speeds."""
+    now, stick = progress.action, progress.sticks[1]
+    v, w = twist_of_action(now[0], now[1], rule.forward, rule.backward, rule.turn)
+    to_v, to_w = twist_of_action(stick[0], stick[1], rule.forward, rule.backward, rule.turn)
+    return math.hypot((v - to_v) / rule.forward, (w - to_w) / rule.turn)
 
 
 @borrowing_kernel
@@ -131,7 +144,10 @@ def write_terms(
     t.action_rate = w.action_rate * ((now[0] - before[0]) ** 2 + (now[1] - before[1]) ** 2)
     t.shield_intervention = w.shield_intervention * math.hypot(shield_v, shield_w)
     t.proximity_speed = w.proximity_speed * near * rule.period
+    t.disagreement = 0.0
+    if rule.has_driver:
+        t.disagreement = w.disagreement * disagreement(rule, progress) * rule.period
     verdict.reward = (
         0.0 + t.progress + t.time + t.arrived + t.bumped + t.timeout + t.action_rate
-        + t.shield_intervention + t.proximity_speed
+        + t.shield_intervention + t.proximity_speed + t.disagreement
     )  # fmt: skip

@@ -63,6 +63,8 @@ class TaskSettings:
     trail: tuple[float, ...] = setting(default=(), unit="m", low=0.0, high=15.0)
     """Distances back along its own way at which the chair's places are observed; before it has come
     so far, its start."""
+    stick_history: int = setting(default=4, low=0, high=16, source=_CHOICE)
+    """Earlier control periods of which the stick is observed, where a person drives."""
     hide_guidance: bool = setting(default=False)
     """True: poses ahead and the side clearances there are shown to critics and teachers alone,
     under `privileged_path` and `privileged_side_clearance`."""

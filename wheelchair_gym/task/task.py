@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, cast
 
 import gymnasium as gym
@@ -23,13 +24,14 @@ from wheelchair_gym.task.observations import (
     ObservationSource,
     places,
     spaces,
+    take_first_stick,
 )
 from wheelchair_gym.task.prepared_episode import AIMS, PreparedEpisode, first_geodesic_to_go
 from wheelchair_gym.task.records import PROGRESS, RULES, RULES_TARGETS, TASK, TASK_TARGETS
 from wheelchair_gym.task.rewards import TERMS, VERDICT, Verdict, reached
 from wheelchair_gym.task.settings import TaskSettings
 from wheelchair_gym.task.side_clearance import fan_poses
-from wheelchair_gym.types import Episode, Reading
+from wheelchair_gym.types import Episode, Reading, Stick
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
@@ -63,7 +65,11 @@ class Task:
         period: float,
         guidance: Guidance | None = None,
         shield: ShieldSettings | None = None,
+        has_driver: bool = False,
     ) -> None:
+        if has_driver and guidance is not None:
+            settings = replace(settings, hide_guidance=True)
+        self.has_driver = has_driver  # a person drives, whose goal and way are not observed
         if settings.beams > sensors.laser.beams > 0:
             raise InputError(
                 f"task.beams is {settings.beams}; the laser has only {sensors.laser.beams}"
@@ -137,6 +143,7 @@ class Task:
             self.footprint.half_width,
             int(r["points"]),
             4 if self.has_poses else 2,
+            self.has_driver,
         )
         r["size"] = tuple(key.size(source) for key in OBSERVATION_KEYS)
         r["uses_fan"] = source.uses_fan
@@ -144,6 +151,7 @@ class Task:
         point("back", self._back)
         r["outline"], r["mount"] = self.footprint.array, (laser.x, laser.y)
         r["laser_beams"] = laser.beams
+        r["has_driver"] = self.has_driver
         point("directions", self._directions)
         r["arrival_margin"] = 0.0 if self.sensors.pose_source == "truth" else s.arrival_margin
         r["heading"], r["heading_tolerance"] = s.heading, s.heading_tolerance
@@ -277,6 +285,18 @@ class Task:
         """Take what an assessed step gave; the reading may be one that is made when asked for."""
         self._reading, self.observation = reading, observation
         self.action, self.shield_intervention = action, less
+
+    def take_stick(self, stick: Stick, true_pose: Array) -> None:
+        """Take what a person's interface gives where the chair truly is, before the assessment."""
+        take_first_stick(self._progress, *stick, self.at_goal(true_pose))
+
+    @property
+    def stick(self) -> Stick | None:
+        """What the interface of the person who drives gives now; None where nobody drives."""
+        if not self.has_driver:
+            return None
+        forward, left = self._progress["sticks"][0, 0].tolist()
+        return Stick(forward, left, bool(self._progress["latched"][0]))
 
     @property
     def reading(self) -> Reading:

@@ -1,0 +1,50 @@
+"""Assistants: from a person's stick and the chair's sensors to the twist that is asked for.
+
+None of them knows the person's goal. What they ask for passes the shield afterwards, where there
+is one: two safe twists may blend into an unsafe one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+from wheelchair_gym.registry import Registry
+
+# Settings class of every assistant; each has `make() -> Assistant`.
+ASSISTANTS: Final = Registry(
+    "assistant",
+    {
+        "blend": "agents.assistance.blend:Blend",
+        "direct": "agents.assistance.direct:Direct",
+        "hindsight": "agents.assistance.hindsight:Hindsight",
+        "hypotheses": "agents.assistance.hypotheses:Hypotheses",
+        "shared_dwa": "agents.assistance.shared_dwa:SharedDwa",
+        "shield": "agents.assistance.direct:Shielded",
+        "slide": "agents.assistance.slide:Slide",
+        "teleop": "agents.assistance.teleop:Teleop",
+        "vfh": "agents.assistance.vfh:Vfh",
+    },
+    group="wheelchair_gym.assistants",
+    needs=("make", "assist"),
+)
+
+
+def make_assistant(spec: str | Mapping[str, Any] | Any) -> Any:
+    """A fresh assistant, with `reset` and `assist` (`agents.assistance.assistant.Assistant`).
+
+    Args:
+        spec: a name, `{"name": name, **settings}`, or settings that have `make()`; `module:Class`
+            names somebody's class.
+
+    Raises:
+        InputError: the name is unknown (the message lists those known) or a setting is wrong.
+    """
+    found = spec if hasattr(spec, "make") else ASSISTANTS.make(spec)
+    return found.make() if hasattr(found, "make") else found
+
+
+def is_shielded(spec: str | Mapping[str, Any] | Any) -> bool:
+    """Whether an assistant is driven behind the shield: all are, but for the bare stick."""
+    found = spec if hasattr(spec, "make") else ASSISTANTS.make(spec)
+    return bool(getattr(found, "shielded", True))

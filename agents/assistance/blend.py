@@ -1,0 +1,60 @@
+"""Policy blending: the stick and the robot's twist towards the likely goal, mixed by confidence.
+
+Source: Dragan and Srinivasa 2013: u = (1 - a) u_h + a u_r(g*), where the share a grows with the
+confidence in the likeliest goal g*. Two safe twists may blend into an unsafe one: the shield
+filters afterwards.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agents.assistance.assistant import AssistMission, Freedom, SharedAssistant, Situation, Twist
+from agents.assistance.fan import fan
+from agents.assistance.targets import Belief, Goals
+from wheelchair_gym.config import InputError, setting, settings
+
+
+@settings
+class Blend:
+    """Mixes the stick with a safe twist towards the likeliest goal."""
+
+    timid: float = setting(default=0.3, low=0.0, high=1.0, source="design choice")
+    """Belief up to which the stick alone counts."""
+    sure: float = setting(default=0.8, low=0.0, high=1.0, source="design choice")
+    """Belief from which on the robot's share is largest."""
+    most: float = setting(default=0.6, low=0.0, high=1.0, source="Dragan 2013: timid to aggressive")
+    """Largest share of the robot."""
+    belief: Belief = Belief()
+    freedom: Freedom = Freedom()
+
+    def __post_init__(self) -> None:
+        if self.sure <= self.timid:
+            raise InputError("Blend.sure must lie above Blend.timid")
+
+    def make(self) -> SharedAssistant:
+        """A fresh assistant."""
+        return SharedAssistant(_Method(self), self.freedom)
+
+
+class _Method:
+    def __init__(self, config: Blend) -> None:
+        self._config, self._goals = config, Goals(config.belief)
+
+    def reset(self, mission: AssistMission) -> None:
+        self._mission = mission
+        self._goals.reset(mission)
+
+    def twist(self, now: Situation) -> Twist:
+        config, (v, w) = self._config, now.asked
+        twists = fan(self._mission, now)
+        costs = self._goals.update(now, twists)
+        likely = int(np.argmax(self._goals.belief))
+        ramp = (float(self._goals.belief[likely]) - config.timid) / (config.sure - config.timid)
+        share = config.most * min(1.0, max(0.0, ramp))
+        if share == 0.0 or not len(twists):
+            return now.asked
+        best = twists[int(np.argmin(np.round(costs[:, likely], 12)))]
+        return (1.0 - share) * v + share * float(best[0]), (1.0 - share) * w + share * float(
+            best[1]
+        )

@@ -1,0 +1,54 @@
+"""Hindsight optimisation: the twist that is best on average over all goals that are believed in.
+
+Source: Javdani et al. 2015, 2018: the action of least expected cost, sum over goals g of
+b(g) Q_g(x, a, u), as if the goal were known from the next step on; Q_g is the cost to go after the
+twist and a price for leaving the stick. So it helps before any goal is certain.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agents.assistance.assistant import AssistMission, Freedom, SharedAssistant, Situation, Twist
+from agents.assistance.fan import fan, scaled_distance
+from agents.assistance.targets import Belief, Goals
+from wheelchair_gym.config import setting, settings
+
+
+@settings
+class Hindsight:
+    """Minimises the expected cost to go over the goals, and the distance from the stick."""
+
+    stick: float = setting(default=4.0, unit="s", low=0.0, high=100.0, source="design choice")
+    """Seconds that a twist off the stick's by full speed costs."""
+    clearance: float = setting(default=0.3, unit="s", low=0.0, high=100.0, source="design choice")
+    """Seconds that a twist costs on whose way the chair touches something."""
+    enough: float = setting(default=0.10, unit="m", low=0.01, high=0.5, source="design choice")
+    """Clearance that costs nothing."""
+    belief: Belief = Belief()
+    freedom: Freedom = Freedom()
+
+    def make(self) -> SharedAssistant:
+        """A fresh assistant."""
+        return SharedAssistant(_Method(self), self.freedom)
+
+
+class _Method:
+    def __init__(self, config: Hindsight) -> None:
+        self._config, self._goals = config, Goals(config.belief)
+
+    def reset(self, mission: AssistMission) -> None:
+        self._mission = mission
+        self._goals.reset(mission)
+
+    def twist(self, now: Situation) -> Twist:
+        config = self._config
+        twists = fan(self._mission, now)
+        costs = self._goals.update(now, twists)
+        if not len(twists):
+            return 0.0, 0.0
+        expected = costs @ self._goals.belief
+        expected += config.stick * scaled_distance(twists, now.asked, self._mission)
+        expected += config.clearance * np.maximum(0.0, 1.0 - twists[:, 2] / config.enough)
+        best = twists[int(np.argmin(np.round(expected, 12)))]
+        return float(best[0]), float(best[1])

@@ -1,0 +1,64 @@
+"""Collaborative control: help only who is about to miss the likely target (Carlson, Demiris 2012).
+
+Local targets carry a confidence that each reading updates. While the stick leads to the likeliest
+one, it is the twist. When it is predicted to miss that target, or to collide, a safe twist towards
+the target is taken instead.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from agents.assistance.assistant import AssistMission, Freedom, SharedAssistant, Situation, Twist
+from agents.assistance.fan import fan, free_steps, scaled_distance
+from agents.assistance.targets import Belief, Goals
+from wheelchair_gym.config import setting, settings
+
+
+@settings
+class Hypotheses:
+    """Takes over towards the likely target when the stick is predicted to miss it."""
+
+    confidence: float = setting(default=0.4, low=0.0, high=1.0, source="design choice")
+    """Belief in a target from which on it helps."""
+    miss: float = setting(default=0.4, unit="s", low=0.0, high=10.0, source="design choice")
+    """Seconds that the stick may cost more than the best twist before it counts as missing."""
+    look_ahead: float = setting(default=1.5, unit="s", low=0.1, high=5.0, source="design choice")
+    """Time for which a collision is predicted."""
+    belief: Belief = Belief()
+    freedom: Freedom = Freedom()
+
+    def make(self) -> SharedAssistant:
+        """A fresh assistant."""
+        return SharedAssistant(_Method(self), self.freedom)
+
+
+class _Method:
+    def __init__(self, config: Hypotheses) -> None:
+        self._config, self._goals = config, Goals(config.belief)
+
+    def reset(self, mission: AssistMission) -> None:
+        self._mission = mission
+        self._goals.reset(mission)
+
+    def twist(self, now: Situation) -> Twist:
+        config, mission, (v, w) = self._config, self._mission, now.asked
+        twists = fan(mission, now)
+        costs = self._goals.update(now, twists)
+        steps = max(1, round(config.look_ahead / 0.1))
+        outline = mission.chair.footprint.array
+        hits = free_steps(now.points, outline, v, w, 0.1, steps, now.margin) < steps
+        if not len(twists):
+            return 0.0, 0.0
+        likely, off = (
+            int(np.argmax(self._goals.belief)),
+            scaled_distance(twists, now.asked, mission),
+        )
+        best = int(np.argmin(np.round(costs[:, likely] + 0.1 * off, 12)))
+        same = int(np.argmin(np.round(off, 12)))  # the stick's, or the nearest that is safe
+        misses = costs[same, likely] - costs[best, likely] > config.miss
+        sure = float(self._goals.belief[likely]) >= config.confidence
+        if not (hits or (misses and sure)):
+            return now.asked
+        chosen = twists[best if sure else same]
+        return float(chosen[0]), float(chosen[1])

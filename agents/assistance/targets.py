@@ -1,0 +1,181 @@
+"""Where a person may want to go: places found in a scan or on a map, and a belief over them.
+
+Doors, things to drive up to such as desks, and free directions are found in the obstacles around.
+On a known map they are places far from each other, by the way between them. The belief follows
+Bayes' rule: a person's stick is the likelier, the less it costs on the way to its goal beside the
+best twist there is (maximum-entropy inverse control, Javdani 2015; Dragan and Srinivasa 2013).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.assistance.assistant import AssistMission, Situation
+from wheelchair_gym.compiled.kernel import borrowing_kernel
+from wheelchair_gym.config import setting, settings
+from wheelchair_gym.geometry import compose, to_frame, to_world
+from wheelchair_gym.kinematics import arc_step
+from wheelchair_gym.maps import Geodesic, OccupancyGrid, geodesic
+
+Array = NDArray[np.float64]
+
+SAME = 0.6  # m: a target so near one of before is the same
+DIRECTIONS = np.radians(np.arange(-90.0, 91.0, 22.5))  # that may be free
+DOOR = (0.65, 1.60)  # m: widths of doors
+BEYOND = 0.8  # m behind a door where its target lies
+FREE = 1.2  # m: a direction with less room is not free
+FARTHEST = 3.0  # m: how far ahead targets of free directions lie
+IN_FRONT = 0.10  # m between the chair's front and a thing that it drives up to
+AHEAD = 0.4  # m before the axle, where distances are measured, so that headings count
+_CHOICE = "design choice"
+
+
+@settings
+class Belief:
+    """How an assistant finds goals, and how fast it believes in one."""
+
+    goals: Literal["scan", "map"] = setting(default="scan", source=_CHOICE)
+    """Where goals come from; of a map only if it is known, else from the scan."""
+    count: int = setting(default=10, low=2, high=64, source=_CHOICE)
+    """Number of goals on a map."""
+    rate: float = setting(default=6.0, low=0.0, high=100.0, source=_CHOICE)
+    """Evidence for each second of a stick that costs a second more than the best twist."""
+    forget: float = setting(default=0.2, unit="1/s", low=0.0, high=10.0, source=_CHOICE)
+    """Rate at which the belief returns to an even one: people change their minds."""
+    horizon: float = setting(default=1.0, unit="s", low=0.1, high=10.0, source=_CHOICE)
+    """Time for which a twist is followed to see what it costs."""
+
+
+def find_targets(points: Array, front: float) -> Array:
+    """Places (k, 2) [m] in the chair's frame that somebody may want to go to.
+
+    Args:
+        points: obstacles around (n, 2) [m] in the chair's frame.
+        front: of the chair, ahead of its axle [m].
+    """
+    if not len(points):
+        return FARTHEST * np.stack([np.cos(DIRECTIONS), np.sin(DIRECTIONS)], -1)
+    angles = np.arctan2(points[:, 1], points[:, 0])
+    points, angles = points[np.argsort(angles)], np.sort(angles)
+    far = np.hypot(*points.T)
+    found: list[Array] = []
+    for direction in DIRECTIONS:
+        off = np.abs(np.remainder(angles - direction + math.pi, 2 * math.pi) - math.pi)
+        beside = far * np.sin(np.minimum(off, math.pi / 2))
+        way = np.array([math.cos(direction), math.sin(direction)])
+        in_way = (off < math.pi / 2) & (beside < 0.4)
+        room = float((points[in_way] @ way).min(initial=FARTHEST + front)) - front
+        if room > FREE:
+            found.append(min(FARTHEST, room) * way)
+        elif room > 0.0 and abs(direction) < 1.2:
+            found.append(max(0.0, room - IN_FRONT) * way)
+    # Doors: two neighbouring points, a door's width apart, with nothing nearer between them.
+    gaps = np.hypot(*(points[1:] - points[:-1]).T)
+    for k in np.flatnonzero((gaps > DOOR[0]) & (gaps < DOOR[1]) & (angles[1:] - angles[:-1] < 2.0)):
+        middle, along = 0.5 * (points[k] + points[k + 1]), (points[k + 1] - points[k]) / gaps[k]
+        normal = np.array([along[1], -along[0]])
+        normal *= 1.0 if normal @ middle >= 0.0 else -1.0
+        found.append(middle + BEYOND * normal)
+    if not found:
+        found = [np.array([1.0, 0.0])]
+    return np.array(found)
+
+
+def goals_on(grid: OccupancyGrid, start: Array, radius: float, count: int) -> list[Geodesic]:
+    """Ways to so many places on a map, each as far from the others as can be, from where one is.
+
+    Args:
+        grid: the map.
+        start: (2,) m: where the chair is.
+        radius: that ways keep from what is solid [m].
+        count: number of places.
+    """
+    field = geodesic(grid, start, radius).field
+    found: list[Geodesic] = []
+    least = np.where(np.isfinite(field), field, -np.inf)
+    for _ in range(count):
+        cell = np.unravel_index(int(np.argmax(least)), least.shape)
+        if not least[cell] > 1.0:
+            break
+        place = grid.to_world(np.array([[cell[0], cell[1]]]))[0]
+        found.append(geodesic(grid, place, radius))
+        least = np.minimum(least, found[-1].field)
+    return found
+
+
+@borrowing_kernel
+def _ends(twists: Array, horizon: float, ahead: float, out: Array) -> None:
+    """Where a point ahead of the axle is after twists (n, 2 or more)."""
+    for k in range(twists.shape[0]):
+        x, y, yaw = arc_step(0.0, 0.0, 0.0, twists[k, 0], twists[k, 1], horizon)
+        out[k, 0], out[k, 1] = x + ahead * math.cos(yaw), y + ahead * math.sin(yaw)
+
+
+class Goals:
+    """Goals that a person may have, and how far each is believed in.
+
+    Attributes:
+        belief: (k,) of each goal; they sum to 1.
+    """
+
+    def __init__(self, config: Belief) -> None:
+        self.config = config
+
+    def reset(self, mission: AssistMission) -> None:
+        """Know no goal."""
+        self._mission, self._ways = mission, None
+        self._targets: Array = np.empty((0, 2))
+        self.belief: Array = np.empty(0)
+        self._pose: Array | None = None
+
+    def update(self, now: Situation, twists: Array) -> Array:
+        """Update the belief by the stick; the costs (n, k) [s] of twists (n, 2) to each goal."""
+        config, mission = self.config, self._mission
+        if config.goals == "map" and now.map is not None:
+            self._take_map(now.map, now.reading.pose)
+        else:
+            self._take_scan(now)
+        asked = np.array([now.asked])
+        every = self._costs(np.vstack([asked, np.zeros((1, 2)), twists[:, :2]]), now)
+        over = np.minimum(every[0] - every.min(axis=0), 10.0)
+        belief = self.belief * np.exp(-config.rate * mission.period * over)
+        share = min(1.0, config.forget * mission.period)
+        belief = (1.0 - share) * belief / belief.sum() + share / len(belief)
+        self.belief = belief / belief.sum()
+        return every[2:]
+
+    def _take_map(self, grid: OccupancyGrid, pose: Array) -> None:
+        if self._ways is None:
+            radius = self._mission.chair.footprint.half_width + 0.05
+            ways = goals_on(grid, pose[:2], radius, self.config.count)
+            self._ways = ways or [geodesic(grid, pose[:2], radius)]
+            self.belief = np.full(len(self._ways), 1.0 / len(self._ways))
+
+    def _take_scan(self, now: Situation) -> None:
+        """Find goals anew; each inherits the belief in the one of before that it is."""
+        found = find_targets(now.points, self._mission.chair.footprint.front)
+        belief = np.full(len(found), 1.0)
+        if len(self._targets) and self._pose is not None:
+            before = to_frame(to_world(self._targets, self._pose), now.reading.pose)
+            apart = np.hypot(*np.moveaxis(found[:, None] - before, -1, 0))
+            nearest = apart.argmin(axis=1)
+            same = apart[np.arange(len(found)), nearest] < SAME
+            belief = np.where(same, self.belief[nearest], self.belief.mean())
+        self._targets, self.belief = found, belief / belief.sum()
+        self._pose = compose(now.reading.pose, np.zeros(3))
+
+    def _costs(self, twists: Array, now: Situation) -> Array:
+        """Seconds (n, k) from where twists (n, 2) lead to each goal."""
+        ends = np.empty((len(twists), 2))
+        _ends(twists, self.config.horizon, AHEAD, ends)
+        if self._ways is not None:
+            places = to_world(ends, now.reading.pose)
+            ways = np.stack([each.at(places) for each in self._ways], -1)
+            ways = np.where(np.isfinite(ways), ways, 100.0)
+        else:
+            ways = np.hypot(*np.moveaxis(ends[:, None] - self._targets, -1, 0))
+        return np.asarray(ways / self._mission.limits.forward)

@@ -1,0 +1,266 @@
+"""Laws of assistants: how far they go, when they let go, and what they do not know."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from agents.assistance import ASSISTANTS, is_shielded, make_assistant
+from agents.assistance.assistant import AssistMission, Freedom
+from agents.assistance.surround import Surround
+from agents.assistance.targets import find_targets, goals_on
+from agents.policies import make_policy
+from agents.policies.assisted import Assisted
+from tests.laws.test_policies import plain
+from wheelchair_gym.config import InputError, dump, load
+from wheelchair_gym.drivers import DRIVERS
+from wheelchair_gym.envs import NavigationEnv
+from wheelchair_gym.maps import read_any_map
+from wheelchair_gym.physics.settings import ChairSettings
+from wheelchair_gym.scenes.map_file import example_map
+from wheelchair_gym.sensors.settings import SensorSettings
+from wheelchair_gym.types import Reading, Stick
+
+CHAIR, SENSORS = ChairSettings(), SensorSettings()
+MISSION = AssistMission(CHAIR, SENSORS, 0.1)
+LIMITS = CHAIR.limits
+MAPPED = {
+    name: {"name": name, "belief": {"goals": "map"}}
+    for name in ("hypotheses", "blend", "hindsight")
+}
+SPECS = {**{name: name for name in ASSISTANTS}, **{f"{n}:map": s for n, s in MAPPED.items()}}
+
+
+def reading(scan, twist=(0.0, 0.0), stamp=0.0):
+    far = np.full(8, np.inf, np.float32)
+    return Reading(
+        np.zeros(3),
+        np.array(twist),
+        np.asarray(scan, np.float32),
+        far,
+        np.zeros(8, np.float32),
+        False,
+        24.0,
+        stamp,
+    )
+
+
+def scan_of(seed):
+    """A scan of blocks of random ranges, some without echo and some too near."""
+    rng = np.random.default_rng(seed)
+    ranges = np.repeat(rng.uniform(0.06, 6.0, 47), 23)[:1081]
+    ranges[rng.random(1081) < 0.02] = np.inf
+    ranges[rng.random(1081) < 0.01] = np.nan
+    return ranges
+
+
+def assisted(name, sticks, scans, known=None):
+    """What an assistant makes of sticks and scans, 0.1 s apart."""
+    assistant, found = make_assistant(SPECS[name]), []
+    assistant.reset(MISSION)
+    for k, (stick, scan) in enumerate(zip(sticks, scans, strict=True)):
+        found.append(assistant.assist(stick, reading(scan, (0.2, 0.1), 0.1 * k), known))
+    return np.array(found)
+
+
+deflections = st.floats(-1.0, 1.0, allow_nan=False)
+stick = st.builds(Stick, deflections, deflections, st.booleans())
+
+
+@pytest.mark.parametrize("name", ASSISTANTS)
+def test_it_never_goes_beyond_its_freedom(name):
+    """No speed beyond the stick's, none against it, and no more turn than its freedom."""
+    freedom = make_assistant(name).freedom
+
+    @settings(max_examples=25, deadline=None)
+    @given(st.lists(stick, min_size=1, max_size=4), st.integers(0, 10_000))
+    def law(sticks, seed):
+        scans = [scan_of(seed + k) for k in range(len(sticks))]
+        for asked, (v, w) in zip(sticks, assisted(name, sticks, scans), strict=True):
+            to_v, to_w = LIMITS.twist_of(asked.forward, asked.left)
+            assert min(0.0, to_v) <= v <= max(0.0, to_v)
+            more = freedom.turn * min(1.0, np.hypot(asked.forward, asked.left)) + 1e-12
+            assert min(0.0, to_w) - more <= w <= max(0.0, to_w) + more
+            assert abs(w) <= LIMITS.turn
+
+    law()
+
+
+@pytest.mark.parametrize("name", SPECS)
+def test_a_centred_stick_asks_for_rest_at_once(name):
+    """After any drive, latched or not: a stop command of a latched interface is a centred stick."""
+    sticks = [Stick(1.0, 0.3, True)] * 6 + [Stick(0.0, 0.0, False)]
+    for seed in range(5):
+        found = assisted(name, sticks, [scan_of(seed)] * 7, known=None)
+        assert not found[-1].any()
+        assert not np.signbit(found[-1]).any()
+
+
+@pytest.mark.parametrize("name", SPECS)
+def test_the_same_drive_gives_the_same_twists(name):
+    sticks = [Stick(0.8, 0.1 * k, False) for k in range(6)]
+    scans = [scan_of(k) for k in range(6)]
+    one, other = assisted(name, sticks, scans), assisted(name, sticks, scans)
+    assert one.tobytes() == other.tobytes()
+    assistant = make_assistant(SPECS[name])
+    for _ in range(2):  # a second episode is as the first
+        assistant.reset(MISSION)
+        again = [
+            assistant.assist(s, reading(scan, (0.2, 0.1), 0.1 * k), None)
+            for k, (s, scan) in enumerate(zip(sticks, scans, strict=True))
+        ]
+        assert np.array(again).tobytes() == one.tobytes()
+
+
+@pytest.mark.parametrize("name", SPECS)
+def test_in_the_open_the_stick_is_the_twist_or_nearly(name):
+    """Where nothing is near, full autonomy is unwanted: the stick decides."""
+    nothing = np.full(1081, np.inf)
+    sticks = [Stick(0.7, 0.0, False)] * 12
+    v, w = assisted(name, sticks, [nothing] * 12)[-1]
+    assert v == pytest.approx(0.56, abs=0.15)
+    assert abs(w) < 0.2
+
+
+@pytest.mark.parametrize("name", sorted(set(ASSISTANTS) - {"direct", "shield", "blend"}))
+def test_it_slows_before_a_wall(name):
+    """0.35 m before the front, 0.56 m/s would need 0.2 m of braking after 0.1 s."""
+    angles = SENSORS.laser.angles
+    wall = np.where(np.abs(angles) < 1.2, 0.12 / np.maximum(np.cos(angles), 0.1), np.inf)
+    v, _ = assisted(name, [Stick(1.0, 0.0, False)] * 3, [wall] * 3)[-1]
+    assert v < 0.5
+
+
+@pytest.mark.parametrize("name", SPECS)
+def test_the_goal_never_reaches_it(name):
+    """Twists are those of any other goal, by a policy that knows the mission."""
+    env = NavigationEnv("clutter", driver="expert", beams=64)
+    env.reset(seed=1)
+    mission, readings = env.mission, []
+    for _ in range(15):
+        readings.append(env.reading)
+        env.step(np.array(env.task.stick[:2]))
+    assert any(each.stick.forward for each in readings)
+    found = []
+    for goal in (mission.goal, mission.goal + 7.0, np.full(2, np.nan)):
+        policy = make_policy({"name": "assisted", "assist": SPECS[name]})
+        other = replace(mission, goal=goal, tolerance=0.1, time_limit=1.0, key=9)
+        policy.reset(other)
+        found.append([plain(policy.act(each)) for each in readings])
+    assert found[0] == found[1] == found[2]
+    assert "goal" not in {field.name for field in fields(AssistMission)}
+
+
+def test_a_steady_low_stick_lowers_the_margin():
+    assistant = make_assistant("slide")
+    assistant.reset(MISSION)
+    config = Freedom()
+    low, high = Stick(0.25, 0.0, False), Stick(0.8, 0.0, False)
+    margins = [assistant._margin(low) for _ in range(15)]
+    assert margins[0] == margins[5] == config.margin
+    assert margins[-1] == config.docking_margin < config.margin
+    assert assistant._margin(high) == config.margin
+    unsteady = [assistant._margin(Stick(0.3 * (k % 2), 0.0, False)) for k in range(30)]
+    assert set(unsteady) == {config.margin}
+
+
+def test_nothing_but_the_bare_stick_goes_without_the_shield():
+    assert [name for name in ASSISTANTS if not is_shielded(name)] == ["direct"]
+
+
+def test_without_a_person_the_chair_stands():
+    policy = make_policy("assisted")
+    env = NavigationEnv("clutter", beams=64)
+    env.reset(seed=0)
+    policy.reset(env.mission)
+    assert not policy.act(env.reading).twist.any()
+
+
+@pytest.mark.parametrize(
+    ("spec", "text"),
+    [
+        ("slid", "did you mean slide?"),
+        ({"name": "slide", "latancy": 1.0}, "did you mean latency?"),
+        ({"name": "slide", "latency": -1.0}, "must be at least"),
+        ({"name": "blend", "sure": 0.1}, "must lie above"),
+        (3, "expected a name"),
+    ],
+)
+def test_wrong_settings_are_told_in_one_line(spec, text):
+    with pytest.raises(InputError, match=r".") as told:
+        make_policy({"name": "assisted", "assist": spec})
+    assert text in str(told.value)
+    assert "\n" not in str(told.value)
+
+
+@pytest.mark.parametrize("name", ASSISTANTS)
+def test_settings_are_stored_and_read(name):
+    config = ASSISTANTS.make(name)
+    assert load(type(config), dump(config), "config") == config
+    assert Assisted(assist=name).make()
+
+
+def test_what_slips_out_of_sight_is_remembered_for_a_while():
+    """A post beside the rear, which the scanner in front saw before."""
+    surround = Surround(CHAIR, SENSORS, 0.1)
+    angles, directions = SENSORS.laser.angles, SENSORS.laser.directions
+    blank = np.full(1081, np.inf)
+    seen = blank.copy()
+    beam = int(np.argmin(np.abs(angles - np.radians(120))))
+    seen[beam] = 0.6
+    place = np.array([SENSORS.laser.x, 0.0]) + 0.6 * directions[beam]
+    assert np.allclose(surround.update(reading(seen)), [place], atol=1e-5)
+    assert len(surround.update(reading(blank, (0.0, 0.0), 0.1))) == 0  # now it is not there
+    surround.update(reading(seen, stamp=0.2))
+    for k in range(3, 12):  # 0.45 m ahead
+        points = surround.update(reading(blank, (0.5, 0.0), 0.1 * k))
+    assert len(points) in (0, 1)
+    surround = Surround(CHAIR, SENSORS, 0.1)
+    surround.update(reading(seen))
+    points = surround.update(reading(blank, (5.0, 0.0), 0.1))  # at once behind the view
+    assert np.allclose(points, [place - (0.5, 0.0)], atol=1e-5)
+    assert len(surround.update(reading(blank, (0.0, 0.0), 20.0))) == 0
+
+
+def test_doors_desks_and_free_directions_are_targets():
+    wall = np.array([(2.0, y) for y in np.linspace(-3, 3, 121) if abs(y - 0.5) > 0.45])
+    found = find_targets(wall, 0.7)
+    beyond = np.hypot(*(found - (2.0 + 0.8, 0.5)).T)
+    assert beyond.min() < 0.1  # the door
+    assert np.hypot(*(found - (1.2, 0.0)).T).min() < 0.4  # in front of the wall
+    assert len(find_targets(np.empty((0, 2)), 0.7)) == 9
+
+
+def test_goals_on_a_map_are_far_apart():
+    grid = read_any_map(example_map()).grid
+    ways = goals_on(grid, np.array([2.0, 2.0]), 0.36, 5)
+    places = np.array([way.goal for way in ways])
+    assert len(places) == 5
+    apart = np.array([way.at(places) for way in ways])  # by the way between them
+    assert apart[~np.eye(5, dtype=bool)].min() > 2.0
+
+
+@pytest.mark.parametrize("driver", ["expert", "sip_and_puff", "hostile"])
+@pytest.mark.parametrize("name", ASSISTANTS)
+def test_a_drive_is_the_same_for_the_same_seed(name, driver):
+    assert driver in DRIVERS
+    runs = []
+    for _ in range(2):
+        env = NavigationEnv("clutter", driver=driver, shield=is_shielded(name))
+        policy = make_policy({"name": "assisted", "assist": name})
+        env.reset(seed=4)
+        policy.reset(env.mission)
+        poses = []
+        for _ in range(25):
+            command = policy.act(env.reading)
+            _, _, terminated, truncated, info = env.step(command.as_action(LIMITS))
+            poses.append(copy.deepcopy(info["pose"]))
+            if terminated or truncated:
+                break
+        runs.append(np.array(poses))
+    assert runs[0].tobytes() == runs[1].tobytes()

@@ -1,0 +1,67 @@
+"""The program of `slide` is solved exactly, and its constraints are those of the geometry."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from agents.assistance.fan import clearance_at, free_steps
+from agents.assistance.slide import nearest_twist, write_constraints
+from wheelchair_gym.geometry import Footprint
+from wheelchair_gym.kinematics import arc_step
+
+OUTLINE = Footprint().array
+numbers = st.floats(-1.0, 1.0, allow_nan=False)
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    st.lists(st.tuples(numbers, numbers, st.floats(0.0, 1.0)), min_size=1, max_size=8),
+    st.tuples(numbers, numbers),
+    st.floats(0.1, 3.0),
+)
+def test_no_point_that_fits_is_nearer(rows, asked, weight):
+    rows = np.array(rows)
+    v, w = nearest_twist(rows, len(rows), asked, (1.0, weight))
+    assert (rows[:, :2] @ (v, w) <= rows[:, 2] + 1e-6).all()
+    cost = (v - asked[0]) ** 2 + weight * (w - asked[1]) ** 2
+    grid = np.stack(np.meshgrid(*2 * [np.linspace(-1.2, 1.2, 61)]), -1).reshape(-1, 2)
+    fits = (grid @ rows[:, :2].T <= rows[:, 2]).all(axis=1)
+    costs = ((grid - asked) ** 2 @ (1.0, weight))[fits]
+    assert cost <= costs.min(initial=math.inf) + 1e-9
+
+
+@pytest.mark.parametrize("point", [(1.2, 0.1), (1.0, 0.9), (0.2, 0.7), (-0.6, -0.5), (0.5, -0.5)])
+@pytest.mark.parametrize("twist", [(0.5, 0.0), (0.0, 0.8), (-0.2, 0.4), (0.4, -0.7)])
+def test_a_constraint_is_the_rate_at_which_the_distance_shrinks(point, twist):
+    points, rows = np.array([point]), np.empty((1, 4))
+    assert write_constraints(points, OUTLINE, 0.0, 0.6, 0.2, rows) == 1
+    step = 1e-6
+    before = clearance_at(points, OUTLINE, 0.0, 0.0, 0.0)
+    after = clearance_at(points, OUTLINE, *arc_step(0.0, 0.0, 0.0, *twist, step))
+    assert rows[0, :2] @ twist == pytest.approx((before - after) / step, abs=1e-4)
+
+
+@given(st.floats(0.0, 1.4), st.floats(0.0, 0.1))
+def test_the_chair_stops_within_the_distance(distance, margin):
+    rows = np.empty((1, 4))
+    points = np.array([[OUTLINE[0] + distance, 0.0]])
+    write_constraints(points, OUTLINE, margin, 0.6, 0.2, rows)
+    speed = rows[0, 2]
+    assert speed >= 0.0
+    room = max(0.0, distance - margin)
+    assert speed * 0.2 + speed**2 / (2 * 0.6) == pytest.approx(room, abs=1e-9)
+
+
+def test_a_step_is_free_until_the_outline_touches():
+    points = np.array([[OUTLINE[0] + 0.25, 0.0]])
+    assert free_steps(points, OUTLINE, 0.5, 0.0, 0.1, 10, 0.0) == 5
+    assert free_steps(points, OUTLINE, -0.3, 0.0, 0.1, 10, 0.0) == 10
+    # What already touches may leave, and come no nearer.
+    touching = np.array([[OUTLINE[0] - 0.01, 0.0]])
+    assert free_steps(touching, OUTLINE, 0.5, 0.0, 0.1, 10, 0.02) == 0
+    assert free_steps(touching, OUTLINE, -0.3, 0.0, 0.1, 10, 0.02) == 10

@@ -1,0 +1,194 @@
+"""Laws of simulated people: what they give follows from settings, seed and chair."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from wheelchair_gym.config import InputError, dump
+from wheelchair_gym.drivers import DRIVERS, Driver, driver_spec, make_driver
+from wheelchair_gym.drivers.settings import Hand, Intention, Perception, Stick
+from wheelchair_gym.drivers.state import constants_of, signals_of, tremor_filter
+from wheelchair_gym.envs import NavigationEnv
+from wheelchair_gym.physics.settings import ChairSettings
+from wheelchair_gym.sensors.settings import SensorSettings
+
+QUICK = {"scene": "clutter", "beams": 64}
+
+
+def sticks(driver, steps=60, seed=3, drive=True, **settings):
+    """The signals (steps, 2) of a person whose chair drives as it asks, or stands; and the env."""
+    env = NavigationEnv(**(QUICK | settings), driver=driver)
+    env.reset(seed=seed)
+    found = []
+    for _ in range(steps):
+        stick = env.task.stick
+        found.append(stick[:2])
+        action = np.array(stick[:2]) if drive else np.zeros(2)
+        if any(env.step(action)[2:4]):
+            break
+    return np.array(found), env
+
+
+@pytest.mark.parametrize("name", DRIVERS)
+def test_each_is_made_and_stored(name):
+    made = make_driver(name)
+    assert isinstance(made, Driver)
+    assert make_driver(driver_spec(made)) == made
+    assert make_driver({"name": name, **dump(made)}) == made
+    signals = signals_of(made)
+    assert (signals[0] == 0.0).all()
+    assert np.abs(signals).max() <= 1.0
+    person = constants_of(made, ChairSettings(), SensorSettings(), 0.1)[0]
+    assert person["n_signals"] == len(signals)
+
+
+@pytest.mark.parametrize("name", DRIVERS)
+def test_the_same_seed_gives_the_same_drive(name):
+    one, env = sticks(name)
+    other, _ = sticks(name)
+    assert one.tobytes() == other.tobytes()
+    assert np.abs(one).max() <= 1.0
+    again = env.reset(seed=3)[0]["stick"]
+    assert not again.any()
+
+
+def test_another_seed_gives_another_tremor():
+    one, _ = sticks("essential_tremor", drive=False)
+    other, _ = sticks("essential_tremor", drive=False, seed=4)
+    assert not np.array_equal(one, other)
+
+
+@pytest.mark.parametrize(
+    ("spec", "text"),
+    [
+        ("exprt", "did you mean expert?"),
+        ({"name": "expert", "hand": {"tremor": 2.0}}, "it must be at least 0.0 and at most 1.0"),
+        ({"name": "expert", "hnd": {}}, "did you mean hand?"),
+        ({"name": "expert", "interface": {"kind": "stik"}}, "did you mean stick?"),
+        ({"name": "expert", "interface": {"kind": "switches", "directions": 5}}, "one of 4, 8"),
+        ({"name": "expert", "interface": 3}, "expected an object with a kind"),
+        ({"name": "expert", "perception": {"lapse_most": 0.5}}, "must not lie below"),
+        (7, "expected a name"),
+    ],
+)
+def test_wrong_settings_are_told_in_one_line(spec, text):
+    with pytest.raises(InputError, match=r".") as told:
+        make_driver(spec)
+    assert text in str(told.value)
+    assert "\n" not in str(told.value)
+
+
+def test_another_interface_has_the_rest_of_the_person():
+    made = make_driver({"name": "novice", "interface": {"kind": "scanning"}})
+    assert made.interface.kind == "scanning"
+    assert made.intention == make_driver("novice").intention
+
+
+def test_a_tremor_has_its_frequency_and_amplitude():
+    hand = Hand(tremor=0.15, tremor_frequency=6.0)
+    a, b, gain = tremor_filter(hand, 0.01)
+    rng, values = np.random.default_rng(0), np.zeros(200_000)
+    for k in range(2, len(values)):
+        values[k] = a * values[k - 1] - b * values[k - 2] + gain * rng.standard_normal()
+    power = np.abs(np.fft.rfft(values)) ** 2
+    frequencies = np.fft.rfftfreq(len(values), 0.01)
+    assert power.cumsum().searchsorted(0.5 * power.sum()) / 2000.0 == pytest.approx(6.0, abs=0.2)
+    assert frequencies[-1] == pytest.approx(50.0)
+    assert np.sqrt(2.0) * values.std() == pytest.approx(0.15, rel=0.05)
+
+
+def test_the_hand_trembles_as_its_settings_say():
+    """At 100 Hz of control each tick is seen; the person rests, since the goal is far behind it."""
+    still = Driver(
+        Intention(period=5.0),
+        Perception(reaction=2.0),
+        Hand(tremor=0.3, tremor_frequency=4.0),
+        Stick(dead_zone=0.0, smoothing=0.0, levels=1e6),
+    )
+    found, _ = sticks(still, steps=180, drive=False, rate=100.0)  # until the first decision acts
+    power = np.abs(np.fft.rfft(found[:, 0])) ** 2
+    assert np.fft.rfftfreq(len(found), 0.01)[power.argmax()] == pytest.approx(4.0, abs=1.2)
+    assert 0.05 < np.sqrt(2.0) * found.std() < 0.6
+
+
+def test_a_dead_zone_hides_what_is_small_and_steps_are_of_a_byte():
+    trembling = Hand(tremor=0.05)
+    free = Driver(Intention(period=5.0), Perception(reaction=2.0), trembling, Stick(dead_zone=0.0))
+    found, _ = sticks(free, steps=15, drive=False)
+    assert found.any()
+    assert np.allclose(found * 127.0, np.round(found * 127.0))
+    zone = Driver(free.intention, free.perception, trembling, Stick(dead_zone=0.5))
+    assert not sticks(zone, steps=15, drive=False)[0].any()
+
+
+def test_nothing_is_given_before_the_reaction_time():
+    late = make_driver({"name": "expert", "perception": {"reaction": 1.0}})
+    found, _ = sticks(late, steps=30)
+    assert not found[:10].any()
+    assert found[10:20].any()
+
+
+def test_weakness_shrinks_one_side_alone():
+    strong, _ = sticks("expert", drive=False, steps=40)
+    weak, _ = sticks({"name": "expert", "hand": {"forward": 0.3}}, drive=False, steps=40)
+    assert 0.0 < weak[:, 0].max() < 0.5 * strong[:, 0].max()
+
+
+def test_who_sees_nothing_drives_on_and_who_sees_brakes():
+    wall = NavigationEnv(**QUICK)
+    wall.reset(seed=0)
+    _, blind = sticks("blind", steps=40)
+    _, sees = sticks("expert", steps=40)
+    assert blind.drivers.states["n_points"][0] == 0
+    assert sees.drivers.states["n_points"][0] > 20
+
+
+def test_neglect_hides_most_of_the_left():
+    _, env = sticks("hemineglect", steps=30)
+    d = env.drivers.states[0]
+    points = d["points"][: d["n_points"]]
+    sides = np.arctan2(points[:, 1], points[:, 0])
+    assert (sides > np.radians(10)).sum() < 0.6 * (sides < -np.radians(10)).sum()
+    _, env = sticks("hemianopia", steps=30)
+    d = env.drivers.states[0]
+    assert (d["points"][: d["n_points"], 1] < 1e-9).all()
+
+
+def test_latched_signals_last_and_end_by_a_signal():
+    found, env = sticks("sip_and_puff", steps=150)
+    assert env.drivers.states["presses"][0] > 0
+    driven = found[:, 0] != 0.0
+    assert driven.any()
+    values = {tuple(np.round(row, 6)) for row in found}
+    assert values <= {tuple(np.round(row, 6)) for row in signals_of(make_driver("sip_and_puff"))}
+
+
+def test_a_scan_takes_its_time():
+    """From rest, forward is lit first: it cannot be picked before its time has passed."""
+    found, _ = sticks("scanning", steps=40)
+    assert not found[: int(0.28 * 10 + 12)].any()
+    assert found.any()
+
+
+def test_a_person_reacts_to_the_motion_that_was_given():
+    """Who pushes in vain backs off; who moves does not."""
+    pushed, env = sticks("expert", steps=80, drive=False)
+    assert (pushed[:, 0] < -0.05).any()
+    assert env.drivers.states["decisions"][0] >= 15
+
+
+def test_a_lapse_keeps_the_last_signal():
+    """Somebody whose first decision is a lapse of 30 s stays at rest."""
+    lapse = {"lapses": 60.0, "lapse_least": 30.0, "lapse_most": 30.0}
+    absent = {"name": "expert", "perception": lapse, "intention": {"period": 1.0}}
+    assert not sticks(absent, steps=30)[0].any()
+    assert sticks({**absent, "perception": {}}, steps=30)[0].any()
+
+
+def test_minds_change_only_where_settings_say():
+    wavering = {"name": "expert", "intention": {"mind_changes": 30.0}}
+    found, _ = sticks(wavering, steps=60, scene="floor_plan")
+    firm, _ = sticks("expert", steps=60, scene="floor_plan")
+    n = min(len(found), len(firm))
+    assert not np.array_equal(found[:n], firm[:n])

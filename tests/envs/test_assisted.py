@@ -1,0 +1,167 @@
+"""Laws of environments in which a person drives: the assistant sees its stick and not its goal."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode
+
+from tests.copies import differences
+from tests.envs.test_vector import NEXT, SAME, assert_same, compare
+from wheelchair_gym.config import InputError
+from wheelchair_gym.drivers import DRIVERS
+from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
+
+ID = "wheelchair_gym/AssistedNavigation-v0"
+SMALL = {"scene": "clutter", "beams": 32}
+BANK = {"scene": "clutter", "beams": 32, "bank": {"size": 4, "turnover": 0.5}}
+SHORT = {"task": {"time_base": 4.0, "time_factor": 0.0}}
+
+
+def test_the_checker_of_gymnasium_has_nothing_to_say():
+    env = gym.make(ID, **SMALL)
+    check_env(env.unwrapped, skip_render_check=True)
+
+
+def test_the_checker_of_stable_baselines3_has_nothing_to_say():
+    from stable_baselines3.common.env_checker import check_env as check
+
+    env = gym.make(ID, **SMALL)
+    check(env.unwrapped, warn=False)
+
+
+@pytest.mark.parametrize(("mode", "driver"), [(NEXT, "essential_tremor"), (SAME, "sip_and_puff")])
+def test_each_row_is_a_single_env(mode, driver):
+    ends = compare(mode, 2, n=4, steps=90, config=SHORT, driver=driver, randomize=True, **BANK)
+    assert ends >= 8
+
+
+def drive_both(name, steps, mode=NEXT):
+    """A batch and single envs whose actions are the sticks; how far sticks went."""
+    settings = {**BANK, "driver": name, "config": SHORT, "shield": True}
+    batch = NavigationVectorEnv(3, num_threads=2, autoreset_mode=mode, **settings)
+    singles = [NavigationEnv(**settings) for _ in range(3)]
+    observations, infos = batch.reset(seed=5)
+    for i, env in enumerate(singles):
+        assert_same(i, 3, (observations, infos), env.reset(seed=5 + i))
+    over, most = np.zeros(3, bool), 0.0
+    for _ in range(steps):
+        actions = observations["stick"][:, :2].copy()
+        most = max(most, float(np.abs(actions).max()))
+        observations, _, terminated, truncated, infos = batch.step(actions)
+        for i, env in enumerate(singles):
+            if over[i]:
+                assert_same(i, 3, (observations, infos), env.reset())
+            else:
+                observation, *_, info = env.step(actions[i])
+                assert_same(i, 3, (observations, infos), (observation, info))
+            over[i] = not over[i] and (terminated[i] or truncated[i])
+    batch.close()
+    return most
+
+
+@pytest.mark.parametrize("name", DRIVERS)
+def test_each_row_is_a_single_env_whoever_drives(name):
+    assert drive_both(name, 50) > 0.1 or name == "scanning"
+
+
+def test_a_reset_by_mask_begins_the_person_anew():
+    env = NavigationVectorEnv(2, driver="expert", autoreset_mode=AutoresetMode.DISABLED, **SMALL)
+    observation, _ = env.reset(seed=1)
+    for _ in range(8):
+        observation, *_ = env.step(observation["stick"][:, :2])
+    assert observation["stick"].any(axis=1).all()
+    observation, _ = env.reset(options={"reset_mask": np.array([True, False])})
+    assert not observation["stick"][0].any()
+    assert observation["stick"][1].any()
+
+
+def test_the_goal_and_the_way_are_not_observed():
+    env = NavigationEnv(**SMALL, driver="expert")
+    assert not {"goal", "path", "privileged", "privileged_path"} & set(env.observation_space.spaces)
+    assert env.observation_space["stick"].shape == (11,)
+    assert "goal" in NavigationEnv(**SMALL).observation_space.spaces
+    assert "stick" not in NavigationEnv(**SMALL).observation_space.spaces
+
+
+def test_two_goals_and_one_stick_give_one_observation(monkeypatch):
+    """Where the person asks for the same, nothing tells where it wants to go."""
+    from dataclasses import replace
+
+    env = NavigationEnv(**SMALL, driver={"name": "expert", "perception": {"reaction": 2.0}})
+    env.reset(seed=3)
+    episode, seen = env.episode, []
+    for goal in (episode.goal, episode.start + np.array([0.0, 0.9, 0.0])):
+        env.reset(seed=3, options={"episode": replace(episode, goal=goal)})
+        seen.append([env.step(np.array([0.1, 0.2]))[0] for _ in range(10)])
+    assert not list(differences(*seen))
+
+
+def test_the_stick_is_observed_with_its_history():
+    env = NavigationEnv(**SMALL, driver="expert", config={"task": {"stick_history": 2}})
+    observation, _ = env.reset(seed=0)
+    before = [np.zeros(2), np.zeros(2)]
+    for _ in range(20):
+        observation, _, terminated, truncated, _ = env.step(np.array([0.2, 0.0]))
+        stick = env.reading.stick
+        now = np.array([stick.forward, stick.left])
+        expected = np.concatenate([now, [stick.latched], *before]).astype(np.float32)
+        assert np.array_equal(observation["stick"], expected)
+        before = [now, before[0]]
+        if terminated or truncated:
+            break
+    assert any(each.any() for each in before)
+
+
+def test_to_do_as_the_stick_says_is_no_disagreement():
+    env = NavigationEnv(**SMALL, driver="expert")
+    observation, _ = env.reset(seed=0)
+    for _ in range(15):
+        observation, _, _, _, info = env.step(np.array(env.task.stick[:2]))
+        assert info["reward_terms"]["disagreement"] == 0.0
+    assert observation["stick"].any()
+    stick = env.task.stick
+    _, _, _, _, info = env.step(np.zeros(2))
+    weights = env.settings.task.reward
+    expected = weights.disagreement * np.hypot(max(0, stick.forward), stick.left) * 0.1
+    assert info["reward_terms"]["disagreement"] == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+def test_a_copy_goes_on_as_the_original(copied):
+    for env in (
+        NavigationEnv(**SMALL, driver="essential_tremor"),
+        NavigationVectorEnv(2, driver="essential_tremor", **BANK),
+    ):
+        env.reset(seed=2)
+        shape = env.action_space.shape
+        for _ in range(7):
+            env.step(np.full(shape, 0.2))
+        other = copied(env)
+        for _ in range(9):
+            assert not list(differences(*(e.step(np.full(shape, 0.1)) for e in (env, other))))
+
+
+def test_a_localized_chair_has_a_person_too():
+    env = NavigationEnv("floor_plan", driver="expert", pose_source="mcl")
+    env.reset(seed=0)
+    for _ in range(12):
+        env.step(np.array(env.task.stick[:2]))
+    assert env.task.stick.forward > 0.0
+
+
+def test_a_person_needs_a_simulated_chair_and_no_unknown_map():
+    class Chair:
+        def reset(self, episode, key): ...
+
+    with pytest.raises(InputError, match="needs the simulated chair"):
+        NavigationEnv(**SMALL, driver="expert", chair=Chair())
+    with pytest.raises(InputError, match="with the pose source slam"):
+        NavigationEnv(**SMALL, driver="expert", pose_source="slam")
+    with pytest.raises(InputError, match="did you mean expert"):
+        NavigationEnv(**SMALL, driver="expret")

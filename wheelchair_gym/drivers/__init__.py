@@ -1,0 +1,57 @@
+"""Simulated people who drive a chair: `make_driver` makes one from a name or from settings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+from wheelchair_gym.config import InputError, dump, load
+from wheelchair_gym.drivers import people
+from wheelchair_gym.drivers.settings import Driver, interface_of
+from wheelchair_gym.errors import shorten
+from wheelchair_gym.registry import Registry, in_module
+
+__all__ = ["DRIVERS", "Driver", "driver_spec", "make_driver"]
+
+# What each name gives when it is called, without arguments: a `Driver`.
+DRIVERS: Final = Registry(
+    "driver",
+    in_module(
+        people.__name__,
+        "ataxia bci biased blind chin essential_tremor expert head_array hemianopia hemineglect "
+        "hostile inattentive isometric keyboard novice scanning sip_and_puff spasticity wavering "
+        "weak_left",
+    ),
+    group="wheelchair_gym.drivers",
+)
+
+
+def make_driver(spec: str | Mapping[str, Any] | Driver) -> Driver:
+    """A simulated person.
+
+    Args:
+        spec: a name, `{"name": name, **settings}` whose settings override the named person's, or
+            a `Driver`. `module:function` names somebody's function that gives a `Driver`.
+
+    Raises:
+        InputError: the name is unknown, or a setting is wrong.
+    """
+    if isinstance(spec, Driver):
+        return spec
+    values = DRIVERS.spec(spec)
+    name = values.pop("name")
+    made = DRIVERS[name]()
+    if not isinstance(made, Driver):
+        raise InputError(f"driver {name}: it gives {shorten(made)}; expected a Driver")
+    interface = values.get("interface")
+    kept = made.interface.kind
+    if isinstance(interface, Mapping) and interface.get("kind", kept) != kept:
+        values["interface"] = interface_of(interface)  # nothing of the person's is kept
+    return load(Driver, values, f"driver {name}", made)
+
+
+def driver_spec(driver: Mapping[str, Any] | Driver) -> dict[str, Any]:
+    """A mapping that `make_driver` makes an equal driver from, as settings are stored."""
+    if isinstance(driver, Driver):
+        return {"name": "expert", **dump(driver)}
+    return dict(dump(driver))

@@ -1,0 +1,193 @@
+"""Interfaces: how the intended signal becomes what the chair's joystick input gives, in ticks.
+
+A stick follows a hand, which trembles; the sum is filtered and then sampled, so that what is faster
+than the sampling aliases as in a real chair. Switches, scanning and a brain-computer interface give
+one of a few signals, late and sometimes a wrong one.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from wheelchair_gym.compiled.kernel import borrowing_kernel
+from wheelchair_gym.drivers.state import BRAIN_COMPUTER, SCANNING, STICK, SWITCHES
+from wheelchair_gym.geometry import wrap
+from wheelchair_gym.random import DRIVERS, normal, uniform
+
+# Indices of draws in the channel DRIVERS; those of a tick and of a decision differ.
+TREMOR, BURST, BURST_X, BURST_Y, ERROR, OTHER, LATE = 0, 2, 3, 4, 5, 6, 7
+STOP, AHEAD = 0, 1  # the signal at rest, and that of imagery without any turn
+LONGEST_TURN = 5.0  # s: a command that turns nothing ends then
+
+
+@borrowing_kernel
+def _draw(d: Any, index: int) -> float:
+    return uniform(d.key, d.tick, DRIVERS, index)
+
+
+@borrowing_kernel
+def _move_hand(p: Any, d: Any, tick: float, near_goal: bool) -> None:
+    """One tick of hand, tremor and filter."""
+    h, device = p.hand, p.interface
+    x, y = p.signals[d.intended, 0] / device.gain, p.signals[d.intended, 1] / device.gain
+    size = math.hypot(x, y)
+    if size > 0.0:  # a person knows the dead zone, and pushes through it
+        more = (device.dead_zone + (1.0 - device.dead_zone) * min(1.0, size)) / size
+        x, y = x * more, y * more
+    if h.bursts > 0.0:
+        if d.clock >= d.burst_until and _draw(d, BURST) < h.bursts / 60.0 * tick:
+            d.burst_until = d.clock + h.burst_time
+            d.burst[0] = 1.0 if _draw(d, BURST_X) < 0.5 else -1.0
+            d.burst[1] = 1.0 if _draw(d, BURST_Y) < 0.5 else -1.0
+        if d.clock < d.burst_until:
+            x, y = d.burst[0], d.burst[1]
+    for k in range(2):
+        to = x if k == 0 else y
+        lag = h.return_lag if abs(to) < abs(d.hand[k]) else h.lag
+        d.hand[k] += (to - d.hand[k]) * (1.0 - math.exp(-tick / lag))
+        noise = normal(d.key, d.tick, DRIVERS, TREMOR + k)
+        value = p.tremor_a * d.tremor[k, 0] - p.tremor_b * d.tremor[k, 1] + p.tremor_gain * noise
+        d.tremor[k, 1], d.tremor[k, 0] = d.tremor[k, 0], value
+    rise = h.tremor_at_goal if near_goal else 1.0
+    x, y = d.hand[0] + rise * d.tremor[0, 0], d.hand[1] + rise * d.tremor[1, 0]
+    x *= h.forward if x > 0.0 else h.backward
+    y *= h.leftward if y > 0.0 else h.rightward
+    c, s = math.cos(h.rotation), math.sin(h.rotation)
+    x, y = c * x - s * y + h.offset_forward, s * x + c * y + h.offset_left
+    share = 1.0 if device.smoothing < 0.1 * tick else 1.0 - math.exp(-tick / device.smoothing)
+    d.filtered[0] += (min(1.0, max(-1.0, x)) - d.filtered[0]) * share
+    d.filtered[1] += (min(1.0, max(-1.0, y)) - d.filtered[1]) * share
+
+
+@borrowing_kernel
+def _sample_stick(p: Any, d: Any) -> None:
+    """What the stick's electronics give: steps, the dead zone, and the gain."""
+    device = p.interface
+    x = math.floor(d.filtered[0] * device.levels + 0.5) / device.levels
+    y = math.floor(d.filtered[1] * device.levels + 0.5) / device.levels
+    size, zone = math.hypot(x, y), device.dead_zone
+    share = 0.0
+    if size > zone:
+        share = device.gain * (size - zone) / (1.0 - zone) / size
+    d.stick[0], d.stick[1] = min(1.0, max(-1.0, share * x)), min(1.0, max(-1.0, share * y))
+
+
+@borrowing_kernel
+def _step_switches(p: Any, d: Any) -> None:
+    """Another signal comes about after a delay, and now and then it is another one still."""
+    if d.switch_to < 0:
+        if d.intended != d.active:
+            d.switch_to, d.switch_at = d.intended, d.clock + p.interface.delay
+        return
+    if d.clock < d.switch_at:
+        return
+    to = d.switch_to
+    if _draw(d, ERROR) < p.interface.error:
+        to = min(p.n_signals - 1, int(_draw(d, OTHER) * p.n_signals))
+    if to != d.active:
+        d.presses += 1
+    d.active, d.switch_to = to, -1
+
+
+@borrowing_kernel
+def _step_scanning(p: Any, d: Any) -> None:
+    """A press stops the chair and begins the scan, or picks the command that is lit."""
+    device = p.interface
+    if d.active != STOP:
+        if d.intended != d.active:
+            if d.switch_to < 0:
+                d.switch_to, d.switch_at = STOP, d.clock + device.delay
+            elif d.clock >= d.switch_at:
+                d.active, d.switch_to, d.scan = STOP, -1, 1
+                d.switch_at = d.clock + device.scan_period
+                d.presses += 1
+        return
+    if d.intended == STOP:
+        d.scan = 0
+        return
+    if d.scan == 0:
+        d.scan, d.switch_at = 1, d.clock + device.scan_period
+        return
+    if d.clock < d.switch_at:
+        return
+    lit = d.scan  # its time ends
+    d.scan = 1 if lit == p.n_signals - 1 else lit + 1
+    d.switch_at = d.clock + device.scan_period
+    if lit == d.intended:
+        d.active = d.scan if _draw(d, ERROR) < device.error else lit
+        d.scan, d.switch_to = 0, -1
+        d.presses += 1
+
+
+@borrowing_kernel
+def _step_brain_computer(p: Any, d: Any, yaw: float) -> None:
+    """A switch starts and stops; imagery turns the chair by an angle, late and not always right."""
+    device, turns = p.interface, d.active > AHEAD
+    if turns and (
+        abs(wrap(yaw - d.turn_from)) >= device.command_angle or d.clock > d.commanded + LONGEST_TURN
+    ):
+        d.active = d.resumed
+        return
+    to = d.intended
+    if to == d.active or (
+        to > AHEAD and (turns or d.clock < d.commanded + device.command_interval)
+    ):
+        d.switch_to = -1
+    elif d.switch_to != to:
+        late = device.delay
+        if to > AHEAD:
+            late = device.delay_least + (device.delay_most - device.delay_least) * _draw(d, LATE)
+        d.switch_to, d.switch_at = to, d.clock + late
+    elif d.clock >= d.switch_at:
+        if to > AHEAD:
+            d.resumed, d.commanded, d.turn_from = d.active, d.clock, yaw
+            if _draw(d, ERROR) >= device.accuracy:
+                to = 5 - to  # left for right
+        d.active, d.switch_to = to, -1
+        d.presses += 1
+
+
+@borrowing_kernel
+def give_signal(p: Any, d: Any, yaw: float, near_goal: bool) -> None:
+    """Let hand and interface follow the intended signal for one control period."""
+    tick = p.period / p.ticks
+    for _ in range(p.ticks):
+        d.tick += 1
+        d.clock = d.tick * tick
+        while d.pending > 0 and d.pending_at[0] <= d.clock + 1e-9:
+            d.intended = d.pending_signal[0]
+            d.pending -= 1
+            for k in range(d.pending):
+                d.pending_signal[k], d.pending_at[k] = d.pending_signal[k + 1], d.pending_at[k + 1]
+        if p.kind == STICK:
+            _move_hand(p, d, tick, near_goal)
+            if d.tick % p.sample_every == 0:
+                _sample_stick(p, d)
+        elif p.kind == SWITCHES:
+            _step_switches(p, d)
+        elif p.kind == SCANNING:
+            _step_scanning(p, d)
+        elif p.kind == BRAIN_COMPUTER:
+            _step_brain_computer(p, d, yaw)
+    if p.kind != STICK:
+        d.stick[0], d.stick[1] = p.signals[d.active, 0], p.signals[d.active, 1]
+        # Turns of switches are held.
+        d.latched = p.latched and (
+            d.active != STOP if p.kind != SWITCHES else p.signals[d.active, 0] != 0.0
+        )
+
+
+@borrowing_kernel
+def begin_signal(d: Any, key: np.uint64) -> None:
+    """Let nothing be held, and the hand rest."""
+    d.key, d.tick, d.clock = key, 0, 0.0
+    d.pending = d.intended = d.active = d.scan = d.presses = d.resumed = 0
+    d.switch_to, d.switch_at, d.burst_until, d.turn_from = -1, 0.0, 0.0, 0.0
+    d.commanded = -1e9
+    d.latched = False
+    for k in range(2):
+        d.hand[k] = d.filtered[k] = d.stick[k] = d.burst[k] = 0.0
+        d.tremor[k, 0] = d.tremor[k, 1] = 0.0

@@ -1,0 +1,117 @@
+"""One control period of the person who drives a chair; the same function for one and for many."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wheelchair_gym.compiled.address import Pointers
+from wheelchair_gym.compiled.kernel import borrowing_kernel
+from wheelchair_gym.drivers.intention import NEAR_GOAL, begin_intention, decide, notice_motion
+from wheelchair_gym.drivers.interfaces import begin_signal, give_signal
+from wheelchair_gym.drivers.settings import Driver
+from wheelchair_gym.drivers.state import (
+    CONSTANTS,
+    DRIVER,
+    DRIVERS,
+    DRIVERS_TARGETS,
+    constants_of,
+    driver_row,
+)
+from wheelchair_gym.physics.settings import ChairSettings
+from wheelchair_gym.sensors.settings import SensorSettings
+from wheelchair_gym.task.prepared_episode import PreparedEpisode
+from wheelchair_gym.types import Stick
+
+Array = NDArray[np.float64]
+Floats = NDArray[np.float32]
+
+
+@borrowing_kernel
+def begin_driver(i: int, drivers: Any, key: np.uint64) -> None:
+    """Let row i's person rest at the start of an episode; drivers: (1,) of DRIVERS."""
+    _, d = driver_row(drivers, i)
+    begin_signal(d, key)
+    begin_intention(d)
+
+
+@borrowing_kernel
+def step_driver(
+    i: int, drivers: Any, prepared: Any, pose: Array, twist: Array, scan: Floats
+) -> tuple[float, float, bool]:
+    """Let row i's person see where the chair came to, and drive on for one control period.
+
+    Args:
+        i: the row.
+        drivers: (1,) of DRIVERS.
+        prepared: of the episode, a record of PREPARED.
+        pose: true (3,) [m, m, rad].
+        twist: true (2,) [m/s, rad/s].
+        scan: ranges [m], those of the first scanner first.
+
+    Returns:
+        What the interface gives: deflections forward and to the left, and whether they last
+        without the person's doing.
+    """
+    p, d = driver_row(drivers, i)
+    notice_motion(p, d, twist)
+    decide(p, d, prepared, pose, twist, scan)
+    far = math.hypot(prepared.goal[0] - pose[0], prepared.goal[1] - pose[1])
+    give_signal(p, d, pose[2], far < NEAR_GOAL)
+    return d.stick[0], d.stick[1], d.latched
+
+
+@borrowing_kernel
+def step_first_driver(
+    drivers: Any, prepared_rows: Any, pose: Array, twist: Array, scan: Floats
+) -> tuple[float, float, bool]:
+    """`step_driver` of the only row, with prepared_rows (1,)."""
+    return step_driver(0, drivers, prepared_rows[0], pose, twist, scan)
+
+
+@borrowing_kernel
+def begin_first_driver(drivers: Any, key: np.uint64) -> None:
+    """`begin_driver` of the only row."""
+    begin_driver(0, drivers, key)
+
+
+class Drivers:
+    """The people who drive n chairs; of nobody, no rows.
+
+    A copy, by `copy.deepcopy` or `pickle`, goes on as the original does, to the bit.
+
+    Attributes:
+        driver: the person's settings; None: nobody drives.
+        states: (n,) of DRIVER.
+        pointers: to them, a record (1,) of DRIVERS.
+    """
+
+    def __init__(
+        self,
+        driver: Driver | None,
+        chair: ChairSettings,
+        sensors: SensorSettings,
+        period: float,
+        n: int = 1,
+    ) -> None:
+        self.driver = driver
+        self.states = np.zeros(0 if driver is None else n, DRIVER)
+        self.pointers = Pointers(np.zeros(1, DRIVERS), DRIVERS_TARGETS)
+        self.pointers.record["n"] = len(self.states)
+        constants = np.zeros(1, CONSTANTS)
+        if driver is not None:
+            constants = constants_of(driver, chair, sensors, period)
+        self.pointers.point("constants", constants)
+        self.pointers.point("drivers", self.states)
+
+    def begin(self, key: int) -> None:
+        """Let the person of the only row rest at the start of an episode with a key."""
+        if len(self.states):
+            begin_first_driver(self.pointers.record, np.uint64(key))
+
+    def step(self, prepared: PreparedEpisode, pose: Array, twist: Array, scan: Floats) -> Stick:
+        """What the interface of the only row's person gives next; see `step_driver`."""
+        return Stick(*step_first_driver(self.pointers.record, prepared.record, pose, twist, scan))
