@@ -13,10 +13,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from planners.collision.connections import free_gap, gaps_at
 from planners.collision.footprint import Sweeps, sweeps
 from planners.collision.nearby import CELL, Nearby
 from planners.lattice.heuristic import SPACING, Field
-from planners.lattice.pose_search import Lines, free_gap
+from planners.lattice.pose_search import Lines
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.geometry import point_segment_distance
 from wheelchair_gym.maps.driving_cost import MotionCost, duration
@@ -120,16 +121,6 @@ BESIDE = 0.5  # m: from so far beside its beginning it is tried
 TURNS = 0.5 * math.pi  # rad: a chair that can turn so far to both sides can come from anywhere
 YAWS = 24  # headings tried at a goal that has none
 HEADING_RANGE = 0.8  # rad: by how much the heading may differ there
-
-
-@kernel
-def gaps_at(near: Nearby, motion: MotionCost, poses: Array, workspace: Sweeps) -> Array:
-    """Gaps (n,) [m] of the outline at poses (n, 3), at most the desired clearance."""
-    seen, gaps = np.empty_like(near.segments), np.empty(poses.shape[0])
-    for k in range(poses.shape[0]):
-        x, y, yaw = poses[k]
-        gaps[k] = free_gap(near, motion, x, y, yaw, 0.0, 0.0, workspace, seen)
-    return gaps
 
 
 @kernel
