@@ -270,13 +270,14 @@ def splice(path: Path, motion: MotionCost, i: int, j: int, new: NDArray[Any], co
 
 
 @borrowing_kernel
-def via_cost(drive: Drive, path: Path, i: int, j: int, shifts: Array, budget: float) -> tuple[
-    int, float
-]:
+def via_cost(
+    drive: Drive, path: Path, i: int, j: int, shifts: Array, turned: float, budget: float
+) -> tuple[int, float]:
     """Write connections through shifted poses of a window to `drive.candidate`; count and cost [s].
 
     The shifts (3 k,) [m, m, rad] are in the frames of k poses, which share the window evenly; with
-    none it is one connection. The cost is infinite where they are not free below the budget.
+    none it is one connection. Each pose is `turned` [rad], too. The cost is infinite where they are
+    not free below the budget.
     """
     pieces, poses = path.pieces, shifts.shape[0] // 3
     at = pieces[i]
@@ -288,7 +289,7 @@ def via_cost(drive: Drive, path: Path, i: int, j: int, shifts: Array, budget: fl
             c, s = math.cos(on.yaw), math.sin(on.yaw)
             ahead, aside = shifts[3 * k], shifts[3 * k + 1]
             tx, ty = on.x + c * ahead - s * aside, on.y + s * ahead + c * aside
-            tyaw, after = on.yaw + shifts[3 * k + 2], 0
+            tyaw, after = on.yaw + turned + shifts[3 * k + 2], 0
         else:
             tx, ty, tyaw, after = pieces[j].x, pieces[j].y, pieces[j].yaw, kind_after(path, j)
             if j == path.count[0]:
@@ -334,11 +335,13 @@ LEAST_SCALE, SHRINK, GROW = 0.02, 0.8, 1.3  # of the bounds, after a search with
 
 @borrowing_kernel
 def search_vias(
-    drive: Drive, path: Path, whales: Whales, i: int, j: int, poses: int, which: int, state: Stream
-) -> int:
+    drive: Drive, path: Path, whales: Whales, i: int, j: int, poses: int, which: int,
+    turned: float, state: Stream,
+) -> int:  # fmt: skip
     """Let whales replace a window by connections through shifted poses; evaluations made.
 
     The leader at first is the path itself: all shifts are 0. Bounds shrink where nothing is found.
+    With the poses turned by pi, the chair turns round and drives ahead where it backed.
     """
     d, settings = 3 * poses, whales.settings
     population, best = whales.population[:, :d], whales.best[:d]
@@ -357,7 +360,7 @@ def search_vias(
     found, made = False, 0
     for t in range(settings.iterations + 1):
         for whale in range(population.shape[0]):
-            _, cost = via_cost(drive, path, i, j, population[whale], least)
+            _, cost = via_cost(drive, path, i, j, population[whale], turned, least)
             made += 1
             if cost < least:
                 least, found = cost, True
@@ -370,8 +373,10 @@ def search_vias(
                 state,
             )  # fmt: skip
     if found:
-        count, cost = via_cost(drive, path, i, j, best, math.inf)
+        count, cost = via_cost(drive, path, i, j, best, turned, math.inf)
         found = cost < old and splice(path, drive.motion, i, j, drive.candidate, count)
+    if turned != 0.0:
+        return made
     factor = GROW if found else SHRINK
     whales.scale[which] = min(1.0, max(LEAST_SCALE, factor * scale))
     return made
@@ -381,7 +386,7 @@ def search_vias(
 def shortcut(drive: Drive, path: Path, none: Array, i: int, j: int) -> bool:
     """Replace a window by one connection where that is cheaper; `none` are the shifts of none."""
     old = window_cost(drive.motion, path, i, j)
-    count, cost = via_cost(drive, path, i, j, none, old - MIN_GAIN)
+    count, cost = via_cost(drive, path, i, j, none, 0.0, old - MIN_GAIN)
     return cost < old and splice(path, drive.motion, i, j, drive.candidate, count)
 
 

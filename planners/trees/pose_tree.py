@@ -15,7 +15,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.collision.connections import connection, free_gap
+from planners.collision.connections import CONNECTIONS, connection, free_gap
+from planners.collision.nearby import Nearby, nearest_side
 from planners.trees.pose_path import (
     MAX_POSES,
     MIN_GAIN,
@@ -41,6 +42,9 @@ Array = NDArray[np.float64]
 
 NONE: Final = -1  # no node
 TURN_LENGTH = 0.5  # m per rad: distance of poses
+_BACK: Final = 1e6  # s: ways back are tried last
+_MOST_BACK: Final = 0.6  # m: longer ways back are not tried at first
+_ONLY_AHEAD: Final = 1500  # iterations
 MIN_ADVANCE = 0.05  # m: a blocked extension that comes less near to its target makes no node
 
 NODE = np.dtype(
@@ -108,15 +112,20 @@ def nearest(tree: Tree, x: float, y: float, yaw: float) -> int:
 
 
 @borrowing_kernel
-def extend(drive: Drive, tree: Tree, i: int, x: float, y: float, yaw: float) -> tuple[int, bool]:
+def extend(
+    drive: Drive, tree: Tree, i: int, x: float, y: float, yaw: float, most_back: float
+) -> tuple[int, bool]:
     """Extend a tree from a node towards a pose until blocked; the new node, and is it there?
 
-    The quickest free connection is taken; where none is free, the one that comes nearest.
+    The quickest free connection is taken, one ahead if there is; where none is free, the one that
+    comes nearest. No connection leads farther back than `most_back` [m].
     """
     node = tree.nodes[i]
     if tree.count[0] >= tree.nodes.shape[0]:
         return NONE, False
     write_times(drive, node.x, node.y, node.yaw, 0, x, y, yaw, 0, tree.sign)
+    for kind in range(1 if tree.sign > 0.0 else 0, CONNECTIONS, 2):
+        drive.times[kind] += _BACK
     best, chosen, share = pose_distance(node, x, y, yaw) - MIN_ADVANCE, NONE, 0
     while chosen == NONE or share >= 0:
         kind = quickest(drive.times)
@@ -124,6 +133,8 @@ def extend(drive: Drive, tree: Tree, i: int, x: float, y: float, yaw: float) -> 
             break
         drive.times[kind] = math.inf
         _, a, s, b, t, u = connection(kind, node.x, node.y, node.yaw, x, y, yaw)
+        if tree.sign * (a + b) < -most_back:
+            continue
         px, py, pyaw, total, free = node.x, node.y, node.yaw, 0, True
         for part in range(3):
             way, turn = (a, b, 0.0)[part], (s, t, u)[part]
@@ -221,6 +232,43 @@ def next_normal(state: Stream) -> float:
     return (total - 2.0) * math.sqrt(3.0)
 
 
+_SETTLED: Final = 1e-3  # m
+_STEPS: Final = 6  # to the middle of a passage
+_ASTRAY: Final = 0.5  # m: a middle that is farther from the guide is of another passage
+
+
+@kernel
+def passage_poses(near: Nearby, guide: Array, widest: float) -> Array:
+    """Poses (k, 3) in the middle of what a guide (n, 3) passes, straight between both sides.
+
+    The passage is less than twice `widest` [m] wide.
+    """
+    poses = np.empty_like(guide)
+    n = 0
+    for k in range(guide.shape[0]):
+        x, y = guide[k, 0], guide[k, 1]
+        for _ in range(_STEPS):
+            ax, ay, first = nearest_side(near, x, y, 0.0, 0.0, 2.0 * widest)
+            bx, by, second = nearest_side(near, x, y, ax - x, ay - y, 2.0 * widest)
+            if first <= 0.0 or second >= 2.0 * widest:
+                break
+            mx, my = 0.5 * (ax + bx), 0.5 * (ay + by)
+            moved = math.hypot(mx - x, my - y)
+            if math.hypot(mx - guide[k, 0], my - guide[k, 1]) > _ASTRAY:
+                break
+            x, y = mx, my
+            if moved < _SETTLED:
+                yaw = math.atan2(bx - ax, ay - by)
+                if math.cos(yaw - guide[k, 2]) < 0.0:
+                    yaw += math.pi
+                new = n == 0 or math.hypot(poses[n - 1, 0] - x, poses[n - 1, 1] - y) > 0.05
+                if new:
+                    poses[n, 0], poses[n, 1], poses[n, 2] = x, y, wrap(yaw)
+                    n += 1
+                break
+    return poses[:n].copy()
+
+
 _TRIES: Final = 20  # poses drawn for a sample at most
 
 
@@ -240,7 +288,7 @@ def sample(search: Search, state: Stream) -> bool:
             pose[0], pose[1], pose[2] = piece.x, piece.y, piece.yaw
         elif near and guide.shape[0] > 0:
             on = guide[int(next_uniform(state) * guide.shape[0])]
-            scale = 1.0
+            scale = math.exp(-4.0 * next_uniform(state))
             pose[0], pose[1], pose[2] = on[0], on[1], on[2]
             if next_uniform(state) < options.reversed_share:
                 pose[2] += math.pi
@@ -336,14 +384,15 @@ def grow(search: Search, state: Stream) -> None:
         pose[0], pose[1], pose[2] = root.x, root.y, root.yaw
     elif not sample(search, state):
         return
+    most_back = _MOST_BACK if run.iteration < _ONLY_AHEAD else math.inf
     near = nearest(one, pose[0], pose[1], pose[2])
-    new, _ = extend(drive, one, near, pose[0], pose[1], pose[2])
+    new, _ = extend(drive, one, near, pose[0], pose[1], pose[2], most_back)
     if new == NONE:
         return
     x, y, yaw = one.nodes[new].x, one.nodes[new].y, one.nodes[new].yaw
     twin = nearest(other, x, y, yaw)
     while True:
-        reached, there = extend(drive, other, twin, x, y, yaw)
+        reached, there = extend(drive, other, twin, x, y, yaw, most_back)
         if there:
             if not forward:
                 new, reached = reached, new
@@ -533,16 +582,21 @@ def refine(search: Search, state: Stream) -> None:
         span = 2 + int(next_uniform(state) * (options.window - 1))
         i = int(next_uniform(state) * n)
         j = min(n, i + span)
-        poses = min(options.local_poses, j - i - 1)
+        poses, turned = min(options.local_poses, j - i - 1), 0.0
+        if path.pieces[i].kind == -1:  # back: what if the chair turned round?
+            while j < n and path.pieces[j].kind == -1 and next_uniform(state) < 0.95:
+                j += 1
+            poses = min(MAX_POSES, min(j - i - 1, 1 + (j - i) // options.spacing))
+            turned = math.pi
         if poses > 0:
             run.local_evaluations += search_vias(
-                search.drive, path, search.whales, i, j, poses, 0, state
+                search.drive, path, search.whales, i, j, poses, 0, turned, state
             )
     else:
         poses = min(MAX_POSES, int(n / options.spacing * (0.5 + next_uniform(state))))
         if poses > 0:
             run.global_evaluations += search_vias(
-                search.drive, path, search.whales, 0, n, poses, 1, state
+                search.drive, path, search.whales, 0, n, poses, 1, 0.0, state
             )
 
 

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from planners.collision.connections import MIN_GAP, fit_ends, gaps_at, start_and_goal
 from planners.collision.footprint import sweeps
-from planners.collision.nearby import nearby
+from planners.collision.nearby import Nearby, nearby
 from planners.problem import Plan, PlannerBase, Problem, Status, check, remaining
-from planners.smoothing.shortcut import resample
+from planners.smoothing.shortcut import resample, shortcut
 from planners.swarm.woa import WhaleSettings
 from planners.trees.pose_path import (
     LONGEST_PIECE,
@@ -22,8 +22,18 @@ from planners.trees.pose_path import (
     new_whales,
     poses_of_path,
 )
-from planners.trees.pose_tree import NODE, NONE, RUN, Options, Search, Tree, add_pose, advance
-from planners.trees.settings import InformedRrtStar
+from planners.trees.pose_tree import (
+    NODE,
+    NONE,
+    RUN,
+    Options,
+    Search,
+    Tree,
+    add_pose,
+    advance,
+    passage_poses,
+)
+from planners.trees.settings import RrtConnect
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.kinematics import Limits
@@ -51,7 +61,7 @@ class Se2RrtStarWoa(DrivingCost, PlannerBase):
 
     footprint: Footprint = Footprint()
     limits: Limits = Limits()
-    guide: InformedRrtStar = setting(default=InformedRrtStar(iterations=500), source=_DESIGN)
+    guide: RrtConnect = setting(default=RrtConnect(iterations=10_000), source=_DESIGN)
     """The planner of the disc's path."""
     whales: WhaleSettings = setting(
         default=WhaleSettings(population=8, iterations=4), source="tuned on training seeds"
@@ -93,7 +103,7 @@ class Se2RrtStarWoa(DrivingCost, PlannerBase):
     """Standard deviation of their distance from it."""
     turn_spread: float = setting(default=0.6, unit="rad", low=0.0, source="tuned on training seeds")
     """Standard deviation of their heading."""
-    reversed_share: float = setting(default=0.2, low=0.0, high=1.0, source=_DESIGN)
+    reversed_share: float = setting(default=0.05, low=0.0, high=1.0, source=_DESIGN)
     """Share of them that look back."""
 
     def trivial(self, problem: Problem) -> Plan | None:
@@ -113,7 +123,7 @@ class Se2RrtStarWoa(DrivingCost, PlannerBase):
         if status is not None:
             return Plan(status)
         drive, state = new_drive(near, motion), stream(rng)
-        guide, guide_iterations = self._guide(problem, motion.margin, rng, end)
+        guide, guide_iterations = self._guide(problem, near, motion.margin, rng, end)
         guided_s = perf_counter() - began
         goals = goal[None]
         if len(goal) == 2:
@@ -152,7 +162,7 @@ class Se2RrtStarWoa(DrivingCost, PlannerBase):
         )
 
     def _guide(
-        self, problem: Problem, margin: float, rng: np.random.Generator, end: float
+        self, problem: Problem, near: Nearby, margin: float, rng: np.random.Generator, end: float
     ) -> tuple[Array, int]:
         """Poses (n, 3) along the path of the disc within the outline, if there is one."""
         footprint = self.footprint
@@ -164,9 +174,10 @@ class Se2RrtStarWoa(DrivingCost, PlannerBase):
         iterations = plan.counters.get("iterations", 0)
         if plan.status is not Status.SOLVED or plan.length < GUIDE_SPACING:
             return np.empty((0, 3)), iterations
-        points = resample(plan.path, GUIDE_SPACING)
+        points = resample(shortcut(plan.path, disc.free), GUIDE_SPACING)
         steps = np.gradient(points, axis=0)
-        return np.column_stack([points, np.arctan2(steps[:, 1], steps[:, 0])]), iterations
+        guide = np.column_stack([points, np.arctan2(steps[:, 1], steps[:, 0])])
+        return np.vstack([guide, passage_poses(near, guide, footprint.front)]), iterations
 
     def _tree(self, roots: Array, sign: float) -> Tree:
         tree = Tree(np.zeros(self.nodes, NODE), np.zeros(1, np.int64), sign)
