@@ -1,7 +1,7 @@
 """Paths of an outline as pieces of arcs, and how shortcuts and whales make them cheaper.
 
-A path is a list of short pieces, each driven at a constant curvature, with its cost: its duration at
-the chair's limits, and more near obstacles. Part of a path, a window, is replaced by connections
+A path is a list of short pieces, each driven at a constant curvature, with its cost: its duration
+at the chair's limits, and more near obstacles. Part of a path, a window, is replaced by connections
 that cost less and that the outline drives freely, by an exact test. A shortcut is one connection.
 Whales (Mirjalili and Lewis 2016) search poses on the way: a whale is the shifts of some poses of the
 window, all of them jointly, and costs what connections through these poses cost.
@@ -22,7 +22,7 @@ from planners.swarm.woa import WhaleParameters, move_whales
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.geometry import wrap
 from wheelchair_gym.kinematics import arc_step
-from wheelchair_gym.maps.driving_cost import MotionCost, duration, kind_of, stretch_cost
+from wheelchair_gym.maps.driving_cost import STILL, MotionCost, duration, kind_of, stretch_cost
 from wheelchair_gym.random import Stream, next_uniform
 
 Array = NDArray[np.float64]
@@ -56,13 +56,14 @@ class Drive(NamedTuple):
     trial: NDArray[Any]  # (CAPACITY,) PIECE: of one connection
     candidate: NDArray[Any]  # (CAPACITY,) PIECE: of several
     times: Array  # (CONNECTIONS,) s
+    sharpest: float  # 1/m: greatest curvature of arcs
 
 
-def new_drive(near: Nearby, motion: MotionCost) -> Drive:
+def new_drive(near: Nearby, motion: MotionCost, sharpest: float) -> Drive:
     """A drive on a map; `near` reaches `LONGEST_PIECE` beyond the outline's reach and clearance."""
     return Drive(
         near, motion, sweeps(1), np.empty_like(near.segments), np.zeros(CAPACITY, PIECE),
-        np.zeros(CAPACITY, PIECE), np.zeros(CONNECTIONS),
+        np.zeros(CAPACITY, PIECE), np.zeros(CONNECTIONS), sharpest,
     )  # fmt: skip
 
 
@@ -117,7 +118,7 @@ def drive_stretch(
 
 @borrowing_kernel
 def connection_time(
-    motion: MotionCost, kind: int, x: float, y: float, yaw: float, before: int,
+    motion: MotionCost, sharpest: float, kind: int, x: float, y: float, yaw: float, before: int,
     tx: float, ty: float, tyaw: float, after: int, sign: float,
 ) -> float:  # fmt: skip
     """Least time [s] of a connection between two kinds of motion; infinite if there is none.
@@ -131,6 +132,8 @@ def connection_time(
     for part in range(3):
         way, turn = (sign * a, sign * b, 0.0)[part], (s, t, u)[part]
         now = kind_of(way, turn)
+        if abs(now) == 1 and abs(turn) > sharpest * abs(way) + STILL:
+            return math.inf
         if now != 0:
             time += duration(motion, way, turn) + switch(motion, before, now)
             before = now
@@ -146,7 +149,7 @@ def write_times(
     least = math.inf
     for kind in range(CONNECTIONS):
         drive.times[kind] = connection_time(
-            drive.motion, kind, x, y, yaw, before, tx, ty, tyaw, after, sign
+            drive.motion, drive.sharpest, kind, x, y, yaw, before, tx, ty, tyaw, after, sign
         )
         least = min(least, drive.times[kind])
     return least
@@ -190,9 +193,7 @@ def connect(
             if now == 0:
                 continue
             cost += switch(motion, last, now)
-            made, more = drive_stretch(
-                drive, px, py, pyaw, way, turn, trial, count, best - cost
-            )
+            made, more = drive_stretch(drive, px, py, pyaw, way, turn, trial, count, best - cost)
             cost += more
             free = made == piece_count(way, turn) and cost < best
             if not free:

@@ -43,8 +43,10 @@ Array = NDArray[np.float64]
 NONE: Final = -1  # no node
 TURN_LENGTH = 0.5  # m per rad: distance of poses
 _BACK: Final = 1e6  # s: ways back are tried last
-_MOST_BACK: Final = 0.6  # m: longer ways back are not tried at first
-_ONLY_AHEAD: Final = 1500  # iterations
+_MOST_BACK: Final = 0.6  # m: longer ways back are tried in every third attempt only
+_LONG_WAY_BACK: Final = 1.0  # m: a path that leads farther back is not good enough at first
+_ATTEMPT: Final = 1000  # iterations after which new trees are grown
+_ATTEMPTS: Final = 3  # more, after a path with a long way back
 MIN_ADVANCE = 0.05  # m: a blocked extension that comes less near to its target makes no node
 
 NODE = np.dtype(
@@ -200,6 +202,11 @@ RUN = np.dtype(
     [
         ("iteration", np.int64),
         ("first_path", np.int64),  # iteration of it, 0: there is none
+        ("refining", np.int64),  # iteration since when the path is refined, 0: trees are grown
+        ("attempt", np.int64),  # number of the trees
+        ("attempt_began", np.int64),  # iteration
+        ("last_attempt", np.int64),
+        ("goals", np.int64),  # roots of the goal's tree
         ("local_evaluations", np.int64),
         ("global_evaluations", np.int64),
         ("synced", np.float64),  # s: cost of the path that was last added to the tree
@@ -372,9 +379,36 @@ def write_path(search: Search, node: int, twin: int) -> bool:
 
 
 @borrowing_kernel
+def way_back(path: Path) -> float:
+    """How far [m] a path leads back."""
+    way = 0.0
+    for k in range(path.count[0]):
+        way -= min(0.0, path.pieces[k].way)
+    return way
+
+
+@borrowing_kernel
+def start_anew(search: Search) -> None:
+    """Leave nothing of the trees but their roots."""
+    search.start_tree.count[0], search.goal_tree.count[0] = 1, search.run[0].goals
+    search.start_tree.nodes[0].child = NONE
+    for i in range(search.run[0].goals):
+        search.goal_tree.nodes[i].child = NONE
+
+
+@borrowing_kernel
 def grow(search: Search, state: Stream) -> None:
-    """Extend one tree towards a sample, and the other to where that came: RRT-Connect."""
+    """Extend one tree towards a sample, and the other to where that came: RRT-Connect.
+
+    Trees that do not meet soon are grown anew, and so are those whose path leads far back.
+    """
     drive, run, pose = search.drive, search.run[0], search.pose
+    if run.iteration - run.attempt_began >= _ATTEMPT:
+        run.attempt, run.attempt_began = run.attempt + 1, run.iteration
+        start_anew(search)
+        if run.first_path > 0 and run.attempt > run.last_attempt:
+            run.refining = run.iteration
+            return
     forward = run.iteration % 2 == 0
     one, other = search.start_tree, search.goal_tree
     if not forward:
@@ -384,7 +418,7 @@ def grow(search: Search, state: Stream) -> None:
         pose[0], pose[1], pose[2] = root.x, root.y, root.yaw
     elif not sample(search, state):
         return
-    most_back = _MOST_BACK if run.iteration < _ONLY_AHEAD else math.inf
+    most_back = math.inf if run.attempt % 3 == 2 else _MOST_BACK
     near = nearest(one, pose[0], pose[1], pose[2])
     new, _ = extend(drive, one, near, pose[0], pose[1], pose[2], most_back)
     if new == NONE:
@@ -396,8 +430,14 @@ def grow(search: Search, state: Stream) -> None:
         if there:
             if not forward:
                 new, reached = reached, new
-            if write_path(search, new, reached):
-                run.first_path = run.iteration + 1
+            if not write_path(search, new, reached):
+                return
+            if run.first_path == 0:
+                run.first_path, run.last_attempt = run.iteration + 1, run.attempt + _ATTEMPTS
+            run.attempt_began = run.iteration - _ATTEMPT  # the next trees, if any, are new ones
+            if way_back(search.path) <= _LONG_WAY_BACK:
+                run.refining = run.iteration
+                start_anew(search)
             return
         if reached == NONE:
             return
@@ -605,7 +645,7 @@ def advance(search: Search, until: int, stop: bool, state: Stream) -> None:
     """Run iterations until there have been so many, or, if it shall stop, until a first path."""
     run = search.run[0]
     while run.iteration < until:
-        if run.first_path == 0:
+        if run.refining == 0:
             grow(search, state)
         else:
             refine(search, state)

@@ -33,7 +33,7 @@ from planners.trees.pose_tree import (
     advance,
     passage_poses,
 )
-from planners.trees.settings import RrtConnect
+from planners.trees.settings import InformedRrtStar
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.kinematics import Limits
@@ -61,13 +61,13 @@ class Se2RrtStarWoa(DrivingCost, PlannerBase):
 
     footprint: Footprint = Footprint()
     limits: Limits = Limits()
-    guide: RrtConnect = setting(default=RrtConnect(iterations=10_000), source=_DESIGN)
+    guide: InformedRrtStar = setting(default=InformedRrtStar(iterations=2_000), source=_DESIGN)
     """The planner of the disc's path."""
     whales: WhaleSettings = setting(
         default=WhaleSettings(population=8, iterations=4), source="tuned on training seeds"
     )
     """The swarms."""
-    iterations: int = setting(default=20_000, low=1, source=_DESIGN)
+    iterations: int = setting(default=6_000, low=1, source=_DESIGN)
     """Largest number of iterations: of samples up to the first path, then of rounds."""
     improvement: int = setting(default=200, low=0, source="tuned on training seeds")
     """Rounds after the first path; with a deadline, make it large for an anytime planner."""
@@ -75,19 +75,21 @@ class Se2RrtStarWoa(DrivingCost, PlannerBase):
     """Largest number of nodes of a tree."""
     neighbours: int = setting(default=10, low=1, high=100, source="tuned on training seeds")
     """Nearest nodes that may become parents, or be rewired."""
-    tree_share: float = setting(default=0.25, low=0.0, source="tuned on training seeds")
+    sharpest_turn: float = setting(
+        default=1.6, unit="1/m", low=0.1, source="as the planner lattice: in a corridor of 1.2 m"
+    )
+    """Greatest curvature of arcs; sharper turns are made in place."""
+    tree_share: float = setting(default=1.0, low=0.0, source="tuned on training seeds")
     """Share of the rounds that are samples of RRT*."""
-    shortcut_share: float = setting(default=0.25, low=0.0, source="tuned on training seeds")
+    shortcut_share: float = setting(default=1.0, low=0.0, source="tuned on training seeds")
     """Share of the rounds that are shortcuts."""
-    local_share: float = setting(default=0.25, low=0.0, source="tuned on training seeds")
+    local_share: float = setting(default=1.0, low=0.0, source="tuned on training seeds")
     """Share of the rounds of whales that move poses of a window of the path."""
-    global_share: float = setting(default=0.25, low=0.0, source="tuned on training seeds")
+    global_share: float = setting(default=0.0, low=0.0, source="tuned on training seeds")
     """Share of the rounds of whales that move poses along the whole path, jointly."""
     local_poses: int = setting(default=1, low=1, high=8, source="tuned on training seeds")
     """Poses that local whales move."""
-    pose_spacing: float = setting(
-        default=1.2, unit="m", low=0.2, source="tuned on training seeds"
-    )
+    pose_spacing: float = setting(default=1.2, unit="m", low=0.2, source="tuned on training seeds")
     """About the distance of the poses that global whales move."""
     window: float = setting(default=5.0, unit="m", low=0.4, source="tuned on training seeds")
     """Longest part of the path that local whales or a shortcut replace."""
@@ -122,7 +124,7 @@ class Se2RrtStarWoa(DrivingCost, PlannerBase):
         status, motion = fit_ends(problem, self.footprint, near, motion)
         if status is not None:
             return Plan(status)
-        drive, state = new_drive(near, motion), stream(rng)
+        drive, state = new_drive(near, motion, self.sharpest_turn), stream(rng)
         guide, guide_iterations = self._guide(problem, near, motion.margin, rng, end)
         guided_s = perf_counter() - began
         goals = goal[None]
@@ -138,14 +140,15 @@ class Se2RrtStarWoa(DrivingCost, PlannerBase):
             np.zeros(self.neighbours, np.int64), np.zeros(self.neighbours),
             np.zeros(self.nodes + 1, np.int64), np.zeros(0),
         )  # fmt: skip
-        search.run["synced"] = math.inf
+        search.run["synced"], search.run["goals"] = math.inf, len(goals)
         run, first_s = search.run[0], math.inf
         most = self.iterations if len(goals) else 0
         while run["iteration"] < most and perf_counter() < end:
             advance(search, min(most, int(run["iteration"]) + CHUNK), run["first_path"] == 0, state)
             if run["first_path"] and first_s == math.inf:
                 first_s = perf_counter() - began
-                most = min(most, int(run["iteration"]) + self.improvement)
+            if run["refining"]:
+                most = min(most, int(run["refining"]) + self.improvement)
         solved = search.path.count[0] > 0
         return Plan(
             Status.SOLVED if solved else Status.EXHAUSTED,
@@ -167,9 +170,7 @@ class Se2RrtStarWoa(DrivingCost, PlannerBase):
         """Poses (n, 3) along the path of the disc within the outline, if there is one."""
         footprint = self.footprint
         radius = min(footprint.front, footprint.rear, footprint.half_width) + margin
-        disc = replace(
-            problem, start=problem.start[:2], goal=problem.goal[:2], clearance=radius
-        )
+        disc = replace(problem, start=problem.start[:2], goal=problem.goal[:2], clearance=radius)
         plan = self.guide.plan(disc, rng, remaining(end))
         iterations = plan.counters.get("iterations", 0)
         if plan.status is not Status.SOLVED or plan.length < GUIDE_SPACING:
