@@ -3,8 +3,8 @@
 A path is a list of short pieces, each driven at a constant curvature, with its cost: its duration
 at the chair's limits, and more near obstacles. Part of a path, a window, is replaced by connections
 that cost less and that the outline drives freely, by an exact test. A shortcut is one connection.
-Whales (Mirjalili and Lewis 2016) search poses on the way: a whale is the shifts of some poses of the
-window, all of them jointly, and costs what connections through these poses cost.
+Whales (Mirjalili and Lewis 2016) search poses on the way: a whale is the shifts of some poses of
+the window, all of them jointly, and costs what connections through these poses cost.
 """
 
 from __future__ import annotations

@@ -124,6 +124,8 @@ class Se2RrtStarWoa(DrivingCost, PlannerBase):
         status, motion = fit_ends(problem, self.footprint, near, motion)
         if status is not None:
             return Plan(status)
+        if np.array_equal(start[: len(goal)], goal):
+            return Plan(Status.SOLVED, np.stack([start, start]))
         drive, state = new_drive(near, motion, self.sharpest_turn), stream(rng)
         guide, guide_iterations = self._guide(problem, near, motion.margin, rng, end)
         guided_s = perf_counter() - began
