@@ -24,7 +24,7 @@ DRIVING: dict[str, dict[str, Any]] = {
     "a_star": {"obstacle_weight": 4.0, "desired_clearance": 0.7},
     "lattice": {"pivot_speed_ratio": 0.25, "reverse_factor": 4.0, "limits": {"backward": 0.1}},
     "se2_rrt_star_woa": {
-        "pivot_speed_ratio": 0.5,
+        "pivot_speed_ratio": 0.25,
         "reverse_factor": 4.0,
         "limits": {"backward": 0.1},
     },
