@@ -44,9 +44,8 @@ NONE: Final = -1  # no node
 TURN_LENGTH = 0.5  # m per rad: distance of poses
 _BACK: Final = 1e6  # s: ways back are tried last
 _MOST_BACK: Final = 0.6  # m: longer ways back are tried in every third attempt only
-_LONG_WAY_BACK: Final = 1.0  # m: a path that leads farther back is not good enough at first
 _ATTEMPT: Final = 1000  # iterations after which new trees are grown
-_ATTEMPTS: Final = 3  # more, after a path with a long way back
+_ATTEMPTS: Final = 3  # trees that are grown after those of the first path
 MIN_ADVANCE = 0.05  # m: a blocked extension that comes less near to its target makes no node
 
 NODE = np.dtype(
@@ -379,15 +378,6 @@ def write_path(search: Search, node: int, twin: int) -> bool:
 
 
 @borrowing_kernel
-def way_back(path: Path) -> float:
-    """How far [m] a path leads back."""
-    way = 0.0
-    for k in range(path.count[0]):
-        way -= min(0.0, path.pieces[k].way)
-    return way
-
-
-@borrowing_kernel
 def start_anew(search: Search) -> None:
     """Leave nothing of the trees but their roots."""
     search.start_tree.count[0], search.goal_tree.count[0] = 1, search.run[0].goals
@@ -400,7 +390,7 @@ def start_anew(search: Search) -> None:
 def grow(search: Search, state: Stream) -> None:
     """Extend one tree towards a sample, and the other to where that came: RRT-Connect.
 
-    Trees that do not meet soon are grown anew, and so are those whose path leads far back.
+    Trees that do not meet soon are grown anew. Of the paths of some trees, the cheapest is refined.
     """
     drive, run, pose = search.drive, search.run[0], search.pose
     if run.iteration - run.attempt_began >= _ATTEMPT:
@@ -430,14 +420,10 @@ def grow(search: Search, state: Stream) -> None:
         if there:
             if not forward:
                 new, reached = reached, new
-            if not write_path(search, new, reached):
-                return
-            if run.first_path == 0:
+            write_path(search, new, reached)
+            if run.first_path == 0 and search.path.count[0] > 0:
                 run.first_path, run.last_attempt = run.iteration + 1, run.attempt + _ATTEMPTS
             run.attempt_began = run.iteration - _ATTEMPT  # the next trees, if any, are new ones
-            if way_back(search.path) <= _LONG_WAY_BACK:
-                run.refining = run.iteration
-                start_anew(search)
             return
         if reached == NONE:
             return
