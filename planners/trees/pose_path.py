@@ -212,7 +212,7 @@ class Path(NamedTuple):
     """The best path so far: its pieces, then one of no length at its end."""
 
     pieces: NDArray[Any]  # (CAPACITY,) PIECE
-    count: NDArray[np.int64]  # (1,): without the one at the end; 0: there is no path
+    size: NDArray[np.int64]  # (1,): without the one at the end; 0: there is no path
     cost: Array  # (1,) s
     goal: Array  # (3,) x, y [m], yaw [rad], NaN if it is free
 
@@ -233,7 +233,7 @@ def kind_before(path: Path, i: int) -> int:
 @borrowing_kernel
 def kind_after(path: Path, j: int) -> int:
     """The kind of motion of piece j; 0 at the end."""
-    return int(path.pieces[j].kind) if j < path.count[0] else 0
+    return int(path.pieces[j].kind) if j < path.size[0] else 0
 
 
 @borrowing_kernel
@@ -249,7 +249,7 @@ def window_cost(motion: MotionCost, path: Path, i: int, j: int) -> float:
 @borrowing_kernel
 def splice(path: Path, motion: MotionCost, i: int, j: int, new: NDArray[Any], count: int) -> bool:
     """Replace the pieces from i to j by so many new ones; false if there is no space for them."""
-    pieces, n = path.pieces, path.count[0]
+    pieces, n = path.pieces, path.size[0]
     more = count - (j - i)
     if n + more + 1 >= pieces.shape[0]:
         return False
@@ -261,7 +261,7 @@ def splice(path: Path, motion: MotionCost, i: int, j: int, new: NDArray[Any], co
             pieces[k + more] = pieces[k]
     for k in range(count):
         pieces[i + k] = new[k]
-    path.count[0] = n + more
+    path.size[0] = n + more
     end = pieces[n + more]
     if math.isnan(path.goal[2]) and n + more > 0:
         last = pieces[n + more - 1]
@@ -293,7 +293,7 @@ def via_cost(
             tyaw, after = on.yaw + turned + shifts[3 * k + 2], 0
         else:
             tx, ty, tyaw, after = pieces[j].x, pieces[j].y, pieces[j].yaw, kind_after(path, j)
-            if j == path.count[0]:
+            if j == path.size[0]:
                 tyaw = path.goal[2]
         kind, made, more = connect(
             drive, x, y, yaw, before, tx, ty, tyaw, after, budget - cost, drive.candidate, count
@@ -394,7 +394,7 @@ def shortcut(drive: Drive, path: Path, none: Array, i: int, j: int) -> bool:
 @kernel
 def poses_of_path(path: Path, spacing: float) -> Array:
     """The poses (n, 3) of a path, at most `spacing` [m] and twice as many rad apart."""
-    n, total = path.count[0], 1
+    n, total = path.size[0], 1
     for k in range(n):
         piece = path.pieces[k]
         total += int(max(1, math.ceil(max(abs(piece.way), 0.5 * abs(piece.turn)) / spacing - 1e-9)))

@@ -74,14 +74,14 @@ class Tree(NamedTuple):
     """Poses, each with a connection from its parent."""
 
     nodes: NDArray[Any]  # (capacity,) NODE
-    count: NDArray[np.int64]  # (1,)
+    size: NDArray[np.int64]  # (1,)
     sign: float  # 1; -1 in the goal's tree, whose connections are driven towards the parent
 
 
 @borrowing_kernel
 def add_pose(tree: Tree, x: float, y: float, yaw: float, parent: int) -> int:
     """Add a pose; its connection is written by others. Returns its index."""
-    new = int(tree.count[0])
+    new = int(tree.size[0])
     node = tree.nodes[new]
     node.x, node.y, node.yaw, node.cost, node.edge = x, y, yaw, 0.0, 0.0
     node.a, node.s, node.b, node.t, node.u = 0.0, 0.0, 0.0, 0.0, 0.0
@@ -90,7 +90,7 @@ def add_pose(tree: Tree, x: float, y: float, yaw: float, parent: int) -> int:
     if parent != NONE:
         node.sibling = tree.nodes[parent].child
         tree.nodes[parent].child = new
-    tree.count[0] = new + 1
+    tree.size[0] = new + 1
     return new
 
 
@@ -105,7 +105,7 @@ def pose_distance(node: Any, x: float, y: float, yaw: float) -> float:
 def nearest(tree: Tree, x: float, y: float, yaw: float) -> int:
     """The node nearest to a pose."""
     best, found = math.inf, NONE
-    for i in range(tree.count[0]):
+    for i in range(tree.size[0]):
         distance = pose_distance(tree.nodes[i], x, y, yaw)
         if distance < best:
             best, found = distance, i
@@ -122,7 +122,7 @@ def extend(
     comes nearest. No connection leads farther back than `most_back` [m].
     """
     node = tree.nodes[i]
-    if tree.count[0] >= tree.nodes.shape[0]:
+    if tree.size[0] >= tree.nodes.shape[0]:
         return NONE, False
     write_times(drive, node.x, node.y, node.yaw, 0, x, y, yaw, 0, tree.sign)
     for kind in range(1 if tree.sign > 0.0 else 0, CONNECTIONS, 2):
@@ -288,8 +288,8 @@ def sample(search: Search, state: Stream) -> bool:
     box, guide = drive.near.box, search.guide
     for _ in range(_TRIES):
         near = next_uniform(state) < options.guide_share
-        if near and path.count[0] > 0:
-            piece = path.pieces[int(next_uniform(state) * path.count[0])]
+        if near and path.size[0] > 0:
+            piece = path.pieces[int(next_uniform(state) * path.size[0])]
             scale = math.exp(-3.0 * next_uniform(state))
             pose[0], pose[1], pose[2] = piece.x, piece.y, piece.yaw
         elif near and guide.shape[0] > 0:
@@ -370,17 +370,17 @@ def write_path(search: Search, node: int, twin: int) -> bool:
         before = int(pieces[k].kind)
     if not cost < path.cost[0] - MIN_GAIN or count == 0:
         return False
-    if path.count[0] == 0:
+    if path.size[0] == 0:
         last = path.pieces[0]
         last.x, last.y, last.yaw = path.goal[0], path.goal[1], end.yaw
         last.way, last.turn, last.cost, last.kind = 0.0, 0.0, 0.0, 0
-    return splice(path, motion, 0, int(path.count[0]), pieces, count)
+    return splice(path, motion, 0, int(path.size[0]), pieces, count)
 
 
 @borrowing_kernel
 def start_anew(search: Search) -> None:
     """Leave nothing of the trees but their roots."""
-    search.start_tree.count[0], search.goal_tree.count[0] = 1, search.run[0].goals
+    search.start_tree.size[0], search.goal_tree.size[0] = 1, search.run[0].goals
     search.start_tree.nodes[0].child = NONE
     for i in range(search.run[0].goals):
         search.goal_tree.nodes[i].child = NONE
@@ -421,7 +421,7 @@ def grow(search: Search, state: Stream) -> None:
             if not forward:
                 new, reached = reached, new
             write_path(search, new, reached)
-            if run.first_path == 0 and search.path.count[0] > 0:
+            if run.first_path == 0 and search.path.size[0] > 0:
                 run.first_path, run.last_attempt = run.iteration + 1, run.attempt + _ATTEMPTS
             run.attempt_began = run.iteration - _ATTEMPT  # the next trees, if any, are new ones
             return
@@ -485,8 +485,8 @@ def add_path(search: Search) -> None:
     tree, path, run = search.start_tree, search.path, search.run[0]
     run.synced = path.cost[0]
     pieces, motion = path.pieces, search.drive.motion
-    at, k, n = 0, 0, int(path.count[0])
-    while k < n and tree.count[0] < tree.nodes.shape[0]:
+    at, k, n = 0, 0, int(path.size[0])
+    while k < n and tree.size[0] < tree.nodes.shape[0]:
         way, turn, edge, kind = 0.0, 0.0, 0.0, int(pieces[k].kind)
         bend = pieces[k].turn / pieces[k].way if kind != 2 else 0.0
         while (
@@ -511,7 +511,7 @@ def rewire(search: Search, state: Stream) -> None:
     nodes, motion, candidate = tree.nodes, drive.motion, drive.candidate
     if path.cost[0] < search.run[0].synced - MIN_GAIN:
         add_path(search)
-    if tree.count[0] + 2 >= nodes.shape[0] or not sample(search, state):
+    if tree.size[0] + 2 >= nodes.shape[0] or not sample(search, state):
         return
     x, y, yaw = pose[0], pose[1], pose[2]
     goal, root = path.goal, nodes[0]
@@ -519,7 +519,7 @@ def rewire(search: Search, state: Stream) -> None:
     if math.hypot(root.x - x, root.y - y) / motion.forward + left >= path.cost[0]:
         return
     found, bounds, n = search.found, search.bounds, 0
-    for i in range(tree.count[0]):  # the nearest ones, the farthest of them last
+    for i in range(tree.size[0]):  # the nearest ones, the farthest of them last
         distance = pose_distance(nodes[i], x, y, yaw)
         if n == found.shape[0] and distance >= bounds[n - 1]:
             continue
@@ -553,7 +553,7 @@ def rewire(search: Search, state: Stream) -> None:
             nodes[new].parent = parent
             write_connection(search, new, kind, count, cost)
     if parent == NONE:
-        tree.count[0] = new
+        tree.size[0] = new
         return
     here = nodes[new]
     here.sibling = nodes[parent].child
@@ -583,7 +583,7 @@ def rewire(search: Search, state: Stream) -> None:
         update_costs(search, there)
         nodes[there].at_goal = True
     cheapest, end_node = path.cost[0] - MIN_GAIN, NONE
-    for i in range(tree.count[0]):
+    for i in range(tree.size[0]):
         if nodes[i].at_goal and nodes[i].cost < cheapest:
             cheapest, end_node = nodes[i].cost, i
     if end_node != NONE and write_path(search, end_node, NONE):
@@ -595,12 +595,12 @@ def refine(search: Search, state: Stream) -> None:
     """One round: of RRT*, of shortcuts, or of local or global whales, drawn by their shares."""
     options, path, run = search.options, search.path, search.run[0]
     drawn = next_uniform(state)
-    n = int(path.count[0])
+    n = int(path.size[0])
     if drawn < options.tree:
         rewire(search, state)
     elif drawn < options.shortcuts:
         for _ in range(options.shortcuts_a_round):
-            n = int(path.count[0])
+            n = int(path.size[0])
             i = int(next_uniform(state) * n)
             j = min(n, i + 1 + int(next_uniform(state) * options.window))
             shortcut(search.drive, path, search.none, i, j)

@@ -9,7 +9,7 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.collision.connections import MIN_GAP, fit_ends, gaps_at, start_and_goal
+from planners.collision.connections import MIN_GAP, YAWS, fit_ends, gaps_at, start_and_goal
 from planners.collision.footprint import sweeps
 from planners.collision.nearby import Nearby, nearby
 from planners.problem import Plan, PlannerBase, Problem, Status, check, remaining
@@ -44,7 +44,7 @@ Array = NDArray[np.float64]
 
 GUIDE_SPACING = 0.1  # m
 POSE_SPACING = 0.05  # m, and rad of a pivot times 2: between poses of the path
-YAWS = 24  # headings from which a goal without one is reached at first
+ROOTS = 24  # about so many headings at a goal without one are roots of a tree
 CHUNK = 4  # iterations between two readings of the clock
 _DESIGN = "design choice"
 
@@ -134,6 +134,7 @@ class Se2RrtStarWoa(DrivingCost, PlannerBase):
             yaws = np.arange(YAWS) * (2.0 * math.pi / YAWS)
             goals = np.column_stack([np.tile(goal, (YAWS, 1)), yaws])
             goals = goals[gaps_at(near, motion, goals, sweeps(1)) >= motion.margin]
+            goals = goals[:: max(1, len(goals) // ROOTS)]
         trees = self._tree(start[None], 1.0), self._tree(goals, -1.0)
         bounds = self.shift_bound, self.shift_bound, self.turn_bound
         search = Search(
@@ -151,14 +152,14 @@ class Se2RrtStarWoa(DrivingCost, PlannerBase):
                 first_s = perf_counter() - began
             if run["refining"]:
                 most = min(most, int(run["refining"]) + self.improvement)
-        solved = search.path.count[0] > 0
+        solved = search.path.size[0] > 0
         return Plan(
             Status.SOLVED if solved else Status.EXHAUSTED,
             poses_of_path(search.path, POSE_SPACING) if solved else np.empty((0, 3)),
             counters={
                 "iterations": int(run["iteration"]),
                 "guide_iterations": guide_iterations,
-                "nodes": int(trees[0].count[0] + trees[1].count[0]),
+                "nodes": int(trees[0].size[0] + trees[1].size[0]),
                 "first_path": int(run["first_path"]),
                 "local_evaluations": int(run["local_evaluations"]),
                 "global_evaluations": int(run["global_evaluations"]),
