@@ -64,8 +64,8 @@ MODULES = {
     """,
     "agents": """
         assistance assistance.assistant policies policies.planned policies.learned
-        policies.explore control control.followers deploy watch evaluation.evaluate
-        evaluation.compare evaluation.metrics evaluation.report
+        policies.explore control control.followers control.whales deploy watch
+        evaluation.evaluate evaluation.compare evaluation.metrics evaluation.report
         evaluation.tuning learning.sb3 learning.settings learning.run learning.weights
         learning.export studies.model studies.evidence benchmarks.environments
         benchmarks.planner_benchmark

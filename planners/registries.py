@@ -20,6 +20,7 @@ PLANNERS: Final = Registry(
         "lattice": "planners.lattice.lattice:Lattice",
         "potential_field": "planners.reactive.potential_field:PotentialField",
         "prm": "planners.graphs.roadmap:Prm",
+        "se2_rrt_star_woa": "planners.trees.se2:Se2RrtStarWoa",
         "swarm": "planners.swarm.planner:SwarmPlanner",
         "visibility": "planners.graphs.visibility:Visibility",
         "voronoi": "planners.graphs.voronoi:Voronoi",

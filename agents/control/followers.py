@@ -8,32 +8,28 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agents.control.local_map import LocalMap
 from agents.control.rollout import (
-    Body,
     ChairState,
     LocalView,
     ReferencePath,
     S,
     cheapest,
-    rollout_cost,
     rollout_costs,
-    start_row,
     stops_clear,
 )
 from agents.control.tight_places import ManoeuvreTracker
 from planners.controls.generator import ControlGenerator, Controls
-from planners.swarm.woa import WhaleParameters, WhaleSettings, move_whales
-from wheelchair_gym.compiled.kernel import kernel, record_of
+from planners.swarm.woa import WhaleSettings
+from wheelchair_gym.compiled.kernel import record_of
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import to_world
 from wheelchair_gym.kinematics import Limits
-from wheelchair_gym.random import Stream, stream
 from wheelchair_gym.types import no_walls
 
 Array = NDArray[np.float64]
@@ -304,121 +300,6 @@ class PathIntegralFollower:
         if twist is None:
             self._mean[:] = 0.0
         return twist
-
-
-COMMANDS = 3  # in a particle, at most
-SIZE = 3 * COMMANDS + 1  # (v, w, t) of each, then how many count
-STRIDE = 7  # every so manieth twist of the fan is in the first swarm
-
-
-@settings
-class WhaleFollower(RolloutSettings):
-    """Whales search the commands of the next moments; each period begins with the last best ones.
-
-    A particle is a list of commands (v, w, t) and how many of them count (thesis, section 2.9.3
-    and algorithm 6), as in `planners.controls.generator`.
-    """
-
-    whales: WhaleSettings = setting(
-        default=WhaleSettings(population=24, iterations=4), source="10 ms on one core"
-    )
-    """The swarm."""
-    seed: int = setting(default=0, low=0, source="design choice")
-    """Seed of the swarm, anew for every path."""
-
-    def make(self) -> Follower:
-        """A follower at rest."""
-        return RecedingWhales(self)
-
-
-@kernel
-def search(
-    first: Array, lower: Array, upper: Array, body: Body, view: LocalView, margin: float,
-    objective: Any, swarm: WhaleParameters, state: Stream,
-) -> tuple[Array, Array]:  # fmt: skip
-    """All particles (n, SIZE) that were tried and their costs (n,), the last one the best."""
-    k, start, c_range = first.shape[0], start_row(view), np.full(SIZE, 2.0)
-    tried = np.empty((k * (swarm.iterations + 1) + 1, SIZE))
-    costs = np.empty(tried.shape[0])
-    population, best, least, n = first.copy(), first[0].copy(), np.inf, 0
-    for t in range(swarm.iterations + 1):
-        for i in range(k):
-            X = population[i]
-            count = int(X[SIZE - 1])
-            commands = X[: 3 * count].reshape(count, 3)
-            costs[n] = rollout_cost(commands, body, view, start, margin, objective)
-            tried[n] = X
-            if costs[n] < least:
-                least = costs[n]
-                best[:] = X
-            n += 1
-        if t < swarm.iterations:
-            a = swarm.a * (1.0 - t / swarm.iterations)
-            move_whales(
-                population, best, a, swarm.b, swarm.mu, swarm.lam, c_range, lower, upper, state
-            )
-    tried[n], costs[n] = best, least
-    return tried, costs
-
-
-class RecedingWhales:
-    """Carries the best commands from one period to the next."""
-
-    def __init__(self, config: WhaleFollower) -> None:
-        self.config, self._objective = config, record_of(config.objective)
-        self._state = stream(np.random.default_rng(config.seed))
-        self._best: Array | None = None  # (SIZE,)
-
-    def twist(self, now: Situation) -> Array | None:
-        """See `Follower.twist`."""
-        config, view, body = self.config, now.view, now.chair.body
-        swarm = config.whales.parameters
-
-        def pick(margin: float, slow: bool) -> Array | None:
-            lower, upper = self._bounds(now, slow)
-            first = np.clip(self._first(now.chair), lower, upper)
-            tried, costs = search(
-                first, lower, upper, body, view, margin, self._objective, swarm, self._state
-            )
-            best = cheapest(tried, costs, body, view, config.hold, margin)
-            if best < 0:
-                return None
-            self._best = tried[best]
-            return np.array(tried[best, :2])
-
-        twist = relax_clearance(now, config.margin, pick)
-        if twist is None:
-            self._best = None
-        return twist
-
-    def _bounds(self, now: Situation, slow: bool) -> tuple[Array, Array]:
-        limits, horizon = now.chair.limits, self.config.objective.horizon
-        back = 0.0 if now.local_map.blind else min(self.config.backward, limits.backward)
-        ahead = limits.forward
-        if slow:
-            back, ahead = min(back, CREEP), min(ahead, CREEP)
-        low = [-back, -limits.turn, 2.0 * now.chair.period] * COMMANDS + [1.0]
-        high = [ahead, limits.turn, horizon] * COMMANDS + [COMMANDS + 0.999]
-        return np.array(low), np.array(high)
-
-    def _first(self, chair: ChairState) -> Array:
-        """The swarm at the beginning: what was best, what is driven now, rest, part of a fan."""
-        count = self.config.whales.population
-        fan = full_fan(chair.limits, self.config.backward)
-        fan = fan[(np.arange(max(0, count - 3)) * STRIDE) % len(fan)]
-        first = np.zeros((count, SIZE))
-        first[:, 2:-1:3], first[:, -1] = 0.5 * self.config.objective.horizon, 1.0
-        for k in range(COMMANDS):
-            first[3:, 3 * k : 3 * k + 2] = fan
-        if count > 1:
-            first[1, :2] = chair.body.last
-        if self._best is not None:
-            first[0] = self._best
-            first[0, 2] -= chair.period
-            if first[0, 2] < chair.period and first[0, -1] >= 2.0:
-                first[0, :-4] = first[0, 3:-1]
-                first[0, -1] -= 1.0
-        return first
 
 
 @settings

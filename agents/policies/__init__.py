@@ -23,6 +23,11 @@ Array = NDArray[np.float64]
 DRIVING: dict[str, dict[str, Any]] = {
     "a_star": {"obstacle_weight": 4.0, "desired_clearance": 0.7},
     "lattice": {"pivot_speed_ratio": 0.25, "reverse_factor": 4.0, "limits": {"backward": 0.1}},
+    "se2_rrt_star_woa": {
+        "pivot_speed_ratio": 0.25,
+        "reverse_factor": 4.0,
+        "limits": {"backward": 0.1},
+    },
 }
 
 # Settings class of every family of policies; each has `make() -> Policy`.

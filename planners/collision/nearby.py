@@ -16,6 +16,7 @@ Array = NDArray[np.float64]
 
 CELL = 0.25  # m: squares of position that share one list of what is near
 RUN = 0.2  # m: a run of segments is at most this wide and high
+OPPOSITE = -0.5  # cosine: the other side lies at least 120 deg from the nearest point
 
 
 class Nearby(NamedTuple):
@@ -140,3 +141,31 @@ def segments_in_view(
             seen[count, 0], seen[count, 1], seen[count, 2], seen[count, 3] = px, py, qx, qy
             count += 1
     return count
+
+
+@borrowing_kernel
+def nearest_side(
+    near: Nearby, x: float, y: float, ux: float, uy: float, most: float
+) -> tuple[float, float, float]:
+    """The nearest boundary point (x, y) whose direction has a cosine to u below `OPPOSITE`.
+
+    With u = 0 any will do. Third its distance, `most` where there is none nearer.
+    """
+    cell = int((y - near.origin[1]) / CELL) * near.columns + int((x - near.origin[0]) / CELL)
+    best, bx, by = most, x, y
+    for m in range(near.first[cell], near.first[cell + 1]):
+        run = near.members[m]
+        spine = near.spines[run]
+        far = point_segment_distance(x, y, spine[0], spine[1], spine[2], spine[3])
+        if far - spine[4] >= best:
+            continue
+        for k in range(near.runs[run], near.runs[run + 1]):
+            px, py = near.segments[k, 0] - x, near.segments[k, 1] - y
+            ex, ey = near.segments[k, 2] - x - px, near.segments[k, 3] - y - py
+            square = ex * ex + ey * ey
+            t = min(1.0, max(0.0, -(px * ex + py * ey) / square)) if square > 0.0 else 0.0
+            dx, dy = px + t * ex, py + t * ey
+            far = math.hypot(dx, dy)
+            if far < best and dx * ux + dy * uy <= OPPOSITE * far * math.hypot(ux, uy):
+                best, bx, by = far, x + dx, y + dy
+    return bx, by, best

@@ -19,18 +19,17 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
+from planners.collision.connections import MIN_GAP, PIECE, fit_ends, start_and_goal
 from planners.collision.footprint import Sweeps, path_gap, sweep, sweeps
 from planners.collision.nearby import Nearby, nearby
-from planners.collision.polygon_tests import clearance
 from planners.collision.space import Space
 from planners.graphs.visibility import Visibility
 from planners.lattice.flood import is_cut_off
 from planners.lattice.heuristic import Field, distance_field, new_guide
-from planners.lattice.narrow_passages import gaps_at, make_lines, narrow_places
+from planners.lattice.narrow_passages import make_lines, narrow_places
 from planners.lattice.pose_search import (
     COUNTS,
     NODE,
-    PIECE,
     Grid,
     Search,
     Tree,
@@ -48,12 +47,7 @@ from wheelchair_gym.maps.driving_cost import DrivingCost, MotionCost
 Array = NDArray[np.float64]
 
 CHUNK = 128  # expansions between two readings of the clock
-MIN_GAP = 2e-6  # m: least gap of the outline, above rounding errors and those of tiny turns
 NARROW = 0.15  # m beyond the half width on each side: wider passages need no exact poses
-YAWS = 360  # headings tried at a goal without heading
-START_GAP_SHARE = (
-    0.98  # share of the gap to keep at a start that is nearer to a wall than the margin
-)
 FIRST_ROUND = 1000  # poses expanded at each resolution before the next one's turn
 FLOOD_SPACING = 0.05 / math.sqrt(2.0)  # m: of the grid points of the first flood
 DISC_NOTE = "no way even for a disc as wide as the outline"
@@ -154,12 +148,11 @@ class Lattice(DrivingCost, PlannerBase):
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Search without random numbers; the counted iterations are expanded poses."""
-        start, goal = np.zeros(3), np.array(problem.goal, dtype=np.float64)
-        start[: len(problem.start)] = problem.start
+        start, goal = start_and_goal(problem)
         map_data = prepare_map(problem.space, self.footprint, self.reach, self.desired_clearance)
         margin = max(MIN_GAP, problem.clearance - self.footprint.half_width)
         motion = self.motion_cost(self.footprint, self.limits, margin, self.curvature_weight)
-        status, motion = self._ends(problem, map_data, motion, start, goal)
+        status, motion = fit_ends(problem, self.footprint, map_data.near, motion)
         if status is not None:
             return Plan(status)
         begin = partial(self._begin, map_data, motion, start, goal)
@@ -213,28 +206,6 @@ class Lattice(DrivingCost, PlannerBase):
         for m, (distance, angle) in enumerate(every):
             sweep(moves, m, distance, angle, self.footprint.array)
         return moves
-
-    def _ends(
-        self, problem: Problem, map_data: MapData, motion: MotionCost, start: Array, goal: Array
-    ) -> tuple[Status | None, MotionCost]:
-        """Why the outline does not fit at an end, or None; and the cost with a margin that fits."""
-        near, workspace = map_data.near, sweeps(1)
-        if clearance(problem.space.arrays, *start[:2]) < motion.margin:
-            return Status.START_OCCUPIED, motion  # at the axle already
-        gap = float(gaps_at(near, motion._replace(margin=MIN_GAP), start[None], workspace)[0])
-        if gap < MIN_GAP:
-            return Status.START_OCCUPIED, motion
-        if gap < motion.margin:  # it may leave with the gap that it has
-            motion = motion._replace(margin=START_GAP_SHARE * gap)
-        poses, smaller = goal[None], motion
-        if len(goal) == 2:  # a smaller outline covers the headings between those tried
-            yaws = np.arange(YAWS) * (2.0 * math.pi / YAWS)
-            poses = np.column_stack([np.tile(goal, (YAWS, 1)), yaws])
-            less = 2.0 * self.footprint.reach * math.sin(0.5 * math.pi / YAWS)
-            smaller = motion._replace(outline=motion.outline - less)
-        if (gaps_at(near, smaller, poses, workspace) < motion.margin).all():
-            return Status.GOAL_OCCUPIED, motion
-        return None, motion
 
     def _begin(
         self, map_data: MapData, motion: MotionCost, start: Array, goal: Array, level: int

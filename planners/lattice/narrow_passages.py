@@ -13,49 +13,20 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from planners.collision.connections import free_gap, gaps_at
 from planners.collision.footprint import Sweeps, sweeps
-from planners.collision.nearby import CELL, Nearby
+from planners.collision.nearby import Nearby, nearest_side
 from planners.lattice.heuristic import SPACING, Field
-from planners.lattice.pose_search import Lines, free_gap
+from planners.lattice.pose_search import Lines
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
-from wheelchair_gym.geometry import point_segment_distance
 from wheelchair_gym.maps.driving_cost import MotionCost, duration
 
 Array = NDArray[np.float64]
 
-OPPOSITE = -0.5  # cosine: the other side lies at least 120 deg from the nearest point
 STEPS = 6  # from a grid point to the saddle at most
 SETTLED = 1e-4  # m
 APART = 0.3  # m: narrow places in line that are nearer to each other are one
 ALIGNED = math.radians(3.0)  # of places that are in line
-
-
-@borrowing_kernel
-def _nearest_side(
-    near: Nearby, x: float, y: float, ux: float, uy: float, most: float
-) -> tuple[float, float, float]:
-    """The nearest boundary point (x, y) whose direction has a cosine to u below `OPPOSITE`.
-
-    With u = 0 any will do. Third its distance, `most` where there is none nearer.
-    """
-    cell = int((y - near.origin[1]) / CELL) * near.columns + int((x - near.origin[0]) / CELL)
-    best, bx, by = most, x, y
-    for m in range(near.first[cell], near.first[cell + 1]):
-        run = near.members[m]
-        spine = near.spines[run]
-        far = point_segment_distance(x, y, spine[0], spine[1], spine[2], spine[3])
-        if far - spine[4] >= best:
-            continue
-        for k in range(near.runs[run], near.runs[run + 1]):
-            px, py = near.segments[k, 0] - x, near.segments[k, 1] - y
-            ex, ey = near.segments[k, 2] - x - px, near.segments[k, 3] - y - py
-            square = ex * ex + ey * ey
-            t = min(1.0, max(0.0, -(px * ex + py * ey) / square)) if square > 0.0 else 0.0
-            dx, dy = px + t * ex, py + t * ey
-            far = math.hypot(dx, dy)
-            if far < best and dx * ux + dy * uy <= OPPOSITE * far * math.hypot(ux, uy):
-                best, bx, by = far, x + dx, y + dy
-    return bx, by, best
 
 
 @borrowing_kernel
@@ -97,8 +68,8 @@ def narrow_places(near: Nearby, gaps: Field, least: float, most: float) -> Array
                 continue
             x, y = near.box[0] + j * SPACING, near.box[1] + i * SPACING
             for _ in range(STEPS):
-                ax, ay, first = _nearest_side(near, x, y, 0.0, 0.0, 2.0 * most)
-                bx, by, second = _nearest_side(near, x, y, ax - x, ay - y, 2.0 * most)
+                ax, ay, first = nearest_side(near, x, y, 0.0, 0.0, 2.0 * most)
+                bx, by, second = nearest_side(near, x, y, ax - x, ay - y, 2.0 * most)
                 if second >= 2.0 * most:
                     break
                 mx, my = 0.5 * (ax + bx), 0.5 * (ay + by)
@@ -120,16 +91,6 @@ BESIDE = 0.5  # m: from so far beside its beginning it is tried
 TURNS = 0.5 * math.pi  # rad: a chair that can turn so far to both sides can come from anywhere
 YAWS = 24  # headings tried at a goal that has none
 HEADING_RANGE = 0.8  # rad: by how much the heading may differ there
-
-
-@kernel
-def gaps_at(near: Nearby, motion: MotionCost, poses: Array, workspace: Sweeps) -> Array:
-    """Gaps (n,) [m] of the outline at poses (n, 3), at most the desired clearance."""
-    seen, gaps = np.empty_like(near.segments), np.empty(poses.shape[0])
-    for k in range(poses.shape[0]):
-        x, y, yaw = poses[k]
-        gaps[k] = free_gap(near, motion, x, y, yaw, 0.0, 0.0, workspace, seen)
-    return gaps
 
 
 @kernel

@@ -2,8 +2,7 @@
 
 States share a cell of position and heading but keep their own continuous pose (hybrid A*: Dolgov
 et al. 2010). Some poses, the anchors, are reached exactly: the goal, and those in line with narrow
-places. To a given pose lead pivot, straight and pivot, or two arcs that meet in one direction
-(Bolton 1975, Biarc curves).
+places.
 """
 
 from __future__ import annotations
@@ -14,40 +13,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.collision.footprint import Sweeps, stretch_gap, sweep
+from planners.collision.connections import connection, free_gap
+from planners.collision.footprint import Sweeps, stretch_gap
 from planners.collision.nearby import Nearby, segments_in_view
 from planners.graphs.heap import pop, push
 from planners.lattice.heuristic import Guide, cost_to_go, heading_error
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.geometry import wrap
 from wheelchair_gym.kinematics import arc_step
-from wheelchair_gym.maps.driving_cost import STILL, MotionCost, duration, kind_of, stretch_cost
+from wheelchair_gym.maps.driving_cost import MotionCost, duration, kind_of, stretch_cost
 
 Array = NDArray[np.float64]
-
-PIECE = 0.3  # m: longer stretches are tested in pieces, each from its own beginning
-
-
-@borrowing_kernel
-def free_gap(
-    near: Nearby, motion: MotionCost, x: float, y: float, yaw: float, way: float, turn: float,
-    workspace: Sweeps, seen: Array,
-) -> float:  # fmt: skip
-    """Least gap [m] of a stretch, at most the desired clearance; exact only above the margin."""
-    pieces = max(1, math.ceil(abs(way) / PIECE))
-    gap = motion.desired_clearance
-    part, bend = way / pieces, turn / pieces
-    sweep(workspace, 0, part, bend, motion.outline)
-    for k in range(pieces):
-        ax, ay, ayaw = arc_step(x, y, yaw, way, turn, k / pieces)
-        if not (near.box[0] <= ax <= near.box[2] and near.box[1] <= ay <= near.box[3]):
-            return 0.0
-        count = segments_in_view(near, ax, ay, ayaw, workspace.box[0], gap, seen)
-        gap = stretch_gap(workspace, 0, motion.outline, seen, count, gap, motion.margin)
-        if gap < motion.margin:
-            break
-    return gap
-
 
 Ints = NDArray[np.int64]
 
@@ -134,55 +110,12 @@ def connect(
     to `search.out`.
     """
     near, motion, out = search.near, search.motion, search.out
-    dx, dy = tx - x, ty - y
-    far, towards = math.hypot(dx, dy), wrap(math.atan2(dy, dx) - yaw)
     best = budget
     found = False
     for option in range(4):
-        back = option % 2 == 1
-        sign = -1.0 if back else 1.0
-        a, b = 0.0, 0.0  # ways
-        s, t, u = 0.0, 0.0, 0.0  # turns
-        aim = wrap(towards + math.pi) if back else towards
-        if option < 2:
-            if far <= STILL:
-                continue
-            if math.isnan(tyaw):  # one arc
-                if abs(aim) > 0.5 * math.pi:
-                    continue
-                half = aim
-                a = sign * far * (half / math.sin(half) if abs(half) > STILL else 1.0)
-                s = 2.0 * half
-            else:  # two arcs
-                c0, s0 = math.cos(yaw), math.sin(yaw)
-                c1, s1 = math.cos(tyaw), math.sin(tyaw)
-                vt = dx * (c0 + c1) + dy * (s0 + s1)
-                less = 2.0 - 2.0 * (c0 * c1 + s0 * s1)  # 4 - |t0 + t1|^2
-                square = dx * dx + dy * dy
-                if less > 1e-9:
-                    root = math.sqrt(vt * vt + less * square)
-                    d = (-vt + sign * root) / less
-                elif sign * vt > 1e-9:
-                    d = 0.5 * square / vt
-                else:
-                    continue
-                if sign * d < STILL:
-                    continue
-                mx, my = 0.5 * (dx + d * (c0 - c1)), 0.5 * (dy + d * (s0 - s1))
-                first = math.hypot(mx, my)
-                half = wrap(math.atan2(my, mx) - yaw + (math.pi if back else 0.0))
-                middle = yaw + 2.0 * half
-                last = math.hypot(dx - mx, dy - my)
-                other = wrap(math.atan2(dy - my, dx - mx) - middle + (math.pi if back else 0.0))
-                if abs(half) > 0.5 * math.pi or abs(other) > 0.5 * math.pi:
-                    continue
-                a = sign * first * (half / math.sin(half) if abs(half) > STILL else 1.0)
-                b = sign * last * (other / math.sin(other) if abs(other) > STILL else 1.0)
-                s, t = 2.0 * half, 2.0 * other
-        else:  # pivot, straight, pivot
-            if far > STILL:
-                s, b = aim, sign * far
-            u = 0.0 if math.isnan(tyaw) else wrap(tyaw - yaw - s)
+        possible, a, s, b, t, u = connection(option, x, y, yaw, tx, ty, tyaw)
+        if not possible:
+            continue
         cost = 0.0
         before = kind
         for part in range(3):

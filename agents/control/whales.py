@@ -1,0 +1,300 @@
+"""Followers whose commands (v, w, t) a swarm of whales searches, period by period.
+
+A particle is a list of commands and how many of them count (thesis, section 2.9.3 and algorithm
+6), as in `planners.controls.generator`; it costs what all followers' roll-outs cost. `woa` begins
+with part of a fan of twists. `whales` begins with all that is known: the commands that the plan
+itself asks for, the best ones of the period before, and the whole fan of `window`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.control.followers import (
+    CREEP,
+    Follower,
+    RolloutSettings,
+    Situation,
+    Window,
+    full_fan,
+    relax_clearance,
+)
+from agents.control.rollout import (
+    Body,
+    ChairState,
+    LocalView,
+    S,
+    cheapest,
+    rollout_cost,
+    start_row,
+)
+from planners.swarm.woa import WhaleParameters, WhaleSettings, move_whales
+from wheelchair_gym.compiled.kernel import kernel, record_of
+from wheelchair_gym.config import setting, settings
+from wheelchair_gym.kinematics import Limits
+from wheelchair_gym.random import Stream, stream
+
+Array = NDArray[np.float64]
+
+COMMANDS = 3  # in a particle, at most
+SIZE = 3 * COMMANDS + 1  # (v, w, t) of each, then how many count
+STRIDE = 7  # every so manieth twist of the fan is in the first swarm
+
+
+@settings
+class WhaleFollower(RolloutSettings):
+    """Whales search the commands of the next moments, from the last best ones on."""
+
+    whales: WhaleSettings = setting(
+        default=WhaleSettings(population=24, iterations=4), source="10 ms on one core"
+    )
+    """The swarm."""
+    seed: int = setting(default=0, low=0, source="design choice")
+    """Seed of the swarm, anew for every path."""
+
+    def make(self) -> Follower:
+        """A follower at rest."""
+        return RecedingWhales(self)
+
+
+def _bounds(config: RolloutSettings, now: Situation, slow: bool) -> tuple[Array, Array]:
+    """Least and largest values (SIZE,) of a particle."""
+    limits, horizon = now.chair.limits, config.objective.horizon
+    back = 0.0 if now.local_map.blind else min(config.backward, limits.backward)
+    ahead = limits.forward
+    if slow:
+        back, ahead = min(back, CREEP), min(ahead, CREEP)
+    low = [-back, -limits.turn, 2.0 * now.chair.period] * COMMANDS + [1.0]
+    high = [ahead, limits.turn, horizon] * COMMANDS + [COMMANDS + 0.999]
+    return np.array(low), np.array(high)
+
+
+def _one_period_later(best: Array, period: float) -> Array:
+    """What is left of a particle (SIZE,) after one control period [s]."""
+    left = best.copy()
+    left[2] -= period
+    if left[2] < period and left[-1] >= 2.0:
+        left[:-4] = left[3:-1]
+        left[-1] -= 1.0
+    return left
+
+
+@kernel
+def search(
+    first: Array, lower: Array, upper: Array, body: Body, view: LocalView, margin: float,
+    objective: Any, swarm: WhaleParameters, state: Stream,
+) -> tuple[Array, Array]:  # fmt: skip
+    """All particles (n, SIZE) that were tried and their costs (n,), the last one the best."""
+    k, start, c_range = first.shape[0], start_row(view), np.full(SIZE, 2.0)
+    tried = np.empty((k * (swarm.iterations + 1) + 1, SIZE))
+    costs = np.empty(tried.shape[0])
+    population, best, least, n = first.copy(), first[0].copy(), np.inf, 0
+    for t in range(swarm.iterations + 1):
+        for i in range(k):
+            X = population[i]
+            count = int(X[SIZE - 1])
+            commands = X[: 3 * count].reshape(count, 3)
+            costs[n] = rollout_cost(commands, body, view, start, margin, objective)
+            tried[n] = X
+            if costs[n] < least:
+                least = costs[n]
+                best[:] = X
+            n += 1
+        if t < swarm.iterations:
+            a = swarm.a * (1.0 - t / swarm.iterations)
+            move_whales(
+                population, best, a, swarm.b, swarm.mu, swarm.lam, c_range, lower, upper, state
+            )
+    tried[n], costs[n] = best, least
+    return tried, costs
+
+
+class RecedingWhales:
+    """Carries the best commands from one period to the next."""
+
+    def __init__(self, config: WhaleFollower) -> None:
+        self.config, self._objective = config, record_of(config.objective)
+        self._state = stream(np.random.default_rng(config.seed))
+        self._best: Array | None = None  # (SIZE,)
+
+    def twist(self, now: Situation) -> Array | None:
+        """See `Follower.twist`."""
+        config, view, body = self.config, now.view, now.chair.body
+        swarm = config.whales.parameters
+
+        def pick(margin: float, slow: bool) -> Array | None:
+            lower, upper = _bounds(config, now, slow)
+            first = np.clip(self._first(now.chair), lower, upper)
+            tried, costs = search(
+                first, lower, upper, body, view, margin, self._objective, swarm, self._state
+            )
+            best = cheapest(tried, costs, body, view, config.hold, margin)
+            if best < 0:
+                return None
+            self._best = tried[best]
+            return np.array(tried[best, :2])
+
+        twist = relax_clearance(now, config.margin, pick)
+        if twist is None:
+            self._best = None
+        return twist
+
+    def _first(self, chair: ChairState) -> Array:
+        """The swarm at the beginning: what was best, what is driven now, rest, part of a fan."""
+        count = self.config.whales.population
+        fan = full_fan(chair.limits, self.config.backward)
+        fan = fan[(np.arange(max(0, count - 3)) * STRIDE) % len(fan)]
+        first = np.zeros((count, SIZE))
+        first[:, 2:-1:3], first[:, -1] = 0.5 * self.config.objective.horizon, 1.0
+        for k in range(COMMANDS):
+            first[3:, 3 * k : 3 * k + 2] = fan
+        if count > 1:
+            first[1, :2] = chair.body.last
+        if self._best is not None:
+            first[0] = _one_period_later(self._best, chair.period)
+        return first
+
+
+@settings
+class RefinedWindow(Window):
+    """Whales refine the best of a fan, of the plan's commands and of the last best ones.
+
+    With no iterations of the whales it is `window` with the plan's commands among its candidates.
+    """
+
+    whales: WhaleSettings = setting(
+        default=WhaleSettings(population=16, iterations=4, a=1.0), source="10 ms on one core"
+    )
+    """The swarm, the best candidates at first."""
+    seed: int = setting(default=0, low=0, source="design choice")
+    """Seed of the swarm, anew for every path."""
+
+    def make(self) -> Follower:
+        """A follower at rest."""
+        return RefinedWindowFollower(self)
+
+
+SHARES = (0.3, 0.6, 1.0)  # of the limits, at which the plan's commands are driven
+
+
+def plan_commands(rows: Array, limits: Limits, horizon: float, backward: float) -> Array:
+    """Commands (k, COMMANDS, 3) that drive the next reference poses (n, 4), at several speeds.
+
+    The rows begin where the chair is, in its own frame.
+    """
+    found = np.zeros((len(SHARES), COMMANDS, 3))
+    for commands, share in zip(found, SHARES, strict=True):
+        x, y, yaw = 0.0, 0.0, 0.0
+        for k in range(COMMANDS):
+            reach = rows[0, S] + share * limits.forward * horizon * (k + 1) / COMMANDS
+            row = rows[min(int(np.searchsorted(rows[:, S], reach)), len(rows) - 1)]
+            dx, dy = row[0] - x, row[1] - y
+            ahead = math.cos(yaw) * dx + math.sin(yaw) * dy
+            aside = math.cos(yaw) * dy - math.sin(yaw) * dx
+            way = math.copysign(math.hypot(ahead, aside), ahead)
+            turn = 2.0 * math.atan2(aside, ahead) if way > 0.0 else 2.0 * math.atan2(-aside, -ahead)
+            if abs(way) < 0.05:
+                way, turn = 0.0, math.remainder(row[2] - yaw, 2.0 * math.pi)
+            fastest = limits.forward if way >= 0.0 else min(backward, limits.backward)
+            need = max(abs(way) / max(fastest, 1e-6), abs(turn) / limits.turn) / share
+            time = max(need, 0.1)
+            commands[k] = way / time, turn / time, time
+            x, y, yaw = row[0], row[1], row[2]
+    return found
+
+
+class RefinedWindowFollower:
+    """Carries the best commands from one period to the next."""
+
+    def __init__(self, config: RefinedWindow) -> None:
+        self.config, self._objective = config, record_of(config.objective)
+        self._state = stream(np.random.default_rng(config.seed))
+        self._best: Array | None = None  # (SIZE,)
+
+    def twist(self, now: Situation) -> Array | None:
+        """See `Follower.twist`."""
+        config, view, body = self.config, now.view, now.chair.body
+        first = self._candidates(now, view)
+
+        def pick(margin: float, slow: bool) -> Array | None:
+            lower, upper = _bounds(config, now, slow)
+            some = first[_is_within(first, lower, upper)]
+            if len(some) == 0:
+                return None
+            tried, costs = refine(
+                some, lower, upper, body, view, margin, self._objective,
+                config.whales.parameters, self._state,
+            )  # fmt: skip
+            best = cheapest(tried, costs, body, view, config.hold, margin)
+            if best < 0:
+                return None
+            self._best = tried[best]
+            return np.array(tried[best, :2])
+
+        twist = relax_clearance(now, config.margin, pick)
+        if twist is None:
+            self._best = None
+        return twist
+
+    def _candidates(self, now: Situation, view: LocalView) -> Array:
+        """Particles (n, SIZE): the fan, the plan's commands, and what was best or is driven."""
+        config, chair, horizon = self.config, now.chair, self.config.objective.horizon
+        fan = now.local_map.limit_for_unseen_space(config.fan(chair), chair.body.state)
+        plan = plan_commands(
+            view.reference[start_row(view) :], chair.limits, horizon, config.backward
+        )
+        particles = np.zeros((len(fan) + len(plan) + 1, SIZE))
+        particles[:, 2:-1:3], particles[:, -1] = 0.5 * horizon, 1.0
+        for k in range(COMMANDS):
+            particles[: len(fan), 3 * k : 3 * k + 2] = fan
+        particles[len(fan) : -1, :-1] = plan.reshape(len(plan), -1)
+        particles[len(fan) : -1, -1] = COMMANDS
+        particles[-1, :2] = chair.body.last
+        if self._best is not None:
+            particles[-1] = _one_period_later(self._best, chair.period)
+        return particles
+
+
+def _is_within(particles: Array, lower: Array, upper: Array) -> NDArray[np.bool_]:
+    """Which particles keep the bounds of the first command's twist."""
+    twists = particles[:, :2]
+    return np.asarray(((twists >= lower[:2] - 1e-9) & (twists <= upper[:2] + 1e-9)).all(axis=1))
+
+
+@kernel
+def refine(
+    first: Array, lower: Array, upper: Array, body: Body, view: LocalView, margin: float,
+    objective: Any, swarm: WhaleParameters, state: Stream,
+) -> tuple[Array, Array]:  # fmt: skip
+    """All particles (n, SIZE) that were tried and their costs (n,): the given ones, then whales."""
+    n, start, c_range = first.shape[0], start_row(view), np.full(SIZE, 2.0)
+    k = min(swarm.population, n)
+    made = n + k * swarm.iterations
+    tried, costs = np.empty((made, SIZE)), np.empty(made)
+    for i in range(n):
+        count = int(first[i, SIZE - 1])
+        commands = first[i, : 3 * count].copy().reshape(count, 3)
+        costs[i] = rollout_cost(commands, body, view, start, margin, objective)
+        tried[i] = first[i]
+    order = np.argsort(costs[:n])
+    population, best, least = first[order[:k]].copy(), first[order[0]].copy(), costs[order[0]]
+    for i in range(k):  # whales may change a twist after a while
+        population[i, SIZE - 1] = COMMANDS
+    m = n
+    for t in range(swarm.iterations):
+        a = swarm.a * (1.0 - t / swarm.iterations)
+        move_whales(population, best, a, swarm.b, swarm.mu, swarm.lam, c_range, lower, upper, state)
+        for i in range(k):
+            count = int(population[i, SIZE - 1])
+            commands = population[i, : 3 * count].copy().reshape(count, 3)
+            costs[m] = rollout_cost(commands, body, view, start, margin, objective)
+            tried[m] = population[i]
+            if costs[m] < least:
+                least = costs[m]
+                best[:] = population[i]
+            m += 1
+    return tried, costs

@@ -1,0 +1,640 @@
+"""RRT*-WOA over poses: a tree of poses of the outline, and whales that refine its path.
+
+The thesis's idea in the chair's space. Steering turns in place, drives arcs and backs; what the
+outline sweeps is tested exactly; cost is time, increased near obstacles. From top to bottom: trees
+of poses; the first path, by two trees that reach for each other (RRT-Connect); then rounds of RRT*
+(best parent, rewiring), of shortcuts, and of whales, local ones in a window of the path and global
+ones over the whole path. What one of them finds, the others go on with.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planners.collision.connections import CONNECTIONS, connection, free_gap
+from planners.collision.nearby import Nearby, nearest_side
+from planners.trees.pose_path import (
+    MAX_POSES,
+    MIN_GAIN,
+    Drive,
+    Path,
+    Whales,
+    connect,
+    drive_stretch,
+    piece_count,
+    quickest,
+    search_vias,
+    shortcut,
+    splice,
+    switch,
+    write_times,
+)
+from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
+from wheelchair_gym.geometry import wrap
+from wheelchair_gym.kinematics import arc_step
+from wheelchair_gym.random import Stream, next_uniform
+
+Array = NDArray[np.float64]
+
+NONE: Final = -1  # no node
+TURN_LENGTH = 0.5  # m per rad: distance of poses
+_BACK: Final = 1e6  # s: ways back are tried last
+_MOST_BACK: Final = 0.6  # m: longer ways back are tried in every third attempt only
+_ATTEMPT: Final = 1000  # iterations after which new trees are grown
+_ATTEMPTS: Final = 3  # trees that are grown after those of the first path
+MIN_ADVANCE = 0.05  # m: a blocked extension that comes less near to its target makes no node
+
+NODE = np.dtype(
+    [
+        ("x", np.float64),  # m
+        ("y", np.float64),
+        ("yaw", np.float64),  # rad
+        ("cost", np.float64),  # s from the root
+        ("edge", np.float64),  # s from the parent, without the change of kind there
+        ("a", np.float64),  # m: the connection from the parent, or in the goal's tree the way
+        ("s", np.float64),  # rad  from it; see `connection`
+        ("b", np.float64),
+        ("t", np.float64),
+        ("u", np.float64),
+        ("first", np.int64),  # kind of motion that the connection begins with
+        ("last", np.int64),  # ... and ends with
+        ("parent", np.int64),
+        ("child", np.int64),  # the first of the children
+        ("sibling", np.int64),  # the next child of the same parent
+        ("at_goal", np.bool_),
+    ]
+)
+
+
+class Tree(NamedTuple):
+    """Poses, each with a connection from its parent."""
+
+    nodes: NDArray[Any]  # (capacity,) NODE
+    size: NDArray[np.int64]  # (1,)
+    sign: float  # 1; -1 in the goal's tree, whose connections are driven towards the parent
+
+
+@borrowing_kernel
+def add_pose(tree: Tree, x: float, y: float, yaw: float, parent: int) -> int:
+    """Add a pose; its connection is written by others. Returns its index."""
+    new = int(tree.size[0])
+    node = tree.nodes[new]
+    node.x, node.y, node.yaw, node.cost, node.edge = x, y, yaw, 0.0, 0.0
+    node.a, node.s, node.b, node.t, node.u = 0.0, 0.0, 0.0, 0.0, 0.0
+    node.first, node.last, node.at_goal = 0, 0, False
+    node.parent, node.child, node.sibling = parent, NONE, NONE
+    if parent != NONE:
+        node.sibling = tree.nodes[parent].child
+        tree.nodes[parent].child = new
+    tree.size[0] = new + 1
+    return new
+
+
+@borrowing_kernel
+def pose_distance(node: Any, x: float, y: float, yaw: float) -> float:
+    """Distance [m] of a node to a pose, where turning counts, too."""
+    dx, dy, turn = node.x - x, node.y - y, TURN_LENGTH * wrap(node.yaw - yaw)
+    return math.sqrt(dx * dx + dy * dy + turn * turn)
+
+
+@borrowing_kernel
+def nearest(tree: Tree, x: float, y: float, yaw: float) -> int:
+    """The node nearest to a pose."""
+    best, found = math.inf, NONE
+    for i in range(tree.size[0]):
+        distance = pose_distance(tree.nodes[i], x, y, yaw)
+        if distance < best:
+            best, found = distance, i
+    return found
+
+
+@borrowing_kernel
+def extend(
+    drive: Drive, tree: Tree, i: int, x: float, y: float, yaw: float, most_back: float
+) -> tuple[int, bool]:
+    """Extend a tree from a node towards a pose until blocked; the new node, and is it there?
+
+    The quickest free connection is taken, one ahead if there is; where none is free, the one that
+    comes nearest. No connection leads farther back than `most_back` [m].
+    """
+    node = tree.nodes[i]
+    if tree.size[0] >= tree.nodes.shape[0]:
+        return NONE, False
+    write_times(drive, node.x, node.y, node.yaw, 0, x, y, yaw, 0, tree.sign)
+    for kind in range(1 if tree.sign > 0.0 else 0, CONNECTIONS, 2):
+        drive.times[kind] += _BACK
+    best, chosen, share = pose_distance(node, x, y, yaw) - MIN_ADVANCE, NONE, 0
+    while chosen == NONE or share >= 0:
+        kind = quickest(drive.times)
+        if kind < 0:
+            break
+        drive.times[kind] = math.inf
+        _, a, s, b, t, u = connection(kind, node.x, node.y, node.yaw, x, y, yaw)
+        if tree.sign * (a + b) < -most_back:
+            continue
+        px, py, pyaw, total, free = node.x, node.y, node.yaw, 0, True
+        for part in range(3):
+            way, turn = (a, b, 0.0)[part], (s, t, u)[part]
+            count = piece_count(way, turn)
+            if count == 0:
+                continue
+            made, _ = drive_stretch(drive, px, py, pyaw, way, turn, drive.trial, 0, math.inf)
+            px, py, pyaw = arc_step(px, py, pyaw, way, turn, made / count)
+            total += made
+            free = made == count
+            if not free:
+                break
+        if free:
+            chosen, share = kind, -1
+        elif total > 0:
+            dx, dy, dyaw = px - x, py - y, TURN_LENGTH * wrap(pyaw - yaw)
+            gap = math.sqrt(dx * dx + dy * dy + dyaw * dyaw)
+            if gap < best:
+                best, chosen, share = gap, kind, total
+    if chosen == NONE:
+        return NONE, False
+    _, a, s, b, t, u = connection(chosen, node.x, node.y, node.yaw, x, y, yaw)
+    new = add_pose(tree, x, y, yaw, i)
+    end = tree.nodes[new]
+    px, py, pyaw = node.x, node.y, node.yaw
+    for part in range(3):
+        way, turn = (a, b, 0.0)[part], (s, t, u)[part]
+        count = piece_count(way, turn)
+        if count > 0 and share >= 0:
+            left = min(count, share)
+            way, turn, share = way * left / count, turn * left / count, share - left
+        px, py, pyaw = arc_step(px, py, pyaw, way, turn, 1.0)
+        if part == 0:
+            end.a, end.s = way, turn
+        elif part == 1:
+            end.b, end.t = way, turn
+        else:
+            end.u = turn
+    if share < 0:
+        return new, True
+    end.x, end.y, end.yaw = px, py, pyaw
+    return new, False
+
+
+class Options(NamedTuple):
+    """The choices of a search, as kernels take them."""
+
+    guide_share: float  # of the samples
+    spread: float  # m
+    turn_spread: float  # rad
+    reversed_share: float  # of the samples at the guide
+    neighbours: int
+    tree: float  # shares of the rounds, which add up to the last one
+    shortcuts: float
+    local: float
+    window: int  # pieces, at most, that local whales and shortcuts replace
+    shortcuts_a_round: int
+    local_poses: int
+    spacing: int  # pieces between the poses that global whales move
+
+
+RUN = np.dtype(
+    [
+        ("iteration", np.int64),
+        ("first_path", np.int64),  # iteration of it, 0: there is none
+        ("refining", np.int64),  # iteration since when the path is refined, 0: trees are grown
+        ("attempt", np.int64),  # number of the trees
+        ("attempt_began", np.int64),  # iteration
+        ("last_attempt", np.int64),
+        ("goals", np.int64),  # roots of the goal's tree
+        ("local_evaluations", np.int64),
+        ("global_evaluations", np.int64),
+        ("synced", np.float64),  # s: cost of the path that was last added to the tree
+    ]
+)
+
+
+class Search(NamedTuple):
+    """All that a search has."""
+
+    drive: Drive
+    start_tree: Tree
+    goal_tree: Tree
+    path: Path
+    whales: Whales
+    guide: Array  # (n, 3) poses along the path of a point; none: (0, 3)
+    options: Options
+    run: NDArray[Any]  # (1,) RUN
+    pose: Array  # (3,): the last sample
+    found: NDArray[np.int64]  # (neighbours,)
+    bounds: Array  # (neighbours,) s
+    chain: NDArray[np.int64]  # (capacity,)
+    none: Array  # (0,)
+
+
+@borrowing_kernel
+def next_normal(state: Stream) -> float:
+    """The next nearly normal number of a stream, of mean 0 and deviation 1 (Irwin-Hall, n = 4)."""
+    total = next_uniform(state) + next_uniform(state) + next_uniform(state) + next_uniform(state)
+    return (total - 2.0) * math.sqrt(3.0)
+
+
+_SETTLED: Final = 1e-3  # m
+_STEPS: Final = 6  # to the middle of a passage
+_ASTRAY: Final = 0.5  # m: a middle that is farther from the guide is of another passage
+
+
+@kernel
+def passage_poses(near: Nearby, guide: Array, widest: float) -> Array:
+    """Poses (k, 3) in the middle of what a guide (n, 3) passes, straight between both sides.
+
+    The passage is less than twice `widest` [m] wide.
+    """
+    poses = np.empty_like(guide)
+    n = 0
+    for k in range(guide.shape[0]):
+        x, y = guide[k, 0], guide[k, 1]
+        for _ in range(_STEPS):
+            ax, ay, first = nearest_side(near, x, y, 0.0, 0.0, 2.0 * widest)
+            bx, by, second = nearest_side(near, x, y, ax - x, ay - y, 2.0 * widest)
+            if first <= 0.0 or second >= 2.0 * widest:
+                break
+            mx, my = 0.5 * (ax + bx), 0.5 * (ay + by)
+            moved = math.hypot(mx - x, my - y)
+            if math.hypot(mx - guide[k, 0], my - guide[k, 1]) > _ASTRAY:
+                break
+            x, y = mx, my
+            if moved < _SETTLED:
+                yaw = math.atan2(bx - ax, ay - by)
+                if math.cos(yaw - guide[k, 2]) < 0.0:
+                    yaw += math.pi
+                new = n == 0 or math.hypot(poses[n - 1, 0] - x, poses[n - 1, 1] - y) > 0.05
+                if new:
+                    poses[n, 0], poses[n, 1], poses[n, 2] = x, y, wrap(yaw)
+                    n += 1
+                break
+    return poses[:n].copy()
+
+
+_TRIES: Final = 20  # poses drawn for a sample at most
+
+
+@borrowing_kernel
+def sample(search: Search, state: Stream) -> bool:
+    """Write a pose at which the outline is free to `search.pose`; false where none was drawn.
+
+    Near the guide, later near the path, or anywhere.
+    """
+    drive, options, path, pose = search.drive, search.options, search.path, search.pose
+    box, guide = drive.near.box, search.guide
+    for _ in range(_TRIES):
+        near = next_uniform(state) < options.guide_share
+        if near and path.size[0] > 0:
+            piece = path.pieces[int(next_uniform(state) * path.size[0])]
+            scale = math.exp(-3.0 * next_uniform(state))
+            pose[0], pose[1], pose[2] = piece.x, piece.y, piece.yaw
+        elif near and guide.shape[0] > 0:
+            on = guide[int(next_uniform(state) * guide.shape[0])]
+            scale = math.exp(-4.0 * next_uniform(state))
+            pose[0], pose[1], pose[2] = on[0], on[1], on[2]
+            if next_uniform(state) < options.reversed_share:
+                pose[2] += math.pi
+        else:
+            scale = 0.0
+            pose[0] = box[0] + (box[2] - box[0]) * next_uniform(state)
+            pose[1] = box[1] + (box[3] - box[1]) * next_uniform(state)
+            pose[2] = 2.0 * math.pi * next_uniform(state)
+        if scale > 0.0:
+            pose[0] += scale * options.spread * next_normal(state)
+            pose[1] += scale * options.spread * next_normal(state)
+            pose[2] = wrap(pose[2] + scale * options.turn_spread * next_normal(state))
+        gap = free_gap(
+            drive.near, drive.motion, pose[0], pose[1], pose[2], 0.0, 0.0, drive.workspace,
+            drive.seen,
+        )  # fmt: skip
+        if gap >= drive.motion.margin:
+            return True
+    return False
+
+
+@borrowing_kernel
+def write_edge(
+    search: Search, node: Any, backward: bool, x: float, y: float, yaw: float, count: int
+) -> int:
+    """Append a node's connection, from a pose, to `drive.candidate`; the count, -1 if blocked."""
+    drive = search.drive
+    for k in range(3):
+        part = 2 - k if backward else k
+        way, turn = (node.a, node.b, 0.0)[part], (node.s, node.t, node.u)[part]
+        if backward:
+            way, turn = -way, -turn
+        made, _ = drive_stretch(drive, x, y, yaw, way, turn, drive.candidate, count, math.inf)
+        if made < piece_count(way, turn):
+            return -1
+        count += made
+        x, y, yaw = arc_step(x, y, yaw, way, turn, 1.0)
+    return count
+
+
+@borrowing_kernel
+def write_path(search: Search, node: int, twin: int) -> bool:
+    """Make the path to a node, and on from its twin in the goal's tree if there is one.
+
+    False, and nothing is changed, where rounding finds it blocked or it costs more than the path.
+    """
+    tree, path, chain = search.start_tree, search.path, search.chain
+    n, i = 0, node
+    while i != NONE:
+        chain[n] = i
+        n += 1
+        i = int(tree.nodes[i].parent)
+    count = 0
+    for k in range(n - 2, -1, -1):
+        at = tree.nodes[chain[k + 1]]
+        count = write_edge(search, tree.nodes[chain[k]], False, at.x, at.y, at.yaw, count)
+        if count < 0:
+            return False
+    end = tree.nodes[node]
+    i = twin
+    while i != NONE:
+        at = search.goal_tree.nodes[i]
+        end = at
+        if at.parent != NONE:
+            count = write_edge(search, at, True, at.x, at.y, at.yaw, count)
+            if count < 0:
+                return False
+        i = int(at.parent)
+    pieces, motion = search.drive.candidate, search.drive.motion
+    cost, before = 0.0, 0
+    for k in range(count):
+        cost += pieces[k].cost + switch(motion, before, pieces[k].kind)
+        before = int(pieces[k].kind)
+    if not cost < path.cost[0] - MIN_GAIN or count == 0:
+        return False
+    if path.size[0] == 0:
+        last = path.pieces[0]
+        last.x, last.y, last.yaw = path.goal[0], path.goal[1], end.yaw
+        last.way, last.turn, last.cost, last.kind = 0.0, 0.0, 0.0, 0
+    return splice(path, motion, 0, int(path.size[0]), pieces, count)
+
+
+@borrowing_kernel
+def start_anew(search: Search) -> None:
+    """Leave nothing of the trees but their roots."""
+    search.start_tree.size[0], search.goal_tree.size[0] = 1, search.run[0].goals
+    search.start_tree.nodes[0].child = NONE
+    for i in range(search.run[0].goals):
+        search.goal_tree.nodes[i].child = NONE
+
+
+@borrowing_kernel
+def grow(search: Search, state: Stream) -> None:
+    """Extend one tree towards a sample, and the other to where that came: RRT-Connect.
+
+    Trees that do not meet soon are grown anew. Of the paths of some trees, the cheapest is refined.
+    """
+    drive, run, pose = search.drive, search.run[0], search.pose
+    if run.iteration - run.attempt_began >= _ATTEMPT:
+        run.attempt, run.attempt_began = run.attempt + 1, run.iteration
+        start_anew(search)
+        if run.first_path > 0 and run.attempt > run.last_attempt:
+            run.refining = run.iteration
+            return
+    forward = run.iteration % 2 == 0
+    one, other = search.start_tree, search.goal_tree
+    if not forward:
+        one, other = other, one
+    if run.iteration == 0:
+        root = other.nodes[0]
+        pose[0], pose[1], pose[2] = root.x, root.y, root.yaw
+    elif not sample(search, state):
+        return
+    most_back = math.inf if run.attempt % 3 == 2 else _MOST_BACK
+    near = nearest(one, pose[0], pose[1], pose[2])
+    new, _ = extend(drive, one, near, pose[0], pose[1], pose[2], most_back)
+    if new == NONE:
+        return
+    x, y, yaw = one.nodes[new].x, one.nodes[new].y, one.nodes[new].yaw
+    twin = nearest(other, x, y, yaw)
+    while True:
+        reached, there = extend(drive, other, twin, x, y, yaw, most_back)
+        if there:
+            if not forward:
+                new, reached = reached, new
+            write_path(search, new, reached)
+            if run.first_path == 0 and search.path.size[0] > 0:
+                run.first_path, run.last_attempt = run.iteration + 1, run.attempt + _ATTEMPTS
+            run.attempt_began = run.iteration - _ATTEMPT  # the next trees, if any, are new ones
+            return
+        if reached == NONE:
+            return
+        twin = reached
+
+
+@borrowing_kernel
+def update_costs(search: Search, i: int) -> None:
+    """Compute the costs of a node and of all below it from its parent's."""
+    tree, motion, stack = search.start_tree, search.drive.motion, search.chain
+    nodes = tree.nodes
+    stack[0], height = i, 1
+    while height > 0:
+        height -= 1
+        k = stack[height]
+        node, above = nodes[k], nodes[nodes[k].parent]
+        node.cost = above.cost + node.edge + switch(motion, above.last, node.first)
+        child = node.child
+        while child != NONE:
+            stack[height] = child
+            height += 1
+            child = nodes[child].sibling
+
+
+@borrowing_kernel
+def write_connection(search: Search, i: int, kind: int, count: int, cost: float) -> None:
+    """Write a node's connection from its parent, whose pieces are in `drive.candidate`."""
+    tree, motion, pieces = search.start_tree, search.drive.motion, search.drive.candidate
+    node = tree.nodes[i]
+    above = tree.nodes[node.parent]
+    _, a, s, b, t, u = connection(kind, above.x, above.y, above.yaw, node.x, node.y, node.yaw)
+    node.a, node.s, node.b, node.t, node.u = a, s, b, t, u
+    node.first = pieces[0].kind if count > 0 else above.last
+    node.last = pieces[count - 1].kind if count > 0 else above.last
+    node.edge = cost - switch(motion, above.last, node.first)
+
+
+@borrowing_kernel
+def reconnect(search: Search, i: int, parent: int, kind: int, count: int, cost: float) -> None:
+    """Give a node another parent, by a connection whose pieces are in `drive.candidate`."""
+    nodes = search.start_tree.nodes
+    old = int(nodes[i].parent)
+    if nodes[old].child == i:
+        nodes[old].child = nodes[i].sibling
+    else:
+        k = nodes[old].child
+        while nodes[k].sibling != i:
+            k = nodes[k].sibling
+        nodes[k].sibling = nodes[i].sibling
+    nodes[i].parent, nodes[i].sibling = parent, nodes[parent].child
+    nodes[parent].child = i
+    write_connection(search, i, kind, count, cost)
+    update_costs(search, i)
+
+
+@borrowing_kernel
+def add_path(search: Search) -> None:
+    """Add the path to the tree, a node where its curvature changes, so that it can be rewired."""
+    tree, path, run = search.start_tree, search.path, search.run[0]
+    run.synced = path.cost[0]
+    pieces, motion = path.pieces, search.drive.motion
+    at, k, n = 0, 0, int(path.size[0])
+    while k < n and tree.size[0] < tree.nodes.shape[0]:
+        way, turn, edge, kind = 0.0, 0.0, 0.0, int(pieces[k].kind)
+        bend = pieces[k].turn / pieces[k].way if kind != 2 else 0.0
+        while (
+            k < n and pieces[k].kind == kind and abs(way) < 1.0
+            and (kind == 2 or abs(pieces[k].turn - bend * pieces[k].way) < 1e-9)
+        ):  # fmt: skip
+            way, turn, edge = way + pieces[k].way, turn + pieces[k].turn, edge + pieces[k].cost
+            k += 1
+        new = add_pose(tree, pieces[k].x, pieces[k].y, pieces[k].yaw, at)
+        node, above = tree.nodes[new], tree.nodes[at]
+        node.a, node.s, node.edge, node.first, node.last = way, turn, edge, kind, kind
+        node.cost = above.cost + edge + switch(motion, above.last, kind)
+        at = new
+    if k == n:
+        tree.nodes[at].at_goal = True
+
+
+@borrowing_kernel
+def rewire(search: Search, state: Stream) -> None:
+    """Add a sample to the tree below its best parent, and rewire its neighbours: RRT*."""
+    drive, tree, path, pose = search.drive, search.start_tree, search.path, search.pose
+    nodes, motion, candidate = tree.nodes, drive.motion, drive.candidate
+    if path.cost[0] < search.run[0].synced - MIN_GAIN:
+        add_path(search)
+    if tree.size[0] + 2 >= nodes.shape[0] or not sample(search, state):
+        return
+    x, y, yaw = pose[0], pose[1], pose[2]
+    goal, root = path.goal, nodes[0]
+    left = math.hypot(goal[0] - x, goal[1] - y) / motion.forward
+    if math.hypot(root.x - x, root.y - y) / motion.forward + left >= path.cost[0]:
+        return
+    found, bounds, n = search.found, search.bounds, 0
+    for i in range(tree.size[0]):  # the nearest ones, the farthest of them last
+        distance = pose_distance(nodes[i], x, y, yaw)
+        if n == found.shape[0] and distance >= bounds[n - 1]:
+            continue
+        k = n if n < found.shape[0] else n - 1
+        n = max(n, k + 1)
+        while k > 0 and bounds[k - 1] > distance:
+            found[k], bounds[k] = found[k - 1], bounds[k - 1]
+            k -= 1
+        found[k], bounds[k] = i, distance
+    for k in range(n):
+        near = nodes[found[k]]
+        bounds[k] = near.cost + write_times(
+            drive, near.x, near.y, near.yaw, near.last, x, y, yaw, 0, 1.0
+        )
+    best, parent = path.cost[0] - left, NONE
+    new = add_pose(tree, x, y, yaw, NONE)
+    while True:
+        k = 0
+        for m in range(1, n):
+            if bounds[m] < bounds[k]:
+                k = m
+        if bounds[k] >= best:
+            break
+        bounds[k] = math.inf
+        near = nodes[found[k]]
+        kind, count, cost = connect(
+            drive, near.x, near.y, near.yaw, near.last, x, y, yaw, 0, best - near.cost, candidate, 0
+        )
+        if kind >= 0:
+            best, parent = near.cost + cost, int(found[k])
+            nodes[new].parent = parent
+            write_connection(search, new, kind, count, cost)
+    if parent == NONE:
+        tree.size[0] = new
+        return
+    here = nodes[new]
+    here.sibling = nodes[parent].child
+    nodes[parent].child = new
+    here.cost = nodes[parent].cost + here.edge + switch(motion, nodes[parent].last, here.first)
+    for k in range(n):
+        i = int(found[k])
+        if i == parent or i == 0:
+            continue
+        near = nodes[i]
+        budget = near.cost - here.cost - MIN_GAIN
+        if budget <= 0.0:
+            continue
+        kind, count, cost = connect(
+            drive, x, y, yaw, here.last, near.x, near.y, near.yaw, 0, budget, candidate, 0
+        )
+        if kind >= 0:
+            reconnect(search, i, new, kind, count, cost)
+    budget = path.cost[0] - here.cost - MIN_GAIN
+    kind, count, cost = connect(
+        drive, x, y, yaw, here.last, goal[0], goal[1], goal[2], 0, budget, candidate, 0
+    )
+    if kind >= 0:
+        end = yaw if count == 0 else candidate[count - 1].yaw + candidate[count - 1].turn
+        there = add_pose(tree, goal[0], goal[1], end if math.isnan(goal[2]) else goal[2], new)
+        write_connection(search, there, kind, count, cost)
+        update_costs(search, there)
+        nodes[there].at_goal = True
+    cheapest, end_node = path.cost[0] - MIN_GAIN, NONE
+    for i in range(tree.size[0]):
+        if nodes[i].at_goal and nodes[i].cost < cheapest:
+            cheapest, end_node = nodes[i].cost, i
+    if end_node != NONE and write_path(search, end_node, NONE):
+        search.run[0].synced = path.cost[0]
+
+
+@borrowing_kernel
+def refine(search: Search, state: Stream) -> None:
+    """One round: of RRT*, of shortcuts, or of local or global whales, drawn by their shares."""
+    options, path, run = search.options, search.path, search.run[0]
+    drawn = next_uniform(state)
+    n = int(path.size[0])
+    if drawn < options.tree:
+        rewire(search, state)
+    elif drawn < options.shortcuts:
+        for _ in range(options.shortcuts_a_round):
+            n = int(path.size[0])
+            i = int(next_uniform(state) * n)
+            j = min(n, i + 1 + int(next_uniform(state) * options.window))
+            shortcut(search.drive, path, search.none, i, j)
+    elif drawn < options.local:
+        span = 2 + int(next_uniform(state) * (options.window - 1))
+        i = int(next_uniform(state) * n)
+        j = min(n, i + span)
+        poses, turned = min(options.local_poses, j - i - 1), 0.0
+        if path.pieces[i].kind == -1:  # back: what if the chair turned round?
+            while j < n and path.pieces[j].kind == -1 and next_uniform(state) < 0.95:
+                j += 1
+            poses = min(MAX_POSES, min(j - i - 1, 1 + (j - i) // options.spacing))
+            turned = math.pi
+        if poses > 0:
+            run.local_evaluations += search_vias(
+                search.drive, path, search.whales, i, j, poses, 0, turned, state
+            )
+    else:
+        poses = min(MAX_POSES, int(n / options.spacing * (0.5 + next_uniform(state))))
+        if poses > 0:
+            run.global_evaluations += search_vias(
+                search.drive, path, search.whales, 0, n, poses, 1, 0.0, state
+            )
+
+
+@kernel
+def advance(search: Search, until: int, stop: bool, state: Stream) -> None:
+    """Run iterations until there have been so many, or, if it shall stop, until a first path."""
+    run = search.run[0]
+    while run.iteration < until:
+        if run.refining == 0:
+            grow(search, state)
+        else:
+            refine(search, state)
+        run.iteration += 1
+        if stop and run.first_path > 0:
+            return

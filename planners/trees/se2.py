@@ -1,0 +1,200 @@
+"""The planner RRT*-WOA in SE(2), as settings; `pose_tree` has the search."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from time import perf_counter
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planners.collision.connections import MIN_GAP, YAWS, fit_ends, gaps_at, start_and_goal
+from planners.collision.footprint import sweeps
+from planners.collision.nearby import Nearby, nearby
+from planners.problem import Plan, PlannerBase, Problem, Status, check, remaining
+from planners.smoothing.shortcut import resample, shortcut
+from planners.swarm.woa import WhaleSettings
+from planners.trees.pose_path import (
+    LONGEST_PIECE,
+    new_drive,
+    new_path,
+    new_whales,
+    poses_of_path,
+)
+from planners.trees.pose_tree import (
+    NODE,
+    NONE,
+    RUN,
+    Options,
+    Search,
+    Tree,
+    add_pose,
+    advance,
+    passage_poses,
+)
+from planners.trees.settings import InformedRrtStar
+from wheelchair_gym.config import setting, settings
+from wheelchair_gym.geometry import Footprint
+from wheelchair_gym.kinematics import Limits
+from wheelchair_gym.maps.driving_cost import DrivingCost
+from wheelchair_gym.random import stream
+
+Array = NDArray[np.float64]
+
+GUIDE_SPACING = 0.1  # m
+POSE_SPACING = 0.05  # m, and rad of a pivot times 2: between poses of the path
+ROOTS = 24  # about so many headings at a goal without one are roots of a tree
+CHUNK = 4  # iterations between two readings of the clock
+_DESIGN = "design choice"
+
+
+@settings
+class Se2RrtStarWoa(DrivingCost, PlannerBase):
+    """A path (n, 3) with headings for the chair's rectangle, by RRT* over poses and whales.
+
+    RRT*-WOA of the thesis in the space of the chair. The rectangle keeps the problem's clearance
+    less half its width. A start without heading has heading 0; a goal without heading allows any.
+    A path of the disc within the outline guides samples; two trees of poses make the first path.
+    Then rounds of RRT*, of shortcuts, of local and of global whales improve it, by their shares.
+    """
+
+    footprint: Footprint = Footprint()
+    limits: Limits = Limits()
+    guide: InformedRrtStar = setting(default=InformedRrtStar(iterations=2_000), source=_DESIGN)
+    """The planner of the disc's path."""
+    whales: WhaleSettings = setting(
+        default=WhaleSettings(population=8, iterations=4), source="tuned on training seeds"
+    )
+    """The swarms."""
+    iterations: int = setting(default=6_000, low=1, source=_DESIGN)
+    """Largest number of iterations: of samples up to the first path, then of rounds."""
+    improvement: int = setting(default=200, low=0, source="tuned on training seeds")
+    """Rounds after the first path; with a deadline, make it large for an anytime planner."""
+    nodes: int = setting(default=10_000, low=100, source=_DESIGN)
+    """Largest number of nodes of a tree."""
+    neighbours: int = setting(default=10, low=1, high=100, source="tuned on training seeds")
+    """Nearest nodes that may become parents, or be rewired."""
+    sharpest_turn: float = setting(
+        default=1.6, unit="1/m", low=0.1, source="as the planner lattice: in a corridor of 1.2 m"
+    )
+    """Greatest curvature of arcs; sharper turns are made in place."""
+    tree_share: float = setting(default=1.0, low=0.0, source="tuned on training seeds")
+    """Share of the rounds that are samples of RRT*."""
+    shortcut_share: float = setting(default=1.0, low=0.0, source="tuned on training seeds")
+    """Share of the rounds that are shortcuts."""
+    local_share: float = setting(default=1.0, low=0.0, source="tuned on training seeds")
+    """Share of the rounds of whales that move poses of a window of the path."""
+    global_share: float = setting(default=0.0, low=0.0, source="tuned on training seeds")
+    """Share of the rounds of whales that move poses along the whole path, jointly."""
+    local_poses: int = setting(default=1, low=1, high=8, source="tuned on training seeds")
+    """Poses that local whales move."""
+    pose_spacing: float = setting(default=1.2, unit="m", low=0.2, source="tuned on training seeds")
+    """About the distance of the poses that global whales move."""
+    window: float = setting(default=5.0, unit="m", low=0.4, source="tuned on training seeds")
+    """Longest part of the path that local whales or a shortcut replace."""
+    shortcuts: int = setting(default=16, low=1, source=_DESIGN)
+    """Shortcuts that a round tries."""
+    shift_bound: float = setting(default=0.4, unit="m", low=0.0, source="tuned on training seeds")
+    """Largest shift of a pose; it shrinks while whales find nothing."""
+    turn_bound: float = setting(default=0.5, unit="rad", low=0.0, source="tuned on training seeds")
+    """Largest turn of a pose by whales."""
+    guide_share: float = setting(default=0.7, low=0.0, high=1.0, source="tuned on training seeds")
+    """Share of the samples near the guide, or near the path; the others are anywhere."""
+    spread: float = setting(default=0.3, unit="m", low=0.0, source="tuned on training seeds")
+    """Standard deviation of their distance from it."""
+    turn_spread: float = setting(default=0.6, unit="rad", low=0.0, source="tuned on training seeds")
+    """Standard deviation of their heading."""
+    reversed_share: float = setting(default=0.05, low=0.0, high=1.0, source=_DESIGN)
+    """Share of them that look back."""
+
+    def trivial(self, problem: Problem) -> Plan | None:
+        """The plan where the axle cannot stand at an end; the rectangle is tested later."""
+        status = check(replace(problem, clearance=0.0 * problem.clearance))  # NaN stays NaN
+        return None if status is None else Plan(status)
+
+    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
+        """The cheapest path of all rounds; the counter `first_path` is its first iteration."""
+        began = perf_counter()
+        start, goal = start_and_goal(problem)
+        reach = self.footprint.reach + LONGEST_PIECE + self.desired_clearance
+        near = nearby(problem.space, reach)
+        margin = max(MIN_GAP, problem.clearance - self.footprint.half_width)
+        motion = self.motion_cost(self.footprint, self.limits, margin)
+        status, motion = fit_ends(problem, self.footprint, near, motion)
+        if status is not None:
+            return Plan(status)
+        if np.array_equal(start[: len(goal)], goal):
+            return Plan(Status.SOLVED, np.stack([start, start]))
+        drive, state = new_drive(near, motion, self.sharpest_turn), stream(rng)
+        guide, guide_iterations = self._guide(problem, near, motion.margin, rng, end)
+        guided_s = perf_counter() - began
+        goals = goal[None]
+        if len(goal) == 2:
+            yaws = np.arange(YAWS) * (2.0 * math.pi / YAWS)
+            goals = np.column_stack([np.tile(goal, (YAWS, 1)), yaws])
+            goals = goals[gaps_at(near, motion, goals, sweeps(1)) >= motion.margin]
+            goals = goals[:: max(1, len(goals) // ROOTS)]
+        trees = self._tree(start[None], 1.0), self._tree(goals, -1.0)
+        bounds = self.shift_bound, self.shift_bound, self.turn_bound
+        search = Search(
+            drive, *trees, new_path(goal), new_whales(self.whales.parameters, bounds), guide,
+            self._options(), np.zeros(1, RUN), np.zeros(3),
+            np.zeros(self.neighbours, np.int64), np.zeros(self.neighbours),
+            np.zeros(self.nodes + 1, np.int64), np.zeros(0),
+        )  # fmt: skip
+        search.run["synced"], search.run["goals"] = math.inf, len(goals)
+        run, first_s = search.run[0], math.inf
+        most = self.iterations if len(goals) else 0
+        while run["iteration"] < most and perf_counter() < end:
+            advance(search, min(most, int(run["iteration"]) + CHUNK), run["first_path"] == 0, state)
+            if run["first_path"] and first_s == math.inf:
+                first_s = perf_counter() - began
+            if run["refining"]:
+                most = min(most, int(run["refining"]) + self.improvement)
+        solved = search.path.size[0] > 0
+        return Plan(
+            Status.SOLVED if solved else Status.EXHAUSTED,
+            poses_of_path(search.path, POSE_SPACING) if solved else np.empty((0, 3)),
+            counters={
+                "iterations": int(run["iteration"]),
+                "guide_iterations": guide_iterations,
+                "nodes": int(trees[0].size[0] + trees[1].size[0]),
+                "first_path": int(run["first_path"]),
+                "local_evaluations": int(run["local_evaluations"]),
+                "global_evaluations": int(run["global_evaluations"]),
+            },
+            timings={"guided_s": guided_s, "first_path_s": first_s},
+        )
+
+    def _guide(
+        self, problem: Problem, near: Nearby, margin: float, rng: np.random.Generator, end: float
+    ) -> tuple[Array, int]:
+        """Poses (n, 3) along the path of the disc within the outline, if there is one."""
+        footprint = self.footprint
+        radius = min(footprint.front, footprint.rear, footprint.half_width) + margin
+        disc = replace(problem, start=problem.start[:2], goal=problem.goal[:2], clearance=radius)
+        plan = self.guide.plan(disc, rng, remaining(end))
+        iterations = plan.counters.get("iterations", 0)
+        if plan.status is not Status.SOLVED or plan.length < GUIDE_SPACING:
+            return np.empty((0, 3)), iterations
+        points = resample(shortcut(plan.path, disc.free), GUIDE_SPACING)
+        steps = np.gradient(points, axis=0)
+        guide = np.column_stack([points, np.arctan2(steps[:, 1], steps[:, 0])])
+        return np.vstack([guide, passage_poses(near, guide, footprint.front)]), iterations
+
+    def _tree(self, roots: Array, sign: float) -> Tree:
+        tree = Tree(np.zeros(self.nodes, NODE), np.zeros(1, np.int64), sign)
+        for x, y, yaw in roots:
+            add_pose(tree, x, y, yaw, NONE)
+        return tree
+
+    def _options(self) -> Options:
+        shares = self.tree_share, self.shortcut_share, self.local_share, self.global_share
+        tree, shortcuts, local, _ = np.cumsum(shares) / max(sum(shares), 1e-9)
+        return Options(
+            self.guide_share, self.spread, self.turn_spread, self.reversed_share,
+            self.neighbours, float(tree), float(shortcuts), float(local),
+            max(2, round(self.window / LONGEST_PIECE)), self.shortcuts, self.local_poses,
+            max(1, round(self.pose_spacing / LONGEST_PIECE)),
+        )  # fmt: skip
