@@ -52,7 +52,7 @@ class RobotSettings:
 
 
 class Link(Protocol):
-    """A rosbridge: a server, or a client of one."""
+    """A rosbridge server, a client of one, or DDS."""
 
     lost: str
 
@@ -177,7 +177,7 @@ class Robot:
     def left(self, client: object) -> None:
         """Stop the chair if the client that is gone has commanded it."""
         with self._lock:
-            if client is self._commander:
+            if client == self._commander:
                 self._stop("the client that commanded is gone")
 
     def ask(self, service: str) -> Callable[[Mapping[str, Any]], dict[str, Any]]:
@@ -241,5 +241,7 @@ class Robot:
         self._published += 1
 
     def _is_due(self, interval: float) -> bool:
-        """Whether what comes at an interval [s] comes in this control period."""
-        return self._published % max(1, round(interval / self._mission.period)) == 0
+        """Whether what comes at an interval [s], on average, comes in this control period."""
+        periods = max(1.0, interval / self._mission.period)
+        passed = [int(count / periods + 1e-9) for count in (self._published - 1, self._published)]
+        return self._published == 0 or passed[0] < passed[1]

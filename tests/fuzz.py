@@ -605,7 +605,7 @@ def _use_bag(path: Path) -> None:
 def _sqlite_bag(folder: Path) -> Path:
     from rosbags.rosbag2 import StoragePlugin, Writer
 
-    from wheelchair_gym.recording.bags import typestore
+    from wheelchair_gym.hardware.ros.cdr import typestore
     from wheelchair_gym.recording.read_bags import bag_messages
 
     path = folder / "old"

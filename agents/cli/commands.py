@@ -410,8 +410,8 @@ COMMANDS = (
         "robot", "twin:robot", "serve a simulated chair as a ROS 2 robot, which nav2 can drive",
         "Publish /scan, /odom, /tf, /battery_state and ultrasonics of a simulated chair in real "
         "time, and drive as /cmd_vel says, until Ctrl-C. It serves rosbridge's protocol itself, or "
-        "is a client of a rosbridge_server; ROS need not be installed. When /cmd_vel is silent for "
-        "0.5 s, the chair stops. Needs the extra 'ros'.",
+        "is a client of a rosbridge_server, or speaks DDS as ROS 2 does; ROS need not be installed. "
+        "When /cmd_vel is silent for 0.5 s, the chair stops. Needs the extra 'ros', or 'dds'.",
         "wheelchair robot --scene crowd --pose mcl --sim-time",
         [
             option("--scene", f"a scene, {OTHERS} (default: floor_plan)"), *map_options(), seed(),
@@ -428,9 +428,11 @@ COMMANDS = (
             option("--episodes", "end after so many episodes, each at its goal, a contact or its "
                    "time limit, and report the figures of `compare`; an episode begins with its "
                    "first /cmd_vel", count),
-            option("--host", "address to serve at", None, "ADDRESS", default="127.0.0.1"),
+            option("--host", "address to serve at; with --dds, of a network interface", None,
+                   "ADDRESS", default="127.0.0.1"),
             option("--port", "TCP port; 0: a free one", number(int, 0, 65535), "PORT",
                    default=9090),
+            flag("--dds", "publish over DDS, without rosbridge, in the domain ROS_DOMAIN_ID"),
             option("--token-file", "file with the token that clients must send", None, "FILE"),
             option("--tls", "serve wss with the key and the certificate in this file", None,
                    "FILE.pem"),

@@ -98,7 +98,7 @@ def robot(given: argparse.Namespace) -> int:
         env.step(np.zeros(2))  # compiled before real time begins
         link = _link(given, driver)
         driver.connect(link, world.mission, over)
-        print(f"{'rosbridge':12} {link.url}", flush=True)
+        print(f"{'dds' if given.dds else 'rosbridge':12} {link.url}", flush=True)
         env, film = watch(given).on(env)
 
         def each(now: Any) -> bool:
@@ -144,15 +144,24 @@ def _log(line: str) -> None:
 
 
 def _link(given: argparse.Namespace, driver: Any) -> Any:
-    """A rosbridge server, or the link to one, by which the chair is commanded."""
+    """A rosbridge server, the link to one, or DDS, by which the chair is commanded."""
     from agents.robot import COMMAND, COMMAND_TYPES, SERVICES
     from wheelchair_gym.hardware.registry import chair_settings
+    from wheelchair_gym.hardware.ros.dds import DdsLink, domain_number
     from wheelchair_gym.hardware.ros.rosbridge import Rosbridge, read_token
     from wheelchair_gym.hardware.ros.server import RosbridgeServer
     from wheelchair_gym.hardware.ros.settings import RosSettings
 
     link: Any
-    if given.rosbridge is not None:
+    if given.dds:
+        for name in ("rosbridge", "token_file", "tls"):
+            if getattr(given, name) is not None:
+                raise InputError(f"--dds and --{name.replace('_', '-')}: expected one of them")
+        domain = domain_number(os.environ.get("ROS_DOMAIN_ID", ""))
+        link = DdsLink(given.host, domain, driver.command, driver.left)
+        for kind in COMMAND_TYPES:
+            link.subscribe(COMMAND, kind.replace("/", "/msg/"))
+    elif given.rosbridge is not None:
         other = chair_settings(chair_spec(given.rosbridge))
         if not isinstance(other, RosSettings):
             raise InputError(f"--rosbridge {given.rosbridge}: expected ros://HOST:PORT")

@@ -22,6 +22,7 @@ from tests.conftest import ROOT
 from wheelchair_gym import InputError
 from wheelchair_gym.geometry import compose, to_world
 from wheelchair_gym.hardware.ros import make_messages as ros
+from wheelchair_gym.hardware.ros.cdr import serialized, typestore
 from wheelchair_gym.localization.occupancy import read_scan
 from wheelchair_gym.physics.actors.records import actor_shapes
 from wheelchair_gym.recording import bags
@@ -172,7 +173,7 @@ def as_sqlite(bag, folder):
         folder, version=8, storage_plugin=StoragePlugin.SQLITE3
     ) as writer:  # fmt: skip
         topics = {
-            one.id: writer.add_connection(one.topic, one.msgtype, typestore=bags.typestore())
+            one.id: writer.add_connection(one.topic, one.msgtype, typestore=typestore())
             for one in reader.connections
         }
         for connection, stamp, data in reader.messages():
@@ -214,7 +215,7 @@ def test_a_bag_is_judged_again_the_same(drive, tmp_path, capsys):
 
 def other_robots_bag(folder, turn=1, frames=True, scans=20, stamps=lambda k: 100 * k + 30):
     """A robot with other names: a lidar at the back that turns clockwise, and slower odometry."""
-    store = bags.typestore()
+    store = typestore()
     laser = LaserSettings(x=-0.2, y=0.1, yaw=math.radians(170.0), beams=73)
     walls = np.linspace(1.0, 2.0, laser.beams).astype(np.float32)
     with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as bag:
@@ -229,7 +230,7 @@ def other_robots_bag(folder, turn=1, frames=True, scans=20, stamps=lambda k: 100
         }
 
         def put(topic, stamp, message):
-            data = bags.serialized(topics[topic].msgtype, message)
+            data = serialized(topics[topic].msgtype, message)
             bag.write(topics[topic], stamp, data)
 
         zero = 1_700_000_000_000_000_000

@@ -1,8 +1,7 @@
 """Records a drive as a rosbag2: standard ROS 2 messages in an MCAP file, with its metadata.yaml.
 
 The bag holds what a robot publishes, and, as text in std_msgs/String, what `wheelchair replay`
-needs. Definitions of messages are those of Jazzy, and the metadata is version 8, which every
-distribution from Humble on reads.
+needs. The metadata is version 8, which every distribution from Humble on reads.
 """
 
 from __future__ import annotations
@@ -12,7 +11,6 @@ import itertools
 import json
 import logging
 from collections.abc import Callable, Iterator, Mapping
-from functools import cache
 from pathlib import Path
 from typing import Any, Final
 
@@ -22,64 +20,15 @@ from wheelchair_gym.config import InputError
 from wheelchair_gym.files import write_error
 from wheelchair_gym.geometry import map_to_odom
 from wheelchair_gym.hardware.ros import make_messages as ros
+from wheelchair_gym.hardware.ros.cdr import EXTRA, serialized, typestore
 from wheelchair_gym.recording.sink import Sink
 from wheelchair_gym.recording.topics import BATTERY, COMMAND, FIELDS, write_fields
 from wheelchair_gym.rendering.video import jpeg
 
 PREFIX: Final = "/wheelchair"  # of the topics that `replay` reads
-_EXTRA = "ROS 2 bags need: pip install 'wheelchair_gym[ros]'"
 _BEGIN = ros.NANO  # stamp of a recording's first message: for tf2, a stamp of 0 means the newest
 _VERSION: Any = 8
 _LOG = logging.getLogger(__name__)
-
-
-@cache
-def typestore() -> Any:
-    """The definitions of messages.
-
-    Raises:
-        InputError: the extra 'ros' is not installed.
-    """
-    try:
-        from rosbags.typesys import Stores, get_typestore
-    except ImportError:
-        raise InputError(_EXTRA) from None
-    return get_typestore(Stores.ROS2_JAZZY)
-
-
-@cache
-def _maker(kind: str) -> Callable[[Mapping[str, Any]], Any]:
-    """A function that makes messages of a type of dictionaries; what they lack is zero or empty."""
-    store = typestore()
-    makers = {name: _field(*definition) for name, definition in store.fielddefs[kind][1]}
-    cls = store.types[kind]
-    return lambda values: cls(**{name: make(values.get(name)) for name, make in makers.items()})
-
-
-def _field(node: Any, definition: Any) -> Callable[[Any], Any]:
-    """A function that makes a field of a value, or of None."""
-    from rosbags.interfaces import Nodetype
-
-    if node == Nodetype.NAME:
-        make = _maker(definition)
-        return lambda value: make(value or {})
-    if node == Nodetype.BASE:
-        of: Any = {"string": str, "bool": bool}.get(definition[0])
-        of = of or (float if definition[0].startswith("float") else int)
-        return lambda value: of() if value is None else of(value)
-    (inner, name), length = definition
-    if inner == Nodetype.BASE and name[0] != "string":
-        dtype = np.dtype(name[0])
-        return lambda value: (
-            np.zeros(length, dtype) if value is None else np.ascontiguousarray(value, dtype)
-        )
-    each = _field(inner, name)
-    return lambda value: [each(item) for item in value or ()]
-
-
-def serialized(kind: str, message: Mapping[str, Any]) -> Any:
-    """A message of a type as CDR."""
-    return typestore().serialize_cdr(_maker(kind)(message), kind)
 
 
 # Topic of a recording: topic of the bag, its type, and what makes a message of time and content.
@@ -117,7 +66,7 @@ class RosBag:
         try:
             from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
         except ImportError:
-            raise InputError(_EXTRA) from None
+            raise InputError(EXTRA) from None
 
         first = Path(file)
         first = first.with_suffix("") if first.suffix == ".mcap" else first

@@ -23,8 +23,9 @@ from wheelchair_gym.errors import InputError, shorten
 from wheelchair_gym.files import LIMITS, opened, read_bytes
 from wheelchair_gym.geometry import compose, relative_pose
 from wheelchair_gym.hardware.ros import messages as ros
+from wheelchair_gym.hardware.ros.cdr import deserialized
 from wheelchair_gym.localization.logs import SensorLog, log_of_poses
-from wheelchair_gym.recording.bags import PREFIX, typestore
+from wheelchair_gym.recording.bags import PREFIX
 from wheelchair_gym.recording.mcap_file import Recorded, complete, mcap_messages
 from wheelchair_gym.sensors.settings import LaserSettings
 
@@ -120,18 +121,7 @@ def bag_texts(path: str | Path, topics: Sequence[str]) -> list[tuple[str, str]]:
 
 def _message(recorded: Recorded) -> dict[str, Any]:
     """A message as a dictionary of its fields."""
-    found = _fields(typestore().deserialize_cdr(recorded.data, recorded.type))
-    assert isinstance(found, dict)
-    return found
-
-
-def _fields(value: Any) -> Any:
-    if isinstance(value, list):
-        return [_fields(item) for item in value]
-    if not hasattr(value, "__msgtype__"):
-        return value
-    names = (name for name in value.__dataclass_fields__ if name != "__msgtype__")
-    return {name: _fields(getattr(value, name)) for name in names}
+    return deserialized(recorded.type, recorded.data)
 
 
 def bag_log(
