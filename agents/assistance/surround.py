@@ -94,7 +94,8 @@ class Surround:
         """The obstacles (n, 2) [m] in the chair's frame, after a reading."""
         since = 0.0 if self._stamp is None else reading.stamp - self._stamp
         self._stamp = reading.stamp
-        motion = np.array(arc_step(0.0, 0.0, 0.0, *reading.twist.tolist(), since))
+        v, w = reading.twist.tolist()
+        motion = np.array(arc_step(0.0, 0.0, 0.0, v, w, since))
         points = np.empty((SECTORS, 2))
         n = _update(
             reading.laser[: self._beams], self._directions, self._mount, self._half_view, motion,

@@ -127,7 +127,8 @@ class Goals:
 
     def reset(self, mission: AssistMission) -> None:
         """Know no goal."""
-        self._mission, self._ways = mission, None
+        self._mission = mission
+        self._ways: list[Geodesic] | None = None
         self._targets: Array = np.empty((0, 2))
         self.belief: Array = np.empty(0)
         self._pose: Array | None = None

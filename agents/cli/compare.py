@@ -70,7 +70,7 @@ def compare(given: argparse.Namespace) -> int:
         if given.policies is not None:
             raise InputError("--policies and --driver: expected one of them; see --assist")
         policies = assistants(given.assist)
-        scenes = with_drivers(scenes, given.driver)
+        scenes = tuple(with_drivers(scenes, given.driver))
         if given.config is None:  # some interfaces take their time
             env["config"] = {"task": {"time_base": 60.0, "time_factor": 10.0}}
     if given.scenes or given.map:  # the title of the suite is of its scenes
@@ -112,10 +112,10 @@ def with_drivers(scenes: Sequence[Spec], names: Sequence[str]) -> list[dict[str,
     for driver in names:
         make_driver(spec(driver))  # which refuses what is wrong
         for scene in scenes:
-            plain = {"name": scene} if isinstance(scene, str) else dict(scene)
+            plain: dict[str, Any] = {"name": scene} if isinstance(scene, str) else dict(scene)
             name = Path(driver).name
-            more = {"label": f"{label(scene)}, {name}", "env": {"driver": spec(driver)}}
-            found.append({**plain, **more, "env": {**plain.get("env", {}), **more["env"]}})
+            env = {**plain.get("env", {}), "driver": spec(driver)}
+            found.append({**plain, "label": f"{label(scene)}, {name}", "env": env})
     return found
 
 

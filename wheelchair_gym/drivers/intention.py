@@ -169,6 +169,8 @@ def _cost(p: Any, d: Any, prepared: Any, k: int, pose: Array, twist: Array) -> f
             short = max(0.0, (plan.clearance - gap) / max(plan.clearance, 1e-6))
             cost += plan.caution * min(4.0, short * short) * horizon / POSES
             before = gap
+        if p.kind == STICK and j < POSES - 1:  # only the arc's end counts
+            continue
         wx, wy = body_to_world(cos_pose, sin_pose, x, y)
         to_go = _to_go(p, d, prepared, pose[0] + wx, pose[1] + wy, pose[2] + yaw)
         costs[j] = cost + horizon * (0.5 + 0.5 * (j + 1) / POSES) + to_go
