@@ -60,7 +60,8 @@ MODULES = {
         controls.generator swarm.search swarm.path_cost
     """,
     "agents": """
-        policies policies.planned policies.learned policies.explore control control.followers control.whales deploy
+        policies policies.planned policies.learned policies.explore control control.followers
+        control.whales deploy
         watch evaluation.evaluate evaluation.compare evaluation.metrics evaluation.report
         evaluation.tuning learning.sb3 learning.settings learning.run learning.weights
         learning.export studies.model studies.evidence benchmarks.environments

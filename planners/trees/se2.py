@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from planners.collision.connections import MIN_GAP, YAWS, fit_ends, gaps_at, start_and_goal
 from planners.collision.footprint import sweeps
-from planners.collision.nearby import Nearby, nearby
+from planners.collision.nearby import Nearby, nearby, passage_poses
 from planners.problem import Plan, PlannerBase, Problem, Status, check, remaining
 from planners.smoothing.shortcut import resample, shortcut
 from planners.swarm.woa import WhaleSettings
@@ -31,7 +31,6 @@ from planners.trees.pose_tree import (
     Tree,
     add_pose,
     advance,
-    passage_poses,
 )
 from planners.trees.settings import InformedRrtStar
 from wheelchair_gym.config import setting, settings
