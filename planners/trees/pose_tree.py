@@ -1,10 +1,8 @@
 """RRT*-WOA over poses: a tree of poses of the outline, and whales that refine its path.
 
-The thesis's idea in the chair's space. Steering turns in place, drives arcs and backs; what the
-outline sweeps is tested exactly; cost is time, increased near obstacles. From top to bottom: trees
-of poses; the first path, by two trees that reach for each other (RRT-Connect); then rounds of RRT*
-(best parent, rewiring), of shortcuts, and of whales, local ones in a window of the path and global
-ones over the whole path. What one of them finds, the others go on with.
+Steering turns in place, drives arcs and backs; what the outline sweeps is tested exactly; cost is
+time, increased near obstacles. The first path is of two trees that reach for each other
+(RRT-Connect); then come rounds of RRT*, of shortcuts, and of local and global whales.
 """
 
 from __future__ import annotations
