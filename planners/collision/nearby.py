@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.collision.space import Space
-from wheelchair_gym.compiled.kernel import borrowing_kernel
-from wheelchair_gym.geometry import point_segment_distance
+from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
+from wheelchair_gym.geometry import point_segment_distance, wrap
 
 Array = NDArray[np.float64]
 
@@ -169,3 +169,40 @@ def nearest_side(
             if far < best and dx * ux + dy * uy <= OPPOSITE * far * math.hypot(ux, uy):
                 best, bx, by = far, x + dx, y + dy
     return bx, by, best
+
+
+_SETTLED = 1e-3  # m
+_STEPS = 6  # to the middle of a passage
+_ASTRAY = 0.5  # m: a middle that is farther from the guide is of another passage
+
+
+@kernel
+def passage_poses(near: Nearby, guide: Array, widest: float) -> Array:
+    """Poses (k, 3) in the middle of what a guide (n, 3) passes, straight between both sides.
+
+    The passage is less than twice `widest` [m] wide.
+    """
+    poses = np.empty_like(guide)
+    n = 0
+    for k in range(guide.shape[0]):
+        x, y = guide[k, 0], guide[k, 1]
+        for _ in range(_STEPS):
+            ax, ay, first = nearest_side(near, x, y, 0.0, 0.0, 2.0 * widest)
+            bx, by, second = nearest_side(near, x, y, ax - x, ay - y, 2.0 * widest)
+            if first <= 0.0 or second >= 2.0 * widest:
+                break
+            mx, my = 0.5 * (ax + bx), 0.5 * (ay + by)
+            moved = math.hypot(mx - x, my - y)
+            if math.hypot(mx - guide[k, 0], my - guide[k, 1]) > _ASTRAY:
+                break
+            x, y = mx, my
+            if moved < _SETTLED:
+                yaw = math.atan2(bx - ax, ay - by)
+                if math.cos(yaw - guide[k, 2]) < 0.0:
+                    yaw += math.pi
+                new = n == 0 or math.hypot(poses[n - 1, 0] - x, poses[n - 1, 1] - y) > 0.05
+                if new:
+                    poses[n, 0], poses[n, 1], poses[n, 2] = x, y, wrap(yaw)
+                    n += 1
+                break
+    return poses[:n].copy()

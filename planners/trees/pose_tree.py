@@ -1,10 +1,8 @@
 """RRT*-WOA over poses: a tree of poses of the outline, and whales that refine its path.
 
-The thesis's idea in the chair's space. Steering turns in place, drives arcs and backs; what the
-outline sweeps is tested exactly; cost is time, increased near obstacles. From top to bottom: trees
-of poses; the first path, by two trees that reach for each other (RRT-Connect); then rounds of RRT*
-(best parent, rewiring), of shortcuts, and of whales, local ones in a window of the path and global
-ones over the whole path. What one of them finds, the others go on with.
+Steering turns in place, drives arcs and backs; what the outline sweeps is tested exactly; cost is
+time, increased near obstacles. The first path is of two trees that reach for each other
+(RRT-Connect); then come rounds of RRT*, of shortcuts, and of local and global whales.
 """
 
 from __future__ import annotations
@@ -16,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.collision.connections import CONNECTIONS, connection, free_gap
-from planners.collision.nearby import Nearby, nearest_side
 from planners.trees.pose_path import (
     MAX_POSES,
     MIN_GAIN,
@@ -236,43 +233,6 @@ def next_normal(state: Stream) -> float:
     """The next nearly normal number of a stream, of mean 0 and deviation 1 (Irwin-Hall, n = 4)."""
     total = next_uniform(state) + next_uniform(state) + next_uniform(state) + next_uniform(state)
     return (total - 2.0) * math.sqrt(3.0)
-
-
-_SETTLED: Final = 1e-3  # m
-_STEPS: Final = 6  # to the middle of a passage
-_ASTRAY: Final = 0.5  # m: a middle that is farther from the guide is of another passage
-
-
-@kernel
-def passage_poses(near: Nearby, guide: Array, widest: float) -> Array:
-    """Poses (k, 3) in the middle of what a guide (n, 3) passes, straight between both sides.
-
-    The passage is less than twice `widest` [m] wide.
-    """
-    poses = np.empty_like(guide)
-    n = 0
-    for k in range(guide.shape[0]):
-        x, y = guide[k, 0], guide[k, 1]
-        for _ in range(_STEPS):
-            ax, ay, first = nearest_side(near, x, y, 0.0, 0.0, 2.0 * widest)
-            bx, by, second = nearest_side(near, x, y, ax - x, ay - y, 2.0 * widest)
-            if first <= 0.0 or second >= 2.0 * widest:
-                break
-            mx, my = 0.5 * (ax + bx), 0.5 * (ay + by)
-            moved = math.hypot(mx - x, my - y)
-            if math.hypot(mx - guide[k, 0], my - guide[k, 1]) > _ASTRAY:
-                break
-            x, y = mx, my
-            if moved < _SETTLED:
-                yaw = math.atan2(bx - ax, ay - by)
-                if math.cos(yaw - guide[k, 2]) < 0.0:
-                    yaw += math.pi
-                new = n == 0 or math.hypot(poses[n - 1, 0] - x, poses[n - 1, 1] - y) > 0.05
-                if new:
-                    poses[n, 0], poses[n, 1], poses[n, 2] = x, y, wrap(yaw)
-                    n += 1
-                break
-    return poses[:n].copy()
 
 
 _TRIES: Final = 20  # poses drawn for a sample at most

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from planners.collision.connections import MIN_GAP, YAWS, fit_ends, gaps_at, start_and_goal
 from planners.collision.footprint import sweeps
-from planners.collision.nearby import Nearby, nearby
+from planners.collision.nearby import Nearby, nearby, passage_poses
 from planners.problem import Plan, PlannerBase, Problem, Status, check, remaining
 from planners.smoothing.shortcut import resample, shortcut
 from planners.swarm.woa import WhaleSettings
@@ -31,7 +31,6 @@ from planners.trees.pose_tree import (
     Tree,
     add_pose,
     advance,
-    passage_poses,
 )
 from planners.trees.settings import InformedRrtStar
 from wheelchair_gym.config import setting, settings
@@ -64,16 +63,16 @@ class Se2RrtStarWoa(DrivingCost, PlannerBase):
     guide: InformedRrtStar = setting(default=InformedRrtStar(iterations=2_000), source=_DESIGN)
     """The planner of the disc's path."""
     whales: WhaleSettings = setting(
-        default=WhaleSettings(population=8, iterations=4), source="tuned on training seeds"
+        default=WhaleSettings(population=8, iterations=4), source=_DESIGN
     )
     """The swarms."""
     iterations: int = setting(default=6_000, low=1, source=_DESIGN)
     """Largest number of iterations: of samples up to the first path, then of rounds."""
-    improvement: int = setting(default=200, low=0, source="tuned on training seeds")
+    improvement: int = setting(default=200, low=0, source=_DESIGN)
     """Rounds after the first path; with a deadline, make it large for an anytime planner."""
     nodes: int = setting(default=10_000, low=100, source=_DESIGN)
     """Largest number of nodes of a tree."""
-    neighbours: int = setting(default=10, low=1, high=100, source="tuned on training seeds")
+    neighbours: int = setting(default=10, low=1, high=100, source=_DESIGN)
     """Nearest nodes that may become parents, or be rewired."""
     sharpest_turn: float = setting(
         default=1.6, unit="1/m", low=0.1, source="as the planner lattice: in a corridor of 1.2 m"
@@ -87,23 +86,23 @@ class Se2RrtStarWoa(DrivingCost, PlannerBase):
     """Share of the rounds of whales that move poses of a window of the path."""
     global_share: float = setting(default=0.0, low=0.0, source="tuned on training seeds")
     """Share of the rounds of whales that move poses along the whole path, jointly."""
-    local_poses: int = setting(default=1, low=1, high=8, source="tuned on training seeds")
+    local_poses: int = setting(default=1, low=1, high=8, source=_DESIGN)
     """Poses that local whales move."""
-    pose_spacing: float = setting(default=1.2, unit="m", low=0.2, source="tuned on training seeds")
+    pose_spacing: float = setting(default=1.2, unit="m", low=0.2, source=_DESIGN)
     """About the distance of the poses that global whales move."""
-    window: float = setting(default=5.0, unit="m", low=0.4, source="tuned on training seeds")
+    window: float = setting(default=5.0, unit="m", low=0.4, source=_DESIGN)
     """Longest part of the path that local whales or a shortcut replace."""
     shortcuts: int = setting(default=16, low=1, source=_DESIGN)
     """Shortcuts that a round tries."""
-    shift_bound: float = setting(default=0.4, unit="m", low=0.0, source="tuned on training seeds")
+    shift_bound: float = setting(default=0.4, unit="m", low=0.0, source=_DESIGN)
     """Largest shift of a pose; it shrinks while whales find nothing."""
-    turn_bound: float = setting(default=0.5, unit="rad", low=0.0, source="tuned on training seeds")
+    turn_bound: float = setting(default=0.5, unit="rad", low=0.0, source=_DESIGN)
     """Largest turn of a pose by whales."""
-    guide_share: float = setting(default=0.7, low=0.0, high=1.0, source="tuned on training seeds")
+    guide_share: float = setting(default=0.7, low=0.0, high=1.0, source=_DESIGN)
     """Share of the samples near the guide, or near the path; the others are anywhere."""
-    spread: float = setting(default=0.3, unit="m", low=0.0, source="tuned on training seeds")
+    spread: float = setting(default=0.3, unit="m", low=0.0, source=_DESIGN)
     """Standard deviation of their distance from it."""
-    turn_spread: float = setting(default=0.6, unit="rad", low=0.0, source="tuned on training seeds")
+    turn_spread: float = setting(default=0.6, unit="rad", low=0.0, source=_DESIGN)
     """Standard deviation of their heading."""
     reversed_share: float = setting(default=0.05, low=0.0, high=1.0, source=_DESIGN)
     """Share of them that look back."""
