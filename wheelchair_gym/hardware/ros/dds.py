@@ -31,7 +31,10 @@ _LARGEST_DOMAIN = 232  # its ports are below 65536
 _PATIENCE = 0.1  # s between two looks at who has come and gone
 _MOST_COMMANDS = 100  # that are taken at once
 # DDS policies by the numbers of DDSI (and of dds_qos_policy_id_t), as ROS names them.
-_POLICIES: Final = {2: "durability", 4: "deadline", 8: "liveliness", 11: "reliability"}
+_TYPE = 24
+_POLICIES: Final = {
+    2: "durability", 4: "deadline", 8: "liveliness", 11: "reliability", _TYPE: "type"
+}  # fmt: skip
 
 
 def load_cyclonedds() -> None:
@@ -260,7 +263,9 @@ class DdsLink:
         if matched.current_count_change < 0:
             self._on_leave(matched.last_publication_handle)
         status = one.reader.get_requested_incompatible_qos_status()
-        if status.total_count_change > 0:
+        types = {other.type for other in self._readers if other.topic == one.topic}
+        expected = status.last_policy_id == _TYPE and len(types) > 1  # the other reader's
+        if status.total_count_change > 0 and not expected:
             _report(one.topic, "publisher offers", status.last_policy_id)
 
 
