@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
-import re
 import shutil
 import signal
 import subprocess
@@ -230,6 +228,18 @@ def test_services_begin_episodes(robot):
             ("a", True), ("b", True), ("c", False)
         ]  # fmt: skip
         assert client.answers[0]["values"]["success"] is True
+
+
+def test_a_client_may_ask_for_topics_and_time(robot):
+    with Client(robot.url) as client:
+        client.send(op="call_service", service="/rosapi/topics", id="a")
+        client.send(op="call_service", service="/rosapi/get_time", id="b")
+        assert until(lambda: len(client.answers) == 2)
+        topics, now = (one["values"] for one in client.answers)
+        types = dict(zip(topics["topics"], topics["types"], strict=True))
+        assert types.keys() >= {*TOPICS, "/cmd_vel"}
+        assert types["/scan"] == "sensor_msgs/msg/LaserScan"
+        assert abs(now["time"]["sec"] - time.time()) < 5.0
 
 
 def test_it_stands_after_a_contact_until_a_service_is_called(tmp_path):

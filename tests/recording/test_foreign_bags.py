@@ -96,7 +96,9 @@ def write_mcap(file, count, finish=True, short=False, **more):
     store = get_typestore(Stores.ROS2_HUMBLE)
     writer = McapWriter(str(file), **more)
     schemas = {
-        topic: writer.register_msgdef(kind.replace("/msg", "") if short else kind, store.generate_msgdef(kind, 2)[0])
+        topic: writer.register_msgdef(
+            kind.replace("/msg", "") if short else kind, store.generate_msgdef(kind, 2)[0]
+        )
         for topic, kind in TYPES.items()
     }
     for now, topic, content in drive(count):
