@@ -14,7 +14,9 @@ unexport PYTHONDONTWRITEBYTECODE
 EMULATOR := gcc-avr avr-libc avrdude libsimavr-dev gcc libc6-dev make
 SUDO := $(shell test "$$(id -u)" = 0 || echo sudo)
 
-.PHONY: demo test test-all examples package lint bench docs films clean help emulator firmware
+RCLPY := build/rclpy
+
+.PHONY: rclpy demo test test-all examples package lint bench docs films clean help emulator firmware
 
 help:
 	@echo "make demo      planned and learned policies drive a wheelchair; prints where the report is"
@@ -22,6 +24,7 @@ help:
 	@echo "make test-all  the long ones, too"
 	@echo "make examples  runs the programs in examples/"
 	@echo "make package   wheel and sdist, and a plan with the wheel alone"
+	@echo "make rclpy     ROS 2 from PyPI (Linux, Python 3.11) in build/rclpy, for one test of test-all"
 	@echo "make lint      ruff and mypy"
 	@echo "make bench     how fast it is on this machine"
 	@echo "make docs      builds the documentation into build/docs; a warning is an error"
@@ -79,6 +82,15 @@ emulator:
 	  "install the like of: $(EMULATOR)" >&2; exit 2; }
 	@dpkg -s $(EMULATOR) >/dev/null 2>&1 || { $(SUDO) apt-get update -qq \
 	  && $(SUDO) env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq $(EMULATOR); }
+
+# Beside the project: third-party wheels of ROS 2 Kilted (ros-python-wheels).
+rclpy: $(RCLPY)/.installed
+
+$(RCLPY)/.installed:
+	python3.11 -m venv $(RCLPY)
+	$(RCLPY)/bin/python -m pip install --quiet 'ros-rclpy[fastrtps]' ros-geometry-msgs \
+	  ros-nav-msgs ros-rosgraph-msgs ros-sensor-msgs
+	touch $@
 
 firmware: emulator
 	$(MAKE) -C wheelchair_gym/hardware/firmware

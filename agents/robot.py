@@ -189,6 +189,11 @@ class Robot:
 
         return answer
 
+    def tell_time(self, arguments: Mapping[str, Any]) -> dict[str, Any]:
+        """The time of messages, as the answer of rosapi/srv/GetTime."""
+        now = ros.time(self._now())
+        return {"time": now | {"secs": now["sec"], "nsecs": now["nanosec"]}}  # roslibpy: ROS 1's
+
     def _stop(self, why: str) -> None:
         """Stand still from now on; with the lock held."""
         self._twist = (0.0, 0.0)
@@ -216,7 +221,7 @@ class Robot:
     def _publish(self, reading: Reading) -> None:
         """Publish a reading, as of now."""
         if self.link.lost:
-            raise ConnectionError(f"rosbridge: the link is lost: {self.link.lost}")
+            raise ConnectionError(f"ROS: the link is lost: {self.link.lost}")
         now, publish, config, odometry = self._now(), self.link.publish, self.config, self._odometry
         if config.speed > 0.0:
             publish("/clock", ros.clock(now))

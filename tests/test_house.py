@@ -50,7 +50,8 @@ ROOMS = {
     "websockets": ("wheelchair_gym/hardware/",),
     "foxglove": ("wheelchair_gym/recording/",),
     "mcap": ("wheelchair_gym/recording/",),
-    "rosbags": ("wheelchair_gym/recording/",),
+    "rosbags": ("wheelchair_gym/recording/", "wheelchair_gym/hardware/ros/"),
+    "cyclonedds": ("wheelchair_gym/hardware/ros/",),
     "torch": ("agents/",),
     "stable_baselines3": ("agents/",),
 }

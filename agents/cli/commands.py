@@ -409,9 +409,10 @@ COMMANDS = (
     Command(
         "robot", "twin:robot", "serve a simulated chair as a ROS 2 robot, which nav2 can drive",
         "Publish /scan, /odom, /tf, /battery_state and ultrasonics of a simulated chair in real "
-        "time, and drive as /cmd_vel says, until Ctrl-C. It serves rosbridge's protocol itself, or "
-        "is a client of a rosbridge_server, or speaks DDS as ROS 2 does; ROS need not be installed. "
-        "When /cmd_vel is silent for 0.5 s, the chair stops. Needs the extra 'ros', or 'dds'.",
+        "time, and drive as /cmd_vel says, until Ctrl-C. It serves rosbridge's protocol itself, "
+        "is a client of a rosbridge_server, or speaks DDS as ROS 2 does; ROS need not be "
+        "installed. When /cmd_vel is silent for 0.5 s, the chair stops. Needs the extra 'ros', or "
+        "'dds'.",
         "wheelchair robot --scene crowd --pose mcl --sim-time",
         [
             option("--scene", f"a scene, {OTHERS} (default: floor_plan)"), *map_options(), seed(),

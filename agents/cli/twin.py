@@ -148,7 +148,7 @@ def _link(given: argparse.Namespace, driver: Any) -> Any:
     from agents.robot import COMMAND, COMMAND_TYPES, SERVICES
     from wheelchair_gym.hardware.registry import chair_settings
     from wheelchair_gym.hardware.ros.dds import DdsLink, domain_number
-    from wheelchair_gym.hardware.ros.rosbridge import Rosbridge, read_token
+    from wheelchair_gym.hardware.ros.rosbridge import Rosbridge, is_local, read_token
     from wheelchair_gym.hardware.ros.server import RosbridgeServer
     from wheelchair_gym.hardware.ros.settings import RosSettings
 
@@ -161,6 +161,8 @@ def _link(given: argparse.Namespace, driver: Any) -> Any:
         link = DdsLink(given.host, domain, driver.command, driver.left)
         for kind in COMMAND_TYPES:
             link.subscribe(COMMAND, kind.replace("/", "/msg/"))
+        if is_local(given.host):
+            _log("ROS 2 on this machine finds it with ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST")
     elif given.rosbridge is not None:
         other = chair_settings(chair_spec(given.rosbridge))
         if not isinstance(other, RosSettings):
@@ -173,6 +175,7 @@ def _link(given: argparse.Namespace, driver: Any) -> Any:
             given.host, given.port, driver.command, driver.left, token, given.tls
         )
         link.listens[COMMAND] = COMMAND_TYPES
+        link.serve("/rosapi/get_time", "rosapi_msgs/srv/GetTime", driver.tell_time)
     for name in SERVICES if given.episodes is None else ():
         link.serve(name, "std_srvs/srv/Trigger", driver.ask(name))
     return link

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
-import re
 import shutil
 import signal
 import subprocess
@@ -25,6 +23,7 @@ from websockets.sync.client import connect
 from agents.cli import main
 from agents.robot import Robot, RobotSettings
 from tests.conftest import ROOT
+from tests.hardware.served import Served, until
 from wheelchair_gym import InputError
 from wheelchair_gym.hardware.ros import messages as ros
 from wheelchair_gym.hardware.ros.rosbridge import Rosbridge
@@ -34,48 +33,6 @@ from wheelchair_gym.recording.replay import read_recording
 from wheelchair_gym.sensors.settings import SensorSettings
 
 CONTROLLER = ROOT / "examples" / "ros_pure_pursuit.py"
-QUIET = 3.0  # s within which a busy machine has noticed that nobody commands
-
-
-def hears_interrupts():
-    """Undo what a shell does to programs in its background: they ignore SIGINT."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-
-
-class Served:
-    """`wheelchair robot` in a process of its own, from when it is ready until it is closed."""
-
-    def __init__(self, *arguments, cwd=None):
-        command = [sys.executable, "-m", "wheelchair_gym", "robot", "--port", "0", *arguments]
-        environ = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path])}
-        self.process = subprocess.Popen(
-            command, env=environ, cwd=cwd, text=True, stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE, preexec_fn=hears_interrupts,
-        )  # fmt: skip
-        self.said, self.errors = [], []
-        self._threads = [
-            threading.Thread(target=self._read, args=pair, daemon=True)
-            for pair in (
-                (self.process.stdout, self.said), (self.process.stderr, self.errors)
-            )
-        ]  # fmt: skip
-        for thread in self._threads:
-            thread.start()
-        assert until(lambda: any("goal" in line for line in self.said), 120.0), self.errors
-        self.url = re.search(r"wss?://\S+", "".join(self.said))[0]
-
-    def _read(self, stream, lines):
-        for line in stream:
-            lines.append(line)
-
-    def close(self):
-        """End it as Ctrl-C does; its exit code."""
-        if self.process.poll() is None:
-            self.process.send_signal(signal.SIGINT)
-        code = self.process.wait(30.0)
-        for thread in self._threads:
-            thread.join()
-        return code
 
 
 @pytest.fixture(scope="module")
@@ -83,13 +40,6 @@ def robot():
     served = Served("--scene", "empty", "--imu", "--pose", "odometry")
     yield served
     served.close()
-
-
-def until(true, seconds=QUIET):
-    end = time.monotonic() + seconds
-    while not true() and time.monotonic() < end:
-        time.sleep(0.01)
-    return true()
 
 
 class Client:
@@ -278,6 +228,18 @@ def test_services_begin_episodes(robot):
             ("a", True), ("b", True), ("c", False)
         ]  # fmt: skip
         assert client.answers[0]["values"]["success"] is True
+
+
+def test_a_client_may_ask_for_topics_and_time(robot):
+    with Client(robot.url) as client:
+        client.send(op="call_service", service="/rosapi/topics", id="a")
+        client.send(op="call_service", service="/rosapi/get_time", id="b")
+        assert until(lambda: len(client.answers) == 2)
+        topics, now = (one["values"] for one in client.answers)
+        types = dict(zip(topics["topics"], topics["types"], strict=True))
+        assert types.keys() >= {*TOPICS, "/cmd_vel"}
+        assert types["/scan"] == "sensor_msgs/msg/LaserScan"
+        assert abs(now["time"]["sec"] - time.time()) < 5.0
 
 
 def test_it_stands_after_a_contact_until_a_service_is_called(tmp_path):

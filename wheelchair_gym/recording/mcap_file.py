@@ -11,6 +11,8 @@ from typing import Any, NamedTuple
 from wheelchair_gym.errors import InputError, shorten
 from wheelchair_gym.files import LIMITS
 
+_MAGIC = b"\x89MCAP0\r\n"
+
 
 @contextmanager
 def complete(file: str | Path) -> Iterator[None]:
@@ -38,21 +40,28 @@ class Recorded(NamedTuple):
     data: bytes
 
 
-def mcap_messages(content: bytes, wanted: Callable[[str, str], bool]) -> list[Recorded]:
+def mcap_messages(
+    content: bytes, wanted: Callable[[str, str], bool], cut: bool = False
+) -> list[Recorded]:
     """The messages whose topic and type are wanted, in the order of their times.
+
+    Args:
+        content: of the file.
+        wanted: called with topic and type.
+        cut: return what precedes the end of a file that is incomplete.
 
     Raises:
         ImportError: the extra 'record' is not installed.
         ValueError, McapError: the file is damaged, or beyond a limit.
     """
     from mcap.records import Channel, Chunk, Message, Schema
-    from mcap.stream_reader import StreamReader, breakup_chunk
+    from mcap.stream_reader import breakup_chunk
 
     types = {0: ""}  # of channels without a schema
     channels: dict[int, tuple[str, str]] = {}
     found: list[Recorded] = []
     unpacked = 0
-    for record in StreamReader(io.BytesIO(content), emit_chunks=True, validate_crcs=True).records:
+    for record in _records(content, cut):
         records: list[Any] = [record]
         if isinstance(record, Chunk):
             record.data = _decompressed(record.compression, record.data)
@@ -70,6 +79,23 @@ def mcap_messages(content: bytes, wanted: Callable[[str, str], bool]) -> list[Re
                 found.append(Recorded(inner.log_time, *channels[inner.channel_id], inner.data))
     found.sort(key=lambda message: message.time)  # stable: equal times stay in the file's order
     return found
+
+
+def _records(content: bytes, cut: bool) -> Iterator[Any]:
+    """The records of a file, chunks as they are, and of one that is cut off, the whole ones."""
+    from mcap.exceptions import EndOfFile
+    from mcap.stream_reader import StreamReader
+
+    try:
+        yield from StreamReader(io.BytesIO(content), emit_chunks=True, validate_crcs=True).records
+    except EndOfFile:
+        if not cut:
+            raise
+
+
+def is_cut(content: bytes) -> bool:
+    """Whether an MCAP file lacks its end, as that of a program that was killed does."""
+    return not content.endswith(_MAGIC)
 
 
 def _decompressed(compression: str, data: bytes) -> bytes:

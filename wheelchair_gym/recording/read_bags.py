@@ -26,7 +26,7 @@ from wheelchair_gym.hardware.ros import messages as ros
 from wheelchair_gym.hardware.ros.cdr import deserialized
 from wheelchair_gym.localization.logs import SensorLog, log_of_poses
 from wheelchair_gym.recording.bags import PREFIX
-from wheelchair_gym.recording.mcap_file import Recorded, complete, mcap_messages
+from wheelchair_gym.recording.mcap_file import Recorded, complete, is_cut, mcap_messages
 from wheelchair_gym.sensors.settings import LaserSettings
 
 _LOG = logging.getLogger(__name__)
@@ -49,8 +49,15 @@ def is_bag(path: str | Path) -> bool:
         return file.read(_PROFILE.stop)[_PROFILE] == b"\x04\0\0\0ros2"
 
 
-def bag_messages(path: str | Path, wanted: Callable[[str, str], bool]) -> list[Recorded]:
+def bag_messages(
+    path: str | Path, wanted: Callable[[str, str], bool], cut: bool = False
+) -> list[Recorded]:
     """The messages of a bag whose topic and type are wanted, as CDR, in the order of their times.
+
+    Args:
+        path: of the bag.
+        wanted: called with topic and type.
+        cut: read an MCAP file that lacks its end as far as it goes, and warn.
 
     Raises:
         InputError: a file is missing, damaged, compressed as a whole or beyond a limit.
@@ -62,9 +69,20 @@ def bag_messages(path: str | Path, wanted: Callable[[str, str], bool]) -> list[R
             continue
         content = read_bytes(file, "recording")
         with complete(file):
-            found += mcap_messages(content, wanted)
+            some = mcap_messages(content, lambda topic, kind: wanted(topic, _full(kind)), cut)
+            some = [one._replace(type=_full(one.type)) for one in some]
+            if cut and is_cut(content):
+                if not some:
+                    raise ValueError("it was cut off before its first whole chunk of messages")
+                _LOG.warning("%s: the recording was cut off; what it holds is used", file)
+        found += some
     found.sort(key=lambda message: message.time)
     return found
+
+
+def _full(kind: str) -> str:
+    """The name of a type as ROS 2 writes it; some writers leave out the middle part."""
+    return kind.replace("/", "/msg/") if kind.count("/") == 1 else kind
 
 
 def _files(path: Path) -> list[Path]:
@@ -142,7 +160,7 @@ def bag_log(
     def wanted(topic: str, kind: str) -> bool:
         return kind in (_SCAN, _ODOMETRY) or (kind == _TF and topic.endswith("tf_static"))
 
-    found = bag_messages(path, wanted)
+    found = bag_messages(path, wanted, cut=True)
     scans = _of_topic(path, found, _SCAN, scan, "/scan", "--scan-topic")
     moves = _of_topic(path, found, _ODOMETRY, odometry, "/odom", "--odometry-topic")
     edges: dict[str, tuple[str, Array]] = {}

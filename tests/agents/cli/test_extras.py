@@ -34,6 +34,7 @@ NEEDED = {
         [*DEPLOY, "--chair", "ros://127.0.0.1:1", *CONFIG],
         ["robot", "--scene", "empty"],
     ]),
+    "cyclonedds": ("cyclonedds", [["robot", "--scene", "empty", "--dds"]]),
     "rosbags": ("rosbags", [
         ["simulate", "--scene", "empty", "--record", "run", "--format", "ros2"],
     ]),

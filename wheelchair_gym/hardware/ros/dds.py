@@ -28,10 +28,14 @@ _NODES: Final = ("ros_discovery_info", "rmw_dds_common/msg/ParticipantEntitiesIn
 _DEPTH = 10  # as nav2_ros_common's StandardTopicQoS
 _DEEP = {"/tf": 100}  # as tf2's DynamicBroadcasterQoS
 _LARGEST_DOMAIN = 232  # its ports are below 65536
+_HANDLES = 1 << 64  # of publishers: some calls give them with a sign
 _PATIENCE = 0.1  # s between two looks at who has come and gone
 _MOST_COMMANDS = 100  # that are taken at once
 # DDS policies by the numbers of DDSI (and of dds_qos_policy_id_t), as ROS names them.
-_POLICIES: Final = {2: "durability", 4: "deadline", 8: "liveliness", 11: "reliability"}
+_TYPE = 24
+_POLICIES: Final = {
+    2: "durability", 4: "deadline", 8: "liveliness", 11: "reliability", _TYPE: "type"
+}  # fmt: skip
 
 
 def load_cyclonedds() -> None:
@@ -53,7 +57,10 @@ def domain_number(text: str) -> int:
     Raises:
         InputError: it is none.
     """
-    number = int(text or "0") if (text or "0").isascii() and (text or "0").isdigit() else -1
+    digits = (text or "0").lstrip("0") or "0"
+    if not (digits.isascii() and digits.isdigit() and len(digits) <= 3):
+        digits = "-1"
+    number = int(digits)
     if not 0 <= number <= _LARGEST_DOMAIN:
         raise InputError(f"ROS_DOMAIN_ID is {text!r:.40}; expected 0 to {_LARGEST_DOMAIN}")
     return number
@@ -62,12 +69,12 @@ def domain_number(text: str) -> int:
 @cache
 def idl_type(kind: str) -> Any:
     """A type of ROS as cyclonedds needs it; its samples hold `cdr`, the bytes of a message."""
-    from cyclonedds.idl import make_idl_struct
+    import cyclonedds.idl
     from rosbags.interfaces import Nodetype
 
-    def of(node: Any, definition: Any) -> Any:
-        from cyclonedds.idl import types
+    types: Any = cyclonedds.idl.types
 
+    def of(node: Any, definition: Any) -> Any:
         if node == Nodetype.NAME:
             return idl_type(definition)
         if node == Nodetype.BASE:
@@ -83,7 +90,8 @@ def idl_type(kind: str) -> Any:
 
     package, part, name = kind.split("/")
     fields = {key: of(*field) for key, field in typestore().fielddefs[kind][1]}
-    found = make_idl_struct(f"{name}_", f"{package}::{part}::dds_::{name}_", fields)
+    name = f"{name}_"
+    found: Any = cyclonedds.idl.make_idl_struct(name, f"{package}::{part}::dds_::{name}", fields)
     # A sample goes as the bytes that rosbags writes, and comes as they are.
     found.serialize = lambda sample, **_: bytes(sample.cdr)
     found.deserialize = classmethod(lambda cls, data, **_: _sample(cls, data))
@@ -118,12 +126,11 @@ class DdsLink:
 
     Attributes:
         url: dds://HOST/DOMAIN.
+        lost: why nothing is heard any more, in a line; empty while all is well.
 
     Raises:
         InputError: the extra 'dds' is not installed, or this machine has no such address.
     """
-
-    lost = ""  # there is no connection to lose
 
     def __init__(
         self,
@@ -136,7 +143,7 @@ class DdsLink:
         from cyclonedds.core import DDSException, WaitSet
         from cyclonedds.domain import Domain, DomainParticipant
 
-        self.url = f"dds://{host}/{domain}"
+        self.url, self.lost = f"dds://{host}/{domain}", ""
         try:
             with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
                 probe.bind((host, 0))
@@ -159,6 +166,7 @@ class DdsLink:
         self._wakes: Any = WaitSet(self._participant)
         self._lock = threading.Lock()
         self._closed = threading.Event()
+        self._nodes: Any = self._writer(*_NODES, latch=True, depth=1)
         self._announce()
         self._thread = threading.Thread(target=self._listen, daemon=True)
         self._thread.start()
@@ -228,8 +236,6 @@ class DdsLink:
 
     def _announce(self) -> None:
         """Publish the node's name and its endpoints, by which `ros2 node list` knows it."""
-        if not hasattr(self, "_nodes"):
-            self._nodes: Any = self._writer(*_NODES, latch=True, depth=1)
         node = {
             "node_namespace": "/",
             "node_name": _NODE,
@@ -240,31 +246,41 @@ class DdsLink:
         self._write(self._nodes, serialized(_NODES[1], message))
 
     def _listen(self) -> None:
-        while not self._closed.is_set():
-            self._wakes.wait(round(_PATIENCE * 1e9))
-            with self._lock:
-                readers, writers = self._readers, dict(self._writers)
-            for one in readers:
-                for sample in one.reader.take(_MOST_COMMANDS):
-                    if sample.sample_info.valid_data:
-                        one.take(_content(one.type, sample), sample.sample_info.publication_handle)
-                self._look(one)
-            for topic, (_, writer) in writers.items():
-                status = writer.get_offered_incompatible_qos_status()
-                if status.total_count_change > 0:
-                    _report(topic, "subscriber asks for", status.last_policy_id)
+        try:
+            while not self._closed.is_set():
+                self._wakes.wait(round(_PATIENCE * 1e9))
+                self._hear()
+        except Exception as error:  # who drives would not be heard any more
+            self.lost = " ".join(str(error).split())
+
+    def _hear(self) -> None:
+        """Take what has come, and look at who has come and gone."""
+        with self._lock:
+            readers, writers = self._readers, dict(self._writers)
+        for one in readers:
+            for sample in one.reader.take(_MOST_COMMANDS):
+                if sample.sample_info.valid_data:
+                    publisher = sample.sample_info.publication_handle % _HANDLES
+                    one.take(content_of(one.type, sample), publisher)
+            self._look(one)
+        for topic, (_, writer) in writers.items():
+            status = writer.get_offered_incompatible_qos_status()
+            if status.total_count_change > 0:
+                _report(topic, "subscriber asks for", status.last_policy_id)
 
     def _look(self, one: _Reader) -> None:
         """Report publishers of a topic that are gone, or that do not fit."""
         matched = one.reader.get_subscription_matched_status()
         if matched.current_count_change < 0:
-            self._on_leave(matched.last_publication_handle)
+            self._on_leave(matched.last_publication_handle % _HANDLES)
         status = one.reader.get_requested_incompatible_qos_status()
-        if status.total_count_change > 0:
+        types = {other.type for other in self._readers if other.topic == one.topic}
+        expected = status.last_policy_id == _TYPE and len(types) > 1  # the other reader's
+        if status.total_count_change > 0 and not expected:
             _report(one.topic, "publisher offers", status.last_policy_id)
 
 
-def _content(kind: str, sample: Any) -> Any:
+def content_of(kind: str, sample: Any) -> Any:
     """The message of a sample; None where its bytes are damaged."""
     try:
         return deserialized(kind, sample.cdr)

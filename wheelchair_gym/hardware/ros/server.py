@@ -1,8 +1,8 @@
 """A rosbridge v2 server: serves a robot's topics to any number of clients, and takes commands.
 
 It speaks what roslibpy, roslibjs and this package's own client use: subscribe, unsubscribe,
-advertise, unadvertise, publish, call_service; status for what it does not understand. As
-rosbridge_server does, it sends null for a number that is not finite.
+advertise, unadvertise, publish, call_service, also of /rosapi/topics; status for what it does not
+understand. As rosbridge_server does, it sends null for a number that is not finite.
 """
 
 from __future__ import annotations
@@ -130,7 +130,8 @@ class RosbridgeServer:
         from websockets.sync.server import serve
 
         self.listens: dict[str, tuple[str, ...]] = {}
-        self.services: dict[str, Service] = {}
+        self.services: dict[str, Service] = {"/rosapi/topics": self._list_topics}
+        self._types: dict[str, str] = {}
         self._on_message, self._on_leave, self._token = on_message, on_leave, token
         self._clients: list[_Client] = []
         self._latched: dict[str, str] = {}
@@ -169,7 +170,7 @@ class RosbridgeServer:
 
     def advertise(self, topic: str, kind: str, latch: bool = False) -> None:
         """Announce a topic; the last message of a latched one goes to late subscribers, too."""
-        self._topics[topic] = latch
+        self._topics[topic], self._types[topic] = latch, kind
 
     def serve(self, name: str, kind: str, service: Service) -> None:
         """Offer a service: a function of its arguments, which is called in a client's thread."""
@@ -277,6 +278,11 @@ class RosbridgeServer:
                 client.put(topic, self._latched[topic], latched=True)
         known = topic in self._topics or "type" in content  # with a type, it may come later
         return "" if known else f"{topic} is not published here"
+
+    def _list_topics(self, arguments: Mapping[str, Any]) -> dict[str, Any]:
+        """The answer of rosapi/srv/Topics."""
+        topics = self._types | {topic: kinds[0] for topic, kinds in self.listens.items()}
+        return {"topics": [*topics], "types": [*topics.values()]}
 
     def _call(self, client: _Client, content: Mapping[str, Any]) -> None:
         name = str(content.get("service", ""))

@@ -1,0 +1,63 @@
+"""`wheelchair robot` in a process of its own, for tests."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+from tests.conftest import ROOT
+
+QUIET = 3.0  # s within which a busy machine has noticed that nobody commands
+
+
+def until(true, seconds=QUIET):
+    end = time.monotonic() + seconds
+    while not true() and time.monotonic() < end:
+        time.sleep(0.01)
+    return true()
+
+
+def hears_interrupts():
+    """Undo what a shell does to programs in its background: they ignore SIGINT."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+class Served:
+    """`wheelchair robot` in a process of its own, from when it is ready until it is closed."""
+
+    def __init__(self, *arguments, cwd=None, **more):
+        command = [sys.executable, "-m", "wheelchair_gym", "robot", "--port", "0", *arguments]
+        environ = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path]), **more}
+        self.process = subprocess.Popen(
+            command, env=environ, cwd=cwd, text=True, stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE, preexec_fn=hears_interrupts,
+        )  # fmt: skip
+        self.said, self.errors = [], []
+        self._threads = [
+            threading.Thread(target=self._read, args=pair, daemon=True)
+            for pair in (
+                (self.process.stdout, self.said), (self.process.stderr, self.errors)
+            )
+        ]  # fmt: skip
+        for thread in self._threads:
+            thread.start()
+        assert until(lambda: any("goal" in line for line in self.said), 120.0), self.errors
+        self.url = re.search(r"(wss?|dds)://\S+", "".join(self.said))[0]
+
+    def _read(self, stream, lines):
+        for line in stream:
+            lines.append(line)
+
+    def close(self):
+        """End it as Ctrl-C does; its exit code."""
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGINT)
+        code = self.process.wait(30.0)
+        for thread in self._threads:
+            thread.join()
+        return code

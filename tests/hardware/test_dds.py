@@ -1,0 +1,452 @@
+"""Laws of the robot over DDS: ROS 2 finds its topics, drives it, and cannot hold it up.
+
+The other side is cyclonedds with types that are written here by hand, and, where it is installed,
+ROS 2 itself (rclpy on Fast DDS).
+"""
+
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from cyclonedds.core import Policy, Qos
+from cyclonedds.domain import Domain, DomainParticipant
+from cyclonedds.idl import IdlStruct
+from cyclonedds.idl.types import array, float32, float64, int32, sequence, uint32
+from cyclonedds.pub import DataWriter
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+
+from agents.cli import main
+from tests.conftest import ROOT
+from tests.hardware.served import Served, until
+from wheelchair_gym.hardware.ros import make_messages as ros
+from wheelchair_gym.hardware.ros.cdr import deserialized, serialized, typestore
+from wheelchair_gym.hardware.ros.dds import DdsLink, content_of, idl_type
+from wheelchair_gym.sensors.settings import LaserSettings
+
+DOMAIN = 20 + os.getpid() % 80
+HERE = {"ROS_DOMAIN_ID": str(DOMAIN), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+LOOPBACK = """<CycloneDDS><Domain id="any"><General><AllowMulticast>false</AllowMulticast>
+<Interfaces><NetworkInterface address="127.0.0.1"/></Interfaces></General><Discovery>
+<ParticipantIndex>auto</ParticipantIndex><Peers><Peer address="127.0.0.1"/></Peers></Discovery>
+</Domain></CycloneDDS>"""
+RELIABLE = Policy.Reliability.Reliable(max_blocking_time=0)
+LATCHED = Policy.Durability.TransientLocal
+
+
+@dataclass
+class Time(IdlStruct, typename="builtin_interfaces::msg::dds_::Time_"):
+    sec: int32
+    nanosec: uint32
+
+
+@dataclass
+class Header(IdlStruct, typename="std_msgs::msg::dds_::Header_"):
+    stamp: Time
+    frame_id: str
+
+
+@dataclass
+class Vector3(IdlStruct, typename="geometry_msgs::msg::dds_::Vector3_"):
+    x: float64
+    y: float64
+    z: float64
+
+
+@dataclass
+class Twist(IdlStruct, typename="geometry_msgs::msg::dds_::Twist_"):
+    linear: Vector3
+    angular: Vector3
+
+
+@dataclass
+class TwistStamped(IdlStruct, typename="geometry_msgs::msg::dds_::TwistStamped_"):
+    header: Header
+    twist: Twist
+
+
+@dataclass
+class LaserScan(IdlStruct, typename="sensor_msgs::msg::dds_::LaserScan_"):
+    header: Header
+    angle_min: float32
+    angle_max: float32
+    angle_increment: float32
+    time_increment: float32
+    scan_time: float32
+    range_min: float32
+    range_max: float32
+    ranges: sequence[float32]
+    intensities: sequence[float32]
+
+
+@dataclass
+class Quaternion(IdlStruct, typename="geometry_msgs::msg::dds_::Quaternion_"):
+    x: float64
+    y: float64
+    z: float64
+    w: float64
+
+
+@dataclass
+class Pose(IdlStruct, typename="geometry_msgs::msg::dds_::Pose_"):
+    position: Vector3
+    orientation: Quaternion
+
+
+@dataclass
+class PoseWithCovariance(IdlStruct, typename="geometry_msgs::msg::dds_::PoseWithCovariance_"):
+    pose: Pose
+    covariance: array[float64, 36]
+
+
+@dataclass
+class TwistWithCovariance(IdlStruct, typename="geometry_msgs::msg::dds_::TwistWithCovariance_"):
+    twist: Twist
+    covariance: array[float64, 36]
+
+
+@dataclass
+class Odometry(IdlStruct, typename="nav_msgs::msg::dds_::Odometry_"):
+    header: Header
+    child_frame_id: str
+    pose: PoseWithCovariance
+    twist: TwistWithCovariance
+
+
+def policies(*more, depth=10):
+    wire = Policy.DataRepresentation(use_cdrv0_representation=True, use_xcdrv2_representation=False)
+    return Qos(wire, Policy.History.KeepLast(depth), *more)
+
+
+class Peer:
+    """Another program in the domain."""
+
+    def __init__(self):
+        self.participant = DomainParticipant(DOMAIN)
+        self.entities = {}
+
+    def hears(self, topic, kind, *more):
+        qos = policies(*more)
+        self.entities[topic, kind] = DataReader(
+            self.participant, Topic(self.participant, f"rt{topic}", kind, qos), qos
+        )
+        return self.entities[topic, kind]
+
+    def says(self, topic, kind, *more):
+        qos = policies(*more or [RELIABLE])
+        return DataWriter(self.participant, Topic(self.participant, f"rt{topic}", kind, qos), qos)
+
+    def taken(self, topic, kind):
+        samples = self.entities[topic, kind].take(1000)
+        return [one for one in samples if one.sample_info.valid_data]
+
+    @property
+    def turn(self):
+        """The turn rate that was heard last [rad/s]."""
+        self._last = ([getattr(self, "_last", 0.0)] + [
+            one.twist.twist.angular.z for one in self.taken("/odom", Odometry)
+        ])[-1]  # fmt: skip
+        return self._last
+
+
+@pytest.fixture(scope="module")
+def domain():
+    return Domain(DOMAIN, LOOPBACK)
+
+
+@pytest.fixture(scope="module")
+def robot(domain):
+    served = Served(
+        "--dds", "--scene", "empty", "--imu", "--pose", "odometry", "--sim-time", **HERE
+    )
+    yield served
+    served.close()
+
+
+@pytest.fixture
+def peer(robot):
+    found = Peer()
+    found.hears("/odom", Odometry, RELIABLE)
+    return found
+
+
+def twist(w, stamped=False):
+    found = Twist(Vector3(0.0, 0.0, 0.0), Vector3(0.0, 0.0, w))
+    return TwistStamped(Header(Time(0, 0), ""), found) if stamped else found
+
+
+def turning(peer, writer, stamped=False):
+    assert until(lambda: writer.write(twist(0.6, stamped)) or peer.turn > 0.1, 10.0)
+
+
+@pytest.mark.parametrize("kind", sorted({one.type for one in ros.TOPICS.values()}))
+def test_types_are_those_that_the_messages_are_written_by(kind):
+    """Cyclonedds writes the same bytes, by its type, as rosbags, and reads what it writes."""
+    store = typestore()
+
+    def filled(name):
+        return store.deserialize_cdr(serialized(name, EXAMPLES.get(name, {})), name)
+
+    def copied(message):
+        if isinstance(message, list):
+            return [copied(one) for one in message]
+        if isinstance(message, np.ndarray):
+            return message.tolist()
+        if not hasattr(message, "__msgtype__"):
+            return message
+        names = [key for key, _ in store.fielddefs[message.__msgtype__][1]]
+        return idl_type(message.__msgtype__)(**{k: copied(getattr(message, k)) for k in names})
+
+    message = copied(filled(kind))
+    cdr = bytes(serialized(kind, EXAMPLES.get(kind, {})))
+    assert message.__idl__.serialize(message, use_version_2=False) == cdr
+    assert deserialized(kind, cdr)
+
+
+EXAMPLES = {
+    "sensor_msgs/msg/LaserScan": ros.scan(
+        7, LaserSettings(beams=3), np.array([1.5, np.inf, -np.inf], np.float32)
+    ),
+    "tf2_msgs/msg/TFMessage": ros.mounts(12, [LaserSettings()]),
+    "nav_msgs/msg/Odometry": ros.odometry(5, np.array([1.0, 2.0, 0.5]), np.array([0.3, 0.1])),
+    "geometry_msgs/msg/PolygonStamped": ros.footprint(9, np.ones((4, 2))),
+    "sensor_msgs/msg/BatteryState": ros.battery(3, 24.5),
+}
+
+
+def test_scans_and_latched_maps_arrive_and_the_node_has_a_name(peer):
+    kinds = {"/map": "nav_msgs/msg/OccupancyGrid", "/tf_static": "tf2_msgs/msg/TFMessage",
+             "ros_discovery_info": "rmw_dds_common/msg/ParticipantEntitiesInfo"}  # fmt: skip
+    scans = peer.hears("/scan", LaserScan, Policy.Reliability.BestEffort)
+    clocks = peer.hears("/clock", idl_type("rosgraph_msgs/msg/Clock"))
+    for topic in ("/map", "/tf_static"):  # were published long ago
+        peer.hears(topic, idl_type(kinds[topic]), RELIABLE, LATCHED)
+    qos = policies(RELIABLE, LATCHED)
+    name = "ros_discovery_info"
+    nodes = DataReader(
+        peer.participant, Topic(peer.participant, name, idl_type(kinds[name]), qos), qos
+    )
+    peer.entities[name, idl_type(kinds[name])] = nodes
+    found = {}
+
+    def complete():
+        for topic, kind in kinds.items():
+            for one in peer.taken(topic, idl_type(kind)):
+                found[topic] = deserialized(kind, one.cdr)
+        return len(found) == 3
+
+    assert until(complete, 10.0)
+    assert ros.NANO > 0
+    info = found["/map"]["info"]
+    assert len(found["/map"]["data"]) == info["width"] * info["height"] > 100
+    assert len(found["/tf_static"]["transforms"]) == 9
+    assert [one["node_name"] for one in found[name]["node_entities_info_seq"]] == ["wheelchair"]
+    assert until(lambda: scans.read(1) and clocks.read(1), 10.0)
+    scan = peer.taken("/scan", LaserScan)[-1]
+    assert scan.header.frame_id == "laser"
+    assert len(scan.ranges) == LaserSettings().beams
+    assert np.isfinite(scan.ranges).mean() > 0.5
+    last = [deserialized("rosgraph_msgs/msg/Clock", one.cdr) for one in clocks.take(100)]
+    seconds = [one["clock"]["sec"] + 1e-9 * one["clock"]["nanosec"] for one in last]
+    assert seconds == sorted(set(seconds))
+
+
+@pytest.mark.parametrize("stamped", [False, True])
+def test_it_drives_by_both_kinds_of_twist_and_stops_when_they_end(robot, peer, stamped):
+    writer = peer.says("/cmd_vel", TwistStamped if stamped else Twist)
+    turning(peer, writer, stamped)
+    before = len(robot.errors)
+    assert until(lambda: abs(peer.turn) < 0.02, 5.0)
+    assert until(lambda: "is silent for 0.5 s: the chair stops" in "".join(robot.errors[before:]))
+
+
+def test_it_stops_at_once_when_who_commands_leaves(robot, peer):
+    writer = peer.says("/cmd_vel", Twist)
+    turning(peer, writer)
+    del writer
+    assert until(lambda: "the client that commanded is gone: the chair stops" in robot.errors[-1])
+    assert until(lambda: abs(peer.turn) < 0.02, 5.0)
+
+
+def test_damaged_and_infinite_twists_move_nothing_and_are_said_once(robot, peer):
+    writer = peer.says("/cmd_vel", Twist)
+    assert until(lambda: writer.get_matched_subscriptions())
+    writer.write(twist(math.nan))
+    writer.write(twist(math.inf))
+    bad = twist(0.0)
+    bad.serialize = lambda **_: b"\0\1\0\0" + 48 * b"\xff"  # NaN, too
+    writer.write(bad)
+    time.sleep(0.5)
+    assert abs(peer.turn) < 0.02
+    assert "".join(robot.errors).count("expected a Twist or TwistStamped of finite numbers") == 1
+    turning(peer, writer)
+
+
+@pytest.mark.parametrize("size", range(0, 52, 4))
+def test_bytes_that_are_cut_off_are_no_message(size):
+    whole = twist(1.0).serialize(use_version_2=False)
+    kind = "geometry_msgs/msg/Twist"
+    sample = idl_type(kind).deserialize(whole)
+    assert content_of(kind, sample)["angular"]["z"] == 1.0
+    assert content_of(kind, idl_type(kind).deserialize(whole[:size])) is None
+
+
+def test_who_asks_for_another_quality_is_one_line(robot, peer):
+    before = len(robot.errors)
+    peer.hears("/scan", LaserScan, RELIABLE, LATCHED)
+    assert until(lambda: len(robot.errors) > before)
+    assert "/scan: a subscriber asks for another QoS (durability)" in robot.errors[before]
+    before = len(robot.errors)
+    writer = peer.says("/cmd_vel", Twist, Policy.Reliability.BestEffort)
+    assert until(lambda: len(robot.errors) > before)
+    assert "/cmd_vel: a publisher offers another QoS (reliability)" in robot.errors[before]
+    assert "expected reliable" in robot.errors[before]
+    assert not writer.get_matched_subscriptions()
+
+
+FROZEN = """
+import sys, time
+sys.path[:0] = [sys.argv[1]]
+from tests.hardware.test_dds import *
+DOMAIN = int(sys.argv[2])
+domain = Domain(DOMAIN, LOOPBACK)
+import tests.hardware.test_dds as module
+module.DOMAIN = DOMAIN
+peer = Peer()
+for topic, kind in (("/scan", LaserScan), ("/odom", Odometry)):
+    peer.hears(topic, kind, RELIABLE)
+while not all(peer.taken(*key) for key in peer.entities):
+    time.sleep(0.1)
+print("heard", flush=True)
+time.sleep(100)
+"""
+
+
+def test_a_frozen_subscriber_holds_nobody_up(robot, peer):
+    frozen = subprocess.Popen(
+        [sys.executable, "-c", FROZEN, str(ROOT), str(DOMAIN)], stdout=subprocess.PIPE, text=True
+    )
+    try:
+        assert frozen.stdout.readline() == "heard\n"
+        frozen.send_signal(signal.SIGSTOP)
+        writer = peer.says("/cmd_vel", Twist)
+        turning(peer, writer)
+        begun, count = time.monotonic(), 0
+        while count < 150:
+            count += len(peer.taken("/odom", Odometry))
+            writer.write(twist(0.6))
+            time.sleep(0.02)
+            assert time.monotonic() - begun < 10.0
+    finally:
+        frozen.kill()
+        frozen.wait()
+
+
+def test_topics_begin_episodes(robot, peer):
+    empty, goal = idl_type("std_msgs/msg/Empty"), idl_type("geometry_msgs/msg/PoseStamped")
+    reader = peer.hears("/goal_pose", goal, RELIABLE, LATCHED)
+    assert until(lambda: reader.read(1))
+    first = peer.taken("/goal_pose", goal)[-1].cdr
+    writer = peer.says("/next_episode", empty)
+    assert until(lambda: writer.get_matched_subscriptions())
+    sample = empty(0)
+    sample.cdr = b"\0\1\0\0\0"
+    writer.write(sample)
+    found = []
+    assert until(lambda: found.extend(peer.taken("/goal_pose", goal)) or found, 10.0)
+    assert found[-1].cdr != first
+
+
+@pytest.mark.parametrize(
+    ("arguments", "domain_id", "said"),
+    [
+        ("--host 192.0.2.77", "", "192.0.2.77: expected an IPv4 address of a network interface"),
+        ("--host ::1", "", "::1: expected an IPv4 address"),
+        ("", "233", "ROS_DOMAIN_ID is '233'; expected 0 to 232"),
+        ("", "one", "ROS_DOMAIN_ID is 'one'; expected 0 to 232"),
+        ("--tls file.pem", "", "--dds and --tls: expected one of them"),
+        ("--rosbridge ros://127.0.0.1:1", "", "--dds and --rosbridge: expected one of them"),
+    ],
+)
+def test_what_is_wrong_is_one_line(arguments, domain_id, said, capsys, monkeypatch):
+    monkeypatch.setenv("ROS_DOMAIN_ID", domain_id)
+    assert main(["robot", "--dds", "--scene", "empty", *arguments.split()]) == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert said in line
+
+
+def test_a_link_can_be_closed_twice_and_made_again(domain):
+    for _ in range(2):
+        link = DdsLink("127.0.0.1", DOMAIN + 1, lambda *_: "")
+        link.advertise("/scan", "sensor_msgs/msg/LaserScan")
+        link.publish("/scan", {"ranges": [1.0, math.nan]})
+        link.close()
+        link.close()
+
+
+RCLPY = os.environ.get("WHEELCHAIR_RCLPY") or str(ROOT / "build" / "rclpy" / "bin" / "python")
+NODE = ROOT / "tests" / "hardware" / "rclpy_node.py"
+SECONDS = float(os.environ.get("WHEELCHAIR_RCLPY_SECONDS", "20"))
+
+
+def missing(stamps):
+    """How many scans at 40 Hz are missing; in control periods of 20 ms, they are 20 or 40 apart."""
+    spaces = np.diff(stamps)
+    return int(np.sum(np.round(spaces[spaces > 45e6] / 25e6) - 1.0))
+
+
+@pytest.mark.long
+@pytest.mark.skipif(
+    not os.path.exists(RCLPY), reason="ROS 2 is not installed: make rclpy, or WHEELCHAIR_RCLPY"
+)
+def test_ros_itself_hears_everything_and_drives(domain):
+    served = Served("--dds", "--scene", "empty", "--pose", "odometry", "--sim-time", "--scan-rate",
+                    "40", **HERE)  # fmt: skip
+    watcher = Peer()
+    watcher.hears("/odom", Odometry)
+    environ = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"} | HERE
+    try:
+        out = subprocess.run(
+            [RCLPY, str(NODE), str(SECONDS)], env=environ, capture_output=True, text=True,
+            check=True, timeout=SECONDS + 60.0,
+        )  # fmt: skip
+        moving, text = out.stdout.splitlines()
+        assert moving == "moving"
+        found = json.loads(text)
+        spaces = np.diff(found["stamps"])
+        lost = missing(found["stamps"])
+        print({
+            **found["counts"], "lost": lost, "lost with depth 5": missing(found["short"]),
+            "delay_ms": found["delay_ms"],
+        }, os.getloadavg())  # fmt: skip
+        assert len(spaces) > 0.8 * 40.0 * (SECONDS - 4.0)
+        assert lost == 0
+        assert found["counts"]["/map"] == 1
+        assert found["cells"] > 100
+        assert found["beams"] == LaserSettings().beams
+        assert found["counts"]["/odom"] > len(spaces)
+        assert found["counts"]["/battery_state"] > 1
+        assert found["clock"] > 1e9 * (SECONDS - 4.0)
+        assert found["ticks"] > 15 * (SECONDS - 4.0)  # 20 Hz of the simulated time
+        assert "wheelchair" in found["nodes"]
+        assert found["topics"]["/tf"] == ["tf2_msgs/msg/TFMessage"]
+
+        before = len(served.errors)
+        driver = subprocess.Popen(
+            [RCLPY, str(NODE), "60"], env=environ, stdout=subprocess.PIPE, text=True
+        )
+        assert driver.stdout.readline() == "moving\n"
+        assert until(lambda: watcher.turn > 0.1)
+        driver.kill()
+        driver.wait()
+        assert until(lambda: abs(watcher.turn) < 0.02)
+        assert until(lambda: "the chair stops" in "".join(served.errors[before:]))
+    finally:
+        served.close()

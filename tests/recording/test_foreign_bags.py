@@ -1,0 +1,218 @@
+"""Laws of bags that other programs wrote: they give the map of the room that was driven through.
+
+The drive is plain trigonometry, the writers are mcap-ros2-support's and rosbags', and nothing of
+this project takes part in them.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from mcap.writer import CompressionType
+from mcap_ros2.writer import Writer as McapWriter
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as BagWriter
+from rosbags.typesys import Stores, get_typestore
+
+from agents.cli import main
+from tests.conftest import ROOT
+from wheelchair_gym.maps import OCCUPIED, read_map
+
+WIDTH, DEPTH = 8.0, 5.0  # m: the room; odometry begins at its centre
+BEAMS, FOV, PERIOD = 181, math.radians(270.0), 0.1
+ZERO = 1_750_000_000_000_000_000  # ns
+TYPES = {
+    "/scan": "sensor_msgs/msg/LaserScan",
+    "/odom": "nav_msgs/msg/Odometry",
+    "/tf_static": "tf2_msgs/msg/TFMessage",
+    "/chatter": "std_msgs/msg/String",
+}
+
+
+def poses(count):
+    """Along an ellipse, heading along it."""
+    for k in range(count):
+        angle = 2.0 * math.pi * k / 150
+        yield (
+            2.0 * math.sin(angle), 0.8 - 0.8 * math.cos(angle),
+            math.atan2(0.8 * math.sin(angle), 2.0 * math.cos(angle)),
+        )  # fmt: skip
+
+
+def ranges(x, y, yaw):
+    """Distances to the walls of the room from a laser 0.3 m ahead of the pose."""
+    x, y = x + 0.3 * math.cos(yaw), y + 0.3 * math.sin(yaw)
+    angles = yaw + np.linspace(-0.5 * FOV, 0.5 * FOV, BEAMS)
+    with np.errstate(divide="ignore"):
+        across = np.where(np.cos(angles) > 0.0, 0.5 * WIDTH - x, -0.5 * WIDTH - x) / np.cos(angles)
+        along = np.where(np.sin(angles) > 0.0, 0.5 * DEPTH - y, -0.5 * DEPTH - y) / np.sin(angles)
+    return np.minimum(across, along)
+
+
+def stamped(k, frame):
+    second, part = divmod(ZERO + round(1e9 * PERIOD * k), 10**9)
+    return {"stamp": {"sec": second, "nanosec": part}, "frame_id": frame}
+
+
+def at(x, y, yaw=0.0):
+    turn = {"x": 0.0, "y": 0.0, "z": math.sin(0.5 * yaw), "w": math.cos(0.5 * yaw)}
+    return {"x": x, "y": y, "z": 0.0}, turn
+
+
+def drive(count):
+    """Time [ns], topic and content of each message of a drive of so many scans."""
+    place, turn = at(0.3, 0.0)
+    mount = {"header": stamped(0, "base_link"), "child_frame_id": "lidar",
+             "transform": {"translation": place, "rotation": turn}}  # fmt: skip
+    yield ZERO, "/tf_static", {"transforms": [mount]}
+    zero = {"x": 0.0, "y": 0.0, "z": 0.0}
+    for k, pose in enumerate(poses(count)):
+        now = ZERO + round(1e9 * PERIOD * k)
+        place, turn = at(*pose)
+        yield now, "/odom", {
+            "header": stamped(k, "odom"), "child_frame_id": "base_link",
+            "pose": {"pose": {"position": place, "orientation": turn}, "covariance": [0.0] * 36},
+            "twist": {"twist": {"linear": zero, "angular": zero}, "covariance": [0.0] * 36},
+        }  # fmt: skip
+        yield now, "/scan", {
+            "header": stamped(k, "lidar"), "angle_min": -0.5 * FOV, "angle_max": 0.5 * FOV,
+            "angle_increment": FOV / (BEAMS - 1), "time_increment": 0.0, "scan_time": PERIOD,
+            "range_min": 0.05, "range_max": 20.0, "ranges": ranges(*pose).tolist(),
+            "intensities": [],
+        }  # fmt: skip
+        yield now, "/chatter", {"data": f"{k}"}
+
+
+def write_mcap(file, count, finish=True, short=False, **more):
+    """A file by mcap-ros2-support: no metadata.yaml, no QoS; its examples have short names."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    writer = McapWriter(str(file), **more)
+    schemas = {
+        topic: writer.register_msgdef(
+            kind.replace("/msg", "") if short else kind, store.generate_msgdef(kind, 2)[0]
+        )
+        for topic, kind in TYPES.items()
+    }
+    for now, topic, content in drive(count):
+        writer.write_message(topic, schemas[topic], content, log_time=now)
+    if finish:
+        writer.finish()
+    return file
+
+
+def write_sqlite(folder, count, store=Stores.ROS2_FOXY, end=None):
+    """A bag by rosbags, of its typed messages, each serialized by rosbags."""
+    types = get_typestore(store)
+
+    def made(kind, content):
+        fields = {}
+        for name, (node, detail) in types.fielddefs[kind][1]:
+            value = content[name]
+            if isinstance(value, dict):
+                value = made(detail, value)
+            elif isinstance(value, list) and node.name in ("ARRAY", "SEQUENCE"):
+                inner = detail[0]
+                value = (
+                    [made(inner[1], one) for one in value]
+                    if inner[0].name == "NAME"
+                    else np.array(value, inner[1][0])
+                )
+            fields[name] = value
+        return types.types[kind](**fields)
+
+    with BagWriter(folder, version=8, storage_plugin=end or StoragePlugin.SQLITE3) as bag:
+        topics = {t: bag.add_connection(t, kind, typestore=types) for t, kind in TYPES.items()}
+        for now, topic, content in drive(count):
+            kind = TYPES[topic]
+            data = types.serialize_cdr(made(kind, content), kind)
+            bag.write(topics[topic], now, data)
+    return folder
+
+
+def mapped(path, out):
+    """Runs `wheelchair map`; how far off the walls of the map are at most [m]."""
+    drawn = ["map", "--recording", str(path), "--quiet", "--particles", "5", "--out", str(out)]
+    assert main(drawn) == 0
+    grid = read_map(out / "map.yaml")
+    rows, columns = np.nonzero(grid.cells == OCCUPIED)
+    spots = grid.origin[:2] + grid.resolution * (np.stack([columns, rows], axis=1) + 0.5)
+    off = np.abs(np.abs(spots) - 0.5 * np.array([WIDTH, DEPTH])).min(axis=1)
+    wide = np.ptp(spots, axis=0)
+    return SimpleNamespace(off=np.quantile(off, 0.95), size=wide, cells=len(spots))
+
+
+WRITERS = {
+    "mcap, zstd": lambda at: write_mcap(at / "run.mcap", 150),
+    "mcap, short names": lambda at: write_mcap(at / "run.mcap", 150, short=True),
+    "mcap, lz4, small chunks": lambda at: write_mcap(
+        at / "run.mcap", 150, compression=CompressionType.LZ4, chunk_size=20_000
+    ),
+    "sqlite of Foxy": lambda at: write_sqlite(at / "run", 150),
+    "mcap of Humble": lambda at: write_sqlite(
+        at / "run", 150, Stores.ROS2_HUMBLE, StoragePlugin.MCAP
+    ),
+}
+
+
+@pytest.mark.parametrize("writer", WRITERS)
+def test_others_bags_give_the_room(writer, tmp_path, capsys):
+    found = mapped(WRITERS[writer](tmp_path), tmp_path / "out")
+    assert "150 scans in 14.9 s, 0 lines skipped" in capsys.readouterr().out
+    assert found.off < 0.1
+    np.testing.assert_allclose(found.size, [WIDTH, DEPTH], atol=0.2)
+
+
+def test_others_bags_cannot_be_judged_again_and_say_so(tmp_path, capsys):
+    for path in (write_mcap(tmp_path / "run.mcap", 5), write_sqlite(tmp_path / "run", 5)):
+        assert main(["replay", str(path)]) == 2
+        (line,) = capsys.readouterr().err.strip().splitlines()
+        assert "`wheelchair map --recording` reads the scans of every bag" in line
+
+
+KILLED = """
+import os, sys, pathlib
+from tests.recording.test_foreign_bags import write_mcap
+write_mcap(sys.argv[1], 150, finish=False, chunk_size=int(sys.argv[2]))
+print("written", flush=True)
+os.kill(os.getpid(), 9)
+"""
+
+
+def killed(file, chunk_size):
+    """A file without an index, of a program that was killed."""
+    environ = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path])}
+    done = subprocess.run(
+        [sys.executable, "-c", KILLED, str(file), str(chunk_size)], env=environ,
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == -signal.SIGKILL, done.stderr
+    return file
+
+
+def test_a_killed_programs_file_gives_a_map_of_what_is_there(tmp_path, capsys, caplog):
+    file = killed(tmp_path / "run.mcap", 20_000)
+    found = mapped(file, tmp_path / "out")
+    assert f"{file}: the recording was cut off; what it holds is used" in caplog.text
+    assert found.off < 0.1
+    whole = file.read_bytes()
+    for part in (0.95, 0.6, 0.3):
+        (tmp_path / "cut.mcap").write_bytes(whole[: int(part * len(whole))])
+        assert mapped(tmp_path / "cut.mcap", tmp_path / "out").off < 0.1
+
+
+def test_where_nothing_is_whole_it_is_one_line(tmp_path, capsys):
+    file = killed(tmp_path / "run.mcap", 1 << 24)  # all in the chunk that was being filled
+    for content in (file.read_bytes(), write_mcap(tmp_path / "whole", 30).read_bytes()[:2000]):
+        file.write_bytes(content)
+        assert main(["map", "--recording", str(file), "--out", str(tmp_path / "out")]) == 2
+        (line,) = capsys.readouterr().err.strip().splitlines()
+        assert line.startswith(f"wheelchair: {file}: expected a")
+    assert not Path(tmp_path / "out").exists()
