@@ -86,7 +86,8 @@ def main(seconds):
     delays = sorted(node.delays)
     found = {
         "counts": node.counts, "stamps": node.stamps, "short": node.short,
-        "ticks": node.ticks, "cells": node.cells, "beams": node.beams, "clock": node.get_clock().now().nanoseconds,
+        "ticks": node.ticks, "cells": node.cells, "beams": node.beams,
+        "clock": node.get_clock().now().nanoseconds,
         "delay_ms": [1e-6 * delays[int(q * (len(delays) - 1))] for q in (0.5, 0.95, 0.99, 1.0)],
         "nodes": node.get_node_names(), "topics": dict(node.get_topic_names_and_types()),
     }  # fmt: skip

@@ -128,8 +128,8 @@ def policies(*more, depth=10):
 class Peer:
     """Another program in the domain."""
 
-    def __init__(self):
-        self.participant = DomainParticipant(DOMAIN)
+    def __init__(self, domain=None):
+        self.participant = DomainParticipant(DOMAIN if domain is None else domain)
         self.entities = {}
 
     def hears(self, topic, kind, *more):
@@ -317,9 +317,7 @@ sys.path[:0] = [sys.argv[1]]
 from tests.hardware.test_dds import *
 DOMAIN = int(sys.argv[2])
 domain = Domain(DOMAIN, LOOPBACK)
-import tests.hardware.test_dds as module
-module.DOMAIN = DOMAIN
-peer = Peer()
+peer = Peer(DOMAIN)
 for topic, kind in (("/scan", LaserScan), ("/odom", Odometry)):
     peer.hears(topic, kind, RELIABLE)
 while not all(peer.taken(*key) for key in peer.entities):
@@ -388,6 +386,24 @@ def test_a_link_can_be_closed_twice_and_made_again(domain):
         link.advertise("/scan", "sensor_msgs/msg/LaserScan")
         link.publish("/scan", {"ranges": [1.0, math.nan]})
         link.close()
+        link.close()
+
+
+def test_a_thread_that_fails_ends_the_link_and_says_why():
+    """Robot stops, and its program ends, where a link is lost."""
+
+    def fail(*_):
+        raise ValueError("no such\nthing")
+
+    link = DdsLink("127.0.0.1", DOMAIN + 2, fail)
+    try:
+        link.subscribe("/cmd_vel", "geometry_msgs/msg/Twist")
+        peer = Peer(DOMAIN + 2)
+        writer = peer.says("/cmd_vel", Twist)
+        assert not link.lost
+        assert until(lambda: writer.write(twist(0.1)) or link.lost)
+        assert link.lost == "no such thing"
+    finally:
         link.close()
 
 
