@@ -66,7 +66,7 @@ class Se2RrtStarWoa(DrivingCost, PlannerBase):
         default=WhaleSettings(population=8, iterations=4), source=_DESIGN
     )
     """The swarms."""
-    iterations: int = setting(default=6_000, low=1, source=_DESIGN)
+    iterations: int = setting(default=6_000, low=0, source=_DESIGN)
     """Largest number of iterations: of samples up to the first path, then of rounds."""
     improvement: int = setting(default=200, low=0, source=_DESIGN)
     """Rounds after the first path; with a deadline, make it large for an anytime planner."""

@@ -47,7 +47,7 @@ def assert_answered(name, problem):
     plan = quick(name).plan(problem, np.random.default_rng(0))
     best = make_planner("visibility").plan(problem, np.random.default_rng(0))
     assert isinstance(plan.status, Status)
-    larger = "lattice" in name  # an outline may not fit where a point does
+    larger = "lattice" in name or "se2" in name  # an outline may not fit where a point does
     if plan.status == Status.SOLVED:
         assert_valid(plan, problem)
         # Obstacles grown for a point shut a gap exactly as wide as the clearance; no outline grows.
