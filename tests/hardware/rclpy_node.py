@@ -26,7 +26,7 @@ from sensor_msgs.msg import BatteryState, LaserScan, Range
 LATCHED = QoSProfile(
     depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL, reliability=ReliabilityPolicy.RELIABLE
 )
-DEEP = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)  # nav2's costmaps
+DEEP = QoSProfile(depth=50, reliability=ReliabilityPolicy.RELIABLE)  # what the robot offers
 SPEED = 0.5  # rad/s
 
 
