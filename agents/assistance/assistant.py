@@ -71,7 +71,7 @@ class AssistMission:
 
 
 @dataclass(frozen=True)
-class Situation:
+class AssistInput:
     """What an assistant decides by.
 
     Attributes:
@@ -98,7 +98,7 @@ class Method(Protocol):
         """Begin an episode."""
         ...
 
-    def twist(self, now: Situation) -> Twist:
+    def twist(self, now: AssistInput) -> Twist:
         """The twist [m/s, rad/s] for a stick that is not centred."""
         ...
 
@@ -147,7 +147,7 @@ class SharedAssistant:
         if v == 0.0 and w == 0.0:
             return np.zeros(2)
         size = min(1.0, math.hypot(stick.forward, stick.left))
-        now = Situation(asked, reading, points, margin, size * self.freedom.turn, map)
+        now = AssistInput(asked, reading, points, margin, size * self.freedom.turn, map)
         return np.array(within_freedom(self.method.twist(now), asked, now.turn, self._limits.turn))
 
     def _margin(self, stick: Stick) -> float:
@@ -181,13 +181,13 @@ def within_freedom(twist: Twist, asked: Twist, turn: float, most: float) -> Twis
 class Plain:
     """A method without memory: a function of the chair's outline and limits and the situation."""
 
-    def __init__(self, decide: Callable[[AssistMission, Situation], Twist]) -> None:
+    def __init__(self, decide: Callable[[AssistMission, AssistInput], Twist]) -> None:
         self._decide = decide
 
     def reset(self, mission: AssistMission) -> None:
         """See `Method.reset`."""
         self._mission = mission
 
-    def twist(self, now: Situation) -> Twist:
+    def twist(self, now: AssistInput) -> Twist:
         """See `Method.twist`."""
         return self._decide(self._mission, now)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agents.assistance.assistant import AssistMission, Freedom, SharedAssistant, Situation, Twist
+from agents.assistance.assistant import AssistInput, AssistMission, Freedom, SharedAssistant, Twist
 from agents.assistance.fan import fan
 from agents.assistance.targets import Belief, Goals
 from wheelchair_gym.config import InputError, setting, settings
@@ -45,7 +45,7 @@ class _Method:
         self._mission = mission
         self._goals.reset(mission)
 
-    def twist(self, now: Situation) -> Twist:
+    def twist(self, now: AssistInput) -> Twist:
         config, (v, w) = self._config, now.asked
         twists = fan(self._mission, now)
         costs = self._goals.update(now, twists)

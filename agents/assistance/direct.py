@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import ClassVar
 
 from agents.assistance.assistant import (
+    AssistInput,
     AssistMission,
     Freedom,
     Plain,
     SharedAssistant,
-    Situation,
     Twist,
 )
 from wheelchair_gym.config import settings
@@ -35,5 +35,5 @@ class Shielded:
         return SharedAssistant(Plain(_asked), Freedom())
 
 
-def _asked(mission: AssistMission, now: Situation) -> Twist:
+def _asked(mission: AssistMission, now: AssistInput) -> Twist:
     return now.asked

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.assistance.assistant import AssistMission, Situation
+from agents.assistance.assistant import AssistInput, AssistMission
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.geometry import signed_clearance, world_to_body
 from wheelchair_gym.kinematics import arc_step
@@ -76,7 +76,7 @@ def _fan(
     return n
 
 
-def fan(mission: AssistMission, now: Situation) -> Array:
+def fan(mission: AssistMission, now: AssistInput) -> Array:
     """Twists within an assistant's freedom that the chair could end in time, and the stick's.
 
     Returns:

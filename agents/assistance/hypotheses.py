@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agents.assistance.assistant import AssistMission, Freedom, SharedAssistant, Situation, Twist
+from agents.assistance.assistant import AssistInput, AssistMission, Freedom, SharedAssistant, Twist
 from agents.assistance.fan import fan, free_steps, scaled_distance
 from agents.assistance.targets import Belief, Goals
 from wheelchair_gym.config import setting, settings
@@ -41,7 +41,7 @@ class _Method:
         self._mission = mission
         self._goals.reset(mission)
 
-    def twist(self, now: Situation) -> Twist:
+    def twist(self, now: AssistInput) -> Twist:
         config, mission, (v, w) = self._config, self._mission, now.asked
         twists = fan(mission, now)
         costs = self._goals.update(now, twists)

@@ -13,11 +13,11 @@ import math
 import numpy as np
 
 from agents.assistance.assistant import (
+    AssistInput,
     AssistMission,
     Freedom,
     Plain,
     SharedAssistant,
-    Situation,
     Twist,
 )
 from agents.assistance.fan import CLEAR, STEP, STEPS, fan
@@ -42,7 +42,7 @@ class SharedDwa:
         """A fresh assistant."""
         return SharedAssistant(Plain(self._twist), self.freedom)
 
-    def _twist(self, mission: AssistMission, now: Situation) -> Twist:
+    def _twist(self, mission: AssistMission, now: AssistInput) -> Twist:
         twists = fan(mission, now)
         if not len(twists):
             return 0.0, 0.0

@@ -19,11 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.assistance.assistant import (
+    AssistInput,
     AssistMission,
     Freedom,
     Plain,
     SharedAssistant,
-    Situation,
     Twist,
 )
 from wheelchair_gym.compiled.kernel import borrowing_kernel
@@ -153,7 +153,7 @@ class Slide:
         """A fresh assistant."""
         return SharedAssistant(Plain(self._twist), self.freedom)
 
-    def _twist(self, mission: AssistMission, now: Situation) -> Twist:
+    def _twist(self, mission: AssistMission, now: AssistInput) -> Twist:
         limits, n = mission.limits, len(now.points)
         weights = 1.0 / limits.forward**2, self.turn_weight / limits.turn**2
         return _slide(

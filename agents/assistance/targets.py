@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.assistance.assistant import AssistMission, Situation
+from agents.assistance.assistant import AssistInput, AssistMission
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import compose, to_frame, to_world
@@ -133,7 +133,7 @@ class Goals:
         self.belief: Array = np.empty(0)
         self._pose: Array | None = None
 
-    def update(self, now: Situation, twists: Array) -> Array:
+    def update(self, now: AssistInput, twists: Array) -> Array:
         """Update the belief by the stick; the costs (n, k) [s] of twists (n, 2) to each goal."""
         config, mission = self.config, self._mission
         if config.goals == "map" and now.map is not None:
@@ -156,7 +156,7 @@ class Goals:
             self._ways = ways or [geodesic(grid, pose[:2], radius)]
             self.belief = np.full(len(self._ways), 1.0 / len(self._ways))
 
-    def _take_scan(self, now: Situation) -> None:
+    def _take_scan(self, now: AssistInput) -> None:
         """Find goals anew; each inherits the belief in the one of before that it is."""
         found = find_targets(now.points, self._mission.chair.footprint.front)
         belief = np.full(len(found), 1.0)
@@ -169,7 +169,7 @@ class Goals:
         self._targets, self.belief = found, belief / belief.sum()
         self._pose = compose(now.reading.pose, np.zeros(3))
 
-    def _costs(self, twists: Array, now: Situation) -> Array:
+    def _costs(self, twists: Array, now: AssistInput) -> Array:
         """Seconds (n, k) from where twists (n, 2) lead to each goal."""
         ends = np.empty((len(twists), 2))
         _ends(twists, self.config.horizon, AHEAD, ends)

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.assistance.assistant import (
+    AssistInput,
     AssistMission,
     Freedom,
     Plain,
     SharedAssistant,
-    Situation,
     Twist,
 )
 from agents.assistance.fan import free_steps
@@ -40,7 +40,7 @@ class Teleop:
         """A fresh assistant."""
         return SharedAssistant(Plain(self._twist), self.freedom)
 
-    def _twist(self, mission: AssistMission, now: Situation) -> Twist:
+    def _twist(self, mission: AssistMission, now: AssistInput) -> Twist:
         steps = max(1, round(self.projection_time / self.step))
         (v, w), outline = now.asked, mission.chair.footprint.array
         free = free_steps(now.points, outline, v, w, self.step, steps, now.margin)

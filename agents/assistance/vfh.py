@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.assistance.assistant import (
+    AssistInput,
     AssistMission,
     Freedom,
     Plain,
     SharedAssistant,
-    Situation,
     Twist,
 )
 from agents.assistance.fan import free_steps
@@ -83,7 +83,7 @@ class Vfh:
         """A fresh assistant."""
         return SharedAssistant(Plain(self._twist), self.freedom)
 
-    def _twist(self, mission: AssistMission, now: Situation) -> Twist:
+    def _twist(self, mission: AssistMission, now: AssistInput) -> Twist:
         (v, w), limits = now.asked, mission.limits
         outline = mission.chair.footprint.array
         if v > 0.0:

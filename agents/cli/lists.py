@@ -38,7 +38,7 @@ PARTS = {
     "driver": "wheelchair_gym.drivers:Driver",
     "brain_computer": "wheelchair_gym.drivers.settings:BrainComputer",
     "scanning": "wheelchair_gym.drivers.settings:Scanning",
-    "stick": "wheelchair_gym.drivers.settings:Stick",
+    "stick": "wheelchair_gym.drivers.settings:ProportionalStick",
     "switches": "wheelchair_gym.drivers.settings:Switches",
     "cost_to_go": "wheelchair_gym.maps.cost_to_go:CostToGoSettings",
 }

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from wheelchair_gym.config import InputError, dump
-from wheelchair_gym.drivers import DRIVERS, Driver, driver_spec, make_driver
-from wheelchair_gym.drivers.settings import Hand, Intention, Perception, Stick
+from wheelchair_gym.drivers import DRIVERS, driver_spec, make_driver
+from wheelchair_gym.drivers.settings import Driver, Hand, Intention, Perception, ProportionalStick
 from wheelchair_gym.drivers.state import constants_of, signals_of, tremor_filter
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.physics.settings import ChairSettings
@@ -104,7 +104,7 @@ def test_the_hand_trembles_as_its_settings_say():
         Intention(period=5.0),
         Perception(reaction=2.0),
         Hand(tremor=0.3, tremor_frequency=4.0),
-        Stick(dead_zone=0.0, smoothing=0.0, levels=1e6),
+        ProportionalStick(dead_zone=0.0, smoothing=0.0, levels=1e6),
     )
     found, _ = sticks(still, steps=180, drive=False, rate=100.0)  # until the first decision acts
     power = np.abs(np.fft.rfft(found[:, 0])) ** 2
@@ -114,11 +114,13 @@ def test_the_hand_trembles_as_its_settings_say():
 
 def test_a_dead_zone_hides_what_is_small_and_steps_are_of_a_byte():
     trembling = Hand(tremor=0.05)
-    free = Driver(Intention(period=5.0), Perception(reaction=2.0), trembling, Stick(dead_zone=0.0))
+    free = Driver(
+        Intention(period=5.0), Perception(reaction=2.0), trembling, ProportionalStick(dead_zone=0.0)
+    )
     found, _ = sticks(free, steps=15, drive=False)
     assert found.any()
     assert np.allclose(found * 127.0, np.round(found * 127.0))
-    zone = Driver(free.intention, free.perception, trembling, Stick(dead_zone=0.5))
+    zone = Driver(free.intention, free.perception, trembling, ProportionalStick(dead_zone=0.5))
     assert not sticks(zone, steps=15, drive=False)[0].any()
 
 

@@ -11,7 +11,7 @@ from wheelchair_gym.drivers.settings import Driver, interface_of
 from wheelchair_gym.errors import shorten
 from wheelchair_gym.registry import Registry, in_module
 
-__all__ = ["DRIVERS", "Driver", "driver_spec", "make_driver"]
+__all__ = ["DRIVERS", "driver_spec", "make_driver"]
 
 # What each name gives when it is called, without arguments: a `Driver`.
 DRIVERS: Final = Registry(

@@ -10,8 +10,8 @@ from wheelchair_gym.drivers.settings import (
     Hand,
     Intention,
     Perception,
+    ProportionalStick,
     Scanning,
-    Stick,
     Switches,
 )
 
@@ -88,13 +88,13 @@ def hostile() -> Driver:
 
 def chin() -> Driver:
     """A stick that the chin moves: half the speed, 0.1 s later."""
-    return Driver(perception=_NEW, interface=Stick(gain=0.5, delay=0.1))
+    return Driver(perception=_NEW, interface=ProportionalStick(gain=0.5, delay=0.1))
 
 
 def isometric() -> Driver:
     """A stick without throw, in a hand that trembles."""
     hand = Hand(tremor=0.15, tremor_frequency=6.0, lag=0.05, return_lag=0.05)
-    return Driver(hand=hand, interface=Stick(smoothing=0.1))
+    return Driver(hand=hand, interface=ProportionalStick(smoothing=0.1))
 
 
 def head_array() -> Driver:

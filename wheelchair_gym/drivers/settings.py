@@ -154,7 +154,7 @@ class Hand:
 
 
 @settings
-class Stick:
+class ProportionalStick:
     """A proportional stick, for hand or chin, or an isometric one, which has no throw."""
 
     kind: Literal["stick"] = setting(default="stick", source=_CHOICE)
@@ -270,7 +270,7 @@ class BrainComputer:
 
 
 INTERFACES: Final[dict[str, Any]] = {
-    "stick": Stick,
+    "stick": ProportionalStick,
     "switches": Switches,
     "scanning": Scanning,
     "brain_computer": BrainComputer,
@@ -303,7 +303,7 @@ def interface_of(value: Any) -> Any:
         InputError: the kind is unknown, or a setting is wrong.
     """
     if value is None:
-        return Stick()
+        return ProportionalStick()
     if type(value) in INTERFACES.values():
         return value
     if not isinstance(value, Mapping):
