@@ -282,7 +282,7 @@ def test_for_a_metre_after_no_progress_room_costs_nothing():
             policy._recover()
         world.step(policy)
         places.append(world.pose[0])
-        costs.append(policy._follower.config.objective.clearance)
+        costs.append(policy._follower._follower.config.objective.clearance)
     bold = np.flatnonzero(np.array(costs) == 0.0)
     assert bold[0] == 15
     assert np.all(np.diff(bold) == 1)
