@@ -259,7 +259,7 @@ def test_settings_are_read_under_their_earlier_names():
 @pytest.mark.parametrize(
     ("spec", "said"),
     [
-        ("nowhere", "known: assisted, explore, manual, ppo_goal, ppo_guided, random, straight, td3_guided"),
+        ("nowhere", "known: assisted, explore, manual, ppo_goal, ppo_guided, random, straight"),
         (f"{PLANNER}+nobody", "known"),
         ({"name": "straight", "gian": 1.0}, "gian"),
         (
