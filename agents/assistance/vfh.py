@@ -75,7 +75,7 @@ class Vfh:
         default=1.0, unit="1/s", low=0.0, high=10.0, source="design choice"
     )
     """Turn rate for each radian between the stick's direction and the one taken."""
-    headway: float = setting(default=1.2, unit="s", low=0.1, high=10.0, source="design choice")
+    look_ahead: float = setting(default=1.2, unit="s", low=0.1, high=10.0, source="design choice")
     """Time to a collision from which on it slows."""
     freedom: Freedom = Freedom()
 
@@ -91,6 +91,6 @@ class Vfh:
             taken = _direction(now.points, outline, wanted, self.reach, self.widen, self.parabola)
             change = self.turn_per_angle * (taken - wanted)
             w += min(now.turn, max(-now.turn, change))
-        steps = max(1, round(self.headway / 0.1))
+        steps = max(1, round(self.look_ahead / 0.1))
         share = free_steps(now.points, outline, v, w, 0.1, steps, now.margin) / steps
         return share * v, share * w

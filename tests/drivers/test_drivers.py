@@ -73,10 +73,10 @@ def test_another_seed_gives_another_tremor():
     ],
 )
 def test_wrong_settings_are_told_in_one_line(spec, text):
-    with pytest.raises(InputError, match=r".") as told:
+    with pytest.raises(InputError, match=r".") as said:
         make_driver(spec)
-    assert text in str(told.value)
-    assert "\n" not in str(told.value)
+    assert text in str(said.value)
+    assert "\n" not in str(said.value)
 
 
 def test_another_interface_has_the_rest_of_the_person():

@@ -1,4 +1,4 @@
-"""A node of ROS 2's own: drives by TwistStamped and counts what it hears, then prints JSON.
+"""A real node of ROS 2: drives by TwistStamped, counts what it receives, and prints JSON.
 
     python rclpy_node.py SECONDS
 
@@ -45,7 +45,7 @@ class Counter(Node):
             ("/map", OccupancyGrid, LATCHED), ("/ultrasonic_0", Range, qos_profile_sensor_data),
             ("/battery_state", BatteryState, 10),
         ):  # fmt: skip
-            self.create_subscription(kind, topic, self.hear(topic), qos)
+            self.create_subscription(kind, topic, self.receive(topic), qos)
         self.create_subscription(LaserScan, "/scan", self.hear_short, qos_profile_sensor_data)
         self.publisher = self.create_publisher(TwistStamped, "/cmd_vel", 10)
         self.create_timer(0.05, self.drive)  # of the simulated time
@@ -53,7 +53,7 @@ class Counter(Node):
     def hear_short(self, message):
         self.short.append(stamp_of(message))
 
-    def hear(self, topic):
+    def receive(self, topic):
         def take(message, info):
             self.counts[topic] = self.counts.get(topic, 0) + 1
             if topic == "/scan":

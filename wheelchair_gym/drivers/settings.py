@@ -158,7 +158,7 @@ class ProportionalStick:
     """A proportional stick, for hand or chin, or an isometric one, which has no throw."""
 
     kind: Literal["stick"] = setting(default="stick", source=_CHOICE)
-    """What tells it apart from other interfaces."""
+    """Which interface these are settings of."""
     gain: float = setting(default=1.0, low=0.05, high=1.0, source="chin 0.5: assumed")
     """Share of full speed at full deflection."""
     dead_zone: float = setting(
@@ -191,7 +191,7 @@ class Switches:
     """Switches that give directions, on or off: head array, sip-and-puff, keyboard."""
 
     kind: Literal["switches"] = setting(default="switches", source=_CHOICE)
-    """What tells it apart from other interfaces."""
+    """Which interface these are settings of."""
     directions: Literal[4, 8] = setting(
         default=8, source="head array: 8 directions (argallab/interface_assessments)"
     )
@@ -216,7 +216,7 @@ class Scanning:
     """A single switch: it picks the command that is lit, and a press while driving stops."""
 
     kind: Literal["scanning"] = setting(default="scanning", source=_CHOICE)
-    """What tells it apart from other interfaces."""
+    """Which interface these are settings of."""
     scan_period: float = setting(
         default=1.25,
         unit="s",
@@ -240,7 +240,7 @@ class BrainComputer:
     """Motor imagery, left or right, and none: straight on. A switch starts and stops the chair."""
 
     kind: Literal["brain_computer"] = setting(default="brain_computer", source=_CHOICE)
-    """What tells it apart from other interfaces."""
+    """Which interface these are settings of."""
     accuracy: float = setting(
         default=0.85, low=0.0, high=1.0, source="Leeb 2015: more than 70 % to take part; Tonin 2022"
     )

@@ -192,10 +192,10 @@ def test_without_a_person_the_chair_stands():
     ],
 )
 def test_wrong_settings_are_told_in_one_line(spec, text):
-    with pytest.raises(InputError, match=r".") as told:
+    with pytest.raises(InputError, match=r".") as said:
         make_policy({"name": "assisted", "assist": spec})
-    assert text in str(told.value)
-    assert "\n" not in str(told.value)
+    assert text in str(said.value)
+    assert "\n" not in str(said.value)
 
 
 @pytest.mark.parametrize("name", ASSISTANTS)

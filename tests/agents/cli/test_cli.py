@@ -236,12 +236,12 @@ def test_maps_of_every_kind_are_planned_in(hall, capsys, name):
 
 
 def test_the_thesis_settings_are_a_planner_and_a_map(hall, capsys):
-    assert run("plan", "--config", hall / "figure.json", "--json", "-") == 0
+    assert run("plan", "--config", hall / "figure.json", "--seed", 2, "--json", "-") == 0
     answer = json.loads(capsys.readouterr().out)
     assert answer["name"] == "thesis_5"
     assert (answer["path"][0], answer["path"][-1]) == ([1.5, 1.5], [28.5, 18.5])
     assert run(*plan(hall, "hall.yaml", planner=f"{hall / 'figure.json'}:rrt_star")) == 0
-    assert answer["arrived"] in (True, False)  # not every path of the thesis can be driven
+    assert answer["arrived"]
     assert len(answer["commands"]) > 10
 
 

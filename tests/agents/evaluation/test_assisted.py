@@ -116,9 +116,9 @@ def test_people_and_assistants_are_compared(tmp_path, capsys):
 )
 def test_wrong_options_are_told_in_one_line(options, text, tmp_path, capsys):
     assert main(["compare", *options, "--out", str(tmp_path)]) == 2
-    told = capsys.readouterr().err
-    assert text in told
-    assert told.count("\n") == 1
+    said = capsys.readouterr().err
+    assert text in said
+    assert said.count("\n") == 1
 
 
 def test_a_person_is_simulated_and_not_recorded(tmp_path, capsys):
