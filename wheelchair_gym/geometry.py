@@ -343,6 +343,22 @@ def signed_clearance(px: float, py: float, footprint: Array) -> float:
 
 
 @kernel
+def signed_gap(
+    points: Array, count: int, footprint: Array, x: float, y: float, yaw: float
+) -> float:
+    """Distance [m] of a footprint at a pose to the nearest of `count` points (n, 2); < 0 inside.
+
+    Infinite without points.
+    """
+    c, s = math.cos(yaw), math.sin(yaw)
+    least = math.inf
+    for k in range(count):
+        px, py = world_to_body(c, s, points[k, 0] - x, points[k, 1] - y)
+        least = min(least, signed_clearance(px, py, footprint))
+    return least
+
+
+@kernel
 def required_clearance(
     margin: float, headway: float, speed: float, turn: float, lever: float, creep: float
 ) -> float:

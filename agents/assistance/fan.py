@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.assistance.assistant import AssistInput, AssistMission
+from agents.assistance.assistant import AssistInput, AssistMission, Twist
 from wheelchair_gym.compiled.kernel import borrowing_kernel
-from wheelchair_gym.geometry import signed_clearance, world_to_body
+from wheelchair_gym.geometry import signed_gap
 from wheelchair_gym.kinematics import arc_step
 
 Array = NDArray[np.float64]
@@ -20,29 +18,34 @@ CLEAR = 0.5  # m: a larger clearance counts as this
 
 
 @borrowing_kernel
-def clearance_at(points: Array, outline: Array, x: float, y: float, yaw: float) -> float:
-    """Distance [m] of an outline at a pose to the nearest of points (n, 2); below 0 inside."""
-    c, s = math.cos(yaw), math.sin(yaw)
-    least = math.inf
-    for k in range(points.shape[0]):
-        px, py = world_to_body(c, s, points[k, 0] - x, points[k, 1] - y)
-        least = min(least, signed_clearance(px, py, outline))
-    return least
-
-
-@borrowing_kernel
-def free_steps(
+def follow_arc(
     points: Array, outline: Array, v: float, w: float, step: float, steps: int, margin: float
-) -> int:
-    """How many steps [s] of a twist keep the margin [m], or come no nearer than the chair is."""
-    least = clearance_at(points, outline, 0.0, 0.0, 0.0)
-    for j in range(steps):
-        x, y, yaw = arc_step(0.0, 0.0, 0.0, v, w, step * (j + 1))
-        gap = clearance_at(points, outline, x, y, yaw)
+) -> tuple[int, float]:
+    """How far the outline can follow a twist among points (n, 2) [m].
+
+    Returns:
+        How many steps [s] keep the margin [m], or come no nearer than the chair is, and the least
+        clearance [m] on them, at most `CLEAR`.
+    """
+    n = points.shape[0]
+    least, clear = signed_gap(points, n, outline, 0.0, 0.0, 0.0), CLEAR
+    for k in range(steps):
+        x, y, yaw = arc_step(0.0, 0.0, 0.0, v, w, step * (k + 1))
+        gap = signed_gap(points, n, outline, x, y, yaw)
         if gap < margin and gap < least:
-            return j
-        least = min(margin, gap)
-    return steps
+            return k, clear
+        least, clear = min(margin, gap), min(clear, gap)
+    return steps, clear
+
+
+def free_share(
+    mission: AssistMission, now: AssistInput, twist: Twist, time: float, step: float = STEP
+) -> float:
+    """Share of a time [s] for which the chair could follow a twist, tested in steps [s]."""
+    steps = max(1, round(time / step))
+    outline = mission.chair.footprint.array
+    free, _ = follow_arc(now.points, outline, *twist, step, steps, now.margin)
+    return float(free / steps)
 
 
 @borrowing_kernel
@@ -54,20 +57,12 @@ def _fan(
 
     Columns: speed, turn rate, least clearance of the arc until it ends or touches [m].
     """
-    n, now = 0, clearance_at(points, outline, 0.0, 0.0, 0.0)
+    n = 0
     for i in range(SPEEDS):
         v = asked[0] * i / (SPEEDS - 1)
         for j in range(TURNS):
             w = asked[1] + turn * (2.0 * j / (TURNS - 1) - 1.0)
-            free, clear, least = STEPS, CLEAR, now
-            for k in range(STEPS):
-                x, y, yaw = arc_step(0.0, 0.0, 0.0, v, w, STEP * (k + 1))
-                gap = clearance_at(points, outline, x, y, yaw)
-                if gap < margin and gap < least:
-                    free = k
-                    break
-                least = min(margin, gap)
-                clear = min(clear, gap)
+            free, clear = follow_arc(points, outline, v, w, STEP, STEPS, margin)
             to_stop = period + max(abs(v) / deceleration, abs(w) / 2.0)
             if free < STEPS and free * STEP < to_stop:
                 continue

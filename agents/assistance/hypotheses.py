@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from agents.assistance.assistant import AssistInput, AssistMission, Freedom, SharedAssistant, Twist
-from agents.assistance.fan import fan, free_steps, scaled_distance
+from agents.assistance.fan import fan, free_share, scaled_distance
 from agents.assistance.targets import Belief, Goals
 from wheelchair_gym.config import setting, settings
 
@@ -42,12 +42,10 @@ class _Method:
         self._goals.reset(mission)
 
     def twist(self, now: AssistInput) -> Twist:
-        config, mission, (v, w) = self._config, self._mission, now.asked
+        config, mission = self._config, self._mission
         twists = fan(mission, now)
         costs = self._goals.update(now, twists)
-        steps = max(1, round(config.look_ahead / 0.1))
-        outline = mission.chair.footprint.array
-        hits = free_steps(now.points, outline, v, w, 0.1, steps, now.margin) < steps
+        hits = free_share(mission, now, now.asked, config.look_ahead) < 1.0
         if not len(twists):
             return 0.0, 0.0
         likely, off = (

@@ -18,7 +18,7 @@ from agents.assistance.assistant import (
     SharedAssistant,
     Twist,
 )
-from agents.assistance.fan import free_steps
+from agents.assistance.fan import free_share
 from wheelchair_gym.config import setting, settings
 
 Array = NDArray[np.float64]
@@ -41,8 +41,5 @@ class Teleop:
         return SharedAssistant(Plain(self._twist), self.freedom)
 
     def _twist(self, mission: AssistMission, now: AssistInput) -> Twist:
-        steps = max(1, round(self.projection_time / self.step))
-        (v, w), outline = now.asked, mission.chair.footprint.array
-        free = free_steps(now.points, outline, v, w, self.step, steps, now.margin)
-        share = free / steps
-        return share * v, share * w
+        share = free_share(mission, now, now.asked, self.projection_time, self.step)
+        return share * now.asked[0], share * now.asked[1]

@@ -20,7 +20,7 @@ from agents.assistance.assistant import (
     SharedAssistant,
     Twist,
 )
-from agents.assistance.fan import free_steps
+from agents.assistance.fan import free_share
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.config import setting, settings
 
@@ -91,6 +91,5 @@ class Vfh:
             taken = _direction(now.points, outline, wanted, self.reach, self.widen, self.parabola)
             change = self.turn_per_angle * (taken - wanted)
             w += min(now.turn, max(-now.turn, change))
-        steps = max(1, round(self.look_ahead / 0.1))
-        share = free_steps(now.points, outline, v, w, 0.1, steps, now.margin) / steps
+        share = free_share(mission, now, (v, w), self.look_ahead)
         return share * v, share * w

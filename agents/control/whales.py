@@ -9,6 +9,7 @@ itself asks for, the best ones of the period before, and the whole fan of `windo
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,6 @@ from agents.control.followers import (
 )
 from agents.control.rollout import (
     Body,
-    ChairState,
     LocalView,
     S,
     cheapest,
@@ -58,7 +58,7 @@ class WhaleFollower(RolloutSettings):
 
     def make(self) -> Follower:
         """A follower at rest."""
-        return RecedingWhales(self)
+        return WhaleCommands(self, _part_of_fan, np.clip, search)
 
 
 def _bounds(config: RolloutSettings, now: Situation, slow: bool) -> tuple[Array, Array]:
@@ -113,25 +113,43 @@ def search(
     return tried, costs
 
 
-class RecedingWhales:
-    """Carries the best commands from one period to the next."""
+class WhaleCommands:
+    """Carries the best commands from one period to the next.
 
-    def __init__(self, config: WhaleFollower) -> None:
+    Args:
+        config: of the follower.
+        first: particles (n, SIZE) to begin with, of the settings, the situation and the best
+            particle of the period before, if there was one.
+        within: of these, those for bounds (SIZE,) of particles.
+        search: all particles that are tried from there, and their costs; see `search`.
+    """
+
+    def __init__(
+        self,
+        config: Any,
+        first: Callable[[Any, Situation, Array | None], Array],
+        within: Callable[[Array, Array, Array], Array],
+        search: Callable[..., tuple[Array, Array]],
+    ) -> None:
         self.config, self._objective = config, record_of(config.objective)
+        self._first, self._within, self._search = first, within, search
         self._state = stream(np.random.default_rng(config.seed))
         self._best: Array | None = None  # (SIZE,)
 
     def twist(self, now: Situation) -> Array | None:
         """See `Follower.twist`."""
         config, view, body = self.config, now.view, now.chair.body
-        swarm = config.whales.parameters
+        first = self._first(config, now, self._best)
 
         def pick(margin: float, slow: bool) -> Array | None:
             lower, upper = _bounds(config, now, slow)
-            first = np.clip(self._first(now.chair), lower, upper)
-            tried, costs = search(
-                first, lower, upper, body, view, margin, self._objective, swarm, self._state
-            )
+            some = self._within(first, lower, upper)
+            if len(some) == 0:
+                return None
+            tried, costs = self._search(
+                some, lower, upper, body, view, margin, self._objective,
+                config.whales.parameters, self._state,
+            )  # fmt: skip
             best = cheapest(tried, costs, body, view, config.hold, margin)
             if best < 0:
                 return None
@@ -143,20 +161,21 @@ class RecedingWhales:
             self._best = None
         return twist
 
-    def _first(self, chair: ChairState) -> Array:
-        """The swarm at the beginning: what was best, what is driven now, rest, part of a fan."""
-        count = self.config.whales.population
-        fan = full_fan(chair.limits, self.config.backward)
-        fan = fan[(np.arange(max(0, count - 3)) * STRIDE) % len(fan)]
-        first = np.zeros((count, SIZE))
-        first[:, 2:-1:3], first[:, -1] = 0.5 * self.config.objective.horizon, 1.0
-        for k in range(COMMANDS):
-            first[3:, 3 * k : 3 * k + 2] = fan
-        if count > 1:
-            first[1, :2] = chair.body.last
-        if self._best is not None:
-            first[0] = _one_period_later(self._best, chair.period)
-        return first
+
+def _part_of_fan(config: WhaleFollower, now: Situation, best: Array | None) -> Array:
+    """Particles (n, SIZE): what was best, what is driven now, rest, and part of a fan."""
+    chair, count = now.chair, config.whales.population
+    fan = full_fan(chair.limits, config.backward)
+    fan = fan[(np.arange(max(0, count - 3)) * STRIDE) % len(fan)]
+    first = np.zeros((count, SIZE))
+    first[:, 2:-1:3], first[:, -1] = 0.5 * config.objective.horizon, 1.0
+    for k in range(COMMANDS):
+        first[3:, 3 * k : 3 * k + 2] = fan
+    if count > 1:
+        first[1, :2] = chair.body.last
+    if best is not None:
+        first[0] = _one_period_later(best, chair.period)
+    return first
 
 
 @settings
@@ -175,7 +194,7 @@ class RefinedWindow(Window):
 
     def make(self) -> Follower:
         """A follower at rest."""
-        return RefinedWindowFollower(self)
+        return WhaleCommands(self, _fan_and_plan, _within, refine)
 
 
 SHARES = (0.3, 0.6, 1.0)  # of the limits, at which the plan's commands are driven
@@ -207,62 +226,28 @@ def plan_commands(rows: Array, limits: Limits, horizon: float, backward: float) 
     return found
 
 
-class RefinedWindowFollower:
-    """Carries the best commands from one period to the next."""
-
-    def __init__(self, config: RefinedWindow) -> None:
-        self.config, self._objective = config, record_of(config.objective)
-        self._state = stream(np.random.default_rng(config.seed))
-        self._best: Array | None = None  # (SIZE,)
-
-    def twist(self, now: Situation) -> Array | None:
-        """See `Follower.twist`."""
-        config, view, body = self.config, now.view, now.chair.body
-        first = self._candidates(now, view)
-
-        def pick(margin: float, slow: bool) -> Array | None:
-            lower, upper = _bounds(config, now, slow)
-            some = first[_is_within(first, lower, upper)]
-            if len(some) == 0:
-                return None
-            tried, costs = refine(
-                some, lower, upper, body, view, margin, self._objective,
-                config.whales.parameters, self._state,
-            )  # fmt: skip
-            best = cheapest(tried, costs, body, view, config.hold, margin)
-            if best < 0:
-                return None
-            self._best = tried[best]
-            return np.array(tried[best, :2])
-
-        twist = relax_clearance(now, config.margin, pick)
-        if twist is None:
-            self._best = None
-        return twist
-
-    def _candidates(self, now: Situation, view: LocalView) -> Array:
-        """Particles (n, SIZE): the fan, the plan's commands, and what was best or is driven."""
-        config, chair, horizon = self.config, now.chair, self.config.objective.horizon
-        fan = now.local_map.limit_for_unseen_space(config.fan(chair), chair.body.state)
-        plan = plan_commands(
-            view.reference[start_row(view) :], chair.limits, horizon, config.backward
-        )
-        particles = np.zeros((len(fan) + len(plan) + 1, SIZE))
-        particles[:, 2:-1:3], particles[:, -1] = 0.5 * horizon, 1.0
-        for k in range(COMMANDS):
-            particles[: len(fan), 3 * k : 3 * k + 2] = fan
-        particles[len(fan) : -1, :-1] = plan.reshape(len(plan), -1)
-        particles[len(fan) : -1, -1] = COMMANDS
-        particles[-1, :2] = chair.body.last
-        if self._best is not None:
-            particles[-1] = _one_period_later(self._best, chair.period)
-        return particles
+def _fan_and_plan(config: RefinedWindow, now: Situation, best: Array | None) -> Array:
+    """Particles (n, SIZE): the fan, the plan's commands, and what was best or is driven."""
+    view, chair, horizon = now.view, now.chair, config.objective.horizon
+    fan = now.local_map.limit_for_unseen_space(config.fan(chair), chair.body.state)
+    plan = plan_commands(view.reference[start_row(view) :], chair.limits, horizon, config.backward)
+    particles = np.zeros((len(fan) + len(plan) + 1, SIZE))
+    particles[:, 2:-1:3], particles[:, -1] = 0.5 * horizon, 1.0
+    for k in range(COMMANDS):
+        particles[: len(fan), 3 * k : 3 * k + 2] = fan
+    particles[len(fan) : -1, :-1] = plan.reshape(len(plan), -1)
+    particles[len(fan) : -1, -1] = COMMANDS
+    particles[-1, :2] = chair.body.last
+    if best is not None:
+        particles[-1] = _one_period_later(best, chair.period)
+    return particles
 
 
-def _is_within(particles: Array, lower: Array, upper: Array) -> NDArray[np.bool_]:
-    """Which particles keep the bounds of the first command's twist."""
+def _within(particles: Array, lower: Array, upper: Array) -> Array:
+    """The particles that keep the bounds of the first command's twist."""
     twists = particles[:, :2]
-    return np.asarray(((twists >= lower[:2] - 1e-9) & (twists <= upper[:2] + 1e-9)).all(axis=1))
+    keep = ((twists >= lower[:2] - 1e-9) & (twists <= upper[:2] + 1e-9)).all(axis=1)
+    return np.asarray(particles[keep])
 
 
 @kernel

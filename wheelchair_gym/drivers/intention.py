@@ -27,7 +27,7 @@ from wheelchair_gym.drivers.state import (
     SECTORS,
     STICK,
 )
-from wheelchair_gym.geometry import body_to_world, signed_clearance, world_to_body, wrap
+from wheelchair_gym.geometry import body_to_world, signed_clearance, signed_gap, wrap
 from wheelchair_gym.kinematics import arc_step, twist_of_action
 from wheelchair_gym.random import DRIVERS, normal, uniform
 from wheelchair_gym.task.prepared_episode import geodesic_to_go, seconds_to_go
@@ -83,12 +83,7 @@ def _see(p: Any, d: Any, scan: Floats) -> None:
 @borrowing_kernel
 def _gap(p: Any, d: Any, x: float, y: float, yaw: float) -> float:
     """Distance [m] of the outline at a pose in the chair's frame to what is seen; < 0 inside."""
-    c, s = math.cos(yaw), math.sin(yaw)
-    least = math.inf
-    for k in range(d.n_points):
-        px, py = world_to_body(c, s, d.points[k, 0] - x, d.points[k, 1] - y)
-        least = min(least, signed_clearance(px, py, p.outline[:]))
-    return least
+    return float(signed_gap(d.points[:], d.n_points, p.outline[:], x, y, yaw))
 
 
 @borrowing_kernel

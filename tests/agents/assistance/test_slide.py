@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agents.assistance.fan import clearance_at, free_steps
+from agents.assistance.fan import follow_arc
 from agents.assistance.slide import nearest_twist, write_constraints
-from wheelchair_gym.geometry import Footprint
+from wheelchair_gym.geometry import Footprint, signed_gap
 from wheelchair_gym.kinematics import arc_step
 
 OUTLINE = Footprint().array
@@ -41,8 +41,8 @@ def test_a_constraint_is_the_rate_at_which_the_distance_shrinks(point, twist):
     points, rows = np.array([point]), np.empty((1, 4))
     assert write_constraints(points, OUTLINE, 0.0, 0.6, 0.2, rows) == 1
     step = 1e-6
-    before = clearance_at(points, OUTLINE, 0.0, 0.0, 0.0)
-    after = clearance_at(points, OUTLINE, *arc_step(0.0, 0.0, 0.0, *twist, step))
+    before = signed_gap(points, len(points), OUTLINE, 0.0, 0.0, 0.0)
+    after = signed_gap(points, len(points), OUTLINE, *arc_step(0.0, 0.0, 0.0, *twist, step))
     assert rows[0, :2] @ twist == pytest.approx((before - after) / step, abs=1e-4)
 
 
@@ -59,9 +59,9 @@ def test_the_chair_stops_within_the_distance(distance, margin):
 
 def test_a_step_is_free_until_the_outline_touches():
     points = np.array([[OUTLINE[0] + 0.25, 0.0]])
-    assert free_steps(points, OUTLINE, 0.5, 0.0, 0.1, 10, 0.0) == 5
-    assert free_steps(points, OUTLINE, -0.3, 0.0, 0.1, 10, 0.0) == 10
+    assert follow_arc(points, OUTLINE, 0.5, 0.0, 0.1, 10, 0.0)[0] == 5
+    assert follow_arc(points, OUTLINE, -0.3, 0.0, 0.1, 10, 0.0)[0] == 10
     # What already touches may leave, and come no nearer.
     touching = np.array([[OUTLINE[0] - 0.01, 0.0]])
-    assert free_steps(touching, OUTLINE, 0.5, 0.0, 0.1, 10, 0.02) == 0
-    assert free_steps(touching, OUTLINE, -0.3, 0.0, 0.1, 10, 0.02) == 10
+    assert follow_arc(touching, OUTLINE, 0.5, 0.0, 0.1, 10, 0.02)[0] == 0
+    assert follow_arc(touching, OUTLINE, -0.3, 0.0, 0.1, 10, 0.02)[0] == 10
