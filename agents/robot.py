@@ -189,7 +189,7 @@ class Robot:
 
         return answer
 
-    def tell_time(self, arguments: Mapping[str, Any]) -> dict[str, Any]:
+    def get_time(self, arguments: Mapping[str, Any]) -> dict[str, Any]:
         """The time of messages, as the answer of rosapi/srv/GetTime."""
         now = ros.time(self._now())
         return {"time": now | {"secs": now["sec"], "nsecs": now["nanosec"]}}  # roslibpy: ROS 1's

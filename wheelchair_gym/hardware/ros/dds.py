@@ -126,7 +126,7 @@ class DdsLink:
 
     Attributes:
         url: dds://HOST/DOMAIN.
-        lost: why nothing is heard any more, in a line; empty while all is well.
+        lost: why nothing is received any more, in a line; empty while all is well.
 
     Raises:
         InputError: the extra 'dds' is not installed, or this machine has no such address.
@@ -249,11 +249,11 @@ class DdsLink:
         try:
             while not self._closed.is_set():
                 self._wakes.wait(round(_PATIENCE * 1e9))
-                self._hear()
-        except Exception as error:  # who drives would not be heard any more
+                self._receive()
+        except Exception as error:  # commands would not be received any more
             self.lost = " ".join(str(error).split())
 
-    def _hear(self) -> None:
+    def _receive(self) -> None:
         """Take what has come, and look at who has come and gone."""
         with self._lock:
             readers, writers = self._readers, dict(self._writers)
