@@ -175,7 +175,7 @@ def _link(given: argparse.Namespace, driver: Any) -> Any:
             given.host, given.port, driver.command, driver.left, token, given.tls
         )
         link.listens[COMMAND] = COMMAND_TYPES
-        link.serve("/rosapi/get_time", "rosapi_msgs/srv/GetTime", driver.tell_time)
+        link.serve("/rosapi/get_time", "rosapi_msgs/srv/GetTime", driver.get_time)
     for name in SERVICES if given.episodes is None else ():
         link.serve(name, "std_srvs/srv/Trigger", driver.ask(name))
     return link
