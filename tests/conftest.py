@@ -12,7 +12,7 @@ ROOT = Path(__file__).resolve().parents[1]
 # the environment's kernels, the other with tests of no kernels, and goes on to the planners'.
 # What takes long comes next, so that no worker has a long file to do when the other is ready.
 FIRST = (
-    "laws/test_copies",
+    "laws/test_copies", "agents/policies/test_planning",
     "test_compiling", "agents/evaluation/test_runs", "hardware/test_drive",
     "hardware/test_protocol", "hardware/test_link", "hardware/test_joystick",
     "planners/test_random_maps", "planners/test_planners", "planners/test_trees",

@@ -258,7 +258,10 @@ def test_it_stands_after_a_contact_until_a_service_is_called(tmp_path):
         assert served.close() == 130
 
 
-@pytest.mark.parametrize(("scene", "seed", "episodes"), [("floor_plan", 6, 1), ("empty", 0, 2)])
+@pytest.mark.parametrize(
+    ("scene", "seed", "episodes"),
+    [pytest.param("floor_plan", 6, 1, marks=pytest.mark.long), ("empty", 0, 2)],
+)
 def test_a_stranger_drives_and_is_scored(scene, seed, episodes, tmp_path):
     result, bag = tmp_path / "result.json", tmp_path / "bag"
     served = Served(

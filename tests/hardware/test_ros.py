@@ -590,7 +590,8 @@ def test_what_does_not_answer_is_one_line(tmp_path, capsys):
         ("ros://x:99999", "expected ros://HOST:PORT"),
         ("tcp://x:1", "there are hardware, ros"),
     ):
-        assert main(["simulate", "--chair", chair, "--goal", "1,1"]) == 2
+        quick = ["--policy", "a_star+pure_pursuit"]  # its rehearsal is short
+        assert main(["simulate", "--chair", chair, "--goal", "1,1", *quick]) == 2
         said = capsys.readouterr().err.strip().splitlines()
         assert len(said) == 1
         assert why in said[0]

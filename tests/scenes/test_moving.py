@@ -145,7 +145,10 @@ def test_leaves_shut_their_doorways_and_open_them_fully():
     assert min(slid, swung) >= 2
 
 
-PASSAGES = ("corridor", "crossing", "lobby", "lift")
+PASSAGES = (
+    "corridor", "lift",
+    *(pytest.param(name, marks=pytest.mark.long) for name in ("crossing", "lobby")),
+)  # fmt: skip
 
 
 @pytest.mark.parametrize("name", PASSAGES)

@@ -188,7 +188,9 @@ def test_it_stands_before_an_obstacle_while_it_plans_round_it():
         )
 
 
-@pytest.mark.parametrize("policy", ["lattice+window", "explore"])
+@pytest.mark.parametrize(
+    "policy", ["lattice+window", pytest.param("explore", marks=pytest.mark.long)]
+)
 def test_drives_with_planning_time_repeat_and_their_records_tell_what_it_cost(policy):
     settings = {"pose_source": "slam"} if policy == "explore" else {}
     records = []
