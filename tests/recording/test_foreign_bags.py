@@ -33,6 +33,7 @@ TYPES = {
     "/scan": "sensor_msgs/msg/LaserScan",
     "/odom": "nav_msgs/msg/Odometry",
     "/tf_static": "tf2_msgs/msg/TFMessage",
+    "/tf": "tf2_msgs/msg/TFMessage",
     "/chatter": "std_msgs/msg/String",
 }
 
@@ -67,21 +68,27 @@ def at(x, y, yaw=0.0):
     return {"x": x, "y": y, "z": 0.0}, turn
 
 
-def drive(count):
+def edge(k, parent, child, x, y, yaw=0.0):
+    """A message of one transform."""
+    place, turn = at(x, y, yaw)
+    moved = {"translation": place, "rotation": turn}
+    return {"transforms": [
+        {"header": stamped(k, parent), "child_frame_id": child, "transform": moved}
+    ]}  # fmt: skip
+
+
+def drive(count, odometry="/odom"):
     """Time [ns], topic and content of each message of a drive of so many scans."""
-    place, turn = at(0.3, 0.0)
-    mount = {"header": stamped(0, "base_link"), "child_frame_id": "lidar",
-             "transform": {"translation": place, "rotation": turn}}  # fmt: skip
-    yield ZERO, "/tf_static", {"transforms": [mount]}
+    yield ZERO, "/tf_static", edge(0, "base_link", "lidar", 0.3, 0.0)
     zero = {"x": 0.0, "y": 0.0, "z": 0.0}
     for k, pose in enumerate(poses(count)):
         now = ZERO + round(1e9 * PERIOD * k)
         place, turn = at(*pose)
-        yield now, "/odom", {
+        yield now, odometry, {
             "header": stamped(k, "odom"), "child_frame_id": "base_link",
             "pose": {"pose": {"position": place, "orientation": turn}, "covariance": [0.0] * 36},
             "twist": {"twist": {"linear": zero, "angular": zero}, "covariance": [0.0] * 36},
-        }  # fmt: skip
+        } if odometry == "/odom" else edge(k, "odom", "base_link", *pose)  # fmt: skip
         yield now, "/scan", {
             "header": stamped(k, "lidar"), "angle_min": -0.5 * FOV, "angle_max": 0.5 * FOV,
             "angle_increment": FOV / (BEAMS - 1), "time_increment": 0.0, "scan_time": PERIOD,
@@ -91,7 +98,7 @@ def drive(count):
         yield now, "/chatter", {"data": f"{k}"}
 
 
-def write_mcap(file, count, finish=True, short=False, **more):
+def write_mcap(file, count, finish=True, short=False, odometry="/odom", **more):
     """A file by mcap-ros2-support: no metadata.yaml, no QoS; its examples have short names."""
     store = get_typestore(Stores.ROS2_HUMBLE)
     writer = McapWriter(str(file), **more)
@@ -101,7 +108,7 @@ def write_mcap(file, count, finish=True, short=False, **more):
         )
         for topic, kind in TYPES.items()
     }
-    for now, topic, content in drive(count):
+    for now, topic, content in drive(count, odometry):
         writer.write_message(topic, schemas[topic], content, log_time=now)
     if finish:
         writer.finish()
@@ -152,6 +159,7 @@ def mapped(path, out):
 WRITERS = {
     "mcap, zstd": lambda at: write_mcap(at / "run.mcap", 150),
     "mcap, short names": lambda at: write_mcap(at / "run.mcap", 150, short=True),
+    "mcap, odometry by tf": lambda at: write_mcap(at / "run.mcap", 150, odometry="/tf"),
     "mcap, lz4, small chunks": lambda at: write_mcap(
         at / "run.mcap", 150, compression=CompressionType.LZ4, chunk_size=20_000
     ),
@@ -216,3 +224,12 @@ def test_where_nothing_is_whole_it_is_one_line(tmp_path, capsys):
         (line,) = capsys.readouterr().err.strip().splitlines()
         assert line.startswith(f"wheelchair: {file}: expected a")
     assert not Path(tmp_path / "out").exists()
+
+
+def test_a_bag_without_odometry_is_one_line(tmp_path, capsys, monkeypatch):
+    on_map = lambda k, parent, *rest, old=edge: old(k, "map", *rest)  # noqa: E731
+    monkeypatch.setitem(globals(), "edge", on_map)
+    file = write_mcap(tmp_path / "run.mcap", 5, odometry="/tf")
+    assert main(["map", "--recording", str(file), "--out", str(tmp_path / "out")]) == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert "expected odometry: a topic of nav_msgs/msg/Odometry, or transforms from odom" in line

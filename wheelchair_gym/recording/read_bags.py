@@ -150,32 +150,22 @@ def bag_log(
     Args:
         path: of the bag.
         scan: topic of the scans; empty: /scan, or the only one.
-        odometry: topic of the odometry; empty: /odom, or the only one.
+        odometry: topic of the odometry; empty: /odom, or the only one, or else the transforms from
+            the frame odom on /tf.
 
     Raises:
         InputError: see `bag_messages`; or there are no such topics, or no good scan between two
             messages of the odometry.
     """
-
-    def wanted(topic: str, kind: str) -> bool:
-        return kind in (_SCAN, _ODOMETRY) or (kind == _TF and topic.endswith("tf_static"))
-
-    found = bag_messages(path, wanted, cut=True)
+    found = bag_messages(path, lambda _, kind: kind in (_SCAN, _ODOMETRY, _TF), cut=True)
     scans = _of_topic(path, found, _SCAN, scan, "/scan", "--scan-topic")
-    moves = _of_topic(path, found, _ODOMETRY, odometry, "/odom", "--odometry-topic")
     edges: dict[str, tuple[str, Array]] = {}
     skipped: Counter[str] = Counter()
-    poses: dict[int, Array] = {}
-    base = ""
     with complete(path):
         for one in found:
-            if one.type == _TF:
+            if one.type == _TF and one.topic.endswith("tf_static"):
                 edges |= {c: (p, pose) for p, c, pose in ros.transforms(_message(one))}
-    for one in moves:
-        with _skipping(skipped, "odometry"):
-            message = _message(one)
-            poses[_stamp(message)] = ros.odometry(message)[0]
-            base = str(message["child_frame_id"]).lstrip("/")
+    poses, base = _odometry(path, found, odometry, skipped)
     with complete(path):
         laser = _laser(path, _message(scans[0]), edges, base)
     times: list[int] = []
@@ -202,6 +192,33 @@ def bag_log(
     there = np.stack([np.interp(at, of, column) for column in rows.T], axis=1)
     seconds = (at - at[0]) / 1e9
     return log_of_poses(seconds, there, np.stack(ranges), dict(skipped)), laser
+
+
+def _odometry(
+    path: str | Path, found: list[Recorded], topic: str, skipped: Counter[str]
+) -> tuple[dict[int, Array], str]:
+    """Poses (3,) by their stamps [ns], and the frame whose poses they are."""
+    poses: dict[int, Array] = {}
+    base = ""
+    changes = [one for one in found if one.type == _TF and not one.topic.endswith("tf_static")]
+    if topic or not changes or any(one.type == _ODOMETRY for one in found):
+        for one in _of_topic(path, found, _ODOMETRY, topic, "/odom", "--odometry-topic"):
+            with _skipping(skipped, "odometry"):
+                message = _message(one)
+                poses[_stamp(message)] = ros.odometry(message)[0]
+                base = str(message["child_frame_id"]).lstrip("/")
+        return poses, base
+    for one in changes:
+        with _skipping(skipped, "transform"):
+            for edge in _message(one)["transforms"]:
+                for parent, child, pose in ros.transforms({"transforms": [edge]}):
+                    if parent == "odom":
+                        poses[_stamp(edge)], base = pose, child
+    if poses:
+        return poses, base
+    raise InputError(
+        f"{path}: expected odometry: a topic of {_ODOMETRY}, or transforms from odom on /tf"
+    )
 
 
 @contextmanager
