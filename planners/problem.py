@@ -7,13 +7,13 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from time import perf_counter
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from planners.collision.polygon_tests import point_free
+from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.config import InputError
 from wheelchair_gym.errors import shorten
 from wheelchair_gym.geometry import path_length
@@ -94,11 +94,12 @@ class Planner(Protocol):
         Args:
             problem: what is asked.
             rng: draws the numbers, if any.
-            deadline: seconds of wall time from the call after which the planner answers with its
-                best path so far, or, where it has none, with `Status.EXHAUSTED`; None: its own
-                limits alone count. It looks at the clock between chunks of work, which change
-                nothing else: `counters["iterations"]`, given as the planner's iterations (its
-                tree's, where it has none), makes the very same plan without a clock.
+            deadline: seconds of wall time from the call, not counting those in which kernels are
+                compiled or loaded, after which the planner answers with its best path so far,
+                or, where it has none, with `Status.EXHAUSTED`; None: its own limits alone count.
+                It looks at the clock between chunks of work, which change nothing else:
+                `counters["iterations"]`, given as the planner's iterations (its tree's, where it
+                has none), makes the very same plan without a clock.
 
         Raises:
             InputError: the deadline is negative or NaN, or the problem is not made of numbers.
@@ -117,7 +118,7 @@ class PlannerBase(ABC):
         plan = self.trivial(problem)
         if plan is None:
             plan = self.solve(problem, rng, end)
-            plan = replace(plan, timings={**plan.timings, "time_s": perf_counter() - began})
+            plan = replace(plan, timings={**plan.timings, "time_s": clock() - began})
         return plan
 
     def trivial(self, problem: Problem) -> Plan | None:
@@ -126,7 +127,7 @@ class PlannerBase(ABC):
 
     @abstractmethod
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
-        """Search a path until `perf_counter` shows `end` [s], which may be infinite."""
+        """Search a path until `clock` shows `end` [s], which may be infinite."""
 
 
 def checked_plan(planner: object, plan: Any) -> Plan:
@@ -142,17 +143,17 @@ def checked_plan(planner: object, plan: Any) -> Plan:
 
 
 def remaining(end: float) -> float | None:
-    """Seconds until `perf_counter` shows `end`; None if that is infinite."""
-    return max(0.0, end - perf_counter()) if end < math.inf else None
+    """Seconds until `clock` shows `end`; None if that is infinite."""
+    return max(0.0, end - clock()) if end < math.inf else None
 
 
 def begin(deadline: float | None) -> tuple[float, float]:
-    """The clock now, and when a deadline [s] from now ends (infinite for None): `perf_counter`.
+    """The clock now, and when a deadline [s] from now ends (infinite for None): `clock`.
 
     Raises:
         InputError: the deadline is negative or NaN.
     """
-    now = perf_counter()
+    now = clock()
     if deadline is None:
         return now, math.inf
     if not deadline >= 0.0:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import replace
-from time import perf_counter
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +17,7 @@ from planners.problem import Plan, Problem, Status
 from planners.smoothing.shortcut import path_cost, push_off_walls, resample, shortcut
 from planners.smoothing.smooth import blocked_edges, pchip, smooth_curve, spline
 from planners.swarm.search import PathShortening
+from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import path_length
 from wheelchair_gym.random import stream
@@ -33,7 +33,7 @@ class Refiner(ABC):
 
         The plan may be a path (n, 2 or 3) [m].
         """
-        began = perf_counter()
+        began = clock()
         given = plan if isinstance(plan, Plan) else Plan(Status.SOLVED, np.asarray(plan, float))
         if given.status != Status.SOLVED:
             return replace(given, note=given.note or "there is no path to refine")
@@ -46,7 +46,7 @@ class Refiner(ABC):
             answer = "the precision of coordinates does not tell whether the new path is free"
         if isinstance(answer, str):
             return replace(given, note=f"not refined: {answer}")
-        timings = {**given.timings, "refine_s": perf_counter() - began}
+        timings = {**given.timings, "refine_s": clock() - began}
         return replace(given, path=answer, timings=timings, note="")
 
     @abstractmethod

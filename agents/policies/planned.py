@@ -157,7 +157,7 @@ class Search:
     around: float = 0.0  # m from a goal without heading, where a path may end if that is occupied
 
     def plan(self, goal: Array, end: float) -> Answer:
-        """Plan to a goal (2 or 3,), until `perf_counter` shows `end` [s], in one map after another.
+        """Plan to a goal (2 or 3,), until `clock` shows `end` [s], in one map after another.
 
         In each, at the widest clearance that leads to the goal; or, where the goal is occupied and
         has no heading, to the free place beside it.

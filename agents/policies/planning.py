@@ -22,6 +22,8 @@ from typing import Any
 
 import numpy as np
 
+from wheelchair_gym.compiled.clock import clock
+
 SHARE = 0.9  # of the deadline, after which planners end, so that their plans are there in time
 SWITCH = 0.0005  # s after which a planner written in Python lets the loop run
 
@@ -77,13 +79,13 @@ class Planning:
         """Begin a plan, while none is being made.
 
         Args:
-            make: makes it until `perf_counter` shows a time [s]; runs beside the loop.
+            make: makes it until `clock` shows a time [s]; runs beside the loop.
             take: gets it in the loop.
         """
         assert not self.busy
         self.busy, self.periods, self._take, self._made = True, 0, take, []
         if self._real_time:
-            work = make, time.perf_counter() + SHARE * self._deadline, self._made
+            work = make, clock() + SHARE * self._deadline, self._made
             threading.Thread(target=_make, args=work, name="planning", daemon=True).start()
         else:
             _make(make, math.inf, self._made)

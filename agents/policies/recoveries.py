@@ -314,7 +314,7 @@ def widest_plan(
         clearance: to begin with [m].
         least: to end with [m].
         rng: the planner's.
-        end: `perf_counter` [s] by which the planner ends.
+        end: `clock` [s] by which the planner ends.
 
     Returns:
         The plan, the last one tried if none leads there, and its clearance [m].

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from time import perf_counter
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +12,7 @@ from planners.collision.boundary import blocking_segments
 from planners.collision.polygon_tests import edge_free
 from planners.collision.space import Space
 from planners.problem import Plan, PlannerBase, Problem, Status
+from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.config import setting, settings
 
 Array = NDArray[np.float64]
@@ -95,7 +95,7 @@ class Geometric(PlannerBase):
                 note = "a line that is blocked leads back to itself"
             elif len(asked) >= self.max_turns:
                 note = "more turns than allowed"
-            elif perf_counter() >= end:
+            elif clock() >= end:
                 note = "out of time"
             if note or corner is None:
                 break

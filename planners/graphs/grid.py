@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from time import perf_counter
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -22,6 +21,7 @@ from planners.collision.polygon_tests import SpaceArrays, clearance, edge_free, 
 from planners.graphs.heap import pop, push
 from planners.problem import Plan, PlannerBase, Problem, Status
 from planners.smoothing.shortcut import edge_cost, shortcut
+from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.config import setting, settings
 
@@ -225,7 +225,7 @@ def _way(arrays: SpaceArrays, grid: Grid, order: Order, end: float) -> tuple[Arr
             keys[:size], items[:size] = frontier.keys[:size], frontier.items[:size]
             frontier = frontier._replace(keys=keys, items=items)
         over = search_grid(arrays, grid, order, frontier, CHUNK)
-        if not over and perf_counter() >= end:
+        if not over and clock() >= end:
             return np.empty((0, 2)), int(frontier.counts[1]), False
     nodes = [n + 1] if frontier.done[n + 1] else []
     while nodes and nodes[-1] != n:

@@ -7,7 +7,6 @@ search (lazy A*: Bohlin and Kavraki 2000): an edge that no short path needs is n
 from __future__ import annotations
 
 import math
-from time import perf_counter
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +16,7 @@ from scipy.spatial import cKDTree
 from planners.collision.polygon_tests import SpaceArrays, edge_free, point_free
 from planners.graphs.heap import pop, push
 from planners.problem import Plan, PlannerBase, Problem, Status
+from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import without_repeats
@@ -92,7 +92,7 @@ def shortest(arrays: SpaceArrays, nodes: Array, pairs: Pairs, end: float) -> Way
     """The shortest free path over a roadmap from its first node to its second.
 
     Pairs (m, 2) of nodes (n, 2) [m] may be joined by a straight edge, in both directions. The
-    search gives up when `perf_counter` shows `end` [s].
+    search gives up when `clock` shows `end` [s].
     """
     n = len(nodes)
     both = np.concatenate([pairs, pairs[:, ::-1]])
@@ -110,7 +110,7 @@ def shortest(arrays: SpaceArrays, nodes: Array, pairs: Pairs, end: float) -> Way
     over, in_time = False, True
     while not over and in_time:
         over = search_roadmap(arrays, roadmap, search, CHUNK)
-        in_time = over or perf_counter() < end
+        in_time = over or clock() < end
     chosen = [GOAL] if search.parent[GOAL] >= 0 else []
     while chosen and chosen[-1] != START:
         chosen.append(int(search.parent[chosen[-1]]))
@@ -171,7 +171,7 @@ class Prm(PlannerBase):
             pairs = cKDTree(nodes).query_pairs(radius, output_type="ndarray").astype(np.int64)
             way = shortest(arrays, nodes, pairs, end)
             path, tested = way.path, tested + way.tested
-            if perf_counter() >= end:
+            if clock() >= end:
                 break
         return Plan(
             Status.SOLVED if len(path) else Status.EXHAUSTED,

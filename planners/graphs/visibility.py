@@ -9,7 +9,6 @@ Grastien 2017). Whether a corner lies in a cone is an exact sign, so what is fou
 from __future__ import annotations
 
 import math
-import time
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -21,6 +20,7 @@ from planners.collision.inflation import ARC, SHIFT
 from planners.collision.triangulation import Mesh
 from planners.graphs.heap import pop, push
 from planners.problem import Plan, PlannerBase, Problem, Status
+from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.compiled.kernel import absorbed_kernel, borrowing_kernel, kernel
 from wheelchair_gym.config import settings
 
@@ -365,7 +365,7 @@ class Visibility(PlannerBase):
         most = ALL if end == math.inf else FIRST
         while True:
             path, proven, settled, cones = shortest(mesh, corners, start, goal, most)
-            if proven or time.perf_counter() >= end:
+            if proven or clock() >= end:
                 break
             most *= MORE
         failed = Status.NO_PATH if proven else Status.EXHAUSTED

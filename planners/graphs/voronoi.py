@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from time import perf_counter
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import QhullError, cKDTree
@@ -12,6 +10,7 @@ from scipy.spatial import Voronoi as Diagram
 from planners.collision.polygon_tests import SpaceArrays
 from planners.graphs.roadmap import shortest
 from planners.problem import Plan, PlannerBase, Problem, Status
+from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.config import setting, settings
 
 Array = NDArray[np.float64]
@@ -85,7 +84,7 @@ class Voronoi(PlannerBase):
             path, tested, count = way.path, tested + way.tested, len(nodes)
             if len(path):
                 break
-            if perf_counter() >= end:
+            if clock() >= end:
                 note = "out of time"
                 break
         return Plan(

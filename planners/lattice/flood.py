@@ -9,7 +9,6 @@ the bits of a word.
 from __future__ import annotations
 
 import math
-import time
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 
 from planners.collision.space import Space
 from planners.lattice.heuristic import Field, distance_field
+from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.maps.driving_cost import MotionCost
 
@@ -152,13 +152,13 @@ def is_cut_off(
         start: pose.
         goal: pose; any heading will do where it has none.
         spacing: of the grid points [m]; a smaller one proves more, and takes longer.
-        end: when `perf_counter` shows it, nothing is proven.
+        end: when `clock` shows it, nothing is proven.
     """
     width, height = space.bounds[2] - space.bounds[0], space.bounds[3] - space.bounds[1]
     if width * height > MOST_POINTS * spacing * spacing:
         return False
     places, least, first = _discs(motion, spacing)
-    if time.perf_counter() >= end:
+    if clock() >= end:
         return False
     full = float((least + spacing * np.hypot(*places.T)).max(initial=0.0))
     gaps = distance_field(space, full + spacing, spacing)
@@ -173,6 +173,6 @@ def is_cut_off(
     stack[:2] = 1, i * gaps.shape[1] + j
     known = np.zeros(gaps.shape, np.bool_)
     flood = Flood(gaps, places, least, first, full, free, known, reached, fresh, stack, ends[1])
-    while answer < 0 and time.perf_counter() < end:
+    while answer < 0 and clock() < end:
         answer = _spread(flood, CHUNK)
     return answer == 0

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 import sys
-import time
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -39,6 +38,7 @@ from planners.lattice.pose_search import (
     trace_path,
 )
 from planners.problem import Plan, PlannerBase, Problem, Status, check, remaining
+from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import Footprint, wrap
 from wheelchair_gym.kinematics import Limits
@@ -160,7 +160,7 @@ class Lattice(DrivingCost, PlannerBase):
         level, most, weight, spacing = 0, FIRST_ROUND, self.heuristic_weight, FLOOD_SPACING
         if not start_estimate(searches[0].search) < math.inf:
             return Plan(Status.NO_PATH, note=DISC_NOTE)
-        while status is Status.EXHAUSTED and left > 0 and time.perf_counter() < end:
+        while status is Status.EXHAUSTED and left > 0 and clock() < end:
             for level in range(self.refinements + 1):
                 if level == len(searches):
                     searches.append(begin(level))
@@ -255,7 +255,7 @@ class PoseSearch:
         return trace_path(self.search.tree, int(self.counts["goal"]), POSE_SPACING)
 
     def advance(self, weight: float, most: int, left: int, end: float) -> int:
-        """Expand poses until they are `most` in all, or `left`, or `perf_counter` shows `end`.
+        """Expand poses until they are `most` in all, or `left`, or `clock` shows `end`.
 
         Returns:
             How many poses have been expanded.
@@ -265,7 +265,7 @@ class PoseSearch:
             self._reopen(weight, self.search.grid.stop_ratio)
         lines, moves = self.search.lines, self.search.grid.moves
         most, most_made = min(most, before + left), len(moves.way) + 3 * (len(lines.poses) + 1)
-        while not self.over and self.counts["expanded"] < most and time.perf_counter() < end:
+        while not self.over and self.counts["expanded"] < most and clock() < end:
             tree = self.search.tree
             if self.counts["nodes"] + most_made > len(tree.nodes):
                 self.search = self.search._replace(tree=_enlarged(tree, most_made))
@@ -275,7 +275,7 @@ class PoseSearch:
     def improve(self, left: int, end: float) -> int:
         """Look for better paths with a falling weight; how many poses have been expanded."""
         before, weight = left, self.search.grid.heuristic_weight
-        while left > 0 and weight > 1.0 and time.perf_counter() < end:
+        while left > 0 and weight > 1.0 and clock() < end:
             weight, self.over = max(1.0, 0.5 * weight), False
             self._reopen(weight, 1.0)
             left -= self.advance(weight, sys.maxsize, left, end)

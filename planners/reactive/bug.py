@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from time import perf_counter
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -26,6 +25,7 @@ from planners.collision.boundary import (
 )
 from planners.collision.polygon_tests import SpaceArrays, edge_free, orient2d
 from planners.problem import Plan, PlannerBase, Problem, Status
+from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import path_length, without_repeats
@@ -198,7 +198,7 @@ class Bug(PlannerBase):
                     )
                     break
                 path += [hit.base[None], walked]
-                if perf_counter() >= end:
+                if clock() >= end:
                     note = "out of time"
                     break
         except RoundingError:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from time import perf_counter
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 
 from planners.collision.polygon_tests import SpaceArrays, clearance, edge_free
 from planners.problem import Plan, PlannerBase, Problem, Status
+from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.config import setting, settings
 
@@ -115,7 +115,7 @@ class PotentialField(PlannerBase):
         while how == WALKING and count <= self.iterations:
             budget = min(count + CHUNK, self.iterations + 1)
             count, how = descend(problem.free.arrays, field, walk, count, budget, self.min_step)
-            if perf_counter() >= end:
+            if clock() >= end:
                 break
         if how == HELD:
             status, note = Status.STUCK, f"a local minimum at {walk[count - 1].round(2).tolist()}"

@@ -6,7 +6,6 @@ import contextlib
 import importlib
 import importlib.util
 from collections.abc import Mapping
-from time import perf_counter
 from typing import Any, ClassVar
 
 import numpy as np
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 from planners.problem import begin
 from planners.swarm.path_cost import PathCost, evaluate, new_workspace
 from planners.swarm.search import InitialSwarm, SearchResult
+from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.config import InputError, setting, settings
 
 Array = NDArray[np.float64]
@@ -30,8 +30,8 @@ class Evaluator:
         self.line, self.valid_cost, self.found_call = np.empty((0, 2)), np.inf, 0
 
     def __call__(self, position: Any) -> float:
-        """The cost of a position; TimeoutError once `perf_counter` has shown `end` [s]."""
-        if perf_counter() > self.end and self.calls > 0:
+        """The cost of a position; TimeoutError once `clock` has shown `end` [s]."""
+        if clock() > self.end and self.calls > 0:
             raise TimeoutError
         at = np.array(position, dtype=np.float64)
         cost, plain = evaluate(
@@ -83,7 +83,7 @@ class PeerOptimizer:
             raise InputError(f"optimizer {self.package} needs: {needs}")
         _, end = begin(deadline)
         cost, scattered, made = Evaluator(start, path_cost, end), start, 0
-        while made == 0 or (made < iterations and perf_counter() < end):
+        while made == 0 or (made < iterations and clock() < end):
             count = max(1, min(cycle, iterations - made))
             with contextlib.suppress(TimeoutError):
                 self.run(cost, scattered, count, int(rng.integers(2**31)))

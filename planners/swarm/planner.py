@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from time import perf_counter
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -27,6 +26,7 @@ from planners.swarm.search import (
     search,
     split_legs,
 )
+from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.geometry import without_repeats
 from wheelchair_gym.random import stream
@@ -179,7 +179,7 @@ class SwarmPlanner(ShiftBounds, PlannerBase):
         The planner of the first path may use the full deadline; then the swarm makes one
         iteration. The counter `first_iterations` is its iterations, which replay a plan.
         """
-        began = perf_counter()
+        began = clock()
         path: Array | None = None
         first, hybrid = Plan(Status.EXHAUSTED), self.first not in (None, "line")
         if hybrid:
@@ -191,7 +191,7 @@ class SwarmPlanner(ShiftBounds, PlannerBase):
             if first.status != Status.SOLVED:
                 return replace(first, counters=dict(first.counters) | counters)
             path = first.path[:, :2]
-        first_s = perf_counter() - began
+        first_s = clock() - began
         start = self.start(problem, path, rng)
         if len(start.path_problem.anchors) > 0:
             found = self.search(start, rng, remaining(end))

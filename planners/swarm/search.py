@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from time import perf_counter
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -43,6 +42,7 @@ from planners.swarm.path_cost import (
     write_way_points,
 )
 from planners.swarm.woa import WhaleSettings
+from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import arc_lengths
@@ -233,14 +233,14 @@ def search(
     valid = BestValid(np.empty_like(workspace.line), np.full(1, np.inf), np.zeros(1, np.int64))
     made, chunk = 0, iterations if deadline is None else min(1, iterations)
     while True:
-        before = perf_counter()
+        before = clock()
         iterate(
             problem, path_cost, moves, swarm, valid, made, made + chunk, cycle, workspace, state
         )
         made += chunk
         if made >= iterations:
             break
-        now = perf_counter()
+        now = clock()
         left = end - now
         if left <= 0.0:
             break

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from time import perf_counter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +32,7 @@ from planners.trees.pose_tree import (
     advance,
 )
 from planners.trees.settings import InformedRrtStar
+from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.kinematics import Limits
@@ -114,7 +114,7 @@ class Se2RrtStarWoa(DrivingCost, PlannerBase):
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """The cheapest path of all rounds; the counter `first_path` is its first iteration."""
-        began = perf_counter()
+        began = clock()
         start, goal = start_and_goal(problem)
         reach = self.footprint.reach + LONGEST_PIECE + self.desired_clearance
         near = nearby(problem.space, reach)
@@ -127,7 +127,7 @@ class Se2RrtStarWoa(DrivingCost, PlannerBase):
             return Plan(Status.SOLVED, np.stack([start, start]))
         drive, state = new_drive(near, motion, self.sharpest_turn), stream(rng)
         guide, guide_iterations = self._guide(problem, near, motion.margin, rng, end)
-        guided_s = perf_counter() - began
+        guided_s = clock() - began
         goals = goal[None]
         if len(goal) == 2:
             yaws = np.arange(YAWS) * (2.0 * math.pi / YAWS)
@@ -145,10 +145,10 @@ class Se2RrtStarWoa(DrivingCost, PlannerBase):
         search.run["synced"], search.run["goals"] = math.inf, len(goals)
         run, first_s = search.run[0], math.inf
         most = self.iterations if len(goals) else 0
-        while run["iteration"] < most and perf_counter() < end:
+        while run["iteration"] < most and clock() < end:
             advance(search, min(most, int(run["iteration"]) + CHUNK), run["first_path"] == 0, state)
             if run["first_path"] and first_s == math.inf:
-                first_s = perf_counter() - began
+                first_s = clock() - began
             if run["refining"]:
                 most = min(most, int(run["refining"]) + self.improvement)
         solved = search.path.size[0] > 0

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from dataclasses import replace
-from time import perf_counter
 
 import numpy as np
 
@@ -24,6 +23,7 @@ from planners.swarm.settings import WoaModified
 from planners.swarm.woa import WhaleSettings
 from planners.trees.sampling import Growth, SteeringCost
 from planners.trees.tree_search import search
+from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.random import stream
 
@@ -378,11 +378,11 @@ class RrtStarWoaGlobal(PathShortening, PlannerBase):
 
         The deadline is that of the tree; the run of the swarm, some ms, follows in one piece.
         """
-        began = perf_counter()
+        began = clock()
         plan = self.tree.solve(problem, rng, end)
         if plan.status != Status.SOLVED:
             return plan
-        tree_s = perf_counter() - began
+        tree_s = clock() - began
         path = self.shorten(problem.free.arrays, plan.path, stream(rng))
         return replace(plan, path=path, timings={"tree_s": tree_s})
 
@@ -414,11 +414,11 @@ class SplineRrtStar(PlannerBase):
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """A smooth free path; the deadline is that of the tree."""
-        began = perf_counter()
+        began = clock()
         plan = self.tree.solve(problem, rng, end)
         if plan.status != Status.SOLVED or plan.length == 0.0:
             return plan
-        tree_s = perf_counter() - began
+        tree_s = clock() - began
         path, straight = hermite_path(
             problem.free.arrays, plan.path, self.tangent_scale, self.halvings, self.tolerance
         )

@@ -7,7 +7,6 @@ search itself, in chunks of iterations between which the clock is read. `samplin
 from __future__ import annotations
 
 import math
-from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -44,6 +43,7 @@ from planners.trees.tree import (
     tree_with_capacity,
     write_ancestors,
 )
+from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.compiled.kernel import absorbed_kernel, as_int, borrowing_kernel
 from wheelchair_gym.random import Stream, next_uniform, stream
 
@@ -407,7 +407,7 @@ def grow_until(trees: TreeSearch, iterations: int, end: float, state: Stream) ->
     At least one chunk of iterations runs.
     """
     run = trees.workspace.run
-    chunk, before = iterations if end == math.inf else _FIRST_CHUNK, perf_counter()
+    chunk, before = iterations if end == math.inf else _FIRST_CHUNK, clock()
     aim = min(_CHUNK_SHARE * max(end - before, 0.0), _CHUNK_SECONDS)
     while True:
         made = int(run["iteration"][0])
@@ -418,7 +418,7 @@ def grow_until(trees: TreeSearch, iterations: int, end: float, state: Stream) ->
         if new < made + chunk:
             trees = with_capacity(trees, _CAPACITY_FACTOR * len(trees.start_tree.nodes))
         if end < math.inf:
-            now = perf_counter()
+            now = clock()
             if now >= end:
                 return trees
             if new > made:
