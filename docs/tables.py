@@ -326,7 +326,7 @@ def agreement() -> str:
         for row in results("agreement")["rows"]
     ]  # fmt: skip
     headings = (
-        "reading", "correlation", "R²", "RMS residual", "RRT*'s length that is implied",
+        "reading", "correlation", "R²", "RMS residual", "fitted length of RRT*",
         "correlation, maps 1, 3, 5", "maps 2, 4", "without table 3.7",
     )  # fmt: skip
     return markdown_table(headings, rows)
