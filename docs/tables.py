@@ -242,7 +242,7 @@ def league() -> str:
     episodes = results("league")["rows"][0]["episodes"]
     headings = ("policy", f"known map, success in {episodes} episodes [%]",
                 f"unknown map, {episodes} episodes", "contacts; chair at fault", "time [s]",
-                "jerk [m/s3]", "energy [Wh/m]")  # fmt: skip
+                "jerk [m/s³]", "energy [Wh/m]")  # fmt: skip
     return markdown_table(headings, rows, (False,) * 4 + (True,) * 3)
 
 
@@ -258,10 +258,11 @@ def league_pairs() -> str:
         episodes = 2 * row["episodes"] // len(row["scenes"])
         rows.append(
             (where, f"{middle:.2f} ({low:.2f} to {high:.2f})", f"{alone}; {other}", f"{p:.2f}",
-             f"{people[0]}; {people[1]} of {episodes}")
+             f"{people[0]} of {episodes}; {people[1]} of {episodes}")
         )  # fmt: skip
-    headings = ("", "ratio of times where both succeed", "one alone succeeds: it; the other",
-                "p (McNemar)", "successes among people: it; the other")  # fmt: skip
+    both = "`ppo_guided`; `lattice+window`"
+    headings = ("", "ratio of times where both succeed", f"only one succeeds: {both}",
+                "p (McNemar)", f"successes among people: {both}")  # fmt: skip
     return markdown_table(headings, rows)
 
 
