@@ -13,6 +13,8 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt
 from websockets.sync.client import connect
 
+STUCK = 100  # poses
+
 
 def plan(grid, start, goal):
     """Points x + y * 1j of a path on a nav_msgs/OccupancyGrid; near walls, cells cost more."""
@@ -41,7 +43,8 @@ with connect((sys.argv[1:] or ["ws://127.0.0.1:9090"])[0], max_size=None) as lin
     for topic in ("/map", "/goal_pose", "/tf"):
         link.send(json.dumps({"op": "subscribe", "topic": topic}))
     link.send(json.dumps({"op": "advertise", "topic": "/cmd_vel", "type": "geometry_msgs/Twist"}))
-    newest, path = {}, []
+    newest, path, paused, back = {}, [], 0, 0
+    stood = 0j, 1 + 0j
     for message in map(json.loads, link):  # until the robot ends
         topic = message.get("topic")
         newest[topic], path = message.get("msg"), path if topic == "/tf" else []
@@ -56,5 +59,10 @@ with connect((sys.argv[1:] or ["ws://127.0.0.1:9090"])[0], max_size=None) as lin
             aim = next((point for point in path if abs(point - at) > 0.5), path[-1])
             off = cmath.phase((aim - at) / ahead) if aim != at else 0.0
             v, w = 0.5 * max(0.0, 1.0 - abs(off)), max(-0.8, min(0.8, 1.5 * off))
+            moved = abs(at - stood[0]) > 0.1 or abs(ahead - stood[1]) > 0.2
+            paused, stood = (0, (at, ahead)) if moved or back else (paused + 1, stood)
+            if paused > STUCK or back:  # it cannot turn here: back slowly, nothing looks there
+                back, v, w = (back or 3 * STUCK) - 1, -0.05, 0.0
+                path = path if back else []
             twist = {"linear": {"x": v}, "angular": {"z": w}}
             link.send(json.dumps({"op": "publish", "topic": "/cmd_vel", "msg": twist}))

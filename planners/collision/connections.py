@@ -158,3 +158,13 @@ def start_and_goal(problem: Problem) -> tuple[Array, Array]:
     start = np.zeros(3)
     start[: len(problem.start)] = problem.start
     return start, np.array(problem.goal, dtype=np.float64)
+
+
+def goal_poses(near: Nearby, motion: MotionCost, goal: Array, most: int) -> Array:
+    """Poses (n, 3) at a goal; where it has no heading, about `most` of the headings that fit."""
+    if len(goal) == 3:
+        return goal[None]
+    yaws = np.arange(YAWS) * (2.0 * math.pi / YAWS)
+    poses = np.column_stack([np.tile(goal, (YAWS, 1)), yaws])
+    poses = poses[gaps_at(near, motion, poses, sweeps(1)) >= motion.margin]
+    return poses[:: max(1, len(poses) // most)]

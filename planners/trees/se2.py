@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.collision.connections import MIN_GAP, YAWS, fit_ends, gaps_at, start_and_goal
-from planners.collision.footprint import sweeps
+from planners.collision.connections import MIN_GAP, fit_ends, goal_poses, start_and_goal
 from planners.collision.nearby import Nearby, nearby, passage_poses
 from planners.problem import Plan, PlannerBase, Problem, Status, check, remaining
 from planners.smoothing.shortcut import resample, shortcut
@@ -128,12 +127,7 @@ class Se2RrtStarWoa(DrivingCost, PlannerBase):
         drive, state = new_drive(near, motion, self.sharpest_turn), stream(rng)
         guide, guide_iterations = self._guide(problem, near, motion.margin, rng, end)
         guided_s = clock() - began
-        goals = goal[None]
-        if len(goal) == 2:
-            yaws = np.arange(YAWS) * (2.0 * math.pi / YAWS)
-            goals = np.column_stack([np.tile(goal, (YAWS, 1)), yaws])
-            goals = goals[gaps_at(near, motion, goals, sweeps(1)) >= motion.margin]
-            goals = goals[:: max(1, len(goals) // ROOTS)]
+        goals = goal_poses(near, motion, goal, ROOTS)
         trees = self._tree(start[None], 1.0), self._tree(goals, -1.0)
         bounds = self.shift_bound, self.shift_bound, self.turn_bound
         search = Search(

@@ -14,20 +14,17 @@ import json
 import os
 import time
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 
-import planners.lattice.lattice
-import planners.problem
+import wheelchair_gym.compiled.clock
 from planners import Problem, Space, make_planner
-from planners.collision.footprint import path_gap, stretch_between
+from planners.collision.footprint import path_gap
 from tests.conftest import ROOT
-from tests.planners.footprints import read
+from tests.planners.footprints import path_cost, read
 from wheelchair_gym.config import dump
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.maps import bottleneck
-from wheelchair_gym.maps.driving_cost import STILL, duration, kind_of
 from wheelchair_gym.scenes import make_scene
 
 SHARED = Path(os.environ.get("WHEELCHAIR_SHARED", ROOT.parent / "shared"))
@@ -70,19 +67,7 @@ def seconds(path, planner):
     """Time [s] of a path of poses at the chair's limits, with stops to change the direction."""
     motion = planner.motion_cost(planner.footprint, planner.limits, 0.0)
     motion = motion._replace(backward=planner.limits.backward)
-    spent, before = 0.0, 0
-    for k in range(len(path) - 1):
-        way, turn = stretch_between(*path[k], *path[k + 1])
-        if abs(way) < 1e-7:
-            way = 0.0
-        kind = kind_of(way, turn)
-        if kind == 0 or max(abs(way), abs(turn)) < STILL:
-            continue
-        spent += duration(motion, way, turn) + (
-            motion.switch_time if before not in (0, kind) else 0
-        )
-        before = kind
-    return spent
+    return path_cost(path, motion)
 
 
 def planned(problem, footprint, settings):
@@ -148,8 +133,7 @@ def main():
     parser.add_argument("--settings", type=json.loads, default={}, help="of the planner, as JSON")
     parser.add_argument("--out", type=Path)
     given = parser.parse_args()
-    clock = SimpleNamespace(perf_counter=time.process_time)
-    planners.lattice.lattice.time, planners.problem.perf_counter = clock, time.process_time
+    wheelchair_gym.compiled.clock.perf_counter = time.process_time  # the planners' clock
     planned(*next(drawn(DOORS, [FIRST])), given.settings)  # compiles
     results = {}
     for name, problems in sets(given.worlds):

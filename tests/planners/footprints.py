@@ -17,10 +17,12 @@ import numpy as np
 import shapely
 
 from planners import Problem, Space
+from planners.collision.footprint import path_gap, stretch_between
 from tests.planners.oracle import Oracle, Verdict
 from tests.planners.pose_grid import LONGEST, STEP, WIDEST
 from wheelchair_gym.config import dump, load
 from wheelchair_gym.geometry import Footprint, polygon_edges
+from wheelchair_gym.maps.driving_cost import STILL, kind_of, stretch_cost
 
 FILE = Path(__file__).with_name("footprint.json")
 MARGINS = (0.02, 0.05, 0.10, 0.20)  # m beyond the chair's width
@@ -35,6 +37,24 @@ class Case(NamedTuple):
     problem: Problem
     footprint: Footprint
     verdict: Verdict
+
+
+def path_cost(path, motion, space=None, footprint=None):
+    """Cost [s] of poses (n, 3): time, stops to change the direction, and clearance in a space."""
+    spent, before = 0.0, 0
+    for k in range(len(path) - 1):
+        way, turn = stretch_between(*path[k], *path[k + 1])
+        way = way if abs(way) > 1e-7 else 0.0
+        kind = kind_of(way, turn)
+        if max(abs(way), abs(turn)) < STILL:
+            continue
+        gap = motion.desired_clearance
+        if space is not None:
+            gap = path_gap(path[k : k + 2], space, footprint, gap)
+        spent += stretch_cost(motion, way, turn, gap)
+        spent += motion.switch_time if before not in (0, kind) else 0.0
+        before = kind
+    return spent
 
 
 def _outside(rooms, size):

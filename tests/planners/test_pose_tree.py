@@ -12,9 +12,8 @@ from planners import Status, make_planner
 from planners.collision.footprint import path_gap, stretch_between
 from planners.judge import sweep_faults
 from planners.trees.se2 import Se2RrtStarWoa
-from tests.planners.footprints import read
+from tests.planners.footprints import path_cost, read
 from wheelchair_gym.config import dump
-from wheelchair_gym.maps.driving_cost import STILL, duration, kind_of
 
 CASES = {case.problem.name: case for case in read()}
 # Feasible ones that random samples find in a moment; the others need a pose to a few millimetres.
@@ -46,17 +45,7 @@ def seconds(path):
     """Time [s] of a path at the chair's limits."""
     config = Se2RrtStarWoa()
     motion = config.motion_cost(config.footprint, config.limits, 0.0)
-    spent, before = 0.0, 0
-    for a, b in itertools.pairwise(path):
-        way, turn = stretch_between(*a, *b)
-        way = way if abs(way) > 1e-7 else 0.0
-        kind = kind_of(way, turn)
-        if max(abs(way), abs(turn)) < STILL:
-            continue
-        spent += duration(motion, way, turn)
-        spent += motion.switch_time if before not in (0, kind) else 0.0
-        before = kind
-    return spent
+    return path_cost(path, motion)
 
 
 @pytest.mark.parametrize("name", QUICK)

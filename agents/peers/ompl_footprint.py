@@ -1,0 +1,181 @@
+"""OMPL's planners for the chair's footprint, with the connections and the cost of our planners."""
+
+from __future__ import annotations
+
+import importlib
+import math
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planners.collision.connections import (
+    MIN_GAP,
+    fit_ends,
+    gaps_at,
+    goal_poses,
+    start_and_goal,
+)
+from planners.collision.footprint import sweeps
+from planners.collision.nearby import nearby
+from planners.problem import Plan, PlannerBase, Problem, Status
+from planners.trees.pose_path import (
+    LONGEST_PIECE,
+    Drive,
+    connect,
+    new_drive,
+    new_path,
+    poses_of_path,
+)
+from planners.trees.se2 import POSE_SPACING
+from wheelchair_gym.compiled.clock import clock
+from wheelchair_gym.compiled.kernel import kernel
+from wheelchair_gym.config import setting, settings
+from wheelchair_gym.errors import InputError
+from wheelchair_gym.geometry import Footprint
+from wheelchair_gym.kinematics import Limits
+from wheelchair_gym.maps.driving_cost import DrivingCost
+
+Array = NDArray[np.float64]
+
+MODULES = "ompl.base", "ompl.geometric", "ompl.util"
+
+
+@kernel
+def connection_cost(
+    drive: Drive, x: float, y: float, yaw: float, tx: float, ty: float, tyaw: float
+) -> tuple[int, float]:
+    """The cheapest free connection of two poses, in `drive.candidate`: its pieces and cost [s]."""
+    _, count, cost = connect(drive, x, y, yaw, 0, tx, ty, tyaw, 0, math.inf, drive.candidate, 0)
+    return count, cost
+
+
+@settings
+class OmplFootprint(DrivingCost, PlannerBase):
+    """A planner of OMPL in SE(2), for the chair's rectangle.
+
+    OMPL searches; poses are connected, tested and charged for as in `se2_rrt_star_woa`: by
+    pivot, straight and pivot, or by two arcs, ahead or back. So the searches are compared.
+    OMPL's random numbers are one stream of the process: equal calls give different paths.
+    """
+
+    algorithm: Literal["RRTConnect", "RRTstar", "InformedRRTstar", "BITstar"] = "RRTstar"
+    footprint: Footprint = Footprint()
+    limits: Limits = Limits()
+    sharpest_turn: float = setting(default=1.6, unit="1/m", low=0.1, source="se2_rrt_star_woa")
+    """Greatest curvature of arcs; sharper turns are made in place."""
+    range: float = setting(default=2.0, unit="m", low=0.01, source="design choice")
+    """Longest edge of a tree, where the algorithm has such a parameter."""
+    goals: int = setting(default=24, low=1, source="se2_rrt_star_woa")
+    """At most so many headings are goals where the problem's goal has none."""
+    limit: float = setting(default=10.0, unit="s", low=0.0, source="design choice")
+    """Time limit of a call without a deadline."""
+
+    def trivial(self, problem: Problem) -> Plan | None:
+        """None: the search tells."""
+        return None
+
+    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
+        """The cheapest path at the deadline, or the first path without one."""
+        try:
+            base, geometric, util = map(importlib.import_module, MODULES)
+        except ImportError:
+            raise InputError("OMPL's planners need: pip install 'wheelchair_gym[peers]'") from None
+        util.setLogLevel(util.LOG_NONE)
+        near = nearby(problem.space, self.footprint.reach + LONGEST_PIECE + self.desired_clearance)
+        margin = max(MIN_GAP, problem.clearance - self.footprint.half_width)
+        status, motion = fit_ends(
+            problem, self.footprint, near, self.motion_cost(self.footprint, self.limits, margin)
+        )
+        if status is not None:
+            return Plan(status)
+        drive, work = new_drive(near, motion, self.sharpest_turn), sweeps(1)
+        known: dict[tuple[float, ...], float] = {}
+
+        def cost(a: Any, b: Any) -> float:
+            """Seconds of a connection, infinite where there is none; OMPL asks twice."""
+            ends = _pose(a) + _pose(b)
+            if ends not in known:
+                if len(known) > 100_000:
+                    known.clear()
+                known[ends] = connection_cost(drive, *ends)[1]
+            return known[ends]
+
+        class Validator(base.MotionValidator):  # type: ignore[misc, name-defined]
+            def checkMotion(self, a: Any, b: Any) -> bool:  # noqa: N802
+                return cost(a, b) < math.inf
+
+        class Objective(base.OptimizationObjective):  # type: ignore[misc, name-defined]
+            def stateCost(self, state: Any) -> Any:  # noqa: N802
+                return base.Cost(0.0)
+
+            def motionCost(self, a: Any, b: Any) -> Any:  # noqa: N802
+                return base.Cost(cost(a, b))
+
+            def motionCostHeuristic(self, a: Any, b: Any) -> Any:  # noqa: N802
+                far = math.hypot(b.getX() - a.getX(), b.getY() - a.getY())
+                return base.Cost(far / motion.forward)
+
+            def isSymmetric(self) -> bool:  # noqa: N802
+                return False
+
+        space, bounds = base.SE2StateSpace(), base.RealVectorBounds(2)
+        for axis in range(2):
+            bounds.setLow(axis, float(problem.space.bounds[axis]))
+            bounds.setHigh(axis, float(problem.space.bounds[axis + 2]))
+        space.setBounds(bounds)
+        information = base.SpaceInformation(space)
+        information.setStateValidityChecker(
+            lambda state: bool(
+                gaps_at(near, motion, np.array([_pose(state)]), work)[0] >= motion.margin
+            )
+        )
+        validator = Validator(information)  # OMPL does not keep it alive
+        information.setMotionValidator(validator)
+        information.setup()
+        definition = base.ProblemDefinition(information)
+        start, goal = start_and_goal(problem)
+        definition.addStartState(_state(space, start))
+        ends = base.GoalStates(information)
+        for pose in goal_poses(near, motion, goal, self.goals):
+            ends.addState(_state(space, pose))
+        definition.setGoal(ends)
+        objective = Objective(information)
+        if math.isinf(end):  # any path will do
+            objective.setCostThreshold(base.Cost(math.inf))
+            end = clock() + self.limit
+        definition.setOptimizationObjective(objective)
+        planner = getattr(geometric, self.algorithm)(information)
+        if hasattr(planner, "setRange"):
+            planner.setRange(self.range)
+        planner.setProblemDefinition(definition)
+        planner.setup()
+        planner.solve(base.PlannerTerminationCondition(lambda: clock() >= end))
+        if not definition.hasExactSolution():
+            return Plan(Status.EXHAUSTED)
+        states = definition.getSolutionPath().getStates()
+        return Plan(Status.SOLVED, _poses(drive, np.array([_pose(state) for state in states])))
+
+
+def _pose(state: Any) -> tuple[float, float, float]:
+    return state.getX(), state.getY(), state.getYaw()
+
+
+def _state(space: Any, pose: Array) -> Any:
+    state = space.allocState()
+    state.setXY(float(pose[0]), float(pose[1]))
+    state.setYaw(float(pose[2]))
+    return state
+
+
+def _poses(drive: Drive, states: Array) -> Array:
+    """The poses (n, 3) of the connections between states (m, 3)."""
+    path = new_path(states[-1])
+    for k in range(len(states) - 1):
+        count, _ = connection_cost(drive, *states[k], *states[k + 1])
+        at = int(path.size[0])
+        path.pieces[at : at + count] = drive.candidate[:count]
+        path.size[0] = at + count
+    end = path.pieces[path.size[0]]
+    end["x"], end["y"], end["yaw"] = states[-1]
+    return poses_of_path(path, POSE_SPACING)

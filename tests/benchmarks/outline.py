@@ -1,0 +1,125 @@
+"""Planners for the chair's outline under the same deadlines: first path, cost, success, validity.
+
+`python -m tests.benchmarks.outline --out FILE.jsonl [--worlds 30] [--sets ...] [--only ...]`: the
+lattice, RRT*-WOA in SE(2) with and without whales, and OMPL's planners (extra `peers`) with the
+same connections, exact test and cost. Every path is judged by shapely. Problems are those of
+`python -m tests.benchmarks.lattice`. Seconds are those of the process, deadlines too: others
+do not count. Rows that the file has already are kept, and what is missing is run.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from pathlib import Path
+
+import numpy as np
+
+import wheelchair_gym.compiled.clock
+from agents.evaluation.metrics import wilson
+from planners import Problem, Space, make_planner
+from planners.collision.footprint import path_gap
+from planners.judge import sweep_faults
+from tests.benchmarks.lattice import FIRST, HOME, drawn, sets
+from tests.planners.footprints import path_cost
+from wheelchair_gym.config import dump
+
+DEADLINES = (0.05, 0.2, 1.0)  # s
+ENDLESS = {"iterations": 10_000_000, "improvement": 10_000_000}
+OMPL = "agents.peers.ompl_footprint:OmplFootprint"
+ENTRANTS = {
+    "lattice": {"name": "lattice", "improvement": 10_000_000},
+    "se2_rrt_star_woa": {"name": "se2_rrt_star_woa", **ENDLESS},
+    "without whales": {"name": "se2_rrt_star_woa", **ENDLESS, "local_share": 0.0},
+    **{f"OMPL {name}": {"name": OMPL, "algorithm": name, "limit": 5.0}
+       for name in ("RRTConnect", "RRTstar", "InformedRRTstar", "BITstar")},
+}  # fmt: skip
+
+
+def planned(problem, footprint, settings):
+    """The first path, and what there is at each deadline."""
+    clearance = max(problem.clearance, footprint.half_width)
+    row = {}
+    for deadline in (None, *DEADLINES):
+        first = {"improvement": 0} if deadline is None and "iterations" in settings else {}
+        planner = make_planner({**settings, "footprint": dump(footprint), **first})
+        space = Space(problem.space._solid, problem.space.bounds, (), problem.space._edges)
+        space.arrays  # noqa: B018  every planner needs them
+        fresh = Problem(space, problem.start, problem.goal, clearance, problem.name)
+        begun = time.process_time()
+        plan = planner.plan(fresh, np.random.default_rng(0), deadline)
+        took = time.process_time() - begun
+        found = {"status": str(plan.status), "s": took}
+        if len(plan.path):
+            margin = max(0.0, clearance - footprint.half_width)
+            faults = sweep_faults(
+                plan.path, footprint.corners, problem.space.solid, problem.space.bounds
+            )
+            gap = path_gap(plan.path, problem.space, footprint, 1.0)
+            motion = planner.motion_cost(footprint, planner.limits, 0.0)
+            found |= {"cost": path_cost(plan.path, motion, problem.space, footprint),
+                      "faults": len(faults), "short": max(0.0, margin - gap)}  # fmt: skip
+        row["first" if deadline is None else f"{deadline:g}"] = found
+    return row
+
+
+def summary(rows, names):
+    """A line of a table for each planner; costs beside the best of all after the last deadline."""
+    last = f"{DEADLINES[-1]:g}"
+    cases = sorted({case for case, _ in rows})
+    solved = {name: {case for case in cases if "cost" in rows[case, name][last]} for name in names}
+    anybody = set.union(*solved.values())
+    best = {case: min(rows[case, name][last].get("cost", np.inf) for name in names)
+            for case in anybody}  # fmt: skip
+    for name in names:
+        line = []
+        for key in map("{:g}".format, DEADLINES):
+            found = {case: rows[case, name][key] for case in anybody}
+            found = {case: one["cost"] / best[case] for case, one in found.items() if "cost" in one}
+            low, high = wilson(len(found), len(anybody))
+            ratio = np.exp(np.mean(np.log(list(found.values())))) if found else np.nan
+            line.append(f"{len(found)} ({100 * low:.0f} to {100 * high:.0f} %), {ratio:.3f}")
+        first = [rows[case, name]["first"] for case in anybody]
+        first = [1e3 * one["s"] for one in first if "cost" in one] or [np.nan]
+        every = [one for case in cases for one in rows[case, name].values() if "cost" in one]
+        bad = sum(one["faults"] > 0 for one in every)
+        print(f"| {name} | {np.median(first):.0f}, {np.quantile(first, 0.9):.0f} ms | "
+              + " | ".join(line) + f" | {bad} of {len(every)} |")  # fmt: skip
+
+
+def main():
+    """Run what is missing, and print a table for each set."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--worlds", type=int, default=30, help="of each scene")
+    parser.add_argument("--sets", default="homes,barn_60,problems")
+    parser.add_argument("--only", default=",".join(ENTRANTS))
+    parser.add_argument("--out", type=Path, required=True)
+    given = parser.parse_args()
+    names = given.only.split(",")
+    wheelchair_gym.compiled.clock.perf_counter = time.process_time  # the planners' clock
+    rows = {}
+    if given.out.exists():
+        for line in given.out.read_text().splitlines():
+            one = json.loads(line)
+            rows[one["set"], one["case"], one["planner"]] = one["row"]
+    for name in names:  # compiles
+        planned(*next(drawn([HOME], [FIRST])), ENTRANTS[name])
+    with given.out.open("a") as file:
+        for chosen, problems in sets(given.worlds):
+            if chosen not in given.sets.split(","):
+                continue
+            for problem, footprint in problems:
+                case = f"{problem.name} {problem.clearance:.3f}"
+                for name in names:
+                    if (chosen, case, name) in rows:
+                        continue
+                    row = rows[chosen, case, name] = planned(problem, footprint, ENTRANTS[name])
+                    one = {"set": chosen, "case": case, "planner": name, "row": row}
+                    print(json.dumps(one), file=file, flush=True)
+            print(f"{chosen}: first path (median, 90 %), solved and cost at each deadline, invalid")
+            summary({key[1:]: row for key, row in rows.items() if key[0] == chosen}, names)
+
+
+if __name__ == "__main__":
+    main()
