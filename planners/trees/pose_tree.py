@@ -42,7 +42,7 @@ TURN_LENGTH = 0.5  # m per rad: distance of poses
 _BACK: Final = 1e6  # s: ways back are tried last
 _MOST_BACK: Final = 0.6  # m: longer ways back are tried in every third attempt only
 _ATTEMPT: Final = 1000  # iterations after which new trees are grown
-_ATTEMPTS: Final = 3  # trees that are grown after those of the first path
+ATTEMPTS: Final = 3  # trees that are grown after those of the first path
 MIN_ADVANCE = 0.05  # m: a blocked extension that comes less near to its target makes no node
 
 NODE = np.dtype(
@@ -382,7 +382,7 @@ def grow(search: Search, state: Stream) -> None:
                 new, reached = reached, new
             write_path(search, new, reached)
             if run.first_path == 0 and search.path.size[0] > 0:
-                run.first_path, run.last_attempt = run.iteration + 1, run.attempt + _ATTEMPTS
+                run.first_path, run.last_attempt = run.iteration + 1, run.attempt + ATTEMPTS
             run.attempt_began = run.iteration - _ATTEMPT  # the next trees, if any, are new ones
             return
         if reached == NONE:

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +25,7 @@ from planners.trees.pose_path import (
     poses_of_path,
 )
 from planners.trees.pose_tree import (
+    ATTEMPTS,
     NODE,
     NONE,
     RUN,
@@ -35,7 +40,7 @@ from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.kinematics import Limits
-from wheelchair_gym.maps.driving_cost import DrivingCost
+from wheelchair_gym.maps.driving_cost import DrivingCost, MotionCost
 from wheelchair_gym.random import stream
 
 Array = NDArray[np.float64]
@@ -44,6 +49,7 @@ GUIDE_SPACING = 0.1  # m
 POSE_SPACING = 0.05  # m, and rad of a pivot times 2: between poses of the path
 ROOTS = 24  # about so many headings at a goal without one are roots of a tree
 CHUNK = 4  # iterations between two readings of the clock
+SHARE = 16  # ... of several searches, which then share the best path
 _DESIGN = "design choice"
 
 
@@ -97,6 +103,10 @@ class Se2RrtStarWoa(DrivingCost, PlannerBase):
     """Largest shift of a pose; it shrinks while whales find nothing."""
     turn_bound: float = setting(default=0.5, unit="rad", low=0.0, source=_DESIGN)
     """Largest turn of a pose by whales."""
+    searches: int = setting(default=1, low=1, high=64, source=_DESIGN)
+    """Searches with trees, whales and random numbers of their own, which share the best path."""
+    threads: int = setting(default=1, low=1, high=64, source=_DESIGN)
+    """Threads that run them; the plan depends on their number only by the deadline."""
     guide_share: float = setting(default=0.7, low=0.0, high=1.0, source=_DESIGN)
     """Share of the samples near the guide, or near the path; the others are anywhere."""
     spread: float = setting(default=0.3, unit="m", low=0.0, source=_DESIGN)
@@ -124,41 +134,67 @@ class Se2RrtStarWoa(DrivingCost, PlannerBase):
             return Plan(status)
         if np.array_equal(start[: len(goal)], goal):
             return Plan(Status.SOLVED, np.stack([start, start]))
-        drive, state = new_drive(near, motion, self.sharpest_turn), stream(rng)
+        state = stream(rng)
         guide, guide_iterations = self._guide(problem, near, motion.margin, rng, end)
         guided_s = clock() - began
         goals = goal_poses(near, motion, goal, ROOTS)
-        trees = self._tree(start[None], 1.0), self._tree(goals, -1.0)
+        searches = [
+            self._search(near, motion, start, goal, goals, guide) for _ in range(self.searches)
+        ]
+        states = [state, *(stream(rng) for _ in searches[1:])]
+        runs = [search.run[0] for search in searches]
+        first_s, most = math.inf, self.iterations if len(goals) else 0
+        with ExitStack() as stack:
+            map_: Callable[..., Iterable[Any]] = map
+            if self.searches > 1 and self.threads > 1:
+                map_ = stack.enter_context(ThreadPoolExecutor(self.threads)).map
+            done = 0
+            while done < most and clock() < end:
+                until = min(most, done + (CHUNK if self.searches == 1 else SHARE))
+
+                def run_on(k: int, until: int = until) -> None:
+                    advance(searches[k], until, runs[k]["first_path"] == 0, states[k])
+
+                list(map_(run_on, range(self.searches)))
+                share_best(searches)
+                done = max(int(run["iteration"]) for run in runs)
+                if runs[0]["first_path"] and first_s == math.inf:
+                    first_s = clock() - began
+                if all(run["refining"] for run in runs):
+                    refining = max(int(run["refining"]) for run in runs)
+                    most = min(most, refining + self.improvement)
+        path = min((search.path for search in searches), key=lambda path: float(path.cost[0]))
+        solved = path.size[0] > 0
+        return Plan(
+            Status.SOLVED if solved else Status.EXHAUSTED,
+            poses_of_path(path, POSE_SPACING) if solved else np.empty((0, 3)),
+            counters={
+                "iterations": done,
+                "guide_iterations": guide_iterations,
+                "nodes": sum(int(s.start_tree.size[0] + s.goal_tree.size[0]) for s in searches),
+                "first_path": int(runs[0]["first_path"]),
+                "local_evaluations": sum(int(run["local_evaluations"]) for run in runs),
+                "global_evaluations": sum(int(run["global_evaluations"]) for run in runs),
+            },
+            timings={"guided_s": guided_s, "first_path_s": first_s},
+        )
+
+    def _search(
+        self, near: Nearby, motion: MotionCost, start: Array, goal: Array, goals: Array,
+        guide: Array,
+    ) -> Search:  # fmt: skip
+        """A search that has not begun."""
         bounds = self.shift_bound, self.shift_bound, self.turn_bound
         search = Search(
-            drive, *trees, new_path(goal), new_whales(self.whales.parameters, bounds), guide,
+            new_drive(near, motion, self.sharpest_turn),
+            self._tree(start[None], 1.0), self._tree(goals, -1.0),
+            new_path(goal), new_whales(self.whales.parameters, bounds), guide,
             self._options(), np.zeros(1, RUN), np.zeros(3),
             np.zeros(self.neighbours, np.int64), np.zeros(self.neighbours),
             np.zeros(self.nodes + 1, np.int64), np.zeros(0),
         )  # fmt: skip
         search.run["synced"], search.run["goals"] = math.inf, len(goals)
-        run, first_s = search.run[0], math.inf
-        most = self.iterations if len(goals) else 0
-        while run["iteration"] < most and clock() < end:
-            advance(search, min(most, int(run["iteration"]) + CHUNK), run["first_path"] == 0, state)
-            if run["first_path"] and first_s == math.inf:
-                first_s = clock() - began
-            if run["refining"]:
-                most = min(most, int(run["refining"]) + self.improvement)
-        solved = search.path.size[0] > 0
-        return Plan(
-            Status.SOLVED if solved else Status.EXHAUSTED,
-            poses_of_path(search.path, POSE_SPACING) if solved else np.empty((0, 3)),
-            counters={
-                "iterations": int(run["iteration"]),
-                "guide_iterations": guide_iterations,
-                "nodes": int(trees[0].size[0] + trees[1].size[0]),
-                "first_path": int(run["first_path"]),
-                "local_evaluations": int(run["local_evaluations"]),
-                "global_evaluations": int(run["global_evaluations"]),
-            },
-            timings={"guided_s": guided_s, "first_path_s": first_s},
-        )
+        return search
 
     def _guide(
         self, problem: Problem, near: Nearby, margin: float, rng: np.random.Generator, end: float
@@ -191,3 +227,15 @@ class Se2RrtStarWoa(DrivingCost, PlannerBase):
             max(2, round(self.window / LONGEST_PIECE)), self.shortcuts, self.local_poses,
             max(1, round(self.pose_spacing / LONGEST_PIECE)),
         )  # fmt: skip
+
+
+def share_best(searches: Sequence[Search]) -> None:
+    """Give the cheapest path of all searches to the others; of equal ones, the first search's."""
+    best = min(searches, key=lambda search: float(search.path.cost[0])).path
+    for search in searches:
+        path, run = search.path, search.run[0]
+        if path.cost[0] > best.cost[0]:
+            path.pieces[: best.size[0] + 1] = best.pieces[: best.size[0] + 1]
+            path.size[:], path.cost[:] = best.size, best.cost
+            if run["first_path"] == 0:
+                run["first_path"], run["last_attempt"] = run["iteration"], run["attempt"] + ATTEMPTS
