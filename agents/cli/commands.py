@@ -476,7 +476,7 @@ COMMANDS = (
         "stick. The manual switch (M on the keyboard) takes the chair without help at any moment. "
         "It stops when the switch is let go, when the assistant is late or fails, or when this "
         "program ends. Keep a hand at the emergency stop.",
-        f"wheelchair drive --config {CHAIR_CONFIG} --assist slide --input board --record run.mcap",
+        f"wheelchair drive --config {CHAIR_CONFIG} --assist slide --input board",
         [
             option("--assist", "the assistant: shield for none but the shield, module:Class or "
                    "FILE.json:NAME", default="slide"), HARDWARE_CONFIG,
