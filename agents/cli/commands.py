@@ -471,6 +471,34 @@ COMMANDS = (
         ],
     ),
     Command(
+        "drive", "drive:assisted", "drive a real chair yourself, with an assistant",
+        "Drive a real chair with the help of an assistant: hold the dead-man switch, and push the "
+        "stick. The manual switch (M on the keyboard) takes the chair without help at any moment. "
+        "It stops when the switch is let go, when the assistant is late or fails, or when this "
+        "program ends. Keep a hand at the emergency stop.",
+        f"wheelchair drive --config {CHAIR_CONFIG} --assist slide --input board",
+        [
+            option("--assist", "the assistant: shield for none but the shield, module:Class or "
+                   "FILE.json:NAME", default="slide"), HARDWARE_CONFIG,
+            option("--input", "what the person holds: the joystick of the drive board, a gamepad "
+                   "at this computer, or keys in a window", default="board",
+                   choices=("board", "gamepad", "keyboard")),
+            option("--map", "map, for assistants that use one: map_server .yaml, MovingAI .map or "
+                   "HouseExpo .json; with --start", None, "FILE"),
+            option("--start", "approximate pose of the chair on it [m, m, rad]", pose, "X,Y,YAW"),
+            option("--pose", "with --map: source of the estimated pose", default="mcl",
+                   choices=[p for p in POSES if p not in ("truth", "modelled")]),
+            option("--speed", "share of full speed at full deflection (default: "
+                   "hardware.joystick.speed_fraction)", share),
+            option("--rate", "rate of control [Hz]", number(float, 5, 50), "HZ", default=20.0),
+            option("--deadline", "time for each answer of the assistant [s]",
+                   number(float, 0.01, 5.0), "S", default=0.15),
+            option("--chair", "hardware, or FILE.json:NAME as in configs/chairs.json", None,
+                   "CHAIR", default="hardware"),
+            SECONDS, *RECORD, JSON,
+        ],
+    ),
+    Command(
         "hardware check", "hardware:check", "check all parts; the chair does not drive", "",
         f"wheelchair hardware check --config {CHAIR_CONFIG}",
         [HARDWARE_CONFIG, flag("--no-person", "do not check the emergency stop"), JSON],

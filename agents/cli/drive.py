@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -11,14 +13,25 @@ import numpy as np
 
 from agents.assistance import is_shielded
 from agents.cli.arguments import chair_spec, env_of, map_scenes, real_chair_env, report, spec, watch
-from agents.deploy import Deployment, EventLog, check_start, late_steps, rehearse, to_stderr
+from agents.deploy import (
+    Deployment,
+    EventLog,
+    check_start,
+    late_steps,
+    rearm,
+    rehearse,
+    to_stderr,
+)
 from agents.deploy import deploy as deploy_policy
 from agents.evaluation.evaluate import drive_episode, env_settings, label, make_env
 from agents.policies import make_policy
 from wheelchair_gym.config import InputError
 from wheelchair_gym.envs.settings import env_settings as complete_env_settings
 from wheelchair_gym.geometry import best_clearance_heading
-from wheelchair_gym.hardware.registry import check_extras
+from wheelchair_gym.hardware.joystick import ANY, load_evdev
+from wheelchair_gym.hardware.registry import chair_settings, check_extras
+from wheelchair_gym.hardware.settings import HardwareSettings
+from wheelchair_gym.localization.localized_chair import unwrapped
 from wheelchair_gym.maps import OCCUPIED, read_any_map
 from wheelchair_gym.safety.stops import active_stops
 from wheelchair_gym.types import Episode
@@ -169,10 +182,95 @@ def deploy(given: argparse.Namespace) -> int:
     return 0 if record["success"] or given.dry_run else 1
 
 
+def assisted(given: argparse.Namespace) -> int:
+    """Let a person drive a real chair with an assistant; 1 when the chair has stopped for good."""
+    from agents.assisted_drive import drive_with_help, open_space, without_goal
+    from agents.person import Keyboard, PersonsStick, TimedAssistant
+
+    chair = chair_spec(given.chair)
+    check_extras(chair)
+    if not isinstance(chair_settings(chair), HardwareSettings):
+        raise InputError(f"--chair {given.chair}: expected hardware, whose boards hear the person")
+    policy = {"name": "assisted", "assist": spec(given.assist)}
+    helper = TimedAssistant(make_policy(policy), label(spec(given.assist)), given.deadline)
+    pose = "odometry" if given.map is None else given.pose
+    config = complete_env_settings(given.config, pose_source=pose, rate=given.rate)
+    episode = open_space()
+    if given.map is not None:
+        if given.start is None or len(given.start) != 3:
+            raise InputError("--map: expected --start X,Y,YAW, too (m, m, rad)")
+        episode = without_goal(*_start_on_map(given))
+    rehearsed = dataclasses.replace(config.sensors, pose_source="truth")
+    hand = config.hardware.joystick
+    if given.input == "gamepad":
+        load_evdev()
+        hand = dataclasses.replace(hand, device=hand.device or ANY)
+    config = dataclasses.replace(
+        config, task=dataclasses.replace(config.task, bump_ends=False),
+        hardware=dataclasses.replace(config.hardware, joystick=hand),
+    )  # fmt: skip
+    print("getting ready", file=sys.stderr)
+    rehearse(policy, {"config": dataclasses.replace(config, sensors=rehearsed), "driver": "expert"})
+    share = hand.speed_fraction if given.speed is None else given.speed
+    stick = PersonsStick(share, time.monotonic, lambda: helper.fault)
+    env, made = real_chair_env(chair, {"config": config}, person=stick, render_mode="rgb_array")
+    keys = None
+    try:
+        env, film = watch(given).on(env)
+        real: Any = unwrapped(made)
+        real.person, real.assisted = stick.why, given.input == "board"
+        if given.input == "keyboard":
+            keys = Keyboard(share, lambda: rearm(real, env.unwrapped.shield))
+            real.joystick = keys
+        stick.source = keys or (real if given.input == "board" else real.joystick)
+
+        def each(now: Any) -> bool:
+            if keys is not None:
+                keys.status = stick.why()
+                keys.poll(time.monotonic())
+            if film is not None:
+                film(now)
+            over = given.seconds is not None and now.unwrapped.task.reading.stamp >= given.seconds
+            return over or (keys is not None and not keys.open)
+
+        record = drive_with_help(env, helper, stick, episode, to_stderr, each)
+    finally:
+        env.close()
+        helper.close()
+        if keys is not None:
+            keys.close()
+    record |= {"assistant": given.assist, "input": given.input}
+    ended = f"; {record['ended']}" if record["ended"] else ""
+    text = (
+        f"{given.assist}: {record['length']:.1f} m in {record['time']:.0f} s, stood "
+        f"{record['stops']} times, changed the stick's twist for "
+        f"{100.0 * record['intervention_share']:.0f} % of the time{ended}{_timing(record)}"
+    )
+    report(given, record, text)
+    return 1 if record["ended"] else 0
+
+
+def _start_on_map(given: argparse.Namespace) -> tuple[Any, Any, Any]:
+    """The map of --map, --start and the map's walls.
+
+    Raises:
+        InputError: the map cannot be read, or the start is not free.
+    """
+    grid, walls = read_any_map(given.map, False)
+    _check_free(grid, "--start", given.start, given.map)
+    return grid, np.array(given.start), walls
+
+
+def _check_free(grid: Any, name: str, place: Any, file: str) -> None:
+    row, col = grid.to_cell(place[:2])
+    if not grid.inside(place[:2]) or grid.cells[row, col] == OCCUPIED:
+        raise InputError(f"{name} {place[0]:g},{place[1]:g}: not a free place on {file}")
+
+
 def _timing(record: dict[str, Any]) -> str:
     """What planning and the loop's periods took, as a person reads it."""
     text = ""
-    if record["plans_ms_max"] > 0.0:
+    if record.get("plans_ms_max", 0.0) > 0.0:
         text += (
             f"; plans took {record['plans_ms_p50']:.0f} ms (95 %: {record['plans_ms_p95']:.0f}, "
             f"longest: {record['plans_ms_max']:.0f}), {record['late_plans']} came late and "
@@ -192,9 +290,7 @@ def _episode(given: argparse.Namespace, footprint: Any) -> Episode:
     """
     grid, walls = read_any_map(given.map, False)
     for name, place in (("--start", given.start), ("--goal", given.goal)):
-        row, col = grid.to_cell(place[:2])
-        if not grid.inside(place[:2]) or grid.cells[row, col] == OCCUPIED:
-            raise InputError(f"{name} {place[0]:g},{place[1]:g}: not a free place on {given.map}")
+        _check_free(grid, name, place, given.map)
     goal = np.array([*given.goal, 0.0][:3])
     if len(given.goal) == 2:
         goal[2], clearance = best_clearance_heading(goal, footprint, walls, np.empty((0, 3)))

@@ -102,6 +102,12 @@ class NativeDrive:
         size = self.library.drive_say(self.pointer, self.now, out)
         return self._receiver.feed(out.raw[:size])[0].message
 
+    def joystick(self):
+        """What the host is told of the joystick."""
+        out = c.create_string_buffer(256)
+        size = self.library.drive_say_joystick(self.pointer, self.now, out)
+        return self._receiver.feed(out.raw[:size])[0].message
+
     def stick(self, data: bytes) -> None:
         self.library.drive_stick(self.pointer, data, len(data), self.now)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, cast
 
@@ -33,7 +33,7 @@ from wheelchair_gym.task.observations import observation_table
 from wheelchair_gym.task.prepared_episode import PreparedEpisode
 from wheelchair_gym.task.rewards import reward_table
 from wheelchair_gym.task.task import Observation, Task
-from wheelchair_gym.types import Chair, Episode, Mission, Reading, Shown, check_reading
+from wheelchair_gym.types import Chair, Episode, Mission, Reading, Shown, Stick, check_reading
 
 Array = NDArray[np.float64]
 
@@ -92,6 +92,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         config: str | Path | Mapping[str, Any] | EnvSettings | None = None,
         *,
         chair: Chair | str | Mapping[str, Any] | None = None,
+        person: Callable[[], Stick] | None = None,
         render_mode: str | None = None,
         **settings: Any,
     ) -> None:
@@ -104,6 +105,8 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
                 it.
             chair: drives instead of the simulated chair; or names a real one, such as
                 'ros://HOST:PORT' or 'hardware' (see `hardware.registry`).
+            person: reads the stick of a real person who drives, after each reading; actions are
+                then those of an assistant, as with `driver`.
             render_mode: 'human' (a window), 'rgb_array', or None.
             settings: any of
 
@@ -134,7 +137,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         """
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise InputError(f"render_mode is {render_mode!r}; expected human, rgb_array or None")
-        also = "chair", "render_mode"
+        also = "chair", "person", "render_mode"
         self.settings = s = env_settings(config, also=also, scene=scene, **settings)
         if chair is not None and s.unshielded > 0.0:
             raise InputError(
@@ -160,10 +163,14 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             driver = make_driver(s.driver)
             if not self._simulated:
                 raise InputError("driver: a simulated person needs the simulated chair")
+            if person is not None:
+                raise InputError("driver and person: expected one of them")
+        self._person = person
         self.drivers = Drivers(driver, s.chair, s.sensors, 1.0 / s.rate)
         self.task = Task(
-            s.task, s.chair, s.sensors, 1.0 / s.rate, guided, s.shield, driver is not None
-        )
+            s.task, s.chair, s.sensors, 1.0 / s.rate, guided, s.shield,
+            driver is not None or person is not None,
+        )  # fmt: skip
         if s.sensors.localizes:
             self.task.built_map = localizer.built_map
         self.shield: Shield | None = None
@@ -182,7 +189,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         self._count = 0  # episodes of the present seed
         self._running = False
         self._steps: SimulatedSteps | None = None
-        if type(self.chair) is SimulatedChair:
+        if type(self.chair) is SimulatedChair and person is None:
             self._steps = SimulatedSteps(self.chair, self.task, self.drivers)
         self._drawing = EpisodeRenderer(s)
         self.shown = Shown()  # what the policy shows; before it drives, the guidance
@@ -283,7 +290,10 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         if self.task.has_driver:
             truth, prepared = self.chair.truth, self._prepared
             assert prepared is not None
-            stick = self.drivers.step(prepared, truth.pose, truth.twist, reading.laser)
+            if self._person is not None:
+                stick = self._person()
+            else:
+                stick = self.drivers.step(prepared, truth.pose, truth.twist, reading.laser)
             self.task.take_stick(stick, truth.pose)
         observation = self.task.assess(reading, action, less)
         verdict = self.task.verdict

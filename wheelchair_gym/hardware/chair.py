@@ -23,6 +23,7 @@ from wheelchair_gym.hardware.boards.protocol import (
     Command,
     CommandFlag,
     Fault,
+    JoystickFlag,
     Mode,
     Rearm,
     Status,
@@ -33,9 +34,16 @@ from wheelchair_gym.hardware.control_loop import Clock, ControlLoop, WallClock, 
 from wheelchair_gym.hardware.settings import HardwareSettings, check_boards
 from wheelchair_gym.kinematics import Limits
 from wheelchair_gym.physics.settings import ChairSettings
-from wheelchair_gym.safety.stops import BROUGHT_TO_REST, BY_HAND, DRY_RUN
+from wheelchair_gym.safety.stops import (
+    BROUGHT_TO_REST,
+    BY_HAND,
+    DRY_RUN,
+    NO_STICK,
+    NOT_HELD,
+    OFF_CENTRE,
+)
 from wheelchair_gym.sensors.settings import SensorSettings
-from wheelchair_gym.types import Belief, Episode, NotCopyable, Reading, Truth
+from wheelchair_gym.types import Belief, Episode, NotCopyable, Reading, Stick, Truth
 
 _LOG = logging.getLogger(__name__)
 STOP = Command(0.0, 0.0, CommandFlag.PROTECTIVE)
@@ -69,6 +77,10 @@ class HardwareChair(NotCopyable):
     Attributes:
         joystick: called with the time and the limits; returns the twist (2,) that a person at the
             host commands, or None while nobody does. It overrides every policy.
+        person: returns why a person who drives with an assistant may not drive now; empty: it may,
+            or there is none.
+        assisted: a person drives by the joystick of the drive board, which then goes before every
+            command (`CommandFlag.ASSISTED`).
         waiting_for: what reset waits for a person to do; empty while it does not.
         on_wait: called with a line when reset has to wait, for a person or for more than 1 s.
         on_rearm: each is called when a person re-arms the chair, by `rearm` or at the drive board,
@@ -91,6 +103,8 @@ class HardwareChair(NotCopyable):
         self.clock = clock or WallClock()
         self.senses = senses or BoardSensors(settings, sensors, chair.drive, self.clock.now)
         self.joystick: Callable[[float, Limits], Array | None] = lambda now, limits: None
+        self.person: Callable[[], str] = lambda: ""
+        self.assisted = False
         self.waiting_for = ""
         self.on_wait: Callable[[str], object] = _warn
         self.on_rearm: list[Callable[[], object]] = []
@@ -212,6 +226,16 @@ class HardwareChair(NotCopyable):
         """Take the pose (3,) on the map that a localizer has estimated."""
         self._loop.localized(pose)
 
+    def stick(self, now: float) -> tuple[Stick, str]:
+        """The stick of the drive board's joystick, and why it may not drive; empty: it may."""
+        told = self.senses.joystick(now)
+        if told is None:
+            return Stick(0.0, 0.0, False), f"{NO_STICK} (the drive board reports no joystick)"
+        why = NO_STICK if not told.flags & JoystickFlag.FRESH else ""
+        why = why or (NOT_HELD if not told.flags & JoystickFlag.HELD else "")
+        why = why or (OFF_CENTRE if told.flags & JoystickFlag.MUST_CENTRE else "")
+        return Stick(told.forward, told.left, False), why
+
     @property
     def truth(self) -> Truth:
         """The best estimate: the localizer's pose, the nearest echo, contacts at the bumpers."""
@@ -312,7 +336,7 @@ class HardwareChair(NotCopyable):
         mode = self.senses.odometry.mode
         if mode == Mode.MANUAL or self._joystick_command() is not None:
             return BY_HAND
-        return BROUGHT_TO_REST if mode == Mode.STOPPING else ""
+        return BROUGHT_TO_REST if mode == Mode.STOPPING else self.person()
 
     def _joystick_command(self) -> Command | None:
         """The command of a person at the host's joystick."""
@@ -323,6 +347,8 @@ class HardwareChair(NotCopyable):
         """Command a target from now on; the joystick overrides it."""
         self._target = target
         self._sent_at = self.clock.now()
+        if self.assisted:
+            target = target._replace(flags=target.flags | CommandFlag.ASSISTED)
         if not self.settings.dry_run:
             self.senses.drive.send(self._joystick_command() or target)
 

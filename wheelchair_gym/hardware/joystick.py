@@ -1,9 +1,10 @@
 """A joystick at the host, by which a person overrides every policy while holding a button.
 
 The dead-man button takes control; its release brakes the chair, which stands until the person
-returns control. A joystick that is unplugged while it has control keeps the chair standing. A
-wireless joystick that repeats its last values hides the loss of its radio: use one at the drive
-board's receiver instead.
+returns control. While another button is held, an assistant gets the stick (`wheelchair drive`).
+
+A joystick that is unplugged while it has control keeps the chair standing. A wireless joystick that
+repeats its last values hides the loss of its radio: use one at the drive board's receiver instead.
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.hardware.connection import Reconnecting
 from wheelchair_gym.kinematics import Limits
+from wheelchair_gym.safety.stops import BY_HAND, NO_STICK, NOT_HELD
+from wheelchair_gym.types import Stick
 
 ANY = "any"
 # Linux's input-event-codes.h
@@ -34,7 +37,9 @@ class JoystickSettings:
     turn_axis: int = setting(default=0, low=0, high=63, source="ABS_X")
     """Axis of the turn; left is negative."""
     dead_man_button: int = setting(default=310, low=256, high=767, source="BTN_TL")
-    """Button that is held to drive."""
+    """Button that is held to drive by hand, without help."""
+    assist_button: int = setting(default=311, low=256, high=767, source="BTN_TR")
+    """Button that is held to drive with an assistant (`wheelchair drive`)."""
     release_button: int = setting(default=315, low=256, high=767, source="BTN_START")
     """Button that returns control to the program."""
     rearm_button: int = setting(default=314, low=256, high=767, source="BTN_SELECT")
@@ -45,9 +50,11 @@ class JoystickSettings:
     """Speed and turn at full deflection, as a fraction of the chair's limits."""
 
     def __post_init__(self) -> None:
-        buttons = {self.dead_man_button, self.release_button, self.rearm_button}
-        if len(buttons) < 3 or self.forward_axis == self.turn_axis:
-            raise InputError("JoystickSettings: the three buttons and the two axes must differ")
+        buttons = {
+            self.dead_man_button, self.assist_button, self.release_button, self.rearm_button
+        }  # fmt: skip
+        if len(buttons) < 4 or self.forward_axis == self.turn_axis:
+            raise InputError("JoystickSettings: the four buttons and the two axes must differ")
 
 
 Opener = Callable[[JoystickSettings], Any]  # returns an `evdev.InputDevice`
@@ -135,6 +142,18 @@ class Joystick:
         v = forward * (limits.forward if forward > 0.0 else limits.backward)
         return self.settings.speed_fraction * np.array([v, turn * limits.turn])
 
+    def stick(self, now: float) -> tuple[Stick, str]:
+        """The stick for an assistant, and why it may not drive; empty: it may.
+
+        `__call__` reads the device.
+        """
+        axes = self.settings.forward_axis, self.settings.turn_axis
+        forward, left = (-self._stick(axis) for axis in axes)
+        why = "" if self._assisted else NOT_HELD
+        if self.error:
+            why = f"{NO_STICK} ({self.error})"
+        return Stick(forward, left, False), BY_HAND if self.in_control else why
+
     def close(self) -> None:
         """Close the device; who has control does not change."""
         self._release()
@@ -144,7 +163,7 @@ class Joystick:
         self._axes = _axes(device)
 
     def _release(self) -> None:
-        self._held, self._values = False, dict[int, int]()
+        self._held, self._assisted, self._values = False, False, dict[int, int]()
 
     def _read(self, now: float) -> None:
         device = self._line.get(now)
@@ -170,6 +189,9 @@ class Joystick:
             if event.value != 2:  # repeated
                 self._held = pressed
                 self.in_control |= pressed
+        elif event.type == EV_KEY and event.code == settings.assist_button:
+            if event.value != 2:
+                self._assisted = pressed
         elif pressed and event.code == settings.release_button:
             self.in_control &= self._held
         elif pressed and event.code == settings.rearm_button and self._centred:

@@ -36,6 +36,11 @@ class Stop(NamedTuple):
 
 
 BY_HAND: Final = "a person drives it by the joystick"
+NOT_HELD: Final = "the person does not hold the dead-man switch"
+OFF_CENTRE: Final = "the stick has not been at its centre"
+NO_STICK: Final = "no stick is heard"
+LATE: Final = "the assistant {} is late"
+FAILED: Final = "the assistant {} has failed"
 DRY_RUN: Final = "a dry run sends no commands"
 BROUGHT_TO_REST: Final = "the drive board brings it to rest"
 _PLUG = "check its plug, its cable and its power"
@@ -135,6 +140,30 @@ STOPS: Final = (
     Stop(
         "by hand", "person", re.escape(BY_HAND), "a person drives the chair by a joystick",
         Ends.PERSON, "release the stick and return control",
+    ),
+    Stop(
+        "not held", "person", re.escape(NOT_HELD), "the switch that must be held to drive is free",
+        Ends.ITSELF, "hold it, with the stick at its centre, and drive",
+    ),
+    Stop(
+        "off centre", "person", re.escape(OFF_CENTRE),
+        "after a stop, nothing is driven before the stick was at its centre", Ends.ITSELF,
+        "let the stick return to its centre, then drive on",
+    ),
+    Stop(
+        "no stick", "person", re.escape(NO_STICK), "the joystick or the keyboard is silent",
+        Ends.ITSELF, "switch the joystick on, and check its plug; or click on the window",
+    ),
+    Stop(
+        "assistant late", "assistant", LATE.format(r"\S+"),
+        "the assistant has not answered in time", Ends.ITSELF,
+        "let the stick return to its centre, then drive on; if it stays late, drive on by hand, "
+        "or start again with another assistant",
+    ),
+    Stop(
+        "assistant failed", "assistant", FAILED.format(r"\S+"),
+        "the assistant has raised an error, or has answered with no twist", Ends.NEW_RUN,
+        "drive on by hand (the manual switch), or start again with another assistant",
     ),
     Stop(
         "brought to rest", "drive board", re.escape(BROUGHT_TO_REST),

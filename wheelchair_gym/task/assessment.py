@@ -112,7 +112,7 @@ def assess(
     verdict.arrived = progress.person_arrived
     if not rule.has_driver:
         verdict.arrived = estimates_arrival(rule, prepared, pose)
-    verdict.terminated = verdict.arrived or bumped
+    verdict.terminated = verdict.arrived or (bumped and rule.bump_ends)
     verdict.truncated = progress.steps_left <= 0 and not verdict.terminated
     write_terms(rule, progress, verdict, covered, bumped, twist, laser)
     verdict.truncated = verdict.truncated or progress.steps >= rule.max_steps

@@ -31,6 +31,7 @@ RULES, RULES_TARGETS = pointer_record(
     ("laser_beams", "i8"),
     ("back", Target("f8", None)),  # m: how far back places of the trail are
     ("has_driver", "b1"),  # a person drives, whose stick is observed
+    ("bump_ends", "b1"),  # a pressed strip ends the episode
     ("arrival_margin", "f8"),  # m
     ("heading", "b1"),
     ("heading_tolerance", "f8"),  # rad

@@ -151,7 +151,7 @@ class Task:
         point("back", self._back)
         r["outline"], r["mount"] = self.footprint.array, (laser.x, laser.y)
         r["laser_beams"] = laser.beams
-        r["has_driver"] = self.has_driver
+        r["has_driver"], r["bump_ends"] = self.has_driver, s.bump_ends
         point("directions", self._directions)
         r["arrival_margin"] = 0.0 if self.sensors.pose_source == "truth" else s.arrival_margin
         r["heading"], r["heading_tolerance"] = s.heading, s.heading_tolerance

@@ -18,6 +18,17 @@ class CommandFlag(enum.IntFlag):
     """How a command is executed."""
 
     PROTECTIVE = 0x01  # brake at the protective rate, exempt from jerk
+    # A person drives by the board's joystick, and the host helps: the chair is at rest while the
+    # dead-man switch is let go, the stick is centred or the joystick is silent.
+    ASSISTED = 0x02
+
+
+class JoystickFlag(enum.IntFlag):
+    """The state of the joystick at the drive board."""
+
+    FRESH = 0x01  # its receiver was heard within 0.2 s
+    HELD = 0x02  # its dead-man switch
+    MUST_CENTRE = 0x04  # nothing is driven before the stick was at its centre
 
 
 class Mode(enum.IntEnum):
@@ -247,6 +258,16 @@ class Identity(NamedTuple):
     parameters: int
     cause: int  # of the reset: MCUSR; 1 power, 2 reset pin, 4 brown-out, 8 watchdog timer
     stored: int  # 1: EEPROM holds parameters that a host has saved
+
+
+@_layout(0x86, "hhBB", forward=1e-4, left=1e-4, age=1e-3)
+class Joystick(NamedTuple):
+    """Drive board to host, after each Odometry, once its joystick's receiver was heard."""
+
+    forward: float  # deflection past the dead zone, -1 to 1
+    left: float
+    flags: int  # JoystickFlag
+    age: float  # s, of its last frame; 0.255 or more reads 0.255
 
 
 class Unknown(NamedTuple):

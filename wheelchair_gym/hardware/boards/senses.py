@@ -19,6 +19,7 @@ from wheelchair_gym.hardware.boards.protocol import (
     Answer,
     Fault,
     Identity,
+    Joystick,
     Mode,
     Odometry,
     Parameter,
@@ -85,6 +86,7 @@ class BoardSensors:
         self._newest = {
             name: Latest(settings.limits.clock_drift) for name in ("odometry", "scan", "ultrasonic")
         }
+        self._joystick: tuple[Joystick, float] | None = None  # and when it came [s]
         self._stamp = -math.inf
         self._monitor: MonitorServer | None = None
         self._monitored = SUPPORTED and is_device(settings.drive_port)
@@ -93,6 +95,7 @@ class BoardSensors:
         """Forget all data; the wheels' odometry goes on."""
         for newest in self._newest.values():
             newest.clear()
+        self._joystick = None
         self.pressed = False
 
     def poll(self) -> None:
@@ -137,6 +140,8 @@ class BoardSensors:
             self.pressed |= bool(message.switches & STRIPS)
         elif isinstance(message, Ranges):
             self._newest["ultrasonic"].update(message, message.stamp, now)
+        elif isinstance(message, Joystick):
+            self._joystick = message, now
         elif isinstance(message, Parameter):
             self.parameters[board].update(message)
         elif isinstance(message, Identity):
@@ -149,6 +154,12 @@ class BoardSensors:
         """The drive board's last odometry; there must have been one."""
         odometry: Odometry = self._newest["odometry"].message.value
         return odometry
+
+    def joystick(self, now: float) -> Joystick | None:
+        """The drive board's joystick; None: the board has not reported one lately."""
+        if self._joystick is None or now - self._joystick[1] > self.settings.limits.odometry:
+            return None
+        return self._joystick[0]
 
     @property
     def ranges_message(self) -> Ranges:

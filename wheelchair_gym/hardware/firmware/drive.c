@@ -245,7 +245,17 @@ static bool choose(drive_t *drive, uint32_t now, target_t *target)
         fresh = command_fresh(drive, now);
         *target = (target_t){(float)drive->command.v * 1e-4F, (float)drive->command.w * 1e-4F,
                              (drive->command.flags & PROTECTIVE) != 0};
-        if (fresh && drive->command.v == 0 && drive->command.w == 0)
+        bool zero = drive->command.v == 0 && drive->command.w == 0;
+        if (drive->command.flags & ASSISTED) {
+            /* The person's hand goes before the host: what it lets go stops, whatever is asked. */
+            bool held = joystick_fresh(stick, now) && stick->held;
+            zero = held && stick->ahead == 0.0F && stick->aside == 0.0F;
+            if (!held)
+                drive->must_zero = true; /* let go: back to the centre before it drives again */
+            else if (zero)
+                *target = (target_t){0.0F, 0.0F, target->protective};
+        }
+        if (fresh && zero)
             drive->must_zero = false;
     }
     if (drive->must_zero) /* somebody takes over from a moving chair, or has let go of it */
@@ -488,5 +498,18 @@ odometry_t drive_tell(drive_t *drive, uint32_t now, uint16_t bad, uint8_t lost)
         .age = drive->commanded && age < 255 ? (uint8_t)age : 255,
         .bad = bad,
         .lost = lost,
+    };
+}
+
+joystick_told_t drive_tell_joystick(const drive_t *drive, uint32_t now)
+{
+    const joystick_t *stick = &drive->joystick;
+    uint32_t age = now - stick->at;
+    return (joystick_told_t){
+        .forward = steps(stick->ahead, 1e4F),
+        .left = steps(stick->aside, 1e4F),
+        .flags = (uint8_t)((joystick_fresh(stick, now) ? FRESH : 0) | (stick->held ? HELD : 0) |
+                           (drive->must_zero ? MUST_CENTRE : 0)),
+        .age = stick->heard && age < 255 ? (uint8_t)age : 255,
     };
 }

@@ -88,6 +88,9 @@ answered_t drive_heed(drive_t *drive, const uint8_t *body, uint8_t size, uint32_
 /* The odometry; what was pressed is told once. */
 odometry_t drive_tell(drive_t *drive, uint32_t now, uint16_t bad, uint8_t lost);
 
+/* The joystick as the host is told of it. */
+joystick_told_t drive_tell_joystick(const drive_t *drive, uint32_t now);
+
 bool drive_at_rest(const drive_t *drive);
 
 #endif

@@ -171,6 +171,10 @@ int main(void)
             told += ODOMETRY_PERIOD;
             odometry_t odometry = drive_tell(&drive, now, board_bad(), board_lost());
             board_send(ODOMETRY, &odometry, sizeof odometry);
+            if (drive.joystick.heard) {
+                joystick_told_t stick = drive_tell_joystick(&drive, now);
+                board_send(JOYSTICK, &stick, sizeof stick);
+            }
         }
         if (look) {
             drive_look(&drive);

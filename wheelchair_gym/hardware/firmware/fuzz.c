@@ -2,7 +2,8 @@
  *
  * With clang: libFuzzer. Else a main of its own, that mutates good frames: `fuzz COUNT [SEED]`.
  * Either way the laws are checked: motors never get more than full voltage, never anything without
- * a person's re-arm, and the set point never leaves its limits.
+ * a person's re-arm, the set point never leaves its limits, and it falls once the dead-man switch of
+ * an assisted person is let go.
  */
 #include <math.h>
 #include <stdio.h>
@@ -55,6 +56,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
             inputs_t inputs = {now, {data[i], -data[i]}, data[i], (uint8_t)(data[i] & data[0]),
                                36.0F};
             uint16_t latched = drive.faults;
+            float before = fabsf(drive.v.speed);
             drive_step(&drive, &inputs, &outputs);
             drive_look(&drive);
             MUST(!outputs.release || outputs.enable);
@@ -65,6 +67,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
             MUST(drive.v.speed >= -drive.p.backward * 1.1F - 0.1F);
             MUST(!outputs.enable || drive.armed || drive.mode == STOPPING);
             MUST(drive.armed || !(drive.mode == HOST || drive.mode == MANUAL));
+            if (drive.mode == HOST && drive.command.flags & ASSISTED && !drive.joystick.held)
+                MUST(fabsf(drive.v.speed) <= before && drive.must_zero);
             odometry_t told = drive_tell(&drive, now, receiver.bad, 0);
             MUST(told.mode <= READY && (told.mode != READY || drive.armed));
         }

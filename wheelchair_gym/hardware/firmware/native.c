@@ -28,6 +28,7 @@ static const struct {
     {"Status", 0, STATUSES(NAMED)},
     {"Board", 0, BOARDS(NAMED)},
     {"CommandFlag", 0, COMMAND_FLAGS(NAMED)},
+    {"JoystickFlag", 0, JOYSTICK_FLAGS(NAMED)},
     {"drive", 0, DRIVE_PARAMETERS(VALUED)},
     {"range", 0, RANGE_PARAMETERS(VALUED)},
 };
@@ -110,6 +111,11 @@ EXPORT void drive_stick(drive_t *drive, const uint8_t *bytes, unsigned length, u
 {
     for (unsigned i = 0; i < length; i++)
         joystick_byte(&drive->joystick, bytes[i], now);
+}
+EXPORT unsigned drive_say_joystick(const drive_t *drive, uint32_t now, uint8_t *out)
+{
+    joystick_told_t told = drive_tell_joystick(drive, now);
+    return frame(JOYSTICK, 0, &told, sizeof told, out);
 }
 EXPORT bool drive_restore(drive_t *drive, const uint8_t *image)
 {

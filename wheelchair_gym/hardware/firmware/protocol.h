@@ -102,9 +102,17 @@
     F(uint8_t, cause, "1")      /* of the reset: MCUSR */                 \
     F(uint8_t, stored, "1")     /* 1: EEPROM holds what a host stored */
 
+/* drive board to host, after each odometry, once its joystick's receiver was heard */
+#define JOYSTICK 0x86
+#define JOYSTICK_LAYOUT(F)                                                  \
+    F(int16_t, forward, "1e-4") /* deflection past the dead zone, -1 to 1 */ \
+    F(int16_t, left, "1e-4")                                                \
+    F(uint8_t, flags, "1")      /* JOYSTICK_FLAGS */                        \
+    F(uint8_t, age, "1e-3 s")   /* of its last frame, at most 255 ms */
+
 #define MESSAGES(M)                                                             \
     M(COMMAND) M(REARM) M(GET) M(SET) M(SAVE) M(IDENTIFY) M(ODOMETRY) M(RANGES) \
-    M(PARAMETER) M(ANSWER) M(IDENTITY)
+    M(PARAMETER) M(ANSWER) M(IDENTITY) M(JOYSTICK)
 
 #define PACKED __attribute__((packed))
 #define MEMBER(type, name, unit) type name;
@@ -124,9 +132,18 @@ typedef struct PACKED { uint32_t stamp; uint16_t bad; range_t ranges[RANGERS]; }
 typedef struct PACKED { PARAMETER_LAYOUT(MEMBER) } parameter_t;
 typedef struct PACKED { ANSWER_LAYOUT(MEMBER) } answer_t;
 typedef struct PACKED { IDENTITY_LAYOUT(MEMBER) } identity_t;
+typedef struct PACKED { JOYSTICK_LAYOUT(MEMBER) } joystick_told_t;
 
 /* Bits and numbers, by name. */
-#define COMMAND_FLAGS(N) N(PROTECTIVE, 0x01) /* brake at the protective rate, exempt from jerk */
+#define COMMAND_FLAGS(N)                                                               \
+    N(PROTECTIVE, 0x01)      /* brake at the protective rate, exempt from jerk */      \
+    N(ASSISTED, 0x02)        /* a person drives by the joystick and the host helps: at rest while \
+                                its dead-man switch is let go, its stick centred or it is silent */
+
+#define JOYSTICK_FLAGS(N)                                                              \
+    N(FRESH, 0x01)           /* a frame came within JOYSTICK_TIMEOUT */                \
+    N(HELD, 0x02)            /* the switch that must be held to drive */               \
+    N(MUST_CENTRE, 0x04)     /* nothing is driven before the stick was at its centre */
 
 #define MODES(N)     \
     N(STOPPED, 0)    /* drivers off, brakes on; a person must re-arm */ \
@@ -181,6 +198,7 @@ typedef struct PACKED { IDENTITY_LAYOUT(MEMBER) } identity_t;
 
 #define NUMBER(name, value) name = value,
 enum { COMMAND_FLAGS(NUMBER) };
+enum { JOYSTICK_FLAGS(NUMBER) };
 enum { MODES(NUMBER) };
 enum { FAULTS(NUMBER) };
 enum { SWITCHES(NUMBER) };

@@ -38,6 +38,7 @@ COMMANDS = {  # name: its arguments
     "battery": "VOLTS",
     "sonar": "0 to 7, silent | METRES",
     "stick": "AHEAD ASIDE (-1 to 1, held) | free | back | silent",
+    "assisted": "AHEAD ASIDE (-1 to 1, held): as stick, while the host helps",
     "unplug": "drive | range | laser",
     "silence": "laser",
     "noise": "SHARE of bytes that are corrupted",
@@ -103,6 +104,9 @@ def _inject(served: ServedTwin, words: list[str]) -> None:
         case ["stick", ahead, aside]:
             forward, turn = _number(ahead, -1.0, 1.0), _number(aside, -1.0, 1.0)
             faults.joystick = JoystickState(forward, turn, manual=True, dead_man=True)
+        case ["assisted", ahead, aside]:
+            forward, turn = _number(ahead, -1.0, 1.0), _number(aside, -1.0, 1.0)
+            faults.joystick = JoystickState(forward, turn, dead_man=True)
         case ["unplug", "laser"]:
             twin.laser.plugged = False
         case ["unplug", board]:

@@ -1,0 +1,101 @@
+"""`wheelchair drive` over emulated boards in real time, in a process of its own."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from agents.cli import main
+from tests.conftest import ROOT
+from tests.hardware.realtime import serving
+from tests.hardware.served import hears_interrupts, until
+from wheelchair_gym.hardware.twin.lockstep import JoystickState
+
+pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
+
+CENTRED = JoystickState(dead_man=True)
+PUSHED = JoystickState(forward=1.0, turn=0.2, dead_man=True)
+MOST = 120.0  # s: a busy machine compiles and starts slowly
+
+
+class Program:
+    """`wheelchair drive` in a process of its own, with what it says."""
+
+    def __init__(self, served, *arguments):
+        command = [sys.executable, "-m", "wheelchair_gym", "drive", "--config", str(served.config)]
+        environ = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path])}
+        self.process = subprocess.Popen(
+            [*command, *arguments], env=environ, text=True, stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE, preexec_fn=hears_interrupts,
+        )  # fmt: skip
+        self.said = []
+        self._thread = threading.Thread(target=self._read, daemon=True)
+        self._thread.start()
+
+    def _read(self):
+        for line in self.process.stderr:
+            self.said.append(line)
+
+    def says(self, text):
+        return any(text in line for line in self.said)
+
+    def end(self):
+        if self.process.poll() is None:
+            self.process.kill()
+        self.process.wait()
+        self._thread.join()
+
+
+def rearm_by_hand(faults):
+    """Take the chair with the manual switch, which re-arms board and shield, and return it."""
+    for stick in (JoystickState(manual=True), JoystickState(manual=True, dead_man=True), CENTRED):
+        faults.joystick = stick
+        time.sleep(0.5)
+
+
+def test_a_person_drives_with_help_until_ctrl_c(tmp_path):
+    file = tmp_path / "drive.json"
+    with serving(tmp_path) as served:
+        faults, place = served.twin.faults, served.twin.plant.pose.copy()
+        faults.joystick = CENTRED
+        program = Program(served, "--deadline", "5", "--json", str(file))
+        try:
+            assert until(lambda: program.says("must re-arm"), MOST), program.said
+            end = time.monotonic() + MOST
+            while not np.hypot(*(served.twin.plant.pose - place)[:2]) > 0.3:
+                assert time.monotonic() < end, program.said
+                if abs(served.twin.motion.speed) < 0.01:
+                    rearm_by_hand(faults)  # a busy machine is late, and its shield latches
+                faults.joystick = PUSHED
+                time.sleep(1.5)
+            program.process.send_signal(signal.SIGINT)
+            assert program.process.wait(MOST) == 0
+        finally:
+            program.end()
+    record = json.loads(file.read_text())
+    assert record["length"] > 0.2
+    assert (record["assistant"], record["input"]) == ("slide", "board")
+    assert record["stick_effort"] > 0.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "why"),
+    [
+        (["--assist", "magic"], "magic"),
+        (["--chair", "ros2://somewhere:9090"], "expected hardware"),
+        (["--map", "hall.yaml"], "--start"),
+    ],
+)
+def test_wrong_words_are_one_line(capsys, arguments, why):
+    config = str(ROOT / "configs" / "hardware.json")
+    assert main(["drive", "--config", config, *arguments]) == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert why in line
