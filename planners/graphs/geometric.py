@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -9,14 +10,23 @@ import shapely
 from numpy.typing import NDArray
 
 from planners.collision.boundary import blocking_segments
-from planners.collision.polygon_tests import edge_free
+from planners.collision.polygon_tests import SpaceArrays, edge_free
 from planners.collision.space import Space
 from planners.problem import Plan, PlannerBase, Problem, Status
 from wheelchair_gym.compiled.clock import clock
+from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.config import setting, settings
 
 Array = NDArray[np.float64]
-Point = tuple[float, float]
+
+CHUNK = 64  # turns between two readings of the clock
+ENDS = (
+    "",
+    "more turns than allowed",
+    "no corner lies beside a line that is blocked",
+    "a line that is blocked leads back to itself",
+)
+WHOLE, GOES_ON, NO_CORNER, LOOP = range(len(ENDS))
 
 
 class Obstacles(NamedTuple):
@@ -25,6 +35,7 @@ class Obstacles(NamedTuple):
     corners: Array  # (n, 2) m: those within the map
     owner: NDArray[np.int64]  # (n,) whose corner each is
     owner_of_segment: NDArray[np.int64]  # of each boundary segment; -1: of none
+    parts: int  # number of obstacles
 
 
 def _obstacles(space: Space) -> Obstacles:
@@ -42,22 +53,85 @@ def _obstacles(space: Space) -> Obstacles:
             middles, max_distance=1e-6, all_matches=False
         )
         owner_of_segment[which] = nearest
-    return Obstacles(corners[within], owner[within].astype(np.int64), owner_of_segment)
+    return Obstacles(corners[within], owner[within].astype(np.int64), owner_of_segment, len(parts))
 
 
-def _turn(space: Space, obstacles: Obstacles, a: Point, b: Point) -> Point | None:
-    """The corner to go around from a to b: see `Geometric`; None if there is none."""
-    hit = obstacles.owner_of_segment[blocking_segments(space.arrays, *a, *b)[0]]
-    corners = obstacles.corners[np.isin(obstacles.owner, hit[hit >= 0])]
-    off = (b[0] - a[0]) * (corners[:, 1] - a[1]) - (b[1] - a[1]) * (corners[:, 0] - a[0])
-    longest = []
-    for beside in (off, -off):
-        if (beside > 0.0).any():
-            # Of corners that are equally far, the first: the way runs along the side between them.
-            far = corners[beside >= beside.max() * (1.0 - 1e-12)]
-            k = int(np.hypot(*(far - a).T).argmin())
-            longest.append((float(beside.max()), (float(far[k, 0]), float(far[k, 1]))))
-    return min(longest)[1] if longest else None
+@borrowing_kernel
+def farthest_corner(
+    obstacles: Obstacles, hit: NDArray[np.bool_], ax: float, ay: float, bx: float, by: float,
+    side: float,
+) -> tuple[int, float]:  # fmt: skip
+    """The corner of the obstacles hit that is farthest to one side of a line; -1: none is there.
+
+    Of corners that are equally far, it is the first: the way runs along the side between them.
+    Also returns how far it is, times the line's length [m2].
+    """
+    corners, found, most, near = obstacles.corners, -1, 0.0, math.inf
+    for exact in (False, True):
+        for k in range(corners.shape[0]):
+            if not hit[obstacles.owner[k]]:
+                continue
+            x, y = corners[k, 0] - ax, corners[k, 1] - ay
+            off = side * ((bx - ax) * y - (by - ay) * x)
+            if not exact:
+                most = max(most, off)
+            elif most > 0.0 and off >= most * (1.0 - 1e-12) and math.hypot(x, y) < near:
+                found, near = k, math.hypot(x, y)
+    return found, most
+
+
+@kernel
+def bend(
+    arrays: SpaceArrays, obstacles: Obstacles, path: Array, ahead: Array, asked: Array,
+    counts: NDArray[np.int64], until: int,
+) -> int:  # fmt: skip
+    """Go around corners until the path is whole, the method ends, or so many turns are made.
+
+    Args:
+        arrays: the space.
+        obstacles: its obstacles.
+        path: points (n, 2) [m] so far.
+        ahead: points (n, 2) [m] that follow, the next one last.
+        asked: blocked lines (n, 4) [m] so far.
+        counts: (4,) points of the path and ahead, turns, and edges tested.
+        until: turns.
+
+    Returns:
+        An index of `ENDS`.
+    """
+    hit = np.zeros(obstacles.parts + 1, np.bool_)
+    while counts[1] > 0:
+        ax, ay = path[counts[0] - 1]
+        bx, by = ahead[counts[1] - 1]
+        if edge_free(arrays, ax, ay, bx, by):
+            counts[3] += 1
+            path[counts[0]] = ahead[counts[1] - 1]
+            counts[0], counts[1] = counts[0] + 1, counts[1] - 1
+            continue
+        if counts[2] >= until:
+            return GOES_ON
+        counts[3] += 1
+        hit[:] = False
+        for segment in blocking_segments(arrays, ax, ay, bx, by)[0]:
+            owner = obstacles.owner_of_segment[segment]
+            hit[owner if owner >= 0 else obstacles.parts] = True
+        hit[obstacles.parts] = False
+        k, far = farthest_corner(obstacles, hit, ax, ay, bx, by, 1.0)
+        other, less = farthest_corner(obstacles, hit, ax, ay, bx, by, -1.0)
+        if k < 0 or (other >= 0 and less < far):
+            k = other
+        if k < 0:
+            return NO_CORNER
+        x, y = obstacles.corners[k]
+        if (x == ax and y == ay) or (x == bx and y == by):
+            return LOOP
+        for i in range(counts[2]):
+            if asked[i, 0] == ax and asked[i, 1] == ay and asked[i, 2] == bx and asked[i, 3] == by:
+                return LOOP
+        asked[counts[2]] = ax, ay, bx, by
+        ahead[counts[1]] = x, y
+        counts[1], counts[2] = counts[1] + 1, counts[2] + 1
+    return WHOLE
 
 
 @settings
@@ -78,32 +152,20 @@ class Geometric(PlannerBase):
         """A path, or why the method ends; the generator is not used."""
         space = problem.free
         obstacles = _obstacles(space)
-        start: Point = (float(problem.start[0]), float(problem.start[1]))
-        path, ahead = [start], [(float(problem.goal[0]), float(problem.goal[1]))]
-        asked: set[tuple[Point, Point]] = set()
-        note, tested = "", 0
-        while ahead:
-            edge = (path[-1], ahead[-1])
-            tested += 1
-            if edge_free(space.arrays, *edge[0], *edge[1]):
-                path.append(ahead.pop())
-                continue
-            corner = _turn(space, obstacles, *edge)
-            if corner is None:
-                note = "no corner lies beside a line that is blocked"
-            elif edge in asked or corner in edge:
-                note = "a line that is blocked leads back to itself"
-            elif len(asked) >= self.max_turns:
-                note = "more turns than allowed"
-            elif clock() >= end:
-                note = "out of time"
-            if note or corner is None:
+        most = self.max_turns
+        path, ahead, asked = np.empty((most + 2, 2)), np.empty((most + 1, 2)), np.empty((most, 4))
+        path[0], ahead[0] = problem.start[:2], problem.goal[:2]
+        counts, code = np.array([1, 1, 0, 0]), GOES_ON
+        note = "out of time"
+        while code == GOES_ON and clock() < end:
+            until = min(most, int(counts[2]) + CHUNK)
+            code = bend(space.arrays, obstacles, path, ahead, asked, counts, until)
+            if code != GOES_ON or until == most:
+                note = ENDS[code]
                 break
-            asked.add(edge)
-            ahead.append(corner)
         return Plan(
             Status.EXHAUSTED if note else Status.SOLVED,
-            np.empty((0, 2)) if note else np.array(path),
-            counters={"turns": len(asked), "edges_tested": tested},
+            np.empty((0, 2)) if note else path[: counts[0]].copy(),
+            counters={"turns": int(counts[2]), "edges_tested": int(counts[3])},
             note=note,
         )
