@@ -67,7 +67,8 @@ MODULES = {
         policies.explore control control.followers control.whales deploy watch
         evaluation.evaluate evaluation.compare evaluation.metrics evaluation.report
         evaluation.tuning learning.sb3 learning.settings learning.run learning.weights
-        learning.export studies.model studies.evidence benchmarks.environments
+        learning.export studies.model studies.evidence participants participants.protocol
+        participants.session participants.report benchmarks.environments
         benchmarks.planner_benchmark
     """,
 }

@@ -20,6 +20,7 @@ EXAMPLES = {
     "own_robot": (["--steps", "32", "--episodes", "1"], "arrives in 100%"),
     "own_scene": ([], "arrived: True"),
     "outline_plan": ([], "without whales"),
+    "participants": (["--out", "{folder}"], "slide - stop"),
     "people": (["--seconds", "5"], "has a trolley"),
     "pixel_observations": (["--steps", "32", "--episodes", "1"], "(3, 84, 84)"),
     "ppo_in_one_file": (["2"], "update 1: reward a step"),

@@ -206,6 +206,13 @@ COMMANDS = (
         ],
     ),
     Command(
+        "report", "compare:participants", "compare the conditions of an experiment with people",
+        "Compare what participants did and answered in each condition, pair by pair; write "
+        "report.html and data.csv into the folder.",
+        "wheelchair report runs/doorways",
+        [option("folder", "folder of the experiment", None, "DIR"), JSON],
+    ),
+    Command(
         "study", "compare:study", "repeat the experiments of the source documents",
         "Run the experiment of a table or figure of the sources, compare its figures with the "
         "published ones, and test its claims. Finished runs are stored: the same command after "

@@ -153,6 +153,18 @@ def study(given: argparse.Namespace) -> int:
     return 0
 
 
+def participants(given: argparse.Namespace) -> int:
+    """Compare the conditions of an experiment with participants."""
+    from agents.participants.report import write_report
+
+    tables, page = write_report(given.folder)
+    rows = {table.caption: [[cell.text for cell in row] for group in table.groups for row in group]
+            for table in tables}  # fmt: skip
+    text = "\n\n".join(f"{table.caption}\n{table.text()}" for table in tables)
+    report(given, rows, f"{text}\n\n{page}")
+    return 0
+
+
 def tune(given: argparse.Namespace) -> int:
     """Search for settings, and write everything to the folder."""
     from agents.evaluation import tuning

@@ -32,6 +32,7 @@ def _columns() -> tuple[Column, ...]:
 
 
 _ALL = _columns()
+COLUMN_OF = {column.key: column for column in _ALL}
 _SOCIAL = tuple(column for column in _ALL if column.key in (*SOCIAL_MEANS, *EFFICIENCIES))
 _ASSISTED = tuple(column for column in _ALL if column.key in assisted.MEASURES)
 # Of every evaluation.

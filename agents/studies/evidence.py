@@ -306,23 +306,24 @@ def paired_below(a: Array, b: Array, negligible: float, text: str, sign: float =
     """
     if len(a) < 2:
         return no_evidence("no runs to compare")
-    p_low, p_high = _wilcoxon_p(a - b, "less"), _wilcoxon_p(a - b, "greater")
+    p_low, p_high = wilcoxon_p(a - b, "less"), wilcoxon_p(a - b, "greater")
     p = min(1.0, 2.0 * min(p_low, p_high))
     scale = abs(float(np.median(b))) or 1.0
-    none = max(_wilcoxon_p(a - b + negligible * scale, "greater"),
-               _wilcoxon_p(a - b - negligible * scale, "less"))  # fmt: skip
-    effect, low, high = (100.0 * v / scale for v in _median_interval(a - b))
+    none = max(wilcoxon_p(a - b + negligible * scale, "greater"),
+               wilcoxon_p(a - b - negligible * scale, "less"))  # fmt: skip
+    effect, low, high = (100.0 * v / scale for v in median_interval(a - b))
     both = _directional_p(sign * (p_high - p_low) > 0.0, p, none)
     return Evidence(*both, effect, low, high, "%", "Wilcoxon, paired", text)
 
 
-def _wilcoxon_p(values: Array, alternative: str) -> float:
+def wilcoxon_p(values: Array, alternative: str = "two-sided") -> float:
+    """The p value of Wilcoxon's signed-rank test of differences; 1 where all are 0."""
     if not np.any(values):
         return 1.0
     return float(stats.wilcoxon(values, alternative=alternative).pvalue)
 
 
-def _median_interval(values: Array) -> tuple[float, float, float]:
+def median_interval(values: Array) -> tuple[float, float, float]:
     """A median and its 95 % bootstrap interval (percentiles of 2000 draws, one seed)."""
     rng = np.random.default_rng(0)
     drawn = np.median(rng.choice(values, (2000, len(values))), axis=1)

@@ -1,0 +1,175 @@
+"""The plan of an experiment with participants, as settings, and each participant's order."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, Literal, NamedTuple
+
+from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.drivers.settings import Hand
+from wheelchair_gym.errors import shorten
+
+_OWN = "the experimenter's choice"
+
+
+@settings
+class Task:
+    """A drive that every participant makes in every condition."""
+
+    name: str
+    scene: Any = setting(default="floor_plan", source=_OWN)
+    """A scene: its name, or a mapping with its settings."""
+    seed: int = setting(default=0, low=0, source=_OWN)
+    """Seed of the episode: start, goal and people are the same for all."""
+    text: str = setting(default="", source=_OWN)
+    """What the participant is asked to do."""
+
+
+@settings
+class Condition:
+    """What is compared: the help that a participant has."""
+
+    name: str
+    assist: Any = setting(default="shield", source=_OWN)
+    """An assistant: its name, or a mapping with its settings."""
+    hand: Hand = setting(default=Hand(), source=_OWN)
+    """An impairment that is simulated at the stick: settings of a driver's hand."""
+    text: str = setting(default="", source=_OWN)
+    """What the participant is told of it."""
+
+
+@settings
+class Questionnaire:
+    """Statements that a participant rates on one scale (Likert)."""
+
+    name: str
+    statements: tuple[str, ...]
+    points: int = setting(default=7, low=2, high=11, source="common for a Likert scale")
+    """Steps of the scale; the answers are 1 to `points`."""
+    low: str = setting(default="strongly disagree", source="common for a Likert scale")
+    """What 1 means."""
+    high: str = setting(default="strongly agree", source="common for a Likert scale")
+    """What the last step means."""
+    after: Literal["condition", "experiment"] = "condition"
+    """Whether it is asked after every condition, or once at the end."""
+
+
+class Item(NamedTuple):
+    """A question: its name, text, the ends of its scale, and the numbers that it may have."""
+
+    name: str
+    text: str
+    low: str
+    high: str
+    values: range
+
+
+NASA_TLX = "nasa_tlx"
+_TLX = (
+    ("mental", "How mentally demanding was the task?"),
+    ("physical", "How physically demanding was the task?"),
+    ("temporal", "How hurried or rushed was the pace of the task?"),
+    ("performance", "How successful were you in accomplishing what you were asked to do?"),
+    ("effort", "How hard did you have to work to accomplish your level of performance?"),
+    ("frustration", "How insecure, discouraged, irritated, stressed and annoyed were you?"),
+)
+_TLX_VALUES = range(0, 101, 5)
+
+
+class Step(NamedTuple):
+    """One thing that a participant does; the key is unique in a session."""
+
+    key: str
+    kind: Literal["consent", "drive", "answers"]
+    condition: str = ""
+    position: int = 0  # of the condition in the participant's order, from 1; practice is in it
+    task: str = ""
+    practice: bool = False
+    questionnaire: str = ""
+
+
+@settings
+class Protocol:
+    """An experiment within subjects: every participant drives every task in every condition.
+
+    NASA-TLX is the raw version, without weighing (Hart 2006, NASA-TLX 20 years later). A balanced
+    order is a Latin square in which each condition follows each other one equally often (Williams
+    1949): complete after n participants for an even number n of conditions, and after 2 n for an
+    odd one.
+    """
+
+    title: str
+    consent: str
+    conditions: tuple[Condition, ...]
+    tasks: tuple[Task, ...]
+    practice: tuple[Task, ...] = ()
+    """Drives before the tasks of each condition, which are not evaluated."""
+    order: Literal["balanced", "listed"] = "balanced"
+    """How conditions follow one another: balanced over participants, or as listed for everybody."""
+    nasa_tlx: bool = True
+    """Whether the NASA-TLX is asked after each condition."""
+    questionnaires: tuple[Questionnaire, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Refuse what is empty, and names that are not distinct."""
+        for key in ("title", "consent"):
+            if not getattr(self, key).strip():
+                raise InputError(f"Protocol.{key} is empty; expected text")
+        kinds: dict[str, tuple[Any, ...]] = {
+            "conditions": self.conditions, "tasks": self.practice + self.tasks,
+            "questionnaires": self.questionnaires,
+        }  # fmt: skip
+        for key, entries in kinds.items():
+            names = [entry.name for entry in entries]
+            if key == "questionnaires" and self.nasa_tlx:
+                names.append(NASA_TLX)
+            for name in names:
+                if names.count(name) > 1 or not name.strip() or "/" in name:
+                    expected = "expected distinct names without a slash"
+                    raise InputError(f"Protocol.{key}: the name {shorten(name)}; {expected}")
+        if not self.conditions or not self.tasks:
+            raise InputError("Protocol: expected at least one condition and one task")
+
+    def conditions_of(self, participant: int) -> tuple[Condition, ...]:
+        """The conditions in the order of a participant (a number from 1)."""
+        n = len(self.conditions)
+        if self.order == "listed":
+            return self.conditions
+        row = (participant - 1) % (n if n % 2 == 0 else 2 * n)
+        # 0, 1, n - 1, 2, n - 2, ...: neighbours differ by every number once.
+        zigzag = [(k + 1) // 2 if k % 2 else (n - k // 2) % n for k in range(n)]
+        places = [(place + row) % n for place in zigzag]
+        return tuple(self.conditions[k] for k in (places if row < n else reversed(places)))
+
+    def steps(self, participant: int) -> Iterator[Step]:
+        """All that a participant (a number from 1) does, in order."""
+        yield Step("consent", "consent")
+        for position, condition in enumerate(self.conditions_of(participant), 1):
+            name = condition.name
+            for practice, tasks in ((True, self.practice), (False, self.tasks)):
+                for task in tasks:
+                    key = f"{name}/{task.name}"
+                    yield Step(key, "drive", name, position, task.name, practice)
+            for asked in self._asked("condition"):
+                yield Step(f"{name}/{asked}", "answers", name, position, questionnaire=asked)
+        for asked in self._asked("experiment"):
+            yield Step(asked, "answers", questionnaire=asked)
+
+    def _asked(self, after: str) -> list[str]:
+        first = [NASA_TLX] if self.nasa_tlx and after == "condition" else []
+        return first + [one.name for one in self.questionnaires if one.after == after]
+
+    def items(self, questionnaire: str) -> tuple[Item, ...]:
+        """The questions of a questionnaire."""
+        if questionnaire == NASA_TLX:
+            ends = {"performance": ("perfect", "failure")}
+            return tuple(
+                Item(name, text, *ends.get(name, ("very low", "very high")), _TLX_VALUES)
+                for name, text in _TLX
+            )
+        (asked,) = (one for one in self.questionnaires if one.name == questionnaire)
+        values = range(1, asked.points + 1)
+        return tuple(
+            Item(f"{number}", text, asked.low, asked.high, values)
+            for number, text in enumerate(asked.statements, 1)
+        )
