@@ -135,7 +135,13 @@ COMMANDS = (
             option("file", "a recording of `simulate --record`, of either format", None,
                    "FILE.mcap"),
             option("--episode", "replay only this episode, counted from 0", parse_int),
-            option("--policy", f"compare the actions of this {POLICY_HELP}"),
+            OneOf((
+                option("--policy", f"compare the actions of this {POLICY_HELP}"),
+                option("--assist", "of a person's drive: what this assistant would have made of "
+                       "the recorded stick (open loop)"),
+            )),
+            flag("--closed", "with --assist: the recorded simulated person drives the same episode "
+                 "again, with that assistant"),
             OneOf((VIDEO, END_PICTURE)), *RECORD, JSON,
         ],
     ),
@@ -483,7 +489,7 @@ COMMANDS = (
         "stick. The manual switch (M on the keyboard) takes the chair without help at any moment. "
         "It stops when the switch is let go, when the assistant is late or fails, or when this "
         "program ends. Keep a hand at the emergency stop.",
-        f"wheelchair drive --config {CHAIR_CONFIG} --assist slide --input board",
+        f"wheelchair drive --config {CHAIR_CONFIG} --input board --record run.mcap",
         [
             option("--assist", "the assistant: shield for none but the shield, module:Class or "
                    "FILE.json:NAME", default="slide"), HARDWARE_CONFIG,

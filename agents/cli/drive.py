@@ -43,11 +43,13 @@ def simulate(given: argparse.Namespace) -> int:
     from wheelchair_gym.rendering.video import write_png, write_video
 
     settings, name = env_of(given), given.policy
+    labels: dict[str, Any] = {"policy": spec(name)}
     policy = make_policy(spec(name))
     if given.driver is not None:
         name = given.assist or "slide"
         policy = make_policy({"name": "assisted", "assist": spec(name)})
         settings |= {"driver": spec(given.driver)}
+        labels = {"assistant": spec(name)}
         if given.shield is None:
             settings["shield"] = settings.get("shield") and is_shielded(spec(name))
     elif given.assist is not None:
@@ -68,6 +70,7 @@ def simulate(given: argparse.Namespace) -> int:
         env, episode = _real(given, settings, scene, mode)
     else:
         env = make_env(scene, settings, mode)
+    env.unwrapped.labels |= labels
     frames: list[Any] = []
     film: Any = (lambda e: frames.append(e.render())) if given.video else None
     # Reports why a real chair stands, and ends a run that cannot continue.
@@ -216,6 +219,7 @@ def assisted(given: argparse.Namespace) -> int:
     env, made = real_chair_env(chair, {"config": config}, person=stick, render_mode="rgb_array")
     keys = None
     try:
+        env.unwrapped.labels = {"assistant": spec(given.assist), "interface": given.input}
         env, film = watch(given).on(env)
         real: Any = unwrapped(made)
         real.person, real.assisted = stick.why, given.input == "board"

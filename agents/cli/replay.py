@@ -17,6 +17,8 @@ from wheelchair_gym.rendering.video import write_png, write_video
 
 def run(given: argparse.Namespace) -> int:
     """Replay the episodes and report."""
+    if given.closed and given.assist is None:
+        raise InputError("--closed needs --assist")
     chapters = read_recording(given.file)
     chosen = range(len(chapters)) if given.episode is None else [given.episode]
     if given.episode is not None and given.episode >= len(chapters):
@@ -27,6 +29,8 @@ def run(given: argparse.Namespace) -> int:
     try:
         for number in chosen:
             record = {"episode": number} | _again(chapters[number], stage, given, frames)
+            if given.assist is not None:
+                record |= _helped(chapters[number], given)
             records.append(record)
             line = (
                 f"episode {number}: {record['steps']} steps, reward {record['reward']:.4f}; "
@@ -34,6 +38,8 @@ def run(given: argparse.Namespace) -> int:
             )
             if given.policy:
                 line += f"; mean difference of {given.policy}'s action: {record['difference']:.3f}"
+            if given.assist is not None:
+                line += f"; {_said(given.assist, record)}"
             lines.append(line)
     finally:
         stage.close()
@@ -43,6 +49,29 @@ def run(given: argparse.Namespace) -> int:
         write_png(given.picture, frames[-1])
     report(given, records, "\n".join(lines))
     return 0 if all(record["same"] for record in records) else 1
+
+
+def _helped(chapter: RecordedEpisode, given: argparse.Namespace) -> dict[str, Any]:
+    """What another assistant does of a person's drive, in an open or a closed loop."""
+    from agents.assisted_replay import closed_loop, open_loop
+
+    return (closed_loop if given.closed else open_loop)(chapter, spec(given.assist))
+
+
+def _said(name: str, record: dict[str, Any]) -> str:
+    """The figures of `_helped`, as a person reads them."""
+    before, other = record["recorded"], record["other"]
+    if "outcome" in other:
+        return (
+            f"{name} with the same person: {other['outcome']} after {other['time']:.1f} s "
+            f"(recorded: {before['outcome']} after {before['time']:.1f} s)"
+        )
+    angle, alike = record["difference_angle"], 100.0 * (1.0 - record["difference_share"])
+    answers = "the same, to the bit" if record["same_answers"] else f"alike for {alike:.0f} % of it"
+    beside = "" if angle is None else f", {np.degrees(angle):.1f} deg beside it on average"
+    shares = (100.0 * figures["intervention_share"] for figures in (other, before))
+    changes = "it changes the stick's twist for {:.0f} % of the time (recorded: {:.0f} %)"
+    return f"{name} answers {answers}{beside}; {changes.format(*shares)}"
 
 
 class Stage:

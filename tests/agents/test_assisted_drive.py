@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from agents.assisted_drive import drive_with_help, open_space
+from agents.assisted_replay import open_loop
 from agents.person import Keyboard, PersonsStick, TimedAssistant, held_to_stick
 from agents.policies import make_policy
 from tests.hardware.hosted import Hosted
@@ -20,6 +21,8 @@ from wheelchair_gym.hardware.joystick import Joystick, JoystickSettings
 from wheelchair_gym.hardware.registry import localized
 from wheelchair_gym.hardware.twin.lockstep import JoystickState
 from wheelchair_gym.kinematics import Limits
+from wheelchair_gym.recording.record import RecordEpisodes
+from wheelchair_gym.recording.replay import read_recording, replay_env
 from wheelchair_gym.safety.stops import BY_HAND, NO_STICK, NOT_HELD, OFF_CENTRE
 from wheelchair_gym.types import Command, Stick
 
@@ -36,7 +39,7 @@ class Ride:
     `hand` says what the person does at a time [s]: a JoystickState, or None for a silent radio.
     """
 
-    def __init__(self, hand, policy=None, half=50.0, deadline=20.0, source=None):
+    def __init__(self, hand, policy=None, half=50.0, deadline=20.0, source=None, file=None):
         base = env_settings(None, pose_source="odometry", noise=False, rate=RATE)
         task = dataclasses.replace(base.task, bump_ends=False)
         config = dataclasses.replace(base, task=task)
@@ -53,6 +56,9 @@ class Ride:
             "wheelchair_gym/Hardware-v0", config=config, chair=localized(chair, config),
             person=self.stick, shield=True, disable_env_checker=True,
         ).unwrapped  # fmt: skip
+        self.env.labels = {"assistant": "slide", "interface": "board"}
+        if file is not None:
+            self.env = RecordEpisodes(self.env, file)
         self.log, self.speeds, self.modes, self.hand = [], [], [], hand
         self.begun = None
 
@@ -117,6 +123,24 @@ def test_an_assistant_drives_while_the_switch_is_held_and_the_stick_pushed():
     assert record["length"] > 1.5
     assert record["agreement_angle"] < 0.1
     ride.close()
+
+
+def test_a_drive_on_the_chair_is_recorded_and_its_assistant_answers_the_same_again(tmp_path):
+    ride = Ride(lambda t: HELD if t < 0.3 else PUSHED, half=2.0, file=tmp_path / "drive.mcap")
+    ride.run(4.0)
+    ride.close()
+    (recorded,) = read_recording(tmp_path / "drive.mcap")
+    assert recorded.labels == {"assistant": "slide", "interface": "board"}
+    assert recorded.states[60].reading.stick == Stick(1.0, 0.0, False)
+    env = replay_env(recorded)
+    env.reset(options={"episode": recorded.episode})
+    for action, verdict in zip(recorded.actions, recorded.verdicts, strict=True):
+        _, reward, _, _, info = env.step(action)
+        assert reward == verdict["reward"]
+        assert info["reward_terms"] == verdict["terms"]
+    figures = open_loop(recorded, "slide")
+    assert figures["same_answers"]
+    assert figures["recorded"]["intervention_share"] > 0.1
 
 
 def test_an_assistant_keeps_the_chair_off_a_wall():

@@ -38,12 +38,13 @@ NAMES = [
     name
     for name, spec in gym.registry.items()
     if name.startswith("wheelchair_gym/")
-    and not {"chair", "driver"} & set(spec.kwargs)  # a real one is elsewhere; people: refused
+    and not {"chair", "driver"} & set(spec.kwargs)  # a real one is elsewhere, people below
 ]
 SOURCES = get_args(get_type_hints(SensorSettings)["pose_source"])
 # Every variant with every pose source, each once at least.
 KINDS = [(NAMES[k % len(NAMES)], source) for k, source in enumerate(SOURCES)]
 KINDS += [(name, SOURCES[k]) for k, name in enumerate(NAMES[1:])]
+KINDS += [("wheelchair_gym/AssistedNavigation-v0", "modelled")]
 STEPS = 25
 POLICY = "visibility+window"
 

@@ -193,6 +193,10 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             self._steps = SimulatedSteps(self.chair, self.task, self.drivers)
         self._drawing = EpisodeRenderer(s)
         self.shown = Shown()  # what the policy shows; before it drives, the guidance
+        # What recordings say of who drives, such as assistant and interface; set it before reset.
+        self.labels: dict[str, Any] = {}
+        if driver is not None:
+            self.labels["interface"] = driver.interface.kind
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -321,6 +325,12 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             return frame
         self._drawing.show(frame)
         return None
+
+    @property
+    def seed_and_number(self) -> tuple[int, int]:
+        """The seed of the present episode, and its number among those of that seed."""
+        assert self._seed is not None  # after reset
+        return self._seed, self._count
 
     @property
     def mission(self) -> Mission:

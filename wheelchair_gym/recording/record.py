@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError, dump, setting, settings
+from wheelchair_gym.drivers import driver_spec
 from wheelchair_gym.localization.localized_chair import unwrapped
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.physics.actors.records import actor_shapes
@@ -86,7 +87,7 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
 
     Raises:
         InputError: the extra 'record' or 'ros' is not installed, the file cannot be written, or the
-            port is taken, or a person drives.
+            port is taken.
     """
 
     def __init__(
@@ -97,8 +98,6 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
         recording: RecordingSettings | None = None,
     ) -> None:
         super().__init__(env)
-        if env.unwrapped.task.has_driver:  # type: ignore[attr-defined]
-            raise InputError("driver: episodes that a person drives cannot be recorded yet")
         self._config = recording or RecordingSettings()
         self._out = open_sink(file, port, self._config.format)
         self.file, self.port = self._out.file, self._out.port
@@ -163,11 +162,15 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
         env = self._env
         episode = env.episode
         settings = {name: dump(getattr(env.settings, name)) for name in SETTINGS}
+        person, (seed, number) = env.drivers.driver, env.seed_and_number
+        # Whole, so that it means the same in a later release.
+        settings["driver"] = None if person is None else driver_spec(person)
         if not env.task.is_shielded:  # a share of episodes may be driven without
             settings["shield"] = None
         rows = episode.actors.rows
         actors = {"actors": rows, "actor_size": rows.itemsize, "routes": episode.actors.routes}
-        values = vars(episode) | actors | {"settings": settings}
+        drawn = {"seed": seed, "number": number, "labels": env.labels}
+        values = vars(episode) | actors | drawn | {"settings": settings}
         self._out.write(EPISODE, values, path=self._guidance())
 
     def _guidance(self) -> Any:
@@ -196,6 +199,8 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
         changed = self._refresh(reading, believed)
         values = reading._asdict() | {"odometry": believed.odometry, "truth": truth}
         del values["map"], values["stick"]  # the map is sent where it has changed
+        if env.task.stick is not None:
+            values["stick"] = env.task.stick
         if believed.particles is not None:
             values["particles"] = believed.particles
             self._out.send("/particles", believed.particles)

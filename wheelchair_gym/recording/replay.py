@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import load
+from wheelchair_gym.drivers import DRIVERS
 from wheelchair_gym.envs import EnvSettings, NavigationEnv
 from wheelchair_gym.envs.guidance import is_built_in
 from wheelchair_gym.errors import InputError, shorten
@@ -35,7 +36,7 @@ from wheelchair_gym.recording.topics import (
     widened_actors,
 )
 from wheelchair_gym.sensors.settings import RANGERS, LaserSettings, SensorSettings
-from wheelchair_gym.types import Belief, Episode, Reading, Truth
+from wheelchair_gym.types import Belief, Episode, Reading, Stick, Truth
 
 _TOPICS: Final = (EPISODE, READING, COMMAND, VERDICT)
 
@@ -54,9 +55,17 @@ class RecordedEpisode(NamedTuple):
     settings: EnvSettings
     episode: Episode
     path: Any  # guidance (n, 2) [m], or its settings, or None
+    labels: Content  # who drove, by `NavigationEnv.labels`
+    seed: int | None  # None: recorded before release 0.3
+    number: int  # of the episode, of that seed
     states: list[RecordedState]  # (n + 1,)
     actions: list[NDArray[Any]]  # (n,) of (2,)
     verdicts: list[Content]  # (n,) of reward, terms, terminated, truncated
+
+    @property
+    def has_person(self) -> bool:
+        """Whether a person drove, whose stick was recorded."""
+        return self.states[0].reading.stick is not None
 
 
 class ReplayedChair:
@@ -81,10 +90,22 @@ class ReplayedChair:
         Raises:
             ValueError: there is none.
         """
-        if self._at + 1 >= len(self._readings):
+        if self.ended:
             raise ValueError("the recording ends here")
         self._at += 1
         return self._readings[self._at].reading
+
+    def stick(self) -> Stick:
+        """The stick of the person who drove."""
+        stick = self._readings[self._at].reading.stick
+        if stick is None:
+            raise ValueError("a reading has no stick, though a person drove")
+        return stick
+
+    @property
+    def ended(self) -> bool:
+        """Whether the latest reading was the last one."""
+        return self._at + 1 >= len(self._readings)
 
     @property
     def truth(self) -> Truth:
@@ -170,7 +191,10 @@ def _read_episode(content: Content) -> RecordedEpisode:
     if "actors" in content and "actor_size" not in content:  # until release 0.2
         content["actors"] = widened_actors(content["actors"])
     # Recordings of the first release have no actors.
-    values = read_fields(FIELDS[EPISODE], content, "actors", "routes", "actor_size")
+    older = "actors", "routes", "actor_size", "seed", "number", "labels"
+    values = read_fields(FIELDS[EPISODE], content, *older)
+    seed, number = values.pop("seed", None), values.pop("number", 0)
+    labels = values.pop("labels", {})
     given, routes = values.pop("settings"), values.pop("routes", None)
     size = values.pop("actor_size", ACTOR.itemsize)
     if size != ACTOR.itemsize:
@@ -184,14 +208,20 @@ def _read_episode(content: Content) -> RecordedEpisode:
         raise ValueError(f"path is {shorten(path)}")
     if not set(given) <= set(SETTINGS):
         raise ValueError(f"settings has {shorten(sorted(given))}; expected {', '.join(SETTINGS)}")
+    driver = given.get("driver")
+    if driver is not None and (
+        not isinstance(driver, dict) or driver.get("name") not in DRIVERS.built_in
+    ):  # a name may stand for code
+        raise ValueError(f"driver is {shorten(driver)}")
     settings = load(EnvSettings, migrated(given), EPISODE)
-    return RecordedEpisode(settings, Episode(**values), path, [], [], [])
+    return RecordedEpisode(settings, Episode(**values), path, labels, seed, number, [], [], [])
 
 
 def _read_state(content: Content, before: Belief | None, sensors: SensorSettings) -> RecordedState:
     """A recorded instant; fields that older recordings lack count as unknown."""
     fields = reading_fields(sensors.beams, RANGERS)
-    values = read_fields(fields, content, "halted", "odometry", "particles", "map")
+    optional = "halted", "odometry", "particles", "map", "stick"
+    values = read_fields(fields, content, *optional)
     built_map = before.built_map if before else None
     if "map" in values:
         grid = values.pop("map")
@@ -237,9 +267,13 @@ def replay_env(recorded: RecordedEpisode, render_mode: str | None = None) -> Nav
         sensors = dataclasses.replace(sensors, pose_source="odometry")
     path = recorded.path
     guidance = (lambda task: path) if isinstance(path, np.ndarray) else path
-    settings = dataclasses.replace(recorded.settings, sensors=sensors, guidance=guidance)
+    settings = dataclasses.replace(
+        recorded.settings, sensors=sensors, guidance=guidance, driver=None
+    )
     chair = ReplayedChair(recorded.states)
-    env = NavigationEnv(config=settings, chair=chair, render_mode=render_mode)
+    person = chair.stick if recorded.has_person else None
+    env = NavigationEnv(config=settings, chair=chair, person=person, render_mode=render_mode)
+    env.labels = dict(recorded.labels)
     if recorded.settings.sensors.pose_source == "slam":
         env.task.built_map = chair.built_map
     return env

@@ -18,7 +18,7 @@ from wheelchair_gym.files import LIMITS, check_cells, is_coordinate
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.migration import migrated
 from wheelchair_gym.physics.actors.records import ACTOR, FORMER_ACTOR
-from wheelchair_gym.types import Truth
+from wheelchair_gym.types import Stick, Truth
 
 Content = dict[str, Any]
 
@@ -29,8 +29,10 @@ SHIELD: Final = "/shield"  # what the shield made of the command
 VERDICT: Final = "/verdict"
 BATTERY: Final = "/battery"
 BOARD: Final = "/board"  # of a real chair: wall time, and the drive board's report
-# Settings of an environment that judging needs.
-SETTINGS: Final = ("rate", "chair", "sensors", "task", "shield")
+# Settings of an environment that judging needs, or another drive with the same person.
+SETTINGS: Final = (
+    "rate", "chair", "sensors", "task", "shield", "physics", "localization", "driver"
+)  # fmt: skip
 
 
 class Kind(NamedTuple):
@@ -176,6 +178,13 @@ def _read_truth(value: Any) -> Truth:
     return Truth(**content | read_fields(_TRUTH_FIELDS, content, *Truth._field_defaults))
 
 
+_STICK_FIELDS: Final = {name: _SCALARS[hint] for name, hint in get_type_hints(Stick).items()}
+
+
+def _read_stick(value: Any) -> Stick:
+    return Stick(**read_fields(_STICK_FIELDS, _object(value)))
+
+
 def _read_terms(value: Any) -> dict[str, float]:
     terms = {name: _number(term) for name, term in _object(value).items()}
     return migrated(terms, "task.reward")
@@ -197,10 +206,11 @@ def reading_fields(beams: int = -1, rangers: int = -1) -> dict[str, Kind]:
         "truth": Kind({"type": "object"}, _read_truth, _content_of(_TRUTH_FIELDS)),
         "particles": _poses("<f4"),
         "map": MAP,
+        "stick": Kind({"type": "object"}, _read_stick, _content_of(_STICK_FIELDS)),
     }
 
 
-_OPTIONAL = ("particles", "map")  # fields of a reading
+_OPTIONAL = ("particles", "map", "stick")  # fields of a reading
 
 
 def widened_actors(text: Any) -> str:
@@ -227,6 +237,9 @@ FIELDS: Final[dict[str, dict[str, Kind]]] = {
         "actors": _packed(ACTOR),
         "actor_size": _SCALARS[int],  # bytes of one of them
         "routes": numbers(-1, 2),
+        "seed": _SCALARS[int],
+        "number": _SCALARS[int],  # of the episode, of that seed
+        "labels": OBJECT,  # `NavigationEnv.labels`
     },
     READING: reading_fields(),
     COMMAND: {"action": numbers(2), "v": NUMBER, "w": NUMBER},

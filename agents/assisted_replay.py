@@ -1,0 +1,162 @@
+"""Recorded drives of a person, under another assistant.
+
+Open loop: the other assistant gets the recorded sticks and readings, and answers beside the
+recorded one; nothing moves differently. Closed loop: the same simulated person drives the same
+episode again, with the other assistant, and reacts to it. People change their driving with what
+helps them (`docs/concepts/assisted_driving.md`): what an open loop says is a first look.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.assistance import is_shielded
+from agents.evaluation.assisted import ACTIVE, StickTrace
+from agents.evaluation.evaluate import drive_episode
+from agents.evaluation.metrics import Record
+from agents.policies import GymPolicy, make_policy
+from wheelchair_gym.config import InputError
+from wheelchair_gym.envs import NavigationEnv
+from wheelchair_gym.recording.replay import RecordedEpisode, replay_env
+from wheelchair_gym.safety.settings import ShieldSettings
+from wheelchair_gym.types import Command, Mission, Reading
+
+Array = NDArray[np.float64]
+TIMES = "plan_ms", "act_ms_p50", "act_ms_p95"  # of a record: how long a policy took here
+
+
+def open_loop(recorded: RecordedEpisode, assist: Any) -> dict[str, Any]:
+    """What another assistant would have answered, beside what the recorded one did.
+
+    Both are compared before the shield, in full speeds.
+
+    Args:
+        recorded: an episode that a person drove.
+        assist: spec of the other assistant.
+
+    Returns:
+        `same_answers`: every answer is equal, to the bit; `difference_share`, of the time in which
+        they differ by more than 0.05; `difference_size`, their mean difference while either drives;
+        `difference_angle`, the mean angle between them [rad]; `longest`, start and end [s] of the
+        longest time in which they differ; the measures of `agents.evaluation.assisted` of either,
+        `recorded` and `other`.
+
+    Raises:
+        InputError: no person drove, or the assistant's spec is wrong.
+    """
+    env = _replay(recorded)
+    observation, _ = env.reset(seed=0, options={"episode": recorded.episode})
+    policy = GymPolicy(make_policy({"name": "assisted", "assist": assist}), env)
+    policy.reset()
+    task = env.task
+    full = np.array([task.limits.forward, task.limits.turn])
+    traces = StickTrace(task.limits, task.period), StickTrace(task.limits, task.period)
+    answers: list[tuple[Array, Array]] = []
+    twists, length, same = [task.reading.twist], 0.0, True
+    for action in recorded.actions:
+        other, stick = policy.act(observation), task.stick
+        same &= bool(np.array_equal(other, action))
+        assert stick is not None
+        pair = task.limits.twist(action), task.limits.twist(other)
+        for trace, twist in zip(traces, pair, strict=True):
+            trace.add(stick, twist)
+        answers.append((pair[0] / full, pair[1] / full))
+        observation, *_ = env.step(action)
+        twists.append(task.reading.twist)
+        length += abs(float(task.reading.twist[0])) * task.period
+    env.close()
+    figures: dict[str, Any] = {"same_answers": same, **_differences(answers, task.period)}
+    for name, trace in zip(("recorded", "other"), traces, strict=True):
+        found = trace.figures(np.array(twists), length)
+        figures[name] = {key: value for key, value in found.items() if math.isfinite(value)}
+    return figures
+
+
+def _differences(answers: list[tuple[Array, Array]], period: float) -> dict[str, Any]:
+    """Figures of two assistants' answers (n, 2) to the same sticks, in full speeds."""
+    ours, others = np.array(answers).reshape(-1, 2, 2).transpose(1, 0, 2)
+    off = np.hypot(*(others - ours).T)
+    active = (np.hypot(*ours.T) > ACTIVE) | (np.hypot(*others.T) > ACTIVE)
+    both = (np.hypot(*ours.T) > ACTIVE) & (np.hypot(*others.T) > ACTIVE)
+    turn = np.arctan2(*others.T[::-1]) - np.arctan2(*ours.T[::-1])
+    angles = np.abs(np.remainder(turn + math.pi, 2 * math.pi) - math.pi)[both]
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], off > ACTIVE, [0]))))
+    spans = edges.reshape(-1, 2)
+    longest = spans[np.argmax(spans[:, 1] - spans[:, 0])] * period if len(spans) else None
+    return {
+        "difference_share": float((off > ACTIVE).mean()) if len(off) else 0.0,
+        "difference_size": float(off[active].mean()) if active.any() else 0.0,
+        "difference_angle": float(angles.mean()) if len(angles) else None,
+        "longest": None if longest is None else longest.tolist(),
+    }
+
+
+def closed_loop(recorded: RecordedEpisode, assist: Any) -> dict[str, Record]:
+    """The figures of the recorded drive, and of the same person's drive with another assistant.
+
+    Args:
+        recorded: an episode that a simulated person drove: its settings and its seed are recorded.
+        assist: spec of the other assistant.
+
+    Returns:
+        `recorded` and `other`, as `agents.evaluation.metrics.measure` gives them, without times of
+        computing.
+
+    Raises:
+        InputError: no simulated person drove, or the assistant's spec is wrong.
+    """
+    settings, seed = recorded.settings, recorded.seed
+    if settings.driver is None or seed is None:
+        raise InputError("--closed: expected a drive of a simulated person (simulate --driver)")
+    if recorded.number:
+        raise InputError("--closed: expected the first episode of its seed")
+    policy = make_policy({"name": "assisted", "assist": assist})
+    shield = None
+    if is_shielded(assist):
+        unshielded = settings.shield is None and is_shielded(recorded.labels.get("assistant", ""))
+        shield = None if unshielded else settings.shield or ShieldSettings()
+    guidance = recorded.path
+    if isinstance(guidance, np.ndarray):
+        guidance = lambda task: recorded.path  # noqa: E731
+    env = NavigationEnv(config=dataclasses.replace(settings, shield=shield, guidance=guidance))
+    other = drive_episode(env, policy, seed, None, recorded.episode)
+    env.close()
+    again: Any = _replay(recorded)
+    ended: Any = lambda env: env.unwrapped.chair.ended  # noqa: E731
+    before = drive_episode(again, _Recorded(recorded), 0, ended, recorded.episode)
+    again.close()
+    for record in (before, other):
+        for key in TIMES:
+            del record[key]
+    return {"recorded": before, "other": other}
+
+
+def _replay(recorded: RecordedEpisode) -> NavigationEnv:
+    """See `replay_env`.
+
+    Raises:
+        InputError: no person drove.
+    """
+    if not recorded.has_person:
+        raise InputError("--assist: expected a recording in which a person drives")
+    return replay_env(recorded)
+
+
+class _Recorded:
+    """A policy that repeats recorded actions."""
+
+    def __init__(self, recorded: RecordedEpisode) -> None:
+        self._actions = iter(recorded.actions)
+
+    def reset(self, mission: Mission) -> None:
+        """See `Policy.reset`."""
+        self._limits = mission.limits
+
+    def act(self, reading: Reading) -> Command:
+        """See `Policy.act`."""
+        return Command.from_action(next(self._actions), self._limits)
