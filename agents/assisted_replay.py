@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.assistance import is_shielded
+from agents.assistance import ASSISTANTS, is_shielded
 from agents.evaluation.assisted import ACTIVE, StickTrace
 from agents.evaluation.evaluate import drive_episode
 from agents.evaluation.metrics import Record
@@ -118,7 +118,10 @@ def closed_loop(recorded: RecordedEpisode, assist: Any) -> dict[str, Record]:
     policy = make_policy({"name": "assisted", "assist": assist})
     shield = None
     if is_shielded(assist):
-        unshielded = settings.shield is None and is_shielded(recorded.labels.get("assistant", ""))
+        driven = recorded.labels.get("assistant")
+        name = driven.get("name") if isinstance(driven, dict) else driven
+        # A file's word is not made an assistant: it may stand for code.
+        unshielded = settings.shield is None and name in ASSISTANTS.built_in and name != "direct"
         shield = None if unshielded else settings.shield or ShieldSettings()
     guidance = recorded.path
     if isinstance(guidance, np.ndarray):
