@@ -82,7 +82,8 @@ class Drive:
         self.set_device(scan_period)
         self.set_assistant(order.assist)
         sensors = self._world.settings.sensors
-        moving = bool(len(self._world.episode.actors)) and sensors.laser.beams > 0
+        episode: Any = self._world.episode
+        moving = bool(len(episode.actors)) and sensors.laser.beams > 0
         self._tracker = Tracker(laser=sensors.laser) if moving else None
         self._tracks: list[Any] = []
 
