@@ -16,7 +16,10 @@ SUDO := $(shell test "$$(id -u)" = 0 || echo sudo)
 
 RCLPY := build/rclpy
 
-.PHONY: rclpy demo test test-all examples package lint bench docs films clean help emulator firmware
+# What tests look at pages with.
+BROWSER := chromium
+
+.PHONY: browser rclpy demo test test-all examples package lint bench docs films clean help emulator firmware
 
 help:
 	@echo "make demo      planned and learned policies drive a wheelchair; prints where the report is"
@@ -30,6 +33,7 @@ help:
 	@echo "make docs      builds the documentation into build/docs; a warning is an error"
 	@echo "make films     draws the films of the documentation"
 	@echo "make emulator  compilers and emulator of the chair's boards (Debian; root or sudo)"
+	@echo "make browser   Chromium, with which tests look at pages (Debian; root or sudo)"
 	@echo "make firmware  builds the boards' firmware and prints its sizes"
 
 $(READY): pyproject.toml
@@ -82,6 +86,12 @@ emulator:
 	  "install the like of: $(EMULATOR)" >&2; exit 2; }
 	@dpkg -s $(EMULATOR) >/dev/null 2>&1 || { $(SUDO) apt-get update -qq \
 	  && $(SUDO) env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq $(EMULATOR); }
+
+browser:
+	@command -v $(BROWSER) >/dev/null || { command -v apt-get >/dev/null || \
+	  { echo "make browser knows Debian and its kin only; install Chromium" >&2; exit 2; }; \
+	  $(SUDO) apt-get update -qq \
+	  && $(SUDO) env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq $(BROWSER); }
 
 # Beside the project: third-party wheels of ROS 2 Kilted (ros-python-wheels).
 rclpy: $(RCLPY)/.installed

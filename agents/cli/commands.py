@@ -127,6 +127,22 @@ COMMANDS = (
         ],
     ),
     Command(
+        "studio", "drive:studio", "drive and plan in the browser, in the simulator",
+        "Serve a page on this machine until Ctrl-C, and print its address: people drive the "
+        "simulated chair by keys, gamepad, touch or a single switch, with and without help. Each "
+        "drive is recorded. Needs the extra 'studio'; recordings need 'record'.",
+        "wheelchair studio --map wheelchair_gym/maps/data/clinic.yaml",
+        [
+            *map_options(),
+            option("--port", "TCP port; 0: a free one", number(int, 0, 65535), "PORT",
+                   default=8780),
+            flag("--lan", "let other machines of the network come, who know the address with its "
+                 "token"),
+            option("--out", "folder of recordings, films and maps", None, "DIR",
+                   default="runs/studio"),
+        ],
+    ),
+    Command(
         "replay", "replay:run", "judge, draw or re-run a recorded run",
         "Judge each episode of a recording again. Exit code 1: rewards differ from the recorded "
         "ones in at least one bit.",

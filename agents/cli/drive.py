@@ -1,4 +1,4 @@
-"""`wheelchair simulate` and `wheelchair deploy`: one episode, of a simulated or a real chair."""
+"""`wheelchair simulate`, `deploy` and `studio`: a simulated or a real chair drives."""
 
 from __future__ import annotations
 
@@ -269,6 +269,20 @@ def _check_free(grid: Any, name: str, place: Any, file: str) -> None:
     row, col = grid.to_cell(place[:2])
     if not grid.inside(place[:2]) or grid.cells[row, col] == OCCUPIED:
         raise InputError(f"{name} {place[0]:g},{place[1]:g}: not a free place on {file}")
+
+
+def studio(given: argparse.Namespace) -> int:
+    """Serve the page in the browser until Ctrl-C."""
+    from agents.studio.access import Access
+    from agents.studio.server import Studio, check_extra, serve
+
+    check_extra()
+    maps = map_scenes(given)
+    if maps:
+        read_any_map(maps[0]["path"], resolution=maps[0].get("resolution"))  # refuses what is wrong
+    own_map = maps[0] if maps else None
+    serve(Studio(Path(given.out), own_map, Access(lan=given.lan)), given.port)
+    return 0
 
 
 def _timing(record: dict[str, Any]) -> str:

@@ -87,6 +87,11 @@ def compile_once(dispatcher: Any) -> None:
     cache.save_overload = lambda args, result: None  # it was saved before the lock was released
 
 
+def are_compiled(kernels: Iterable[Any]) -> bool:
+    """Whether kernels are compiled, in this process or in the folder of compiled kernels."""
+    return all(kernel.overloads or kernel._cache._cache_file._load_index() for kernel in kernels)
+
+
 def compile_beside(kernels: Iterable[Any], work: Callable[[], object]) -> None:
     """Let a helper process do some work for the sake of the kernels that it compiles.
 
@@ -103,7 +108,7 @@ def compile_beside(kernels: Iterable[Any], work: Callable[[], object]) -> None:
         or progress.parent is not None
         or threading.active_count() > 1
         or len(os.sched_getaffinity(0)) < 2
-        or all(kernel.overloads or kernel._cache._cache_file._load_index() for kernel in kernels)
+        or are_compiled(kernels)
     ):
         return
     sys.stdout.flush()

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from wheelchair_gym.rendering.video import Window
 
 Array = NDArray[np.float64]
+LONGEST_TRAIL = 20_000  # points: of a longer drive, the trail is thinned out
 
 
 class EpisodeRenderer:
@@ -38,6 +39,8 @@ class EpisodeRenderer:
     def follow(self, pose: Array) -> None:
         """The chair has come to a pose (3,) [m, m, rad]."""
         self._trail.append(pose.tolist())  # the array may be written again
+        if len(self._trail) > LONGEST_TRAIL:
+            del self._trail[1:-1:2]
 
     def picture(
         self, episode: Episode, truth: Truth, task: Task, path: Array | None, ahead: Array | None

@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from wheelchair_gym.task.task import Observation
 
 _LOG = logging.getLogger(__name__)
+_LONGEST_TRAIL = 2000  # points: of a longer drive, the trail is thinned out
 
 
 @settings
@@ -231,6 +232,8 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
         place = reading.pose[:2]
         if not trail or np.hypot(*(place - trail[-1])) >= config.trail_spacing:
             trail.append(place)
+            if len(trail) > _LONGEST_TRAIL:
+                del trail[1:-1:2]
         if config.image_rate and _due(reading.stamp - self._image, 1.0 / config.image_rate):
             self._image = reading.stamp
             picture = self._env.render()

@@ -29,6 +29,8 @@ NEEDED = {
         [*DEPLOY, "--chair", "hardware", *CONFIG],
     ]),
     "evdev": ("evdev", [["hardware", "drive", *CONFIG]]),
+    "starlette": ("starlette", [["studio"]]),
+    "uvicorn": ("uvicorn", [["studio"]]),
     "websockets": ("websockets", [
         [*REAL, "--chair", "ros://127.0.0.1:1"],
         [*DEPLOY, "--chair", "ros://127.0.0.1:1", *CONFIG],

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import html
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -60,10 +61,18 @@ def pages(tmp_path_factory):
     return folder
 
 
+def need_browser():
+    """A skip without Chromium, or a failure where it is required."""
+    if BROWSER is None:
+        reason = "reports are looked at in Chromium: run `make browser`"
+        if os.environ.get("WHEELCHAIR_BROWSER") == "required":
+            pytest.fail(reason)
+        pytest.skip(reason)
+
+
 def seen(page, width):
     """What a page tells of itself in a window so wide, and what the console says."""
-    if BROWSER is None:
-        pytest.skip("no Chromium is installed (apt-get install chromium)")
+    need_browser()
     probed = page.with_name("probed.html")
     probed.write_text(page.read_text(encoding="utf-8") + PROBE, encoding="utf-8")
     frame = page.with_name("frame.html")
@@ -112,8 +121,7 @@ def test_a_broken_page_is_told(pages):
 
 @pytest.mark.parametrize("name", ["compare", "study"])
 def test_a_page_prints_on_landscape_sheets(pages, name):
-    if BROWSER is None:
-        pytest.skip("no Chromium is installed (apt-get install chromium)")
+    need_browser()
     pdf = pages / f"{name}.pdf"
     subprocess.run(
         [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", f"--print-to-pdf={pdf}",

@@ -1,0 +1,164 @@
+"""Who may talk to the studio: a token, the page's own origin, and not too often.
+
+A browser lets any page of the web send requests to this machine. So every request must name this
+server as its host, come from no other page, and carry the token that only the person who started
+the program knows.
+"""
+
+from __future__ import annotations
+
+import hmac
+import ipaddress
+import secrets
+import time
+from collections import OrderedDict
+from http.cookies import CookieError, SimpleCookie
+from typing import Any, Final
+from urllib.parse import parse_qs, urlsplit
+
+MOST_BYTES: Final = 8 << 20  # of an upload, such as a map
+_PER_SECOND, _BURST = 100.0, 400.0  # requests of one client
+_CLIENTS = 256  # whose rates are remembered
+_HEADERS: Final = (
+    (b"content-security-policy",
+     b"default-src 'self'; img-src 'self' data: blob:; object-src 'none'; base-uri 'none'; "
+     b"form-action 'none'; frame-ancestors 'none'"),
+    (b"x-content-type-options", b"nosniff"),
+    (b"referrer-policy", b"no-referrer"),
+    (b"cross-origin-resource-policy", b"same-origin"),
+    (b"cache-control", b"no-store"),
+)  # fmt: skip
+
+
+class Bucket:
+    """Allows so many events a second, and more of them at once after a pause."""
+
+    def __init__(self, per_second: float, burst: float) -> None:
+        self._rate, self._burst = per_second, burst
+        self._left, self._at = burst, time.monotonic()
+
+    def take(self) -> bool:
+        """Whether one more event is allowed now."""
+        now = time.monotonic()
+        self._left = min(self._burst, self._left + (now - self._at) * self._rate)
+        self._at = now
+        if self._left < 1.0:
+            return False
+        self._left -= 1.0
+        return True
+
+
+class Access:
+    """What is refused, and why.
+
+    Args:
+        token: that clients must know; empty: a new one is made.
+        lan: other machines may come, by this machine's number.
+    """
+
+    def __init__(self, token: str = "", lan: bool = False) -> None:
+        self.token = token or secrets.token_urlsafe(18)
+        self.lan = lan
+        self._buckets: OrderedDict[str, Bucket] = OrderedDict()
+
+    def refusal(self, scope: Any) -> tuple[int, str]:
+        """Status and reason of a refusal of an ASGI connection; (0, "") where it is let in."""
+        headers = {name: value.decode("latin-1") for name, value in scope["headers"]}
+        host, origin = headers.get(b"host", ""), headers.get(b"origin")
+        if not self._is_own(host):
+            return 403, f"{host[:80]!r} is no name of this server; use the address it printed"
+        is_socket = scope["type"] == "websocket"
+        if origin is None and (is_socket or scope["method"] not in ("GET", "HEAD")):
+            return 403, "a request without an origin is refused"
+        if origin is not None and origin != f"http://{host}":
+            return 403, "a request from another page is refused"
+        if not self._knows_token(scope, headers):
+            return 403, "the token is missing or wrong; open the address that the program printed"
+        client = (scope.get("client") or ("", 0))[0]
+        if not self._bucket(client).take():
+            return 429, "too many requests; wait a second"
+        return 0, ""
+
+    def gives_token(self, scope: Any) -> bool:
+        """Whether the address itself carries the token."""
+        given = parse_qs(scope["query_string"].decode("latin-1")).get("token", [""])[0]
+        return _equal(given, self.token)
+
+    def cookie(self, port: int) -> str:
+        """The cookie that keeps the token out of the address; browsers share cookies of ports."""
+        return f"studio-{port}={self.token}; Path=/; HttpOnly; SameSite=Strict"
+
+    def _knows_token(self, scope: Any, headers: dict[bytes, str]) -> bool:
+        try:
+            cookies = SimpleCookie(headers.get(b"cookie", ""))
+        except CookieError:
+            cookies = SimpleCookie()
+        name = f"studio-{(scope.get('server') or ('', 0))[1]}"
+        held = cookies[name].value if name in cookies else ""
+        return _equal(held, self.token) or self.gives_token(scope)
+
+    def _is_own(self, host: str) -> bool:
+        """Whether a Host header names this machine: not by a name that others give it."""
+        try:
+            name = urlsplit(f"//{host}").hostname or ""
+        except ValueError:
+            return False
+        if name == "localhost":
+            return True
+        try:
+            address = ipaddress.ip_address(name)
+        except ValueError:
+            return False
+        return self.lan or address.is_loopback
+
+    def _bucket(self, client: str) -> Bucket:
+        bucket = self._buckets.setdefault(client, Bucket(_PER_SECOND, _BURST))
+        self._buckets.move_to_end(client)
+        if len(self._buckets) > _CLIENTS:
+            self._buckets.popitem(last=False)
+        return bucket
+
+
+class Guard:
+    """An ASGI application that lets an application see only what `Access` lets in."""
+
+    def __init__(self, app: Any, access: Access) -> None:
+        self._app, self._access = app, access
+
+    async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
+        """Serve a connection, or refuse it."""
+        if scope["type"] not in ("http", "websocket"):
+            await self._app(scope, receive, send)
+            return
+        status, reason = self._access.refusal(scope)
+        if scope["type"] == "websocket":
+            if status:  # before it is accepted: the browser gets 403
+                await receive()
+                await send({"type": "websocket.close", "code": 1008, "reason": reason})
+            else:
+                await self._app(scope, receive, send)
+        elif status:
+            await _answer(send, status, reason)
+        elif scope["path"] == "/" and self._access.gives_token(scope):
+            cookie = self._access.cookie(scope["server"][1])
+            more = [(b"location", b"/"), (b"set-cookie", cookie.encode())]
+            await _answer(send, 303, "", more)
+        else:
+
+            async def send_safe(message: Any) -> None:
+                if message["type"] == "http.response.start":
+                    message = {**message, "headers": [*message["headers"], *_HEADERS]}
+                await send(message)
+
+            await self._app(scope, receive, send_safe)
+
+
+async def _answer(send: Any, status: int, text: str, more: Any = ()) -> None:
+    """A whole answer of plain text."""
+    headers = [(b"content-type", b"text/plain; charset=utf-8"), *_HEADERS, *more]
+    await send({"type": "http.response.start", "status": status, "headers": headers})
+    await send({"type": "http.response.body", "body": f"{text}\n".encode()})
+
+
+def _equal(given: str, token: str) -> bool:
+    return hmac.compare_digest(given.encode("utf-8", "replace"), token.encode())

@@ -1,0 +1,73 @@
+"""What a person may choose: places to drive in, assistants, and hands."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final, NamedTuple
+
+from agents.assistance import ASSISTANTS
+from wheelchair_gym.drivers.impairment import IMPAIRMENTS
+from wheelchair_gym.scenes import SCENES
+
+FIRST: Final = "floor_plan"  # scene of the first drive, which needs least compiling
+MAP: Final = "map"  # the key of a person's own map
+RATES: Final = (10, 20, 40)  # Hz
+NO_HAND: Final = "none"
+ANY_TIME: Final = 3600.0  # s: limit of a drive that no suite limits
+
+
+class Place(NamedTuple):
+    """Where episodes are drawn from.
+
+    Attributes:
+        group: scene, suite or map.
+        label: its name.
+        scene: settings of the scene, for the environment.
+        env: further settings of the environment.
+        timed: the episode's own time limit counts.
+    """
+
+    group: str
+    label: str
+    scene: Any
+    env: Mapping[str, Any]
+    timed: bool = False
+
+
+def places(own_map: Mapping[str, Any] | None = None) -> dict[str, Place]:
+    """All places by key: scenes, scenes of the suites of `compare`, and a person's own map.
+
+    Args:
+        own_map: settings of the scene `map_file`, with a label.
+    """
+    from agents.evaluation.compare import SUITES
+    from agents.evaluation.evaluate import label, without_labels
+
+    plain = {"pose_source": "modelled"}
+    found: dict[str, Place] = {}
+    if own_map is not None:
+        found[MAP] = Place("map", str(own_map["label"]), without_labels(own_map), plain)
+    for name in SCENES:
+        if name != "mixture":
+            found[f"scene:{name}"] = Place("scene", name, name, plain)
+    for name, suite in SUITES.items():
+        for k, scene in enumerate(suite.scenes):
+            its = dict(scene.get("env", {})) if isinstance(scene, Mapping) else {}
+            bare = without_labels(scene)
+            if isinstance(bare, Mapping):
+                bare = {key: value for key, value in bare.items() if key != "env"}
+            found[f"suite:{name}:{k}"] = Place(
+                "suite", f"{name}: {label(scene)}", bare, {**suite.env, **its}, timed=True
+            )
+    return found
+
+
+def choices(found: Mapping[str, Place]) -> dict[str, Any]:
+    """What the page offers, as JSON holds it."""
+    return {
+        "places": [[key, place.group, place.label] for key, place in found.items()],
+        "first": MAP if MAP in found else f"scene:{FIRST}",
+        "assistants": sorted(ASSISTANTS),
+        "hands": [NO_HAND, *IMPAIRMENTS],
+        "rates": list(RATES),
+    }

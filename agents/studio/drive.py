@@ -1,0 +1,280 @@
+"""One drive: a person's stick through hand and assistant to the environment, and its pictures."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.assistance import is_shielded, make_assistant
+from agents.assistance.assistant import AssistMission
+from agents.studio.catalogue import ANY_TIME, NO_HAND, Place
+from wheelchair_gym.config import InputError
+from wheelchair_gym.drivers import make_driver
+from wheelchair_gym.drivers.impairment import LiveInput, scanning
+from wheelchair_gym.drivers.intention import NEAR_GOAL
+from wheelchair_gym.envs import NavigationEnv
+from wheelchair_gym.physics.actors.records import ACTOR_KINDS
+from wheelchair_gym.recording.record import RecordEpisodes
+from wheelchair_gym.safety.stops import active_stops
+from wheelchair_gym.tracking import Tracker
+from wheelchair_gym.types import Stick, Truth
+
+_REST: Final = 0.02  # m/s, rad/s: slower is at rest
+_LONGEST_STOP: Final = 5.0  # s in which a chair that is let go comes to rest
+_TOUCHED: Final = 0.01  # deflection below which a stick is centred
+_FINE, _FINE_STEP = 40, 0.005  # Hz, s: its period is no multiple of the usual step of 0.01 s
+_NOTHING: Final = Stick(0.0, 0.0, False)
+
+
+@dataclass(frozen=True)
+class Order:
+    """What a person wants to drive."""
+
+    key: str  # of the place
+    place: Place
+    seed: int
+    assist: str
+    hand: str
+    rate: int  # Hz, of control and of pictures
+
+
+class Drive:
+    """An episode that a person drives; the clock stands until they first move the stick.
+
+    Args:
+        order: what is driven.
+        folder: where the recording goes.
+        scan_period: of a single switch [s]; 0: the person has a stick.
+
+    Attributes:
+        steps: driven so far.
+        over: the episode has ended.
+        note: why the drive is not recorded; empty: it is.
+        file: of the recording; None: there is none.
+
+    Raises:
+        InputError: the place cannot be drawn, or the file cannot be written.
+    """
+
+    def __init__(self, order: Order, folder: Path, scan_period: float = 0.0) -> None:
+        self.order, self.steps, self.over = order, 0, False
+        place = order.place
+        env = {**place.env, "rate": order.rate, "shield": is_shielded(order.assist)}
+        if order.rate == _FINE:
+            env["config"] = {"physics": {"step": _FINE_STEP}}
+        self._world: Any = NavigationEnv(place.scene, **env)
+        self._env: Any = self._world  # recorded, where it can be
+        self.note, self.file = "", None
+        try:
+            self._env = RecordEpisodes(self._world, folder / _file_name(order))
+            self.file = Path(self._env.file)
+        except InputError as error:  # without the extra, or on a full disk, people drive anyway
+            self.note = str(error)
+        self._begin()
+        self.set_device(scan_period)
+        self.set_assistant(order.assist)
+        sensors = self._world.settings.sensors
+        episode: Any = self._world.episode
+        moving = bool(len(episode.actors)) and sensors.laser.beams > 0
+        self._tracker = Tracker(laser=sensors.laser) if moving else None
+        self._tracks: list[Any] = []
+
+    def _begin(self) -> None:
+        seed, more = self.order.seed, {}
+        _, self._info = self._world.reset(seed=seed)
+        if not self.order.place.timed:
+            more["episode"] = dataclasses.replace(self._world.episode, time_limit=ANY_TIME)
+        if more or self._env is not self._world:
+            _, self._info = self._env.reset(seed=seed, options=more or None)
+        self._least = self._info["clearance"]
+        self._contact, self._changed = bool(self._info["contact"]), 0
+        self._stick = self._asked = _NOTHING
+        self._truncated = False
+
+    @property
+    def truth(self) -> Truth:
+        """How things are in the simulation."""
+        truth: Truth = self._world.chair.truth
+        return truth
+
+    def set_assistant(self, name: str) -> None:
+        """Let another assistant help from now on.
+
+        Raises:
+            InputError: it is driven with a shield and this one is not, or the other way round.
+        """
+        if is_shielded(name) != is_shielded(self.order.assist):
+            raise InputError(f"assistant {name}: expected a new drive, since the shield changes")
+        world = self._world
+        self._assistant = make_assistant(name)
+        mission = AssistMission(world.settings.chair, world.settings.sensors, world.task.period)
+        self._assistant.reset(mission)
+        self._assistant.assist(_NOTHING, world.reading, world.task.map)  # compiled before it drives
+        self._assistant.reset(mission)
+        self.order = dataclasses.replace(self.order, assist=name)
+
+    def set_hand(self, name: str) -> None:
+        """Let the stick be moved by the hand of a simulated person from now on."""
+        self.order = dataclasses.replace(self.order, hand=name)
+        self.set_device(self._scan_period)
+
+    def set_device(self, scan_period: float) -> None:
+        """Take a single switch with a scan period [s]; 0: a stick, in the order's hand."""
+        self._scan_period, self._hand = scan_period, None
+        settings, period = self._world.settings, self._world.task.period
+        driver = None
+        if scan_period > 0.0:
+            driver = scanning(scan_period)
+        elif self.order.hand != NO_HAND:
+            driver = make_driver(self.order.hand)
+        if driver is not None:
+            self._hand = LiveInput(driver, settings.chair, settings.sensors, period)
+            self._hand.begin(self._world.task.key)
+
+    def press(self) -> None:
+        """Press the single switch."""
+        if self._hand is not None:
+            self._hand.press()
+
+    def step(self, forward: float, left: float) -> None:
+        """Let one control period pass with a deflection; before the first one, time stands."""
+        if self.over:
+            return
+        self._asked = _NOTHING._replace(forward=forward, left=left)
+        pose = self.truth.pose
+        stick = self._asked
+        if self._hand is not None:
+            goal = self._world.episode.goal
+            near = math.hypot(goal[0] - pose[0], goal[1] - pose[1]) < NEAR_GOAL
+            stick = self._hand.step(forward, left, float(pose[2]), near)
+        self._stick = stick
+        moved = max(abs(forward), abs(left)) > _TOUCHED or self._scans(stick)
+        if self.steps or moved:
+            self._advance(stick)
+
+    def _scans(self, stick: Stick) -> bool:
+        return self._scan_period > 0.0 and (stick.forward != 0.0 or stick.left != 0.0)
+
+    def _advance(self, stick: Stick) -> None:
+        world, task = self._world, self._world.task
+        reading = world.reading
+        twist = self._assistant.assist(stick, reading, task.map)
+        action = task.limits.action(np.asarray(twist, np.float64))
+        _, _, ended, self._truncated, info = self._env.step(action)
+        self._info, self.steps = info, self.steps + 1
+        self.over = bool(ended or self._truncated)
+        self._least = min(self._least, info["clearance"])
+        self._contact |= bool(info["contact"])
+        given = task.limits.twist(action) - np.array(task.shield_intervention)
+        v, w = task.limits.twist_of(stick.forward, stick.left)
+        self._changed += bool(abs(given[0] - v) > 0.05 or abs(given[1] - w) > 0.05)
+        if self._tracker is not None:
+            self._track()
+
+    def _track(self) -> None:
+        assert self._tracker is not None
+        reading, sensors = self._world.task.reading, self._world.settings.sensors
+        scan = reading.laser[sensors.slices[0]]
+        tracks = self._tracker.update(scan, reading.pose, reading.twist, reading.stamp)
+        self._tracks = [
+            [int(tracks.id[k]), *tracks.place[k], *tracks.velocity[k], tracks.radius[k]]
+            for k in np.flatnonzero(tracks.confirmed)
+        ]
+
+    def rest(self) -> None:
+        """Let go of the stick until the chair stands; simulated time runs as fast as it can."""
+        period = self._world.task.period
+        for _ in range(math.ceil(_LONGEST_STOP / period)):
+            if self.over or not self.steps or np.abs(self.truth.twist).max() < _REST:
+                return
+            self._advance(_NOTHING)
+
+    def close(self) -> None:
+        """Bring the chair to rest and complete the recording; without any step there is none."""
+        try:
+            self.rest()
+        finally:
+            self._env.close()
+            if self.file is not None and not self.steps:
+                self.file.unlink(missing_ok=True)
+                self.file = None
+
+    def summary(self) -> dict[str, Any]:
+        """The figures of the drive so far, and its outcome as `compare` names it."""
+        info = self._info
+        success = bool(info["is_success"]) and not self._contact
+        outcome = "success" if success else "collision" if self._contact else "missed"
+        if not self.over:
+            outcome = "stopped"
+        elif outcome == "missed" and self._truncated:
+            outcome = "timeout"
+        return {
+            "outcome": outcome, "time": float(info["time"]), "length": float(info["distance"]),
+            "geodesic": float(info["geodesic"]), "clearance_min": float(self._least),
+            "energy": float(info["energy"]), "changed": self._changed / max(1, self.steps),
+            "file": None if self.file is None else self.file.name, "note": self.note,
+        }  # fmt: skip
+
+    def world(self) -> dict[str, Any]:
+        """What stands still, once a drive: walls, sensors, the chair, who moves."""
+        world = self._world
+        episode, settings = world.episode, world.settings
+        laser, sonar = settings.sensors.laser, settings.sensors.ultrasonic
+        models = zip(sonar.mounted, sonar.models, strict=True)
+        return {
+            "walls": episode.walls, "discs": episode.discs, "goal": episode.goal,
+            "start": episode.start, "bounds": episode.map.bounds, "name": episode.name,
+            "tolerance": world.task.tolerance, "outline": settings.chair.footprint.corners,
+            "laser": [laser.x, laser.y, laser.yaw, laser.fov, laser.beams, laser.reach],
+            "cones": [[m.x, m.y, m.yaw, model.field_of_view] for m, model in models],
+            "actors": [
+                [ACTOR_KINDS[row["kind"]], *map(float, row["size"])] for row in episode.actors.rows
+            ],
+            "path": world.shown.path, "limits": [
+                world.task.limits.forward, world.task.limits.backward, world.task.limits.turn
+            ],
+            "shielded": bool(world.task.is_shielded), "order": {
+                "place": self.order.key, "seed": self.order.seed, "assist": self.order.assist,
+                "hand": self.order.hand, "rate": self.order.rate,
+            }, "recorded": self.file is not None, "note": self.note,
+        }  # fmt: skip
+
+    def picture(self) -> tuple[dict[str, Any], bytes]:
+        """What changes: a head, and the ranges of the first scanner in mm, 0 where it has none."""
+        world, truth, info = self._world, self.truth, self._info
+        reading, shield = world.task.reading, world.shield
+        sensors = world.settings.sensors
+        reason = ""
+        given = world.task.limits.twist(np.array(world.task.action))
+        if shield is not None and world.task.is_shielded:
+            reason, given = shield.decision.reason, shield.decision.given
+        head = {
+            "t": reading.stamp, "pose": truth.pose, "believed": reading.pose, "twist": truth.twist,
+            "asked": self._asked[:2], "stick": self._stick[:2], "given": given, "reason": reason,
+            "clearance": truth.clearance, "least": self._least, "energy": info["energy"],
+            "way": truth.distance, "to_go": world.task.way_to_go(truth.pose),
+            "sonar": reading.ultrasonic, "actors": truth.actor_poses, "tracks": self._tracks,
+            "contact": bool(info["contact"]), "battery": reading.battery,
+            "stands": active_stops(reading.halted, shield),
+            "lit": "" if self._hand is None else self._hand.lit, "waits": not self.steps,
+        }  # fmt: skip
+        return head, _millimetres(reading.laser[sensors.slices[0]])
+
+
+def _millimetres(ranges: NDArray[np.float32]) -> bytes:
+    """Ranges [m] as little-endian uint16 in mm; 0 where there is no echo."""
+    finite = np.where(np.isfinite(ranges), ranges, 0.0)
+    return np.clip(finite * 1e3, 0.0, 65535.0).astype("<u2").tobytes()
+
+
+def _file_name(order: Order) -> str:
+    place = re.sub(r"[^\w.-]+", "_", order.place.label)
+    return f"{time.strftime('%Y%m%d-%H%M%S')}-{place}-{order.seed}-{order.assist}.mcap"

@@ -1,0 +1,190 @@
+"""Messages of the page: what it may send, and the box from which its answers are sent.
+
+The page sends JSON objects with a `type`; each type has a row of FIELDS for each page. What a row
+does not allow is refused with one sentence that names it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import math
+from collections import deque
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from wheelchair_gym.config import InputError
+from wheelchair_gym.errors import shorten
+from wheelchair_gym.files import parse_json
+
+Message = dict[str, Any]
+_WAITING = 500  # messages that may wait for a page that does not take them; then it is cut off
+
+
+class Number(NamedTuple):
+    """A finite number within bounds."""
+
+    low: float
+    high: float
+    whole: bool = False
+
+    def check(self, value: Any, where: str) -> Any:
+        """The value.
+
+        Raises:
+            InputError: it is none.
+        """
+        fine = isinstance(value, int if self.whole else int | float) and not isinstance(value, bool)
+        if not (fine and math.isfinite(value) and self.low <= value <= self.high):
+            what = "a whole number" if self.whole else "a number"
+            raise InputError(
+                f"{where} is {shorten(value)}; expected {what} from {self.low:g} to {self.high:g}"
+            )
+        return value if self.whole else float(value)
+
+
+class Text(NamedTuple):
+    """A text of limited length."""
+
+    longest: int = 200
+
+    def check(self, value: Any, where: str) -> Any:
+        """See `Number.check`."""
+        if not isinstance(value, str) or len(value) > self.longest:
+            raise InputError(
+                f"{where} is {shorten(value)}; expected a text of {self.longest} characters at most"
+            )
+        return value
+
+
+class OneOf(NamedTuple):
+    """One of some texts."""
+
+    known: tuple[str, ...]
+
+    def check(self, value: Any, where: str) -> Any:
+        """See `Number.check`."""
+        if value not in self.known:
+            raise InputError(f"{where} is {shorten(value)}; expected {', '.join(self.known)}")
+        return value
+
+
+class Flag(NamedTuple):
+    """True or false."""
+
+    def check(self, value: Any, where: str) -> Any:
+        """See `Number.check`."""
+        if not isinstance(value, bool):
+            raise InputError(f"{where} is {shorten(value)}; expected true or false")
+        return value
+
+
+class Points(NamedTuple):
+    """A list of lists of so many finite numbers, as points, poses or segments."""
+
+    width: int
+    most: int
+    far: float = 1e4
+
+    def check(self, value: Any, where: str) -> Any:
+        """See `Number.check`."""
+        fine = isinstance(value, list) and len(value) <= self.most
+        for row in value if fine else ():
+            fine = fine and isinstance(row, list) and len(row) == self.width
+            for x in row if fine else ():
+                fine = fine and isinstance(x, int | float) and not isinstance(x, bool)
+                fine = fine and math.isfinite(x) and abs(x) <= self.far
+        if not fine:
+            raise InputError(
+                f"{where}: expected at most {self.most} rows of {self.width} numbers up to "
+                f"{self.far:g}"
+            )
+        return [[float(x) for x in row] for row in value]
+
+
+Fields = Mapping[str, Mapping[str, Any]]
+
+
+def read_message(text: str, fields: Fields) -> Message:
+    """A message of a page.
+
+    Args:
+        text: that the page sent.
+        fields: what each type holds, by name: something with `check`.
+
+    Raises:
+        InputError: it is no JSON object, or its type or a field is not in the table.
+    """
+    content = parse_json(text, "message")
+    if not isinstance(content, dict):
+        raise InputError(f"message is {shorten(content)}; expected an object")
+    kind = content.get("type")
+    if not isinstance(kind, str) or kind not in fields:
+        raise InputError(f"message.type is {shorten(kind)}; expected one of {', '.join(fields)}")
+    expected = fields[kind]
+    if set(content) != {"type", *expected}:
+        raise InputError(
+            f"message {kind} has {shorten(sorted(content))}; expected type, {', '.join(expected)}"
+        )
+    checked = {name: one.check(content[name], f"{kind}.{name}") for name, one in expected.items()}
+    return {"type": kind, **checked}
+
+
+def plain(value: Any) -> Any:
+    """A value as JSON can hold it: arrays as lists, null for what is not finite."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, np.generic):
+        return plain(value.item())
+    if isinstance(value, float):
+        return round(value, 5) if math.isfinite(value) else None
+    return value
+
+
+class Outbox:
+    """What waits to be sent to one page; filled from any thread, emptied by the server's loop.
+
+    Of pictures the latest one waits only: a slow page sees fewer of them, and no old ones.
+    """
+
+    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
+        self._loop, self._filled = loop, asyncio.Event()
+        self._messages: deque[str] = deque()
+        self._picture: bytes | None = None
+        self.overflown = False
+
+    def send(self, kind: str, **content: Any) -> None:
+        """Let a message of a type wait."""
+        if len(self._messages) >= _WAITING:
+            self.overflown = True
+            return
+        self._messages.append(json.dumps({"type": kind, **plain(content)}, allow_nan=False))
+        self._wake()
+
+    def show(self, head: Message, ranges: bytes) -> None:
+        """Let a picture wait, in place of one that waits: length of the head, head, ranges."""
+        text = json.dumps(plain(head), separators=(",", ":")).encode()
+        text += b" " * (-len(text) % 4)  # so that the ranges are aligned
+        self._picture = len(text).to_bytes(4, "little") + text + ranges
+        self._wake()
+
+    def _wake(self) -> None:
+        if not self._loop.is_closed():
+            self._loop.call_soon_threadsafe(self._filled.set)
+
+    async def take(self) -> str | bytes:
+        """The next message, or else the latest picture."""
+        while True:
+            if self._messages:
+                return self._messages.popleft()
+            if self._picture is not None:
+                picture, self._picture = self._picture, None
+                return picture
+            self._filled.clear()
+            await self._filled.wait()

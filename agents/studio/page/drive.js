@@ -1,0 +1,335 @@
+// The page Drive: a form, the picture, the inputs, and the figures of the drive.
+import { build, Link, say, showError } from "./link.js";
+import { Inputs } from "./inputs.js";
+import { text, translate } from "./texts.js";
+import { drawActors, drawChair, drawSenses, drawWorld, View } from "./view.js";
+
+const HTML = `<div class="page"><div class="stage">
+  <canvas id="map" tabindex="0" role="img" data-label="map_label"></canvas>
+  <div class="zoom"><button id="in" data-label="zoom_in">+</button><button id="out" data-label="zoom_out">−</button>
+    <button id="fit" data-t="fit"></button></div>
+  <p id="banner" class="banner"></p>
+  <div id="results" hidden><h2 id="outcome"></h2><p id="figures"></p><div class="row"><a id="recording" data-t="recording" hidden></a>
+    <button id="film" type="button" data-t="film" hidden></button><a id="filmed" data-t="film_ready" hidden></a></div></div>
+  <div class="controls">
+    <div id="stick" class="stick" role="img" data-label="touch_stick"><div class="knob"></div></div>
+    <div id="switching" hidden><ul id="scan" class="scan" data-label="scan"></ul><button id="switch" class="switch" data-t="switch"></button></div>
+    <div class="grow"><div class="row"><button id="pause" data-t="pause" disabled></button><button id="stop" data-t="stop" disabled></button></div>
+      <p class="hint" data-t="keys_hint"></p><ul id="legend" class="legend"></ul></div>
+  </div></div>
+  <form id="form">
+    <fieldset><legend data-t="place"></legend>
+      <label><span data-t="where"></span><select id="place"></select></label>
+      <label><span data-t="seed"></span><input id="seed" type="number" min="0" max="2147483647" step="1" value="0"></label>
+      <div class="row"><button id="start" class="main" data-t="start" disabled></button><button id="next" type="button" data-t="next" disabled></button></div>
+    </fieldset>
+    <fieldset><legend data-t="help"></legend>
+      <label><span data-t="assistant"></span><select id="assist"></select></label><p id="about" class="hint"></p>
+      <label><span data-t="hand"></span><select id="hand"></select></label>
+    </fieldset>
+    <fieldset><legend data-t="input"></legend>
+      <label><span data-t="device"></span><select id="device"><option value="stick" data-t="device_stick"></option><option value="switch" data-t="device_switch"></option></select></label>
+      <label id="scanning" hidden><span data-t="scan_period"></span><input id="period" type="number" min="0.3" max="10" step="0.05" value="1.25"></label>
+      <label><span data-t="speed"></span><input id="speed" type="range" min="0.2" max="1" step="0.1" value="0.8"></label>
+      <label><span data-t="rate"></span><select id="rate"></select></label>
+    </fieldset>
+    <fieldset><legend data-t="readings"></legend><dl id="readings"></dl></fieldset>
+  </form></div>`;
+const READINGS = {
+  r_time: now => `${now.t.toFixed(1)} s`, r_speed: now => `${now.twist[0].toFixed(2)} m/s`,
+  r_clearance: now => `${now.clearance.toFixed(2)} m`, r_least: now => `${now.least.toFixed(2)} m`,
+  r_to_go: now => (now.to_go === null ? "–" : `${now.to_go.toFixed(1)} m`), r_energy: now => `${now.energy.toFixed(2)} Wh`,
+  r_battery: now => `${now.battery.toFixed(1)} V`,
+};
+const LEGEND = ["goal", "scan", "cone", "person", "track", "asked", "given"]; // names of colours and of texts
+const COMMANDS = ["forward", "left", "right", "back"];
+const PERIOD = 25; // ms between two messages of a stick that is moved
+const TRAIL = 3000; // points that are drawn
+
+export class DrivePage {
+  constructor(root, looks) {
+    this.looks = looks;
+    this.on = build(root, HTML);
+    this.view = new View(this.on.map);
+    this.view.onresize = () => this.draw();
+    this.sent = [0, 0];
+    this.number = 0;
+    this.times = new Map(); // when each deflection was sent
+    this.latencies = []; // ms from a deflection to its picture
+    this.trail = [];
+    this.running = false;
+    this.inputs = new Inputs(this.on.stick, () => this.steer());
+    this.timer = setInterval(() => this.steer(), PERIOD);
+    this.listen();
+    this.fill();
+    this.link = new Link("drive", {
+      choices: message => this.choose(message), progress: state => this.prepared(state), busy: () => this.banner(text("busy")),
+      world: message => this.begin(message), picture: (head, ranges) => this.take(head, ranges), ended: message => this.end(message),
+      assist: message => { if (message.anew) say(text("anew")); }, paused: message => this.pausedNow(message.on),
+      filming: () => { this.on.film.disabled = true; this.banner(text("filming")); },
+      film: message => this.filmed(message.file), error: () => { this.on.start.disabled = false; this.on.film.disabled = false; },
+      lost: () => { this.running = false; this.buttons(); },
+    });
+  }
+
+  close() {
+    clearInterval(this.timer);
+    this.inputs.close();
+    this.view.close();
+    this.ending.abort();
+    this.link.close();
+  }
+
+  listen() {
+    const on = this.on, link = (type, content) => this.link.send(type, content);
+    this.ending = new AbortController();
+    on.form.onsubmit = event => { event.preventDefault(); this.start(); };
+    on.next.onclick = () => { on.seed.value = Number(on.seed.value) + 1; this.start(); };
+    on.assist.onchange = () => { this.about(); link("assist", { name: on.assist.value }); };
+    on.hand.onchange = () => link("hand", { name: on.hand.value });
+    on.device.onchange = on.period.onchange = () => this.device();
+    on.pause.onclick = () => link("pause", { on: !this.paused });
+    on.stop.onclick = () => link("stop");
+    on.film.onclick = () => link("film");
+    on.switch.onclick = () => link("press");
+    on.in.onclick = () => this.zoom(this.view.zoom * 1.5);
+    on.out.onclick = () => this.zoom(this.view.zoom / 1.5);
+    on.fit.onclick = () => this.zoom(1);
+    addEventListener("keydown", event => {
+      if (event.target.closest?.("select, input") || event.ctrlKey || event.metaKey || event.altKey) return;
+      const act = { Escape: on.stop.onclick, "+": on.in.onclick, "-": on.out.onclick, 0: on.fit.onclick }[event.key];
+      if (act) act();
+      if (event.code === "Space" && on.device.value === "switch" && event.target.tagName !== "BUTTON") {
+        event.preventDefault();
+        if (!event.repeat) link("press");
+      }
+    }, { signal: this.ending.signal });
+  }
+
+  fill() {
+    this.on.scan.replaceChildren(...COMMANDS.map(name => {
+      const item = document.createElement("li");
+      item.dataset.t = name;
+      return item;
+    }));
+    this.on.legend.replaceChildren(...LEGEND.map(name => {
+      const item = document.createElement("li"), colour = document.createElement("span"), words = document.createElement("span");
+      colour.className = `key ${name}`;
+      words.dataset.t = `k_${name}`;
+      item.append(colour, words);
+      return item;
+    }));
+    this.on.readings.replaceChildren(...[...Object.keys(READINGS), "r_shield"].flatMap(name => {
+      const term = document.createElement("dt"), value = document.createElement("dd");
+      term.dataset.t = name; value.id = name; value.textContent = "–";
+      this.on[name] = value;
+      return [term, value];
+    }));
+  }
+
+  restyle(looks) {
+    this.looks = looks;
+    this.view.restyle();
+    this.about();
+    this.draw();
+  }
+
+  choose(message) {
+    const groups = { map: "maps", scene: "scenes", suite: "suites" }, option = (value, name, key) => {
+      const one = document.createElement("option");
+      one.value = value;
+      if (key) one.dataset.t = key; else one.textContent = name;
+      return one;
+    };
+    this.on.place.replaceChildren(...Object.entries(groups).flatMap(([group, key]) => {
+      const of = message.places.filter(place => place[1] === group);
+      if (!of.length) return [];
+      const made = document.createElement("optgroup");
+      made.label = text(key);
+      made.append(...of.map(([value, , name]) => option(value, name)));
+      return [made];
+    }));
+    this.on.assist.replaceChildren(...message.assistants.map(name => option(name, name)));
+    this.on.place.value = message.first;
+    this.on.assist.value = "direct";
+    this.on.hand.replaceChildren(...message.hands.map(name => option(name, name, `h_${name}`)));
+    this.on.rate.replaceChildren(...message.rates.map(rate => option(rate, `${rate} Hz`)));
+    this.on.rate.value = 20;
+    translate(this.on.form);
+    this.about();
+    this.chosen = true;
+    this.first();
+  }
+
+  prepared(state) {
+    this.ready = state.ready;
+    this.on.start.disabled = this.on.next.disabled = !state.ready;
+    this.first();
+  }
+
+  /** The first drive begins by itself. */
+  first() {
+    if (!this.ready || !this.chosen || this.begun) return;
+    this.begun = true;
+    this.start();
+  }
+
+  about() {
+    const key = `a_${this.on.assist.value}`, found = text(key);
+    this.on.about.textContent = found === key ? "" : found;
+  }
+
+  start() {
+    const on = this.on;
+    showError("");
+    on.start.disabled = true;
+    on.results.hidden = true;
+    this.device();
+    this.link.send("start", {
+      place: on.place.value, seed: Math.max(0, Math.trunc(Number(on.seed.value)) || 0), assist: on.assist.value,
+      hand: on.hand.value, rate: Number(on.rate.value),
+    });
+  }
+
+  device() {
+    const single = this.on.device.value === "switch";
+    this.on.switching.hidden = this.on.scanning.hidden = !single;
+    this.on.stick.hidden = single;
+    const period = Math.min(10, Math.max(0.3, Number(this.on.period.value) || 1.25));
+    this.link.send("device", { name: this.on.device.value, scan_period: period });
+  }
+
+  begin(message) {
+    this.world = message;
+    this.view.bounds = message.bounds;
+    this.trail = [];
+    this.now = null;
+    this.running = true;
+    this.paused = false;
+    this.on.start.disabled = false;
+    this.on.results.hidden = true;
+    this.on.seed.value = message.order.seed;
+    this.on.map.focus({ preventScroll: true });
+    showError(message.note ? text("not_recorded", { text: message.note }) : "");
+    this.buttons();
+    say(text("waiting"));
+  }
+
+  buttons() {
+    this.on.pause.disabled = this.on.stop.disabled = !this.running;
+    this.on.pause.textContent = text(this.paused ? "resume" : "pause");
+  }
+
+  pausedNow(on) {
+    this.paused = on;
+    this.buttons();
+    this.status();
+  }
+
+  steer() {
+    if (!this.running || this.on.device.value === "switch") return;
+    const speed = Number(this.on.speed.value), [forward, left] = this.inputs.deflection().map(one => one * speed);
+    const moved = forward !== this.sent[0] || left !== this.sent[1];
+    if (!moved && !forward && !left) return;
+    if (moved) {
+      this.number += 1;
+      this.times.set(this.number, performance.now());
+      if (this.times.size > 100) this.times.delete(this.times.keys().next().value);
+    }
+    const now = performance.now();
+    if (!moved && now - this.sentAt < PERIOD - 5) return;
+    this.sent = [forward, left];
+    this.sentAt = now;
+    this.link.send("stick", { forward, left, n: this.number });
+  }
+
+  take(head, ranges) {
+    if (!this.world) return;
+    this.now = head;
+    this.ranges = ranges;
+    const [x, y] = head.pose, last = this.trail.at(-1);
+    if (!last || Math.hypot(x - last[0], y - last[1]) > 0.03) this.trail.push([x, y]);
+    if (this.trail.length > TRAIL) this.trail.splice(0, 100);
+    this.follow(x, y);
+    this.draw();
+    for (const [name, shown] of Object.entries(READINGS)) this.on[name].textContent = shown(head);
+    const shield = this.world.shielded ? head.reason || "shield_free" : "shield_off";
+    this.on.r_shield.textContent = text(shield);
+    this.on.scan.querySelectorAll("li").forEach(one => one.classList.toggle("lit", one.dataset.t === head.lit));
+    this.status();
+    const sent = this.times.get(head.n);
+    if (sent !== undefined) {
+      this.times.delete(head.n);
+      this.latencies.push(performance.now() - sent);
+      if (this.latencies.length > 500) this.latencies.shift();
+    }
+    this.pictures = (this.pictures ?? 0) + 1;
+  }
+
+  /** Keep the chair in view; with reduced motion the picture stays until the chair nears its edge. */
+  follow(x, y) {
+    const at = this.view.centre, size = Math.min(this.view.canvas.width, this.view.canvas.height) / this.view.scale;
+    if (!at || !this.looks.still || Math.max(Math.abs(x - at[0]), Math.abs(y - at[1])) > 0.35 * size) this.view.centre = [x, y];
+  }
+
+  status() {
+    if (!this.running || !this.now) return;
+    const now = this.now;
+    if (this.paused) this.banner(text("paused"));
+    else if (now.stands.length) this.banner(text("stands", { text: now.stands.join("; ") }), "alarm");
+    else if (now.reason) this.banner(`${text("r_shield")}: ${text(now.reason)}`, "alarm");
+    else this.banner(text(now.waits ? "waiting" : "driving"));
+  }
+
+  banner(what, kind = "") {
+    if (this.on.banner.textContent !== what) this.on.banner.textContent = what;
+    this.on.banner.className = `banner ${kind}`;
+  }
+
+  end(message) {
+    this.running = false;
+    this.result = message;
+    this.buttons();
+    const fixed = (value, digits) => value.toFixed(digits);
+    const words = text(message.outcome);
+    this.banner(words, message.outcome === "success" ? "good" : message.outcome === "collision" ? "alarm" : "");
+    this.on.outcome.textContent = words;
+    this.on.figures.textContent = text("figures", {
+      time: fixed(message.time, 1), length: fixed(message.length, 2), geodesic: message.geodesic === null ? "–" : fixed(message.geodesic, 2),
+      clearance: fixed(message.clearance_min, 2), energy: fixed(message.energy, 2), changed: fixed(100 * message.changed, 0),
+    });
+    this.on.results.hidden = false;
+    this.on.recording.hidden = this.on.film.hidden = !message.file;
+    this.on.filmed.hidden = true;
+    this.on.film.disabled = false;
+    if (message.file) this.on.recording.href = `files/${message.file}`;
+    say(`${words} ${this.on.figures.textContent}`);
+  }
+
+  filmed(file) {
+    this.on.film.hidden = true;
+    this.on.filmed.hidden = false;
+    this.on.filmed.href = `files/${file}`;
+    this.banner(text("film_ready"), "good");
+  }
+
+  zoom(to) {
+    this.view.zoom = Math.min(8, Math.max(1, to));
+    this.draw();
+  }
+
+  draw() {
+    if (!this.world || !this.now) return;
+    const view = this.view;
+    view.begin();
+    view.line(this.trail, view.colour.trail, 3);
+    drawSenses(view, this.world, this.now, this.ranges);
+    drawWorld(view, this.world);
+    drawActors(view, this.world.actors, this.now.actors);
+    for (const [, x, y, vx, vy, radius] of this.now.tracks) {
+      view.disc(x, y, radius + 0.08, view.colour.track, false, 2);
+      view.arrow(x, y, vx, vy, view.colour.track, 2);
+    }
+    drawChair(view, this.world, this.now);
+  }
+}

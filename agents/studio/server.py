@@ -1,0 +1,242 @@
+"""The studio's server: the page's files, recordings to take along, and a WebSocket for each page.
+
+All of it is behind `access.Guard`. A page has one session, which ends with its socket.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import re
+import socket
+import sys
+import threading
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from agents.studio.access import Access, Bucket, Guard
+from agents.studio.messages import Outbox, read_message
+from agents.studio.warm_up import WarmUp
+from wheelchair_gym.config import InputError
+
+PORT: Final = 8780
+PAGE: Final = Path(__file__).with_name("page")
+_MOST_PAGES = 8  # open at once
+_MOST_BYTES = 1 << 20  # of a message
+_PER_SECOND, _BURST = 150.0, 300.0  # messages of one page; a stick sends 20 to 60 a second
+_BROKEN = 10  # messages that are no messages, after which a page is cut off
+_FILE = re.compile(r"[\w][\w.+-]*\.(mcap|mp4|gif|yaml|png|json)")
+_NO_STUDIO = "wheelchair studio needs {}: pip install 'wheelchair_gym[studio]'"
+
+
+def check_extra() -> None:
+    """Refuse to begin where a package is missing.
+
+    Raises:
+        InputError: the extra 'studio' is not installed.
+    """
+    from importlib.util import find_spec
+
+    for name in ("starlette", "uvicorn", "websockets"):
+        if find_spec(name) is None:
+            raise InputError(_NO_STUDIO.format(name))
+
+
+class Studio:
+    """All that pages share.
+
+    Args:
+        folder: where recordings, films and maps go.
+        own_map: settings of the scene `map_file`, with a label.
+        access: who may come.
+
+    Attributes:
+        warm_up: how far compiling is.
+    """
+
+    def __init__(
+        self, folder: Path, own_map: Mapping[str, Any] | None = None, access: Access | None = None
+    ) -> None:
+        self.folder, self.access = folder, access or Access()
+        self.warm_up = WarmUp()
+        self._own_map = own_map
+        self._pages = 0
+        self._places: dict[str, Any] = {}
+        self._lock = threading.Lock()
+
+    def app(self) -> Any:
+        """The ASGI application."""
+        from starlette.applications import Starlette
+        from starlette.routing import Mount, Route, WebSocketRoute
+        from starlette.staticfiles import StaticFiles
+
+        routes = [
+            Route("/files/{name}", self._file),
+            WebSocketRoute("/session/{page}", self._socket),
+            Mount("/", StaticFiles(directory=PAGE, html=True)),
+        ]
+        return Guard(Starlette(routes=routes), self.access)
+
+    def places(self) -> dict[str, Any]:
+        """What may be driven, by key; loaded once."""
+        from agents.studio.catalogue import places
+
+        with self._lock:
+            if not self._places:
+                self._places = places(self._own_map)
+        return self._places
+
+    async def _file(self, request: Any) -> Any:
+        """A recording, a film or a map of the folder, by its bare name."""
+        from starlette.responses import FileResponse, PlainTextResponse
+
+        name = request.path_params["name"]
+        path = self.folder / name
+        if not _FILE.fullmatch(name) or path.is_symlink() or not path.is_file():
+            return PlainTextResponse("there is no such file\n", 404)
+        return FileResponse(path, filename=name)
+
+    async def _socket(self, connection: Any) -> None:
+        """Serve one page until it goes."""
+        kind = connection.path_params["page"]
+        if kind not in SESSIONS or self._pages >= _MOST_PAGES:
+            await connection.close(1013 if kind in SESSIONS else 1008)
+            return
+        await connection.accept()
+        self._pages += 1
+        out = Outbox(asyncio.get_running_loop())
+        session: Any = None
+        tasks = [
+            asyncio.create_task(_send_all(connection, out)),
+            asyncio.create_task(self._report(out)),
+        ]
+        try:
+            session = await asyncio.to_thread(SESSIONS[kind], self, out)
+            await _receive_all(connection, session, out)
+        finally:
+            for task in tasks:
+                task.cancel()
+            if session is not None:
+                await asyncio.to_thread(session.close)
+            self._pages -= 1
+
+    async def _report(self, out: Outbox) -> None:
+        """Tell a page how far compiling is, when that changes."""
+        last: Any = None
+        while True:
+            state = self.warm_up.state()
+            if state["ready"]:
+                state |= {"seconds": 0.0}
+            if state != last:
+                out.send("progress", **state)
+                last = state
+            await asyncio.sleep(0.25)
+
+
+def _drive_session(studio: Studio, out: Outbox) -> Any:
+    from agents.studio.catalogue import choices
+    from agents.studio.session import DriveSession
+
+    places = studio.places()
+    out.send("choices", **choices(places))
+    return DriveSession(places, studio.folder, out, studio.warm_up.ready)
+
+
+SESSIONS: Final[dict[str, Callable[[Studio, Outbox], Any]]] = {"drive": _drive_session}
+
+
+async def _send_all(connection: Any, out: Outbox) -> None:
+    """Send what waits, until the page is gone or takes nothing any more."""
+    while not out.overflown:
+        item = await out.take()
+        if isinstance(item, str):
+            await connection.send_text(item)
+        else:
+            await connection.send_bytes(item)
+    await connection.close(1013)
+
+
+async def _receive_all(connection: Any, session: Any, out: Outbox) -> None:
+    """Give a session what its page sends, until the page goes or misbehaves."""
+    bucket, broken = Bucket(_PER_SECOND, _BURST), 0
+    while True:
+        event = await connection.receive()
+        if event["type"] == "websocket.disconnect":
+            return
+        if not bucket.take():
+            await connection.close(1008, "too many messages")
+            return
+        try:
+            if event.get("text") is None:
+                raise InputError("a message of bytes; expected text")
+            session.receive(read_message(event["text"], session.fields))
+        except InputError as error:
+            broken += 1
+            out.send("error", text=str(error))
+            if broken > _BROKEN:
+                await connection.close(1008, "too many broken messages")
+                return
+
+
+def listening_socket(host: str, port: int) -> socket.socket:
+    """A bound socket.
+
+    Raises:
+        InputError: the port is taken, or the address is not this machine's.
+    """
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    bound = socket.socket(family, socket.SOCK_STREAM)
+    bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        bound.bind((host, port))
+        bound.listen(64)
+    except OSError as error:
+        bound.close()
+        raise InputError(
+            f"port {port} of {host} cannot be used ({error.strerror}); choose another by --port"
+        ) from None
+    return bound
+
+
+def make_server(studio: Studio) -> Any:
+    """A uvicorn server of the studio; `run(sockets=[...])` serves."""
+    import uvicorn
+
+    return uvicorn.Server(
+        uvicorn.Config(
+            studio.app(), log_level="warning", access_log=False, lifespan="off",
+            ws_max_size=_MOST_BYTES, ws_ping_interval=5.0, ws_ping_timeout=5.0,
+            limit_concurrency=64, timeout_graceful_shutdown=3, server_header=False,
+            h11_max_incomplete_event_size=65536,
+        )
+    )  # fmt: skip
+
+
+def serve(studio: Studio, port: int) -> None:
+    """Serve until Ctrl-C, and print the address with its token.
+
+    Raises:
+        InputError: the port is taken.
+    """
+    host = "0.0.0.0" if studio.access.lan else "127.0.0.1"
+    bound = listening_socket(host, port)
+    number = bound.getsockname()[1]
+    shown = _lan_address() if studio.access.lan else "127.0.0.1"
+    print(f"http://{shown}:{number}/?token={studio.access.token}", flush=True)
+    print("open this address in a browser; Ctrl-C ends the studio", file=sys.stderr)
+    studio.warm_up.start()
+    try:
+        make_server(studio).run(sockets=[bound])
+    finally:
+        studio.warm_up.close()
+        bound.close()
+
+
+def _lan_address() -> str:
+    """This machine's address on its network; no packet is sent."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(("192.0.2.1", 9))  # of no machine (RFC 5737)
+        except OSError:
+            return "127.0.0.1"
+        return str(probe.getsockname()[0])

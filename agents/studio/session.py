@@ -1,0 +1,229 @@
+"""The session of the page Drive: a thread that owns the environment and steps it in real time.
+
+Whatever happens, the chair stops: a stick that is not confirmed for a moment counts as released,
+and a page that is closed ends the drive once the chair stands.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import logging
+import queue
+import threading
+import time
+from pathlib import Path
+from typing import Final
+
+from agents.assistance import ASSISTANTS, is_shielded
+from agents.studio.catalogue import NO_HAND, RATES, Place
+from agents.studio.drive import Drive, Order
+from agents.studio.films import film
+from agents.studio.messages import Fields, Flag, Message, Number, OneOf, Outbox, Text
+from wheelchair_gym.config import InputError
+from wheelchair_gym.drivers.impairment import IMPAIRMENTS
+
+_LOG = logging.getLogger(__name__)
+DEAD_MAN: Final = 0.4  # s for which a deflection counts; the page confirms it every 0.05 s
+_LATE: Final = 0.25  # s: a drive that is later gives up catching up with real time
+_IDLE: Final = 0.1  # s between two looks whether the page is closed
+
+_DEFLECTION = Number(-1.0, 1.0)
+FIELDS: Final[Fields] = {
+    "start": {
+        "place": Text(), "seed": Number(0, 2**31, whole=True), "assist": Text(), "hand": Text(),
+        "rate": Number(RATES[0], RATES[-1], whole=True),
+    },
+    "stick": {"forward": _DEFLECTION, "left": _DEFLECTION, "n": Number(0, 2**53, whole=True)},
+    "press": {},
+    "device": {"name": OneOf(("stick", "switch")), "scan_period": Number(0.1, 10.0)},
+    "assist": {"name": Text()},
+    "hand": {"name": Text()},
+    "pause": {"on": Flag()},
+    "stop": {},
+    "film": {},
+}  # fmt: skip
+
+
+class DriveSession:
+    """Serves one page, from when it is made until `close`.
+
+    Args:
+        places: what may be driven, by key.
+        folder: where recordings and films go.
+        outbox: of the page.
+        ready: set once a first drive is compiled.
+    """
+
+    fields = FIELDS
+
+    def __init__(
+        self, places: dict[str, Place], folder: Path, outbox: Outbox, ready: threading.Event
+    ) -> None:
+        self._places, self._folder, self._out, self._ready = places, folder, outbox, ready
+        self._inbox: queue.Queue[Message] = queue.Queue(maxsize=100)
+        self._stick, self._number = (0.0, 0.0, -1.0), 0  # deflections, and when they came [s]
+        self._closing = threading.Event()
+        self._drive: Drive | None = None
+        self._recorded: Path | None = None
+        self._paused, self._scan_period = False, 0.0
+        self._thread = threading.Thread(target=self._run, daemon=True, name="drive")
+        self._thread.start()
+
+    def receive(self, message: Message) -> None:
+        """Take a message that `FIELDS` allows.
+
+        Raises:
+            InputError: too many of them wait.
+        """
+        if message["type"] == "stick":
+            self._stick = message["forward"], message["left"], time.monotonic()
+            self._number = message["n"]
+            return
+        try:
+            self._inbox.put_nowait(message)
+        except queue.Full:
+            raise InputError("too many messages wait; try again") from None
+
+    def close(self) -> None:
+        """Stop the chair, complete the recording and end the thread."""
+        self._stick = (0.0, 0.0, -1.0)
+        self._closing.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        due = time.monotonic()
+        try:
+            while not self._closing.is_set():
+                if not self._drives:
+                    due = time.monotonic()
+                self._handle(max(0.0, due - time.monotonic()) if self._drives else _IDLE)
+                now = time.monotonic()
+                if self._drives and self._drive is not None and now >= due:
+                    late = now - due > _LATE
+                    due = (now if late else due) + 1.0 / self._drive.order.rate
+                    self._step(self._drive)
+        finally:
+            self._end()
+
+    @property
+    def _drives(self) -> bool:
+        return self._drive is not None and not self._paused
+
+    def _handle(self, patience: float) -> None:
+        """Handle one message, if any comes in time [s]."""
+        try:
+            message = self._inbox.get(timeout=patience) if patience else self._inbox.get_nowait()
+        except queue.Empty:
+            return
+        try:
+            getattr(self, f"_on_{message['type']}")(message)
+        except InputError as error:
+            self._out.send("error", text=str(error))
+        except Exception as error:
+            _LOG.exception("studio: %s failed", message["type"])
+            self._out.send("error", text=f"{message['type']}: {type(error).__name__}: {error}")
+
+    def _step(self, drive: Drive) -> None:
+        forward, left, at = self._stick
+        if time.monotonic() - at > DEAD_MAN:
+            forward = left = 0.0
+        number = self._number
+        try:
+            drive.step(forward, left)
+        except Exception as error:  # an assistant of somebody's, a full disk: the chair stops
+            _LOG.exception("studio: the drive failed")
+            self._out.send("error", text=f"the drive ended: {type(error).__name__}: {error}")
+            self._end()
+            return
+        head, ranges = drive.picture()
+        self._out.show({**head, "n": number}, ranges)
+        if drive.over:
+            self._end()
+
+    def _on_start(self, message: Message) -> None:
+        place = self._places.get(message["place"])
+        if place is None:
+            raise InputError(f"start.place is {message['place']!r}; expected one of the list")
+        _check_choice("start.assist", message["assist"], (*ASSISTANTS,))
+        _check_choice("start.hand", message["hand"], (NO_HAND, *IMPAIRMENTS))
+        self._end()
+        self._out.send("busy")
+        while not self._ready.wait(_IDLE):
+            if self._closing.is_set():
+                return
+        order = Order(
+            message["place"], place, message["seed"], message["assist"], message["hand"],
+            message["rate"],
+        )  # fmt: skip
+        self._begin(order)
+
+    def _begin(self, order: Order) -> None:
+        self._drive = drive = Drive(order, self._folder, self._scan_period)
+        self._paused = False
+        self._stick = (0.0, 0.0, -1.0)
+        self._out.send("world", **drive.world())
+        head, ranges = drive.picture()
+        self._out.show({**head, "n": self._number}, ranges)
+
+    def _on_press(self, message: Message) -> None:
+        if self._drive is not None:
+            self._drive.press()
+
+    def _on_device(self, message: Message) -> None:
+        self._scan_period = message["scan_period"] if message["name"] == "switch" else 0.0
+        if self._drive is not None:
+            self._drive.set_device(self._scan_period)
+
+    def _on_assist(self, message: Message) -> None:
+        name = message["name"]
+        _check_choice("assist.name", name, (*ASSISTANTS,))
+        drive = self._drive
+        if drive is None or drive.over:
+            return
+        if is_shielded(name) == is_shielded(drive.order.assist):
+            drive.set_assistant(name)
+            self._out.send("assist", name=name, anew=False)
+        else:  # the shield comes or goes: a judged drive has it from start to end, or not at all
+            order = drive.order
+            self._end()
+            self._begin(dataclasses.replace(order, assist=name))
+            self._out.send("assist", name=name, anew=True)
+
+    def _on_hand(self, message: Message) -> None:
+        _check_choice("hand.name", message["name"], (NO_HAND, *IMPAIRMENTS))
+        if self._drive is not None:
+            self._drive.set_hand(message["name"])
+
+    def _on_pause(self, message: Message) -> None:
+        self._paused = message["on"]
+        self._out.send("paused", on=self._paused)
+
+    def _on_stop(self, message: Message) -> None:
+        self._end()
+
+    def _on_film(self, message: Message) -> None:
+        if self._drive is not None and not self._drive.over:
+            raise InputError("film: end the drive first")
+        if self._recorded is None:
+            raise InputError("film: there is no recorded drive yet")
+        self._out.send("filming")
+        target = film(self._recorded, self._closing.is_set)
+        self._out.send("film", file=target.name)
+
+    def _end(self) -> None:
+        """End the drive, if there is one: the chair stops, and its recording is complete."""
+        drive, self._drive = self._drive, None
+        if drive is None:
+            return
+        try:
+            drive.close()
+        except Exception as error:
+            _LOG.exception("studio: the drive could not be ended")
+            self._out.send("error", text=f"the recording may be cut: {error}")
+        if drive.steps:
+            self._recorded = drive.file
+            self._out.send("ended", **drive.summary())
+
+
+def _check_choice(where: str, name: str, known: tuple[str, ...]) -> None:
+    OneOf(known).check(name, where)

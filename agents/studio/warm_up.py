@@ -1,0 +1,176 @@
+"""Compiles what a drive needs while the page is open already, and says how far it is.
+
+    python -m agents.studio.warm_up first|all
+
+is the process that compiles; it prints a line for each kernel. It has no other threads, so that it
+may share the work with a process of its own (`compiled.second_process`).
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Any, Final
+
+from numba.core import event
+
+from agents.studio.catalogue import FIRST
+
+EXPECTED: Final = 45.0  # s that compiling takes on two cores
+
+
+def first_drive() -> None:
+    """Load or compile all that the first drive needs: a scene without people, and no shield."""
+    import numpy as np
+
+    from wheelchair_gym.envs import NavigationEnv
+
+    env = NavigationEnv(FIRST, pose_source="modelled")
+    env.reset(seed=0)
+    for _ in range(3):
+        env.step(np.array([0.1, 0.1], np.float32))
+    env.task.way_to_go(env.task.reading.pose)
+    env.close()
+
+
+def everything() -> None:
+    """Load or compile what a person may choose: the shield, assistants, hands, people."""
+    import numpy as np
+
+    from agents.assistance import ASSISTANTS, make_assistant
+    from agents.assistance.assistant import AssistMission
+    from wheelchair_gym.drivers import make_driver
+    from wheelchair_gym.drivers.impairment import LiveInput
+    from wheelchair_gym.envs import NavigationEnv
+    from wheelchair_gym.tracking import Tracker
+    from wheelchair_gym.types import Stick
+
+    LiveInput(make_driver("essential_tremor"), *_parts()).step(0.5, 0.0, 0.0)
+    env = NavigationEnv("crowd", pose_source="modelled", shield=True)
+    env.reset(seed=0)
+    Tracker(laser=env.settings.sensors.laser)
+    for name in ASSISTANTS:
+        assistant = make_assistant(name)
+        assistant.reset(AssistMission(env.settings.chair, env.settings.sensors, env.task.period))
+        for _ in range(2):
+            twist = assistant.assist(Stick(0.5, 0.1, False), env.reading, env.task.map)
+            env.step(np.clip(twist, -1.0, 1.0))
+    env.close()
+
+
+def _parts() -> Any:
+    from wheelchair_gym.physics.settings import ChairSettings
+    from wheelchair_gym.sensors.settings import SensorSettings
+
+    return ChairSettings(), SensorSettings(), 0.05
+
+
+class _Counter(event.Listener):
+    """Calls a function with the name of each kernel of ours that is compiled."""
+
+    def __init__(self, each: Any) -> None:
+        self._each, self._depth = each, 0
+
+    def on_start(self, event: Any) -> None:
+        function = event.data["dispatcher"].py_func
+        self._depth += 1
+        self._each(function.__name__.strip("_"))
+
+    def on_end(self, event: Any) -> None:
+        self._depth -= 1
+        if not self._depth:
+            self._each("")
+
+
+class WarmUp:
+    """The state of warming up, which other threads read.
+
+    Attributes:
+        ready: the first drive may begin.
+    """
+
+    def __init__(self) -> None:
+        self.ready, self.error = threading.Event(), ""
+        self._begun, self._kernels, self._kernel = time.monotonic(), 0, ""
+        self._compiling = False
+        self._child: subprocess.Popen[str] | None = None
+        self._closed = False
+
+    def start(self) -> None:
+        """Begin in the background."""
+        event.register("numba:compile", _Counter(self._count))  # type: ignore[no-untyped-call]
+        threading.Thread(target=self._run, daemon=True, name="warm-up").start()
+
+    def state(self) -> dict[str, Any]:
+        """What a person is told: whether a drive may begin, kernels compiled so far, a share."""
+        seconds = time.monotonic() - self._begun
+        ready = self.ready.is_set()
+        return {
+            "ready": ready, "kernels": self._kernels, "kernel": self._kernel,
+            "compiling": self._compiling and not ready, "seconds": round(seconds, 1),
+            "share": 1.0 if ready else min(0.95, seconds / (EXPECTED if self._compiling else 5.0)),
+            "error": self.error,
+        }  # fmt: skip
+
+    def close(self) -> None:
+        """End what still compiles."""
+        self._closed = True
+        if self._child is not None and self._child.poll() is None:
+            self._child.kill()
+
+    def _count(self, kernel: str) -> None:
+        self._kernel = kernel
+        if kernel:
+            self._kernels += 1
+            self._compiling = True
+
+    def _run(self) -> None:
+        try:
+            from wheelchair_gym.compiled.second_process import are_compiled
+            from wheelchair_gym.envs.batch import step_one
+
+            if not are_compiled((step_one,)):
+                self._compiling = True
+                self._compile("first")
+            first_drive()
+        except Exception as error:  # a person is told, and may still try
+            self.error = f"{type(error).__name__}: {error}"
+        self.ready.set()
+        self._kernel = ""
+        from wheelchair_gym.drivers.impairment import step_live
+        from wheelchair_gym.safety.shield import decide_row
+        from wheelchair_gym.tracking.tracker import update_tracker
+
+        if not are_compiled((decide_row, step_live, update_tracker)):
+            self._compile("all")
+
+    def _compile(self, what: str) -> None:
+        """Let a process compile; it ends with this one."""
+        if self._closed:
+            return
+        command = [sys.executable, "-m", "agents.studio.warm_up", what]
+        root = str(Path(__file__).resolve().parents[2])
+        path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))
+        with subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, stdin=subprocess.PIPE,
+            text=True, env={**os.environ, "PYTHONPATH": path},
+        ) as self._child:  # fmt: skip
+            assert self._child.stdout is not None
+            for line in self._child.stdout:
+                self._count(line.strip())
+
+
+def _main() -> None:
+    what = sys.argv[1]
+    event.register("numba:compile", _Counter(lambda name: name and print(name, flush=True)))  # type: ignore[no-untyped-call]
+    if what == "all" and hasattr(os, "nice"):
+        os.nice(10)
+    {"first": first_drive, "all": everything}[what]()
+
+
+if __name__ == "__main__":
+    _main()

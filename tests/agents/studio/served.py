@@ -1,0 +1,118 @@
+"""The studio, served in this process, and a browser: one of each for a module of tests."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import threading
+import time
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+
+from agents.studio.access import Access
+from agents.studio.server import Studio, listening_socket, make_server
+from wheelchair_gym.maps import OccupancyGrid, write_map
+
+BROWSER = (
+    shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+)
+PATIENCE = 120.0  # s: where nothing is compiled yet
+
+
+def room_map(folder):
+    """A room of 6 m x 4 m as a scene, with start and goal 2 m apart, straight ahead."""
+    cells = np.zeros((84, 124), np.int8)
+    cells[:2] = cells[-2:] = 100
+    cells[:, :2] = cells[:, -2:] = 100
+    path = folder / "room.yaml"
+    write_map(OccupancyGrid(cells, 0.05, (0.0, 0.0, 0.0)), path)
+    ends = {"start": [1.5, 2.1, 0.0], "goal": [3.3, 2.1, 0.0]}
+    return {"name": "map_file", "path": str(path), **ends, "label": "room"}
+
+
+class Served:
+    """A studio at a port of this machine, with its address."""
+
+    def __init__(self, studio, port):
+        self.studio, self.port = studio, port
+        self.host = f"127.0.0.1:{port}"
+        self.url = f"http://{self.host}/?token={studio.access.token}"
+
+    def socket(self, page="drive", **headers):
+        """A page's WebSocket, without a browser."""
+        from websockets.sync.client import connect
+
+        origin = headers.pop("origin", f"http://{self.host}")
+        token = headers.pop("token", self.studio.access.token)
+        return connect(
+            f"ws://{self.host}/session/{page}?token={token}", origin=origin, open_timeout=10,
+            additional_headers=headers, max_size=None,
+        )  # fmt: skip
+
+
+@contextmanager
+def serving(folder):
+    """A studio that is served while the context lasts; its files go to a folder."""
+    studio = Studio(folder / "out", room_map(folder), Access())
+    bound = listening_socket("127.0.0.1", 0)
+    server = make_server(studio)
+    studio.warm_up.start()
+    thread = threading.Thread(target=lambda: server.run(sockets=[bound]), daemon=True)
+    thread.start()
+    try:
+        yield Served(studio, bound.getsockname()[1])
+    finally:
+        server.should_exit = True
+        thread.join(20.0)
+        studio.warm_up.close()
+        bound.close()
+        assert not thread.is_alive()
+
+
+@contextmanager
+def browsing():
+    """A browser; a skip, or a failure where it is required."""
+    if BROWSER is None:
+        reason = "the page needs Chromium: run `make browser`"
+        if os.environ.get("WHEELCHAIR_BROWSER") == "required":
+            pytest.fail(reason)
+        pytest.skip(reason)
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=BROWSER, args=["--no-sandbox"])
+        yield browser
+        browser.close()
+
+
+def until(page, expression, patience=PATIENCE):
+    """Wait until an expression of JavaScript holds on a page, whose policy forbids `eval`."""
+    end = time.monotonic() + patience
+    while not page.evaluate(expression):
+        assert time.monotonic() < end, (expression, page.inner_text("body")[:2000])
+        page.wait_for_timeout(30)
+
+
+def messages(socket, *kinds, patience=PATIENCE):
+    """The next message of one of these types, or the head of the next `picture`."""
+    end = time.monotonic() + patience
+    while True:
+        raw = socket.recv(timeout=max(0.1, end - time.monotonic()))
+        message = {"type": ""}
+        if isinstance(raw, bytes):
+            length = int.from_bytes(raw[:4], "little")
+            if "picture" in kinds:
+                return {"type": "picture", "ranges": raw[4 + length :]} | json.loads(
+                    raw[4 : 4 + length]
+                )
+        elif (message := json.loads(raw))["type"] in kinds:
+            return message
+        assert message["type"] != "error", message
+
+
+def send(socket, kind, **content):
+    """Send a message of a type."""
+    socket.send(json.dumps({"type": kind, **content}))

@@ -1,0 +1,185 @@
+"""The page in a browser: people drive by keys, touch, gamepad and switch, and can read it."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from agents.assistance import ASSISTANTS
+from agents.cli import main
+from agents.studio.catalogue import NO_HAND
+from agents.studio.server import PAGE
+from tests.agents.studio.served import browsing, serving, until
+from wheelchair_gym.drivers.impairment import IMPAIRMENTS
+
+GAMEPAD = "navigator.getGamepads = () => [{ axes: [0, window.pushed ?? 0] }]"
+WAITS = "studio.running && studio.now?.waits"
+
+
+@pytest.fixture(scope="module")
+def opened(tmp_path_factory):
+    """The studio, and its page in a browser; at the end, nothing was wrong on its console."""
+    with serving(tmp_path_factory.mktemp("page")) as served, browsing() as browser:
+        page = browser.new_page(viewport={"width": 1280, "height": 900})
+        wrong = []
+        page.on("console", lambda m: m.type in ("error", "warning") and wrong.append(m.text))
+        page.on("pageerror", lambda error: wrong.append(str(error)))
+        page.set_default_timeout(10_000.0)
+        page.add_init_script(GAMEPAD)
+        page.goto(served.url)
+        until(page, "window.studio?.running")
+        yield served, page
+        assert wrong == []
+
+
+def begin(page):
+    """A fresh drive, before its first move."""
+    until(page, "!document.getElementById('start').disabled")
+    page.evaluate("studio.now = studio.world = null; studio.running = false")
+    page.click("#start")
+    until(page, WAITS)
+
+
+def test_the_address_bar_shows_no_token(opened):
+    _, page = opened
+    assert "token" not in page.url
+    assert page.input_value("#place") == "map"
+
+
+def test_keys_drive_to_the_goal_and_the_drive_is_judged_the_same(opened, capsys):
+    served, page = opened
+    begin(page)
+    page.keyboard.down("ArrowUp")
+    until(page, "!studio.running", 20.0)
+    page.keyboard.up("ArrowUp")
+    result = page.evaluate("studio.result")
+    assert result["outcome"] == "success"
+    assert page.inner_text("#outcome") == page.inner_text("#banner")
+    assert main(["replay", str(served.studio.folder / result["file"])]) == 0
+    assert "the same rewards" in capsys.readouterr().out
+    page.click("#film")
+    until(page, "!document.getElementById('filmed').hidden", 60.0)
+    with page.expect_download() as loading:
+        page.click("#filmed")
+    assert loading.value.path().stat().st_size > 1000
+
+
+def test_touch_drives_and_stops(opened):
+    _, page = opened
+    begin(page)
+    page.click("#device", trial=True)  # in view
+    box = page.locator("#stick").bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x, y - box["height"] / 2)
+    until(page, "studio.now.twist[0] > 0.1", 10.0)
+    page.mouse.up()
+    until(page, "Math.abs(studio.now.twist[0]) < 0.02", 10.0)
+
+
+def test_a_gamepad_drives(opened):
+    _, page = opened
+    begin(page)
+    page.evaluate("window.pushed = 0.05")  # a stick that rests off its centre
+    page.wait_for_timeout(200)
+    assert page.evaluate(WAITS)
+    page.evaluate("window.pushed = -0.9")
+    until(page, "studio.now.twist[0] > 0.1", 10.0)
+    page.evaluate("window.pushed = 0")
+    page.keyboard.press("Escape")
+    until(page, "!studio.running", 10.0)
+
+
+def test_a_single_switch_drives_and_stops(opened):
+    _, page = opened
+    begin(page)
+    page.select_option("#device", "switch")
+    page.fill("#period", "0.5")
+    page.focus("#map")
+    until(page, "studio.now.lit === 'back'", 10.0)
+    until(page, "studio.now.lit === 'forward'", 10.0)
+    page.keyboard.press("Space")
+    until(page, "studio.now.twist[0] > 0.05", 10.0)
+    page.click("#switch")
+    until(page, "studio.now.lit !== ''", 10.0)
+    page.select_option("#device", "stick")
+    page.keyboard.press("Escape")
+
+
+@pytest.mark.parametrize("language", ["en", "es"])
+@pytest.mark.parametrize("contrast", [False, True])
+def test_the_page_is_accessible(opened, language, contrast):
+    from axe_playwright_python.sync_playwright import Axe
+
+    _, page = opened
+    page.evaluate("document.getElementById('looks').open = true")
+    page.select_option("#language", language)
+    page.set_checked("#contrast", contrast)
+    found = Axe().run(page).response["violations"]
+    assert [(one["id"], one["nodes"][0]["html"]) for one in found] == []
+    assert page.evaluate("document.documentElement.lang") == language
+    page.select_option("#language", "en")
+
+
+@pytest.mark.parametrize("width", [390, 820, 1280])
+def test_nothing_is_cut_off_on_a_phone_or_a_tablet(opened, width):
+    _, page = opened
+    page.set_viewport_size({"width": width, "height": 900})
+    page.evaluate("document.getElementById('looks').open = true")
+    for size in ("100", "200"):
+        page.select_option("#size", size)
+        assert page.evaluate("document.documentElement.scrollWidth") <= width, size
+    page.select_option("#size", "100")
+    page.set_viewport_size({"width": 1280, "height": 900})
+
+
+def test_keys_alone_reach_everything(opened):
+    _, page = opened
+    page.focus("body")
+    page.evaluate("document.activeElement.blur()")
+    reached = set()
+    for _ in range(60):
+        page.keyboard.press("Tab")
+        reached.add(page.evaluate("document.activeElement.id"))
+    shown = page.evaluate(
+        "[...document.querySelectorAll('main button, main select, main input, main a[href]')]"
+        ".filter(one => one.offsetParent && !one.disabled).map(one => one.id)"
+    )
+    assert set(shown) <= reached
+    assert "map" in reached
+
+
+def test_a_lost_connection_is_told(opened):
+    _, page = opened
+    page.evaluate("studio.link.socket.close()")
+    until(page, "!document.getElementById('lost').hidden", 10.0)
+    page.click("#again")
+    until(page, WAITS, 20.0)
+
+
+def texts():
+    """The rows of texts by key."""
+    source = (PAGE / "texts.js").read_text(encoding="utf-8")
+    row = r'^  (\w+): \["((?:[^"\\]|\\.)*)",\s*"((?:[^"\\]|\\.)*)"\]'
+    source = re.sub(r'(\]|"), (\w+: \[)', r"\1,\n  \2", source)
+    return {key: (one, other) for key, one, other in re.findall(row, source, re.MULTILINE)}
+
+
+def test_every_text_is_there_in_both_languages():
+    rows = texts()
+    for key, (one, other) in rows.items():
+        assert one
+        assert other
+        named = set(re.findall(r"\{\w+\}", one)), set(re.findall(r"\{\w+\}", other))
+        assert named[0] == named[1], key
+    used = set()
+    for file in PAGE.iterdir():
+        if file.suffix in (".js", ".html") and file.name != "texts.js":
+            source = file.read_text(encoding="utf-8")
+            used |= set(re.findall(r'data-(?:t|label)="(\w+)"|\btext\("(\w+)"', source))
+    used = {one or other for one, other in used}
+    used |= {f"a_{name}" for name in ASSISTANTS.built_in}
+    used |= {f"h_{name}" for name in (NO_HAND, *IMPAIRMENTS)}
+    assert used <= set(rows)

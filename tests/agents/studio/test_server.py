@@ -1,0 +1,267 @@
+"""The server refuses whom it does not know, and a chair that is let go stops."""
+
+from __future__ import annotations
+
+import contextlib
+import http.client
+import json
+import time
+
+import numpy as np
+import pytest
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+
+from agents.cli import main
+from agents.studio.films import film
+from agents.studio.messages import read_message
+from agents.studio.server import listening_socket
+from agents.studio.session import FIELDS
+from tests.agents.studio.served import messages, send, serving
+from wheelchair_gym.config import InputError
+from wheelchair_gym.recording.replay import read_recording
+
+START = {"place": "map", "seed": 0, "assist": "direct", "hand": "none", "rate": 20}
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory):
+    with serving(tmp_path_factory.mktemp("studio")) as one:
+        yield one
+
+
+def get(served, path, method="GET", **headers):
+    """Status, headers and body of an answer."""
+    line = http.client.HTTPConnection("127.0.0.1", served.port, timeout=10)
+    headers = {name.replace("_", "-"): value for name, value in headers.items()}
+    line.putrequest(method, path, skip_host="Host" in headers)
+    for name, value in headers.items():
+        line.putheader(name, value)
+    line.endheaders()
+    answer = line.getresponse()
+    body = answer.read()
+    line.close()
+    return answer.status, dict(answer.getheaders()), body
+
+
+def is_alive(served):
+    status, _, body = get(served, f"/app.js?token={served.studio.access.token}")
+    return status == 200 and b"import" in body
+
+
+def test_the_address_gives_a_cookie_that_opens_the_page(served):
+    status, headers, _ = get(served, f"/?token={served.studio.access.token}")
+    assert status == 303
+    assert headers["location"] == "/"
+    cookie = headers["set-cookie"]
+    assert "HttpOnly" in cookie
+    assert "SameSite=Strict" in cookie
+    status, headers, body = get(served, "/", Cookie=cookie.split(";")[0])
+    assert status == 200
+    assert b"<main" in body
+    assert "default-src 'self'" in headers["content-security-policy"]
+
+
+@pytest.mark.parametrize("path", ["/", "/app.js", "/files/x.mcap", "/session/drive"])
+def test_without_the_token_nothing_is_served(served, path):
+    for query in ("", "?token=", "?token=wrong", "?token=%00%ff"):
+        status, _, body = get(served, path + query)
+        assert status == 403
+        assert b"token" in body
+    assert get(served, path, Cookie=f"studio-{served.port}=wrong; x")[0] == 403
+    assert is_alive(served)
+
+
+def test_another_page_and_another_name_of_the_machine_are_refused(served):
+    own = f"/app.js?token={served.studio.access.token}"
+    assert get(served, own, Origin=f"http://{served.host}")[0] == 200
+    for origin in ("http://evil.example", "null", f"https://{served.host}", "http://127.0.0.1:1"):
+        assert get(served, own, Origin=origin)[0] == 403
+    for host in ("evil.example", f"evil.example:{served.port}", "127.0.0.1.evil.example", "[", ""):
+        assert get(served, own, Host=host)[0] == 403  # a name that others let point here
+    assert get(served, own, Host="192.0.2.7")[0] == 403  # without --lan
+    assert get(served, own, "POST")[0] == 403
+    assert get(served, own, Host=f"localhost:{served.port}")[0] == 200
+
+
+def test_sockets_of_other_pages_are_refused(served):
+    for change in ({"origin": "http://evil.example"}, {"origin": None}, {"token": "wrong"}):
+        with pytest.raises(InvalidStatus) as error, served.socket(**change):
+            pass
+        assert error.value.response.status_code == 403
+    with pytest.raises(InvalidStatus), served.socket("nothing"):
+        pass
+    assert is_alive(served)
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["..%2f..%2fetc%2fpasswd", "../secret.mcap", "%2e%2e/secret.mcap", "..\\secret.mcap",
+     "secret", ".hidden.mcap", "link.mcap", "a%00.mcap", "no.mcap", "x/../../secret.mcap"],
+)  # fmt: skip
+def test_only_files_of_the_folder_are_given(served, name):
+    folder = served.studio.folder
+    folder.mkdir(exist_ok=True)
+    (folder.parent / "secret.mcap").write_text("secret")
+    (folder / ".hidden.mcap").write_text("secret")
+    (folder / "fine.mcap").write_text("mine")
+    if not (folder / "link.mcap").is_symlink():
+        (folder / "link.mcap").symlink_to(folder.parent / "secret.mcap")
+    token = served.studio.access.token
+    status, _, body = get(served, f"/files/{name}?token={token}")
+    assert status in (400, 404)
+    assert b"secret" not in body
+    assert get(served, f"/{name}?token={token}")[0] in (400, 404)
+    assert get(served, f"/files/fine.mcap?token={token}")[2] == b"mine"
+
+
+def cut_off(socket):
+    """The server ends the connection, within ten seconds."""
+    end = time.monotonic() + 10.0
+    try:
+        while time.monotonic() < end:
+            socket.recv(timeout=10)
+    except ConnectionClosed:
+        return
+    raise AssertionError("the connection is still open")
+
+
+def test_broken_messages_are_answered_and_then_cut_off(served):
+    broken = ["", "{", "[]", "1", '{"type": 3}', '{"type": "fly"}', '{"type": "stick"}',
+              json.dumps({"type": "stick", "forward": 2, "left": 0, "n": 0}),
+              '{"type": "stick", "forward": NaN, "left": 0, "n": 0}', "x" * 5000]  # fmt: skip
+    with served.socket() as socket:
+        for text in broken:
+            socket.send(text)
+            assert messages(socket, "error")["text"]
+        socket.send(b"\x00\xff")
+        cut_off(socket)
+    with served.socket() as socket:
+        with contextlib.suppress(ConnectionClosed):
+            socket.send("x" * (2 << 20))  # larger than any message may be
+        cut_off(socket)
+    assert is_alive(served)
+
+
+def test_a_flood_is_cut_off_and_others_are_served(served):
+    with served.socket() as flooding, served.socket() as other:
+        with contextlib.suppress(ConnectionClosed):
+            for k in range(3000):
+                send(flooding, "stick", forward=0.0, left=0.0, n=k)
+        cut_off(flooding)
+        send(other, "start", **{**START, "place": "nowhere"})
+        assert "nowhere" in messages(other, "error")["text"]
+    assert is_alive(served)
+
+
+def test_too_many_requests_are_refused_for_a_moment(served):
+    path = f"/files/none.mcap?token={served.studio.access.token}"
+    found = [get(served, path)[0] for _ in range(600)]
+    assert found[0] == 404
+    assert 429 in found
+    time.sleep(1.0)
+    assert is_alive(served)
+
+
+@pytest.mark.parametrize("kind", FIELDS)
+def test_a_message_has_exactly_its_fields(kind):
+    good = {"place": "map", "seed": 1, "assist": "slide", "hand": "none", "rate": 20, "on": True,
+            "forward": 0.5, "left": -1, "n": 3, "name": "stick", "scan_period": 1.0}  # fmt: skip
+    message = {"type": kind, **{name: good[name] for name in FIELDS[kind]}}
+    assert read_message(json.dumps(message), FIELDS) == message
+    for wrong in ({**message, "more": 1}, {**message, "type": kind + "x"}):
+        with pytest.raises(InputError):
+            read_message(json.dumps(wrong), FIELDS)
+    for name in FIELDS[kind]:
+        for value in (None, [], {}, "x" * 999, 1e9, -5.0, True if name != "on" else 1):
+            with pytest.raises(InputError, match=rf"{kind}\.{name}"):
+                read_message(json.dumps({**message, name: value}), FIELDS)
+
+
+def test_a_taken_port_is_named(served):
+    with pytest.raises(InputError, match=rf"port {served.port} .*--port"):
+        listening_socket("127.0.0.1", served.port)
+
+
+def drive_for(socket, seconds, forward=1.0, left=0.0, number=1):
+    """Hold a stick for so long; the head of the last picture."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        send(socket, "stick", forward=forward, left=left, n=number)
+        picture = messages(socket, "picture", patience=10)
+    return picture
+
+
+def finished(served, count):
+    """The recordings of the folder, once there are so many and the last one is complete."""
+    end = time.monotonic() + 20.0
+    while time.monotonic() < end:
+        files = [p for p in sorted(served.studio.folder.glob("2*.mcap"))]
+        if len(files) >= count and not served.studio._pages:
+            return files
+        time.sleep(0.05)
+    raise AssertionError(f"{len(files)} recordings")
+
+
+def test_a_closed_page_stops_the_chair_and_its_drive_is_judged_the_same(served, tmp_path, capsys):
+    before = len(list(served.studio.folder.glob("2*.mcap")))
+    with served.socket() as socket:
+        send(socket, "start", **START)
+        world = messages(socket, "world")
+        assert world["recorded"]
+        assert messages(socket, "picture")["waits"]
+        picture = drive_for(socket, 1.5, 0.8)
+        assert picture["twist"][0] > 0.2  # closed in mid-drive
+        assert len(picture["ranges"]) == 2 * world["laser"][4]
+    file = finished(served, before + 1)[-1]
+    (recorded,) = read_recording(file)
+    speeds = np.array([state.truth.twist[0] for state in recorded.states])
+    assert speeds.max() > 0.2
+    assert np.abs(recorded.states[-1].truth.twist).max() < 0.02
+    assert main(["replay", str(file)]) == 0
+    assert "the same rewards" in capsys.readouterr().out
+    target = film(file)
+    assert target.stat().st_size > 1000
+
+
+def test_a_silent_stick_counts_as_released(served):
+    with served.socket() as socket:
+        send(socket, "start", **{**START, "rate": 40})
+        messages(socket, "world")
+        assert drive_for(socket, 1.0, 0.8)["twist"][0] > 0.1
+        begun = time.monotonic()
+        while messages(socket, "picture", patience=5)["twist"][0] > 0.02:
+            assert time.monotonic() - begun < 4.0
+        assert messages(socket, "picture", patience=5)["asked"] == [0.0, 0.0]
+
+
+def test_help_and_hands_change_while_driving(served):
+    with served.socket() as socket:
+        send(socket, "start", **{**START, "assist": "slide"})
+        world = messages(socket, "world")
+        assert world["shielded"]
+        drive_for(socket, 0.3, 0.6)
+        send(socket, "assist", name="shield")
+        assert messages(socket, "assist")["anew"] is False
+        send(socket, "hand", name="essential_tremor")
+        shaken = [tuple(drive_for(socket, 0.05, 0.5)["stick"]) for _ in range(20)]
+        assert len(set(shaken[5:])) > 3
+        send(socket, "assist", name="direct")  # without a shield: the drive begins anew
+        assert messages(socket, "ended")["outcome"] == "stopped"
+        assert not messages(socket, "world")["shielded"]
+        assert messages(socket, "assist")["anew"] is True
+        send(socket, "pause", on=True)
+        assert messages(socket, "paused")["on"]
+        send(socket, "assist", name="nobody")
+        assert "nobody" in messages(socket, "error")["text"]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("place", ["scene:people", "suite:lift:0", "scene:temporary"])
+def test_drives_among_people_are_judged_the_same(served, place, capsys):
+    before = len(list(served.studio.folder.glob("2*.mcap")))
+    with served.socket() as socket:
+        send(socket, "start", **{**START, "place": place, "assist": "slide", "rate": 40})
+        messages(socket, "world")
+        drive_for(socket, 4.0, 0.5, 0.2)
+    assert main(["replay", str(finished(served, before + 1)[-1])]) == 0
+    assert "the same rewards" in capsys.readouterr().out

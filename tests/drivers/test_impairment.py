@@ -1,0 +1,81 @@
+"""Laws of a living person's input: it rests when they let go, and a switch picks what is lit."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from wheelchair_gym.drivers import DRIVERS, make_driver
+from wheelchair_gym.drivers.impairment import COMMANDS, IMPAIRMENTS, LiveInput, scanning
+from wheelchair_gym.physics.settings import ChairSettings
+from wheelchair_gym.sensors.settings import SensorSettings
+
+PERIOD = 0.05
+
+
+def live(driver, key=1):
+    one = LiveInput(driver, ChairSettings(), SensorSettings(), PERIOD)
+    one.begin(key)
+    return one
+
+
+def held(one, forward, left, seconds=3.0):
+    """What the interface gives (n, 2) while a deflection is held."""
+    return np.array([one.step(forward, left, 0.0)[:2] for _ in range(round(seconds / PERIOD))])
+
+
+@pytest.mark.parametrize("name", IMPAIRMENTS)
+def test_each_hand_is_a_simulated_persons(name):
+    assert name in DRIVERS
+    one = live(make_driver(name))
+    ahead = held(one, 1.0, 0.0, 6.0)
+    assert np.abs(ahead).max() <= 1.0
+    assert ahead[20:, 0].mean() > 0.1
+    again = held(live(make_driver(name)), 1.0, 0.0, 6.0)
+    assert ahead.tobytes() == again.tobytes()  # the same key, the same hand
+
+
+def test_a_hand_without_impairment_gives_what_is_meant():
+    one = live(make_driver("expert"))
+    assert held(one, 1.0, 0.0)[-1] == pytest.approx([1.0, 0.0], abs=0.02)
+    assert held(one, -0.5, 0.5)[-1] == pytest.approx([-0.5, 0.5], abs=0.02)
+    assert (held(one, 0.0, 0.0)[-1] == 0.0).all()
+
+
+def test_a_tremor_shakes_and_another_key_shakes_otherwise():
+    one, other = (held(live(make_driver("essential_tremor"), key), 0.6, 0.0) for key in (1, 2))
+    assert one[20:].std() > 0.02
+    assert not np.array_equal(one, other)
+
+
+def test_a_weak_side_turns_less():
+    left = held(live(make_driver("weak_left")), 0.0, 1.0)[-1, 1]
+    right = held(live(make_driver("weak_left")), 0.0, -1.0)[-1, 1]
+    assert 0.0 < left < 0.6 * -right
+
+
+@pytest.mark.parametrize("command", COMMANDS[1:])
+def test_a_press_picks_the_lit_command_and_another_one_stops(command):
+    one = live(scanning(0.5))
+    seen = []
+    while one.lit != command:
+        assert one.step(0.0, 0.0, 0.0)[:2] == (0.0, 0.0)
+        seen.append(one.lit)
+        assert len(seen) < 100
+    one.press()
+    signs = {"forward": (1, 0), "left": (0, 1), "right": (0, -1), "back": (-1, 0)}
+    given = held(one, 0.0, 0.0, 2.0)
+    assert (np.sign(given) == signs[command]).all()
+    assert one.active == command
+    one.press()
+    assert (held(one, 0.0, 0.0, 0.2)[-1] == 0.0).all()
+    assert one.lit == "forward"  # the scan begins again
+
+
+def test_without_a_press_a_scan_never_drives():
+    one = live(scanning(0.3))
+    lit = set()
+    for _ in range(200):
+        assert one.step(1.0, 1.0, 0.0)[:2] == (0.0, 0.0)
+        lit.add(one.lit)
+    assert lit == set(COMMANDS[1:])

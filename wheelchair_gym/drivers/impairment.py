@@ -1,0 +1,159 @@
+"""A living person's input, as the hand and the interface of a simulated person pass it on.
+
+Who drives decides and sees for themselves; what is simulated is what lies between an intended
+deflection and the chair: tremor, spasms, weakness, the dead zone of a stick, the delay of switches,
+or the scan that a single switch stops (`wheelchair_gym.drivers.interfaces`).
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wheelchair_gym.compiled.address import Pointers
+from wheelchair_gym.compiled.kernel import borrowing_kernel
+from wheelchair_gym.drivers.interfaces import begin_signal, give_signal
+from wheelchair_gym.drivers.settings import Driver, Scanning
+from wheelchair_gym.drivers.state import (
+    DRIVER,
+    DRIVERS,
+    DRIVERS_TARGETS,
+    SCANNING,
+    STICK,
+    constants_of,
+    driver_row,
+    signals_of,
+)
+from wheelchair_gym.physics.settings import ChairSettings
+from wheelchair_gym.sensors.settings import SensorSettings
+from wheelchair_gym.types import Stick
+
+Array = NDArray[np.float64]
+
+# Simulated people whose hand or interface differs from an expert's; what the others have is in
+# their eyes and their minds, which a living person has of their own.
+IMPAIRMENTS: Final = (
+    "essential_tremor", "ataxia", "spasticity", "weak_left", "biased", "isometric", "chin",
+    "head_array", "sip_and_puff", "bci",
+)  # fmt: skip
+COMMANDS: Final = ("stop", "forward", "left", "right", "back")  # in the order of a scan
+_NONE = -1  # a signal that nothing stands for: a scan goes on, and a drive stops
+
+
+@borrowing_kernel
+def begin_live(drivers: Any, key: np.uint64) -> None:
+    """Let the hand of the only row rest; drivers: (1,) of DRIVERS."""
+    _, d = driver_row(drivers, 0)
+    begin_signal(d, key)
+
+
+@borrowing_kernel
+def step_live(
+    drivers: Any, signal: int, forward: float, left: float, yaw: float, near_goal: bool
+) -> tuple[float, float, bool]:
+    """One control period of the only row's hand and interface, after a signal.
+
+    A stick takes the deflection in place of the signal; `_NONE` is no signal at all.
+    """
+    p, d = driver_row(drivers, 0)
+    if p.kind == STICK:
+        p.signals[0, 0], p.signals[0, 1] = forward * p.interface.gain, left * p.interface.gain
+    d.intended = signal
+    give_signal(p, d, yaw, near_goal)
+    return d.stick[0], d.stick[1], d.latched
+
+
+class LiveInput:
+    """What a chair gets of a living person's deflections, through a simulated person's hand.
+
+    Args:
+        driver: the person whose hand and interface these are (`make_driver`).
+        chair: settings of the chair.
+        sensors: its sensors.
+        period: of control [s].
+    """
+
+    def __init__(
+        self, driver: Driver, chair: ChairSettings, sensors: SensorSettings, period: float
+    ) -> None:
+        self.driver = driver
+        self._signals = signals_of(driver)
+        self._constants = constants_of(driver, chair, sensors, period)
+        self._state: Any = np.zeros(1, DRIVER)
+        self._pointers = Pointers(np.zeros(1, DRIVERS), DRIVERS_TARGETS)
+        self._pointers.record["n"] = 1
+        self._pointers.point("constants", self._constants)
+        self._pointers.point("drivers", self._state)
+        self._pressed = False
+        self.begin(0)
+
+    def begin(self, key: int) -> None:
+        """Let the hand rest; key: seeds tremor, spasms and errors."""
+        self._pressed = False
+        begin_live(self._pointers.record, np.uint64(key))
+
+    def press(self) -> None:
+        """Press the switch of a scanning interface: stop, or take the command that is lit."""
+        self._pressed = True
+
+    @property
+    def lit(self) -> str:
+        """The command that a scan shows now, one of COMMANDS; empty: there is no scan."""
+        return COMMANDS[self._state["scan"][0]] if self._state["scan"][0] > 0 else ""
+
+    @property
+    def active(self) -> str:
+        """The command of a scanning interface that is driven."""
+        return COMMANDS[self._state["active"][0]]
+
+    def step(self, forward: float, left: float, yaw: float, near_goal: bool = False) -> Stick:
+        """What the interface gives for the next control period.
+
+        Args:
+            forward: deflection that is meant, in [-1, 1].
+            left: the same to the left.
+            yaw: heading of the chair [rad], by which a brain-computer interface turns.
+            near_goal: the goal is within a metre, where some hands tremble more.
+        """
+        if self._constants["kind"][0] == SCANNING:
+            signal = self._scanned()
+        else:
+            meant = np.array([forward, left])
+            signal = _nearest(self._signals, meant) if self.driver.interface.kind != "stick" else 0
+        x, y, latched = step_live(
+            self._pointers.record, signal, float(forward), float(left), float(yaw), bool(near_goal)
+        )
+        return Stick(x, y, latched)
+
+    def _scanned(self) -> int:
+        """The signal that a press stands for; without one, the scan or the drive goes on."""
+        state = self._state[0]
+        pressed, self._pressed = self._pressed, False
+        if state["active"] != 0:  # it drives: a press stops it, at the end of the press
+            stops = pressed or state["switch_to"] >= 0
+            return _NONE if stops else int(state["active"])
+        if pressed and state["scan"] > 0:
+            state["switch_at"] = 0.0  # the lit command's time ends with the press
+            return int(state["scan"])
+        return _NONE
+
+
+def scanning(scan_period: float = 1.25) -> Driver:
+    """Somebody with a single switch, who presses when they mean to.
+
+    Args:
+        scan_period: for which each command is lit [s].
+    """
+    return Driver(interface=Scanning(scan_period=scan_period, delay=0.0, error=0.0))
+
+
+def _nearest(signals: Array, meant: Array) -> int:
+    """The signal whose direction is nearest to what is meant; rest, where that is small."""
+    size = float(np.hypot(*meant))
+    if size < 0.3:
+        return 0
+    sizes = np.maximum(np.hypot(signals[:, 0], signals[:, 1]), 1e-9)
+    directions = signals / sizes[:, None]
+    return int(np.argmax((directions @ meant)[1:])) + 1
