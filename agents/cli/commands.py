@@ -138,6 +138,8 @@ COMMANDS = (
                    default=8780),
             flag("--lan", "let other machines of the network come, who know the address with its "
                  "token"),
+            option("--study", "protocol of an experiment with participants, whose data go to a "
+                   "folder of its name in --out", None, "FILE.json"),
             option("--out", "folder of recordings, films and maps", None, "DIR",
                    default="runs/studio"),
         ],

@@ -25,7 +25,7 @@ from agents.deploy import (
 from agents.deploy import deploy as deploy_policy
 from agents.evaluation.evaluate import drive_episode, env_settings, label, make_env
 from agents.policies import make_policy
-from wheelchair_gym.config import InputError
+from wheelchair_gym.config import InputError, read
 from wheelchair_gym.envs.settings import env_settings as complete_env_settings
 from wheelchair_gym.geometry import best_clearance_heading
 from wheelchair_gym.hardware.joystick import ANY, load_evdev
@@ -281,7 +281,15 @@ def studio(given: argparse.Namespace) -> int:
     if maps:
         read_any_map(maps[0]["path"], resolution=maps[0].get("resolution"))  # refuses what is wrong
     own_map = maps[0] if maps else None
-    serve(Studio(Path(given.out), own_map, Access(lan=given.lan)), given.port)
+    folder, study = Path(given.out), None
+    if given.study is not None:
+        from agents.participants.protocol import Protocol
+        from agents.participants.session import claim
+
+        study = read(Protocol, given.study)
+        folder /= Path(given.study).stem
+        claim(folder, study)
+    serve(Studio(folder, own_map, Access(lan=given.lan), study), given.port)
     return 0
 
 

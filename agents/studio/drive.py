@@ -41,9 +41,10 @@ class Order:
     key: str  # of the place
     place: Place
     seed: int
-    assist: str
-    hand: str
+    assist: Any
+    hand: Any
     rate: int  # Hz, of control and of pictures
+    file: Path | None = None  # of the recording; None: named after the order, in a folder
 
 
 class Drive:
@@ -74,7 +75,7 @@ class Drive:
         self._env: Any = self._world  # recorded, where it can be
         self.note, self.file = "", None
         try:
-            self._env = RecordEpisodes(self._world, folder / _file_name(order))
+            self._env = RecordEpisodes(self._world, order.file or folder / _file_name(order))
             self.file = Path(self._env.file)
         except InputError as error:  # without the extra, or on a full disk, people drive anyway
             self.note = str(error)
@@ -105,7 +106,7 @@ class Drive:
         truth: Truth = self._world.chair.truth
         return truth
 
-    def set_assistant(self, name: str) -> None:
+    def set_assistant(self, name: Any) -> None:
         """Let another assistant help from now on.
 
         Raises:

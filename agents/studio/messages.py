@@ -104,6 +104,19 @@ class Points(NamedTuple):
         return [[float(x) for x in row] for row in value]
 
 
+class Whole(NamedTuple):
+    """A list of at most so many whole numbers."""
+
+    most: int
+
+    def check(self, value: Any, where: str) -> Any:
+        """See `Number.check`."""
+        fine = isinstance(value, list) and len(value) <= self.most
+        if not fine or not all(isinstance(x, int) and not isinstance(x, bool) for x in value):
+            raise InputError(f"{where}: expected at most {self.most} whole numbers")
+        return value
+
+
 Fields = Mapping[str, Mapping[str, Any]]
 
 
@@ -159,7 +172,7 @@ class Outbox:
         self._picture: bytes | None = None
         self.overflown = False
 
-    def send(self, kind: str, **content: Any) -> None:
+    def send(self, kind: str, /, **content: Any) -> None:
         """Let a message of a type wait."""
         if len(self._messages) >= _WAITING:
             self.overflown = True

@@ -49,15 +49,18 @@ class Studio:
         folder: where recordings, films and maps go.
         own_map: settings of the scene `map_file`, with a label.
         access: who may come.
+        study: an experiment with participants (`agents.participants.protocol.Protocol`), whose data
+            go to the folder.
 
     Attributes:
         warm_up: how far compiling is.
     """
 
     def __init__(
-        self, folder: Path, own_map: Mapping[str, Any] | None = None, access: Access | None = None
-    ) -> None:
-        self.folder, self.access = folder, access or Access()
+        self, folder: Path, own_map: Mapping[str, Any] | None = None,
+        access: Access | None = None, study: Any = None,
+    ) -> None:  # fmt: skip
+        self.folder, self.access, self.study = folder, access or Access(), study
         self.warm_up = WarmUp()
         self._own_map = own_map
         self._pages = 0
@@ -142,7 +145,15 @@ def _drive_session(studio: Studio, out: Outbox) -> Any:
     return DriveSession(places, studio.folder, out, studio.warm_up.ready)
 
 
-SESSIONS: Final[dict[str, Callable[[Studio, Outbox], Any]]] = {"drive": _drive_session}
+def _study_session(studio: Studio, out: Outbox) -> Any:
+    from agents.studio.study import StudySession
+
+    return StudySession(studio.study, studio.folder, out, studio.warm_up.ready)
+
+
+SESSIONS: Final[dict[str, Callable[[Studio, Outbox], Any]]] = {
+    "drive": _drive_session, "study": _study_session,
+}  # fmt: skip
 
 
 async def _send_all(connection: Any, out: Outbox) -> None:
@@ -222,7 +233,8 @@ def serve(studio: Studio, port: int) -> None:
     bound = listening_socket(host, port)
     number = bound.getsockname()[1]
     shown = _lan_address() if studio.access.lan else "127.0.0.1"
-    print(f"http://{shown}:{number}/?token={studio.access.token}", flush=True)
+    page = "" if studio.study is None else "#study"
+    print(f"http://{shown}:{number}/?token={studio.access.token}{page}", flush=True)
     print("open this address in a browser; Ctrl-C ends the studio", file=sys.stderr)
     studio.warm_up.start()
     try:

@@ -147,23 +147,29 @@ class DriveSession:
         _check_choice("start.assist", message["assist"], (*ASSISTANTS,))
         _check_choice("start.hand", message["hand"], (NO_HAND, *IMPAIRMENTS))
         self._end()
-        self._out.send("busy")
-        while not self._ready.wait(_IDLE):
-            if self._closing.is_set():
-                return
         order = Order(
             message["place"], place, message["seed"], message["assist"], message["hand"],
             message["rate"],
         )  # fmt: skip
+        self._begin_when_ready(order)
+
+    def _begin_when_ready(self, order: Order) -> None:
+        self._out.send("busy")
+        while not self._ready.wait(_IDLE):
+            if self._closing.is_set():
+                return
         self._begin(order)
 
     def _begin(self, order: Order) -> None:
-        self._drive = drive = Drive(order, self._folder, self._scan_period)
+        self._drive = drive = self._make(order)
         self._paused = False
         self._stick = (0.0, 0.0, -1.0)
         self._out.send("world", **drive.world())
         head, ranges = drive.picture()
         self._out.show({**head, "n": self._number}, ranges)
+
+    def _make(self, order: Order) -> Drive:
+        return Drive(order, self._folder, self._scan_period)
 
     def _on_press(self, message: Message) -> None:
         if self._drive is not None:
@@ -223,6 +229,10 @@ class DriveSession:
         if drive.steps:
             self._recorded = drive.file
             self._out.send("ended", **drive.summary())
+            self._after(drive)
+
+    def _after(self, drive: Drive) -> None:
+        """A drive of at least one step has ended."""
 
 
 def _check_choice(where: str, name: str, known: tuple[str, ...]) -> None:

@@ -1,8 +1,9 @@
 // The frame of all pages: tabs, language, contrast, motion and text size, kept in this browser.
 import { LANGUAGES, setLanguage, text, translate } from "./texts.js";
 import { DrivePage } from "./drive.js";
+import { StudyPage } from "./study.js";
 
-const PAGES = { drive: DrivePage };
+const PAGES = { drive: DrivePage, study: StudyPage };
 const by = id => document.getElementById(id);
 const wants = query => matchMedia(query).matches;
 const kept = () => { try { return JSON.parse(localStorage.getItem("studio") ?? "{}"); } catch { return {}; } };

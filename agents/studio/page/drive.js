@@ -62,14 +62,22 @@ export class DrivePage {
     this.timer = setInterval(() => this.steer(), PERIOD);
     this.listen();
     this.fill();
-    this.link = new Link("drive", {
+    this.link = new Link(this.session, this.answers());
+  }
+
+  /** The name of the session at the server. */
+  get session() { return "drive"; }
+
+  /** What to do with each type of message. */
+  answers() {
+    return {
       choices: message => this.choose(message), progress: state => this.prepared(state), busy: () => this.banner(text("busy")),
       world: message => this.begin(message), picture: (head, ranges) => this.take(head, ranges), ended: message => this.end(message),
       assist: message => { if (message.anew) say(text("anew")); }, paused: message => this.pausedNow(message.on),
       filming: () => { this.on.film.disabled = true; this.banner(text("filming")); },
       film: message => this.filmed(message.file), error: () => { this.on.start.disabled = false; this.on.film.disabled = false; },
       lost: () => { this.running = false; this.buttons(); },
-    });
+    };
   }
 
   close() {

@@ -54,9 +54,9 @@ class Served:
 
 
 @contextmanager
-def serving(folder):
+def serving(folder, study=None):
     """A studio that is served while the context lasts; its files go to a folder."""
-    studio = Studio(folder / "out", room_map(folder), Access())
+    studio = Studio(folder / "out", room_map(folder), Access(), study)
     bound = listening_socket("127.0.0.1", 0)
     server = make_server(studio)
     studio.warm_up.start()

@@ -1,0 +1,152 @@
+// The page Study: consent, drives and questionnaires of an experiment, one step after another.
+import { build, say, showError } from "./link.js";
+import { DrivePage } from "./drive.js";
+import { text, translate } from "./texts.js";
+
+const escape = what => Object.assign(document.createElement("i"), { textContent: what }).innerHTML;
+const button = (id, key) => `<div class="row"><button id="${id}" class="main" data-t="${key}"></button></div>`;
+const MARKED = 21; // values up to which a scale is shown as marks to choose from
+
+export class StudyPage extends DrivePage {
+  constructor(root, looks) {
+    super(root, looks);
+    this.panel = document.createElement("section");
+    this.panel.className = "panel";
+    root.prepend(this.panel);
+    for (const one of [this.on.place, this.on.assist]) one.closest("fieldset").remove();
+    this.on.rate.closest("label").remove();
+    this.on.pause.remove();
+    this.stage(false);
+  }
+
+  get session() { return "study"; }
+
+  answers() {
+    return {
+      ...super.answers(), study: message => this.welcome(message), step: message => this.step(message),
+      unfinished: () => this.unfinished(), done: () => this.done(),
+    };
+  }
+
+  prepared(state) { this.ready = state.ready; }
+
+  /** Show the world and the stick, or not. */
+  stage(shown) { this.on.map.closest(".page").hidden = !shown; }
+
+  show(html, then) {
+    const found = build(this.panel, html);
+    translate(this.panel);
+    then?.(found);
+    this.panel.querySelector("h2")?.focus();
+  }
+
+  welcome(message) {
+    this.consentText = message.consent;
+    this.title = message.title;
+    this.ask();
+  }
+
+  ask() {
+    this.stage(false);
+    if (!this.title) { this.show('<p data-t="study_none"></p>'); return; }
+    this.show(
+      `<h2 tabindex="-1">${escape(this.title)}</h2><form id="who"><label><span data-t="participant"></span>
+        <input id="number" type="number" min="1" max="9999" step="1" required></label>${button("go", "study_go")}</form>`,
+      on => { on.who.onsubmit = event => {
+        event.preventDefault();
+        showError("");
+        this.link.send("participant", { number: Math.trunc(Number(on.number.value)) });
+      }; },
+    );
+  }
+
+  heading(step) { return `<p class="hint">${escape(text("step_of", step))}</p>`; }
+
+  step(step) {
+    showError("");
+    if (step.kind === "consent") this.consent(step);
+    else if (step.kind === "drive") this.task(step);
+    else this.questions(step);
+  }
+
+  consent(step) {
+    this.stage(false);
+    this.show(
+      `${this.heading(step)}<h2 tabindex="-1" data-t="consent"></h2><p class="text">${escape(this.consentText)}</p>
+        <label class="check"><input type="checkbox" id="agreed"> <span data-t="agree"></span></label>${button("go", "study_go")}`,
+      on => {
+        on.go.disabled = true;
+        on.agreed.onchange = () => { on.go.disabled = !on.agreed.checked; };
+        on.go.onclick = () => this.link.send("consent");
+      },
+    );
+  }
+
+  task(step) {
+    this.due = step;
+    this.stage(false);
+    this.show(
+      `${this.heading(step)}<h2 tabindex="-1">${escape(step.task)}</h2>${step.practice ? '<p data-t="practice"></p>' : ""}
+        <p class="text">${escape(step.task_text)}</p><p class="text">${escape(step.told)}</p>${button("go", "begin_drive")}`,
+      on => { on.go.onclick = () => this.drive(); },
+    );
+  }
+
+  drive() {
+    showError("");
+    this.show(`${this.heading(this.due)}<p class="text">${escape(this.due.task_text)}</p>`);
+    this.stage(true);
+    this.device();
+    this.link.send("begin");
+  }
+
+  end(message) {
+    super.end(message);
+    this.on.results.hidden = true;
+  }
+
+  unfinished() {
+    this.stage(false);
+    this.show(
+      `${this.heading(this.due)}<h2 tabindex="-1" data-t="unfinished"></h2>
+        <div class="row"><button id="repeat" class="main" data-t="again"></button><button id="leave" data-t="give_up"></button></div>`,
+      on => {
+        on.repeat.onclick = () => this.drive();
+        on.leave.onclick = () => this.link.send("give_up");
+      },
+    );
+  }
+
+  questions(step) {
+    this.stage(false);
+    const item = ([asked, low, high, values], k) => {
+      const marks = values.map((value, n) => {
+        const label = values.length > MARKED || (values.length > 11 && n % 5) ? "" : value;
+        return `<label class="mark"><input type="radio" name="q${k}" value="${value}" aria-label="${value}"><span aria-hidden="true">${label}</span></label>`;
+      });
+      return `<fieldset><legend>${escape(asked)}</legend><div class="scale"><span>${escape(low)}</span>
+        <div class="marks">${marks.join("")}</div><span>${escape(high)}</span></div></fieldset>`;
+    };
+    this.show(
+      `${this.heading(step)}<form id="answers"><h2 tabindex="-1">${escape(step.questionnaire === "nasa_tlx" ? "NASA-TLX" : step.questionnaire)}</h2>
+        ${step.items.map(item).join("")}${button("go", "send")}</form>`,
+      on => { on.answers.onsubmit = event => {
+        event.preventDefault();
+        const given = step.items.map((_, k) => on.answers.elements[`q${k}`].value);
+        const missing = given.indexOf("");
+        if (missing >= 0) {
+          showError(text("unanswered"));
+          on.answers.elements[`q${missing}`][0].focus();
+          return;
+        }
+        this.link.send("answer", { values: given.map(Number) });
+      }; },
+    );
+  }
+
+  done() {
+    this.stage(false);
+    this.show(`<h2 tabindex="-1" data-t="study_done"></h2>${button("go", "next_participant")}`, on => { on.go.onclick = () => this.ask(); });
+    say(text("study_done"));
+  }
+}

@@ -1,0 +1,182 @@
+"""The session of the page Study: a participant's steps of an experiment, one after another."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from agents.evaluation.assisted import StickTrace
+from agents.evaluation.evaluate import label, without_labels
+from agents.evaluation.metrics import Record, Trace, measure
+from agents.participants.protocol import Protocol, Step
+from agents.participants.session import LARGEST, Session
+from agents.studio.catalogue import NO_HAND, Place
+from agents.studio.drive import Drive, Order
+from agents.studio.messages import Fields, Message, Number, Outbox, Whole
+from agents.studio.session import FIELDS, DriveSession
+from wheelchair_gym.config import InputError, dump
+from wheelchair_gym.drivers.settings import Hand
+from wheelchair_gym.types import Stick
+
+RATE: Final = 20  # Hz, of control and of pictures
+# The time limits of `wheelchair compare --driver`: people who drive by switches are slow.
+PATIENCE: Final = {"task": {"time_base": 60.0, "time_factor": 10.0}}
+_ITEMS = 100  # of a questionnaire, at most
+
+STUDY_FIELDS: Final[Fields] = {
+    **{kind: FIELDS[kind] for kind in ("stick", "press", "device", "stop")},
+    "participant": {"number": Number(1, LARGEST, whole=True)},
+    "consent": {}, "begin": {}, "give_up": {}, "answer": {"values": Whole(_ITEMS)},
+}  # fmt: skip
+
+
+class MeasuredDrive(Drive):
+    """A drive whose figures are those of `wheelchair compare`."""
+
+    def _begin(self) -> None:
+        super()._begin()
+        task = self._world.task
+        reference = self._world.episode.reference_length
+        self._trace = Trace(task.period, top=task.limits.forward, reference=reference)
+        self._trace.sticks = StickTrace(task.limits, task.period)
+        self._trace.add(self._info)
+
+    def _advance(self, stick: Stick) -> None:
+        super()._advance(stick)
+        task, trace = self._world.task, self._trace
+        given = task.limits.twist(np.array(task.action)) - np.array(task.shield_intervention)
+        trace.add(self._info)
+        if trace.sticks is not None:
+            trace.sticks.add(stick, given)
+
+    def figures(self) -> Record:
+        """The figures so far; a drive that was given up has not arrived."""
+        return measure(self._trace, self._info, self._truncated)
+
+
+class StudySession(DriveSession):
+    """Leads one participant through the steps of a protocol.
+
+    Args:
+        protocol: the experiment; None: there is none, and the page says so.
+        folder: of its data.
+        outbox: of the page.
+        ready: set once a first drive is compiled.
+    """
+
+    fields = STUDY_FIELDS
+
+    def __init__(
+        self, protocol: Protocol | None, folder: Path, outbox: Outbox, ready: threading.Event
+    ) -> None:
+        self._protocol = protocol
+        self._session: Session | None = None
+        self._given_up: tuple[Step, Record, str] | None = None  # a drive that may be driven again
+        super().__init__({}, folder, outbox, ready)
+        told = {} if protocol is None else {"title": protocol.title, "consent": protocol.consent}
+        outbox.send("study", **{"title": "", "consent": "", **told})
+
+    def _of(self) -> Session:
+        """The participant's session.
+
+        Raises:
+            InputError: nobody has begun one.
+        """
+        if self._session is None:
+            raise InputError("participant: expected a number first")
+        return self._session
+
+    def _step_of(self, kind: str) -> Step:
+        """The step that is due.
+
+        Raises:
+            InputError: it is of another kind.
+        """
+        step = self._of().next()
+        if step is None or step.kind != kind:
+            raise InputError(f"{kind}: {'the session is over' if step is None else step.key}")
+        return step
+
+    def _tell(self) -> None:
+        """Tell the page which step is due."""
+        session, self._given_up = self._of(), None
+        protocol, step = session.protocol, session.next()
+        steps = list(protocol.steps(session.participant))
+        if step is None:
+            self._out.send("done", participant=session.participant)
+            return
+        of: dict[str, Any] = {"count": len(steps), "number": steps.index(step) + 1}
+        if step.kind == "drive":
+            of["told"], of["task_text"] = self._condition(step).text, self._task(step).text
+        elif step.kind == "answers":
+            of["items"] = [
+                [item.text, item.low, item.high, list(item.values)]
+                for item in protocol.items(step.questionnaire)
+            ]
+        self._out.send("step", **step._asdict(), **of)
+
+    def _condition(self, step: Step) -> Any:
+        (found,) = (c for c in self._of().protocol.conditions if c.name == step.condition)
+        return found
+
+    def _task(self, step: Step) -> Any:
+        protocol = self._of().protocol
+        (found,) = (t for t in (*protocol.practice, *protocol.tasks) if t.name == step.task)
+        return found
+
+    def _on_participant(self, message: Message) -> None:
+        if self._protocol is None:
+            raise InputError("participant: expected a studio that was started with --study")
+        self._end()
+        self._session = Session(self._folder, self._protocol, message["number"])
+        self._tell()
+
+    def _on_consent(self, message: Message) -> None:
+        self._of().consent()
+        self._tell()
+
+    def _on_answer(self, message: Message) -> None:
+        step = self._step_of("answers")
+        self._of().answer(step, message["values"])
+        self._tell()
+
+    def _on_begin(self, message: Message) -> None:
+        """Begin the drive that is due, or begin it again."""
+        step = self._step_of("drive")
+        self._end()
+        task, condition = self._task(step), self._condition(step)
+        bare = without_labels(task.scene)
+        more = dict(bare.pop("env", {})) if isinstance(bare, dict) else {}
+        env = {"pose_source": "modelled", "config": PATIENCE, **more}
+        place = Place("study", label(task.scene), bare, env, timed=True)
+        hand: Any = NO_HAND
+        if condition.hand != Hand():
+            hand = {"name": "expert", "hand": dump(condition.hand)}
+        file = self._of().recording(step)
+        order = Order("", place, task.seed, condition.assist, hand, RATE, file)
+        self._begin_when_ready(order)
+
+    def _make(self, order: Order) -> Drive:
+        return MeasuredDrive(order, self._folder, self._scan_period)
+
+    def _after(self, drive: Drive) -> None:
+        if not isinstance(drive, MeasuredDrive) or self._closing.is_set():
+            return
+        step, figures = self._step_of("drive"), drive.figures()
+        recording = "" if drive.file is None else drive.file.name
+        if drive.over:
+            self._of().drive(step, figures, recording)
+            self._tell()
+        else:
+            self._given_up = step, figures, recording
+            self._out.send("unfinished")
+
+    def _on_give_up(self, message: Message) -> None:
+        """Count a drive that was ended before its goal as one that did not arrive."""
+        if self._given_up is None:
+            raise InputError("give_up: expected a drive that was ended before its goal")
+        self._of().drive(*self._given_up)
+        self._tell()

@@ -1,0 +1,173 @@
+"""An experiment in the browser, from consent to the data, by keys; and what is refused."""
+
+from __future__ import annotations
+
+import csv
+
+import pytest
+
+from agents.cli import main
+from agents.participants.protocol import Condition, Protocol, Questionnaire, Task
+from agents.participants.session import read_folder
+from agents.studio.study import STUDY_FIELDS
+from tests.agents.studio.served import browsing, messages, room_map, send, serving, until
+
+STEPS = [
+    "consent", "help 0/hall", "help 0/room", "help 0/nasa_tlx", "help 0/trust",
+    "help 1/hall", "help 1/room", "help 1/nasa_tlx", "help 1/trust",
+]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def opened(tmp_path_factory):
+    """A studio with an experiment, and its page in a browser."""
+    folder = tmp_path_factory.mktemp("study")
+    scene = room_map(folder)
+    weak = {"forward": 0.6}
+    conditions = Condition("help 0", "slide"), Condition("help 1", "shield", hand=weak)
+    task = Task("room", scene, text="Drive to the circle.")
+    protocol = Protocol(
+        "Rooms", "You may stop at any time.", conditions, (task,), (Task("hall", scene),),
+        questionnaires=(Questionnaire("trust", ("I felt safe.", "It obeyed.")),),
+    )  # fmt: skip
+    with serving(folder, protocol) as served, browsing() as browser:
+        page = browser.new_page(viewport={"width": 1280, "height": 900})
+        wrong = []
+        page.on("console", lambda m: m.type in ("error", "warning") and wrong.append(m.text))
+        page.on("pageerror", lambda error: wrong.append(str(error)))
+        page.set_default_timeout(10_000.0)
+        page.goto(f"{served.url}#study")
+        until(page, "window.studio?.ready && studio.title")
+        yield served, page
+        assert wrong == []
+
+
+def axe(page):
+    from axe_playwright_python.sync_playwright import Axe
+
+    found = Axe().run(page).response["violations"]
+    assert [(one["id"], one["nodes"][0]["html"]) for one in found] == []
+
+
+def drive(page, key="ArrowUp"):
+    """Begin a drive and hold a key until it has ended."""
+    page.evaluate("studio.now = studio.result = null")
+    page.click("#go")
+    until(page, "studio.running && studio.now?.waits")
+    page.keyboard.down(key)
+    until(page, "!studio.running", 30.0)
+    page.keyboard.up(key)
+
+
+def test_a_participant_goes_from_consent_to_the_data(opened, capsys):
+    served, page = opened
+    page.fill("#number", "3")
+    page.keyboard.press("Enter")
+    until(page, "document.querySelector('#agreed')")
+    axe(page)
+    assert "You may stop at any time." in page.inner_text(".panel")
+    assert page.is_disabled("#go")
+    page.check("#agreed")
+    page.click("#go")
+    for condition in range(2):
+        until(page, "document.querySelector('#go[data-t=begin_drive]')")
+        assert "does not count" in page.inner_text(".panel")
+        drive(page)
+        until(
+            page, "document.querySelector('#go[data-t=begin_drive]') && studio.due.task == 'room'"
+        )
+        assert "Drive to the circle." in page.inner_text(".panel")
+        if condition == 0:  # ended too early, and driven again
+            page.click("#go")
+            until(page, "studio.running && studio.now?.waits")
+            page.keyboard.down("ArrowUp")
+            until(page, "studio.now.twist[0] > 0.1", 10.0)
+            page.keyboard.up("ArrowUp")
+            page.keyboard.press("Escape")
+            until(page, "document.querySelector('#repeat')", 10.0)
+            axe(page)
+            page.click("#repeat")
+            until(page, "studio.running && studio.now?.waits")
+            page.keyboard.down("ArrowUp")
+            until(page, "!studio.running", 30.0)
+            page.keyboard.up("ArrowUp")
+        else:
+            drive(page)
+        for items in (6, 2):
+            until(page, f"document.querySelectorAll('.panel fieldset').length == {items}")
+            axe(page)
+            page.click("#go")
+            until(page, "!document.getElementById('error').hidden", 10.0)
+            for k in range(items):
+                page.locator(f"input[name=q{k}]").nth(k).check()
+            page.click("#go")
+            until(page, f"document.querySelectorAll('.panel fieldset').length != {items}")
+    until(page, "document.querySelector('[data-t=study_done]')")
+    records = read_folder(served.studio.folder)[1]
+    assert [record["key"] for record in records] == STEPS
+    drives = {record["key"]: record for record in records if record["kind"] == "drive"}
+    assert all(record["figures"]["success"] for record in drives.values())
+    assert drives["help 1/room"]["figures"]["time"] > drives["help 0/room"]["figures"]["time"]
+    assert drives["help 0/room"]["recording"] == "help_0__room_2.mcap"
+    assert list(records[3]["answers"].values()) == [0, 5, 10, 15, 20, 25]
+    assert list(records[4]["answers"].values()) == [1, 2]
+    assert main(["report", str(served.studio.folder)]) == 0
+    capsys.readouterr()
+    with (served.studio.folder / "data.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert {(row["condition"], row["source"]) for row in rows} >= {
+        (condition, source)
+        for condition in ("help 0", "help 1")
+        for source in ("drive", "nasa_tlx", "trust")
+    }
+    recordings = sorted((served.studio.folder / "participant_0003").glob("*.mcap"))
+    assert len(recordings) == 5
+    assert main(["replay", str(recordings[2])]) == 0
+    assert "the same rewards" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("width", [390, 820])
+def test_questions_are_not_cut_off(opened, width):
+    _, page = opened
+    page.set_viewport_size({"width": width, "height": 900})
+    values = list(range(0, 101, 5))
+    page.evaluate(
+        "values => studio.questions({number: 1, count: 2, questionnaire: 'nasa_tlx',"
+        " items: [['How?', 'very low', 'very high', values]]})", values,
+    )  # fmt: skip
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    page.set_viewport_size({"width": 1280, "height": 900})
+
+
+def test_steps_that_are_not_due_are_refused(opened):
+    served, _ = opened
+    with served.socket("study") as socket:
+        assert messages(socket, "study")["title"] == "Rooms"
+        socket_says = lambda: messages(socket, "error", "step", "done")  # noqa: E731
+        send(socket, "consent")
+        assert "expected a number first" in socket_says()["text"]
+        send(socket, "participant", number=8)
+        assert socket_says()["kind"] == "consent"
+        for kind, more in (("begin", {}), ("answer", {"values": [1]}), ("give_up", {})):
+            send(socket, kind, **more)
+            assert socket_says()["type"] == "error"
+        send(socket, "participant", number=0)
+        assert "participant.number is 0" in socket_says()["text"]
+    assert set(STUDY_FIELDS) >= {"participant", "consent", "begin", "give_up", "answer"}
+
+
+def test_a_page_that_is_closed_in_a_drive_leaves_the_step_open(opened):
+    served, _ = opened
+    with served.socket("study") as socket:
+        send(socket, "participant", number=9)
+        messages(socket, "step")
+        send(socket, "consent")
+        messages(socket, "step")
+        send(socket, "begin")
+        messages(socket, "world")
+        for n in range(20):
+            send(socket, "stick", forward=1.0, left=0.0, n=n)
+            messages(socket, "picture")
+    with served.socket("study") as socket:
+        send(socket, "participant", number=9)
+        assert messages(socket, "step")["task"] == "hall"
