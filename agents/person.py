@@ -48,6 +48,17 @@ class StickSource(Protocol):
         ...
 
 
+class Stand:
+    """A policy that leaves the chair at rest, while a person follows prompts."""
+
+    def reset(self, mission: Mission) -> None:
+        """See `Policy.reset`."""
+
+    def act(self, reading: Reading) -> Command:
+        """See `Policy.act`."""
+        return Command(np.zeros(2))
+
+
 class PersonsStick:
     """The stick that an assistant gets: centred while anything forbids it to drive.
 

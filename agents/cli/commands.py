@@ -514,6 +514,8 @@ COMMANDS = (
             option("--input", "what the person holds: the joystick of the drive board, a gamepad "
                    "at this computer, or keys in a window", default="board",
                    choices=("board", "gamepad", "keyboard")),
+            flag("--prompts", "stand, and ask for one deflection after another, for fit-driver "
+                 "(with --rate 50 and --record)"),
             option("--map", "map, for assistants that use one: map_server .yaml, MovingAI .map or "
                    "HouseExpo .json; with --start", None, "FILE"),
             option("--start", "approximate pose of the chair on it [m, m, rad]", pose, "X,Y,YAW"),
@@ -527,6 +529,22 @@ COMMANDS = (
             option("--chair", "hardware, or FILE.json:NAME as in configs/chairs.json", None,
                    "CHAIR", default="hardware"),
             SECONDS, *RECORD, JSON,
+        ],
+    ),
+    Command(
+        "fit-driver", "drive:fit", "fit a simulated person to recorded sessions of a real one",
+        "Fit hand and interface of a simulated person (tremor, dead zone; from prompted sessions "
+        "also delay, lag, weakness, rotation, offset, and wrong signals of switches), with 95 % "
+        "intervals, and say what the sessions do not tell. With --json FILE, the person drives by "
+        "--driver FILE:fitted.",
+        "wheelchair fit-driver session.mcap drive.mcap --json me.json",
+        [
+            option("logs", "recordings of one person with one interface (drive --record, or "
+                   "simulate --driver --record)", None, "FILE.mcap", nargs="+"),
+            option("--base", "simulated person whose other settings are kept: a name, "
+                   "module:function or FILE.json:NAME", default="expert"),
+            option("--repeats", "repetitions of the bootstrap", count, default=50),
+            seed("the bootstrap"), JSON,
         ],
     ),
     Command(

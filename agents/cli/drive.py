@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import json
+import math
 import sys
 import time
 from pathlib import Path
@@ -26,6 +28,7 @@ from agents.deploy import deploy as deploy_policy
 from agents.evaluation.evaluate import drive_episode, env_settings, label, make_env
 from agents.policies import make_policy
 from wheelchair_gym.config import InputError, read
+from wheelchair_gym.drivers import make_driver
 from wheelchair_gym.envs.settings import env_settings as complete_env_settings
 from wheelchair_gym.geometry import best_clearance_heading
 from wheelchair_gym.hardware.joystick import ANY, load_evdev
@@ -188,7 +191,8 @@ def deploy(given: argparse.Namespace) -> int:
 def assisted(given: argparse.Namespace) -> int:
     """Let a person drive a real chair with an assistant; 1 when the chair has stopped for good."""
     from agents.assisted_drive import drive_with_help, open_space, without_goal
-    from agents.person import Keyboard, PersonsStick, TimedAssistant
+    from agents.fit_driver import REST, prompt_text, schedule
+    from agents.person import Keyboard, PersonsStick, Stand, TimedAssistant
 
     chair = chair_spec(given.chair)
     check_extras(chair)
@@ -196,6 +200,10 @@ def assisted(given: argparse.Namespace) -> int:
         raise InputError(f"--chair {given.chair}: expected hardware, whose boards hear the person")
     policy = {"name": "assisted", "assist": spec(given.assist)}
     helper = TimedAssistant(make_policy(policy), label(spec(given.assist)), given.deadline)
+    prompts: list[list[float]] = []
+    if given.prompts:
+        prompts = schedule(0, (1.0,) * 4 if given.input == "keyboard" else (1.0, 0.5))
+        helper = TimedAssistant(Stand(), "prompts", given.deadline)
     pose = "odometry" if given.map is None else given.pose
     config = complete_env_settings(given.config, pose_source=pose, rate=given.rate)
     episode = open_space()
@@ -215,11 +223,15 @@ def assisted(given: argparse.Namespace) -> int:
     print("getting ready", file=sys.stderr)
     rehearse(policy, {"config": dataclasses.replace(config, sensors=rehearsed), "driver": "expert"})
     share = hand.speed_fraction if given.speed is None else given.speed
+    share = 1.0 if prompts else share
     stick = PersonsStick(share, time.monotonic, lambda: helper.fault)
     env, made = real_chair_env(chair, {"config": config}, person=stick, render_mode="rgb_array")
     keys = None
     try:
-        env.unwrapped.labels = {"assistant": spec(given.assist), "interface": given.input}
+        env.unwrapped.labels = {
+            "assistant": spec(given.assist), "interface": given.input, "share": share,
+            "prompts": prompts,
+        }  # fmt: skip
         env, film = watch(given).on(env)
         real: Any = unwrapped(made)
         real.person, real.assisted = stick.why, given.input == "board"
@@ -228,14 +240,24 @@ def assisted(given: argparse.Namespace) -> int:
             real.joystick = keys
         stick.source = keys or (real if given.input == "board" else real.joystick)
 
+        end = prompts[-1][0] + REST if prompts else math.inf
+        end = end if given.seconds is None else min(end, given.seconds)
+        asked = iter(prompts)
+        coming = next(asked, None)
+
         def each(now: Any) -> bool:
+            nonlocal coming
+            stamp, text = now.unwrapped.task.reading.stamp, ""
+            if coming is not None and stamp >= coming[0] - 1e-9:
+                text = prompt_text(*coming[1:])
+                to_stderr(f"{stamp:7.1f} s  {text}")
+                coming = next(asked, None)
             if keys is not None:
-                keys.status = stick.why()
+                keys.status = stick.why() or text or keys.status
                 keys.poll(time.monotonic())
             if film is not None:
                 film(now)
-            over = given.seconds is not None and now.unwrapped.task.reading.stamp >= given.seconds
-            return over or (keys is not None and not keys.open)
+            return stamp >= end or (keys is not None and not keys.open)
 
         record = drive_with_help(env, helper, stick, episode, to_stderr, each)
     finally:
@@ -252,6 +274,35 @@ def assisted(given: argparse.Namespace) -> int:
     )
     report(given, record, text)
     return 1 if record["ended"] else 0
+
+
+def fit(given: argparse.Namespace) -> int:
+    """Fit a simulated person to recorded sessions of a real one, and print its settings."""
+    from agents.fit_driver import fit_driver, session_of
+    from wheelchair_gym.recording.replay import read_recording
+
+    sessions = []
+    for file in given.logs:
+        for recorded in read_recording(file):
+            if not recorded.has_person:
+                raise InputError(f"{file}: expected a recording in which a person drives")
+            sessions.append(session_of(recorded))
+    base = make_driver(spec(given.base))
+    found = fit_driver(sessions, base, given.repeats, given.seed)
+    lines = [
+        f"{name:24} {one.value:8.4f}  ({one.low:.4f} to {one.high:.4f})"
+        for name, one in found.estimates.items()
+    ]
+    lines += [f"{name:24} not fitted: {why}" for name, why in found.unidentified.items()]
+    lines += [json.dumps({"fitted": found.driver})]
+    value = {
+        "fitted": found.driver,
+        "intervals": {name: [one.low, one.high] for name, one in found.estimates.items()},
+        "not_fitted": found.unidentified,
+        "figures": found.figures,
+    }
+    report(given, value, "\n".join(lines))
+    return 0
 
 
 def _start_on_map(given: argparse.Namespace) -> tuple[Any, Any, Any]:

@@ -14,10 +14,12 @@ import numpy as np
 import pytest
 
 from agents.cli import main
+from agents.fit_driver import schedule
 from tests.conftest import ROOT
 from tests.hardware.realtime import serving
 from tests.hardware.served import hears_interrupts, until
 from wheelchair_gym.hardware.twin.lockstep import JoystickState
+from wheelchair_gym.recording.replay import read_recording
 
 pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
 
@@ -84,6 +86,24 @@ def test_a_person_drives_with_help_until_ctrl_c(tmp_path):
     assert record["length"] > 0.2
     assert (record["assistant"], record["input"]) == ("slide", "board")
     assert record["stick_effort"] > 0.0
+
+
+def test_prompts_are_asked_for_and_recorded(tmp_path):
+    file = tmp_path / "session.mcap"
+    with serving(tmp_path) as served:
+        served.twin.faults.joystick = CENTRED
+        words = "--deadline", "5", "--prompts", "--seconds", "4", "--record", str(file)
+        program = Program(served, *words)
+        try:
+            assert until(lambda: program.says("must re-arm"), MOST), program.said
+            rearm_by_hand(served.twin.faults)
+            assert program.process.wait(MOST) == 0, program.said
+        finally:
+            program.end()
+    assert program.says("push ")
+    recorded = read_recording(file)[0]
+    assert recorded.labels["prompts"] == schedule(0)
+    assert not np.any([action for action in recorded.actions])
 
 
 @pytest.mark.parametrize(
