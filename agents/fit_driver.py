@@ -6,40 +6,32 @@ person is asked for one deflection after another. From it follow delay, lag, wea
 rotation and offset of a stick, and delay and wrong signals of switches. What a session cannot tell
 keeps the value of a person to begin with, and is named.
 
-Methods: the hand's response by output-error minimization (Ljung 1999, section 7.2); the tremor by
-maximum likelihood of its spectrum (Whittle 1953) from averaged periodograms (Welch 1967), with a
-power law for voluntary movement; the dead zone from the grid of values that a stick's steps leave;
-95 % intervals by the bootstrap (Efron 1979) over prompts, or over stretches of a drive.
+Methods: the hand's response by output-error minimization (Ljung 1999, section 7.2); the tremor by its
+spectrum (`fit_tremor`); the dead zone from the grid of values that a stick's steps leave; 95 %
+intervals by the bootstrap (Efron 1979) over prompts, or over stretches of a drive.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares, minimize
+from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
+from agents.fit_tremor import TICK, TREMOR, Estimate, estimate, fit_tremor
+from agents.sessions import Session
 from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.config import InputError, dump
 from wheelchair_gym.drivers import make_driver
-from wheelchair_gym.drivers.intention import NEAR_GOAL
 from wheelchair_gym.drivers.settings import Driver, Hand, ProportionalStick, Switches
-from wheelchair_gym.drivers.state import TICK_RATE, tremor_filter
-from wheelchair_gym.recording.replay import RecordedEpisode
+from wheelchair_gym.drivers.state import tremor_filter
 
 Array = NDArray[np.float64]
 
-TICK = 1.0 / TICK_RATE  # s
-HOLD, REST = 2.5, 2.0  # s for which a prompt asks for a deflection, and for the centre after it
-LEAST_RATE = 25.0  # Hz: sessions recorded more slowly show a tremor at wrong frequencies
-STRETCH = 2.56  # s of an uninterrupted deflection that give one periodogram
-LEAST_STRETCHES = 6
-_EVIDENCE = 10.0  # by which a tremor must raise the log-likelihood: of three parameters, P < 1e-3
 _ON_GRID = 0.03  # mean squared distance to the grid, in steps; at random 1/12
 _ZONES = np.arange(0.0, 0.5, 2e-4)  # dead zones that are tried
 _NAMES = {
@@ -48,33 +40,11 @@ _NAMES = {
     "rightward": "hand.rightward", "rotation": "hand.rotation",
     "offset_forward": "hand.offset_forward", "offset_left": "hand.offset_left",
 }  # fmt: skip
-_TREMOR = "hand.tremor", "hand.tremor_frequency", "hand.tremor_band"
 _LOW = np.array([0.0, 0.005, 0.005, 0.05, 0.05, 0.05, 0.05, -0.8, -0.5, -0.5])
 _HIGH = np.array([2.5, 1.5, 1.5, 1.0, 1.0, 1.0, 1.0, 0.8, 0.5, 0.5])
 _STEADY = np.zeros((0, 2))  # no tremor
-_FULL = 0.92  # deflection from which on the stick's end cuts a tremor off
 _CORRECTIONS = 10  # simulated sessions by which a bias is found
 _START = np.array([0.4, 0.1, 0.1, 0.8, 0.8, 0.8, 0.8, 0.0, 0.0, 0.0])
-
-
-class Session(NamedTuple):
-    """The stick of one recorded session."""
-
-    period: float  # s between two sticks
-    sticks: Array  # (n, 2) forward, left
-    latched: bool  # a stick of it was
-    near_goal: NDArray[np.bool_]  # (n,) where a tremor may be larger
-    prompts: Array  # (k, 3) s, forward, left; none in a drive
-    interface: str  # which was held
-    share: float  # of full speed at full deflection
-
-
-class Estimate(NamedTuple):
-    """A fitted setting with its 95 % interval."""
-
-    value: float
-    low: float
-    high: float
 
 
 class Fit(NamedTuple):
@@ -92,66 +62,6 @@ class Fit(NamedTuple):
     estimates: dict[str, Estimate]
     unidentified: dict[str, str]
     figures: dict[str, float]
-
-
-def schedule(
-    seed: int, sizes: Sequence[float] = (1.0, 0.5), directions: int = 8
-) -> list[list[float]]:
-    """Prompts in an order that cannot be foreseen: rows of time [s], forward, left.
-
-    Args:
-        seed: of the order.
-        sizes: deflections that each direction is asked for; of switches, 1 each time.
-        directions: 8, or 4 without those between.
-
-    Returns:
-        Rows; between two deflections the centre is asked for.
-    """
-    ways = [
-        (x, y) for x in (-1, 0, 1) for y in (-1, 0, 1) if 0 < abs(x) + abs(y) < directions / 2.5
-    ]
-    asked = [(size * x / math.hypot(x, y), size * y / math.hypot(x, y))
-             for x, y in ways for size in sizes]  # fmt: skip
-    order = np.random.default_rng(seed).permutation(len(asked))
-    rows, now = [[0.0, 0.0, 0.0]], REST
-    for k in order:
-        rows += [[now, *asked[k]], [now + HOLD, 0.0, 0.0]]
-        now += HOLD + REST
-    return rows
-
-
-def prompt_text(forward: float, left: float) -> str:
-    """What a person is asked for."""
-    if forward == left == 0.0:
-        return "let go: centre"
-    ways = [("forward", forward), ("backward", -forward), ("left", left), ("right", -left)]
-    size = "fully" if math.hypot(forward, left) > 0.75 else "by half"
-    return f"push {size} {' and '.join(name for name, value in ways if value > 0.1)}"
-
-
-def session_of(recorded: RecordedEpisode) -> Session:
-    """The stick of a recorded episode.
-
-    Raises:
-        InputError: no person drove.
-    """
-    if not recorded.has_person:
-        raise InputError("expected recordings in which a person drives")
-    found: Any = [state.reading.stick for state in recorded.states]
-    labels, places = recorded.labels, np.array([state.truth.pose[:2] for state in recorded.states])
-    near = np.hypot(*(places - recorded.episode.goal[:2]).T) < NEAR_GOAL
-    known = recorded.settings.driver is not None
-    return Session(
-        1.0 / recorded.settings.rate,
-        np.array([(stick.forward, stick.left) for stick in found]),
-        any(stick.latched for stick in found),
-        near if known else np.zeros(len(found), np.bool_),
-        np.array(labels.get("prompts", []), np.float64).reshape(-1, 3),
-        {"board": "stick", "gamepad": "stick", "keyboard": "switches"}.get(
-            str(labels.get("interface", "stick")), str(labels.get("interface", "stick"))
-        ),
-        float(labels.get("share", 1.0)),
-    )
 
 
 def fit_driver(sessions: list[Session], base: Driver, repeats: int = 100, seed: int = 0) -> Fit:
@@ -189,10 +99,10 @@ def _settings(
     settings = {"name": "expert", **dump(base)}
     if base.interface.kind == "switches":
         settings["interface"]["latched"] = any(session.latched for session in sessions)
-    for name, estimate in estimates.items():
+    for name, one in estimates.items():
         part, _, key = name.partition(".")
         if key:
-            settings[part][key] = estimate.value
+            settings[part][key] = one.value
     if "delay" in estimates:  # of the reaction and of the interface: their sum is seen
         most = max(0.0, estimates["delay"].value)
         reaction = min(settings["perception"]["reaction"], most)
@@ -228,28 +138,18 @@ def _fit_stick(
     else:
         why = "a drive does not tell which deflection was meant: record one with --prompts"
         unidentified |= dict.fromkeys(_NAMES.values(), why)
-    tremor, why = _tremor(sessions, device, hand, repeats, rng)
+    tremor, why = fit_tremor(sessions, device, hand, repeats, rng)
     if prompted:
         for name, found in tremor.items():
             hand = dataclasses.replace(hand, **{name.partition(".")[2]: found.value})
         hand = hand if tremor else dataclasses.replace(hand, tremor=0.0)
         estimates |= _hand_estimates(fit, best, prompted, hand, repeats, rng)
     estimates |= tremor
-    for name in _TREMOR:
+    for name in TREMOR:
         if name not in tremor:
             unidentified[name] = why
     minutes = sum(len(one.sticks) * one.period for one in sessions) / 60.0
     return Fit({}, estimates, unidentified, {"minutes": minutes})
-
-
-def _raw(sticks: Array, device: Any, share: float) -> Array:
-    """Deflections (n, 2) before the dead zone; NaN where the stick is within it."""
-    size = np.hypot(*sticks.T)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        before = device.dead_zone + (1.0 - device.dead_zone) * size / (device.gain * share)
-        raw: Array = sticks * (before / size)[:, None]
-    raw[size == 0.0] = math.nan
-    return raw
 
 
 def _dead_zone(sessions: list[Session], levels: float) -> Estimate | None:
@@ -413,151 +313,9 @@ def _hand_estimates(
         resampled.append(np.clip(one.x - bias, _LOW, _HIGH))
     corrected = np.clip(best - bias, _LOW, _HIGH)
     return {
-        name: _estimate(corrected[k], [one[k] for one in resampled])
+        name: estimate(corrected[k], [one[k] for one in resampled])
         for k, name in enumerate(_NAMES.values())
     }
-
-
-def _estimate(value: float, drawn: list[float]) -> Estimate:
-    low, high = np.percentile(drawn, (2.5, 97.5)) if drawn else (value, value)
-    return Estimate(float(value), float(min(low, value)), float(max(high, value)))
-
-
-# ---- its tremor
-
-
-def _periodograms(sessions: list[Session], device: Any, hand: Hand) -> tuple[Array, Array, float]:
-    """Frequencies (m,) [Hz], periodograms (k, m) [1/Hz] of stretches, and their rate [Hz]."""
-    rate = 1.0 / sessions[0].period
-    n = round(STRETCH * rate)
-    window = 0.5 - 0.5 * np.cos(2.0 * math.pi * np.arange(n) / n)
-    scale = 2.0 / (rate * float((window**2).sum()))
-    line = np.linspace(-1.0, 1.0, n)
-    c, s = math.cos(hand.rotation), math.sin(hand.rotation)
-    found = []
-    for one in sessions:
-        raw = _raw(one.sticks, device, one.share)
-        raw[one.near_goal] = math.nan
-        raw = raw - (hand.offset_forward, hand.offset_left)
-        x, y = c * raw[:, 0] + s * raw[:, 1], -s * raw[:, 0] + c * raw[:, 1]
-        axes = (x, hand.forward, hand.backward), (y, hand.leftward, hand.rightward)
-        for values, above, below in axes:
-            good = np.isfinite(values)
-            full = np.abs(values) > _FULL
-            values = values / np.where(values > 0.0, above, below)
-            at = 0
-            while at + n <= len(values):
-                if not good[at : at + n].all():
-                    at += 1 + int(np.flatnonzero(~good[at : at + n])[-1])
-                    continue
-                part, cut = values[at : at + n], full[at : at + n].any()
-                at += n // 2
-                if cut:
-                    continue
-                part = part - np.polyval(np.polyfit(line, part, 1), line)
-                found.append(scale * np.abs(np.fft.rfft(part * window)) ** 2)
-    return np.asarray(np.fft.rfftfreq(n, 1.0 / rate), np.float64), np.array(found), rate
-
-
-class _Tremor(NamedTuple):
-    """A hand's tremor, without the checks of its settings."""
-
-    tremor: float
-    tremor_frequency: float  # Hz
-    tremor_band: float  # Hz
-
-
-def _tremor_spectrum(f: Array, rate: float, hand: Any, smoothing: float) -> Array:
-    """One-sided spectrum (m,) [1/Hz] of a tremor behind the stick's filter, folded by sampling."""
-    a, b, gain = tremor_filter(hand, TICK)
-    folds = round(TICK_RATE / rate)
-    every = [f] + [sign * f + k * rate for k in range(1, folds // 2 + 1) for sign in (-1.0, 1.0)]
-    total = np.zeros_like(f)
-    share = 1.0 if smoothing < 0.1 * TICK else 1.0 - math.exp(-TICK / smoothing)
-    for g in every:
-        z = np.exp(-2j * math.pi * np.abs(g) * TICK)
-        shape = gain**2 / np.abs(1.0 - a * z + b * z * z) ** 2
-        filtered = share**2 / np.abs(1.0 - (1.0 - share) * z) ** 2
-        total += np.where(np.abs(g) <= 0.5 * TICK_RATE, 2.0 * TICK * shape * filtered, 0.0)
-    # What Hann's window makes of it.
-    wide = np.concatenate((total[1:2], total, total[-2:-1]))
-    blurred: Array = (wide[:-2] + 4.0 * wide[1:-1] + wide[2:]) / 6.0
-    return blurred
-
-
-def _tremor(
-    sessions: list[Session], device: Any, hand: Hand, repeats: int, rng: np.random.Generator
-) -> tuple[dict[str, Estimate], str]:
-    """The tremor's amplitude, frequency and band, and why there are none."""
-    rate = 1.0 / sessions[0].period
-    if rate < LEAST_RATE:
-        return {}, (
-            f"recorded at {rate:g} Hz: a tremor shows at other frequencies than its own; expected "
-            f"at least {LEAST_RATE:g} Hz (--rate 50)"
-        )
-    if any(abs(one.period - sessions[0].period) > 1e-9 for one in sessions):
-        return {}, "the sessions were recorded at different rates"
-    f, each, rate = _periodograms(sessions, device, hand)
-    if len(each) < LEAST_STRETCHES:
-        return {}, (
-            f"{len(each)} stretches of {STRETCH:g} s with a stick that is neither centred nor at "
-            f"its end; expected {LEAST_STRETCHES}"
-        )
-    use = (f >= 1.0) & (f < 0.5 * rate)
-
-    def model(p: Array) -> Array:
-        background: Array = np.exp(p[0]) * (f[use] / 2.0) ** -p[1] + np.exp(p[2])
-        if len(p) == 3:
-            return background
-        one = _Tremor(math.exp(p[3]), float(p[4]), math.exp(p[5]))
-        background += _tremor_spectrum(f, rate, one, device.smoothing)[use]
-        return background
-
-    def cost(p: Array, mean: Array) -> float:
-        """Negative log-likelihood of the mean of the periodograms, each half overlapped."""
-        if len(p) > 3 and not (1.5 <= p[4] <= 0.45 * rate and -2.5 <= p[5] <= 1.8 and p[3] < 0.0):
-            return 1e12
-        if not 0.0 <= p[1] <= 8.0:
-            return 1e12
-        spectrum = model(p)
-        return float(0.5 * len(each) * (np.log(spectrum) + mean / spectrum).sum())
-
-    def solve(start: Array, mean: Array) -> Any:
-        simplex = np.vstack([start, start + np.diag([0.5, 0.5, 0.5, 0.5, 0.5, 0.7][: len(start)])])
-        options = {"maxfev": 4000, "xatol": 1e-3, "fatol": 1e-2, "initial_simplex": simplex}
-        return minimize(cost, start, (mean,), "Nelder-Mead", options=options)
-
-    mean = each.mean(axis=0)[use]
-    plain_start = np.array([math.log(mean[0]), 2.0, math.log(mean.min())])
-    plain = solve(plain_start, mean)
-    trials = []
-    for k in sorted(_peaks(mean / model(plain.x)))[-3:]:
-        frequency = f[use][_peak_of(mean / model(plain.x), k)]
-        trials.append(solve(np.array([*plain.x, math.log(0.1), frequency, 0.0]), mean))
-    best = min(trials, key=lambda one: float(one.fun))
-    if plain.fun - best.fun < _EVIDENCE or math.exp(best.x[3]) < 1.0 / device.levels:
-        return {"hand.tremor": Estimate(0.0, 0.0, 0.0)}, "no tremor stands out of the movement"
-    drawn = []
-    for _ in range(repeats):
-        mean_k = each[rng.integers(len(each), size=len(each))].mean(axis=0)[use]
-        drawn.append(solve(best.x, mean_k).x)
-    values = np.array([best.x, *drawn])[:, 3:]
-    values[:, [0, 2]] = np.exp(values[:, [0, 2]])
-    return {
-        name: _estimate(float(values[0, k]), values[1:, k].tolist())
-        for k, name in enumerate(_TREMOR)
-    }, ""
-
-
-def _peaks(ratio: Array) -> list[float]:
-    """Heights of local maxima of a ratio (m,)."""
-    inner = ratio[1:-1]
-    found = inner[(inner >= ratio[:-2]) & (inner >= ratio[2:])]
-    return list(found) or [float(ratio.max())]
-
-
-def _peak_of(ratio: Array, height: float) -> int:
-    return int(np.argmin(np.abs(ratio - height)))
 
 
 # ---- switches
@@ -591,10 +349,10 @@ def _fit_switches(
         chance = n / (n - 1)
         draws = [rng.integers(len(delays), size=len(delays)) for _ in range(repeats)]
         half = 0.5 * sessions[0].period  # a change is seen so late on average
-        estimates["delay"] = _estimate(
+        estimates["delay"] = estimate(
             float(np.median(delays)) - half, [float(np.median(delays[k])) - half for k in draws]
         )
-        estimates["interface.error"] = _estimate(
+        estimates["interface.error"] = estimate(
             min(1.0, chance * float(wrong.mean())),
             [min(1.0, chance * float(wrong[k].mean())) for k in draws],
         )

@@ -533,14 +533,13 @@ COMMANDS = (
     ),
     Command(
         "fit-driver", "drive:fit", "fit a simulated person to recorded sessions of a real one",
-        "Fit hand and interface of a simulated person (tremor, dead zone; from prompted sessions "
-        "also delay, lag, weakness, rotation, offset, and wrong signals of switches), with 95 % "
-        "intervals, and say what the sessions do not tell. With --json FILE, the person drives by "
-        "--driver FILE:fitted.",
+        "Fit tremor and dead zone of a simulated person, from prompted sessions also delay, lag, "
+        "weakness, rotation, offset and wrong signals, with 95 % intervals, and say what the "
+        "sessions do not tell. With --json FILE, the person drives by --driver FILE:fitted.",
         "wheelchair fit-driver session.mcap drive.mcap --json me.json",
         [
-            option("logs", "recordings of one person with one interface (drive --record, or "
-                   "simulate --driver --record)", None, "FILE.mcap", nargs="+"),
+            option("logs", "recordings of one person with one interface", None, "FILE.mcap",
+                   nargs="+"),
             option("--base", "simulated person whose other settings are kept: a name, "
                    "module:function or FILE.json:NAME", default="expert"),
             option("--repeats", "repetitions of the bootstrap", count, default=50),

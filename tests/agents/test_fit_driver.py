@@ -9,13 +9,15 @@ import numpy as np
 import pytest
 
 from agents.cli import main
-from agents.fit_driver import Session, fit_driver, prompt_text, schedule
+from agents.fit_driver import fit_driver
+from agents.sessions import Session, prompt_text, schedule, session_of
 from tests.agents.prompted import Prompted
 from wheelchair_gym import InputError
 from wheelchair_gym.drivers import make_driver
 from wheelchair_gym.drivers.settings import Driver, Hand, Perception, ProportionalStick, Switches
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.recording.record import RecordEpisodes
+from wheelchair_gym.recording.replay import read_recording
 
 RATE = 50.0
 # How near each setting comes to the true one, for tremors up to 0.2, in sessions of 75 s.
@@ -148,6 +150,7 @@ def test_a_recorded_prompted_session_is_fitted(drives, tmp_path):
 
 
 def test_what_a_recording_cannot_tell_is_said(drives, tmp_path, capsys):
+    broken = read_recording(drives / "session.mcap")[0]._replace(labels={"prompts": ["soon"]})
     slow = session(PEOPLE["trembling and weak"], rate=10.0)
     fit = fit_driver([slow._replace(prompts=np.empty((0, 3)))], Driver(), repeats=2)
     assert "10 Hz" in fit.unidentified["hand.tremor"]
@@ -160,6 +163,8 @@ def test_what_a_recording_cannot_tell_is_said(drives, tmp_path, capsys):
         fit_driver([short, other], Driver())
     with pytest.raises(InputError, match="interface scanning"):
         fit_driver([short._replace(interface="scanning")], Driver())
+    with pytest.raises(InputError, match="malformed"):
+        session_of(broken)
     # A stick without steps leaves no grid.
     smooth = dataclasses.replace(Driver(), interface=ProportionalStick(levels=1e6))
     fit = fit_driver([session(smooth)._replace(prompts=np.empty((0, 3)))], Driver(), repeats=2)

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from agents.cli import main
-from agents.fit_driver import schedule
+from agents.sessions import schedule
 from tests.conftest import ROOT
 from tests.hardware.realtime import serving
 from tests.hardware.served import hears_interrupts, until
