@@ -6,8 +6,8 @@ person is asked for one deflection after another. From it follow delay, lag, wea
 rotation and offset of a stick, and delay and wrong signals of switches. What a session cannot tell
 keeps the value of a person to begin with, and is named.
 
-Methods: the hand's response by output-error minimization (Ljung 1999, section 7.2); the tremor by its
-spectrum (`fit_tremor`); the dead zone from the grid of values that a stick's steps leave; 95 %
+Methods: the hand's response by output-error minimization (Ljung 1999, section 7.2); the tremor by
+its spectrum (`fit_tremor`); the dead zone from the grid of values that a stick's steps leave; 95 %
 intervals by the bootstrap (Efron 1979) over prompts, or over stretches of a drive.
 """
 
@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
-from agents.fit_tremor import TICK, TREMOR, Estimate, estimate, fit_tremor
-from agents.sessions import Session
+from agents.fit_tremor import TICK, TREMOR, FittedSetting, estimate, fit_tremor
+from agents.sessions import StickSession
 from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.config import InputError, dump
 from wheelchair_gym.drivers import make_driver
@@ -59,12 +59,14 @@ class Fit(NamedTuple):
     """
 
     driver: dict[str, Any]
-    estimates: dict[str, Estimate]
+    estimates: dict[str, FittedSetting]
     unidentified: dict[str, str]
     figures: dict[str, float]
 
 
-def fit_driver(sessions: list[Session], base: Driver, repeats: int = 100, seed: int = 0) -> Fit:
+def fit_driver(
+    sessions: list[StickSession], base: Driver, repeats: int = 100, seed: int = 0
+) -> Fit:
     """Fit a driver's hand and interface to sessions of one person with one interface.
 
     Args:
@@ -93,7 +95,7 @@ def fit_driver(sessions: list[Session], base: Driver, repeats: int = 100, seed: 
 
 
 def _settings(
-    base: Driver, estimates: dict[str, Estimate], sessions: list[Session]
+    base: Driver, estimates: dict[str, FittedSetting], sessions: list[StickSession]
 ) -> dict[str, Any]:
     """The fitted driver as `make_driver` takes it."""
     settings = {"name": "expert", **dump(base)}
@@ -115,9 +117,9 @@ def _settings(
 
 
 def _fit_stick(
-    sessions: list[Session], base: Driver, repeats: int, rng: np.random.Generator
+    sessions: list[StickSession], base: Driver, repeats: int, rng: np.random.Generator
 ) -> Fit:
-    estimates: dict[str, Estimate] = {}
+    estimates: dict[str, FittedSetting] = {}
     unidentified: dict[str, str] = {}
     device, hand = base.interface, base.hand
     zone = _dead_zone(sessions, device.levels)
@@ -152,7 +154,7 @@ def _fit_stick(
     return Fit({}, estimates, unidentified, {"minutes": minutes})
 
 
-def _dead_zone(sessions: list[Session], levels: float) -> Estimate | None:
+def _dead_zone(sessions: list[StickSession], levels: float) -> FittedSetting | None:
     """The dead zone with which all values before it are whole steps; None: no one is."""
     sticks = np.concatenate([one.sticks / one.share for one in sessions])
     sticks = np.unique(sticks[np.hypot(*sticks.T) > 0.0], axis=0)
@@ -169,7 +171,7 @@ def _dead_zone(sessions: list[Session], levels: float) -> Estimate | None:
         return None
     near = _ZONES[off < max(2.0 * off[best], 0.5 * _ON_GRID)]
     near = near[np.abs(near - _ZONES[best]) < 0.01]
-    return Estimate(float(_ZONES[best]), float(near.min()), float(near.max()))
+    return FittedSetting(float(_ZONES[best]), float(near.min()), float(near.max()))
 
 
 def _off_grid(steps: Array) -> float:
@@ -233,7 +235,7 @@ class _HandFit:
         device: the stick.
     """
 
-    def __init__(self, sessions: list[Session], device: Any) -> None:
+    def __init__(self, sessions: list[StickSession], device: Any) -> None:
         self._sessions, self._device = sessions, device
         self.prompts = sum(len(one.prompts) for one in sessions)
         before = np.cumsum([0, *(len(one.prompts) for one in sessions)])
@@ -290,9 +292,9 @@ class _HandFit:
 
 
 def _hand_estimates(
-    fit: _HandFit, best: Array, sessions: list[Session], hand: Hand, repeats: int,
+    fit: _HandFit, best: Array, sessions: list[StickSession], hand: Hand, repeats: int,
     rng: np.random.Generator,
-) -> dict[str, Estimate]:  # fmt: skip
+) -> dict[str, FittedSetting]:  # fmt: skip
     """The hand's parameters without the bias that a tremor gives them, with intervals.
 
     A tremor that the dead zone and the stick's ends cut shifts the mean. The shift is that of
@@ -322,16 +324,16 @@ def _hand_estimates(
 
 
 def _fit_switches(
-    sessions: list[Session], base: Driver, repeats: int, rng: np.random.Generator
+    sessions: list[StickSession], base: Driver, repeats: int, rng: np.random.Generator
 ) -> Fit:
-    estimates: dict[str, Estimate] = {}
+    estimates: dict[str, FittedSetting] = {}
     unidentified: dict[str, str] = {}
     sticks = np.concatenate([one.sticks / one.share for one in sessions])
     for k, name in enumerate(("speed", "turn")):
         values = np.abs(sticks[:, k][sticks[:, k] != 0.0])
         if len(values):
             typical = float(np.median(values))
-            estimates[f"interface.{name}"] = Estimate(typical, typical, typical)
+            estimates[f"interface.{name}"] = FittedSetting(typical, typical, typical)
         else:
             unidentified[f"interface.{name}"] = "no switch of that direction was pressed"
     changes = sum(
@@ -360,7 +362,7 @@ def _fit_switches(
     return Fit({}, estimates, unidentified, figures)
 
 
-def _answers(sessions: list[Session]) -> tuple[Array, NDArray[np.bool_]]:
+def _answers(sessions: list[StickSession]) -> tuple[Array, NDArray[np.bool_]]:
     """Of each answered prompt: its delay [s], and whether the first signal was a wrong one."""
     delays, wrong = [], []
     for one in sessions:

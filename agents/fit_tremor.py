@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from agents.sessions import Session, before_dead_zone
+from agents.sessions import StickSession, before_dead_zone
 from wheelchair_gym.drivers.settings import Hand
 from wheelchair_gym.drivers.state import TICK_RATE, tremor_filter
 
@@ -29,7 +29,7 @@ _EVIDENCE = 10.0  # by which a tremor must raise the log-likelihood: of three pa
 _FULL = 0.92  # deflection from which on the stick's end cuts a tremor off
 
 
-class Estimate(NamedTuple):
+class FittedSetting(NamedTuple):
     """A fitted setting with its 95 % interval."""
 
     value: float
@@ -37,13 +37,15 @@ class Estimate(NamedTuple):
     high: float
 
 
-def estimate(value: float, drawn: list[float]) -> Estimate:
+def estimate(value: float, drawn: list[float]) -> FittedSetting:
     """A value with the 95 % interval of those drawn by a bootstrap; none: the value alone."""
     low, high = np.percentile(drawn, (2.5, 97.5)) if drawn else (value, value)
-    return Estimate(float(value), float(min(low, value)), float(max(high, value)))
+    return FittedSetting(float(value), float(min(low, value)), float(max(high, value)))
 
 
-def _periodograms(sessions: list[Session], device: Any, hand: Hand) -> tuple[Array, Array, float]:
+def _periodograms(
+    sessions: list[StickSession], device: Any, hand: Hand
+) -> tuple[Array, Array, float]:
     """Frequencies (m,) [Hz], periodograms (k, m) [1/Hz] of stretches, and their rate [Hz]."""
     rate = 1.0 / sessions[0].period
     n = round(STRETCH * rate)
@@ -103,8 +105,8 @@ def _tremor_spectrum(f: Array, rate: float, hand: Any, smoothing: float) -> Arra
 
 
 def fit_tremor(
-    sessions: list[Session], device: Any, hand: Hand, repeats: int, rng: np.random.Generator
-) -> tuple[dict[str, Estimate], str]:
+    sessions: list[StickSession], device: Any, hand: Hand, repeats: int, rng: np.random.Generator
+) -> tuple[dict[str, FittedSetting], str]:
     """The tremor's amplitude, frequency and band, and why there are none."""
     rate = 1.0 / sessions[0].period
     if rate < LEAST_RATE:
@@ -153,7 +155,7 @@ def fit_tremor(
         trials.append(solve(np.array([*plain.x, math.log(0.1), frequency, 0.0]), mean))
     best = min(trials, key=lambda one: float(one.fun))
     if plain.fun - best.fun < _EVIDENCE or math.exp(best.x[3]) < 1.0 / device.levels:
-        return {"hand.tremor": Estimate(0.0, 0.0, 0.0)}, "no tremor stands out of the movement"
+        return {"hand.tremor": FittedSetting(0.0, 0.0, 0.0)}, "no tremor stands out of the movement"
     drawn = []
     for _ in range(repeats):
         mean_k = each[rng.integers(len(each), size=len(each))].mean(axis=0)[use]

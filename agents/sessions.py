@@ -20,7 +20,7 @@ HOLD, REST = 2.5, 2.0  # s for which a prompt asks for a deflection, and for the
 _KINDS = {"board": "stick", "gamepad": "stick", "keyboard": "switches"}
 
 
-class Session(NamedTuple):
+class StickSession(NamedTuple):
     """The stick of one recorded session."""
 
     period: float  # s between two sticks
@@ -67,7 +67,7 @@ def prompt_text(forward: float, left: float) -> str:
     return f"push {size} {' and '.join(name for name, value in ways if value > 0.1)}"
 
 
-def session_of(recorded: RecordedEpisode) -> Session:
+def session_of(recorded: RecordedEpisode) -> StickSession:
     """The stick of a recorded episode.
 
     Raises:
@@ -86,7 +86,7 @@ def session_of(recorded: RecordedEpisode) -> Session:
         share = float(labels.get("share", 1.0))
     except (TypeError, ValueError):
         raise InputError("the recording's prompts or share of full speed are malformed") from None
-    return Session(
+    return StickSession(
         1.0 / recorded.settings.rate,
         np.array([(stick.forward, stick.left) for stick in found]),
         any(stick.latched for stick in found),

@@ -10,7 +10,7 @@ import pytest
 
 from agents.cli import main
 from agents.fit_driver import fit_driver
-from agents.sessions import Session, prompt_text, schedule, session_of
+from agents.sessions import StickSession, prompt_text, schedule, session_of
 from tests.agents.prompted import Prompted
 from wheelchair_gym import InputError
 from wheelchair_gym.drivers import make_driver
@@ -47,7 +47,7 @@ def session(driver, seed=0, rate=RATE):
     person = Prompted(driver, rate, seed)
     n = round((person.prompts[-1, 0] + 2.0) * rate)
     sticks = [person() for _ in range(n)]
-    return Session(
+    return StickSession(
         1.0 / rate, np.array([(0.0, 0.0), *(one[:2] for one in sticks)]),
         any(one.latched for one in sticks), np.zeros(n + 1, np.bool_), person.prompts,
         driver.interface.kind, 1.0,
