@@ -149,13 +149,15 @@ def film(drawn: Drawn, planner: Any, plan: Plan, made: Controls, seed: int) -> I
 
 
 def growth(
-    problem: Problem, planner: Any, plan: Plan, seed: int, frames: int = GROWTH
+    problem: Problem, planner: Any, plan: Plan, seed: int, frames: int | None = None
 ) -> Iterator[Plan]:
     """Plans of ever more samples, the last the plan itself; equal seeds grow equal trees."""
     limited = planner.tree if hasattr(planner, "tree") else planner
     if len(plan.tree) and hasattr(limited, "iterations"):
         made = plan.counters["iterations"]
-        for k in np.unique(np.linspace(1, max(1, made), frames).round().astype(int))[:-1].tolist():
+        for k in np.unique(np.linspace(1, max(1, made), frames or GROWTH).round().astype(int))[
+            :-1
+        ].tolist():
             fewer = replace(limited, iterations=k)
             some = fewer if limited is planner else replace(planner, tree=fewer)
             yield some.plan(problem, np.random.default_rng(seed))
