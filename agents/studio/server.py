@@ -54,6 +54,7 @@ class Studio:
         access: who may come.
         study: an experiment with participants (`agents.participants.protocol.Protocol`), whose data
             go to the folder.
+        runs: folder below which the page Compare finds recordings and runs; None: `folder`.
 
     Attributes:
         warm_up: how far compiling is.
@@ -61,9 +62,10 @@ class Studio:
 
     def __init__(
         self, folder: Path, own_map: Mapping[str, Any] | None = None,
-        access: Access | None = None, study: Any = None,
+        access: Access | None = None, study: Any = None, runs: Path | None = None,
     ) -> None:  # fmt: skip
         self.folder, self.access, self.study = folder, access or Access(), study
+        self.runs = runs or folder
         self.warm_up = WarmUp()
         self._own_map = own_map
         self._pages = 0
@@ -167,6 +169,15 @@ def _drive_session(studio: Studio, out: Outbox) -> Any:
     return DriveSession(places, studio.folder, out, studio.warm_up.ready)
 
 
+def _compare_session(studio: Studio, out: Outbox) -> Any:
+    from agents.studio.catalogue import choices
+    from agents.studio.compare_session import CompareSession
+
+    places = studio.places()
+    out.send("choices", **choices(places))
+    return CompareSession(places, studio.runs, out)
+
+
 def _study_session(studio: Studio, out: Outbox) -> Any:
     from agents.studio.study import StudySession
 
@@ -183,7 +194,8 @@ def _plan_session(studio: Studio, out: Outbox) -> Any:
 
 
 SESSIONS: Final[dict[str, Callable[[Studio, Outbox], Any]]] = {
-    "drive": _drive_session, "plan": _plan_session, "study": _study_session,
+    "drive": _drive_session, "plan": _plan_session, "compare": _compare_session,
+    "study": _study_session,
 }  # fmt: skip
 
 

@@ -173,7 +173,7 @@ def test_a_lost_connection_is_told(opened):
 def tab(page, name):
     """Turn to a page."""
     page.click(f"[data-page={name}]")
-    until(page, "studio.world" if name == "plan" else WAITS, 20.0)
+    until(page, {"plan": "studio.world", "compare": "studio.sources"}.get(name, WAITS), 20.0)
 
 
 def on_map(page, x, y):
@@ -260,6 +260,31 @@ def test_the_page_plan_is_accessible_on_every_screen(opened):
     tab(page, "drive")
 
 
+def test_two_drives_are_compared(opened):
+    from axe_playwright_python.sync_playwright import Axe
+
+    _, page = opened
+    tab(page, "compare")
+    until(page, "studio.sources && !document.getElementById('go').disabled")
+    page.select_option("#place", "scene:doorway")
+    page.select_option("#driver", "novice")
+    page.click("#go")
+    until(page, "studio.tracks.right && !document.getElementById('go').disabled")
+    page.click("#event")
+    time = page.evaluate("Number(document.getElementById('time').value)")
+    assert time in page.evaluate("studio.tracks.right.events.map(([t]) => Math.round(10 * t) / 10)")
+    page.fill("#time", "1")
+    assert "1.0 s" in page.inner_text("#clock")
+    page.click("#play")
+    until(page, "Number(document.getElementById('time').value) > 1.5", 10.0)
+    for width in (390, 820, 1280):
+        page.set_viewport_size({"width": width, "height": 900})
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+    found = Axe().run(page).response["violations"]
+    assert [(one["id"], one["nodes"][0]["html"]) for one in found] == []
+    tab(page, "drive")
+
+
 def texts():
     """The rows of texts by key."""
     source = (PAGE / "texts.js").read_text(encoding="utf-8")
@@ -282,5 +307,6 @@ def test_every_text_is_there_in_both_languages():
             used |= set(re.findall(r'data-(?:t|label)="(\w+)"|\btext\("(\w+)"', source))
     used = {one or other for one, other in used}
     used |= {f"a_{name}" for name in ASSISTANTS.built_in}
+    used |= {f"o_{name}" for name in ("success", "collision", "timeout", "missed", "stopped")}
     used |= {f"h_{name}" for name in (NO_HAND, *IMPAIRMENTS)}
     assert used <= set(rows)
