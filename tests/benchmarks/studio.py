@@ -102,7 +102,7 @@ def main() -> None:
     parser.add_argument("--cold", action="store_true", help="nothing is compiled before")
     parser.add_argument("--minutes", type=int, default=0, help="of driving, to watch the memory")
     given = parser.parse_args()
-    with tempfile.TemporaryDirectory() as folder, browsing() as browser:
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder, browsing() as browser:
         environ = {**os.environ, "PYTHONPATH": str(ROOT)}
         if given.cold:
             environ["NUMBA_CACHE_DIR"] = f"{folder}/cache"
