@@ -127,7 +127,7 @@ COMMANDS = (
         ],
     ),
     Command(
-        "studio", "drive:studio", "drive and plan in the browser, in the simulator",
+        "studio", "drive:studio", "drive, plan and compare in the browser, in the simulator",
         "Serve a page on this machine until Ctrl-C, and print its address: people drive the "
         "simulated chair by keys, gamepad, touch or a single switch, with and without help. Each "
         "drive is recorded. Needs the extra 'studio'; recordings need 'record'.",
@@ -142,6 +142,8 @@ COMMANDS = (
                    "folder of its name in --out", None, "FILE.json"),
             option("--out", "folder of recordings, films and maps", None, "DIR",
                    default="runs/studio"),
+            option("--runs", "folder below which the page Compare finds recordings and runs of "
+                   "`compare`", None, "DIR", default="runs"),
         ],
     ),
     Command(

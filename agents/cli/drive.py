@@ -341,7 +341,8 @@ def studio(given: argparse.Namespace) -> int:
         study = read(Protocol, given.study)
         folder /= Path(given.study).stem
         claim(folder, study)
-    serve(Studio(folder, own_map, Access(lan=given.lan), study), given.port)
+    access = Access(lan=given.lan)
+    serve(Studio(folder, own_map, access, study, Path(given.runs)), given.port)
     return 0
 
 

@@ -139,7 +139,7 @@ def draw(drawn: Drawn, plan: Plan, made: Controls, caption: str) -> Image:
 
 def film(drawn: Drawn, planner: Any, plan: Plan, made: Controls, seed: int) -> Iterator[Image]:
     """Pictures (h, w, 3) at `RATE`: the tree grows, then the commands are rolled out."""
-    for part in _growth(drawn.problem, planner, plan, seed):
+    for part in growth(drawn.problem, planner, plan, seed):
         grown = part.counters.get("iterations", 0)
         yield _picture(drawn, part, made.rollout[:0], made.rollout[:0], f"{grown} samples")
     count = min(len(made.rollout), DRIVE)
@@ -148,12 +148,16 @@ def film(drawn: Drawn, planner: Any, plan: Plan, made: Controls, seed: int) -> I
         yield _picture(drawn, plan, made.rollout[: k + 1], made.rollout[k : k + 1], said)
 
 
-def _growth(problem: Problem, planner: Any, plan: Plan, seed: int) -> Iterator[Plan]:
+def growth(
+    problem: Problem, planner: Any, plan: Plan, seed: int, frames: int | None = None
+) -> Iterator[Plan]:
     """Plans of ever more samples, the last the plan itself; equal seeds grow equal trees."""
     limited = planner.tree if hasattr(planner, "tree") else planner
     if len(plan.tree) and hasattr(limited, "iterations"):
         made = plan.counters["iterations"]
-        for k in np.unique(np.linspace(1, max(1, made), GROWTH).round().astype(int))[:-1].tolist():
+        for k in np.unique(np.linspace(1, max(1, made), frames or GROWTH).round().astype(int))[
+            :-1
+        ].tolist():
             fewer = replace(limited, iterations=k)
             some = fewer if limited is planner else replace(planner, tree=fewer)
             yield some.plan(problem, np.random.default_rng(seed))

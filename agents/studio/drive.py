@@ -70,7 +70,7 @@ class Drive:
         place = order.place
         env = {**place.env, "rate": order.rate, "shield": is_shielded(order.assist)}
         if order.rate == _FINE:
-            env["config"] = {"physics": {"step": _FINE_STEP}}
+            env["config"] = {**place.env.get("config", {}), "physics": {"step": _FINE_STEP}}
         self._world: Any = NavigationEnv(place.scene, **env)
         self._env: Any = self._world  # recorded, where it can be
         self.note, self.file = "", None
@@ -79,9 +79,13 @@ class Drive:
             self.file = Path(self._env.file)
         except InputError as error:  # without the extra, or on a full disk, people drive anyway
             self.note = str(error)
-        self._begin()
-        self.set_device(scan_period)
-        self.set_assistant(order.assist)
+        try:
+            self._begin()
+            self.set_device(scan_period)
+            self.set_assistant(order.assist)
+        except BaseException:
+            self.close()
+            raise
         sensors = self._world.settings.sensors
         episode: Any = self._world.episode
         moving = bool(len(episode.actors)) and sensors.laser.beams > 0
@@ -211,12 +215,7 @@ class Drive:
     def summary(self) -> dict[str, Any]:
         """The figures of the drive so far, and its outcome as `compare` names it."""
         info = self._info
-        success = bool(info["is_success"]) and not self._contact
-        outcome = "success" if success else "collision" if self._contact else "missed"
-        if not self.over:
-            outcome = "stopped"
-        elif outcome == "missed" and self._truncated:
-            outcome = "timeout"
+        outcome = outcome_of(info, self._contact, self._truncated) if self.over else "stopped"
         return {
             "outcome": outcome, "time": float(info["time"]), "length": float(info["distance"]),
             "geodesic": float(info["geodesic"]), "clearance_min": float(self._least),
@@ -226,23 +225,8 @@ class Drive:
 
     def world(self) -> dict[str, Any]:
         """What stands still, once a drive: walls, sensors, the chair, who moves."""
-        world = self._world
-        episode, settings = world.episode, world.settings
-        laser, sonar = settings.sensors.laser, settings.sensors.ultrasonic
-        models = zip(sonar.mounted, sonar.models, strict=True)
         return {
-            "walls": episode.walls, "discs": episode.discs, "goal": episode.goal,
-            "start": episode.start, "bounds": episode.map.bounds, "name": episode.name,
-            "tolerance": world.task.tolerance, "outline": settings.chair.footprint.corners,
-            "laser": [laser.x, laser.y, laser.yaw, laser.fov, laser.beams, laser.reach],
-            "cones": [[m.x, m.y, m.yaw, model.field_of_view] for m, model in models],
-            "actors": [
-                [ACTOR_KINDS[row["kind"]], *map(float, row["size"])] for row in episode.actors.rows
-            ],
-            "path": world.shown.path, "limits": [
-                world.task.limits.forward, world.task.limits.backward, world.task.limits.turn
-            ],
-            "shielded": bool(world.task.is_shielded), "order": {
+            **world_of(self._world), "order": {
                 "place": self.order.key, "seed": self.order.seed, "assist": self.order.assist,
                 "hand": self.order.hand, "rate": self.order.rate,
             }, "recorded": self.file is not None, "note": self.note,
@@ -268,6 +252,35 @@ class Drive:
             "lit": "" if self._hand is None else self._hand.lit, "waits": not self.steps,
         }  # fmt: skip
         return head, _millimetres(reading.laser[sensors.slices[0]])
+
+
+def world_of(world: Any) -> dict[str, Any]:
+    """What stands still in an episode: walls, sensors, the chair, who moves."""
+    episode, settings = world.episode, world.settings
+    laser, sonar = settings.sensors.laser, settings.sensors.ultrasonic
+    models = zip(sonar.mounted, sonar.models, strict=True)
+    limits = world.task.limits
+    return {
+        "walls": episode.walls, "discs": episode.discs, "goal": episode.goal,
+        "start": episode.start, "bounds": episode.map.bounds, "name": episode.name,
+        "tolerance": world.task.tolerance, "outline": settings.chair.footprint.corners,
+        "laser": [laser.x, laser.y, laser.yaw, laser.fov, laser.beams, laser.reach],
+        "cones": [[m.x, m.y, m.yaw, model.field_of_view] for m, model in models],
+        "actors": [
+            [ACTOR_KINDS[row["kind"]], *map(float, row["size"])] for row in episode.actors.rows
+        ],
+        "path": world.shown.path, "limits": [limits.forward, limits.backward, limits.turn],
+        "shielded": bool(world.task.is_shielded),
+    }  # fmt: skip
+
+
+def outcome_of(info: Any, contact: bool, truncated: bool) -> str:
+    """How an episode that is over ended, in the words of `compare`."""
+    if contact:
+        return "collision"
+    if info["is_success"]:
+        return "success"
+    return "timeout" if truncated else "missed"
 
 
 def _millimetres(ranges: NDArray[np.float32]) -> bytes:

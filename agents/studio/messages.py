@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import asyncio
 import json
+import logging
 import math
+import queue
 from collections import deque
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -20,6 +22,7 @@ from wheelchair_gym.errors import shorten
 from wheelchair_gym.files import parse_json
 
 Message = dict[str, Any]
+_LOG = logging.getLogger(__name__)
 _WAITING = 500  # messages that may wait for a page that does not take them; then it is cut off
 
 
@@ -117,6 +120,18 @@ class Whole(NamedTuple):
         return value
 
 
+class Names(NamedTuple):
+    """A list of some of the known texts, each once, one at least."""
+
+    known: tuple[str, ...]
+
+    def check(self, value: Any, where: str) -> Any:
+        """See `Number.check`."""
+        if not isinstance(value, list) or not 0 < len(value) <= len(self.known):
+            raise InputError(f"{where} is {shorten(value)}; expected a list of names")
+        return [OneOf(self.known).check(one, where) for one in value]
+
+
 Fields = Mapping[str, Mapping[str, Any]]
 
 
@@ -201,3 +216,41 @@ class Outbox:
                 return picture
             self._filled.clear()
             await self._filled.wait()
+
+
+class Inbox:
+    """Messages of a page that wait for the thread of its session, which handles them one by one.
+
+    Args:
+        out: where errors go.
+        handlers: a session, whose method `on_TYPE` takes the messages of a type.
+    """
+
+    def __init__(self, out: Outbox, handlers: Any) -> None:
+        self._out, self._handlers = out, handlers
+        self._queue: queue.Queue[Message] = queue.Queue(maxsize=100)
+
+    def put(self, message: Message) -> None:
+        """Let a message wait.
+
+        Raises:
+            InputError: too many do.
+        """
+        try:
+            self._queue.put_nowait(message)
+        except queue.Full:
+            raise InputError("too many messages wait; try again") from None
+
+    def handle(self, patience: float) -> None:
+        """Handle one message, if any comes in time [s]; what goes wrong is told to the page."""
+        try:
+            message = self._queue.get(timeout=patience) if patience else self._queue.get_nowait()
+        except queue.Empty:
+            return
+        try:
+            getattr(self._handlers, f"on_{message['type']}")(message)
+        except InputError as error:
+            self._out.send("error", text=str(error))
+        except Exception as error:
+            _LOG.exception("studio: %s failed", message["type"])
+            self._out.send("error", text=f"{message['type']}: {type(error).__name__}: {error}")

@@ -14,17 +14,20 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from agents.studio.access import Access, Bucket, Guard
+from agents.studio.access import MOST_BYTES, Access, Bucket, Guard
+from agents.studio.drawing import UPLOADS
 from agents.studio.messages import Outbox, read_message
 from agents.studio.warm_up import WarmUp
 from wheelchair_gym.config import InputError
+from wheelchair_gym.files import atomic_write
 
 PORT: Final = 8780
 PAGE: Final = Path(__file__).with_name("page")
 _MOST_PAGES = 8  # open at once
-_MOST_BYTES = 1 << 20  # of a message
+_MOST_MESSAGE = 1 << 20  # bytes
 _PER_SECOND, _BURST = 150.0, 300.0  # messages of one page; a stick sends 20 to 60 a second
 _BROKEN = 10  # messages that are no messages, after which a page is cut off
+_MAP = re.compile(r"[\w][\w.+-]{0,99}\.(yaml|yml|pgm|png|jpg|jpeg|bmp|map|json)")
 _FILE = re.compile(r"[\w][\w.+-]*\.(mcap|mp4|gif|yaml|png|json)")
 _NO_STUDIO = "wheelchair studio needs {}: pip install 'wheelchair_gym[studio]'"
 
@@ -51,6 +54,7 @@ class Studio:
         access: who may come.
         study: an experiment with participants (`agents.participants.protocol.Protocol`), whose data
             go to the folder.
+        runs: folder below which the page Compare finds recordings and runs; None: `folder`.
 
     Attributes:
         warm_up: how far compiling is.
@@ -58,9 +62,10 @@ class Studio:
 
     def __init__(
         self, folder: Path, own_map: Mapping[str, Any] | None = None,
-        access: Access | None = None, study: Any = None,
+        access: Access | None = None, study: Any = None, runs: Path | None = None,
     ) -> None:  # fmt: skip
         self.folder, self.access, self.study = folder, access or Access(), study
+        self.runs = runs or folder
         self.warm_up = WarmUp()
         self._own_map = own_map
         self._pages = 0
@@ -75,6 +80,7 @@ class Studio:
 
         routes = [
             Route("/files/{name}", self._file),
+            Route("/maps/{name}", self._upload, methods=["POST"]),
             WebSocketRoute("/session/{page}", self._socket),
             Mount("/", StaticFiles(directory=PAGE, html=True)),
         ]
@@ -98,6 +104,24 @@ class Studio:
         if not _FILE.fullmatch(name) or path.is_symlink() or not path.is_file():
             return PlainTextResponse("there is no such file\n", 404)
         return FileResponse(path, filename=name)
+
+    async def _upload(self, request: Any) -> Any:
+        """Keep a map file that a page sends, for the message `load`."""
+        from starlette.responses import PlainTextResponse
+
+        name = request.path_params["name"]
+        if not _MAP.fullmatch(name):
+            return PlainTextResponse("expected a map: .yaml, .pgm, .png, .map or .json\n", 400)
+        content = bytearray()
+        async for chunk in request.stream():
+            content += chunk
+            if len(content) > MOST_BYTES:
+                return PlainTextResponse(f"expected at most {MOST_BYTES:,} bytes\n", 413)
+        folder = self.folder / UPLOADS
+        folder.mkdir(parents=True, exist_ok=True)
+        with atomic_write(folder / name) as part:
+            part.write_bytes(content)
+        return PlainTextResponse("", 204)
 
     async def _socket(self, connection: Any) -> None:
         """Serve one page until it goes."""
@@ -145,14 +169,33 @@ def _drive_session(studio: Studio, out: Outbox) -> Any:
     return DriveSession(places, studio.folder, out, studio.warm_up.ready)
 
 
+def _compare_session(studio: Studio, out: Outbox) -> Any:
+    from agents.studio.catalogue import choices
+    from agents.studio.compare_session import CompareSession
+
+    places = studio.places()
+    out.send("choices", **choices(places))
+    return CompareSession(places, studio.runs, out)
+
+
 def _study_session(studio: Studio, out: Outbox) -> Any:
     from agents.studio.study import StudySession
 
     return StudySession(studio.study, studio.folder, out, studio.warm_up.ready)
 
 
+def _plan_session(studio: Studio, out: Outbox) -> Any:
+    from agents.studio.catalogue import choices
+    from agents.studio.plan_session import PlanSession
+
+    places = studio.places()
+    out.send("choices", **choices(places))
+    return PlanSession(places, studio.folder, out)
+
+
 SESSIONS: Final[dict[str, Callable[[Studio, Outbox], Any]]] = {
-    "drive": _drive_session, "study": _study_session,
+    "drive": _drive_session, "plan": _plan_session, "compare": _compare_session,
+    "study": _study_session,
 }  # fmt: skip
 
 
@@ -216,7 +259,7 @@ def make_server(studio: Studio) -> Any:
     return uvicorn.Server(
         uvicorn.Config(
             studio.app(), log_level="warning", access_log=False, lifespan="off",
-            ws_max_size=_MOST_BYTES, ws_ping_interval=5.0, ws_ping_timeout=5.0,
+            ws_max_size=_MOST_MESSAGE, ws_ping_interval=5.0, ws_ping_timeout=5.0,
             limit_concurrency=64, timeout_graceful_shutdown=3, server_header=False,
             h11_max_incomplete_event_size=65536,
         )

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import dataclasses
 import logging
-import queue
 import threading
 import time
 from pathlib import Path
@@ -18,7 +17,7 @@ from agents.assistance import ASSISTANTS, is_shielded
 from agents.studio.catalogue import NO_HAND, RATES, Place
 from agents.studio.drive import Drive, Order
 from agents.studio.films import film
-from agents.studio.messages import Fields, Flag, Message, Number, OneOf, Outbox, Text
+from agents.studio.messages import Fields, Flag, Inbox, Message, Number, OneOf, Outbox, Text
 from wheelchair_gym.config import InputError
 from wheelchair_gym.drivers.impairment import IMPAIRMENTS
 
@@ -60,7 +59,7 @@ class DriveSession:
         self, places: dict[str, Place], folder: Path, outbox: Outbox, ready: threading.Event
     ) -> None:
         self._places, self._folder, self._out, self._ready = places, folder, outbox, ready
-        self._inbox: queue.Queue[Message] = queue.Queue(maxsize=100)
+        self._inbox = Inbox(outbox, self)
         self._stick, self._number = (0.0, 0.0, -1.0), 0  # deflections, and when they came [s]
         self._closing = threading.Event()
         self._drive: Drive | None = None
@@ -79,10 +78,7 @@ class DriveSession:
             self._stick = message["forward"], message["left"], time.monotonic()
             self._number = message["n"]
             return
-        try:
-            self._inbox.put_nowait(message)
-        except queue.Full:
-            raise InputError("too many messages wait; try again") from None
+        self._inbox.put(message)
 
     def close(self) -> None:
         """Stop the chair, complete the recording and end the thread."""
@@ -96,7 +92,7 @@ class DriveSession:
             while not self._closing.is_set():
                 if not self._drives:
                     due = time.monotonic()
-                self._handle(max(0.0, due - time.monotonic()) if self._drives else _IDLE)
+                self._inbox.handle(max(0.0, due - time.monotonic()) if self._drives else _IDLE)
                 now = time.monotonic()
                 if self._drives and self._drive is not None and now >= due:
                     late = now - due > _LATE
@@ -108,20 +104,6 @@ class DriveSession:
     @property
     def _drives(self) -> bool:
         return self._drive is not None and not self._paused
-
-    def _handle(self, patience: float) -> None:
-        """Handle one message, if any comes in time [s]."""
-        try:
-            message = self._inbox.get(timeout=patience) if patience else self._inbox.get_nowait()
-        except queue.Empty:
-            return
-        try:
-            getattr(self, f"_on_{message['type']}")(message)
-        except InputError as error:
-            self._out.send("error", text=str(error))
-        except Exception as error:
-            _LOG.exception("studio: %s failed", message["type"])
-            self._out.send("error", text=f"{message['type']}: {type(error).__name__}: {error}")
 
     def _step(self, drive: Drive) -> None:
         forward, left, at = self._stick
@@ -140,7 +122,8 @@ class DriveSession:
         if drive.over:
             self._end()
 
-    def _on_start(self, message: Message) -> None:
+    def on_start(self, message: Message) -> None:
+        """Begin a drive."""
         place = self._places.get(message["place"])
         if place is None:
             raise InputError(f"start.place is {message['place']!r}; expected one of the list")
@@ -171,16 +154,19 @@ class DriveSession:
     def _make(self, order: Order) -> Drive:
         return Drive(order, self._folder, self._scan_period)
 
-    def _on_press(self, message: Message) -> None:
+    def on_press(self, message: Message) -> None:
+        """Press the single switch."""
         if self._drive is not None:
             self._drive.press()
 
-    def _on_device(self, message: Message) -> None:
+    def on_device(self, message: Message) -> None:
+        """Take another device."""
         self._scan_period = message["scan_period"] if message["name"] == "switch" else 0.0
         if self._drive is not None:
             self._drive.set_device(self._scan_period)
 
-    def _on_assist(self, message: Message) -> None:
+    def on_assist(self, message: Message) -> None:
+        """Take another assistant."""
         name = message["name"]
         _check_choice("assist.name", name, (*ASSISTANTS,))
         drive = self._drive
@@ -195,19 +181,23 @@ class DriveSession:
             self._begin(dataclasses.replace(order, assist=name))
             self._out.send("assist", name=name, anew=True)
 
-    def _on_hand(self, message: Message) -> None:
+    def on_hand(self, message: Message) -> None:
+        """Take another hand."""
         _check_choice("hand.name", message["name"], (NO_HAND, *IMPAIRMENTS))
         if self._drive is not None:
             self._drive.set_hand(message["name"])
 
-    def _on_pause(self, message: Message) -> None:
+    def on_pause(self, message: Message) -> None:
+        """Let time stand, or go on."""
         self._paused = message["on"]
         self._out.send("paused", on=self._paused)
 
-    def _on_stop(self, message: Message) -> None:
+    def on_stop(self, message: Message) -> None:
+        """End the drive."""
         self._end()
 
-    def _on_film(self, message: Message) -> None:
+    def on_film(self, message: Message) -> None:
+        """Make a film of the latest drive."""
         if self._drive is not None and not self._drive.over:
             raise InputError("film: end the drive first")
         if self._recorded is None:

@@ -127,23 +127,26 @@ class StudySession(DriveSession):
         (found,) = (t for t in (*protocol.practice, *protocol.tasks) if t.name == step.task)
         return found
 
-    def _on_participant(self, message: Message) -> None:
+    def on_participant(self, message: Message) -> None:
+        """Begin or go on with a participant's session."""
         if self._protocol is None:
             raise InputError("participant: expected a studio that was started with --study")
         self._end()
         self._session = Session(self._folder, self._protocol, message["number"])
         self._tell()
 
-    def _on_consent(self, message: Message) -> None:
+    def on_consent(self, message: Message) -> None:
+        """Note the participant's consent."""
         self._of().consent()
         self._tell()
 
-    def _on_answer(self, message: Message) -> None:
+    def on_answer(self, message: Message) -> None:
+        """Take the answers of the questionnaire that is due."""
         step = self._step_of("answers")
         self._of().answer(step, message["values"])
         self._tell()
 
-    def _on_begin(self, message: Message) -> None:
+    def on_begin(self, message: Message) -> None:
         """Begin the drive that is due, or begin it again."""
         step = self._step_of("drive")
         self._end()
@@ -174,7 +177,7 @@ class StudySession(DriveSession):
             self._given_up = step, figures, recording
             self._out.send("unfinished")
 
-    def _on_give_up(self, message: Message) -> None:
+    def on_give_up(self, message: Message) -> None:
         """Count a drive that was ended before its goal as one that did not arrive."""
         if self._given_up is None:
             raise InputError("give_up: expected a drive that was ended before its goal")

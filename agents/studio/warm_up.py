@@ -165,8 +165,15 @@ class WarmUp:
 
 
 def _main() -> None:
-    what = sys.argv[1]
-    event.register("numba:compile", _Counter(lambda name: name and print(name, flush=True)))  # type: ignore[no-untyped-call]
+    what, parent = sys.argv[1], os.getppid()
+
+    def each(kernel: str) -> None:
+        if os.getppid() != parent:  # the studio is gone
+            os._exit(0)
+        if kernel:
+            print(kernel, flush=True)
+
+    event.register("numba:compile", _Counter(each))  # type: ignore[no-untyped-call]
     if what == "all" and hasattr(os, "nice"):
         os.nice(10)
     {"first": first_drive, "all": everything}[what]()

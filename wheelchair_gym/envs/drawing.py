@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from array import array
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,7 +25,7 @@ class EpisodeRenderer:
 
     def __init__(self, settings: EnvSettings) -> None:
         self._settings = settings
-        self._trail: list[list[float]] = []
+        self._trail = array("d")  # x, y, yaw of each pose
         self._view: TopView | None = None
         self._window: Window | None = None
 
@@ -34,13 +35,17 @@ class EpisodeRenderer:
 
     def begin(self) -> None:
         """A new episode begins."""
-        self._trail, self._view = [], None
+        self._trail, self._view = array("d"), None
 
     def follow(self, pose: Array) -> None:
         """The chair has come to a pose (3,) [m, m, rad]."""
-        self._trail.append(pose.tolist())  # the array may be written again
-        if len(self._trail) > LONGEST_TRAIL:
-            del self._trail[1:-1:2]
+        self._trail.extend(pose.tolist())
+        if len(self._trail) > 3 * LONGEST_TRAIL:
+            self._trail = array("d", self._poses[::2].ravel().tolist())
+
+    @property
+    def _poses(self) -> Array:
+        return np.array(self._trail).reshape(-1, 3)
 
     def picture(
         self, episode: Episode, truth: Truth, task: Task, path: Array | None, ahead: Array | None
@@ -72,7 +77,7 @@ class EpisodeRenderer:
                 episode, s.chair.footprint, s.chair.drive, s.sensors,
                 size=(s.render_height, s.render_width), tolerance=tolerance,
             )  # fmt: skip
-        return self._view.draw(pose, trail=np.array(self._trail)[:, :2], **shown)
+        return self._view.draw(pose, trail=self._poses[:, :2], **shown)
 
     def show(self, picture: NDArray[np.uint8]) -> None:
         """Show a picture in a window."""

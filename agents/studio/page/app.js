@@ -1,9 +1,11 @@
 // The frame of all pages: tabs, language, contrast, motion and text size, kept in this browser.
 import { LANGUAGES, setLanguage, text, translate } from "./texts.js";
+import { ComparePage } from "./compare.js";
 import { DrivePage } from "./drive.js";
+import { PlanPage } from "./plan.js";
 import { StudyPage } from "./study.js";
 
-const PAGES = { drive: DrivePage, study: StudyPage };
+const PAGES = { drive: DrivePage, plan: PlanPage, compare: ComparePage, study: StudyPage };
 const by = id => document.getElementById(id);
 const wants = query => matchMedia(query).matches;
 const kept = () => { try { return JSON.parse(localStorage.getItem("studio") ?? "{}"); } catch { return {}; } };

@@ -58,6 +58,17 @@ def test_keys_drive_to_the_goal_and_the_drive_is_judged_the_same(opened, capsys)
     assert page.inner_text("#outcome") == page.inner_text("#banner")
     assert main(["replay", str(served.studio.folder / result["file"])]) == 0
     assert "the same rewards" in capsys.readouterr().out
+
+
+@pytest.mark.long
+def test_a_drive_is_filmed(opened):
+    _, page = opened
+    begin(page)
+    page.keyboard.down("ArrowLeft")
+    page.wait_for_timeout(500)
+    page.keyboard.up("ArrowLeft")
+    page.keyboard.press("Escape")
+    until(page, "!studio.running", 10.0)
     page.click("#film")
     until(page, "!document.getElementById('filmed').hidden", 60.0)
     with page.expect_download() as loading:
@@ -159,6 +170,121 @@ def test_a_lost_connection_is_told(opened):
     until(page, WAITS, 20.0)
 
 
+def tab(page, name):
+    """Turn to a page."""
+    page.click(f"[data-page={name}]")
+    until(page, {"plan": "studio.world", "compare": "studio.sources"}.get(name, WAITS), 20.0)
+
+
+def on_map(page, x, y):
+    """Where a point [m] of the map is on the screen."""
+    box = page.locator("#map").bounding_box()
+    x0, y0, x1, y1 = page.evaluate("studio.view.bounds")
+    scale = page.evaluate("1 / studio.view.pixel")
+    middle = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    return middle[0] + (x - (x0 + x1) / 2) * scale, middle[1] - (y - (y0 + y1) / 2) * scale
+
+
+def planned(page):
+    """The answers of the chosen planners, by name."""
+    page.click("#plan")
+    until(page, "studio.answers.length && !document.getElementById('plan').disabled", 60.0)
+    return {row["planner"]: row for row in page.evaluate("studio.answers")}
+
+
+def test_people_draw_plan_watch_and_save(opened):
+    served, page = opened
+    tab(page, "plan")
+    for box in page.query_selector_all("#planners input"):
+        box.set_checked(box.get_attribute("value") in ("visibility", "rrt_star", "swarm"))
+    page.check("#tool-start")
+    page.mouse.click(*on_map(page, 2.0, 4.0))
+    page.check("#tool-goal")
+    page.mouse.click(*on_map(page, 8.0, 4.0))
+    assert planned(page)["visibility"]["length"] == pytest.approx(6.0, abs=0.2)
+    page.check("#tool-wall")
+    page.mouse.move(*on_map(page, 5.0, 0.5))
+    page.mouse.down()
+    page.mouse.move(*on_map(page, 5.0, 6.0), steps=3)
+    page.mouse.up()
+    until(page, "studio.shapes.length === 1 && !studio.answers.length")
+    found = planned(page)
+    assert found["visibility"]["length"] == min(row["length"] for row in found.values()) > 6.5
+    assert "visibility" in page.inner_text("#banner")
+    page.check("#tool-furniture")  # by keys: two corners
+    page.focus("#map")
+    for key in ("Enter", "Shift+ArrowUp", "Shift+ArrowRight", "Enter"):
+        page.keyboard.press(key)
+    until(page, "studio.shapes.length === 2")
+    page.click("#undo")
+    until(page, "studio.shapes.length === 1")
+    planned(page)
+    for name in ("rrt_star", "swarm"):
+        page.click(f"[aria-label='Watch: {name}']")
+        until(page, f"studio.frames && studio.grower === '{name}'", 30.0)
+        page.evaluate("clearInterval(studio.playing)")
+        page.fill("#frame", "3")
+        assert name in page.inner_text("#grown")
+        assert page.evaluate("studio.frames.every(one => one.tree.length + one.swarm.length >= 0)")
+    page.fill("#name", "drawn")
+    page.click("#save-problem")
+    page.wait_for_selector("#saved a[href='files/drawn.json']")
+    page.click("#save-map")
+    page.wait_for_selector("#saved a[href='files/drawn.yaml']")
+    for name in ("drawn.json", "drawn.yaml", "drawn.png"):
+        assert (served.studio.folder / name).is_file()
+    page.set_input_files(
+        "#files", [served.studio.folder / "drawn.yaml", served.studio.folder / "drawn.png"]
+    )
+    until(page, "studio.world.name === 'drawn'")
+    page.set_input_files("#files", served.studio.folder / "drawn.png")
+    until(page, "!studio.shapes.length")
+    assert page.inner_text("#error") == ""
+
+
+def test_the_page_plan_is_accessible_on_every_screen(opened):
+    from axe_playwright_python.sync_playwright import Axe
+
+    _, page = opened
+    tab(page, "plan")
+    page.evaluate("document.getElementById('looks').open = true")
+    for width in (390, 820, 1280):
+        page.set_viewport_size({"width": width, "height": 900})
+        for size in ("200", "100"):
+            page.select_option("#size", size)
+            assert page.evaluate("document.documentElement.scrollWidth") <= width, (width, size)
+    for contrast in (True, False):
+        page.set_checked("#contrast", contrast)
+        found = Axe().run(page).response["violations"]
+        assert [(one["id"], one["nodes"][0]["html"]) for one in found] == []
+    tab(page, "drive")
+
+
+def test_two_drives_are_compared(opened):
+    from axe_playwright_python.sync_playwright import Axe
+
+    _, page = opened
+    tab(page, "compare")
+    until(page, "studio.sources && !document.getElementById('go').disabled")
+    page.select_option("#place", "scene:doorway")
+    page.select_option("#driver", "novice")
+    page.click("#go")
+    until(page, "studio.tracks.right && !document.getElementById('go').disabled")
+    page.click("#event")
+    time = page.evaluate("Number(document.getElementById('time').value)")
+    assert time in page.evaluate("studio.tracks.right.events.map(([t]) => Math.round(10 * t) / 10)")
+    page.fill("#time", "1")
+    assert "1.0 s" in page.inner_text("#clock")
+    page.click("#play")
+    until(page, "Number(document.getElementById('time').value) > 1.5", 10.0)
+    for width in (390, 820, 1280):
+        page.set_viewport_size({"width": width, "height": 900})
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+    found = Axe().run(page).response["violations"]
+    assert [(one["id"], one["nodes"][0]["html"]) for one in found] == []
+    tab(page, "drive")
+
+
 def texts():
     """The rows of texts by key."""
     source = (PAGE / "texts.js").read_text(encoding="utf-8")
@@ -181,5 +307,6 @@ def test_every_text_is_there_in_both_languages():
             used |= set(re.findall(r'data-(?:t|label)="(\w+)"|\btext\("(\w+)"', source))
     used = {one or other for one, other in used}
     used |= {f"a_{name}" for name in ASSISTANTS.built_in}
+    used |= {f"o_{name}" for name in ("success", "collision", "timeout", "missed", "stopped")}
     used |= {f"h_{name}" for name in (NO_HAND, *IMPAIRMENTS)}
     assert used <= set(rows)

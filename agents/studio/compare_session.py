@@ -1,0 +1,200 @@
+"""The session of the page Compare: two drives of one episode, or two recordings, side by side."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Final
+
+from agents.assistance import ASSISTANTS, is_shielded
+from agents.evaluation.compare import RESULTS
+from agents.evaluation.evaluate import drive_episode, env_settings, label, make_env, without_labels
+from agents.policies import make_policy
+from agents.studio.catalogue import Place
+from agents.studio.messages import Fields, Inbox, Message, Number, OneOf, Outbox, Text
+from agents.studio.tracks import Track, recorded_track
+from wheelchair_gym.config import InputError
+from wheelchair_gym.drivers import DRIVERS
+from wheelchair_gym.files import read_json
+
+NOBODY: Final = "nobody"  # drives: policies are compared
+POLICIES: Final = (
+    "lattice+window", "a_star+window", "a_star+pure_pursuit", "rrt_star_woa_local+window",
+    "rrt_star_woa_global+controls", "se2_rrt_star_woa+whales", "ppo_guided", "ppo_goal",
+    "td3_guided", "straight",
+)  # fmt: skip
+_IDLE: Final = 0.1  # s between two looks whether the page is closed
+_MOST_FILES: Final = 300  # recordings and run folders that are listed
+_MOST_SEEN: Final = 20_000  # files that are looked at for them
+_SIDES: Final = ("left", "right")
+FIELDS: Final[Fields] = {
+    "pair": {
+        "place": Text(), "seed": Number(0, 2**31, whole=True), "driver": Text(), "left": Text(),
+        "right": Text(),
+    },
+    "open": {"side": OneOf(_SIDES), "name": Text(400), "episode": Number(0, 1e6, whole=True)},
+    "choose": {"run": Text(400)},
+    "run": {
+        "run": Text(400), "scene": Text(), "seed": Number(0, 2**40, whole=True), "left": Text(),
+        "right": Text(),
+    },
+}  # fmt: skip
+
+
+class CompareSession:
+    """Serves one page, from when it is made until `close`.
+
+    Args:
+        places: where may be driven, by key.
+        folder: below which recordings and run folders of `compare` are found.
+        outbox: of the page.
+    """
+
+    fields = FIELDS
+
+    def __init__(self, places: dict[str, Place], folder: Path, outbox: Outbox) -> None:
+        self._places, self._folder, self._out = places, folder, outbox
+        self._inbox, self._closing = Inbox(outbox, self), threading.Event()
+        self._recordings, self._runs = _found(folder)
+        outbox.send(
+            "sources", drivers=[NOBODY, *sorted(DRIVERS.built_in)], policies=POLICIES,
+            assistants=sorted(ASSISTANTS), recordings=list(self._recordings), runs=list(self._runs),
+        )  # fmt: skip
+        self._thread = threading.Thread(target=self._run, daemon=True, name="compare")
+        self._thread.start()
+
+    def receive(self, message: Message) -> None:
+        """Take a message that `FIELDS` allows.
+
+        Raises:
+            InputError: too many of them wait.
+        """
+        self._inbox.put(message)
+
+    def close(self) -> None:
+        """End the thread, and the drive that is at work."""
+        self._closing.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        while not self._closing.is_set():
+            self._inbox.handle(_IDLE)
+
+    def on_pair(self, message: Message) -> None:
+        """Let two policies drive, or a simulated person with two assistants."""
+        place = self._places.get(message["place"])
+        if place is None:
+            raise InputError(f"pair.place is {message['place']!r}; expected one of the list")
+        driver = message["driver"]
+        OneOf((NOBODY, *DRIVERS.built_in)).check(driver, "pair.driver")
+        known = POLICIES if driver == NOBODY else (*ASSISTANTS,)
+        for side in _SIDES:
+            OneOf(known).check(message[side], f"pair.{side}")
+        for side in _SIDES:
+            name, env = message[side], {"shield": True, **place.env}
+            policy: Any = name
+            if driver != NOBODY:
+                policy = {"name": "assisted", "assist": name}
+                env |= {"driver": driver, "shield": is_shielded(name)}
+            self._drive(side, name, policy, place.scene, env, message["seed"])
+
+    def _drive(self, side: str, name: str, policy: Any, scene: Any, env: Any, seed: int) -> None:
+        if self._closing.is_set():
+            return
+        self._out.send("driving", side=side, name=name)
+        world, track = make_env(scene, env, None, policy), Track(self._closing.is_set)
+        try:
+            record = drive_episode(world, make_policy(without_labels(policy)), seed, track)
+        finally:
+            world.close()
+        self._out.send("track", side=side, **track.content(name, record["outcome"]))
+
+    def on_open(self, message: Message) -> None:
+        """Show a recording on one side."""
+        name = message["name"]
+        if name not in self._recordings:
+            raise InputError(f"open.name is {name!r}; expected one of the list")
+        path = self._recordings[name]
+        self._out.send("driving", side=message["side"], name=name)
+        found = recorded_track(path, message["episode"], name, self._closing.is_set)
+        self._out.send("track", side=message["side"], **found)
+
+    def on_choose(self, message: Message) -> None:
+        """Say what a run of `compare` holds."""
+        results = self._results(message["run"])
+        episodes = {(str(one["scene"]), int(one["seed"])): None for one in results["records"]}
+        self._out.send(
+            "run", run=message["run"], policies=results["policies"], episodes=list(episodes),
+            outcomes=[
+                [one["policy"], one["scene"], one["seed"], one["outcome"]]
+                for one in results["records"]
+            ],
+        )  # fmt: skip
+
+    def on_run(self, message: Message) -> None:
+        """Drive an episode of a run again, by two of its policies."""
+        config = self._results(message["run"])["provenance"]["config"]
+        scene = _labelled(config["scenes"], message["scene"], "scene")
+        for side in _SIDES:
+            policy = _labelled(config["policies"], message[side], "policy")
+            env = env_settings(**config["env"])
+            self._drive(side, message[side], policy, scene, env, message["seed"])
+
+    def _results(self, name: str) -> Any:
+        """The results of a run folder.
+
+        Raises:
+            InputError: there is no such folder, or its file is broken.
+        """
+        if name not in self._runs:
+            raise InputError(f"run is {name!r}; expected one of the list")
+        results = read_json(self._runs[name])
+        try:
+            config = results["provenance"]["config"]
+            fine = all(key in config for key in ("policies", "scenes", "env"))
+            fine = fine and all(key in results for key in ("policies", "records"))
+        except (KeyError, TypeError):
+            fine = False
+        if not fine:
+            raise InputError(f"{name}: expected results of `wheelchair compare`")
+        return results
+
+
+def _labelled(specs: Any, name: str, what: str) -> Any:
+    """The policy or the scene of a label.
+
+    Raises:
+        InputError: there is none.
+    """
+    for spec in specs:
+        if label(spec) == name:
+            return spec
+    raise InputError(f"{what} {name!r}: expected one of the run's")
+
+
+def _found(folder: Path) -> tuple[dict[str, Path], dict[str, Path]]:
+    """Recordings, and results of runs, below a folder by their relative names, newest first."""
+    newest = sorted(_files(folder), reverse=True)
+    recordings = [path for _, path in newest if path.suffix == ".mcap"][:_MOST_FILES]
+    runs = [path for _, path in newest if path.name == RESULTS][:_MOST_FILES]
+    return (
+        {path.relative_to(folder).as_posix(): path for path in recordings},
+        {path.parent.relative_to(folder).as_posix(): path for path in runs},
+    )
+
+
+def _files(folder: Path) -> Iterator[tuple[float, Path]]:
+    """Regular files below a folder with their times of change; no links, and not too many."""
+    seen = 0
+    for parent, _, names in os.walk(folder):
+        for name in names:
+            seen += 1
+            if seen > _MOST_SEEN:
+                return
+            path = Path(parent) / name
+            if path.suffix in (".mcap", ".json") and path.is_file() and not path.is_symlink():
+                with suppress(OSError):  # it may be gone by now
+                    yield path.stat().st_mtime, path

@@ -1,0 +1,173 @@
+"""A map that a person draws: the cells of a map, and shapes over them; and the files made of it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from wheelchair_gym.arrays import Array
+from wheelchair_gym.config import InputError
+from wheelchair_gym.files import LIMITS, atomic_write, parse_yaml, read_text
+from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, read_any_map, write_map
+
+SHAPES: Final = (
+    "wall",
+    "door",
+    "furniture",
+    "free",
+)  # a wall, an opening in one, solid, rubbed out
+UPLOADS: Final = "uploads"  # folder of maps that pages have sent
+CELL: Final = 0.05  # m
+_WIDTH: Final = 0.10  # m of a wall
+_OPENING: Final = 0.30  # m: how deep a door cuts, so that walls a little thicker are open, too
+_MOST_WALLS: Final = 50_000  # segments that a page can draw
+
+
+def blank(width: float, height: float) -> OccupancyGrid:
+    """An empty room with walls round it; its inside is of that size [m]."""
+    rim = round(_WIDTH / CELL)
+    shape = round(height / CELL) + 2 * rim, round(width / CELL) + 2 * rim
+    cells = np.full(shape, OCCUPIED, np.int8)
+    cells[rim:-rim, rim:-rim] = FREE
+    return OccupancyGrid(cells, CELL)
+
+
+def drawn(grid: OccupancyGrid, shapes: list[list[float]]) -> OccupancyGrid:
+    """A map with shapes over it, one after another.
+
+    Args:
+        grid: the map below.
+        shapes: rows of a number in SHAPES and two points [m]: ends of a wall or a door, corners of
+            what is furniture or free.
+    """
+    cells = grid.cells.copy()
+    for kind, *ends in shapes:
+        name = SHAPES[int(kind)]
+        a, b = grid.to_lattice(np.reshape(ends, (2, 2)))
+        width = {"wall": _WIDTH, "door": _OPENING}.get(name, 0.0) / grid.resolution
+        low = np.floor(np.minimum(a, b) - width).astype(int).clip(0)
+        high = np.ceil(np.maximum(a, b) + width).astype(int).clip(0)
+        part = cells[low[1] : high[1], low[0] : high[0]]
+        rows, cols = np.indices(part.shape)
+        centres = np.stack([cols, rows], axis=-1) + low + 0.5
+        if width:
+            within = _distance(centres, a, b) <= 0.5 * width + 1e-9
+        else:
+            within = (centres >= np.minimum(a, b)) & (centres <= np.maximum(a, b))
+            within = within.all(axis=-1)
+        part[within] = OCCUPIED if name in ("wall", "furniture") else FREE
+    return OccupancyGrid(cells, grid.resolution, grid.origin)
+
+
+def _distance(points: Array, a: Array, b: Array) -> Array:
+    """Distances (...) of points (..., 2) from a segment."""
+    along = b - a
+    size = max(float(along @ along), 1e-12)
+    share = np.clip((points - a) @ along / size, 0.0, 1.0)
+    away = points - a - share[..., None] * along
+    distances: Array = np.hypot(away[..., 0], away[..., 1])
+    return distances
+
+
+def loaded(path: Path, resolution: float) -> OccupancyGrid:
+    """The map of an uploaded file, which may not lead out of its folder.
+
+    Args:
+        path: of the file.
+        resolution: edge of a pixel [m], of an image.
+
+    Raises:
+        InputError: the file cannot be read, names an image elsewhere, or is too intricate.
+    """
+    image = path.suffix.lower() not in (".yaml", ".yml")
+    if not image:
+        content = parse_yaml(read_text(path, "yaml"), path.name)
+        name = content.get("image") if isinstance(content, dict) else None
+        if (
+            not isinstance(name, str)
+            or Path(name).name != name
+            or (path.parent / name).is_symlink()
+        ):
+            raise InputError(f"{path.name}: image is {name!r}; expected the bare name of a file")
+        if not (path.parent / name).is_file():
+            raise InputError(f"{path.name}: load its image, {name}, together with it")
+    try:
+        grid = read_any_map(path, resolution=resolution if image else None).grid
+    except InputError as error:
+        raise InputError(str(error).replace(f"{path.parent}/", "")) from None
+    if len(grid.walls()) > _MOST_WALLS:
+        raise InputError(f"{path.name}: more than {_MOST_WALLS:,} walls; expected a simpler map")
+    return grid
+
+
+def rectangles(grid: OccupancyGrid) -> Array:
+    """What is solid, as rectangles (n, 4) [m]: x0, y0, x1, y1 from the lower left corner.
+
+    Runs of cells of one row are joined with equal runs of the rows above.
+    """
+    solid = grid.cells == OCCUPIED
+    open_runs: dict[tuple[int, int], int] = {}
+    found: list[tuple[int, int, int, int]] = []
+    for row in range(len(solid) + 1):
+        runs: list[tuple[int, int]] = []
+        if row < len(solid):
+            edges = np.flatnonzero(np.diff(np.concatenate([[0], solid[row].view(np.int8), [0]])))
+            runs = [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
+        for run in [run for run in open_runs if run not in runs]:
+            found.append((run[0], open_runs.pop(run), run[1], row))
+        for run in runs:
+            open_runs.setdefault(run, row)
+    return np.array(found, np.float64).reshape(-1, 4) * grid.resolution
+
+
+def write_problem(
+    path: Path, grid: OccupancyGrid, start: list[float], goal: list[float], optimum: float | None
+) -> None:
+    """Write a file of one problem (docs/how_to/files.md); its map begins at (0, 0).
+
+    Args:
+        path: of the file.
+        grid: the map; what is beyond it in the square of the file is solid.
+        start: (2,) [m] on the map.
+        goal: likewise.
+        optimum: length of the shortest path [m], if it is known.
+
+    Raises:
+        InputError: the map is turned, or its obstacles are more than a file may have.
+    """
+    x, y, yaw = grid.origin
+    if yaw != 0.0:
+        raise InputError(f"{path.name}: the map is turned by {yaw:g} rad; expected an upright one")
+    rows, cols = grid.shape
+    width, height = cols * grid.resolution, rows * grid.resolution
+    size = max(width, height)
+    rects = rectangles(grid).tolist()
+    if width < size:
+        rects.append([width, 0.0, size, size])
+    if height < size:
+        rects.append([0.0, height, size, size])
+    if len(rects) > LIMITS["outline"].most:
+        raise InputError(
+            f"{path.name}: {len(rects):,} rectangles; expected at most {LIMITS['outline'].most:,}"
+        )
+    problem = {
+        "name": path.stem, "size": round(size, 6),
+        "rects": [[round(value, 6) for value in rect] for rect in rects],
+        "start": [round(start[0] - x, 6), round(start[1] - y, 6)],
+        "goal": [round(goal[0] - x, 6), round(goal[1] - y, 6)], "optimum": optimum,
+    }  # fmt: skip
+    with atomic_write(path) as part:
+        part.write_text(json.dumps([problem]), encoding="utf-8")
+
+
+def save_map(path: Path, grid: OccupancyGrid) -> list[str]:
+    """Write a map as map_server files; their names.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    write_map(grid, path, suffix=".png")
+    return [path.name, path.with_suffix(".png").name]

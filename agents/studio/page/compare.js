@@ -1,0 +1,231 @@
+// The page Compare: two drives of one episode beside each other, with one clock.
+import { build, Link, say, showError } from "./link.js";
+import { text } from "./texts.js";
+import { drawActors, drawChair, drawWorld, View } from "./view.js";
+
+const SIDES = ["left", "right"];
+const side = name => `<section class="side" data-label="side_${name}"><h2 id="name-${name}">–</h2>
+  <canvas id="map-${name}" tabindex="0" role="img" data-label="side_${name}"></canvas>
+  <p id="says-${name}" class="hint"></p><div id="events-${name}" class="row"></div></section>`;
+const HTML = `<div class="page"><div class="stage"><div class="pair">${SIDES.map(side).join("")}</div>
+  <p id="banner" class="banner"></p>
+  <label><span id="clock"></span><input id="time" type="range" min="0" max="0" step="0.1" value="0"></label>
+  <div class="row"><button id="play" data-t="play" disabled></button><button id="contact" data-t="next_contact" disabled></button>
+    <button id="event" data-t="next_event" disabled></button></div>
+  <div class="wide"><table><caption class="hidden" data-t="figures_of"></caption><thead><tr><th data-t="figure"></th><th id="head-left">–</th><th id="head-right">–</th></tr></thead>
+    <tbody id="rows"></tbody></table></div></div>
+  <div><form id="form"><fieldset><legend data-t="drive_both"></legend>
+    <label><span data-t="where"></span><select id="place"></select></label>
+    <label><span data-t="seed"></span><input id="seed" type="number" min="0" max="2147483647" step="1" value="0"></label>
+    <label><span data-t="person"></span><select id="driver"></select></label>
+    <label><span data-t="side_left"></span><select id="left"></select></label>
+    <label><span data-t="side_right"></span><select id="right"></select></label>
+    <button id="go" class="main" data-t="go_both"></button></fieldset></form>
+  <form id="opening"><fieldset><legend data-t="open_recording"></legend>
+    <label><span data-t="recording"></span><select id="file"></select></label>
+    <label><span data-t="episode"></span><input id="number" type="number" min="0" max="1000000" step="1" value="0"></label>
+    <div class="row"><button id="open-left" type="button" data-t="open_left"></button><button id="open-right" type="button" data-t="open_right"></button></div></fieldset></form>
+  <form id="again"><fieldset><legend data-t="open_run"></legend>
+    <label><span data-t="run_folder"></span><select id="run"></select></label>
+    <label><span data-t="episode"></span><select id="scene"></select></label>
+    <label><span data-t="side_left"></span><select id="run-left"></select></label>
+    <label><span data-t="side_right"></span><select id="run-right"></select></label>
+    <button id="rerun" data-t="go_both"></button></fieldset></form></div></div>`;
+const FIGURES = {
+  f_outcome: one => text(`o_${one.outcome}`), r_time: one => `${one.time.toFixed(1)} s`, f_length: one => `${one.length.toFixed(2)} m`,
+  r_least: one => `${one.clearance_min.toFixed(3)} m`, r_energy: one => `${one.energy.toFixed(2)} Wh`,
+};
+const T = 0, POSE = 1, TWIST = 4, GIVEN = 6, STICK = 8, CLEARANCE = 10; // columns of a state
+
+export class ComparePage {
+  constructor(root, looks) {
+    this.looks = looks;
+    this.on = build(root, HTML);
+    this.tracks = {};
+    this.views = Object.fromEntries(SIDES.map(name => {
+      const view = new View(this.on[`map-${name}`]);
+      view.onresize = () => this.draw(name);
+      return [name, view];
+    }));
+    this.listen();
+    this.link = new Link("compare", {
+      choices: message => { this.on.place.replaceChildren(...message.places.map(([value, , name]) => new Option(name, value))); this.on.place.value = message.first; },
+      sources: message => this.choose(message), run: message => this.chosen(message), track: message => this.take(message),
+      driving: message => this.banner(text("drives_now", { name: message.name })), error: () => { this.busy(false); this.banner(""); },
+      lost: () => this.busy(true),
+    });
+  }
+
+  close() {
+    clearInterval(this.playing);
+    for (const view of Object.values(this.views)) view.close();
+    this.link.close();
+  }
+
+  restyle(looks) {
+    this.looks = looks;
+    for (const name of SIDES) { this.views[name].restyle(); this.draw(name); }
+    this.list();
+  }
+
+  listen() {
+    const on = this.on, whole = one => Math.max(0, Math.trunc(one.valueAsNumber) || 0);
+    const order = (type, content) => { showError(""); this.busy(true); this.link.send(type, content); };
+    on.form.onsubmit = event => {
+      event.preventDefault();
+      this.expected = 2;
+      order("pair", { place: on.place.value, seed: whole(on.seed), driver: on.driver.value, left: on.left.value, right: on.right.value });
+    };
+    on.driver.onchange = () => this.fill();
+    on.opening.onsubmit = event => event.preventDefault();
+    for (const name of SIDES) {
+      on[`open-${name}`].onclick = () => { this.expected = 1; order("open", { side: name, name: on.file.value, episode: whole(on.number) }); };
+    }
+    on.run.onchange = () => this.link.send("choose", { run: on.run.value });
+    on.again.onsubmit = event => {
+      event.preventDefault();
+      const [scene, seed] = JSON.parse(on.scene.value || "[]");
+      if (scene === undefined) return;
+      this.expected = 2;
+      order("run", { run: on.run.value, scene, seed, left: on["run-left"].value, right: on["run-right"].value });
+    };
+    on.time.oninput = () => { clearInterval(this.playing); this.show(); };
+    on.play.onclick = () => this.play();
+    on.contact.onclick = () => this.jump(event => event[1] === "contact");
+    on.event.onclick = () => this.jump(() => true);
+  }
+
+  busy(is) {
+    for (const name of ["go", "open-left", "open-right", "rerun"]) this.on[name].disabled = is;
+    if (!is) this.on.rerun.disabled = !this.on.scene.options.length;
+    this.on["open-left"].disabled = this.on["open-right"].disabled = is || !this.on.file.options.length;
+  }
+
+  choose(message) {
+    this.sources = message;
+    const options = names => names.map(name => new Option(name, name));
+    this.on.driver.replaceChildren(...options(message.drivers));
+    this.on.driver.options[0].textContent = text("nobody");
+    this.on.file.replaceChildren(...options(message.recordings));
+    this.on.run.replaceChildren(...options(message.runs));
+    this.fill();
+    this.busy(false);
+    if (message.runs.length) this.on.run.onchange();
+  }
+
+  /** Policies, or the assistants of a person. */
+  fill() {
+    const { policies, assistants, drivers } = this.sources, nobody = this.on.driver.value === drivers[0];
+    for (const [name, first] of [["left", nobody ? "lattice+window" : "direct"], ["right", nobody ? "ppo_guided" : "slide"]]) {
+      this.on[name].replaceChildren(...(nobody ? policies : assistants).map(one => new Option(one, one)));
+      this.on[name].value = first;
+    }
+  }
+
+  chosen(message) {
+    this.on.scene.replaceChildren(...message.episodes.map(([scene, seed]) => new Option(`${scene}, ${seed}`, JSON.stringify([scene, seed]))));
+    for (const [k, name] of [[0, "run-left"], [1, "run-right"]]) {
+      this.on[name].replaceChildren(...message.policies.map(one => new Option(one, one)));
+      this.on[name].value = message.policies[Math.min(k, message.policies.length - 1)];
+    }
+    this.busy(false);
+  }
+
+  take(message) {
+    this.tracks[message.side] = message;
+    this.views[message.side].bounds = message.world.bounds;
+    this.expected -= 1;
+    if (this.expected <= 0) { this.busy(false); this.banner(text("compare_ready")); say(text("compare_ready")); }
+    const all = Object.values(this.tracks), end = Math.max(...all.map(one => one.states.at(-1)[T]));
+    this.on.time.max = end;
+    this.on.time.value = 0;
+    this.on.play.disabled = false;
+    this.on.event.disabled = !all.some(one => one.events.length);
+    this.on.contact.disabled = !all.some(one => one.events.some(event => event[1] === "contact"));
+    this.list();
+    this.show();
+  }
+
+  list() {
+    for (const name of SIDES) {
+      const track = this.tracks[name];
+      if (!track) continue;
+      this.on[`name-${name}`].textContent = this.on[`head-${name}`].textContent = track.name;
+      this.on[`events-${name}`].replaceChildren(...track.events.slice(0, 60).map(([t, kind, more]) => {
+        const button = document.createElement("button");
+        button.textContent = `${t.toFixed(1)} s ${text(`e_${kind}`)}${more ? `: ${text(more)}` : ""}`;
+        button.onclick = () => this.go(t);
+        return button;
+      }));
+    }
+    this.on.rows.replaceChildren(...Object.entries(FIGURES).map(([name, shown]) => {
+      const row = document.createElement("tr"), head = document.createElement("th");
+      head.scope = "row";
+      head.textContent = text(name);
+      row.append(head, ...SIDES.map(one => {
+        const cell = document.createElement("td");
+        cell.textContent = this.tracks[one] ? shown(this.tracks[one].figures) : "–";
+        return cell;
+      }));
+      return row;
+    }));
+  }
+
+  play() {
+    clearInterval(this.playing);
+    if (Number(this.on.time.value) >= Number(this.on.time.max)) this.on.time.value = 0;
+    this.playing = setInterval(() => {
+      this.on.time.value = Number(this.on.time.value) + 0.1;
+      this.show();
+      if (Number(this.on.time.value) >= Number(this.on.time.max) - 0.05) clearInterval(this.playing);
+    }, this.looks.still ? 1000 : 50);
+  }
+
+  go(time) {
+    clearInterval(this.playing);
+    this.on.time.value = time;
+    this.show();
+  }
+
+  /** The next event of either side after the clock; after the last one, the first. */
+  jump(wanted) {
+    const times = Object.values(this.tracks).flatMap(one => one.events.filter(wanted).map(([t]) => t)).sort((a, b) => a - b);
+    if (times.length) this.go(times.find(t => t > Number(this.on.time.value) + 0.06) ?? times[0]);
+  }
+
+  show() {
+    this.on.clock.textContent = text("clock", { time: Number(this.on.time.value).toFixed(1) });
+    for (const name of SIDES) this.draw(name);
+  }
+
+  banner(what) { this.on.banner.textContent = what; }
+
+  /** The number of the state at the clock, or of the last one. */
+  at(track) {
+    const { states } = track, time = Number(this.on.time.value) + 1e-6;
+    let low = 0, high = states.length - 1;
+    while (low < high) {
+      const middle = (low + high + 1) >> 1;
+      if (states[middle][T] <= time) low = middle; else high = middle - 1;
+    }
+    return low;
+  }
+
+  draw(name) {
+    const track = this.tracks[name], view = this.views[name];
+    if (!track) return;
+    const k = this.at(track), state = track.states[k], { world } = track, [forward, , turn] = world.limits;
+    const now = {
+      pose: state.slice(POSE, POSE + 3), given: state.slice(GIVEN, GIVEN + 2), stick: [state[STICK] / forward, state[STICK + 1] / turn],
+      contact: track.events.some(([t, kind]) => kind === "contact" && Math.abs(t - state[T]) < 0.3),
+    };
+    view.begin();
+    view.line(track.states.slice(0, k + 1).map(one => one.slice(POSE, POSE + 2)), view.colour.trail, 3);
+    drawWorld(view, world);
+    drawActors(view, world.actors, track.actors[k]);
+    drawChair(view, world, now);
+    this.on[`says-${name}`].textContent = text("says", {
+      speed: state[TWIST].toFixed(2), clearance: state[CLEARANCE].toFixed(2), end: state[T] + 1e-6 < Number(this.on.time.value) ? text("ended_at", { time: state[T].toFixed(1) }) : "",
+    });
+  }
+}

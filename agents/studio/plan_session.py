@@ -1,0 +1,197 @@
+"""The session of the page Plan: a map that is drawn, planners that answer, and files of both."""
+
+from __future__ import annotations
+
+import re
+import threading
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from agents.studio.catalogue import Place
+from agents.studio.drawing import SHAPES, UPLOADS, blank, drawn, loaded, save_map, write_problem
+from agents.studio.messages import (
+    Fields,
+    Inbox,
+    Message,
+    Names,
+    Number,
+    OneOf,
+    Outbox,
+    Points,
+    Text,
+)
+from agents.studio.planning import answer, frames_of, problem_of
+from planners import Plan, Problem
+from planners.registries import PLANNERS
+from wheelchair_gym.config import InputError
+from wheelchair_gym.envs import NavigationEnv
+from wheelchair_gym.maps import OccupancyGrid
+
+_IDLE: Final = 0.1  # s between two looks whether the page is closed
+_MOST_SHAPES: Final = 500
+_NAME: Final = re.compile(r"\w[\w-]{0,59}")
+_PLACE: Final = Points(2, 1)
+_CLEARANCE: Final = Number(0.0, 2.0)
+_SEED: Final = Number(0, 2**31, whole=True)
+FIRST: Final = ("visibility", "a_star", "rrt_star", "rrt_star_woa_global", "swarm", "lattice")
+FIELDS: Final[Fields] = {
+    "blank": {"width": Number(1.0, 50.0), "height": Number(1.0, 50.0)},
+    "place": {"place": Text(), "seed": _SEED},
+    "load": {"name": Text(), "resolution": Number(0.001, 1.0)},
+    "draw": {"shapes": Points(5, _MOST_SHAPES)},
+    "plan": {
+        "planners": Names((*PLANNERS.built_in,)), "start": _PLACE, "goal": _PLACE,
+        "clearance": _CLEARANCE, "deadline": Number(0.01, 10.0), "seed": _SEED,
+    },
+    "growth": {"planner": OneOf((*PLANNERS.built_in,))},
+    "save": {
+        "what": OneOf(("map", "problem")), "name": Text(60), "start": _PLACE, "goal": _PLACE
+    },
+}  # fmt: skip
+
+
+class PlanSession:
+    """Serves one page, from when it is made until `close`.
+
+    Args:
+        places: whose maps may be taken, by key; saved maps are added.
+        folder: where files are written, and uploads lie.
+        outbox: of the page.
+    """
+
+    fields = FIELDS
+
+    def __init__(self, places: dict[str, Place], folder: Path, outbox: Outbox) -> None:
+        self._places, self._folder, self._out = places, folder, outbox
+        self._inbox, self._closing = Inbox(outbox, self), threading.Event()
+        self._base: OccupancyGrid = blank(10.0, 8.0)
+        self._grid = self._base
+        self._problem: Problem | None = None
+        self._plans: dict[str, Plan] = {}
+        self._seed = 0
+        outbox.send("planners", names=sorted(PLANNERS.built_in), first=FIRST, shapes=SHAPES)
+        self._show("", [1.5, 4.0], [8.5, 4.0])
+        self._thread = threading.Thread(target=self._run, daemon=True, name="plan")
+        self._thread.start()
+
+    def receive(self, message: Message) -> None:
+        """Take a message that `FIELDS` allows.
+
+        Raises:
+            InputError: too many of them wait.
+        """
+        self._inbox.put(message)
+
+    def close(self) -> None:
+        """End the thread, after the plan that is being made."""
+        self._closing.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        while not self._closing.is_set():
+            self._inbox.handle(_IDLE)
+
+    def _show(
+        self, name: str, start: list[float] | None = None, goal: list[float] | None = None
+    ) -> None:
+        """Send the map; with start and goal where another map begins."""
+        self._problem, self._plans = None, {}
+        grid = self._grid
+        self._out.send(
+            "map", name=name, bounds=grid.bounds, walls=grid.walls(), start=start, goal=goal
+        )
+
+    def on_blank(self, message: Message) -> None:
+        """Begin with an empty room."""
+        width, height = message["width"], message["height"]
+        self._base = self._grid = blank(width, height)
+        middle = 0.5 * height + 0.1
+        self._show("", [0.15 * width, middle], [0.85 * width, middle])
+
+    def on_place(self, message: Message) -> None:
+        """Begin with the map of a place, which does not show who moves."""
+        place = self._places.get(message["place"])
+        if place is None:
+            raise InputError(f"place.place is {message['place']!r}; expected one of the list")
+        env = NavigationEnv(place.scene, **place.env)
+        env.reset(seed=message["seed"])
+        episode = env.episode
+        env.close()
+        assert episode is not None
+        self._base = self._grid = episode.map
+        self._show(place.label, episode.start[:2].tolist(), episode.goal[:2].tolist())
+
+    def on_load(self, message: Message) -> None:
+        """Begin with an uploaded map."""
+        name = message["name"]
+        path = self._folder / UPLOADS / name
+        if Path(name).name != name or path.is_symlink() or not path.is_file():
+            raise InputError(f"load.name is {name!r}; expected the name of an uploaded file")
+        self._base = self._grid = loaded(path, message["resolution"])
+        places = self._grid.to_world(np.argwhere(self._grid.traversable(0.4)))
+        if not len(places):
+            raise InputError(f"{name}: nowhere on it is room for a chair; check the resolution")
+        self._show(Path(name).stem, places[0].tolist(), places[-1].tolist())
+
+    def on_draw(self, message: Message) -> None:
+        """Draw all shapes over the map anew."""
+        for row in message["shapes"]:
+            if int(row[0]) != row[0] or not 0 <= row[0] < len(SHAPES):
+                raise InputError(f"draw.shapes: kind {row[0]:g}; expected 0 to {len(SHAPES) - 1}")
+        self._grid = drawn(self._base, message["shapes"])
+        self._show("")
+
+    def on_plan(self, message: Message) -> None:
+        """Let planners answer, one after another."""
+        start, goal = _point(message, "start"), _point(message, "goal")
+        self._problem = problem_of(self._grid, start, goal, message["clearance"])
+        self._plans, self._seed = {}, message["seed"]
+        for name in message["planners"]:
+            if self._closing.is_set():
+                return
+            self._out.send("planning", planner=name)
+            self._plans[name], row = answer(name, self._problem, self._seed, message["deadline"])
+            self._out.send("plan", **row)
+        self._out.send("planned")
+
+    def on_growth(self, message: Message) -> None:
+        """Send how a planner came to its plan."""
+        name = message["planner"]
+        if self._problem is None or name not in self._plans:
+            raise InputError(f"growth: {name} has not planned on this map yet")
+        frames: list[Any] = []
+        for frame in frames_of(name, self._problem, self._plans[name], self._seed):
+            if self._closing.is_set():
+                return
+            frames.append(frame)
+        self._out.send("growth", planner=name, frames=frames)
+
+    def on_save(self, message: Message) -> None:
+        """Write the map, or the problem; a map may then be driven on."""
+        name = message["name"]
+        if not _NAME.fullmatch(name):
+            raise InputError(
+                f"save.name is {name!r}; expected letters, digits, - and _, 60 of them at most"
+            )
+        self._folder.mkdir(parents=True, exist_ok=True)
+        if message["what"] == "problem":
+            path = self._folder / f"{name}.json"
+            start, goal = _point(message, "start"), _point(message, "goal")
+            write_problem(path, self._grid, start, goal, None)
+            self._out.send("saved", files=[path.name])
+            return
+        path = self._folder / f"{name}.yaml"
+        files = save_map(path, self._grid)
+        scene = {"name": "map_file", "path": str(path)}
+        self._places[f"map:{name}"] = Place("map", name, scene, {"pose_source": "modelled"})
+        self._out.send("saved", files=files)
+
+
+def _point(message: Message, name: str) -> list[float]:
+    """The only point [m] of a field."""
+    if len(message[name]) != 1:
+        raise InputError(f"{message['type']}.{name}: expected one point")
+    point: list[float] = message[name][0]
+    return point

@@ -1,0 +1,110 @@
+"""The course of an episode, driven or recorded, as the page Compare draws it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from agents.studio.drive import outcome_of, world_of
+from wheelchair_gym.config import InputError
+from wheelchair_gym.recording.replay import read_recording, replay_env
+
+MOST: Final = 20_000  # states of a track; a longer episode is cut
+_PAUSE: Final = 1.0  # s: what comes back sooner is the same event
+_HELP: Final = 0.05  # m/s, rad/s: more than this changed of a stick's twist is help
+
+
+class Track:
+    """Collects the states of an episode; called with the environment after reset and each step.
+
+    Args:
+        stop: called each time; the episode is to end where it returns true.
+    """
+
+    def __init__(self, stop: Any = None) -> None:
+        self._stop = stop
+        self._states: list[list[Any]] = []
+        self._actors: list[Any] = []
+        self._events: list[list[Any]] = []
+        self._last: dict[str, float] = {}  # s: when each kind of event was last on
+        self._stick: Any = None  # that the latest action answers
+        self._world: dict[str, Any] = {}
+        self._contact, self._least, self._figures = False, np.inf, dict[str, Any]()
+
+    def __call__(self, env: Any) -> bool:
+        """Add a state; true: the episode is to end."""
+        world = env.unwrapped
+        task, truth, shield = world.task, world.chair.truth, world.shield
+        if not self._states:
+            self._world = world_of(world)
+        time = float(task.reading.stamp)
+        given = task.limits.twist(np.array(task.action)) - np.array(task.shield_intervention)
+        stick = given if self._stick is None else task.limits.twist(np.array(self._stick[:2]))
+        self._stick = task.stick
+        reason = shield.decision.reason if shield is not None and task.is_shielded else ""
+        helps = bool(np.abs(given - stick).max() > _HELP)
+        for kind, on, more in (
+            ("contact", bool(truth.contact), ""), ("shield", bool(reason), reason),
+            ("help", helps, ""),
+        ):  # fmt: skip
+            if on and time - self._last.get(kind, -np.inf) > _PAUSE:
+                self._events.append([time, kind, more])
+            if on:
+                self._last[kind] = time
+        clearance = float(truth.clearance)
+        self._states.append([time, *truth.pose, *truth.twist, *given, *stick, clearance])
+        self._actors.append(np.round(truth.actor_poses, 3))
+        self._contact |= bool(truth.contact)
+        self._least = min(self._least, clearance)
+        self._figures = {
+            "time": time, "length": float(truth.distance), "energy": float(truth.energy),
+            "clearance_min": self._least,
+        }  # fmt: skip
+        return len(self._states) >= MOST or (self._stop is not None and bool(self._stop()))
+
+    def content(self, name: str, outcome: str) -> dict[str, Any]:
+        """The track as the page takes it.
+
+        Args:
+            name: of who drove, or of the file.
+            outcome: how the episode ended.
+        """
+        return {
+            "name": name, "world": self._world, "states": self._states, "actors": self._actors,
+            "events": self._events, "figures": {**self._figures, "outcome": outcome},
+        }  # fmt: skip
+
+
+def recorded_track(path: Path, number: int, name: str, stop: Any = None) -> dict[str, Any]:
+    """The track of an episode of a recording, judged again.
+
+    Args:
+        path: of the MCAP file.
+        number: of the episode, from 0.
+        name: that the page shows.
+        stop: as that of `Track`.
+
+    Raises:
+        InputError: the file is no recording, or has no such episode.
+    """
+    episodes = read_recording(path)
+    if number >= len(episodes):
+        raise InputError(f"{name}: episode {number}; it has {len(episodes)}, from 0")
+    recorded, track = episodes[number], Track(stop)
+    env: Any = replay_env(recorded)
+    try:
+        _, info = env.reset(seed=0, options={"episode": recorded.episode})
+        over = track(env)
+        ended = truncated = contact = False
+        for action in recorded.actions:
+            if over:
+                break
+            _, _, ended, truncated, info = env.step(action)
+            contact |= bool(info["contact"])
+            over = track(env)
+    finally:
+        env.close()
+    outcome = outcome_of(info, contact, truncated) if ended or truncated else "stopped"
+    return track.content(name, outcome)

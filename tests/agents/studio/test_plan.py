@@ -1,0 +1,204 @@
+"""Maps that people draw are what planners, problem files and map files get."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+import shapely
+
+from agents.studio.drawing import (
+    SHAPES,
+    blank,
+    drawn,
+    loaded,
+    rectangles,
+    save_map,
+    write_problem,
+)
+from agents.studio.messages import read_message
+from agents.studio.plan_session import FIELDS
+from agents.studio.planning import answer, frames_of, problem_of
+from planners.problem_files import read_problems
+from tests.agents.studio.served import messages, send, serving
+from wheelchair_gym.config import InputError
+from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, read_map
+
+WALL, DOOR, FURNITURE, RUB_OUT = range(len(SHAPES))
+ENDS = [1.5, 4.0], [8.5, 4.0]
+
+
+def length(grid, clearance=0.36):
+    return answer("visibility", problem_of(grid, *ENDS, clearance), 0, 5.0)[1]["length"]
+
+
+def test_a_wall_blocks_a_door_opens_and_furniture_stands_in_the_way():
+    room = blank(10.0, 8.0)
+    assert length(room) == pytest.approx(7.0)
+    wall = [WALL, 5.0, 0.0, 5.0, 8.2]
+    assert length(drawn(room, [wall])) is None
+    through = length(drawn(room, [wall, [DOOR, 5.0, 1.5, 5.0, 2.6]]))
+    assert 7.5 < through < 9.0
+    assert length(drawn(room, [wall, [DOOR, 5.0, 1.5, 5.0, 1.9]])) is None  # too narrow
+    assert 7.0 < length(drawn(room, [[FURNITURE, 4.0, 3.5, 5.0, 4.5]])) < through
+    assert length(drawn(room, [wall, [RUB_OUT, 4.0, 3.0, 6.0, 5.0]])) == pytest.approx(7.0)
+    assert length(drawn(room, [[WALL, -9.0, -9.0, -5.0, 30.0]])) == pytest.approx(7.0)  # outside
+
+
+def test_shapes_may_be_points_and_lie_at_the_border():
+    room = blank(4.0, 3.0)
+    for shape in ([WALL, 2, 2, 2, 2], [FURNITURE, 1, 1, 1, 1], [DOOR, 0, 0, 0, 0]):
+        assert drawn(room, [shape]).shape == room.shape
+    assert drawn(room, []).cells.tobytes() == room.cells.tobytes()
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_rectangles_cover_what_is_solid_and_nothing_else(seed):
+    rng = np.random.default_rng(seed)
+    cells = np.where(rng.random((17, 23)) < 0.4, OCCUPIED, FREE).astype(np.int8)
+    found = np.zeros(cells.shape, int)
+    for x0, y0, x1, y1 in np.rint(rectangles(OccupancyGrid(cells, 0.1)) / 0.1).astype(int):
+        found[y0:y1, x0:x1] += 1
+    assert (found == (cells == OCCUPIED)).all()  # each cell once
+
+
+def test_a_saved_problem_has_the_same_shortest_path(tmp_path):
+    shapes = [[WALL, 5.0, 0.0, 5.0, 6.0], [FURNITURE, 6.0, 5.0, 7.5, 6.5]]
+    moved = OccupancyGrid(blank(10.0, 8.0).cells, 0.05, (-2.0, 3.0, 0.0))
+    for grid, at in ((drawn(blank(10.0, 8.0), shapes), (0.0, 0.0)), (moved, (-2.0, 3.0))):
+        ends = [[x + at[0], y + at[1]] for x, y in ENDS]
+        path = tmp_path / "drawn.json"
+        write_problem(path, grid, *ends, None)
+        ((problem, optimum),) = read_problems(path)
+        assert optimum is None
+        expected = answer("visibility", problem_of(grid, *ends, 0.0), 0, 5.0)[1]["length"]
+        assert answer("visibility", problem, 0, 5.0)[1]["length"] == pytest.approx(expected)
+        area = shapely.area(problem.space.solid)
+        beyond = 10.2 * (10.2 - 8.2)  # what the square adds
+        assert area == pytest.approx((grid.cells == OCCUPIED).sum() * 0.05**2 + beyond, abs=1e-6)
+    turned = OccupancyGrid(grid.cells, 0.05, (0.0, 0.0, 0.3))
+    with pytest.raises(InputError, match=r"turned by 0\.3"):
+        write_problem(path, turned, *ENDS, None)
+
+
+def test_a_saved_map_is_the_same_map(tmp_path):
+    grid = drawn(blank(4.0, 3.0), [[FURNITURE, 1.0, 1.0, 2.0, 2.0]])
+    assert save_map(tmp_path / "mine.yaml", grid) == ["mine.yaml", "mine.png"]
+    for again in (read_map(tmp_path / "mine.yaml"), loaded(tmp_path / "mine.yaml", 0.05)):
+        assert (again.cells == grid.cells).all()
+
+
+@pytest.mark.parametrize(
+    "image", ["../secret.png", "/etc/secret.png", "sub/a.png", 3, "", "none.png"]
+)
+def test_a_map_file_names_no_image_elsewhere(tmp_path, image):
+    save_map(tmp_path / "secret.yaml", blank(4.0, 3.0))
+    folder = tmp_path / "uploads"
+    (folder / "sub").mkdir(parents=True)
+    text = (tmp_path / "secret.yaml").read_text().replace("secret.png", json.dumps(image))
+    (folder / "mine.yaml").write_text(text)
+    with pytest.raises(InputError, match=r"^mine\.yaml: ") as error:
+        loaded(folder / "mine.yaml", 0.05)
+    assert str(tmp_path) not in str(error.value)
+
+
+@pytest.mark.parametrize("name", ["rrt", "rrt_star", "rrt_connect", "swarm", "rrt_woa", "prm"])
+def test_what_grew_ends_with_the_plan(name):
+    grid = drawn(blank(10.0, 8.0), [[WALL, 5.0, 0.0, 5.0, 6.0]])
+    problem = problem_of(grid, *ENDS, 0.36)
+    plan, row = answer(name, problem, 3, 5.0)
+    assert row["grows"]
+    assert row["clearance_min"] >= 0.35
+    frames = list(frames_of(name, problem, plan, 3))
+    assert np.allclose(frames[-1]["path"], plan.path[:, :2], atol=0.006)
+    assert len(frames) > 5
+    made = [frame["iterations"] for frame in frames]
+    assert made == sorted(set(made))
+    found = [frame["length"] for frame in frames if frame["path"]]
+    assert found[-1] == pytest.approx(plan.length)
+
+
+@pytest.mark.parametrize("kind", FIELDS)
+def test_a_message_of_the_plan_has_exactly_its_fields(kind):
+    good = {"width": 3.0, "height": 3.0, "place": "map", "seed": 1, "name": "a", "resolution": 0.05,
+            "shapes": [[0, 1, 1, 2, 2]], "planners": ["a_star"], "start": [[1, 2]],
+            "goal": [[2, 1]], "clearance": 0.3, "deadline": 1.0, "planner": "rrt",
+            "what": "map"}  # fmt: skip
+    message = {"type": kind, **{name: good[name] for name in FIELDS[kind]}}
+    assert read_message(json.dumps(message), FIELDS) == message
+    for name in FIELDS[kind]:
+        for value in (None, {}, "x" * 999, 1e9, -5.0, True, [[1]], [["a", 1]], [[1e9] * 5], ["no"]):
+            with pytest.raises(InputError, match=rf"{kind}\.{name}"):
+                read_message(json.dumps({**message, name: value}), FIELDS)
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory):
+    with serving(tmp_path_factory.mktemp("plan")) as one:
+        yield one
+
+
+def post(served, name, content, **headers):
+    """The status of an upload."""
+    import http.client
+
+    line = http.client.HTTPConnection("127.0.0.1", served.port, timeout=10)
+    headers = {"Origin": f"http://{served.host}"} | headers
+    path = f"/maps/{name}?token={served.studio.access.token}"
+    try:
+        line.request("POST", path, content, headers)
+        return line.getresponse().status
+    except (BrokenPipeError, ConnectionResetError):  # it does not read the rest
+        return 413
+    finally:
+        line.close()
+
+
+def test_uploads_are_maps_of_a_bare_name_and_a_limited_size(served, tmp_path):
+    save_map(tmp_path / "hall.yaml", blank(5.0, 4.0))
+    files = {name: (tmp_path / name).read_bytes() for name in ("hall.yaml", "hall.png")}
+    for name, content in files.items():
+        assert post(served, name, content) == 204
+    for name in ("..%2fx.yaml", "%2e%2e", "x.py", ".x.yaml", "a%00.png", "x" * 200 + ".png"):
+        assert post(served, name, b"x") in (400, 404, 405)
+    assert post(served, "big.png", b"x" * (9 << 20)) == 413
+    assert post(served, "hall.png", b"x", Origin="http://evil.example") == 403
+    assert sorted(p.name for p in (served.studio.folder / "uploads").iterdir()) == sorted(files)
+    with served.socket("plan") as socket:
+        messages(socket, "map")
+        send(socket, "load", name="hall.yaml", resolution=0.05)
+        shown = messages(socket, "map")
+        assert shown["bounds"] == [0.0, 0.0, 5.2, 4.2]
+        for name in ("../hall.yaml", "none.yaml", "..", ""):
+            send(socket, "load", name=name, resolution=0.05)
+            assert "load.name" in messages(socket, "error")["text"]
+        post(served, "broken.png", b"no picture")
+        send(socket, "load", name="broken.png", resolution=0.05)
+        assert messages(socket, "error")["text"].startswith("broken.png")
+
+
+def test_a_place_is_planned_on_and_a_saved_map_is_driven_on(served):
+    with served.socket("plan") as socket:
+        messages(socket, "map")
+        send(socket, "place", place="scene:crowd", seed=3)
+        shown = messages(socket, "map")
+        asked = {"start": [shown["start"]], "goal": [shown["goal"]]}
+        send(socket, "plan", planners=["a_star", "rrt_star"], clearance=0.3, deadline=1.0, seed=0,
+             **asked)  # fmt: skip
+        rows = [messages(socket, "plan") for _ in range(2)]
+        assert [row["planner"] for row in rows] == ["a_star", "rrt_star"]
+        assert {row["status"] for row in rows} == {"solved"}
+        messages(socket, "planned")
+        send(socket, "save", what="map", name="../mine", **asked)
+        assert "save.name" in messages(socket, "error")["text"]
+        send(socket, "save", what="map", name="mine", **asked)
+        assert messages(socket, "saved")["files"] == ["mine.yaml", "mine.png"]
+        send(socket, "draw", shapes=[[7, 0, 0, 1, 1]])
+        assert "kind 7" in messages(socket, "error")["text"]
+        send(socket, "growth", planner="bug1")
+        assert "bug1" in messages(socket, "error")["text"]
+    with served.socket() as socket:
+        assert ["map:mine", "map", "mine"] in messages(socket, "choices")["places"]
+        send(socket, "start", place="map:mine", seed=0, assist="direct", hand="none", rate=20)
+        assert messages(socket, "world")["order"]["place"] == "map:mine"
