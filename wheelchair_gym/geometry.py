@@ -11,7 +11,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wheelchair_gym.compiled.kernel import inlined, kernel
+from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined, kernel
+from wheelchair_gym.compiled.simd import bits_of_double, double_of_bits
 from wheelchair_gym.config import setting, settings
 
 Array = NDArray[np.float64]
@@ -342,15 +343,25 @@ def signed_clearance(px: float, py: float, footprint: Array) -> float:
     return float(max(dx, dy))
 
 
-@kernel
+@borrowing_kernel
 def signed_gap(
     points: Array, count: int, footprint: Array, x: float, y: float, yaw: float
 ) -> float:
     """Distance [m] of a footprint at a pose to the nearest of `count` points (n, 2); < 0 inside.
 
-    Infinite without points.
+    Infinite without points. The same as the least `signed_clearance`, found in vectors.
     """
     c, s = math.cos(yaw), math.sin(yaw)
+    front, rear, half = footprint[0], -footprint[1], footprint[2]
+    nearest = bits_of_double(math.inf)
+    for k in range(np.uint64(count)):
+        px, py = world_to_body(c, s, points[k, 0] - x, points[k, 1] - y)
+        dx, dy = offsets_from_rectangle(px, py, front, rear, half)
+        bits = bits_of_double(dx * dx + dy * dy)
+        nearest = bits if bits < nearest else nearest
+    square = double_of_bits(nearest)
+    if square > 0.0:
+        return math.sqrt(square)
     least = math.inf
     for k in range(count):
         px, py = world_to_body(c, s, points[k, 0] - x, points[k, 1] - y)

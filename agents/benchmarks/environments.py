@@ -9,6 +9,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +18,9 @@ import numpy as np
 
 from agents.evaluation import provenance as results
 from wheelchair_gym.envs import EnvSettings, NavigationVectorEnv
-from wheelchair_gym.envs.settings import env_settings
+from wheelchair_gym.envs.settings import BankSettings, env_settings
 from wheelchair_gym.envs.world_banks import WorldBank
+from wheelchair_gym.safety import ShieldSettings
 
 ENV = "wheelchair_gym/Navigation-v0"
 EPISODE = 300  # steps at most
@@ -113,6 +115,54 @@ def vector_env_rate(
     for k in range(8):
         step(k)
     return measure_rate(step, seconds), env
+
+
+def driver_rates(
+    driver: str, beams: int, bank: int, n: int, threads: int, seconds: float
+) -> dict[str, float]:
+    """Steps per second of a vector environment without and with a shield, and with a person.
+
+    All of them drive the same actions, the person's stick, in turn, each for so many seconds. No
+    world is made meanwhile: those of people take longer to make.
+    """
+    plain = replace(bench_settings(beams, bank), bank=BankSettings(bank, 0.0))
+    shielded = replace(plain, shield=ShieldSettings())
+    every = {
+        "plain": plain, "shield": shielded, "driver": replace(shielded, driver=driver)
+    }  # fmt: skip
+    envs = {name: NavigationVectorEnv(n, s, num_threads=threads) for name, s in every.items()}
+    actions, observed = [], envs["driver"].reset(seed=0)[0]
+    for _ in range(EPISODE):
+        actions.append(observed["stick"][:, :2].copy())
+        observed = envs["driver"].step(actions[-1])[0]
+    rates: dict[str, list[float]] = {name: [] for name in envs}
+    begun, rounds = time.perf_counter(), 0
+    while rounds < 4 or time.perf_counter() - begun < seconds * len(envs):
+        for name, env in envs.items():
+            env.reset(seed=0)
+            before = time.perf_counter()
+            for action in actions:
+                env.step(action)
+            if rounds:  # the first one meets worlds that are still to be made
+                rates[name].append(n * len(actions) / (time.perf_counter() - before))
+        rounds += 1
+    for env in envs.values():
+        env.close()
+    return {name: statistics.median(found) for name, found in rates.items()}
+
+
+def measure_driver(
+    driver: str, beams: Sequence[int], envs: Sequence[int], threads: Sequence[int], *, bank: int,
+    seconds: float,
+) -> Iterator[Row]:  # fmt: skip
+    """Rows of figures of batches with a person who drives, beside those without."""
+    for count in beams:
+        for n in envs:
+            for used in [t for t in threads if t <= n]:
+                rates = driver_rates(driver, count, bank, n, used, seconds)
+                for name, found in rates.items():
+                    row = _row(driver if name == "driver" else name, count, n, used, found, None)
+                    yield row | {"share": {k: found / rates[k] for k in ("plain", "shield")}}
 
 
 def startup_times() -> tuple[float, float]:

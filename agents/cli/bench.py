@@ -12,11 +12,12 @@ from agents import StoppedError
 from agents.cli.arguments import check_picture, labelled, map_scenes, report, stopped
 from agents.evaluation.provenance import command_line, write_json, write_text
 from wheelchair_gym.config import InputError
+from wheelchair_gym.drivers import make_driver
 
 
 def env(given: argparse.Namespace) -> int:
     """Measure the speed of environments; print each figure at once, and write all of them."""
-    from agents.benchmarks.environments import measure, provenance
+    from agents.benchmarks.environments import measure, measure_driver, provenance
 
     if given.seconds <= 0.0:
         raise InputError(f"--seconds is {given.seconds:g}; expected more than 0")
@@ -25,7 +26,12 @@ def env(given: argparse.Namespace) -> int:
     more = {"bank": given.bank, "seconds": given.seconds}
     source = provenance(**sizes, **more)
     rows = []
-    for row in measure(*sizes.values(), **more, peer=peer, start=not given.no_startup):
+    if given.driver is None:
+        found = measure(*sizes.values(), **more, peer=peer, start=not given.no_startup)
+    else:
+        make_driver(given.driver)  # which refuses what is wrong
+        found = measure_driver(given.driver, *sizes.values(), **more)
+    for row in found:
         rows.append(row)
         print(_line(row), file=sys.stderr if given.json == "-" else sys.stdout, flush=True)
     value = {"command": command_line(), "rows": rows, **source}
@@ -40,7 +46,10 @@ def _line(row: dict[str, Any]) -> str:
         return f"{row['what']:<32}{row['value']:>12,.4g} {row['unit']}"
     where = f"{row['beams']} beams, {row['envs']} envs, {row['threads']} threads"
     ratio = f"   {row['ratio']:.1f} x IR-SIM" if "ratio" in row else ""
-    return f"{row['what']:<10}{where:<38}{row['rate']:>12,.0f} steps/s{ratio}"
+    if "share" in row:
+        of = (f"{100 * share:.0f} % of {name}" for name, share in row["share"].items())
+        ratio = "   " + ", ".join(of)
+    return f"{row['what']:<18}{where:<38}{row['rate']:>12,.0f} steps/s{ratio}"
 
 
 def planners(given: argparse.Namespace) -> int:

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from wheelchair_gym.config import InputError, dump
-from wheelchair_gym.drivers import DRIVERS, driver_spec, make_driver
+from wheelchair_gym.drivers import DRIVERS, driver_spec, intention, make_driver
 from wheelchair_gym.drivers.settings import Driver, Hand, Intention, Perception, ProportionalStick
 from wheelchair_gym.drivers.state import constants_of, signals_of, tremor_filter
 from wheelchair_gym.envs import NavigationEnv
+from wheelchair_gym.geometry import signed_clearance, signed_gap, to_frame
 from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.sensors.settings import SensorSettings
 
@@ -155,6 +156,38 @@ def test_neglect_hides_most_of_the_left():
     _, env = sticks("hemianopia", steps=30)
     d = env.drivers.states[0]
     assert (d["points"][: d["n_points"], 1] < 1e-9).all()
+
+
+@pytest.mark.parametrize("driver", ["head_array", "weak_left"])
+def test_the_signal_that_is_chosen_costs_least(driver):
+    """All signals are weighed as one by one, though most are left out early."""
+    for seed in range(3):
+        _, env = sticks(driver, steps=15, seed=seed)
+        d = env.drivers.states[0]
+        p = constants_of(env.drivers.driver, ChairSettings(), SensorSettings(), 0.1)[0]
+        p["beams"], p["per_beam"], p["coarse"] = 64, np.radians(270) / 63, 1
+        prepared, truth = env._prepared.record[0], env.chair.truth
+        chosen = intention._choose(p, d, prepared, truth.pose, truth.twist)
+        costs = []
+        for k in range(p["n_signals"]):
+            begin, to_go = intention._begin(p, truth.twist, k), np.empty(intention.POSES)
+            before = signed_gap(d["points"], d["n_points"], p["outline"], *begin)
+            bound = intention._least_cost(p, d, prepared, k, begin, truth.pose, to_go)
+            costs.append(intention._cost(p, d, k, begin, to_go, before, np.inf))
+            assert costs[-1] >= bound
+        assert chosen == int(np.argmin(costs))
+
+
+def test_the_gap_to_points_is_the_least_of_their_distances():
+    rng, outline = np.random.default_rng(0), ChairSettings().footprint.array
+    for _ in range(50):
+        points, pose = rng.uniform(-2.0, 2.0, (20, 2)), rng.uniform(-1.0, 1.0, 3)
+        within = to_frame(points, pose)
+        count = int(rng.integers(0, 20))
+        each = [signed_clearance(*point, outline) for point in within[:count]]
+        assert signed_gap(points, count, outline, *pose) == pytest.approx(
+            min(each, default=np.inf), abs=1e-12
+        )
 
 
 def test_latched_signals_last_and_end_by_a_signal():

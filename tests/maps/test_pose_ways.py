@@ -13,7 +13,15 @@ from wheelchair_gym.envs.guidance import PoseGuidance
 from wheelchair_gym.geometry import Footprint, footprint_clearance, to_world, wrap_angle
 from wheelchair_gym.kinematics import Limits
 from wheelchair_gym.maps import OCCUPIED, OccupancyGrid
-from wheelchair_gym.maps.cost_to_go import FAR, TIME, CostToGoSettings, cost_to_go
+from wheelchair_gym.maps.cost_to_go import (
+    FAR,
+    TICKS,
+    TIME,
+    UNITS,
+    X_BITS,
+    CostToGoSettings,
+    cost_to_go,
+)
 from wheelchair_gym.scenes import make_scene
 
 POSED = {
@@ -43,6 +51,31 @@ def test_ways_lead_to_the_goal_and_the_outline_fits(scene):
         # No quicker than at full speed along the straight.
         far = np.hypot(*(episode.goal - episode.start)[:2])
         assert float(ways.time_to_goal(episode.start)) >= (far - 0.3) / Limits().forward
+
+
+def test_the_time_to_go_is_the_least_over_the_states_around():
+    """As a plain search finds it: the state's time, and that of driving and turning to it."""
+    episode = make_scene("clutter").sample(np.random.default_rng(2))
+    ways = cost_to_go(episode.map, episode.goal, Footprint(), Limits())
+    states, cell = ways.packed_states, ways.cell
+    rng, step = np.random.default_rng(0), 2.0 * np.pi / states.shape[2]
+    times, place = states >> TIME, np.indices(states.shape)
+    x = place[1] * cell + ((states >> X_BITS) & (UNITS - 1)) / UNITS * cell
+    y = place[0] * cell + (states & (UNITS - 1)) / UNITS * cell
+    known = 0
+    for _ in range(200):
+        px, py = rng.uniform(0.3, 1.0, 2) * np.array(states.shape[1::-1]) * cell
+        yaw = rng.uniform(-7.0, 7.0)
+        turn = np.abs(wrap_angle(place[2] * step - yaw))
+        total = times / TICKS + 2.0 * np.hypot(x - px, y - py) + turn
+        row, col, middle = int(py // cell), int(px // cell), int(np.floor(yaw / step + 0.5))
+        near = (np.abs(place[0] - row) <= 1) & (np.abs(place[1] - col) <= 1) & (times < FAR)
+        near &= np.isin(place[2], np.arange(middle - 1, middle + 2) % states.shape[2])
+        if near.any():
+            known += 1
+            pose = [*to_world(np.array([px, py]), ways.origin), yaw + ways.origin[2]]
+            assert float(ways.time_to_goal(pose)) == pytest.approx(total[near].min(), abs=1e-9)
+    assert known > 50
 
 
 @pytest.mark.parametrize("slack", [None, 3.0])

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.address import doubles_at, on_stack
 from wheelchair_gym.compiled.kernel import borrowing_kernel
+from wheelchair_gym.compiled.simd import bits_of_float
 from wheelchair_gym.drivers.state import (
     ELSEWHERE,
     GO,
@@ -25,6 +26,7 @@ from wheelchair_gym.drivers.state import (
     PENDING,
     RETREAT,
     SECTORS,
+    SIGNALS,
     STICK,
 )
 from wheelchair_gym.geometry import body_to_world, signed_clearance, signed_gap, wrap
@@ -40,7 +42,7 @@ LAPSE, LAPSE_TIME, MIND, WHERE, LOOKS = 100, 101, 102, 103, 104
 NOTICED, INDECISION = 200, 300  # and on: of each sector, of each signal
 POSES = 6  # on the arc of a signal
 TOUCH = 0.01  # m: nearer is a collision
-COLLISION = 100.0  # s: an arc that collides costs more than any other
+COLLISION = 1e4  # s: an arc that collides costs more than any other
 NO_WAY = 60.0  # s more where the quickest way is not known
 AHEAD = 0.5  # m before the axle, where a route's length shows whether the heading is right
 PUSHED = 0.15  # deflection from which on somebody pushes
@@ -56,26 +58,33 @@ DECELERATION = 0.8  # m/s2: as chairs brake
 def _see(p: Any, d: Any, scan: Floats) -> None:
     """Take from a scan the obstacles that the person sees: of each sector the nearest beam."""
     sight, n = p.perception, p.beams
+    sees_all = min(sight.left, sight.right, sight.neglect) >= math.pi
+    none = bits_of_float(np.float32(np.inf))
     d.n_points = 0
     epoch = math.floor(d.clock)
     for sector in range(min(SECTORS, n)):
         low, high = sector * n // min(SECTORS, n), (sector + 1) * n // min(SECTORS, n)
-        best, nearest = -1, np.float32(np.inf)
-        for k in range(low, high):
-            if np.float32(0.0) < scan[k] < nearest:
-                best, nearest = k, scan[k]
-        if best < 0:
+        nearest = none
+        for k in range(np.uint64(low), np.uint64(high)):
+            bits = bits_of_float(scan[k])
+            bits = bits if scan[k] > np.float32(0.0) else none
+            nearest = bits if bits < nearest else nearest
+        if nearest == none:
             continue
+        best = low
+        while bits_of_float(scan[best]) != nearest:
+            best += 1
         angle = p.mount[2] + p.first + p.per_beam * best
-        x = p.mount[0] + nearest * math.cos(angle)
-        y = p.mount[1] + nearest * math.sin(angle)
-        side = math.atan2(y, x)
-        if not -sight.right < side < sight.left:
-            continue
-        if side > sight.neglect and (
-            uniform(d.key, epoch, DRIVERS, NOTICED + sector) >= sight.noticed
-        ):
-            continue
+        x = p.mount[0] + scan[best] * math.cos(angle)
+        y = p.mount[1] + scan[best] * math.sin(angle)
+        if not sees_all:
+            side = math.atan2(y, x)
+            if not -sight.right < side < sight.left:
+                continue
+            if side > sight.neglect and (
+                uniform(d.key, epoch, DRIVERS, NOTICED + sector) >= sight.noticed
+            ):
+                continue
         d.points[d.n_points, 0], d.points[d.n_points, 1] = x, y
         d.n_points += 1
 
@@ -126,60 +135,105 @@ def _motion(p: Any, d: Any, k: int) -> tuple[float, float]:
 
 
 @borrowing_kernel
-def _cost(p: Any, d: Any, prepared: Any, k: int, pose: Array, twist: Array) -> float:
-    """Seconds that signal k costs.
-
-    With few signals, an arc may be left at any of its poses; then half of the horizon's rest is
-    thought to be lost.
-    """
-    plan, horizon = p.intention, p.intention.horizon
-    later = p.perception.anticipation * p.late[k]
-    begin = arc_step(0.0, 0.0, 0.0, twist[0], twist[1], later)
-    v, w = _motion(p, d, k)
-    # A stick leaves many arcs to choose from: none that collides. Of few signals, one is good
-    # until the chair must be stopped.
-    to_stop = horizon if p.kind == STICK else p.late[0] + plan.period + abs(v) / DECELERATION
-    cos_pose, sin_pose = math.cos(pose[2]), math.sin(pose[2])
-    fixed = p.wait[k] if k != d.chosen else 0.0
-    fixed += plan.steadiness * math.hypot(
+def _fixed(p: Any, d: Any, k: int) -> float:
+    """Seconds that signal k costs wherever it leads: its wait, and the change of the signal."""
+    plan = p.intention
+    cost = p.wait[k] if k != d.chosen else 0.0
+    cost += plan.steadiness * math.hypot(
         p.signals[k, 0] - p.signals[d.chosen, 0], p.signals[k, 1] - p.signals[d.chosen, 1]
     )
     if plan.indecision > 0.0:
-        fixed += plan.indecision * normal(d.key, d.decisions, DRIVERS, INDECISION + k)
+        cost += plan.indecision * normal(d.key, d.decisions, DRIVERS, INDECISION + k)
+    return float(cost)
+
+
+@borrowing_kernel
+def _begin(p: Any, twist: Array, k: int) -> tuple[float, float, float]:
+    """Where a person expects the chair, in its frame, once signal k takes effect."""
+    later = p.perception.anticipation * p.late[k]
+    return arc_step(0.0, 0.0, 0.0, twist[0], twist[1], later)
+
+
+@borrowing_kernel
+def _only_end(p: Any, v: float, w: float) -> bool:
+    """Whether only the end of an arc counts.
+
+    A stick leaves many arcs to choose from. With few signals, an arc may be left at any of its
+    poses; then half of the horizon's rest is thought to be lost.
+    """
+    return bool(p.kind == STICK or (v == 0.0 and w == 0.0))
+
+
+@borrowing_kernel
+def _least_cost(
+    p: Any, d: Any, prepared: Any, k: int, begin: tuple[float, float, float], pose: Array,
+    to_go: Array,
+) -> float:  # fmt: skip
+    """Seconds that signal k costs without obstacles; writes the seconds to go (POSES,) of its arc.
+
+    Those of poses at which it may not be left are not written.
+    """
+    horizon, least = p.intention.horizon, math.inf
+    v, w = _motion(p, d, k)
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    for j in range(POSES - 1 if _only_end(p, v, w) else 0, POSES):
+        x, y, yaw = arc_step(begin[0], begin[1], begin[2], v, w, horizon * (j + 1) / POSES)
+        wx, wy = body_to_world(c, s, x, y)
+        to_go[j] = _to_go(p, d, prepared, pose[0] + wx, pose[1] + wy, pose[2] + yaw)
+        least = min(least, horizon * (0.5 + 0.5 * (j + 1) / POSES) + to_go[j])
+    return float(_fixed(p, d, k) + least)
+
+
+@borrowing_kernel
+def _cost(
+    p: Any, d: Any, k: int, begin: tuple[float, float, float], to_go: Array, before: float,
+    spare: float,
+) -> float:  # fmt: skip
+    """Seconds that signal k costs, with the obstacles on its arc.
+
+    Args:
+        p: who drives.
+        d: its state.
+        k: the signal.
+        begin: where its arc begins.
+        to_go: seconds (POSES,) as `_least_cost` writes them.
+        before: distance to what is seen where it begins [m].
+        spare: seconds that obstacles may cost at the arc's end; from there on the cost may be
+            infinite, if only the end counts.
+    """
+    plan, horizon = p.intention, p.intention.horizon
+    v, w = _motion(p, d, k)
+    # Of a stick's arcs, none that collides. Of few signals, one is good until the chair must be
+    # stopped.
+    to_stop = horizon if p.kind == STICK else p.late[0] + plan.period + abs(v) / DECELERATION
+    only_end = _only_end(p, v, w)
+    touch = 0.5 * plan.look_distance if d.mode == LOOK else TOUCH
     costs = doubles_at(on_stack(8 * POSES), POSES)
-    free = POSES
-    touch = TOUCH
-    if d.mode == LOOK:
-        touch = 0.5 * plan.look_distance
-    cost, x, y, yaw = 0.0, begin[0], begin[1], begin[2]
-    before = _gap(p, d, x, y, yaw)
+    cost, free = 0.0, POSES
     for j in range(POSES):
         x, y, yaw = arc_step(begin[0], begin[1], begin[2], v, w, horizon * (j + 1) / POSES)
-        if p.way != OBSTACLE:
-            gap = _gap(p, d, x, y, yaw)
-            # Where it already touches, as it seems, what leads away is no collision.
-            if gap < touch and gap <= before:
-                free = j
-                break
-            short = max(0.0, (plan.clearance - gap) / max(plan.clearance, 1e-6))
-            cost += plan.caution * min(4.0, short * short) * horizon / POSES
-            before = gap
-        if p.kind == STICK and j < POSES - 1:  # only the arc's end counts
-            continue
-        wx, wy = body_to_world(cos_pose, sin_pose, x, y)
-        to_go = _to_go(p, d, prepared, pose[0] + wx, pose[1] + wy, pose[2] + yaw)
-        costs[j] = cost + horizon * (0.5 + 0.5 * (j + 1) / POSES) + to_go
+        gap = _gap(p, d, x, y, yaw)
+        # Where it already touches, as it seems, what leads away is no collision.
+        if gap < touch and gap <= before:
+            free = j
+            break
+        short = max(0.0, (plan.clearance - gap) / max(plan.clearance, 1e-6))
+        cost += plan.caution * min(4.0, short * short) * horizon / POSES
+        before = gap
+        if only_end and cost > spare:
+            return math.inf
+        costs[j] = cost + horizon * (0.5 + 0.5 * (j + 1) / POSES) + to_go[j]
     usable = free
     if free < POSES:
         usable = math.floor(free - to_stop / horizon * POSES)
         if usable <= 0:
             return float(COLLISION * (2.0 - (free + 1.0) / POSES) + horizon * abs(v))
-    if p.kind == STICK or (v == 0.0 and w == 0.0):
-        return float(fixed + costs[POSES - 1])
+    if only_end:
+        return float(_fixed(p, d, k) + costs[POSES - 1])
     best = math.inf
     for j in range(usable):
         best = min(best, costs[j])
-    return float(fixed + best)
+    return float(_fixed(p, d, k) + best)
 
 
 @borrowing_kernel
@@ -231,6 +285,50 @@ def _may_choose(p: Any, d: Any, k: int) -> bool:
 
 
 @borrowing_kernel
+def _weigh(
+    p: Any, d: Any, prepared: Any, pose: Array, twist: Array, bounds: Array, around: int,
+    reach: int, best: int, least: float,
+) -> tuple[int, float]:  # fmt: skip
+    """The signal that costs least, of the best so far, the coarse ones, and those around one.
+
+    Those whose bounds (n_signals,) are numbers have been weighed before.
+    """
+    to_go = doubles_at(on_stack(8 * SIGNALS * POSES), SIGNALS * POSES)
+    late, begin, before = math.nan, (0.0, 0.0, 0.0), 0.0
+    for k in range(p.n_signals):
+        if not math.isnan(bounds[k]):
+            continue
+        off_x, off_y = p.place[k, 0] - p.place[around, 0], p.place[k, 1] - p.place[around, 1]
+        if not (p.coarse[k] or max(abs(off_x), abs(off_y)) <= reach):
+            continue
+        bounds[k] = math.inf
+        if _may_choose(p, d, k):
+            if p.late[k] != late:
+                begin = _begin(p, twist, k)
+            late, at = p.late[k], POSES * k
+            bounds[k] = _least_cost(p, d, prepared, k, begin, pose, to_go[at : at + POSES])
+    # Obstacles only add to a cost: the signals that are cheapest without are looked at first.
+    late = math.nan
+    while True:
+        k, bound = 0, math.inf
+        for other in range(p.n_signals):
+            if bounds[other] < bound:
+                k, bound = other, bounds[other]
+        if bound > least or bound == math.inf:
+            return best, least
+        bounds[k] = math.inf
+        if p.late[k] != late:
+            begin = _begin(p, twist, k)
+            before = _gap(p, d, begin[0], begin[1], begin[2])
+        late, cost = p.late[k], bound
+        if p.way != OBSTACLE:
+            at = POSES * k
+            cost = _cost(p, d, k, begin, to_go[at : at + POSES], before, least - bound + 1e-9)
+        if cost < least or (cost == least and k < best):
+            best, least = k, cost
+
+
+@borrowing_kernel
 def _choose(p: Any, d: Any, prepared: Any, pose: Array, twist: Array) -> int:
     """The signal that costs least from where the chair will be."""
     if d.mode == LOOK and d.n_points > 0:
@@ -239,17 +337,22 @@ def _choose(p: Any, d: Any, prepared: Any, pose: Array, twist: Array) -> int:
             d.mode_until = min(d.mode_until, d.clock + p.intention.look_time)
             return 0
     best, least = 0, math.inf
+    if d.mode == RETREAT:  # back, as far from everything as possible
+        for k in range(p.n_signals):
+            if _may_choose(p, d, k):
+                v, w = _motion(p, d, k)
+                x, y, yaw = arc_step(0.0, 0.0, 0.0, v, w, p.intention.horizon)
+                cost = v - min(1.0, _gap(p, d, x, y, yaw)) + 0.1 * abs(w)
+                if cost < least:
+                    best, least = k, cost
+        return best
+    bounds = doubles_at(on_stack(8 * SIGNALS), SIGNALS)
     for k in range(p.n_signals):
-        if not _may_choose(p, d, k):
-            continue
-        if d.mode == RETREAT:  # back, as far from everything as possible
-            v, w = _motion(p, d, k)
-            x, y, yaw = arc_step(0.0, 0.0, 0.0, v, w, p.intention.horizon)
-            cost = v - min(1.0, _gap(p, d, x, y, yaw)) + 0.1 * abs(w)
-        else:
-            cost = _cost(p, d, prepared, k, pose, twist)
-        if cost < least:
-            best, least = k, cost
+        bounds[k] = math.nan  # it has not been weighed
+    best, least = _weigh(p, d, prepared, pose, twist, bounds, d.chosen, 1, best, least)
+    # Who manoeuvres slowly weighs all.
+    reach = 1 if p.signals[best, 0] > 0.5 * p.intention.speed * p.interface.gain else SIGNALS
+    best, least = _weigh(p, d, prepared, pose, twist, bounds, best, reach, best, least)
     return best
 
 

@@ -54,6 +54,8 @@ CONSTANTS = np.dtype(
         ("signals", "f8", (SIGNALS, 2)),  # deflections forward and to the left; the first is rest
         ("late", "f8", (SIGNALS,)),  # s until a signal takes effect, while the last one goes on
         ("wait", "f8", (SIGNALS,)),  # s that the wait for it costs
+        ("place", "i8", (SIGNALS, 2)),  # of a stick's signals, in their grid
+        ("coarse", "i8", (SIGNALS,)),  # 1: always weighed; others are where it matters
         # the chair
         ("period", "f8"),  # s: of control
         ("ticks", "i8"),  # in a control period
@@ -134,12 +136,17 @@ def driver_row(drivers: Any, i: int) -> Any:
     return _constants_at(rows.constants, 1)[0], _drivers_at(rows.drivers, rows.n)[i]
 
 
+# Deflections of a stick that a person chooses from, rest first.
+_AHEAD = (0.0, 0.12, 0.3, 0.6, 1.0, -0.25, -0.6)
+_ASIDE = (0.0, 0.08, 0.2, 0.4, 0.7, -0.08, -0.2, -0.4, -0.7)
+_COARSE_AHEAD, _COARSE_ASIDE = (-0.6, 0.0, 0.3, 1.0), (-0.7, -0.2, 0.0, 0.2, 0.7)
+
+
 def signals_of(driver: Driver) -> Array:
     """The signals (n, 2) that a person chooses from: deflections forward and to the left."""
     device, most = driver.interface, driver.intention.speed
     if device.kind == "stick":
-        ahead = np.array([0.0, 0.12, 0.3, 0.6, 1.0, -0.25, -0.6]) * most * device.gain
-        aside = np.array([0.0, 0.08, 0.2, 0.4, 0.7, -0.08, -0.2, -0.4, -0.7]) * device.gain
+        ahead, aside = np.array(_AHEAD) * most * device.gain, np.array(_ASIDE) * device.gain
         return np.array([(x, y) for x in ahead for y in aside])
     v, w = min(device.speed, most), device.turn
     if device.kind == "switches" and device.directions == 8:
@@ -175,6 +182,12 @@ def constants_of(
     signals = signals_of(driver)
     p["n_signals"] = len(signals)
     p["signals"][: len(signals)] = signals
+    p["coarse"] = 1
+    if device.kind == "stick":
+        ahead, aside = sorted(_AHEAD), sorted(_ASIDE)
+        grid = [(x, y) for x in _AHEAD for y in _ASIDE]
+        p["place"][: len(grid)] = [(ahead.index(x), aside.index(y)) for x, y in grid]
+        p["coarse"][: len(grid)] = [x in _COARSE_AHEAD and y in _COARSE_ASIDE for x, y in grid]
     late, wait = p["late"], p["wait"]
     late[:] = driver.perception.reaction + device.delay
     if device.kind == "scanning":  # while it waits for its command to be lit

@@ -359,8 +359,10 @@ class CostToGo:
 @borrowing_kernel
 def to_local(origin: Any, x: float, y: float, yaw: float) -> tuple[float, float, float]:
     """A pose in the frame of a grid's lower-left corner (3,)."""
-    c, s = math.cos(origin[2]), math.sin(origin[2])
     dx, dy = x - origin[0], y - origin[1]
+    if origin[2] == 0.0:  # as of most maps
+        return dx, dy, yaw
+    c, s = math.cos(origin[2]), math.sin(origin[2])
     return c * dx + s * dy, c * dy - s * dx, yaw - origin[2]
 
 
@@ -383,22 +385,25 @@ def nearest_state(
     step = 2.0 * math.pi / headings
     row, col = math.floor(y / cell), math.floor(x / cell)
     middle = math.floor(yaw / step + 0.5)
-    best, place = math.inf, (0, 0, 0)
+    unit = cell / UNITS
+    best, at_r, at_c, at_k = math.inf, 0, 0, 0
     for reach in (1, 3):
-        for r in range(max(0, row - reach), min(rows, row + reach + 1)):
-            for c in range(max(0, col - reach), min(cols, col + reach + 1)):
-                for k in range(middle - reach, middle + reach + 1):
-                    state = states[r, c, k % headings]
+        low_r, high_r = max(0, row - reach), min(rows, row + reach + 1)
+        low_c, high_c = max(0, col - reach), min(cols, col + reach + 1)
+        for j in range(middle - reach, middle + reach + 1):
+            k, turn = j % headings, abs(wrap(j * step - yaw))
+            for r in range(low_r, high_r):
+                for c in range(low_c, high_c):
+                    state = states[np.uint64(r), np.uint64(c), np.uint64(k)]
                     ticks = _time_of(state)
-                    if ticks == FAR:
-                        continue
+                    spare = 0.5 * (best - ticks / TICKS - turn)
                     px, py = _units_of(state, r, c)
-                    far = math.hypot(px / UNITS * cell - x, py / UNITS * cell - y)
-                    across = 2.0 * far + abs(wrap(k * step - yaw))
-                    if ticks / TICKS + across < best:
-                        best, place = ticks / TICKS + across, (r, c, k % headings)
+                    dx, dy = px * unit - x, py * unit - y
+                    if spare > 0.0 and dx * dx + dy * dy < spare * spare and ticks < FAR:
+                        best = ticks / TICKS + 2.0 * math.sqrt(dx * dx + dy * dy) + turn
+                        at_r, at_c, at_k = r, c, k
         if best < math.inf:
-            return place[0], place[1], place[2], best
+            return at_r, at_c, at_k, best
     return 0, 0, 0, math.nan
 
 
