@@ -261,6 +261,13 @@ def load(cls: type[T], data: Mapping[str, Any], where: str, base: T | None = Non
         except UnknownKeyError as error:
             raise error.seen_from(cls) from None
         _bounded(values[key], fields[key].metadata, f"{where}.{key}")
+    missing = [
+        name for name, field in fields.items()
+        if base is None and name not in data and field.default is dataclasses.MISSING
+        and field.default_factory is dataclasses.MISSING
+    ]  # fmt: skip
+    if missing:
+        raise InputError(f"{where} lacks {', '.join(missing)}")
     try:
         if base is not None:
             return dataclasses.replace(base, **values)  # type: ignore[type-var]

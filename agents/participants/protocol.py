@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any, Literal, NamedTuple
 
+from agents.assistance import make_assistant
+from agents.evaluation.evaluate import without_labels
 from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.drivers.settings import Hand
 from wheelchair_gym.errors import shorten
+from wheelchair_gym.scenes import make_scene
 
 _OWN = "the experimenter's choice"
 
@@ -129,6 +132,17 @@ class Protocol:
                     raise InputError(f"Protocol.{key}: the name {shorten(name)}; {expected}")
         if not self.conditions or not self.tasks:
             raise InputError("Protocol: expected at least one condition and one task")
+        for asked in self.questionnaires:
+            if not asked.statements:
+                raise InputError(f"questionnaire {asked.name}: expected at least one statement")
+        # Not only when a participant comes to them.
+        for condition in self.conditions:
+            make_assistant(condition.assist)
+        for task in (*self.practice, *self.tasks):
+            bare = without_labels(task.scene)
+            make_scene(
+                {k: v for k, v in bare.items() if k != "env"} if isinstance(bare, Mapping) else bare
+            )
 
     def conditions_of(self, participant: int) -> tuple[Condition, ...]:
         """The conditions in the order of a participant (a number from 1)."""

@@ -124,6 +124,10 @@ def test_answers_off_the_scale_are_refused(tmp_path, last):
     ({"consent": " "}, "expected text"),
     ({"order": "random"}, "must be one of balanced, listed"),
     ({"conditions": [{"name": "a", "hand": {"tremors": 1.0}}]}, "tremor"),
+    ({"conditions": [{"assist": "slide"}]}, r"conditions\[0\] lacks name"),
+    ({"conditions": [{"name": "a", "assist": "slid"}]}, "did you mean slide"),
+    ({"tasks": [{"name": "a", "scene": "flor_plan"}]}, "did you mean floor_plan"),
+    ({"questionnaires": [{"name": "a", "statements": []}]}, "at least one statement"),
     ({"questionnaires": [{"name": NASA_TLX, "statements": ["a"]}]}, "distinct names"),
 ])  # fmt: skip
 def test_a_wrong_protocol_is_one_line_that_names_the_key(change, expected):
