@@ -24,6 +24,7 @@ import zipfile
 import zlib
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -153,10 +154,13 @@ def _copy_map(folder: Path) -> Path:
 
 def _use_map(path: Path) -> None:
     """A map as `plan` and an environment take it."""
+    from agents.studio.drawing import loaded
     from planners import Problem, Space, make_planner
     from wheelchair_gym.maps import read_any_map
     from wheelchair_gym.scenes import make_scene
 
+    if path.suffix == ".yaml":
+        loaded(path, 0.05)  # as it is loaded in the browser
     grid, _ = read_any_map(path)
     if grid.cells.size > 2_000_000:  # large and allowed: using it takes what it takes
         return
@@ -457,7 +461,11 @@ def _figures() -> tuple[str, ...]:
 
 def _use_comparison(path: Path) -> None:
     from agents.learning.publish import _results
+    from agents.studio.compare_session import CompareSession
+    from wheelchair_gym.errors import InputError
 
+    with contextlib.suppress(InputError):  # which the card's minimal results are for it
+        CompareSession._results(SimpleNamespace(_runs={"mine": path}), "mine")
     _results(path, {"mine.npz": "0"}, "mine")
 
 
@@ -752,7 +760,9 @@ def _use_checkpoint(path: Path) -> None:
 
 
 READERS: dict[str, Reader] = {
-    "map yaml": Reader(_small_map, _use_map, ("maps.io.map_server._description",), retold),
+    "map yaml": Reader(
+        _small_map, _use_map, ("maps.io.map_server._description", "studio.drawing.loaded"), retold
+    ),
     "map yaml bytes": Reader(_copy_map, _use_map, ("maps.io.map_server._description",), flipped),
     "map png": Reader(
         _png, lambda path: _use_map(path.with_suffix(".yaml")),
@@ -785,7 +795,10 @@ READERS: dict[str, Reader] = {
     "planner settings": Reader(_planners, _use_planners, ("cli.arguments.spec",)),
     "training settings": Reader(_training, _use_training, ("cli.train.run",)),
     "planner results": Reader(_bench, _use_bench, ("benchmarks.planner_benchmark.check_result",)),
-    "comparison": Reader(_comparison, _use_comparison, ("learning.publish._results",)),
+    "comparison": Reader(
+        _comparison, _use_comparison,
+        ("learning.publish._results", "studio.compare_session._results"),
+    ),
     "curve": Reader(_curve, _use_curve, ("learning.curves.read_curve",)),
     "store": Reader(_store, _use_store, ("evaluation.runs.read_store",)),
     "log": Reader(_log, _use_log, ("localization.logs.read_log",)),

@@ -11,6 +11,8 @@ from tests.conftest import ROOT
 from tests.copies import differences
 from wheelchair_gym.compiled.address import Pointers, as_array
 from wheelchair_gym.config import FARTHEST, InputError
+from wheelchair_gym.drivers import make_driver
+from wheelchair_gym.drivers.impairment import LiveInput
 from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.physics.actors.records import ACTOR, Actors, combine, person
@@ -31,6 +33,7 @@ TABLES = {
     "wheelchair_gym.task.prepared_episode": ("PREPARED",),
     "wheelchair_gym.task.task": ("RULES", "TASK"),
     "wheelchair_gym.drivers.step": ("DRIVERS",),
+    "wheelchair_gym.drivers.impairment": (),  # one row of the same
     "wheelchair_gym.envs.vector": ("BATCH",),
     "wheelchair_gym.envs.one_chair": ("STEP",),
     "wheelchair_gym.tracking.state": ("CONSTANTS", "STATIC_MAP"),
@@ -93,7 +96,9 @@ def holders():
     many.reset(seed=0)
     grid = OccupancyGrid(np.zeros((100, 100), np.int8), 0.1)
     result = env._steps._pool.take()
-    return env, many, result, Tracker(), [static_map_pointers([grid])]
+    chair = env.settings.chair, env.settings.sensors
+    hand = LiveInput(make_driver("ataxia"), *chair, 0.05)
+    return env, many, result, Tracker(), [static_map_pointers([grid])], hand
 
 
 def test_every_address_field_says_what_it_points_to(holders):

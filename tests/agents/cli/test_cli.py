@@ -423,7 +423,7 @@ def pages():
 
 
 def test_a_page_names_every_command_scene_planner_and_follower():
-    named = set(re.findall(r"`(\w+)`", pages()))
+    named = set(re.findall(r"`([\w-]+)`", pages()))
     commands = {command.name.split()[0] for command in COMMANDS}
     scenes = {name for name in SCENES if not name.startswith("thesis")}
     assert named >= commands | scenes | set(PLANNERS) | set(FOLLOWERS)

@@ -121,11 +121,12 @@ def test_wrong_options_are_told_in_one_line(options, text, tmp_path, capsys):
     assert said.count("\n") == 1
 
 
-def test_a_person_is_simulated_and_not_recorded(tmp_path, capsys):
+def test_a_person_is_simulated_and_recorded(tmp_path, capsys):
     common = ["simulate", "--scene", "clutter", "--driver", "expert"]
     assert main([*common, "--assist", "teleop"]) == 0
     assert capsys.readouterr().out.startswith("teleop on clutter")
-    assert main([*common, "--record", str(tmp_path / "run.mcap")]) == 2
-    assert "cannot be recorded yet" in capsys.readouterr().err
+    assert main([*common, "--record", str(tmp_path / "run.mcap")]) == 0
+    assert main(["replay", str(tmp_path / "run.mcap")]) == 0
+    assert "the same rewards" in capsys.readouterr().out
     assert main(["simulate", "--assist", "teleop"]) == 2
     assert "--assist needs --driver" in capsys.readouterr().err

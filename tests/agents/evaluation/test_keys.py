@@ -61,6 +61,7 @@ def keys_read(path):
 def test_every_key_that_code_reads_is_written(evaluated):
     _, evaluation = evaluated
     drive = {"stands", "ended", "late_steps", "late_ms_max"}  # written by `simulate` and `deploy`
+    drive |= {"stops", "intervention_share"}  # and by `drive`
     written = {*evaluation, *evaluation["records"][0], *evaluation["summary"][0],
                *evaluation["video"], *drive}  # fmt: skip
     read = {key for file in FILES for key in keys_read(ROOT / "agents" / file)}
