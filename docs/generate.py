@@ -65,7 +65,8 @@ MODULES = {
     "agents": """
         assistance assistance.assistant policies policies.planned policies.learned
         policies.explore control control.followers control.whales deploy watch
-        person assisted_drive assisted_replay sessions fit_driver fit_tremor
+        person person.stick person.drive person.replay person.recorded_stick person.fit_driver
+        person.fit_tremor
         evaluation.evaluate evaluation.compare evaluation.metrics evaluation.report
         evaluation.tuning learning.sb3 learning.settings learning.run learning.weights
         learning.export studies.model studies.evidence participants participants.protocol

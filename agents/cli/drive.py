@@ -190,9 +190,9 @@ def deploy(given: argparse.Namespace) -> int:
 
 def assisted(given: argparse.Namespace) -> int:
     """Let a person drive a real chair with an assistant; 1 when the chair has stopped for good."""
-    from agents.assisted_drive import drive_with_help, open_space, without_goal
-    from agents.person import Keyboard, PersonsStick, Stand, TimedAssistant
-    from agents.sessions import REST, prompt_text, schedule
+    from agents.person.drive import drive_with_help, open_space, without_goal
+    from agents.person.recorded_stick import REST, prompt_text, schedule
+    from agents.person.stick import Keyboard, PersonsStick, Stand, TimedAssistant
 
     chair = chair_spec(given.chair)
     check_extras(chair)
@@ -278,8 +278,8 @@ def assisted(given: argparse.Namespace) -> int:
 
 def fit(given: argparse.Namespace) -> int:
     """Fit a simulated person to recorded sessions of a real one, and print its settings."""
-    from agents.fit_driver import fit_driver
-    from agents.sessions import session_of
+    from agents.person.fit_driver import fit_driver
+    from agents.person.recorded_stick import session_of
     from wheelchair_gym.recording.replay import read_recording
 
     sessions = []

@@ -53,7 +53,7 @@ def run(given: argparse.Namespace) -> int:
 
 def _helped(chapter: RecordedEpisode, given: argparse.Namespace) -> dict[str, Any]:
     """What another assistant does of a person's drive, in an open or a closed loop."""
-    from agents.assisted_replay import closed_loop, open_loop
+    from agents.person.replay import closed_loop, open_loop
 
     return (closed_loop if given.closed else open_loop)(chapter, spec(given.assist))
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import threading
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -14,7 +13,7 @@ from agents.evaluation.compare import RESULTS
 from agents.evaluation.evaluate import drive_episode, env_settings, label, make_env, without_labels
 from agents.policies import make_policy
 from agents.studio.catalogue import Place
-from agents.studio.messages import Fields, Inbox, Message, Number, OneOf, Outbox, Text
+from agents.studio.messages import Fields, Message, Number, OneOf, Outbox, PageSession, Text
 from agents.studio.tracks import Track, recorded_track
 from wheelchair_gym.config import InputError
 from wheelchair_gym.drivers import DRIVERS
@@ -26,7 +25,6 @@ POLICIES: Final = (
     "rrt_star_woa_global+controls", "se2_rrt_star_woa+whales", "ppo_guided", "ppo_goal",
     "td3_guided", "straight",
 )  # fmt: skip
-_IDLE: Final = 0.1  # s between two looks whether the page is closed
 _MOST_FILES: Final = 300  # recordings and run folders that are listed
 _MOST_SEEN: Final = 20_000  # files that are looked at for them
 _SIDES: Final = ("left", "right")
@@ -44,8 +42,8 @@ FIELDS: Final[Fields] = {
 }  # fmt: skip
 
 
-class CompareSession:
-    """Serves one page, from when it is made until `close`.
+class CompareSession(PageSession):
+    """Serves the page Compare.
 
     Args:
         places: where may be driven, by key.
@@ -56,32 +54,13 @@ class CompareSession:
     fields = FIELDS
 
     def __init__(self, places: dict[str, Place], folder: Path, outbox: Outbox) -> None:
-        self._places, self._folder, self._out = places, folder, outbox
-        self._inbox, self._closing = Inbox(outbox, self), threading.Event()
+        self._places = places
         self._recordings, self._runs = _found(folder)
         outbox.send(
             "sources", drivers=[NOBODY, *sorted(DRIVERS.built_in)], policies=POLICIES,
             assistants=sorted(ASSISTANTS), recordings=list(self._recordings), runs=list(self._runs),
         )  # fmt: skip
-        self._thread = threading.Thread(target=self._run, daemon=True, name="compare")
-        self._thread.start()
-
-    def receive(self, message: Message) -> None:
-        """Take a message that `FIELDS` allows.
-
-        Raises:
-            InputError: too many of them wait.
-        """
-        self._inbox.put(message)
-
-    def close(self) -> None:
-        """End the thread, and the drive that is at work."""
-        self._closing.set()
-        self._thread.join()
-
-    def _run(self) -> None:
-        while not self._closing.is_set():
-            self._inbox.handle(_IDLE)
+        super().__init__(outbox)
 
     def on_pair(self, message: Message) -> None:
         """Let two policies drive, or a simulated person with two assistants."""

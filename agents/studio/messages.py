@@ -11,6 +11,7 @@ import json
 import logging
 import math
 import queue
+import threading
 from collections import deque
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -23,6 +24,7 @@ from wheelchair_gym.files import parse_json
 
 Message = dict[str, Any]
 _LOG = logging.getLogger(__name__)
+IDLE = 0.1  # s between two looks whether a page is closed
 _WAITING = 500  # messages that may wait for a page that does not take them; then it is cut off
 
 
@@ -218,37 +220,51 @@ class Outbox:
             await self._filled.wait()
 
 
-class Inbox:
-    """Messages of a page that wait for the thread of its session, which handles them one by one.
+class PageSession:
+    """Serves one page from when it is made until `close`: a thread handles its messages in order.
+
+    The method `on_TYPE` takes the messages of a type; its errors are shown on the page.
 
     Args:
-        out: where errors go.
-        handlers: a session, whose method `on_TYPE` takes the messages of a type.
+        outbox: of the page.
     """
 
-    def __init__(self, out: Outbox, handlers: Any) -> None:
-        self._out, self._handlers = out, handlers
-        self._queue: queue.Queue[Message] = queue.Queue(maxsize=100)
+    fields: Fields  # what the page may send
 
-    def put(self, message: Message) -> None:
-        """Let a message wait.
+    def __init__(self, outbox: Outbox) -> None:
+        self._out, self._closing = outbox, threading.Event()
+        self._waiting: queue.Queue[Message] = queue.Queue(maxsize=100)
+        self._thread = threading.Thread(target=self._run, daemon=True, name=type(self).__name__)
+        self._thread.start()
+
+    def receive(self, message: Message) -> None:
+        """Take a message that `fields` allows.
 
         Raises:
-            InputError: too many do.
+            InputError: too many of them wait.
         """
         try:
-            self._queue.put_nowait(message)
+            self._waiting.put_nowait(message)
         except queue.Full:
             raise InputError("too many messages wait; try again") from None
 
-    def handle(self, patience: float) -> None:
-        """Handle one message, if any comes in time [s]; what goes wrong is told to the page."""
+    def close(self) -> None:
+        """End the thread, and what it is doing as soon as that can be ended."""
+        self._closing.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        while not self._closing.is_set():
+            self._handle(IDLE)
+
+    def _handle(self, patience: float) -> None:
+        """Handle one message, if any comes in time [s]."""
         try:
-            message = self._queue.get(timeout=patience) if patience else self._queue.get_nowait()
+            message = self._waiting.get(patience > 0.0, patience or None)
         except queue.Empty:
             return
         try:
-            getattr(self._handlers, f"on_{message['type']}")(message)
+            getattr(self, f"on_{message['type']}")(message)
         except InputError as error:
             self._out.send("error", text=str(error))
         except Exception as error:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import threading
 from pathlib import Path
 from typing import Any, Final
 
@@ -13,12 +12,12 @@ from agents.studio.catalogue import Place
 from agents.studio.drawing import SHAPES, UPLOADS, blank, drawn, loaded, save_map, write_problem
 from agents.studio.messages import (
     Fields,
-    Inbox,
     Message,
     Names,
     Number,
     OneOf,
     Outbox,
+    PageSession,
     Points,
     Text,
 )
@@ -29,7 +28,6 @@ from wheelchair_gym.config import InputError
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.maps import OccupancyGrid
 
-_IDLE: Final = 0.1  # s between two looks whether the page is closed
 _MOST_SHAPES: Final = 500
 _NAME: Final = re.compile(r"\w[\w-]{0,59}")
 _PLACE: Final = Points(2, 1)
@@ -52,8 +50,8 @@ FIELDS: Final[Fields] = {
 }  # fmt: skip
 
 
-class PlanSession:
-    """Serves one page, from when it is made until `close`.
+class PlanSession(PageSession):
+    """Serves the page Plan.
 
     Args:
         places: whose maps may be taken, by key; saved maps are added.
@@ -64,8 +62,8 @@ class PlanSession:
     fields = FIELDS
 
     def __init__(self, places: dict[str, Place], folder: Path, outbox: Outbox) -> None:
-        self._places, self._folder, self._out = places, folder, outbox
-        self._inbox, self._closing = Inbox(outbox, self), threading.Event()
+        super().__init__(outbox)
+        self._places, self._folder = places, folder
         self._base: OccupancyGrid = blank(10.0, 8.0)
         self._grid = self._base
         self._problem: Problem | None = None
@@ -73,25 +71,6 @@ class PlanSession:
         self._seed = 0
         outbox.send("planners", names=sorted(PLANNERS.built_in), first=FIRST, shapes=SHAPES)
         self._show("", [1.5, 4.0], [8.5, 4.0])
-        self._thread = threading.Thread(target=self._run, daemon=True, name="plan")
-        self._thread.start()
-
-    def receive(self, message: Message) -> None:
-        """Take a message that `FIELDS` allows.
-
-        Raises:
-            InputError: too many of them wait.
-        """
-        self._inbox.put(message)
-
-    def close(self) -> None:
-        """End the thread, after the plan that is being made."""
-        self._closing.set()
-        self._thread.join()
-
-    def _run(self) -> None:
-        while not self._closing.is_set():
-            self._inbox.handle(_IDLE)
 
     def _show(
         self, name: str, start: list[float] | None = None, goal: list[float] | None = None

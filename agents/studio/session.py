@@ -17,14 +17,23 @@ from agents.assistance import ASSISTANTS, is_shielded
 from agents.studio.catalogue import NO_HAND, RATES, Place
 from agents.studio.drive import Drive, Order
 from agents.studio.films import film
-from agents.studio.messages import Fields, Flag, Inbox, Message, Number, OneOf, Outbox, Text
+from agents.studio.messages import (
+    IDLE,
+    Fields,
+    Flag,
+    Message,
+    Number,
+    OneOf,
+    Outbox,
+    PageSession,
+    Text,
+)
 from wheelchair_gym.config import InputError
 from wheelchair_gym.drivers.impairment import IMPAIRMENTS
 
 _LOG = logging.getLogger(__name__)
 DEAD_MAN: Final = 0.4  # s for which a deflection counts; the page confirms it every 0.05 s
 _LATE: Final = 0.25  # s: a drive that is later gives up catching up with real time
-_IDLE: Final = 0.1  # s between two looks whether the page is closed
 
 _DEFLECTION = Number(-1.0, 1.0)
 FIELDS: Final[Fields] = {
@@ -43,8 +52,8 @@ FIELDS: Final[Fields] = {
 }  # fmt: skip
 
 
-class DriveSession:
-    """Serves one page, from when it is made until `close`.
+class DriveSession(PageSession):
+    """Serves the page Drive.
 
     Args:
         places: what may be driven, by key.
@@ -58,33 +67,25 @@ class DriveSession:
     def __init__(
         self, places: dict[str, Place], folder: Path, outbox: Outbox, ready: threading.Event
     ) -> None:
-        self._places, self._folder, self._out, self._ready = places, folder, outbox, ready
-        self._inbox = Inbox(outbox, self)
+        self._places, self._folder, self._ready = places, folder, ready
         self._stick, self._number = (0.0, 0.0, -1.0), 0  # deflections, and when they came [s]
-        self._closing = threading.Event()
         self._drive: Drive | None = None
         self._recorded: Path | None = None
         self._paused, self._scan_period = False, 0.0
-        self._thread = threading.Thread(target=self._run, daemon=True, name="drive")
-        self._thread.start()
+        super().__init__(outbox)
 
     def receive(self, message: Message) -> None:
-        """Take a message that `FIELDS` allows.
-
-        Raises:
-            InputError: too many of them wait.
-        """
+        """See `PageSession.receive`; only the latest deflection counts."""
         if message["type"] == "stick":
             self._stick = message["forward"], message["left"], time.monotonic()
             self._number = message["n"]
             return
-        self._inbox.put(message)
+        super().receive(message)
 
     def close(self) -> None:
         """Stop the chair, complete the recording and end the thread."""
         self._stick = (0.0, 0.0, -1.0)
-        self._closing.set()
-        self._thread.join()
+        super().close()
 
     def _run(self) -> None:
         due = time.monotonic()
@@ -92,7 +93,7 @@ class DriveSession:
             while not self._closing.is_set():
                 if not self._drives:
                     due = time.monotonic()
-                self._inbox.handle(max(0.0, due - time.monotonic()) if self._drives else _IDLE)
+                self._handle(max(0.0, due - time.monotonic()) if self._drives else IDLE)
                 now = time.monotonic()
                 if self._drives and self._drive is not None and now >= due:
                     late = now - due > _LATE
@@ -138,7 +139,7 @@ class DriveSession:
 
     def _begin_when_ready(self, order: Order) -> None:
         self._out.send("busy")
-        while not self._ready.wait(_IDLE):
+        while not self._ready.wait(IDLE):
             if self._closing.is_set():
                 return
         self._begin(order)

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from agents.cli import main
-from agents.sessions import schedule
+from agents.person.recorded_stick import schedule
 from tests.conftest import ROOT
 from tests.hardware.realtime import serving
 from tests.hardware.served import hears_interrupts, until

@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
-from agents.fit_tremor import TICK, TREMOR, FittedSetting, estimate, fit_tremor
-from agents.sessions import StickSession
+from agents.person.fit_tremor import TICK, TREMOR, FittedSetting, estimate, fit_tremor
+from agents.person.recorded_stick import StickSession
 from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.config import InputError, dump
 from wheelchair_gym.drivers import make_driver

@@ -8,8 +8,8 @@ import json
 import numpy as np
 import pytest
 
-from agents.assisted_replay import closed_loop, open_loop
 from agents.cli import main
+from agents.person.replay import closed_loop, open_loop
 from wheelchair_gym import InputError
 from wheelchair_gym.recording.replay import read_recording
 from wheelchair_gym.types import Stick

@@ -13,8 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
+from scipy.signal import find_peaks
 
-from agents.sessions import StickSession, before_dead_zone
+from agents.person.recorded_stick import StickSession, before_dead_zone
 from wheelchair_gym.drivers.settings import Hand
 from wheelchair_gym.drivers.state import TICK_RATE, tremor_filter
 
@@ -150,8 +151,10 @@ def fit_tremor(
     plain_start = np.array([math.log(mean[0]), 2.0, math.log(mean.min())])
     plain = solve(plain_start, mean)
     trials = []
-    for k in sorted(_peaks(mean / model(plain.x)))[-3:]:
-        frequency = f[use][_peak_of(mean / model(plain.x), k)]
+    ratio = mean / model(plain.x)
+    peaks = find_peaks(ratio)[0]
+    peaks = peaks if len(peaks) else np.array([ratio.argmax()])
+    for frequency in f[use][peaks[np.argsort(ratio[peaks])[-3:]]]:
         trials.append(solve(np.array([*plain.x, math.log(0.1), frequency, 0.0]), mean))
     best = min(trials, key=lambda one: float(one.fun))
     if plain.fun - best.fun < _EVIDENCE or math.exp(best.x[3]) < 1.0 / device.levels:
@@ -165,14 +168,3 @@ def fit_tremor(
     return {
         name: estimate(float(values[0, k]), values[1:, k].tolist()) for k, name in enumerate(TREMOR)
     }, ""
-
-
-def _peaks(ratio: Array) -> list[float]:
-    """Heights of local maxima of a ratio (m,)."""
-    inner = ratio[1:-1]
-    found = inner[(inner >= ratio[:-2]) & (inner >= ratio[2:])]
-    return list(found) or [float(ratio.max())]
-
-
-def _peak_of(ratio: Array, height: float) -> int:
-    return int(np.argmin(np.abs(ratio - height)))

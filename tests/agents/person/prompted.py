@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agents.sessions import schedule
+from agents.person.recorded_stick import schedule
 from wheelchair_gym.drivers.interfaces import begin_signal, give_signal
 from wheelchair_gym.drivers.state import DRIVER, constants_of
 from wheelchair_gym.physics.settings import ChairSettings

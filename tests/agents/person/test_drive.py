@@ -9,9 +9,9 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from agents.assisted_drive import drive_with_help, open_space
-from agents.assisted_replay import open_loop
-from agents.person import Keyboard, PersonsStick, TimedAssistant, held_to_stick
+from agents.person.drive import drive_with_help, open_space
+from agents.person.replay import open_loop
+from agents.person.stick import Keyboard, PersonsStick, TimedAssistant, held_to_stick
 from agents.policies import make_policy
 from tests.hardware.hosted import Hosted
 from tests.physics.worlds import box

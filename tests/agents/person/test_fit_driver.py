@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from agents.cli import main
-from agents.fit_driver import fit_driver
-from agents.sessions import StickSession, prompt_text, schedule, session_of
-from tests.agents.prompted import Prompted
+from agents.person.fit_driver import fit_driver
+from agents.person.recorded_stick import StickSession, prompt_text, schedule, session_of
+from tests.agents.person.prompted import Prompted
 from wheelchair_gym import InputError
 from wheelchair_gym.drivers import make_driver
 from wheelchair_gym.drivers.settings import Driver, Hand, Perception, ProportionalStick, Switches

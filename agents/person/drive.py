@@ -9,7 +9,7 @@ import numpy as np
 
 from agents.deploy import Log, late_steps
 from agents.evaluation.assisted import StickTrace
-from agents.person import PersonsStick, TimedAssistant
+from agents.person.stick import PersonsStick, TimedAssistant
 from agents.policies import GymPolicy
 from wheelchair_gym.localization.localized_chair import unwrapped
 from wheelchair_gym.maps import FREE, OccupancyGrid

@@ -146,7 +146,10 @@ def _replay(recorded: RecordedEpisode) -> NavigationEnv:
         InputError: no person drove.
     """
     if not recorded.has_person:
-        raise InputError("--assist: expected a recording in which a person drives")
+        raise InputError(
+            "--assist: expected a recording with a person's stick, of simulate --driver, "
+            "compare --driver or drive; the studio records none"
+        )
     return replay_env(recorded)
 
 
