@@ -29,6 +29,7 @@ from agents.cli.options import (
     RESOLUTION,
     SECONDS,
     SHIELD,
+    TRAINING_ENVIRON,
     VIDEO,
     WINDOW,
     WORKERS,
@@ -51,10 +52,6 @@ from agents.cli.options import (
     seed,
     share,
 )
-
-# Idle threads of torch sleep, and leave the cores to the simulation and to other programs; worlds
-# lie in huge pages, which need fewer entries of the translation buffer.
-TRAINING_ENVIRON = {"OMP_WAIT_POLICY": "PASSIVE", "GLIBC_TUNABLES": "glibc.malloc.hugetlb=1"}
 
 
 class Command(NamedTuple):
@@ -233,8 +230,7 @@ COMMANDS = (
     ),
     Command(
         "report", "compare:participants", "compare the conditions of an experiment with people",
-        "Compare what participants did and answered in each condition, pair by pair; write "
-        "report.html and data.csv into the folder.",
+        "Compare conditions pair by pair; write report.html and data.csv into the folder.",
         "wheelchair report runs/doorways",
         [option("folder", "folder of the experiment", None, "DIR"), JSON],
     ),
@@ -539,7 +535,7 @@ COMMANDS = (
         "fit-driver", "drive:fit", "fit a simulated person to recorded sessions of a real one",
         "Fit tremor and dead zone of a simulated person, from prompted sessions also delay, lag, "
         "weakness, rotation, offset and wrong signals, with 95 % intervals, and say what the "
-        "sessions do not tell. With --json FILE, the person drives by --driver FILE:fitted.",
+        "sessions do not show. With --json FILE, the person drives by --driver FILE:fitted.",
         "wheelchair fit-driver session.mcap drive.mcap --json me.json",
         [
             option("logs", "recordings of one person with one interface", None, "FILE.mcap",

@@ -38,7 +38,7 @@ class Condition:
     hand: Hand = setting(default=Hand(), source=_OWN)
     """An impairment that is simulated at the stick: settings of a driver's hand."""
     text: str = setting(default="", source=_OWN)
-    """What the participant is told of it."""
+    """What the participant reads about it."""
 
 
 @settings
@@ -124,12 +124,11 @@ class Protocol:
         }  # fmt: skip
         for key, entries in kinds.items():
             names = [entry.name for entry in entries]
-            if key == "questionnaires" and self.nasa_tlx:
-                names.append(NASA_TLX)
             for name in names:
-                if names.count(name) > 1 or not name.strip() or "/" in name:
-                    expected = "expected distinct names without a slash"
-                    raise InputError(f"Protocol.{key}: the name {shorten(name)}; {expected}")
+                if names.count(name) > 1 or name == NASA_TLX:
+                    raise InputError(f"{key}: the name {shorten(name)} is taken; expected another")
+                if not name.strip() or "/" in name:
+                    raise InputError(f"{key}: the name is {shorten(name)}; expected no slash in it")
         if not self.conditions or not self.tasks:
             raise InputError("Protocol: expected at least one condition and one task")
         for asked in self.questionnaires:

@@ -60,7 +60,7 @@ def _with_totals(rows: Sequence[Record]) -> list[Record]:
 Values = Mapping[str, Mapping[tuple[int, str], float]]  # by condition: by participant and task
 
 
-def _values(rows: Sequence[Record], source: str, measure: str, conditions: list[str]) -> Values:
+def _values(rows: Sequence[Record], measure: str, conditions: list[str]) -> Values:
     succeeded = {
         (row["participant"], row["condition"], row["task"])
         for row in rows
@@ -69,7 +69,7 @@ def _values(rows: Sequence[Record], source: str, measure: str, conditions: list[
     found: dict[str, dict[tuple[int, str], float]] = {name: {} for name in conditions}
     for row in rows:
         drive = row["participant"], row["condition"], row["task"]
-        if (row["source"], row["measure"]) != (source, measure):
+        if row["measure"] != measure:
             continue
         if measure not in ONLY_OF_SUCCESSES or drive in succeeded:
             found[row["condition"]][row["participant"], row["task"]] = row["value"]
@@ -108,9 +108,11 @@ def _names(protocol: Protocol, source: str) -> dict[str, tuple[str, float]]:
     return {name: (item.text, 1.0) for name, item in items.items()}
 
 
-def _tables(protocol: Protocol, rows: Sequence[Record], source: str) -> list[Table]:
-    conditions = [condition.name for condition in protocol.conditions]
-    known = {row["measure"] for row in rows if row["source"] == source}
+def _tables(
+    protocol: Protocol, rows: Sequence[Record], source: str, conditions: list[str]
+) -> list[Table]:
+    """Means by condition, and differences of pairs of conditions; the rows are of one source."""
+    known = {row["measure"] for row in rows}
     means: list[list[Record]] = []
     tests: list[list[Record]] = []
     for measure, (title, factor) in _names(protocol, source).items():
@@ -118,7 +120,7 @@ def _tables(protocol: Protocol, rows: Sequence[Record], source: str) -> list[Tab
             continue
         values = {
             name: {key: factor * value for key, value in found.items()}
-            for name, found in _values(rows, source, measure, conditions).items()
+            for name, found in _values(rows, measure, conditions).items()
         }
         group: list[Record] = []
         for name in conditions:
@@ -151,9 +153,16 @@ def tables(protocol: Protocol, rows: Sequence[Record]) -> list[Table]:
     Wilcoxon's signed-rank test. Time and length count where the drive succeeded.
     """
     rows = _with_totals(rows)
-    rows = [row for row in rows if row["condition"]]
-    sources = list(dict.fromkeys(row["source"] for row in rows))
-    return [table for source in sources for table in _tables(protocol, rows, source)]
+    conditions = [condition.name for condition in protocol.conditions]
+    made: list[Table] = []
+    for source in dict.fromkeys(row["source"] for row in rows):
+        found = [row for row in rows if row["source"] == source]
+        if found[0]["condition"]:
+            made += _tables(protocol, found, source, conditions)
+        else:  # asked once, at the end of the experiment
+            found = [row | {"condition": "all"} for row in found]
+            made += _tables(protocol, found, source, ["all"])[:1]
+    return made
 
 
 def write_report(folder: str | Path) -> tuple[list[Table], Path]:

@@ -62,14 +62,23 @@ class Session:
         """The participant agrees to the protocol's text."""
         self._finish("consent", {"agreed": True})
 
-    def drive(self, step: Step, figures: Mapping[str, Any], recording: str = "") -> None:
-        """A drive is over: its numbers, named as `wheelchair compare` does, and its recording."""
+    def drive(
+        self, step: Step, figures: Mapping[str, Any], recording: str = "", device: str = ""
+    ) -> None:
+        """A drive is over.
+
+        Args:
+            step: which drive.
+            figures: its numbers, named as `wheelchair compare` does.
+            recording: the file's name.
+            device: by which the participant drove.
+        """
         numbers = {
             key: value if exists(value) else None
             for key, value in figures.items()
             if value is None or isinstance(value, bool | int | float)
         }
-        self._finish("drive", {"figures": numbers, "recording": recording}, step)
+        self._finish("drive", {"figures": numbers, "recording": recording, "device": device}, step)
 
     def answer(self, step: Step, values: Sequence[Any]) -> None:
         """The answers to a questionnaire, a number for each item.
@@ -112,7 +121,8 @@ def claim(folder: Path, protocol: Protocol) -> None:
     if path.exists():
         if read(Protocol, path) != protocol:
             raise InputError(
-                f"{folder}: has another protocol ({path}); expected the same, or another folder"
+                f"{folder} holds data of another protocol, {path}; expected that one, or another "
+                "folder (--out)"
             )
     else:
         write_json(path, dump(protocol))
@@ -125,6 +135,8 @@ def read_folder(folder: str | Path) -> tuple[Protocol, list[Record]]:
         InputError: it is no folder of an experiment, or a file in it is damaged.
     """
     folder = Path(folder)
+    if not (folder / PROTOCOL).exists():
+        raise InputError(f"{folder}: no folder of an experiment; expected {PROTOCOL} in it")
     protocol = read(Protocol, folder / PROTOCOL)
     stores = sorted(folder.glob(f"participant_*/{STEPS}"))
     return protocol, [record for path in stores for record in read_store(path).values()]

@@ -72,7 +72,7 @@ class OmplFootprint(DrivingCost, PlannerBase):
     """Time limit of a call without a deadline."""
 
     def trivial(self, problem: Problem) -> Plan | None:
-        """None: the search tells."""
+        """None: OMPL searches in any case."""
         return None
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:

@@ -1,10 +1,10 @@
 """Settings of a simulated person, fitted to recorded sessions of a person at a stick or switches.
 
-A drive tells how the hand trembles, and the stick's dead zone. Which deflection the person meant it
-does not tell. A prompted session does (`wheelchair drive --prompts`): the chair stands, and the
+A drive shows how the hand trembles, and the stick's dead zone. It does not show which deflection
+the person meant. A prompted session does (`wheelchair drive --prompts`): the chair stands, and the
 person is asked for one deflection after another. From it follow delay, lag, weakness by direction,
-rotation and offset of a stick, and delay and wrong signals of switches. What a session cannot tell
-keeps the value of a person to begin with, and is named.
+rotation and offset of a stick, and delay and wrong signals of switches. What a session does not
+show keeps the value of a person to begin with, and is named.
 
 Methods: the hand's response by output-error minimization (Ljung 1999, section 7.2); the tremor by
 its spectrum (`fit_tremor`); the dead zone from the grid of values that a stick's steps leave; 95 %
@@ -138,7 +138,7 @@ def _fit_stick(
         values = {name.partition(".")[2]: float(best[k]) for k, name in enumerate(_NAMES.values())}
         hand = dataclasses.replace(hand, **{k: v for k, v in values.items() if k})
     else:
-        why = "a drive does not tell which deflection was meant: record one with --prompts"
+        why = "a drive does not show which deflection was meant: record one with --prompts"
         unidentified |= dict.fromkeys(_NAMES.values(), why)
     tremor, why = fit_tremor(sessions, device, hand, repeats, rng)
     if prompted:
@@ -342,7 +342,7 @@ def _fit_switches(
     minutes = sum(len(one.sticks) * one.period for one in sessions) / 60.0
     delays, wrong = _answers(sessions)
     if len(delays) < 8:
-        why = "a drive does not tell which signal was meant: record one with --prompts"
+        why = "a drive does not show which signal was meant: record one with --prompts"
         unidentified |= {"delay": why, "interface.error": why}
     else:
         # A wrong signal is drawn from all of them, the right one too.

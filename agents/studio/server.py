@@ -148,7 +148,7 @@ class Studio:
             self._pages -= 1
 
     async def _report(self, out: Outbox) -> None:
-        """Tell a page how far compiling is, when that changes."""
+        """Send a page how far compiling is, when that changes."""
         last: Any = None
         while True:
             state = self.warm_up.state()

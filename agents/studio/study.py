@@ -74,10 +74,10 @@ class StudySession(DriveSession):
     ) -> None:
         self._protocol = protocol
         self._session: Session | None = None
-        self._given_up: tuple[Step, Record, str] | None = None  # a drive that may be driven again
+        self._given_up: tuple[Step, Record, str, str] | None = None  # it may be driven again
         super().__init__({}, folder, outbox, ready)
-        told = {} if protocol is None else {"title": protocol.title, "consent": protocol.consent}
-        outbox.send("study", **{"title": "", "consent": "", **told})
+        title, consent = ("", "") if protocol is None else (protocol.title, protocol.consent)
+        outbox.send("study", title=title, consent=consent)
 
     def _of(self) -> Session:
         """The participant's session.
@@ -100,8 +100,8 @@ class StudySession(DriveSession):
             raise InputError(f"{kind}: {'the session is over' if step is None else step.key}")
         return step
 
-    def _tell(self) -> None:
-        """Tell the page which step is due."""
+    def _send_step(self) -> None:
+        """Send the step that is due to the page."""
         session, self._given_up = self._of(), None
         protocol, step = session.protocol, session.next()
         steps = list(protocol.steps(session.participant))
@@ -110,7 +110,8 @@ class StudySession(DriveSession):
             return
         of: dict[str, Any] = {"count": len(steps), "number": steps.index(step) + 1}
         if step.kind == "drive":
-            of["told"], of["task_text"] = self._condition(step).text, self._task(step).text
+            of["condition_text"] = self._condition(step).text
+            of["task_text"] = self._task(step).text
         elif step.kind == "answers":
             of["items"] = [
                 [item.text, item.low, item.high, list(item.values)]
@@ -133,18 +134,18 @@ class StudySession(DriveSession):
             raise InputError("participant: expected a studio that was started with --study")
         self._end()
         self._session = Session(self._folder, self._protocol, message["number"])
-        self._tell()
+        self._send_step()
 
     def on_consent(self, message: Message) -> None:
         """Note the participant's consent."""
         self._of().consent()
-        self._tell()
+        self._send_step()
 
     def on_answer(self, message: Message) -> None:
         """Take the answers of the questionnaire that is due."""
         step = self._step_of("answers")
         self._of().answer(step, message["values"])
-        self._tell()
+        self._send_step()
 
     def on_begin(self, message: Message) -> None:
         """Begin the drive that is due, or begin it again."""
@@ -170,11 +171,12 @@ class StudySession(DriveSession):
             return
         step, figures = self._step_of("drive"), drive.figures()
         recording = "" if drive.file is None else drive.file.name
+        device = "switch" if self._scan_period else "stick"
         if drive.over:
-            self._of().drive(step, figures, recording)
-            self._tell()
+            self._of().drive(step, figures, recording, device)
+            self._send_step()
         else:
-            self._given_up = step, figures, recording
+            self._given_up = step, figures, recording, device
             self._out.send("unfinished")
 
     def on_give_up(self, message: Message) -> None:
@@ -182,4 +184,4 @@ class StudySession(DriveSession):
         if self._given_up is None:
             raise InputError("give_up: expected a drive that was ended before its goal")
         self._of().drive(*self._given_up)
-        self._tell()
+        self._send_step()

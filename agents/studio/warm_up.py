@@ -106,7 +106,7 @@ class WarmUp:
         threading.Thread(target=self._run, daemon=True, name="warm-up").start()
 
     def state(self) -> dict[str, Any]:
-        """What a person is told: whether a drive may begin, kernels compiled so far, a share."""
+        """What the page shows: whether a drive may begin, kernels compiled so far, a share."""
         seconds = time.monotonic() - self._begun
         ready = self.ready.is_set()
         return {
@@ -137,7 +137,7 @@ class WarmUp:
                 self._compiling = True
                 self._compile("first")
             first_drive()
-        except Exception as error:  # a person is told, and may still try
+        except Exception as error:  # the page shows it; a person may still try
             self.error = f"{type(error).__name__}: {error}"
         self.ready.set()
         self._kernel = ""

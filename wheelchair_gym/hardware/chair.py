@@ -228,13 +228,13 @@ class HardwareChair(NotCopyable):
 
     def stick(self, now: float) -> tuple[Stick, str]:
         """The stick of the drive board's joystick, and why it may not drive; empty: it may."""
-        told = self.senses.joystick(now)
-        if told is None:
+        report = self.senses.joystick(now)
+        if report is None:
             return Stick(0.0, 0.0, False), f"{NO_STICK} (the drive board reports no joystick)"
-        why = NO_STICK if not told.flags & JoystickFlag.FRESH else ""
-        why = why or (NOT_HELD if not told.flags & JoystickFlag.HELD else "")
-        why = why or (OFF_CENTRE if told.flags & JoystickFlag.MUST_CENTRE else "")
-        return Stick(told.forward, told.left, False), why
+        why = NO_STICK if not report.flags & JoystickFlag.FRESH else ""
+        why = why or (NOT_HELD if not report.flags & JoystickFlag.HELD else "")
+        why = why or (OFF_CENTRE if report.flags & JoystickFlag.MUST_CENTRE else "")
+        return Stick(report.forward, report.left, False), why
 
     @property
     def truth(self) -> Truth:

@@ -14,7 +14,10 @@ export class StudyPage extends DrivePage {
     this.panel.className = "panel";
     root.prepend(this.panel);
     for (const one of [this.on.place, this.on.assist]) one.closest("fieldset").remove();
-    this.on.rate.closest("label").remove();
+    // The same speed for everybody, and nothing that names the condition.
+    for (const one of [this.on.rate, this.on.speed]) one.closest("label").remove();
+    this.on.r_shield.previousElementSibling.remove();
+    this.on.r_shield.remove();
     this.on.pause.remove();
     this.stage(false);
   }
@@ -87,7 +90,7 @@ export class StudyPage extends DrivePage {
     this.stage(false);
     this.show(
       `${this.heading(step)}<h2 tabindex="-1">${escape(step.task)}</h2>${step.practice ? '<p data-t="practice"></p>' : ""}
-        <p class="text">${escape(step.task_text)}</p><p class="text">${escape(step.told)}</p>${button("go", "begin_drive")}`,
+        <p class="text">${escape(step.task_text)}</p><p class="text">${escape(step.condition_text)}</p>${button("go", "begin_drive")}`,
       on => { on.go.onclick = () => this.drive(); },
     );
   }
@@ -101,8 +104,10 @@ export class StudyPage extends DrivePage {
   }
 
   end(message) {
-    super.end(message);
-    this.on.results.hidden = true;
+    this.running = false;
+    this.result = message;
+    this.buttons();
+    say(text(message.outcome === "success" ? "success" : "stopped"));
   }
 
   unfinished() {

@@ -7,19 +7,15 @@ from __future__ import annotations
 
 import html
 import json
-import os
 import re
-import shutil
 import subprocess
 
 import pytest
 
 from agents.cli import main
+from tests.browser import BROWSER, need_browser
 
 pytestmark = pytest.mark.long
-BROWSER = (
-    shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-)
 PROBE = """<script>
 addEventListener("load", () => {
   const sizes = [], cut = [];
@@ -59,15 +55,6 @@ def pages(tmp_path_factory):
     studied = ["study", "t2", "--runs", "2", "--jobs", "1", "--quiet"]
     assert main([*studied, "--out", str(folder / "study")]) == 0
     return folder
-
-
-def need_browser():
-    """A skip without Chromium, or a failure where it is required."""
-    if BROWSER is None:
-        reason = "reports are looked at in Chromium: run `make browser`"
-        if os.environ.get("WHEELCHAIR_BROWSER") == "required":
-            pytest.fail(reason)
-        pytest.skip(reason)
 
 
 def seen(page, width):

@@ -99,7 +99,7 @@ def test_a_session_goes_on_where_it_ended_and_nothing_is_written_twice(tmp_path)
 
 def test_another_protocol_does_not_enter_the_folder(tmp_path):
     Session(tmp_path, protocol(), 1)
-    with pytest.raises(InputError, match="has another protocol"):
+    with pytest.raises(InputError, match="holds data of another protocol"):
         Session(tmp_path, protocol(3), 1)
     for number in (0, -1, 10_000):
         with pytest.raises(InputError, match="expected a number from 1 to 9999"):
@@ -119,8 +119,8 @@ def test_answers_off_the_scale_are_refused(tmp_path, last):
 
 @pytest.mark.parametrize(("change", "expected"), [
     ({"conditions": []}, "at least one condition"),
-    ({"tasks": [{"name": "a"}, {"name": "a"}]}, "distinct names"),
-    ({"tasks": [{"name": "../a"}]}, "without a slash"),
+    ({"tasks": [{"name": "a"}, {"name": "a"}]}, "is taken"),
+    ({"tasks": [{"name": "../a"}]}, "expected no slash"),
     ({"consent": " "}, "expected text"),
     ({"order": "random"}, "must be one of balanced, listed"),
     ({"conditions": [{"name": "a", "hand": {"tremors": 1.0}}]}, "tremor"),
@@ -128,7 +128,7 @@ def test_answers_off_the_scale_are_refused(tmp_path, last):
     ({"conditions": [{"name": "a", "assist": "slid"}]}, "did you mean slide"),
     ({"tasks": [{"name": "a", "scene": "flor_plan"}]}, "did you mean floor_plan"),
     ({"questionnaires": [{"name": "a", "statements": []}]}, "at least one statement"),
-    ({"questionnaires": [{"name": NASA_TLX, "statements": ["a"]}]}, "distinct names"),
+    ({"questionnaires": [{"name": NASA_TLX, "statements": ["a"]}]}, "is taken"),
 ])  # fmt: skip
 def test_a_wrong_protocol_is_one_line_that_names_the_key(change, expected):
     with pytest.raises(InputError, match=expected) as caught:
@@ -173,11 +173,20 @@ def test_three_conditions_are_adjusted_by_holm_and_all_rows_are_in_the_data(tmp_
     times = [r for group in made[1].groups for r in group if r[0].text.startswith("time")]
     p = stats.wilcoxon(np.full(7, 2.0)).pvalue
     assert [row[7].key for row in times] == pytest.approx([3 * p] * 3)
-    assert "7 participants, of whom 7 did every step" in page.read_text()
+    assert "7 participants, 7 did every step" in page.read_text()
     rows = tidy(read_folder(tmp_path)[1])
     lines = (tmp_path / "data.csv").read_text().splitlines()
     assert len(lines) == 1 + len(rows) == 1 + 7 * 3 * (3 + 6)
     assert write_data(tmp_path, rows).read_text().splitlines() == lines
+
+
+def test_answers_at_the_end_are_in_the_report(tmp_path):
+    last = Questionnaire("end", ("This was fun.",), after="experiment")
+    plan = protocol(2, 1, questionnaires=(last,))
+    for person in (1, 2, 3):
+        take_part(tmp_path, plan, person, lambda _: figures())
+    (row,) = tables(plan, tidy(read_folder(tmp_path)[1]))[-1].groups[0]
+    assert [cell.text for cell in row] == ["This was fun.", "all", "3", "2", "1"]
 
 
 def test_practice_is_not_evaluated(tmp_path):

@@ -1,4 +1,4 @@
-"""Known people are recovered from their sessions, and what sessions do not tell is named."""
+"""Known people are recovered from their sessions, and what sessions do not show is named."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ def test_drives_tell_the_tremor_and_the_dead_zone_and_the_rest_is_named(drives, 
     log = str(drives / "drive.mcap")
     assert main(["fit-driver", log, "--repeats", "8", "--json", str(file)]) == 0
     said = capsys.readouterr().out
-    assert "hand.leftward            not fitted: a drive does not tell" in said
+    assert "hand.leftward            not fitted: a drive does not show" in said
     found = json.loads(file.read_text())
     hand = found["fitted"]["hand"]
     assert hand["tremor"] == pytest.approx(0.15, abs=0.02)

@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 import json
-import os
-import shutil
 import threading
 import time
 from contextlib import contextmanager
 
 import numpy as np
-import pytest
 
 from agents.studio.access import Access
 from agents.studio.server import Studio, listening_socket, make_server
+from tests.browser import BROWSER, need_browser
 from wheelchair_gym.maps import OccupancyGrid, write_map
 
-BROWSER = (
-    shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-)
 PATIENCE = 120.0  # s: where nothing is compiled yet
 
 
@@ -75,11 +70,7 @@ def serving(folder, study=None):
 @contextmanager
 def browsing():
     """A browser; a skip, or a failure where it is required."""
-    if BROWSER is None:
-        reason = "the page needs Chromium: run `make browser`"
-        if os.environ.get("WHEELCHAIR_BROWSER") == "required":
-            pytest.fail(reason)
-        pytest.skip(reason)
+    need_browser()
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:

@@ -109,6 +109,7 @@ def test_a_participant_goes_from_consent_to_the_data(opened, capsys):
     assert all(record["figures"]["success"] for record in drives.values())
     assert drives["help 1/room"]["figures"]["time"] > drives["help 0/room"]["figures"]["time"]
     assert drives["help 0/room"]["recording"] == "help_0__room_2.mcap"
+    assert drives["help 0/room"]["device"] == "stick"
     assert list(records[3]["answers"].values()) == [0, 5, 10, 15, 20, 25]
     assert list(records[4]["answers"].values()) == [1, 2]
     assert main(["report", str(served.studio.folder)]) == 0
