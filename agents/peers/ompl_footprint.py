@@ -27,7 +27,7 @@ from planners.trees.pose_path import (
     new_path,
     poses_of_path,
 )
-from planners.trees.se2 import POSE_SPACING
+from planners.trees.se2 import POSE_SPACING, Se2RrtStarWoa
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.config import setting, settings
@@ -71,9 +71,7 @@ class OmplFootprint(DrivingCost, PlannerBase):
     limit: float = setting(default=10.0, unit="s", low=0.0, source="design choice")
     """Time limit of a call without a deadline."""
 
-    def trivial(self, problem: Problem) -> Plan | None:
-        """None: OMPL searches in any case."""
-        return None
+    trivial = Se2RrtStarWoa.trivial
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """The cheapest path at the deadline, or the first path without one."""

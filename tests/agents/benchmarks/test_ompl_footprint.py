@@ -1,5 +1,7 @@
 """OMPL's planners for the chair's outline: their paths by our judge, and OMPL that is missing."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -34,3 +36,13 @@ def test_without_ompl_one_line_names_the_extra(monkeypatch):
     problem, footprint, _ = CASES["door_ahead_20"]
     with pytest.raises(InputError, match=r"pip install 'wheelchair_gym\[peers\]'"):
         OmplFootprint(footprint=footprint).plan(problem, np.random.default_rng(0))
+
+
+def test_what_is_not_a_problem_is_refused_before_the_search():
+    problem, footprint, _ = CASES["door_ahead_20"]
+    planner = OmplFootprint(footprint=footprint)
+    rng = np.random.default_rng(0)
+    with pytest.raises(InputError, match="start is"):
+        planner.plan(replace(problem, start=np.array([np.nan, 0.0])), rng)
+    outside = replace(problem, goal=np.array([-100.0, 0.0]))
+    assert planner.plan(outside, rng).status is Status.GOAL_OUTSIDE
