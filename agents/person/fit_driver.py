@@ -27,8 +27,15 @@ from agents.person.recorded_stick import StickSession
 from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.config import InputError, dump
 from wheelchair_gym.drivers import make_driver
+from wheelchair_gym.drivers.interfaces import (
+    beyond_dead_zone,
+    push_through,
+    smoothing_share,
+    weaken,
+)
 from wheelchair_gym.drivers.settings import Driver, Hand, ProportionalStick, Switches
 from wheelchair_gym.drivers.state import tremor_filter
+from wheelchair_gym.geometry import body_to_world
 
 Array = NDArray[np.float64]
 
@@ -187,10 +194,10 @@ def _respond(
 
     times (k,) in ticks, asked (k, 2); p as in _NAMES; tremor (ticks, 2), or (0, 2) for none.
     """
-    tick = 0.01
+    tick = TICK
     go, back = 1.0 - math.exp(-tick / p[1]), 1.0 - math.exp(-tick / p[2])
     hx = hy = fx = fy = 0.0
-    share = 1.0 if smoothing < 0.1 * tick else 1.0 - math.exp(-tick / smoothing)
+    share, weak = smoothing_share(smoothing, tick), (p[3], p[4], p[5], p[6])
     c, s = math.cos(p[7]), math.sin(p[7])
     n, row, k = 0, -1, 0
     while n < out.shape[0]:
@@ -204,26 +211,19 @@ def _respond(
             before = max(0, row - 1)
             x = part * asked[row, 0] + (1.0 - part) * asked[before, 0]
             y = part * asked[row, 1] + (1.0 - part) * asked[before, 1]
-        size = math.hypot(x, y)
-        if size > 0.0:
-            more = (zone + (1.0 - zone) * min(1.0, size)) / size
-            x, y = x * more, y * more
+        x, y = push_through(x, y, zone)
         hx += (x - hx) * (back if abs(x) < abs(hx) else go)
         hy += (y - hy) * (back if abs(y) < abs(hy) else go)
         tx, ty = hx, hy
         if k < tremor.shape[0]:
             tx, ty = hx + tremor[k, 0], hy + tremor[k, 1]
-        wx = tx * (p[3] if tx > 0.0 else p[4])
-        wy = ty * (p[5] if ty > 0.0 else p[6])
-        rx, ry = c * wx - s * wy + p[8], s * wx + c * wy + p[9]
-        fx += (min(1.0, max(-1.0, rx)) - fx) * share
-        fy += (min(1.0, max(-1.0, ry)) - fy) * share
+        tx, ty = weaken(tx, ty, weak)
+        tx, ty = body_to_world(c, s, tx, ty)
+        fx += (min(1.0, max(-1.0, tx + p[8])) - fx) * share
+        fy += (min(1.0, max(-1.0, ty + p[9])) - fy) * share
         k += 1
         if k >= (n + 1) * every - 0.5:
-            far = math.hypot(fx, fy)
-            give = gain * (far - zone) / (1.0 - zone) / far if far > zone else 0.0
-            out[n, 0] = min(1.0, max(-1.0, give * fx))
-            out[n, 1] = min(1.0, max(-1.0, give * fy))
+            out[n, 0], out[n, 1] = beyond_dead_zone(fx, fy, zone, gain)
             n += 1
 
 

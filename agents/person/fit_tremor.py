@@ -16,6 +16,7 @@ from scipy.optimize import minimize
 from scipy.signal import find_peaks
 
 from agents.person.recorded_stick import StickSession, before_dead_zone
+from wheelchair_gym.drivers.interfaces import smoothing_share
 from wheelchair_gym.drivers.settings import Hand
 from wheelchair_gym.drivers.state import TICK_RATE, tremor_filter
 
@@ -93,7 +94,7 @@ def _tremor_spectrum(f: Array, rate: float, hand: Any, smoothing: float) -> Arra
     folds = round(TICK_RATE / rate)
     every = [f] + [sign * f + k * rate for k in range(1, folds // 2 + 1) for sign in (-1.0, 1.0)]
     total = np.zeros_like(f)
-    share = 1.0 if smoothing < 0.1 * TICK else 1.0 - math.exp(-TICK / smoothing)
+    share = smoothing_share(smoothing, TICK)
     for g in every:
         z = np.exp(-2j * math.pi * np.abs(g) * TICK)
         shape = gain**2 / np.abs(1.0 - a * z + b * z * z) ** 2

@@ -29,6 +29,7 @@ from wheelchair_gym.types import Stick, Truth
 
 _REST: Final = 0.02  # m/s, rad/s: slower is at rest
 _LONGEST_STOP: Final = 5.0  # s in which a chair that is let go comes to rest
+HELP: Final = 0.05  # m/s, rad/s: more than this changed of a stick's twist is help
 _TOUCHED: Final = 0.01  # deflection below which a stick is centred
 _FINE, _FINE_STEP = 40, 0.005  # Hz, s: its period is no multiple of the usual step of 0.01 s
 _NOTHING: Final = Stick(0.0, 0.0, False)
@@ -180,7 +181,7 @@ class Drive:
         self._contact |= bool(info["contact"])
         given = task.limits.twist(action) - np.array(task.shield_intervention)
         v, w = task.limits.twist_of(stick.forward, stick.left)
-        self._changed += bool(abs(given[0] - v) > 0.05 or abs(given[1] - w) > 0.05)
+        self._changed += bool(max(abs(given[0] - v), abs(given[1] - w)) > HELP)
         if self._tracker is not None:
             self._track()
 

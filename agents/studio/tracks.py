@@ -7,13 +7,12 @@ from typing import Any, Final
 
 import numpy as np
 
-from agents.studio.drive import outcome_of, world_of
+from agents.studio.drive import HELP, outcome_of, world_of
 from wheelchair_gym.config import InputError
 from wheelchair_gym.recording.replay import read_recording, replay_env
 
 MOST: Final = 20_000  # states of a track; a longer episode is cut
 _PAUSE: Final = 1.0  # s: what comes back sooner is the same event
-_HELP: Final = 0.05  # m/s, rad/s: more than this changed of a stick's twist is help
 
 
 class Track:
@@ -44,7 +43,7 @@ class Track:
         stick = given if self._stick is None else task.limits.twist(np.array(self._stick[:2]))
         self._stick = task.stick
         reason = shield.decision.reason if shield is not None and task.is_shielded else ""
-        helps = bool(np.abs(given - stick).max() > _HELP)
+        helps = bool(np.abs(given - stick).max() > HELP)
         for kind, on, more in (
             ("contact", bool(truth.contact), ""), ("shield", bool(reason), reason),
             ("help", helps, ""),

@@ -12,15 +12,44 @@ from typing import Any
 
 import numpy as np
 
-from wheelchair_gym.compiled.kernel import borrowing_kernel
+from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.drivers.state import BRAIN_COMPUTER, SCANNING, STICK, SWITCHES
-from wheelchair_gym.geometry import wrap
+from wheelchair_gym.geometry import body_to_world, wrap
 from wheelchair_gym.random import DRIVERS, normal, uniform
 
 # Indices of draws in the channel DRIVERS; those of a tick and of a decision differ.
 TREMOR, BURST, BURST_X, BURST_Y, ERROR, OTHER, LATE = 0, 2, 3, 4, 5, 6, 7
 STOP, AHEAD = 0, 1  # the signal at rest, and that of imagery without any turn
 LONGEST_TURN = 5.0  # s: a command that turns nothing ends then
+
+
+@inlined
+def push_through(x: float, y: float, zone: float) -> tuple[float, float]:
+    """The deflection of a person who knows the dead zone, and pushes through it."""
+    size = math.hypot(x, y)
+    more = (zone + (1.0 - zone) * min(1.0, size)) / size if size > 0.0 else 1.0
+    return x * more, y * more
+
+
+@inlined
+def weaken(x: float, y: float, hand: tuple[float, float, float, float]) -> tuple[float, float]:
+    """A deflection by a hand's shares forward, backward, to the left and to the right."""
+    return x * (hand[0] if x > 0.0 else hand[1]), y * (hand[2] if y > 0.0 else hand[3])
+
+
+@inlined
+def smoothing_share(smoothing: float, tick: float) -> float:
+    """The share of a step that a stick's filter takes within a tick [s]."""
+    return 1.0 if smoothing < 0.1 * tick else 1.0 - math.exp(-tick / smoothing)
+
+
+@inlined
+def beyond_dead_zone(x: float, y: float, zone: float, gain: float) -> tuple[float, float]:
+    """What a stick gives for a deflection."""
+    size, share = math.hypot(x, y), 0.0
+    if size > zone:
+        share = gain * (size - zone) / (1.0 - zone) / size
+    return min(1.0, max(-1.0, share * x)), min(1.0, max(-1.0, share * y))
 
 
 @borrowing_kernel
@@ -33,10 +62,7 @@ def _move_hand(p: Any, d: Any, tick: float, near_goal: bool) -> None:
     """One tick of hand, tremor and filter."""
     h, device = p.hand, p.interface
     x, y = p.signals[d.intended, 0] / device.gain, p.signals[d.intended, 1] / device.gain
-    size = math.hypot(x, y)
-    if size > 0.0:  # a person knows the dead zone, and pushes through it
-        more = (device.dead_zone + (1.0 - device.dead_zone) * min(1.0, size)) / size
-        x, y = x * more, y * more
+    x, y = push_through(x, y, device.dead_zone)
     if h.bursts > 0.0:
         if d.clock >= d.burst_until and _draw(d, BURST) < h.bursts / 60.0 * tick:
             d.burst_until = d.clock + h.burst_time
@@ -53,11 +79,10 @@ def _move_hand(p: Any, d: Any, tick: float, near_goal: bool) -> None:
         d.tremor[k, 1], d.tremor[k, 0] = d.tremor[k, 0], value
     rise = h.tremor_at_goal if near_goal else 1.0
     x, y = d.hand[0] + rise * d.tremor[0, 0], d.hand[1] + rise * d.tremor[1, 0]
-    x *= h.forward if x > 0.0 else h.backward
-    y *= h.leftward if y > 0.0 else h.rightward
-    c, s = math.cos(h.rotation), math.sin(h.rotation)
-    x, y = c * x - s * y + h.offset_forward, s * x + c * y + h.offset_left
-    share = 1.0 if device.smoothing < 0.1 * tick else 1.0 - math.exp(-tick / device.smoothing)
+    x, y = weaken(x, y, (h.forward, h.backward, h.leftward, h.rightward))
+    x, y = body_to_world(math.cos(h.rotation), math.sin(h.rotation), x, y)
+    x, y = x + h.offset_forward, y + h.offset_left
+    share = smoothing_share(device.smoothing, tick)
     d.filtered[0] += (min(1.0, max(-1.0, x)) - d.filtered[0]) * share
     d.filtered[1] += (min(1.0, max(-1.0, y)) - d.filtered[1]) * share
 
@@ -68,11 +93,7 @@ def _sample_stick(p: Any, d: Any) -> None:
     device = p.interface
     x = math.floor(d.filtered[0] * device.levels + 0.5) / device.levels
     y = math.floor(d.filtered[1] * device.levels + 0.5) / device.levels
-    size, zone = math.hypot(x, y), device.dead_zone
-    share = 0.0
-    if size > zone:
-        share = device.gain * (size - zone) / (1.0 - zone) / size
-    d.stick[0], d.stick[1] = min(1.0, max(-1.0, share * x)), min(1.0, max(-1.0, share * y))
+    d.stick[0], d.stick[1] = beyond_dead_zone(x, y, device.dead_zone, device.gain)
 
 
 @borrowing_kernel
