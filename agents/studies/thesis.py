@@ -155,9 +155,8 @@ def growth(
     limited = planner.tree if hasattr(planner, "tree") else planner
     if len(plan.tree) and hasattr(limited, "iterations"):
         made = plan.counters["iterations"]
-        for k in np.unique(np.linspace(1, max(1, made), frames or GROWTH).round().astype(int))[
-            :-1
-        ].tolist():
+        counts = np.unique(np.linspace(1, max(1, made), frames or GROWTH).round().astype(int))
+        for k in counts[:-1].tolist():
             fewer = replace(limited, iterations=k)
             some = fewer if limited is planner else replace(planner, tree=fewer)
             yield some.plan(problem, np.random.default_rng(seed))

@@ -13,12 +13,8 @@ from wheelchair_gym.config import InputError
 from wheelchair_gym.files import LIMITS, atomic_write, parse_yaml, read_text
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, read_any_map, write_map
 
-SHAPES: Final = (
-    "wall",
-    "door",
-    "furniture",
-    "free",
-)  # a wall, an opening in one, solid, rubbed out
+# A wall, an opening in one, solid, rubbed out.
+SHAPES: Final = ("wall", "door", "furniture", "free")
 UPLOADS: Final = "uploads"  # folder of maps that pages have sent
 CELL: Final = 0.05  # m
 _WIDTH: Final = 0.10  # m of a wall
