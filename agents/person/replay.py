@@ -147,8 +147,8 @@ def _replay(recorded: RecordedEpisode) -> NavigationEnv:
     """
     if not recorded.has_person:
         raise InputError(
-            "--assist: expected a recording with a person's stick, of simulate --driver, "
-            "compare --driver or drive; the studio records none"
+            "--assist: expected a recording in which a person drives, by simulate --driver, "
+            "compare --driver or drive; the studio records no stick"
         )
     return replay_env(recorded)
 
