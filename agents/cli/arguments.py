@@ -29,6 +29,9 @@ def spec(text: str) -> str | dict[str, Any]:
     file, colon, name = text.rpartition(":")
     if not colon or not Path(file).suffix:
         return text
+    is_module = all(part.isidentifier() for part in file.split("."))
+    if is_module and Path(file).suffix not in (".json", ".py") and not Path(file).exists():
+        return text  # of a package: package.module:Class
     if Path(file).suffix == ".py":
         path = Path(file)
         raise InputError(

@@ -9,12 +9,14 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+from agents.cli.arguments import spec
 from agents.person.drive import drive_with_help, open_space
 from agents.person.replay import open_loop
 from agents.person.stick import Keyboard, PersonsStick, TimedAssistant, held_to_stick
 from agents.policies import make_policy
 from tests.hardware.hosted import Hosted
 from tests.physics.worlds import box
+from wheelchair_gym import InputError
 from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.hardware.boards.protocol import Mode, Switch
 from wheelchair_gym.hardware.joystick import Joystick, JoystickSettings
@@ -427,3 +429,16 @@ def test_a_gamepad_drives_with_help_while_its_button_is_held():
 def test_buttons_of_help_and_of_the_hand_differ():
     with pytest.raises(ValueError, match="must differ"):
         JoystickSettings(assist_button=JoystickSettings().dead_man_button)
+
+
+def test_a_class_of_a_package_is_named_by_its_module(tmp_path, monkeypatch):
+    """A dot in it makes no file of it; a file that is there is one."""
+    assert (
+        spec("tests.agents.test_assisted_drive:Blind") == "tests.agents.test_assisted_drive:Blind"
+    )
+    for name in ("people.json:me", "people.py:Me"):
+        with pytest.raises(InputError, match="people"):
+            spec(name)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "people.txt").write_text('{"me": {"gain": 1}}')
+    assert spec("people.txt:me") == {"name": "me", "gain": 1}
