@@ -433,9 +433,7 @@ def test_buttons_of_help_and_of_the_hand_differ():
 
 def test_a_class_of_a_package_is_named_by_its_module(tmp_path, monkeypatch):
     """A dot in it makes no file of it; a file that is there is one."""
-    assert (
-        spec("tests.agents.test_assisted_drive:Blind") == "tests.agents.test_assisted_drive:Blind"
-    )
+    assert spec("my_package.people:Somebody") == "my_package.people:Somebody"
     for name in ("people.json:me", "people.py:Me"):
         with pytest.raises(InputError, match="people"):
             spec(name)
