@@ -16,7 +16,7 @@ PLANNERS: Final = Registry(
         "bug2": "planners.reactive.bug:Bug2",
         "cell_decomposition": "planners.graphs.cell_decomposition:CellDecomposition",
         "disc_then_lattice": "planners.lattice.lattice:DiscThenLattice",
-        "geometric": "planners.graphs.geometric:Geometric",
+        **in_module("planners.graphs.geometric", "Geometric GeometricThenLimited"),
         "lattice": "planners.lattice.lattice:Lattice",
         "potential_field": "planners.reactive.potential_field:PotentialField",
         "prm": "planners.graphs.roadmap:Prm",

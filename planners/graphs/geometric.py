@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +13,8 @@ from numpy.typing import NDArray
 from planners.collision.boundary import blocking_segments
 from planners.collision.polygon_tests import SpaceArrays, edge_free
 from planners.collision.space import Space
-from planners.problem import Plan, PlannerBase, Problem, Status
+from planners.problem import Plan, PlannerBase, Problem, Status, remaining
+from planners.trees.settings import RrtStarLimited
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.config import setting, settings
@@ -169,3 +171,33 @@ class Geometric(PlannerBase):
             counters={"turns": int(counts[2]), "edges_tested": int(counts[3])},
             note=note,
         )
+
+
+@settings
+class GeometricThenLimited(PlannerBase):
+    """The geometric method; where it fails, limited tree expansion: a thesis's future work.
+
+    The first is quick and short where there is little in the way, the second finds its way through
+    clutter (Larachi 2024, section 3.6.4).
+    """
+
+    geometric: Geometric = setting(default=Geometric(), source="thesis, section 3.3")
+    """The method that is tried first."""
+    limited: RrtStarLimited = setting(default=RrtStarLimited(), source="thesis, section 3.2")
+    """The tree that answers where the first method fails."""
+
+    def trivial(self, problem: Problem) -> Plan | None:
+        """Nothing: the planners that this one asks know trivial problems."""
+        return None
+
+    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
+        """The first path of the two; the counter `geometric` is 1 where it is the first method's.
+
+        `edges_tested` counts those of both.
+        """
+        first = self.geometric.plan(problem, rng, remaining(end))
+        if first.status is not Status.EXHAUSTED:
+            return replace(first, counters={**first.counters, "geometric": 1})
+        plan = self.limited.plan(problem, rng, remaining(end))
+        tested = first.counters["edges_tested"] + plan.counters.get("edges_tested", 0)
+        return replace(plan, counters={**plan.counters, "edges_tested": tested, "geometric": 0})

@@ -78,6 +78,21 @@ def test_the_geometric_method_goes_on_along_both_halves():
     assert answer.counters["turns"] >= 3
 
 
+def test_where_the_geometric_method_fails_the_limited_tree_answers():
+    easy, hard = on([(4, 3, 6, 6)], (1, 5), (9, 5)), on(U, (6, 5), (9, 5))
+    answer = plan("geometric_then_limited", easy)
+    np.testing.assert_array_equal(answer.path, plan("geometric", easy).path)
+    assert answer.counters["geometric"] == 1
+    failed, tree = plan("geometric", hard), plan("rrt_star_limited", hard)
+    answer = plan("geometric_then_limited", hard)
+    assert failed.status == Status.EXHAUSTED
+    assert answer.counters["geometric"] == 0
+    assert_valid(answer, hard)
+    np.testing.assert_array_equal(answer.path, tree.path)
+    both = failed.counters["edges_tested"] + tree.counters["edges_tested"]
+    assert answer.counters["edges_tested"] == both
+
+
 def test_the_geometric_method_may_fail_and_says_why():
     problem = on(BOX)
     answer = plan("geometric", problem)
