@@ -8,11 +8,12 @@ from typing import Any, Literal, NamedTuple
 from agents.assistance import make_assistant
 from agents.evaluation.evaluate import without_labels
 from wheelchair_gym.config import InputError, setting, settings
-from wheelchair_gym.drivers.settings import Hand
+from wheelchair_gym.drivers.settings import Hand, Perception
 from wheelchair_gym.errors import shorten
 from wheelchair_gym.scenes import make_scene
 
 _OWN = "the experimenter's choice"
+_HIDDEN = ("left", "right", "neglect", "noticed")  # of a perception
 
 
 @settings
@@ -37,8 +38,19 @@ class Condition:
     """An assistant: its name, or a mapping with its settings."""
     hand: Hand = setting(default=Hand(), source=_OWN)
     """An impairment that is simulated at the stick: settings of a driver's hand."""
+    perception: Perception = setting(default=Perception(), source=_OWN)
+    """What is hidden from the participant: `left`, `right`, `neglect` and `noticed` of a driver's
+    perception."""
     text: str = setting(default="", source=_OWN)
     """What the participant reads about it."""
+
+    def __post_init__(self) -> None:
+        """Refuse what nobody can hide: reactions, attention and habits are the participant's."""
+        for name, value in vars(self.perception).items():
+            if name not in _HIDDEN and value != getattr(Perception(), name):
+                raise InputError(
+                    f"perception.{name} is the participant's own; expected {', '.join(_HIDDEN)}"
+                )
 
 
 @settings

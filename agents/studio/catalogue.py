@@ -6,13 +6,14 @@ from collections.abc import Mapping
 from typing import Any, Final, NamedTuple
 
 from agents.assistance import ASSISTANTS
-from wheelchair_gym.drivers.impairment import IMPAIRMENTS
+from wheelchair_gym.drivers.impairment import IMPAIRMENTS, SIGHTS
 from wheelchair_gym.scenes import SCENES
 
 FIRST: Final = "floor_plan"  # scene of the first drive, which needs least compiling
 MAP: Final = "map"  # the key of a person's own map
 RATES: Final = (10, 20, 40)  # Hz
 NO_HAND: Final = "none"
+NO_SIGHT: Final = "none"  # nothing is hidden
 ANY_TIME: Final = 3600.0  # s: limit of a drive that no suite limits
 
 
@@ -69,5 +70,6 @@ def choices(found: Mapping[str, Place]) -> dict[str, Any]:
         "first": MAP if MAP in found else f"scene:{FIRST}",
         "assistants": sorted(ASSISTANTS),
         "hands": [NO_HAND, *IMPAIRMENTS],
+        "sights": [NO_SIGHT, *SIGHTS],
         "rates": list(RATES),
     }

@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 
 from agents.assistance import is_shielded, make_assistant
 from agents.assistance.assistant import AssistMission
-from agents.studio.catalogue import ANY_TIME, NO_HAND, Place
+from agents.studio.catalogue import ANY_TIME, NO_HAND, NO_SIGHT, Place
 from wheelchair_gym.config import InputError
 from wheelchair_gym.drivers import make_driver
-from wheelchair_gym.drivers.impairment import LiveInput, scanning
+from wheelchair_gym.drivers.impairment import LiveInput, LiveSight, scanning
 from wheelchair_gym.drivers.intention import NEAR_GOAL
+from wheelchair_gym.drivers.settings import Perception
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.physics.actors.records import ACTOR_KINDS
 from wheelchair_gym.recording.record import RecordEpisodes
@@ -46,6 +47,7 @@ class Order:
     hand: Any
     rate: int  # Hz, of control and of pictures
     file: Path | None = None  # of the recording; None: named after the order, in a folder
+    sight: str | Perception = NO_SIGHT  # of whom; or what is seen and noticed
 
 
 class Drive:
@@ -83,6 +85,7 @@ class Drive:
         try:
             self._begin()
             self.set_device(scan_period)
+            self.set_sight(order.sight)
             self.set_assistant(order.assist)
         except BaseException:
             self.close()
@@ -131,6 +134,13 @@ class Drive:
         """Let the stick be moved by the hand of a simulated person from now on."""
         self.order = dataclasses.replace(self.order, hand=name)
         self.set_device(self._scan_period)
+
+    def set_sight(self, sight: str | Perception) -> None:
+        """Hide from now on what a simulated person, or one with such a perception, does not see."""
+        self.order, self._sight = dataclasses.replace(self.order, sight=sight), None
+        if sight != NO_SIGHT:
+            seen = sight if isinstance(sight, Perception) else make_driver(sight).perception
+            self._sight = LiveSight(seen, self._world.task.key)
 
     def set_device(self, scan_period: float) -> None:
         """Take a single switch with a scan period [s]; 0: a stick, in the order's hand."""
@@ -251,6 +261,7 @@ class Drive:
             "contact": bool(info["contact"]), "battery": reading.battery,
             "stands": active_stops(reading.halted, shield),
             "lit": "" if self._hand is None else self._hand.lit, "waits": not self.steps,
+            "sight": None if self._sight is None else _hidden(self._sight, reading.stamp),
         }  # fmt: skip
         return head, _millimetres(reading.laser[sensors.slices[0]])
 
@@ -282,6 +293,12 @@ def outcome_of(info: Any, contact: bool, truncated: bool) -> str:
     if info["is_success"]:
         return "success"
     return "timeout" if truncated else "missed"
+
+
+def _hidden(sight: LiveSight, clock: float) -> list[Any]:
+    """The angles left, right and neglect [rad], and the sectors that go unnoticed."""
+    seen = sight.perception
+    return [seen.left, seen.right, seen.neglect, sight.unnoticed(clock)]
 
 
 def _millimetres(ranges: NDArray[np.float32]) -> bytes:

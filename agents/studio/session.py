@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Final
 
 from agents.assistance import ASSISTANTS, is_shielded
-from agents.studio.catalogue import NO_HAND, RATES, Place
+from agents.studio.catalogue import NO_HAND, NO_SIGHT, RATES, Place
 from agents.studio.drive import Drive, Order
 from agents.studio.films import film
 from agents.studio.messages import (
@@ -29,7 +29,7 @@ from agents.studio.messages import (
     Text,
 )
 from wheelchair_gym.config import InputError
-from wheelchair_gym.drivers.impairment import IMPAIRMENTS
+from wheelchair_gym.drivers.impairment import IMPAIRMENTS, SIGHTS
 
 _LOG = logging.getLogger(__name__)
 DEAD_MAN: Final = 0.4  # s for which a deflection counts; the page confirms it every 0.05 s
@@ -39,13 +39,14 @@ _DEFLECTION = Number(-1.0, 1.0)
 FIELDS: Final[Fields] = {
     "start": {
         "place": Text(), "seed": Number(0, 2**31, whole=True), "assist": Text(), "hand": Text(),
-        "rate": Number(RATES[0], RATES[-1], whole=True),
+        "sight": Text(), "rate": Number(RATES[0], RATES[-1], whole=True),
     },
     "stick": {"forward": _DEFLECTION, "left": _DEFLECTION, "n": Number(0, 2**53, whole=True)},
     "press": {},
     "device": {"name": OneOf(("stick", "switch")), "scan_period": Number(0.1, 10.0)},
     "assist": {"name": Text()},
     "hand": {"name": Text()},
+    "sight": {"name": Text()},
     "pause": {"on": Flag()},
     "stop": {},
     "film": {},
@@ -130,10 +131,11 @@ class DriveSession(PageSession):
             raise InputError(f"start.place is {message['place']!r}; expected one of the list")
         _check_choice("start.assist", message["assist"], (*ASSISTANTS,))
         _check_choice("start.hand", message["hand"], (NO_HAND, *IMPAIRMENTS))
+        _check_choice("start.sight", message["sight"], (NO_SIGHT, *SIGHTS))
         self._end()
         order = Order(
             message["place"], place, message["seed"], message["assist"], message["hand"],
-            message["rate"],
+            message["rate"], sight=message["sight"],
         )  # fmt: skip
         self._begin_when_ready(order)
 
@@ -187,6 +189,12 @@ class DriveSession(PageSession):
         _check_choice("hand.name", message["name"], (NO_HAND, *IMPAIRMENTS))
         if self._drive is not None:
             self._drive.set_hand(message["name"])
+
+    def on_sight(self, message: Message) -> None:
+        """Take another sight."""
+        _check_choice("sight.name", message["name"], (NO_SIGHT, *SIGHTS))
+        if self._drive is not None:
+            self._drive.set_sight(message["name"])
 
     def on_pause(self, message: Message) -> None:
         """Let time stand, or go on."""

@@ -13,12 +13,12 @@ from agents.evaluation.evaluate import label, without_labels
 from agents.evaluation.metrics import Record, Trace, measure
 from agents.participants.protocol import Protocol, Step
 from agents.participants.session import LARGEST, Session
-from agents.studio.catalogue import NO_HAND, Place
+from agents.studio.catalogue import NO_HAND, NO_SIGHT, Place
 from agents.studio.drive import Drive, Order
 from agents.studio.messages import Fields, Message, Number, Outbox, Whole
 from agents.studio.session import FIELDS, DriveSession
 from wheelchair_gym.config import InputError, dump
-from wheelchair_gym.drivers.settings import Hand
+from wheelchair_gym.drivers.settings import Hand, Perception
 from wheelchair_gym.types import Stick
 
 RATE: Final = 20  # Hz, of control and of pictures
@@ -160,7 +160,8 @@ class StudySession(DriveSession):
         if condition.hand != Hand():
             hand = {"name": "expert", "hand": dump(condition.hand)}
         file = self._of().recording(step)
-        order = Order("", place, task.seed, condition.assist, hand, RATE, file)
+        sight = NO_SIGHT if condition.perception == Perception() else condition.perception
+        order = Order("", place, task.seed, condition.assist, hand, RATE, file, sight)
         self._begin_when_ready(order)
 
     def _make(self, order: Order) -> Drive:

@@ -1,4 +1,4 @@
-"""Laws of a living person's input: it rests when they let go, and a switch picks what is lit."""
+"""Laws of a living person's input and sight, which are those of simulated people."""
 
 from __future__ import annotations
 
@@ -6,7 +6,16 @@ import numpy as np
 import pytest
 
 from wheelchair_gym.drivers import DRIVERS, make_driver
-from wheelchair_gym.drivers.impairment import COMMANDS, IMPAIRMENTS, LiveInput, scanning
+from wheelchair_gym.drivers.impairment import (
+    COMMANDS,
+    IMPAIRMENTS,
+    SIGHTS,
+    LiveInput,
+    LiveSight,
+    scanning,
+)
+from wheelchair_gym.drivers.state import SECTORS
+from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.sensors.settings import SensorSettings
 
@@ -79,3 +88,34 @@ def test_without_a_press_a_scan_never_drives():
         assert one.step(1.0, 1.0, 0.0)[:2] == (0.0, 0.0)
         lit.add(one.lit)
     assert lit == set(COMMANDS[1:])
+
+
+@pytest.mark.parametrize("name", [*SIGHTS, "expert"])
+def test_what_is_hidden_is_what_a_simulated_person_does_not_see(name):
+    env = NavigationEnv("empty", driver=name)  # walls all around
+    env.reset(seed=1)
+    sight = LiveSight(make_driver(name).perception, env.task.key)
+    seen = sight.perception
+    laser, looks = env.settings.sensors.laser, 0
+    for _ in range(40):
+        before = env.drivers.states[0].copy()
+        env.step(np.zeros(2))
+        state, clock = env.drivers.states[0], float(before["clock"])
+        if state["decisions"] == before["decisions"] or abs(clock - round(clock)) < 1e-6:
+            continue  # it has not looked, or at the very change of a second
+        looks += 1
+        places = state["points"][: state["n_points"]]
+        side = np.arctan2(places[:, 1], places[:, 0])
+        bearing = np.arctan2(places[:, 1] - laser.y, places[:, 0] - laser.x)
+        beam = np.rint((bearing - laser.yaw + 0.5 * laser.fov) * (laser.beams - 1) / laser.fov)
+        sector = np.searchsorted(np.arange(1, SECTORS) * laser.beams // SECTORS, beam, "right")
+        hidden = set(sight.unnoticed(clock))
+        assert ((side < seen.left) & (side > -seen.right)).all()
+        assert not hidden & set(sector[side > seen.neglect].tolist())
+        assert (np.abs(side) < np.radians(8.0)).any()
+    assert looks > 4
+    assert bool(sight.unnoticed(0.0)) == (name == "hemineglect")
+    if name == "hemineglect":
+        shares = [len(sight.unnoticed(second)) / SECTORS for second in range(100)]
+        assert np.mean(shares) == pytest.approx(1.0 - seen.noticed, abs=0.02)
+        assert sight.unnoticed(3.0) == sight.unnoticed(3.9) != sight.unnoticed(4.0)

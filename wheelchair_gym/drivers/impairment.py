@@ -1,8 +1,9 @@
-"""A living person's input, as the hand and the interface of a simulated person pass it on.
+"""A living person with the hand, the interface or the sight of a simulated person.
 
-Who drives decides and sees for themselves; what is simulated is what lies between an intended
-deflection and the chair: tremor, spasms, weakness, the dead zone of a stick, the delay of switches,
-or the scan that a single switch stops (`wheelchair_gym.drivers.interfaces`).
+Who drives decides for themselves. What is simulated lies between an intended deflection and the
+chair: tremor, spasms, weakness, the dead zone of a stick, the delay of switches, or the scan that a
+single switch stops (`wheelchair_gym.drivers.interfaces`); and between the world and the eyes: what
+is not shown, so that nobody can see it.
 """
 
 from __future__ import annotations
@@ -13,31 +14,37 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.address import Pointers
-from wheelchair_gym.compiled.kernel import borrowing_kernel
+from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
+from wheelchair_gym.drivers.intention import NOTICED
 from wheelchair_gym.drivers.interfaces import begin_signal, give_signal
-from wheelchair_gym.drivers.settings import Driver, Scanning
+from wheelchair_gym.drivers.settings import Driver, Perception, Scanning
 from wheelchair_gym.drivers.state import (
     DRIVER,
     DRIVERS,
     DRIVERS_TARGETS,
     SCANNING,
+    SECTORS,
     STICK,
     constants_of,
     driver_row,
     signals_of,
 )
 from wheelchair_gym.physics.settings import ChairSettings
+from wheelchair_gym.random import DRIVERS as CHANNEL
+from wheelchair_gym.random import uniform
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.types import Stick
 
 Array = NDArray[np.float64]
 
-# Simulated people whose hand or interface differs from an expert's; what the others have is in
-# their eyes and their minds, which a living person has of their own.
+# Simulated people whose hand or interface differs from an expert's.
 IMPAIRMENTS: Final = (
     "essential_tremor", "ataxia", "spasticity", "weak_left", "biased", "isometric", "chin",
     "head_array", "sip_and_puff", "bci",
 )  # fmt: skip
+# Those who do not see, or do not notice, a side. What the others have is in their minds, which a
+# living person has of their own.
+SIGHTS: Final = ("hemianopia", "hemineglect")
 COMMANDS: Final = ("stop", "forward", "left", "right", "back")  # in the order of a scan
 _NONE = -1  # a signal that nothing stands for: a scan goes on, and a drive stops
 
@@ -138,6 +145,40 @@ class LiveInput:
             state["switch_at"] = 0.0  # the lit command's time ends with the press
             return int(state["scan"])
         return _NONE
+
+
+@kernel
+def _draw_unnoticed(key: np.uint64, second: int, noticed: float, out: NDArray[np.bool_]) -> None:
+    for sector in range(len(out)):
+        out[sector] = uniform(key, second, CHANNEL, NOTICED + sector) >= noticed
+
+
+class LiveSight:
+    """What a living person must not be shown, so that they see what a simulated person sees.
+
+    Args:
+        perception: of the simulated person. `left`, `right`, `neglect` and `noticed` count; a
+            reaction, lapses and a drift the living person has of their own.
+        key: of the episode, which seeds what is noticed, as it does for a simulated person.
+    """
+
+    def __init__(self, perception: Perception, key: int) -> None:
+        self.perception, self._key = perception, np.uint64(key)
+        self._second, self._unnoticed = -1, np.zeros(SECTORS, np.bool_)
+
+    def unnoticed(self, clock: float) -> list[int]:
+        """The sectors of the scan, of SECTORS, that go unnoticed on the neglected side.
+
+        Args:
+            clock: time of the episode [s]; another second has other sectors.
+        """
+        if self.perception.neglect >= np.pi:
+            return []
+        if int(clock) != self._second:
+            self._second = int(clock)
+            _draw_unnoticed(self._key, self._second, self.perception.noticed, self._unnoticed)
+        found: list[int] = np.flatnonzero(self._unnoticed).tolist()
+        return found
 
 
 def scanning(scan_period: float = 1.25) -> Driver:

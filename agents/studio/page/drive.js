@@ -2,7 +2,7 @@
 import { build, Link, say, showError } from "./link.js";
 import { Inputs } from "./inputs.js";
 import { text, translate } from "./texts.js";
-import { drawActors, drawChair, drawSenses, drawWorld, View } from "./view.js";
+import { drawActors, drawChair, drawGoal, drawSenses, drawVeil, drawWorld, View } from "./view.js";
 
 const HTML = `<div class="page"><div class="stage">
   <canvas id="map" tabindex="0" role="img" data-label="map_label"></canvas>
@@ -26,6 +26,7 @@ const HTML = `<div class="page"><div class="stage">
     <fieldset><legend data-t="help"></legend>
       <label><span data-t="assistant"></span><select id="assist"></select></label><p id="about" class="hint"></p>
       <label><span data-t="hand"></span><select id="hand"></select></label>
+      <label><span data-t="sight"></span><select id="sight"></select></label><p id="unseen" class="hint"></p>
     </fieldset>
     <fieldset><legend data-t="input"></legend>
       <label><span data-t="device"></span><select id="device"><option value="stick" data-t="device_stick"></option><option value="switch" data-t="device_switch"></option></select></label>
@@ -95,6 +96,7 @@ export class DrivePage {
     on.next.onclick = () => { on.seed.value = Number(on.seed.value) + 1; this.start(); };
     on.assist.onchange = () => { this.about(); link("assist", { name: on.assist.value }); };
     on.hand.onchange = () => link("hand", { name: on.hand.value });
+    on.sight.onchange = () => { this.about(); link("sight", { name: on.sight.value }); };
     on.device.onchange = on.period.onchange = () => this.device();
     on.pause.onclick = () => link("pause", { on: !this.paused });
     on.stop.onclick = () => link("stop");
@@ -161,6 +163,7 @@ export class DrivePage {
     this.on.place.value = message.first;
     this.on.assist.value = "direct";
     this.on.hand.replaceChildren(...message.hands.map(name => option(name, name, `h_${name}`)));
+    this.on.sight.replaceChildren(...message.sights.map(name => option(name, name, `s_${name}`)));
     this.on.rate.replaceChildren(...message.rates.map(rate => option(rate, `${rate} Hz`)));
     this.on.rate.value = 20;
     translate(this.on.form);
@@ -183,8 +186,9 @@ export class DrivePage {
   }
 
   about() {
-    const key = `a_${this.on.assist.value}`, found = text(key);
-    this.on.about.textContent = found === key ? "" : found;
+    const known = key => (text(key) === key ? "" : text(key));
+    this.on.about.textContent = known(`a_${this.on.assist.value}`);
+    this.on.unseen.textContent = known(`u_${this.on.sight.value}`);
   }
 
   start() {
@@ -195,7 +199,7 @@ export class DrivePage {
     this.device();
     this.link.send("start", {
       place: on.place.value, seed: Math.max(0, Math.trunc(Number(on.seed.value)) || 0), assist: on.assist.value,
-      hand: on.hand.value, rate: Number(on.rate.value),
+      hand: on.hand.value, sight: on.sight.value, rate: Number(on.rate.value),
     });
   }
 
@@ -338,6 +342,8 @@ export class DrivePage {
       view.disc(x, y, radius + 0.08, view.colour.track, false, 2);
       view.arrow(x, y, vx, vy, view.colour.track, 2);
     }
+    drawVeil(view, this.world, this.now);
+    drawGoal(view, this.world);
     drawChair(view, this.world, this.now);
   }
 }

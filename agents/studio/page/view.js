@@ -3,7 +3,7 @@ const colours = names => {
   const style = getComputedStyle(document.documentElement);
   return Object.fromEntries(names.map(name => [name, style.getPropertyValue(`--${name}`).trim()]));
 };
-const NAMES = ["wall", "thing", "goal", "scan", "cone", "chair", "person", "door", "trail", "track", "asked", "given", "text", "alarm", "accent"];
+const NAMES = ["wall", "thing", "goal", "scan", "cone", "chair", "person", "door", "trail", "track", "asked", "given", "text", "alarm", "accent", "veil"];
 
 export class View {
   constructor(canvas) {
@@ -102,10 +102,14 @@ export class View {
 export const placed = ([x, y, yaw], [ahead, left]) =>
   [x + ahead * Math.cos(yaw) - left * Math.sin(yaw), y + ahead * Math.sin(yaw) + left * Math.cos(yaw)];
 
-/** Walls, round things, start and goal. */
+/** Walls, round things, and the goal. */
 export function drawWorld(view, world) {
   for (const [x, y, r] of world.discs) view.disc(x, y, r, view.colour.thing);
   view.segments(world.walls, view.colour.wall, 2.5);
+  drawGoal(view, world);
+}
+
+export function drawGoal(view, world) {
   const [x, y] = world.goal;
   view.disc(x, y, Math.max(world.tolerance, 0.1), view.colour.goal, false, 3);
   view.disc(x, y, 0.08, view.colour.goal);
@@ -134,6 +138,29 @@ export function drawChair(view, world, now) {
     const [x, y] = now.pose, [tx, ty] = placed([0, 0, now.pose[2]], arrow(twist));
     view.arrow(x, y, tx, ty, colour);
   }
+}
+
+const SECTORS = 64; // of the scan, each of which is noticed or not
+const FAR = 1000; // m
+
+/** Cover what a person does not see: beyond an angle to either side, and sectors beyond the angle of neglect. */
+export function drawVeil(view, world, now) {
+  if (!now.sight) return;
+  const [left, right, neglect, unnoticed] = now.sight, c = view.context, [mx, my, turn, fov] = world.laser, first = turn - fov / 2;
+  const wedge = ([x, y], from, to) => {
+    if (to <= from) return;
+    c.moveTo(x, y); c.arc(x, y, FAR, now.pose[2] + from, now.pose[2] + to); c.closePath();
+  };
+  c.save();
+  c.fillStyle = view.colour.veil;
+  c.beginPath(); wedge(now.pose, left, Math.PI); wedge(now.pose, -Math.PI, -right); c.fill();
+  c.beginPath(); wedge(now.pose, neglect, Math.PI); c.clip();
+  const mount = placed(now.pose, [mx, my]), each = fov / SECTORS;
+  c.beginPath();
+  for (const k of unnoticed) wedge(mount, first + k * each, first + (k + 1) * each + 0.002); // without a seam between two
+  wedge(mount, first + fov, first + 2 * Math.PI); // behind the scanner nothing is noticed
+  c.fill();
+  c.restore();
 }
 
 /** The scan and the cones of the ultrasonics. */

@@ -124,6 +124,7 @@ def test_answers_off_the_scale_are_refused(tmp_path, last):
     ({"consent": " "}, "expected text"),
     ({"order": "random"}, "must be one of balanced, listed"),
     ({"conditions": [{"name": "a", "hand": {"tremors": 1.0}}]}, "tremor"),
+    ({"conditions": [{"name": "a", "perception": {"reaction": 1.0}}]}, "reaction is the particip"),
     ({"conditions": [{"assist": "slide"}]}, r"conditions\[0\] lacks name"),
     ({"conditions": [{"name": "a", "assist": "slid"}]}, "did you mean slide"),
     ({"tasks": [{"name": "a", "scene": "flor_plan"}]}, "did you mean floor_plan"),

@@ -15,6 +15,8 @@ from tests.browser import BROWSER, need_browser
 from wheelchair_gym.maps import OccupancyGrid, write_map
 
 PATIENCE = 120.0  # s: where nothing is compiled yet
+START = {"place": "map", "seed": 0, "assist": "direct", "hand": "none", "sight": "none",
+         "rate": 20}  # fmt: skip
 
 
 def room_map(folder):

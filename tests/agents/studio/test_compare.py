@@ -9,7 +9,7 @@ import pytest
 from agents.evaluation.compare import Suite, compare
 from agents.studio.compare_session import FIELDS
 from agents.studio.messages import read_message
-from tests.agents.studio.served import messages, send, serving
+from tests.agents.studio.served import START, messages, send, serving
 from wheelchair_gym.config import InputError
 
 STATE = 11  # numbers of a state
@@ -65,7 +65,7 @@ def test_a_persons_drive_with_and_without_help(served):
 
 def test_a_recording_is_shown_as_it_was_driven(served):
     with served.socket() as socket:
-        send(socket, "start", place="map", seed=0, assist="slide", hand="none", rate=20)
+        send(socket, "start", **START | {"assist": "slide"})
         messages(socket, "world")
         for n in range(12):
             send(socket, "stick", forward=0.7, left=0.3, n=n)

@@ -8,10 +8,10 @@ import pytest
 
 from agents.assistance import ASSISTANTS
 from agents.cli import main
-from agents.studio.catalogue import NO_HAND
+from agents.studio.catalogue import NO_HAND, NO_SIGHT
 from agents.studio.server import PAGE
 from tests.agents.studio.served import browsing, serving, until
-from wheelchair_gym.drivers.impairment import IMPAIRMENTS
+from wheelchair_gym.drivers.impairment import IMPAIRMENTS, SIGHTS
 
 GAMEPAD = "navigator.getGamepads = () => [{ axes: [0, window.pushed ?? 0] }]"
 WAITS = "studio.running && studio.now?.waits"
@@ -116,6 +116,48 @@ def test_a_single_switch_drives_and_stops(opened):
     page.click("#switch")
     until(page, "studio.now.lit !== ''", 10.0)
     page.select_option("#device", "stick")
+    page.keyboard.press("Escape")
+
+
+COLOURS = """() => {
+  const view = studio.view, [x, y, yaw] = studio.now.pose, [mx, my] = view.middle();
+  const copy = document.createElement("canvas"), {width, height} = view.canvas;
+  Object.assign(copy, {width, height});
+  const context = copy.getContext("2d", {willReadFrequently: true});
+  context.drawImage(view.canvas, 0, 0);
+  return [-2.6, -1.5, -0.3, 0.3, 1.5, 2.6].map(side => {  // at 0.8 m around the chair
+    const dx = 0.8 * Math.cos(yaw + side), dy = 0.8 * Math.sin(yaw + side);
+    const left = width / 2 + (x + dx - mx) * view.scale;
+    const top = height / 2 - (y + dy - my) * view.scale;
+    const [r, g, b, a] = context.getImageData(left, top, 1, 1).data;
+    return a === 255 && "#" + [r, g, b].map(one => one.toString(16).padStart(2, "0")).join("");
+  });
+}"""
+
+
+def test_what_a_simulated_person_does_not_see_is_covered(opened):
+    _, page = opened
+    begin(page)
+    covered = lambda: [one == veil for one in page.evaluate(COLOURS)]  # noqa: E731
+    veil = page.evaluate("studio.view.colour.veil")
+    assert not any(covered())
+    page.select_option("#sight", "hemianopia")
+    until(page, "studio.now.sight?.[0] === 0", 10.0)
+    assert covered() == [False, False, False, True, True, True]
+    assert "left" in page.inner_text("#unseen")
+    page.select_option("#sight", "hemineglect")
+    until(page, "studio.now.sight?.[2] < 0.2", 10.0)
+    assert covered()[:3] == [False] * 3
+    assert covered()[5]  # where the scanner does not look
+    page.keyboard.down("ArrowLeft")  # the chair turns, and what it covers turns with it
+    until(page, "studio.now.t > 2", 10.0)
+    page.keyboard.up("ArrowLeft")
+    page.select_option("#sight", "hemianopia")
+    until(page, "studio.now.sight?.[0] === 0", 10.0)
+    assert covered() == [False, False, False, True, True, True]
+    page.select_option("#sight", "none")
+    until(page, "studio.now.sight === null", 10.0)
+    assert not any(covered())
     page.keyboard.press("Escape")
 
 
@@ -309,4 +351,5 @@ def test_every_text_is_there_in_both_languages():
     used |= {f"a_{name}" for name in ASSISTANTS.built_in}
     used |= {f"o_{name}" for name in ("success", "collision", "timeout", "missed", "stopped")}
     used |= {f"h_{name}" for name in (NO_HAND, *IMPAIRMENTS)}
+    used |= {f"s_{name}" for name in (NO_SIGHT, *SIGHTS)} | {f"u_{name}" for name in SIGHTS}
     assert used <= set(rows)

@@ -21,7 +21,7 @@ from agents.studio.messages import read_message
 from agents.studio.plan_session import FIELDS
 from agents.studio.planning import answer, frames_of, problem_of
 from planners.problem_files import read_problems
-from tests.agents.studio.served import messages, send, serving
+from tests.agents.studio.served import START, messages, send, serving
 from wheelchair_gym.config import InputError
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, read_map
 
@@ -200,5 +200,5 @@ def test_a_place_is_planned_on_and_a_saved_map_is_driven_on(served):
         assert "bug1" in messages(socket, "error")["text"]
     with served.socket() as socket:
         assert ["map:mine", "map", "mine"] in messages(socket, "choices")["places"]
-        send(socket, "start", place="map:mine", seed=0, assist="direct", hand="none", rate=20)
+        send(socket, "start", **START | {"place": "map:mine"})
         assert messages(socket, "world")["order"]["place"] == "map:mine"

@@ -16,11 +16,9 @@ from agents.studio.films import film
 from agents.studio.messages import read_message
 from agents.studio.server import listening_socket
 from agents.studio.session import FIELDS
-from tests.agents.studio.served import messages, send, serving
+from tests.agents.studio.served import START, messages, send, serving
 from wheelchair_gym.config import InputError
 from wheelchair_gym.recording.replay import read_recording
-
-START = {"place": "map", "seed": 0, "assist": "direct", "hand": "none", "rate": 20}
 
 
 @pytest.fixture(scope="module")
@@ -164,7 +162,8 @@ def test_too_many_requests_are_refused_for_a_moment(served):
 
 @pytest.mark.parametrize("kind", FIELDS)
 def test_a_message_has_exactly_its_fields(kind):
-    good = {"place": "map", "seed": 1, "assist": "slide", "hand": "none", "rate": 20, "on": True,
+    good = {"place": "map", "seed": 1, "assist": "slide", "hand": "none", "sight": "none",
+            "rate": 20, "on": True,
             "forward": 0.5, "left": -1, "n": 3, "name": "stick", "scan_period": 1.0}  # fmt: skip
     message = {"type": kind, **{name: good[name] for name in FIELDS[kind]}}
     assert read_message(json.dumps(message), FIELDS) == message

@@ -23,8 +23,10 @@ def opened(tmp_path_factory):
     """A studio with an experiment, and its page in a browser."""
     folder = tmp_path_factory.mktemp("study")
     scene = room_map(folder)
-    weak = {"forward": 0.6}
-    conditions = Condition("help 0", "slide"), Condition("help 1", "shield", hand=weak)
+    weak, half = {"forward": 0.6}, {"right": 0.0}
+    conditions = (
+        Condition("help 0", "slide"), Condition("help 1", "shield", hand=weak, perception=half)
+    )  # fmt: skip
     task = Task("room", scene, text="Drive to the circle.")
     protocol = Protocol(
         "Rooms", "You may stop at any time.", conditions, (task,), (Task("hall", scene),),
@@ -57,6 +59,7 @@ def drive(page, key="ArrowUp"):
     page.keyboard.down(key)
     until(page, "!studio.running", 30.0)
     page.keyboard.up(key)
+    return page.evaluate("studio.now.sight")
 
 
 def test_a_participant_goes_from_consent_to_the_data(opened, capsys):
@@ -72,7 +75,8 @@ def test_a_participant_goes_from_consent_to_the_data(opened, capsys):
     for condition in range(2):
         until(page, "document.querySelector('#go[data-t=begin_drive]')")
         assert "does not count" in page.inner_text(".panel")
-        drive(page)
+        sight = drive(page)
+        assert sight is None if condition == 0 else sight[1] == 0.0
         until(
             page, "document.querySelector('#go[data-t=begin_drive]') && studio.due.task == 'room'"
         )
