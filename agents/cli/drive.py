@@ -287,9 +287,10 @@ def fit(given: argparse.Namespace) -> int:
     sessions = []
     for file in given.logs:
         for recorded in read_recording(file):
-            if not recorded.has_person:
-                raise InputError(f"{file}: expected a recording in which a person drives")
-            sessions.append(session_of(recorded))
+            try:
+                sessions.append(session_of(recorded))
+            except InputError as error:
+                raise InputError(f"{file}: {error}") from None
     base = make_driver(spec(given.base))
     found = fit_driver(sessions, base, given.repeats, given.seed)
     lines = [

@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 HOLD, REST = 2.5, 2.0  # s for which a prompt asks for a deflection, and for the centre after it
 # What is held, as kinds of interfaces of drivers.
-_KINDS = {"board": "stick", "gamepad": "stick", "keyboard": "switches"}
+_KINDS = {"board": "stick", "gamepad": "stick", "touch": "stick", "keyboard": "switches"}
 
 
 class StickSession(NamedTuple):
@@ -71,10 +71,12 @@ def session_of(recorded: RecordedEpisode) -> StickSession:
     """The stick of a recorded episode.
 
     Raises:
-        InputError: no person drove.
+        InputError: no person drove, or with more than one interface.
     """
     if not recorded.has_person:
         raise InputError("expected recordings in which a person drives")
+    if others := {"interface", "hand"}.intersection(recorded.changed):
+        raise InputError(f"the {' and the '.join(sorted(others))} changed in mid-drive")
     found: Any = [state.reading.stick for state in recorded.states]
     labels, places = recorded.labels, np.array([state.truth.pose[:2] for state in recorded.states])
     near = np.hypot(*(places - recorded.episode.goal[:2]).T) < NEAR_GOAL

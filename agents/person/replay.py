@@ -148,7 +148,7 @@ def _replay(recorded: RecordedEpisode) -> NavigationEnv:
     if not recorded.has_person:
         raise InputError(
             "--assist: expected a recording in which a person drives, by simulate --driver, "
-            "compare --driver or drive; the studio records no stick"
+            "compare --driver, drive or studio"
         )
     return replay_env(recorded)
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from agents.assistance import is_shielded, make_assistant
 from agents.assistance.assistant import AssistMission
 from agents.studio.catalogue import ANY_TIME, NO_HAND, NO_SIGHT, Place
-from wheelchair_gym.config import InputError
+from wheelchair_gym.config import InputError, dump
 from wheelchair_gym.drivers import make_driver
 from wheelchair_gym.drivers.impairment import LiveInput, LiveSight, scanning
 from wheelchair_gym.drivers.intention import NEAR_GOAL
@@ -72,9 +72,10 @@ class Drive:
         self.order, self.steps, self.over = order, 0, False
         place = order.place
         env = {**place.env, "rate": order.rate, "shield": is_shielded(order.assist)}
+        env["guidance"] = None  # nobody is shown the way of a person
         if order.rate == _FINE:
             env["config"] = {**place.env.get("config", {}), "physics": {"step": _FINE_STEP}}
-        self._world: Any = NavigationEnv(place.scene, **env)
+        self._world: Any = NavigationEnv(place.scene, person=lambda: self._stick, **env)
         self._env: Any = self._world  # recorded, where it can be
         self.note, self.file = "", None
         try:
@@ -97,15 +98,15 @@ class Drive:
         self._tracks: list[Any] = []
 
     def _begin(self) -> None:
-        seed, more = self.order.seed, {}
+        self._stick = self._asked = _NOTHING
+        self._by = ""
+        seed = self.order.seed
         _, self._info = self._world.reset(seed=seed)
         if not self.order.place.timed:
-            more["episode"] = dataclasses.replace(self._world.episode, time_limit=ANY_TIME)
-        if more or self._env is not self._world:
-            _, self._info = self._env.reset(seed=seed, options=more or None)
+            episode = dataclasses.replace(self._world.episode, time_limit=ANY_TIME)
+            _, self._info = self._world.reset(seed=seed, options={"episode": episode})
         self._least = self._info["clearance"]
         self._contact, self._changed = bool(self._info["contact"]), 0
-        self._stick = self._asked = _NOTHING
         self._truncated = False
 
     @property
@@ -160,10 +161,18 @@ class Drive:
         if self._hand is not None:
             self._hand.press()
 
-    def step(self, forward: float, left: float) -> None:
-        """Let one control period pass with a deflection; before the first one, time stands."""
+    def step(self, forward: float, left: float, by: str = "") -> None:
+        """Let one control period pass with a deflection; before the first one, time stands.
+
+        Args:
+            forward: deflection, in [-1, 1].
+            left: the same to the left.
+            by: what moves the stick: an `--input` of `wheelchair drive`, or touch.
+        """
         if self.over:
             return
+        if forward or left:
+            self._by = by
         self._asked = _NOTHING._replace(forward=forward, left=left)
         pose = self.truth.pose
         stick = self._asked
@@ -171,16 +180,20 @@ class Drive:
             goal = self._world.episode.goal
             near = math.hypot(goal[0] - pose[0], goal[1] - pose[1]) < NEAR_GOAL
             stick = self._hand.step(forward, left, float(pose[2]), near)
-        self._stick = stick
         moved = max(abs(forward), abs(left)) > _TOUCHED or self._scans(stick)
         if self.steps or moved:
-            self._advance(stick)
+            self._advance(stick if self.steps else _NOTHING)  # an episode begins at rest
 
     def _scans(self, stick: Stick) -> bool:
         return self._scan_period > 0.0 and (stick.forward != 0.0 or stick.left != 0.0)
 
     def _advance(self, stick: Stick) -> None:
         world, task = self._world, self._world.task
+        world.labels = self._labels()
+        if not self.steps and self._env is not world:  # only now is it known by what they drive
+            self._env.reset(seed=self.order.seed, options={"episode": world.episode})
+        self._stick = stick
+        task.replace_stick(stick)
         reading = world.reading
         twist = self._assistant.assist(stick, reading, task.map)
         action = task.limits.action(np.asarray(twist, np.float64))
@@ -194,6 +207,18 @@ class Drive:
         self._changed += bool(max(abs(given[0] - v), abs(given[1] - w)) > HELP)
         if self._tracker is not None:
             self._track()
+
+    def _labels(self) -> dict[str, Any]:
+        """Who drives, for the recording: what differs from a healthy person at a stick, too."""
+        order, by = self.order, self._by
+        labels = {"assistant": order.assist}
+        if self._hand is not None:  # what is recorded is what it makes of the person's
+            by = self._hand.driver.interface.kind
+            labels |= {"hand": order.hand} if order.hand != NO_HAND else {}
+        if order.sight != NO_SIGHT:
+            sight = order.sight
+            labels["sight"] = dump(sight) if isinstance(sight, Perception) else sight
+        return labels | {"interface": by}
 
     def _track(self) -> None:
         assert self._tracker is not None

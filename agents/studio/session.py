@@ -41,7 +41,10 @@ FIELDS: Final[Fields] = {
         "place": Text(), "seed": Number(0, 2**31, whole=True), "assist": Text(), "hand": Text(),
         "sight": Text(), "rate": Number(RATES[0], RATES[-1], whole=True),
     },
-    "stick": {"forward": _DEFLECTION, "left": _DEFLECTION, "n": Number(0, 2**53, whole=True)},
+    "stick": {
+        "forward": _DEFLECTION, "left": _DEFLECTION, "by": OneOf(("keyboard", "gamepad", "touch")),
+        "n": Number(0, 2**53, whole=True),
+    },
     "press": {},
     "device": {"name": OneOf(("stick", "switch")), "scan_period": Number(0.1, 10.0)},
     "assist": {"name": Text()},
@@ -69,7 +72,8 @@ class DriveSession(PageSession):
         self, places: dict[str, Place], folder: Path, outbox: Outbox, ready: threading.Event
     ) -> None:
         self._places, self._folder, self._ready = places, folder, ready
-        self._stick, self._number = (0.0, 0.0, -1.0), 0  # deflections, and when they came [s]
+        # Deflections, what moves the stick, and when they came [s].
+        self._stick, self._number = (0.0, 0.0, "", -1.0), 0
         self._drive: Drive | None = None
         self._recorded: Path | None = None
         self._paused, self._scan_period = False, 0.0
@@ -78,14 +82,14 @@ class DriveSession(PageSession):
     def receive(self, message: Message) -> None:
         """See `PageSession.receive`; only the latest deflection counts."""
         if message["type"] == "stick":
-            self._stick = message["forward"], message["left"], time.monotonic()
+            self._stick = message["forward"], message["left"], message["by"], time.monotonic()
             self._number = message["n"]
             return
         super().receive(message)
 
     def close(self) -> None:
         """Stop the chair, complete the recording and end the thread."""
-        self._stick = (0.0, 0.0, -1.0)
+        self._stick = (0.0, 0.0, "", -1.0)
         super().close()
 
     def _run(self) -> None:
@@ -108,12 +112,12 @@ class DriveSession(PageSession):
         return self._drive is not None and not self._paused
 
     def _step(self, drive: Drive) -> None:
-        forward, left, at = self._stick
+        forward, left, by, at = self._stick
         if time.monotonic() - at > DEAD_MAN:
-            forward = left = 0.0
+            forward, left, by = 0.0, 0.0, ""
         number = self._number
         try:
-            drive.step(forward, left)
+            drive.step(forward, left, by)
         except Exception as error:  # an assistant of somebody's, a full disk: the chair stops
             _LOG.exception("studio: the drive failed")
             self._out.send("error", text=f"the drive ended: {type(error).__name__}: {error}")
@@ -149,7 +153,7 @@ class DriveSession(PageSession):
     def _begin(self, order: Order) -> None:
         self._drive = drive = self._make(order)
         self._paused = False
-        self._stick = (0.0, 0.0, -1.0)
+        self._stick = (0.0, 0.0, "", -1.0)
         self._out.send("world", **drive.world())
         head, ranges = drive.picture()
         self._out.show({**head, "n": self._number}, ranges)

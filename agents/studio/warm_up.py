@@ -28,8 +28,9 @@ def first_drive() -> None:
     import numpy as np
 
     from wheelchair_gym.envs import NavigationEnv
+    from wheelchair_gym.types import Stick
 
-    env = NavigationEnv(FIRST, pose_source="modelled")
+    env = NavigationEnv(FIRST, pose_source="modelled", person=lambda: Stick(0.1, 0.1, False))
     env.reset(seed=0)
     for _ in range(3):
         env.step(np.array([0.1, 0.1], np.float32))
@@ -44,21 +45,27 @@ def everything() -> None:
     from agents.assistance import ASSISTANTS, make_assistant
     from agents.assistance.assistant import AssistMission
     from wheelchair_gym.drivers import make_driver
-    from wheelchair_gym.drivers.impairment import LiveInput
+    from wheelchair_gym.drivers.impairment import LiveInput, LiveSight
     from wheelchair_gym.envs import NavigationEnv
     from wheelchair_gym.tracking import Tracker
     from wheelchair_gym.types import Stick
 
     LiveInput(make_driver("essential_tremor"), *_parts()).step(0.5, 0.0, 0.0)
-    env = NavigationEnv("crowd", pose_source="modelled", shield=True)
+    LiveSight(make_driver("hemineglect").perception, 0).unnoticed(0.0)
+    stick = Stick(0.5, 0.1, False)
+    env = NavigationEnv("crowd", pose_source="modelled", shield=True, person=lambda: stick)
     env.reset(seed=0)
     Tracker(laser=env.settings.sensors.laser)
     for name in ASSISTANTS:
         assistant = make_assistant(name)
         assistant.reset(AssistMission(env.settings.chair, env.settings.sensors, env.task.period))
         for _ in range(2):
-            twist = assistant.assist(Stick(0.5, 0.1, False), env.reading, env.task.map)
+            twist = assistant.assist(stick, env.reading, env.task.map)
             env.step(np.clip(twist, -1.0, 1.0))
+    env.close()
+    env = NavigationEnv(FIRST, pose_source="modelled", driver="novice")  # for the page Compare
+    env.reset(seed=0)
+    env.step(np.zeros(2, np.float32))
     env.close()
 
 
@@ -131,9 +138,10 @@ class WarmUp:
     def _run(self) -> None:
         try:
             from wheelchair_gym.compiled.second_process import are_compiled
-            from wheelchair_gym.envs.batch import step_one
+            from wheelchair_gym.physics.step import step_chair
+            from wheelchair_gym.task.assessment import assess
 
-            if not are_compiled((step_one,)):
+            if not are_compiled((step_chair, assess)):
                 self._compiling = True
                 self._compile("first")
             first_drive()
@@ -142,10 +150,11 @@ class WarmUp:
         self.ready.set()
         self._kernel = ""
         from wheelchair_gym.drivers.impairment import step_live
+        from wheelchair_gym.envs.batch import step_one
         from wheelchair_gym.safety.shield import decide_row
         from wheelchair_gym.tracking.tracker import update_tracker
 
-        if not are_compiled((decide_row, step_live, update_tracker)):
+        if not are_compiled((decide_row, step_live, step_one, update_tracker)):
             self._compile("all")
 
     def _compile(self, what: str) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import struct
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -82,14 +83,14 @@ def mcap_messages(
 
 
 def _records(content: bytes, cut: bool) -> Iterator[Any]:
-    """The records of a file, chunks as they are, and of one that is cut off, the whole ones."""
+    """The records of a file, chunks as they are; with `cut`, those before the end of a part."""
     from mcap.exceptions import EndOfFile
     from mcap.stream_reader import StreamReader
 
     try:
         yield from StreamReader(io.BytesIO(content), emit_chunks=True, validate_crcs=True).records
-    except EndOfFile:
-        if not cut:
+    except (EndOfFile, struct.error):
+        if not (cut and is_cut(content)):
             raise
 
 

@@ -127,7 +127,7 @@ def bag_texts(path: str | Path, topics: Sequence[str]) -> list[tuple[str, str]]:
         InputError: see `bag_messages`; or this package has not recorded it.
     """
     names = {PREFIX + topic: topic for topic in topics}
-    found = bag_messages(path, lambda topic, kind: topic in names and kind == _TEXT)
+    found = bag_messages(path, lambda topic, kind: topic in names and kind == _TEXT, True)
     if not found:
         raise InputError(
             f"{path}: only drives that this program has recorded can be judged again; "

@@ -34,7 +34,7 @@ from wheelchair_gym.recording.topics import (
     VERDICT,
 )
 from wheelchair_gym.safety.stops import StopMonitor, active_stops
-from wheelchair_gym.types import Belief
+from wheelchair_gym.types import Belief, Stick
 
 if TYPE_CHECKING:
     from wheelchair_gym.task.task import Observation
@@ -104,6 +104,8 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
         self.file, self.port = self._out.file, self._out.port
         self._base = 0  # ns: episodes follow each other in time
         self._trail: list[Any] = []
+        self._labels: dict[str, Any] = {}  # as last recorded
+        self._stick: Stick | None = None  # likewise
 
     def reset(self, **arguments: Any) -> tuple[Observation, dict[str, Any]]:
         """Begin an episode, and record it."""
@@ -130,9 +132,10 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
         Raises:
             InputError: the disk is full, and the run is to end then.
         """
+        news = self._news()
         observation, reward, terminated, truncated, info = self.env.step(action)
         v, w = self._env.task.limits.twist(action).tolist()
-        self._out.write(COMMAND, {"action": action, "v": v, "w": w})
+        self._out.write(COMMAND, {"action": action, "v": v, "w": w, **news})
         if "shield" in info:
             self._out.write(SHIELD, info["shield"])
         self._log_reading()
@@ -147,6 +150,16 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
             super().close()
         finally:
             self._out.close()
+
+    def _news(self) -> dict[str, Any]:
+        """The stick and the labels, where they are other ones than were recorded last."""
+        env: Any = self._env
+        found: dict[str, Any] = {}
+        if env.task.stick != self._stick:
+            found["stick"] = env.task.stick
+        if env.labels != self._labels:
+            self._labels = found["labels"] = dict(env.labels)
+        return found
 
     def _check_disk(self) -> None:
         why = self._out.new_error()
@@ -170,7 +183,8 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
             settings["shield"] = None
         rows = episode.actors.rows
         actors = {"actors": rows, "actor_size": rows.itemsize, "routes": episode.actors.routes}
-        drawn = {"seed": seed, "number": number, "labels": env.labels}
+        self._labels = dict(env.labels)
+        drawn = {"seed": seed, "number": number, "labels": self._labels}
         values = vars(episode) | actors | drawn | {"settings": settings}
         self._out.write(EPISODE, values, path=self._guidance())
 
@@ -200,8 +214,9 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
         changed = self._refresh(reading, believed)
         values = reading._asdict() | {"odometry": believed.odometry, "truth": truth}
         del values["map"], values["stick"]  # the map is sent where it has changed
-        if env.task.stick is not None:
-            values["stick"] = env.task.stick
+        self._stick = env.task.stick
+        if self._stick is not None:
+            values["stick"] = self._stick
         if believed.particles is not None:
             values["particles"] = believed.particles
             self._out.send("/particles", believed.particles)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import logging
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -20,7 +21,7 @@ from wheelchair_gym.localization.logs import SensorLog, log_of_poses
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.migration import migrated
 from wheelchair_gym.physics.actors.records import ACTOR, Actors
-from wheelchair_gym.recording.mcap_file import complete, mcap_messages
+from wheelchair_gym.recording.mcap_file import complete, is_cut, mcap_messages
 from wheelchair_gym.recording.read_bags import bag_log, bag_texts, is_bag
 from wheelchair_gym.recording.topics import (
     COMMAND,
@@ -38,6 +39,7 @@ from wheelchair_gym.recording.topics import (
 from wheelchair_gym.sensors.settings import RANGERS, LaserSettings, SensorSettings
 from wheelchair_gym.types import Belief, Episode, Reading, Stick, Truth
 
+_LOG = logging.getLogger(__name__)
 _TOPICS: Final = (EPISODE, READING, COMMAND, VERDICT)
 
 
@@ -55,12 +57,13 @@ class RecordedEpisode(NamedTuple):
     settings: EnvSettings
     episode: Episode
     path: Any  # guidance (n, 2) [m], or its settings, or None
-    labels: Content  # who drove, by `NavigationEnv.labels`
+    labels: Content  # who drove, by `NavigationEnv.labels`, at the beginning
     seed: int | None  # None: recorded before release 0.3
     number: int  # of the episode, of that seed
     states: list[RecordedState]  # (n + 1,)
     actions: list[NDArray[Any]]  # (n,) of (2,)
     verdicts: list[Content]  # (n,) of reward, terms, terminated, truncated
+    changed: tuple[str, ...] = ()  # labels that changed in mid-drive
 
     @property
     def has_person(self) -> bool:
@@ -130,9 +133,11 @@ class ReplayedChair:
 def read_recording(file: str | Path) -> list[RecordedEpisode]:
     """The episodes of a recording, also of one in the format ros2.
 
+    An MCAP file that was cut off is read as far as it goes, with a warning.
+
     Raises:
-        InputError: the extra 'record' or 'ros' is not installed, or the file is no complete
-            recording.
+        InputError: the extra 'record' or 'ros' is not installed, the file is damaged, or nothing
+            that was driven is in it.
     """
     episodes: list[RecordedEpisode] = []
     texts = bag_texts(file, _TOPICS) if is_bag(file) else _texts(file)
@@ -153,7 +158,11 @@ def _texts(file: str | Path) -> list[tuple[str, bytes]]:
     """Topics and texts of a recording's messages, in the order of their times."""
     content = read_bytes(file, "recording")
     with complete(file):
-        found = mcap_messages(content, lambda topic, _: topic in _TOPICS)
+        found = mcap_messages(content, lambda topic, _: topic in _TOPICS, cut=True)
+        if is_cut(content):
+            if not found:
+                raise ValueError("it was cut off before its first whole chunk of messages")
+            _LOG.warning("%s: the recording was cut off; what it holds is used", file)
     return [(one.topic, one.data) for one in found]
 
 
@@ -180,9 +189,25 @@ def _take(episodes: list[RecordedEpisode], topic: str, content: Any) -> None:
         before = states[-1].belief if states else None
         states.append(_read_state(content, before, episodes[-1].settings.sensors))
     elif topic == COMMAND:
-        episodes[-1].actions.append(FIELDS[COMMAND]["action"].read(content["action"]))
+        episodes[-1] = _take_command(episodes[-1], content)
     else:
         episodes[-1].verdicts.append(read_fields(FIELDS[VERDICT], content))
+
+
+def _take_command(recorded: RecordedEpisode, content: Content) -> RecordedEpisode:
+    """The episode with one more command, and with the stick and the labels that came with it."""
+    fields = {name: FIELDS[COMMAND][name] for name in ("action", "stick", "labels")}
+    values = read_fields(fields, content, "stick", "labels")
+    recorded.actions.append(values["action"])
+    if "stick" in values:
+        if not recorded.states:
+            raise ValueError(f"{COMMAND} comes before the first {READING}")
+        state = recorded.states[-1]
+        reading = state.reading._replace(stick=values["stick"])
+        recorded.states[-1] = state._replace(reading=reading)
+    labels, before = values.get("labels", recorded.labels), recorded.labels
+    changed = {name for name in {**labels, **before} if labels.get(name) != before.get(name)}
+    return recorded._replace(changed=tuple(sorted(changed.union(recorded.changed))))
 
 
 def _read_episode(content: Content) -> RecordedEpisode:

@@ -185,6 +185,9 @@ def _read_stick(value: Any) -> Stick:
     return Stick(**read_fields(_STICK_FIELDS, _object(value)))
 
 
+_STICK: Final = Kind({"type": "object"}, _read_stick, _content_of(_STICK_FIELDS))
+
+
 def _read_terms(value: Any) -> dict[str, float]:
     terms = {name: _number(term) for name, term in _object(value).items()}
     return migrated(terms, "task.reward")
@@ -206,11 +209,8 @@ def reading_fields(beams: int = -1, rangers: int = -1) -> dict[str, Kind]:
         "truth": Kind({"type": "object"}, _read_truth, _content_of(_TRUTH_FIELDS)),
         "particles": _poses("<f4"),
         "map": MAP,
-        "stick": Kind({"type": "object"}, _read_stick, _content_of(_STICK_FIELDS)),
+        "stick": _STICK,
     }
-
-
-_OPTIONAL = ("particles", "map", "stick")  # fields of a reading
 
 
 def widened_actors(text: Any) -> str:
@@ -242,7 +242,13 @@ FIELDS: Final[dict[str, dict[str, Kind]]] = {
         "labels": OBJECT,  # `NavigationEnv.labels`
     },
     READING: reading_fields(),
-    COMMAND: {"action": numbers(2), "v": NUMBER, "w": NUMBER},
+    COMMAND: {
+        "action": numbers(2),
+        "v": NUMBER,
+        "w": NUMBER,
+        "stick": _STICK,  # that it answers, where it came after the reading
+        "labels": OBJECT,  # where they have changed in mid-drive
+    },
     SHIELD: {"reason": TEXT, "asked": numbers(2), "given": numbers(2), "protective": FLAG},
     VERDICT: {
         "reward": NUMBER,
@@ -262,7 +268,10 @@ FIELDS: Final[dict[str, dict[str, Kind]]] = {
 def json_schema(topic: str) -> dict[str, Any]:
     """The JSON schema of a topic's messages."""
     fields = FIELDS[topic]
-    optional = {READING: _OPTIONAL, BOARD: set(fields) - {"wall"}}.get(topic, ())
+    optional = {
+        READING: ("particles", "map", "stick"), COMMAND: ("stick", "labels"),
+        BOARD: set(fields) - {"wall"},
+    }.get(topic, ())  # fmt: skip
     return {
         "type": "object",
         "title": topic.removeprefix("/"),

@@ -290,6 +290,11 @@ class Task:
         """Take what a person's interface gives where the chair truly is, before the assessment."""
         take_first_stick(self._progress, *stick, self.at_goal(true_pose))
 
+    def replace_stick(self, stick: Stick) -> None:
+        """Take what the interface gives by now, in place of what it gave with the reading."""
+        self._progress["sticks"][0, 0] = stick.forward, stick.left
+        self._progress["latched"] = stick.latched
+
     @property
     def stick(self) -> Stick | None:
         """What the interface of the person who drives gives now; None where nobody drives."""

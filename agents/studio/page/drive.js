@@ -240,7 +240,7 @@ export class DrivePage {
 
   steer() {
     if (!this.running || this.on.device.value === "switch") return;
-    const speed = Number(this.on.speed.value), [forward, left] = this.inputs.deflection().map(one => one * speed);
+    const speed = Number(this.on.speed.value), { by, at } = this.inputs.deflection(), [forward, left] = at.map(one => one * speed);
     const moved = forward !== this.sent[0] || left !== this.sent[1];
     if (!moved && !forward && !left) return;
     if (moved) {
@@ -252,7 +252,7 @@ export class DrivePage {
     if (!moved && now - this.sentAt < PERIOD - 5) return;
     this.sent = [forward, left];
     this.sentAt = now;
-    this.link.send("stick", { forward, left, n: this.number });
+    this.link.send("stick", { forward, left, by, n: this.number });
   }
 
   take(head, ranges) {

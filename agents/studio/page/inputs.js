@@ -63,12 +63,12 @@ export class Inputs {
     return [0, 0];
   }
 
-  /** The deflection now: of the touch stick, else of a gamepad, else of keys. */
+  /** The deflection now, and by what: of the touch stick, else of a gamepad, else of keys. */
   deflection() {
-    if (this.touch[0] || this.touch[1]) return this.touch;
+    if (this.touch[0] || this.touch[1]) return { by: "touch", at: this.touch };
     const pad = this.gamepad();
-    if (pad[0] || pad[1]) return pad;
+    if (pad[0] || pad[1]) return { by: "gamepad", at: pad };
     const is = name => (this.held.has(name) ? 1 : 0), share = this.slow ? 0.5 : 1;
-    return [share * (is("up") - is("down")), share * TURN * (is("left") - is("right"))];
+    return { by: "keyboard", at: [share * (is("up") - is("down")), share * TURN * (is("left") - is("right"))] };
   }
 }

@@ -68,7 +68,7 @@ def test_a_recording_is_shown_as_it_was_driven(served):
         send(socket, "start", **START | {"assist": "slide"})
         messages(socket, "world")
         for n in range(12):
-            send(socket, "stick", forward=0.7, left=0.3, n=n)
+            send(socket, "stick", forward=0.7, left=0.3, by="touch", n=n)
             messages(socket, "picture")
         send(socket, "stop")
         ended = messages(socket, "ended")

@@ -125,8 +125,9 @@ def cut_off(socket):
 
 def test_broken_messages_are_answered_and_then_cut_off(served):
     broken = ["", "{", "[]", "1", '{"type": 3}', '{"type": "fly"}', '{"type": "stick"}',
-              json.dumps({"type": "stick", "forward": 2, "left": 0, "n": 0}),
-              '{"type": "stick", "forward": NaN, "left": 0, "n": 0}', "x" * 5000]  # fmt: skip
+              json.dumps({"type": "stick", "forward": 2, "left": 0, "by": "touch", "n": 0}),
+              '{"type": "stick", "forward": NaN, "left": 0, "by": "touch", "n": 0}',
+              "x" * 5000]  # fmt: skip
     with served.socket() as socket:
         for text in broken:
             socket.send(text)
@@ -144,7 +145,7 @@ def test_a_flood_is_cut_off_and_others_are_served(served):
     with served.socket() as flooding, served.socket() as other:
         with contextlib.suppress(ConnectionClosed):
             for k in range(3000):
-                send(flooding, "stick", forward=0.0, left=0.0, n=k)
+                send(flooding, "stick", forward=0.0, left=0.0, by="touch", n=k)
         cut_off(flooding)
         send(other, "start", **{**START, "place": "nowhere"})
         assert "nowhere" in messages(other, "error")["text"]
@@ -163,8 +164,8 @@ def test_too_many_requests_are_refused_for_a_moment(served):
 @pytest.mark.parametrize("kind", FIELDS)
 def test_a_message_has_exactly_its_fields(kind):
     good = {"place": "map", "seed": 1, "assist": "slide", "hand": "none", "sight": "none",
-            "rate": 20, "on": True,
-            "forward": 0.5, "left": -1, "n": 3, "name": "stick", "scan_period": 1.0}  # fmt: skip
+            "rate": 20, "on": True, "forward": 0.5, "left": -1, "by": "keyboard", "n": 3,
+            "name": "stick", "scan_period": 1.0}  # fmt: skip
     message = {"type": kind, **{name: good[name] for name in FIELDS[kind]}}
     assert read_message(json.dumps(message), FIELDS) == message
     for wrong in ({**message, "more": 1}, {**message, "type": kind + "x"}):
@@ -185,7 +186,7 @@ def drive_for(socket, seconds, forward=1.0, left=0.0, number=1):
     """Hold a stick for so long; the head of the last picture."""
     end = time.monotonic() + seconds
     while time.monotonic() < end:
-        send(socket, "stick", forward=forward, left=left, n=number)
+        send(socket, "stick", forward=forward, left=left, by="touch", n=number)
         picture = messages(socket, "picture", patience=10)
     return picture
 

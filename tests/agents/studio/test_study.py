@@ -171,7 +171,7 @@ def test_a_page_that_is_closed_in_a_drive_leaves_the_step_open(opened):
         send(socket, "begin")
         messages(socket, "world")
         for n in range(20):
-            send(socket, "stick", forward=1.0, left=0.0, n=n)
+            send(socket, "stick", forward=1.0, left=0.0, by="touch", n=n)
             messages(socket, "picture")
     with served.socket("study") as socket:
         send(socket, "participant", number=9)
