@@ -160,4 +160,6 @@ def test_every_setting_says_what_it_does_and_where_its_default_comes_from(cls):
         assert doc.endswith("."), f"{place}: the description is no sentence"
         if isinstance(field.default, bool | str | None) or field.default == ():
             continue  # a choice among words needs no source
+        if field.default is field.default_factory is dataclasses.MISSING:
+            continue  # it must be given
         assert field.metadata.get("source"), f"{place} does not say where its default comes from"

@@ -40,6 +40,10 @@ PARTS = {
     "scanning": "wheelchair_gym.drivers.settings:Scanning",
     "stick": "wheelchair_gym.drivers.settings:ProportionalStick",
     "switches": "wheelchair_gym.drivers.settings:Switches",
+    "protocol": "agents.participants.protocol:Protocol",
+    "condition": "agents.participants.protocol:Condition",
+    "participants_task": "agents.participants.protocol:Task",
+    "questionnaire": "agents.participants.protocol:Questionnaire",
     "cost_to_go": "wheelchair_gym.maps.cost_to_go:CostToGoSettings",
 }
 QUANTILES = {"least": 0.0, "p5": 0.05, "p50": 0.5, "p95": 0.95, "most": 1.0}
@@ -102,7 +106,7 @@ def settings_rows(cls: type, prefix: str = "") -> list[dict[str, Any]]:
         default = field.default
         if default is dataclasses.MISSING:
             made = field.default_factory
-            default = None if made is dataclasses.MISSING else made()
+            default = "required" if made is dataclasses.MISSING else made()
         if dataclasses.is_dataclass(default):
             rows += settings_rows(type(default), f"{prefix}{field.name}.")
             continue

@@ -13,6 +13,9 @@ from wheelchair_gym.errors import shorten
 from wheelchair_gym.scenes import make_scene
 
 _OWN = "the experimenter's choice"
+Device = Literal["keyboard", "gamepad", "touch", "switch"]
+DEVICES: tuple[Device, ...] = ("keyboard", "gamepad", "touch", "switch")
+LEAST_SCAN = 0.3  # s for which a command must be lit, so that a person can press
 _HIDDEN = ("left", "right", "neglect", "noticed")  # of a perception
 
 
@@ -21,6 +24,7 @@ class Task:
     """A drive that every participant makes in every condition."""
 
     name: str
+    """What it is called; part of the names of recordings."""
     scene: Any = setting(default="floor_plan", source=_OWN)
     """A scene: its name, or a mapping with its settings."""
     seed: int = setting(default=0, low=0, source=_OWN)
@@ -34,6 +38,7 @@ class Condition:
     """What is compared: the help that a participant has."""
 
     name: str
+    """What it is called in tables."""
     assist: Any = setting(default="shield", source=_OWN)
     """An assistant: its name, or a mapping with its settings."""
     hand: Hand = setting(default=Hand(), source=_OWN)
@@ -58,7 +63,9 @@ class Questionnaire:
     """Statements that a participant rates on one scale (Likert)."""
 
     name: str
+    """What it is called in tables."""
     statements: tuple[str, ...]
+    """What is rated, one statement after another."""
     points: int = setting(default=7, low=2, high=11, source="common for a Likert scale")
     """Steps of the scale; the answers are 1 to `points`."""
     low: str = setting(default="strongly disagree", source="common for a Likert scale")
@@ -114,9 +121,13 @@ class Protocol:
     """
 
     title: str
+    """What the experiment is called."""
     consent: str
+    """What a participant agrees to before anything else."""
     conditions: tuple[Condition, ...]
+    """What is compared."""
     tasks: tuple[Task, ...]
+    """What everybody drives in every condition."""
     practice: tuple[Task, ...] = ()
     """Drives before the tasks of each condition, which are not evaluated."""
     order: Literal["balanced", "listed"] = "balanced"
@@ -124,6 +135,12 @@ class Protocol:
     nasa_tlx: bool = True
     """Whether the NASA-TLX is asked after each condition."""
     questionnaires: tuple[Questionnaire, ...] = ()
+    """What else is asked."""
+    devices: tuple[Device, ...] = setting(default=DEVICES, source=_OWN)
+    """By what a participant may drive. With more than one, it is chosen before each drive; in a
+    drive it stays."""
+    scan_period: float = setting(default=0.0, unit="s", low=0.0, high=10.0, source=_OWN)
+    """For which a single switch lights each command, at least 0.3; 0: chosen before each drive."""
 
     def __post_init__(self) -> None:
         """Refuse what is empty, and names that are not distinct."""
@@ -141,6 +158,10 @@ class Protocol:
                     raise InputError(f"{key}: the name {shorten(name)} is taken; expected another")
                 if not name.strip() or "/" in name:
                     raise InputError(f"{key}: the name is {shorten(name)}; expected no slash in it")
+        if not self.devices or len(set(self.devices)) < len(self.devices):
+            raise InputError(f"Protocol.devices: expected some of {', '.join(DEVICES)}, each once")
+        if 0.0 < self.scan_period < LEAST_SCAN:
+            raise InputError(f"Protocol.scan_period is {self.scan_period:g}; expected 0, or 0.3")
         if not self.conditions or not self.tasks:
             raise InputError("Protocol: expected at least one condition and one task")
         for asked in self.questionnaires:

@@ -22,7 +22,10 @@ from wheelchair_gym.errors import shorten
 PROTOCOL = "protocol.json"
 STEPS = "steps.jsonl"
 DATA = "data.csv"
-COLUMNS = ("participant", "position", "condition", "task", "source", "measure", "value")
+COLUMNS = (
+    "participant", "position", "condition", "task", "device", "scan_period", "source", "measure",
+    "value",
+)  # fmt: skip
 LARGEST = 9999  # number of a participant
 
 
@@ -63,22 +66,25 @@ class Session:
         self._finish("consent", {"agreed": True})
 
     def drive(
-        self, step: Step, figures: Mapping[str, Any], recording: str = "", device: str = ""
-    ) -> None:
+        self, step: Step, figures: Mapping[str, Any], recording: str = "", device: str = "",
+        scan_period: float | None = None,
+    ) -> None:  # fmt: skip
         """A drive is over.
 
         Args:
             step: which drive.
             figures: its numbers, named as `wheelchair compare` does.
             recording: the file's name.
-            device: by which the participant drove.
+            device: by which the participant drove, one of the protocol's.
+            scan_period: of a single switch [s].
         """
         numbers = {
             key: value if exists(value) else None
             for key, value in figures.items()
             if value is None or isinstance(value, bool | int | float)
         }
-        self._finish("drive", {"figures": numbers, "recording": recording, "device": device}, step)
+        by = {"device": device, "scan_period": scan_period}
+        self._finish("drive", {"figures": numbers, "recording": recording, **by}, step)
 
     def answer(self, step: Step, values: Sequence[Any]) -> None:
         """The answers to a questionnaire, a number for each item.
@@ -149,6 +155,7 @@ def tidy(records: Sequence[Record]) -> list[Record]:
         if record["practice"]:
             continue
         same = {key: record[key] for key in ("participant", "position", "condition", "task")}
+        same |= {key: record.get(key) for key in ("device", "scan_period")}  # of drives
         values: Record = record.get("figures") or record.get("answers") or {}
         source = record["questionnaire"] or "drive"
         for measure, value in values.items():

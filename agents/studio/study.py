@@ -11,11 +11,11 @@ import numpy as np
 from agents.evaluation.assisted import StickTrace
 from agents.evaluation.evaluate import label, without_labels
 from agents.evaluation.metrics import Record, Trace, measure
-from agents.participants.protocol import Protocol, Step
+from agents.participants.protocol import DEVICES, LEAST_SCAN, Protocol, Step
 from agents.participants.session import LARGEST, Session
 from agents.studio.catalogue import NO_HAND, NO_SIGHT, Place
 from agents.studio.drive import Drive, Order
-from agents.studio.messages import Fields, Message, Number, Outbox, Whole
+from agents.studio.messages import Fields, Message, Number, OneOf, Outbox, Whole
 from agents.studio.session import FIELDS, DriveSession
 from wheelchair_gym.config import InputError, dump
 from wheelchair_gym.drivers.settings import Hand, Perception
@@ -27,7 +27,8 @@ PATIENCE: Final = {"task": {"time_base": 60.0, "time_factor": 10.0}}
 _ITEMS = 100  # of a questionnaire, at most
 
 STUDY_FIELDS: Final[Fields] = {
-    **{kind: FIELDS[kind] for kind in ("stick", "press", "device", "stop")},
+    **{kind: FIELDS[kind] for kind in ("stick", "press", "stop")},
+    "device": {"name": OneOf(DEVICES), "scan_period": Number(LEAST_SCAN, 10.0)},
     "participant": {"number": Number(1, LARGEST, whole=True)},
     "consent": {}, "begin": {}, "give_up": {}, "answer": {"values": Whole(_ITEMS)},
 }  # fmt: skip
@@ -74,10 +75,19 @@ class StudySession(DriveSession):
     ) -> None:
         self._protocol = protocol
         self._session: Session | None = None
-        self._given_up: tuple[Step, Record, str, str] | None = None  # it may be driven again
+        self._given_up: tuple[Any, ...] | None = None  # a drive that may be driven again
+        self._device = ""
         super().__init__({}, folder, outbox, ready)
-        title, consent = ("", "") if protocol is None else (protocol.title, protocol.consent)
-        outbox.send("study", title=title, consent=consent)
+        outbox.send("study", **({"title": ""} if protocol is None else {
+            "title": protocol.title, "consent": protocol.consent,
+            "devices": protocol.devices, "scan_period": protocol.scan_period,
+        }))  # fmt: skip
+
+    def receive(self, message: Message) -> None:
+        """See `PageSession.receive`; a stick counts if it is the device of the drive."""
+        if message["type"] == "stick" and message["by"] != self._device:
+            return
+        super().receive(message)
 
     def _of(self) -> Session:
         """The participant's session.
@@ -136,6 +146,15 @@ class StudySession(DriveSession):
         self._session = Session(self._folder, self._protocol, message["number"])
         self._send_step()
 
+    def on_device(self, message: Message) -> None:
+        """Take another device before a drive."""
+        protocol, name = self._of().protocol, message["name"]
+        if self._drive is not None:
+            raise InputError(f"device: expected {self._device} until this drive has ended")
+        OneOf(protocol.devices).check(name, "device.name")
+        period = protocol.scan_period or message["scan_period"]
+        self._device, self._scan_period = name, period if name == "switch" else 0.0
+
     def on_consent(self, message: Message) -> None:
         """Note the participant's consent."""
         self._of().consent()
@@ -150,6 +169,8 @@ class StudySession(DriveSession):
     def on_begin(self, message: Message) -> None:
         """Begin the drive that is due, or begin it again."""
         step = self._step_of("drive")
+        if not self._device:
+            raise InputError("begin: expected a device first")
         self._end()
         task, condition = self._task(step), self._condition(step)
         bare = without_labels(task.scene)
@@ -172,12 +193,12 @@ class StudySession(DriveSession):
             return
         step, figures = self._step_of("drive"), drive.figures()
         recording = "" if drive.file is None else drive.file.name
-        device = "switch" if self._scan_period else "stick"
+        done = step, figures, recording, self._device, self._scan_period or None
         if drive.over:
-            self._of().drive(step, figures, recording, device)
+            self._of().drive(*done)
             self._send_step()
         else:
-            self._given_up = step, figures, recording, device
+            self._given_up = done
             self._out.send("unfinished")
 
     def on_give_up(self, message: Message) -> None:

@@ -13,6 +13,7 @@ export class Inputs {
     this.touch = [0, 0];
     this.stick = stick;
     this.changed = changed;
+    this.only = ""; // keyboard, gamepad or touch; empty: all of them
     this.ending = new AbortController();
     const on = (target, type, act) => target.addEventListener(type, act, { signal: this.ending.signal });
     on(window, "keydown", event => this.key(event, true));
@@ -63,11 +64,11 @@ export class Inputs {
     return [0, 0];
   }
 
-  /** The deflection now, and by what: of the touch stick, else of a gamepad, else of keys. */
+  /** The deflection now, and by what: of the touch stick, else of a gamepad, else of keys; or of `only` one of them. */
   deflection() {
-    if (this.touch[0] || this.touch[1]) return { by: "touch", at: this.touch };
-    const pad = this.gamepad();
-    if (pad[0] || pad[1]) return { by: "gamepad", at: pad };
+    const may = by => !this.only || this.only === by, pad = this.gamepad();
+    if (may("touch") && (this.touch[0] || this.touch[1] || this.only)) return { by: "touch", at: this.touch };
+    if (may("gamepad") && (pad[0] || pad[1] || this.only)) return { by: "gamepad", at: pad };
     const is = name => (this.held.has(name) ? 1 : 0), share = this.slow ? 0.5 : 1;
     return { by: "keyboard", at: [share * (is("up") - is("down")), share * TURN * (is("left") - is("right"))] };
   }

@@ -13,9 +13,9 @@ export class StudyPage extends DrivePage {
     this.panel = document.createElement("section");
     this.panel.className = "panel";
     root.prepend(this.panel);
-    for (const one of [this.on.place, this.on.assist]) one.closest("fieldset").remove();
-    // The same speed for everybody, and nothing that names the condition.
-    for (const one of [this.on.rate, this.on.speed]) one.closest("label").remove();
+    // The same speed for everybody, and nothing that names the condition; the device is chosen before a drive.
+    this.choice = [this.on.device.closest("label"), this.on.scanning];
+    for (const one of [this.on.place, this.on.assist, this.on.speed]) one.closest("fieldset").remove();
     this.on.r_shield.previousElementSibling.remove();
     this.on.r_shield.remove();
     this.on.pause.remove();
@@ -44,8 +44,14 @@ export class StudyPage extends DrivePage {
   }
 
   welcome(message) {
-    this.consentText = message.consent;
+    this.protocol = message;
     this.title = message.title;
+    this.on.device.replaceChildren(...(message.devices ?? []).map(name => {
+      const one = document.createElement("option");
+      one.value = name; one.dataset.t = `d_${name}`;
+      return one;
+    }));
+    if (message.scan_period) this.on.period.value = message.scan_period;
     this.ask();
   }
 
@@ -75,7 +81,7 @@ export class StudyPage extends DrivePage {
   consent(step) {
     this.stage(false);
     this.show(
-      `${this.heading(step)}<h2 tabindex="-1" data-t="consent"></h2><p class="text">${escape(this.consentText)}</p>
+      `${this.heading(step)}<h2 tabindex="-1" data-t="consent"></h2><p class="text">${escape(this.protocol.consent)}</p>
         <label class="check"><input type="checkbox" id="agreed"> <span data-t="agree"></span></label>${button("go", "study_go")}`,
       on => {
         on.go.disabled = true;
@@ -90,9 +96,27 @@ export class StudyPage extends DrivePage {
     this.stage(false);
     this.show(
       `${this.heading(step)}<h2 tabindex="-1">${escape(step.task)}</h2>${step.practice ? '<p data-t="practice"></p>' : ""}
-        <p class="text">${escape(step.task_text)}</p><p class="text">${escape(step.condition_text)}</p>${button("go", "begin_drive")}`,
-      on => { on.go.onclick = () => this.drive(); },
+        <p class="text">${escape(step.task_text)}</p><p class="text">${escape(step.condition_text)}</p>
+        <form id="choice"></form><p class="hint" id="how"></p>${button("go", "begin_drive")}`,
+      on => {
+        on.choice.append(...this.choice);
+        translate(on.choice);
+        this.on.how = on.how;
+        this.device();
+        on.go.onclick = () => this.drive();
+      },
     );
+  }
+
+  /** The device of the next drive; what the protocol fixes is not asked for. */
+  device() {
+    super.device();
+    const name = this.on.device.value, single = name === "switch";
+    this.inputs.only = single ? "" : name;
+    this.on.stick.hidden = name !== "touch";
+    this.on.scanning.hidden = !single || this.protocol.scan_period > 0;
+    this.choice[0].hidden = this.protocol.devices.length < 2;
+    if (this.on.how) this.on.how.textContent = text(`d_how_${name}`);
   }
 
   drive() {

@@ -31,6 +31,7 @@ def opened(tmp_path_factory):
     protocol = Protocol(
         "Rooms", "You may stop at any time.", conditions, (task,), (Task("hall", scene),),
         questionnaires=(Questionnaire("trust", ("I felt safe.", "It obeyed.")),),
+        devices=("keyboard", "touch", "switch"),
     )  # fmt: skip
     with serving(folder, protocol) as served, browsing() as browser:
         page = browser.new_page(viewport={"width": 1280, "height": 900})
@@ -113,13 +114,15 @@ def test_a_participant_goes_from_consent_to_the_data(opened, capsys):
     assert all(record["figures"]["success"] for record in drives.values())
     assert drives["help 1/room"]["figures"]["time"] > drives["help 0/room"]["figures"]["time"]
     assert drives["help 0/room"]["recording"] == "help_0__room_2.mcap"
-    assert drives["help 0/room"]["device"] == "stick"
+    assert drives["help 0/room"]["device"] == "keyboard"
+    assert drives["help 0/room"]["scan_period"] is None
     assert list(records[3]["answers"].values()) == [0, 5, 10, 15, 20, 25]
     assert list(records[4]["answers"].values()) == [1, 2]
     assert main(["report", str(served.studio.folder)]) == 0
     capsys.readouterr()
     with (served.studio.folder / "data.csv").open() as file:
         rows = list(csv.DictReader(file))
+    assert {row["device"] for row in rows if row["source"] == "drive"} == {"keyboard"}
     assert {(row["condition"], row["source"]) for row in rows} >= {
         (condition, source)
         for condition in ("help 0", "help 1")
@@ -129,6 +132,47 @@ def test_a_participant_goes_from_consent_to_the_data(opened, capsys):
     assert len(recordings) == 5
     assert main(["replay", str(recordings[2])]) == 0
     assert "the same rewards" in capsys.readouterr().out
+
+
+def test_the_device_is_chosen_before_a_drive_and_stays(opened):
+    served, page = opened
+    page.reload()
+    until(page, "window.studio?.ready && studio.title")
+    page.fill("#number", "5")
+    page.keyboard.press("Enter")
+    page.check("#agreed")
+    page.click("#go")
+    until(page, "document.querySelector('#go[data-t=begin_drive]')")
+    assert page.eval_on_selector_all("#device option", "all => all.map(one => one.value)") == [
+        "keyboard", "touch", "switch",
+    ]  # fmt: skip
+    page.select_option("#device", "switch")
+    page.fill("#period", "0.5")
+    axe(page)
+    page.click("#go")
+    until(page, "studio.running && studio.now?.waits")
+    assert not page.is_visible("#device")
+    assert not page.is_visible("#stick")
+    page.keyboard.down("ArrowUp")  # no key drives
+    until(page, "studio.now.lit === 'right'", 10.0)
+    until(page, "studio.now.lit === 'forward'", 10.0)
+    assert page.evaluate("studio.now.waits")
+    page.keyboard.up("ArrowUp")
+    page.keyboard.press("Space")
+    until(page, "document.querySelector('#go[data-t=begin_drive]')", 30.0)
+    page.select_option("#device", "touch")
+    assert not page.is_visible("#period")
+    page.click("#go")
+    until(page, "studio.running && studio.now?.waits")
+    assert page.is_visible("#stick")
+    page.keyboard.press("ArrowUp")
+    assert page.evaluate("studio.now.waits")
+    page.keyboard.press("Escape")
+    (record,) = (
+        one for one in read_folder(served.studio.folder)[1]
+        if (one["participant"], one["kind"]) == (5, "drive")
+    )  # fmt: skip
+    assert (record["device"], record["scan_period"]) == ("switch", 0.5)
 
 
 @pytest.mark.parametrize("width", [390, 820])
@@ -169,10 +213,22 @@ def test_a_page_that_is_closed_in_a_drive_leaves_the_step_open(opened):
         send(socket, "consent")
         messages(socket, "step")
         send(socket, "begin")
+        assert "expected a device first" in messages(socket, "error")["text"]
+        send(socket, "device", name="gamepad", scan_period=1.0)
+        assert "expected keyboard, touch, switch" in messages(socket, "error")["text"]
+        send(socket, "device", name="touch", scan_period=1.0)
+        send(socket, "begin")
         messages(socket, "world")
+        for n in range(5):  # another device than that of the drive
+            send(socket, "stick", forward=1.0, left=0.0, by="keyboard", n=n)
+        for name in ("keyboard", "switch", "touch"):
+            send(socket, "device", name=name, scan_period=1.0)
+            assert "expected touch until this drive has ended" in messages(socket, "error")["text"]
+        assert messages(socket, "picture")["waits"]
         for n in range(20):
             send(socket, "stick", forward=1.0, left=0.0, by="touch", n=n)
-            messages(socket, "picture")
+            picture = messages(socket, "picture")
+        assert picture["twist"][0] > 0.1
     with served.socket("study") as socket:
         send(socket, "participant", number=9)
         assert messages(socket, "step")["task"] == "hall"
