@@ -10,6 +10,7 @@ from wheelchair_gym.drivers.impairment import IMPAIRMENTS, SIGHTS
 from wheelchair_gym.scenes import SCENES
 
 FIRST: Final = "floor_plan"  # scene of the first drive, which needs least compiling
+STILL: Final = (FIRST, "clutter", "doorway")  # scenes for the twin, in which nobody moves
 MAP: Final = "map"  # the key of a person's own map
 RATES: Final = (10, 20, 40)  # Hz
 NO_HAND: Final = "none"
@@ -26,6 +27,7 @@ class Place(NamedTuple):
         scene: settings of the scene, for the environment.
         env: further settings of the environment.
         timed: the episode's own time limit counts.
+        twin: the chair's boards are emulated.
     """
 
     group: str
@@ -33,10 +35,11 @@ class Place(NamedTuple):
     scene: Any
     env: Mapping[str, Any]
     timed: bool = False
+    twin: bool = False
 
 
 def places(own_map: Mapping[str, Any] | None = None) -> dict[str, Place]:
-    """All places by key: scenes, scenes of the suites of `compare`, and a person's own map.
+    """All places by key: scenes, also for the twin, scenes of suites, and a person's own map.
 
     Args:
         own_map: settings of the scene `map_file`, with a label.
@@ -51,6 +54,11 @@ def places(own_map: Mapping[str, Any] | None = None) -> dict[str, Place]:
     for name in SCENES:
         if name != "mixture":
             found[f"scene:{name}"] = Place("scene", name, name, plain)
+    measured = {"pose_source": "odometry"}
+    for key in (MAP, *(f"scene:{name}" for name in STILL)):
+        if key in found:
+            place = found[key]
+            found[f"twin:{key}"] = place._replace(group="twin", env=measured, twin=True)
     for name, suite in SUITES.items():
         for k, scene in enumerate(suite.scenes):
             its = dict(scene.get("env", {})) if isinstance(scene, Mapping) else {}

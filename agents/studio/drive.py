@@ -22,6 +22,7 @@ from wheelchair_gym.drivers.impairment import LiveInput, LiveSight, scanning
 from wheelchair_gym.drivers.intention import NEAR_GOAL
 from wheelchair_gym.drivers.settings import Perception
 from wheelchair_gym.envs import NavigationEnv
+from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.physics.actors.records import ACTOR_KINDS
 from wheelchair_gym.recording.record import RecordEpisodes
 from wheelchair_gym.safety.stops import active_stops
@@ -75,7 +76,14 @@ class Drive:
         env["guidance"] = None  # nobody is shown the way of a person
         if order.rate == _FINE:
             env["config"] = {**place.env.get("config", {}), "physics": {"step": _FINE_STEP}}
-        self._world: Any = NavigationEnv(place.scene, person=lambda: self._stick, **env)
+        if place.twin:
+            from wheelchair_gym.hardware.twin.episodes import episode_twin
+
+            settings = env_settings(env.pop("config", None), scene=place.scene, **env)
+            env = {"config": settings, "chair": episode_twin(settings)}
+        else:
+            env["scene"] = place.scene
+        self._world: Any = NavigationEnv(person=lambda: self._stick, **env)
         self._env: Any = self._world  # recorded, where it can be
         self.note, self.file = "", None
         try:

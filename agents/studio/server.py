@@ -174,7 +174,7 @@ def _compare_session(studio: Studio, out: Outbox) -> Any:
     from agents.studio.compare_session import CompareSession
 
     places = studio.places()
-    out.send("choices", **choices(places))
+    out.send("choices", **choices(_simulated(places)))
     return CompareSession(places, studio.runs, out)
 
 
@@ -189,8 +189,13 @@ def _plan_session(studio: Studio, out: Outbox) -> Any:
     from agents.studio.plan_session import PlanSession
 
     places = studio.places()
-    out.send("choices", **choices(places))
+    out.send("choices", **choices(_simulated(places)))
     return PlanSession(places, studio.folder, out)
+
+
+def _simulated(places: dict[str, Any]) -> dict[str, Any]:
+    """The places without those of the twin, whose worlds are the same."""
+    return {key: place for key, place in places.items() if not place.twin}
 
 
 SESSIONS: Final[dict[str, Callable[[Studio, Outbox], Any]]] = {

@@ -145,7 +145,7 @@ export class DrivePage {
   }
 
   choose(message) {
-    const groups = { map: "maps", scene: "scenes", suite: "suites" }, option = (value, name, key) => {
+    const groups = { map: "maps", scene: "scenes", twin: "twins", suite: "suites" }, option = (value, name, key) => {
       const one = document.createElement("option");
       one.value = value;
       if (key) one.dataset.t = key; else one.textContent = name;

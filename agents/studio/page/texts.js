@@ -62,6 +62,7 @@ const ROWS = {
   place: ["Place", "Lugar"],
   where: ["Where", "Dónde"],
   scenes: ["Scenes", "Escenas"],
+  twins: ["The chair with its boards emulated", "La silla con sus placas emuladas"],
   suites: ["Episodes of suites", "Episodios de las pruebas"],
   maps: ["Your map", "Su mapa"],
   seed: ["Number of the world", "Número del mundo"],

@@ -11,6 +11,7 @@ from agents.cli import main
 from agents.studio.catalogue import NO_HAND, NO_SIGHT
 from agents.studio.server import PAGE
 from tests.agents.studio.served import browsing, serving, until
+from tests.hardware.conftest import build
 from wheelchair_gym.drivers.impairment import IMPAIRMENTS, SIGHTS
 
 GAMEPAD = "navigator.getGamepads = () => [{ axes: [0, window.pushed ?? 0] }]"
@@ -58,6 +59,21 @@ def test_keys_drive_to_the_goal_and_the_drive_is_judged_the_same(opened, capsys)
     assert page.inner_text("#outcome") == page.inner_text("#banner")
     assert main(["replay", str(served.studio.folder / result["file"])]) == 0
     assert "the same rewards" in capsys.readouterr().out
+
+
+def test_the_twin_drives_to_the_goal(opened):
+    pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
+    for target in ("libemulator.so", "drive.elf", "range.elf"):
+        build(target)
+    _, page = opened
+    page.select_option("#place", "twin:map")
+    begin(page)
+    page.keyboard.down("ArrowUp")
+    until(page, "!studio.running", 20.0)
+    page.keyboard.up("ArrowUp")
+    assert page.evaluate("studio.result.outcome") == "success"
+    assert page.evaluate("studio.world.order.place") == "twin:map"
+    page.select_option("#place", "map")
 
 
 @pytest.mark.long

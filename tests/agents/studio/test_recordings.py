@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 
+import numpy as np
 import pytest
 
 from agents.cli import main
@@ -12,7 +13,9 @@ from agents.person.recorded_stick import session_of
 from agents.person.replay import open_loop
 from agents.studio.catalogue import places
 from agents.studio.drive import Drive, Order
+from tests.hardware.conftest import build
 from wheelchair_gym.config import InputError
+from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.recording.replay import read_recording
 
 PLACES = places()
@@ -112,6 +115,37 @@ def test_a_drive_that_was_never_begun_leaves_no_file(tmp_path):
     drive.close()
     assert drive.file is None
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_twin_is_driven_and_judged_the_same(tmp_path, capsys):
+    """The boards' own firmware drives; it stands until the stick is pushed, and follows it."""
+    pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
+    for target in ("libemulator.so", "drive.elf", "range.elf"):
+        build(target)
+    heads = []
+    watch = lambda drive, k: heads.append(drive.picture()[0])  # noqa: E731
+    file = driven(tmp_path, 5.0, watch, place="twin:scene:clutter", rate=20)
+    assert heads[0]["waits"]
+    assert heads[40]["twist"][0] > 0.3
+    assert heads[40]["stands"] == []
+    believed, true = heads[-1]["believed"], heads[-1]["pose"]
+    assert 1e-6 < np.hypot(*(believed - true)[:2]) < 0.05
+    (recorded,) = read_recording(file)
+    assert np.abs(recorded.states[-1].truth.twist).max() < 0.02  # it was let go
+    assert main(["replay", str(file), "--assist", "slide"]) == 0
+    said = capsys.readouterr().out
+    assert "the same rewards" in said
+    assert "the same, to the bit" in said
+
+
+def test_the_twin_is_offered_where_nobody_moves():
+    twins = {key: place for key, place in PLACES.items() if place.twin}
+    assert len(twins) >= 3
+    for place in twins.values():
+        env = NavigationEnv(place.scene)
+        for seed in range(5):
+            env.reset(seed=seed)
+            assert not len(env.episode.actors)
 
 
 @pytest.mark.parametrize("part", [0.45, 0.8, 0.999])
