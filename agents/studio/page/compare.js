@@ -14,7 +14,7 @@ const HTML = `<div class="page"><div class="stage"><div class="pair">${SIDES.map
     <button id="event" data-t="next_event" disabled></button></div>
   <div class="wide"><table><caption class="hidden" data-t="figures_of"></caption><thead><tr><th data-t="figure"></th><th id="head-left">–</th><th id="head-right">–</th></tr></thead>
     <tbody id="rows"></tbody></table></div></div>
-  <div><form id="form"><fieldset><legend data-t="drive_both"></legend>
+  <div class="forms"><form id="form"><fieldset><legend data-t="drive_both"></legend>
     <label><span data-t="where"></span><select id="place"></select></label>
     <label><span data-t="seed"></span><input id="seed" type="number" min="0" max="2147483647" step="1" value="0"></label>
     <label><span data-t="person"></span><select id="driver"></select></label>
@@ -108,6 +108,8 @@ export class ComparePage {
     this.on.driver.options[0].textContent = text("nobody");
     this.on.file.replaceChildren(...options(message.recordings));
     this.on.run.replaceChildren(...options(message.runs));
+    this.on.opening.hidden = !this.on.file.options.length;
+    this.on.again.hidden = !message.runs.length;
     this.fill();
     this.busy(false);
     if (message.runs.length) this.on.run.onchange();

@@ -6,17 +6,17 @@ import { drawActors, drawChair, drawGoal, drawSenses, drawVeil, drawWorld, View 
 
 const HTML = `<div class="page"><div class="stage">
   <canvas id="map" tabindex="0" role="img" data-label="map_label"></canvas>
-  <div class="zoom"><button id="in" data-label="zoom_in">+</button><button id="out" data-label="zoom_out">−</button>
-    <button id="fit" data-t="fit"></button></div>
   <p id="banner" class="banner"></p>
   <div id="results" hidden><h2 id="outcome"></h2><p id="figures"></p><div class="row"><a id="recording" data-t="recording" hidden></a>
     <button id="film" type="button" data-t="film" hidden></button><a id="filmed" data-t="film_ready" hidden></a></div></div>
   <div class="controls">
     <div id="stick" class="stick" role="img" data-label="touch_stick"><div class="knob"></div></div>
     <div id="switching" hidden><ul id="scan" class="scan" data-label="scan"></ul><button id="switch" class="switch" data-t="switch"></button></div>
-    <div class="grow"><div class="row"><button id="pause" data-t="pause" disabled></button><button id="stop" data-t="stop" disabled></button></div>
-      <p class="hint" data-t="keys_hint"></p><ul id="legend" class="legend"></ul></div>
-  </div></div>
+    <div class="grow"><div class="row"><button id="pause" data-t="pause" disabled></button><button id="stop" data-t="stop" disabled></button>
+        <span class="zoom"><button id="in" type="button" data-label="zoom_in">+</button><button id="out" type="button" data-label="zoom_out">−</button><button id="fit" type="button" data-t="fit"></button></span></div>
+      <p id="hint" class="hint" data-t="keys_hint"></p><ul id="legend" class="legend"></ul></div>
+  </div>
+  <fieldset><legend data-t="readings"></legend><dl id="readings"></dl></fieldset></div>
   <form id="form">
     <fieldset><legend data-t="place"></legend>
       <label><span data-t="where"></span><select id="place"></select></label>
@@ -34,7 +34,6 @@ const HTML = `<div class="page"><div class="stage">
       <label><span data-t="speed"></span><input id="speed" type="range" min="0.2" max="1" step="0.1" value="0.8"></label>
       <label><span data-t="rate"></span><select id="rate"></select></label>
     </fieldset>
-    <fieldset><legend data-t="readings"></legend><dl id="readings"></dl></fieldset>
   </form></div>`;
 const READINGS = {
   r_time: now => `${now.t.toFixed(1)} s`, r_speed: now => `${now.twist[0].toFixed(2)} m/s`,
@@ -129,11 +128,12 @@ export class DrivePage {
       item.append(colour, words);
       return item;
     }));
-    this.on.readings.replaceChildren(...[...Object.keys(READINGS), "r_shield"].flatMap(name => {
-      const term = document.createElement("dt"), value = document.createElement("dd");
+    this.on.readings.replaceChildren(...[...Object.keys(READINGS), "r_shield"].map(name => {
+      const row = document.createElement("div"), term = document.createElement("dt"), value = document.createElement("dd");
       term.dataset.t = name; value.id = name; value.textContent = "–";
       this.on[name] = value;
-      return [term, value];
+      row.append(term, value);
+      return row;
     }));
   }
 

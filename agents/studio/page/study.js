@@ -5,7 +5,7 @@ import { text, translate } from "./texts.js";
 
 const escape = what => Object.assign(document.createElement("i"), { textContent: what }).innerHTML;
 const button = (id, key) => `<div class="row"><button id="${id}" class="main" data-t="${key}"></button></div>`;
-const MARKED = 21; // values up to which a scale is shown as marks to choose from
+const FEW = 11; // marks that stand in one row on any screen
 
 export class StudyPage extends DrivePage {
   constructor(root, looks) {
@@ -16,8 +16,9 @@ export class StudyPage extends DrivePage {
     // The same speed for everybody, and nothing that names the condition; the device is chosen before a drive.
     this.choice = [this.on.device.closest("label"), this.on.scanning];
     for (const one of [this.on.place, this.on.assist, this.on.speed]) one.closest("fieldset").remove();
-    this.on.r_shield.previousElementSibling.remove();
-    this.on.r_shield.remove();
+    this.on.form.closest(".page").classList.add("alone");
+    this.on.form.remove();
+    this.on.r_shield.parentElement.remove();
     this.on.pause.remove();
     this.stage(false);
   }
@@ -51,6 +52,7 @@ export class StudyPage extends DrivePage {
       one.value = name; one.dataset.t = `d_${name}`;
       return one;
     }));
+    if (matchMedia("(pointer: coarse)").matches && message.devices?.includes("touch")) this.on.device.value = "touch";
     if (message.scan_period) this.on.period.value = message.scan_period;
     this.ask();
   }
@@ -114,6 +116,7 @@ export class StudyPage extends DrivePage {
     const name = this.on.device.value, single = name === "switch";
     this.inputs.only = single ? "" : name;
     this.on.stick.hidden = name !== "touch";
+    this.on.hint.hidden = name !== "keyboard";
     this.on.scanning.hidden = !single || this.protocol.scan_period > 0;
     this.choice[0].hidden = this.protocol.devices.length < 2;
     if (this.on.how) this.on.how.textContent = text(`d_how_${name}`);
@@ -149,12 +152,10 @@ export class StudyPage extends DrivePage {
   questions(step) {
     this.stage(false);
     const item = ([asked, low, high, values], k) => {
-      const marks = values.map((value, n) => {
-        const label = values.length > MARKED || (values.length > 11 && n % 5) ? "" : value;
-        return `<label class="mark"><input type="radio" name="q${k}" value="${value}" aria-label="${value}"><span aria-hidden="true">${label}</span></label>`;
-      });
-      return `<fieldset><legend>${escape(asked)}</legend><div class="scale"><span>${escape(low)}</span>
-        <div class="marks">${marks.join("")}</div><span>${escape(high)}</span></div></fieldset>`;
+      const marks = values.map(value =>
+        `<label class="mark"><input type="radio" name="q${k}" value="${value}" aria-label="${value}"><span aria-hidden="true">${value}</span></label>`);
+      return `<fieldset><legend>${escape(asked)}</legend><div class="ends"><span>${values[0]}: ${escape(low)}</span>
+        <span>${values.at(-1)}: ${escape(high)}</span></div><div class="marks${values.length > FEW ? " many" : ""}">${marks.join("")}</div></fieldset>`;
     };
     this.show(
       `${this.heading(step)}<form id="answers"><h2 tabindex="-1">${escape(step.questionnaire === "nasa_tlx" ? "NASA-TLX" : step.questionnaire)}</h2>

@@ -192,6 +192,36 @@ def test_the_page_is_accessible(opened, language, contrast):
     page.select_option("#language", "en")
 
 
+# Controls that lie over one another, and those that are too small for a finger.
+CRAMPED = """() => {
+  const shown = [...document.querySelectorAll("button, select, input, summary, .mark")]
+    .filter(one => one.checkVisibility() && !one.closest(".list, .mark > *"));
+  const box = one => (one.closest("label.check, .mark") ?? one).getBoundingClientRect();
+  const covers = (one, other) => {
+    const a = box(one), b = box(other);
+    return !one.contains(other) && !other.contains(one)
+      && Math.min(a.right, b.right) - Math.max(a.left, b.left) > 1
+      && Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top) > 1;
+  };
+  const small = shown.filter(one => Math.min(box(one).width, box(one).height) < 24);
+  const over = shown.filter((one, k) => shown.slice(k + 1).some(other => covers(one, other)));
+  const broken = [...document.querySelectorAll("dt")].filter(one => box(one).height > 60);
+  return [...small, ...over, ...broken].map(one => one.outerHTML);
+}"""
+
+
+@pytest.mark.parametrize("width", [390, 820, 1280])
+@pytest.mark.parametrize("name", ["drive", "plan", "compare"])
+def test_no_control_lies_over_another_or_is_too_small(opened, width, name):
+    _, page = opened
+    tab(page, name)
+    page.set_viewport_size({"width": width, "height": 900})
+    page.evaluate("document.getElementById('looks').open = false")
+    assert page.evaluate(CRAMPED) == []
+    page.set_viewport_size({"width": 1280, "height": 900})
+    tab(page, "drive")
+
+
 @pytest.mark.parametrize("width", [390, 820, 1280])
 def test_nothing_is_cut_off_on_a_phone_or_a_tablet(opened, width):
     _, page = opened
