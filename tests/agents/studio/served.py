@@ -19,14 +19,14 @@ START = {"place": "map", "seed": 0, "assist": "direct", "hand": "none", "sight":
          "rate": 20}  # fmt: skip
 
 
-def room_map(folder):
-    """A room of 6 m x 4 m as a scene, with start and goal 2 m apart, straight ahead."""
+def room_map(folder, goal=3.3):
+    """A room of 6 m x 4 m as a scene, with a goal straight ahead of the start at x = 1.5 m."""
     cells = np.zeros((84, 124), np.int8)
     cells[:2] = cells[-2:] = 100
     cells[:, :2] = cells[:, -2:] = 100
     path = folder / "room.yaml"
     write_map(OccupancyGrid(cells, 0.05, (0.0, 0.0, 0.0)), path)
-    ends = {"start": [1.5, 2.1, 0.0], "goal": [3.3, 2.1, 0.0]}
+    ends = {"start": [1.5, 2.1, 0.0], "goal": [goal, 2.1, 0.0]}
     return {"name": "map_file", "path": str(path), **ends, "label": "room"}
 
 
@@ -51,9 +51,9 @@ class Served:
 
 
 @contextmanager
-def serving(folder, study=None):
+def serving(folder, study=None, goal=3.3):
     """A studio that is served while the context lasts; its files go to a folder."""
-    studio = Studio(folder / "out", room_map(folder), Access(), study)
+    studio = Studio(folder / "out", room_map(folder, goal), Access(), study)
     bound = listening_socket("127.0.0.1", 0)
     server = make_server(studio)
     studio.warm_up.start()

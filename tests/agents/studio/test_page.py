@@ -21,7 +21,7 @@ WAITS = "studio.running && studio.now?.waits"
 @pytest.fixture(scope="module")
 def opened(tmp_path_factory):
     """The studio, and its page in a browser; at the end, nothing was wrong on its console."""
-    with serving(tmp_path_factory.mktemp("page")) as served, browsing() as browser:
+    with serving(tmp_path_factory.mktemp("page"), goal=2.5) as served, browsing() as browser:
         page = browser.new_page(viewport={"width": 1280, "height": 900})
         wrong = []
         page.on("console", lambda m: m.type in ("error", "warning") and wrong.append(m.text))

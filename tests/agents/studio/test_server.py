@@ -154,9 +154,8 @@ def test_a_flood_is_cut_off_and_others_are_served(served):
 
 def test_too_many_requests_are_refused_for_a_moment(served):
     path = f"/files/none.mcap?token={served.studio.access.token}"
-    found = [get(served, path)[0] for _ in range(600)]
-    assert found[0] == 404
-    assert 429 in found
+    assert get(served, path)[0] == 404
+    assert any(get(served, path)[0] == 429 for _ in range(5000))  # however slow the machine is
     time.sleep(1.0)
     assert is_alive(served)
 
@@ -260,7 +259,7 @@ def test_drives_among_people_are_judged_the_same(served, place, capsys):
     with served.socket() as socket:
         send(socket, "start", **{**START, "place": place, "assist": "slide", "rate": 40})
         messages(socket, "world")
-        drive_for(socket, 4.0, 0.5, 0.2)
+        drive_for(socket, 2.0, 0.5, 0.2)
     (file,) = set(recordings(served)) - set(before)
     assert main(["replay", str(file)]) == 0
     assert "the same rewards" in capsys.readouterr().out

@@ -22,7 +22,7 @@ STEPS = [
 def opened(tmp_path_factory):
     """A studio with an experiment, and its page in a browser."""
     folder = tmp_path_factory.mktemp("study")
-    scene = room_map(folder)
+    scene = room_map(folder, goal=2.3)
     weak, half = {"forward": 0.6}, {"right": 0.0}
     conditions = (
         Condition("help 0", "slide"), Condition("help 1", "shield", hand=weak, perception=half)
