@@ -9,21 +9,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final
 
+from wheelchair_gym.assistance import COMPILED
+from wheelchair_gym.assistance.step import CompiledAssistant
 from wheelchair_gym.registry import Registry
 
-# Settings class of every assistant; each has `make() -> Assistant`.
+# Settings class of every assistant; each that is not compiled has `make() -> Assistant`.
 ASSISTANTS: Final = Registry(
     "assistant",
     {
+        **COMPILED.built_in,
         "blend": "agents.assistance.blend:Blend",
-        "direct": "agents.assistance.direct:Direct",
         "hindsight": "agents.assistance.hindsight:Hindsight",
         "hypotheses": "agents.assistance.hypotheses:Hypotheses",
-        "shared_dwa": "agents.assistance.shared_dwa:SharedDwa",
-        "shield": "agents.assistance.direct:Shielded",
-        "slide": "agents.assistance.slide:Slide",
-        "teleop": "agents.assistance.teleop:Teleop",
-        "vfh": "agents.assistance.vfh:Vfh",
     },
     group="wheelchair_gym.assistants",
     needs=("make", "assist"),
@@ -41,6 +38,8 @@ def make_assistant(spec: str | Mapping[str, Any] | Any) -> Any:
         InputError: the name is unknown (the message lists those known) or a setting is wrong.
     """
     found = spec if hasattr(spec, "make") else ASSISTANTS.make(spec)
+    if COMPILED.name_of(found) is not None:
+        return CompiledAssistant(found)
     return found.make() if hasattr(found, "make") else found
 
 

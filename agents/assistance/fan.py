@@ -2,49 +2,23 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from agents.assistance.assistant import AssistInput, AssistMission, Twist
+from wheelchair_gym.assistance.arcs import follow_arc
+from wheelchair_gym.assistance.shared_dwa import CLEAR, SPEEDS, STEP, STEPS, TURNS, time_to_stop
 from wheelchair_gym.compiled.kernel import borrowing_kernel
-from wheelchair_gym.geometry import signed_gap
-from wheelchair_gym.kinematics import arc_step
 
 Array = NDArray[np.float64]
 
-SPEEDS, TURNS = 9, 15  # of a fan
-STEP, STEPS = 0.1, 20  # s between two poses of an arc, and how many
-CLEAR = 0.5  # m: a larger clearance counts as this
 
-
-@borrowing_kernel
-def follow_arc(
-    points: Array, outline: Array, v: float, w: float, step: float, steps: int, margin: float
-) -> tuple[int, float]:
-    """How far the outline can follow a twist among points (n, 2) [m].
-
-    Returns:
-        How many steps [s] keep the margin [m], or come no nearer than the chair is, and the least
-        clearance [m] on them, at most `CLEAR`.
-    """
-    n = points.shape[0]
-    least, clear = signed_gap(points, n, outline, 0.0, 0.0, 0.0), CLEAR
-    for k in range(steps):
-        x, y, yaw = arc_step(0.0, 0.0, 0.0, v, w, step * (k + 1))
-        gap = signed_gap(points, n, outline, x, y, yaw)
-        if gap < margin and gap < least:
-            return k, clear
-        least, clear = min(margin, gap), min(clear, gap)
-    return steps, clear
-
-
-def free_share(
-    mission: AssistMission, now: AssistInput, twist: Twist, time: float, step: float = STEP
-) -> float:
-    """Share of a time [s] for which the chair could follow a twist, tested in steps [s]."""
-    steps = max(1, round(time / step))
-    outline = mission.chair.footprint.array
-    free, _ = follow_arc(now.points, outline, *twist, step, steps, now.margin)
+def free_share(mission: AssistMission, now: AssistInput, twist: Twist, time: float) -> float:
+    """Share of a time [s] for which the chair could follow a twist."""
+    steps, outline = max(1, round(time / STEP)), mission.chair.footprint.array
+    free, _ = follow_arc(now.points, outline, *twist, STEP, steps, now.margin, 0.0, -math.inf)
     return float(free / steps)
 
 
@@ -62,9 +36,8 @@ def _fan(
         v = asked[0] * i / (SPEEDS - 1)
         for j in range(TURNS):
             w = asked[1] + turn * (2.0 * j / (TURNS - 1) - 1.0)
-            free, clear = follow_arc(points, outline, v, w, STEP, STEPS, margin)
-            to_stop = period + max(abs(v) / deceleration, abs(w) / 2.0)
-            if free < STEPS and free * STEP < to_stop:
+            free, clear = follow_arc(points, outline, v, w, STEP, STEPS, margin, CLEAR, -math.inf)
+            if free < STEPS and free * STEP < time_to_stop(v, w, deceleration, period):
                 continue
             out[n, 0], out[n, 1], out[n, 2] = v, w, max(0.0, clear)
             n += 1

@@ -118,33 +118,38 @@ def vector_env_rate(
 
 
 def driver_rates(
-    driver: str, beams: int, bank: int, n: int, threads: int, seconds: float
+    driver: str, assistant: str | None, beams: int, bank: int, n: int, threads: int, seconds: float
 ) -> dict[str, float]:
     """Steps per second of a vector environment without and with a shield, and with a person.
 
-    All of them drive the same actions, the person's stick, in turn, each for so many seconds. No
-    world is made meanwhile: those of people take longer to make.
+    All of them drive the same actions, the person's stick, in turn, each for so many seconds. With
+    an assistant, the person drives with it, too, in an environment of its own. No world is made
+    meanwhile: those of people take longer to make. Time is that of the processor, all threads
+    together: other programs make the clock on the wall pass faster, and at any moment.
     """
     plain = replace(bench_settings(beams, bank), bank=BankSettings(bank, 0.0))
     shielded = replace(plain, shield=ShieldSettings())
     every = {
         "plain": plain, "shield": shielded, "driver": replace(shielded, driver=driver)
     }  # fmt: skip
+    if assistant is not None:
+        every["assistant"] = replace(every["driver"], assistant=assistant)
     envs = {name: NavigationVectorEnv(n, s, num_threads=threads) for name, s in every.items()}
     actions, observed = [], envs["driver"].reset(seed=0)[0]
     for _ in range(EPISODE):
         actions.append(observed["stick"][:, :2].copy())
         observed = envs["driver"].step(actions[-1])[0]
+    alone = [np.zeros((n, 2))] * EPISODE
     rates: dict[str, list[float]] = {name: [] for name in envs}
     begun, rounds = time.perf_counter(), 0
     while rounds < 4 or time.perf_counter() - begun < seconds * len(envs):
         for name, env in envs.items():
             env.reset(seed=0)
-            before = time.perf_counter()
-            for action in actions:
+            before = time.process_time()
+            for action in alone if name == "assistant" else actions:
                 env.step(action)
             if rounds:  # the first one meets worlds that are still to be made
-                rates[name].append(n * len(actions) / (time.perf_counter() - before))
+                rates[name].append(n * len(actions) / (time.process_time() - before))
         rounds += 1
     for env in envs.values():
         env.close()
@@ -152,16 +157,17 @@ def driver_rates(
 
 
 def measure_driver(
-    driver: str, beams: Sequence[int], envs: Sequence[int], threads: Sequence[int], *, bank: int,
-    seconds: float,
+    driver: str, assistant: str | None, beams: Sequence[int], envs: Sequence[int],
+    threads: Sequence[int], *, bank: int, seconds: float,
 ) -> Iterator[Row]:  # fmt: skip
-    """Rows of figures of batches with a person who drives, beside those without."""
+    """Rows of figures of batches with a person, and an assistant, beside those without."""
     for count in beams:
         for n in envs:
             for used in [t for t in threads if t <= n]:
-                rates = driver_rates(driver, count, bank, n, used, seconds)
+                rates = driver_rates(driver, assistant, count, bank, n, used, seconds)
+                names = {"driver": driver, "assistant": f"{driver}, {assistant}"}
                 for name, found in rates.items():
-                    row = _row(driver if name == "driver" else name, count, n, used, found, None)
+                    row = _row(names.get(name, name), count, n, used, found, None)
                     yield row | {"share": {k: found / rates[k] for k in ("plain", "shield")}}
 
 

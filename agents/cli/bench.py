@@ -11,6 +11,7 @@ from typing import Any
 from agents import StoppedError
 from agents.cli.arguments import check_picture, labelled, map_scenes, report, stopped
 from agents.evaluation.provenance import command_line, write_json, write_text
+from wheelchair_gym.assistance import make_compiled
 from wheelchair_gym.config import InputError
 from wheelchair_gym.drivers import make_driver
 
@@ -26,11 +27,15 @@ def env(given: argparse.Namespace) -> int:
     more = {"bank": given.bank, "seconds": given.seconds}
     source = provenance(**sizes, **more)
     rows = []
+    if given.driver is None and given.assist is not None:
+        raise InputError("--assist: expected --driver, too: an assistant helps a person")
     if given.driver is None:
         found = measure(*sizes.values(), **more, peer=peer, start=not given.no_startup)
     else:
         make_driver(given.driver)  # which refuses what is wrong
-        found = measure_driver(given.driver, *sizes.values(), **more)
+        if given.assist is not None:
+            make_compiled(given.assist)
+        found = measure_driver(given.driver, given.assist, *sizes.values(), **more)
     for row in found:
         rows.append(row)
         print(_line(row), file=sys.stderr if given.json == "-" else sys.stdout, flush=True)

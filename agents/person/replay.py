@@ -47,8 +47,14 @@ def open_loop(recorded: RecordedEpisode, assist: Any) -> dict[str, Any]:
         `recorded` and `other`.
 
     Raises:
-        InputError: no person drove, or the assistant's spec is wrong.
+        InputError: no person drove, the assistant's spec is wrong, or the recorded actions are
+            residuals of an assistant that the environment held.
     """
+    if recorded.settings.assistant is not None:
+        raise InputError(
+            "replay --assist: the recorded actions are residuals of the environment's assistant; "
+            "expected a drive of the policy assisted, or --closed"
+        )
     env = _replay(recorded)
     observation, _ = env.reset(seed=0, options={"episode": recorded.episode})
     policy = GymPolicy(make_policy({"name": "assisted", "assist": assist}), env)
@@ -126,7 +132,8 @@ def closed_loop(recorded: RecordedEpisode, assist: Any) -> dict[str, Record]:
     guidance = recorded.path
     if isinstance(guidance, np.ndarray):
         guidance = lambda task: recorded.path  # noqa: E731
-    env = NavigationEnv(config=dataclasses.replace(settings, shield=shield, guidance=guidance))
+    changed = dataclasses.replace(settings, shield=shield, guidance=guidance, assistant=None)
+    env = NavigationEnv(config=changed)
     other = drive_episode(env, policy, seed, None, recorded.episode)
     env.close()
     again: Any = _replay(recorded)

@@ -11,8 +11,10 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 
+from agents.policies import GymPolicy, make_policy
 from tests.copies import differences
 from tests.envs.test_vector import NEXT, SAME, assert_same, compare
+from wheelchair_gym.assistance import COMPILED
 from wheelchair_gym.config import InputError
 from wheelchair_gym.drivers import DRIVERS
 from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
@@ -132,11 +134,63 @@ def test_to_do_as_the_stick_says_is_no_disagreement():
     assert info["reward_terms"]["disagreement"] == pytest.approx(expected)
 
 
+@pytest.mark.parametrize("assistant", COMPILED)
+def test_each_row_is_a_single_env_with_an_assistant(assistant):
+    """Each row with residuals, through resets, with each way to end an episode."""
+    for mode in (NEXT, SAME):
+        settings = {**BANK, "driver": "novice", "shield": True, "assistant": assistant}
+        assert compare(mode, 2, n=3, steps=50, config=SHORT, **settings) >= 3
+
+
+@pytest.mark.parametrize("assistant", COMPILED)
+def test_a_drive_is_that_of_the_policy(assistant):
+    """The policy `assisted` and the setting `assistant` give the same drive, to the bit."""
+    settings = {"scene": "clutter", "driver": "novice", "shield": True}
+    held, other = NavigationEnv(**settings, assistant=assistant), NavigationEnv(**settings)
+    policy = GymPolicy(make_policy({"name": "assisted", "assist": assistant}), other)
+    seen = [env.reset(seed=7)[0] for env in (held, other)]
+    policy.reset()
+    for _ in range(120):
+        action = policy.act(seen[1])
+        ours, theirs = held.step(np.zeros(2)), other.step(action)
+        assert not list(differences(ours, theirs))
+        assert held.reading.action == other.reading.action
+        seen[1] = theirs[0]
+        if theirs[2] or theirs[3]:
+            break
+    assert np.abs(held.reading.action).max() >= 0.0
+
+
+def test_a_residual_is_added_to_the_assistant_and_rest_stays_rest():
+    env = NavigationEnv(**SMALL, driver="expert", assistant="shield")
+    env.reset(seed=0)
+    for _ in range(20):
+        stick = env.task.stick
+        env.step(np.array([-1.0, 0.5]))
+        forward, left = env.reading.action
+        if stick.forward == stick.left == 0.0:
+            assert forward == left == 0.0
+        elif stick.forward > 0.0:
+            assert forward == pytest.approx(max(0.0, stick.forward - 0.375))
+            assert left > stick.left
+    assert env.task.stick.forward > 0.0
+
+
+def test_an_assistant_needs_a_person():
+    for make in (NavigationEnv, lambda **given: NavigationVectorEnv(2, **given)):
+        with pytest.raises(InputError, match="set driver"):
+            make(**SMALL, assistant="slide")
+        with pytest.raises(InputError, match="did you mean slide"):
+            make(**SMALL, driver="expert", assistant="slid")
+
+
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
 def test_a_copy_goes_on_as_the_original(copied):
     for env in (
         NavigationEnv(**SMALL, driver="essential_tremor"),
         NavigationVectorEnv(2, driver="essential_tremor", **BANK),
+        NavigationEnv(**SMALL, driver="essential_tremor", assistant="slide"),
+        NavigationVectorEnv(2, driver="essential_tremor", assistant="vfh", **BANK),
     ):
         env.reset(seed=2)
         shape = env.action_space.shape

@@ -32,14 +32,14 @@ WAYS = ("outline", "route", "obstacle")
 GO, LOOK, ELSEWHERE, RETREAT = range(4)  # what a person is about
 
 
-def _numbers(*classes: Any) -> np.dtype[Any]:
+def numbers_of_settings(*classes: Any) -> np.dtype[Any]:
     """A record of all numbers in classes of settings, each name once."""
     names = [f.name for cls in classes for f in dataclasses.fields(cls) if f.type == "float"]
     return np.dtype([(name, "f8") for name in dict.fromkeys(names)])
 
 
-INTENTION, PERCEPTION, HAND = _numbers(Intention), _numbers(Perception), _numbers(Hand)
-INTERFACE = _numbers(*INTERFACES.values())
+INTENTION, PERCEPTION, HAND = map(numbers_of_settings, (Intention, Perception, Hand))
+INTERFACE = numbers_of_settings(*INTERFACES.values())
 
 CONSTANTS = np.dtype(
     [

@@ -8,6 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.assistance.step import (
+    ASSISTANTS,
+    assisted_action,
+    begin_assistant,
+    prefetch_assistant,
+    update_assistant,
+)
 from wheelchair_gym.compiled.address import (
     Target,
     flags_at,
@@ -48,6 +55,7 @@ BATCH, BATCH_TARGETS = pointer_record(
     ("chairs", Target(CHAIRS, 1)),  # with the workspace of the thread
     ("shields", Target(SHIELDS, 1)),  # of no rows where there are none
     ("drivers", Target(DRIVERS, 1)),  # of no rows where nobody drives
+    ("assistants", Target(ASSISTANTS, 1)),  # of no rows where there are none
     ("unshielded", "f8"),  # share of episodes without
     ("next_prepared", Target(PREPARED, None)),  # of each row's next episode
     ("keys", Target("u8", None)),  # of the next episodes' randomness
@@ -56,7 +64,7 @@ BATCH, BATCH_TARGETS = pointer_record(
     ("beams", "i8"),
 )
 _task_at, _chairs_at, _shields_at, _prepared_at = map(rows_of, (TASK, CHAIRS, SHIELDS, PREPARED))
-_drivers_at = rows_of(DRIVERS)
+_drivers_at, _assistants_at = rows_of(DRIVERS), rows_of(ASSISTANTS)
 
 
 @inlined
@@ -97,12 +105,19 @@ def update_row_shield(i: int, shields: Rows, seen: Any, ranges: Floats) -> None:
 
 
 @borrowing_kernel
+def update_row_assistant(i: int, assistants: Any, progress: Any, seen: Any, ranges: Floats) -> None:
+    """Let row i's assistant see a reading, and the stick that it shall answer."""
+    forward, left = progress.sticks[0, 0], progress.sticks[0, 1]
+    update_assistant(i, assistants, forward, left, ranges, seen.twist[:], seen.stamp)
+
+
+@borrowing_kernel
 def begin_chair(i: int, batch: Any, rows: Columns, out: Floats) -> None:
     """Begin row i's next episode; batch: a record of BATCH."""
     task, chairs, shields = _parts(batch)
     ranges, key = floats_at(batch.ranges, batch.beams), keys_at(batch.keys, batch.n)[i]
     _prepared_at(task[0].prepared, batch.n)[i] = _prepared_at(batch.next_prepared, batch.n)[i]
-    rule, prepared, _ = task_row(task, i)
+    rule, prepared, progress = task_row(task, i)
     enter_episode(chair_row(chairs, i)[3], prepared)
     reset_chair(i, chairs, prepared.start, key, ranges, rows.sensed)
     drivers = _drivers_at(batch.drivers, 1)
@@ -121,6 +136,10 @@ def begin_chair(i: int, batch: Any, rows: Columns, out: Floats) -> None:
         out[i],
     )
     rows.success[i] = is_success(rule, prepared, seen)
+    assistants = _assistants_at(batch.assistants, 1)
+    if assistants[0].n > 0:
+        begin_assistant(i, assistants)
+        update_row_assistant(i, assistants, progress, seen, ranges)
     if shielded:
         reset_shield(i, shields)
         copy_decision(i, shields, rows.decisions[i])
@@ -251,7 +270,7 @@ def step_chairs(
         batches: (1,) of BATCH.
         same_step: an episode's end begins the next one, and what its last step gave is written to
             other results.
-        actions: (n, 2) of the batch.
+        actions: (n, 2) of the batch; with assistants, residuals.
         block: of `Results` of the batch.
         out: their observations.
         final_block: of `Results` for last steps.
@@ -266,17 +285,20 @@ def step_chairs(
         if not (math.isfinite(actions[i, 0]) and math.isfinite(actions[i, 1])):
             return -1
     task, chairs, shields = _parts(batch)
-    drivers = _drivers_at(batch.drivers, 1)
+    drivers, assistants = _drivers_at(batch.drivers, 1), _assistants_at(batch.assistants, 1)
     is_over, ranges = flags_at(batch.is_over, n), floats_at(batch.ranges, batch.beams)
     rows, finals = columns_of(block, n), columns_of(final_block, n)
     sensed, verdicts, begun = rows.sensed, rows.verdicts, 0
     for i in range(low, high):
         if i + 1 < high:
             prefetch_chair(i + 1, chairs)
+            prefetch_assistant(i + 1, assistants)
         rows.begun[i], rows.mask[i] = is_over[i], True
         if not is_over[i]:
             rule, _, progress = task_row(task, i)
             action, stop = (actions[i, 0], actions[i, 1]), False
+            if assistants[0].n > 0:
+                action = assisted_action(i, assistants, action[0], action[1])
             v, w = twist_of_action(action[0], action[1], rule.forward, rule.backward, rule.turn)
             less = (v, w)
             shielded = progress.is_shielded
@@ -301,6 +323,8 @@ def step_chairs(
                 copy_decision(i, shields, rows.decisions[i])
             if shielded:
                 update_row_shield(i, shields, sensed[i], ranges)
+            if assistants[0].n > 0:
+                update_row_assistant(i, assistants, progress, sensed[i], ranges)
             is_over[i] = verdicts[i].terminated or verdicts[i].truncated
             if not (is_over[i] and same_step):
                 continue

@@ -19,7 +19,13 @@ from wheelchair_gym.envs.drawing import EpisodeRenderer
 from wheelchair_gym.envs.guidance import make_guidance
 from wheelchair_gym.envs.info import info_of, info_table
 from wheelchair_gym.envs.one_chair import Pair, SimulatedSteps
-from wheelchair_gym.envs.settings import EnvSettings, check_options, env_settings, make_localizer
+from wheelchair_gym.envs.settings import (
+    EnvSettings,
+    check_options,
+    env_settings,
+    make_assistants,
+    make_localizer,
+)
 from wheelchair_gym.envs.world_banks import WorldBank
 from wheelchair_gym.geometry import to_world
 from wheelchair_gym.kinematics import numbers_of
@@ -129,6 +135,8 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
                 - driver: a simulated person who drives (`wheelchair_gym.drivers`), a name or a
                   mapping: actions are those of an assistant, which is shown the person's stick and
                   not its goal;
+                - assistant: a compiled assistant that drives with the person, a name or a mapping:
+                  actions are residuals, whose twist is added to the assistant's within its freedom;
                 - max_episode_steps: truncates every episode, beside its time limit;
                 - render_width, render_height: of every frame [pixels]; even.
 
@@ -167,10 +175,9 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
                 raise InputError("driver and person: expected one of them")
         self._person = person
         self.drivers = Drivers(driver, s.chair, s.sensors, 1.0 / s.rate)
-        self.task = Task(
-            s.task, s.chair, s.sensors, 1.0 / s.rate, guided, s.shield,
-            driver is not None or person is not None,
-        )  # fmt: skip
+        has_person = driver is not None or person is not None
+        self.assistants = make_assistants(s, 1, has_person)
+        self.task = Task(s.task, s.chair, s.sensors, 1.0 / s.rate, guided, s.shield, has_person)
         if s.sensors.localizes:
             self.task.built_map = localizer.built_map
         self.shield: Shield | None = None
@@ -236,6 +243,8 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             np.uint64(key), self.settings.unshielded
         )
         observation = self.task.begin(self._prepared, reading, key, is_shielded)
+        self.assistants.begin()
+        self._assist()
         self._running = True
         self._drawing.begin()
         self.show(Shown())
@@ -253,7 +262,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         """Drive for one control period.
 
         Args:
-            action: (2,) in [-1, 1]; beyond is clipped.
+            action: (2,) in [-1, 1]; beyond is clipped. With an assistant it is added to that one's.
 
         Raises:
             InputError: the action is not two finite numbers.
@@ -262,7 +271,9 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         if not self._running:
             raise gym.error.ResetNeeded("the episode is over; call reset() before step()")
         task, shield = self.task, self.shield
-        a_v, a_w = numbers_of(action)
+        given = a_v, a_w = numbers_of(action)
+        if len(self.assistants.states):
+            a_v, a_w = self.assistants.action(given)
         v, w = asked_v, asked_w = task.limits.twist_of(a_v, a_w)
         stop = False
         if shield is not None and task.is_shielded:
@@ -273,6 +284,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             (a_v, a_w), (v, w), stop, (asked_v - v, asked_w - w)
         )
         self._running = not (terminated or truncated)
+        self._assist()
         if shield is not None:
             info["shield"] = shield.decision._asdict()
         self._drawing.follow(info["pose"])
@@ -281,8 +293,14 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         if self._reward is not None:
             simulated: Any = unwrapped(self.chair)
             records = as_record(task.terms), as_record(simulated.sensed)
-            reward = checked(self._reward(*records, np.array((a_v, a_w))))
+            reward = checked(self._reward(*records, np.array(given)))
         return observation, reward, terminated, truncated, info
+
+    def _assist(self) -> None:
+        """Let an assistant see the latest reading, and the stick that it shall answer."""
+        stick = self.task.stick
+        if len(self.assistants.states) and stick is not None:
+            self.assistants.update(stick, self.task.reading)
 
     def _step(
         self, action: Pair, twist: Pair, stop: bool, less: Pair

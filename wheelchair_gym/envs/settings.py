@@ -12,6 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from wheelchair_gym.assistance import COMPILED, make_compiled
+from wheelchair_gym.assistance.step import Assistants
 from wheelchair_gym.config import InputError, dump, load, read, setting, settings, suggest
 from wheelchair_gym.drivers import driver_spec, make_driver
 from wheelchair_gym.hardware.settings import HardwareSettings
@@ -78,6 +80,10 @@ class EnvSettings:
     """Simulated person who drives: none, a name of `wheelchair_gym.drivers`, module:function, or a
     mapping with a name. Actions are then those of an assistant, which sees the person's stick and
     neither its goal nor its way; the guidance 'poses' is the person's."""
+    assistant: Any = setting(default=None, source="design choice")
+    """Compiled assistant that drives with the person: none, a name of `wheelchair_gym.assistance`,
+    or a mapping with a name. Actions are then residuals: an action's twist is added to the
+    assistant's, within the assistant's freedom, and zero lets the assistant drive alone."""
     unshielded: float = setting(default=0.0, low=0.0, high=1.0, source="design choice")
     """Share of simulated episodes that are driven without the shield; for training only."""
     hardware: HardwareSettings = HardwareSettings()
@@ -104,6 +110,10 @@ class EnvSettings:
                 object.__setattr__(self, "driver", driver_spec(self.driver))
             if self.guidance is None:
                 object.__setattr__(self, "guidance", "poses")
+        if self.assistant is not None:
+            made = make_compiled(self.assistant)  # which refuses what is wrong
+            if not isinstance(self.assistant, str):
+                object.__setattr__(self, "assistant", COMPILED.spec(made))
         for name in ("render_width", "render_height"):
             if getattr(self, name) % 2:
                 raise InputError(
@@ -119,7 +129,7 @@ class EnvSettings:
 _ON_EDGE = 1e-3  # m: a sensor so near the outline's edge is on it
 _DEEP = 0.03  # m: an ultrasonic so far inside the outline is probably a forgotten one
 _ARGUMENTS = (
-    "scene", "rate", "guidance", "reward", "bank", "shield", "driver", "render_width",
+    "scene", "rate", "guidance", "reward", "bank", "shield", "driver", "assistant", "render_width",
     "render_height",
 )  # fmt: skip
 _PLACES = {
@@ -142,8 +152,8 @@ def env_settings(
     Args:
         config: path of a JSON file, its content, ready settings, or None for the defaults.
         also: further arguments of the caller, for the message about an unknown one.
-        changes: scene, rate, guidance, reward, bank, shield, driver, render_width, render_height,
-            beams, pose_source, noise, randomize, max_episode_steps.
+        changes: scene, rate, guidance, reward, bank, shield, driver, assistant, render_width,
+            render_height, beams, pose_source, noise, randomize, max_episode_steps.
 
     Raises:
         InputError: the file or a value is wrong.
@@ -228,6 +238,20 @@ def check_options(options: Mapping[str, Any] | None, known: str) -> Any:
                 f"options: {name!r} is no option of reset; known: {known}{suggest(name, [known])}"
             )
     return (options or {}).get(known)
+
+
+def make_assistants(config: EnvSettings, n: int, has_person: bool) -> Assistants:
+    """The assistants of n chairs; of none, where the settings name none.
+
+    Raises:
+        InputError: an assistant is set, and nobody drives.
+    """
+    method = None
+    if config.assistant is not None:
+        method = make_compiled(config.assistant)
+        if not has_person:
+            raise InputError("assistant: expected a person who drives: set driver")
+    return Assistants(method, config.chair, config.sensors, 1.0 / config.rate, n)
 
 
 def _shield(spec: Any) -> ShieldSettings | None:

@@ -27,7 +27,7 @@ from wheelchair_gym.envs.batch import BATCH, BATCH_TARGETS, begin_chairs, step_c
 from wheelchair_gym.envs.drawing import EpisodeRenderer
 from wheelchair_gym.envs.guidance import make_guidance
 from wheelchair_gym.envs.results import ROW_SIZE, ResultPool, Results
-from wheelchair_gym.envs.settings import EnvSettings, check_options, env_settings
+from wheelchair_gym.envs.settings import EnvSettings, check_options, env_settings, make_assistants
 from wheelchair_gym.envs.world_banks import WorldBank
 from wheelchair_gym.physics.chairs import SimulatedChairs, size_workspace
 from wheelchair_gym.random import episode_key
@@ -108,6 +108,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         guidance = make_guidance(s.guidance)
         driver = None if s.driver is None else make_driver(s.driver)
         self.drivers = Drivers(driver, s.chair, s.sensors, 1.0 / s.rate, n)
+        self.assistants = make_assistants(s, n, driver is not None)
         self.task = Task(
             s.task, s.chair, s.sensors, 1.0 / s.rate, guidance, s.shield, driver is not None
         )
@@ -153,7 +154,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
             batch.record["beams"] = len(ranges)
             for name, to in {
                 "task": self._task_rows, "chairs": rows, "shields": shields, "ranges": ranges,
-                "drivers": self.drivers.pointers,
+                "drivers": self.drivers.pointers, "assistants": self.assistants.pointers,
                 "next_prepared": self._next_prepared, "keys": self._keys, "is_over": self._over,
             }.items():  # fmt: skip
                 batch.point(name, to)

@@ -31,7 +31,8 @@ BATTERY: Final = "/battery"
 BOARD: Final = "/board"  # of a real chair: wall time, and the drive board's report
 # Settings of an environment that judging needs, or another drive with the same person.
 SETTINGS: Final = (
-    "rate", "chair", "sensors", "task", "shield", "physics", "localization", "driver"
+    "rate", "chair", "sensors", "task", "shield", "physics", "localization", "driver",
+    "assistant",
 )  # fmt: skip
 
 

@@ -11,8 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from agents.assistance import ASSISTANTS, is_shielded, make_assistant
-from agents.assistance.assistant import AssistMission, Freedom
-from agents.assistance.surround import Surround
+from agents.assistance.assistant import AssistMission
 from agents.assistance.targets import find_targets, goals_on
 from agents.policies import make_policy
 from agents.policies.assisted import Assisted
@@ -156,19 +155,6 @@ def test_the_goal_never_reaches_it(name):
     assert "goal" not in {field.name for field in fields(AssistMission)}
 
 
-def test_a_steady_low_stick_lowers_the_margin():
-    assistant = make_assistant("slide")
-    assistant.reset(MISSION)
-    config = Freedom()
-    low, high = Stick(0.25, 0.0, False), Stick(0.8, 0.0, False)
-    margins = [assistant._margin(low) for _ in range(15)]
-    assert margins[0] == margins[5] == config.margin
-    assert margins[-1] == config.docking_margin < config.margin
-    assert assistant._margin(high) == config.margin
-    unsteady = [assistant._margin(Stick(0.3 * (k % 2), 0.0, False)) for k in range(30)]
-    assert set(unsteady) == {config.margin}
-
-
 def test_nothing_but_the_bare_stick_goes_without_the_shield():
     assert [name for name in ASSISTANTS if not is_shielded(name)] == ["direct"]
 
@@ -203,28 +189,6 @@ def test_settings_are_stored_and_read(name):
     config = ASSISTANTS.make(name)
     assert load(type(config), dump(config), "config") == config
     assert Assisted(assist=name).make()
-
-
-def test_what_slips_out_of_sight_is_remembered_for_a_while():
-    """A post beside the rear, which the scanner in front saw before."""
-    surround = Surround(CHAIR, SENSORS, 0.1)
-    angles, directions = SENSORS.laser.angles, SENSORS.laser.directions
-    blank = np.full(1081, np.inf)
-    seen = blank.copy()
-    beam = int(np.argmin(np.abs(angles - np.radians(120))))
-    seen[beam] = 0.6
-    place = np.array([SENSORS.laser.x, 0.0]) + 0.6 * directions[beam]
-    assert np.allclose(surround.update(reading(seen)), [place], atol=1e-5)
-    assert len(surround.update(reading(blank, (0.0, 0.0), 0.1))) == 0  # now it is not there
-    surround.update(reading(seen, stamp=0.2))
-    for k in range(3, 12):  # 0.45 m ahead
-        points = surround.update(reading(blank, (0.5, 0.0), 0.1 * k))
-    assert len(points) in (0, 1)
-    surround = Surround(CHAIR, SENSORS, 0.1)
-    surround.update(reading(seen))
-    points = surround.update(reading(blank, (5.0, 0.0), 0.1))  # at once behind the view
-    assert np.allclose(points, [place - (0.5, 0.0)], atol=1e-5)
-    assert len(surround.update(reading(blank, (0.0, 0.0), 20.0))) == 0
 
 
 def test_doors_desks_and_free_directions_are_targets():

@@ -7,21 +7,12 @@ time, so that the arc is kept. It never steers.
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from typing import Any
 
-from agents.assistance.assistant import (
-    AssistInput,
-    AssistMission,
-    Freedom,
-    Plain,
-    SharedAssistant,
-    Twist,
-)
-from agents.assistance.fan import free_share
+from wheelchair_gym.assistance.arcs import free_share
+from wheelchair_gym.assistance.freedom import Freedom, Twist
+from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.config import setting, settings
-
-Array = NDArray[np.float64]
 
 
 @settings
@@ -36,10 +27,10 @@ class Teleop:
     """Time between two poses of the projection."""
     freedom: Freedom = Freedom(turn=0.0)
 
-    def make(self) -> SharedAssistant:
-        """A fresh assistant."""
-        return SharedAssistant(Plain(self._twist), self.freedom)
 
-    def _twist(self, mission: AssistMission, now: AssistInput) -> Twist:
-        share = free_share(mission, now, now.asked, self.projection_time, self.step)
-        return share * now.asked[0], share * now.asked[1]
+@borrowing_kernel
+def teleop(p: Any, a: Any) -> Twist:
+    """The twist of a row; see `wheelchair_gym.assistance.step`."""
+    v, w, m = a.asked[0], a.asked[1], p.method
+    share = free_share(p, a, v, w, m.projection_time, m.step)
+    return share * v, share * w

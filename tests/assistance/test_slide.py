@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agents.assistance.fan import follow_arc
-from agents.assistance.slide import nearest_twist, write_constraints
+from wheelchair_gym.assistance.slide import nearest_twist, write_constraints
 from wheelchair_gym.geometry import Footprint, signed_gap
 from wheelchair_gym.kinematics import arc_step
 
@@ -38,7 +37,7 @@ def test_no_point_that_fits_is_nearer(rows, asked, weight):
 @pytest.mark.parametrize("point", [(1.2, 0.1), (1.0, 0.9), (0.2, 0.7), (-0.6, -0.5), (0.5, -0.5)])
 @pytest.mark.parametrize("twist", [(0.5, 0.0), (0.0, 0.8), (-0.2, 0.4), (0.4, -0.7)])
 def test_a_constraint_is_the_rate_at_which_the_distance_shrinks(point, twist):
-    points, rows = np.array([point]), np.empty((1, 4))
+    points, rows = np.array([point]), np.empty((1, 3))
     assert write_constraints(points, OUTLINE, 0.0, 0.6, 0.2, rows) == 1
     step = 1e-6
     before = signed_gap(points, len(points), OUTLINE, 0.0, 0.0, 0.0)
@@ -48,20 +47,10 @@ def test_a_constraint_is_the_rate_at_which_the_distance_shrinks(point, twist):
 
 @given(st.floats(0.0, 1.4), st.floats(0.0, 0.1))
 def test_the_chair_stops_within_the_distance(distance, margin):
-    rows = np.empty((1, 4))
+    rows = np.empty((1, 3))
     points = np.array([[OUTLINE[0] + distance, 0.0]])
     write_constraints(points, OUTLINE, margin, 0.6, 0.2, rows)
     speed = rows[0, 2]
     assert speed >= 0.0
     room = max(0.0, distance - margin)
     assert speed * 0.2 + speed**2 / (2 * 0.6) == pytest.approx(room, abs=1e-9)
-
-
-def test_a_step_is_free_until_the_outline_touches():
-    points = np.array([[OUTLINE[0] + 0.25, 0.0]])
-    assert follow_arc(points, OUTLINE, 0.5, 0.0, 0.1, 10, 0.0)[0] == 5
-    assert follow_arc(points, OUTLINE, -0.3, 0.0, 0.1, 10, 0.0)[0] == 10
-    # What already touches may leave, and come no nearer.
-    touching = np.array([[OUTLINE[0] - 0.01, 0.0]])
-    assert follow_arc(touching, OUTLINE, 0.5, 0.0, 0.1, 10, 0.02)[0] == 0
-    assert follow_arc(touching, OUTLINE, -0.3, 0.0, 0.1, 10, 0.02)[0] == 10

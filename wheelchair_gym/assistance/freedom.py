@@ -1,0 +1,92 @@
+"""How far an assistant may go: what of the stick it may change, and what it keeps from obstacles.
+
+An assistant slows a chair or turns it, and no more: the speed that is asked for lies between rest
+and that of the stick, and the turn rate differs from the stick's by at most a freedom that shrinks
+with the stick's deflection. So a centred stick asks for rest, at once, whatever the assistant.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from wheelchair_gym.compiled.kernel import borrowing_kernel
+from wheelchair_gym.config import setting, settings
+from wheelchair_gym.kinematics import Limits
+from wheelchair_gym.physics.settings import ChairSettings
+from wheelchair_gym.sensors.settings import SensorSettings
+
+Twist = tuple[float, float]
+
+STEADY = 0.1  # deflection by which a steady stick may change
+_CHOICE = "design choice"
+
+
+@settings
+class Freedom:
+    """How far an assistant may go, and how near obstacles it lets the chair come."""
+
+    turn: float = setting(default=0.5, unit="rad/s", low=0.0, high=4.0, source=_CHOICE)
+    """Largest difference of the turn rate from the stick's, at full deflection."""
+    margin: float = setting(
+        default=0.03, unit="m", low=0.0, high=1.0, source="more shuts doors of 0.80 m: derived"
+    )
+    """Distance to obstacles that it keeps."""
+    docking_margin: float = setting(
+        default=0.01, unit="m", low=0.0, high=1.0, source="docking at a desk: assumed"
+    )
+    """Distance that it keeps once the stick has been low and steady."""
+    docking_stick: float = setting(
+        default=0.35, low=0.0, high=1.0, source="no published value found: assumed"
+    )
+    """Largest deflection of a low stick."""
+    docking_time: float = setting(
+        default=1.0, unit="s", low=0.0, high=60.0, source="no published value found: assumed"
+    )
+    """Time for which the stick must be low and steady."""
+
+
+@dataclass(frozen=True)
+class AssistMission:
+    """What an assistant may know before a person drives: the chair, and nothing of the person."""
+
+    chair: ChairSettings
+    sensors: SensorSettings
+    period: float  # s, of control
+
+    @property
+    def limits(self) -> Limits:
+        """The chair's limits of speed and acceleration."""
+        return self.chair.limits
+
+
+@borrowing_kernel
+def margin_of(p: Any, a: Any, forward: float, left: float) -> float:
+    """The margin [m] that a row keeps, which a low and steady stick lowers."""
+    f, size = p.freedom, math.hypot(forward, left)
+    moved = math.hypot(forward - a.held[0], left - a.held[1]) > STEADY
+    if moved:
+        a.held[0], a.held[1] = forward, left
+    low = 0.0 < size <= f.docking_stick and forward > 0.0
+    a.steady = a.steady + p.period if low and not moved else 0.0
+    docks = a.steady >= f.docking_time
+    return float(min(f.margin, f.docking_margin) if docks else f.margin)
+
+
+@borrowing_kernel
+def within_freedom(twist: Twist, asked: Twist, turn: float, most: float) -> Twist:
+    """A twist, clipped to what may be made of the stick's [m/s, rad/s].
+
+    Args:
+        twist: that a method gives.
+        asked: the stick's; at rest, the answer is rest.
+        turn: largest difference of the turn rates.
+        most: the chair's limit of turn rates.
+    """
+    (v, w), (to_v, to_w) = twist, asked
+    if to_v == 0.0 and to_w == 0.0:
+        return 0.0, 0.0
+    v = min(max(v, min(0.0, to_v)), max(0.0, to_v))
+    w = min(max(w, min(0.0, to_w) - turn), max(0.0, to_w) + turn)
+    return v, min(most, max(-most, w))

@@ -1,0 +1,93 @@
+"""Minimum vector field histogram: the free direction nearest to the stick's (Levine et al. 1999).
+
+The density of obstacles in each direction plus a parabola around the stick's direction is a curve
+whose minimum is the direction that the chair takes; how wide the parabola is says how freely the
+chair may choose. The speed follows from the room in that direction.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wheelchair_gym.assistance.arcs import free_share
+from wheelchair_gym.assistance.freedom import Freedom, Twist
+from wheelchair_gym.compiled.kernel import borrowing_kernel
+from wheelchair_gym.config import setting, settings
+
+Array = NDArray[np.float64]
+
+DIRECTIONS = 72  # of the histogram
+STEP = 0.1  # s between two poses of the projection
+
+
+@settings
+class Vfh:
+    """Turns towards the free direction nearest to the stick's, and slows with the room there."""
+
+    reach: float = setting(default=1.5, unit="m", low=0.1, high=10.0, source="design choice")
+    """Distance within which obstacles count."""
+    widen: float = setting(default=0.05, unit="m", low=0.0, high=1.0, source="design choice")
+    """Added to each side of the chair's width."""
+    parabola: float = setting(
+        default=1.0,
+        unit="1/rad2",
+        low=0.0,
+        high=1000.0,
+        source="Levine 1999: its width; value assumed",
+    )
+    """Weight of the squared angle from the stick's direction: less gives the chair more freedom."""
+    turn_per_angle: float = setting(
+        default=1.0, unit="1/s", low=0.0, high=10.0, source="design choice"
+    )
+    """Turn rate for each radian between the stick's direction and the one taken."""
+    look_ahead: float = setting(default=1.2, unit="s", low=0.1, high=10.0, source="design choice")
+    """Time to a collision from which on it slows."""
+    freedom: Freedom = Freedom()
+
+
+@borrowing_kernel
+def _density(points: Array, front: float, half: float, reach: float, direction: float) -> float:
+    """Of obstacles in the strip that the chair's width sweeps from its axle in a direction."""
+    c, s = math.cos(direction), math.sin(direction)
+    found = 0.0
+    for j in range(points.shape[0]):
+        along = c * points[j, 0] + s * points[j, 1]
+        aside = abs(c * points[j, 1] - s * points[j, 0])
+        room = along - front
+        if along > 0.0 and aside < half and room < reach:
+            share = 1.0 - max(0.0, room) / reach
+            found = max(found, share * share)
+    return float(found)
+
+
+@borrowing_kernel
+def _direction(p: Any, a: Any, wanted: float) -> float:
+    """The direction [rad] of the least of density and parabola, within a right angle of ahead."""
+    m, points = p.method, a.points[: a.n_points]
+    front, half = p.outline[0], p.outline[2] + m.widen
+    best, least = wanted, _density(points, front, half, m.reach, wanted)
+    for k in range(DIRECTIONS):
+        direction = math.pi * ((k + 0.5) / DIRECTIONS - 0.5)
+        off = direction - wanted
+        cost = m.parabola * off * off
+        if cost < least:  # a density would only add to it
+            cost += _density(points, front, half, m.reach, direction)
+            if cost < least - 1e-12:
+                best, least = direction, cost
+    return float(best)
+
+
+@borrowing_kernel
+def vfh(p: Any, a: Any) -> Twist:
+    """The twist of a row; see `wheelchair_gym.assistance.step`."""
+    v, w, m = a.asked[0], a.asked[1], p.method
+    if v > 0.0:
+        wanted = math.atan2(w / p.turn, v / p.forward)
+        change = m.turn_per_angle * (_direction(p, a, wanted) - wanted)
+        w += min(a.turn, max(-a.turn, change))
+    share = free_share(p, a, v, w, m.look_ahead, STEP)
+    return share * v, share * w
