@@ -34,11 +34,22 @@ def test_each_size_is_measured_and_written(tmp_path, capsys):
     assert {"command", "machine", "versions", "commit"} <= set(told)
 
 
+def test_a_person_and_an_assistant_are_measured_beside_batches_without(tmp_path):
+    more = ["--envs", "2", "--threads", "1", "--driver", "expert", "--assist", "slide"]
+    assert cli.main(["bench", "env", *QUICK, *more, "--out", str(tmp_path)]) == 0
+    rows = json.loads((tmp_path / "env.json").read_text())["rows"]
+    every = ["plain", "shield", "expert", "expert, slide"]
+    assert [row["what"] for row in rows] == 2 * every
+    assert all(row["share"]["shield"] > 0.0 for row in rows)
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         (["bench", "env", "--envs", "0"], "0: expected at least 1"),
         (["bench", "env", "--seconds", "0"], "--seconds is 0; expected more than 0"),
+        (["bench", "env", "--assist", "slide"], "--assist: expected --driver, too"),
+        (["bench", "env", "--driver", "expert", "--assist", "slid"], "did you mean slide?"),
         (["bench", "doors"], "invalid choice: 'doors'"),
     ],
 )
