@@ -142,7 +142,8 @@ def tables(drives: dict[Any, Any], given: argparse.Namespace) -> str:
     lines = []
     for assistant in given.assist:
         lines += [
-            "", f"{assistant}: {given.drives} drives of each driver in each of {', '.join(given.scenes)}",
+            "", f"{assistant}: {given.drives} drives of each driver in each of",
+            ", ".join(given.scenes),
             "", "| driver | drives | caused a contact | success [%] (95 %) | in time [%] | "
             "time beside `expert` | off the stick, median [deg] |",
             "| --- | ---: | ---: | ---: | ---: | ---: | ---: |",
