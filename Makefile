@@ -31,7 +31,7 @@ help:
 	@echo "make lint      ruff and mypy"
 	@echo "make bench     how fast it is on this machine"
 	@echo "make docs      builds the documentation into build/docs; a warning is an error"
-	@echo "make films     draws the films of the documentation"
+	@echo "make films     draws the films and pictures of the documentation"
 	@echo "make emulator  compilers and emulator of the chair's boards (Debian; root or sudo)"
 	@echo "make browser   Chromium, with which tests look at pages (Debian; root or sudo)"
 	@echo "make firmware  builds the boards' firmware and prints its sizes"
@@ -80,6 +80,7 @@ docs: $(READY)
 
 films: $(READY)
 	$(BIN)/python docs/films.py
+	$(BIN)/python docs/skills.py
 
 emulator:
 	@command -v apt-get >/dev/null || { echo "make emulator knows Debian and its kin only;" \

@@ -41,6 +41,7 @@ from wheelchair_gym.envs.info import INFO_KEYS
 from wheelchair_gym.hardware.registry import CHAIRS
 from wheelchair_gym.kinematics import Limits
 from wheelchair_gym.scenes import SCENES
+from wheelchair_gym.scenes.skill import COURSES
 from wheelchair_gym.task.observations import OBSERVATION_KEYS
 from wheelchair_gym.task.rewards import RewardWeights
 
@@ -48,7 +49,7 @@ from wheelchair_gym.task.rewards import RewardWeights
 MODULES = {
     "wheelchair_gym": """
         envs types config registry geometry kinematics random maps scenes scenes.map_file
-        scenes.describe sensors.settings sensors.laser sensors.ultrasonic physics.settings
+        scenes.skill scenes.describe sensors.settings sensors.laser sensors.ultrasonic physics.settings
         physics.chair physics.actors.records task.settings task.observations task.rewards task.task
         safety.shield safety.settings safety.stops tracking.tracker tracking.settings
         localization.monte_carlo localization.slam localization.occupancy
@@ -134,6 +135,13 @@ def fragments() -> dict[str, str]:
         ),
         "info": markdown_table(
             ("key", "meaning"), [(f"`{key.name}`", key.meaning) for key in INFO_KEYS]
+        ),
+        "skills": markdown_table(
+            ("course", "what is to be done", "dimensions", "goal reached within", "source"),
+            [
+                (f"`{name}`", course.title, course.dimensions, course.judged, course.source)
+                for name, course in COURSES.items()
+            ],
         ),
         "arguments": to_markdown(inspect.getdoc(env) or ""),
     }  # fmt: skip

@@ -140,6 +140,22 @@ def no_discs() -> Array:
     return np.empty((0, 3))
 
 
+class Arrival(NamedTuple):
+    """When a chair counts as being at a goal that is a pose: a rectangle, a heading and a speed.
+
+    Attributes:
+        along: largest distance from the goal along its heading [m].
+        across: the same across its heading [m].
+        heading: largest error of the heading [rad].
+        speed: largest speed, forward or backward [m/s].
+    """
+
+    along: float
+    across: float
+    heading: float
+    speed: float
+
+
 @dataclass(frozen=True)
 class Episode:
     """Where and what: a world, a start and a goal.
@@ -162,6 +178,7 @@ class Episode:
     name: str = ""
     actors: Actors = field(default_factory=no_actors)  # which the map does not show
     reference_length: float | None = None  # m: the path length by which its source measures speed
+    arrival: Arrival | None = None  # where the goal is a pose; the task's tolerances otherwise
 
     def __post_init__(self) -> None:
         shapes: dict[str, tuple[int | None, ...]] = {"start": (3,), "goal": (3,)}
@@ -176,6 +193,13 @@ class Episode:
             least = 0.0 if name == "tolerance" else math.ulp(0.0)  # 0 m: it never arrives
             if value is not None and not least <= value < math.inf:
                 raise InputError(f"Episode.{name} is {value}; expected a positive number, or None")
+        if self.arrival is not None:
+            values = as_array(self.arrival, np.float64, (4,), "Episode.arrival", FARTHEST)
+            if not (values > 0.0).all():
+                raise InputError(f"Episode.arrival is {self.arrival}; expected positive numbers")
+            object.__setattr__(self, "arrival", Arrival(*values.tolist()))
+            if self.tolerance is None:
+                object.__setattr__(self, "tolerance", float(values[:2].min()))
         object.__setattr__(self, "actors", check_actors(self.actors))
 
     def starting_at(self, start: Array) -> Episode:
@@ -196,7 +220,7 @@ class Mission:
     Attributes:
         map: of the world; None: the chair draws its own (`Reading.map`).
         reading: the first, taken at the start.
-        goal: (3,) m, m, rad, on the map; (2,) where the task asks for no heading.
+        goal: (3,) m, m, rad, on the map; (2,) where no heading is asked for.
         tolerance: how near the goal counts [m].
         time_limit: of the episode [s].
         period: of control [s]: each command is driven for so long.

@@ -169,8 +169,8 @@ COMMANDS = (
         "wheelchair compare --suite demo --jobs 2 --out runs/demo",
         [
             option("--suite", "suite: barn, clinic, corridor, crossing, crowd, cylinders, demo, "
-                   "doors, followers, homes, league, lift, lobby, people, temporary, thesis "
-                   "or whales",
+                   "doors, followers, homes, league, lift, lobby, people, skills, temporary, "
+                   "thesis or whales",
                    default="demo"),
             option("--policies", "policies, in place of the suite's: PLANNER+FOLLOWER, "
                    "module:Class, a file of weights (.npz, .onnx), a model of stable-baselines3 "

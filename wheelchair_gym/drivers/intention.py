@@ -29,7 +29,7 @@ from wheelchair_gym.drivers.state import (
     SIGNALS,
     STICK,
 )
-from wheelchair_gym.geometry import body_to_world, signed_clearance, signed_gap, wrap
+from wheelchair_gym.geometry import body_to_world, signed_clearance, signed_gap, world_to_body, wrap
 from wheelchair_gym.kinematics import arc_step, twist_of_action
 from wheelchair_gym.random import DRIVERS, normal, uniform
 from wheelchair_gym.task.prepared_episode import geodesic_to_go, seconds_to_go
@@ -49,6 +49,13 @@ PUSHED = 0.15  # deflection from which on somebody pushes
 STILL = 0.03  # m/s, rad/s: slower does not count as motion
 APPROACH = 20.0  # s for which somebody goes up to a thing
 NEAR_GOAL = 1.0  # m
+MOST_DARING = 4.0  # halvings of the distance that it likes to keep
+MANOEUVRE = 1.5  # m from a goal that is a pose, within which somebody manoeuvres
+FUNNEL = (0.3, 0.8)  # m to a side of it, and rad, within which it does so by itself, unguided
+LEADS, LEAD, TURN_WITHIN = 6, 0.2, 0.1  # stretches straight up to it; m between their lengths; m
+PIVOT = 0.6  # of the turn rate, for turns in place
+MANOEUVRE_TIME = 2.4  # s that it then looks ahead
+ARRIVAL, CREEP = 1.5, 0.1  # s to go, at least, there with a stick; m/s that is always allowed
 MOST_SURPLUS = 0.4  # rad/s that a person learns to expect beside what it asks for
 RESPONSE = 0.4  # s: time constant with which chairs follow a change of turn
 DECELERATION = 0.8  # m/s2: as chairs brake
@@ -107,6 +114,35 @@ def _nearest(d: Any, most: float) -> tuple[float, float]:
 
 
 @borrowing_kernel
+def _slowing(far: float) -> float:
+    """Seconds for the last stretch [m] to a goal, at the speeds that `_take_aim` allows."""
+    last = ARRIVAL * CREEP
+    return far / CREEP if far < last else ARRIVAL * (1.0 + math.log(far / last))
+
+
+@borrowing_kernel
+def _seconds_to_pose(p: Any, goal: Any, x: float, y: float, yaw: float) -> float:
+    """Seconds to a goal (3,) that is a pose: a turn, a straight stretch, a turn, and on ahead.
+
+    The first stretch, forward or backward, ends behind the goal, as far as is quickest.
+    """
+    c, s = math.cos(goal[2]), math.sin(goal[2])
+    ahead, left = world_to_body(c, s, x - goal[0], y - goal[1])
+    off, best = wrap(yaw - goal[2]), math.inf
+    for k in range(LEADS):
+        lead = k * LEAD
+        dx, dy = -lead - ahead, -left
+        far = math.hypot(dx, dy)
+        turned = min(1.0, far / TURN_WITHIN)  # nobody turns for a shorter stretch
+        for back in range(2):
+            way = wrap(math.atan2(dy, dx) + back * math.pi)
+            turns = turned * (abs(wrap(way - off)) + abs(way)) + (1.0 - turned) * abs(off)
+            seconds = max(_slowing(far), far / (p.forward if back == 0 else 0.5 * p.backward))
+            best = min(best, turns / (PIVOT * p.turn) + seconds + _slowing(lead))
+    return float(best)
+
+
+@borrowing_kernel
 def _to_go(p: Any, d: Any, prepared: Any, x: float, y: float, yaw: float) -> float:
     """Seconds from a pose on the map to where the person wants to be."""
     c, s = math.cos(yaw), math.sin(yaw)
@@ -119,6 +155,8 @@ def _to_go(p: Any, d: Any, prepared: Any, x: float, y: float, yaw: float) -> flo
     # Who drifts takes its place for one further to the other side.
     x, y = x + s * p.perception.drift, y - c * p.perception.drift
     if p.way == OUTLINE:
+        if d.manoeuvres:
+            return _seconds_to_pose(p, prepared.goal, x, y, yaw)
         seconds = seconds_to_go(prepared, x, y, yaw)
         if seconds >= 0.0:  # else none is known
             return seconds
@@ -155,13 +193,25 @@ def _begin(p: Any, twist: Array, k: int) -> tuple[float, float, float]:
 
 
 @borrowing_kernel
-def _only_end(p: Any, v: float, w: float) -> bool:
+def _only_end(p: Any, d: Any, v: float, w: float) -> bool:
     """Whether only the end of an arc counts.
 
-    A stick leaves many arcs to choose from. With few signals, an arc may be left at any of its
-    poses; then half of the horizon's rest is thought to be lost.
+    A stick leaves many arcs to choose from. With few signals, and near a goal that is a pose, an
+    arc may be left at any of its poses.
     """
-    return bool(p.kind == STICK or (v == 0.0 and w == 0.0))
+    return bool((p.kind == STICK and not d.manoeuvres) or (v == 0.0 and w == 0.0))
+
+
+@borrowing_kernel
+def _spent(p: Any, d: Any, v: float, w: float, j: int) -> float:
+    """Seconds that an arc costs which is left at pose j.
+
+    With few signals, half of the horizon's rest is thought to be lost.
+    """
+    share = (j + 1) / POSES
+    if not d.manoeuvres or p.kind != STICK:
+        return float(d.horizon * (0.5 + 0.5 * share))
+    return float(p.intention.period if v == 0.0 and w == 0.0 else d.horizon * share)
 
 
 @borrowing_kernel
@@ -173,14 +223,14 @@ def _least_cost(
 
     Those of poses at which it may not be left are not written.
     """
-    horizon, least = p.intention.horizon, math.inf
+    horizon, least = d.horizon, math.inf
     v, w = _motion(p, d, k)
     c, s = math.cos(pose[2]), math.sin(pose[2])
-    for j in range(POSES - 1 if _only_end(p, v, w) else 0, POSES):
+    for j in range(POSES - 1 if _only_end(p, d, v, w) else 0, POSES):
         x, y, yaw = arc_step(begin[0], begin[1], begin[2], v, w, horizon * (j + 1) / POSES)
         wx, wy = body_to_world(c, s, x, y)
         to_go[j] = _to_go(p, d, prepared, pose[0] + wx, pose[1] + wy, pose[2] + yaw)
-        least = min(least, horizon * (0.5 + 0.5 * (j + 1) / POSES) + to_go[j])
+        least = min(least, _spent(p, d, v, w, j) + to_go[j])
     return float(_fixed(p, d, k) + least)
 
 
@@ -201,12 +251,13 @@ def _cost(
         spare: seconds that obstacles may cost at the arc's end; from there on the cost may be
             infinite, if only the end counts.
     """
-    plan, horizon = p.intention, p.intention.horizon
+    plan, horizon = p.intention, d.horizon
     v, w = _motion(p, d, k)
     # Of a stick's arcs, none that collides. Of few signals, one is good until the chair must be
     # stopped.
-    to_stop = horizon if p.kind == STICK else p.late[0] + plan.period + abs(v) / DECELERATION
-    only_end = _only_end(p, v, w)
+    to_stop, only_end = p.late[0] + plan.period + abs(v) / DECELERATION, _only_end(p, d, v, w)
+    if p.kind == STICK and not d.manoeuvres:
+        to_stop = horizon
     touch = 0.5 * plan.look_distance if d.mode == LOOK else TOUCH
     costs = doubles_at(on_stack(8 * POSES), POSES)
     cost, free = 0.0, POSES
@@ -217,12 +268,12 @@ def _cost(
         if gap < touch and gap <= before:
             free = j
             break
-        short = max(0.0, (plan.clearance - gap) / max(plan.clearance, 1e-6))
+        short = max(0.0, (d.clearance - gap) / max(d.clearance, 1e-6))
         cost += plan.caution * min(4.0, short * short) * horizon / POSES
         before = gap
         if only_end and cost > spare:
             return math.inf
-        costs[j] = cost + horizon * (0.5 + 0.5 * (j + 1) / POSES) + to_go[j]
+        costs[j] = cost + _spent(p, d, v, w, j) + to_go[j]
     usable = free
     if free < POSES:
         usable = math.floor(free - to_stop / horizon * POSES)
@@ -281,7 +332,7 @@ def _may_choose(p: Any, d: Any, k: int) -> bool:
         return bool(x <= 0.0)
     if d.mode == LOOK:
         return bool(0.0 <= x <= p.intention.look_speed)
-    return True
+    return bool(p.kind != STICK or abs(_motion(p, d, k)[0]) <= d.fastest)
 
 
 @borrowing_kernel
@@ -362,6 +413,9 @@ def notice_motion(p: Any, d: Any, twist: Array) -> None:
     pushes = math.hypot(d.stick[0], d.stick[1]) > PUSHED
     stands = abs(twist[0]) < STILL and abs(twist[1]) < STILL
     d.stuck = d.stuck + p.period if pushes and stands else 0.0
+    more = p.period / p.intention.patience
+    more = more if stands and d.chosen == 0 and d.mode == GO else -0.5 * more
+    d.daring = min(MOST_DARING, max(0.0, d.daring + more))
     asked = 0.0 if d.intended == 0 else p.signals[d.intended, 1] * p.turn
     d.expected += (asked - d.expected) * min(1.0, p.period / RESPONSE)
     more = min(MOST_SURPLUS, max(-MOST_SURPLUS, twist[1] - d.expected))
@@ -385,6 +439,7 @@ def decide(p: Any, d: Any, prepared: Any, pose: Array, twist: Array, scan: Float
         return
     _see(p, d, scan)
     _change_mode(p, d, pose)
+    _take_aim(p, d, prepared, pose)
     chosen = _choose(p, d, prepared, pose, twist)
     d.chosen = chosen
     if d.pending < PENDING:
@@ -395,8 +450,31 @@ def decide(p: Any, d: Any, prepared: Any, pose: Array, twist: Array, scan: Float
 
 
 @borrowing_kernel
+def _take_aim(p: Any, d: Any, prepared: Any, pose: Array) -> None:
+    """Decide how far to look ahead and how near to come.
+
+    Who hesitates comes to dare more. Near a goal that is a pose, somebody looks further ahead,
+    slows down with a stick, and accepts the obstacles beside the goal.
+    """
+    d.clearance, d.horizon = p.intention.clearance * 0.5**d.daring, p.intention.horizon
+    d.fastest, d.manoeuvres = math.inf, False
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    dx, dy = prepared.goal[0] - pose[0], prepared.goal[1] - pose[1]
+    if prepared.arrival[0] == 0.0 or d.mode != GO or math.hypot(dx, dy) > MANOEUVRE:
+        return
+    x, y = world_to_body(c, s, dx, dy)
+    gap = _gap(p, d, x, y, prepared.goal[2] - pose[2])
+    d.clearance = min(d.clearance, max(2.0 * TOUCH, gap))
+    d.fastest = max(CREEP, math.hypot(dx, dy) / ARRIVAL)
+    turn = wrap(pose[2] - prepared.goal[2])
+    _, left = world_to_body(math.cos(prepared.goal[2]), math.sin(prepared.goal[2]), dx, dy)
+    if abs(left) < FUNNEL[0] and abs(turn) < FUNNEL[1]:
+        d.manoeuvres, d.horizon = True, max(d.horizon, MANOEUVRE_TIME)
+
+
+@borrowing_kernel
 def begin_intention(d: Any) -> None:
     """Let nothing be decided yet."""
     d.decisions = d.chosen = d.n_points = 0
     d.mode, d.decide_at, d.mode_until, d.stuck, d.lapse_until = GO, 0.0, 0.0, 0.0, 0.0
-    d.target[0] = d.target[1] = d.surplus = d.expected = 0.0
+    d.target[0] = d.target[1] = d.surplus = d.expected = d.daring = 0.0

@@ -55,7 +55,8 @@ class Intention:
     look_time: float = setting(default=3.0, unit="s", low=0.0, high=600.0, source=_ASSUMED)
     """How long it stays there."""
     patience: float = setting(default=3.0, unit="s", low=0.1, high=600.0, source=_ASSUMED)
-    """How long it pushes without any motion before it backs off."""
+    """How long it pushes without any motion before it backs off; and how long it hesitates before
+    it likes to keep half the distance."""
     retreat: float = setting(default=1.5, unit="s", low=0.0, high=60.0, source=_ASSUMED)
     """How long it then backs off."""
     adaptation: float = setting(default=2.0, unit="s", low=0.05, high=1e6, source=_ASSUMED)

@@ -91,6 +91,11 @@ DRIVER = np.dtype(
         ("expected", "f8"),  # rad/s: turn that it expects, as the chair follows what it asks for
         ("surplus", "f8"),  # rad/s: turn beside what it asks for, as it has learned
         ("lapse_until", "f8"),  # s
+        ("daring", "f8"),  # halvings of the clearance, after it has hesitated
+        ("clearance", "f8"),  # m: that it likes to keep now
+        ("manoeuvres", "b1"),  # near a goal that is a pose
+        ("horizon", "f8"),  # s: that it looks ahead now
+        ("fastest", "f8"),  # m/s: that it drives now with a stick
         ("chosen", "i8"),  # the latest signal decided on
         ("pending", "i8"),  # decisions that wait
         ("pending_signal", "i8", (PENDING,)),

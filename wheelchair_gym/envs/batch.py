@@ -44,7 +44,7 @@ from wheelchair_gym.task.assessment import assess, begin_task, task_row
 from wheelchair_gym.task.observations import take_stick
 from wheelchair_gym.task.prepared_episode import PREPARED
 from wheelchair_gym.task.records import TASK
-from wheelchair_gym.task.rewards import VERDICT, reached
+from wheelchair_gym.task.rewards import VERDICT, has_arrived
 
 Array = NDArray[np.float64]
 
@@ -76,9 +76,7 @@ def _parts(batch: Any) -> Any:
 @borrowing_kernel
 def is_success(rules: Any, prepared: Any, seen: Any) -> bool:
     """Whether a chair is at the goal by truth, and has touched nothing on its way."""
-    return not seen.touched and reached(
-        seen.true_pose, prepared.goal, prepared.tolerance, rules.heading, rules.heading_tolerance
-    )
+    return not seen.touched and has_arrived(rules, prepared, seen.true_pose, seen.true_twist, 0.0)
 
 
 @kernel
@@ -185,9 +183,7 @@ def step_row(
         forward, left, latched = step_driver(
             i, drivers, prepared, seen.true_pose, seen.true_twist, ranges
         )
-        arrived = reached(
-            seen.true_pose, prepared.goal, prepared.tolerance, rule.heading, rule.heading_tolerance
-        )
+        arrived = has_arrived(rule, prepared, seen.true_pose, seen.true_twist, 0.0)
         take_stick(progress, forward, left, latched, arrived)
     assess(
         i,

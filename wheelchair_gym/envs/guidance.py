@@ -58,6 +58,7 @@ class PoseGuidance:
             task.limits,
             tolerance=GOAL_DEPTH * max(0.0, task.tolerance - task.settings.arrival_margin),
             starts=[task.start],
+            heading=None if task.arrival is None else task.arrival.heading,
             config=self.ways,
             slack=self.max_detour,
         )

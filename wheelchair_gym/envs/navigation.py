@@ -316,7 +316,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
                 stick = self._person()
             else:
                 stick = self.drivers.step(prepared, truth.pose, truth.twist, reading.laser)
-            self.task.take_stick(stick, truth.pose)
+            self.task.take_stick(stick, truth.pose, truth.twist)
         observation = self.task.assess(reading, action, less)
         verdict = self.task.verdict
         return observation, verdict.reward, verdict.terminated, verdict.truncated, self._info()
@@ -324,7 +324,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
     def _info(self) -> dict[str, Any]:
         """The info of the latest reading, but for the shield's."""
         truth, task = self.chair.truth, self.task
-        success = not truth.touched and task.at_goal(truth.pose)
+        success = not truth.touched and task.at_goal(truth.pose, truth.twist)
         return info_of(truth, task.reading, task.verdict, success)
 
     def render(self) -> NDArray[np.uint8] | None:
@@ -357,7 +357,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         return Mission(
             map=task.map if task.built_map is None else None,
             reading=self.reading,
-            goal=task.goal if task.settings.heading else task.goal[:2],
+            goal=task.goal if task.settings.heading or task.arrival else task.goal[:2],
             tolerance=task.tolerance,
             time_limit=task.time_limit,
             period=task.period,

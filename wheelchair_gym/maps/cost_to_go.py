@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.config import setting, settings
-from wheelchair_gym.geometry import Footprint, to_world, wrap
+from wheelchair_gym.geometry import Footprint, to_world, wrap, wrap_angle
 from wheelchair_gym.kinematics import Limits
 from wheelchair_gym.maps.distance import distance_to_occupied, field_clearance, footprint_discs
 from wheelchair_gym.maps.driving_cost import DrivingCost, MotionCost, duration, kind_of
@@ -127,6 +127,7 @@ class Aim(NamedTuple):
     """Where a search begins, which is the goal, and what it looks for."""
 
     seeds: Ints  # (k, 2) x, y [units] of the goal and of places near it
+    headings: Ints  # (h,) numbers of those with which the goal may be reached
     start: Ints  # (3,) row, column and heading of the pose that A* looks for
     ease: float  # ticks that a cell of distance takes at least; 0: Dijkstra's algorithm
     slack: int  # ticks for which A* goes on once it has come to the start
@@ -163,7 +164,7 @@ def _search(
     waiting = 0
     for s in range(seeds.shape[0]):
         x, y = seeds[s, 0], seeds[s, 1]
-        for k in range(headings):
+        for k in aim.headings:
             state = ((y >> X_BITS) * cols + (x >> X_BITS)) * headings + k
             if states[state] != far:
                 continue
@@ -256,6 +257,7 @@ def cost_to_go(
     limits: Limits,
     *,
     tolerance: float = 0.0,
+    heading: float | None = None,
     starts: Sequence[ArrayLike] = (),
     config: CostToGoSettings | None = None,
     slack: float | None = None,
@@ -264,10 +266,12 @@ def cost_to_go(
 
     Args:
         grid: the map; what is not known to be solid may be driven on, what lies beyond may not.
-        goal: (2,) or more [m]; any heading will do.
+        goal: (2,) or (3,) [m, m, rad].
         footprint: of the chair.
         limits: of the chair.
         tolerance: how far [m] from the goal its axle may end.
+        heading: how far [rad] from the goal's heading it may end; the lattice's nearest heading
+            will always do. None: any heading will do.
         starts: poses (3,) from which a path shall lead: where none does, a smaller outline is
             tried.
         config: settings; None: the defaults.
@@ -300,7 +304,12 @@ def cost_to_go(
         x, y, yaw = to_local(grid.origin, *np.asarray(starts[0], np.float64).tolist())
         turn = 2.0 * math.pi / config.headings
         begin[:] = y // cell, x // cell, round(yaw / turn) % config.headings
-    aim = Aim(seeds, begin, ease, round((slack or 0.0) * TICKS))
+    ends = np.arange(config.headings, dtype=np.int32)
+    if heading is not None:
+        turn = 2.0 * math.pi / config.headings
+        off = np.abs(wrap_angle(ends * turn + grid.origin[2] - np.asarray(goal, np.float64)[2]))
+        ends = ends[off <= max(0.5 * heading, float(off.min()) + 1e-9)]
+    aim = Aim(seeds, ends, begin, ease, round((slack or 0.0) * TICKS))
     for k in range(config.shrink_tries):
         states = _search(
             field, 1.0 / grid.resolution, (rows, cols), cell,

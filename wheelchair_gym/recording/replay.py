@@ -216,7 +216,7 @@ def _read_episode(content: Content) -> RecordedEpisode:
     if "actors" in content and "actor_size" not in content:  # until release 0.2
         content["actors"] = widened_actors(content["actors"])
     # Recordings of the first release have no actors.
-    older = "actors", "routes", "actor_size", "seed", "number", "labels"
+    older = "actors", "routes", "actor_size", "seed", "number", "labels", "arrival"
     values = read_fields(FIELDS[EPISODE], content, *older)
     seed, number = values.pop("seed", None), values.pop("number", 0)
     labels = values.pop("labels", {})

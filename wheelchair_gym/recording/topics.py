@@ -234,6 +234,11 @@ FIELDS: Final[dict[str, dict[str, Kind]]] = {
         "discs": numbers(-1, 3),
         "tolerance": _nullable(None),
         "time_limit": _nullable(None),
+        "arrival": Kind(
+            {"type": ["array", "null"]},
+            lambda value: None if value is None else numbers(4).read(value),
+            lambda value: None if value is None else numbers(4).write(value),
+        ),
         "name": TEXT,
         "actors": _packed(ACTOR),
         "actor_size": _SCALARS[int],  # bytes of one of them

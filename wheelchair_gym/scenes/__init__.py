@@ -25,6 +25,7 @@ SCENES: Final = Registry(
         "doorway": f"{_PLACE}.arena:Doorway",
         "empty": f"{_PLACE}.arena:EmptyRoom",
         "mixture": f"{_PLACE}:Mixture",
+        "skill": f"{_PLACE}.skill:Skill",
         "map_file": f"{_PLACE}.map_file:MapFile",
         "barn": f"{_PLACE}.barn:Barn",
         "chaotic_pso": f"{_PLACE}.published:ChaoticPso",

@@ -13,7 +13,7 @@ from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.task.observations import extend_trail, observe, reset_trail
 from wheelchair_gym.task.prepared_episode import PREPARED, distance_to_go, geodesic_to_go
 from wheelchair_gym.task.records import PROGRESS, RULES
-from wheelchair_gym.task.rewards import reached, write_no_terms, write_terms
+from wheelchair_gym.task.rewards import has_arrived, write_no_terms, write_terms
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
@@ -30,13 +30,6 @@ def task_row(task: Any, i: int) -> Any:
         _prepared_at(rows.prepared, rows.n)[i],
         _progress_at(rows.progress, rows.n)[i],
     )
-
-
-@borrowing_kernel
-def estimates_arrival(rules: Any, prepared: Any, pose: Array) -> bool:
-    """Whether a chair with an estimated pose (3,) counts as arrived."""
-    tolerance = max(prepared.tolerance - rules.arrival_margin, 0.5 * prepared.tolerance)
-    return reached(pose, prepared.goal, tolerance, rules.heading, rules.heading_tolerance)
 
 
 @borrowing_kernel
@@ -70,7 +63,7 @@ def begin_task(
     progress.latched = progress.person_arrived = False
     write_no_terms(verdict)
     verdict.terminated, verdict.truncated = False, False
-    verdict.arrived = estimates_arrival(rule, prepared, pose)
+    verdict.arrived = has_arrived(rule, prepared, pose, twist, rule.arrival_margin)
     verdict.geodesic = progress.geodesic
     verdict.valid_beams = observe(rule, prepared, progress, pose, twist, laser, ultrasonic, out)
 
@@ -111,7 +104,7 @@ def assess(
     # The chair does not know a person's goal: who drives ends the drive there.
     verdict.arrived = progress.person_arrived
     if not rule.has_driver:
-        verdict.arrived = estimates_arrival(rule, prepared, pose)
+        verdict.arrived = has_arrived(rule, prepared, pose, twist, rule.arrival_margin)
     verdict.terminated = verdict.arrived or (bumped and rule.bump_ends)
     verdict.truncated = progress.steps_left <= 0 and not verdict.terminated
     write_terms(rule, progress, verdict, covered, bumped, twist, laser)

@@ -46,6 +46,7 @@ PREPARED, _TARGETS = pointer_record(
     ("start", "f8", (3,)),  # m, m, rad
     ("goal", "f8", (3,)),
     ("tolerance", "f8"),  # m
+    ("arrival", "f8", (4,)),  # `Arrival`, where the goal is a pose; else 0
     ("time_limit", "f8"),  # s; NaN: as the distance to go demands
     ("field", Target("f4", None, None)),  # m: distances to go (rows, cols)
     ("rows", "i8"),
@@ -123,6 +124,8 @@ class PreparedEpisode:
         r["n_actors"], r["n_routes"] = len(actors), len(actors.routes)
         r["start"], r["goal"] = episode.start, episode.goal
         r["tolerance"] = tolerance if episode.tolerance is None else episode.tolerance
+        if episode.arrival is not None:
+            r["arrival"] = episode.arrival
         r["time_limit"] = math.nan if episode.time_limit is None else episode.time_limit
         pointers.point("field", field)
         r["rows"], r["cols"] = field.shape

@@ -99,6 +99,38 @@ def reached(
     return not heading or abs(wrap(goal[2] - pose[2])) <= heading_tolerance
 
 
+@kernel
+def reached_pose(pose: Array, speed: float, goal: Array, arrival: Array, less: float) -> bool:
+    """Whether a chair at a pose (3,) with a speed [m/s] has arrived at a goal (3,) that is a pose.
+
+    Args:
+        pose: of the chair [m, m, rad].
+        speed: of it [m/s].
+        goal: [m, m, rad].
+        arrival: (4,) the numbers of an `Arrival`.
+        less: by how much the place must be nearer, but not by more than a half [m].
+    """
+    c, s = math.cos(goal[2]), math.sin(goal[2])
+    dx, dy = pose[0] - goal[0], pose[1] - goal[1]
+    for off, most in ((c * dx + s * dy, arrival[0]), (c * dy - s * dx, arrival[1])):
+        if abs(off) > max(most - less, 0.5 * most):
+            return False
+    return abs(wrap(goal[2] - pose[2])) <= arrival[2] and abs(speed) <= arrival[3]
+
+
+@borrowing_kernel
+def has_arrived(rules: Any, prepared: Any, pose: Array, twist: Array, less: float) -> bool:
+    """Whether a pose (3,) and a twist (2,) count as being at the goal of a prepared episode.
+
+    `less` is by how much nearer the chair must be [m], but not by more than half the tolerance.
+    """
+    if prepared.arrival[0] > 0.0:
+        return bool(reached_pose(pose, twist[0], prepared.goal, prepared.arrival, less))
+    tolerance = max(prepared.tolerance - less, 0.5 * prepared.tolerance)
+    near = reached(pose, prepared.goal, tolerance, rules.heading, rules.heading_tolerance)
+    return bool(near)
+
+
 @borrowing_kernel
 def write_no_terms(verdict: Any) -> None:
     """Set all reward terms of a record of VERDICT to zero."""

@@ -28,10 +28,10 @@ from wheelchair_gym.task.observations import (
 )
 from wheelchair_gym.task.prepared_episode import AIMS, PreparedEpisode, first_geodesic_to_go
 from wheelchair_gym.task.records import PROGRESS, RULES, RULES_TARGETS, TASK, TASK_TARGETS
-from wheelchair_gym.task.rewards import TERMS, VERDICT, Verdict, reached
+from wheelchair_gym.task.rewards import TERMS, VERDICT, Verdict, reached, reached_pose
 from wheelchair_gym.task.settings import TaskSettings
 from wheelchair_gym.task.side_clearance import fan_poses
-from wheelchair_gym.types import Episode, Reading, Stick
+from wheelchair_gym.types import Arrival, Episode, Reading, Stick
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
@@ -50,6 +50,7 @@ class Task:
     # Of the present episode; `map` is what the chair knows of its world.
     start: Array  # (3,) m, m, rad
     goal: Array  # (3,) m, m, rad
+    arrival: Arrival | None  # when it counts as reached, where the goal is a pose
     geodesic: Geodesic  # the shortest distances to the goal
     key: int  # of the episode's randomness; seeds what a policy draws
     is_shielded: bool  # a shield filters the commands
@@ -214,6 +215,7 @@ class Task:
 
     def _take(self, episode: Episode, distances: Geodesic) -> None:
         self._told, self.start, self.goal = episode.map, episode.start, episode.goal
+        self.arrival = episode.arrival
         self.geodesic = distances
         self._goal = tuple(episode.goal.tolist())
 
@@ -286,9 +288,9 @@ class Task:
         self._reading, self.observation = reading, observation
         self.action, self.shield_intervention = action, less
 
-    def take_stick(self, stick: Stick, true_pose: Array) -> None:
+    def take_stick(self, stick: Stick, true_pose: Array, true_twist: Array) -> None:
         """Take what a person's interface gives where the chair truly is, before the assessment."""
-        take_first_stick(self._progress, *stick, self.at_goal(true_pose))
+        take_first_stick(self._progress, *stick, self.at_goal(true_pose, true_twist))
 
     def replace_stick(self, stick: Stick) -> None:
         """Take what the interface gives by now, in place of what it gave with the reading."""
@@ -337,9 +339,12 @@ class Task:
         """Length of the geodesic from a pose to the goal [m]; straight if none is known."""
         return first_geodesic_to_go(self._prepared.record, float(pose[0]), float(pose[1]))
 
-    def at_goal(self, pose: Array) -> bool:
-        """Whether a true pose (3,) is at the goal."""
+    def at_goal(self, pose: Array, twist: Array) -> bool:
+        """Whether a true pose (3,) is at the goal, with the true twist (2,) where that counts."""
         s = self.settings
+        if self.arrival is not None:
+            region = self._prepared.record["arrival"][0]
+            return bool(reached_pose(pose, float(twist[0]), self.goal, region, 0.0))
         plain: Any = reached  # as plain Python, which is faster than calling compiled code
         x, y, yaw = pose.tolist()
         at = plain.py_func((x, y, yaw), self._goal, self.tolerance, s.heading, s.heading_tolerance)
