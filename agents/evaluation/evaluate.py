@@ -8,7 +8,7 @@ import sys
 import time
 from collections import ChainMap
 from collections.abc import Mapping, Sequence
-from functools import partial
+from functools import lru_cache, partial
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
@@ -25,6 +25,7 @@ from agents.policies.learned import weights_digest
 from agents.policies.planning import figures_of
 from agents.watch import Watch
 from wheelchair_gym.config import InputError, load, read_json
+from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.maps import bottleneck, footprint_margin
 from wheelchair_gym.physics.actors.records import PERSON
 from wheelchair_gym.types import Episode
@@ -124,6 +125,16 @@ def make_env(
     return gymnasium.make(ENV, scene=without_labels(scene), render_mode=render_mode, **settings)
 
 
+@lru_cache(1000)
+def _margin(walls: bytes, discs: bytes, start: bytes, goal: bytes, footprint: Footprint) -> float:
+    """`footprint_margin` of arrays by their bytes: others drive the same world next."""
+    arrays = [np.frombuffer(part) for part in (walls, discs, start, goal)]
+    shapes = ((-1, 4), (-1, 3), (3,), (3,))
+    return footprint_margin(
+        *(each.reshape(shape) for each, shape in zip(arrays, shapes, strict=True)), footprint
+    )
+
+
 def drive_episode(
     env: Any, policy: Policy, seed: int, frames: Any = None, episode: Episode | None = None
 ) -> Record:
@@ -146,8 +157,8 @@ def drive_episode(
     narrowest = bottleneck(world.map, world.start[:2], world.goal[:2])
     margin = narrowest - task.footprint.half_width
     if margin < TIGHT:
-        ends = world.start, world.goal, task.footprint
-        margin = min(margin, footprint_margin(world.walls, world.discs, *ends))
+        parts = (world.walls, world.discs, world.start, world.goal)
+        margin = min(margin, _margin(*(part.tobytes() for part in parts), task.footprint))
     trace = Trace(task.period, margin, task.limits.forward, world.reference_length)
     if (world.actors.rows["kind"] == PERSON).any():
         trace.people = PeopleTrace(world, task.footprint)

@@ -105,9 +105,13 @@ def test_a_docked_chair_of_any_length_is_as_near_the_desk():
         assert desk - (episode.goal[0] + outline.front) == pytest.approx(0.1)
 
 
-@pytest.mark.parametrize("course", ["dok", 3, ["dock"]])
-def test_an_unknown_course_is_named(course):
-    with pytest.raises(InputError, match=r"Skill\.course is .*expected one of forward"):
+@pytest.mark.parametrize(
+    ("course", "says"),
+    [("dok", r"Skill\.course is 'dok'; expected one of forward.*did you mean dock"),
+     (3, "course is 3; expected str")],
+)  # fmt: skip
+def test_an_unknown_course_is_named(course, says):
+    with pytest.raises(InputError, match=says):
         make_scene({"name": "skill", "course": course})
 
 

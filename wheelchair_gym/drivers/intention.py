@@ -414,7 +414,7 @@ def notice_motion(p: Any, d: Any, twist: Array) -> None:
     stands = abs(twist[0]) < STILL and abs(twist[1]) < STILL
     d.stuck = d.stuck + p.period if pushes and stands else 0.0
     more = p.period / p.intention.patience
-    more = more if stands and d.chosen == 0 and d.mode == GO else -0.5 * more
+    more = more if stands and d.chosen == 0 and d.mode == GO else -0.1 * more
     d.daring = min(MOST_DARING, max(0.0, d.daring + more))
     asked = 0.0 if d.intended == 0 else p.signals[d.intended, 1] * p.turn
     d.expected += (asked - d.expected) * min(1.0, p.period / RESPONSE)

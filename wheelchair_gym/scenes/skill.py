@@ -207,8 +207,8 @@ class Skill:
     """Which course: a name in `wheelchair_gym.scenes.skill.COURSES`."""
 
     def __post_init__(self) -> None:
-        if not isinstance(self.course, str) or self.course not in COURSES:
-            near = suggest(self.course, COURSES) if isinstance(self.course, str) else ""
+        if self.course not in COURSES:
+            near = suggest(self.course, COURSES)
             raise InputError(
                 f"Skill.course is {self.course!r}; expected one of {', '.join(COURSES)}{near}"
             )

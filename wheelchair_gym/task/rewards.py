@@ -115,7 +115,7 @@ def reached_pose(pose: Array, speed: float, goal: Array, arrival: Array, less: f
     for off, most in ((c * dx + s * dy, arrival[0]), (c * dy - s * dx, arrival[1])):
         if abs(off) > max(most - less, 0.5 * most):
             return False
-    return abs(wrap(goal[2] - pose[2])) <= arrival[2] and abs(speed) <= arrival[3]
+    return bool(abs(wrap(goal[2] - pose[2])) <= arrival[2] and abs(speed) <= arrival[3])
 
 
 @borrowing_kernel
