@@ -50,7 +50,8 @@ MODULES = {
     "wheelchair_gym": """
         envs types config registry geometry kinematics random maps scenes scenes.map_file
         scenes.skill scenes.describe sensors.settings sensors.laser sensors.ultrasonic
-        physics.settings physics.chair physics.actors.records task.settings task.observations task.rewards task.task
+        physics.settings physics.chair physics.actors.records task.settings task.observations
+        task.rewards task.task
         safety.shield safety.settings safety.stops tracking.tracker tracking.settings
         localization.monte_carlo localization.slam localization.occupancy
         localization.localized_chair hardware.registry hardware.settings hardware.chair
