@@ -128,11 +128,8 @@ def make_env(
 @lru_cache(1000)
 def _margin(walls: bytes, discs: bytes, start: bytes, goal: bytes, footprint: Footprint) -> float:
     """`footprint_margin` of arrays by their bytes: others drive the same world next."""
-    arrays = [np.frombuffer(part) for part in (walls, discs, start, goal)]
-    shapes = ((-1, 4), (-1, 3), (3,), (3,))
-    return footprint_margin(
-        *(each.reshape(shape) for each, shape in zip(arrays, shapes, strict=True)), footprint
-    )
+    lines, rounds = np.frombuffer(walls).reshape(-1, 4), np.frombuffer(discs).reshape(-1, 3)
+    return footprint_margin(lines, rounds, np.frombuffer(start), np.frombuffer(goal), footprint)
 
 
 def drive_episode(
