@@ -21,6 +21,7 @@ ASSISTANTS: Final = Registry(
         "blend": "agents.assistance.blend:Blend",
         "hindsight": "agents.assistance.hindsight:Hindsight",
         "hypotheses": "agents.assistance.hypotheses:Hypotheses",
+        "manoeuvre": "agents.assistance.manoeuvre:Manoeuvre",
     },
     group="wheelchair_gym.assistants",
     needs=("make", "assist"),

@@ -24,7 +24,7 @@ class Hindsight:
     clearance: float = setting(default=0.3, unit="s", low=0.0, high=100.0, source="design choice")
     """Seconds that a twist costs on whose way the chair touches something."""
     enough: float = setting(default=0.10, unit="m", low=0.01, high=0.5, source="design choice")
-    """Clearance that costs nothing."""
+    """Clearance that costs nothing; less in proportion to the margin while somebody docks."""
     belief: Belief = Belief()
     freedom: Freedom = Freedom()
 
@@ -49,6 +49,7 @@ class _Method:
             return 0.0, 0.0
         expected = costs @ self._goals.belief
         expected += config.stick * scaled_distance(twists, now.asked, self._mission)
-        expected += config.clearance * np.maximum(0.0, 1.0 - twists[:, 2] / config.enough)
+        enough = config.enough * min(1.0, now.margin / max(config.freedom.margin, 1e-6))
+        expected += config.clearance * np.maximum(0.0, 1.0 - twists[:, 2] / max(enough, 1e-6))
         best = twists[int(np.argmin(np.round(expected, 12)))]
         return float(best[0]), float(best[1])

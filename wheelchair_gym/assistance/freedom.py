@@ -7,7 +7,6 @@ with the stick's deflection. So a centred stick asks for rest, at once, whatever
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -40,7 +39,7 @@ class Freedom:
     docking_stick: float = setting(
         default=0.35, low=0.0, high=1.0, source="no published value found: assumed"
     )
-    """Largest deflection of a low stick."""
+    """Largest deflection forward of a low stick."""
     docking_time: float = setting(
         default=1.0, unit="s", low=0.0, high=60.0, source="no published value found: assumed"
     )
@@ -63,15 +62,23 @@ class AssistMission:
 
 @borrowing_kernel
 def margin_of(p: Any, a: Any, forward: float, left: float) -> float:
-    """The margin [m] that a row keeps, which a low and steady stick lowers."""
-    f, size = p.freedom, math.hypot(forward, left)
-    moved = math.hypot(forward - a.held[0], left - a.held[1]) > STEADY
+    """The margin [m] that a row keeps, which a low and steady stick lowers.
+
+    Whoever drives up to a thing turns to it, too: only the deflection forward counts.
+    """
+    f, moved = p.freedom, abs(forward - a.held[0]) > STEADY
     if moved:
         a.held[0], a.held[1] = forward, left
-    low = 0.0 < size <= f.docking_stick and forward > 0.0
+    low = 0.0 < forward <= f.docking_stick
     a.steady = a.steady + p.period if low and not moved else 0.0
     docks = a.steady >= f.docking_time
     return float(min(f.margin, f.docking_margin) if docks else f.margin)
+
+
+@borrowing_kernel
+def enough_now(p: Any, a: Any, enough: float) -> float:
+    """A clearance that counts as full [m], lowered as far as the margin is."""
+    return float(enough * a.margin / p.freedom.margin if a.margin < p.freedom.margin else enough)
 
 
 @borrowing_kernel

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.assistance.arcs import follow_arc
-from wheelchair_gym.assistance.freedom import Freedom, Twist
+from wheelchair_gym.assistance.freedom import Freedom, Twist, enough_now
 from wheelchair_gym.compiled.address import doubles_at, integers_at, on_stack
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.config import setting, settings
@@ -43,7 +43,7 @@ class SharedDwa:
     enough: float = setting(
         default=0.10, unit="m", low=0.01, high=CLEAR, source="doors leave 0.09 m: design choice"
     )
-    """Clearance that counts as full."""
+    """Clearance that counts as full; less in proportion to the margin while somebody docks."""
     freedom: Freedom = Freedom()
 
 
@@ -68,7 +68,7 @@ def _sort(keys: Array, order: Any, n: int) -> None:
 def shared_dwa(p: Any, a: Any) -> Twist:
     """The twist of a row; see `wheelchair_gym.assistance.step`."""
     m, asked_v, asked_w, turn = p.method, a.asked[0], a.asked[1], a.turn
-    points, outline, enough = a.points[: a.n_points], p.outline[:], m.enough
+    points, outline, enough = a.points[: a.n_points], p.outline[:], enough_now(p, a, m.enough)
     # Differences from the stick, which both turns of a pair share; without speed, one row of them.
     offs, pairs = (TURNS + 1) // 2, 0
     size = SPEEDS * offs
