@@ -207,7 +207,10 @@ class DriveSession(PageSession):
 
     def on_stop(self, message: Message) -> None:
         """End the drive."""
+        drive = self._drive
         self._end()
+        if drive is not None and not drive.steps:
+            self._unbegun()
 
     def on_film(self, message: Message) -> None:
         """Make a film of the latest drive."""
@@ -233,6 +236,10 @@ class DriveSession(PageSession):
             self._recorded = drive.file
             self._out.send("ended", **drive.summary())
             self._after(drive)
+
+    def _unbegun(self) -> None:
+        """A person has ended a drive before its first step."""
+        self._out.send("unbegun")
 
     def _after(self, drive: Drive) -> None:
         """A drive of at least one step has ended."""

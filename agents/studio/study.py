@@ -201,6 +201,9 @@ class StudySession(DriveSession):
             self._given_up = done
             self._out.send("unfinished")
 
+    def _unbegun(self) -> None:
+        self._send_step()  # so that another device can be chosen
+
     def on_give_up(self, message: Message) -> None:
         """Count a drive that was ended before its goal as one that did not arrive."""
         if self._given_up is None:

@@ -73,9 +73,10 @@ export class DrivePage {
     return {
       choices: message => this.choose(message), progress: state => this.prepared(state), busy: () => this.banner(text("busy")),
       world: message => this.begin(message), picture: (head, ranges) => this.take(head, ranges), ended: message => this.end(message),
+      unbegun: () => { this.running = false; this.buttons(); this.banner(text("stopped")); },
       assist: message => { if (message.anew) say(text("anew")); }, paused: message => this.pausedNow(message.on),
       filming: () => { this.on.film.disabled = true; this.banner(text("filming")); },
-      film: message => this.filmed(message.file), error: () => { this.on.start.disabled = false; this.on.film.disabled = false; },
+      film: message => this.filmed(message.file), error: () => { this.on.start.disabled = false; this.on.film.disabled = false; if (!this.running) this.banner(""); },
       lost: () => { this.running = false; this.buttons(); },
     };
   }

@@ -92,6 +92,15 @@ def test_a_drive_is_filmed(opened):
     assert loading.value.path().stat().st_size > 1000
 
 
+def test_a_drive_can_be_ended_before_it_begins(opened):
+    _, page = opened
+    begin(page)
+    page.click("#stop")
+    until(page, "!studio.running", 10.0)
+    assert page.is_disabled("#stop")
+    begin(page)
+
+
 def test_touch_drives_and_stops(opened):
     _, page = opened
     begin(page)

@@ -167,7 +167,9 @@ def test_the_device_is_chosen_before_a_drive_and_stays(opened):
     assert page.is_visible("#stick")
     page.keyboard.press("ArrowUp")
     assert page.evaluate("studio.now.waits")
-    page.keyboard.press("Escape")
+    page.keyboard.press("Escape")  # before it has begun: another device may be chosen
+    until(page, "document.querySelector('#go[data-t=begin_drive]')", 10.0)
+    assert page.is_visible("#device")
     (record,) = (
         one for one in read_folder(served.studio.folder)[1]
         if (one["participant"], one["kind"]) == (5, "drive")
