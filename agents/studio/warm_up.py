@@ -172,6 +172,7 @@ class WarmUp:
 
         if not are_compiled((decide_row, step_live, step_one, update_tracker)):
             self._compile("all")
+            self._kernel = ""
 
     def _compile(self, what: str) -> None:
         """Let a process compile; it ends with this one."""

@@ -71,12 +71,12 @@ export class DrivePage {
   /** What to do with each type of message. */
   answers() {
     return {
-      choices: message => this.choose(message), progress: state => this.prepared(state), busy: () => this.banner(text("busy")),
+      choices: message => this.choose(message), progress: state => this.prepared(state), busy: () => { this.waiting = true; this.banner(text("busy")); },
       world: message => this.begin(message), picture: (head, ranges) => this.take(head, ranges), ended: message => this.end(message),
       unbegun: () => { this.running = false; this.buttons(); this.banner(text("stopped")); },
       assist: message => { if (message.anew) say(text("anew")); }, paused: message => this.pausedNow(message.on),
       filming: () => { this.on.film.disabled = true; this.banner(text("filming")); },
-      film: message => this.filmed(message.file), error: () => { this.on.start.disabled = false; this.on.film.disabled = false; if (!this.running) this.banner(""); },
+      film: message => this.filmed(message.file), error: () => { this.on.start.disabled = false; this.on.film.disabled = this.waiting = false; if (!this.running) this.banner(""); },
       lost: () => { this.running = false; this.buttons(); },
     };
   }
@@ -176,6 +176,7 @@ export class DrivePage {
   prepared(state) {
     this.ready = state.ready;
     this.on.start.disabled = this.on.next.disabled = !state.ready;
+    if (this.waiting && state.kernel) this.banner(`${text("busy")}. ${text("compile_now", state)}`);
     this.first();
   }
 
@@ -218,7 +219,7 @@ export class DrivePage {
     this.trail = [];
     this.now = null;
     this.running = true;
-    this.paused = false;
+    this.waiting = this.paused = false;
     this.on.start.disabled = false;
     this.on.results.hidden = true;
     this.on.seed.value = message.order.seed;

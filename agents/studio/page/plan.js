@@ -54,9 +54,10 @@ export class PlanPage {
     this.listen();
     this.link = new Link("plan", {
       planners: message => this.choose(message), choices: message => this.places(message), map: message => this.take(message),
-      planning: message => this.banner(text("planning", { planner: message.planner })), plan: message => this.answer(message),
+      planning: message => { this.planner = message.planner; this.banner(text("planning", message)); },
+      progress: state => { if (this.planner && state.kernel) this.banner(`${text("planning", { planner: this.planner })}. ${text("compile_now", state)}`); }, plan: message => this.answer(message),
       planned: () => this.planned(), growth: message => this.grow(message), saved: message => this.saved(message.files),
-      error: () => { this.on.plan.disabled = false; }, lost: () => { this.on.plan.disabled = true; },
+      error: () => { this.planner = ""; this.on.plan.disabled = false; }, lost: () => { this.on.plan.disabled = true; },
     });
   }
 
@@ -193,6 +194,7 @@ export class PlanPage {
   }
 
   planned() {
+    this.planner = "";
     this.on.plan.disabled = false;
     const solved = this.answers.filter(one => one.length !== null).sort((a, b) => a.length - b.length);
     const words = solved.length ? text("best", { planner: solved[0].planner, length: solved[0].length.toFixed(2) }) : text("no_path");

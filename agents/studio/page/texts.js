@@ -55,6 +55,7 @@ const ROWS = {
   load_text: ["Loading the simulator: {seconds} s", "Cargando el simulador: {seconds} s"],
   compile_text: ["Compiling the simulator, once on this machine: {seconds} s, part {kernels} {kernel}",
     "Compilando el simulador, una sola vez en esta máquina: {seconds} s, parte {kernels} {kernel}"],
+  compile_now: ["Compiling, once on this machine: part {kernels} {kernel}", "Compilando, una sola vez en esta máquina: parte {kernels} {kernel}"],
   busy: ["Preparing the drive", "Preparando el recorrido"],
   lost: ["The connection is lost. The chair has stopped and the drive has ended.",
     "Se perdió la conexión. La silla se ha detenido y el recorrido ha terminado."],

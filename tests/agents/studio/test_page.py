@@ -92,6 +92,18 @@ def test_a_drive_is_filmed(opened):
     assert loading.value.path().stat().st_size > 1000
 
 
+def test_what_compiles_while_one_waits_is_told(opened):
+    _, page = opened
+    begin(page)
+    state = "{ready: true, kernel: 'scan_laser', kernels: 7}"
+    page.evaluate(f"studio.prepared({state})")
+    assert "scan_laser" not in page.inner_text("#banner")
+    page.evaluate(f"studio.running = false; studio.waiting = true; studio.prepared({state})")
+    assert "part 7 scan_laser" in page.inner_text("#banner")
+    begin(page)
+    assert "scan_laser" not in page.inner_text("#banner")
+
+
 def test_a_drive_can_be_ended_before_it_begins(opened):
     _, page = opened
     begin(page)
