@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.compiled.address import Target, pointer_record, rows_of
+from wheelchair_gym.compiled.address import Target, pointer_record, prefetch, rows_of
 from wheelchair_gym.compiled.kernel import inlined
 from wheelchair_gym.config import InputError
 from wheelchair_gym.drivers.settings import INTERFACES, Driver, Hand, Intention, Perception
@@ -131,7 +131,7 @@ DRIVERS, DRIVERS_TARGETS = pointer_record(
     ("constants", Target(CONSTANTS, 1)),
     ("drivers", Target(DRIVER, None)),
 )
-_constants_at, _drivers_at = rows_of(CONSTANTS), rows_of(DRIVER)
+_constants_at, _drivers_at, _SIZE = rows_of(CONSTANTS), rows_of(DRIVER), DRIVER.itemsize
 
 
 @inlined
@@ -139,6 +139,14 @@ def driver_row(drivers: Any, i: int) -> Any:
     """The records of row i: who drives, and its state; drivers: (1,) of DRIVERS."""
     rows = drivers[0]
     return _constants_at(rows.constants, 1)[0], _drivers_at(rows.drivers, rows.n)[i]
+
+
+@inlined
+def prefetch_driver(drivers: Any, i: int) -> None:
+    """Have the state of row i loaded while something else is computed."""
+    rows = drivers[0]
+    if rows.n > 0:
+        prefetch(rows.drivers + np.uint64(i * _SIZE), _SIZE)
 
 
 # Deflections of a stick that a person chooses from, rest first.

@@ -24,7 +24,7 @@ from wheelchair_gym.compiled.address import (
     rows_of,
 )
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined, kernel
-from wheelchair_gym.drivers.state import DRIVERS
+from wheelchair_gym.drivers.state import DRIVERS, prefetch_driver
 from wheelchair_gym.drivers.step import begin_driver, step_driver
 from wheelchair_gym.envs.results import Bytes, Columns, Flags, Floats, Rows, columns_of
 from wheelchair_gym.kinematics import twist_of_action
@@ -288,6 +288,7 @@ def step_chairs(
     for i in range(low, high):
         if i + 1 < high:
             prefetch_chair(i + 1, chairs)
+            prefetch_driver(drivers, i + 1)
             prefetch_assistant(i + 1, assistants)
         rows.begun[i], rows.mask[i] = is_over[i], True
         if not is_over[i]:
