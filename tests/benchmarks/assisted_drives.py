@@ -6,11 +6,9 @@ chairs drawn anew. Every drive is a line of `--out`, and one that stands there i
 so that a run that was ended goes on. Then tables: success, contacts that the chair caused at more
 than 0.05 m/s, and times by driver; and a line for each such contact.
 
-The shield lets the chair enter unseen space at `--unseen-speed`. By its own default, 0.1 m/s, people
-back into walls that no sensor has seen at more than 0.05 m/s. `direct` is driven without the
-shield. The time limit is 60 s and ten times the time of the shortest way; success within four times
-the time of `expert` through the same interface in the same world is shown beside it. For this, each
-driver's interface is driven by `expert`, too.
+`direct` is driven without the shield. The time limit is 60 s and ten times the time of the shortest
+way; success within four times the time of `expert` through the same interface in the same world is
+shown beside it. For this, each driver's interface is driven by `expert`, too.
 """
 
 from __future__ import annotations
@@ -63,10 +61,9 @@ def with_expert(name: str) -> str:
 def drive(driver: str, scene: str, assistant: str, given: Any) -> list[Any]:
     """All drives of a driver in a scene: of each row the first episodes, each as a record."""
     n, episodes = ROWS, given.drives // ROWS
-    shield = None if assistant == "direct" else {"unseen_speed": given.unseen_speed}
     env = NavigationVectorEnv(
         n, scene=SCENES[scene], driver=driver_of(driver), assistant=assistant,
-        shield=shield, num_threads=1, randomize=True, pose_source="modelled",
+        shield=assistant != "direct", num_threads=1, randomize=True, pose_source="modelled",
         bank={"size": given.worlds, "turnover": 0.0, "cache": given.cache},
         config={"task": {"time_base": 60.0, "time_factor": 10.0}},
     )  # fmt: skip
@@ -203,9 +200,6 @@ def main() -> int:
     )
     parser.add_argument("--worlds", type=int, default=120, help="of a scene, which drives share")
     parser.add_argument("--cache", default="runs/assisted_drives/worlds", help="folder of worlds")
-    parser.add_argument(
-        "--unseen-speed", type=float, default=0.045, help="the shield's setting [m/s]"
-    )
     parser.add_argument("--out", default="runs/assisted_drives/drives.jsonl")
     parser.add_argument("--no-expert", action="store_true", help="no drives of expert beside")
     given = parser.parse_args()

@@ -28,6 +28,12 @@ class Freedom:
 
     turn: float = setting(default=0.5, unit="rad/s", low=0.0, high=4.0, source=_CHOICE)
     """Largest difference of the turn rate from the stick's, at full deflection."""
+    backward: float = setting(
+        default=0.045, unit="m/s", low=0.0, high=2.0,
+        source="nothing looks back, and a contact below 0.05 m/s does no harm: docs, decisions",
+    )  # fmt: skip
+    """Largest speed backward. The shield alone lets people back into what nothing has seen at
+    0.1 m/s; with a scanner that looks back, set the chair's own limit."""
     margin: float = setting(
         default=0.03, unit="m", low=0.0, high=1.0, source="more shuts doors of 0.80 m: derived"
     )
@@ -82,7 +88,7 @@ def enough_now(p: Any, a: Any, enough: float) -> float:
 
 
 @borrowing_kernel
-def within_freedom(twist: Twist, asked: Twist, turn: float, most: float) -> Twist:
+def within_freedom(twist: Twist, asked: Twist, turn: float, most: float, backward: float) -> Twist:
     """A twist, clipped to what may be made of the stick's [m/s, rad/s].
 
     Args:
@@ -90,10 +96,11 @@ def within_freedom(twist: Twist, asked: Twist, turn: float, most: float) -> Twis
         asked: the stick's; at rest, the answer is rest.
         turn: largest difference of the turn rates.
         most: the chair's limit of turn rates.
+        backward: largest speed backward.
     """
     (v, w), (to_v, to_w) = twist, asked
     if to_v == 0.0 and to_w == 0.0:
         return 0.0, 0.0
-    v = min(max(v, min(0.0, to_v)), max(0.0, to_v))
+    v = min(max(v, min(0.0, max(-backward, to_v))), max(0.0, to_v))
     w = min(max(w, min(0.0, to_w) - turn), max(0.0, to_w) + turn)
     return v, min(most, max(-most, w))

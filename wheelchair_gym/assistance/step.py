@@ -116,7 +116,7 @@ def assisted_twist(i: int, assistants: Any, more_v: float, more_w: float) -> Twi
     rows = assistants[0]
     p, a = _constants_at(rows.constants, 1)[0], assistant_at(rows, i)
     given, asked = (a.twist[0] + more_v, a.twist[1] + more_w), (a.asked[0], a.asked[1])
-    return within_freedom(given, asked, a.turn, p.turn)
+    return within_freedom(given, asked, a.turn, p.turn, p.freedom.backward)
 
 
 @borrowing_kernel
