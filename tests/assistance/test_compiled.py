@@ -207,6 +207,15 @@ def test_an_action_is_that_of_the_twist_and_a_residual_stays_within_the_freedom(
         assert v == w == 0.0
 
 
+def test_it_backs_slowly_where_nothing_looks():
+    blank = reading(np.full(1081, np.inf))
+    for name in COMPILED:
+        row = row_of(name)
+        row.update(Stick(-1.0, 0.0, False), blank)
+        backward = -LIMITS.backward if name in ("direct", "shield") else -Freedom().backward
+        assert row.twist().tolist() == [backward, 0.0]
+
+
 def test_each_has_a_kind_and_a_wrong_one_is_told_in_one_line():
     assert {COMPILED[name] for name in COMPILED} == set(KINDS)
     for spec, text in (
