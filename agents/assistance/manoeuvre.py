@@ -60,7 +60,7 @@ class Manoeuvre:
     """Distance from the plan at which a new one is made."""
     iterations: int = setting(default=3000, low=10, high=1_000_000, source=_CHOICE)
     """Poses that the planner expands at most."""
-    freedom: Freedom = Freedom(turn=1.0)
+    freedom: Freedom = Freedom(turn=1.0, backward=0.1)
 
     def make(self) -> SharedAssistant:
         """A fresh assistant."""
