@@ -32,6 +32,7 @@ from agents.control.rollout import (
     rollout_cost,
     start_row,
 )
+from agents.control.tight_places import ManoeuvreTracker
 from planners.swarm.woa import WhaleParameters, WhaleSettings, move_whales
 from wheelchair_gym.compiled.kernel import kernel, record_of
 from wheelchair_gym.config import setting, settings
@@ -194,7 +195,8 @@ class RefinedWindow(Window):
 
     def make(self) -> Follower:
         """A follower at rest."""
-        return WhaleCommands(self, _fan_and_plan, _within, refine)
+        whales = WhaleCommands(self, _fan_and_plan, _within, refine)
+        return ManoeuvreTracker(whales, self.tight, self.margin)
 
 
 SHARES = (0.3, 0.6, 1.0)  # of the limits, at which the plan's commands are driven

@@ -51,6 +51,7 @@ ROOTS = 24  # about so many headings at a goal without one are roots of a tree
 CHUNK = 4  # iterations between two readings of the clock
 SHARE = 16  # ... of several searches, which then share the best path
 _DESIGN = "design choice"
+_TUNED = "tuned on training seeds"
 
 
 @settings
@@ -63,6 +64,15 @@ class Se2RrtStarWoa(DrivingCost, PlannerBase):
     Then rounds of RRT*, of shortcuts, of local and of global whales improve it, by their shares.
     """
 
+    obstacle_weight: float = setting(default=6.0, low=0.0, source=_TUNED)
+    """Additional cost of a move without clearance, as a multiple of its time."""
+    pivot_speed_ratio: float = setting(
+        default=0.2,
+        low=0.05,
+        high=1.0,
+        source="rear corners may sweep unseen floor at 0.1 m/s",
+    )
+    """Turn rate of pivots as a share of the limit."""
     footprint: Footprint = Footprint()
     limits: Limits = Limits()
     guide: InformedRrtStar = setting(default=InformedRrtStar(iterations=2_000), source=_DESIGN)
@@ -71,8 +81,8 @@ class Se2RrtStarWoa(DrivingCost, PlannerBase):
         default=WhaleSettings(population=8, iterations=4), source=_DESIGN
     )
     """The swarms."""
-    iterations: int = setting(default=6_000, low=0, source=_DESIGN)
-    """Largest number of iterations: of samples up to the first path, then of rounds."""
+    iterations: int = setting(default=15_000, low=0, source=_DESIGN)
+    """Largest number of iterations: of samples up to the first paths, then of rounds."""
     improvement: int = setting(default=200, low=0, source=_DESIGN)
     """Rounds after the first path; with a deadline, make it large for an anytime planner."""
     nodes: int = setting(default=10_000, low=100, source=_DESIGN)
@@ -83,13 +93,13 @@ class Se2RrtStarWoa(DrivingCost, PlannerBase):
         default=1.6, unit="1/m", low=0.1, source="as the planner lattice: in a corridor of 1.2 m"
     )
     """Greatest curvature of arcs; sharper turns are made in place."""
-    tree_share: float = setting(default=1.0, low=0.0, source="tuned on training seeds")
+    tree_share: float = setting(default=1.0, low=0.0, source=_TUNED)
     """Share of the rounds that are samples of RRT*."""
-    shortcut_share: float = setting(default=1.0, low=0.0, source="tuned on training seeds")
+    shortcut_share: float = setting(default=1.0, low=0.0, source=_TUNED)
     """Share of the rounds that are shortcuts."""
-    local_share: float = setting(default=1.0, low=0.0, source="tuned on training seeds")
+    local_share: float = setting(default=1.0, low=0.0, source=_TUNED)
     """Share of the rounds of whales that move poses of a window of the path."""
-    global_share: float = setting(default=0.0, low=0.0, source="tuned on training seeds")
+    global_share: float = setting(default=0.0, low=0.0, source=_TUNED)
     """Share of the rounds of whales that move poses along the whole path, jointly."""
     local_poses: int = setting(default=1, low=1, high=8, source=_DESIGN)
     """Poses that local whales move."""

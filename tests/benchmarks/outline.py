@@ -27,7 +27,9 @@ from wheelchair_gym.config import dump
 
 DEADLINES = (0.05, 0.2, 1.0)  # s
 LONGEST = 5.0  # s: for a first path
-ENDLESS = {"iterations": 10_000_000, "improvement": 10_000_000}
+LATTICE = make_planner("lattice")
+SAME_COST = {name: getattr(LATTICE, name) for name in ("obstacle_weight", "pivot_speed_ratio")}
+ENDLESS = {"iterations": 10_000_000, "improvement": 10_000_000, **SAME_COST}
 OMPL = "agents.peers.ompl_footprint:OmplFootprint"
 ENTRANTS = {
     "lattice": {"name": "lattice", "improvement": 10_000_000},

@@ -57,8 +57,12 @@ ROOM = box(3.4, 1.5)
 PATH = manoeuvre((-0.8, 0.0, 0.0), [(0.4, 0.0), (0.0, -0.7), (-0.2, 0.3), (0.0, 0.4), (0.7, 0.0)])
 
 
-def test_a_manoeuvre_close_to_walls_is_driven_as_planned():
-    poses = driven(PATH, ROOM, 20.0, {"name": "window"})
+FOLLOWERS = pytest.mark.parametrize("name", ["window", "whales"])
+
+
+@FOLLOWERS
+def test_a_manoeuvre_close_to_walls_is_driven_as_planned(name):
+    poses = driven(PATH, ROOM, 20.0, {"name": name})
     turned = int(poses[:, 2].argmin())
     back = turned + int(poses[turned:, 0].argmin())  # from there on it has room
     off = np.hypot(*(poses[:back, None, :2] - PATH[None, :, :2]).T).min(axis=0)
@@ -70,9 +74,10 @@ def test_a_manoeuvre_close_to_walls_is_driven_as_planned():
     assert poses[back, 0] == pytest.approx(PATH[PATH[:, 2].argmin() :, 0].min(), abs=0.05)
 
 
-def test_what_has_room_is_left_to_the_follower():
+@FOLLOWERS
+def test_what_has_room_is_left_to_the_follower(name):
     def begun(room, tight):
-        return driven(PATH, room, 3.0, {"name": "window", "tight": tight})
+        return driven(PATH, room, 3.0, {"name": name, "tight": tight})
 
     wide = box(8.0, 6.0)
     assert np.array_equal(begun(wide, 0.1), begun(wide, 0.0))
