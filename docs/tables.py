@@ -34,6 +34,7 @@ DATA = ROOT / "docs" / "results" / "data"
 WEIGHTS = ROOT / "agents" / "data" / "weights"
 PAGES = (
     "README.md", "docs/results/index.md", "docs/how_to/learning.md", "docs/studies/index.md",
+    "docs/concepts/assisted_driving.md",
 )  # fmt: skip
 _PART = re.compile(r"(<!-- figures: (\w+) -->\n).*?(<!-- end -->\n)", re.S)
 
@@ -56,6 +57,9 @@ def condensed(content: Mapping[str, Any]) -> dict[str, Any]:
         return {**head, "runs": content["runs"], "rows": content["readings"]}
     if "records" not in content:
         return {**head, "rows": [row for row in content["rows"] if "rate" in row]}
+    if "stick_effort" in content["records"][0]:
+        rows = assisted(content["records"])
+        return {**head, "seeds": [source["seeds"][0], source["seeds"][-1]], "rows": rows}
     env = source["config"]["env"]
     poses = {
         label(scene): {**env, **(scene.get("env", {}) if isinstance(scene, dict) else {})}.get(
@@ -73,6 +77,24 @@ def condensed(content: Mapping[str, Any]) -> dict[str, Any]:
         for pose in dict.fromkeys(poses.values())
     ]
     return {**head, "seeds": [source["seeds"][0], source["seeds"][-1]], "rows": rows}
+
+
+def assisted(records: Sequence[Row]) -> list[dict[str, Any]]:
+    """A row for each assistant, person and scene: times by seed (null: no success), and means."""
+    rows: dict[tuple[str, ...], list[Row]] = {}
+    for record in sorted(records, key=lambda record: int(record["seed"])):
+        scene, _, driver = record["scene"].rpartition(", ")
+        rows.setdefault((record["policy"], driver, scene), []).append(record)
+    return [
+        {
+            "policy": policy, "driver": driver, "scene": scene,
+            "times": [round(r["time"], 1) if r["success"] else None for r in of],
+            "at_fault": sum(r["at_fault"] for r in of),
+            **{key: _figure(np.mean, of, key)
+               for key in ("agreement_angle", "intervention_share", "stick_effort")},
+        }
+        for (policy, driver, scene), of in rows.items()
+    ]  # fmt: skip
 
 
 def drives(records: Sequence[Row], best: Sequence[Row]) -> dict[str, Any]:
@@ -379,10 +401,83 @@ def sources() -> str:
     return markdown_table(("file", "command", "commit", "machine"), rows)
 
 
+def _times(rows: Sequence[Row], **which: str) -> list[float | None]:
+    """The times of rows of persons, in their order; None: no success."""
+    of = [row for row in rows if all(row[key] == value for key, value in which.items())]
+    return [time for row in of for time in row["times"]]
+
+
+def _succeed(times: Sequence[float | None]) -> str:
+    hits = [time for time in times if time is not None]
+    low, high = wilson(len(hits), len(times))
+    share = f"{len(hits)} of {len(times)} ({100 * low:.0f} to {100 * high:.0f} %)"
+    return f"{share}, {np.median(hits):.0f} s" if hits else share
+
+
+def _names(rows: Sequence[Row], key: str) -> list[str]:
+    return list(dict.fromkeys(row[key] for row in rows))
+
+
+def _driven(name: str, across: str, down: str) -> str:
+    rows = results(name)["rows"]
+    columns = _names(rows, across)
+    table = [
+        (f"`{one}`", *(_succeed(_times(rows, **{down: one, across: other})) for other in columns))
+        for one in _names(rows, down)
+    ]
+    return markdown_table((down, *(f"`{column}`" for column in columns)), table)
+
+
+def docking() -> str:
+    """Docking at a desk: each person with each assistant."""
+    return _driven("skills_dock", "policy", "driver")
+
+
+def skills_drivers() -> str:
+    """All courses of driving skills: each person with each assistant."""
+    return _driven("skills", "policy", "driver")
+
+
+def skills_courses() -> str:
+    """All persons together on each course, with each assistant."""
+    return _driven("skills", "policy", "scene")
+
+
+def skills_pairs() -> str:
+    """Assistants beside the shield alone, drive by drive."""
+    rows, table = results("skills")["rows"], []
+    base = _times(rows, policy="shield")
+    for policy in _names(rows, "policy"):
+        of = [row for row in rows if row["policy"] == policy]
+        both = list(zip(_times(of), base, strict=True))
+        alone = sum(a is not None and b is None for a, b in both)
+        other = sum(b is not None and a is None for a, b in both)
+        p = stats.binomtest(alone, alone + other).pvalue if alone + other else 1.0
+        ratios = np.log([a / b for a, b in both if a is not None and b is not None])
+        spread = stats.sem(ratios) * stats.t.ppf(0.975, len(ratios) - 1)
+        middle, low, high = np.exp(ratios.mean() + spread * np.array([0.0, -1.0, 1.0]))
+        hits = sum(a is not None for a, _ in both)
+        means = [
+            np.mean([row[key] for row in of if row[key] is not None])
+            for key in ("agreement_angle", "intervention_share", "stick_effort")
+        ]
+        beside = ("", "", "1.00") if policy == "shield" else (
+            f"{alone}; {other}", f"{p:.3f}", f"{middle:.2f} ({low:.2f} to {high:.2f})"
+        )  # fmt: skip
+        table.append(
+            (f"`{policy}`", percent(hits, len(both)), sum(row["at_fault"] for row in of), *beside,
+             f"{np.degrees(means[0]):.1f}", f"{100 * means[1]:.0f}", f"{means[2]:.1f}")
+        )  # fmt: skip
+    headings = ("assistant", "success [%], 95 % interval", "at fault",
+                "only one succeeds: it; `shield`", "p (McNemar)", "time beside `shield`",
+                "off the stick [deg]", "intervention [% of time]", "effort [s/m]")  # fmt: skip
+    return markdown_table(headings, table, (False, True, True, False, *5 * (True,)))
+
+
 FIGURES: dict[str, Callable[[], str]] = {
     function.__name__: function
     for function in (planned, barn_60, league, league_pairs, speed, measured, claims, agreement,
-                     learned, sources)
+                     learned, docking, skills_drivers, skills_courses, skills_pairs, sources)
 }  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""Laws of manoeuvres on request: what asks for one, what ends it; help allows closeness."""
+"""Laws of manoeuvres: what asks for one, what ends it, and that help allows closeness."""
 
 from __future__ import annotations
 
