@@ -25,6 +25,7 @@ EXAMPLES = {
     "pixel_observations": (["--steps", "32", "--episodes", "1"], "(3, 84, 84)"),
     "ppo_in_one_file": (["2"], "update 1: reward a step"),
     "ros_pure_pursuit": ([], ""),  # which tests/hardware/test_robot.py runs with a robot
+    "skills": ([], "dock: up to a desk"),
     "study": (["p1", "--out", "{folder}"], "report.html"),
     "thesis_map": (["--out", "{folder}"], "free of contact"),
     "tracks": ([], "person "),
