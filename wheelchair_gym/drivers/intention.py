@@ -54,7 +54,7 @@ MANOEUVRE = 1.5  # m from a goal that is a pose, within which somebody manoeuvre
 FUNNEL = (0.3, 0.8)  # m to a side of it, and rad, within which it does so by itself, unguided
 LEADS, LEAD, TURN_WITHIN = 6, 0.2, 0.1  # stretches straight up to it; m between their lengths; m
 PIVOT = 0.6  # of the turn rate, for turns in place
-MANOEUVRE_TIME = 2.4  # s that it then looks ahead
+MANOEUVRE_TIME = (1.2, 2.4)  # s that it then looks ahead, at least and at most
 ARRIVAL, CREEP = 1.5, 0.1  # s to go, at least, there with a stick; m/s that is always allowed
 MOST_SURPLUS = 0.4  # rad/s that a person learns to expect beside what it asks for
 RESPONSE = 0.4  # s: time constant with which chairs follow a change of turn
@@ -469,7 +469,9 @@ def _take_aim(p: Any, d: Any, prepared: Any, pose: Array) -> None:
     turn = wrap(pose[2] - prepared.goal[2])
     _, left = world_to_body(math.cos(prepared.goal[2]), math.sin(prepared.goal[2]), dx, dy)
     if abs(left) < FUNNEL[0] and abs(turn) < FUNNEL[1]:
-        d.manoeuvres, d.horizon = True, max(d.horizon, MANOEUVRE_TIME)
+        seconds = _seconds_to_pose(p, prepared.goal, pose[0], pose[1], pose[2])
+        d.manoeuvres = True
+        d.horizon = min(MANOEUVRE_TIME[1], max(MANOEUVRE_TIME[0], seconds))
 
 
 @borrowing_kernel
