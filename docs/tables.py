@@ -407,10 +407,15 @@ def _times(rows: Sequence[Row], **which: str) -> list[float | None]:
     return [time for row in of for time in row["times"]]
 
 
+FEWEST = 10  # drives whose share has an interval
+
+
 def _succeed(times: Sequence[float | None]) -> str:
     hits = [time for time in times if time is not None]
     low, high = wilson(len(hits), len(times))
-    share = f"{len(hits)} of {len(times)} ({100 * low:.0f} to {100 * high:.0f} %)"
+    share = f"{len(hits)} of {len(times)}"
+    if len(times) >= FEWEST:
+        share += f" ({100 * low:.0f} to {100 * high:.0f} %)"
     return f"{share}, {np.median(hits):.0f} s" if hits else share
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 import re
 
@@ -18,6 +19,7 @@ from tests.scenes.test_footprints import CHAIRS
 from wheelchair_gym.config import InputError
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.maps import bottleneck
+from wheelchair_gym.recording.topics import EPISODE, FIELDS
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.scenes.poses import FOOTPRINT, is_free_pose
 from wheelchair_gym.scenes.skill import COURSES
@@ -150,6 +152,14 @@ def test_an_episode_takes_no_wrong_arrival(arrival):
     episode = drawn("dock", 0)
     with pytest.raises(InputError, match=r"Episode\.arrival"):
         Episode(episode.map, episode.start, episode.goal, arrival=arrival)
+
+
+def test_recordings_keep_the_arrival():
+    kind, episode = FIELDS[EPISODE]["arrival"], drawn("dock", 0)
+    stored = json.loads(json.dumps(kind.write(episode.arrival)))
+    again = Episode(episode.map, episode.start, episode.goal, arrival=kind.read(stored))
+    assert again.arrival == episode.arrival == ARRIVAL
+    assert kind.write(None) is kind.read(None) is None
 
 
 def test_who_drives_by_itself_is_told_the_pose_and_has_to_be_there():
