@@ -65,7 +65,7 @@ def drive(driver: str, scene: str, assistant: str, given: Any) -> list[Any]:
         n, scene=SCENES[scene], driver=driver_of(driver), assistant=assistant,
         shield=assistant != "direct", num_threads=1, randomize=True, pose_source="modelled",
         bank={"size": given.worlds, "turnover": 0.0, "cache": given.cache},
-        config={"task": {"time_base": 60.0, "time_factor": 10.0}},
+        config={"task": {"time_base": 60.0 * given.limit, "time_factor": 10.0 * given.limit}},
     )  # fmt: skip
     limits = env.settings.chair.limits
     full = np.array([limits.forward, limits.turn])
@@ -200,6 +200,8 @@ def main() -> int:
     )
     parser.add_argument("--worlds", type=int, default=120, help="of a scene, which drives share")
     parser.add_argument("--cache", default="runs/assisted_drives/worlds", help="folder of worlds")
+    text = "of the time limit, for slow interfaces; use another --out"
+    parser.add_argument("--limit", type=float, default=1.0, help=f"times {text}")
     parser.add_argument("--out", default="runs/assisted_drives/drives.jsonl")
     parser.add_argument("--no-expert", action="store_true", help="no drives of expert beside")
     given = parser.parse_args()
