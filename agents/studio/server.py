@@ -26,6 +26,7 @@ PAGE: Final = Path(__file__).with_name("page")
 _MOST_PAGES = 8  # open at once
 _MOST_MESSAGE = 1 << 20  # bytes
 _PER_SECOND, _BURST = 150.0, 300.0  # messages of one page; a stick sends 20 to 60 a second
+_PING, _PATIENCE = 10.0, 30.0  # s: a busy machine may answer late; a silent stick stops anyway
 _BROKEN = 10  # messages that are no messages, after which a page is cut off
 _MAP = re.compile(r"[\w][\w.+-]{0,99}\.(yaml|yml|pgm|png|jpg|jpeg|bmp|map|json)")
 _FILE = re.compile(r"[\w][\w.+-]*\.(mcap|mp4|gif|yaml|png|json)")
@@ -264,7 +265,7 @@ def make_server(studio: Studio) -> Any:
     return uvicorn.Server(
         uvicorn.Config(
             studio.app(), log_level="warning", access_log=False, lifespan="off",
-            ws_max_size=_MOST_MESSAGE, ws_ping_interval=5.0, ws_ping_timeout=5.0,
+            ws_max_size=_MOST_MESSAGE, ws_ping_interval=_PING, ws_ping_timeout=_PATIENCE,
             limit_concurrency=64, timeout_graceful_shutdown=3, server_header=False,
             h11_max_incomplete_event_size=65536,
         )

@@ -26,7 +26,7 @@ def opened(tmp_path_factory):
         wrong = []
         page.on("console", lambda m: m.type in ("error", "warning") and wrong.append(m.text))
         page.on("pageerror", lambda error: wrong.append(str(error)))
-        page.set_default_timeout(10_000.0)
+        page.set_default_timeout(60_000.0)
         page.add_init_script(GAMEPAD)
         page.goto(served.url)
         until(page, "window.studio?.running")
@@ -52,7 +52,7 @@ def test_keys_drive_to_the_goal_and_the_drive_is_judged_the_same(opened, capsys)
     served, page = opened
     begin(page)
     page.keyboard.down("ArrowUp")
-    until(page, "!studio.running", 20.0)
+    until(page, "!studio.running")
     page.keyboard.up("ArrowUp")
     result = page.evaluate("studio.result")
     assert result["outcome"] == "success"
@@ -69,7 +69,7 @@ def test_the_twin_drives_to_the_goal(opened):
     page.select_option("#place", "twin:map")
     begin(page)
     page.keyboard.down("ArrowUp")
-    until(page, "!studio.running", 20.0)
+    until(page, "!studio.running")
     page.keyboard.up("ArrowUp")
     assert page.evaluate("studio.result.outcome") == "success"
     assert page.evaluate("studio.world.order.place") == "twin:map"
@@ -84,9 +84,9 @@ def test_a_drive_is_filmed(opened):
     page.wait_for_timeout(500)
     page.keyboard.up("ArrowLeft")
     page.keyboard.press("Escape")
-    until(page, "!studio.running", 10.0)
+    until(page, "!studio.running")
     page.click("#film")
-    until(page, "!document.getElementById('filmed').hidden", 60.0)
+    until(page, "!document.getElementById('filmed').hidden")
     with page.expect_download() as loading:
         page.click("#filmed")
     assert loading.value.path().stat().st_size > 1000
@@ -108,7 +108,7 @@ def test_a_drive_can_be_ended_before_it_begins(opened):
     _, page = opened
     begin(page)
     page.click("#stop")
-    until(page, "!studio.running", 10.0)
+    until(page, "!studio.running")
     assert page.is_disabled("#stop")
     begin(page)
 
@@ -122,9 +122,9 @@ def test_touch_drives_and_stops(opened):
     page.mouse.move(x, y)
     page.mouse.down()
     page.mouse.move(x, y - box["height"] / 2)
-    until(page, "studio.now.twist[0] > 0.1", 10.0)
+    until(page, "studio.now.twist[0] > 0.1")
     page.mouse.up()
-    until(page, "Math.abs(studio.now.twist[0]) < 0.02", 10.0)
+    until(page, "Math.abs(studio.now.twist[0]) < 0.02")
 
 
 def test_a_gamepad_drives(opened):
@@ -134,10 +134,10 @@ def test_a_gamepad_drives(opened):
     page.wait_for_timeout(200)
     assert page.evaluate(WAITS)
     page.evaluate("window.pushed = -0.9")
-    until(page, "studio.now.twist[0] > 0.1", 10.0)
+    until(page, "studio.now.twist[0] > 0.1")
     page.evaluate("window.pushed = 0")
     page.keyboard.press("Escape")
-    until(page, "!studio.running", 10.0)
+    until(page, "!studio.running")
 
 
 def test_a_single_switch_drives_and_stops(opened):
@@ -146,12 +146,12 @@ def test_a_single_switch_drives_and_stops(opened):
     page.select_option("#device", "switch")
     page.fill("#period", "0.5")
     page.focus("#map")
-    until(page, "studio.now.lit === 'back'", 10.0)
-    until(page, "studio.now.lit === 'forward'", 10.0)
+    until(page, "studio.now.lit === 'back'")
+    until(page, "studio.now.lit === 'forward'")
     page.keyboard.press("Space")
-    until(page, "studio.now.twist[0] > 0.05", 10.0)
+    until(page, "studio.now.twist[0] > 0.05")
     page.click("#switch")
-    until(page, "studio.now.lit !== ''", 10.0)
+    until(page, "studio.now.lit !== ''")
     page.select_option("#device", "stick")
     page.keyboard.press("Escape")
 
@@ -179,21 +179,21 @@ def test_what_a_simulated_person_does_not_see_is_covered(opened):
     veil = page.evaluate("studio.view.colour.veil")
     assert not any(covered())
     page.select_option("#sight", "hemianopia")
-    until(page, "studio.now.sight?.[0] === 0", 10.0)
+    until(page, "studio.now.sight?.[0] === 0")
     assert covered() == [False, False, False, True, True, True]
     assert "left" in page.inner_text("#unseen")
     page.select_option("#sight", "hemineglect")
-    until(page, "studio.now.sight?.[2] < 0.2", 10.0)
+    until(page, "studio.now.sight?.[2] < 0.2")
     assert covered()[:3] == [False] * 3
     assert covered()[5]  # where the scanner does not look
     page.keyboard.down("ArrowLeft")  # the chair turns, and what it covers turns with it
-    until(page, "studio.now.t > 2", 10.0)
+    until(page, "studio.now.t > 2")
     page.keyboard.up("ArrowLeft")
     page.select_option("#sight", "hemianopia")
-    until(page, "studio.now.sight?.[0] === 0", 10.0)
+    until(page, "studio.now.sight?.[0] === 0")
     assert covered() == [False, False, False, True, True, True]
     page.select_option("#sight", "none")
-    until(page, "studio.now.sight === null", 10.0)
+    until(page, "studio.now.sight === null")
     assert not any(covered())
     page.keyboard.press("Escape")
 
@@ -274,15 +274,15 @@ def test_keys_alone_reach_everything(opened):
 def test_a_lost_connection_is_told(opened):
     _, page = opened
     page.evaluate("studio.link.socket.close()")
-    until(page, "!document.getElementById('lost').hidden", 10.0)
+    until(page, "!document.getElementById('lost').hidden")
     page.click("#again")
-    until(page, WAITS, 20.0)
+    until(page, WAITS)
 
 
 def tab(page, name):
     """Turn to a page."""
     page.click(f"[data-page={name}]")
-    until(page, {"plan": "studio.world", "compare": "studio.sources"}.get(name, WAITS), 20.0)
+    until(page, {"plan": "studio.world", "compare": "studio.sources"}.get(name, WAITS))
 
 
 def on_map(page, x, y):
@@ -297,7 +297,7 @@ def on_map(page, x, y):
 def planned(page):
     """The answers of the chosen planners, by name."""
     page.click("#plan")
-    until(page, "studio.answers.length && !document.getElementById('plan').disabled", 60.0)
+    until(page, "studio.answers.length && !document.getElementById('plan').disabled")
     return {row["planner"]: row for row in page.evaluate("studio.answers")}
 
 
@@ -330,7 +330,7 @@ def test_people_draw_plan_watch_and_save(opened):
     planned(page)
     for name in ("rrt_star", "swarm"):
         page.click(f"[aria-label='Watch: {name}']")
-        until(page, f"studio.frames && studio.grower === '{name}'", 30.0)
+        until(page, f"studio.frames && studio.grower === '{name}'")
         page.evaluate("clearInterval(studio.playing)")
         page.fill("#frame", "3")
         assert name in page.inner_text("#grown")
@@ -385,7 +385,7 @@ def test_two_drives_are_compared(opened):
     page.fill("#time", "1")
     assert "1.0 s" in page.inner_text("#clock")
     page.click("#play")
-    until(page, "Number(document.getElementById('time').value) > 1.5", 10.0)
+    until(page, "Number(document.getElementById('time').value) > 1.5")
     for width in (390, 820, 1280):
         page.set_viewport_size({"width": width, "height": 900})
         assert page.evaluate("document.documentElement.scrollWidth") <= width

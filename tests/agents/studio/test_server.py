@@ -113,11 +113,11 @@ def test_only_files_of_the_folder_are_given(served, name):
 
 
 def cut_off(socket):
-    """The server ends the connection, within ten seconds."""
-    end = time.monotonic() + 10.0
+    """The server ends the connection, within a minute."""
+    end = time.monotonic() + 60.0
     try:
         while time.monotonic() < end:
-            socket.recv(timeout=10)
+            socket.recv(timeout=60)
     except ConnectionClosed:
         return
     raise AssertionError("the connection is still open")
@@ -182,11 +182,11 @@ def test_a_taken_port_is_named(served):
 
 
 def drive_for(socket, seconds, forward=1.0, left=0.0, number=1):
-    """Hold a stick for so long; the head of the last picture."""
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
+    """Hold a stick for so long, in simulated time; the head of the last picture."""
+    first = picture = messages(socket, "picture")
+    while picture["t"] < first["t"] + seconds - 1e-6:
         send(socket, "stick", forward=forward, left=left, by="touch", n=number)
-        picture = messages(socket, "picture", patience=10)
+        picture = messages(socket, "picture")
     return picture
 
 
@@ -225,10 +225,11 @@ def test_a_silent_stick_counts_as_released(served):
         send(socket, "start", **{**START, "rate": 40})
         messages(socket, "world")
         assert drive_for(socket, 0.6, 0.8)["twist"][0] > 0.1
-        begun = time.monotonic()
-        while messages(socket, "picture", patience=5)["twist"][0] > 0.02:
-            assert time.monotonic() - begun < 4.0
-        assert messages(socket, "picture", patience=5)["asked"] == [0.0, 0.0]
+        picture = first = messages(socket, "picture")
+        while picture["twist"][0] > 0.02:
+            picture = messages(socket, "picture")
+            assert picture["t"] - first["t"] < 4.0
+        assert messages(socket, "picture")["asked"] == [0.0, 0.0]
 
 
 def test_help_and_hands_change_while_driving(served):

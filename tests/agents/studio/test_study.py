@@ -38,7 +38,7 @@ def opened(tmp_path_factory):
         wrong = []
         page.on("console", lambda m: m.type in ("error", "warning") and wrong.append(m.text))
         page.on("pageerror", lambda error: wrong.append(str(error)))
-        page.set_default_timeout(10_000.0)
+        page.set_default_timeout(60_000.0)
         page.goto(f"{served.url}#study")
         until(page, "window.studio?.ready && studio.title")
         yield served, page
@@ -58,7 +58,7 @@ def drive(page, key="ArrowUp"):
     page.click("#go")
     until(page, "studio.running && studio.now?.waits")
     page.keyboard.down(key)
-    until(page, "!studio.running", 30.0)
+    until(page, "!studio.running")
     page.keyboard.up(key)
     return page.evaluate("studio.now.sight")
 
@@ -86,15 +86,15 @@ def test_a_participant_goes_from_consent_to_the_data(opened, capsys):
             page.click("#go")
             until(page, "studio.running && studio.now?.waits")
             page.keyboard.down("ArrowUp")
-            until(page, "studio.now.twist[0] > 0.1", 10.0)
+            until(page, "studio.now.twist[0] > 0.1")
             page.keyboard.up("ArrowUp")
             page.keyboard.press("Escape")
-            until(page, "document.querySelector('#repeat')", 10.0)
+            until(page, "document.querySelector('#repeat')")
             axe(page)
             page.click("#repeat")
             until(page, "studio.running && studio.now?.waits")
             page.keyboard.down("ArrowUp")
-            until(page, "!studio.running", 30.0)
+            until(page, "!studio.running")
             page.keyboard.up("ArrowUp")
         else:
             drive(page)
@@ -102,7 +102,7 @@ def test_a_participant_goes_from_consent_to_the_data(opened, capsys):
             until(page, f"document.querySelectorAll('.panel fieldset').length == {items}")
             axe(page)
             page.click("#go")
-            until(page, "!document.getElementById('error').hidden", 10.0)
+            until(page, "!document.getElementById('error').hidden")
             for k in range(items):
                 page.locator(f"input[name=q{k}]").nth(k).check()
             page.click("#go")
@@ -154,12 +154,12 @@ def test_the_device_is_chosen_before_a_drive_and_stays(opened):
     assert not page.is_visible("#device")
     assert not page.is_visible("#stick")
     page.keyboard.down("ArrowUp")  # no key drives
-    until(page, "studio.now.lit === 'right'", 10.0)
-    until(page, "studio.now.lit === 'forward'", 10.0)
+    until(page, "studio.now.lit === 'right'")
+    until(page, "studio.now.lit === 'forward'")
     assert page.evaluate("studio.now.waits")
     page.keyboard.up("ArrowUp")
     page.keyboard.press("Space")
-    until(page, "document.querySelector('#go[data-t=begin_drive]')", 30.0)
+    until(page, "document.querySelector('#go[data-t=begin_drive]')")
     page.select_option("#device", "touch")
     assert not page.is_visible("#period")
     page.click("#go")
@@ -168,7 +168,7 @@ def test_the_device_is_chosen_before_a_drive_and_stays(opened):
     page.keyboard.press("ArrowUp")
     assert page.evaluate("studio.now.waits")
     page.keyboard.press("Escape")  # before it has begun: another device may be chosen
-    until(page, "document.querySelector('#go[data-t=begin_drive]')", 10.0)
+    until(page, "document.querySelector('#go[data-t=begin_drive]')")
     assert page.is_visible("#device")
     (record,) = (
         one for one in read_folder(served.studio.folder)[1]
