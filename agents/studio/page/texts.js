@@ -133,6 +133,7 @@ const ROWS = {
   a_slide: ["Slides along obstacles in place of stopping.", "Se desliza a lo largo de los obstáculos en vez de parar."],
   a_shared_dwa: ["Chooses a safe motion near the stick's.", "Elige un movimiento seguro cercano al de la palanca."],
   a_hypotheses: ["Guesses where you are going, and helps when you would miss it.", "Adivina adónde va y ayuda cuando no acertaría."],
+  a_manoeuvre: ["Drives a planned way through a door or up to a desk, while the stick asks for it.", "Conduce por un camino planificado por una puerta o hasta una mesa, mientras la palanca lo pide."],
   a_blend: ["Mixes the stick with the way to the likeliest goal.", "Mezcla la palanca con el camino a la meta más probable."],
   a_hindsight: ["Helps towards all likely goals at once.", "Ayuda hacia todas las metas probables a la vez."],
   study: ["Study", "Estudio"],
