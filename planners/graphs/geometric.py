@@ -196,7 +196,7 @@ class GeometricThenLimited(PlannerBase):
         `edges_tested` counts those of both.
         """
         first = self.geometric.plan(problem, rng, remaining(end))
-        if first.status is not Status.EXHAUSTED:
+        if first.status is not Status.EXHAUSTED or clock() >= end:
             return replace(first, counters={**first.counters, "geometric": 1})
         plan = self.limited.plan(problem, rng, remaining(end))
         tested = first.counters["edges_tested"] + plan.counters.get("edges_tested", 0)

@@ -32,6 +32,8 @@ TABLES = {
     "wheelchair_gym.sensors.scanners": ("SCANNER",),
     "wheelchair_gym.task.prepared_episode": ("PREPARED",),
     "wheelchair_gym.task.task": ("RULES", "TASK"),
+    "wheelchair_gym.assistance.step": ("ASSISTANTS",),
+    "wheelchair_gym.assistance.state": (),  # constants, which the former keep
     "wheelchair_gym.drivers.step": ("DRIVERS",),
     "wheelchair_gym.drivers.impairment": (),  # one row of the same
     "wheelchair_gym.envs.vector": ("BATCH",),
@@ -98,7 +100,11 @@ def holders():
     result = env._steps._pool.take()
     chair = env.settings.chair, env.settings.sensors
     hand = LiveInput(make_driver("ataxia"), *chair, 0.05)
-    return env, many, result, Tracker(), [static_map_pointers([grid])], hand
+    helped = NavigationVectorEnv(
+        2, scene="clutter", shield=True, driver="expert", assistant="slide", bank=1
+    )
+    helped.reset(seed=0)
+    return env, many, result, Tracker(), [static_map_pointers([grid])], hand, helped
 
 
 def test_every_address_field_says_what_it_points_to(holders):

@@ -325,7 +325,7 @@ def test_the_demo_shows_what_the_project_is_about():
     demo = SUITES["demo"]
     planners = ("rrt_star_woa_local", "rrt_star_woa_global")
     assert {f"{p}+{f}" for p in planners for f in ("window", "controls")} <= set(demo.policies)
-    assert {BEST, "ppo_guided", "ppo_goal"} <= set(demo.policies)
+    assert {BEST, "se2_rrt_star_woa+whales", "ppo_guided", "ppo_goal"} <= set(demo.policies)
     kinds = {kind_of(policy) for policy in demo.policies}
     assert kinds == {"learned", "planned"}
     assert {"floor_plan", "clutter", "map_file"} <= set(demo.scenes)
