@@ -26,28 +26,42 @@ EXPECTED: Final = 45.0  # s that compiling takes on two cores
 def first_drive() -> None:
     """Load or compile all that the first drive needs: a scene without people, and no shield.
 
-    While this process compiles what draws the scene, another compiles what drives, in an empty one.
+    While this process compiles what draws the scene, another compiles what moves a chair.
     """
     from wheelchair_gym.compiled.second_process import compile_beside
     from wheelchair_gym.physics.step import step_chair
-    from wheelchair_gym.task.assessment import assess
 
-    compile_beside((step_chair, assess), _drive_in_nothing)
+    compile_beside((step_chair,), _drive_nowhere)
     _drive_in(FIRST)
 
 
-def _drive_in_nothing() -> None:
-    _drive_in("empty")
+def _drive_nowhere() -> None:
+    import numpy as np
+
+    from wheelchair_gym.physics.chair import SimulatedChair
+    from wheelchair_gym.types import Episode
+
+    nowhere: Any = None
+    chair = SimulatedChair()
+    chair.reset(Episode(nowhere, np.zeros(3), np.zeros(3)), 0)
+    chair.drive(np.zeros(2))
+    _drive_in("empty")  # and what assesses a drive
 
 
 def _drive_in(scene: str) -> None:
     import numpy as np
 
+    from agents.assistance import make_assistant
+    from agents.assistance.assistant import AssistMission
     from wheelchair_gym.envs import NavigationEnv
     from wheelchair_gym.types import Stick
 
-    env = NavigationEnv(scene, pose_source="modelled", person=lambda: Stick(0.1, 0.1, False))
+    stick = Stick(0.1, 0.1, False)
+    env = NavigationEnv(scene, pose_source="modelled", person=lambda: stick)
     env.reset(seed=0)
+    assistant = make_assistant("direct")
+    assistant.reset(AssistMission(env.settings.chair, env.settings.sensors, env.task.period))
+    assistant.assist(stick, env.reading, env.task.map)
     for _ in range(3):
         env.step(np.array([0.1, 0.1], np.float32))
     env.task.way_to_go(env.task.reading.pose)
