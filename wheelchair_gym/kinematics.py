@@ -32,6 +32,17 @@ def twist_of_action(
     return a_v * (forward if a_v > 0.0 else backward), a_w * turn
 
 
+@borrowing_kernel
+def action_of_twist(
+    v: float, w: float, forward: float, backward: float, turn: float
+) -> tuple[float, float]:
+    """The action in [-1, 1] that asks for a twist [m/s, rad/s], clipped to the limits."""
+    full = forward if v > 0.0 else backward
+    a_v, a_w = (v / full if full > 0.0 else 0.0), w / turn
+    a_v = 1.0 if a_v > 1.0 else -1.0 if a_v < -1.0 else a_v
+    return a_v, 1.0 if a_w > 1.0 else -1.0 if a_w < -1.0 else a_w
+
+
 def numbers_of(action: Any) -> tuple[float, float]:
     """The two numbers of an action (2,).
 
@@ -47,10 +58,10 @@ def numbers_of(action: Any) -> tuple[float, float]:
     return a_v, a_w
 
 
-_kernel: Any = twist_of_action
-_twist_in_python: Callable[..., tuple[float, float]] = (
-    _kernel.py_func
-)  # faster than calling compiled code
+_kernels: Any = twist_of_action, action_of_twist
+_InPython = Callable[..., tuple[float, float]]  # faster than calling compiled code
+_twist_in_python: _InPython = _kernels[0].py_func
+_action_in_python: _InPython = _kernels[1].py_func
 
 
 @settings
@@ -129,10 +140,8 @@ class Limits:
 
     def action(self, twist: NDArray[np.floating]) -> Array:
         """The action (2,) in [-1, 1] that asks for a twist (2,), clipped to the limits."""
-        v, w = float(twist[0]), float(twist[1])
-        a = v / self.forward if v > 0 else (v / self.backward if self.backward > 0 else 0.0)
-        action: Array = np.clip(np.array([a, w / self.turn]), -1.0, 1.0)
-        return action
+        limits = self.forward, self.backward, self.turn
+        return np.array(_action_in_python(float(twist[0]), float(twist[1]), *limits))
 
 
 LIMITS: Final = np.dtype([(f.name, "f8") for f in dataclasses.fields(Limits)], align=True)

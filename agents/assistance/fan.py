@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from agents.assistance.assistant import AssistInput, AssistMission, Twist
 from wheelchair_gym.assistance.arcs import follow_arc
+from wheelchair_gym.assistance.arcs import free_share as free_share_of
 from wheelchair_gym.assistance.shared_dwa import CLEAR, SPEEDS, STEP, STEPS, TURNS, time_to_stop
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 
@@ -17,9 +18,8 @@ Array = NDArray[np.float64]
 
 def free_share(mission: AssistMission, now: AssistInput, twist: Twist, time: float) -> float:
     """Share of a time [s] for which the chair could follow a twist."""
-    steps, outline = max(1, round(time / STEP)), mission.chair.footprint.array
-    free, _ = follow_arc(now.points, outline, *twist, STEP, steps, now.margin, 0.0, -math.inf)
-    return float(free / steps)
+    outline = mission.chair.footprint.array
+    return float(free_share_of(now.points, outline, *twist, time, STEP, now.margin))
 
 
 @borrowing_kernel

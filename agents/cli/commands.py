@@ -393,10 +393,8 @@ COMMANDS = (
             option("--threads", "threads of a vector environment", counts, default=[1, 2]),
             option("--bank", "number of worlds", count, default=2048),
             option("--seconds", "duration of each measurement [s]", finite, default=3.0),
-            option("--driver", "simulated person who drives: batches with it beside those without, "
-                   "on the same drives", None, "NAME"),
-            option("--assist", "with --driver: a compiled assistant that drives with the person, "
-                   "in a batch of its own", None, "NAME"),
+            option("--driver", "simulated person: batches with and without it", None, "NAME"),
+            option("--assist", "with --driver: a compiled assistant", None, "NAME"),
             flag("--no-peers", "measure no other simulator"),
             flag("--no-startup", "do not measure compilation and start"),
             option("--out", "folder of the results", None, "DIR", default="runs/bench"), JSON,

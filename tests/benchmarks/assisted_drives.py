@@ -131,11 +131,11 @@ def run(given: argparse.Namespace) -> dict[Any, Any]:
             with path.open("a") as file:
                 file.writelines(f"{json.dumps(one)}\n" for one in made)
             stored |= {tuple(one[name] for name in KEY): one for one in made}
-        told = {key: stored[key] for key in keys}
-        asked |= told
-        well = sum(one["success"] for one in told.values())
-        hits = sum(bool(one["contacts"]) for one in told.values())
-        line = f"{scene:<11}{assistant:<11}{driver:<24}{well:>5} of {len(told)}"
+        driven = {key: stored[key] for key in keys}
+        asked |= driven
+        arrived = sum(one["success"] for one in driven.values())
+        hits = sum(bool(one["contacts"]) for one in driven.values())
+        line = f"{scene:<11}{assistant:<11}{driver:<24}{arrived:>5} of {len(driven)}"
         print(f"{line}, caused contacts in {hits}", file=sys.stderr, flush=True)
     return asked
 

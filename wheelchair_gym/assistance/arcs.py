@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,9 +61,10 @@ def follow_arc(
 
 
 @borrowing_kernel
-def free_share(p: Any, a: Any, v: float, w: float, time: float, step: float) -> float:
-    """Share of a time [s] for which a row's chair could follow a twist, tested in steps [s]."""
+def free_share(
+    points: Array, outline: Array, v: float, w: float, time: float, step: float, margin: float
+) -> float:
+    """Share of a time [s] for which the outline can follow a twist, in steps [s]: `follow_arc`."""
     steps = max(1, round(time / step))
-    points, margin = a.points[: a.n_points], a.margin
-    free, _ = follow_arc(points, p.outline[:], v, w, step, steps, margin, 0.0, -math.inf)
+    free, _ = follow_arc(points, outline, v, w, step, steps, margin, 0.0, -math.inf)
     return float(free / steps)

@@ -33,7 +33,7 @@ from wheelchair_gym.assistance.teleop import Teleop, teleop
 from wheelchair_gym.assistance.vfh import Vfh, vfh
 from wheelchair_gym.compiled.address import Pointers, Target, pointer_record, prefetch, rows_of
 from wheelchair_gym.compiled.kernel import borrowing_kernel
-from wheelchair_gym.kinematics import twist_of_action
+from wheelchair_gym.kinematics import action_of_twist, twist_of_action
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.sensors.settings import SensorSettings
@@ -125,9 +125,7 @@ def assisted_action(i: int, assistants: Any, residual_v: float, residual_w: floa
     p = _constants_at(assistants[0].constants, 1)[0]
     more = twist_of_action(residual_v, residual_w, p.forward, p.backward, p.turn)
     v, w = assisted_twist(i, assistants, more[0], more[1])
-    full = p.forward if v > 0.0 else p.backward
-    a_v, a_w = (v / full if full > 0.0 else 0.0), w / p.turn
-    return min(1.0, max(-1.0, a_v)), min(1.0, max(-1.0, a_w))
+    return action_of_twist(v, w, p.forward, p.backward, p.turn)
 
 
 def freedom_of(method: Any) -> Freedom:

@@ -32,5 +32,6 @@ class Teleop:
 def teleop(p: Any, a: Any) -> Twist:
     """The twist of a row; see `wheelchair_gym.assistance.step`."""
     v, w, m = a.asked[0], a.asked[1], p.method
-    share = free_share(p, a, v, w, m.projection_time, m.step)
+    points = a.points[: a.n_points]
+    share = free_share(points, p.outline[:], v, w, m.projection_time, m.step, a.margin)
     return share * v, share * w

@@ -89,5 +89,6 @@ def vfh(p: Any, a: Any) -> Twist:
         wanted = math.atan2(w / p.turn, v / p.forward)
         change = m.turn_per_angle * (_direction(p, a, wanted) - wanted)
         w += min(a.turn, max(-a.turn, change))
-    share = free_share(p, a, v, w, m.look_ahead, STEP)
+    points = a.points[: a.n_points]
+    share = free_share(points, p.outline[:], v, w, m.look_ahead, STEP, a.margin)
     return share * v, share * w
