@@ -146,6 +146,36 @@ def test_a_helper_compiles_what_its_parent_then_loads(tmp_path):
     assert ran.stdout == "1 13.0 []\n1\n", ran.stderr
 
 
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="helpers are copies of a process")
+def test_helpers_of_the_process_that_warms_the_studio_up_compile(tmp_path):
+    code = (
+        "from wheelchair_gym.compiled.second_process import compile_beside, _helpers\n"
+        "from agents.studio import warm_up\n"
+        "import os, sys\n"
+        "os.sched_getaffinity = lambda pid: {0, 1}\n"
+        "def first():\n"
+        "    compile_beside([high], lambda: high(3.0))\n"
+        "    for helper in _helpers:\n"
+        "        os.waitpid(helper, 0)\n"
+        "    print(len(_helpers), high(3.0), lowered())\n"
+        "warm_up.first_drive, sys.argv = first, ['', 'first']\n"
+        "warm_up._main()\n"
+    )
+    ran = run(tmp_path, code)
+    assert ran.stdout == "1 13.0 []\n", ran.stderr
+
+
+def test_a_part_is_compiled_without_being_run(tmp_path):
+    code = (
+        "from wheelchair_gym.compiled.kernel import compile_part\n"
+        "compile_part(low, 1.0)\n"
+        "print(lowered(), len(low.overloads), high(3.0))\n"
+        "print(lowered().count('native_lowering [low]'))\n"
+    )
+    ran = run(tmp_path, code)
+    assert ran.stdout == "['native_lowering [low]'] 0 13.0\n1\n", ran.stdout + ran.stderr
+
+
 def test_two_processes_compile_a_kernel_once(tmp_path):
     both = [start(tmp_path, "print(high(3.0), lowered())\n") for _ in range(2)]
     told = "".join(process.communicate()[0] for process in both)

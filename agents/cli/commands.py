@@ -124,7 +124,7 @@ COMMANDS = (
         ],
     ),
     Command(
-        "studio", "drive:studio", "drive, plan and compare in the browser, in the simulator",
+        "studio", "studio:studio", "drive, plan and compare in the browser, in the simulator",
         "Serve a page on this machine until Ctrl-C, and print its address: people drive the "
         "simulated chair by keys, gamepad, touch or a single switch, with and without help. Each "
         "drive is recorded. Needs the extra 'studio'; recordings need 'record'.",

@@ -1,4 +1,4 @@
-"""`wheelchair simulate`, `deploy` and `studio`: a simulated or a real chair drives."""
+"""`wheelchair simulate`, `drive` and `deploy`: a simulated or a real chair drives."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from agents.deploy import (
 from agents.deploy import deploy as deploy_policy
 from agents.evaluation.evaluate import drive_episode, env_settings, label, make_env
 from agents.policies import make_policy
-from wheelchair_gym.config import InputError, read
+from wheelchair_gym.config import InputError
 from wheelchair_gym.drivers import make_driver
 from wheelchair_gym.envs.settings import env_settings as complete_env_settings
 from wheelchair_gym.geometry import best_clearance_heading
@@ -324,29 +324,6 @@ def _check_free(grid: Any, name: str, place: Any, file: str) -> None:
     row, col = grid.to_cell(place[:2])
     if not grid.inside(place[:2]) or grid.cells[row, col] == OCCUPIED:
         raise InputError(f"{name} {place[0]:g},{place[1]:g}: not a free place on {file}")
-
-
-def studio(given: argparse.Namespace) -> int:
-    """Serve the page in the browser until Ctrl-C."""
-    from agents.studio.access import Access
-    from agents.studio.server import Studio, check_extra, serve
-
-    check_extra()
-    maps = map_scenes(given)
-    if maps:
-        read_any_map(maps[0]["path"], resolution=maps[0].get("resolution"))  # refuses what is wrong
-    own_map = maps[0] if maps else None
-    folder, study = Path(given.out), None
-    if given.study is not None:
-        from agents.participants.protocol import Protocol
-        from agents.participants.session import claim
-
-        study = read(Protocol, given.study)
-        folder /= Path(given.study).stem
-        claim(folder, study)
-    access = Access(lan=given.lan)
-    serve(Studio(folder, own_map, access, study, Path(given.runs)), given.port)
-    return 0
 
 
 def _timing(record: dict[str, Any]) -> str:

@@ -82,8 +82,8 @@ def now() -> str:
 def command_line() -> str:
     """The command that a person typed, as a shell takes it."""
     name = Path(sys.argv[0]).name
-    # python -m agents.cli is the same program
-    return shlex.join(["wheelchair" if name in ("cli.py", "__main__.py") else name, *sys.argv[1:]])
+    # python -m wheelchair_gym is the same program
+    return shlex.join(["wheelchair" if name == "__main__.py" else name, *sys.argv[1:]])
 
 
 def without_outputs(command: str) -> str:

@@ -5,3 +5,20 @@
 The page draws and reads keys; the chair, its sensors and its judge are those of the environment. It
 drives the simulated chair only.
 """
+
+from importlib.util import find_spec
+
+from wheelchair_gym.config import InputError
+
+
+def check_extra() -> None:
+    """Refuse to begin where a package is missing.
+
+    Raises:
+        InputError: the extra 'studio' is not installed.
+    """
+    for name in ("starlette", "uvicorn", "websockets"):
+        if find_spec(name) is None:
+            raise InputError(
+                f"wheelchair studio needs {name}: pip install 'wheelchair_gym[studio]'"
+            )

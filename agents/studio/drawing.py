@@ -10,6 +10,7 @@ import numpy as np
 
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import InputError
+from wheelchair_gym.errors import shorten
 from wheelchair_gym.files import LIMITS, atomic_write, parse_yaml, read_text
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, read_any_map, write_map
 
@@ -19,6 +20,7 @@ UPLOADS: Final = "uploads"  # folder of maps that pages have sent
 CELL: Final = 0.05  # m
 _WIDTH: Final = 0.10  # m of a wall
 _OPENING: Final = 0.30  # m: how deep a door cuts, so that walls a little thicker are open, too
+_LONGEST_NAME: Final = 255  # bytes
 _MOST_WALLS: Final = 50_000  # segments that a page can draw
 
 
@@ -85,10 +87,12 @@ def loaded(path: Path, resolution: float) -> OccupancyGrid:
         if (
             not isinstance(name, str)
             or Path(name).name != name
-            or (path.parent / name).is_symlink()
+            or len(name.encode(errors="replace")) > _LONGEST_NAME
         ):
-            raise InputError(f"{path.name}: image is {name!r}; expected the bare name of a file")
-        if not (path.parent / name).is_file():
+            shown = shorten(name)
+            raise InputError(f"{path.name}: image is {shown}; expected the bare name of a file")
+        image_file = path.parent / name
+        if image_file.is_symlink() or not image_file.is_file():
             raise InputError(f"{path.name}: load its image, {name}, together with it")
     try:
         grid = read_any_map(path, resolution=resolution if image else None).grid

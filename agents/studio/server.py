@@ -30,20 +30,6 @@ _PING, _PATIENCE = 10.0, 30.0  # s: a busy machine may answer late; a silent sti
 _BROKEN = 10  # messages that are no messages, after which a page is cut off
 _MAP = re.compile(r"[\w][\w.+-]{0,99}\.(yaml|yml|pgm|png|jpg|jpeg|bmp|map|json)")
 _FILE = re.compile(r"[\w][\w.+-]*\.(mcap|mp4|gif|yaml|png|json)")
-_NO_STUDIO = "wheelchair studio needs {}: pip install 'wheelchair_gym[studio]'"
-
-
-def check_extra() -> None:
-    """Refuse to begin where a package is missing.
-
-    Raises:
-        InputError: the extra 'studio' is not installed.
-    """
-    from importlib.util import find_spec
-
-    for name in ("starlette", "uvicorn", "websockets"):
-        if find_spec(name) is None:
-            raise InputError(_NO_STUDIO.format(name))
 
 
 class Studio:
@@ -56,18 +42,17 @@ class Studio:
         study: an experiment with participants (`agents.participants.protocol.Protocol`), whose data
             go to the folder.
         runs: folder below which the page Compare finds recordings and runs; None: `folder`.
-
-    Attributes:
-        warm_up: how far compiling is.
+        warm_up: how far compiling is; None: a new one, not begun.
     """
 
     def __init__(
         self, folder: Path, own_map: Mapping[str, Any] | None = None,
         access: Access | None = None, study: Any = None, runs: Path | None = None,
+        warm_up: WarmUp | None = None,
     ) -> None:  # fmt: skip
         self.folder, self.access, self.study = folder, access or Access(), study
         self.runs = runs or folder
-        self.warm_up = WarmUp()
+        self.warm_up = warm_up or WarmUp()
         self._own_map = own_map
         self._pages = 0
         self._places: dict[str, Any] = {}
@@ -273,7 +258,7 @@ def make_server(studio: Studio) -> Any:
 
 
 def serve(studio: Studio, port: int) -> None:
-    """Serve until Ctrl-C, and print the address with its token.
+    """Serve until Ctrl-C, and print the address with its token; then what warms up ends too.
 
     Raises:
         InputError: the port is taken.
@@ -285,7 +270,6 @@ def serve(studio: Studio, port: int) -> None:
     page = "" if studio.study is None else "#study"
     print(f"http://{shown}:{number}/?token={studio.access.token}{page}", flush=True)
     print("open this address in a browser; Ctrl-C ends the studio", file=sys.stderr)
-    studio.warm_up.start()
     try:
         make_server(studio).run(sockets=[bound])
     finally:

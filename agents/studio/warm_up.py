@@ -13,12 +13,9 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
-
-from numba.core import event
-
-from agents.studio.catalogue import FIRST
 
 EXPECTED: Final = 45.0  # s that compiling takes on two cores
 
@@ -26,12 +23,16 @@ EXPECTED: Final = 45.0  # s that compiling takes on two cores
 def first_drive() -> None:
     """Load or compile all that the first drive needs: a scene without people, and no shield.
 
-    While this process compiles what draws the scene, another compiles what moves a chair.
+    While this process compiles what draws and assesses the scene, two others compile what moves a
+    chair and what moves people, which a chair waits for. Three share two cores more evenly than
+    two.
     """
+    from agents.studio.catalogue import FIRST
     from wheelchair_gym.compiled.second_process import compile_beside
     from wheelchair_gym.physics.step import step_chair
 
-    compile_beside((step_chair,), _drive_nowhere)
+    for work in (_drive_nowhere, _move_people):
+        compile_beside((step_chair,), work)
     _drive_in(FIRST)
 
 
@@ -45,7 +46,18 @@ def _drive_nowhere() -> None:
     chair = SimulatedChair()
     chair.reset(Episode(nowhere, np.zeros(3), np.zeros(3)), 0)
     chair.drive(np.zeros(2))
-    _drive_in("empty")  # and what assesses a drive
+
+
+def _move_people() -> None:
+    from wheelchair_gym.compiled.kernel import compile_part
+    from wheelchair_gym.physics.chairs import SimulatedChairs
+    from wheelchair_gym.physics.settings import ChairSettings, PhysicsSettings
+    from wheelchair_gym.physics.step import decide_actors
+    from wheelchair_gym.sensors.settings import SensorSettings
+
+    chairs = SimulatedChairs(ChairSettings(), SensorSettings(), PhysicsSettings(), 0.1)
+    row = chairs.states[0], chairs.parameters[0], chairs.world_rows[0]
+    compile_part(decide_actors, *row, (0.0, 0.0, 0.0, 0.0, 0.0))
 
 
 def _drive_in(scene: str) -> None:
@@ -62,6 +74,8 @@ def _drive_in(scene: str) -> None:
     assistant = make_assistant("direct")
     assistant.reset(AssistMission(env.settings.chair, env.settings.sensors, env.task.period))
     assistant.assist(stick, env.reading, env.task.map)
+    env.task.take_stick(stick, np.zeros(3), np.zeros(2))  # a step needs the chair, which is late
+    env.task.assess(env.reading, (0.0, 0.0))
     for _ in range(3):
         env.step(np.array([0.1, 0.1], np.float32))
     env.task.way_to_go(env.task.reading.pose)
@@ -74,6 +88,7 @@ def everything() -> None:
 
     from agents.assistance import ASSISTANTS, make_assistant
     from agents.assistance.assistant import AssistMission
+    from agents.studio.catalogue import FIRST
     from wheelchair_gym.drivers import make_driver
     from wheelchair_gym.drivers.impairment import LiveInput, LiveSight
     from wheelchair_gym.envs import NavigationEnv
@@ -106,21 +121,23 @@ def _parts() -> Any:
     return ChairSettings(), SensorSettings(), 0.05
 
 
-class _Counter(event.Listener):
-    """Calls a function with the name of each kernel of ours that is compiled."""
+def _count_kernels(each: Callable[[str], object]) -> None:
+    """Call a function with the name of each kernel of ours that is compiled, and then with ""."""
+    from numba.core import event
 
-    def __init__(self, each: Any) -> None:
-        self._each, self._depth = each, 0
+    class Counter(event.Listener):
+        depth = 0
 
-    def on_start(self, event: Any) -> None:
-        function = event.data["dispatcher"].py_func
-        self._depth += 1
-        self._each(function.__name__.strip("_"))
+        def on_start(self, event: Any) -> None:
+            self.depth += 1
+            each(event.data["dispatcher"].py_func.__name__.strip("_"))
 
-    def on_end(self, event: Any) -> None:
-        self._depth -= 1
-        if not self._depth:
-            self._each("")
+        def on_end(self, event: Any) -> None:
+            self.depth -= 1
+            if not self.depth:
+                each("")
+
+    event.register("numba:compile", Counter())  # type: ignore[no-untyped-call]
 
 
 class WarmUp:
@@ -139,7 +156,7 @@ class WarmUp:
 
     def start(self) -> None:
         """Begin in the background."""
-        event.register("numba:compile", _Counter(self._count))  # type: ignore[no-untyped-call]
+        self._spawn("first")  # at once, since whether it is needed takes seconds to find out
         threading.Thread(target=self._run, daemon=True, name="warm-up").start()
 
     def state(self) -> dict[str, Any]:
@@ -156,7 +173,7 @@ class WarmUp:
     def close(self) -> None:
         """End what still compiles."""
         self._closed = True
-        if self._child is not None and self._child.poll() is None:
+        if self._child is not None:
             self._child.kill()
 
     def _count(self, kernel: str) -> None:
@@ -167,13 +184,16 @@ class WarmUp:
 
     def _run(self) -> None:
         try:
+            _count_kernels(self._count)
             from wheelchair_gym.compiled.second_process import are_compiled
             from wheelchair_gym.physics.step import step_chair
             from wheelchair_gym.task.assessment import assess
 
-            if not are_compiled((step_chair, assess)):
+            if are_compiled((step_chair, assess)):
+                self._end()
+            else:
                 self._compiling = True
-                self._compile("first")
+                self._follow()
             first_drive()
         except Exception as error:  # the page shows it; a person may still try
             self.error = f"{type(error).__name__}: {error}"
@@ -185,35 +205,48 @@ class WarmUp:
         from wheelchair_gym.tracking.tracker import update_tracker
 
         if not are_compiled((decide_row, step_live, step_one, update_tracker)):
-            self._compile("all")
+            self._spawn("all")
+            self._follow()
             self._kernel = ""
 
-    def _compile(self, what: str) -> None:
+    def _spawn(self, what: str) -> None:
         """Let a process compile; it ends with this one."""
-        if self._closed:
-            return
         command = [sys.executable, "-m", "agents.studio.warm_up", what]
         root = str(Path(__file__).resolve().parents[2])
         path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))
-        with subprocess.Popen(
-            command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, stdin=subprocess.PIPE,
-            text=True, env={**os.environ, "PYTHONPATH": path},
-        ) as self._child:  # fmt: skip
+        if not self._closed:
+            self._child = subprocess.Popen(
+                command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, stdin=subprocess.PIPE,
+                text=True, env={**os.environ, "PYTHONPATH": path},
+            )  # fmt: skip
+
+    def _follow(self) -> None:
+        """Count what the process compiles, until it ends."""
+        if self._child is not None:
             assert self._child.stdout is not None
             for line in self._child.stdout:
                 self._count(line.strip())
+            self._end()
+
+    def _end(self) -> None:
+        if self._child is not None:
+            self._child.kill()
+            self._child.communicate()
+            self._child = None
 
 
 def _main() -> None:
-    what, parent = sys.argv[1], os.getppid()
+    what, me, studio = sys.argv[1], os.getpid(), os.getppid()
 
     def each(kernel: str) -> None:
-        if os.getppid() != parent:  # the studio is gone
+        if os.getpid() != me:  # the process beside this one, which ends with it
+            return
+        if os.getppid() != studio:  # the studio is gone
             os._exit(0)
         if kernel:
             print(kernel, flush=True)
 
-    event.register("numba:compile", _Counter(each))  # type: ignore[no-untyped-call]
+    _count_kernels(each)
     if what == "all" and hasattr(os, "nice"):
         os.nice(10)
     {"first": first_drive, "all": everything}[what]()

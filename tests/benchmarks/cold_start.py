@@ -42,16 +42,18 @@ envs.step(np.zeros((8, 2), np.float32))
 """
 # What `python` is given; {out} is a folder for results.
 COMMANDS = {
-    "plan_rrt_star": ["-m", "agents.cli", *_PLAN.split(), "rrt_star", "--set", "iterations=30000"],
+    "plan_rrt_star": [
+        "-m", "wheelchair_gym", *_PLAN.split(), "rrt_star", "--set", "iterations=30000",
+    ],
     "plan_picture": [
-        "-m", "agents.cli", *_PLAN.split(), "rrt_star", "--set", "iterations=30000",
+        "-m", "wheelchair_gym", *_PLAN.split(), "rrt_star", "--set", "iterations=30000",
         "--picture", "{out}/plan.png",
     ],
-    "plan_lattice": ["-m", "agents.cli", *_PLAN.split(), "lattice"],
+    "plan_lattice": ["-m", "wheelchair_gym", *_PLAN.split(), "lattice"],
     "env": ["-c", _STEP.format("env.step(env.action_space.sample())")],
     "env_policy": ["-c", _STEP.format(_POLICY)],
     "vector_env": ["-c", _VECTOR],
-    "demo": ["-m", "agents.cli", "compare", "--suite", "demo", "--out", "{out}/demo"],
+    "demo": ["-m", "wheelchair_gym", "compare", "--suite", "demo", "--out", "{out}/demo"],
     "tests": ["-m", "pytest", "-q", "-n", "2", "--dist", "loadfile", "-m", "not long"],
 }  # fmt: skip
 

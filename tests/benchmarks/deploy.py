@@ -65,7 +65,7 @@ def program(*words, **options):
 
 def twin(given, scene, seed, folder):
     """The twin of a seed, and what it said of itself."""
-    words = ["-m", "agents.cli", "twin", "--config", given.config, "--scene", scene]
+    words = ["-m", "wheelchair_gym", "twin", "--config", given.config, "--scene", scene]
     words += ["--seed", str(seed), "--write-map", str(folder / "map.yaml")]
     running = program(*words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     shown = dict(running.stdout.readline().rsplit(maxsplit=1) for _ in range(5))

@@ -53,7 +53,7 @@ def digest(value: Any) -> str:
 
 def wheelchair(*arguments: str) -> None:
     done = subprocess.run(
-        [sys.executable, "-m", "agents.cli", *arguments],
+        [sys.executable, "-m", "wheelchair_gym", *arguments],
         capture_output=True,
         text=True,
         check=False,

@@ -542,7 +542,7 @@ def test_a_program_that_is_ended_stops_it(bridge, end, tmp_path):
         config.write_text(json.dumps(CONFIG))
         chairs.write_text(json.dumps({"ros": spec(bridge)}))
         x, y = bridge.episode.goal[:2]
-        command = ["-m", "agents.cli", "simulate", "--chair", f"{chairs}:ros", "--policy"]
+        command = ["-m", "wheelchair_gym", "simulate", "--chair", f"{chairs}:ros", "--policy"]
         command += ["straight", "--config", str(config), "--goal", f"{x},{y}"]
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     program = subprocess.Popen(

@@ -356,7 +356,7 @@ def test_output_that_cannot_be_written_is_one_line(monkeypatch, capfd, output, c
 )
 def test_so_is_help_and_the_end_of_the_program(redirected, code, says):
     done = subprocess.run(
-        ["bash", "-c", f"{sys.executable} -m agents.cli settings --help {redirected}"],
+        ["bash", "-c", f"{sys.executable} -m wheelchair_gym settings --help {redirected}"],
         capture_output=True, text=True, check=False, cwd=ROOT, stdin=subprocess.DEVNULL,
     )  # fmt: skip
     assert done.stderr.startswith(says)

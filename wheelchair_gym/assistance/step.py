@@ -77,10 +77,10 @@ def prefetch_assistant(i: int, assistants: Any) -> None:
 
 
 @borrowing_kernel
-def update_assistant(
+def take_stick(
     i: int, assistants: Any, forward: float, left: float, scan: Floats, twist: Array, stamp: float
 ) -> None:
-    """Let row i see, and decide on a stick.
+    """Let row i see, and take a stick as the twist that it asks for.
 
     Args:
         i: the row.
@@ -98,6 +98,18 @@ def update_assistant(
     v, w = twist_of_action(forward, left, p.forward, p.backward, p.turn)
     a.asked[0], a.asked[1] = v, w
     a.turn = p.freedom.turn * min(1.0, math.hypot(forward, left))
+    a.twist[0], a.twist[1] = v, w
+
+
+@borrowing_kernel
+def update_assistant(
+    i: int, assistants: Any, forward: float, left: float, scan: Floats, twist: Array, stamp: float
+) -> None:
+    """Let row i see, and decide on a stick; the arguments are those of `take_stick`."""
+    take_stick(i, assistants, forward, left, scan, twist, stamp)
+    rows = assistants[0]
+    p, a = _constants_at(rows.constants, 1)[0], assistant_at(rows, i)
+    v, w = a.asked[0], a.asked[1]
     if p.kind != STICK and (v != 0.0 or w != 0.0):
         if p.kind == SLIDE:
             v, w = slide(p, a)
@@ -159,6 +171,7 @@ class Assistants:
         self.states = np.zeros(0 if method is None else n, ASSISTANT)
         self.pointers = Pointers(np.zeros(1, ASSISTANTS), ASSISTANTS_TARGETS)
         self.pointers.record["n"] = len(self.states)
+        self._plain = method is not None and KINDS[type(method)] == STICK
         if method is not None:
             free = freedom if freedom is not None else freedom_of(method)
             kind = KINDS[type(method)]
@@ -173,7 +186,8 @@ class Assistants:
 
     def update(self, stick: Stick, reading: Reading) -> None:
         """Let the only row see, and decide on a stick."""
-        update_assistant(
+        update = take_stick if self._plain else update_assistant  # quicker to compile, equal else
+        update(
             0, self.pointers.record, float(stick.forward), float(stick.left), reading.laser,
             reading.twist, float(reading.stamp),
         )  # fmt: skip

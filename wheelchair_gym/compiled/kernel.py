@@ -132,6 +132,12 @@ def inlined(function: F) -> F:
     return _compiled(function, inline="always")
 
 
+def compile_part(function: Any, *values: Any) -> None:
+    """Compile a kernel for others that call it with such values; nothing is run."""
+    type_of: Any = numba.typeof
+    function.get_call_template(tuple(type_of(value) for value in values), {})
+
+
 def record_of(config: Any) -> Any:
     """The fields of type float of a settings object as a record, which kernels read by name."""
     names = [field.name for field in dataclasses.fields(config) if field.type == "float"]

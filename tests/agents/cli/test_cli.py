@@ -398,7 +398,7 @@ def test_a_comparison_leaves_everything_in_its_folder(capsys, tmp_path):
 
 
 def test_a_reader_that_leaves_is_no_error():
-    pipe = f"{sys.executable} -m agents.cli settings sensors chair lattice --json - | head -1"
+    pipe = f"{sys.executable} -m wheelchair_gym settings sensors chair lattice --json - | head -1"
     done = subprocess.run(["bash", "-c", pipe], capture_output=True, text=True, check=False)
     assert done.stderr == ""
     assert done.stdout.count("\n") == 1
@@ -447,7 +447,7 @@ def test_the_pages_commands_are_understood(line, tmp_path, monkeypatch):
 
 
 def test_results_name_the_command_as_a_person_types_it(monkeypatch):
-    monkeypatch.setattr(sys, "argv", ["somewhere/agents/cli.py", "plan", "--map", "my hall.yaml"])
+    monkeypatch.setattr(sys, "argv", ["somewhere/__main__.py", "plan", "--map", "my hall.yaml"])
     assert command_line() == "wheelchair plan --map 'my hall.yaml'"
 
 

@@ -90,7 +90,7 @@ def test_it_serves_until_it_is_told_to_end(tmp_path, request):
     for target in TARGETS:
         build(target)
     picture = tmp_path / "end.png"
-    command = [sys.executable, "-m", "agents.cli", "twin", "--scene", "clutter"]
+    command = [sys.executable, "-m", "wheelchair_gym", "twin", "--scene", "clutter"]
     command += ["--config", str(ROOT / "configs/hardware.json"), "--picture", str(picture)]
     told = tmp_path / "told.yaml"
     command += ["--write-map", str(told)]

@@ -1,0 +1,38 @@
+"""`wheelchair studio`: people drive and plan in the browser."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from agents.cli.arguments import map_scenes
+from agents.studio import check_extra
+from agents.studio.warm_up import WarmUp
+from wheelchair_gym.config import read
+
+
+def studio(given: argparse.Namespace) -> int:
+    """Serve the page in the browser until Ctrl-C."""
+    check_extra()
+    maps = map_scenes(given)
+    if maps:
+        from wheelchair_gym.maps import read_any_map
+
+        read_any_map(maps[0]["path"], resolution=maps[0].get("resolution"))  # refuses what is wrong
+    own_map = maps[0] if maps else None
+    folder, study = Path(given.out), None
+    if given.study is not None:
+        from agents.participants.protocol import Protocol
+        from agents.participants.session import claim
+
+        study = read(Protocol, given.study)
+        folder /= Path(given.study).stem
+        claim(folder, study)
+    warm_up = WarmUp()
+    warm_up.start()  # while the server is loaded
+    from agents.studio.access import Access
+    from agents.studio.server import Studio, serve
+
+    access = Access(lan=given.lan)
+    serve(Studio(folder, own_map, access, study, Path(given.runs), warm_up), given.port)
+    return 0
