@@ -9,8 +9,8 @@ from agents.assistance import ASSISTANTS
 from wheelchair_gym.drivers.impairment import IMPAIRMENTS, SIGHTS
 from wheelchair_gym.scenes import SCENES
 
-FIRST: Final = "floor_plan"  # scene of the first drive, which needs least compiling
-STILL: Final = (FIRST, "clutter", "doorway")  # scenes for the twin, in which nobody moves
+FIRST: Final = "map_file"  # scene of the first drive: the clinic of the package, soon compiled
+STILL: Final = ("floor_plan", "clutter", "doorway")  # scenes for the twin, in which nobody moves
 MAP: Final = "map"  # the key of a person's own map
 RATES: Final = (10, 20, 40)  # Hz
 NO_HAND: Final = "none"
@@ -53,7 +53,8 @@ def places(own_map: Mapping[str, Any] | None = None) -> dict[str, Place]:
         found[MAP] = Place("map", str(own_map["label"]), without_labels(own_map), plain)
     for name in SCENES:
         if name != "mixture":
-            found[f"scene:{name}"] = Place("scene", name, name, plain)
+            label_of = "clinic" if name == FIRST else name
+            found[f"scene:{name}"] = Place("scene", label_of, name, plain)
     measured = {"pose_source": "odometry"}
     for key in (MAP, *(f"scene:{name}" for name in STILL)):
         if key in found:

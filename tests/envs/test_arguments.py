@@ -118,3 +118,9 @@ def test_the_real_chair_is_made_with_the_shipped_settings_and_stands_where_it_is
     env = gym.make("wheelchair_gym/Hardware-v0", config=mine).unwrapped
     assert env.settings == env_settings(EnvSettings(), pose_source="odometry", shield=True)
     env.close()
+
+
+@pytest.mark.parametrize("scene", [[{"name": "empty"}], ["hall.yaml", 3]])
+def test_a_list_of_maps_holds_paths_only(scene):
+    with pytest.raises(InputError, match=r"scene\[[01]\] is .*; expected the path of a map"):
+        EnvSettings(scene=scene)

@@ -16,6 +16,7 @@ from wheelchair_gym.assistance import COMPILED, make_compiled
 from wheelchair_gym.assistance.step import Assistants
 from wheelchair_gym.config import InputError, dump, load, read, setting, settings, suggest
 from wheelchair_gym.drivers import driver_spec, make_driver
+from wheelchair_gym.errors import shorten
 from wheelchair_gym.hardware.settings import HardwareSettings
 from wheelchair_gym.localization.localized_chair import Localizer
 from wheelchair_gym.localization.monte_carlo import LocalizationSettings, MonteCarloLocalizer
@@ -101,6 +102,9 @@ class EnvSettings:
             object.__setattr__(self, "scene", dump(self.scene))
         elif isinstance(self.scene, PathLike | list | tuple):
             paths = [self.scene] if isinstance(self.scene, PathLike) else self.scene
+            for k, path in enumerate(paths):
+                if not isinstance(path, str | PathLike):
+                    raise InputError(f"scene[{k}] is {shorten(path)}; expected the path of a map")
             files = [fspath(path) for path in paths]
             path = files[0] if len(files) == 1 else files
             object.__setattr__(self, "scene", {"name": "map_file", "path": path})
