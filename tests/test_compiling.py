@@ -53,6 +53,19 @@ def lowered():
     return sorted(n for n in Count.names if n.startswith("native_lowering"))
 """
 
+# High is compiled by a helper, and then called.
+BESIDE = """
+import os
+from wheelchair_gym.compiled.second_process import compile_beside, _helpers
+os.sched_getaffinity = lambda pid: {0, 1}
+def beside():
+    known = set(_helpers)
+    compile_beside([high], lambda: high(3.0))
+    for helper in _helpers - known:
+        os.waitpid(helper, 0)
+    print(len(_helpers), high(3.0), lowered())
+"""
+
 
 def run(folder: Path, code: str, **changes) -> subprocess.CompletedProcess[str]:
     """Run code after the toy kernels, with an empty folder for what is compiled."""
@@ -131,37 +144,19 @@ def test_a_log_gets_a_line_now_and_then(tmp_path):
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="helpers are copies of a process")
 def test_a_helper_compiles_what_its_parent_then_loads(tmp_path):
-    code = (
-        "from wheelchair_gym.compiled.second_process import compile_beside, locked, _helpers\n"
-        "import os\n"
-        "os.sched_getaffinity = lambda pid: {0, 1}\n"
-        "compile_beside([high], lambda: high(3.0))\n"
-        "for helper in _helpers:\n"
-        "    os.waitpid(helper, 0)\n"
-        "print(len(_helpers), high(3.0), lowered())\n"
-        "compile_beside([high], lambda: high(3.0))\n"
-        "print(len(_helpers))\n"
-    )
-    ran = run(tmp_path, code)
-    assert ran.stdout == "1 13.0 []\n1\n", ran.stderr
+    ran = run(tmp_path, BESIDE + "beside()\nbeside()\n")
+    assert ran.stdout == "1 13.0 []\n1 13.0 []\n", ran.stderr
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="helpers are copies of a process")
 def test_helpers_of_the_process_that_warms_the_studio_up_compile(tmp_path):
     code = (
-        "from wheelchair_gym.compiled.second_process import compile_beside, _helpers\n"
+        "import sys\n"
         "from agents.studio import warm_up\n"
-        "import os, sys\n"
-        "os.sched_getaffinity = lambda pid: {0, 1}\n"
-        "def first():\n"
-        "    compile_beside([high], lambda: high(3.0))\n"
-        "    for helper in _helpers:\n"
-        "        os.waitpid(helper, 0)\n"
-        "    print(len(_helpers), high(3.0), lowered())\n"
-        "warm_up.first_drive, sys.argv = first, ['', 'first']\n"
+        "warm_up.first_drive, sys.argv = beside, ['', 'first']\n"
         "warm_up._main()\n"
     )
-    ran = run(tmp_path, code)
+    ran = run(tmp_path, BESIDE + code)
     assert ran.stdout == "1 13.0 []\n", ran.stderr
 
 

@@ -30,9 +30,12 @@ def studio(given: argparse.Namespace) -> int:
         claim(folder, study)
     warm_up = WarmUp()
     warm_up.start()  # while the server is loaded
-    from agents.studio.access import Access
-    from agents.studio.server import Studio, serve
+    try:
+        from agents.studio.access import Access
+        from agents.studio.server import Studio, serve
 
-    access = Access(lan=given.lan)
-    serve(Studio(folder, own_map, access, study, Path(given.runs), warm_up), given.port)
+        access = Access(lan=given.lan)
+        serve(Studio(folder, own_map, access, study, Path(given.runs), warm_up), given.port)
+    finally:
+        warm_up.close()
     return 0

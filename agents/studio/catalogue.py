@@ -53,8 +53,8 @@ def places(own_map: Mapping[str, Any] | None = None) -> dict[str, Place]:
         found[MAP] = Place("map", str(own_map["label"]), without_labels(own_map), plain)
     for name in SCENES:
         if name != "mixture":
-            label_of = "clinic" if name == FIRST else name
-            found[f"scene:{name}"] = Place("scene", label_of, name, plain)
+            shown = "clinic" if name == FIRST else name
+            found[f"scene:{name}"] = Place("scene", shown, name, plain)
     measured = {"pose_source": "odometry"}
     for key in (MAP, *(f"scene:{name}" for name in STILL)):
         if key in found:

@@ -20,7 +20,7 @@ UPLOADS: Final = "uploads"  # folder of maps that pages have sent
 CELL: Final = 0.05  # m
 _WIDTH: Final = 0.10  # m of a wall
 _OPENING: Final = 0.30  # m: how deep a door cuts, so that walls a little thicker are open, too
-_LONGEST_NAME: Final = 255  # bytes
+_LONGEST_NAME: Final = 255  # bytes of a file's name, as file systems have it
 _MOST_WALLS: Final = 50_000  # segments that a page can draw
 
 

@@ -258,7 +258,7 @@ def make_server(studio: Studio) -> Any:
 
 
 def serve(studio: Studio, port: int) -> None:
-    """Serve until Ctrl-C, and print the address with its token; then what warms up ends too.
+    """Serve until Ctrl-C, and print the address with its token.
 
     Raises:
         InputError: the port is taken.
@@ -273,7 +273,6 @@ def serve(studio: Studio, port: int) -> None:
     try:
         make_server(studio).run(sockets=[bound])
     finally:
-        studio.warm_up.close()
         bound.close()
 
 

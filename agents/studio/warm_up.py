@@ -51,11 +51,11 @@ def _drive_nowhere() -> None:
 def _move_people() -> None:
     from wheelchair_gym.compiled.kernel import compile_part
     from wheelchair_gym.physics.chairs import SimulatedChairs
-    from wheelchair_gym.physics.settings import ChairSettings, PhysicsSettings
+    from wheelchair_gym.physics.settings import PhysicsSettings
     from wheelchair_gym.physics.step import decide_actors
-    from wheelchair_gym.sensors.settings import SensorSettings
 
-    chairs = SimulatedChairs(ChairSettings(), SensorSettings(), PhysicsSettings(), 0.1)
+    chair, sensors, period = _parts()
+    chairs = SimulatedChairs(chair, sensors, PhysicsSettings(), period)
     row = chairs.states[0], chairs.parameters[0], chairs.world_rows[0]
     compile_part(decide_actors, *row, (0.0, 0.0, 0.0, 0.0, 0.0))
 
@@ -172,9 +172,9 @@ class WarmUp:
 
     def close(self) -> None:
         """End what still compiles."""
-        self._closed = True
-        if self._child is not None:
-            self._child.kill()
+        self._closed, child = True, self._child
+        if child is not None:
+            child.kill()
 
     def _count(self, kernel: str) -> None:
         self._kernel = kernel

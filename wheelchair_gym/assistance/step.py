@@ -77,10 +77,10 @@ def prefetch_assistant(i: int, assistants: Any) -> None:
 
 
 @borrowing_kernel
-def take_stick(
+def pass_stick_on(
     i: int, assistants: Any, forward: float, left: float, scan: Floats, twist: Array, stamp: float
 ) -> None:
-    """Let row i see, and take a stick as the twist that it asks for.
+    """Let row i see, and give the twist that the stick asks for.
 
     Args:
         i: the row.
@@ -105,8 +105,8 @@ def take_stick(
 def update_assistant(
     i: int, assistants: Any, forward: float, left: float, scan: Floats, twist: Array, stamp: float
 ) -> None:
-    """Let row i see, and decide on a stick; the arguments are those of `take_stick`."""
-    take_stick(i, assistants, forward, left, scan, twist, stamp)
+    """Let row i see, and decide on a stick; the arguments are those of `pass_stick_on`."""
+    pass_stick_on(i, assistants, forward, left, scan, twist, stamp)
     rows = assistants[0]
     p, a = _constants_at(rows.constants, 1)[0], assistant_at(rows, i)
     v, w = a.asked[0], a.asked[1]
@@ -171,11 +171,10 @@ class Assistants:
         self.states = np.zeros(0 if method is None else n, ASSISTANT)
         self.pointers = Pointers(np.zeros(1, ASSISTANTS), ASSISTANTS_TARGETS)
         self.pointers.record["n"] = len(self.states)
-        self._plain = method is not None and KINDS[type(method)] == STICK
+        self._kind = STICK if method is None else KINDS[type(method)]
         if method is not None:
             free = freedom if freedom is not None else freedom_of(method)
-            kind = KINDS[type(method)]
-            constants = constants_of(_RECORD, kind, method, free, chair, sensors, period)
+            constants = constants_of(_RECORD, self._kind, method, free, chair, sensors, period)
             self.pointers.point("constants", constants)
         self.pointers.point("assistants", self.states)
 
@@ -186,7 +185,7 @@ class Assistants:
 
     def update(self, stick: Stick, reading: Reading) -> None:
         """Let the only row see, and decide on a stick."""
-        update = take_stick if self._plain else update_assistant  # quicker to compile, equal else
+        update = pass_stick_on if self._kind == STICK else update_assistant  # compiles sooner
         update(
             0, self.pointers.record, float(stick.forward), float(stick.left), reading.laser,
             reading.twist, float(reading.stamp),
