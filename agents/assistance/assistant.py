@@ -107,6 +107,4 @@ class SharedAssistant:
         margin, turn = float(row.states["margin"][0]), float(row.states["turn"][0])
         now = AssistInput((v, w), reading, points, margin, turn, map)
         to_v, to_w = self.method.twist(now)
-        backward = self.freedom.backward
-        given = within_freedom((float(to_v), float(to_w)), (v, w), turn, self._turn, backward)
-        return np.array(given)
+        return np.array(within_freedom((float(to_v), float(to_w)), (v, w), turn, self._turn))

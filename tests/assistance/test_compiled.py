@@ -211,9 +211,10 @@ def test_it_backs_slowly_where_nothing_looks():
     blank = reading(np.full(1081, np.inf))
     for name in COMPILED:
         row = row_of(name)
-        row.update(Stick(-1.0, 0.0, False), blank)
+        row.update(Stick(-1.0, 0.4, False), blank)
         backward = -LIMITS.backward if name in ("direct", "shield") else -Freedom().backward
-        assert row.twist().tolist() == [backward, 0.0]
+        asked = [backward, 0.4 * LIMITS.turn]  # the arc that the method checks
+        assert row.states["asked"][0].tolist() == row.twist().tolist() == asked
 
 
 def test_each_has_a_kind_and_a_wrong_one_is_told_in_one_line():

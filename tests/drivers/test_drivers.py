@@ -8,7 +8,7 @@ import pytest
 from wheelchair_gym.config import InputError, dump
 from wheelchair_gym.drivers import DRIVERS, driver_spec, intention, make_driver
 from wheelchair_gym.drivers.settings import Driver, Hand, Intention, Perception, ProportionalStick
-from wheelchair_gym.drivers.state import constants_of, signals_of, tremor_filter
+from wheelchair_gym.drivers.state import WAYS, constants_of, signals_of, tremor_filter
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.geometry import signed_clearance, signed_gap, to_frame
 from wheelchair_gym.physics.settings import ChairSettings
@@ -176,6 +176,16 @@ def test_the_signal_that_is_chosen_costs_least(driver):
             costs.append(intention._cost(p, d, k, begin, to_go, before, np.inf))
             assert costs[-1] >= bound
         assert chosen == int(np.argmin(costs))
+
+
+def test_who_drives_at_obstacles_does_not_slow_before_a_desk():
+    _, env = sticks("expert", scene={"name": "skill", "course": "dock"})
+    d, prepared = env.drivers.states[0], env._prepared.record[0]
+    p = constants_of(env.drivers.driver, ChairSettings(), SensorSettings(), 0.1)[0]
+    for way, slows in (("outline", True), ("obstacle", False)):
+        p["way"] = WAYS.index(way)
+        intention._take_aim(p, d, prepared, env.chair.truth.pose)
+        assert np.isfinite(d["fastest"]) == slows
 
 
 def test_the_gap_to_points_is_the_least_of_their_distances():

@@ -1,8 +1,9 @@
 """How far an assistant may go: what of the stick it may change, and what it keeps from obstacles.
 
-An assistant slows a chair or turns it, and no more: the speed that is asked for lies between rest
-and that of the stick, and the turn rate differs from the stick's by at most a freedom that shrinks
-with the stick's deflection. So a centred stick asks for rest, at once, whatever the assistant.
+An assistant slows a chair or turns it, and no more: the speed lies between rest and that of the
+stick, and the turn rate lies between rest and the stick's, or beyond either by at most a freedom
+that shrinks with the stick's deflection. So a centred stick asks for rest, at once, whatever the
+assistant. A stick that is pulled back asks for a slow speed at most, whatever its deflection.
 """
 
 from __future__ import annotations
@@ -27,13 +28,13 @@ class Freedom:
     """How far an assistant may go, and how near obstacles it lets the chair come."""
 
     turn: float = setting(default=0.5, unit="rad/s", low=0.0, high=4.0, source=_CHOICE)
-    """Largest difference of the turn rate from the stick's, at full deflection."""
+    """How far the turn rate may lie beyond rest's and the stick's, at full deflection."""
     backward: float = setting(
         default=0.045, unit="m/s", low=0.0, high=2.0,
         source="nothing looks back, and a contact below 0.05 m/s does no harm: docs, decisions",
     )  # fmt: skip
-    """Largest speed backward. The shield alone lets people back into what nothing has seen at
-    0.1 m/s; with a scanner that looks back, set the chair's own limit."""
+    """Largest speed backward that a stick asks for. The shield alone lets people back into what
+    nothing has seen at 0.1 m/s; with a scanner that looks back, set the chair's own limit."""
     margin: float = setting(
         default=0.03, unit="m", low=0.0, high=1.0, source="more shuts doors of 0.80 m: derived"
     )
@@ -88,19 +89,18 @@ def enough_now(p: Any, a: Any, enough: float) -> float:
 
 
 @borrowing_kernel
-def within_freedom(twist: Twist, asked: Twist, turn: float, most: float, backward: float) -> Twist:
+def within_freedom(twist: Twist, asked: Twist, turn: float, most: float) -> Twist:
     """A twist, clipped to what may be made of the stick's [m/s, rad/s].
 
     Args:
         twist: that a method gives.
         asked: the stick's; at rest, the answer is rest.
-        turn: largest difference of the turn rates.
+        turn: how far the turn rate may lie beyond those between rest and the stick's.
         most: the chair's limit of turn rates.
-        backward: largest speed backward.
     """
     (v, w), (to_v, to_w) = twist, asked
     if to_v == 0.0 and to_w == 0.0:
         return 0.0, 0.0
-    v = min(max(v, min(0.0, max(-backward, to_v))), max(0.0, to_v))
+    v = min(max(v, min(0.0, to_v)), max(0.0, to_v))
     w = min(max(w, min(0.0, to_w) - turn), max(0.0, to_w) + turn)
     return v, min(most, max(-most, w))

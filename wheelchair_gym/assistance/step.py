@@ -80,7 +80,7 @@ def prefetch_assistant(i: int, assistants: Any) -> None:
 def pass_stick_on(
     i: int, assistants: Any, forward: float, left: float, scan: Floats, twist: Array, stamp: float
 ) -> None:
-    """Let row i see, and give the twist that the stick asks for.
+    """Let row i see, and give the twist that the stick asks for, backward at the freedom's most.
 
     Args:
         i: the row.
@@ -96,6 +96,7 @@ def pass_stick_on(
     look(p, a, scan, twist, stamp)
     a.margin = margin_of(p, a, forward, left)
     v, w = twist_of_action(forward, left, p.forward, p.backward, p.turn)
+    v = max(v, -p.freedom.backward)
     a.asked[0], a.asked[1] = v, w
     a.turn = p.freedom.turn * min(1.0, math.hypot(forward, left))
     a.twist[0], a.twist[1] = v, w
@@ -128,7 +129,7 @@ def assisted_twist(i: int, assistants: Any, more_v: float, more_w: float) -> Twi
     rows = assistants[0]
     p, a = _constants_at(rows.constants, 1)[0], assistant_at(rows, i)
     given, asked = (a.twist[0] + more_v, a.twist[1] + more_w), (a.asked[0], a.asked[1])
-    return within_freedom(given, asked, a.turn, p.turn, p.freedom.backward)
+    return within_freedom(given, asked, a.turn, p.turn)
 
 
 @borrowing_kernel

@@ -2,7 +2,7 @@
 
 The density of obstacles in each direction plus a parabola around the stick's direction is a curve
 whose minimum is the direction that the chair takes; how wide the parabola is says how freely the
-chair may choose. The speed follows from the room in that direction.
+chair may choose. It slows before a collision on the arc that leads there.
 """
 
 from __future__ import annotations

@@ -460,7 +460,8 @@ def _take_aim(p: Any, d: Any, prepared: Any, pose: Array) -> None:
     d.fastest, d.manoeuvres = math.inf, False
     c, s = math.cos(pose[2]), math.sin(pose[2])
     dx, dy = prepared.goal[0] - pose[0], prepared.goal[1] - pose[1]
-    if prepared.arrival[0] == 0.0 or d.mode != GO or math.hypot(dx, dy) > MANOEUVRE:
+    docks = prepared.arrival[0] != 0.0 and p.way != OBSTACLE and d.mode == GO
+    if not docks or math.hypot(dx, dy) > MANOEUVRE:
         return
     x, y = world_to_body(c, s, dx, dy)
     gap = _gap(p, d, x, y, prepared.goal[2] - pose[2])

@@ -14,6 +14,7 @@ import pytest
 from agents.cli import main
 from tests.conftest import ROOT
 from tests.hardware.conftest import build
+from tests.hardware.served import hears_interrupts
 from wheelchair_gym.hardware.boards.protocol import Switch
 from wheelchair_gym.hardware.twin.faults import COMMANDS, run_command
 from wheelchair_gym.hardware.twin.lockstep import Faults, JoystickState, Twin
@@ -97,6 +98,7 @@ def test_it_serves_until_it_is_told_to_end(tmp_path, request):
     program = subprocess.Popen(
         command, cwd=ROOT, text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
         stderr=subprocess.PIPE, env=os.environ | {"PYTHONPATH": str(ROOT)},
+        preexec_fn=hears_interrupts,
     )  # fmt: skip
     request.addfinalizer(program.kill)
     lines = [program.stdout.readline() for _ in range(5)]
