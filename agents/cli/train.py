@@ -150,6 +150,9 @@ def _train(given: argparse.Namespace, case: Case) -> dict[str, Any]:
     def on_prepared(ready: int, total: int) -> None:
         worlds.total = total
         worlds.update(ready - worlds.n)
+        if worlds.disable:
+            frames.set_postfix_str(f"{ready} of {total} worlds", refresh=False)
+            frames.update(0)
 
     def on_step(done: int) -> None:
         worlds.close()

@@ -13,7 +13,8 @@ import json
 import math
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ import numpy as np
 import torch
 from stable_baselines3.common.utils import set_random_seed
 
+from agents.evaluation.engines import ENGINES, LostError
 from agents.evaluation.provenance import write_json
 from agents.learning import checkpoint, curves, networks
 from agents.learning.curves import Row
@@ -36,6 +38,8 @@ from wheelchair_gym.envs.world_banks import WorldBank
 
 # Columns of the curve that a card keeps.
 CURVE_COLUMNS = ("frames", "success", "timeout", "curriculum_time", "eval_success")
+BATCH = 8  # worlds that a process makes before it reports
+LOKY = ENGINES["loky"]
 POLICY, BEST = "policy.npz", "best.npz"
 LOGGED = (
     "train/loss", "train/value_loss", "train/explained_variance", "train/approx_kl", "train/std",
@@ -63,6 +67,30 @@ def _differences(before: str, now: str) -> list[str]:
         for key in sorted({*old, *new})
         if old.get(key) != new.get(key)
     ]
+
+
+def _keep_worlds(settings: EnvSettings, numbers: Sequence[int]) -> None:
+    NavigationVectorEnv(1, settings).worlds.keep(numbers)
+
+
+def _draw_worlds(
+    worlds: WorldBank, settings: EnvSettings, workers: int,
+    report: Callable[[int, int], None] | None,
+) -> None:  # fmt: skip
+    """Make all worlds of a bank; where a folder keeps them, several processes share the work."""
+    missing = worlds.missing() if workers > 1 and settings.bank.cache is not None else []
+    batches = [missing[k : k + BATCH] for k in range(0, len(missing), BATCH)]
+    if len(batches) > 1:
+        size, drawn = settings.bank.size, settings.bank.size - len(missing)
+        try:
+            for k, _ in LOKY(partial(_keep_worlds, settings), batches, workers, True):
+                drawn += len(batches[k])
+                if report is not None:
+                    report(drawn, size)
+            report = None  # what follows only reads them
+        except LostError:
+            pass  # this process makes the rest
+    worlds.fill(report)
 
 
 class Run:
@@ -110,7 +138,7 @@ class Run:
             num_threads=min(config.threads, config.n_envs),
         )  # fmt: skip
         self.worlds: WorldBank = env.worlds
-        self.worlds.fill(on_prepared)
+        _draw_worlds(self.worlds, self._env_settings, config.threads, on_prepared)
         gc.collect()
         gc.freeze()  # worlds are permanent: scanning them takes a tenth of the run's time
         self.env = SB3VecEnv(env, flat=True)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
@@ -74,6 +74,17 @@ class WorldBank:
             prepared = self._made[number] = self._of_bank(number)
         return prepared
 
+    def missing(self) -> list[int]:
+        """The first episodes' worlds that neither this bank holds nor its folder keeps."""
+        numbers = (n for n in range(self._bank.size) if n not in self._made)
+        return [n for n in numbers if self._folder is None or not self._path(n).exists()]
+
+    def keep(self, numbers: Iterable[int]) -> None:
+        """Make worlds for the folder, if it does not keep them."""
+        for number in numbers:
+            if self._folder is not None and not self._path(number).exists():
+                self._of_bank(number)
+
     def fill(self, report: Callable[[int, int], None] | None = None) -> None:
         """Make every world that the first episodes draw from, and report how many are ready."""
         # In no order: runs side by side that keep worlds in one folder then share the work.
@@ -101,9 +112,12 @@ class WorldBank:
     def _begin(self, episode: int) -> int:
         return math.floor(episode * self._bank.turnover)
 
+    def _path(self, number: int) -> Path:
+        return (self._folder or Path()) / f"{number}.joblib"
+
     def _of_bank(self, number: int) -> PreparedEpisode:
-        path = None if self._folder is None else self._folder / f"{number}.joblib"
-        if path is None:
+        path = self._path(number)
+        if self._folder is None:
             return self._make((_BANK, self._bank.seed, number))
         import joblib  # only here, since it is slow to import
 

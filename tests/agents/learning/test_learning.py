@@ -23,7 +23,7 @@ from agents.learning.curves import episode_row, read_curve
 from agents.learning.demonstrations import imitate
 from agents.learning.features import Layout, features
 from agents.learning.networks import AsymmetricPolicy, FeaturesExtractor, Teacher, actor_arrays
-from agents.learning.run import POLICY, Run, train
+from agents.learning.run import BATCH, POLICY, Run, train
 from agents.learning.settings import RECIPES, Imitation, Training, as_json, read_training
 from agents.learning.weights import Network, load_weights
 from tests.agents.learning.tiny_runs import ENV, ON, PRIVY, random_weights, tiny, trained_run
@@ -203,6 +203,21 @@ def test_the_curriculum_moves_starts_away_where_enough_succeed(trained):
     within = [row["curriculum_time"] for row in run.rows]
     assert within[0] >= 3.0
     assert within == sorted(within)
+
+
+@pytest.mark.long
+def test_processes_share_the_drawing_of_worlds(tmp_path):
+    reports, starts = [], []
+    for threads, cache in ((2, str(tmp_path / "worlds")), (1, None)):
+        bank = {"size": BATCH + 2, "turnover": 0.0, "cache": cache}
+        config = tiny("ppo", env={**PRIVY, "bank": bank}, threads=threads)
+        run = Run(config, 0, tmp_path / str(threads), lambda *now: reports.append(now))
+        starts.append([run.worlds._made[n].episode.start for n in range(BATCH + 2)])
+        run.close()
+    assert np.array_equal(*starts)
+    assert len(list(tmp_path.glob("worlds/*/*.joblib"))) == BATCH + 2
+    assert reports[1] == (BATCH + 2, BATCH + 2)  # the first is of the batch that was ready first
+    assert len(reports) == 2 + BATCH + 2
 
 
 def test_features_are_the_same_numbers_in_numpy_and_torch():
