@@ -268,11 +268,11 @@ def _crosses(a: Array, b: Array, walls: Array, discs: Array) -> bool:
 def in_sight(
     pose: Array, point: Array, walls: Array, discs: Array, sensors: SensorSettings
 ) -> bool:
-    """Whether a point (2,) lies unoccluded in the field of the laser or of an ultrasonic."""
+    """Whether a point (2,) lies unoccluded in the field of a laser or of an ultrasonic."""
     x, y, yaw = pose
     c, s = math.cos(yaw), math.sin(yaw)
-    laser, rangers = sensors.laser, sensors.ultrasonic
-    eyes = [(laser.x, laser.y, laser.yaw, 0.5 * laser.fov, laser.reach)]
+    rangers = sensors.ultrasonic
+    eyes = [(one.x, one.y, one.yaw, 0.5 * one.fov, one.reach) for one in sensors.lasers]
     for one in rangers.mounted:
         model = rangers.narrow if one.model == "narrow" else rangers.wide
         eyes.append((one.x, one.y, one.yaw, 0.5 * model.field_of_view, model.reach))
@@ -391,6 +391,9 @@ def places(worlds: Any, out: Array) -> None:
             out[i, k, 1] = moving[k].pose[1] if k < n else math.nan
 
 
+REAR = {"x": -0.28, "yaw": math.pi, "beams": 541, "shows_free": True}
+
+
 class Attack:
     """Many attackers at once, each of them with one attack after another.
 
@@ -402,11 +405,12 @@ class Attack:
         bank: worlds.
         threads: of the environment.
         rate: of control [Hz].
+        rear: a second scanner looks back and shows what is free.
     """
 
     def __init__(
         self, scene: str, rows: int, shield: Any = True, faults: float = 0.25, bank: int = 200,
-        threads: int | None = None, rate: float = 10.0,
+        threads: int | None = None, rate: float = 10.0, rear: bool = False,
     ) -> None:  # fmt: skip
         config: dict[str, Any] = {
             "task": {"time_base": SECONDS, "time_factor": 0.0, "tolerance": 0.01, "beams": 64},
@@ -418,6 +422,8 @@ class Attack:
         }
         if scene in BEAMS:
             config["sensors"]["laser"] = {"beams": BEAMS[scene]}
+        if rear:
+            config["sensors"]["more_lasers"] = [REAR]
         self.env = NavigationVectorEnv(
             rows, config, scene=ALL[scene], shield=shield, num_threads=threads,
             bank={"size": bank, "turnover": 0.0}, rate=rate,

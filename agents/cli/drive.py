@@ -136,9 +136,11 @@ def _real(
         raise InputError("--chair: expected --goal X,Y on its own map, or --scene with one")
     if given.start is not None and len(given.start) != 3:
         raise InputError("--start of a real chair: expected X,Y,YAW (m, m, rad)")
+    named = chair_spec(given.chair)
+    check_extras(named)
     if given.policy != "manual":  # which needs the window
         rehearse(spec(given.policy), settings)
-    env, chair = real_chair_env(chair_spec(given.chair), settings, scene=scene, render_mode=mode)
+    env, chair = real_chair_env(named, settings, scene=scene, render_mode=mode)
     try:
         if given.goal is not None and not hasattr(chair, "episode"):
             raise InputError(f"--goal: {given.chair} has no map of its own; expected --scene")

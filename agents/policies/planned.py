@@ -213,6 +213,7 @@ class PlannedDriver:
         self._clearance = self.config.clearance  # m: asked for by the last plan
         self._reference: ReferencePath | None = None
         self._draws = mission.map is None  # the chair draws its own map
+        self._looks_back = mission.sensors.looks_back
         self._report = StatusReport(mission.footprint)
         self._path: Array | None = None
         self._ground = Ground(mission.footprint)
@@ -375,7 +376,7 @@ class PlannedDriver:
         twist = self._steer()
         if twist is None or (twist[0] < 0.0 and self._local_map.blind):
             twist = np.zeros(2)
-        elif self._peopled and twist[0] < 0.0:
+        elif self._crawls and twist[0] < 0.0:
             twist = crawled(twist, self._mission.footprint)
         elif unseen and twist[0] < -CREEP:
             twist = twist * (-CREEP / twist[0])
@@ -394,7 +395,7 @@ class PlannedDriver:
             unseen = blind_behind(self._map, local_map.pose, self._mission.footprint)
         else:  # an actor so near may be behind the chair the next moment
             distances = np.hypot(local_map.actors[:, 0], local_map.actors[:, 1])
-            unseen = bool((distances < ACTOR_RANGE).any())
+            unseen = not self._looks_back and bool((distances < ACTOR_RANGE).any())
         local_map.blind = unseen and not self._progress.tries
         return unseen
 
@@ -427,7 +428,7 @@ class PlannedDriver:
                 maps = assumed_maps(self._map, self._local_map.pose, self._mission.footprint)
                 self._local_map.set_walls(maps[-2])
         elif self._backing > 0.0:
-            self._backing -= period * (CRAWL / BACK if self._peopled else 1.0)
+            self._backing -= period * (CRAWL / BACK if self._crawls else 1.0)
             if self._backing <= 0.0:
                 self._plan_anew(held=True)
         elif self._aside:
@@ -504,7 +505,12 @@ class PlannedDriver:
 
     def _back_up(self) -> None:
         times = self._backup.begin(self._local_map.pose[:2])
-        self._backing = self.config.backing * (1 if self._peopled else times)
+        self._backing = self.config.backing * (1 if self._crawls else times)
+
+    @property
+    def _crawls(self) -> bool:
+        """Whether people may be behind the chair, where no sensor looks."""
+        return self._peopled and not self._looks_back
 
     @property
     def _temporary(self) -> bool:

@@ -26,6 +26,7 @@ from typing import Any
 import numpy as np
 
 from agents.evaluation.metrics import wilson
+from tests.attacks import REAR
 from wheelchair_gym.assistance import COMPILED
 from wheelchair_gym.config import dump
 from wheelchair_gym.drivers import DRIVERS, make_driver
@@ -65,7 +66,10 @@ def drive(driver: str, scene: str, assistant: str, given: Any) -> list[Any]:
         n, scene=SCENES[scene], driver=driver_of(driver), assistant=assistant,
         shield=assistant != "direct", num_threads=1, randomize=True, pose_source="modelled",
         bank={"size": given.worlds, "turnover": 0.0, "cache": given.cache},
-        config={"task": {"time_base": 60.0 * given.limit, "time_factor": 10.0 * given.limit}},
+        config={
+            "task": {"time_base": 60.0 * given.limit, "time_factor": 10.0 * given.limit},
+            "sensors": {"more_lasers": [REAR] if given.rear else []},
+        },
     )  # fmt: skip
     limits = env.settings.chair.limits
     full = np.array([limits.forward, limits.turn])
@@ -202,6 +206,8 @@ def main() -> int:
     parser.add_argument("--cache", default="runs/assisted_drives/worlds", help="folder of worlds")
     text = "of the time limit, for slow interfaces; use another --out"
     parser.add_argument("--limit", type=float, default=1.0, help=f"times {text}")
+    text = "a second scanner looks back; use another --out"
+    parser.add_argument("--rear", action="store_true", help=text)
     parser.add_argument("--out", default="runs/assisted_drives/drives.jsonl")
     parser.add_argument("--no-expert", action="store_true", help="no drives of expert beside")
     given = parser.parse_args()

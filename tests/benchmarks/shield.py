@@ -37,6 +37,7 @@ def main() -> int:
     parser.add_argument("--rates", default=RATES, metavar="HZ,HZ", help="of control")
     parser.add_argument("--shield", choices=("on", "off"), default="on")
     parser.add_argument("--faults", type=float, default=0.2, metavar="SHARE")
+    parser.add_argument("--rear", action="store_true", help="a second scanner looks back")
     parser.add_argument("--threads", type=int, metavar="N")
     parser.add_argument("--out", default="runs/shield", metavar="DIR")
     given = parser.parse_args()
@@ -66,12 +67,14 @@ def main() -> int:
             for k in range(max(1, math.ceil(unit * weight - 1e-9))):
                 seed = given.first_seed + k * ROWS
                 key = f"{digest} {scene} {rate:g} {seed} {given.shield} {given.faults}"
+                key += " rear" * given.rear
                 if key not in stored:
                     if attack is None:
                         on = given.shield == "on"
                         attack = Attack(
-                            scene, ROWS, on, given.faults, threads=given.threads, rate=rate
-                        )
+                            scene, ROWS, on, given.faults, threads=given.threads, rate=rate,
+                            rear=given.rear,
+                        )  # fmt: skip
                     report = attack.run(seed, EACH)
                     stored[key] = dataclasses.asdict(report) | {"events": list(report.events)}
                     with store.open("a") as file:
@@ -92,7 +95,7 @@ def main() -> int:
     result = summary(whole) | {"scenes": per_scene}
     result["provenance"] = {
         "commit": commit(), "machine": machine(), "first_seed": given.first_seed,
-        "faults": given.faults, "shield": given.shield, "rates": rates,
+        "faults": given.faults, "shield": given.shield, "rates": rates, "rear": given.rear,
     }  # fmt: skip
     write_json(folder / f"attacks-{given.shield}.json", result)
     print(table(whole))

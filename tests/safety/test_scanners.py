@@ -21,6 +21,7 @@ from wheelchair_gym.sensors.settings import (
 
 BACK = LaserSettings(x=-0.28, yaw=math.pi, beams=181, fov=math.radians(180.0), reach=6.0)
 CAMERA = LaserSettings(x=-0.28, yaw=math.pi, beams=17, fov=math.radians(80.0), reach=3.0)
+FREE = LaserSettings(x=-0.28, yaw=math.pi, beams=271, shows_free=True)
 NONE = UltrasonicSettings(mounted=())
 FRONT_ONLY = SensorSettings(ultrasonic=NONE)
 BACKWARD = np.array([-0.3, 0.0])
@@ -92,6 +93,44 @@ def test_it_leaves_when_the_thing_behind_has_gone():
         given = shield.filter(BACKWARD, reading)
         reading = chair.drive(given)._replace(stamp=reading.stamp + 0.1 * (k > -1))
     assert chair.truth.twist[0] < -0.05
+
+
+TURN = np.array([0.0, 0.8])
+
+
+@pytest.mark.parametrize("shows_free", [True, False])
+def test_it_turns_fast_over_floor_that_a_rear_scanner_shows_free(shows_free):
+    sensors = with_more(dataclasses.replace(FREE, shows_free=shows_free))
+    chair, shield = SimulatedChair(sensors=sensors), Shield(sensors=sensors)
+    reading = chair.reset(box(5.0, (0.0, 0.0, 0.0)), 3)
+    fastest = 0.0
+    for _ in range(30):  # at first, what is beside it has not been seen
+        reading = chair.drive(shield.filter(TURN, reading))
+        fastest = max(fastest, chair.truth.twist[1])
+    assert (fastest > 0.7) == shows_free
+    assert (fastest < 0.25) == (not shows_free)
+
+
+@pytest.mark.parametrize("shows_free", [True, False])
+def test_a_rear_scanner_that_shows_what_is_free_sees_who_comes_from_behind(shows_free):
+    sensors = with_more(dataclasses.replace(FREE, shows_free=shows_free))
+    chair, shield = SimulatedChair(sensors=sensors), Shield(sensors=sensors)
+    for k in range(12):  # at 1 m/s
+        disc = -2.2 + 0.1 * k, 0.0, 0.25
+        episode = dataclasses.replace(box(5.0, (0.0, 0.0, 0.0)), discs=np.array([disc]))
+        reading = chair.reset(episode, k)._replace(stamp=0.1 * k)
+        shield.filter(np.zeros(2), reading)
+    state = shield.state[0]
+    marks = state["marks"][: state["n_marks"]]
+    assert (len(marks) > 3) == shows_free
+    # Those of its earlier positions were dropped.
+    assert (np.abs(np.hypot(marks["x"] - disc[0], marks["y"]) - disc[2]) < 0.08).all()
+
+
+def test_who_stands_behind_is_no_one_who_moves():
+    sensors = with_more(FREE)
+    _, _, reasons = reverse(sensors, TURN, seconds=6.0, discs=(-4.35, 0.3, 0.1))
+    assert "moving" not in reasons
 
 
 @pytest.mark.parametrize("what", ["silent", "frozen"])

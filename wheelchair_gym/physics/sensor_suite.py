@@ -82,6 +82,7 @@ def scanner_of(suite: Any, p: Any, k: int) -> LaserArrays:
         p.laser_bias[k],
         one.number,
         one.start,
+        one.shows_free,
     )
 
 

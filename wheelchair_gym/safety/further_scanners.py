@@ -1,4 +1,8 @@
-"""What scanners but the first hit: each of their points is an obstacle, whatever the others see."""
+"""What scanners but the first hit: each of their points is an obstacle, whatever the others see.
+
+A scanner that shows what is free (`LaserSettings.shows_free`) is also taken in as the first one is:
+space that its beams cross has been seen, and what enters such space moves.
+"""
 
 from __future__ import annotations
 
@@ -8,13 +12,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.compiled.address import floats_at, on_stack
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.geometry import body_to_world, point_to_world, world_to_body
-from wheelchair_gym.safety.grid import was_empty
+from wheelchair_gym.safety.grid import Scan, find_least, sees_beyond, update_grid, was_empty
 from wheelchair_gym.safety.state import (
+    BESIDE,
+    BODY,
     CLOSE_BY,
+    EDGE,
     FAR,
     JUMP,
+    MARKS,
     OTHERS,
     OTHERS_KEPT,
     SAME,
@@ -69,12 +78,58 @@ def _is_kept(g: Any, s: Any, ranges: Floats, k: int) -> bool:
 
 
 @borrowing_kernel
-def _add_other(g: Any, s: Any, one: LaserArrays, frame: Frame, r: np.float32, b: int) -> None:
-    """Add the hit of beam b of a further scanner at a range [m]."""
+def _mark(g: Any, s: Any, x: float, y: float, moves: bool, before: int) -> bool:
+    """Mark a new point that moves, or beside which one of the first marks is; whether it did."""
+    last = s.stamp if moves else -math.inf
+    for i in range(before):
+        old = s.marks[i]
+        dx, dy = old.x - x, old.y - y
+        if old.stamp > last and dx * dx + dy * dy < BESIDE * BESIDE:
+            last = old.stamp
+    if s.n_marks == MARKS or s.stamp - last > g.moving_memory_time:
+        return False
+    mark = s.marks[s.n_marks]
+    mark.x, mark.y, mark.stamp, mark.seen = x, y, last, s.stamp
+    s.n_marks += 1
+    return True
+
+
+@borrowing_kernel
+def _drop_marks(s: Any, scan: Scan, before: int) -> None:
+    """Drop the first marks where a further scanner sees beyond them, or has marked their body anew.
+
+    A mark at the edge of the view is no evidence: its body may reach beyond.
+    """
+    edge, kept = int(EDGE * scan.per_angle), 0
+    for k in range(s.n_marks):
+        mark = s.marks[k]
+        dx, dy = mark.x - scan.x, mark.y - scan.y
+        far = math.sqrt(dx * dx + dy * dy)
+        gone = k < before and sees_beyond(scan, dx, dy, far - SAME, edge)
+        for i in range(before if k < before else s.n_marks, s.n_marks):
+            ax, ay = s.marks[i].x - scan.x, s.marks[i].y - scan.y
+            dx, dy = s.marks[i].x - mark.x, s.marks[i].y - mark.y
+            gone = gone or (
+                dx * dx + dy * dy < BODY * BODY and sees_beyond(scan, ax, ay, -1.0, edge)
+            )
+        if not gone:
+            s.marks[kept] = s.marks[k]
+            kept += 1
+    s.n_marks = kept
+
+
+@borrowing_kernel
+def _add_other(
+    g: Any, s: Any, one: LaserArrays, frame: Frame, r: np.float32, b: int, before: int
+) -> None:
+    """Add the hit of beam b of a further scanner at a range [m]; so many marks are older."""
     x, y = r * one.cosine[b], r * one.sine[b]
     others, n = s.others, s.n_others
     px, py = point_to_world(frame.c, frame.s, frame.x, frame.y, x, y)
-    static = x * x + y * y < CLOSE_BY * CLOSE_BY and not was_empty(s, px, py)
+    moves = was_empty(s, px, py)
+    if one.shows_free:
+        moves = _mark(g, s, px, py, moves, before) or moves
+    static = x * x + y * y < CLOSE_BY * CLOSE_BY and not moves
     others.x[n], others.y[n], others.scanner[n], others.passed[n] = px, py, one.number, 0
     others.stamp[n] = s.stamp + (g.static_memory_time if static else g.memory_time)
     s.n_others += 1
@@ -119,23 +174,29 @@ def update_others(g: Any, s: Any, ranges: Floats) -> None:
         one = scanner_at(g.scanners, g.n_scanners, k)
         beams, frame = one.cosine.shape[0], _frame_of(s, one.mount)
         size = (beams + SECTORS - 1) // SECTORS
-        best, at = far, -1
+        best, at, before = far, -1, s.n_marks
         for b in range(beams):
             if b % size == 0 and at >= 0:
-                _add_other(g, s, one, frame, best, at)
+                _add_other(g, s, one, frame, best, at, before)
                 at = -1
             r = ranges[one.start + b]
             r = _F(_range_of_edge(g, one, b)) if r == -_F(np.inf) else r
             if not r <= far:  # NaN, too
                 continue
             if at >= 0 and abs(r - best) > JUMP and spare > 0:
-                _add_other(g, s, one, frame, best, at)
+                _add_other(g, s, one, frame, best, at, before)
                 spare -= 1
                 at = -1
             if at < 0 or r < best:
                 best, at = r, b
         if at >= 0:
-            _add_other(g, s, one, frame, best, at)
+            _add_other(g, s, one, frame, best, at, before)
+        if one.shows_free:
+            least = floats_at(on_stack(4 * beams), beams)
+            find_least(ranges[one.start : one.start + beams], least)
+            scan = Scan(frame.x, frame.y, frame.c, frame.s, one.first, one.per_angle, least)
+            _drop_marks(s, scan, before)
+            update_grid(g, s, scan, False)
     for k in range(kept):
         _move_other(s.others, OTHERS - kept + k, s.n_others)
         s.n_others += 1

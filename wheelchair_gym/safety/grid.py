@@ -57,6 +57,13 @@ def laser_frame(g: Any, pose: Array) -> tuple[float, float, float, float]:
 def scan_of(g: Any, pose: Array, laser: Floats, least: Floats) -> Scan:
     """A scan taken at a pose (3,) of the chair; `least` is workspace (beams,)."""
     x, y, c, s = laser_frame(g, pose)
+    find_least(laser, least)
+    return Scan(x, y, c, s, g.first, g.per_angle, least)
+
+
+@borrowing_kernel
+def find_least(laser: Floats, least: Floats) -> None:
+    """Store the least range of each beam and the two beside it; -inf where one is invalid."""
     last = np.uint64(laser.shape[0] - 1)
     least[0] = least[last] = _NONE
     for b in range(np.uint64(1), last):
@@ -65,7 +72,6 @@ def scan_of(g: Any, pose: Array, laser: Floats, least: Floats) -> Scan:
         low = r1 if r1 < low else low
         valid = (r0 == r0) & (r == r) & (r1 == r1)
         least[b] = low if valid else _NONE
-    return Scan(x, y, c, s, g.first, g.per_angle, least)
 
 
 @inlined
@@ -124,7 +130,7 @@ def _find_beams(
 
 
 @borrowing_kernel
-def _find_least(work: Any, least: Floats) -> None:
+def _look_up(work: Any, least: Floats) -> None:
     """Store how far the beams of a column's cells see, and those beside them [m]."""
     for k in range(np.uint64(CELLS)):
         work.least[k] = least[np.uint64(work.beam[k])]
@@ -156,10 +162,11 @@ def _vacate_column(
 
 
 @borrowing_kernel
-def update_grid(g: Any, s: Any, scan: Scan) -> None:
+def update_grid(g: Any, s: Any, scan: Scan, is_first: bool) -> None:
     """Store which cells the scan has seen, and which it has found empty.
 
-    Each call updates every other column, since this is half of a reading's work.
+    Each reading updates every other column, since this is half of the work: those that its first
+    scanner chooses.
     """
     now, corner = _F(s.stamp), s.corner[1]
     c, sn = _F(math.cos(s.pose[2])), _F(math.sin(s.pose[2]))
@@ -169,8 +176,9 @@ def update_grid(g: Any, s: Any, scan: Scan) -> None:
     ey, by = (corner + 0.5) * CELL - scan.y, (corner + 0.5) * CELL - s.pose[1]
     reach = math.hypot(max(g.outline[0], g.outline[1]), g.outline[2])
     work, low = _column_at(on_stack(_SIZE), 1)[0], np.uint32(corner & (CELLS - 1))
-    first, per, last = _F(g.first), _F(g.per_angle), np.int32(g.beams - 1)
-    s.columns = 1 - s.columns
+    first, per, last = _F(scan.first), _F(scan.per_angle), np.int32(scan.least.shape[0] - 1)
+    if is_first:
+        s.columns = 1 - s.columns
     begin = s.corner[0] + (s.corner[0] + s.columns) % 2
     for i in range(begin, s.corner[0] + CELLS, 2):
         at = np.int64(place_of_cell(i, 0))
@@ -179,9 +187,9 @@ def update_grid(g: Any, s: Any, scan: Scan) -> None:
         _find_beams(
             work.beam[:], work.far[:], low, _F(ex), _F(ey), _F(scan.c), _F(scan.s), first, per, last
         )
-        _find_least(work, scan.least)
+        _look_up(work, scan.least)
         _update_column(seen, clear, now, work.least[:], work.far[:])
-        if abs(bx) <= reach:
+        if is_first and abs(bx) <= reach:
             _vacate_column(seen, vacated, low, bx, by, c, sn, front, rear, half)
 
 

@@ -30,7 +30,10 @@ from wheelchair_gym.safety.grid import (
 )
 from wheelchair_gym.safety.state import (
     ARC,
+    BESIDE,
+    BODY,
     CLOSE_BY,
+    EDGE,
     FAR,
     FRESH,
     HITS,
@@ -54,16 +57,13 @@ Bytes = NDArray[np.int8]
 _update_at, _SIZE = rows_of(UPDATE), UPDATE.itemsize
 _F, _INF, _ONE = np.float32, np.float32(np.inf), np.uint64(1)
 _BLOCK = 32  # beams that are compared at once
-_BESIDE = 0.20  # m: points so near a moving point may belong to the same object
 _FINE = 0.04  # m: length of the arc that becomes one point,
 _NEARBY = 1.3  # m: up to this range; twice as long up to twice the range, and again beyond
 _SPREAD = _F(0.03)  # m: hits of one arc differ from their mean by less: no more than the margin
-_BODY = 0.35  # m: marks so near each other are of one body
-_EDGE = math.radians(15.0)  # of the laser's view: half a body at 2 m
 _AGEING = 0.2  # share of the time that counts at rest
 # Hits of two scans are of one thing within these distances along the ray, and beside it beyond the
 # width of a beam; an oblique surface is hit farther along it as the chair drives on.
-_HIT_ALONG, _HIT_BESIDE = 0.20, 0.02  # m
+_HIT_ALONG, _HITBESIDE = 0.20, 0.02  # m
 _HIT_KEPT = 1.0  # s: for which a hit is kept that other beams pass
 _ALIKE = 0.015  # m: points so near each other are one
 _SPACING = 0.04  # m between the points of an echo's arc
@@ -170,7 +170,7 @@ def _keep_points(g: Any, s: Any, scan: Scan, work: Any, dt: float) -> None:
 @borrowing_kernel
 def _keep_marks(g: Any, s: Any, scan: Scan) -> None:
     """Keep the marks that are not too old, nor too far, and whose place is not seen again."""
-    kept, edge = 0, int(_EDGE * g.per_angle)
+    kept, edge = 0, int(EDGE * g.per_angle)
     for k in range(s.n_marks):
         mark = s.marks[k]
         dx, dy = mark.x - scan.x, mark.y - scan.y
@@ -197,7 +197,7 @@ def _add_points(g: Any, s: Any, work: Any, scan: Scan, marks: int, end: int) -> 
         for i in range(marks):
             old = work.old_marks[i]
             dx, dy = old.x - x[k], old.y - y[k]
-            if old.stamp > last and dx * dx + dy * dy < _BESIDE * _BESIDE:
+            if old.stamp > last and dx * dx + dy * dy < BESIDE * BESIDE:
                 last = old.stamp
         if s.stamp - last <= g.moving_memory_time:
             stamp[k] = far
@@ -216,7 +216,7 @@ def _add_hit(s: Any, scan: Scan, x: float, y: float) -> None:
     px, py = point_to_world(scan.c, scan.s, scan.x, scan.y, x, y)
     far = math.sqrt(x * x + y * y)
     ux, uy = (px - scan.x) / far, (py - scan.y) / far
-    beside = _HIT_BESIDE + far / scan.per_angle
+    beside = _HITBESIDE + far / scan.per_angle
     for k in range(s.n_hits):
         hit = s.hits[k]
         dx, dy = hit.x - px, hit.y - py
@@ -263,14 +263,14 @@ def _drop_passed(s: Any, scan: Scan, in_view: Bytes, first: int) -> None:
     kept = 0
     for k in range(first, s.n_marks):
         ahead, left = world_to_body(scan.c, scan.s, s.marks[k].x - scan.x, s.marks[k].y - scan.y)
-        in_view[k] = abs(atan2_f32(_F(left), _F(ahead))) < abs(scan.first) - _EDGE
+        in_view[k] = abs(atan2_f32(_F(left), _F(ahead))) < abs(scan.first) - EDGE
     for k in range(s.n_marks):
         passed = False
         for i in range(first if k < first else s.n_marks, s.n_marks):
             if not in_view[i]:
                 continue
             dx, dy = s.marks[i].x - s.marks[k].x, s.marks[i].y - s.marks[k].y
-            passed = passed or dx * dx + dy * dy < _BODY * _BODY
+            passed = passed or dx * dx + dy * dy < BODY * BODY
         if not passed:
             s.marks[kept] = s.marks[k]
             kept += 1
@@ -479,9 +479,9 @@ def update(
     if fresh:
         scan = scan_of(g, s.pose, laser, floats_at(on_stack(4 * g.beams), g.beams))
         update_points(g, s, scan, laser, dt)
-        update_grid(g, s, scan)
+        update_grid(g, s, scan, True)
         if not s.begun:  # the other half of the columns, too
-            update_grid(g, s, scan)
+            update_grid(g, s, scan, True)
     if g.n_scanners > 1:
         update_others(g, s, ranges)
     update_echoes(g, s, ultrasonic, age)

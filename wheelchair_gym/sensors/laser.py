@@ -68,6 +68,7 @@ class LaserArrays(NamedTuple):
     bias: float  # m
     number: int  # among the chair's scanners
     start: int  # its first range in a reading
+    shows_free: int  # 1: space that its beams cross is free
 
     @classmethod
     def of(cls, laser: LaserSettings, noise: bool, number: int = 0, start: int = 0) -> LaserArrays:
@@ -92,6 +93,7 @@ class LaserArrays(NamedTuple):
             laser.bias * share,
             number,
             start,
+            int(laser.shows_free),
         )
 
 

@@ -21,6 +21,7 @@ from wheelchair_gym.sensors.settings import SensorSettings
 
 _ARRAYS = ("cosine", "sine", "salt", "mount")
 _VALUES = ("first", "per_angle", "reach", "nearest", "sigma", "no_echo", "bias")
+_NUMBERS = ("number", "start", "shows_free")
 
 SCANNER, _TARGETS = pointer_record(
     ("beams", "i8"),
@@ -29,8 +30,7 @@ SCANNER, _TARGETS = pointer_record(
     ("salt", Target("u4", None)),
     ("mount", Target("f8", 3)),
     *((name, "f8") for name in _VALUES),
-    ("number", "i8"),
-    ("start", "i8"),
+    *((name, "i8") for name in _NUMBERS),
 )
 _scanners_at = rows_of(SCANNER)
 
@@ -44,7 +44,7 @@ def scanner_pointers(sensors: SensorSettings, noise: bool) -> Pointers:
         row["beams"] = laser.beams
         for name in _ARRAYS:
             pointers.point(name, getattr(arrays, name), k)
-        for name in (*_VALUES, "number", "start"):
+        for name in (*_VALUES, *_NUMBERS):
             row[name] = getattr(arrays, name)
     return pointers
 
@@ -67,4 +67,5 @@ def scanner_at(address: Any, count: int, k: int) -> LaserArrays:
         one.bias,
         one.number,
         one.start,
+        one.shows_free,
     )

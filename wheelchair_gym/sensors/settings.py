@@ -65,6 +65,9 @@ class LaserSettings:
     """Share of beams without an echo."""
     bias: float = setting(default=0.002, unit="m", low=0.0, high=1.0, source="design choice")
     """Standard deviation of the offset that all ranges of an episode share."""
+    shows_free: bool = setting(default=False, source="a camera may look over what is low")
+    """Of a further scanner: space that its beams cross counts as seen by the shield, and what
+    enters it as moving, as with the first scanner. For a scanner in the plane of the first."""
 
     def __post_init__(self) -> None:
         if self.beams == 1:
@@ -291,6 +294,11 @@ class SensorSettings:
     def lasers(self) -> tuple[LaserSettings, ...]:
         """All scanners, in the order in which a reading holds their ranges; () without any."""
         return (self.laser, *self.more_lasers) if self.laser.beams else ()
+
+    @property
+    def looks_back(self) -> bool:
+        """Whether a further scanner shows what is free behind the first one."""
+        return any(laser.shows_free for laser in self.lasers[1:])
 
     @property
     def beams(self) -> int:
