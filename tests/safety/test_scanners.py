@@ -12,6 +12,8 @@ from tests.physics.worlds import box
 from wheelchair_gym.config import InputError
 from wheelchair_gym.physics.chair import SimulatedChair
 from wheelchair_gym.safety import Shield
+from wheelchair_gym.safety.grid import place_of_cell
+from wheelchair_gym.safety.state import CELL
 from wheelchair_gym.sensors.settings import (
     FaultSettings,
     LaserSettings,
@@ -25,6 +27,11 @@ FREE = LaserSettings(x=-0.28, yaw=math.pi, beams=271, shows_free=True)
 NONE = UltrasonicSettings(mounted=())
 FRONT_ONLY = SensorSettings(ultrasonic=NONE)
 BACKWARD = np.array([-0.3, 0.0])
+
+
+def cell_at(x, y):
+    """The cell of the shield's grid at a place [m]."""
+    return math.floor(x / CELL), math.floor(y / CELL)
 
 
 def with_more(*lasers, **others):
@@ -125,6 +132,27 @@ def test_a_rear_scanner_that_shows_what_is_free_sees_who_comes_from_behind(shows
     assert (len(marks) > 3) == shows_free
     # Those of its earlier positions were dropped.
     assert (np.abs(np.hypot(marks["x"] - disc[0], marks["y"]) - disc[2]) < 0.08).all()
+
+
+@pytest.mark.parametrize("what", ["blind", "frozen", "short"])
+def test_a_rear_scanner_that_tells_nothing_shows_nothing_free(what):
+    """It hears no echo, or repeats its scan, or does not reach so far as corners do."""
+    sensors = with_more(dataclasses.replace(FREE, reach=0.5 if what == "short" else FREE.reach))
+    chair, shield = SimulatedChair(sensors=sensors), Shield(sensors=sensors)
+    at, reading = sensors.slices[1], chair.reset(box(5.0, (0.0, 0.0, 0.0)), 3)
+    for k in range(12):
+        ranges = reading.laser.copy()
+        if k == 6:
+            kept = ranges[at].copy()
+        if k > 6 and what != "short":
+            ranges[at] = np.inf if what == "blind" else kept
+        reading = chair.drive(shield.filter(0.1 * TURN, reading._replace(laser=ranges)))
+    state = shield.state[0]
+    seen = state["seen"][[int(place_of_cell.py_func(i + k, j)) for i, j in [cell_at(-1.2, 0.0)]
+                          for k in (0, 1)]]  # fmt: skip
+    fresh = state["stamp"] - 0.25
+    assert (seen < fresh).all()
+    assert (seen > 0.0).any() == (what != "short")
 
 
 def test_who_stands_behind_is_no_one_who_moves():

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.compiled.simd import bits_of_float
 from wheelchair_gym.geometry import wrap
-from wheelchair_gym.safety.grid import laser_frame
+from wheelchair_gym.safety.grid import scanner_frame
 from wheelchair_gym.safety.state import (
     BUMPED,
     ECHOES,
@@ -84,8 +84,7 @@ def count_echoes(laser: Floats) -> int:
 def expected_echoes(g: Any, s: Any) -> int:
     """Number of an earlier scan's echoes that should be in view from the present pose."""
     half = -g.first - _EDGE
-    now_x, now_y, _, _ = laser_frame(g, s.pose)
-    x, y, _, _ = laser_frame(g, s.echo_pose)
+    now, before = scanner_frame(g.mount, s.pose), scanner_frame(g.mount, s.echo_pose)
     yaw = s.echo_pose[2] + g.mount[2]
     count = 0
     for k in range(ECHOES):
@@ -93,8 +92,8 @@ def expected_echoes(g: Any, s: Any) -> int:
             continue
         beam = k * (g.beams - 1) // (ECHOES - 1)
         way = yaw + g.first + beam / g.per_angle
-        dx = x + s.echo[k] * math.cos(way) - now_x
-        dy = y + s.echo[k] * math.sin(way) - now_y
+        dx = before.x + s.echo[k] * math.cos(way) - now.x
+        dy = before.y + s.echo[k] * math.sin(way) - now.y
         far = math.hypot(dx, dy)
         bearing = wrap(math.atan2(dy, dx) - s.pose[2] - g.mount[2])
         count += g.nearest < far < g.reach - _FAR and abs(bearing) < half
@@ -145,7 +144,7 @@ def _check_laser(g: Any, s: Any, laser: Floats, moves: bool, dt: float) -> tuple
 def check_others(g: Any, s: Any, ranges: Floats, moves: bool, dt: float) -> int:
     """Update the timers of the scanners after the first; returns the reason of a fault, 0: none.
 
-    They show obstacles and no free space: one that sees nothing is no fault.
+    One that sees nothing is no fault: it shows no free space.
     """
     reason = 0
     for k in range(1, g.n_scanners):

@@ -15,7 +15,16 @@ from numpy.typing import NDArray
 from wheelchair_gym.compiled.address import floats_at, on_stack
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.geometry import body_to_world, point_to_world, world_to_body
-from wheelchair_gym.safety.grid import Scan, find_least, sees_beyond, update_grid, was_empty
+from wheelchair_gym.safety.faults import count_echoes
+from wheelchair_gym.safety.grid import (
+    Scan,
+    find_least,
+    is_in_view,
+    scanner_frame,
+    sees_beyond,
+    update_grid,
+    was_empty,
+)
 from wheelchair_gym.safety.state import (
     BESIDE,
     BODY,
@@ -40,15 +49,14 @@ Floats = NDArray[np.float32]
 _F = np.float32
 _PASSED = 2  # readings in which a scanner sees beyond a point before it is dropped
 _ALMOST = 1e-9
+_ECHOES = 0.05  # share of beams: a scanner without echoes may be blind
 
 
 @borrowing_kernel
-def _frame_of(s: Any, mount: Array) -> Frame:
-    """The frame of a scanner with a mount (3,), where the chair is (dead-reckoned)."""
-    c, sn = math.cos(s.pose[2]), math.sin(s.pose[2])
-    x, y = point_to_world(c, sn, s.pose[0], s.pose[1], mount[0], mount[1])
-    yaw = s.pose[2] + mount[2]
-    return Frame(x, y, math.cos(yaw), math.sin(yaw))
+def _shows_free(s: Any, one: LaserArrays, scan: Floats) -> bool:
+    """Whether a scan shows what is free: it is new, and enough of its beams have an echo."""
+    works = s.other_silent[one.number] == 0.0 and s.other_frozen[one.number] == 0.0
+    return bool(one.shows_free and works and count_echoes(scan) >= _ECHOES * scan.shape[0])
 
 
 @borrowing_kernel
@@ -63,7 +71,7 @@ def _is_kept(g: Any, s: Any, ranges: Floats, k: int) -> bool:
     if s.stamp > others.stamp[k] or dx * dx + dy * dy > FAR * FAR:
         return False
     one = scanner_at(g.scanners, g.n_scanners, others.scanner[k])
-    frame = _frame_of(s, one.mount)
+    frame = scanner_frame(one.mount, s.pose)
     dx, dy = others.x[k] - frame.x, others.y[k] - frame.y
     ahead, left = world_to_body(frame.c, frame.s, dx, dy)
     b = math.floor((math.atan2(left, ahead) - one.first) * one.per_angle)
@@ -78,10 +86,10 @@ def _is_kept(g: Any, s: Any, ranges: Floats, k: int) -> bool:
 
 
 @borrowing_kernel
-def _mark(g: Any, s: Any, x: float, y: float, moves: bool, before: int) -> bool:
-    """Mark a new point that moves, or beside which one of the first marks is; whether it did."""
+def _mark(g: Any, s: Any, x: float, y: float, moves: bool, n_marks: int) -> bool:
+    """Mark a new point that moves, or is beside one of the first n marks; whether it was marked."""
     last = s.stamp if moves else -math.inf
-    for i in range(before):
+    for i in range(n_marks):
         old = s.marks[i]
         dx, dy = old.x - x, old.y - y
         if old.stamp > last and dx * dx + dy * dy < BESIDE * BESIDE:
@@ -95,23 +103,22 @@ def _mark(g: Any, s: Any, x: float, y: float, moves: bool, before: int) -> bool:
 
 
 @borrowing_kernel
-def _drop_marks(s: Any, scan: Scan, before: int) -> None:
-    """Drop the first marks where a further scanner sees beyond them, or has marked their body anew.
+def _drop_marks(s: Any, scan: Scan, begin: int) -> None:
+    """Drop earlier marks where a further scanner sees beyond them, or has marked their body anew.
 
-    A mark at the edge of the view is no evidence: its body may reach beyond.
+    Its new marks are those from `begin` on, earlier ones those of earlier readings. A mark at the
+    edge of the view is no evidence: its body may reach beyond.
     """
     edge, kept = int(EDGE * scan.per_angle), 0
     for k in range(s.n_marks):
         mark = s.marks[k]
         dx, dy = mark.x - scan.x, mark.y - scan.y
-        far = math.sqrt(dx * dx + dy * dy)
-        gone = k < before and sees_beyond(scan, dx, dy, far - SAME, edge)
-        for i in range(before if k < before else s.n_marks, s.n_marks):
+        old = mark.seen < s.stamp
+        gone = old and sees_beyond(scan, dx, dy, math.sqrt(dx * dx + dy * dy) - SAME, edge)
+        for i in range(begin if old else s.n_marks, s.n_marks):
             ax, ay = s.marks[i].x - scan.x, s.marks[i].y - scan.y
-            dx, dy = s.marks[i].x - mark.x, s.marks[i].y - mark.y
-            gone = gone or (
-                dx * dx + dy * dy < BODY * BODY and sees_beyond(scan, ax, ay, -1.0, edge)
-            )
+            near = (ax - dx) ** 2 + (ay - dy) ** 2 < BODY * BODY
+            gone = gone or (near and is_in_view(scan, ax, ay, edge))
         if not gone:
             s.marks[kept] = s.marks[k]
             kept += 1
@@ -120,15 +127,18 @@ def _drop_marks(s: Any, scan: Scan, before: int) -> None:
 
 @borrowing_kernel
 def _add_other(
-    g: Any, s: Any, one: LaserArrays, frame: Frame, r: np.float32, b: int, before: int
+    g: Any, s: Any, one: LaserArrays, frame: Frame, r: np.float32, b: int, n_marks: int
 ) -> None:
-    """Add the hit of beam b of a further scanner at a range [m]; so many marks are older."""
+    """Add the hit of beam b of a further scanner at a range [m].
+
+    So many marks are not of this scan.
+    """
     x, y = r * one.cosine[b], r * one.sine[b]
     others, n = s.others, s.n_others
     px, py = point_to_world(frame.c, frame.s, frame.x, frame.y, x, y)
     moves = was_empty(s, px, py)
     if one.shows_free:
-        moves = _mark(g, s, px, py, moves, before) or moves
+        moves = _mark(g, s, px, py, moves, n_marks) or moves
     static = x * x + y * y < CLOSE_BY * CLOSE_BY and not moves
     others.x[n], others.y[n], others.scanner[n], others.passed[n] = px, py, one.number, 0
     others.stamp[n] = s.stamp + (g.static_memory_time if static else g.memory_time)
@@ -172,30 +182,30 @@ def update_others(g: Any, s: Any, ranges: Floats) -> None:
     spare = (SCANNERS - g.n_scanners) * SECTORS
     for k in range(1, g.n_scanners):
         one = scanner_at(g.scanners, g.n_scanners, k)
-        beams, frame = one.cosine.shape[0], _frame_of(s, one.mount)
+        beams, frame = one.cosine.shape[0], scanner_frame(one.mount, s.pose)
         size = (beams + SECTORS - 1) // SECTORS
-        best, at, before = far, -1, s.n_marks
+        best, at, n_marks = far, -1, s.n_marks
         for b in range(beams):
             if b % size == 0 and at >= 0:
-                _add_other(g, s, one, frame, best, at, before)
+                _add_other(g, s, one, frame, best, at, n_marks)
                 at = -1
             r = ranges[one.start + b]
             r = _F(_range_of_edge(g, one, b)) if r == -_F(np.inf) else r
             if not r <= far:  # NaN, too
                 continue
             if at >= 0 and abs(r - best) > JUMP and spare > 0:
-                _add_other(g, s, one, frame, best, at, before)
+                _add_other(g, s, one, frame, best, at, n_marks)
                 spare -= 1
                 at = -1
             if at < 0 or r < best:
                 best, at = r, b
         if at >= 0:
-            _add_other(g, s, one, frame, best, at, before)
-        if one.shows_free:
+            _add_other(g, s, one, frame, best, at, n_marks)
+        if _shows_free(s, one, ranges[one.start : one.start + beams]):
             least = floats_at(on_stack(4 * beams), beams)
-            find_least(ranges[one.start : one.start + beams], least)
+            find_least(ranges[one.start : one.start + beams], one.reach, least)
             scan = Scan(frame.x, frame.y, frame.c, frame.s, one.first, one.per_angle, least)
-            _drop_marks(s, scan, before)
+            _drop_marks(s, scan, n_marks)
             update_grid(g, s, scan, False)
     for k in range(kept):
         _move_other(s.others, OTHERS - kept + k, s.n_others)

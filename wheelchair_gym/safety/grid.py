@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from wheelchair_gym.compiled.address import on_stack, rows_of
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.geometry import point_to_world, world_to_body
-from wheelchair_gym.safety.state import CELL, CELLS
+from wheelchair_gym.safety.state import CELL, CELLS, Frame
 from wheelchair_gym.sensors.echoes import atan2_f32
 
 Array = NDArray[np.float64]
@@ -45,31 +45,32 @@ class Scan(NamedTuple):
 
 
 @borrowing_kernel
-def laser_frame(g: Any, pose: Array) -> tuple[float, float, float, float]:
-    """The laser's frame at a pose (3,) of the chair: origin, cosine and sine of its yaw."""
+def scanner_frame(mount: Array, pose: Array) -> Frame:
+    """The frame of a scanner with a mount (3,) at a pose (3,) of the chair."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
-    x, y = point_to_world(c, s, pose[0], pose[1], g.mount[0], g.mount[1])
-    yaw = pose[2] + g.mount[2]
-    return x, y, math.cos(yaw), math.sin(yaw)
+    x, y = point_to_world(c, s, pose[0], pose[1], mount[0], mount[1])
+    yaw = pose[2] + mount[2]
+    return Frame(x, y, math.cos(yaw), math.sin(yaw))
 
 
 @borrowing_kernel
 def scan_of(g: Any, pose: Array, laser: Floats, least: Floats) -> Scan:
     """A scan taken at a pose (3,) of the chair; `least` is workspace (beams,)."""
-    x, y, c, s = laser_frame(g, pose)
-    find_least(laser, least)
-    return Scan(x, y, c, s, g.first, g.per_angle, least)
+    at = scanner_frame(g.mount, pose)
+    find_least(laser, g.reach, least)
+    return Scan(at.x, at.y, at.c, at.s, g.first, g.per_angle, least)
 
 
 @borrowing_kernel
-def find_least(laser: Floats, least: Floats) -> None:
-    """Store the least range of each beam and the two beside it; -inf where one is invalid."""
-    last = np.uint64(laser.shape[0] - 1)
+def find_least(laser: Floats, reach: float, least: Floats) -> None:
+    """Store how far each beam and the two beside it see; -inf where one is invalid."""
+    last, most = np.uint64(laser.shape[0] - 1), _F(reach)
     least[0] = least[last] = _NONE
     for b in range(np.uint64(1), last):
         r0, r, r1 = laser[b - np.uint64(1)], laser[b], laser[b + np.uint64(1)]
         low = r0 if r0 < r else r
         low = r1 if r1 < low else low
+        low = most if most < low else low  # without an echo
         valid = (r0 == r0) & (r == r) & (r1 == r1)
         least[b] = low if valid else _NONE
 
@@ -88,6 +89,13 @@ def sees_beyond(scan: Scan, x: float, y: float, near: float, edge: int) -> bool:
     b, beams = beam_towards(scan, x, y), scan.least.shape[0]
     within = (b > edge) & (b < beams - 1 - edge)
     return bool(within & (scan.least[np.uint64(b if within else 0)] >= near))
+
+
+@inlined
+def is_in_view(scan: Scan, x: float, y: float, edge: int) -> bool:
+    """Whether a vector from the laser lies in its view, so many beams from the edge."""
+    b, beams = beam_towards(scan, x, y), scan.least.shape[0]
+    return bool((b > edge) & (b < beams - 1 - edge))
 
 
 @inlined

@@ -1,8 +1,8 @@
 """What the shield perceives around the chair, updated by each reading.
 
 A grid (`safety.grid`) holds when each cell was last seen, a list holds the points that the laser
-hit, and arcs hold the echoes that only ultrasonics have measured. `update` takes in a reading. The
-grid is that of the first scanner; what further scanners hit is in `safety.further_scanners`.
+hit, and arcs hold the echoes that only ultrasonics have measured. `update` takes in a reading. What
+further scanners show is in `safety.further_scanners`.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ _SPREAD = _F(0.03)  # m: hits of one arc differ from their mean by less: no more
 _AGEING = 0.2  # share of the time that counts at rest
 # Hits of two scans are of one thing within these distances along the ray, and beside it beyond the
 # width of a beam; an oblique surface is hit farther along it as the chair drives on.
-_HIT_ALONG, _HITBESIDE = 0.20, 0.02  # m
+_HIT_ALONG, _HIT_BESIDE = 0.20, 0.02  # m
 _HIT_KEPT = 1.0  # s: for which a hit is kept that other beams pass
 _ALIKE = 0.015  # m: points so near each other are one
 _SPACING = 0.04  # m between the points of an echo's arc
@@ -216,7 +216,7 @@ def _add_hit(s: Any, scan: Scan, x: float, y: float) -> None:
     px, py = point_to_world(scan.c, scan.s, scan.x, scan.y, x, y)
     far = math.sqrt(x * x + y * y)
     ux, uy = (px - scan.x) / far, (py - scan.y) / far
-    beside = _HITBESIDE + far / scan.per_angle
+    beside = _HIT_BESIDE + far / scan.per_angle
     for k in range(s.n_hits):
         hit = s.hits[k]
         dx, dy = hit.x - px, hit.y - py

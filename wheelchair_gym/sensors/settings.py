@@ -297,8 +297,11 @@ class SensorSettings:
 
     @property
     def looks_back(self) -> bool:
-        """Whether a further scanner shows what is free behind the first one."""
-        return any(laser.shows_free for laser in self.lasers[1:])
+        """Whether a further scanner shows what is free straight behind the chair."""
+        return any(
+            laser.shows_free and abs(math.remainder(math.pi - laser.yaw, math.tau)) < laser.fov / 2
+            for laser in self.lasers[1:]
+        )
 
     @property
     def beams(self) -> int:
