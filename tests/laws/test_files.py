@@ -91,7 +91,7 @@ def test_every_function_that_opens_files_is_fuzzed():
     assert (fuzzed | set(OWN)) - found == set(), "no such function opens a file"
 
 
-@pytest.mark.parametrize("count", [10, pytest.param(2000, marks=pytest.mark.long)])
+@pytest.mark.parametrize("count", [20, pytest.param(2000, marks=pytest.mark.long)])
 def test_mutations_of_valid_files_are_read_or_refused(count):
     """Nothing crashes, hangs, fills the memory or ends in a traceback."""
     with Watched() as watched:

@@ -155,7 +155,7 @@ PASSAGES = (
 def test_suites_among_people_can_be_solved(name):
     """A free way, closed walls, and people who begin and walk clear of walls and of the chair."""
     for spec in (without_labels(scene) for scene in suite(name).scenes):
-        for episode in drawn(2, **spec) + drawn(1, TRAINING, **spec):
+        for episode in drawn(3, **spec) + drawn(3, TRAINING, **spec):
             free = geodesic(episode.map, episode.goal[:2], RADIUS)
             assert math.isfinite(free.at(episode.start[:2]))
             ends = episode.start, episode.goal, FOOTPRINT
