@@ -20,19 +20,18 @@ from wheelchair_gym.safety.grid import (
     Scan,
     find_least,
     is_in_view,
+    mark_motion,
     scanner_frame,
     sees_beyond,
     update_grid,
     was_empty,
 )
 from wheelchair_gym.safety.state import (
-    BESIDE,
     BODY,
     CLOSE_BY,
     EDGE,
     FAR,
     JUMP,
-    MARKS,
     OTHERS,
     OTHERS_KEPT,
     SAME,
@@ -86,23 +85,6 @@ def _is_kept(g: Any, s: Any, ranges: Floats, k: int) -> bool:
 
 
 @borrowing_kernel
-def _mark(g: Any, s: Any, x: float, y: float, moves: bool, n_marks: int) -> bool:
-    """Mark a new point that moves, or is beside one of the first n marks; whether it was marked."""
-    last = s.stamp if moves else -math.inf
-    for i in range(n_marks):
-        old = s.marks[i]
-        dx, dy = old.x - x, old.y - y
-        if old.stamp > last and dx * dx + dy * dy < BESIDE * BESIDE:
-            last = old.stamp
-    if s.n_marks == MARKS or s.stamp - last > g.moving_memory_time:
-        return False
-    mark = s.marks[s.n_marks]
-    mark.x, mark.y, mark.stamp, mark.seen = x, y, last, s.stamp
-    s.n_marks += 1
-    return True
-
-
-@borrowing_kernel
 def _drop_marks(s: Any, scan: Scan, begin: int) -> None:
     """Drop earlier marks where a further scanner sees beyond them, or has marked their body anew.
 
@@ -136,9 +118,10 @@ def _add_other(
     x, y = r * one.cosine[b], r * one.sine[b]
     others, n = s.others, s.n_others
     px, py = point_to_world(frame.c, frame.s, frame.x, frame.y, x, y)
-    moves = was_empty(s, px, py)
     if one.shows_free:
-        moves = _mark(g, s, px, py, moves, n_marks) or moves
+        moves = mark_motion(g, s, px, py, s.marks[:], n_marks)
+    else:
+        moves = was_empty(s, px, py)
     static = x * x + y * y < CLOSE_BY * CLOSE_BY and not moves
     others.x[n], others.y[n], others.scanner[n], others.passed[n] = px, py, one.number, 0
     others.stamp[n] = s.stamp + (g.static_memory_time if static else g.memory_time)

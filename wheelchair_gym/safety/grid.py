@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from wheelchair_gym.compiled.address import on_stack, rows_of
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.geometry import point_to_world, world_to_body
-from wheelchair_gym.safety.state import CELL, CELLS, Frame
+from wheelchair_gym.safety.state import BESIDE, CELL, CELLS, MARKS, Frame
 from wheelchair_gym.sensors.echoes import atan2_f32
 
 Array = NDArray[np.float64]
@@ -218,6 +218,27 @@ def was_empty(s: Any, x: float, y: float) -> bool:
         for b in range(j - 1, j + 2):
             if s.clear[place_of_cell(a, b)] < since:
                 return False
+    return True
+
+
+@borrowing_kernel
+def mark_motion(g: Any, s: Any, x: float, y: float, marks: Any, n: int) -> bool:
+    """Mark a point (dead-reckoned) that moves; whether it does.
+
+    It moves if its place was empty a moment ago, or if one of n marks beside it moved of late.
+    """
+    last = s.stamp if was_empty(s, x, y) else -math.inf
+    for i in range(n):
+        old = marks[i]
+        dx, dy = old.x - x, old.y - y
+        if old.stamp > last and dx * dx + dy * dy < BESIDE * BESIDE:
+            last = old.stamp
+    if s.stamp - last > g.moving_memory_time:
+        return False
+    if s.n_marks < MARKS:
+        mark = s.marks[s.n_marks]
+        mark.x, mark.y, mark.stamp, mark.seen = x, y, last, s.stamp
+        s.n_marks += 1
     return True
 
 

@@ -22,15 +22,14 @@ from wheelchair_gym.safety.further_scanners import update_others
 from wheelchair_gym.safety.grid import (
     Scan,
     beam_towards,
+    mark_motion,
     recenter_grid,
     scan_of,
     sees_beyond,
     update_grid,
-    was_empty,
 )
 from wheelchair_gym.safety.state import (
     ARC,
-    BESIDE,
     BODY,
     CLOSE_BY,
     EDGE,
@@ -193,18 +192,8 @@ def _add_points(g: Any, s: Any, work: Any, scan: Scan, marks: int, end: int) -> 
         stamp[k] = near if ahead * ahead + left * left < CLOSE_BY * CLOSE_BY else far
     s.n_points = end
     for k in range(begin, end):
-        last = s.stamp if was_empty(s, x[k], y[k]) else -math.inf
-        for i in range(marks):
-            old = work.old_marks[i]
-            dx, dy = old.x - x[k], old.y - y[k]
-            if old.stamp > last and dx * dx + dy * dy < BESIDE * BESIDE:
-                last = old.stamp
-        if s.stamp - last <= g.moving_memory_time:
+        if mark_motion(g, s, x[k], y[k], work.old_marks[:], marks):
             stamp[k] = far
-            if s.n_marks < MARKS:
-                mark = s.marks[s.n_marks]
-                mark.x, mark.y, mark.stamp, mark.seen = x[k], y[k], last, s.stamp
-                s.n_marks += 1
 
 
 @borrowing_kernel
