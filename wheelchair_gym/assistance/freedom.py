@@ -34,7 +34,7 @@ class Freedom:
         source="nothing looks back, and a contact below 0.05 m/s does no harm: docs, decisions",
     )  # fmt: skip
     """Largest speed backward that a stick asks for. The shield alone lets people back into what
-    nothing has seen at 0.1 m/s; with a scanner that looks back, set the chair's own limit."""
+    nothing has seen at 0.1 m/s; with a scanner that looks back, set the chair's limit."""
     margin: float = setting(
         default=0.03, unit="m", low=0.0, high=1.0, source="more shuts doors of 0.80 m: derived"
     )
