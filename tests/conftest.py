@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -20,6 +22,13 @@ FIRST = (
     "agents/cli/test_cli", "hardware/test_ros", "recording/test_record",
     "agents/learning/test_learning",
 )  # fmt: skip
+
+
+def long_but(names: Iterable[Any], short: Iterable[Any]) -> list[Any]:
+    """Parameters of a test: a few of the names under `make test`, all under `make test-all`."""
+    few, every = list(short), list(names)
+    assert set(few) <= set(every)
+    return [n if n in few else pytest.param(n, marks=pytest.mark.long) for n in every]
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

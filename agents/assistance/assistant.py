@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.assistance.direct import Shielded
-from wheelchair_gym.assistance.freedom import AssistMission, Freedom, Twist, within_freedom
+from wheelchair_gym.assistance.freedom import AssistMission, Freedom, Twist
 from wheelchair_gym.assistance.step import Assistants
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.types import Reading, Stick
@@ -89,7 +89,6 @@ class SharedAssistant:
 
     def reset(self, mission: AssistMission) -> None:
         """See `Assistant.reset`."""
-        self._turn = mission.limits.turn
         self._row = Assistants(
             Shielded(), mission.chair, mission.sensors, mission.period, freedom=self.freedom
         )
@@ -105,6 +104,7 @@ class SharedAssistant:
             return np.zeros(2)
         points = row.states["points"][0, : row.states["n_points"][0]].copy()
         margin, turn = float(row.states["margin"][0]), float(row.states["turn"][0])
-        now = AssistInput((v, w), reading, points, margin, turn, map)
-        to_v, to_w = self.method.twist(now)
-        return np.array(within_freedom((float(to_v), float(to_w)), (v, w), turn, self._turn))
+        row.states["twist"][0] = self.method.twist(
+            AssistInput((v, w), reading, points, margin, turn, map)
+        )
+        return row.twist()

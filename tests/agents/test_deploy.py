@@ -474,6 +474,7 @@ def test_the_benchmark_tells_why_a_step_was_late():
     assert cause(step(0.1, ran=0.3, act=0.3), garbage=compiled) == "garbage was collected"
 
 
+@pytest.mark.long
 def test_rehearsals_compile_what_only_a_closed_way_needs():
     from planners.lattice import flood
 

@@ -44,6 +44,7 @@ def test_each_is_made_and_stored(name):
     assert person["n_signals"] == len(signals)
 
 
+@pytest.mark.long  # tests/laws/test_assisted.py does this with assistants
 @pytest.mark.parametrize("name", DRIVERS)
 def test_the_same_seed_gives_the_same_drive(name):
     one, env = sticks(name)

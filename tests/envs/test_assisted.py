@@ -12,6 +12,7 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 
 from agents.policies import GymPolicy, make_policy
+from tests.conftest import long_but
 from tests.copies import differences
 from tests.envs.test_vector import NEXT, SAME, assert_same, compare
 from wheelchair_gym.assistance import COMPILED
@@ -67,7 +68,14 @@ def drive_both(name, steps, mode=NEXT):
     return most
 
 
-@pytest.mark.parametrize("name", DRIVERS)
+# Drivers of each interface, with a hand that trembles, a narrowed view and changing intentions.
+SOME = (
+    "bci", "essential_tremor", "head_array", "hemineglect", "keyboard", "scanning", "sip_and_puff",
+    "wavering",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("name", long_but(DRIVERS, SOME))
 def test_each_row_is_a_single_env_whoever_drives(name):
     assert drive_both(name, 50) > 0.1 or name == "scanning"
 
@@ -134,7 +142,7 @@ def test_to_do_as_the_stick_says_is_no_disagreement():
     assert info["reward_terms"]["disagreement"] == pytest.approx(expected)
 
 
-@pytest.mark.parametrize("assistant", COMPILED)
+@pytest.mark.parametrize("assistant", long_but(COMPILED, ("slide", "shared_dwa")))
 def test_each_row_is_a_single_env_with_an_assistant(assistant):
     """Each row with residuals, through resets, with each way to end an episode."""
     for mode in (NEXT, SAME):

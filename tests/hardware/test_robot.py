@@ -22,7 +22,7 @@ from websockets.sync.client import connect
 
 from agents.cli import main
 from agents.robot import Robot, RobotSettings
-from tests.conftest import ROOT
+from tests.conftest import ROOT, long_but
 from tests.hardware.served import Served, until
 from wheelchair_gym import InputError
 from wheelchair_gym.hardware.ros import messages as ros
@@ -260,7 +260,7 @@ def test_it_stands_after_a_contact_until_a_service_is_called(tmp_path):
 
 @pytest.mark.parametrize(
     ("scene", "seed", "episodes"),
-    [pytest.param("floor_plan", 6, 1, marks=pytest.mark.long), ("empty", 0, 2)],
+    long_but([("floor_plan", 6, 1), ("empty", 0, 2), ("empty", 0, 1)], [("empty", 0, 1)]),
 )
 def test_a_stranger_drives_and_is_scored(scene, seed, episodes, tmp_path):
     result, bag = tmp_path / "result.json", tmp_path / "bag"
@@ -284,7 +284,9 @@ def test_a_stranger_drives_and_is_scored(scene, seed, episodes, tmp_path):
     assert len(read_recording(bag)) == episodes
 
 
-@pytest.mark.parametrize("way", [signal.SIGKILL, signal.SIGSTOP])
+@pytest.mark.parametrize(
+    "way", [signal.SIGKILL, pytest.param(signal.SIGSTOP, marks=pytest.mark.long)]
+)
 def test_a_controller_that_is_killed_or_frozen_leaves_it_standing(way, tmp_path):
     served = Served("--scene", "floor_plan", "--seed", "3", "--episodes", "1", "--rate", "20")
     try:

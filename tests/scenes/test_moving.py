@@ -146,8 +146,8 @@ def test_leaves_shut_their_doorways_and_open_them_fully():
 
 
 PASSAGES = (
-    "corridor", "lift",
-    *(pytest.param(name, marks=pytest.mark.long) for name in ("crossing", "lobby")),
+    "corridor",
+    *(pytest.param(name, marks=pytest.mark.long) for name in ("crossing", "lift", "lobby")),
 )  # fmt: skip
 
 

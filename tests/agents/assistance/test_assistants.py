@@ -15,6 +15,7 @@ from agents.assistance.assistant import AssistMission
 from agents.assistance.targets import find_targets, goals_on
 from agents.policies import make_policy
 from agents.policies.assisted import Assisted
+from tests.conftest import long_but
 from tests.laws.test_policies import plain
 from wheelchair_gym.config import InputError, dump, load
 from wheelchair_gym.drivers import DRIVERS
@@ -211,7 +212,7 @@ def test_goals_on_a_map_are_far_apart():
     assert apart[~np.eye(5, dtype=bool)].min() > 2.0
 
 
-@pytest.mark.parametrize("driver", ["expert", "sip_and_puff", "hostile"])
+@pytest.mark.parametrize("driver", long_but(["expert", "sip_and_puff", "hostile"], ["hostile"]))
 @pytest.mark.parametrize("name", ASSISTANTS)
 def test_a_drive_is_the_same_for_the_same_seed(name, driver):
     assert driver in DRIVERS

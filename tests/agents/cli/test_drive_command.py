@@ -88,6 +88,7 @@ def test_a_person_drives_with_help_until_ctrl_c(tmp_path):
     assert record["stick_effort"] > 0.0
 
 
+@pytest.mark.long
 def test_prompts_are_asked_for_and_recorded(tmp_path):
     file = tmp_path / "session.mcap"
     with serving(tmp_path) as served:

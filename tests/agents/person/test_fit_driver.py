@@ -124,6 +124,7 @@ def drives(tmp_path_factory):
     return folder
 
 
+@pytest.mark.long
 def test_drives_tell_the_tremor_and_the_dead_zone_and_the_rest_is_named(drives, tmp_path, capsys):
     file = tmp_path / "fit.json"
     log = str(drives / "drive.mcap")

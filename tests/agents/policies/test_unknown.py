@@ -82,6 +82,7 @@ def test_no_map_is_looked_at_where_the_world_is_unknown():
     np.testing.assert_array_equal(told, true)
 
 
+@pytest.mark.long
 def test_exploring_draws_a_true_map_and_comes_to_an_end():
     env = unknown({"name": "floor_plan", "kind": "home", "building_size": (9.0, 9.0)})
     made = map_by_driving(env, make_policy({"name": "explore", "seek": False}), 6, 600.0)
