@@ -4,7 +4,7 @@
 N]`: each driver drives N times in each scene with each assistant, with all noise of sensors, and
 chairs drawn anew. Every drive is a line of `--out`, and one that stands there is not driven again,
 so that a run that was ended goes on. Then tables: success, contacts that the chair caused at more
-than 0.05 m/s, and times by driver; and a line for each such contact.
+than 0.05 m/s, and times by driver; a line for each such contact; and assistants side by side.
 
 `direct` is driven without the shield. The time limit is 60 s and ten times the time of the shortest
 way; success within four times the time of `expert` through the same interface in the same world is
@@ -24,13 +24,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import binomtest
 
+from agents.assistance import ASSISTANTS, make_assistant
+from agents.assistance.assistant import AssistMission
 from agents.evaluation.metrics import wilson
 from tests.attacks import REAR
 from wheelchair_gym.assistance import COMPILED
 from wheelchair_gym.config import dump
 from wheelchair_gym.drivers import DRIVERS, make_driver
 from wheelchair_gym.envs import NavigationVectorEnv
+from wheelchair_gym.types import Reading, Stick
 
 SCENES = {
     "floor_plan": "floor_plan",
@@ -41,7 +46,10 @@ SCENES = {
     "clutter": "clutter",
     "crowd": "crowd",
 }  # fmt: skip
+Floats = NDArray[np.float64]
+
 ROWS = 25  # of a batch
+FAR = np.full(8, np.inf, np.float32)  # assistants do not look at ultrasonics
 KEY = ("driver", "scene", "assist", "seed", "number")
 TIMES = 4.0  # times the time of `expert` in which a drive has to arrive
 ACTIVE = 0.05  # full speeds: a smaller twist has no direction
@@ -59,11 +67,59 @@ def with_expert(name: str) -> str:
     return "expert" if same else f"expert@{name}"
 
 
+class Helpers:
+    """Assistants of n rows that are not compiled: they see what a row observes."""
+
+    def __init__(self, name: str, env: NavigationVectorEnv) -> None:
+        self._env, self._limits = env, env.settings.chair.limits
+        self._helpers = [make_assistant(name) for _ in range(env.num_envs)]
+
+    def actions(self, seen: Any, begin: NDArray[np.bool_], stamps: Floats) -> Floats:
+        """Actions (n, 2) for what is seen at these stamps (n,) [s]; some begin an episode."""
+        s, actions = self._env.settings, np.zeros((len(self._helpers), 2))
+        scans = np.where(seen["laser"] >= s.sensors.laser.reach, np.inf, seen["laser"])
+        scans = np.where(scans <= 0.0, -np.inf, scans).astype(np.float32)  # too near
+        for i, helper in enumerate(self._helpers):
+            if begin[i]:
+                helper.reset(AssistMission(s.chair, s.sensors, 1.0 / s.rate))
+            forward, left, latched = seen["stick"][i, :3].astype(float).tolist()
+            reading = Reading(
+                np.zeros(3), seen["twist"][i].astype(float), scans[i], FAR, FAR, False, 24.0,
+                float(stamps[i]),
+            )  # fmt: skip
+            twist = helper.assist(Stick(forward, left, latched > 0.5), reading, None)
+            actions[i] = self._limits.action(twist)
+        return actions
+
+
+def step_sums(sticks: Floats, asked: Floats, given: Floats) -> Floats:
+    """What a step adds to the sums (7, n) of `measures`; twists are in full speeds (n, 2)."""
+    size, off = np.hypot(*asked.T), np.hypot(*(given - asked).T)
+    both = (size > ACTIVE) & (np.hypot(*given.T) > ACTIVE)
+    turn = np.arctan2(*given.T[::-1]) - np.arctan2(*asked.T[::-1])
+    angle = np.abs(np.remainder(turn + math.pi, 2 * math.pi) - math.pi)
+    return np.array(
+        [both * angle, both, off > ACTIVE, size, off, np.hypot(*sticks.T), np.ones(len(size))]
+    )
+
+
+def measures(sums: Floats, distance: float, period: float) -> dict[str, float]:
+    """The measures of a drive, as `agents.evaluation.assisted` defines them."""
+    angle, active, changed, size, off, deflection, steps = sums.tolist()
+    return {
+        "angle": angle / active if active else 0.0,
+        "intervention": changed / steps,
+        "authority": off / (size + off) if size + off > 0.0 else 0.0,
+        "effort": deflection * period / max(distance, 0.1),
+    }
+
+
 def drive(driver: str, scene: str, assistant: str, given: Any) -> list[Any]:
     """All drives of a driver in a scene: of each row the first episodes, each as a record."""
     n, episodes = ROWS, given.drives // ROWS
     env = NavigationVectorEnv(
-        n, scene=SCENES[scene], driver=driver_of(driver), assistant=assistant,
+        n, scene=SCENES[scene], driver=driver_of(driver),
+        assistant=assistant if assistant in COMPILED else None,
         shield=assistant != "direct", num_threads=1, randomize=True, pose_source="modelled",
         bank={"size": given.worlds, "turnover": 0.0, "cache": given.cache},
         config={
@@ -73,24 +129,25 @@ def drive(driver: str, scene: str, assistant: str, given: Any) -> list[Any]:
     )  # fmt: skip
     limits = env.settings.chair.limits
     full = np.array([limits.forward, limits.turn])
+    helpers = None if assistant in COMPILED else Helpers(assistant, env)
     seen, _ = env.reset(seed=0)
+    begin, stamps = np.ones(n, bool), np.zeros(n)
     number, over, nothing = np.zeros(n, int), np.zeros(n, bool), np.zeros((n, 2))
-    angles, counts, least = np.zeros(n), np.zeros(n), np.full(n, math.inf)
+    sums, least = np.zeros((7, n)), np.full(n, math.inf)
     contacts: list[list[Any]] = [[] for _ in range(n)]
     found = []
     while (number < episodes).any():
         sticks = seen["stick"][:, :2].astype(float)
         ahead = np.where(sticks[:, 0] > 0.0, limits.forward, limits.backward)
         asked = sticks * np.stack([ahead, np.full(n, limits.turn)], -1) / full
-        seen, _, terminated, truncated, info = env.step(nothing)
+        actions = nothing if helpers is None else helpers.actions(seen, begin, stamps)
+        seen, _, terminated, truncated, info = env.step(actions)
+        begin, stamps = over, info["time"].astype(float)
         drives = ~over & (number < episodes)  # the others begin an episode, or are done
         over = terminated | truncated
         twists = info["shield"]["given"] if "shield" in info else asked * full
         least = np.where(drives, np.minimum(least, info["clearance"]), least)
-        both = drives & (np.hypot(*asked.T) > ACTIVE) & (np.hypot(*(twists / full).T) > ACTIVE)
-        turn = np.arctan2(*(twists / full).T[::-1]) - np.arctan2(*asked.T[::-1])
-        angles += both * np.abs(np.remainder(turn + math.pi, 2 * math.pi) - math.pi)
-        counts += both
+        sums += drives * step_sums(sticks, asked, twists / full)
         for i in np.flatnonzero(drives & info["at_fault"]).tolist():
             pose = [round(float(x), 3) for x in info["pose"][i]]
             contacts[i].append({
@@ -105,10 +162,10 @@ def drive(driver: str, scene: str, assistant: str, given: Any) -> list[Any]:
                 "driver": driver, "scene": scene, "assist": assistant, "seed": i,
                 "number": int(number[i]), "success": bool(info["is_success"][i]),
                 "time": float(info["time"][i]), "bumped": bool(info["bumped"][i]),
-                "angle": float(angles[i] / counts[i]) if counts[i] else 0.0,
+                **measures(sums[:, i], float(info["distance"][i]), 1.0 / env.settings.rate),
                 "clearance": float(least[i]), "contacts": contacts[i],
             })  # fmt: skip
-            angles[i], counts[i], least[i], contacts[i] = 0.0, 0.0, math.inf, []
+            sums[:, i], least[i], contacts[i] = 0.0, math.inf, []
             number[i] += 1
     env.close()
     return found
@@ -126,7 +183,7 @@ def run(given: argparse.Namespace) -> dict[Any, Any]:
     names = list(given.drivers)
     if not given.no_expert:
         names = list(dict.fromkeys([*(with_expert(name) for name in names), *names]))
-    asked = {}
+    asked: dict[Any, Any] = {}
     for scene, assistant, driver in product(given.scenes, given.assist, names):
         rows = product(range(ROWS), range(given.drives // ROWS))
         keys = [(driver, scene, assistant, *row) for row in rows]
@@ -174,7 +231,7 @@ def tables(drives: dict[Any, Any], given: argparse.Namespace) -> str:
                 f"| `{driver}` | {len(well)} | {hits} | {100 * np.mean(well):.0f} ({100 * low:.0f}"
                 f" to {100 * high:.0f}) | {share} | {beside} | {angle:.1f} |"
             )
-        hits_by = defaultdict(int)
+        hits_by: defaultdict[str, int] = defaultdict(int)
         count = 0
         for key, one in drives.items():
             if key[2] == assistant:
@@ -188,6 +245,52 @@ def tables(drives: dict[Any, Any], given: argparse.Namespace) -> str:
     return "\n".join(lines)
 
 
+def side_by_side(drives: dict[Any, Any], given: argparse.Namespace) -> str:
+    """Assistants beside each other: by driver, and in pairs with the first; empty for one alone."""
+    first, keys = given.assist[0], [(k[0], k[1], *k[3:]) for k in drives if k[2] == given.assist[0]]
+    if len(given.assist) < 2:
+        return ""
+    of = {name: [drives[(k[0], k[1], name, *k[2:])] for k in keys] for name in given.assist}
+    lines = ["", "Successes [%], and contacts that the chair caused", ""]
+    lines += [f"| driver | {' | '.join(f'`{name}`' for name in given.assist)} |"]
+    lines += ["| --- |" + " ---: |" * len(given.assist)]
+    for driver in given.drivers:
+        cells = []
+        for name in given.assist:
+            mine = [one for key, one in zip(keys, of[name], strict=True) if key[0] == driver]
+            share = 100 * np.mean([one["success"] for one in mine])
+            cells.append(f"{share:.0f}, {sum(bool(one['contacts']) for one in mine)}")
+        lines.append(f"| `{driver}` | {' | '.join(cells)} |")
+    lines += ["", f"All drivers, in pairs with `{first}`", ""]
+    lines += [
+        f"| assistant | success [%] (95 %) | contacts | only one succeeds: it; `{first}` | "
+        f"p (McNemar) | time beside `{first}` | off the stick [deg] | intervention [% of time] | "
+        "authority | effort [s/m] |",
+        "| --- |" + " ---: |" * 9,
+    ]
+    for name in given.assist:
+        both = list(zip(of[name], of[first], strict=True))
+        well = sum(one["success"] for one in of[name])
+        low, high = wilson(well, len(both))
+        alone = sum(a["success"] and not b["success"] for a, b in both)
+        other = sum(b["success"] and not a["success"] for a, b in both)
+        p = binomtest(alone, alone + other).pvalue if alone + other else 1.0
+        logs = np.log([a["time"] / b["time"] for a, b in both if a["success"] and b["success"]])
+        half = 1.96 * logs.std() / math.sqrt(len(logs))
+        ratio, least, most = np.exp(logs.mean() + np.array([0.0, -half, half]))
+        means = [
+            np.mean([one[key] for one in of[name]])
+            for key in ("angle", "intervention", "authority", "effort")
+        ]
+        lines.append(
+            f"| `{name}` | {100 * well / len(both):.0f} ({100 * low:.0f} to {100 * high:.0f}) | "
+            f"{sum(bool(one['contacts']) for one in of[name])} | {alone}; {other} | {p:.3f} | "
+            f"{ratio:.2f} ({least:.2f} to {most:.2f}) | {math.degrees(means[0]):.1f} | "
+            f"{100 * means[1]:.0f} | {means[2]:.2f} | {means[3]:.1f} |"
+        )
+    return "\n".join(lines)
+
+
 def names(text: str) -> list[str]:
     """Names between commas."""
     return text.split(",")
@@ -198,7 +301,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--drivers", type=names, default=list(DRIVERS))
     parser.add_argument("--scenes", type=names, default=list(SCENES))
-    parser.add_argument("--assist", type=names, default=["shared_dwa"], help=", ".join(COMPILED))
+    parser.add_argument("--assist", type=names, default=["shared_dwa"], help=", ".join(ASSISTANTS))
     parser.add_argument(
         "--drives", type=int, default=75, help=f"of a driver in a scene; a multiple of {ROWS}"
     )
@@ -214,7 +317,9 @@ def main() -> int:
     if given.drives < ROWS or given.drives % ROWS:
         parser.error(f"--drives is {given.drives}; expected a multiple of {ROWS}")
     os.makedirs(given.cache, exist_ok=True)
-    print(tables(run(given), given))
+    found = run(given)
+    print(tables(found, given))
+    print(side_by_side(found, given))
     return 0
 
 

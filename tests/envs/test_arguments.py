@@ -120,6 +120,14 @@ def test_the_real_chair_is_made_with_the_shipped_settings_and_stands_where_it_is
     env.close()
 
 
+def test_a_shield_that_is_on_keeps_the_settings_of_the_config():
+    mine = {"shield": {"person_speed": 1.2}}
+    for switch, speed in ((None, 1.2), (True, 1.2), ({"person_speed": 1.1}, 1.1), (False, None)):
+        made = env_settings(mine, shield=switch).shield
+        assert (made and made.person_speed) == speed
+    assert env_settings({}, shield=True).shield == env_settings({}, shield={}).shield is not None
+
+
 @pytest.mark.parametrize("scene", [[{"name": "empty"}], ["hall.yaml", 3]])
 def test_a_list_of_maps_holds_paths_only(scene):
     with pytest.raises(InputError, match=r"scene\[[01]\] is .*; expected the path of a map"):

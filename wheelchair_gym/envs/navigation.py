@@ -131,7 +131,8 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
                 - bank: how many worlds episodes share, or a mapping of size, turnover and seed; 0:
                   each episode has its own world;
                 - shield: true, or a mapping of its settings: only what it allows is driven
-                  (`wheelchair_gym.safety`). None: off in simulation, on for a real chair by name;
+                  (`wheelchair_gym.safety`). True: as in the config, if it has one. None: off in
+                  simulation, on for a real chair by name;
                 - driver: a simulated person who drives (`wheelchair_gym.drivers`), a name or a
                   mapping: actions are those of an assistant, which is shown the person's stick and
                   not its goal;

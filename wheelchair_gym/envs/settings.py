@@ -184,7 +184,9 @@ def env_settings(
         given["bank"] = BankSettings(size=given["bank"])
     elif isinstance(given.get("bank"), Mapping):
         given["bank"] = load(BankSettings, given["bank"], "bank")
-    if "shield" in given:
+    if given.get("shield") is True and base.shield is not None:
+        del given["shield"]  # it is on, as the config says
+    elif "shield" in given:
         given["shield"] = _shield(given["shield"])
     for name, (section, key) in _PLACES.items():
         if name in given:
