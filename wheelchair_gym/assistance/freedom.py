@@ -3,7 +3,7 @@
 An assistant slows a chair or turns it, and no more: the speed lies between rest and that of the
 stick, and the turn rate lies between rest and the stick's, or beyond either by at most a freedom
 that shrinks with the stick's deflection. So a centred stick asks for rest, at once, whatever the
-assistant. A stick that is pulled back asks for a slow arc at most, whatever its deflection.
+assistant. A stick that is pulled back asks for a slow speed at most, whatever its deflection.
 """
 
 from __future__ import annotations
@@ -13,14 +13,13 @@ from typing import Any
 
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.config import setting, settings
-from wheelchair_gym.kinematics import Limits, corner_speed
+from wheelchair_gym.kinematics import Limits
 from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.sensors.settings import SensorSettings
 
 Twist = tuple[float, float]
 
 STEADY = 0.1  # deflection by which a steady stick may change
-_TURNS = 2.0  # times the axle's speed at which a turn moves a rear corner: it turns in place then
 _CHOICE = "design choice"
 
 
@@ -34,9 +33,8 @@ class Freedom:
         default=0.045, unit="m/s", low=0.0, high=2.0,
         source="nothing looks back, and a contact below 0.05 m/s does no harm: docs, decisions",
     )  # fmt: skip
-    """Largest speed of a rear corner while a stick is pulled back. The shield alone lets people
-    back into what nothing has seen at 0.1 m/s; with a scanner that looks back, set the chair's
-    limit."""
+    """Largest speed backward that a stick asks for. The shield alone lets people back into what
+    nothing has seen at 0.1 m/s; with a scanner that looks back, set the chair's limit."""
     margin: float = setting(
         default=0.03, unit="m", low=0.0, high=1.0, source="more shuts doors of 0.80 m: derived"
     )
@@ -88,30 +86,6 @@ def margin_of(p: Any, a: Any, forward: float, left: float) -> float:
 def enough_now(p: Any, a: Any, enough: float) -> float:
     """A clearance that counts as full [m], lowered as far as the margin is."""
     return float(enough * a.margin / p.freedom.margin if a.margin < p.freedom.margin else enough)
-
-
-@borrowing_kernel
-def turn_in_place(p: Any, twist: Twist) -> Twist:
-    """A stick's twist [m/s, rad/s], without its speed if it reverses little and mostly turns.
-
-    A hand that trembles while it turns the chair would else slow the turn: see `slow_backward`.
-    """
-    v, w = twist
-    turns = corner_speed(0.0, w, p.outline[1], p.outline[2])
-    if v < 0.0 and turns > max(_TURNS * -v, p.freedom.backward):
-        return 0.0, w
-    return v, w
-
-
-@borrowing_kernel
-def slow_backward(p: Any, twist: Twist) -> Twist:
-    """The same arc, so slow that reversing moves no rear corner faster than the freedom's most."""
-    v, w = twist
-    fastest = corner_speed(v, w, p.outline[1], p.outline[2])
-    if v >= 0.0 or fastest <= p.freedom.backward:
-        return v, w
-    share = p.freedom.backward / fastest
-    return share * v, share * w
 
 
 @borrowing_kernel

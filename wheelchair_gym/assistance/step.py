@@ -18,8 +18,6 @@ from wheelchair_gym.assistance.freedom import (
     Freedom,
     Twist,
     margin_of,
-    slow_backward,
-    turn_in_place,
     within_freedom,
 )
 from wheelchair_gym.assistance.shared_dwa import SharedDwa, shared_dwa
@@ -82,7 +80,7 @@ def prefetch_assistant(i: int, assistants: Any) -> None:
 def pass_stick_on(
     i: int, assistants: Any, forward: float, left: float, scan: Floats, twist: Array, stamp: float
 ) -> None:
-    """Let row i see, and give the twist that the stick asks for, slowed backward.
+    """Let row i see, and give the twist that the stick asks for, backward at the freedom's most.
 
     Args:
         i: the row.
@@ -98,7 +96,7 @@ def pass_stick_on(
     look(p, a, scan, twist, stamp)
     a.margin = margin_of(p, a, forward, left)
     v, w = twist_of_action(forward, left, p.forward, p.backward, p.turn)
-    v, w = slow_backward(p, turn_in_place(p, (v, w)))
+    v = max(v, -p.freedom.backward)
     a.asked[0], a.asked[1] = v, w
     a.turn = p.freedom.turn * min(1.0, math.hypot(forward, left))
     a.twist[0], a.twist[1] = v, w
@@ -131,7 +129,7 @@ def assisted_twist(i: int, assistants: Any, more_v: float, more_w: float) -> Twi
     rows = assistants[0]
     p, a = _constants_at(rows.constants, 1)[0], assistant_at(rows, i)
     given, asked = (a.twist[0] + more_v, a.twist[1] + more_w), (a.asked[0], a.asked[1])
-    return slow_backward(p, within_freedom(given, asked, a.turn, p.turn))
+    return within_freedom(given, asked, a.turn, p.turn)
 
 
 @borrowing_kernel
