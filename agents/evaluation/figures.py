@@ -32,7 +32,14 @@ LOOK: Any = {
 def figures(evaluation: Mapping[str, Any]) -> dict[str, tuple[str, bytes]]:
     """Every figure by name: its caption and its SVG."""
     policies, records = evaluation["policies"], evaluation["records"]
-    drawn: dict[str, tuple[str, Callable[[], Figure]]] = {
+    drawn: dict[str, tuple[str, Callable[[], Figure]]] = {}
+    if any(exists(record.get("authority")) for record in records):
+        drawn["help"] = (
+            "Success against authority, the share of the motion that is not the person's. The line "
+            "joins those that no other beats in both; further up and left is better.",
+            lambda: _help(policies, evaluation["summary"]),
+        )
+    drawn |= {
         "success": (
             "Success by scene and policy, with 95 % Wilson intervals.",
             lambda: _success(policies, evaluation["scenes"], evaluation["summary"]),
@@ -112,6 +119,40 @@ def _success(policies: Sequence[str], scenes: Sequence[str], summary: Sequence[R
         axes.axhline(edge - 0.5, color="#c9ced3", linewidth=0.6)
     axes.grid(axis="y", visible=False)
     axes.set(xlim=(-2, 102), xlabel="success [% of episodes]")
+    legend_above(figure, axes)
+    return figure
+
+
+def unbeaten(points: Sequence[tuple[float, float]]) -> list[int]:
+    """The points, by x, than which no other has less x and more y, nor one of them and the same."""
+    order = sorted(range(len(points)), key=lambda i: (points[i][0], -points[i][1]))
+    found: list[int] = []
+    for i in order:
+        if not found or points[i][1] > points[found[-1]][1]:
+            found.append(i)
+    return found
+
+
+def _help(policies: Sequence[str], summary: Sequence[Record]) -> Figure:
+    rows = {row["policy"]: row for row in summary if row["scene"] == "all"}
+    named = [
+        policy
+        for policy in policies
+        if exists(rows[policy].get("authority")) and exists(rows[policy]["success"])
+    ]
+    points = [(100.0 * rows[p]["authority"], 100.0 * rows[p]["success"]) for p in named]
+    figure, axes = new_axes(3.3)
+    front = np.array([points[i] for i in unbeaten(points)])
+    axes.plot(*front.T, color="#8a9299", linewidth=0.8, zorder=0)
+    for policy, (x, y) in zip(named, points, strict=True):
+        i, row = policies.index(policy), rows[policy]
+        ends = np.array([[y - 100.0 * row["success_low"]], [100.0 * row["success_high"] - y]])
+        axes.errorbar(
+            x, y, yerr=np.maximum(ends, 0.0), fmt=MARKS[i % 8], color=COLOURS[(i + i // 8) % 8],
+            label=policy, markersize=5, capsize=2.5, linewidth=1.3,
+        )  # fmt: skip
+    axes.set(xlabel="authority of the assistant [%]", ylabel="success [% of episodes]")
+    axes.set_xlim(left=min(0.0, axes.get_xlim()[0]))
     legend_above(figure, axes)
     return figure
 

@@ -11,8 +11,11 @@ from agents.cli import main
 from agents.cli.compare import assistants, with_drivers
 from agents.evaluation.assisted import MEASURES, StickTrace
 from agents.evaluation.evaluate import episode_env
+from agents.evaluation.figures import unbeaten
 from agents.evaluation.report import terminal_table
+from tests.benchmarks.assisted_drives import Helpers, measures, step_sums
 from wheelchair_gym.config import read_json
+from wheelchair_gym.envs import NavigationVectorEnv
 from wheelchair_gym.kinematics import Limits
 from wheelchair_gym.types import Stick
 
@@ -99,10 +102,17 @@ def test_people_and_assistants_are_compared(tmp_path, capsys):
         if record["policy"] == "direct":
             assert record["intervention_share"] == 0.0
     assert "with a person at the stick" in (tmp_path / "report.html").read_text()
+    report = (tmp_path / "report.html").read_text()
+    assert 0 < report.find("Success against authority") < report.find("Success by scene")
     assert "stick travel" in terminal_table(evaluation, ["all"])
     stored = (tmp_path / "episodes.jsonl").read_text()
     assert main(command) == 0  # nothing is driven again
     assert (tmp_path / "episodes.jsonl").read_text() == stored
+
+
+def test_what_is_unbeaten_has_less_authority_or_more_success():
+    points = [(20.0, 80.0), (0.0, 50.0), (10.0, 80.0), (10.0, 70.0), (30.0, 90.0), (5.0, 40.0)]
+    assert unbeaten(points) == [1, 2, 4]
 
 
 @pytest.mark.parametrize(
@@ -130,3 +140,43 @@ def test_a_person_is_simulated_and_recorded(tmp_path, capsys):
     assert "the same rewards" in capsys.readouterr().out
     assert main(["simulate", "--assist", "teleop"]) == 2
     assert "--assist needs --driver" in capsys.readouterr().err
+
+
+def test_the_benchmark_of_batches_measures_alike():
+    rng, full = np.random.default_rng(0), np.array([LIMITS.forward, LIMITS.turn])
+    sticks = rng.uniform(-1.0, 1.0, (200, 2)) * (rng.random((200, 1)) > 0.2)
+    given = np.array([LIMITS.twist_of(*stick) for stick in sticks]) * rng.uniform(
+        0.0, 1.0, (200, 2)
+    )
+    expected = figures([(*stick, False) for stick in sticks], given, length=3.0)
+    sums = np.zeros((7, 1))
+    for stick, twist in zip(sticks, given, strict=True):
+        asked = np.array(LIMITS.twist_of(*stick)) / full
+        sums += step_sums(stick[None], asked[None], twist[None] / full)
+    found = measures(sums[:, 0], 3.0, PERIOD)
+    names = ("agreement_angle", "intervention_share", "authority", "stick_effort")
+    assert list(found.values()) == pytest.approx([expected[name] for name in names])
+
+
+def test_a_batch_is_driven_the_same_by_an_assistant_outside_of_it():
+    """As the benchmark of assisted drives does for assistants that are not compiled."""
+
+    def poses(assistant):
+        env = NavigationVectorEnv(
+            2, scene="floor_plan", driver="novice", assistant=assistant, shield=True, num_threads=1,
+            pose_source="modelled", bank={"size": 2, "turnover": 0.0},
+        )  # fmt: skip
+        helpers = Helpers("slide", env)
+        seen, _ = env.reset(seed=0)
+        begin, stamps, found = np.ones(2, bool), np.zeros(2), []
+        for _ in range(60):
+            actions = np.zeros((2, 2)) if assistant else helpers.actions(seen, begin, stamps)
+            seen, _, terminated, truncated, info = env.step(actions)
+            assert not (terminated | truncated).any()
+            begin, stamps = np.zeros(2, bool), info["time"].astype(float)
+            found.append(info["pose"].copy())
+        env.close()
+        return np.array(found)
+
+    # Observations are rounded.
+    np.testing.assert_allclose(poses(None), poses("slide"), rtol=0.0, atol=1e-4)
