@@ -28,7 +28,9 @@ def long_but(names: Iterable[Any], short: Iterable[Any]) -> list[Any]:
     """Parameters of a test: a few of the names under `make test`, all under `make test-all`."""
     few, every = list(short), list(names)
     assert set(few) <= set(every)
-    return [n if n in few else pytest.param(n, marks=pytest.mark.long) for n in every]
+    marks = [() if name in few else (pytest.mark.long,) for name in every]
+    values = [name if isinstance(name, tuple) else (name,) for name in every]
+    return [pytest.param(*value, marks=m) for value, m in zip(values, marks, strict=True)]
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -22,7 +22,7 @@ from agents.policies import make_policy
 from agents.policies.planning import PlanningFigures
 from tests.agents.fakes import PaperWorld, corridor
 from tests.benchmarks import deploy as benchmark
-from tests.conftest import ROOT
+from tests.conftest import ROOT, long_but
 from tests.hardware.hosted import Hosted
 from tests.hardware.realtime import EPISODE, X, Y, serving
 from wheelchair_gym import InputError
@@ -172,7 +172,10 @@ def by_the_board(drive, since):
     return lambda env: [take(env), give(env)]
 
 
-@pytest.mark.parametrize("way", ["Enter", "joystick at the host", "joystick at the board"])
+WAYS = ("Enter", "joystick at the host", "joystick at the board")
+
+
+@pytest.mark.parametrize("way", long_but(WAYS, WAYS[2:]))
 def test_a_latched_shield_is_told_and_goes_on_when_a_person_re_arms_it(way):
     """After one drop-out of the laser; nothing is said to go on while the shield stands."""
     drive = Drive(shield=True, patience=20.0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tests.conftest import long_but
 from tests.envs.test_vector import NEXT, SAME, compare
 from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
 
@@ -19,7 +20,7 @@ CROWDED = {
 SHORT = {"task": {"time_base": 6.0, "time_factor": 0.0}}
 
 
-@pytest.mark.parametrize(("mode", "threads"), [(NEXT, 2), (SAME, 1)])
+@pytest.mark.parametrize(("mode", "threads"), long_but([(NEXT, 2), (SAME, 1)], [(NEXT, 2)]))
 def test_each_row_is_a_single_env_among_movers(mode, threads):
     """Worlds with many actors, few and none in one batch, over thousands of steps and resets."""
     ends = compare(mode, threads, n=6, steps=300, config=SHORT, randomize=True, **CROWDED)

@@ -21,7 +21,7 @@ import pytest
 from agents.cli import main
 from agents.evaluation.evaluate import drive_episode
 from agents.policies import make_policy
-from tests.conftest import ROOT
+from tests.conftest import ROOT, long_but
 from tests.hardware.fake_rosbridge import RANGERS, SENSORS, FakeRosbridge
 from tests.hardware.test_robot import Served
 from wheelchair_gym import InputError
@@ -91,7 +91,7 @@ def begun(chair, periods=3):
     return chair
 
 
-@pytest.mark.parametrize("pose_source", ["modelled", "mcl"])
+@pytest.mark.parametrize("pose_source", long_but(["modelled", "mcl"], ["mcl"]))
 def test_a_policy_drives_it_from_start_to_goal(bridge, pose_source):
     """By the poses that tf tells, and by those that are worked out from odometry and map."""
     env = NavigationEnv(chair=spec(bridge), config=CONFIG, pose_source=pose_source)
@@ -788,7 +788,7 @@ def test_the_preset_of_ros_2():
     assert chair_settings({"name": "ros2", "stamped": True, "odometry": "/o"}).odometry == "/o"
 
 
-@pytest.mark.parametrize("stamped", [False, True])
+@pytest.mark.parametrize("stamped", long_but([False, True], [True]))
 def test_it_drives_the_robot_that_this_package_serves(stamped):
     """Both ends of rosbridge are ours; the shield is that of the chair's environment."""
     served = Served("--scene", "empty", "--shield", "off", "--rate", "20", "--scan-rate", "20")

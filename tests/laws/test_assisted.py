@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from agents.assistance import ASSISTANTS, is_shielded, make_assistant
 from agents.person.drive import open_space
 from agents.policies import GymPolicy, make_policy
+from tests.conftest import long_but
 from tests.copies import differences
 from wheelchair_gym.assistance import COMPILED
 from wheelchair_gym.drivers import DRIVERS
@@ -66,7 +67,7 @@ def check_drives(driver, assistant, seed, steps):
     return moved.any()
 
 
-@pytest.mark.parametrize(("driver", "assistant"), SOME)
+@pytest.mark.parametrize(("driver", "assistant"), long_but(SOME, SOME[::2]))
 def test_drives_keep_to_the_stick(driver, assistant):
     assert check_drives(driver, assistant, 0, 150) or driver in ("scanning", "bci")
 
@@ -148,7 +149,7 @@ def test_any_stick_that_is_let_go_stops_the_chair(name):
     law()
 
 
-@pytest.mark.parametrize("driver", DRIVERS)
+@pytest.mark.parametrize("driver", long_but(sorted(DRIVERS), sorted(DRIVERS)[1::2]))
 def test_the_same_seed_gives_the_same_drive(driver):
     """Whatever ran before, and in whichever row."""
     steps, assistant = 60, dict(SOME)[driver]

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from tests.conftest import long_but
 from wheelchair_gym.geometry import Footprint, best_clearance_heading
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, bottleneck, footprint_margin
 from wheelchair_gym.scenes.arena import Doorway
@@ -45,7 +46,10 @@ def test_between_posts_an_outline_may_grow_by_half_the_play(gap, round_):
     assert exact - 0.0201 <= found <= exact + 0.0101
 
 
-@pytest.mark.parametrize(("door", "corridor"), [(0.85, 0.9), (0.8, 1.05), (0.9, 1.0), (0.7, 0.8)])
+@pytest.mark.parametrize(
+    ("door", "corridor"),
+    long_but([(0.85, 0.9), (0.8, 1.05), (0.9, 1.0), (0.7, 0.8)], [(0.85, 0.9), (0.7, 0.8)]),
+)
 def test_turns_count(door, corridor):
     scene = Doorway(door_width=door, corridor_width=corridor)
     small = Footprint(0.2, 0.2, 0.2)  # the scene refuses a chair that does not get round its corner

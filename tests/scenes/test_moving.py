@@ -12,6 +12,7 @@ from scipy import ndimage
 
 from agents.evaluation.compare import TRAINING, suite
 from agents.evaluation.evaluate import without_labels
+from tests.conftest import long_but
 from wheelchair_gym.config import InputError
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.geometry import footprint_clearance, path_length, point_segment_distance
@@ -145,13 +146,8 @@ def test_leaves_shut_their_doorways_and_open_them_fully():
     assert min(slid, swung) >= 2
 
 
-PASSAGES = (
-    "corridor",
-    *(pytest.param(name, marks=pytest.mark.long) for name in ("crossing", "lift", "lobby")),
-)  # fmt: skip
-
-
-@pytest.mark.parametrize("name", PASSAGES)
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["corridor", "crossing", "lift", "lobby"])
 def test_suites_among_people_can_be_solved(name):
     """A free way, closed walls, and people who begin and walk clear of walls and of the chair."""
     for spec in (without_labels(scene) for scene in suite(name).scenes):
@@ -309,7 +305,10 @@ def turns(door, corridor, grown):
 
 
 @pytest.mark.parametrize(
-    ("door", "corridor"), [(1.0, 1.2), (0.85, 0.9), (0.8, 0.8), (0.7, 1.3), (0.95, 1.0)]
+    ("door", "corridor"),
+    long_but(
+        [(1.0, 1.2), (0.85, 0.9), (0.8, 0.8), (0.7, 1.3), (0.95, 1.0)], [(0.85, 0.9), (0.7, 1.3)]
+    ),
 )
 def test_the_margin_round_a_corner_is_what_a_flood_of_poses_finds(door, corridor):
     margin = Doorway(door_width=door, corridor_width=corridor).margin

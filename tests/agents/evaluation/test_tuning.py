@@ -13,6 +13,7 @@ from agents.cli.arguments import spec
 from agents.evaluation.evaluate import evaluate
 from agents.evaluation.tuning import Drives, Plans, Range, read_range, tune, value_at
 from planners import make_planner
+from tests.conftest import long_but
 from wheelchair_gym.config import InputError, with_values
 
 RANGES = [Range("step", 0.5, 5.0, log=True), Range("goal_bias", choices=(0.0, 0.05, 0.2))]
@@ -99,7 +100,7 @@ def test_a_search_begins_with_what_is_set_and_judges_the_best_on_others(once):
     assert low <= found["others"]["best"] - found["others"]["before"] <= high
 
 
-@pytest.mark.parametrize("jobs", [1, 2])
+@pytest.mark.parametrize("jobs", long_but([1, 2], [2]))
 def test_a_search_is_the_same_when_stopped_and_whoever_plans(once, jobs, tmp_path):
     trials.clear()
     with pytest.raises(StoppedError, match="3 of 6 trials"):

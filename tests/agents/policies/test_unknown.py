@@ -26,6 +26,7 @@ from agents.policies import GymPolicy, make_policy
 from agents.policies.manual import Manual
 from agents.policies.recoveries import Spin
 from tests.agents.fakes import PaperWorld, corridor
+from tests.conftest import long_but
 from wheelchair_gym.config import InputError
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.geometry import Footprint, to_world
@@ -52,7 +53,7 @@ def drive(env, policy, seed, episode=None, steps=10_000):
     return np.array(poses), info
 
 
-@pytest.mark.parametrize("policy", ["lattice+window", "explore"])
+@pytest.mark.parametrize("policy", long_but(["lattice+window", "explore"], ["lattice+window"]))
 def test_a_goal_in_an_unknown_home_is_found(policy):
     env = unknown()
     _, info = drive(env, policy, 5)

@@ -13,6 +13,7 @@ from agents.person.recorded_stick import session_of
 from agents.person.replay import open_loop
 from agents.studio.catalogue import places
 from agents.studio.drive import Drive, Order
+from tests.conftest import long_but
 from tests.hardware.conftest import build
 from wheelchair_gym.config import InputError
 from wheelchair_gym.envs import NavigationEnv
@@ -64,6 +65,7 @@ def test_an_assistant_answers_the_same_and_another_one_beside_it(tmp_path, capsy
     assert "simulated person" in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_a_hand_is_recovered_from_a_drive(tmp_path, capsys):
     file = driven(tmp_path, 45.0, curve=circling, hand="essential_tremor", place="scene:empty")
     assert session_of(read_recording(file)[0]).interface == "stick"
@@ -154,7 +156,7 @@ def circles(tmp_path_factory):
     return driven(tmp_path_factory.mktemp("circles"), 12.0, curve=circling, place="scene:empty")
 
 
-@pytest.mark.parametrize("part", [0.45, 0.8, 0.999])
+@pytest.mark.parametrize("part", long_but([0.45, 0.8, 0.999], [0.8]))
 def test_a_recording_that_was_cut_off_is_judged_as_far_as_it_goes(
     circles, tmp_path, part, capsys, caplog
 ):

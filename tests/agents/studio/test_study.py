@@ -134,6 +134,7 @@ def test_a_participant_goes_from_consent_to_the_data(opened, capsys):
     assert "the same rewards" in capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_the_device_is_chosen_before_a_drive_and_stays(opened):
     served, page = opened
     page.reload()
