@@ -30,7 +30,7 @@ class AssistInput:
     """What an assistant decides by.
 
     Attributes:
-        asked: the stick's twist [m/s, rad/s].
+        asked: the stick's twist [m/s, rad/s], slowed backward as the freedom says.
         reading: the latest.
         points: obstacles around (n, 2) [m] in the chair's frame, those lately seen among them.
         margin: distance to them that is to be kept [m].

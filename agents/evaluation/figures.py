@@ -36,7 +36,7 @@ def figures(evaluation: Mapping[str, Any]) -> dict[str, tuple[str, bytes]]:
     if any(exists(record.get("authority")) for record in records):
         drawn["help"] = (
             "Success against authority, the share of the motion that is not the person's. The line "
-            "joins those that no other beats in both; further up and left is better.",
+            "joins those that no other equals or beats in both; further up and left is better.",
             lambda: _help(policies, evaluation["summary"]),
         )
     drawn |= {
@@ -124,7 +124,7 @@ def _success(policies: Sequence[str], scenes: Sequence[str], summary: Sequence[R
 
 
 def unbeaten(points: Sequence[tuple[float, float]]) -> list[int]:
-    """The points, by x, than which no other has less x and more y, nor one of them and the same."""
+    """Indices, by x, of the points that no other equals or beats in both: less x, more y."""
     order = sorted(range(len(points)), key=lambda i: (points[i][0], -points[i][1]))
     found: list[int] = []
     for i in order:
@@ -138,7 +138,9 @@ def _help(policies: Sequence[str], summary: Sequence[Record]) -> Figure:
     named = [
         policy
         for policy in policies
-        if exists(rows[policy].get("authority")) and exists(rows[policy]["success"])
+        if policy in rows
+        and exists(rows[policy].get("authority"))
+        and exists(rows[policy]["success"])
     ]
     points = [(100.0 * rows[p]["authority"], 100.0 * rows[p]["success"]) for p in named]
     figure, axes = new_axes(3.3)

@@ -74,8 +74,8 @@ class Helpers:
         self._env, self._limits = env, env.settings.chair.limits
         self._helpers = [make_assistant(name) for _ in range(env.num_envs)]
 
-    def actions(self, seen: Any, begin: NDArray[np.bool_], stamps: Floats) -> Floats:
-        """Actions (n, 2) for what is seen at these stamps (n,) [s]; some begin an episode."""
+    def actions(self, seen: Any, info: Any, begin: NDArray[np.bool_]) -> Floats:
+        """Actions (n, 2) for what rows see, with their info; some begin an episode."""
         s, actions = self._env.settings, np.zeros((len(self._helpers), 2))
         scans = np.where(seen["laser"] >= s.sensors.laser.reach, np.inf, seen["laser"])
         scans = np.where(scans <= 0.0, -np.inf, scans).astype(np.float32)  # too near
@@ -84,8 +84,8 @@ class Helpers:
                 helper.reset(AssistMission(s.chair, s.sensors, 1.0 / s.rate))
             forward, left, latched = seen["stick"][i, :3].astype(float).tolist()
             reading = Reading(
-                np.zeros(3), seen["twist"][i].astype(float), scans[i], FAR, FAR, False, 24.0,
-                float(stamps[i]),
+                info["pose_estimate"][i].copy(), seen["twist"][i].astype(float), scans[i], FAR, FAR,
+                False, 24.0, 0.0 if begin[i] else float(info["time"][i]),
             )  # fmt: skip
             twist = helper.assist(Stick(forward, left, latched > 0.5), reading, None)
             actions[i] = self._limits.action(twist)
@@ -104,7 +104,7 @@ def step_sums(sticks: Floats, asked: Floats, given: Floats) -> Floats:
 
 
 def measures(sums: Floats, distance: float, period: float) -> dict[str, float]:
-    """The measures of a drive, as `agents.evaluation.assisted` defines them."""
+    """The measures of a drive, as `agents.evaluation.assisted` defines them; 0 for no direction."""
     angle, active, changed, size, off, deflection, steps = sums.tolist()
     return {
         "angle": angle / active if active else 0.0,
@@ -130,8 +130,8 @@ def drive(driver: str, scene: str, assistant: str, given: Any) -> list[Any]:
     limits = env.settings.chair.limits
     full = np.array([limits.forward, limits.turn])
     helpers = None if assistant in COMPILED else Helpers(assistant, env)
-    seen, _ = env.reset(seed=0)
-    begin, stamps = np.ones(n, bool), np.zeros(n)
+    seen, info = env.reset(seed=0)
+    begin = np.ones(n, bool)
     number, over, nothing = np.zeros(n, int), np.zeros(n, bool), np.zeros((n, 2))
     sums, least = np.zeros((7, n)), np.full(n, math.inf)
     contacts: list[list[Any]] = [[] for _ in range(n)]
@@ -140,9 +140,9 @@ def drive(driver: str, scene: str, assistant: str, given: Any) -> list[Any]:
         sticks = seen["stick"][:, :2].astype(float)
         ahead = np.where(sticks[:, 0] > 0.0, limits.forward, limits.backward)
         asked = sticks * np.stack([ahead, np.full(n, limits.turn)], -1) / full
-        actions = nothing if helpers is None else helpers.actions(seen, begin, stamps)
+        actions = nothing if helpers is None else helpers.actions(seen, info, begin)
         seen, _, terminated, truncated, info = env.step(actions)
-        begin, stamps = over, info["time"].astype(float)
+        begin = over
         drives = ~over & (number < episodes)  # the others begin an episode, or are done
         over = terminated | truncated
         twists = info["shield"]["given"] if "shield" in info else asked * full
@@ -247,9 +247,11 @@ def tables(drives: dict[Any, Any], given: argparse.Namespace) -> str:
 
 def side_by_side(drives: dict[Any, Any], given: argparse.Namespace) -> str:
     """Assistants beside each other: by driver, and in pairs with the first; empty for one alone."""
-    first, keys = given.assist[0], [(k[0], k[1], *k[3:]) for k in drives if k[2] == given.assist[0]]
+    first = given.assist[0]
     if len(given.assist) < 2:
         return ""
+    mine = [k for k in drives if k[2] == first and k[0] in given.drivers]
+    keys = [(k[0], k[1], *k[3:]) for k in mine]
     of = {name: [drives[(k[0], k[1], name, *k[2:])] for k in keys] for name in given.assist}
     lines = ["", "Successes [%], and contacts that the chair caused", ""]
     lines += [f"| driver | {' | '.join(f'`{name}`' for name in given.assist)} |"]
@@ -257,9 +259,9 @@ def side_by_side(drives: dict[Any, Any], given: argparse.Namespace) -> str:
     for driver in given.drivers:
         cells = []
         for name in given.assist:
-            mine = [one for key, one in zip(keys, of[name], strict=True) if key[0] == driver]
-            share = 100 * np.mean([one["success"] for one in mine])
-            cells.append(f"{share:.0f}, {sum(bool(one['contacts']) for one in mine)}")
+            some = [one for key, one in zip(keys, of[name], strict=True) if key[0] == driver]
+            share = 100 * np.mean([one["success"] for one in some])
+            cells.append(f"{share:.0f}, {sum(bool(one['contacts']) for one in some)}")
         lines.append(f"| `{driver}` | {' | '.join(cells)} |")
     lines += ["", f"All drivers, in pairs with `{first}`", ""]
     lines += [
@@ -276,7 +278,7 @@ def side_by_side(drives: dict[Any, Any], given: argparse.Namespace) -> str:
         other = sum(b["success"] and not a["success"] for a, b in both)
         p = binomtest(alone, alone + other).pvalue if alone + other else 1.0
         logs = np.log([a["time"] / b["time"] for a, b in both if a["success"] and b["success"]])
-        half = 1.96 * logs.std() / math.sqrt(len(logs))
+        half = 1.96 * logs.std(ddof=1) / math.sqrt(len(logs))
         ratio, least, most = np.exp(logs.mean() + np.array([0.0, -half, half]))
         means = [
             np.mean([one[key] for one in of[name]])

@@ -41,20 +41,25 @@ class Drive(NamedTuple):
         time: of the drive [s].
         movements: how often the stick was moved, by the definition of the results' column.
         spread: circular standard deviation of the stick's direction [rad].
-        touched: where the chair first touched something at fault: "ahead", "aside", or "".
+        touched: where the chair first touched something at fault: "ahead", "aside" or "behind".
         right: how far right of the middle between what is beside it the chair drove, as a mean [m].
     """
 
     success: bool
     time: float
-    movements: int
+    movements: float
     spread: float
     touched: str
     right: float
 
 
 def where_touched(ranges: Array, laser: Any, outline: Footprint) -> str:
-    """The part of the outline that is nearest to what the first scanner sees."""
+    """The part of the outline that is nearest to what the first scanner sees.
+
+    What is too near for a range stands before the scanner, which is at the chair's front.
+    """
+    if (ranges <= 0.0).any():
+        return "ahead"
     points = laser.directions * ranges[:, None] + (laser.x, laser.y)
     beyond = np.maximum(points[:, 0] - outline.front, -outline.rear - points[:, 0])
     beside = np.abs(points[:, 1]) - outline.half_width
@@ -101,7 +106,7 @@ def drives(driver: str, place: str, n: int) -> list[Drive]:
             sticks[i].append(asked[i])
             rights[i].append(0.5 * float(ranges[i, beams[0]] - ranges[i, beams[1]]))
             if info["at_fault"][i] and not touched[i]:
-                touched[i] = where_touched(ranges[i], laser, chair.footprint)
+                touched[i] = where_touched(seen["laser"][i].astype(float), laser, chair.footprint)
             if terminated[i] or truncated[i]:
                 end = {"success": bool(info["is_success"][i]), "time": float(info["time"][i])}
                 row = np.array(sticks[i])
@@ -145,8 +150,8 @@ def share(of: str, place: str, n: int, *parts: str) -> str:
 
 def rows(n: int) -> list[tuple[str, str, str]]:
     """What was published, by whom, and what the simulated drivers did."""
-    right = [-100.0 * one.right for one in drives("hemineglect", "forward", n)]
-    expert_right = [-100.0 * one.right for one in drives("expert", "forward", n)]
+    left = [-100.0 * one.right for one in drives("hemineglect", "forward", n)]
+    expert_left = [-100.0 * one.right for one in drives("expert", "forward", n)]
     plan = "floor_plan"
     return [
         (
@@ -182,8 +187,8 @@ def rows(n: int) -> list[tuple[str, str, str]]:
         ),
         (
             "with neglect of the left, left of the corridor's middle", "Turton 2009",
-            f"cm to the left: `hemineglect` {interval(right, '{:.1f}')}, `expert` "
-            f"{interval(expert_right, '{:.1f}')}",
+            f"cm to the left: `hemineglect` {interval(left, '{:.1f}')}, `expert` "
+            f"{interval(expert_left, '{:.1f}')}",
         ),
         (
             "a second task makes most unassisted drivers crash", "Carlson and Demiris",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tests.conftest import long_but
 from wheelchair_gym.config import InputError, dump
 from wheelchair_gym.drivers import DRIVERS, driver_spec, intention, make_driver
 from wheelchair_gym.drivers.settings import Driver, Hand, Intention, Perception, ProportionalStick
@@ -44,8 +45,8 @@ def test_each_is_made_and_stored(name):
     assert person["n_signals"] == len(signals)
 
 
-@pytest.mark.long  # tests/laws/test_assisted.py does this with assistants
-@pytest.mark.parametrize("name", DRIVERS)
+# tests/laws/test_assisted.py does this with the others.
+@pytest.mark.parametrize("name", long_but(sorted(DRIVERS), sorted(DRIVERS)[::2]))
 def test_the_same_seed_gives_the_same_drive(name):
     one, env = sticks(name)
     other, _ = sticks(name)

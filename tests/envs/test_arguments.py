@@ -122,7 +122,13 @@ def test_the_real_chair_is_made_with_the_shipped_settings_and_stands_where_it_is
 
 def test_a_shield_that_is_on_keeps_the_settings_of_the_config():
     mine = {"shield": {"person_speed": 1.2}}
-    for switch, speed in ((None, 1.2), (True, 1.2), ({"person_speed": 1.1}, 1.1), (False, None)):
+    for switch, speed in (
+        (None, 1.2),
+        (True, 1.2),
+        (np.True_, 1.2),
+        ({"person_speed": 1.1}, 1.1),
+        (False, None),
+    ):
         made = env_settings(mine, shield=switch).shield
         assert (made and made.person_speed) == speed
     assert env_settings({}, shield=True).shield == env_settings({}, shield={}).shield is not None

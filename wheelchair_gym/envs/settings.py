@@ -184,7 +184,8 @@ def env_settings(
         given["bank"] = BankSettings(size=given["bank"])
     elif isinstance(given.get("bank"), Mapping):
         given["bank"] = load(BankSettings, given["bank"], "bank")
-    if given.get("shield") is True and base.shield is not None:
+    switch = given.get("shield")
+    if isinstance(switch, bool | np.bool_) and switch and base.shield is not None:
         del given["shield"]  # it is on, as the config says
     elif "shield" in given:
         given["shield"] = _shield(given["shield"])

@@ -50,7 +50,8 @@ class ShieldSettings:
     """How long space that the chair has left counts as free."""
     unseen_speed: float = setting(default=0.1, unit="m/s", low=0.08, source="design choice")
     """Greatest speed of the outline into space that no sensor has seen. Below the lower bound a
-    chair would hardly begin to drive: at first, its rear corners count in whatever direction."""
+    chair hardly starts: all around it is unseen, and its rear corners count whichever way they
+    move."""
     person_speed: float = setting(default=1.5, unit="m/s", low=0.0, source="design choice")
     """Greatest speed that a person is expected to reach in any direction."""
     person_acceleration: float = setting(

@@ -167,13 +167,13 @@ def test_a_batch_is_driven_the_same_by_an_assistant_outside_of_it():
             pose_source="modelled", bank={"size": 2, "turnover": 0.0},
         )  # fmt: skip
         helpers = Helpers("slide", env)
-        seen, _ = env.reset(seed=0)
-        begin, stamps, found = np.ones(2, bool), np.zeros(2), []
+        seen, info = env.reset(seed=0)
+        begin, found = np.ones(2, bool), []
         for _ in range(60):
-            actions = np.zeros((2, 2)) if assistant else helpers.actions(seen, begin, stamps)
+            actions = np.zeros((2, 2)) if assistant else helpers.actions(seen, info, begin)
             seen, _, terminated, truncated, info = env.step(actions)
             assert not (terminated | truncated).any()
-            begin, stamps = np.zeros(2, bool), info["time"].astype(float)
+            begin = np.zeros(2, bool)
             found.append(info["pose"].copy())
         env.close()
         return np.array(found)
