@@ -29,6 +29,7 @@ from scipy.stats import binomtest
 
 from agents.assistance import ASSISTANTS, make_assistant
 from agents.assistance.assistant import AssistMission
+from agents.evaluation.assisted import StickTrace
 from agents.evaluation.metrics import wilson
 from tests.attacks import REAR
 from wheelchair_gym.assistance import COMPILED
@@ -52,7 +53,6 @@ ROWS = 25  # of a batch
 FAR = np.full(8, np.inf, np.float32)  # assistants do not look at ultrasonics
 KEY = ("driver", "scene", "assist", "seed", "number")
 TIMES = 4.0  # times the time of `expert` in which a drive has to arrive
-ACTIVE = 0.05  # full speeds: a smaller twist has no direction
 
 
 def driver_of(name: str) -> Any:
@@ -92,26 +92,23 @@ class Helpers:
         return actions
 
 
-def step_sums(sticks: Floats, asked: Floats, given: Floats) -> Floats:
-    """What a step adds to the sums (7, n) of `measures`; twists are in full speeds (n, 2)."""
-    size, off = np.hypot(*asked.T), np.hypot(*(given - asked).T)
-    both = (size > ACTIVE) & (np.hypot(*given.T) > ACTIVE)
-    turn = np.arctan2(*given.T[::-1]) - np.arctan2(*asked.T[::-1])
-    angle = np.abs(np.remainder(turn + math.pi, 2 * math.pi) - math.pi)
-    return np.array(
-        [both * angle, both, off > ACTIVE, size, off, np.hypot(*sticks.T), np.ones(len(size))]
-    )
-
-
-def measures(sums: Floats, distance: float, period: float) -> dict[str, float]:
-    """The measures of a drive, as `agents.evaluation.assisted` defines them; 0 for no direction."""
-    angle, active, changed, size, off, deflection, steps = sums.tolist()
+def measures(trace: StickTrace, steps: int, distance: float) -> dict[str, float]:
+    """Measures of a drive of so many steps and so long a way [m]; no direction is an angle of 0."""
+    found = trace.figures(np.zeros((steps + 1, 2)), distance)
+    angle = found["agreement_angle"]
     return {
-        "angle": angle / active if active else 0.0,
-        "intervention": changed / steps,
-        "authority": off / (size + off) if size + off > 0.0 else 0.0,
-        "effort": deflection * period / max(distance, 0.1),
+        "angle": angle if math.isfinite(angle) else 0.0,
+        "intervention": found["intervention_share"],
+        "authority": found["authority"],
+        "effort": found["stick_effort"],
     }
+
+
+def interval(values: Any) -> tuple[float, float, float]:
+    """A mean and its 95 % interval."""
+    values = np.asarray(values, float)
+    mean, half = values.mean(), 1.96 * values.std(ddof=1) / math.sqrt(len(values))
+    return float(mean), float(mean - half), float(mean + half)
 
 
 def drive(driver: str, scene: str, assistant: str, given: Any) -> list[Any]:
@@ -133,7 +130,9 @@ def drive(driver: str, scene: str, assistant: str, given: Any) -> list[Any]:
     seen, info = env.reset(seed=0)
     begin = np.ones(n, bool)
     number, over, nothing = np.zeros(n, int), np.zeros(n, bool), np.zeros((n, 2))
-    sums, least = np.zeros((7, n)), np.full(n, math.inf)
+    period, least = 1.0 / env.settings.rate, np.full(n, math.inf)
+    traces = [StickTrace(limits, period) for _ in range(n)]
+    steps = np.zeros(n, int)
     contacts: list[list[Any]] = [[] for _ in range(n)]
     found = []
     while (number < episodes).any():
@@ -147,7 +146,9 @@ def drive(driver: str, scene: str, assistant: str, given: Any) -> list[Any]:
         over = terminated | truncated
         twists = info["shield"]["given"] if "shield" in info else asked * full
         least = np.where(drives, np.minimum(least, info["clearance"]), least)
-        sums += drives * step_sums(sticks, asked, twists / full)
+        steps += drives
+        for i in np.flatnonzero(drives).tolist():
+            traces[i].add(Stick(sticks[i, 0], sticks[i, 1], False), twists[i])
         for i in np.flatnonzero(drives & info["at_fault"]).tolist():
             pose = [round(float(x), 3) for x in info["pose"][i]]
             contacts[i].append({
@@ -162,10 +163,11 @@ def drive(driver: str, scene: str, assistant: str, given: Any) -> list[Any]:
                 "driver": driver, "scene": scene, "assist": assistant, "seed": i,
                 "number": int(number[i]), "success": bool(info["is_success"][i]),
                 "time": float(info["time"][i]), "bumped": bool(info["bumped"][i]),
-                **measures(sums[:, i], float(info["distance"][i]), 1.0 / env.settings.rate),
+                **measures(traces[i], int(steps[i]), float(info["distance"][i])),
                 "clearance": float(least[i]), "contacts": contacts[i],
             })  # fmt: skip
-            sums[:, i], least[i], contacts[i] = 0.0, math.inf, []
+            traces[i], steps[i], least[i] = StickTrace(limits, period), 0, math.inf
+            contacts[i] = []
             number[i] += 1
     env.close()
     return found
@@ -278,8 +280,7 @@ def side_by_side(drives: dict[Any, Any], given: argparse.Namespace) -> str:
         other = sum(b["success"] and not a["success"] for a, b in both)
         p = binomtest(alone, alone + other).pvalue if alone + other else 1.0
         logs = np.log([a["time"] / b["time"] for a, b in both if a["success"] and b["success"]])
-        half = 1.96 * logs.std(ddof=1) / math.sqrt(len(logs))
-        ratio, least, most = np.exp(logs.mean() + np.array([0.0, -half, half]))
+        ratio, least, most = np.exp(interval(logs))
         means = [
             np.mean([one[key] for one in of[name]])
             for key in ("angle", "intervention", "authority", "effort")

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from agents.evaluation.assisted import StickTrace
 from agents.evaluation.metrics import wilson
+from tests.benchmarks.assisted_drives import interval
 from wheelchair_gym.envs import NavigationVectorEnv
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.types import Stick
@@ -117,12 +118,10 @@ def drives(driver: str, place: str, n: int) -> list[Drive]:
     return [found[i] for i in range(n)]
 
 
-def interval(values: Any, form: str = "{:.2f}") -> str:
-    """A mean with its 95 % interval."""
-    values = np.asarray(values, float)
-    mean, half = values.mean(), 1.96 * values.std(ddof=1) / math.sqrt(len(values))
-    low, high = form.format(mean - half), form.format(mean + half)
-    return f"{form.format(mean)} ({low} to {high})"
+def centimetres(metres: list[float]) -> str:
+    """A mean [cm] with its 95 % interval."""
+    mean, low, high = (100.0 * value for value in interval(metres))
+    return f"{mean:.1f} ({low:.1f} to {high:.1f})"
 
 
 def ratio(one: str, other: str, place: str, n: int, field: str = "time") -> str:
@@ -134,10 +133,8 @@ def ratio(one: str, other: str, place: str, n: int, field: str = "time") -> str:
     ]
     if len(pairs) < 3:
         return f"only {len(pairs)} pairs arrive"
-    logs = np.array([math.log(a / b) for a, b in pairs])
-    mean, half = logs.mean(), 1.96 * logs.std(ddof=1) / math.sqrt(len(logs))
-    low, high = math.exp(mean - half), math.exp(mean + half)
-    return f"{math.exp(mean):.2f} ({low:.2f} to {high:.2f}; {len(pairs)} pairs)"
+    mean, low, high = np.exp(interval([math.log(a / b) for a, b in pairs]))
+    return f"{mean:.2f} ({low:.2f} to {high:.2f}; {len(pairs)} pairs)"
 
 
 def share(of: str, place: str, n: int, *parts: str) -> str:
@@ -149,9 +146,11 @@ def share(of: str, place: str, n: int, *parts: str) -> str:
 
 
 def rows(n: int) -> list[tuple[str, str, str]]:
-    """What was published, by whom, and what the simulated drivers did."""
-    left = [-100.0 * one.right for one in drives("hemineglect", "forward", n)]
-    expert_left = [-100.0 * one.right for one in drives("expert", "forward", n)]
+    """What was published, its source, and what the simulated drivers did."""
+    left, expert_left = (
+        centimetres([-one.right for one in drives(driver, "forward", n)])
+        for driver in ("hemineglect", "expert")
+    )
     plan = "floor_plan"
     return [
         (
@@ -187,8 +186,8 @@ def rows(n: int) -> list[tuple[str, str, str]]:
         ),
         (
             "with neglect of the left, left of the corridor's middle", "Turton 2009",
-            f"cm to the left: `hemineglect` {interval(left, '{:.1f}')}, `expert` "
-            f"{interval(expert_left, '{:.1f}')}",
+            f"cm to the left: `hemineglect` {left}, `expert` "
+            f"{expert_left}",
         ),
         (
             "a second task makes most unassisted drivers crash", "Carlson and Demiris",

@@ -13,7 +13,7 @@ from agents.evaluation.assisted import MEASURES, StickTrace
 from agents.evaluation.evaluate import episode_env
 from agents.evaluation.figures import unbeaten
 from agents.evaluation.report import terminal_table
-from tests.benchmarks.assisted_drives import Helpers, measures, step_sums
+from tests.benchmarks.assisted_drives import Helpers
 from wheelchair_gym.config import read_json
 from wheelchair_gym.envs import NavigationVectorEnv
 from wheelchair_gym.kinematics import Limits
@@ -140,22 +140,6 @@ def test_a_person_is_simulated_and_recorded(tmp_path, capsys):
     assert "the same rewards" in capsys.readouterr().out
     assert main(["simulate", "--assist", "teleop"]) == 2
     assert "--assist needs --driver" in capsys.readouterr().err
-
-
-def test_the_benchmark_of_batches_measures_alike():
-    rng, full = np.random.default_rng(0), np.array([LIMITS.forward, LIMITS.turn])
-    sticks = rng.uniform(-1.0, 1.0, (200, 2)) * (rng.random((200, 1)) > 0.2)
-    given = np.array([LIMITS.twist_of(*stick) for stick in sticks]) * rng.uniform(
-        0.0, 1.0, (200, 2)
-    )
-    expected = figures([(*stick, False) for stick in sticks], given, length=3.0)
-    sums = np.zeros((7, 1))
-    for stick, twist in zip(sticks, given, strict=True):
-        asked = np.array(LIMITS.twist_of(*stick)) / full
-        sums += step_sums(stick[None], asked[None], twist[None] / full)
-    found = measures(sums[:, 0], 3.0, PERIOD)
-    names = ("agreement_angle", "intervention_share", "authority", "stick_effort")
-    assert list(found.values()) == pytest.approx([expected[name] for name in names])
 
 
 def test_a_batch_is_driven_the_same_by_an_assistant_outside_of_it():
