@@ -22,6 +22,8 @@ ASSISTANTS: Final = Registry(
         "hindsight": "agents.assistance.hindsight:Hindsight",
         "hypotheses": "agents.assistance.hypotheses:Hypotheses",
         "manoeuvre": "agents.assistance.manoeuvre:Manoeuvre",
+        "ppo_assist": "agents.assistance.learned:PpoAssist",
+        "residual": "agents.assistance.learned:Residual",
     },
     group="wheelchair_gym.assistants",
     needs=("make", "assist"),
@@ -33,12 +35,12 @@ def make_assistant(spec: str | Mapping[str, Any] | Any) -> Any:
 
     Args:
         spec: a name, `{"name": name, **settings}`, or settings that have `make()`; `module:Class`
-            names somebody's class.
+            names somebody's class, and FILE.npz the weights of a learned assistant.
 
     Raises:
         InputError: the name is unknown (the message lists those known) or a setting is wrong.
     """
-    found = spec if hasattr(spec, "make") else ASSISTANTS.make(spec)
+    found = _settings(spec)
     if COMPILED.name_of(found) is not None:
         return CompiledAssistant(found)
     return found.make() if hasattr(found, "make") else found
@@ -46,5 +48,10 @@ def make_assistant(spec: str | Mapping[str, Any] | Any) -> Any:
 
 def is_shielded(spec: str | Mapping[str, Any] | Any) -> bool:
     """Whether an assistant is driven behind the shield: all are, but for the bare stick."""
-    found = spec if hasattr(spec, "make") else ASSISTANTS.make(spec)
-    return bool(getattr(found, "shielded", True))
+    return bool(getattr(_settings(spec), "shielded", True))
+
+
+def _settings(spec: str | Mapping[str, Any] | Any) -> Any:
+    if isinstance(spec, str) and spec.endswith(".npz"):
+        spec = {"name": "residual", "weights": spec}  # which adds to the base that the file names
+    return spec if hasattr(spec, "make") else ASSISTANTS.make(spec)

@@ -101,7 +101,8 @@ def assistants(names: Sequence[str] | None) -> list[dict[str, Any]]:
     found = []
     for name in names or ASSISTANTS:
         assist = spec(name)
-        policy: dict[str, Any] = {"name": "assisted", "assist": assist, "label": Path(name).name}
+        shown = name if name.endswith(".npz") else Path(name).name
+        policy: dict[str, Any] = {"name": "assisted", "assist": assist, "label": shown}
         found.append(policy if is_shielded(assist) else {**policy, "env": {"shield": False}})
     return found
 

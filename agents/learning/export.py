@@ -49,8 +49,8 @@ def export_onnx(weights: Weights, path: str | Path) -> dict[str, Any]:
     (n, units).
 
     Raises:
-        InputError: onnx is not installed, a file cannot be written, or the weights are not of a
-            chair with one laser and with ultrasonics.
+        InputError: onnx is not installed, a file cannot be written, or the weights are an
+            assistant's, or of a chair that has not one laser and ultrasonics.
     """
     try:
         import onnx
@@ -59,6 +59,8 @@ def export_onnx(weights: Weights, path: str | Path) -> dict[str, Any]:
     layout, arrays = weights.layout, weights.arrays
     env = load(EnvSettings, weights.card["env"], "weights: env")
     sizes = {key: n for key, n in layout.sizes if key not in PRIVILEGED}
+    if weights.is_assistant:
+        raise InputError("export: expected a policy's weights; these are an assistant's")
     lasers, beams, limits = env.sensors.lasers, env.sensors.beams, env.chair.limits
     if len(lasers) != 1 or not env.sensors.ultrasonic.mounted:
         raise InputError("export: expected one laser, and ultrasonics; the weights have others")

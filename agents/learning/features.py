@@ -17,7 +17,9 @@ Floats = NDArray[np.float32]
 RANGE_SCALE, RANGE_SHIFT = 0.6, 0.1  # a range r [m] becomes 0.6 ln(r + 0.1)
 GOAL_RANGE = 10.0  # m: the goal's distance is clipped to this
 GOAL_PROXIMITY_WEIGHT = 2.0  # weight of exp(-distance to the goal)
-SCALED = ("twist", "goal", "action", "shield", "path", "side_clearance", "trail")  # with a factor
+SCALED = (  # keys with a factor
+    "twist", "goal", "stick", "action", "shield", "path", "side_clearance", "trail",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -65,13 +67,14 @@ class Layout:
     @property
     def actor_size(self) -> int:
         """Features that an actor gets."""
-        return self.size - self.privileged_size + 1  # the goal's distance gives two
+        twice = int(self.slice_of("goal").stop > 0)  # the goal's distance gives two
+        return self.size - self.privileged_size + twice
 
     @property
     def scales(self) -> Floats:
         """Factors of the keys of SCALED (n,), without the distance of the goal."""
         parts = [self._scale(key) for key in SCALED]
-        parts[SCALED.index("goal")].pop()
+        del parts[SCALED.index("goal")][:1]
         return np.concatenate(parts).astype(np.float32)
 
     @property
@@ -89,7 +92,8 @@ class Layout:
     def scaled_indices(self) -> NDArray[np.int64]:
         """The places of the numbers of `scales` in a flat observation."""
         each = {key: self.slice_of(key) for key in SCALED}
-        each["goal"] = slice(each["goal"].start + 1, each["goal"].stop)
+        goal = each["goal"]
+        each["goal"] = slice(min(goal.start + 1, goal.stop), goal.stop)
         return np.concatenate([np.arange(at.start, at.stop) for at in each.values()])
 
 
@@ -99,12 +103,9 @@ def features(xp: Any, flat: Any, layout: Layout, scaled: Any, scales: Any) -> An
     `scaled` and `scales` are `layout.scaled_indices` and `layout.scales`, as arrays of `xp`.
     """
     ranges = flat[:, : layout.ranges_size]
-    goal = layout.slice_of("goal").start
-    far = flat[:, goal : goal + 1]
-    parts = [
-        RANGE_SCALE * xp.log(ranges + RANGE_SHIFT),
-        flat[:, scaled] * scales,
-        far.clip(None, GOAL_RANGE) / GOAL_RANGE,
-        GOAL_PROXIMITY_WEIGHT * xp.exp(-far),
-    ]
+    parts = [RANGE_SCALE * xp.log(ranges + RANGE_SHIFT), flat[:, scaled] * scales]
+    goal = layout.slice_of("goal")
+    if goal.stop:
+        far = flat[:, goal.start : goal.start + 1]
+        parts += [far.clip(None, GOAL_RANGE) / GOAL_RANGE, GOAL_PROXIMITY_WEIGHT * xp.exp(-far)]
     return xp.concatenate(parts, -1)

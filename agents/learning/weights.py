@@ -28,7 +28,8 @@ FORMAT = 1
 MOST_ARRAYS = 64  # in a file
 MOST_SIZE = 100_000  # numbers of one key of an observation
 _KINDS = (np.dtype(np.float32), np.dtype(np.uint8))  # of numbers, and of card and digest
-SHIPPED = Path(__file__).resolve().parents[1] / "data" / "weights"
+SHIPPED = Path(__file__).resolve().parents[1] / "data" / "weights"  # of policies
+SHIPPED_ASSISTANTS = SHIPPED.parent / "assistants"
 
 _KEYS = SIZES.names or ()  # that an observation may have
 
@@ -48,6 +49,11 @@ class Weights:
     def layout(self) -> Layout:
         """The layout of its observations."""
         return Layout.of_card(self.card)
+
+    @property
+    def is_assistant(self) -> bool:
+        """Whether they assist a person, whose stick they observe in place of a goal."""
+        return "stick" in dict(self.layout.sizes)
 
     @property
     def lstm_size(self) -> int:
@@ -242,8 +248,9 @@ def check_card(card: dict[str, Any]) -> None:
         raise ValueError("layout.sizes is no list of observation keys and their sizes")
     keys = [key for key, _ in sizes]
     # A chair may have neither laser nor ultrasonics.
-    begin = [key for key in _KEYS[:4] if key in keys or key in ("twist", "goal")]
-    if len(set(keys)) < len(keys) or keys[: len(begin)] != begin:
+    aim = "stick" if "stick" in keys else "goal"  # an assistant's weights, or a policy's
+    begin = [key for key in (*_KEYS[:3], aim) if key in keys or key in ("twist", aim)]
+    if len(set(keys)) < len(keys) or keys[: len(begin)] != begin or {"goal", "stick"} <= set(keys):
         expected = ", ".join(begin)
         raise ValueError(f"layout.sizes names a key twice, or does not begin with {expected}")
     if not isinstance(layout.get("path_has_heading"), bool):
@@ -289,8 +296,17 @@ def _check_arrays(weights: Weights) -> None:
 
 
 def shipped() -> dict[str, Path]:
-    """The weights that the package ships, by name."""
-    return {path.stem: path for path in sorted(SHIPPED.glob("*.npz"))}
+    """The policies' weights that the package ships, by name."""
+    return _files(SHIPPED)
+
+
+def shipped_assistants() -> dict[str, Path]:
+    """The assistants' weights that the package ships, by name."""
+    return _files(SHIPPED_ASSISTANTS)
+
+
+def _files(folder: Path) -> dict[str, Path]:
+    return {path.stem: path for path in sorted(folder.glob("*.npz"))}
 
 
 def find_weights(name: str) -> Path:
@@ -299,9 +315,10 @@ def find_weights(name: str) -> Path:
     Raises:
         InputError: there are no weights of that name.
     """
-    if name in shipped():
-        return shipped()[name]
+    known = shipped() | shipped_assistants()
+    if name in known:
+        return known[name]
     if name.endswith((".npz", ".onnx")):
         return Path(name)
-    known = ", ".join(shipped()) or "none"
-    raise InputError(f"weights {name!r} are unknown; shipped: {known}; or a file .npz or .onnx")
+    names = ", ".join(known) or "none"
+    raise InputError(f"weights {name!r} are unknown; shipped: {names}; or a file .npz or .onnx")

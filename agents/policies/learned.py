@@ -5,8 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -15,13 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.control.unknown_space import BEYOND
-from agents.learning.features import Layout
-from agents.learning.weights import Network, find_weights, load_weights
-from wheelchair_gym.config import InputError, load, setting, settings
+from agents.learning.weights import SHIPPED_ASSISTANTS, find_weights
+from agents.policies.trained import Trained, read_network
+from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.envs.guidance import make_guidance
 from wheelchair_gym.envs.settings import EnvSettings
 from wheelchair_gym.files import modified, read_bytes
-from wheelchair_gym.migration import migrated
 from wheelchair_gym.task.prepared_episode import PreparedEpisode
 from wheelchair_gym.task.task import Task
 from wheelchair_gym.types import Command, Episode, Mission, Reading, Shown
@@ -29,7 +27,6 @@ from wheelchair_gym.types import Command, Episode, Mission, Reading, Shown
 Floats = NDArray[np.float32]
 
 UPDATE_PERIOD = 1.0  # s between two updates from a map that grows
-_ELSE = "; give the settings of the chair that it was trained with (--config)"
 SLACK = 4.0  # s: until then the chair may have strayed so far from the path
 
 
@@ -59,13 +56,14 @@ class Learned:
             InputError: there are no such weights, or they are incomplete.
         """
         path = self._file()
-        if path.suffix == ".onnx":
-            from agents.learning.export import OnnxNetwork
-
-            onnx = OnnxNetwork(path)
-            return LearnedDriver(onnx, onnx.card, "h" in onnx.card["inputs"])
-        weights = load_weights(path)
-        return LearnedDriver(Network(weights), weights.card, weights.lstm_size > 0)
+        network, card, remembers = read_network(path)
+        made = LearnedDriver(network, card, remembers)
+        if "stick" in dict(made.layout.sizes):
+            raise InputError(
+                f"{path}: weights of an assistant, which needs a person: --driver NAME --assist "
+                f"{path.stem if path.parent == SHIPPED_ASSISTANTS else path}"
+            )
+        return made
 
 
 @cache
@@ -95,62 +93,27 @@ def weights_digest(spec: Any) -> str | None:
     return file_digest(path)
 
 
-class LearnedDriver:
-    """Observes as in training, by the same task and guidance, and acts as often.
-
-    `observation` is the flat observation (n,) that its last action is for.
-    """
-
-    def __init__(
-        self, network: Callable[[Floats], Floats], card: Mapping[str, Any], remembers: bool
-    ) -> None:
-        self.network: Any = network
-        self.remembers = remembers
-        self._env = load(EnvSettings, migrated(card["env"]), "weights: env")
-        self.layout = Layout.of_card(card)
-        self.card = card
+class LearnedDriver(Trained):
+    """Observes as in training, by the same task and guidance, and acts as often."""
 
     def reset(self, mission: Mission) -> None:
         """See `Policy.reset`."""
-        env = self._env
-        period = 1.0 / env.rate
-        self._hold = max(1, round(period / mission.period))
-        if not math.isclose(self._hold * mission.period, period, rel_tol=1e-6):
-            raise InputError(
-                f"the policy acts at {env.rate:g} Hz; a control period of {mission.period:g} s is "
-                "no whole part of that"
-            )
-        sizes, sensors = dict(self.layout.sizes), mission.sensors
-        if len(sensors.ultrasonic.mounted) != sizes.get("ultrasonic", 0):
-            raise InputError(
-                f"the policy was trained with other ultrasonics than this chair has{_ELSE}"
-            )
-        if len(sensors.lasers) != len(env.sensors.lasers):
-            raise InputError(f"the policy was trained with other lasers than this chair has{_ELSE}")
+        env = self.env
+        period = self.prepare(mission.sensors, mission.period)
         shown = "path" in dict(self.layout.sizes)
         task = dataclasses.replace(env.task, privileged=False, aim="goal")
         self._mission = mission
-        self.observation: Floats | None = None
         # The chair is the mission's; it is observed as in training.
         spec = env.guidance
         if self.layout.path_has_heading:
             slack = SLACK if mission.map is None else None
             spec = {"call": "poses", "ways": _ways(env), "max_detour": slack}
         guidance = make_guidance(spec) if shown else None
-        period = self._hold * mission.period
-        self._task = Task(task, mission.chair, mission.sensors, period, guidance)
-        for key, box in self._task.spaces.items():
-            if sizes.get(key, box.shape[0]) != box.shape[0]:
-                raise InputError(
-                    f"the policy was trained with {sizes[key]} numbers of {key}; this chair's "
-                    f"sensors give {box.shape[0]}{_ELSE}"
-                )
-        self.network.reset(1)
-        self._intervention = np.zeros(2)
-        self._steps, self._updated = 0, 0.0
+        self.take(Task(task, mission.chair, mission.sensors, period, guidance))
+        self._updated = 0.0
         self._grows = mission.map is None and guidance is not None
         first = mission.reading
-        self._task.begin(self._prepare(first), first, mission.key, mission.is_shielded)
+        self.task.begin(self._prepare(first), first, mission.key, mission.is_shielded)
 
     def _prepare(self, reading: Reading) -> PreparedEpisode:
         """The episode from where the chair is, on the map as it is now."""
@@ -161,26 +124,17 @@ class LearnedDriver:
         if mission.map is None:  # the path may lead beyond what is drawn
             grid = grid.extended_to(np.stack([pose[:2], goal[:2]]), BEYOND)
         episode = Episode(grid, pose, goal, tolerance=mission.tolerance)
-        return self._task.prepare(episode)
+        return self.task.prepare(episode)
 
     def act(self, reading: Reading) -> Command:
         """See `Policy.act`."""
-        self._intervention += np.divide(reading.shield_intervention, self._hold)
-        if self._steps % self._hold == 0:
+        if self.is_due(reading):
             if self._grows and reading.stamp - self._updated >= UPDATE_PERIOD:
                 self._updated = reading.stamp
-                self._task.replace_prepared(self._prepare(reading))
-            # The twist driven may be less than commanded: `deploy` begins slowly.
-            less = float(self._intervention[0]), float(self._intervention[1])
-            self._intervention[:] = 0.0
-            seen = self._task.assess(reading, reading.action, less)
-            self.observation = np.concatenate(
-                [seen[key] for key, _ in self.layout.sizes if key in seen]
-            )
-            action = self.network(self.observation[None])[0].astype(np.float64)
-            shown = Shown(self._task.path)
+                self.task.replace_prepared(self._prepare(reading))
+            action = self.action(reading)
+            shown = Shown(self.task.path)
             self._command = Command.from_action(action, self._mission.limits, shown)
-        self._steps += 1
         return self._command
 
 

@@ -127,16 +127,18 @@ class Drive:
         """Let another assistant help from now on.
 
         Raises:
-            InputError: it is driven with a shield and this one is not, or the other way round.
+            InputError: it is driven with a shield and this one is not, or the other way round; or
+                it does not fit the chair. The assistant of before goes on.
         """
         if is_shielded(name) != is_shielded(self.order.assist):
             raise InputError(f"assistant {name}: expected a new drive, since the shield changes")
         world = self._world
-        self._assistant = make_assistant(name)
+        assistant = make_assistant(name)
         mission = AssistMission(world.settings.chair, world.settings.sensors, world.task.period)
-        self._assistant.reset(mission)
-        self._assistant.assist(_NOTHING, world.reading, world.task.map)  # compiled before it drives
-        self._assistant.reset(mission)
+        assistant.reset(mission)
+        assistant.assist(_NOTHING, world.reading, world.task.map)  # compiled before it drives
+        assistant.reset(mission)
+        self._assistant = assistant
         self.order = dataclasses.replace(self.order, assist=name)
 
     def set_hand(self, name: str) -> None:

@@ -2,7 +2,7 @@
 
 `python -m tests.benchmarks.assisted_drives [--drivers A,B] [--scenes A,B] [--assist A,B] [--drives
 N]`: each driver drives N times in each scene with each assistant, with all noise of sensors, and
-chairs drawn anew. Every drive is a line of `--out`, and one that stands there is not driven again,
+chairs drawn anew. A scene is one of `SCENES` or a course of driving skills. Every drive is a line of `--out`, and one that stands there is not driven again,
 so that a run that was ended goes on. Then tables: success, contacts that the chair caused at more
 than 0.05 m/s, and times by driver; a line for each such contact; and assistants side by side.
 
@@ -36,6 +36,7 @@ from wheelchair_gym.assistance import COMPILED
 from wheelchair_gym.config import dump
 from wheelchair_gym.drivers import DRIVERS, make_driver
 from wheelchair_gym.envs import NavigationVectorEnv
+from wheelchair_gym.scenes.skill import COURSES
 from wheelchair_gym.types import Reading, Stick
 
 SCENES = {
@@ -49,8 +50,7 @@ SCENES = {
 }  # fmt: skip
 Floats = NDArray[np.float64]
 
-ROWS = 25  # of a batch
-FAR = np.full(8, np.inf, np.float32)  # assistants do not look at ultrasonics
+NEW = np.zeros(8, np.float32)  # s: age of ultrasonic ranges, which no assistant looks at
 KEY = ("driver", "scene", "assist", "seed", "number")
 TIMES = 4.0  # times the time of `expert` in which a drive has to arrive
 
@@ -67,28 +67,42 @@ def with_expert(name: str) -> str:
     return "expert" if same else f"expert@{name}"
 
 
+def ranges(seen: Floats, reach: Any) -> NDArray[np.float32]:
+    """Ranges of a reading from observed ones."""
+    found = np.where(seen >= reach, np.inf, seen)
+    return np.where(found <= 0.0, -np.inf, found).astype(np.float32)  # too near
+
+
 class Helpers:
     """Assistants of n rows that are not compiled: they see what a row observes."""
 
     def __init__(self, name: str, env: NavigationVectorEnv) -> None:
         self._env, self._limits = env, env.settings.chair.limits
         self._helpers = [make_assistant(name) for _ in range(env.num_envs)]
+        self._given = np.zeros((env.num_envs, 2))
+        self._reaches = np.array([m.reach for m in env.settings.sensors.ultrasonic.models])
 
     def actions(self, seen: Any, info: Any, begin: NDArray[np.bool_]) -> Floats:
         """Actions (n, 2) for what rows see, with their info; some begin an episode."""
         s, actions = self._env.settings, np.zeros((len(self._helpers), 2))
-        scans = np.where(seen["laser"] >= s.sensors.laser.reach, np.inf, seen["laser"])
-        scans = np.where(scans <= 0.0, -np.inf, scans).astype(np.float32)  # too near
+        scans = ranges(seen["laser"], s.sensors.laser.reach)
+        echoes = ranges(seen["ultrasonic"], self._reaches)
+        self._given[begin] = 0.0
+        less = np.array([self._limits.twist(each) for each in self._given])
+        less = less - info["shield"]["given"] if "shield" in info else 0.0 * less
+        less[begin] = 0.0
         for i, helper in enumerate(self._helpers):
             if begin[i]:
                 helper.reset(AssistMission(s.chair, s.sensors, 1.0 / s.rate))
             forward, left, latched = seen["stick"][i, :3].astype(float).tolist()
             reading = Reading(
-                info["pose_estimate"][i].copy(), seen["twist"][i].astype(float), scans[i], FAR, FAR,
-                False, 24.0, 0.0 if begin[i] else float(info["time"][i]),
+                info["pose_estimate"][i].copy(), seen["twist"][i].astype(float), scans[i],
+                echoes[i], NEW, False, 24.0, 0.0 if begin[i] else float(info["time"][i]), "",
+                tuple(self._given[i].tolist()), tuple(less[i].tolist()),
             )  # fmt: skip
             twist = helper.assist(Stick(forward, left, latched > 0.5), reading, None)
             actions[i] = self._limits.action(twist)
+        self._given[:] = actions
         return actions
 
 
@@ -111,11 +125,16 @@ def interval(values: Any) -> tuple[float, float, float]:
     return float(mean), float(mean - half), float(mean + half)
 
 
+def scene_of(name: str) -> Any:
+    """The scene of a name: one of SCENES, or a course."""
+    return {"name": "skill", "course": name} if name in COURSES else SCENES[name]
+
+
 def drive(driver: str, scene: str, assistant: str, given: Any) -> list[Any]:
     """All drives of a driver in a scene: of each row the first episodes, each as a record."""
-    n, episodes = ROWS, given.drives // ROWS
+    n, episodes = given.rows, given.drives // given.rows
     env = NavigationVectorEnv(
-        n, scene=SCENES[scene], driver=driver_of(driver),
+        n, scene=scene_of(scene), driver=driver_of(driver),
         assistant=assistant if assistant in COMPILED else None,
         shield=assistant != "direct", num_threads=1, randomize=True, pose_source="modelled",
         bank={"size": given.worlds, "turnover": 0.0, "cache": given.cache},
@@ -187,7 +206,7 @@ def run(given: argparse.Namespace) -> dict[Any, Any]:
         names = list(dict.fromkeys([*(with_expert(name) for name in names), *names]))
     asked: dict[Any, Any] = {}
     for scene, assistant, driver in product(given.scenes, given.assist, names):
-        rows = product(range(ROWS), range(given.drives // ROWS))
+        rows = product(range(given.rows), range(given.drives // given.rows))
         keys = [(driver, scene, assistant, *row) for row in rows]
         if not all(key in stored for key in keys):
             made = drive(driver, scene, assistant, given)
@@ -198,7 +217,7 @@ def run(given: argparse.Namespace) -> dict[Any, Any]:
         asked |= driven
         arrived = sum(one["success"] for one in driven.values())
         hits = sum(bool(one["contacts"]) for one in driven.values())
-        line = f"{scene:<11}{assistant:<11}{driver:<24}{arrived:>5} of {len(driven)}"
+        line = f"{scene:<17}{assistant:<11}{driver:<24}{arrived:>5} of {len(driven)}"
         print(f"{line}, caused contacts in {hits}", file=sys.stderr, flush=True)
     return asked
 
@@ -303,11 +322,12 @@ def main() -> int:
     """Drive, and print tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--drivers", type=names, default=list(DRIVERS))
-    parser.add_argument("--scenes", type=names, default=list(SCENES))
+    text = f"{', '.join(SCENES)}, or courses: {', '.join(COURSES)}"
+    parser.add_argument("--scenes", type=names, default=list(SCENES), help=text)
     parser.add_argument("--assist", type=names, default=["shared_dwa"], help=", ".join(ASSISTANTS))
-    parser.add_argument(
-        "--drives", type=int, default=75, help=f"of a driver in a scene; a multiple of {ROWS}"
-    )
+    text = "of a driver in a scene; a multiple of --rows"
+    parser.add_argument("--drives", type=int, default=75, help=text)
+    parser.add_argument("--rows", type=int, default=25, help="of a batch")
     parser.add_argument("--worlds", type=int, default=120, help="of a scene, which drives share")
     parser.add_argument("--cache", default="runs/assisted_drives/worlds", help="folder of worlds")
     text = "of the time limit, for slow interfaces; use another --out"
@@ -317,8 +337,11 @@ def main() -> int:
     parser.add_argument("--out", default="runs/assisted_drives/drives.jsonl")
     parser.add_argument("--no-expert", action="store_true", help="no drives of expert beside")
     given = parser.parse_args()
-    if given.drives < ROWS or given.drives % ROWS:
-        parser.error(f"--drives is {given.drives}; expected a multiple of {ROWS}")
+    if given.rows < 1 or given.drives < given.rows or given.drives % given.rows:
+        parser.error(f"--drives is {given.drives}; expected a multiple of --rows, {given.rows}")
+    for name in given.scenes:
+        if name not in SCENES and name not in COURSES:
+            parser.error(f"--scenes: {name!r} is neither of {', '.join(SCENES)} nor a course")
     os.makedirs(given.cache, exist_ok=True)
     found = run(given)
     print(tables(found, given))

@@ -16,9 +16,9 @@ from tests.conftest import long_but
 from tests.copies import differences
 from tests.envs.test_vector import NEXT, SAME, assert_same, compare
 from wheelchair_gym.assistance import COMPILED
-from wheelchair_gym.config import InputError
+from wheelchair_gym.config import InputError, dump, load
 from wheelchair_gym.drivers import DRIVERS
-from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
+from wheelchair_gym.envs import EnvSettings, NavigationEnv, NavigationVectorEnv
 
 ID = "wheelchair_gym/AssistedNavigation-v0"
 SMALL = {"scene": "clutter", "beams": 32}
@@ -227,3 +227,30 @@ def test_a_person_needs_a_simulated_chair_and_no_unknown_map():
         NavigationEnv(**SMALL, driver="expert", pose_source="slam")
     with pytest.raises(InputError, match="did you mean expert"):
         NavigationEnv(**SMALL, driver="expret")
+
+
+PEOPLE = ["novice", "sip_and_puff", {"name": "expert", "hand": {"tremor": 0.2}}]
+
+
+def test_each_episode_draws_one_of_several_people():
+    """Rows are single environments, all people drive, and each drives as if alone."""
+    compare(SAME, 2, n=4, steps=60, config=SHORT, driver=PEOPLE, **BANK)
+    several, drawn = NavigationEnv(**SMALL, driver=PEOPLE), set()
+    for seed in range(12):
+        several.reset(seed=seed)
+        person = several.drivers.driver
+        drawn.add(several.drivers.people.index(person))
+        assert several.labels["interface"] == person.interface.kind
+        if seed < 3:
+            alone = NavigationEnv(**SMALL, driver=person)
+            alone.reset(seed=seed)
+            for _ in range(30):
+                ours, theirs = several.step(np.zeros(2)), alone.step(np.zeros(2))
+                assert not list(differences(ours, theirs))
+    assert drawn == {0, 1, 2}
+    stored = load(EnvSettings, dump(several.settings), "env")
+    assert stored == several.settings
+    with pytest.raises(InputError, match="empty list"):
+        NavigationEnv(**SMALL, driver=[])
+    with pytest.raises(InputError, match="did you mean novice"):
+        NavigationEnv(**SMALL, driver=["novic"])

@@ -173,6 +173,7 @@ class Assistants:
         self.pointers = Pointers(np.zeros(1, ASSISTANTS), ASSISTANTS_TARGETS)
         self.pointers.record["n"] = len(self.states)
         self._kind = STICK if method is None else KINDS[type(method)]
+        self._limits = chair.limits
         if method is not None:
             free = freedom if freedom is not None else freedom_of(method)
             constants = constants_of(_RECORD, self._kind, method, free, chair, sensors, period)
@@ -192,9 +193,10 @@ class Assistants:
             reading.twist, float(reading.stamp),
         )  # fmt: skip
 
-    def twist(self) -> Array:
-        """The only row's twist (2,) [m/s, rad/s]."""
-        return np.array(assisted_twist(0, self.pointers.record, 0.0, 0.0))
+    def twist(self, residual: tuple[float, float] = (0.0, 0.0)) -> Array:
+        """The only row's twist (2,) [m/s, rad/s], with that of a residual action; clipped."""
+        more = self._limits.twist_of(*residual)
+        return np.array(assisted_twist(0, self.pointers.record, *more))
 
     def action(self, residual: tuple[float, float]) -> tuple[float, float]:
         """The action that asks for the only row's twist and for a residual action's; clipped."""

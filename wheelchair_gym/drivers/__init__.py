@@ -11,7 +11,7 @@ from wheelchair_gym.drivers.settings import Driver, interface_of
 from wheelchair_gym.errors import shorten
 from wheelchair_gym.registry import Registry, in_module
 
-__all__ = ["DRIVERS", "driver_spec", "make_driver"]
+__all__ = ["DRIVERS", "driver_spec", "make_driver", "make_drivers"]
 
 # What each name gives when it is called, without arguments: a `Driver`.
 DRIVERS: Final = Registry(
@@ -48,6 +48,31 @@ def make_driver(spec: str | Mapping[str, Any] | Driver) -> Driver:
     if isinstance(interface, Mapping) and interface.get("kind", kept) != kept:
         values["interface"] = interface_of(interface)  # nothing of the person's is kept
     return load(Driver, values, f"driver {name}", made)
+
+
+def make_drivers(spec: Any) -> tuple[Driver, ...]:
+    """The simulated people of whom each episode draws one; none for None.
+
+    Args:
+        spec: what `make_driver` takes, or a list of that; None: nobody drives.
+
+    Raises:
+        InputError: the list is empty, a name is unknown, or a setting is wrong.
+    """
+    if spec is None:
+        return ()
+    if not isinstance(spec, list | tuple):
+        return (make_driver(spec),)
+    if not spec:
+        raise InputError("driver is an empty list; expected people of whom each episode draws one")
+    return tuple(make_driver(one) for one in spec)
+
+
+def drivers_spec(spec: Any) -> Any:
+    """What `make_drivers` takes, as settings are stored: names, mappings, or a list of them."""
+    if isinstance(spec, list | tuple):
+        return [drivers_spec(one) for one in spec]
+    return spec if spec is None or isinstance(spec, str) else driver_spec(spec)
 
 
 def driver_spec(driver: Mapping[str, Any] | Driver) -> dict[str, Any]:

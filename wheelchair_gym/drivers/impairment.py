@@ -90,7 +90,7 @@ class LiveInput:
         self._constants = constants_of(driver, chair, sensors, period)
         self._state: Any = np.zeros(1, DRIVER)
         self._pointers = Pointers(np.zeros(1, DRIVERS), DRIVERS_TARGETS)
-        self._pointers.record["n"] = 1
+        self._pointers.record["n"] = self._pointers.record["people"] = 1
         self._pointers.point("constants", self._constants)
         self._pointers.point("drivers", self._state)
         self._pressed = False

@@ -79,6 +79,7 @@ CONSTANTS = np.dtype(
 DRIVER = np.dtype(
     [
         ("key", "u8"),  # of the episode's randomness
+        ("person", "i8"),  # who drives: place of the constants
         ("tick", "i8"),  # since reset
         ("clock", "f8"),  # s since reset
         # the decision
@@ -128,7 +129,8 @@ DRIVER = np.dtype(
 # People by address, as the shield's rows.
 DRIVERS, DRIVERS_TARGETS = pointer_record(
     ("n", "i8"),  # 0: nobody drives
-    ("constants", Target(CONSTANTS, 1)),
+    ("people", "i8"),  # of whom one drives in an episode
+    ("constants", Target(CONSTANTS, None)),
     ("drivers", Target(DRIVER, None)),
 )
 _constants_at, _drivers_at, _SIZE = rows_of(CONSTANTS), rows_of(DRIVER), DRIVER.itemsize
@@ -138,7 +140,8 @@ _constants_at, _drivers_at, _SIZE = rows_of(CONSTANTS), rows_of(DRIVER), DRIVER.
 def driver_row(drivers: Any, i: int) -> Any:
     """The records of row i: who drives, and its state; drivers: (1,) of DRIVERS."""
     rows = drivers[0]
-    return _constants_at(rows.constants, 1)[0], _drivers_at(rows.drivers, rows.n)[i]
+    d = _drivers_at(rows.drivers, rows.n)[i]
+    return _constants_at(rows.constants, rows.people)[d.person], d
 
 
 @inlined

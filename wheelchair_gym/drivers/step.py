@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,8 @@ from wheelchair_gym.drivers.state import (
     driver_row,
 )
 from wheelchair_gym.physics.settings import ChairSettings
+from wheelchair_gym.random import DRIVERS as CHANNEL
+from wheelchair_gym.random import uniform
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.task.prepared_episode import PreparedEpisode
 from wheelchair_gym.types import Stick
@@ -29,11 +32,15 @@ from wheelchair_gym.types import Stick
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 
+WHO = 400  # index of the draw of who drives, in the channel of drivers; apart from all others
+
 
 @borrowing_kernel
 def begin_driver(i: int, drivers: Any, key: np.uint64) -> None:
-    """Let row i's person rest at the start of an episode; drivers: (1,) of DRIVERS."""
+    """Let one of the people drive row i, who rests at first; drivers: (1,) of DRIVERS."""
     _, d = driver_row(drivers, i)
+    people = drivers[0].people
+    d.person = min(people - 1, int(people * uniform(key, 0, CHANNEL, WHO)))
     begin_signal(d, key)
     begin_intention(d)
 
@@ -79,36 +86,40 @@ def begin_first_driver(drivers: Any, key: np.uint64) -> None:
 
 
 class Drivers:
-    """The people who drive n chairs; of nobody, no rows.
+    """The people who drive n chairs, one of them in each episode; of nobody, no rows.
 
     A copy, by `copy.deepcopy` or `pickle`, goes on as the original does, to the bit.
 
     Attributes:
-        driver: the person's settings; None: nobody drives.
+        people: settings of those of whom an episode draws one; empty: nobody drives.
         states: (n,) of DRIVER.
         pointers: to them, a record (1,) of DRIVERS.
     """
 
     def __init__(
         self,
-        driver: Driver | None,
+        people: Sequence[Driver],
         chair: ChairSettings,
         sensors: SensorSettings,
         period: float,
         n: int = 1,
     ) -> None:
-        self.driver = driver
-        self.states = np.zeros(0 if driver is None else n, DRIVER)
+        self.people = tuple(people)
+        self.states = np.zeros(n if people else 0, DRIVER)
         self.pointers = Pointers(np.zeros(1, DRIVERS), DRIVERS_TARGETS)
-        self.pointers.record["n"] = len(self.states)
-        constants = np.zeros(1, CONSTANTS)
-        if driver is not None:
-            constants = constants_of(driver, chair, sensors, period)
-        self.pointers.point("constants", constants)
+        self.pointers.record["n"], self.pointers.record["people"] = len(self.states), len(people)
+        constants = [np.zeros(0, CONSTANTS)]
+        constants += [constants_of(one, chair, sensors, period) for one in people]
+        self.pointers.point("constants", np.concatenate(constants))
         self.pointers.point("drivers", self.states)
 
+    @property
+    def driver(self) -> Driver | None:
+        """Who drives the only row in this episode; None: nobody does."""
+        return self.people[int(self.states["person"][0])] if self.people else None
+
     def begin(self, key: int) -> None:
-        """Let the person of the only row rest at the start of an episode with a key."""
+        """Let one of the people drive the only row in an episode with a key, and rest at first."""
         if len(self.states):
             begin_first_driver(self.pointers.record, np.uint64(key))
 

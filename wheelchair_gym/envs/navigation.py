@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.config import InputError
-from wheelchair_gym.drivers import make_driver
+from wheelchair_gym.drivers import make_drivers
 from wheelchair_gym.drivers.step import Drivers
 from wheelchair_gym.envs.batch import is_unshielded
 from wheelchair_gym.envs.drawing import EpisodeRenderer
@@ -133,9 +133,9 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
                 - shield: true, or a mapping of its settings: only what it allows is driven
                   (`wheelchair_gym.safety`). True: as in the config, if it has one. None: off in
                   simulation, on for a real chair by name;
-                - driver: a simulated person who drives (`wheelchair_gym.drivers`), a name or a
-                  mapping: actions are those of an assistant, which is shown the person's stick and
-                  not its goal;
+                - driver: a simulated person who drives (`wheelchair_gym.drivers`), a name, a
+                  mapping, or a list of those, of whom each episode draws one: actions are those of
+                  an assistant, which is shown the person's stick and not its goal;
                 - assistant: a compiled assistant that drives with the person, a name or a mapping:
                   actions are residuals, whose twist is added to the assistant's within its freedom;
                 - max_episode_steps: truncates every episode, beside its time limit;
@@ -167,16 +167,15 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         if s.sensors.localizes:
             localizer = make_localizer(s)
             self.chair = LocalizedChair(self.chair, localizer, s.sensors.laser.beams)
-        guided, driver = make_guidance(s.guidance), None
-        if s.driver is not None:
-            driver = make_driver(s.driver)
+        guided, people = make_guidance(s.guidance), make_drivers(s.driver)
+        if people:
             if not self._simulated:
                 raise InputError("driver: a simulated person needs the simulated chair")
             if person is not None:
                 raise InputError("driver and person: expected one of them")
         self._person = person
-        self.drivers = Drivers(driver, s.chair, s.sensors, 1.0 / s.rate)
-        has_person = driver is not None or person is not None
+        self.drivers = Drivers(people, s.chair, s.sensors, 1.0 / s.rate)
+        has_person = bool(people) or person is not None
         self.assistants = make_assistants(s, 1, has_person)
         self.task = Task(s.task, s.chair, s.sensors, 1.0 / s.rate, guided, s.shield, has_person)
         if s.sensors.localizes:
@@ -203,8 +202,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         self.shown = Shown()  # what the policy shows; before it drives, the guidance
         # What recordings say of who drives, such as assistant and interface; set it before reset.
         self.labels: dict[str, Any] = {}
-        if driver is not None:
-            self.labels["interface"] = driver.interface.kind
+        self._label_interface()
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -238,6 +236,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             self.shield.reset()
         reading = self.chair.reset(self.episode, key)
         self.drivers.begin(key)
+        self._label_interface()
         if not self._simulated:
             check_reading(reading, self.settings.sensors.beams)
         is_shielded = self.shield is not None and not is_unshielded(
@@ -296,6 +295,11 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             records = as_record(task.terms), as_record(simulated.sensed)
             reward = checked(self._reward(*records, np.array(given)))
         return observation, reward, terminated, truncated, info
+
+    def _label_interface(self) -> None:
+        """Have recordings say through which interface a simulated person drives."""
+        if self.drivers.driver is not None:
+            self.labels["interface"] = self.drivers.driver.interface.kind
 
     def _assist(self) -> None:
         """Let an assistant see the latest reading, and the stick that it shall answer."""

@@ -15,7 +15,7 @@ import numpy as np
 from wheelchair_gym.assistance import COMPILED, make_compiled
 from wheelchair_gym.assistance.step import Assistants
 from wheelchair_gym.config import InputError, dump, load, read, setting, settings, suggest
-from wheelchair_gym.drivers import driver_spec, make_driver
+from wheelchair_gym.drivers import drivers_spec, make_drivers
 from wheelchair_gym.errors import shorten
 from wheelchair_gym.hardware.settings import HardwareSettings
 from wheelchair_gym.localization.localized_chair import Localizer
@@ -78,9 +78,10 @@ class EnvSettings:
     """Settings of the shield; none: the chair drives what a policy asks for. A real chair always
     has a shield."""
     driver: Any = setting(default=None, source="design choice")
-    """Simulated person who drives: none, a name of `wheelchair_gym.drivers`, module:function, or a
-    mapping with a name. Actions are then those of an assistant, which sees the person's stick and
-    neither its goal nor its way; the guidance 'poses' is the person's."""
+    """Simulated person who drives: none, a name of `wheelchair_gym.drivers`, module:function, a
+    mapping with a name, or a list of those, of whom each episode draws one. Actions are then those
+    of an assistant, which sees the person's stick and neither its goal nor its way; the guidance
+    'poses' is the person's."""
     assistant: Any = setting(default=None, source="design choice")
     """Compiled assistant that drives with the person: none, a name of `wheelchair_gym.assistance`,
     or a mapping with a name. Actions are then residuals: an action's twist is added to the
@@ -109,9 +110,8 @@ class EnvSettings:
             path = files[0] if len(files) == 1 else files
             object.__setattr__(self, "scene", {"name": "map_file", "path": path})
         if self.driver is not None:
-            make_driver(self.driver)  # which refuses what is wrong
-            if not isinstance(self.driver, str):
-                object.__setattr__(self, "driver", driver_spec(self.driver))
+            make_drivers(self.driver)  # which refuses what is wrong
+            object.__setattr__(self, "driver", drivers_spec(self.driver))
             if self.guidance is None:
                 object.__setattr__(self, "guidance", "poses")
         if self.assistant is not None:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.address import Pointers
 from wheelchair_gym.config import InputError
-from wheelchair_gym.drivers import make_driver
+from wheelchair_gym.drivers import make_drivers
 from wheelchair_gym.drivers.step import Drivers
 from wheelchair_gym.envs.batch import BATCH, BATCH_TARGETS, begin_chairs, step_chairs
 from wheelchair_gym.envs.drawing import EpisodeRenderer
@@ -106,12 +106,10 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         self.render_mode = render_mode
         self._drawings = [EpisodeRenderer(s) for _ in range(n if render_mode else 0)]
         guidance = make_guidance(s.guidance)
-        driver = None if s.driver is None else make_driver(s.driver)
-        self.drivers = Drivers(driver, s.chair, s.sensors, 1.0 / s.rate, n)
-        self.assistants = make_assistants(s, n, driver is not None)
-        self.task = Task(
-            s.task, s.chair, s.sensors, 1.0 / s.rate, guidance, s.shield, driver is not None
-        )
+        people = make_drivers(s.driver)
+        self.drivers = Drivers(people, s.chair, s.sensors, 1.0 / s.rate, n)
+        self.assistants = make_assistants(s, n, bool(people))
+        self.task = Task(s.task, s.chair, s.sensors, 1.0 / s.rate, guidance, s.shield, bool(people))
         self.worlds = WorldBank(s, self.task)
         self._reward = make_reward(s.reward)
         self.single_observation_space = self.task.space

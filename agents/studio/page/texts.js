@@ -135,6 +135,8 @@ const ROWS = {
   a_hypotheses: ["Guesses where you are going, and helps when you would miss it.", "Adivina adónde va y ayuda cuando no acertaría."],
   a_manoeuvre: ["Drives a planned way through a door or up to a desk, while the stick asks for it.", "Conduce por un camino planificado por una puerta o hasta una mesa, mientras la palanca lo pide."],
   a_blend: ["Mixes the stick with the way to the likeliest goal.", "Mezcla la palanca con el camino a la meta más probable."],
+  a_residual: ["Chooses a safe motion near the stick's; a trained network corrects it.", "Elige un movimiento seguro cercano al de la palanca; una red entrenada lo corrige."],
+  a_ppo_assist: ["A trained network corrects the stick.", "Una red entrenada corrige la palanca."],
   a_hindsight: ["Helps towards all likely goals at once.", "Ayuda hacia todas las metas probables a la vez."],
   study: ["Study", "Estudio"],
   study_none: ["No experiment is open. Start the studio with --study FILE.json.", "No hay ningún experimento abierto. Inicie el estudio con --study ARCHIVO.json."],
