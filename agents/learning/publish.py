@@ -73,7 +73,7 @@ def _results(file: Path, names: Mapping[str, str], name: str) -> list[dict[str, 
     content = read_json(file)
     try:
         command = without_outputs(content["command"])
-        command = re.sub(r"--policies \S+", f"--policies {name}", command)
+        command = re.sub(r"--(policies|assist) \S+", rf"--\1 {name}", command)
         return [
             {"suite": content["title"], "command": command,
              "commit": content["provenance"]["commit"], "scene": row["scene"],

@@ -21,6 +21,7 @@ from wheelchair_gym.envs.guidance import is_built_in
 from wheelchair_gym.errors import InputError, shorten
 from wheelchair_gym.files import LIMITS, atomic_write, parse_json, read_bytes
 from wheelchair_gym.migration import migrated
+from wheelchair_gym.registry import places_in
 from wheelchair_gym.task.observations import SIZES
 
 Floats = NDArray[np.float32]
@@ -261,6 +262,8 @@ def check_card(card: dict[str, Any]) -> None:
         raise ValueError("env holds no settings")
     if not is_built_in(card["env"].get("guidance")):
         raise ValueError("env.guidance names code; expected geodesic or poses")
+    if places_in([card["env"].get("driver"), card["env"].get("assistant")]):
+        raise ValueError("env.driver or env.assistant names code; expected names of the project")
 
 
 def _check_arrays(weights: Weights) -> None:

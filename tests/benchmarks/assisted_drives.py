@@ -2,9 +2,10 @@
 
 `python -m tests.benchmarks.assisted_drives [--drivers A,B] [--scenes A,B] [--assist A,B] [--drives
 N]`: each driver drives N times in each scene with each assistant, with all noise of sensors, and
-chairs drawn anew. A scene is one of `SCENES` or a course of driving skills. Every drive is a line of `--out`, and one that stands there is not driven again,
-so that a run that was ended goes on. Then tables: success, contacts that the chair caused at more
-than 0.05 m/s, and times by driver; a line for each such contact; and assistants side by side.
+chairs drawn anew. A scene is one of `SCENES` or a course of driving skills. Every drive is a line
+of `--out`, and one that stands there is not driven again, so that a run that was ended goes on.
+Then tables: success, contacts that the chair caused at more than 0.05 m/s, and times by driver; a
+line for each such contact; and assistants side by side.
 
 `direct` is driven without the shield. The time limit is 60 s and ten times the time of the shortest
 way; success within four times the time of `expert` through the same interface in the same world is
@@ -267,23 +268,27 @@ def tables(drives: dict[Any, Any], given: argparse.Namespace) -> str:
 
 
 def side_by_side(drives: dict[Any, Any], given: argparse.Namespace) -> str:
-    """Assistants beside each other: by driver, and in pairs with the first; empty for one alone."""
+    """Assistants beside each other: by driver, by scene, and in pairs with the first.
+
+    Empty for one assistant alone.
+    """
     first = given.assist[0]
     if len(given.assist) < 2:
         return ""
     mine = [k for k in drives if k[2] == first and k[0] in given.drivers]
     keys = [(k[0], k[1], *k[3:]) for k in mine]
     of = {name: [drives[(k[0], k[1], name, *k[2:])] for k in keys] for name in given.assist}
-    lines = ["", "Successes [%], and contacts that the chair caused", ""]
-    lines += [f"| driver | {' | '.join(f'`{name}`' for name in given.assist)} |"]
-    lines += ["| --- |" + " ---: |" * len(given.assist)]
-    for driver in given.drivers:
-        cells = []
-        for name in given.assist:
-            some = [one for key, one in zip(keys, of[name], strict=True) if key[0] == driver]
-            share = 100 * np.mean([one["success"] for one in some])
-            cells.append(f"{share:.0f}, {sum(bool(one['contacts']) for one in some)}")
-        lines.append(f"| `{driver}` | {' | '.join(cells)} |")
+    lines = ["", "Successes [%], and drives with a contact that the chair caused"]
+    for place, head, rows in (0, "driver", given.drivers), (1, "scene", given.scenes):
+        lines += ["", f"| {head} | {' | '.join(f'`{name}`' for name in given.assist)} |"]
+        lines += ["| --- |" + " ---: |" * len(given.assist)]
+        for row in rows:
+            cells = []
+            for name in given.assist:
+                some = [one for key, one in zip(keys, of[name], strict=True) if key[place] == row]
+                share = 100 * np.mean([one["success"] for one in some])
+                cells.append(f"{share:.0f}, {sum(bool(one['contacts']) for one in some)}")
+            lines.append(f"| `{row}` | {' | '.join(cells)} |")
     lines += ["", f"All drivers, in pairs with `{first}`", ""]
     lines += [
         f"| assistant | success [%] (95 %) | contacts | only one succeeds: it; `{first}` | "
@@ -300,8 +305,8 @@ def side_by_side(drives: dict[Any, Any], given: argparse.Namespace) -> str:
         p = binomtest(alone, alone + other).pvalue if alone + other else 1.0
         logs = np.log([a["time"] / b["time"] for a, b in both if a["success"] and b["success"]])
         ratio, least, most = np.exp(interval(logs))
-        means = [
-            np.mean([one[key] for one in of[name]])
+        means = [  # of drives that have the measure: without any deflection there is no authority
+            np.mean([one[key] for one in of[name] if math.isfinite(one[key])])
             for key in ("angle", "intervention", "authority", "effort")
         ]
         lines.append(

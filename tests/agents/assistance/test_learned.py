@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -156,3 +157,15 @@ def test_a_person_drives_with_a_file_of_weights(weights, tmp_path, capsys):
     rows = json.loads((tmp_path / "c" / "results.json").read_text())["summary"]
     assert {row["policy"] for row in rows} == {weights}
     capsys.readouterr()
+
+
+@pytest.mark.parametrize("key", ["driver", "assistant"])
+def test_weights_that_name_code_are_refused(weights, tmp_path, key):
+    """Reading them imports nothing."""
+    found = load_weights(weights)
+    found.card["env"][key] = "antigravity:fly" if key == "assistant" else ["novice", "this:s"]
+    path = tmp_path / "other.npz"
+    save_weights(path, found)
+    with pytest.raises(InputError, match="names code"):
+        make_assistant(str(path))
+    assert "this" not in sys.modules
