@@ -128,7 +128,7 @@ def test_in_the_open_the_stick_is_the_twist_or_nearly(name):
 
 
 @pytest.mark.parametrize(
-    "name", sorted(set(ASSISTANTS) - {"direct", "shield", "blend", "manoeuvre"})
+    "name", sorted(set(ASSISTANTS) - {"direct", "shield", "blend", "manoeuvre", "ppo_assist"})
 )
 def test_it_slows_before_a_wall(name):
     """0.35 m before the front, 0.56 m/s would need 0.2 m of braking after 0.1 s."""
