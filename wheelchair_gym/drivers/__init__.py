@@ -51,7 +51,7 @@ def make_driver(spec: str | Mapping[str, Any] | Driver) -> Driver:
 
 
 def make_drivers(spec: Any) -> tuple[Driver, ...]:
-    """The simulated people of whom each episode draws one; none for None.
+    """The simulated people, one of which each episode draws; none for None.
 
     Args:
         spec: what `make_driver` takes, or a list of that; None: nobody drives.
@@ -64,7 +64,7 @@ def make_drivers(spec: Any) -> tuple[Driver, ...]:
     if not isinstance(spec, list | tuple):
         return (make_driver(spec),)
     if not spec:
-        raise InputError("driver is an empty list; expected people of whom each episode draws one")
+        raise InputError("driver is an empty list; expected people to draw from")
     return tuple(make_driver(one) for one in spec)
 
 

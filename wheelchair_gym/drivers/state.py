@@ -129,7 +129,7 @@ DRIVER = np.dtype(
 # People by address, as the shield's rows.
 DRIVERS, DRIVERS_TARGETS = pointer_record(
     ("n", "i8"),  # 0: nobody drives
-    ("people", "i8"),  # of whom one drives in an episode
+    ("people", "i8"),  # one of them drives in an episode
     ("constants", Target(CONSTANTS, None)),
     ("drivers", Target(DRIVER, None)),
 )

@@ -91,7 +91,7 @@ class Drivers:
     A copy, by `copy.deepcopy` or `pickle`, goes on as the original does, to the bit.
 
     Attributes:
-        people: settings of those of whom an episode draws one; empty: nobody drives.
+        people: their settings, of which an episode draws one; empty: nobody drives.
         states: (n,) of DRIVER.
         pointers: to them, a record (1,) of DRIVERS.
     """

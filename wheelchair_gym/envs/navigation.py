@@ -134,8 +134,8 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
                   (`wheelchair_gym.safety`). True: as in the config, if it has one. None: off in
                   simulation, on for a real chair by name;
                 - driver: a simulated person who drives (`wheelchair_gym.drivers`), a name, a
-                  mapping, or a list of those, of whom each episode draws one: actions are those of
-                  an assistant, which is shown the person's stick and not its goal;
+                  mapping, or a list of those (each episode draws one): actions are those of an
+                  assistant, which is shown the person's stick and not its goal;
                 - assistant: a compiled assistant that drives with the person, a name or a mapping:
                   actions are residuals, whose twist is added to the assistant's within its freedom;
                 - max_episode_steps: truncates every episode, beside its time limit;

@@ -79,9 +79,9 @@ class EnvSettings:
     has a shield."""
     driver: Any = setting(default=None, source="design choice")
     """Simulated person who drives: none, a name of `wheelchair_gym.drivers`, module:function, a
-    mapping with a name, or a list of those, of whom each episode draws one. Actions are then those
-    of an assistant, which sees the person's stick and neither its goal nor its way; the guidance
-    'poses' is the person's."""
+    mapping with a name, or a list of those: each episode draws one. Actions are then those of an
+    assistant, which sees the person's stick and neither its goal nor its way; the guidance 'poses'
+    is the person's."""
     assistant: Any = setting(default=None, source="design choice")
     """Compiled assistant that drives with the person: none, a name of `wheelchair_gym.assistance`,
     or a mapping with a name. Actions are then residuals: an action's twist is added to the
