@@ -1,4 +1,4 @@
-"""An assistant of your own, beside two of the project's, for a person with a tremor.
+"""An assistant of your own, beside three of the project's, for a person with a tremor.
 
 It halves every turn of the stick, which is no good idea. `docs/concepts/assisted_driving.md`
 explains drivers, assistants and measures.
@@ -31,7 +31,7 @@ class HalfTurns:
 
 if __name__ == "__main__":
     given = parser.parse_args()
-    for assist in ("direct", "slide", "assisted:HalfTurns"):
+    for assist in ("direct", "slide", "residual", "assisted:HalfTurns"):
         settings = {"driver": given.driver, "shield": assist != "direct"}
         env = make_env("clutter", settings)
         policy = make_policy({"name": "assisted", "assist": assist})

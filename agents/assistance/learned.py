@@ -44,7 +44,7 @@ class Residual:
         path = find_weights(self.weights)
         network, card, remembers = read_network(path)
         made = LearnedAssistant(network, card, remembers)
-        if "stick" not in dict(made.layout.sizes) or made.env.assistant is None:
+        if not made.layout.is_assistant or made.env.assistant is None:
             raise InputError(f"{path}: expected an assistant's weights (train with env.assistant)")
         return made
 
@@ -67,13 +67,13 @@ class LearnedAssistant(Trained):
 
     def reset(self, mission: AssistMission) -> None:
         """See `Assistant.reset`."""
-        period = self.prepare(mission.sensors, mission.period)
+        period = self.begin_episode(mission.sensors, mission.period)
         self._base = Assistants(
             make_compiled(self.env.assistant), mission.chair, mission.sensors, mission.period
         )
         self._base.begin()
         settings = dataclasses.replace(self.env.task, privileged=False, aim="goal")
-        self.take(Task(settings, mission.chair, mission.sensors, period, has_driver=True))
+        self.observe_by(Task(settings, mission.chair, mission.sensors, period, has_driver=True))
         self._began = False
 
     def assist(self, stick: Stick, reading: Reading, map: OccupancyGrid | None) -> Array:

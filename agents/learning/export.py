@@ -59,7 +59,7 @@ def export_onnx(weights: Weights, path: str | Path) -> dict[str, Any]:
     layout, arrays = weights.layout, weights.arrays
     env = load(EnvSettings, weights.card["env"], "weights: env")
     sizes = {key: n for key, n in layout.sizes if key not in PRIVILEGED}
-    if weights.is_assistant:
+    if layout.is_assistant:
         raise InputError("export: expected a policy's weights; these are an assistant's")
     lasers, beams, limits = env.sensors.lasers, env.sensors.beams, env.chair.limits
     if len(lasers) != 1 or not env.sensors.ultrasonic.mounted:

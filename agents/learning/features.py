@@ -65,9 +65,14 @@ class Layout:
         return sum(size for key, size in self.sizes if key in PRIVILEGED)
 
     @property
+    def is_assistant(self) -> bool:
+        """Whether a person's stick is observed, in place of a goal."""
+        return "stick" in self._places
+
+    @property
     def actor_size(self) -> int:
         """Features that an actor gets."""
-        twice = int(self.slice_of("goal").stop > 0)  # the goal's distance gives two
+        twice = int("goal" in self._places)  # the goal's distance gives two
         return self.size - self.privileged_size + twice
 
     @property

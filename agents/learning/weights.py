@@ -52,11 +52,6 @@ class Weights:
         return Layout.of_card(self.card)
 
     @property
-    def is_assistant(self) -> bool:
-        """Whether they assist a person, whose stick they observe in place of a goal."""
-        return "stick" in dict(self.layout.sizes)
-
-    @property
     def lstm_size(self) -> int:
         """Units of the recurrent layer; 0 where there is none."""
         return int(self.arrays["lstm.h"].shape[1]) if "lstm.h" in self.arrays else 0

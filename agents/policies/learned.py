@@ -58,7 +58,7 @@ class Learned:
         path = self._file()
         network, card, remembers = read_network(path)
         made = LearnedDriver(network, card, remembers)
-        if "stick" in dict(made.layout.sizes):
+        if made.layout.is_assistant:
             raise InputError(
                 f"{path}: weights of an assistant, which needs a person: --driver NAME --assist "
                 f"{path.stem if path.parent == SHIPPED_ASSISTANTS else path}"
@@ -82,6 +82,8 @@ def file_digest(path: Path) -> str:
 
 def weights_digest(spec: Any) -> str | None:
     """Digest of the weights that a policy's name or mapping stands for; None of other policies."""
+    if isinstance(spec, Mapping) and spec.get("name") == "assisted":
+        spec = spec.get("assist")
     if isinstance(spec, Mapping):
         spec = spec.get("weights", spec.get("name"))
     if not isinstance(spec, str):
@@ -99,7 +101,7 @@ class LearnedDriver(Trained):
     def reset(self, mission: Mission) -> None:
         """See `Policy.reset`."""
         env = self.env
-        period = self.prepare(mission.sensors, mission.period)
+        period = self.begin_episode(mission.sensors, mission.period)
         shown = "path" in dict(self.layout.sizes)
         task = dataclasses.replace(env.task, privileged=False, aim="goal")
         self._mission = mission
@@ -109,7 +111,7 @@ class LearnedDriver(Trained):
             slack = SLACK if mission.map is None else None
             spec = {"call": "poses", "ways": _ways(env), "max_detour": slack}
         guidance = make_guidance(spec) if shown else None
-        self.take(Task(task, mission.chair, mission.sensors, period, guidance))
+        self.observe_by(Task(task, mission.chair, mission.sensors, period, guidance))
         self._updated = 0.0
         self._grows = mission.map is None and guidance is not None
         first = mission.reading

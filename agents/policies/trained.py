@@ -63,7 +63,7 @@ class Trained:
         self.layout = Layout.of_card(card)
         self.card = card
 
-    def prepare(self, sensors: SensorSettings, period: float) -> float:
+    def begin_episode(self, sensors: SensorSettings, period: float) -> float:
         """Begin an episode on a chair with these sensors; the period of actions [s].
 
         Args:
@@ -92,8 +92,8 @@ class Trained:
         self._steps = 0
         return self._hold * period
 
-    def take(self, task: Task) -> None:
-        """Observe by a task.
+    def observe_by(self, task: Task) -> None:
+        """Let a task make the observations.
 
         Raises:
             InputError: its observations have other sizes than those of training.

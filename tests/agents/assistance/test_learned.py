@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,6 +23,8 @@ from agents.learning.weights import (
     shipped_assistants,
 )
 from agents.policies import GymPolicy, make_policy
+from agents.policies.learned import file_digest, weights_digest
+from tests.agents.evaluation.test_assisted import poses_of
 from tests.benchmarks.assisted_drives import Helpers
 from tests.copies import differences
 from wheelchair_gym.config import InputError
@@ -90,20 +93,11 @@ def test_a_batch_is_driven_as_by_the_network_in_it(weights):
         if not by_network:  # it sees all beams
             config = replace(config, assistant=None, task=replace(config.task, beams=1081))
         env = NavigationVectorEnv(3, num_threads=1, config=config)
-        helpers, network = Helpers(weights, env), Network(load_weights(weights))
-        seen, info = env.reset(seed=0)
-        begin, found = np.ones(3, bool), []
-        for _ in range(60):
-            if by_network:
-                actions = network(np.concatenate(list(seen.values()), axis=1))
-            else:
-                actions = helpers.actions(seen, info, begin)
-            seen, _, terminated, truncated, info = env.step(actions)
-            assert not (terminated | truncated).any()
-            begin = np.zeros(3, bool)
-            found.append(info["pose"].copy())
-        env.close()
-        return np.array(found)
+        network = Network(load_weights(weights))
+        inside = lambda seen, info, begin: network(  # noqa: E731
+            np.concatenate(list(seen.values()), axis=1)
+        )
+        return poses_of(env, inside if by_network else Helpers(weights, env).actions)
 
     np.testing.assert_allclose(poses(True), poses(False), rtol=0.0, atol=2e-3)
 
@@ -139,6 +133,25 @@ def test_weights_of_policies_and_of_assistants_are_told_apart(weights, tmp_path,
         make_assistant({"name": "residual", "weights": "ppo_guide"})
     assert main(["export", weights, "--onnx", str(tmp_path / "x.onnx")]) == 2
     assert "an assistant's" in capsys.readouterr().err
+
+
+def test_other_weights_are_another_policy(weights):
+    """A comparison that goes on does not mix drives of a file before and after training."""
+    digest = file_digest(Path(weights))
+    for assist in (weights, {"name": "residual", "weights": weights}):
+        assert weights_digest({"name": "assisted", "assist": assist}) == digest
+    shipped = file_digest(shipped_assistants()["residual"])
+    assert weights_digest({"name": "assisted", "assist": "residual"}) == shipped
+    assert weights_digest({"name": "assisted", "assist": "slide"}) is None
+
+
+def test_one_of_several_people_is_recorded(tmp_path, capsys):
+    config, file = tmp_path / "env.json", str(tmp_path / "run.mcap")
+    config.write_text(json.dumps({"driver": ["scanning", "novice"]}))
+    common = ["simulate", "--scene", "clutter", "--config", str(config), "--policy", "assisted"]
+    assert main([*common, "--seed", "1", "--record", file]) == 0
+    assert main(["replay", file]) == 0
+    assert "the same rewards" in capsys.readouterr().out
 
 
 def test_people_that_are_held_out_never_drive_in_training():

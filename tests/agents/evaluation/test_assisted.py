@@ -142,6 +142,19 @@ def test_a_person_is_simulated_and_recorded(tmp_path, capsys):
     assert "--assist needs --driver" in capsys.readouterr().err
 
 
+def poses_of(env, act, steps=60):
+    """Poses (steps, n, 3) that a batch comes to by `act` (observation, info, rows that begin)."""
+    seen, info = env.reset(seed=0)
+    begin, found = np.ones(env.num_envs, bool), []
+    for _ in range(steps):
+        seen, _, terminated, truncated, info = env.step(act(seen, info, begin))
+        assert not (terminated | truncated).any()
+        begin = np.zeros(env.num_envs, bool)
+        found.append(info["pose"].copy())
+    env.close()
+    return np.array(found)
+
+
 def test_a_batch_is_driven_the_same_by_an_assistant_outside_of_it():
     """As the benchmark of assisted drives does for assistants that are not compiled."""
 
@@ -150,17 +163,8 @@ def test_a_batch_is_driven_the_same_by_an_assistant_outside_of_it():
             2, scene="floor_plan", driver="novice", assistant=assistant, shield=True, num_threads=1,
             pose_source="modelled", bank={"size": 2, "turnover": 0.0},
         )  # fmt: skip
-        helpers = Helpers("slide", env)
-        seen, info = env.reset(seed=0)
-        begin, found = np.ones(2, bool), []
-        for _ in range(60):
-            actions = np.zeros((2, 2)) if assistant else helpers.actions(seen, info, begin)
-            seen, _, terminated, truncated, info = env.step(actions)
-            assert not (terminated | truncated).any()
-            begin = np.zeros(2, bool)
-            found.append(info["pose"].copy())
-        env.close()
-        return np.array(found)
+        nothing = lambda seen, info, begin: np.zeros((2, 2))  # noqa: E731
+        return poses_of(env, nothing if assistant else Helpers("slide", env).actions)
 
     # Observations are rounded.
     np.testing.assert_allclose(poses(None), poses("slide"), rtol=0.0, atol=1e-4)

@@ -110,6 +110,27 @@ def test_what_changes_in_mid_drive_is_known_and_not_fitted(tmp_path, capsys):
         session_of(recorded)
 
 
+class Unfit:
+    """An assistant that fits no chair."""
+
+    def reset(self, mission):
+        raise InputError("it fits no chair")
+
+    def assist(self, stick, reading, map):
+        raise AssertionError
+
+
+def test_an_assistant_that_does_not_fit_leaves_the_one_of_before(tmp_path):
+    def change(drive, k):
+        if k == 20:
+            with pytest.raises(InputError, match="fits no chair"):
+                drive.set_assistant(f"{__name__}:Unfit")
+
+    (recorded,) = read_recording(driven(tmp_path, 2.0, change))
+    assert recorded.changed == ()
+    assert recorded.labels["assistant"] == "slide"
+
+
 def test_a_drive_that_was_never_begun_leaves_no_file(tmp_path):
     order = Order("scene:clutter", PLACES["scene:clutter"], 3, "slide", "none", 20)
     drive = Drive(order, tmp_path)
