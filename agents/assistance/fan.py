@@ -25,18 +25,27 @@ def free_share(mission: AssistMission, now: AssistInput, twist: Twist, time: flo
 @borrowing_kernel
 def _fan(
     points: Array, outline: Array, asked: Array, turn: float, margin: float, deceleration: float,
-    period: float, out: Array,
+    period: float, near: Array, out: Array,
 ) -> int:  # fmt: skip
     """Write rows of twists that the chair could end before a collision; how many there are.
 
-    Columns: speed, turn rate, least clearance of the arc until it ends or touches [m].
+    Columns: speed, turn rate, least clearance of the arc until it ends or touches [m]. The array
+    near (n, 2) is for the points that arcs of one speed can come near to.
     """
     n = 0
+    reach = math.hypot(max(outline[0], outline[1]), outline[2]) + max(CLEAR, margin) + 1e-6
     for i in range(SPEEDS):
         v = asked[0] * i / (SPEEDS - 1)
+        far, count = reach + abs(v) * STEP * STEPS, 0
+        for k in range(points.shape[0]):
+            x, y = points[k, 0], points[k, 1]
+            if x * x + y * y <= far * far:
+                near[count, 0], near[count, 1] = x, y
+                count += 1
+        around = near[:count]
         for j in range(TURNS):
             w = asked[1] + turn * (2.0 * j / (TURNS - 1) - 1.0)
-            free, clear = follow_arc(points, outline, v, w, STEP, STEPS, margin, CLEAR, -math.inf)
+            free, clear = follow_arc(around, outline, v, w, STEP, STEPS, margin, CLEAR, -math.inf)
             if free < STEPS and free * STEP < time_to_stop(v, w, deceleration, period):
                 continue
             out[n, 0], out[n, 1], out[n, 2] = v, w, max(0.0, clear)
@@ -54,7 +63,7 @@ def fan(mission: AssistMission, now: AssistInput) -> Array:
     out = np.empty((SPEEDS * TURNS, 3))
     n = _fan(
         now.points, mission.chair.footprint.array, np.array(now.asked), now.turn, now.margin,
-        mission.limits.deceleration, mission.period, out,
+        mission.limits.deceleration, mission.period, np.empty_like(now.points), out,
     )  # fmt: skip
     return out[:n]
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from agents.assistance.assistant import AssistInput, AssistMission
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.config import setting, settings
-from wheelchair_gym.geometry import compose, to_frame, to_world
+from wheelchair_gym.geometry import to_frame, to_world
 from wheelchair_gym.kinematics import arc_step
 from wheelchair_gym.maps import Geodesic, OccupancyGrid, geodesic
 
@@ -28,6 +28,7 @@ DIRECTIONS = np.radians(np.arange(-90.0, 91.0, 22.5))  # that may be free
 DOOR = (0.65, 1.60)  # m: widths of doors
 BEYOND = 0.8  # m behind a door where its target lies
 BEHIND = 0.3  # m: what is seen through an open door lies so far behind its posts
+HALF_WIDTH = 0.4  # m: of the strip in a direction that has to be free
 FREE = 1.2  # m: a direction with less room is not free
 FARTHEST = 3.0  # m: how far ahead targets of free directions lie
 IN_FRONT = 0.10  # m between the chair's front and a thing that it drives up to
@@ -51,6 +52,40 @@ class Belief:
     """Time for which a twist is followed to see what it costs."""
 
 
+@borrowing_kernel
+def _targets(points: Array, angles: Array, front: float, out: Array) -> int:
+    """Write rows (x, y) of targets among points (n, 2), sorted by angle; how many there are."""
+    n, found = points.shape[0], 0
+    for direction in DIRECTIONS:
+        c, s = math.cos(direction), math.sin(direction)
+        room = FARTHEST + front
+        for k in range(n):
+            along = c * points[k, 0] + s * points[k, 1]
+            aside = abs(c * points[k, 1] - s * points[k, 0])
+            if along > 0.0 and aside < HALF_WIDTH:
+                room = min(room, along)
+        room -= front
+        if room > FREE or (room > 0.0 and abs(direction) < 1.2):
+            away = min(FARTHEST, room) if room > FREE else max(0.0, room - IN_FRONT)
+            out[found, 0], out[found, 1] = away * c, away * s
+            found += 1
+    # Doors: two neighbouring points, a door's width apart, with nothing nearer between them.
+    for k in range(n - 1):
+        ax, ay = points[k + 1, 0] - points[k, 0], points[k + 1, 1] - points[k, 1]
+        gap = math.hypot(ax, ay)
+        if not (DOOR[0] < gap < DOOR[1] and angles[k + 1] - angles[k] < 2.0):
+            continue
+        x, y = 0.5 * (points[k, 0] + points[k + 1, 0]), 0.5 * (points[k, 1] + points[k + 1, 1])
+        nx, ny = ay / gap, -ax / gap
+        beyond = BEYOND if nx * x + ny * y >= 0.0 else -BEYOND
+        out[found, 0], out[found, 1] = x + beyond * nx, y + beyond * ny
+        found += 1
+    if found == 0:
+        out[0, 0], out[0, 1] = 1.0, 0.0
+        found = 1
+    return found
+
+
 def find_targets(points: Array, front: float) -> Array:
     """Places (k, 2) [m] in the chair's frame that somebody may want to go to.
 
@@ -58,32 +93,15 @@ def find_targets(points: Array, front: float) -> Array:
         points: obstacles around (n, 2) [m] in the chair's frame.
         front: of the chair, ahead of its axle [m].
     """
-    if not len(points):
-        return FARTHEST * np.stack([np.cos(DIRECTIONS), np.sin(DIRECTIONS)], -1)
+    points, angles = _by_angle(points)
+    out = np.empty((len(DIRECTIONS) + len(points), 2))
+    return out[: _targets(points, angles, front, out)]
+
+
+def _by_angle(points: Array) -> tuple[Array, Array]:
     angles = np.arctan2(points[:, 1], points[:, 0])
-    points, angles = points[np.argsort(angles)], np.sort(angles)
-    far = np.hypot(*points.T)
-    found: list[Array] = []
-    for direction in DIRECTIONS:
-        off = np.abs(np.remainder(angles - direction + math.pi, 2 * math.pi) - math.pi)
-        beside = far * np.sin(np.minimum(off, math.pi / 2))
-        way = np.array([math.cos(direction), math.sin(direction)])
-        in_way = (off < math.pi / 2) & (beside < 0.4)
-        room = float((points[in_way] @ way).min(initial=FARTHEST + front)) - front
-        if room > FREE:
-            found.append(min(FARTHEST, room) * way)
-        elif room > 0.0 and abs(direction) < 1.2:
-            found.append(max(0.0, room - IN_FRONT) * way)
-    # Doors: two neighbouring points, a door's width apart, with nothing nearer between them.
-    gaps = np.hypot(*(points[1:] - points[:-1]).T)
-    for k in np.flatnonzero((gaps > DOOR[0]) & (gaps < DOOR[1]) & (angles[1:] - angles[:-1] < 2.0)):
-        middle, along = 0.5 * (points[k] + points[k + 1]), (points[k + 1] - points[k]) / gaps[k]
-        normal = np.array([along[1], -along[0]])
-        normal *= 1.0 if normal @ middle >= 0.0 else -1.0
-        found.append(middle + BEYOND * normal)
-    if not found:
-        found = [np.array([1.0, 0.0])]
-    return np.array(found)
+    order = np.argsort(angles, kind="stable")
+    return points[order], angles[order]
 
 
 @borrowing_kernel
@@ -124,10 +142,9 @@ def find_doors(points: Array, half_width: float) -> Array:
         points: obstacles around (n, 2) [m] in the chair's frame.
         half_width: of the chair: narrower gaps are no doors [m].
     """
-    angles = np.arctan2(points[:, 1], points[:, 0])
-    order, out = np.argsort(angles, kind="stable"), np.empty((len(points), 4))
-    n = _doors(points[order], angles[order], max(DOOR[0], 2.0 * half_width), out)
-    return out[:n]
+    points, angles = _by_angle(points)
+    out = np.empty((len(points), 4))
+    return out[: _doors(points, angles, max(DOOR[0], 2.0 * half_width), out)]
 
 
 def find_front(points: Array, front: float, reach: float) -> tuple[float, float] | None:
@@ -177,6 +194,22 @@ def _ends(twists: Array, horizon: float, ahead: float, out: Array) -> None:
         out[k, 0], out[k, 1] = x + ahead * math.cos(yaw), y + ahead * math.sin(yaw)
 
 
+@borrowing_kernel
+def _distances(places: Array, others: Array, out: Array) -> None:
+    """Write the distance of each place (n, 2) from each of the others (k, 2) to out (n, k)."""
+    for i in range(places.shape[0]):
+        for k in range(others.shape[0]):
+            dx, dy = places[i, 0] - others[k, 0], places[i, 1] - others[k, 1]
+            out[i, k] = math.sqrt(dx * dx + dy * dy)
+
+
+def distances(places: Array, others: Array) -> Array:
+    """The distance (n, k) of each place (n, 2) from each of the others (k, 2)."""
+    out = np.empty((len(places), len(others)))
+    _distances(places, others, out)
+    return out
+
+
 class Goals:
     """Goals that a person may have, and how far each is believed in.
 
@@ -224,12 +257,12 @@ class Goals:
         belief = np.full(len(found), 1.0)
         if len(self._targets) and self._pose is not None:
             before = to_frame(to_world(self._targets, self._pose), now.reading.pose)
-            apart = np.hypot(*np.moveaxis(found[:, None] - before, -1, 0))
+            apart = distances(found, before)
             nearest = apart.argmin(axis=1)
             same = apart[np.arange(len(found)), nearest] < SAME
             belief = np.where(same, self.belief[nearest], self.belief.mean())
         self._targets, self.belief = found, belief / belief.sum()
-        self._pose = compose(now.reading.pose, np.zeros(3))
+        self._pose = now.reading.pose.copy()
 
     def _costs(self, twists: Array, now: AssistInput) -> Array:
         """Seconds (n, k) from where twists (n, 2) lead to each goal."""
@@ -240,5 +273,5 @@ class Goals:
             ways = np.stack([each.at(places) for each in self._ways], -1)
             ways = np.where(np.isfinite(ways), ways, 100.0)
         else:
-            ways = np.hypot(*np.moveaxis(ends[:, None] - self._targets, -1, 0))
+            ways = distances(ends, self._targets)
         return np.asarray(ways / self._mission.limits.forward)

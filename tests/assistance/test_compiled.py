@@ -15,6 +15,7 @@ from wheelchair_gym.assistance.freedom import Freedom
 from wheelchair_gym.assistance.shared_dwa import SPEEDS, STEP, STEPS, TURNS, time_to_stop
 from wheelchair_gym.assistance.step import KINDS, Assistants
 from wheelchair_gym.config import InputError
+from wheelchair_gym.envs import NavigationVectorEnv
 from wheelchair_gym.geometry import Footprint, signed_gap
 from wheelchair_gym.kinematics import arc_step
 from wheelchair_gym.physics.settings import ChairSettings
@@ -230,3 +231,22 @@ def test_each_has_a_kind_and_a_wrong_one_is_told_in_one_line():
             make_compiled(spec)
         assert text in str(said.value)
         assert "\n" not in str(said.value)
+
+
+@pytest.mark.parametrize("name", ["shield", "shared_dwa"])
+def test_help_does_not_shut_a_door_of_eighty_centimetres(name):
+    n, arrived = 4, 0
+    env = NavigationVectorEnv(
+        n, scene={"name": "skill", "course": "door_80"}, driver="expert", assistant=name,
+        shield=True, num_threads=1,
+    )  # fmt: skip
+    env.reset(seed=0)
+    over = np.zeros(n, bool)
+    for _ in range(300):
+        _, _, terminated, truncated, info = env.step(np.zeros((n, 2)))
+        arrived += int((info["is_success"] & ~over).sum())
+        over |= terminated | truncated
+        if over.all():
+            break
+    env.close()
+    assert arrived == n

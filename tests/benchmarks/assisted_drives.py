@@ -57,14 +57,26 @@ TIMES = 4.0  # times the time of `expert` in which a drive has to arrive
 
 
 def driver_of(name: str) -> Any:
-    """A driver; `expert@NAME` is `expert` with the interface of another."""
+    """A driver; `expert@NAME` is `expert` with the interface of another.
+
+    `NAME+part.setting=VALUE` is a driver with a number changed, as in `ataxia+hand.tremor=0.3`.
+    """
     base, at, other = name.partition("@")
-    return {"name": base, "interface": dump(make_driver(other).interface)} if at else base
+    if at:
+        return {"name": base, "interface": dump(make_driver(driver_of(other)).interface)}
+    base, plus, change = name.partition("+")
+    if not plus:
+        return base
+    key, _, value = change.partition("=")
+    part, _, field = key.partition(".")
+    given = dump(make_driver(base))[part] if part == "interface" else {}
+    return {"name": base, part: given | {field: float(value)}}
 
 
 def with_expert(name: str) -> str:
     """The driver that has the interface of another and is `expert` otherwise."""
-    same = make_driver(name.partition("@")[2] or name).interface == make_driver("expert").interface
+    driver = make_driver(driver_of(name.partition("@")[2] or name))
+    same = driver.interface == make_driver("expert").interface
     return "expert" if same else f"expert@{name}"
 
 
@@ -195,6 +207,7 @@ def drive(driver: str, scene: str, assistant: str, given: Any) -> list[Any]:
 
 def run(given: argparse.Namespace) -> dict[Any, Any]:
     """Drive what the file lacks; all drives of the file that are asked for, by their keys."""
+    os.makedirs(given.cache, exist_ok=True)
     path = Path(given.out)
     path.parent.mkdir(parents=True, exist_ok=True)
     stored: dict[Any, Any] = {}
@@ -323,15 +336,10 @@ def names(text: str) -> list[str]:
     return text.split(",")
 
 
-def main() -> int:
-    """Drive, and print tables."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--drivers", type=names, default=list(DRIVERS))
-    text = f"{', '.join(SCENES)}, or courses: {', '.join(COURSES)}"
-    parser.add_argument("--scenes", type=names, default=list(SCENES), help=text)
-    parser.add_argument("--assist", type=names, default=["shared_dwa"], help=", ".join(ASSISTANTS))
+def parse(parser: argparse.ArgumentParser, drives: int, out: str) -> argparse.Namespace:
+    """What is given, with the options of drives in batches; ends the program where it is wrong."""
     text = "of a driver in a scene; a multiple of --rows"
-    parser.add_argument("--drives", type=int, default=75, help=text)
+    parser.add_argument("--drives", type=int, default=drives, help=text)
     parser.add_argument("--rows", type=int, default=25, help="of a batch")
     parser.add_argument("--worlds", type=int, default=120, help="of a scene, which drives share")
     parser.add_argument("--cache", default="runs/assisted_drives/worlds", help="folder of worlds")
@@ -339,15 +347,25 @@ def main() -> int:
     parser.add_argument("--limit", type=float, default=1.0, help=f"times {text}")
     text = "a second scanner looks back; use another --out"
     parser.add_argument("--rear", action="store_true", help=text)
-    parser.add_argument("--out", default="runs/assisted_drives/drives.jsonl")
-    parser.add_argument("--no-expert", action="store_true", help="no drives of expert beside")
+    parser.add_argument("--out", default=out, help="file of drives")
     given = parser.parse_args()
     if given.rows < 1 or given.drives < given.rows or given.drives % given.rows:
         parser.error(f"--drives is {given.drives}; expected a multiple of --rows, {given.rows}")
+    return given
+
+
+def main() -> int:
+    """Drive, and print tables."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--drivers", type=names, default=list(DRIVERS))
+    text = f"{', '.join(SCENES)}, or courses: {', '.join(COURSES)}"
+    parser.add_argument("--scenes", type=names, default=list(SCENES), help=text)
+    parser.add_argument("--assist", type=names, default=["shared_dwa"], help=", ".join(ASSISTANTS))
+    parser.add_argument("--no-expert", action="store_true", help="no drives of expert beside")
+    given = parse(parser, drives=75, out="runs/assisted_drives/drives.jsonl")
     for name in given.scenes:
         if name not in SCENES and name not in COURSES:
             parser.error(f"--scenes: {name!r} is neither of {', '.join(SCENES)} nor a course")
-    os.makedirs(given.cache, exist_ok=True)
     found = run(given)
     print(tables(found, given))
     print(side_by_side(found, given))

@@ -41,10 +41,9 @@ def follow_arc(
     n = points.shape[0]
     reach = math.hypot(max(outline[0], outline[1]), outline[2])
     nearer = step * (abs(v) + abs(w) * reach)  # m a step that a point of the outline moves at most
-    matters = max(most, margin)
-    least, clear = signed_gap(points, n, outline, 0.0, 0.0, 0.0), most
-    k = 0
-    if least > matters:  # this far, nothing can be near
+    least, clear, k = signed_gap(points, n, outline, 0.0, 0.0, 0.0), most, 0
+    matters = max(clear, margin)  # a pose with a larger clearance changes nothing
+    if least > matters:
         k = int(min(float(steps), (least - matters) / max(nearer, 1e-9)))
     while k < steps:
         x, y, yaw = arc_step(0.0, 0.0, 0.0, v, w, step * (k + 1))
@@ -54,7 +53,7 @@ def follow_arc(
         least, clear = min(margin, gap), min(clear, gap)
         if clear < give_up:
             return steps, clear
-        k += 1
+        k, matters = k + 1, max(clear, margin)
         if gap > matters:
             k += int(min(float(steps), (gap - matters) / max(nearer, 1e-9)))
     return steps, clear

@@ -1,0 +1,74 @@
+"""What hangs on the settings of simulated people for which no published value was found.
+
+`python -m tests.benchmarks.driver_assumptions [--drives N]`: each such setting is driven at both
+ends of its plausible range and at its default, N times in homes with the shield alone and with an
+assistant, in the same worlds; the others stay. A table states the successes, and whether the
+assistant helps at each value. Drives are stored as in `assisted_drives`, so that a run that was
+ended goes on.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+import numpy as np
+
+from tests.benchmarks.assisted_drives import parse, run
+
+# A driver, a setting of it, and the ends of the range that counts as plausible.
+ASSUMED = [
+    ("expert", "intention.period", 0.3, 0.5),
+    ("expert", "intention.patience", 1.5, 6.0),
+    ("expert", "intention.retreat", 0.75, 3.0),
+    ("expert", "intention.adaptation", 1.0, 4.0),
+    ("novice", "intention.indecision", 0.1, 0.5),
+    ("novice", "perception.anticipation", 0.3, 1.0),
+    ("ataxia", "perception.reaction", 0.4, 1.0),
+    ("ataxia", "hand.tremor", 0.1, 0.35),
+    ("weak_left", "hand.leftward", 0.3, 0.7),
+    ("hemineglect", "perception.noticed", 0.1, 0.5),
+    ("inattentive", "perception.lapses", 1.0, 3.0),
+    ("wavering", "intention.mind_changes", 1.0, 4.0),
+    ("sip_and_puff", "interface.delay", 0.15, 0.6),
+    ("sip_and_puff", "interface.error", 0.0, 0.1),
+]
+
+
+def difference(helped: Sequence[bool], alone: Sequence[bool]) -> str:
+    """Points of success that help brings, over pairs, with a 95 % interval."""
+    each = 100.0 * (np.array(helped, float) - np.array(alone, float))
+    half = 1.96 * each.std(ddof=1) / np.sqrt(len(each))
+    return f"{each.mean():+.0f} ({each.mean() - half:+.0f} to {each.mean() + half:+.0f})"
+
+
+def main() -> int:
+    """Drive, and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    given = parse(parser, drives=50, out="runs/driver_assumptions/drives.jsonl")
+    given.scenes, given.assist, given.no_expert = ["home"], ["shield", "shared_dwa"], True
+    values = [
+        (driver, setting, [f"{driver}+{setting}={low}", driver, f"{driver}+{setting}={high}"])
+        for driver, setting, low, high in ASSUMED
+    ]
+    given.drivers = list(dict.fromkeys(name for *_, three in values for name in three))
+    found = run(given)
+    print("| driver | setting | value | `shield` [%] | `shared_dwa` [%] | help [points] (95 %) |")
+    print("| --- | --- | --- | ---: | ---: | ---: |")
+    for driver, setting, three in values:
+        for name in three:
+            alone, helped = (
+                [one["success"] for key, one in found.items() if key[0] == name and key[2] == how]
+                for how in given.assist
+            )
+            value = name.partition("=")[2] or "default"
+            print(
+                f"| `{driver}` | `{setting}` | {value} | {100 * np.mean(alone):.0f} | "
+                f"{100 * np.mean(helped):.0f} | {difference(helped, alone)} |"
+            )
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
