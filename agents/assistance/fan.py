@@ -73,3 +73,11 @@ def scaled_distance(twists: Array, asked: tuple[float, float], mission: AssistMi
     full = mission.limits.forward, mission.limits.turn
     off: Array = (twists[:, :2] - asked) / full
     return np.asarray((off**2).sum(axis=1))
+
+
+def nearest(twists: Array, asked: Twist, mission: AssistMission) -> Twist:
+    """Of twists (n, 2 or more) the one nearest to the stick's; rest if there is none."""
+    if not len(twists):
+        return 0.0, 0.0
+    best = int(np.argmin(np.round(scaled_distance(twists, asked, mission), 12)))
+    return float(twists[best, 0]), float(twists[best, 1])

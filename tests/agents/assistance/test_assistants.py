@@ -194,6 +194,16 @@ def test_settings_are_stored_and_read(name):
     assert Assisted(assist=name).make()
 
 
+@pytest.mark.parametrize("name", sorted(set(ASSISTANTS) - {"residual", "ppo_assist"}))
+def test_nobody_is_kept_from_backing_out(name):
+    """Whoever pulls the stick back where nothing stands behind goes back, as fast as it may."""
+    freedom = make_assistant(name).freedom
+    backing, wall = [Stick(-1.0, 0.0, False)] * 10, [np.full(1081, 1.0)] * 10
+    twists = assisted(name, backing, wall)
+    slowest = -min(freedom.backward, LIMITS.backward)
+    assert twists[-1] == pytest.approx((slowest, 0.0), abs=0.005)
+
+
 def test_doors_desks_and_free_directions_are_targets():
     wall = np.array([(2.0, y) for y in np.linspace(-3, 3, 121) if abs(y - 0.5) > 0.45])
     found = find_targets(wall, 0.7)
