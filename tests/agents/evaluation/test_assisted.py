@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,8 +14,9 @@ from agents.evaluation.assisted import MEASURES, StickTrace
 from agents.evaluation.evaluate import episode_env
 from agents.evaluation.figures import unbeaten
 from agents.evaluation.report import terminal_table
-from tests.benchmarks.assisted_drives import Helpers
+from tests.benchmarks.assisted_drives import Helpers, driver_of, with_expert
 from wheelchair_gym.config import read_json
+from wheelchair_gym.drivers import make_driver
 from wheelchair_gym.envs import NavigationVectorEnv
 from wheelchair_gym.kinematics import Limits
 from wheelchair_gym.types import Stick
@@ -168,3 +170,13 @@ def test_a_batch_is_driven_the_same_by_an_assistant_outside_of_it():
 
     # Observations are rounded.
     np.testing.assert_allclose(poses(None), poses("slide"), rtol=0.0, atol=1e-4)
+
+
+def test_benchmarks_change_one_setting_of_a_driver_and_keep_the_rest():
+    usual = make_driver("sip_and_puff")
+    changed = make_driver(driver_of("sip_and_puff+interface.error=0.1"))
+    assert changed.interface == replace(usual.interface, error=0.1)
+    assert changed.intention == usual.intention
+    assert make_driver(driver_of("ataxia+hand.tremor=0.3")).hand.tremor == 0.3
+    expert = make_driver(driver_of(with_expert("sip_and_puff+interface.error=0.1")))
+    assert expert == replace(make_driver("expert"), interface=changed.interface)
