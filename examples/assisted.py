@@ -1,4 +1,4 @@
-"""An assistant of your own, beside three of the project's, for a person with a tremor.
+"""A new assistant, beside three of the project's, for a person with a tremor.
 
 It halves every turn of the stick, which is no good idea. `docs/concepts/assisted_driving.md`
 explains drivers, assistants and measures.

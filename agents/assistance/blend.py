@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from agents.assistance.assistant import AssistInput, AssistMission, Freedom, SharedAssistant, Twist
-from agents.assistance.fan import fan, nearest
+from agents.assistance.fan import cheapest, fan, nearest
 from agents.assistance.targets import Belief, Goals
 from wheelchair_gym.config import InputError, setting, settings
 
@@ -49,14 +49,14 @@ class _Method:
         config, (v, w) = self._config, now.asked
         twists = fan(self._mission, now)
         costs = self._goals.update(now, twists)
-        if v < 0.0:  # who backs manoeuvres: no goal is reached so
+        if v < 0.0:  # whoever backs is manoeuvring, not driving to a goal
             return nearest(twists, now.asked, self._mission)
         likely = int(np.argmax(self._goals.belief))
         ramp = (float(self._goals.belief[likely]) - config.timid) / (config.sure - config.timid)
         share = config.most * min(1.0, max(0.0, ramp))
         if share == 0.0 or not len(twists):
             return now.asked
-        best = twists[int(np.argmin(np.round(costs[:, likely], 12)))]
+        best = twists[cheapest(costs[:, likely])]
         return (1.0 - share) * v + share * float(best[0]), (1.0 - share) * w + share * float(
             best[1]
         )

@@ -25,15 +25,15 @@ def free_share(mission: AssistMission, now: AssistInput, twist: Twist, time: flo
 @borrowing_kernel
 def _fan(
     points: Array, outline: Array, asked: Array, turn: float, margin: float, deceleration: float,
-    period: float, near: Array, out: Array,
+    period: float, reach: float, near: Array, out: Array,
 ) -> int:  # fmt: skip
     """Write rows of twists that the chair could end before a collision; how many there are.
 
     Columns: speed, turn rate, least clearance of the arc until it ends or touches [m]. The array
-    near (n, 2) is for the points that arcs of one speed can come near to.
+    near (n, 2) is for the points that arcs of one speed can come near to: those within reach [m],
+    and as far as it drives.
     """
     n = 0
-    reach = math.hypot(max(outline[0], outline[1]), outline[2]) + max(CLEAR, margin) + 1e-6
     for i in range(SPEEDS):
         v = asked[0] * i / (SPEEDS - 1)
         far, count = reach + abs(v) * STEP * STEPS, 0
@@ -60,10 +60,11 @@ def fan(mission: AssistMission, now: AssistInput) -> Array:
         (n, 3): speed [m/s], turn rate [rad/s], least clearance on the way [m]; none where the
         chair can only stand.
     """
-    out = np.empty((SPEEDS * TURNS, 3))
+    outline, out = mission.chair.footprint, np.empty((SPEEDS * TURNS, 3))
+    reach = outline.reach + max(CLEAR, now.margin) + 1e-6
     n = _fan(
-        now.points, mission.chair.footprint.array, np.array(now.asked), now.turn, now.margin,
-        mission.limits.deceleration, mission.period, np.empty_like(now.points), out,
+        now.points, outline.array, np.array(now.asked), now.turn, now.margin,
+        mission.limits.deceleration, mission.period, reach, np.empty_like(now.points), out,
     )  # fmt: skip
     return out[:n]
 
@@ -75,9 +76,14 @@ def scaled_distance(twists: Array, asked: tuple[float, float], mission: AssistMi
     return np.asarray((off**2).sum(axis=1))
 
 
+def cheapest(costs: Array) -> int:
+    """The first of the least costs (n,); differences below 1e-12 are none."""
+    return int(np.argmin(np.round(costs, 12)))
+
+
 def nearest(twists: Array, asked: Twist, mission: AssistMission) -> Twist:
     """Of twists (n, 2 or more) the one nearest to the stick's; rest if there is none."""
     if not len(twists):
         return 0.0, 0.0
-    best = int(np.argmin(np.round(scaled_distance(twists, asked, mission), 12)))
-    return float(twists[best, 0]), float(twists[best, 1])
+    v, w = twists[cheapest(scaled_distance(twists, asked, mission)), :2]
+    return float(v), float(w)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from agents.assistance.assistant import AssistInput, AssistMission, Freedom, SharedAssistant, Twist
-from agents.assistance.fan import fan, nearest, scaled_distance
+from agents.assistance.fan import cheapest, fan, nearest, scaled_distance
 from agents.assistance.targets import Belief, Goals
 from wheelchair_gym.config import setting, settings
 
@@ -45,11 +45,12 @@ class _Method:
         config = self._config
         twists = fan(self._mission, now)
         costs = self._goals.update(now, twists)
-        if now.asked[0] < 0.0 or not len(twists):  # who backs manoeuvres: no goal is reached so
+        # Whoever backs is manoeuvring, not driving to a goal.
+        if now.asked[0] < 0.0 or not len(twists):
             return nearest(twists, now.asked, self._mission)
         expected = costs @ self._goals.belief
         expected += config.stick * scaled_distance(twists, now.asked, self._mission)
         enough = config.enough * min(1.0, now.margin / max(config.freedom.margin, 1e-6))
         expected += config.clearance * np.maximum(0.0, 1.0 - twists[:, 2] / max(enough, 1e-6))
-        best = twists[int(np.argmin(np.round(expected, 12)))]
+        best = twists[cheapest(expected)]
         return float(best[0]), float(best[1])

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from agents.assistance.assistant import AssistInput, AssistMission, Freedom, SharedAssistant, Twist
-from agents.assistance.fan import fan, free_share, scaled_distance
+from agents.assistance.fan import cheapest, fan, free_share, scaled_distance
 from agents.assistance.targets import Belief, Goals
 from wheelchair_gym.config import setting, settings
 
@@ -52,8 +52,8 @@ class _Method:
             int(np.argmax(self._goals.belief)),
             scaled_distance(twists, now.asked, mission),
         )
-        best = int(np.argmin(np.round(costs[:, likely] + 0.1 * off, 12)))
-        same = int(np.argmin(np.round(off, 12)))  # the stick's, or the nearest that is safe
+        best = cheapest(costs[:, likely] + 0.1 * off)
+        same = cheapest(off)  # the stick's, or the nearest that is safe
         misses = costs[same, likely] - costs[best, likely] > config.miss
         sure = float(self._goals.belief[likely]) >= config.confidence
         if not (hits or (misses and sure)):
