@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.compiled.address import doubles_at, on_stack
+from wheelchair_gym.compiled.address import doubles_at, integers_at, on_stack
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.compiled.simd import bits_of_float
 from wheelchair_gym.drivers.state import (
@@ -145,6 +145,10 @@ def _seconds_to_pose(p: Any, goal: Any, x: float, y: float, yaw: float) -> float
 @borrowing_kernel
 def _to_go(p: Any, d: Any, prepared: Any, x: float, y: float, yaw: float) -> float:
     """Seconds from a pose on the map to where the person wants to be."""
+    if p.way == OUTLINE and d.mode == GO and not d.manoeuvres and p.perception.drift == 0.0:
+        seconds = seconds_to_go(prepared, x, y, yaw)  # what most people look at, most of the time
+        if seconds >= 0.0:
+            return seconds
     c, s = math.cos(yaw), math.sin(yaw)
     if d.mode == ELSEWHERE or d.mode == LOOK or (p.way == OBSTACLE and d.mode == GO):
         ahead = 0.0 if d.mode == ELSEWHERE else p.outline[0]
@@ -215,6 +219,21 @@ def _spent(p: Any, d: Any, v: float, w: float, j: int) -> float:
 
 
 @borrowing_kernel
+def _time_to_stop(p: Any, d: Any, v: float) -> float:
+    """Seconds on an arc, from the pose where it is left, that must be free of obstacles.
+
+    Of a stick's arcs, none that collides. Of few signals, one is good until the chair must be
+    stopped: after the person's delay, and what a decision may come later than the next pose.
+    """
+    if p.kind == STICK and not d.manoeuvres:
+        return float(d.horizon)
+    if p.kind == STICK:
+        return float(p.late[0] + p.intention.period + abs(v) / DECELERATION)
+    waits = max(0.0, p.intention.period - d.horizon / POSES)
+    return float(p.late[0] + waits + 0.5 * abs(v) / DECELERATION)
+
+
+@borrowing_kernel
 def _least_cost(
     p: Any, d: Any, prepared: Any, k: int, begin: tuple[float, float, float], pose: Array,
     to_go: Array,
@@ -229,7 +248,8 @@ def _least_cost(
     for j in range(POSES - 1 if _only_end(p, d, v, w) else 0, POSES):
         x, y, yaw = arc_step(begin[0], begin[1], begin[2], v, w, horizon * (j + 1) / POSES)
         wx, wy = body_to_world(c, s, x, y)
-        to_go[j] = _to_go(p, d, prepared, pose[0] + wx, pose[1] + wy, pose[2] + yaw)
+        seconds = _to_go(p, d, prepared, pose[0] + wx, pose[1] + wy, pose[2] + yaw)
+        to_go[j] = p.slowness * seconds
         least = min(least, _spent(p, d, v, w, j) + to_go[j])
     return float(_fixed(p, d, k) + least)
 
@@ -253,11 +273,7 @@ def _cost(
     """
     plan, horizon = p.intention, d.horizon
     v, w = _motion(p, d, k)
-    # Of a stick's arcs, none that collides. Of few signals, one is good until the chair must be
-    # stopped.
-    to_stop, only_end = p.late[0] + plan.period + abs(v) / DECELERATION, _only_end(p, d, v, w)
-    if p.kind == STICK and not d.manoeuvres:
-        to_stop = horizon
+    to_stop, only_end = _time_to_stop(p, d, v), _only_end(p, d, v, w)
     touch = 0.5 * plan.look_distance if d.mode == LOOK else TOUCH
     costs = doubles_at(on_stack(8 * POSES), POSES)
     cost, free = 0.0, POSES
@@ -345,6 +361,7 @@ def _weigh(
     Those whose bounds (n_signals,) are numbers have been weighed before.
     """
     to_go = doubles_at(on_stack(8 * SIGNALS * POSES), SIGNALS * POSES)
+    weighed, count = integers_at(on_stack(8 * SIGNALS), SIGNALS), 0
     late, begin, before = math.nan, (0.0, 0.0, 0.0), 0.0
     for k in range(p.n_signals):
         if not math.isnan(bounds[k]):
@@ -358,11 +375,14 @@ def _weigh(
                 begin = _begin(p, twist, k)
             late, at = p.late[k], POSES * k
             bounds[k] = _least_cost(p, d, prepared, k, begin, pose, to_go[at : at + POSES])
+            weighed[count] = k
+            count += 1
     # Obstacles only add to a cost: the signals that are cheapest without are looked at first.
     late = math.nan
     while True:
         k, bound = 0, math.inf
-        for other in range(p.n_signals):
+        for place in range(count):
+            other = weighed[place]
             if bounds[other] < bound:
                 k, bound = other, bounds[other]
         if bound > least or bound == math.inf:
