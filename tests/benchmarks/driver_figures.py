@@ -26,10 +26,8 @@ from wheelchair_gym.types import Stick
 
 Array = NDArray[np.float64]
 
-PERIOD, TIME = (
-    0.1,
-    120.0,
-)  # s: a step; and the time limit, with ten times the time of the shortest way
+PERIOD = 0.1  # s: a step
+TIME = 120.0  # s: the time limit, with ten times the time of the shortest way
 LEAST = 0.1  # deflection of a stick that has a direction
 BESIDE = 0.15  # m from the outline: farther returns are not what it touched
 
@@ -155,7 +153,7 @@ def rows(n: int) -> list[tuple[str, str, str]]:
     return [
         (
             "experts and novices are alike in simple tasks", "Sorrento 2011, 10 and 13 people",
-            f"time forward, `novice` to `expert`: {ratio('novice', 'expert', 'forward', n)}",
+            f"time forward, `expert` to `novice`: {ratio('expert', 'novice', 'forward', n)}",
         ),
         (
             "experts manoeuvre sideways in about half the time", "Sorrento 2011",

@@ -180,6 +180,21 @@ def test_the_signal_that_is_chosen_costs_least(driver):
         assert chosen == int(np.argmin(costs))
 
 
+@pytest.mark.parametrize(("driver", "seed"), [("sip_and_puff", 0), ("scanning", 5)])
+def test_few_signals_do_not_turn_a_chair_to_and_fro_for_ever(driver, seed):
+    """A slow way ahead is worth more than a short turn from one good heading to another."""
+    env = NavigationEnv(
+        scene="floor_plan", driver=driver, assistant="shield", shield=True,
+        config={"task": {"time_base": 60.0, "time_factor": 10.0}},
+    )  # fmt: skip
+    env.reset(seed=seed)
+    over, info = False, {}
+    while not over:
+        _, _, terminated, truncated, info = env.step(np.zeros(2))
+        over = terminated or truncated
+    assert info["is_success"]
+
+
 def test_who_drives_at_obstacles_does_not_slow_before_a_desk():
     _, env = sticks("expert", scene={"name": "skill", "course": "dock"})
     d, prepared = env.drivers.states[0], env._prepared.record[0]

@@ -439,7 +439,7 @@ def notice_motion(p: Any, d: Any, twist: Array) -> None:
     asked = 0.0 if d.intended == 0 else p.signals[d.intended, 1] * p.turn
     d.expected += (asked - d.expected) * min(1.0, p.period / RESPONSE)
     more = min(MOST_SURPLUS, max(-MOST_SURPLUS, twist[1] - d.expected))
-    if pushes:
+    if pushes and p.kind == STICK:  # few signals correct no drift
         d.surplus += (more - d.surplus) * min(1.0, p.period / p.intention.adaptation)
 
 
