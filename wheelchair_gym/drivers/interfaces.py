@@ -58,9 +58,26 @@ def _draw(d: Any, index: int) -> float:
 
 
 @borrowing_kernel
-def _move_hand(p: Any, d: Any, tick: float, near_goal: bool) -> None:
-    """One tick of hand, tremor and filter."""
+def _hand_rates(p: Any, tick: float) -> tuple[float, float, float, float, float]:
+    """What is the same in each tick of a hand: see `_move_hand`."""
+    h = p.hand
+    return (
+        1.0 - math.exp(-tick / h.lag),
+        1.0 - math.exp(-tick / h.return_lag),
+        smoothing_share(p.interface.smoothing, tick),
+        math.cos(h.rotation),
+        math.sin(h.rotation),
+    )
+
+
+@borrowing_kernel
+def _move_hand(
+    p: Any, d: Any, tick: float, near_goal: bool, rates: tuple[float, float, float, float, float]
+) -> None:
+    """One tick of hand, tremor and filter; rates: the hand's shares of a step away from rest and
+    back, the filter's, and the cosine and sine of the stick's rotation."""
     h, device = p.hand, p.interface
+    away, back, share, cosine, sine = rates
     x, y = p.signals[d.intended, 0] / device.gain, p.signals[d.intended, 1] / device.gain
     x, y = push_through(x, y, device.dead_zone)
     if h.bursts > 0.0:
@@ -72,17 +89,16 @@ def _move_hand(p: Any, d: Any, tick: float, near_goal: bool) -> None:
             x, y = d.burst[0], d.burst[1]
     for k in range(2):
         to = x if k == 0 else y
-        lag = h.return_lag if abs(to) < abs(d.hand[k]) else h.lag
-        d.hand[k] += (to - d.hand[k]) * (1.0 - math.exp(-tick / lag))
-        noise = normal(d.key, d.tick, DRIVERS, TREMOR + k)
-        value = p.tremor_a * d.tremor[k, 0] - p.tremor_b * d.tremor[k, 1] + p.tremor_gain * noise
-        d.tremor[k, 1], d.tremor[k, 0] = d.tremor[k, 0], value
+        d.hand[k] += (to - d.hand[k]) * (back if abs(to) < abs(d.hand[k]) else away)
+        if p.tremor_gain > 0.0:
+            noise = normal(d.key, d.tick, DRIVERS, TREMOR + k)
+            value = p.tremor_a * d.tremor[k, 0] - p.tremor_b * d.tremor[k, 1]
+            d.tremor[k, 1], d.tremor[k, 0] = d.tremor[k, 0], value + p.tremor_gain * noise
     rise = h.tremor_at_goal if near_goal else 1.0
     x, y = d.hand[0] + rise * d.tremor[0, 0], d.hand[1] + rise * d.tremor[1, 0]
     x, y = weaken(x, y, (h.forward, h.backward, h.leftward, h.rightward))
-    x, y = body_to_world(math.cos(h.rotation), math.sin(h.rotation), x, y)
+    x, y = body_to_world(cosine, sine, x, y)
     x, y = x + h.offset_forward, y + h.offset_left
-    share = smoothing_share(device.smoothing, tick)
     d.filtered[0] += (min(1.0, max(-1.0, x)) - d.filtered[0]) * share
     d.filtered[1] += (min(1.0, max(-1.0, y)) - d.filtered[1]) * share
 
@@ -175,6 +191,7 @@ def _step_brain_computer(p: Any, d: Any, yaw: float) -> None:
 def give_signal(p: Any, d: Any, yaw: float, near_goal: bool) -> None:
     """Let hand and interface follow the intended signal for one control period."""
     tick = p.period / p.ticks
+    rates = _hand_rates(p, tick) if p.kind == STICK else (0.0, 0.0, 0.0, 1.0, 0.0)
     for _ in range(p.ticks):
         d.tick += 1
         d.clock = d.tick * tick
@@ -184,7 +201,7 @@ def give_signal(p: Any, d: Any, yaw: float, near_goal: bool) -> None:
             for k in range(d.pending):
                 d.pending_signal[k], d.pending_at[k] = d.pending_signal[k + 1], d.pending_at[k + 1]
         if p.kind == STICK:
-            _move_hand(p, d, tick, near_goal)
+            _move_hand(p, d, tick, near_goal, rates)
             if d.tick % p.sample_every == 0:
                 _sample_stick(p, d)
         elif p.kind == SWITCHES:
