@@ -74,8 +74,11 @@ def _hand_rates(p: Any, tick: float) -> tuple[float, float, float, float, float]
 def _move_hand(
     p: Any, d: Any, tick: float, near_goal: bool, rates: tuple[float, float, float, float, float]
 ) -> None:
-    """One tick of hand, tremor and filter; rates: the hand's shares of a step away from rest and
-    back, the filter's, and the cosine and sine of the stick's rotation."""
+    """One tick of hand, tremor and filter.
+
+    Rates are the shares of a step that the hand takes away from rest and back, and the filter; and
+    cosine and sine of the stick's rotation.
+    """
     h, device = p.hand, p.interface
     away, back, share, cosine, sine = rates
     x, y = p.signals[d.intended, 0] / device.gain, p.signals[d.intended, 1] / device.gain
