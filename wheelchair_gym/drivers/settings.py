@@ -60,8 +60,7 @@ class Intention:
     retreat: float = setting(default=1.5, unit="s", low=0.0, high=60.0, source=_ASSUMED)
     """How long it then backs off."""
     adaptation: float = setting(default=2.0, unit="s", low=0.05, high=1e6, source=_ASSUMED)
-    """Time constant with which it learns, with a stick, how much the chair turns beside its
-    wish."""
+    """Time constant with which it learns how much the chair turns beside what a stick asks for."""
 
 
 @settings
