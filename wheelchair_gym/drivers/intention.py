@@ -222,8 +222,9 @@ def _spent(p: Any, d: Any, v: float, w: float, j: int) -> float:
 def _time_to_stop(p: Any, d: Any, v: float) -> float:
     """Seconds on an arc, from the pose where it is left, that must be free of obstacles.
 
-    Of a stick's arcs, none that collides. Of few signals, one is good until the chair must be
-    stopped: after the person's delay, and what a decision may come later than the next pose.
+    A stick chooses no arc that collides at all, unless it manoeuvres. Few signals are held until
+    the chair must be stopped: the person's delay, the time by which its next decision may come
+    later than the next pose, and the braking distance as time on the arc.
     """
     if p.kind == STICK and not d.manoeuvres:
         return float(d.horizon)
@@ -439,7 +440,7 @@ def notice_motion(p: Any, d: Any, twist: Array) -> None:
     asked = 0.0 if d.intended == 0 else p.signals[d.intended, 1] * p.turn
     d.expected += (asked - d.expected) * min(1.0, p.period / RESPONSE)
     more = min(MOST_SURPLUS, max(-MOST_SURPLUS, twist[1] - d.expected))
-    if pushes and p.kind == STICK:  # few signals correct no drift
+    if pushes and p.kind == STICK:  # few signals cannot correct it
         d.surplus += (more - d.surplus) * min(1.0, p.period / p.intention.adaptation)
 
 

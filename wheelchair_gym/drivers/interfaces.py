@@ -59,7 +59,12 @@ def _draw(d: Any, index: int) -> float:
 
 @borrowing_kernel
 def _hand_rates(p: Any, tick: float) -> tuple[float, float, float, float, float]:
-    """What is the same in each tick of a hand: see `_move_hand`."""
+    """What is the same in each tick of a hand.
+
+    Returns:
+        The shares of what is left of its way that the hand goes in a tick outwards and back, the
+        filter's share, and cosine and sine of the stick's rotation.
+    """
     h = p.hand
     return (
         1.0 - math.exp(-tick / h.lag),
@@ -74,11 +79,7 @@ def _hand_rates(p: Any, tick: float) -> tuple[float, float, float, float, float]
 def _move_hand(
     p: Any, d: Any, tick: float, near_goal: bool, rates: tuple[float, float, float, float, float]
 ) -> None:
-    """One tick of hand, tremor and filter.
-
-    Rates are the shares of a step that the hand takes away from rest and back, and the filter; and
-    cosine and sine of the stick's rotation.
-    """
+    """One tick of hand, tremor and filter; rates as of `_hand_rates`."""
     h, device = p.hand, p.interface
     away, back, share, cosine, sine = rates
     x, y = p.signals[d.intended, 0] / device.gain, p.signals[d.intended, 1] / device.gain

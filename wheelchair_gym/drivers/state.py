@@ -54,7 +54,7 @@ CONSTANTS = np.dtype(
         ("signals", "f8", (SIGNALS, 2)),  # deflections forward and to the left; the first is rest
         ("late", "f8", (SIGNALS,)),  # s until a signal takes effect, while the last one goes on
         ("wait", "f8", (SIGNALS,)),  # s that the wait for it costs
-        ("slowness", "f8"),  # of few signals: how much longer a way takes than the quickest way
+        ("slowness", "f8"),  # times a time to go at full speed, with few signals; a stick: 1
         ("place", "i8", (SIGNALS, 2)),  # of a stick's signals, in their grid
         ("coarse", "i8", (SIGNALS,)),  # 1: always weighed; others are where it matters
         # the chair
@@ -223,7 +223,8 @@ def constants_of(
         p["sample_every"] = max(1, round(1.0 / (device.rate * tick)))
     limits, laser = chair.limits, sensors.laser
     p["forward"], p["backward"], p["turn"] = limits.forward, limits.backward, limits.turn
-    # Of few signals it weighs how long each is kept, against a time to go at the same speed.
+    # A person with few signals weighs how long to hold each of them. Against that counts a time to
+    # go at the speed of the signal forward, and not at full speed.
     p["slowness"] = 1.0 if device.kind == "stick" else 1.0 / max(signals[:, 0])
     p["outline"], p["mount"] = chair.footprint.array, (laser.x, laser.y, laser.yaw)
     p["beams"] = laser.beams
