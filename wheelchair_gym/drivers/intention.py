@@ -144,20 +144,16 @@ def _seconds_to_pose(p: Any, goal: Any, x: float, y: float, yaw: float) -> float
 
 @borrowing_kernel
 def _to_go(p: Any, d: Any, prepared: Any, x: float, y: float, yaw: float) -> float:
-    """Seconds from a pose on the map to where the person wants to be."""
-    if p.way == OUTLINE and d.mode == GO and not d.manoeuvres and p.perception.drift == 0.0:
-        seconds = seconds_to_go(prepared, x, y, yaw)  # what most people look at, most of the time
-        if seconds >= 0.0:
-            return seconds
-    c, s = math.cos(yaw), math.sin(yaw)
+    """Seconds from a pose on the map, at full speed, to where the person wants to be."""
     if d.mode == ELSEWHERE or d.mode == LOOK or (p.way == OBSTACLE and d.mode == GO):
         ahead = 0.0 if d.mode == ELSEWHERE else p.outline[0]
-        fx, fy = x + ahead * c, y + ahead * s
+        fx, fy = x + ahead * math.cos(yaw), y + ahead * math.sin(yaw)
         bearing = math.atan2(d.target[1] - y, d.target[0] - x)
         far = math.hypot(d.target[0] - fx, d.target[1] - fy)
         return float(far / p.forward + abs(wrap(bearing - yaw)) / p.turn)
-    # Who drifts takes its place for one further to the other side.
-    x, y = x + s * p.perception.drift, y - c * p.perception.drift
+    drift = p.perception.drift
+    if drift != 0.0:  # it takes its place for one further to the other side
+        x, y = x + math.sin(yaw) * drift, y - math.cos(yaw) * drift
     if p.way == OUTLINE:
         if d.manoeuvres:
             return _seconds_to_pose(p, prepared.goal, x, y, yaw)
@@ -165,7 +161,8 @@ def _to_go(p: Any, d: Any, prepared: Any, x: float, y: float, yaw: float) -> flo
         if seconds >= 0.0:  # else none is known
             return seconds
     seconds = NO_WAY if p.way == OUTLINE and prepared.state_rows > 0 else 0.0
-    seconds += geodesic_to_go(prepared, x + AHEAD * c, y + AHEAD * s) / p.forward
+    fx, fy = x + AHEAD * math.cos(yaw), y + AHEAD * math.sin(yaw)
+    seconds += geodesic_to_go(prepared, fx, fy) / p.forward
     return float(seconds + 0.1 * geodesic_to_go(prepared, x, y) / p.forward)
 
 

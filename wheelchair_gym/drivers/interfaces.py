@@ -195,7 +195,7 @@ def _step_brain_computer(p: Any, d: Any, yaw: float) -> None:
 def give_signal(p: Any, d: Any, yaw: float, near_goal: bool) -> None:
     """Let hand and interface follow the intended signal for one control period."""
     tick = p.period / p.ticks
-    rates = _hand_rates(p, tick) if p.kind == STICK else (0.0, 0.0, 0.0, 1.0, 0.0)
+    rates = _hand_rates(p, tick)
     for _ in range(p.ticks):
         d.tick += 1
         d.clock = d.tick * tick

@@ -223,8 +223,8 @@ def constants_of(
         p["sample_every"] = max(1, round(1.0 / (device.rate * tick)))
     limits, laser = chair.limits, sensors.laser
     p["forward"], p["backward"], p["turn"] = limits.forward, limits.backward, limits.turn
-    # A person with few signals weighs how long to hold each of them. Against that counts a time to
-    # go at the speed of the signal forward, and not at full speed.
+    # Times to go are at full speed. Whoever has few signals drives slower, and weighs times to go
+    # against the time for which a signal is held.
     p["slowness"] = 1.0 if device.kind == "stick" else 1.0 / max(signals[:, 0])
     p["outline"], p["mount"] = chair.footprint.array, (laser.x, laser.y, laser.yaw)
     p["beams"] = laser.beams
