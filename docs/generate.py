@@ -82,7 +82,7 @@ KERNELS = ("wheelchair_gym.geometry", "wheelchair_gym.kinematics", "wheelchair_g
 # Settings with which every key of the observation is present in one of two environments.
 MORE_KEYS = {
     "last_action": True, "shield_state": True, "side_clearance": True, "trail": [1, 2, 4, 8],
-    "privileged": True,
+    "tracks": 6, "privileged": True,
 }  # fmt: skip
 
 

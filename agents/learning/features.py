@@ -19,6 +19,7 @@ GOAL_RANGE = 10.0  # m: the goal's distance is clipped to this
 GOAL_PROXIMITY_WEIGHT = 2.0  # weight of exp(-distance to the goal)
 SCALED = (  # keys with a factor
     "twist", "goal", "stick", "action", "shield", "path", "side_clearance", "trail",
+    "tracks",
 )  # fmt: skip
 
 

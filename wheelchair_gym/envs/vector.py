@@ -37,6 +37,7 @@ from wheelchair_gym.task.custom_reward import compiled_rewards, make_reward
 from wheelchair_gym.task.prepared_episode import PREPARED, PreparedEpisode
 from wheelchair_gym.task.records import PROGRESS
 from wheelchair_gym.task.task import Observation, Task
+from wheelchair_gym.tracking.state import TRACKER
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -125,6 +126,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         if s.shield is not None:
             self._guard = ShieldConstants(s.shield, s.chair, s.sensors, 1.0 / s.rate)
         self._progress = np.zeros(n, PROGRESS)
+        self._tracked = np.zeros(n if s.task.tracks else 0, TRACKER)
         self._shields = np.zeros(n if s.shield else 0, SHIELD)
         self._over = np.zeros(n, np.bool_)
         self._held: list[PreparedEpisode | None] = [None] * n  # driven now
@@ -138,7 +140,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         n, chairs = self.num_envs, self.chairs
         self._prepared, self._next_prepared = np.zeros(n, PREPARED), np.zeros(n, PREPARED)
         self._keys = np.zeros(n, np.uint64)
-        self._task_rows = self.task.row_pointers(self._progress, self._prepared)
+        self._task_rows = self.task.row_pointers(self._progress, self._prepared, self._tracked)
         shields: Any = np.zeros(1, SHIELDS)
         if self._guard is not None:
             shields = point_to_shields(self._guard, self._shields)

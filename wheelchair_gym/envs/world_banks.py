@@ -145,7 +145,7 @@ class WorldBank:
 # Settings of the task that leave worlds as they are: what is observed there, and rewarded.
 _SEEN = (
     "beams", "look_ahead", "look_ahead_time", "last_action", "shield_state", "side_clearance",
-    "trail", "stick_history", "hide_guidance", "privileged", "reward",
+    "trail", "tracks", "stick_history", "hide_guidance", "privileged", "reward",
 )  # fmt: skip
 
 

@@ -14,11 +14,13 @@ from wheelchair_gym.task.observations import extend_trail, observe, reset_trail
 from wheelchair_gym.task.prepared_episode import PREPARED, distance_to_go, geodesic_to_go
 from wheelchair_gym.task.records import PROGRESS, RULES
 from wheelchair_gym.task.rewards import has_arrived, write_no_terms, write_terms
+from wheelchair_gym.tracking.tracker import TRACKERS, reset_tracker, tracker_row, update_tracker
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 
 _rules_at, _prepared_at, _progress_at = map(rows_of, (RULES, PREPARED, PROGRESS))
+_trackers_at = rows_of(TRACKERS)
 
 
 @inlined
@@ -30,6 +32,20 @@ def task_row(task: Any, i: int) -> Any:
         _prepared_at(rows.prepared, rows.n)[i],
         _progress_at(rows.progress, rows.n)[i],
     )
+
+
+@borrowing_kernel
+def _observe(
+    i: int, task: Any, pose: Array, twist: Array, laser: Floats, ultrasonic: Floats, out: Floats
+) -> int:
+    """Write what row i's policy observes of a reading; returns how many beams are finite."""
+    rule, prepared, progress = task_row(task, i)
+    trackers = _trackers_at(task[0].trackers, 1)
+    if rule.size.tracks > 0:
+        scan, stamp = laser[: rule.laser_beams], progress.steps * rule.period
+        update_tracker(i, trackers, pose, twist, scan, stamp)
+    tracked = tracker_row(i, trackers)[1]
+    return observe(rule, prepared, progress, tracked, pose, twist, laser, ultrasonic, out)
 
 
 @borrowing_kernel
@@ -61,11 +77,13 @@ def begin_task(
         progress.action[k] = progress.shield_intervention[k] = 0.0
     progress.sticks[:, :] = 0.0
     progress.latched = progress.person_arrived = False
+    if rule.size.tracks > 0:
+        reset_tracker(i, _trackers_at(task[0].trackers, 1))
     write_no_terms(verdict)
     verdict.terminated, verdict.truncated = False, False
     verdict.arrived = has_arrived(rule, prepared, pose, twist, rule.arrival_margin)
     verdict.geodesic = progress.geodesic
-    verdict.valid_beams = observe(rule, prepared, progress, pose, twist, laser, ultrasonic, out)
+    verdict.valid_beams = _observe(i, task, pose, twist, laser, ultrasonic, out)
 
 
 @borrowing_kernel
@@ -110,4 +128,4 @@ def assess(
     write_terms(rule, progress, verdict, covered, bumped, twist, laser)
     verdict.truncated = verdict.truncated or progress.steps >= rule.max_steps
     verdict.geodesic = progress.geodesic
-    verdict.valid_beams = observe(rule, prepared, progress, pose, twist, laser, ultrasonic, out)
+    verdict.valid_beams = _observe(i, task, pose, twist, laser, ultrasonic, out)

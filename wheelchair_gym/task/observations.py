@@ -41,6 +41,9 @@ STRAIGHT = 0.8  # m/s: the pace of a way that is not known
 TRAIL_POINTS = 64  # of a trail that are kept
 STICKS = 17  # of a person that are kept: `TaskSettings.stick_history` and the present one
 TRAIL_SPACING = 0.25  # m between them
+TRACK_REACH = 8.0  # m: tracks farther off are not observed
+TRACK_SPEED = 3.0  # m/s: faster tracks are observed as so fast
+TRACK_NUMBERS = 5  # of each track
 _ZERO = np.float32(0.0)
 
 
@@ -98,6 +101,8 @@ def _hides_guidance(source: ObservationSource) -> bool:
     return s.privileged and s.hide_guidance and source.points > 0
 
 
+_TRACK_MOST = np.array([1.0, TRACK_REACH, TRACK_REACH, TRACK_SPEED, TRACK_SPEED])
+_SIGNED = np.array([0.0, 1.0, 1.0, 1.0, 1.0])  # of a track's numbers, those that may be negative
 _POSES, _CLEARANCE = (0.5, 0.5, 1.0, 1.0), (4.0,)  # of x, y [m], cosine, sine; of a clearance [m]
 
 OBSERVATION_KEYS = (
@@ -175,6 +180,15 @@ OBSERVATION_KEYS = (
         lambda o: PATH_REACH,
         "(2k,) | -10 to 10 m | with `task.trail`: x, y of where it was, in its frame",
         (0.5,),
+    ),
+    ObservationKey(
+        "tracks",
+        lambda o: TRACK_NUMBERS * o.settings.tracks,
+        lambda o: -np.tile(_TRACK_MOST, o.settings.tracks) * np.tile(_SIGNED, o.settings.tracks),
+        lambda o: np.tile(_TRACK_MOST, o.settings.tracks),
+        "(5k,) | 0 or 1, -8 to 8 m, -3 to 3 m/s | with `task.tracks`, of each: 1 (0: there is "
+        "none); x, y; velocity over ground along x and y",
+        (1.0, 0.5, 0.5, 1.0, 1.0),
     ),
     ObservationKey(
         "privileged",
@@ -423,6 +437,34 @@ def write_trail(progress: Any, pose: Array, distances: Array, out: Floats) -> No
 
 
 @borrowing_kernel
+def write_tracks(state: Any, out: Floats) -> None:
+    """The confirmed tracks (5 k,) of a record of TRACKER, the nearest first; zeros after the last.
+
+    Of each: 1, place [m] and velocity over ground [m/s], both along x and y of the chair.
+    """
+    pose = state.pose
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    before = -1.0  # m: how far the track is that was written last
+    for at in range(0, out.shape[0], TRACK_NUMBERS):
+        nearest, best = TRACK_REACH, -1
+        for k in range(state.n_tracks):
+            t = state.tracks[k]
+            far = math.hypot(t.x - pose[0], t.y - pose[1])
+            if t.confirmed and before < far <= nearest:
+                nearest, best = far, k
+        for j in range(TRACK_NUMBERS):
+            out[at + j] = 0.0
+        if best < 0:
+            continue
+        t, before = state.tracks[best], nearest
+        out[at] = 1.0
+        out[at + 1], out[at + 2] = world_to_body(c, s, t.x - pose[0], t.y - pose[1])
+        along, across = world_to_body(c, s, t.vx, t.vy)
+        out[at + 3] = min(TRACK_SPEED, max(-TRACK_SPEED, along))
+        out[at + 4] = min(TRACK_SPEED, max(-TRACK_SPEED, across))
+
+
+@borrowing_kernel
 def write_guidance(rules: Any, prepared: Any, pose: Array, out: Floats) -> None:
     """Points or poses of the guidance ahead of a pose (3,)."""
     ahead = doubles_at(rules.ahead, rules.points)
@@ -444,13 +486,17 @@ def observe(
     rules: Any,
     prepared: Any,
     progress: Any,
+    tracked: Any,
     pose: Array,
     twist: Array,
     laser: Floats,
     ultrasonic: Floats,
     out: Floats,
 ) -> int:
-    """Write what a policy observes of a reading; returns how many beams are finite."""
+    """Write what a policy observes of a reading; returns how many beams are finite.
+
+    `tracked` is a record of TRACKER, which is read where tracks are observed.
+    """
     size = rules.size
     at, valid, first = 0, 0, 0
     pools = pools_at(rules.pools, rules.scanners)
@@ -496,6 +542,9 @@ def observe(
         back = doubles_at(rules.back, size.trail // 2)
         write_trail(progress, pose, back, out[at : at + size.trail])
     at += size.trail
+    if size.tracks > 0:
+        write_tracks(tracked, out[at : at + size.tracks])
+    at += size.tracks
     if size.privileged > 0:
         seconds = seconds_to_go(prepared, pose[0], pose[1], pose[2])
         known = seconds >= 0.0  # NaN: not known

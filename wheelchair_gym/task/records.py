@@ -8,6 +8,7 @@ from wheelchair_gym.compiled.address import Target, pointer_record
 from wheelchair_gym.task.observations import POOL, SIZES, STICKS, TRAIL_POINTS
 from wheelchair_gym.task.prepared_episode import PREPARED
 from wheelchair_gym.task.rewards import TERM_VALUES
+from wheelchair_gym.tracking.tracker import TRACKERS
 
 RULES, RULES_TARGETS = pointer_record(
     ("period", "f8"),  # s
@@ -69,4 +70,5 @@ TASK, TASK_TARGETS = pointer_record(
     ("rules", Target(RULES, 1)),
     ("prepared", Target(PREPARED, None)),
     ("progress", Target(PROGRESS, None)),
+    ("trackers", Target(TRACKERS, 1)),  # of no rows where tracks are not observed
 )

@@ -65,6 +65,9 @@ class TaskSettings:
     trail: tuple[float, ...] = setting(default=(), unit="m", low=0.0, high=15.0)
     """Distances back along its own way at which the chair's places are observed; before it has come
     so far, its start."""
+    tracks: int = setting(default=0, low=0, high=20, source=_CHOICE)
+    """How many of the nearest moving things are observed, as the tracker finds them in the scans of
+    the first laser, without a map; 0: none, and no tracker runs."""
     stick_history: int = setting(default=4, low=0, high=16, source=_CHOICE)
     """Earlier control periods of which the stick is observed, where a person drives."""
     hide_guidance: bool = setting(default=False)

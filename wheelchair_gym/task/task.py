@@ -31,6 +31,9 @@ from wheelchair_gym.task.records import PROGRESS, RULES, RULES_TARGETS, TASK, TA
 from wheelchair_gym.task.rewards import TERMS, VERDICT, Verdict, reached, reached_pose
 from wheelchair_gym.task.settings import TaskSettings
 from wheelchair_gym.task.side_clearance import fan_poses
+from wheelchair_gym.tracking import TrackerSettings
+from wheelchair_gym.tracking.state import TRACKER, TrackerConstants
+from wheelchair_gym.tracking.tracker import TRACKERS, point_to_trackers
 from wheelchair_gym.types import Arrival, Episode, Reading, Stick
 
 Array = NDArray[np.float64]
@@ -105,6 +108,9 @@ class Task:
         self._pointers = Pointers(np.zeros(1, RULES), RULES_TARGETS)
         self.rules: Rows = self._pointers.record
         self._set_rules()
+        self._tracker: TrackerConstants | None = None
+        if settings.tracks:
+            self._tracker = TrackerConstants(TrackerSettings(), sensors.laser)
         self._progress = np.zeros(1, PROGRESS)
         self.judged = np.zeros(1, VERDICT)  # of the latest reading
         self.rows = self.row_pointers(self._progress)
@@ -112,12 +118,19 @@ class Task:
         self._places = places((key, box.shape[0]) for key, box in self.spaces.items())
         self.observation_size = sum(box.shape[0] for box in self.spaces.values())
 
-    def row_pointers(self, progress: Rows, prepared: Rows | None = None) -> Pointers:
-        """Where rows (n,) of PROGRESS and PREPARED lie, a record (1,) of TASK."""
+    def row_pointers(
+        self, progress: Rows, prepared: Rows | None = None, tracked: Rows | None = None
+    ) -> Pointers:
+        """Where rows (n,) of PROGRESS, PREPARED and TRACKER lie, a record (1,) of TASK."""
         rows = Pointers(np.zeros(1, TASK), TASK_TARGETS)
         rows.record["n"] = len(progress)
         rows.point("rules", self._pointers)
         rows.point("progress", progress)
+        trackers: Any = np.zeros(1, TRACKERS)
+        if self._tracker is not None:
+            tracked = np.zeros(len(progress), TRACKER) if tracked is None else tracked
+            trackers = point_to_trackers(self._tracker, tracked, [None] * len(progress))
+        rows.point("trackers", trackers)
         if prepared is not None:
             rows.point("prepared", prepared)
         return rows

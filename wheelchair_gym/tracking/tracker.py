@@ -380,7 +380,8 @@ _constants_at, _states_at, _maps_at = rows_of(CONSTANTS), rows_of(TRACKER), rows
 
 
 @inlined
-def _row(i: int, trackers: Any) -> Any:
+def tracker_row(i: int, trackers: Any) -> Any:
+    """Constants, state and static map of row i of trackers, a record (1,) of TRACKERS."""
     rows = trackers[0]
     constants = _constants_at(rows.constants, 1)[0]
     return constants, _states_at(rows.states, rows.n)[i], _maps_at(rows.static_maps, rows.n)[i]
@@ -391,8 +392,14 @@ def update_tracker(
     i: int, trackers: Any, pose: Array, twist: Array, laser: Floats, stamp: float
 ) -> None:
     """Give row i of trackers, a record (1,) of TRACKERS, a scan; see `update`."""
-    constants, state, static_map = _row(i, trackers)
+    constants, state, static_map = tracker_row(i, trackers)
     update(constants, state, static_map, pose, twist, laser, stamp)
+
+
+@borrowing_kernel
+def reset_tracker(i: int, trackers: Any) -> None:
+    """Let row i of trackers, a record (1,) of TRACKERS, forget everything."""
+    reset(tracker_row(i, trackers)[1])
 
 
 def point_to_trackers(

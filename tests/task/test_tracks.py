@@ -1,0 +1,94 @@
+"""Laws of tracks as they are observed: those of the tracker, the nearest first."""
+
+from __future__ import annotations
+
+import copy
+
+import numpy as np
+import pytest
+
+from wheelchair_gym.config import InputError
+from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
+from wheelchair_gym.geometry import to_frame
+from wheelchair_gym.task.observations import TRACK_REACH, TRACK_SPEED
+from wheelchair_gym.tracking import Tracker
+
+MOST = 4  # tracks that are observed
+HALL = {
+    "name": "crowd", "place": "hall", "hall_size": [8.0, 10.0], "furniture_density": 0.0,
+    "people": {"density": [0.3, 0.3]},
+}  # fmt: skip
+CONFIG = {"scene": HALL, "rate": 5.0, "task": {"tracks": MOST, "beams": 64}}
+
+
+def expected(tracks, pose):
+    """The nearest confirmed tracks (4, 5), zeros after the last."""
+    out = np.zeros((MOST, 5), np.float32)
+    place = to_frame(tracks.place, pose)
+    velocity = to_frame(tracks.velocity, np.array([0.0, 0.0, pose[2]]))
+    far = np.hypot(*place.T)
+    chosen = np.flatnonzero(tracks.confirmed & (far <= TRACK_REACH))
+    chosen = chosen[np.argsort(far[chosen])][:MOST]
+    rows = np.column_stack([np.ones(len(chosen)), place[chosen], velocity[chosen]])
+    out[: len(chosen)] = rows
+    out[:, 3:] = out[:, 3:].clip(-TRACK_SPEED, TRACK_SPEED)
+    return out
+
+
+def actions(count):
+    rng = np.random.default_rng(1)
+    return rng.uniform(-0.3, 0.6, (count, 2)).astype(np.float32)
+
+
+def test_they_are_those_of_a_tracker_without_a_map():
+    env = NavigationEnv(config=CONFIG)
+    most = 0
+    for seed in range(3):
+        observation, _ = env.reset(seed=seed)
+        tracker = Tracker(laser=env.settings.sensors.laser)
+        for k, action in enumerate(actions(40)):
+            reading = env.task.reading
+            twist, laser = np.array(reading.twist), reading.laser
+            tracks = tracker.update(laser, np.array(reading.pose), twist, 0.2 * k)
+            wanted = expected(tracks, np.array(reading.pose))
+            assert observation["tracks"].reshape(MOST, 5) == pytest.approx(wanted, abs=1e-4)
+            most = max(most, int(wanted[:, 0].sum()))
+            assert env.observation_space.contains(observation)
+            observation, _, terminated, truncated, _ = env.step(action)
+            if terminated or truncated:
+                break
+    assert most == MOST
+
+
+def test_a_batch_and_a_copy_observe_the_same():
+    env, batch = NavigationEnv(config=CONFIG), NavigationVectorEnv(3, config=CONFIG)
+    env.reset(seed=4)
+    batch.reset(seed=[9, 4, 5])
+    seen = 0
+    for k, action in enumerate(actions(20)):
+        if k == 5:
+            clone = copy.deepcopy(env)
+        one, _, terminated, truncated, _ = env.step(action)
+        rows, *_ = batch.step(np.tile(action, (3, 1)))
+        if terminated or truncated:
+            break
+        assert (rows["tracks"][1] == one["tracks"]).all()
+        assert k < 5 or (clone.step(action)[0]["tracks"] == one["tracks"]).all()
+        seen += k >= 5 and bool(one["tracks"].any())
+    assert seen > 5
+
+
+def test_each_episode_begins_without_tracks():
+    env = NavigationEnv(config=CONFIG)
+    for _ in range(2):
+        observation, _ = env.reset(seed=4)
+        assert not observation["tracks"].any()
+        for action in actions(20):
+            observation, *_ = env.step(action)
+        assert observation["tracks"].any()
+
+
+def test_a_chair_without_a_laser_has_no_tracks():
+    config = {**CONFIG, "sensors": {"laser": {"beams": 0}}, "task": {"tracks": 2}}
+    with pytest.raises(InputError, match="a tracker needs a laser"):
+        NavigationEnv(config=config)
