@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import math
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
@@ -28,6 +29,8 @@ Floats = NDArray[np.float32]
 
 UPDATE_PERIOD = 1.0  # s between two updates from a map that grows
 SLACK = 4.0  # s: until then the chair may have strayed so far from the path
+STAYED, TURNED = 0.15, 0.4  # m, rad: a chair that has moved less has stayed where it was
+BACK = 0.045  # m/s in reverse: harmless to whom it hits
 
 
 @settings
@@ -38,6 +41,12 @@ class Learned:
     """Name of weights that come with the package, or a file of them."""
     digest: str | None = setting(default=None)
     """SHA-256 that the file of weights must have; None: any."""
+    patience: float = setting(default=0.0, unit="s", low=0.0, source="design choice")
+    """Time at one place after which the chair backs out slowly, and drives on; 0: it never does."""
+    backing: float = setting(
+        default=5.0, unit="s", low=0.1, source="design choice; 0.2 m at a harmless speed"
+    )
+    """Time for which it backs out."""
 
     def __post_init__(self) -> None:
         if self.weights:
@@ -57,7 +66,7 @@ class Learned:
         """
         path = self._file()
         network, card, remembers = read_network(path)
-        made = LearnedDriver(network, card, remembers)
+        made = LearnedDriver(network, card, remembers, self.patience, self.backing)
         if made.layout.is_assistant:
             raise InputError(
                 f"{path}: weights of an assistant, which needs a person: --driver NAME --assist "
@@ -96,7 +105,20 @@ def weights_digest(spec: Any) -> str | None:
 
 
 class LearnedDriver(Trained):
-    """Observes as in training, by the same task and guidance, and acts as often."""
+    """Observes as in training, by the same task and guidance, and acts as often.
+
+    Args:
+        network, card, remembers: see `Trained`.
+        patience: time [s] at one place after which the chair backs out; 0: it never does.
+        backing: time [s] for which it backs out.
+    """
+
+    def __init__(
+        self, network: Any, card: Mapping[str, Any], remembers: bool, patience: float = 0.0,
+        backing: float = 0.0,
+    ) -> None:  # fmt: skip
+        super().__init__(network, card, remembers)
+        self._patience, self._backing = patience, backing
 
     def reset(self, mission: Mission) -> None:
         """See `Policy.reset`."""
@@ -115,6 +137,7 @@ class LearnedDriver(Trained):
         self._updated = 0.0
         self._grows = mission.map is None and guidance is not None
         first = mission.reading
+        self._place, self._since = np.array(first.pose), first.stamp  # since then it is there
         self.task.begin(self._prepare(first), first, mission.key, mission.is_shielded)
 
     def _prepare(self, reading: Reading) -> PreparedEpisode:
@@ -137,6 +160,17 @@ class LearnedDriver(Trained):
             action = self.action(reading)
             shown = Shown(self.task.path)
             self._command = Command.from_action(action, self._mission.limits, shown)
+        return self._back_out(reading) if self._patience else self._command
+
+    def _back_out(self, reading: Reading) -> Command:
+        """The network's command, or one straight back where the chair has stayed for too long."""
+        dx, dy, turned = np.asarray(reading.pose) - self._place
+        moved = math.hypot(dx, dy) > STAYED or abs(math.remainder(turned, math.tau)) > TURNED
+        stayed = reading.stamp - self._since
+        if stayed > self._patience + self._backing or (moved and stayed <= self._patience):
+            self._place, self._since = np.array(reading.pose), reading.stamp
+        elif stayed > self._patience:
+            return Command(np.array([-BACK, 0.0]), self._command.shown)
         return self._command
 
 

@@ -20,7 +20,7 @@ from agents.learning.publish import model_card
 from agents.learning.run import BEST, POLICY, Run, train
 from agents.learning.weights import Network, load_weights, save_weights, shipped
 from agents.policies import GymPolicy, make_policy
-from agents.policies.learned import file_digest
+from agents.policies.learned import BACK, file_digest
 from tests.agents.learning.tiny_runs import ENV, random_weights, tiny, trained_run
 from tests.conftest import ROOT
 from wheelchair_gym.config import InputError
@@ -445,3 +445,18 @@ def test_a_chair_with_fewer_sensors_learns_and_drives(sensors, tmp_path):
     observation, _ = world.reset(seed=0)
     driver.reset()
     assert np.isfinite(driver.act(observation)).all()
+
+
+def test_a_chair_that_stays_at_a_place_backs_out_if_it_is_impatient():
+    env = NavigationEnv("clutter", rate=5.0, pose_source="modelled")
+    env.reset(seed=0)
+    first = env.mission.reading
+    for patience in (0.0, 2.0):
+        policy = make_policy({"name": "ppo_guided", "patience": patience, "backing": 1.0})
+        policy.reset(env.mission)
+        # The same reading again and again: the chair stays, whatever it is asked to do.
+        readings = [first._replace(stamp=first.stamp + 0.25 * k) for k in range(30)]
+        twists = [policy.act(reading).twist.tolist() for reading in readings]
+        back = [k for k, twist in enumerate(twists) if twist == [-BACK, 0.0]]
+        # After 2 s for 1 s, and again 2 s after it has ended.
+        assert back == ([*range(9, 13), *range(22, 26)] if patience else [])
