@@ -115,7 +115,7 @@ class LearnedDriver(Trained):
 
     def __init__(
         self, network: Any, card: Mapping[str, Any], remembers: bool, patience: float = 0.0,
-        backing: float = 0.0,
+        backing: float = 5.0,
     ) -> None:  # fmt: skip
         super().__init__(network, card, remembers)
         self._patience, self._backing = patience, backing
@@ -165,7 +165,8 @@ class LearnedDriver(Trained):
     def _back_out(self, reading: Reading) -> Command:
         """The network's command, or one straight back where the chair has stayed for too long."""
         dx, dy, turned = np.asarray(reading.pose) - self._place
-        moved = math.hypot(dx, dy) > STAYED or abs(math.remainder(turned, math.tau)) > TURNED
+        near = math.hypot(dx, dy) <= STAYED and abs(math.remainder(turned, math.tau)) <= TURNED
+        moved = not near  # also where a pose is no number
         stayed = reading.stamp - self._since
         if stayed > self._patience + self._backing or (moved and stayed <= self._patience):
             self._place, self._since = np.array(reading.pose), reading.stamp

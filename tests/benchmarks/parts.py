@@ -96,7 +96,7 @@ def _judges(task, verdicts, actions, sensed, scan, out, periods):
     for _ in range(periods):
         for j in range(verdicts.shape[0]):
             s = sensed[j]
-            own = s.pose, s.twist, scan, s.ultrasonic, s.bumped
+            own = s.pose, s.twist, scan, s.ultrasonic, s.stamp, s.bumped
             assess(j, task, verdicts, actions[j], *own, 0.0, 0.0, out[j])
 
 

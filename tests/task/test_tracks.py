@@ -92,3 +92,8 @@ def test_a_chair_without_a_laser_has_no_tracks():
     config = {**CONFIG, "sensors": {"laser": {"beams": 0}}, "task": {"tracks": 2}}
     with pytest.raises(InputError, match="a tracker needs a laser"):
         NavigationEnv(config=config)
+
+
+def test_a_tracker_needs_a_scan_a_second():
+    with pytest.raises(InputError, match=r"task\.tracks is 4 at a rate of 0\.5 Hz"):
+        NavigationEnv(config={**CONFIG, "rate": 0.5})

@@ -130,6 +130,7 @@ def begin_chair(i: int, batch: Any, rows: Columns, out: Floats) -> None:
         seen.twist,
         ranges,
         seen.ultrasonic,
+        seen.stamp,
         shielded and not is_unshielded(key, batch.unshielded),
         out[i],
     )
@@ -194,6 +195,7 @@ def step_row(
         seen.twist,
         ranges,
         seen.ultrasonic,
+        seen.stamp,
         seen.bumped,
         less[0],
         less[1],

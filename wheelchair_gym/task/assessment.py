@@ -14,7 +14,7 @@ from wheelchair_gym.task.observations import extend_trail, observe, reset_trail
 from wheelchair_gym.task.prepared_episode import PREPARED, distance_to_go, geodesic_to_go
 from wheelchair_gym.task.records import PROGRESS, RULES
 from wheelchair_gym.task.rewards import has_arrived, write_no_terms, write_terms
-from wheelchair_gym.tracking.tracker import TRACKERS, reset_tracker, tracker_row, update_tracker
+from wheelchair_gym.tracking.tracker import TRACKERS, reset_tracker, update_tracker
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
@@ -36,16 +36,15 @@ def task_row(task: Any, i: int) -> Any:
 
 @borrowing_kernel
 def _observe(
-    i: int, task: Any, pose: Array, twist: Array, laser: Floats, ultrasonic: Floats, out: Floats
-) -> int:
+    i: int, task: Any, pose: Array, twist: Array, laser: Floats, ultrasonic: Floats, stamp: float,
+    out: Floats,
+) -> int:  # fmt: skip
     """Write what row i's policy observes of a reading; returns how many beams are finite."""
     rule, prepared, progress = task_row(task, i)
     trackers = _trackers_at(task[0].trackers, 1)
     if rule.size.tracks > 0:
-        scan, stamp = laser[: rule.laser_beams], progress.steps * rule.period
-        update_tracker(i, trackers, pose, twist, scan, stamp)
-    tracked = tracker_row(i, trackers)[1]
-    return observe(rule, prepared, progress, tracked, pose, twist, laser, ultrasonic, out)
+        update_tracker(i, trackers, pose, twist, laser[: rule.laser_beams], stamp)
+    return observe(rule, prepared, progress, i, trackers, pose, twist, laser, ultrasonic, out)
 
 
 @borrowing_kernel
@@ -57,6 +56,7 @@ def begin_task(
     twist: Array,
     laser: Floats,
     ultrasonic: Floats,
+    stamp: float,
     is_shielded: bool,
     out: Floats,
 ) -> None:
@@ -83,7 +83,7 @@ def begin_task(
     verdict.terminated, verdict.truncated = False, False
     verdict.arrived = has_arrived(rule, prepared, pose, twist, rule.arrival_margin)
     verdict.geodesic = progress.geodesic
-    verdict.valid_beams = _observe(i, task, pose, twist, laser, ultrasonic, out)
+    verdict.valid_beams = _observe(i, task, pose, twist, laser, ultrasonic, stamp, out)
 
 
 @borrowing_kernel
@@ -96,6 +96,7 @@ def assess(
     twist: Array,
     laser: Floats,
     ultrasonic: Floats,
+    stamp: float,
     bumped: bool,
     less_v: float,
     less_w: float,
@@ -128,4 +129,4 @@ def assess(
     write_terms(rule, progress, verdict, covered, bumped, twist, laser)
     verdict.truncated = verdict.truncated or progress.steps >= rule.max_steps
     verdict.geodesic = progress.geodesic
-    verdict.valid_beams = _observe(i, task, pose, twist, laser, ultrasonic, out)
+    verdict.valid_beams = _observe(i, task, pose, twist, laser, ultrasonic, stamp, out)

@@ -29,6 +29,7 @@ from wheelchair_gym.maps.cost_to_go import poses_ahead, to_local
 from wheelchair_gym.task.prepared_episode import geodesic_to_go, seconds_to_go
 from wheelchair_gym.task.settings import TaskSettings
 from wheelchair_gym.task.side_clearance import CLEARANCE_MAX, fan_poses, side_clearance
+from wheelchair_gym.tracking.tracker import tracker_row
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
@@ -486,7 +487,8 @@ def observe(
     rules: Any,
     prepared: Any,
     progress: Any,
-    tracked: Any,
+    row: int,
+    trackers: Any,
     pose: Array,
     twist: Array,
     laser: Floats,
@@ -495,7 +497,7 @@ def observe(
 ) -> int:
     """Write what a policy observes of a reading; returns how many beams are finite.
 
-    `tracked` is a record of TRACKER, which is read where tracks are observed.
+    Its tracks are those of a row of trackers, a record (1,) of TRACKERS.
     """
     size = rules.size
     at, valid, first = 0, 0, 0
@@ -543,7 +545,7 @@ def observe(
         write_trail(progress, pose, back, out[at : at + size.trail])
     at += size.trail
     if size.tracks > 0:
-        write_tracks(tracked, out[at : at + size.tracks])
+        write_tracks(tracker_row(row, trackers)[1], out[at : at + size.tracks])
     at += size.tracks
     if size.privileged > 0:
         seconds = seconds_to_go(prepared, pose[0], pose[1], pose[2])

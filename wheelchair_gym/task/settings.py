@@ -67,7 +67,7 @@ class TaskSettings:
     so far, its start."""
     tracks: int = setting(default=0, low=0, high=20, source=_CHOICE)
     """How many of the nearest moving things are observed, as the tracker finds them in the scans of
-    the first laser, without a map; 0: none, and no tracker runs."""
+    the first laser, without a map, at 1 Hz at least; 0: none, and no tracker runs."""
     stick_history: int = setting(default=4, low=0, high=16, source=_CHOICE)
     """Earlier control periods of which the stick is observed, where a person drives."""
     hide_guidance: bool = setting(default=False)

@@ -110,6 +110,11 @@ class Task:
         self._set_rules()
         self._tracker: TrackerConstants | None = None
         if settings.tracks:
+            if period > 1.0:
+                raise InputError(
+                    f"task.tracks is {settings.tracks} at a rate of {1.0 / period:g} Hz; the "
+                    "tracker needs 1 Hz at least"
+                )
             self._tracker = TrackerConstants(TrackerSettings(), sensors.laser)
         self._progress = np.zeros(1, PROGRESS)
         self.judged = np.zeros(1, VERDICT)  # of the latest reading
@@ -247,6 +252,7 @@ class Task:
             reading.twist,
             reading.laser,
             reading.ultrasonic,
+            reading.stamp,
             is_shielded,
             out,
         )
@@ -283,6 +289,7 @@ class Task:
             reading.twist,
             reading.laser,
             reading.ultrasonic,
+            reading.stamp,
             reading.bumped,
             *less,
             out,

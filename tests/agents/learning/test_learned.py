@@ -61,6 +61,27 @@ def test_a_driver_sees_and_acts_as_in_training(trained):
     assert run.layout.size == len(flat) + 3
 
 
+def test_a_driver_sees_the_tracks_that_it_saw_in_training(trained):
+    _, folder = trained
+    hall = {"name": "crowd", "place": "hall", "hall_size": [8.0, 10.0], "people": {"density": 0.3}}
+    sensors = {**ENV["sensors"], "pose_source": "truth"}
+    env = NavigationEnv(config={**ENV, "scene": hall, "sensors": sensors})
+    driver, seen = make_policy(str(folder / POLICY)), 0
+    policy = GymPolicy(driver, env)
+    for seed in range(3):
+        observation, _ = env.reset(seed=seed)
+        policy.reset()
+        for _ in range(20):
+            policy.act(observation)
+            tracks = driver.task.observation["tracks"]
+            assert tracks == pytest.approx(observation["tracks"], abs=1e-5)
+            seen += bool(tracks.any())
+            observation, _, terminated, truncated, _ = env.step(np.array([0.1, 0.2]))
+            if terminated or truncated:
+                break
+    assert seen > 10
+
+
 def test_a_driver_sees_what_was_driven_and_what_a_shield_withheld(trained):
     """Whoever else has a say: it is told of the action that was driven, shielded or not."""
     _, folder = trained
