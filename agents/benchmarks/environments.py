@@ -65,16 +65,15 @@ def resident_bytes() -> int:
 def touched_bytes(act: Callable[[], object]) -> int | None:
     """Memory that an act reads or writes, in whole pages; None where the system does not count."""
     clear, counts = Path("/proc/self/clear_refs"), Path("/proc/self/smaps_rollup")
-
-    def touched(act: Callable[[], object]) -> int:
-        clear.write_text("1")
-        act()
-        return 1024 * int(counts.read_text().split("Referenced:")[1].split()[0])
-
+    touched = []
     try:
-        return touched(act) - touched(lambda: None)
+        for each in (lambda: None, act):
+            clear.write_text("1")
+            each()
+            touched.append(1024 * int(counts.read_text().split("Referenced:")[1].split()[0]))
     except (OSError, IndexError):
         return None
+    return touched[1] - touched[0]
 
 
 def measure_rate(step: Callable[[int], int], seconds: float) -> float:

@@ -61,12 +61,16 @@ def test_a_driver_sees_and_acts_as_in_training(trained):
     assert run.layout.size == len(flat) + 3
 
 
-def test_a_driver_sees_the_tracks_that_it_saw_in_training(trained):
-    _, folder = trained
-    hall = {"name": "crowd", "place": "hall", "hall_size": [8.0, 10.0], "people": {"density": 0.3}}
+def test_a_driver_sees_the_tracks_that_it_saw_in_training(tmp_path):
+    task = {**ENV["task"], "tracks": 2}
+    run = Run(tiny("ppo", env={**ENV, "task": task}), 0, tmp_path)
+    run.learn()
+    run.close()
+    people = {"density": [0.3, 0.3]}
+    hall = {"name": "crowd", "place": "hall", "hall_size": [8.0, 10.0], "people": people}
     sensors = {**ENV["sensors"], "pose_source": "truth"}
-    env = NavigationEnv(config={**ENV, "scene": hall, "sensors": sensors})
-    driver, seen = make_policy(str(folder / POLICY)), 0
+    env = NavigationEnv(config={**ENV, "scene": hall, "sensors": sensors, "task": task})
+    driver, seen = make_policy(str(tmp_path / POLICY)), 0
     policy = GymPolicy(driver, env)
     for seed in range(3):
         observation, _ = env.reset(seed=seed)

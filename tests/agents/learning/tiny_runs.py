@@ -23,7 +23,6 @@ ENV = {
         "shield_state": True,
         "side_clearance": True,
         "trail": [0.5, 2.0],
-        "tracks": 2,
         "time_base": 4.0,
         "time_factor": 0.0,
     },
