@@ -30,7 +30,7 @@ Floats = NDArray[np.float32]
 UPDATE_PERIOD = 1.0  # s between two updates from a map that grows
 SLACK = 4.0  # s: until then the chair may have strayed so far from the path
 STAYED, TURNED = 0.15, 0.4  # m, rad: a chair that has moved less has stayed where it was
-BACK = 0.045  # m/s in reverse: harmless to whom it hits
+BACK = 0.045  # m/s in reverse: a contact at this speed does no harm
 
 
 @settings
