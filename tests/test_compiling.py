@@ -36,6 +36,26 @@ def high(x):
 def laid(rows, row):
     rows[0, :2] = row
 """
+# A kernel that calls one below it, which calls one of another file.
+EARLY = """
+from wheelchair_gym.compiled.kernel import kernel
+
+@kernel
+def scaled(x):
+    return {} * x
+"""
+LATE = """
+from early import scaled
+from wheelchair_gym.compiled.kernel import kernel
+
+@kernel
+def first(x):
+    return second(x)
+
+@kernel
+def second(x):
+    return scaled(x)
+"""
 # What is told of are the project's own kernels: here these are.
 HEAD = """
 import numba.core.event as event
@@ -169,6 +189,16 @@ def test_a_part_is_compiled_without_being_run(tmp_path):
     )
     ran = run(tmp_path, code)
     assert ran.stdout == "['native_lowering [low]'] 0 13.0\n1\n", ran.stdout + ran.stderr
+
+
+def test_a_kernel_that_calls_one_below_it_follows_an_edit_of_what_that_imports(tmp_path):
+    """A shield may not go on with an old copy after its files were changed."""
+    (tmp_path / "late.py").write_text(LATE)
+    for number in ("2.0", "5.0"):
+        (tmp_path / "early.py").write_text(EARLY.format(number))
+        assert run(tmp_path, "from late import first\nprint(first(3.0))").stdout.split() == [
+            str(3.0 * float(number))
+        ]
 
 
 def test_two_processes_compile_a_kernel_once(tmp_path):

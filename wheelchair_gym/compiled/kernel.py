@@ -47,15 +47,32 @@ def _file_digest(path: str) -> str:
     return hashlib.sha256(Path(path).read_bytes()).hexdigest()
 
 
+def _is_plain(value: object) -> bool:
+    """Whether a constant's text says all of its value."""
+    if isinstance(value, tuple):
+        return all(map(_is_plain, value))
+    return isinstance(value, (int, float, str, np.generic, np.dtype))
+
+
+def _is_other(value: object) -> bool:
+    """Whether a kernel may freeze such a value in: neither a function nor a module."""
+    return value is not None and not callable(value) and not isinstance(value, ModuleType)
+
+
 def _digest(function: Callable[..., Any]) -> str:
-    """Digest of the function's file, of the kernels it calls and of the constants it freezes."""
-    code = function.__code__
+    """Digest of the function's file, and of all kernels and plain constants that the file imports.
+
+    All of them, not those alone that the function names: it may call a kernel that stands below it
+    in the file, which is not defined yet.
+    """
+    code, names = function.__code__, function.__globals__
     parts = [_file_digest(code.co_filename)]
-    for name in code.co_names:
-        value = function.__globals__.get(name)
+    for name, value in names.items():
+        if name.startswith("__"):
+            continue
         if hasattr(value, "source_digest"):
-            parts.append(str(vars(value)["source_digest"]))
-        elif value is not None and not callable(value) and not isinstance(value, ModuleType):
+            parts.append(f"{name}={vars(value)['source_digest']}")
+        elif _is_plain(value) or (name in code.co_names and _is_other(value)):
             parts.append(f"{name}={value!r}")
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
