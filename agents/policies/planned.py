@@ -297,7 +297,8 @@ class PlannedDriver:
             if last and blind_behind(self._map, start, self._mission.footprint):
                 self._spin.begin(start, self.goal)
         self._mapped = 0.0
-        self._progress.stalled_time = 0.0
+        if self.solved:
+            self._progress.stalled_time = 0.0
         plain = self.solved and not self.plan.note
         self._reason = "" if plain else f"{self.plan.status.name} {self.plan.note}".strip()
         self._lost = 0.0 if self.solved else RETRY_TIME  # a search that finds nothing is longest
