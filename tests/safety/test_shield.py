@@ -395,9 +395,9 @@ def test_one_seed_one_run():
         assert np.array_equal(one.given, other.given)
 
 
-def among_people(*people, start=(0.0, 0.0, 0.0), twist=AHEAD, seconds=3.0):
+def among_people(*people, start=(0.0, 0.0, 0.0), twist=AHEAD, seconds=3.0, shield=None):
     """Ask for one twist among people in a wide room: decisions, truths, and the shield's marks."""
-    chair, shield = SimulatedChair(), Shield()
+    chair, shield = SimulatedChair(), shield or Shield()
     episode = dataclasses.replace(box(8.0, start), actors=combine(list(people)))
     reading, told = chair.reset(episode, 3), []
     for _ in range(round(seconds / 0.1)):

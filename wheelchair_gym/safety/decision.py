@@ -26,6 +26,7 @@ from wheelchair_gym.kinematics import (
     peak_speed,
 )
 from wheelchair_gym.safety.grid import was_seen
+from wheelchair_gym.safety.moving import may_reach_point, place_moving, spread_tracked
 from wheelchair_gym.safety.state import (
     CLOSE,
     FAR,
@@ -51,9 +52,6 @@ _MARGIN_SHARE = 0.25  # share of the margin that is kept where the chair creeps 
 _TOO_FAST = 2.0  # times the speed allowed in unseen space: too fast for a comfort stop
 _HEADWAY_SHARE = 0.5  # share of the slow zone that must be left for a comfort stop
 _PIVOT = 0.05  # m/s ahead: slower is a pivot
-_BETWEEN = 0.02  # m: samples are farther from a point than the outline is by less
-_STOOD = 0.15  # s: a scan or two
-_BLIND = 0.3  # m ahead of the axle: the laser does not see what is beside a point farther back
 _REST = 0.01  # m/s: slower is at rest
 _TURN_REST = 0.02  # rad/s
 _ROUND = 1e-6  # of a pose
@@ -114,23 +112,11 @@ def may_reach_person(
     Other parts are left out: contact there would happen to a standing chair, too.
     """
     c, sn = math.cos(yaw), math.sin(yaw)
-    walks = g.person_speed * t
-    starts = min(walks, 0.5 * g.person_acceleration * t * t)
+    spread_tracked(g, near, t)
     for k in range(_find_outward(g, near, v, v, w, w, g.creep_speed)):
-        ax = near.out_x[k]
-        px, py = point_to_world(c, sn, x, y, ax, near.out_y[k])
-        for i in range(near.n_moving):
-            reach = g.stop_margin + _BETWEEN + (starts if near.standing_for[i] > _STOOD else walks)
-            if near.hidden_for[i] > 0.0:
-                if ax < _BLIND:
-                    reach = g.stop_margin + _BETWEEN + walks + g.person_speed * near.hidden_for[i]
-                elif near.moving_x[i] < _BLIND:
-                    continue  # the laser sees them before they are ahead
-                else:
-                    reach = g.stop_margin + _BETWEEN + walks
-            dx, dy = near.moving_x[i] - px, near.moving_y[i] - py
-            if dx * dx + dy * dy < reach * reach:
-                return True
+        px, py = point_to_world(c, sn, x, y, near.out_x[k], near.out_y[k])
+        if may_reach_point(g, near, near.out_x[k], px, py, t):
+            return True
     return False
 
 
@@ -195,6 +181,7 @@ def _place_near(
 def empty_nearby(near: Any) -> None:
     """Let nothing be near."""
     near.n, near.n_moving, near.n_close, near.gap, near.hidden = 0, 0, 0, FAR, 0.0
+    near.n_tracked = 0
 
 
 @borrowing_kernel
@@ -216,13 +203,8 @@ def gather(g: Any, s: Any, near: Any) -> None:
     for k in range(s.n_arc.shape[0]):
         arc = s.arc[k]
         _place_near(g, near, arc.x[:], arc.y[:], s.n_arc[k], c, sn, x, y)
-    for k in range(s.n_marks):
-        mark = s.marks[k]
-        px, py = world_to_body(c, sn, mark.x - x, mark.y - y)
-        near.moving_x[k], near.moving_y[k] = px, py
-        near.standing_for[k], near.hidden_for[k] = s.stamp - mark.stamp, s.stamp - mark.seen
-        near.hidden = max(near.hidden, near.hidden_for[k])
-    near.n_moving, s.gap = s.n_marks, near.gap
+    place_moving(g, s, near, c, sn)
+    s.gap = near.gap
     _pad(near.x[:], near.y[:], near.n)
     _pad(near.moving_x[:], near.moving_y[:], near.n_moving)
 
@@ -253,7 +235,9 @@ def check_trajectory(g: Any, s: Any, near: Any, v: float, w: float) -> int:
     Without a better option the next decision brakes in the same way: within the comfort limits
     before static obstacles, at the protective limit before moving ones.
     """
-    reason = _sweep_static(g, s, near, v, w, g.stop_margin, g.time_headway, g.unseen_speed)
+    wary = v < 0.0 and s.stamp - s.marked < g.wary_time
+    unseen = min(g.creep_speed, g.unseen_speed) if wary else g.unseen_speed
+    reason = _sweep_static(g, s, near, v, w, g.stop_margin, g.time_headway, unseen)
     return _sweep_moving(g, s, near, v, w) if reason == NOTHING and near.n_moving > 0 else reason
 
 

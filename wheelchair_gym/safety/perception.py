@@ -28,6 +28,7 @@ from wheelchair_gym.safety.grid import (
     sees_beyond,
     update_grid,
 )
+from wheelchair_gym.safety.moving import track
 from wheelchair_gym.safety.state import (
     ARC,
     BODY,
@@ -435,6 +436,7 @@ def reset(s: Any) -> None:
     s.corner[:] = 1 << 40  # far away: all cells of the grid come in as never seen
     s.n_points, s.n_old, s.n_marks, s.n_hits, s.n_others, s.columns = 0, 0, 0, 0, 0, 0
     s.gap = FAR
+    s.marked, s.tracker.begun = -math.inf, False
     s.other_silent[:] = s.other_frozen[:] = 0.0
     s.other_hash[:] = np.uint64(0)
 
@@ -468,6 +470,7 @@ def update(
     if fresh:
         scan = scan_of(g, s.pose, laser, floats_at(on_stack(4 * g.beams), g.beams))
         update_points(g, s, scan, laser, dt)
+        track(g, s, laser)
         update_grid(g, s, scan, True)
         if not s.begun:  # the other half of the columns, too
             update_grid(g, s, scan, True)

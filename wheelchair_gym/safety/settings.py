@@ -62,4 +62,16 @@ class ShieldSettings:
         default=3.0, unit="s", low=0.0, high=60.0, source="design choice"
     )
     """How long an object that moved is expected to move again."""
+    wary_time: float = setting(
+        default=10.0, unit="s", low=0.0, high=3600.0, source="measured: see the page on the shield"
+    )
+    """How long after something moved nearby the chair backs into unseen space no faster than
+    `creep_speed`."""
+    tracks: bool = setting(default=True, source="design choice")
+    """Whether a person who is tracked is expected near where their velocity takes them, rather than
+    anywhere that `person_speed` reaches."""
+    track_sigmas: float = setting(
+        default=1.0, low=0.0, high=10.0, source="93 % of velocities or more: see tracking"
+    )
+    """Standard deviations of a track's velocity and place that are allowed for."""
     stale: StaleSettings = StaleSettings()

@@ -24,6 +24,9 @@ from wheelchair_gym.safety.stops import SHIELD_FAULTS
 from wheelchair_gym.sensors.laser import LaserArrays
 from wheelchair_gym.sensors.scanners import SCANNER, scanner_pointers
 from wheelchair_gym.sensors.settings import RANGERS, SCANNERS, SensorSettings
+from wheelchair_gym.tracking.settings import TrackerSettings
+from wheelchair_gym.tracking.state import CONSTANTS as TRACKER_CONSTANTS
+from wheelchair_gym.tracking.state import TRACKER, TRACKS, TrackerConstants
 
 Rows = NDArray[np.void]
 
@@ -70,6 +73,15 @@ POINT = np.dtype([*XY.descr, ("stamp", _F8)])  # stamp: kept until then [s]
 HIT = np.dtype([*POINT.descr, ("scans", _F8)])  # stamp: of the last hit; hits in so many scans
 MARK = np.dtype([*POINT.descr, ("seen", _F8)])  # stamps [s] of the last motion and sighting
 DISTANT = np.dtype([(name, _F8) for name in ("x", "y", "distance")])  # m
+# A person who is tracked: as they were seen last, so long ago [s], with the variances of TRACK; and
+# where they would be at some time at constant velocity, and how far [m] from there they may be.
+TRACKED = np.dtype(
+    [
+        *((name, _F8) for name in ("x", "y", "vx", "vy", "radius", "unseen")),
+        *((name, _F8) for name in ("place_var", "covariance", "speed_var")),
+        *((name, _F8) for name in ("then_x", "then_y", "spread")),
+    ]
+)
 
 
 def _columns(row: np.dtype[np.void], n: int) -> list[tuple[str, str, tuple[int]]]:
@@ -108,6 +120,7 @@ CONSTANTS = np.dtype(
         ("ranger_half", "f8", (RANGERS,)),  # rad: half of the cone
         ("ranger_slope", "f8", (RANGERS,)),  # of the edge of a slightly wider cone
         ("ranger_reach", "f8", (RANGERS,)),  # m
+        ("tracker", "u8"),  # address of its constants, a record of tracking.state.CONSTANTS
     ],
     align=True,
 )
@@ -168,6 +181,8 @@ SHIELD = np.dtype(
         ("others", OTHER_POINTS),
         ("n_marks", "i8"),
         ("marks", MARK, (MARKS,)),  # points that may move
+        ("marked", "f8"),  # s: when there was one last
+        ("tracker", TRACKER),
         # echoes that no laser point explains
         ("fired", "f8", (RANGERS,)),  # s: when each ranger fired
         ("doubtful", "f8", (RANGERS,)),  # m: an echo measured once, or NaN
@@ -193,6 +208,9 @@ NEARBY = np.dtype(
         ("moving_y", "f8", (MARKS,)),
         ("standing_for", "f8", (MARKS,)),  # s
         ("hidden_for", "f8", (MARKS,)),  # s
+        ("owner", "i8", (MARKS,)),  # the one tracked person that a moving point is of, or -1
+        ("n_tracked", "i8"),
+        ("tracked", TRACKED, (TRACKS,)),
         ("hidden", "f8"),  # s: the longest of these
         ("n_close", "i8"),
         ("close", DISTANT, (CLOSE,)),  # signed clearances
@@ -281,8 +299,10 @@ class ShieldConstants:
             )
         self.laser = laser = LaserArrays.of(sensors.laser, False)
         self.scanners = scanner_pointers(sensors, False)
+        self.tracker = TrackerConstants(TrackerSettings(), sensors.laser)
         targets = dict.fromkeys(("cosine", "sine"), Target("f4", None))
         targets["scanners"] = Target(SCANNER, None)
+        targets["tracker"] = Target(TRACKER_CONSTANTS, 1)
         self.pointers = pointers = Pointers(np.zeros(1, CONSTANTS), targets, constant=True)
         self.record: Rows = pointers.record
         g: Any = self.record[0]
@@ -299,6 +319,7 @@ class ShieldConstants:
         pointers.point("cosine", laser.cosine)
         pointers.point("sine", laser.sine)
         pointers.point("scanners", self.scanners)
+        pointers.point("tracker", self.tracker.pointers)
         g["beams"], g["n_scanners"] = sensors.laser.beams, len(sensors.lasers)
         for name in ("first", "per_angle", "nearest", "mount", "reach"):
             g[name] = getattr(laser, name)

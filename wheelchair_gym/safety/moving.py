@@ -1,0 +1,155 @@
+"""Who moves near the chair, and which places they may reach.
+
+Whatever moves may walk anywhere at `person_speed`, or set off from rest with `person_acceleration`.
+A person in view who is tracked (`wheelchair_gym.tracking`) moreover has a velocity, which they can
+change by that acceleration at most. What is hidden, and what no confirmed track explains, keeps the
+wider bound.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wheelchair_gym.compiled.address import on_stack, rows_of
+from wheelchair_gym.compiled.kernel import borrowing_kernel
+from wheelchair_gym.geometry import world_to_body
+from wheelchair_gym.tracking.state import CONSTANTS, PERSON, STATIC_MAP
+from wheelchair_gym.tracking.tracker import reset
+from wheelchair_gym.tracking.tracker import update as update_tracks
+
+Floats = NDArray[np.float32]
+
+_constants_at, _maps_at = rows_of(CONSTANTS), rows_of(STATIC_MAP)
+_MAP_SIZE = STATIC_MAP.itemsize
+
+_BETWEEN = 0.02  # m: samples of the outline are farther from a point than it is by less
+_STOOD = 0.15  # s: a scan or two
+_BLIND = 0.3  # m ahead of the axle: the laser does not see what is beside a point farther back
+_QUIET = 1.0  # s without anything that moves, after which nobody is tracked
+_BODY = 0.10  # m: points so far outside a track's circle may be of the same person
+_EARLIER = 1.0  # s before a person was seen last: what was seen there was of them
+
+
+@borrowing_kernel
+def track(g: Any, s: Any, laser: Floats) -> None:
+    """Give the tracker a new scan while something moves nearby; else it forgets everything.
+
+    It forgets, too, where time stands still: it would take what it has for what is seen now.
+    """
+    if s.n_marks > 0:
+        s.marked = s.stamp
+    if g.tracks == 0.0:
+        return
+    quiet = s.stamp - s.marked > _QUIET
+    if s.tracker.begun and (quiet or s.stamp <= s.tracker.stamp):
+        reset(s.tracker)
+    if quiet:
+        return
+    unknown = _maps_at(on_stack(_MAP_SIZE), 1)[0]
+    unknown.rows = 0
+    constants = _constants_at(g.tracker, 1)[0]
+    update_tracks(constants, s.tracker, unknown, s.pose[:], s.read_twist[:], laser, s.stamp)
+
+
+@borrowing_kernel
+def _place_tracked(g: Any, s: Any, near: Any) -> None:
+    """Store who is tracked, in the chair's frame, as they were seen last."""
+    tracker = s.tracker
+    if not tracker.begun or tracker.stamp != s.stamp:
+        return
+    pose, q = tracker.pose, _constants_at(g.tracker, 1)[0].acceleration_density
+    c, sn = math.cos(pose[2]), math.sin(pose[2])
+    for k in range(tracker.n_tracks):
+        t = tracker.tracks[k]
+        if not t.confirmed or t.kind != PERSON:
+            continue
+        one, dt = near.tracked[near.n_tracked], s.stamp - t.seen
+        x, y = world_to_body(c, sn, t.x - pose[0], t.y - pose[1])
+        one.vx, one.vy = world_to_body(c, sn, t.vx, t.vy)
+        one.x, one.y = x - dt * one.vx, y - dt * one.vy
+        one.radius, one.unseen = t.radius, dt
+        # What the tracker has predicted since then is taken back.
+        one.speed_var = t.speed_var - dt * q
+        one.covariance = t.covariance - dt * (one.speed_var + 0.5 * dt * q)
+        one.place_var = t.place_var - dt * (
+            2.0 * one.covariance + dt * (one.speed_var + dt * q / 3.0)
+        )
+        near.n_tracked += 1
+
+
+@borrowing_kernel
+def _owner(near: Any, x: float, y: float, ago: float) -> int:
+    """The one tracked person that a point was of, seen so long ago [s]; -1: none, or several."""
+    owner = -1
+    for i in range(near.n_tracked):
+        one = near.tracked[i]
+        earlier = ago - one.unseen
+        if not 0.0 <= earlier <= _EARLIER:
+            continue
+        dx, dy = x - one.x + earlier * one.vx, y - one.y + earlier * one.vy
+        far = math.sqrt(dx * dx + dy * dy)
+        if far < one.radius + _BODY:
+            if owner >= 0:
+                return -1
+            owner = i
+    return owner
+
+
+@borrowing_kernel
+def place_moving(g: Any, s: Any, near: Any, c: float, sn: float) -> None:
+    """Store what may move in the chair's frame, and who of it is tracked."""
+    if g.tracks != 0.0:
+        _place_tracked(g, s, near)
+    for k in range(s.n_marks):
+        mark = s.marks[k]
+        x, y = world_to_body(c, sn, mark.x - s.pose[0], mark.y - s.pose[1])
+        near.moving_x[k], near.moving_y[k] = x, y
+        near.standing_for[k], near.hidden_for[k] = s.stamp - mark.stamp, s.stamp - mark.seen
+        near.hidden = max(near.hidden, near.hidden_for[k])
+        near.owner[k] = _owner(near, x, y, near.hidden_for[k])
+    near.n_moving = s.n_marks
+
+
+@borrowing_kernel
+def spread_tracked(g: Any, near: Any, t: float) -> None:
+    """Store where each who is tracked would be at a time t [s] from now, and how far from there."""
+    for i in range(near.n_tracked):
+        one = near.tracked[i]
+        dt = t + one.unseen
+        variance = one.place_var + dt * (2.0 * one.covariance + dt * one.speed_var)
+        changed = 0.5 * g.person_acceleration * dt * dt
+        one.spread = one.radius + _BODY + g.track_sigmas * math.sqrt(variance) + changed
+        one.then_x, one.then_y = one.x + dt * one.vx, one.y + dt * one.vy
+
+
+@borrowing_kernel
+def may_reach_point(g: Any, near: Any, ahead: float, px: float, py: float, t: float) -> bool:
+    """Whether something that moves may reach a point (px, py) at a time t [s] from now.
+
+    The point is of the outline, so far `ahead` of the axle [m].
+    """
+    walks, margin = g.person_speed * t, g.stop_margin + _BETWEEN
+    starts = min(walks, 0.5 * g.person_acceleration * t * t)
+    for i in range(near.n_moving):
+        reach = margin + (starts if near.standing_for[i] > _STOOD else walks)
+        if near.hidden_for[i] > 0.0:
+            if ahead < _BLIND:
+                reach = margin + walks + g.person_speed * near.hidden_for[i]
+            elif near.moving_x[i] < _BLIND:
+                continue  # the laser sees them before they are ahead
+            else:
+                reach = margin + walks
+        dx, dy = near.moving_x[i] - px, near.moving_y[i] - py
+        if dx * dx + dy * dy >= reach * reach:
+            continue
+        if near.owner[i] < 0:
+            return True
+        one = near.tracked[near.owner[i]]
+        dx, dy, reach = one.then_x - px, one.then_y - py, margin + one.spread
+        if dx * dx + dy * dy < reach * reach:
+            return True
+    return False
