@@ -58,12 +58,13 @@ THIN: Final = {"thin": Edges(0.0001, 0.008)}  # narrower: no law, counted apart
 COARSE: Final = {"181_beams": Edges(0.053, 0.12), "64_beams": Edges(0.15, 0.30)}
 BEAMS: Final = {"181_beams": 181, "64_beams": 64}
 APART: Final[dict[str, Any]] = {**THIN, **COARSE}
-# Only where they are named: people of every kind, by both models of motion.
-PEOPLE: Final[dict[str, Any]] = {
+# Only where they are named: people of every kind, by both models of motion, and cylinders.
+FURTHER: Final[dict[str, Any]] = {
+    "cylinders": {"name": "barn"},
     "people": {"name": "people"},
     "people_social_force": {"name": "people", "people": {"model": "social_force"}},
 }
-ALL: Final = SCENES | APART | PEOPLE
+ALL: Final = SCENES | APART | FURTHER
 HARM, SLOW = 0.05, 0.10  # m/s
 _ACTORS = 48  # that are remembered of a row
 _FAN = ((1.0, 0.0), (1.0, 0.4), (1.0, -0.4), (1.0, 1.0), (1.0, -1.0), (-1.0, 0.0), (-1.0, 1.0),

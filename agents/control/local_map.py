@@ -4,9 +4,10 @@ The laser sees 270 degrees from the front: what slips out of its view is remembe
 drives by. Wheel counts carry that memory, and they steady a pose estimate whose error wanders. What
 further scanners hit is added; `wheelchair_gym.tracking` tracks actors by the first one alone.
 
-What the given map explains is static. Of the rest, what is tracked and moves, or has just moved, is
+What a given map explains is static. Of the rest, what is tracked and moves, or has just moved, is
 an actor (people, pushed things); all else is a temporary obstacle (T1 3.2.2), and so is the leaf of
-a door. Nothing here knows the truth.
+a door. Without a given map, there are actors alike, and all else is static. Nothing here knows the
+truth.
 """
 
 from __future__ import annotations
@@ -102,9 +103,9 @@ class LocalMap:
         self._laser = mission.sensors.laser
         self.outline = mission.footprint.array
         self.set_walls(grid)
+        self._tracker = Tracker(laser=self._laser)
         # A map that the chair draws shows actors as well: nothing would stand out against it.
-        self._tracker = None if mission.map is None else Tracker(laser=self._laser)
-        self._grid = grid
+        self._known = None if mission.map is None else grid
         self.temporary = TemporaryObstacles(grid)
         self._beams = self._laser.directions
         self._more = list(zip(mission.sensors.lasers, mission.sensors.slices, strict=True))[1:]
@@ -159,14 +160,15 @@ class LocalMap:
         near = np.isfinite(ranges) & (ranges < DRAWN_RANGE) & (ranges > laser.range_min)
         seen = self._beams[near] * ranges[near, None] + (laser.x, laser.y)
         static = ranges[near] < REACH + laser.x
-        if self._tracker is not None:
-            self._track(reading)
+        self._track(reading)
+        moving = near_discs(seen, self.actors)
+        if self._known is not None:
             unmapped = ~self.temporary.explains(seen, ranges[near], self.pose)
-            moving = unmapped & near_discs(seen, self.actors)
+            moving &= unmapped
             self.temporary.update(
                 seen[unmapped & ~moving], self._standing, ranges, laser, self.pose, reading.stamp
             )
-            static &= ~moving
+        static &= ~moving
         seen = seen[static]
         if self._more:
             seen = np.concatenate([seen, *(self._more_hits(reading, *one) for one in self._more)])
@@ -202,9 +204,8 @@ class LocalMap:
 
     def _track(self, reading: Reading) -> None:
         """Update the actors: what is seen to move, or has moved within `PAUSE`, and is no leaf."""
-        assert self._tracker is not None
         scan = reading.laser[: self._laser.beams]
-        tracks = self._tracker.update(scan, self.pose, reading.twist, reading.stamp, self._grid)
+        tracks = self._tracker.update(scan, self.pose, reading.twist, reading.stamp, self._known)
         c, s = math.cos(self.pose[2]), math.sin(self.pose[2])
         rows = np.column_stack(
             [
