@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -42,25 +43,30 @@ class Peopled(PaperWorld):
         return super().reading()
 
 
-def watched(place, seconds, v=0.0):
-    """The surroundings of a chair that watches something for a while."""
+def watched(place, seconds, v=0.0, given=True):
+    """The surroundings of a chair that watches something for a while; given: it has a map."""
     world = Peopled(place, corridor(12.0, 4.0), (1.0, 0.0, 0.0), (11.0, 0.0, 0.0))
-    local_map = LocalMap(world.mission)
+    mission = world.mission
+    if not given:
+        reading = world.seen._replace(map=mission.map)
+        mission = dataclasses.replace(mission, map=None, reading=reading)
+    local_map = LocalMap(mission)
     for _ in range(round(seconds / world.mission.period)):
         world.drive(np.array([v, 0.0]))
         local_map.update(world.seen)
     return world, local_map
 
 
+@pytest.mark.parametrize("given", [True, False])
 @pytest.mark.parametrize("v", [0.0, 0.6])
 @pytest.mark.parametrize("velocity", [(-0.8, 0.0), (0.0, 0.9), (0.4, -0.3)])
-def test_what_moves_is_tracked_whether_the_chair_stands_or_drives(velocity, v):
+def test_what_moves_is_tracked_whether_the_chair_stands_or_drives(velocity, v, given):
     def place(t):
         return 4.5 + velocity[0] * t, -1.0 * math.copysign(velocity[1] != 0, velocity[1]) + (
             velocity[1] * t
         )
 
-    world, local_map = watched(place, 1.8, v)
+    world, local_map = watched(place, 1.8, v, given)
     assert len(local_map.actors) == 1
     x, y, vx, vy, radius = local_map.actors[0, :5]
     there = place(world.time)
@@ -109,6 +115,17 @@ def test_who_stood_and_is_out_of_sight_is_soon_forgotten():
     c, s = math.cos(world.pose[2]), math.sin(world.pose[2])
     at = world.pose[:2] + hits @ np.array([(c, s), (-s, c)])
     assert np.hypot(*(at - (2.6, -0.5)).T).min() > 0.4
+
+
+def test_a_plan_that_leads_nowhere_does_not_put_off_backing_out():
+    world = PaperWorld(corridor(10.0), (2.0, 0.0, 0.0), (9.0, 0.0))
+    policy = make_policy("lattice+window")
+    policy.reset(world.mission)
+    for status, stalled in ((Status.START_OCCUPIED, 3.0), (Status.SOLVED, 0.0)):
+        policy._progress.stalled_time = 3.0
+        plan = Plan(status, path=np.array([(2.0, 0.0), (9.0, 0.0)]))
+        policy._replanned(None, Answer(plan, 0.3, world.pose, [world.mission.map], 1))
+        assert policy._progress.stalled_time == stalled
 
 
 def test_there_is_room_away_from_what_blocks():
