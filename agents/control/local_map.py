@@ -6,12 +6,12 @@ further scanners hit is added; `wheelchair_gym.tracking` tracks actors by the fi
 
 What a given map explains is static. Of the rest, what is tracked and moves, or has just moved, is
 an actor (people, pushed things); all else is a temporary obstacle (T1 3.2.2), and so is the leaf of
-a door. Without a given map, there are actors alike, and all else is static. Nothing here knows the
-truth.
+a door. Without a given map, all that does not move is static. Nothing here knows the truth.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from wheelchair_gym.geometry import clearance_to_points, to_frame, to_world
 from wheelchair_gym.kinematics import odometric_step
 from wheelchair_gym.maps import OCCUPIED, OccupancyGrid
-from wheelchair_gym.safety import Shield
+from wheelchair_gym.safety import Shield, ShieldSettings
 from wheelchair_gym.sensors.settings import LaserSettings
 from wheelchair_gym.tracking import DOOR, Tracker
 from wheelchair_gym.types import Mission, Reading
@@ -118,7 +118,8 @@ class LocalMap:
         self.points: Array = np.empty((0, 3))
         self.actors: Array = np.empty((0, 8))
         # Also where nothing filters commands: then a shield's defaults say what is too fast.
-        self._shield = Shield(mission.shield, mission.chair, mission.sensors, mission.period)
+        shield = dataclasses.replace(mission.shield or ShieldSettings(), tracks=False)
+        self._shield = Shield(shield, mission.chair, mission.sensors, mission.period)
         self._sense(reading)
 
     def set_walls(self, grid: OccupancyGrid) -> None:

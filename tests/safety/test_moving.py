@@ -13,7 +13,7 @@ from wheelchair_gym.physics.actors.records import NOBODY, combine, person
 from wheelchair_gym.physics.chair import SimulatedChair
 from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.safety import Shield, ShieldSettings
-from wheelchair_gym.safety.moving import may_reach_point, spread_tracked
+from wheelchair_gym.safety.moving import _owner, may_reach_point, spread_tracked
 from wheelchair_gym.safety.state import NEARBY, ShieldConstants
 from wheelchair_gym.sensors.settings import SensorSettings
 
@@ -66,16 +66,50 @@ def test_who_walks_away_is_not_expected_back_at_once():
         point = 0.6 - FASTEST * t, 0.0
         assert reaches(comes, point, t)
         assert not reaches(walks_away, point, t)
-    assert not reaches(walks_away, (0.6 - FASTEST * 0.4, 0.0), 0.4)
-    assert reaches(
-        near_one((0.6, 0.0), (1.3, 0.0), unseen=2.5), (0.6, 0.0), 0.4
-    )  # long out of view
+    for unseen, expected in ((0.5, False), (2.5, True)):  # they may have turned round meanwhile
+        hidden = near_one((0.6, 0.0), (1.3, 0.0), unseen=unseen)
+        assert reaches(hidden, (-0.6, 0.0), 0.4) is expected
 
 
 def test_who_is_not_tracked_may_come_from_anywhere_at_once():
     near = near_one((0.6, 0.0), (1.3, 0.0))
     near[0]["owner"][0] = -1
     assert reaches(near, (0.6 - FASTEST * 0.4, 0.0), 0.4)
+
+
+def owner_of(x, *tracked, ago=0.0):
+    """Whose a point at (x, 0) is of those tracked: x, speed along x, unseen for, is a person."""
+    near = np.zeros(1, NEARBY).view(np.recarray)
+    near[0]["n_tracked"] = len(tracked)
+    for one, (at, speed, unseen, is_person) in zip(near[0]["tracked"], tracked, strict=False):
+        one["x"], one["vx"], one["unseen"], one["is_person"] = at, speed, unseen, is_person
+        one["radius"] = 0.25
+    return _owner.py_func(near[0], x, 0.0, ago)
+
+
+def test_a_point_is_of_a_person_only_where_nothing_else_may_be_there():
+    one, beside, far = (1.0, 0.0, 0.0, True), (1.5, 0.0, 0.0, True), (3.0, 0.0, 0.0, True)
+    assert owner_of(0.8, one, far) == 0
+    assert owner_of(2.8, one, far) == 1
+    assert owner_of(2.0, one, far) == -1
+    assert owner_of(1.25, one, beside) == -1
+    assert owner_of(1.25, one, (1.5, 0.0, 0.0, False)) == -1  # a trolley, a door, who knows
+    assert owner_of(1.25, one, (1.9, -1.0, 0.4, True)) == -1  # somebody whom the laser sees no more
+    assert owner_of(0.2, (1.0, 1.0, 0.0, True), ago=0.8) == 0  # it was theirs when it was seen
+    assert owner_of(0.2, (1.0, 1.0, 0.0, True), ago=1.4) == -1  # too long ago
+
+
+def test_where_somebody_has_walked_it_backs_slowly_and_only_for_a_while():
+    """They pass ahead of it; behind it, it has never seen anything."""
+    passer = person([(2.5, -1.0), (2.5, 9.0)], 1.2, avoids=NOBODY)
+    speeds = {}
+    for wary in (0.0, 4.0):
+        shield = Shield(ShieldSettings(wary_time=wary, moving_memory_time=0.5))
+        told = among_people(passer, twist=(-0.3, 0.0), seconds=9.0, shield=shield)
+        speeds[wary] = np.array([-truth.twist[0] for _, truth, _ in told])
+    assert speeds[0.0][10:30].max() > 0.07
+    assert speeds[4.0][10:30].max() < 0.052
+    assert speeds[4.0][70:].max() > 0.07
 
 
 def speeds_among(settings, way, speed, seconds=6.0):

@@ -1,8 +1,8 @@
 """Compiled functions: one decorator, so that options and cache live in one place.
 
 numba's own cache looks at the file of a function only: a kernel in one file keeps running an old
-copy of a kernel that it calls in another. Here the stamp covers every kernel called, and every
-constant frozen in, so an edit anywhere recompiles what depends on it and nothing else.
+copy of a kernel that it calls in another. Here the stamp covers all kernels and constants that the
+function's file imports, and what those depend on.
 """
 
 from __future__ import annotations
@@ -72,6 +72,10 @@ def _digest(function: Callable[..., Any]) -> str:
             continue
         if hasattr(value, "source_digest"):
             parts.append(f"{name}={vars(value)['source_digest']}")
+        elif isinstance(value, np.ndarray):
+            parts.append(f"{name}={hashlib.sha256(value.tobytes()).hexdigest()}")
+        elif isinstance(value, type) and issubclass(value, tuple):
+            parts.append(f"{name}={getattr(value, '_fields', ())}")
         elif _is_plain(value) or (name in code.co_names and _is_other(value)):
             parts.append(f"{name}={value!r}")
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()

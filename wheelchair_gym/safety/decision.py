@@ -112,8 +112,10 @@ def may_reach_person(
     Other parts are left out: contact there would happen to a standing chair, too.
     """
     c, sn = math.cos(yaw), math.sin(yaw)
-    spread_tracked(g, near, t)
-    for k in range(_find_outward(g, near, v, v, w, w, g.creep_speed)):
+    n = _find_outward(g, near, v, v, w, w, g.creep_speed)
+    if n > 0:
+        spread_tracked(g, near, t)
+    for k in range(n):
         px, py = point_to_world(c, sn, x, y, near.out_x[k], near.out_y[k])
         if may_reach_point(g, near, near.out_x[k], px, py, t):
             return True

@@ -1,9 +1,9 @@
 """Who moves near the chair, and which places they may reach.
 
 Whatever moves may walk anywhere at `person_speed`, or set off from rest with `person_acceleration`.
-A person in view who is tracked (`wheelchair_gym.tracking`) moreover has a velocity, which they can
-change by that acceleration at most. What is hidden, and what no confirmed track explains, keeps the
-wider bound.
+A person who is tracked (`wheelchair_gym.tracking`) moreover has a velocity, which they can change
+by that acceleration at most, since they were seen last. What no single confirmed track of a person
+explains has the first bound alone.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _BETWEEN = 0.02  # m: samples of the outline are farther from a point than it is
 _STOOD = 0.15  # s: a scan or two
 _BLIND = 0.3  # m ahead of the axle: the laser does not see what is beside a point farther back
 _QUIET = 1.0  # s without anything that moves, after which nobody is tracked
-_BODY = 0.10  # m: points so far outside a track's circle may be of the same person
+_OUTSIDE = 0.10  # m: points so far outside a track's circle may be of the same person
 _EARLIER = 1.0  # s before a person was seen last: what was seen there was of them
 
 
@@ -57,7 +57,7 @@ def track(g: Any, s: Any, laser: Floats) -> None:
 
 @borrowing_kernel
 def _place_tracked(g: Any, s: Any, near: Any) -> None:
-    """Store who is tracked, in the chair's frame, as they were seen last."""
+    """Store what is tracked, in the chair's frame, as it was seen last."""
     tracker = s.tracker
     if not tracker.begun or tracker.stamp != s.stamp:
         return
@@ -65,9 +65,8 @@ def _place_tracked(g: Any, s: Any, near: Any) -> None:
     c, sn = math.cos(pose[2]), math.sin(pose[2])
     for k in range(tracker.n_tracks):
         t = tracker.tracks[k]
-        if not t.confirmed or t.kind != PERSON:
-            continue
         one, dt = near.tracked[near.n_tracked], s.stamp - t.seen
+        one.is_person = t.confirmed and t.kind == PERSON
         x, y = world_to_body(c, sn, t.x - pose[0], t.y - pose[1])
         one.vx, one.vy = world_to_body(c, sn, t.vx, t.vy)
         one.x, one.y = x - dt * one.vx, y - dt * one.vy
@@ -82,18 +81,29 @@ def _place_tracked(g: Any, s: Any, near: Any) -> None:
 
 
 @borrowing_kernel
+def _variance(one: Any, dt: float) -> float:
+    """Variance of a place so long [s] after it was seen, at a velocity that stays."""
+    return float(one.place_var + dt * (2.0 * one.covariance + dt * one.speed_var))
+
+
+@borrowing_kernel
 def _owner(near: Any, x: float, y: float, ago: float) -> int:
-    """The one tracked person that a point was of, seen so long ago [s]; -1: none, or several."""
+    """The tracked person that a point was of, seen so long ago [s].
+
+    -1: nobody, or it may be of something else that is tracked, be it only predicted there.
+    """
     owner = -1
     for i in range(near.n_tracked):
         one = near.tracked[i]
         earlier = ago - one.unseen
-        if not 0.0 <= earlier <= _EARLIER:
+        if earlier > _EARLIER:
             continue
         dx, dy = x - one.x + earlier * one.vx, y - one.y + earlier * one.vy
-        far = math.sqrt(dx * dx + dy * dy)
-        if far < one.radius + _BODY:
-            if owner >= 0:
+        far = one.radius + _OUTSIDE
+        if earlier < 0.0:
+            far += math.sqrt(_variance(one, -earlier))
+        if dx * dx + dy * dy < far * far:
+            if owner >= 0 or earlier < 0.0 or not one.is_person:
                 return -1
             owner = i
     return owner
@@ -120,9 +130,9 @@ def spread_tracked(g: Any, near: Any, t: float) -> None:
     for i in range(near.n_tracked):
         one = near.tracked[i]
         dt = t + one.unseen
-        variance = one.place_var + dt * (2.0 * one.covariance + dt * one.speed_var)
-        changed = 0.5 * g.person_acceleration * dt * dt
-        one.spread = one.radius + _BODY + g.track_sigmas * math.sqrt(variance) + changed
+        spread = g.track_sigmas * math.sqrt(_variance(one, dt))
+        spread += 0.5 * g.person_acceleration * dt * dt
+        one.spread = one.radius + _OUTSIDE + spread
         one.then_x, one.then_y = one.x + dt * one.vx, one.y + dt * one.vy
 
 

@@ -62,9 +62,7 @@ class ShieldSettings:
         default=3.0, unit="s", low=0.0, high=60.0, source="design choice"
     )
     """How long an object that moved is expected to move again."""
-    wary_time: float = setting(
-        default=10.0, unit="s", low=0.0, high=3600.0, source="measured: see the page on the shield"
-    )
+    wary_time: float = setting(default=10.0, unit="s", low=0.0, high=3600.0, source="design choice")
     """How long after something moved nearby the chair backs into unseen space no faster than
     `creep_speed`."""
     tracks: bool = setting(default=True, source="design choice")

@@ -73,14 +73,16 @@ POINT = np.dtype([*XY.descr, ("stamp", _F8)])  # stamp: kept until then [s]
 HIT = np.dtype([*POINT.descr, ("scans", _F8)])  # stamp: of the last hit; hits in so many scans
 MARK = np.dtype([*POINT.descr, ("seen", _F8)])  # stamps [s] of the last motion and sighting
 DISTANT = np.dtype([(name, _F8) for name in ("x", "y", "distance")])  # m
-# A person who is tracked: as they were seen last, so long ago [s], with the variances of TRACK; and
-# where they would be at some time at constant velocity, and how far [m] from there they may be.
+# What is tracked: as it was seen last, so long ago [s], with the variances of TRACK; and where it
+# would be at some time at constant velocity, and how far [m] from there it may be.
 TRACKED = np.dtype(
     [
         *((name, _F8) for name in ("x", "y", "vx", "vy", "radius", "unseen")),
         *((name, _F8) for name in ("place_var", "covariance", "speed_var")),
         *((name, _F8) for name in ("then_x", "then_y", "spread")),
-    ]
+        ("is_person", "b1"),  # confirmed to be one
+    ],
+    align=True,
 )
 
 
@@ -181,7 +183,7 @@ SHIELD = np.dtype(
         ("others", OTHER_POINTS),
         ("n_marks", "i8"),
         ("marks", MARK, (MARKS,)),  # points that may move
-        ("marked", "f8"),  # s: when there was one last
+        ("marked", "f8"),  # s: when there was a mark last
         ("tracker", TRACKER),
         # echoes that no laser point explains
         ("fired", "f8", (RANGERS,)),  # s: when each ranger fired
