@@ -480,7 +480,7 @@ def both_associations(tracker: Tracker, reading: Reading) -> tuple[dict[int, int
     m, now = np.zeros(1, STATIC_MAP)[0], np.zeros(1, FRAME)[0]
     dt, s["stamp"] = reading.stamp - s["stamp"], reading.stamp
     for k in range(s["n_tracks"]):
-        kernels._predict(g, s["tracks"][k], dt)
+        kernels.predict(s["tracks"][k], dt, g["acceleration_density"])
     set_frame(g, s["pose"], reading.stamp, reading.laser, now)
     hits, clusters = np.zeros(g["beams"], HIT_ROW), np.zeros(CLUSTERS, CLUSTER)
     n = find_clusters(g, s, now, hits, find_hits(g, s, m, now, reading.laser, hits), clusters)

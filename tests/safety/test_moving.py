@@ -94,7 +94,7 @@ def test_a_point_is_of_a_person_only_where_nothing_else_may_be_there():
     assert owner_of(2.0, one, far) == -1
     assert owner_of(1.25, one, beside) == -1
     assert owner_of(1.25, one, (1.5, 0.0, 0.0, False)) == -1  # a trolley, a door, who knows
-    assert owner_of(1.25, one, (1.9, -1.0, 0.4, True)) == -1  # somebody whom the laser sees no more
+    assert owner_of(1.25, one, (1.9, -1.0, 0.4, True)) == -1  # somebody out of view
     assert owner_of(0.2, (1.0, 1.0, 0.0, True), ago=0.8) == 0  # it was theirs when it was seen
     assert owner_of(0.2, (1.0, 1.0, 0.0, True), ago=1.4) == -1  # too long ago
 
@@ -105,8 +105,8 @@ def test_where_somebody_has_walked_it_backs_slowly_and_only_for_a_while():
     speeds = {}
     for wary in (0.0, 4.0):
         shield = Shield(ShieldSettings(wary_time=wary, moving_memory_time=0.5))
-        told = among_people(passer, twist=(-0.3, 0.0), seconds=9.0, shield=shield)
-        speeds[wary] = np.array([-truth.twist[0] for _, truth, _ in told])
+        trace = among_people(passer, twist=(-0.3, 0.0), seconds=9.0, shield=shield)
+        speeds[wary] = np.array([-truth.twist[0] for _, truth, _ in trace])
     assert speeds[0.0][10:30].max() > 0.07
     assert speeds[4.0][10:30].max() < 0.052
     assert speeds[4.0][70:].max() > 0.07
@@ -115,9 +115,9 @@ def test_where_somebody_has_walked_it_backs_slowly_and_only_for_a_while():
 def speeds_among(settings, way, speed, seconds=6.0):
     """Speeds [m/s] of a chair that is to drive ahead, with somebody on a way of theirs."""
     walker = person(way, speed, avoids=NOBODY)
-    told = among_people(walker, seconds=seconds, shield=Shield(settings), start=(-4.0, 0.0, 0.0))
-    assert not any(truth.at_fault for _, truth, _ in told)
-    return np.array([truth.twist[0] for _, truth, _ in told])
+    trace = among_people(walker, seconds=seconds, shield=Shield(settings), start=(-4.0, 0.0, 0.0))
+    assert not any(truth.at_fault for _, truth, _ in trace)
+    return np.array([truth.twist[0] for _, truth, _ in trace])
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ from wheelchair_gym.compiled.address import on_stack, rows_of
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.geometry import world_to_body
 from wheelchair_gym.tracking.state import CONSTANTS, PERSON, STATIC_MAP
-from wheelchair_gym.tracking.tracker import reset
+from wheelchair_gym.tracking.tracker import place_variance, predict, reset
 from wheelchair_gym.tracking.tracker import update as update_tracks
 
 Floats = NDArray[np.float32]
@@ -67,23 +67,12 @@ def _place_tracked(g: Any, s: Any, near: Any) -> None:
         t = tracker.tracks[k]
         one, dt = near.tracked[near.n_tracked], s.stamp - t.seen
         one.is_person = t.confirmed and t.kind == PERSON
-        x, y = world_to_body(c, sn, t.x - pose[0], t.y - pose[1])
+        one.x, one.y = world_to_body(c, sn, t.x - pose[0], t.y - pose[1])
         one.vx, one.vy = world_to_body(c, sn, t.vx, t.vy)
-        one.x, one.y = x - dt * one.vx, y - dt * one.vy
         one.radius, one.unseen = t.radius, dt
-        # What the tracker has predicted since then is taken back.
-        one.speed_var = t.speed_var - dt * q
-        one.covariance = t.covariance - dt * (one.speed_var + 0.5 * dt * q)
-        one.place_var = t.place_var - dt * (
-            2.0 * one.covariance + dt * (one.speed_var + dt * q / 3.0)
-        )
+        one.place_var, one.covariance, one.speed_var = t.place_var, t.covariance, t.speed_var
+        predict(one, -dt, q)
         near.n_tracked += 1
-
-
-@borrowing_kernel
-def _variance(one: Any, dt: float) -> float:
-    """Variance of a place so long [s] after it was seen, at a velocity that stays."""
-    return float(one.place_var + dt * (2.0 * one.covariance + dt * one.speed_var))
 
 
 @borrowing_kernel
@@ -101,7 +90,7 @@ def _owner(near: Any, x: float, y: float, ago: float) -> int:
         dx, dy = x - one.x + earlier * one.vx, y - one.y + earlier * one.vy
         far = one.radius + _OUTSIDE
         if earlier < 0.0:
-            far += math.sqrt(_variance(one, -earlier))
+            far += math.sqrt(place_variance(one, -earlier, 0.0))
         if dx * dx + dy * dy < far * far:
             if owner >= 0 or earlier < 0.0 or not one.is_person:
                 return -1
@@ -112,7 +101,7 @@ def _owner(near: Any, x: float, y: float, ago: float) -> int:
 @borrowing_kernel
 def place_moving(g: Any, s: Any, near: Any, c: float, sn: float) -> None:
     """Store what may move in the chair's frame, and who of it is tracked."""
-    if g.tracks != 0.0:
+    if g.tracks != 0.0 and s.n_marks > 0:
         _place_tracked(g, s, near)
     for k in range(s.n_marks):
         mark = s.marks[k]
@@ -130,7 +119,7 @@ def spread_tracked(g: Any, near: Any, t: float) -> None:
     for i in range(near.n_tracked):
         one = near.tracked[i]
         dt = t + one.unseen
-        spread = g.track_sigmas * math.sqrt(_variance(one, dt))
+        spread = g.track_sigmas * math.sqrt(place_variance(one, dt, 0.0))
         spread += 0.5 * g.person_acceleration * dt * dt
         one.spread = one.radius + _OUTSIDE + spread
         one.then_x, one.then_y = one.x + dt * one.vx, one.y + dt * one.vy

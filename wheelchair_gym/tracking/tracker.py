@@ -108,12 +108,21 @@ def _follow_chair(s: Any, pose: Any, twist: Any, dt: float) -> None:
 
 
 @borrowing_kernel
-def _predict(g: Any, t: Any, dt: float) -> None:
-    """Move a track on at constant velocity (Bar-Shalom et al. 2001, section 6.2.2)."""
+def place_variance(t: Any, dt: float, q: float) -> float:
+    """Variance of a track's place after a time [s], with an acceleration of density q."""
+    more = dt * (2.0 * t.covariance + dt * (t.speed_var + dt * q / 3.0))
+    return float(t.place_var + more)
+
+
+@borrowing_kernel
+def predict(t: Any, dt: float, q: float) -> None:
+    """Move a track on at constant velocity (Bar-Shalom et al. 2001, section 6.2.2).
+
+    With a negative time it takes a prediction back.
+    """
     t.x += dt * t.vx
     t.y += dt * t.vy
-    q = g.acceleration_density
-    t.place_var += dt * (2.0 * t.covariance + dt * (t.speed_var + dt * q / 3.0))
+    t.place_var = place_variance(t, dt, q)
     t.covariance += dt * (t.speed_var + 0.5 * dt * q)
     t.speed_var += dt * q
 
@@ -355,7 +364,7 @@ def update(g: Any, s: Any, m: Any, pose: Any, twist: Any, laser: Floats, stamp: 
     s.stamp = stamp
     _follow_chair(s, pose, twist, dt)
     for k in range(s.n_tracks):
-        _predict(g, s.tracks[k], dt)
+        predict(s.tracks[k], dt, g.acceleration_density)
     now = _frame_at(on_stack(_FRAME_SIZE), 1)[0]
     set_frame(g, s.pose, stamp, laser, now)
     align(g, s, now, dt)
