@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -19,7 +20,8 @@ BLIND = 1.5  # m: an unseen obstacle so near the chair may be hit before it is s
 BESIDE = 0.10  # m round the chair, where the space is taken to be free
 BEHIND = 0.25  # m: backing at 0.2 m/s comes to rest within
 FINE = 0.025  # m between places on the floor that the chair stands on
-RESERVE = 128  # cells by which the raster of the ground grows
+RESERVE = 128  # cells by which the rasters of the ground grow
+FLOOR = np.ones((5, 5), np.uint8)  # cells that are all free round one in the midst of free floor
 TURN = 0.05  # rad after which it stands on other places
 JITTER = 2.0  # cells by which a wall that is seen anew may come nearer
 
@@ -72,7 +74,10 @@ def _fill(
 
 
 class Ground:
-    """The floor that the chair has stood on: it is free, though the laser may never have seen it.
+    """What a chair that draws its map itself knows of the floor, beyond the newest map.
+
+    Where the chair has stood it is free, though the laser may never have seen it. What was free
+    floor once may be so again: a door opens, a person goes on.
 
     Args:
         footprint: of the chair.
@@ -83,6 +88,7 @@ class Ground:
         sides = [np.arange(a, b, FINE) for a, b in zip(low, high, strict=True)]
         self._under = np.stack(np.meshgrid(*sides), axis=-1).reshape(-1, 2)
         self._stood = np.zeros((0, 0), np.bool_)  # cells on which the chair has stood,
+        self._open = np.zeros((0, 0), np.bool_)  # those that once were in the midst of free floor,
         self._first = np.zeros(2, np.int64)  # row and column of the first, counted from (0, 0)
         self._pose = np.full(3, np.inf)  # at which the last were added
         self._grid: OccupancyGrid | None = None  # the last one, and
@@ -99,22 +105,36 @@ class Ground:
             self._reach(at.min(axis=0), at.max(axis=0) + 1)
             self._stood[tuple((at - self._first).T)] = True
             self._pose = pose.copy()
+        if grid is not self._grid:
+            begin = _first_cell(grid)
+            self._reach(begin, begin + grid.shape)
+            row, column = begin - self._first
+            free = cv2.erode((grid.cells == FREE).view(np.uint8), FLOOR, borderValue=0)
+            self._open[row : row + grid.shape[0], column : column + grid.shape[1]] |= free > 0
         if moved or grid is not self._grid or self._marked is None:
-            left, bottom = np.round(np.array(grid.origin[:2]) / grid.resolution).astype(np.int64)
-            first = self._first - (bottom, left)  # in the map's rows and columns
-            begin = np.maximum(first, 0)
-            end = np.minimum(first + self._stood.shape, grid.shape)
-            cells = grid.cells.copy()
-            if (begin < end).all():
-                part = cells[begin[0] : end[0], begin[1] : end[1]]
-                (row, column), (last_row, last_column) = begin - first, end - first
-                stood = self._stood[row:last_row, column:last_column]
-                part[stood & (part == UNKNOWN)] = FREE
-            self._grid, self._marked = grid, OccupancyGrid(cells, grid.resolution, grid.origin)
+            self._marked = self._freed(grid, self._stood, UNKNOWN)
+            self._grid = grid
         return self._marked
 
+    def reopened(self, grid: OccupancyGrid) -> OccupancyGrid:
+        """A map in which all that was in the midst of free floor once is free; itself if all is."""
+        freed = self._freed(grid, self._open, OCCUPIED)
+        return freed if (freed.cells != grid.cells).any() else grid
+
+    def _freed(self, grid: OccupancyGrid, free: NDArray[np.bool_], value: int) -> OccupancyGrid:
+        """A copy of a map, in which those of the cells in a raster that have a value are free."""
+        first = self._first - _first_cell(grid)  # in the map's rows and columns
+        begin = np.maximum(first, 0)
+        end = np.minimum(first + free.shape, grid.shape)
+        cells = grid.cells.copy()
+        if (begin < end).all():
+            part = cells[begin[0] : end[0], begin[1] : end[1]]
+            (row, column), (last_row, last_column) = begin - first, end - first
+            part[free[row:last_row, column:last_column] & (part == value)] = FREE
+        return OccupancyGrid(cells, grid.resolution, grid.origin)
+
     def _reach(self, begin: NDArray[np.int64], end: NDArray[np.int64]) -> None:
-        """Enlarge the raster, where it has to, so that it holds the cells from begin to end."""
+        """Let the rasters hold the cells from begin to end."""
         shape = np.array(self._stood.shape)
         last = self._first + shape
         if (begin >= self._first).all() and (end <= last).all():
@@ -123,10 +143,16 @@ class Ground:
             self._first = last = begin
         first = np.where(begin < self._first, begin - RESERVE, self._first)
         last = np.where(end > last, end + RESERVE, last)
-        raster = np.zeros(last - first, np.bool_)
         row, column = self._first - first
-        raster[row : row + shape[0], column : column + shape[1]] = self._stood
-        self._stood, self._first = raster, first
+        rasters = np.zeros((2, *(last - first)), np.bool_)
+        rasters[:, row : row + shape[0], column : column + shape[1]] = self._stood, self._open
+        (self._stood, self._open), self._first = rasters, first
+
+
+def _first_cell(grid: OccupancyGrid) -> NDArray[np.int64]:
+    """Row and column (2,) of a map's first cell, counted from (0, 0) [m]."""
+    left, bottom = np.round(np.array(grid.origin[:2]) / grid.resolution).astype(np.int64)
+    return np.array([bottom, left])
 
 
 def blind_behind(grid: OccupancyGrid, pose: Array, footprint: Footprint) -> bool:

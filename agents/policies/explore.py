@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.control.unknown_space import with_free_footprint
-from agents.policies.planned import Answer, Planned, PlannedDriver, Search
+from agents.policies.planned import Planned, PlannedDriver
 from agents.policies.planning import PlanningFigures
+from agents.policies.search import Answer, Search
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.localization.occupancy import Frontier, find_frontiers

@@ -17,9 +17,9 @@ It has named states, shown in pictures and logs as the status of its commands:
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,17 +45,15 @@ from agents.policies.recoveries import (
     Spin,
     StatusReport,
     back_up,
-    clearest_place,
     crawled,
+    first_clear,
     is_blocked,
-    place_aside,
-    widest_plan,
 )
 from agents.policies.scripted import episode_rng
-from planners import Planner, make_planner
+from agents.policies.search import ASSUMED, Answer, Search
+from planners import make_planner
 from planners.problem import Plan, Status
 from wheelchair_gym.config import setting, settings
-from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.types import Command, Mission, Reading, Shown
 
@@ -129,62 +127,6 @@ class Planned:
         return PlannedDriver(self)
 
 
-class Answer(NamedTuple):
-    """A plan, and what it was made of."""
-
-    plan: Plan
-    clearance: float  # m: asked for last
-    start: Array  # (3,) m, m, rad
-    maps: list[OccupancyGrid]  # to be tried in turn
-    tried: int  # of them
-
-    @property
-    def solved(self) -> bool:
-        """Whether the plan leads to the goal."""
-        return self.plan.status is Status.SOLVED
-
-
-@dataclass(frozen=True)
-class Search:
-    """Everything that a plan is made of, so that it can be made beside the loop."""
-
-    config: Planned
-    planner: Planner
-    rng: np.random.Generator
-    start: Array  # (3,) m, m, rad
-    maps: list[OccupancyGrid]  # to be tried in turn
-    drawn: Footprint | None = None  # the chair's, where it draws the only map itself
-    around: float = 0.0  # m from a goal without heading, where a path may end if that is occupied
-
-    def plan(self, goal: Array, end: float) -> Answer:
-        """Plan to a goal (2 or 3,), until `clock` shows `end` [s], in one map after another.
-
-        In each, at the widest clearance that leads to the goal; or, where the goal is occupied and
-        has no heading, to the free place beside it.
-        """
-        config, maps = self.config, self.maps
-        if self.drawn is not None:
-            ends = np.stack([self.start[:2], goal[:2]])
-            maps = assumed_maps(maps[0].extended_to(ends, config.beyond), self.start, self.drawn)
-        for k, grid in enumerate(maps):
-            plan = partial(widest_plan, self.planner, grid, self.start)
-            found = plan(goal, config.clearance, config.least, self.rng, end)
-            if found[0].status is Status.GOAL_OCCUPIED and len(goal) == 2:
-                beside = clearest_place(grid, goal, config.clearance, self.around)
-                found = plan(beside, config.clearance, config.least, self.rng, end)
-            answer = Answer(*found, self.start, maps, k + 1)
-            if answer.solved:
-                break
-        return answer
-
-    def plan_aside(self, blocking: Array, end: float) -> Answer:
-        """Plan to where there is room to what blocks the path (n, 2) [m]; see `place_aside`."""
-        place = place_aside(self.maps[0], self.start, blocking)
-        if place is None:
-            return Answer(Plan(Status.EXHAUSTED), self.config.least, self.start, self.maps, 0)
-        return self.plan(place, end)
-
-
 class PlannedDriver:
     """Plans from where the chair believes it is, follows, and recovers when stuck."""
 
@@ -220,6 +162,7 @@ class PlannedDriver:
         self._map = self._map_at(mission.reading)
         self.goal = np.asarray(mission.goal, dtype=np.float64)
         self._held = False  # stands until there is a plan
+        self._reopens = False  # the path leads through what was free once
         self._again: Then = None  # asks for one as soon as the chair stands
         self.planning = Planning(
             mission.period, self.config.deadline, self.config.planning_time, mission.real_time
@@ -267,10 +210,18 @@ class PlannedDriver:
         return self._reference is not None and self._reference.ended
 
     def _search(self, maps: list[OccupancyGrid]) -> Search:
-        drawn = self._mission.footprint if self._draws else None
-        start = self._local_map.pose
-        around = INSIDE * self._mission.tolerance
-        return Search(self.config, self._planner, self._rng, start, maps, drawn, around)
+        config, start, mission = self.config, self._local_map.pose, self._mission
+        around = INSIDE * mission.tolerance
+        if not self._draws:
+            return Search(
+                self._planner, config.clearance, config.least, self._rng, start, maps, around=around
+            )
+        reopened = self._ground.reopened(self._map)
+        maps = [self._map] if reopened is self._map else [self._map, reopened]
+        return Search(
+            self._planner, config.clearance, config.least, self._rng, start, maps,
+            mission.footprint, config.beyond, around, self._detours.allowance,
+        )  # fmt: skip
 
     def _replan(self, then: Then = None, held: bool = False) -> None:
         """Plan from where the chair is, and begin the new path if one leads to the goal.
@@ -286,14 +237,15 @@ class PlannedDriver:
         self.planning.ask(partial(self._search(maps).plan, self.goal), take)
 
     def _replanned(self, then: Then, answer: Answer) -> None:
-        start, maps = answer.start, answer.maps
+        start, maps, grid = answer.start, answer.maps, answer.tried - 1
         reference = self._received(then, answer)
         if reference is None:
             return
         self.plan, self._clearance = answer.plan, answer.clearance
         if self._draws:  # the follower never reverses into unknown space
-            self._local_map.set_walls(maps[min(answer.tried, len(maps) - 1) - 1])
-            last = answer.tried == len(maps)
+            last = grid % ASSUMED == ASSUMED - 1
+            self._local_map.set_walls(maps[grid - last])
+            self._reopens = answer.reopens
             if last and blind_behind(self._map, start, self._mission.footprint):
                 self._spin.begin(start, self.goal)
         self._mapped = 0.0
@@ -378,12 +330,19 @@ class PlannedDriver:
         if twist is None or (twist[0] < 0.0 and self._local_map.blind):
             twist = np.zeros(2)
         elif self._crawls and twist[0] < 0.0:
-            twist = crawled(twist, self._mission.footprint)
+            twist = self._crawled(twist)
         elif unseen and twist[0] < -CREEP:
             twist = twist * (-CREEP / twist[0])
         twist = self._local_map.limit_for_unseen_space(twist[None], self._chair.body.state)[0]
         self._chair.command(twist)
         return Command(twist, self.shown)
+
+    def _crawled(self, twist: Array) -> Array:
+        """A twist in reverse at a crawl; if it hardly is, a turn in place where that is clear."""
+        assert self._reference is not None
+        now = Situation(self._local_map, self._reference, self._chair)
+        turn = first_clear([(0.0, twist[1])], now) if twist[0] > -CRAWL else None
+        return crawled(twist, self._mission.footprint) if turn is None else turn
 
     def _update(self, reading: Reading) -> bool:
         """Update the local map; whether the space behind the chair may hold something unseen."""
@@ -416,6 +375,7 @@ class PlannedDriver:
         share = BLOCKED_SHARE if self._reference.blocked else 1.0
         progress.stalled_time += period * (HALT_SHARE if self.state == "halts" else share)
         self._detours.pause -= period
+        self._detours.waited += period * self._reopens
         self._report.held -= period
         self._lost -= period
         if self.thinks:
@@ -540,7 +500,7 @@ class PlannedDriver:
         if self._draws:
             rows = reference.rows[reference.at :]
             rows = rows[rows[:, 3] < reference.way + ahead]
-            return walls_block(self._map, rows, clearance)
+            return walls_block(self._assumed, rows, clearance)
         return is_blocked(self._local_map.temporary, reference, clearance, ahead)
 
     def _blocked(self) -> bool:
@@ -550,6 +510,11 @@ class PlannedDriver:
             return False
         assert self._reference is not None
         return is_blocked(self._local_map.temporary, self._reference, self._clearance)
+
+    @property
+    def _assumed(self) -> OccupancyGrid:
+        """The newest map of the kind in which the path was planned."""
+        return self._ground.reopened(self._map) if self._reopens else self._map
 
     def _redrawn(self) -> bool:
         """Whether it is time to look at a map that grows."""
@@ -563,6 +528,6 @@ class PlannedDriver:
         """Whether a newly drawn wall blocks the path, or all is gone that it leads around."""
         assert self._reference is not None
         ahead = self._reference.rows[self._reference.at :]
-        if self._redrawn() and walls_block(self._map, ahead, self._clearance):
+        if self._redrawn() and walls_block(self._assumed, ahead, self._clearance):
             return True
         return self._detours.taken and not self._temporary

@@ -16,13 +16,9 @@ from numpy.typing import NDArray
 from agents.control.followers import CREEP, HOLD, Situation
 from agents.control.local_map import TemporaryObstacles
 from agents.control.rollout import ReferencePath, stops_clear
-from agents.evaluation.metrics import backing
-from planners import Planner
-from planners.collision.space import Space
-from planners.problem import Plan, Problem, Status, checked_plan, remaining
 from wheelchair_gym.geometry import Footprint, to_frame
 from wheelchair_gym.kinematics import corner_speed
-from wheelchair_gym.maps import FREE, UNKNOWN, OccupancyGrid, bottleneck
+from wheelchair_gym.maps import OccupancyGrid
 
 Array = NDArray[np.float64]
 
@@ -249,9 +245,14 @@ class DetourPolicy:
         self.pause = RETRY_TIME
         return RETRY_TIME
 
+    @property
+    def allowance(self) -> float:
+        """By how much [m] a way round may be longer, by now."""
+        return DETOUR + STROLL * self.waited
+
     def too_long(self, detour: ReferencePath, blocked: ReferencePath) -> bool:
         """Whether a detour is so long that the chair waits; then it has waited longer."""
-        long = detour.left > blocked.left + DETOUR + STROLL * self.waited
+        long = detour.left > blocked.left + self.allowance
         self.waited += RETRY_TIME * long
         return long
 
@@ -270,83 +271,3 @@ def is_blocked(
     """Whether a temporary obstacle is on the next metres of the path."""
     rows = reference.rows[reference.at :]
     return temporary.blocks(rows[rows[:, 3] < reference.way + ahead], clearance - TOLERATED)
-
-
-FINER = 0.04  # m: a plan that finds no way is tried again with this much less clearance,
-REVERSE_WAY = 0.3  # m: and once more if it leads so far in reverse, where no sensor looks
-NEARER = 0.1  # m of clearance that a place nearer to the goal by a metre is worth
-
-
-def clearest_place(grid: OccupancyGrid, goal: Array, clearance: float, radius: float) -> Array:
-    """The place (2,) nearest to a goal (2,) [m] with a clearance [m], at most a radius [m] from it.
-
-    Or that of most clearance, where none has as much.
-    """
-    reach = np.arange(-(radius // grid.resolution), radius // grid.resolution + 1)
-    places = goal + grid.resolution * np.stack(np.meshgrid(reach, reach), axis=-1).reshape(-1, 2)
-    away = np.hypot(*(places - goal).T)
-    places = places[(away <= radius) & grid.inside(places)]
-    if len(places) == 0:
-        return goal
-    free = grid.distance()[tuple(grid.to_cell(places).T)]
-    score = np.minimum(free, clearance) - NEARER * np.hypot(*(places - goal).T)
-    best: Array = places[int(np.argmax(score))]
-    return best
-
-
-def widest_plan(
-    planner: Planner,
-    grid: OccupancyGrid,
-    start: Array,
-    goal: Array,
-    clearance: float,
-    least: float,
-    rng: np.random.Generator,
-    end: float = math.inf,
-) -> tuple[Plan, float]:
-    """Plan in a map at the widest clearance that leads to the goal.
-
-    Args:
-        planner: makes the plans.
-        grid: the map; unknown space is taken for free.
-        start: pose (3,) [m, m, rad].
-        goal: (2 or 3,) [m, m, rad].
-        clearance: to begin with [m].
-        least: to end with [m].
-        rng: the planner's.
-        end: `clock` [s] by which the planner ends.
-
-    Returns:
-        The plan, the last one tried if none leads there, and its clearance [m].
-    """
-    space = Space.from_grid(grid)
-    free = np.where(grid.cells == UNKNOWN, FREE, grid.cells)
-    assumed = OccupancyGrid(free, grid.resolution, grid.origin)
-    most = bottleneck(assumed, start[:2], goal[:2]) + 0.5 * grid.resolution
-    while clearance > most and clearance - FINER >= least:
-        clearance -= FINER  # where no disc passes a search is in vain
-
-    def planned(clearance: float) -> Plan:
-        problem = Problem(space, start, goal, clearance)
-        timed = {} if end == math.inf else {"deadline": remaining(end)}
-        return checked_plan(planner, planner.plan(problem, rng, **timed))
-
-    best = math.inf  # m in reverse
-    while True:
-        plan = planned(clearance)
-        found, reverse = plan.status is Status.SOLVED, backing(plan.path)
-        second = best < math.inf
-        if not second or (found and reverse < best - REVERSE_WAY):
-            chosen = plan, clearance
-        clearance -= FINER
-        if second or (found and reverse < REVERSE_WAY) or clearance < least:
-            break
-        best = reverse if found else best  # once more: with less clearance it may lead ahead
-    (plan, clearance), solved = chosen, chosen[0].status is Status.SOLVED
-    between = clearance + 0.5 * FINER
-    if solved and least + FINER < between < min(most, least + 2.0 * FINER):
-        wider = planned(between)  # where so little is left beside the chair, half a step counts
-        more = backing(wider.path) - backing(plan.path)
-        if wider.status is Status.SOLVED and more < REVERSE_WAY:
-            return wider, between
-    return chosen

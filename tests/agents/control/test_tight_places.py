@@ -9,7 +9,7 @@ from agents.control import make_follower
 from agents.control.followers import Situation
 from agents.control.local_map import LocalMap
 from agents.control.rollout import ChairState, ReferencePath
-from agents.policies.recoveries import widest_plan
+from agents.policies.search import widest_plan
 from planners.problem import Plan, Status
 from tests.agents.fakes import PaperWorld
 from wheelchair_gym.kinematics import arc_step

@@ -13,8 +13,8 @@ from agents.evaluation.compare import suite
 from agents.evaluation.evaluate import drive_episode, env_settings, make_env
 from agents.evaluation.metrics import backing
 from agents.policies import make_policy
-from agents.policies.planned import Answer
-from agents.policies.recoveries import RETRY_TIME, BackUp, clearest_place, place_aside
+from agents.policies.recoveries import RETRY_TIME, BackUp, place_aside
+from agents.policies.search import Answer, clearest_place
 from planners.problem import Plan, Status
 from tests.agents.fakes import PaperWorld, corridor
 from wheelchair_gym.config import InputError
