@@ -25,6 +25,8 @@ from agents.evaluation.map_evaluation import map_by_driving, map_quality
 from agents.policies import GymPolicy, make_policy
 from agents.policies.manual import Manual
 from agents.policies.recoveries import Spin
+from agents.policies.search import Search
+from planners import make_planner
 from tests.agents.fakes import PaperWorld, corridor
 from tests.conftest import long_but
 from wheelchair_gym.config import InputError
@@ -68,6 +70,13 @@ def test_a_chair_without_a_map_backs_where_it_stood_before():
     corridors = {"door_width": (0.9, 1.1), "corridor_width": (1.1, 1.6)}
     env = unknown({"name": "floor_plan", "kind": "home", **corridors}, None)
     _, info = drive(env, "lattice+window", 2)
+    assert info["is_success"]
+
+
+def test_a_door_in_which_something_stood_is_tried_again():
+    """The other ways are long; a chair that looks for one runs out of time."""
+    env = make_env("temporary", {"pose_source": "slam", "shield": True})
+    _, info = drive(env, "lattice+window", 11)
     assert info["is_success"]
 
 
@@ -170,6 +179,62 @@ def test_ground_is_kept_over_a_long_way_in_maps_that_grow_and_move():
                 expected[row, column] = FREE
         grid = OccupancyGrid(cells, 0.05, (0.05 * left, 0.05 * bottom, 0.0))
         assert (ground.marked(grid, pose).cells == expected).all()
+
+
+def test_what_was_free_floor_once_may_be_free_again():
+    ground, pose = Ground(Footprint()), np.zeros(3)
+    before = np.full((60, 80), UNKNOWN, np.int8)
+    before[10:50, 10:70], before[30, 10:30], before[30, 50:70] = FREE, OCCUPIED, OCCUPIED
+    ground.marked(OccupancyGrid(before, 0.05, (-2.0, -1.5, 0.0)), pose)
+    after = np.full((70, 90), UNKNOWN, np.int8)  # the same place in a map that has grown
+    after[10:, 10:] = before
+    after[40, 40:60] = OCCUPIED  # something stands in the door, from jamb to jamb
+    after[30, 40] = OCCUPIED  # and in the open
+    after[42, 40] = OCCUPIED  # beside a wall: that one may only have been drawn too near
+    grid = OccupancyGrid(after, 0.05, (-2.5, -2.0, 0.0))
+    marked = ground.marked(grid, pose)
+    reopened = ground.reopened(marked).cells
+    assert (reopened[40, 42:58] == FREE).all()
+    assert reopened[30, 40] == FREE
+    assert reopened[42, 40] == OCCUPIED
+    assert (reopened[40, 20:40] == OCCUPIED).all()
+    changed = reopened != marked.cells
+    assert changed.sum() == 17
+    after[40, 42:58] = after[30, 40] = FREE
+    grid = ground.marked(OccupancyGrid(after, 0.05, (-2.5, -2.0, 0.0)), pose)
+    assert ground.reopened(grid) is grid
+
+
+def searched(grid, reopened, detour=2.0):
+    """The answer of a search through drawn maps, from left to right."""
+    search = Search(
+        make_planner({"name": "a_star"}), 0.4, 0.28, np.random.default_rng(0), np.zeros(3),
+        [grid] if reopened is None else [grid, reopened], Footprint(), beyond=0.5, detour=detour,
+    )  # fmt: skip
+    return search.plan(np.array([4.0, 0.0]), np.inf)
+
+
+def test_a_way_that_was_free_once_is_taken_where_none_is_left_or_the_other_is_long():
+    free = np.full((120, 140), FREE, np.int8)
+    open_door, closed, shut = free.copy(), free.copy(), free.copy()
+    open_door[:50, 80] = open_door[70:85, 80] = OCCUPIED
+    closed[:85, 80] = OCCUPIED  # a way round its end is 1 m longer
+    shut[:, 80] = OCCUPIED
+    border = np.zeros_like(free)
+    border[0] = border[-1] = border[:, 0] = border[:, -1] = OCCUPIED
+    maps = {}
+    for name, cells in (("open", open_door), ("closed", closed), ("shut", shut)):
+        walled = np.where(border == OCCUPIED, OCCUPIED, cells).astype(np.int8)
+        maps[name] = OccupancyGrid(walled, 0.05, (-2.0, -3.0, 0.0))
+    assert not searched(maps["shut"], None).solved
+    way = searched(maps["shut"], maps["open"])
+    assert way.reopens
+    round_it = searched(maps["closed"], None)
+    assert round_it.solved
+    assert not round_it.reopens
+    assert round_it.length > way.length + 0.6
+    assert searched(maps["closed"], maps["open"], detour=0.3).reopens
+    assert not searched(maps["closed"], maps["open"], detour=10.0).reopens
 
 
 def test_space_behind_a_wall_is_not_unseen_space_behind_the_chair():
