@@ -21,7 +21,7 @@ BESIDE = 0.10  # m round the chair, where the space is taken to be free
 BEHIND = 0.25  # m: backing at 0.2 m/s comes to rest within
 FINE = 0.025  # m between places on the floor that the chair stands on
 RESERVE = 128  # cells by which the rasters of the ground grow
-FLOOR = np.ones((5, 5), np.uint8)  # cells that are all free round one in the midst of free floor
+FLOOR = np.ones((5, 5), np.uint8)  # open floor: a cell that is free, as are those within 0.1 m
 TURN = 0.05  # rad after which it stands on other places
 JITTER = 2.0  # cells by which a wall that is seen anew may come nearer
 
@@ -76,8 +76,8 @@ def _fill(
 class Ground:
     """What a chair that draws its map itself knows of the floor, beyond the newest map.
 
-    Where the chair has stood it is free, though the laser may never have seen it. What was free
-    floor once may be so again: a door opens, a person goes on.
+    Where the chair has stood it is free, though the laser may never have seen it. What was open
+    floor before may be so again: a door opens, a person goes on.
 
     Args:
         footprint: of the chair.
@@ -88,7 +88,7 @@ class Ground:
         sides = [np.arange(a, b, FINE) for a, b in zip(low, high, strict=True)]
         self._under = np.stack(np.meshgrid(*sides), axis=-1).reshape(-1, 2)
         self._stood = np.zeros((0, 0), np.bool_)  # cells on which the chair has stood,
-        self._open = np.zeros((0, 0), np.bool_)  # those that once were in the midst of free floor,
+        self._open = np.zeros((0, 0), np.bool_)  # those that have been open floor,
         self._first = np.zeros(2, np.int64)  # row and column of the first, counted from (0, 0)
         self._pose = np.full(3, np.inf)  # at which the last were added
         self._grid: OccupancyGrid | None = None  # the last one, and
@@ -117,20 +117,27 @@ class Ground:
         return self._marked
 
     def reopened(self, grid: OccupancyGrid) -> OccupancyGrid:
-        """A map in which all that was in the midst of free floor once is free; itself if all is."""
-        freed = self._freed(grid, self._open, OCCUPIED)
-        return freed if (freed.cells != grid.cells).any() else grid
+        """The map with occupied cells freed where open floor was before; itself if none is."""
+        return self._freed(grid, self._open, OCCUPIED)
 
-    def _freed(self, grid: OccupancyGrid, free: NDArray[np.bool_], value: int) -> OccupancyGrid:
-        """A copy of a map, in which those of the cells in a raster that have a value are free."""
+    def forget_open(self) -> None:
+        """Forget which floor was open before now."""
+        self._open[:] = False
+
+    def _freed(self, grid: OccupancyGrid, where: NDArray[np.bool_], old: int) -> OccupancyGrid:
+        """The map, in which cells of an old value are free where a raster says so."""
         first = self._first - _first_cell(grid)  # in the map's rows and columns
         begin = np.maximum(first, 0)
-        end = np.minimum(first + free.shape, grid.shape)
+        end = np.minimum(first + where.shape, grid.shape)
+        if (begin >= end).any():
+            return grid
+        (row, column), (last_row, last_column) = begin - first, end - first
+        part = np.s_[begin[0] : end[0], begin[1] : end[1]]
+        chosen = where[row:last_row, column:last_column] & (grid.cells[part] == old)
+        if not chosen.any():
+            return grid
         cells = grid.cells.copy()
-        if (begin < end).all():
-            part = cells[begin[0] : end[0], begin[1] : end[1]]
-            (row, column), (last_row, last_column) = begin - first, end - first
-            part[free[row:last_row, column:last_column] & (part == value)] = FREE
+        cells[part][chosen] = FREE
         return OccupancyGrid(cells, grid.resolution, grid.origin)
 
     def _reach(self, begin: NDArray[np.int64], end: NDArray[np.int64]) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -196,7 +196,7 @@ class Explorer:
         driver, mission = self._driver, self._mission
         over = driver.ended or not driver.solved or self._spent > self.config.patience
         self._since = 0.0
-        search = driver.search(reading)
+        search = replace(driver.search(reading), reopened=None)  # frontiers lie in the plain map
         chooser = Chooser(
             self.config, search, reading.pose, search.maps[0],
             mission.footprint, mission.goal, driver.goal[:2], over, self._given_up, self._seen,

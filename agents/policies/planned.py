@@ -46,11 +46,10 @@ from agents.policies.recoveries import (
     StatusReport,
     back_up,
     crawled,
-    first_clear,
     is_blocked,
 )
 from agents.policies.scripted import episode_rng
-from agents.policies.search import ASSUMED, Answer, Search
+from agents.policies.search import Answer, Search
 from planners import make_planner
 from planners.problem import Plan, Status
 from wheelchair_gym.config import setting, settings
@@ -64,6 +63,7 @@ ACTOR_RANGE = 2.5  # m: with an actor nearer, the chair reverses slowly: no sens
 HELD = 1.0  # s for which people see why there is a new path
 NEAR = 1.5  # m of way from the axle's centre: the chair's front, and to rest from 0.8 m/s
 STILL = 0.02  # m/s and rad/s: slower, the chair stands
+STANDING = 1.0  # s without progress, after which the chair waits for a way to become free
 LASTING = 5  # plans without a way round, some 15 s: what blocks the way will not go by itself
 REJOIN = 2.0  # m along a plan on which a chair that drove on meanwhile may join it
 INSIDE = 0.7  # times the goal's tolerance: so far from it a path may end where the goal is occupied
@@ -77,7 +77,8 @@ class Planned:
     drawn into a given map once they block the path; where no way leads around them, the chair
     keeps its path, and waits. Unknown space of a map that the chair draws itself is taken for
     free, and as soon as a wall shows on the path, the chair plans anew (the free-space assumption:
-    Koenig and Likhachev 2005).
+    Koenig and Likhachev 2005). What was free there once may be free again: where no other way is
+    left, or that is much longer, the chair goes and waits there.
     """
 
     planner: Mapping[str, Any] = field(
@@ -210,17 +211,13 @@ class PlannedDriver:
         return self._reference is not None and self._reference.ended
 
     def _search(self, maps: list[OccupancyGrid]) -> Search:
-        config, start, mission = self.config, self._local_map.pose, self._mission
-        around = INSIDE * mission.tolerance
-        if not self._draws:
-            return Search(
-                self._planner, config.clearance, config.least, self._rng, start, maps, around=around
-            )
-        reopened = self._ground.reopened(self._map)
-        maps = [self._map] if reopened is self._map else [self._map, reopened]
+        config, mission, start = self.config, self._mission, self._local_map.pose
+        drawn = mission.footprint if self._draws else None
+        reopened = self._ground.reopened(self._map) if self._draws else self._map
         return Search(
             self._planner, config.clearance, config.least, self._rng, start, maps,
-            mission.footprint, config.beyond, around, self._detours.allowance,
+            INSIDE * mission.tolerance, drawn, config.beyond,
+            None if reopened is self._map else reopened, self._detours.allowance,
         )  # fmt: skip
 
     def _replan(self, then: Then = None, held: bool = False) -> None:
@@ -237,17 +234,14 @@ class PlannedDriver:
         self.planning.ask(partial(self._search(maps).plan, self.goal), take)
 
     def _replanned(self, then: Then, answer: Answer) -> None:
-        start, maps, grid = answer.start, answer.maps, answer.tried - 1
         reference = self._received(then, answer)
         if reference is None:
             return
         self.plan, self._clearance = answer.plan, answer.clearance
-        if self._draws:  # the follower never reverses into unknown space
-            last = grid % ASSUMED == ASSUMED - 1
-            self._local_map.set_walls(maps[grid - last])
-            self._reopens = answer.reopens
-            if last and blind_behind(self._map, start, self._mission.footprint):
-                self._spin.begin(start, self.goal)
+        if answer.walls is not None:  # the follower never reverses into unknown space
+            self._local_map.set_walls(answer.walls)
+            if answer.unseen and blind_behind(self._map, answer.start, self._mission.footprint):
+                self._spin.begin(answer.start, self.goal)
         self._mapped = 0.0
         if self.solved:
             self._progress.stalled_time = 0.0
@@ -256,7 +250,7 @@ class PlannedDriver:
         self._lost = 0.0 if self.solved else RETRY_TIME  # a search that finds nothing is longest
         # The old path is better than none.
         if self.solved or self._reference is None:
-            self._take(reference)
+            self._take(reference, answer.reopens)
         if then is not None:
             then()
 
@@ -265,24 +259,28 @@ class PlannedDriver:
 
         Then the chair stops, and plans again once it stands: that plan fits where it stands.
         """
-        self.plans += answer.tried
+        self.plans += answer.searched
         start = answer.start
         # Straight on: the follower still touches nothing, and the next plan begins elsewhere.
         straight = np.stack([start[:2], self.goal[:2]])
         reference = ReferencePath(answer.plan.path if answer.solved else straight, start)
-        if self.planning.periods and answer.solved and not self._fits(reference, answer.clearance):
+        if self.planning.periods and answer.solved and not self._fits(reference, answer):
             self.planning.figures.discarded += 1
             self._again = partial(self._plan_anew, then, held=True)
             return None
         return reference
 
-    def _fits(self, reference: ReferencePath, clearance: float) -> bool:
+    def _fits(self, reference: ReferencePath, answer: Answer) -> bool:
         """Join a path that was planned a while ago; whether that is possible in the newest map."""
-        off = reference.advance(self._local_map.pose, REJOIN)
-        return off <= self.config.astray and not self._blocks(reference, AHEAD, clearance)
+        if reference.advance(self._local_map.pose, REJOIN) > self.config.astray:
+            return False
+        return not self._blocks(reference, AHEAD, answer.clearance, answer.reopens)
 
-    def _take(self, reference: ReferencePath) -> None:
+    def _take(self, reference: ReferencePath, reopens: bool = False) -> None:
         """Follow a path from now on."""
+        if self._reopens and not reopens:
+            self._ground.forget_open()  # it is free, or was waited for in vain
+        self._reopens = reopens
         self._path, self._reference, self._aside = reference.path, reference, False
         self._follow()
         self._progress.begin()
@@ -330,19 +328,12 @@ class PlannedDriver:
         if twist is None or (twist[0] < 0.0 and self._local_map.blind):
             twist = np.zeros(2)
         elif self._crawls and twist[0] < 0.0:
-            twist = self._crawled(twist)
+            twist = crawled(twist, self._mission.footprint)
         elif unseen and twist[0] < -CREEP:
             twist = twist * (-CREEP / twist[0])
         twist = self._local_map.limit_for_unseen_space(twist[None], self._chair.body.state)[0]
         self._chair.command(twist)
         return Command(twist, self.shown)
-
-    def _crawled(self, twist: Array) -> Array:
-        """A twist in reverse at a crawl; if it hardly is, a turn in place where that is clear."""
-        assert self._reference is not None
-        now = Situation(self._local_map, self._reference, self._chair)
-        turn = first_clear([(0.0, twist[1])], now) if twist[0] > -CRAWL else None
-        return crawled(twist, self._mission.footprint) if turn is None else turn
 
     def _update(self, reading: Reading) -> bool:
         """Update the local map; whether the space behind the chair may hold something unseen."""
@@ -371,11 +362,12 @@ class PlannedDriver:
         if progress.update(self._reference.way):
             if bold > progress.bold == 0.0:
                 self._follow()
-            self._detours.waited = 0.0
+            self._detours.waited *= self._reopens
         share = BLOCKED_SHARE if self._reference.blocked else 1.0
         progress.stalled_time += period * (HALT_SHARE if self.state == "halts" else share)
         self._detours.pause -= period
-        self._detours.waited += period * self._reopens
+        if self._reopens and progress.stalled_time > STANDING:
+            self._detours.waited += period
         self._report.held -= period
         self._lost -= period
         if self.thinks:
@@ -493,14 +485,20 @@ class PlannedDriver:
     def _stands(self) -> bool:
         """Whether the chair stands while a plan is made: it goes nowhere, or not by its path."""
         held, reference = self._held or self._again is not None, self._reference
-        return held or reference is None or self._blocks(reference, NEAR, self._clearance)
+        return (
+            held
+            or reference is None
+            or self._blocks(reference, NEAR, self._clearance, self._reopens)
+        )
 
-    def _blocks(self, reference: ReferencePath, ahead: float, clearance: float) -> bool:
+    def _blocks(
+        self, reference: ReferencePath, ahead: float, clearance: float, reopens: bool
+    ) -> bool:
         """Whether the newest map shows something on the next metres of a path."""
         if self._draws:
             rows = reference.rows[reference.at :]
             rows = rows[rows[:, 3] < reference.way + ahead]
-            return walls_block(self._assumed, rows, clearance)
+            return walls_block(self._planned_in(reopens), rows, clearance)
         return is_blocked(self._local_map.temporary, reference, clearance, ahead)
 
     def _blocked(self) -> bool:
@@ -511,10 +509,9 @@ class PlannedDriver:
         assert self._reference is not None
         return is_blocked(self._local_map.temporary, self._reference, self._clearance)
 
-    @property
-    def _assumed(self) -> OccupancyGrid:
-        """The newest map of the kind in which the path was planned."""
-        return self._ground.reopened(self._map) if self._reopens else self._map
+    def _planned_in(self, reopens: bool) -> OccupancyGrid:
+        """The newest map, or the one in which all is free that was free once."""
+        return self._ground.reopened(self._map) if reopens else self._map
 
     def _redrawn(self) -> bool:
         """Whether it is time to look at a map that grows."""
@@ -528,6 +525,6 @@ class PlannedDriver:
         """Whether a newly drawn wall blocks the path, or all is gone that it leads around."""
         assert self._reference is not None
         ahead = self._reference.rows[self._reference.at :]
-        if self._redrawn() and walls_block(self._assumed, ahead, self._clearance):
+        if self._redrawn() and walls_block(self._planned_in(self._reopens), ahead, self._clearance):
             return True
         return self._detours.taken and not self._temporary

@@ -2,8 +2,7 @@
 
 `ProgressMonitor` tells when. The chair then backs up or turns in place (`back_up`), makes room for
 what blocks its path (`place_aside`), turns slowly to see what the laser has never seen (`Spin`),
-plans around temporary obstacles (`DetourPolicy`), or plans anew with less clearance
-(`widest_plan`).
+or plans around temporary obstacles (`DetourPolicy`).
 """
 
 from __future__ import annotations

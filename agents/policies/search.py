@@ -17,12 +17,11 @@ from agents.policies.recoveries import place_aside
 from planners import Planner
 from planners.collision.space import Space
 from planners.problem import Plan, Problem, Status, checked_plan, remaining
+from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.maps import FREE, UNKNOWN, OccupancyGrid, bottleneck
 
 Array = NDArray[np.float64]
-
-ASSUMED = 3  # maps in which a chair plans that draws one itself; then in those that reopen
 
 
 class Answer(NamedTuple):
@@ -31,8 +30,11 @@ class Answer(NamedTuple):
     plan: Plan
     clearance: float  # m: asked for last
     start: Array  # (3,) m, m, rad
-    maps: list[OccupancyGrid]  # to be tried in turn
-    tried: int  # of them
+    searched: int = 0  # maps
+    kind: int = 0  # of the maps in turn: the one with the walls that the follower heeds
+    unseen: bool = False  # all unseen space was taken for free, that beside the chair, too
+    reopens: bool = False  # what was free once was taken for free
+    walls: OccupancyGrid | None = None  # for the follower, where the chair draws the map itself
 
     @property
     def solved(self) -> bool:
@@ -40,14 +42,9 @@ class Answer(NamedTuple):
         return self.plan.status is Status.SOLVED
 
     @property
-    def reopens(self) -> bool:
-        """Whether the plan leads through what was free once, in the chair's drawing."""
-        return self.solved and self.tried > ASSUMED
-
-    @property
     def length(self) -> float:
-        """Length [m] of the path, turns included."""
-        return ReferencePath(self.plan.path, self.start).left
+        """Length [m] of the path, turns included; infinite where there is none."""
+        return ReferencePath(self.plan.path, self.start).left if self.solved else math.inf
 
 
 @dataclass(frozen=True)
@@ -60,10 +57,11 @@ class Search:
     rng: np.random.Generator
     start: Array  # (3,) m, m, rad
     maps: list[OccupancyGrid]  # to be tried in turn
-    drawn: Footprint | None = None  # the chair's, where it draws the only map itself
-    beyond: float = BEYOND  # m: then paths may lead so far beyond what is known
     around: float = 0.0  # m from a goal without heading, where a path may end if that is occupied
-    detour: float = 0.0  # m by which a path may be longer than one through what was free once
+    drawn: Footprint | None = None  # the chair's, where it draws the only map itself; then also
+    beyond: float = BEYOND  # m: how far beyond what is known paths may lead
+    reopened: OccupancyGrid | None = None  # the map with all free that was free once
+    detour: float = 0.0  # m by which a path may be longer than one in that map
 
     def plan(self, goal: Array, end: float) -> Answer:
         """Plan to a goal (2 or 3,), until `clock` shows `end` [s], in one map after another.
@@ -71,27 +69,34 @@ class Search:
         In each, at the widest clearance that leads to the goal; or, where the goal is occupied and
         has no heading, to the free place beside it.
         """
-        maps = self.maps
-        if self.drawn is not None:
-            ends = np.stack([self.start[:2], goal[:2]])
-            drawn = [grid.extended_to(ends, self.beyond) for grid in maps]
-            maps = [each for grid in drawn for each in assumed_maps(grid, self.start, self.drawn)]
-        answer = self._first(maps, 0, goal, end)
-        if not answer.solved or answer.tried > ASSUMED or len(maps) <= ASSUMED:
-            return answer
-        other = self._first(maps, ASSUMED, goal, end)
-        shorter = other.solved and other.length + self.detour < answer.length
-        return other if shorter else answer
+        if self.drawn is None:
+            return self._first(self.maps, goal, end)
+        maps = self._assumed(self.maps[0], goal, self.drawn)
+        if self.reopened is None:
+            answer = self._first(maps, goal, end)
+        else:  # half of the time for each
+            answer = self._first(maps, goal, end if end == math.inf else 0.5 * (clock() + end))
+            other = self._first(self._assumed(self.reopened, goal, self.drawn), goal, end)
+            searched = answer.searched + other.searched
+            if other.length + self.detour < answer.length:
+                answer = other._replace(reopens=True)
+            answer = answer._replace(searched=searched)
+        return answer._replace(walls=maps[answer.kind])
 
-    def _first(self, maps: list[OccupancyGrid], begin: int, goal: Array, end: float) -> Answer:
-        """The plan in the first of some maps, from one on, in which one leads to the goal."""
-        for k, grid in enumerate(maps[begin:], begin):
+    def _assumed(self, grid: OccupancyGrid, goal: Array, drawn: Footprint) -> list[OccupancyGrid]:
+        ends = np.stack([self.start[:2], goal[:2]])
+        return assumed_maps(grid.extended_to(ends, self.beyond), self.start, drawn)
+
+    def _first(self, maps: list[OccupancyGrid], goal: Array, end: float) -> Answer:
+        """The plan in the first map in which one leads to the goal."""
+        for k, grid in enumerate(maps):
             plan = partial(widest_plan, self.planner, grid, self.start)
             found = plan(goal, self.clearance, self.least, self.rng, end)
             if found[0].status is Status.GOAL_OCCUPIED and len(goal) == 2:
                 beside = clearest_place(grid, goal, self.clearance, self.around)
                 found = plan(beside, self.clearance, self.least, self.rng, end)
-            answer = Answer(*found, self.start, maps, k + 1)
+            last = self.drawn is not None and k == len(maps) - 1
+            answer = Answer(*found, self.start, k + 1, k - last, last)
             if answer.solved:
                 break
         return answer
@@ -100,7 +105,7 @@ class Search:
         """Plan to where there is room to what blocks the path (n, 2) [m]; see `place_aside`."""
         place = place_aside(self.maps[0], self.start, blocking)
         if place is None:
-            return Answer(Plan(Status.EXHAUSTED), self.least, self.start, self.maps, 0)
+            return Answer(Plan(Status.EXHAUSTED), self.least, self.start)
         return self.plan(place, end)
 
 

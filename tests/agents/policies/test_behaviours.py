@@ -124,7 +124,7 @@ def test_a_plan_that_leads_nowhere_does_not_put_off_backing_out():
     for status, stalled in ((Status.START_OCCUPIED, 3.0), (Status.SOLVED, 0.0)):
         policy._progress.stalled_time = 3.0
         plan = Plan(status, path=np.array([(2.0, 0.0), (9.0, 0.0)]))
-        policy._replanned(None, Answer(plan, 0.3, world.pose, [world.mission.map], 1))
+        policy._replanned(None, Answer(plan, 0.3, world.pose, 1))
         assert policy._progress.stalled_time == stalled
 
 
@@ -245,7 +245,7 @@ def test_no_long_way_round_is_taken_for_want_of_progress_before_it_has_backed_ou
     world = Peopled(lambda t: None, corridor(10.0, 3.2), tuple(start), (9.0, 0.0, 0.0))
     policy.reset(world.mission)
     way = np.array([(1.0, 0.0), (1.0 + policy._reference.left + longer, 0.0)])
-    answer = Answer(Plan(Status.SOLVED, way), 0.3, start, [world.mission.map], 1)
+    answer = Answer(Plan(Status.SOLVED, way), 0.3, start, 1)
     policy._replan = lambda then, held: policy._replanned(then, answer)
     policy._recover()
     assert (policy._backing > 0.0) == backs
@@ -278,7 +278,7 @@ def test_a_plan_that_led_nowhere_is_tried_again_now_and_then(monkeypatch):
         planned.append(world.time)
         return Plan(Status.EXHAUSTED), 0.28
 
-    monkeypatch.setattr("agents.policies.planned.widest_plan", nowhere)
+    monkeypatch.setattr("agents.policies.search.widest_plan", nowhere)
     world.pose[1] = 1.2  # beside its path, farther than it may stray
     for _ in range(60):
         policy.act(world.seen)

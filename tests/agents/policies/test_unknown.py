@@ -206,35 +206,75 @@ def test_what_was_free_floor_once_may_be_free_again():
 
 
 def searched(grid, reopened, detour=2.0):
-    """The answer of a search through drawn maps, from left to right."""
+    """The answer of a search in a drawn map, from left to right."""
     search = Search(
-        make_planner({"name": "a_star"}), 0.4, 0.28, np.random.default_rng(0), np.zeros(3),
-        [grid] if reopened is None else [grid, reopened], Footprint(), beyond=0.5, detour=detour,
+        make_planner({"name": "a_star"}), 0.4, 0.28, np.random.default_rng(0), np.zeros(3), [grid],
+        drawn=Footprint(), beyond=0.5, reopened=reopened, detour=detour,
     )  # fmt: skip
     return search.plan(np.array([4.0, 0.0]), np.inf)
 
 
+def room(**columns):
+    """A drawn hall with a wall across it, and which rows of the wall stand."""
+    cells = np.full((160, 140), FREE, np.int8)
+    cells[50:70, :30] = UNKNOWN  # behind the chair
+    cells[0] = cells[-1] = cells[:, 0] = cells[:, -1] = OCCUPIED
+    for rows in columns.values():
+        cells[rows, 80] = OCCUPIED
+    return OccupancyGrid(cells, 0.05, (-2.0, -3.0, 0.0))
+
+
 def test_a_way_that_was_free_once_is_taken_where_none_is_left_or_the_other_is_long():
-    free = np.full((120, 140), FREE, np.int8)
-    open_door, closed, shut = free.copy(), free.copy(), free.copy()
-    open_door[:50, 80] = open_door[70:85, 80] = OCCUPIED
-    closed[:85, 80] = OCCUPIED  # a way round its end is 1 m longer
-    shut[:, 80] = OCCUPIED
-    border = np.zeros_like(free)
-    border[0] = border[-1] = border[:, 0] = border[:, -1] = OCCUPIED
-    maps = {}
-    for name, cells in (("open", open_door), ("closed", closed), ("shut", shut)):
-        walled = np.where(border == OCCUPIED, OCCUPIED, cells).astype(np.int8)
-        maps[name] = OccupancyGrid(walled, 0.05, (-2.0, -3.0, 0.0))
-    assert not searched(maps["shut"], None).solved
-    way = searched(maps["shut"], maps["open"])
+    shut, open_door = room(wall=np.s_[:]), room(low=np.s_[:50], high=np.s_[70:85])
+    closed = room(wall=np.s_[:85])  # the way round its end is 1 m longer
+    nothing = searched(shut, None)
+    assert not nothing.solved
+    assert nothing.length == np.inf
+    assert nothing.unseen
+    assert nothing.searched == 3
+    way = searched(shut, open_door)
     assert way.reopens
-    round_it = searched(maps["closed"], None)
+    assert not way.unseen  # the first of its three maps leads there
+    assert way.searched == 4
+    stands = assumed_maps(shut, np.zeros(3), Footprint())[0]
+    assert (way.walls.cells == stands.cells).all()  # the follower heeds what is there
+    round_it = searched(closed, None)
     assert round_it.solved
     assert not round_it.reopens
     assert round_it.length > way.length + 0.6
-    assert searched(maps["closed"], maps["open"], detour=0.3).reopens
-    assert not searched(maps["closed"], maps["open"], detour=10.0).reopens
+    assert searched(closed, open_door, detour=0.3).reopens
+    assert not searched(closed, open_door, detour=10.0).reopens
+
+
+class Drawn(PaperWorld):
+    """Its map is drawn by the chair, and always true."""
+
+    def __init__(self, grid, start, goal):
+        self.map = grid
+        super().__init__(grid, start, goal)
+        self.mission = replace(self.mission, map=None)
+
+    def reading(self):
+        self.walls = self.map.walls()
+        return super().reading()._replace(map=self.map)
+
+
+@pytest.mark.parametrize("planning_time", [0.0, 0.3])
+def test_a_chair_waits_at_a_door_until_the_way_round_is_worth_it(planning_time):
+    policy = make_policy({"name": "a_star+window", "planning_time": planning_time})
+    world = Drawn(room(low=np.s_[:50], high=np.s_[70:130]), (0.0, 0.0, 0.0), (4.0, 0.0))
+    policy.reset(world.mission)
+    reopens, places = [], []
+    while world.time < 40.0 and np.hypot(*(world.pose[:2] - (4.0, 0.0))) > 0.3:
+        if world.time > 1.0:
+            world.map = room(wall=np.s_[:130])  # the way round is 5 m longer
+        world.step(policy)
+        reopens.append(policy._reopens)
+        places.append(world.pose[:2])
+    waits = np.flatnonzero(reopens)
+    assert 50 < len(waits) == waits[-1] - waits[0] + 1  # without turning back once it has given up
+    assert np.max(np.array(places)[waits, 0]) > 1.0
+    assert world.time < 40.0
 
 
 def test_space_behind_a_wall_is_not_unseen_space_behind_the_chair():
