@@ -524,7 +524,11 @@ class PlannedDriver:
     def _outdated(self) -> bool:
         """Whether a newly drawn wall blocks the path, or all is gone that it leads around."""
         assert self._reference is not None
-        ahead = self._reference.rows[self._reference.at :]
-        if self._redrawn() and walls_block(self._planned_in(self._reopens), ahead, self._clearance):
-            return True
+        if self._redrawn():
+            if self._reopens:  # what the chair waits for may be gone
+                maps = assumed_maps(self._map, self._local_map.pose, self._mission.footprint)
+                self._local_map.set_walls(maps[1])
+            ahead = self._reference.rows[self._reference.at :]
+            if walls_block(self._planned_in(self._reopens), ahead, self._clearance):
+                return True
         return self._detours.taken and not self._temporary
