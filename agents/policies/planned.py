@@ -63,6 +63,7 @@ ACTOR_RANGE = 2.5  # m: with an actor nearer, the chair reverses slowly: no sens
 HELD = 1.0  # s for which people see why there is a new path
 NEAR = 1.5  # m of way from the axle's centre: the chair's front, and to rest from 0.8 m/s
 STILL = 0.02  # m/s and rad/s: slower, the chair stands
+LOOK = 2.0  # s between two plans while the chair looks round
 STANDING = 1.0  # s without progress, after which the chair waits for a way to become free
 LASTING = 5  # plans without a way round, some 15 s: what blocks the way will not go by itself
 REJOIN = 2.0  # m along a plan on which a chair that drove on meanwhile may join it
@@ -242,6 +243,8 @@ class PlannedDriver:
             self._local_map.set_walls(answer.walls)
             if answer.unseen and blind_behind(self._map, answer.start, self._mission.footprint):
                 self._spin.begin(answer.start, self.goal)
+            else:
+                self._spin.end()
         self._mapped = 0.0
         if self.solved:
             self._progress.stalled_time = 0.0
@@ -373,13 +376,11 @@ class PlannedDriver:
         if self.thinks:
             return
         if self._spin.on:
-            redrawn = self._redrawn()
-            if self._spin.done or (redrawn and not unseen):
+            if self._spin.done:
                 self._spin.end()
                 self._replan(held=True)
-            elif redrawn:
-                maps = assumed_maps(self._map, self._local_map.pose, self._mission.footprint)
-                self._local_map.set_walls(maps[-2])
+            elif self._redrawn(LOOK):
+                self._replan()
         elif self._backing > 0.0:
             self._backing -= period * (CRAWL / BACK if self._crawls else 1.0)
             if self._backing <= 0.0:
@@ -513,10 +514,10 @@ class PlannedDriver:
         """The newest map, or the one in which all is free that was free once."""
         return self._ground.reopened(self._map) if reopens else self._map
 
-    def _redrawn(self) -> bool:
-        """Whether it is time to look at a map that grows."""
+    def _redrawn(self, every: float) -> bool:
+        """Whether it is time [s] to look at a map that grows."""
         self._mapped += self._mission.period
-        if not self._draws or self._mapped < self.config.redraw:
+        if not self._draws or self._mapped < every:
             return False
         self._mapped = 0.0
         return True
@@ -524,7 +525,7 @@ class PlannedDriver:
     def _outdated(self) -> bool:
         """Whether a newly drawn wall blocks the path, or all is gone that it leads around."""
         assert self._reference is not None
-        if self._redrawn():
+        if self._redrawn(self.config.redraw):
             if self._reopens:  # what the chair waits for may be gone
                 maps = assumed_maps(self._map, self._local_map.pose, self._mission.footprint)
                 self._local_map.set_walls(maps[1])
