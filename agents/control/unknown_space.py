@@ -62,7 +62,7 @@ def _fill(
 ) -> OccupancyGrid:
     """A map with a value for chosen unknown cells near a pose, none farther than BLIND.
 
-    `chosen` tells which points (..., 2) [m] in the chair's frame.
+    `chosen` says which points (..., 2) [m] in the chair's frame.
     """
     cells, reach = grid.cells.copy(), math.ceil(BLIND / grid.resolution)
     middle = grid.to_cell(pose[:2])

@@ -275,6 +275,26 @@ def test_a_chair_waits_at_a_door_until_the_way_round_is_worth_it(planning_time):
     assert world.time < 60.0
 
 
+def test_a_chair_looks_round_only_until_it_knows_a_way():
+    """What is behind it stays unseen; a whole turn would take 31 s."""
+    cells = np.full((200, 120), UNKNOWN, np.int8)
+    cells[46:73, 56:82] = FREE
+    cells[45:75, 82] = cells[45, 40:82] = OCCUPIED  # ahead and to the right
+    policy = make_policy("a_star+window")
+    world = Drawn(OccupancyGrid(cells, 0.05, (-3.0, -3.0, 0.0)), (0.0, 0.0, 0.0), (0.0, 5.0))
+    policy.reset(world.mission)
+    turns = 0
+    while world.time < 20.0 and world.pose[1] < 1.0:
+        if world.time > 3.0:
+            seen = cells.copy()
+            seen[50:190, 56:82] = FREE  # to the left
+            world.map = OccupancyGrid(seen, 0.05, (-3.0, -3.0, 0.0))
+        world.step(policy)
+        turns += policy.state == "looks round"
+    assert 30 < turns < 60
+    assert world.pose[1] > 1.0
+
+
 def test_space_behind_a_wall_is_not_unseen_space_behind_the_chair():
     footprint = Footprint()
     cells = np.full((80, 80), UNKNOWN, np.int8)
