@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wheelchair_gym.geometry import Footprint, to_frame, to_world
-from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, open_floor
 from wheelchair_gym.maps.distance import within_distance
 
 Array = NDArray[np.float64]
@@ -21,7 +20,7 @@ BESIDE = 0.10  # m round the chair, where the space is taken to be free
 BEHIND = 0.25  # m: backing at 0.2 m/s comes to rest within
 FINE = 0.025  # m between places on the floor that the chair stands on
 RESERVE = 128  # cells by which the rasters of the ground grow
-FLOOR = np.ones((5, 5), np.uint8)  # cells; open floor is made of free squares of this size
+FLOOR = 0.25  # m: side of a free square that is open floor, and no error of a wall's place
 TURN = 0.05  # rad after which it stands on other places
 JITTER = 2.0  # cells by which a wall that is seen anew may come nearer
 
@@ -109,9 +108,8 @@ class Ground:
             begin = _first_cell(grid)
             self._reach(begin, begin + grid.shape)
             row, column = begin - self._first
-            free = (grid.cells == FREE).view(np.uint8)
-            free = cv2.morphologyEx(free, cv2.MORPH_OPEN, FLOOR, borderValue=0)
-            self._open[row : row + grid.shape[0], column : column + grid.shape[1]] |= free > 0
+            part = self._open[row : row + grid.shape[0], column : column + grid.shape[1]]
+            part |= open_floor(grid, FLOOR)
         if moved or grid is not self._grid or self._marked is None:
             self._marked = self._freed(grid, self._stood, UNKNOWN)
             self._grid = grid

@@ -12,7 +12,7 @@ from wheelchair_gym.maps.io.moving_ai import (
     read_moving_ai_map,
     read_moving_ai_scenario,
 )
-from wheelchair_gym.maps.passage import bottleneck, footprint_margin
+from wheelchair_gym.maps.passage import bottleneck, footprint_margin, open_floor
 from wheelchair_gym.maps.polygons import PolygonWithHoles, grid_from_image, occupied_polygons
 
 __all__ = [
@@ -31,6 +31,7 @@ __all__ = [
     "grid_from_image",
     "interpolate",
     "occupied_polygons",
+    "open_floor",
     "read_any_map",
     "read_house",
     "read_map",

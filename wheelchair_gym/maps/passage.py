@@ -1,4 +1,4 @@
-"""Passage width: the greatest disc, and the greatest footprint, that gets from start to goal."""
+"""Width: of passages from start to goal, for discs and footprints; and floor that is open."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage, sparse
 from scipy.sparse import csgraph
 
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.arrays import Array, Mask
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.maps.grid import FREE, OccupancyGrid
 
@@ -46,6 +46,14 @@ def bottleneck(grid: OccupancyGrid, start: ArrayLike, goal: ArrayLike) -> float:
         else:
             last = middle
     return low
+
+
+def open_floor(grid: OccupancyGrid, side: float) -> Mask:
+    """Cells (rows, cols) of squares with a side [m] of free cells alone."""
+    square = np.ones((round(side / grid.resolution),) * 2, np.uint8)
+    free = (grid.cells == FREE).view(np.uint8)
+    opened: Mask = cv2.morphologyEx(free, cv2.MORPH_OPEN, square, borderValue=0) > 0
+    return opened
 
 
 def footprint_margin(
