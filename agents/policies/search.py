@@ -31,7 +31,7 @@ class Answer(NamedTuple):
     clearance: float  # m: asked for last
     start: Array  # (3,) m, m, rad
     searched: int = 0  # maps
-    kind: int = 0  # of the maps in turn: the one with the walls that the follower heeds
+    kind: int = 0  # which of the maps in turn has the walls that the follower heeds
     unseen: bool = False  # all unseen space was taken for free, that beside the chair, too
     reopens: bool = False  # what was free once was taken for free
     walls: OccupancyGrid | None = None  # for the follower, where the chair draws the map itself

@@ -156,9 +156,9 @@ def test_ctrl_c_keeps_what_is_done(problems, ghost, tmp_path, capsys, monkeypatc
 
 def test_a_first_path_is_that_of_a_run_that_ends_with_it(problems):
     (case,) = stored_cases(problems, ["hall"])
-    planner = make_planner({"name": "rrt_star", "iterations": 3_000})
+    planner = make_planner({"name": "rrt_star", "iterations": 30_000})
     record = planner_benchmark.run_once(planner, case, 0, FREE)
-    assert 0.0 < record["first_path_s"] < record["wall_s"]
+    assert 0.0 < record["first_path_s"] < 0.5 * record["wall_s"]
     cut = make_planner({"name": "rrt_star", "return_on_first_path": True})
     plan = cut.plan(case.problem, np.random.default_rng(0))
     assert record["first_path_length_m"] == plan.length
