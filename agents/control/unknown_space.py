@@ -20,7 +20,7 @@ BESIDE = 0.10  # m round the chair, where the space is taken to be free
 BEHIND = 0.25  # m: backing at 0.2 m/s comes to rest within
 FINE = 0.025  # m between places on the floor that the chair stands on
 RESERVE = 128  # cells by which the rasters of the ground grow
-FLOOR = 0.25  # m: side of a free square that is open floor, and no error of a wall's place
+FLOOR = 0.2  # m: side of a free square that is open floor, and no error of a wall's place
 TURN = 0.05  # rad after which it stands on other places
 JITTER = 2.0  # cells by which a wall that is seen anew may come nearer
 

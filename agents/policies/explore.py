@@ -22,6 +22,8 @@ from wheelchair_gym.types import Command, Mission, Reading
 Array = NDArray[np.float64]
 SAME = 1.0  # m: a frontier that recedes is the same one so far away
 MORE = 1.02  # times as many explored cells: frontiers that were given up are tried again
+SHORTEST = 0.1  # m: in a door of 0.82 m, seen edge-on, a frontier is no longer than this
+GAP = 1.0  # m2 of unknown space: a short frontier with less beyond is a gap between beams
 
 
 @settings
@@ -52,7 +54,8 @@ class Explore:
     )
     """Clearance of the paths to frontiers."""
     least: float = setting(default=0.4, unit="m", low=0.0, source="design choice")
-    """Least length of a frontier; shorter ones are gaps between beams."""
+    """Least length of a frontier; shorter ones count where no others are left, and no gap between
+    beams explains them."""
     look: float = setting(default=1.0, unit="s", low=0.1, source="design choice")
     """Time between two searches for frontiers."""
     patience: float = setting(default=25.0, unit="s", low=1.0, source="design choice")
@@ -124,12 +127,14 @@ class Chooser:
             return chosen("drive")
         if self.over:
             given_up.append(self.aim)
-        found = find_frontiers(grid, pose, config.clearance, config.least)
-        for one in sorted(found, key=self._cost):
+        found = find_frontiers(grid, pose, config.clearance, min(SHORTEST, config.least))
+        found = [one for one in found if one.length >= config.least or one.beyond >= GAP]
+        for one in sorted(found, key=lambda one: (one.length < config.least, self._cost(one))):
             away = [np.hypot(*(one.place - place)) for place in given_up]
             if min(away, default=np.inf) < config.clearance:
                 continue
-            if np.hypot(*(one.place - self.aim)) < SAME and not self.over:
+            same = SAME if one.length >= config.least else config.clearance
+            if np.hypot(*(one.place - self.aim)) < same and not self.over:
                 return chosen("explore")  # on the way there
             if plan(one.place):
                 return chosen("explore")

@@ -4,6 +4,9 @@ In floor plans with all noise: a chair explores and draws its map (SLAM); then t
 policy drives there with each pose source, `mcl` once on the true map and once on the drawn one. For
 each: how far the believed pose is off, and for how long (the lag at which its correlation with
 itself falls to 1/e), beside the error model `modelled`.
+
+With `--floor 45 --seeds 1` instead: one drive through all of a clinic of 45 m by 45 m, and what
+SLAM makes of its readings with each number of particles.
 """
 
 from __future__ import annotations
@@ -17,10 +20,10 @@ import numpy as np
 
 from agents.evaluation.compare import BEST
 from agents.evaluation.evaluate import make_env
-from agents.evaluation.map_evaluation import map_by_driving
+from agents.evaluation.map_evaluation import map_by_driving, map_quality
 from agents.policies import GymPolicy, make_policy
-from wheelchair_gym.geometry import wrap_angle
-from wheelchair_gym.localization.slam import SlamSettings
+from wheelchair_gym.geometry import relative_pose, wrap_angle
+from wheelchair_gym.localization.slam import Slam, SlamSettings
 
 
 def drive(source: str, seed: int, scene: Any, grid: Any = None) -> tuple[np.ndarray, bool]:
@@ -70,12 +73,64 @@ def row(name: str, runs: list[np.ndarray], arrived: int) -> str:
     )
 
 
+def map_floor(side: float, seed: int, particles: list[int]) -> None:
+    """Explore a clinic, then run SLAM on the readings of that drive again and again."""
+    scene = {
+        "name": "floor_plan", "kind": "clinic", "building_size": [side - 0.1, side],
+        "door_width": [1.0, 1.4], "corridor_width": [1.5, 2.4], "path_length": [5.0, 300.0],
+    }  # fmt: skip
+    env, taken = make_env(scene, {"pose_source": "slam"}), []
+
+    def take(env: Any) -> None:
+        chair, reading = env.unwrapped.chair, env.unwrapped.reading
+        taken.append((chair.belief.odometry, reading.laser.copy(), chair.truth.pose.copy()))
+
+    explore = make_policy({"name": "explore", "seek": False})
+    made = map_by_driving(env, explore, seed, 7200.0, take)
+    episode, laser = env.unwrapped.episode, env.unwrapped.settings.sensors.laser
+    print(
+        f"clinic {side:g} m by {side:g} m, seed {seed}: {made.ended} after {made.seconds:.0f} s and"
+        f" {made.way:.0f} m\nparticles  seed  pose RMS cm    p50    p95    max  deg RMS"
+        "  cells right %  wall p50 cm    p95  at the start cm  times real time"
+    )
+    for count in particles:
+        for draw in range(2 if count > 1 else 1):
+            slam = Slam(laser, SlamSettings(particles=count), draw, episode.start)
+            begun, off, last = time.perf_counter(), [], taken[0][0]
+            for odometry, ranges, true in taken:
+                off.append(slam.update(relative_pose(last, odometry), ranges) - true)
+                last = odometry
+            took = time.perf_counter() - begun
+            far = 100 * np.hypot(*np.array(off)[:, :2].T)
+            turn = np.degrees(wrap_angle(np.array(off)[:, 2]))
+            back = np.hypot(*(np.array([true for *_, true in taken]) - episode.start)[:, :2].T) < 3
+            back[: len(back) // 2] = False
+            found = map_quality(slam.map, episode, env.unwrapped.task.footprint.half_width)
+            print(
+                f"{count:9d}{draw:6d}{np.sqrt((far**2).mean()):13.1f}{np.median(far):7.1f}"
+                f"{np.percentile(far, 95):7.1f}{far.max():7.1f}{np.sqrt((turn**2).mean()):9.2f}"
+                f"{100 * found.right:15.1f}{100 * found.wall_median:13.1f}"
+                f"{100 * found.wall_p95:7.1f}"
+                f"{far[back].mean() if back.any() else float('nan'):17.1f}"
+                f"{made.seconds / took:17.0f}",
+                flush=True,
+            )
+    env.close()
+
+
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=10, help="0 to N - 1")
     parser.add_argument("--scene", default="floor_plan")
+    parser.add_argument("--floor", type=float, help="side of a clinic [m]")
+    parser.add_argument("--particles", default="1,8,30", help="with --floor")
     given = parser.parse_args()
+    if given.floor:
+        counts = [int(count) for count in given.particles.split(",")]
+        for seed in range(given.seeds):
+            map_floor(given.floor, seed, counts)
+        return
     seeds = range(given.seeds)
     charts = []
     count = SlamSettings().particles

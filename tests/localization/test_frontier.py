@@ -44,4 +44,14 @@ def test_gaps_between_beams_are_no_frontiers(cells):
     cells[40, 40:43] = UNKNOWN
     grid = OccupancyGrid(cells, 0.1)
     assert find_frontiers(grid, (2.0, 4.0), 0.35, min_length=1.0) == []
-    assert len(find_frontiers(grid, (2.0, 4.0), 0.35, min_length=0.2)) == 1
+    (gap,) = find_frontiers(grid, (2.0, 4.0), 0.35, min_length=0.2)
+    assert gap.beyond == pytest.approx(0.03)
+
+
+def test_what_lies_beyond_a_frontier_is_measured(cells):
+    """A hall whose east end is unknown up to the map's edge, or up to a wall."""
+    (found,) = find_frontiers(OccupancyGrid(cells, 0.1), (2.0, 4.0), 0.35)
+    assert found.beyond == np.inf
+    cells[19:61, 95] = cells[19, 80:96] = cells[60, 80:96] = OCCUPIED
+    (found,) = find_frontiers(OccupancyGrid(cells, 0.1), (2.0, 4.0), 0.35)
+    assert found.beyond == pytest.approx(40 * 15 * 0.01)

@@ -9,7 +9,15 @@ import pytest
 
 from tests.conftest import long_but
 from wheelchair_gym.geometry import Footprint, best_clearance_heading
-from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, bottleneck, footprint_margin
+from wheelchair_gym.maps import (
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    OccupancyGrid,
+    bottleneck,
+    footprint_margin,
+    open_floor,
+)
 from wheelchair_gym.scenes.arena import Doorway
 
 OUTLINE = Footprint()
@@ -74,3 +82,17 @@ def test_in_a_lane_the_roomiest_heading_is_along_it_with_the_back_to_the_wall(pl
     assert found == pytest.approx(yaw)
     assert room == pytest.approx(0.45 - OUTLINE.rear)
     assert best_clearance_heading((0.1, 2.0), OUTLINE, lane, discs)[1] <= 0.0
+
+
+@pytest.mark.parametrize("side", [4, 5])
+def test_open_floor_is_made_of_free_squares(side):
+    cells = np.where(np.random.default_rng(3).random((40, 50)) < 0.06, OCCUPIED, FREE)
+    cells[:, 44:] = UNKNOWN
+    expected = np.zeros(cells.shape, bool)
+    for row in range(41 - side):
+        for column in range(51 - side):
+            square = np.s_[row : row + side, column : column + side]
+            expected[square] |= (cells[square] == FREE).all()
+    found = open_floor(OccupancyGrid(cells.astype(np.int8), 0.05), 0.05 * side)
+    assert 0.1 < expected.mean() < 0.9
+    assert (found == expected).all()

@@ -470,12 +470,20 @@ class OccupancyMap:
         return OccupancyGrid(cells, self.settings.resolution, (x, y, 0.0))
 
 
+_MIDDLE = slice(1, -1)
+_SIDES = (  # of the cells of a padded map
+    (slice(None, -2), _MIDDLE), (slice(2, None), _MIDDLE),
+    (_MIDDLE, slice(None, -2)), (_MIDDLE, slice(2, None)),
+)  # fmt: skip
+
+
 class Frontier(NamedTuple):
     """A stretch of free cells beside unknown ones (Yamauchi 1997)."""
 
     place: Array  # (2,) m: its cell with the shortest path
     path_length: float  # m to there
     length: float  # m, about: its cells
+    beyond: float  # m2 of unknown space beside it; infinite where that reaches the map's edge
 
 
 def find_frontiers(
@@ -490,7 +498,7 @@ def find_frontiers(
         min_length: shorter ones are left out, as gaps between beams [m].
     """
     unknown = np.pad(grid.cells == UNKNOWN, 1, constant_values=True)
-    beside = unknown[:-2, 1:-1] | unknown[2:, 1:-1] | unknown[1:-1, :-2] | unknown[1:-1, 2:]
+    beside = np.logical_or.reduce([unknown[side] for side in _SIDES])
     edge = grid.traversable(radius) & beside
     labels, count = ndimage.label(edge, np.ones((3, 3)))
     if count == 0:
@@ -499,10 +507,16 @@ def find_frontiers(
     places = grid.to_world(np.argwhere(edge))
     paths = geodesic(grid, np.asarray(pose, dtype=np.float64)[:2], radius).at(places)
     lengths = np.bincount(of, minlength=count) * grid.resolution
+    regions, regions_count = ndimage.label(unknown)
+    areas = np.bincount(regions.ravel(), minlength=regions_count + 1) * grid.resolution**2
+    areas[0], areas[regions[0, 0]] = 0.0, np.inf  # the padding is one region
+    around = np.stack([regions[side][edge] for side in _SIDES])  # (4, cells)
+    beyond = np.zeros(count)
+    np.maximum.at(beyond, of, areas[around].max(axis=0))
     order = np.lexsort((paths, of))
     nearest = order[np.searchsorted(of[order], np.arange(count))]  # cell of each frontier
     found = [
-        Frontier(places[k], float(paths[k]), float(lengths[of[k]]))
+        Frontier(places[k], float(paths[k]), float(lengths[of[k]]), float(beyond[of[k]]))
         for k in nearest
         if np.isfinite(paths[k]) and lengths[of[k]] >= min_length
     ]

@@ -50,9 +50,11 @@ def bottleneck(grid: OccupancyGrid, start: ArrayLike, goal: ArrayLike) -> float:
 
 def open_floor(grid: OccupancyGrid, side: float) -> Mask:
     """Cells (rows, cols) of squares with a side [m] of free cells alone."""
-    square = np.ones((round(side / grid.resolution),) * 2, np.uint8)
-    free = (grid.cells == FREE).view(np.uint8)
-    opened: Mask = cv2.morphologyEx(free, cv2.MORPH_OPEN, square, borderValue=0) > 0
+    n = round(side / grid.resolution)
+    square, free = np.ones((n, n), np.uint8), (grid.cells == FREE).view(np.uint8)
+    # Anchors at opposite corners: about the middle, squares of an even side come out a cell off.
+    corners = cv2.erode(free, square, anchor=(0, 0), borderValue=0)
+    opened: Mask = cv2.dilate(corners, square, anchor=(n - 1, n - 1), borderValue=0) > 0
     return opened
 
 

@@ -58,7 +58,7 @@ class FloorPlan:
     )
     """Least and greatest clear width of corridors."""
     building_size: tuple[float, float] = setting(
-        default=(10.0, 18.0), unit="m", low=9.0, high=40.0, source="design choice"
+        default=(10.0, 18.0), unit="m", low=9.0, high=60.0, source="design choice"
     )
     """Least and greatest side of the building."""
     furniture_density: float = setting(
