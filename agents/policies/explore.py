@@ -128,12 +128,12 @@ class Chooser:
         if self.over:
             given_up.append(self.aim)
         found = find_frontiers(grid, pose, config.clearance, min(SHORTEST, config.least))
-        found = [one for one in found if one.length >= config.least or one.beyond >= GAP]
-        for one in sorted(found, key=lambda one: (one.length < config.least, self._cost(one))):
+        found = [one for one in found if not self._is_short(one) or one.beyond >= GAP]
+        for one in sorted(found, key=lambda one: (self._is_short(one), self._cost(one))):
             away = [np.hypot(*(one.place - place)) for place in given_up]
             if min(away, default=np.inf) < config.clearance:
                 continue
-            same = SAME if one.length >= config.least else config.clearance
+            same = config.clearance if self._is_short(one) else SAME
             if np.hypot(*(one.place - self.aim)) < same and not self.over:
                 return chosen("explore")  # on the way there
             if plan(one.place):
@@ -146,6 +146,10 @@ class Chooser:
             return chosen("explore")
         plan(goal if config.seek else pose)
         return chosen("drive" if config.seek else "done")
+
+    def _is_short(self, one: Frontier) -> bool:
+        """Whether it may be a gap between beams."""
+        return one.length < self.config.least
 
     def _cost(self, one: Frontier) -> float:
         """What a frontier costs [m]: the way there and on to the goal, less what it may show."""

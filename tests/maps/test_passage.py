@@ -84,7 +84,7 @@ def test_in_a_lane_the_roomiest_heading_is_along_it_with_the_back_to_the_wall(pl
     assert best_clearance_heading((0.1, 2.0), OUTLINE, lane, discs)[1] <= 0.0
 
 
-@pytest.mark.parametrize("side", [4, 5])
+@pytest.mark.parametrize("side", [1, 4, 5])
 def test_open_floor_is_made_of_free_squares(side):
     cells = np.where(np.random.default_rng(3).random((40, 50)) < 0.06, OCCUPIED, FREE)
     cells[:, 44:] = UNKNOWN
@@ -93,6 +93,7 @@ def test_open_floor_is_made_of_free_squares(side):
         for column in range(51 - side):
             square = np.s_[row : row + side, column : column + side]
             expected[square] |= (cells[square] == FREE).all()
-    found = open_floor(OccupancyGrid(cells.astype(np.int8), 0.05), 0.05 * side)
+    grid = OccupancyGrid(cells.astype(np.int8), 0.05)
     assert 0.1 < expected.mean() < 0.9
-    assert (found == expected).all()
+    assert (open_floor(grid, 0.05 * side) == expected).all()
+    assert (open_floor(grid, 0.01) == (grid.cells == FREE)).all()  # at least a cell

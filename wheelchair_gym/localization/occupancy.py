@@ -507,12 +507,11 @@ def find_frontiers(
     places = grid.to_world(np.argwhere(edge))
     paths = geodesic(grid, np.asarray(pose, dtype=np.float64)[:2], radius).at(places)
     lengths = np.bincount(of, minlength=count) * grid.resolution
-    regions, regions_count = ndimage.label(unknown)
-    areas = np.bincount(regions.ravel(), minlength=regions_count + 1) * grid.resolution**2
-    areas[0], areas[regions[0, 0]] = 0.0, np.inf  # the padding is one region
-    around = np.stack([regions[side][edge] for side in _SIDES])  # (4, cells)
-    beyond = np.zeros(count)
-    np.maximum.at(beyond, of, areas[around].max(axis=0))
+    regions, _ = ndimage.label(unknown)
+    areas = np.bincount(regions.ravel()) * grid.resolution**2
+    areas[0], areas[regions[0, 0]] = 0.0, np.inf  # what is known; all that the padding touches
+    around = np.max([areas[regions[side][edge]] for side in _SIDES], axis=0)  # (cells,)
+    beyond = ndimage.maximum(around, of, np.arange(count))
     order = np.lexsort((paths, of))
     nearest = order[np.searchsorted(of[order], np.arange(count))]  # cell of each frontier
     found = [

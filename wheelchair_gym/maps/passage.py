@@ -50,7 +50,7 @@ def bottleneck(grid: OccupancyGrid, start: ArrayLike, goal: ArrayLike) -> float:
 
 def open_floor(grid: OccupancyGrid, side: float) -> Mask:
     """Cells (rows, cols) of squares with a side [m] of free cells alone."""
-    n = round(side / grid.resolution)
+    n = max(1, round(side / grid.resolution))
     square, free = np.ones((n, n), np.uint8), (grid.cells == FREE).view(np.uint8)
     # Anchors at opposite corners: about the middle, squares of an even side come out a cell off.
     corners = cv2.erode(free, square, anchor=(0, 0), borderValue=0)
