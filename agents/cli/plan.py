@@ -20,7 +20,7 @@ from planners.judge import TOLERANCE, Judge, sweep_faults
 from planners.problem import check, checked_plan
 from planners.problem_files import read_problems
 from planners.thesis_settings import GLOBAL, PLANNERS_OF_FILE, ThesisFile, read_thesis
-from wheelchair_gym.compiled.progress import called_by, kernels_of
+from wheelchair_gym.compiled.linking import Kernel
 from wheelchair_gym.compiled.second_process import compile_beside
 from wheelchair_gym.config import InputError
 from wheelchair_gym.geometry import Footprint, to_world
@@ -105,10 +105,10 @@ def _warm(planner: Any, clearance: float) -> None:
 
 def _compile_beside(planner: Any) -> None:
     """Compile the planner in a second process while this one compiles the rest."""
-    # Only the largest kernel: some others are compiled only for some settings.
-    solve = getattr(type(planner), "solve", type(planner).plan)  # others' planners have a plan only
-    kernels = sorted(kernels_of(solve), key=lambda k: len(called_by(k)))
-    compile_beside(kernels[-1:], lambda: _warm(planner, 0.0))
+    names = vars(sys.modules[type(planner).__module__]).values()
+    kernels = [value for value in names if isinstance(value, Kernel)]
+    if kernels and not any(kernel.is_compiled for kernel in kernels):
+        compile_beside(kernels[0], _warm, planner, 0.0)
 
 
 def _grow_obstacles(planner: Any, clearance: float) -> None:

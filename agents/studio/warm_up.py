@@ -1,9 +1,7 @@
-"""Compiles what a drive needs while the page is open already, and says how far it is.
+"""Compile the kernels of a drive while the page is open already, and report the progress.
 
-    python -m agents.studio.warm_up first|all
-
-is the process that compiles; it prints a line for each kernel. It has no other threads, so that it
-may share the work with a process of its own (`compiled.second_process`).
+`compile_in_process` is the process that compiles; it prints a line for each kernel. It shares the
+work with helper processes of its own (`compiled.second_process`).
 """
 
 from __future__ import annotations
@@ -13,7 +11,6 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
@@ -32,7 +29,7 @@ def first_drive() -> None:
     from wheelchair_gym.physics.step import step_chair
 
     for work in (_drive_nowhere, _move_people):
-        compile_beside((step_chair,), work)
+        compile_beside(step_chair, work)
     _drive_in(FIRST)
 
 
@@ -121,25 +118,6 @@ def _parts() -> Any:
     return ChairSettings(), SensorSettings(), 0.05
 
 
-def _count_kernels(each: Callable[[str], object]) -> None:
-    """Call a function with the name of each kernel of ours that is compiled, and then with ""."""
-    from numba.core import event
-
-    class Counter(event.Listener):
-        depth = 0
-
-        def on_start(self, event: Any) -> None:
-            self.depth += 1
-            each(event.data["dispatcher"].py_func.__name__.strip("_"))
-
-        def on_end(self, event: Any) -> None:
-            self.depth -= 1
-            if not self.depth:
-                each("")
-
-    event.register("numba:compile", Counter())  # type: ignore[no-untyped-call]
-
-
 class WarmUp:
     """The state of warming up, which other threads read.
 
@@ -184,11 +162,12 @@ class WarmUp:
 
     def _run(self) -> None:
         try:
-            _count_kernels(self._count)
+            from wheelchair_gym.compiled.progress import progress
             from wheelchair_gym.compiled.second_process import are_compiled
             from wheelchair_gym.physics.step import step_chair
             from wheelchair_gym.task.assessment import assess
 
+            progress.listener = self._count
             if are_compiled((step_chair, assess)):
                 self._end()
             else:
@@ -211,7 +190,9 @@ class WarmUp:
 
     def _spawn(self, what: str) -> None:
         """Let a process compile; it ends with this one."""
-        command = [sys.executable, "-m", "agents.studio.warm_up", what]
+        # Not `-m`: helpers could not import the functions of `__main__`.
+        code = "from agents.studio.warm_up import compile_in_process; compile_in_process()"
+        command = [sys.executable, "-c", code, what]
         root = str(Path(__file__).resolve().parents[2])
         path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))
         if not self._closed:
@@ -235,22 +216,19 @@ class WarmUp:
             self._child = None
 
 
-def _main() -> None:
-    what, me, studio = sys.argv[1], os.getpid(), os.getppid()
+def compile_in_process() -> None:
+    """Compile `first` or `all` in a process of the studio, and print a line for each kernel."""
+    from wheelchair_gym.compiled.progress import progress
 
-    def each(kernel: str) -> None:
-        if os.getpid() != me:  # the process beside this one, which ends with it
-            return
+    what, studio = sys.argv[1], os.getppid()
+
+    def tell(kernel: str) -> None:
         if os.getppid() != studio:  # the studio is gone
             os._exit(0)
         if kernel:
             print(kernel, flush=True)
 
-    _count_kernels(each)
+    progress.listener = tell
     if what == "all" and hasattr(os, "nice"):
         os.nice(10)
     {"first": first_drive, "all": everything}[what]()
-
-
-if __name__ == "__main__":
-    _main()

@@ -41,7 +41,6 @@ OWN = {
     "hardware.twin.board._folder": "sources of the project",
     "envs.world_banks._of_bank": "pickles of a folder of this program's own, as __pycache__ is",
     "compiled.second_process.locked": "an empty file that is a lock",
-    "compiled.second_process.compile_beside": "the null device",
     "hardware.boards.ports.open_port": "a serial port",
     "hardware.boards.ports.is_running": "of the kernel",
     "hardware.twin.serve.pump": "the twin's own lines",

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-import pickle
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -18,14 +17,8 @@ from typing import Any, TypeVar, cast
 
 import numba
 import numpy as np
-from numba import types
 
-from wheelchair_gym.compiled import compile_time, linking, progress
-from wheelchair_gym.compiled.second_process import compile_once
-
-compile_time.install()
-linking.install()
-progress.watch()
+from wheelchair_gym.compiled.linking import Kernel
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -37,7 +30,6 @@ as_int: Any = np.int64  # of a count or a field: numba compiles a kernel anew fo
 _OPTIONS: dict[str, Any] = {
     "error_model": "numpy",
     "nogil": True,
-    "cache": True,
     "no_cfunc_wrapper": True,
 }
 
@@ -81,53 +73,8 @@ def _digest(function: Callable[..., Any]) -> str:
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
 
-def _dispatcher(
-    function: Callable[..., Any], digest: str, part: bool = False, **options: Any
-) -> Any:
-    """A numba dispatcher whose cache is stamped with a digest; part: for other kernels to call."""
-    options |= _OPTIONS | {"no_cpython_wrapper": part}
-    dispatcher: Any = numba.njit(**options)(function)
-    index = dispatcher._cache._cache_file
-    index._source_stamp, load = digest, index._load_index
-
-    def load_index() -> Any:
-        # It names the classes of arguments before its stamp is looked at: they may be gone since.
-        try:
-            return load()
-        except (AttributeError, ImportError, EOFError, pickle.UnpicklingError):
-            return {}
-
-    index._load_index = load_index
-    if part:
-        index._index_name = f"part-{index._index_name}"
-        index._index_path = str(Path(index._cache_path) / index._index_name)
-        index._data_name_pattern = f"part-{index._data_name_pattern}"
-    compile_once(dispatcher)
-    return dispatcher
-
-
 def _compiled(function: F, **options: Any) -> F:
-    digest = _digest(function)
-    dispatcher = _dispatcher(function, digest, **options)
-    dispatcher.source_digest = digest
-    dispatcher.part = None
-    resolve, absorbed = dispatcher.get_call_template, options.get("inline") == "always"
-
-    def part() -> Any:
-        # What other kernels call is a second dispatcher, which makes no machine code.
-        if dispatcher.part is None:
-            dispatcher.part = _dispatcher(function, digest, part=True, **options)
-        return dispatcher.part
-
-    def resolve_plain(args: Any, kws: Any) -> Any:
-        # A constant argument would be compiled for its value: a dozen copies of one small kernel.
-        plain = tuple(map(types.unliteral, args))
-        return resolve(plain, kws) if absorbed else part().get_call_template(plain, kws)
-
-    dispatcher.get_call_template = resolve_plain
-    if not absorbed:
-        dispatcher.get_overload = lambda signature: part().get_overload(signature)
-    return cast(F, dispatcher)
+    return cast(F, Kernel(function, _digest(function), _OPTIONS | options))
 
 
 def kernel(function: F) -> F:

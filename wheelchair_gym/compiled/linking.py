@@ -1,27 +1,44 @@
-"""When machine code is made: once for each kernel that Python calls, with all that it calls.
+"""How kernels become machine code: dispatchers, a cache and an LLVM engine of our own.
 
 numba links a function's code into each caller and makes machine code of it there again, and again
 in the callers of these: a kernel ten calls deep is translated ten times. Here a kernel that
 another kernel calls stays optimised LLVM code (a part), without machine code and without a wrapper
-for Python, until a kernel that Python calls is finished. How code is optimised is numba's own way,
-step by step: optimised but once, in the kernel that Python calls, the batch of chairs would be a
-fifth slower.
+for Python, until a kernel that Python calls is finished. Each part is optimised as numba would do
+it: optimised only once, in the kernel that Python calls, the batch of chairs would be a fifth
+slower.
+
+All of this concerns kernels alone. They share numba's type system and its implementations, but have
+an LLVM engine of their own, so that other users of numba in the process see no difference.
 """
+
+# numba has few types.
+# mypy: disable-error-code="no-untyped-call, attr-defined, override"
 
 from __future__ import annotations
 
+import contextlib
+import gc
+import pickle
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import llvmlite.binding as llvm
-from numba.core.codegen import JITCodeLibrary
+from numba.core import sigutils, types
+from numba.core.codegen import JITCodeLibrary, JITCPUCodegen
+from numba.core.compiler_lock import global_compiler_lock
 from numba.core.environment import lookup_environment
-from numba.core.registry import cpu_target
+from numba.core.registry import CPUDispatcher, CPUTarget, cpu_target
+
+from wheelchair_gym.compiled.clock import standing_still
+from wheelchair_gym.compiled.progress import progress
+from wheelchair_gym.compiled.second_process import locked
 
 _ENVIRONMENT = "_ZN08NumbaEnv"  # how numba's names of environments begin
 
 
 class _Library(JITCodeLibrary):
-    """A library of which machine code is made only if Python calls it."""
+    """A library that is translated to machine code only if Python calls it."""
 
     _merged = False
 
@@ -41,11 +58,9 @@ class _Library(JITCodeLibrary):
         if self._shared_module is not None:
             return self._shared_module
         if self._finalized:
-            parent: Any = super()
-            return parent._get_module_for_linking()
+            return super()._get_module_for_linking()
         self._merge()
-        optimise: Any = self._optimize_final_module
-        optimise()
+        self._optimize_final_module()
         module = self._final_module.clone()
         for function in module.functions:
             if not function.is_declaration and function.linkage == llvm.Linkage.external:
@@ -56,20 +71,19 @@ class _Library(JITCodeLibrary):
     def finalize(self) -> None:
         self._merge()
         self._linking_libraries = []
-        parent: Any = super()
-        parent.finalize()
-        environment_of: Any = lookup_environment
+        if self._shared_module is self._final_module:  # loaded, and called by a user's function
+            self._final_module = self._shared_module.clone()
+        super().finalize()
         for variable in self._final_module.global_variables:
             if variable.name.startswith(_ENVIRONMENT):
-                environment = environment_of(variable.name)
+                environment = lookup_environment(variable.name)
                 if environment is not None:
                     self.codegen.set_env(variable.name, environment)
 
     def get_pointer_to_function(self, name: str) -> int:
         if not self._finalized and not self._defines(name):
             return 0  # a part: no wrapper, nothing that Python could call
-        parent: Any = super()
-        return int(parent.get_pointer_to_function(name))
+        return int(super().get_pointer_to_function(name))
 
     def _defines(self, name: str) -> bool:
         try:
@@ -88,16 +102,14 @@ class _Library(JITCodeLibrary):
 
     def serialize_using_object_code(self) -> Any:
         if self._finalized:
-            parent: Any = super()
-            return parent.serialize_using_object_code()
+            return super().serialize_using_object_code()
         return self.name, "part", self._get_module_for_linking().as_bitcode()
 
     @classmethod
     def _unserialize(cls, codegen: Any, state: Any) -> Any:
         name, kind, data = state
         if kind != "part":
-            parent: Any = super()
-            return parent._unserialize(codegen, state)
+            return super()._unserialize(codegen, state)
         self = codegen.create_library(name)
         self._final_module = llvm.parse_bitcode(data)
         self._merged = True
@@ -105,13 +117,134 @@ class _Library(JITCodeLibrary):
         return self
 
 
-def install() -> None:
-    """Let this process make machine code so, for every kernel compiled from now on."""
-    codegen = cpu_target.target_context.codegen()
-    set_env = codegen.set_env
+class _Engine(JITCPUCodegen):
+    """An LLVM engine that makes libraries of the kind above."""
 
-    def set_env_if_made(name: str, environment: Any) -> None:
-        if codegen._engine.is_symbol_defined(name):
-            set_env(name, environment)
+    _library_class = _Library
 
-    codegen._library_class, codegen.set_env = _Library, set_env_if_made
+    def set_env(self, env_name: str, env: Any) -> None:
+        if self._engine.is_symbol_defined(env_name):
+            super().set_env(env_name, env)
+
+
+class _Target(CPUTarget):
+    """numba's CPU with its types and implementations, and an engine of our own."""
+
+    def __init__(self) -> None:
+        super().__init__("cpu")
+        engine = _Engine("wheelchair_gym")
+        self._context = cpu_target.target_context.subtarget(_internal_codegen=engine)
+
+    @property
+    def target_context(self) -> Any:
+        return self._context
+
+    @property
+    def typing_context(self) -> Any:
+        return cpu_target.typing_context
+
+
+class Part(CPUDispatcher):
+    """A kernel as other kernels call it, compiled once on a machine.
+
+    Args:
+        function: to compile.
+        digest: of all that it depends on; what was compiled for another digest is stale.
+        options: numba's, by name.
+    """
+
+    targetdescr = _Target()
+    prefix = "part-"  # of its files in the cache
+
+    def __init__(self, function: Callable[..., Any], digest: str, options: dict[str, Any]) -> None:
+        super().__init__(function, None, options | {"nopython": True, "boundscheck": None})
+        self.source_digest = digest
+        self.enable_caching()
+        cache = self._cache._cache_file
+        cache._source_stamp, load = digest, cache._load_index
+
+        def load_index() -> Any:
+            # It names the classes of arguments before its stamp is looked at: they may be gone.
+            try:
+                return load()
+            except (AttributeError, ImportError, EOFError, pickle.UnpicklingError):
+                return {}
+
+        cache._load_index = load_index
+        cache._index_name = f"{self.prefix}{cache._index_name}"
+        cache._index_path = str(Path(cache._cache_path) / cache._index_name)
+        cache._data_name_pattern = f"{self.prefix}{cache._data_name_pattern}"
+        self.lock, self._load_index = Path(f"{cache._index_path}.lock"), load_index
+
+    @property
+    def is_compiled(self) -> bool:
+        """Whether it is compiled for some arguments, here or in the cache."""
+        return bool(self.overloads or self._load_index())
+
+    def compile(self, sig: Any) -> Any:
+        """Load the machine code for a signature, or compile it while other processes wait."""
+        args, _ = sigutils.normalize_signature(sig)
+        with standing_still(), global_compiler_lock:
+            if args not in self.overloads and not self._load(args):
+                with locked(self.lock), _no_collection(), progress.compiling(self.py_func):
+                    super().compile(sig)
+            return self.overloads[args].entry_point
+
+    def _load(self, args: Any) -> bool:
+        """Load from the cache, and return whether it was there."""
+        found = self._cache.load_overload(args, self.targetctx)
+        if found is not None:
+            self.targetctx.insert_user_function(found.entry_point, found.fndesc, [found.library])
+            self.add_overload(found)
+        return found is not None
+
+    def __reduce__(self) -> str:
+        """Pickle by name."""
+        return str(self.__qualname__)
+
+
+class Kernel(Part):
+    """A kernel as Python calls it; kernels that call it are given its `part`.
+
+    Args:
+        function, digest, options: as of `Part`.
+    """
+
+    prefix = ""
+
+    def __init__(self, function: Callable[..., Any], digest: str, options: dict[str, Any]) -> None:
+        super().__init__(function, digest, options)
+        self._absorbed = options.get("inline") == "always"
+        self._part: Part | None = None
+
+    @property
+    def part(self) -> Part:
+        """The second dispatcher, which makes no machine code."""
+        if self._part is None:
+            options = self.targetoptions | {"no_cpython_wrapper": True}
+            self._part = Part(self.py_func, self.source_digest, options)
+        return self._part
+
+    def get_call_template(self, args: Any, kws: Any) -> Any:
+        """Return how another kernel calls this one with arguments of some types."""
+        # A constant argument would be compiled for its value: a dozen copies of one small kernel.
+        plain = tuple(map(types.unliteral, args))
+        if self._absorbed:
+            return super().get_call_template(plain, kws)
+        return self.part.get_call_template(plain, kws)
+
+    def get_overload(self, sig: Any) -> Any:
+        """Return the function that another kernel calls, compiled for a signature."""
+        return super().get_overload(sig) if self._absorbed else self.part.get_overload(sig)
+
+
+@contextlib.contextmanager
+def _no_collection() -> Iterator[None]:
+    """Do not look for unreachable cycles meanwhile: a ninth of compiling is such a search."""
+    was = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was:
+            gc.enable()

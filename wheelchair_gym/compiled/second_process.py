@@ -1,9 +1,10 @@
-"""Compiling on a second core, and no kernel twice: what several processes owe each other.
+"""Compile on a second core, and no kernel twice.
 
-Processes share the folder of compiled kernels. A kernel is compiled under a lock of its own; who
-finds it locked waits and loads what the other has made. So a helper can compile what will soon be
-needed while its parent compiles what is needed now, and workers that start together share the
-work. Locks are taken in the order of calls, which has no cycles, and end with their process.
+Processes share the folder of compiled kernels. A kernel is compiled under a lock of its own; a
+process that finds it locked waits and loads the result. So a helper process can compile the
+kernels that are needed next while its parent compiles those needed now, and workers that start
+together share the work. Locks are taken in the order of calls, which has no cycles, and end with
+their process.
 """
 
 from __future__ import annotations
@@ -11,15 +12,14 @@ from __future__ import annotations
 import atexit
 import contextlib
 import os
-import signal
+import pickle
+import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import IO, Any
 
-from wheelchair_gym.compiled.compile_time import no_collection
 from wheelchair_gym.compiled.progress import progress
 
 try:
@@ -29,7 +29,27 @@ except ImportError:  # no such locks on Windows: a kernel may be compiled twice 
 
 _PATIENCE = 120.0  # s that a kernel is waited for; the slowest compiles in some 15 s
 _PAUSE = 0.02  # s between two looks at a lock
-_helpers: set[int] = set()  # ids of this process's helpers
+_HELPER = "WHEELCHAIR_COMPILE_HELPER"  # set in a helper's environment: it starts no helpers
+# A helper does its work if it gets the lock. It ends when its parent closes the pipe, or ends.
+_HELP = """
+import fcntl, os, pickle, sys, threading
+path, lock = pickle.load(sys.stdin.buffer)
+held = open(lock, "ab")
+try:
+    fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+except BlockingIOError:
+    sys.exit()
+sys.path[:] = path
+work, arguments = pickle.load(sys.stdin.buffer)
+def end_with_parent():
+    sys.stdin.buffer.read()
+    os._exit(0)
+threading.Thread(target=end_with_parent, daemon=True).start()
+os.nice(1)
+work(*arguments)
+os._exit(0)
+"""
+_helpers: list[subprocess.Popen[bytes]] = []
 _held: set[Path] = set()  # locks that this process holds
 
 
@@ -57,7 +77,7 @@ def locked(path: Path) -> Iterator[None]:
 
 
 def _take(file: IO[bytes]) -> bool:
-    """Whether the lock of a file could be taken at once."""
+    """Take the lock of a file if nobody holds it, and return whether it was taken."""
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -65,74 +85,50 @@ def _take(file: IO[bytes]) -> bool:
     return True
 
 
-def compile_once(dispatcher: Any) -> None:
-    """Let a dispatcher with a cache compile under a lock, and look into its cache again first."""
-    cache, compiler = dispatcher._cache, dispatcher._compiler
-    compile_now, save = compiler.compile, cache.save_overload
-    lock = Path(f"{cache._cache_file._index_path}.lock")
-
-    def compile_or_load(args: Any, return_type: Any) -> Any:
-        with locked(lock), no_collection():
-            result = cache.load_overload(args, dispatcher.targetctx)
-            if result is None:
-                result = compile_now(args, return_type)
-                save(args, result)
-            else:
-                dispatcher.targetctx.insert_user_function(
-                    result.entry_point, result.fndesc, [result.library]
-                )
-        return result
-
-    compiler.compile = compile_or_load
-    cache.save_overload = lambda args, result: None  # it was saved before the lock was released
-
-
 def are_compiled(kernels: Iterable[Any]) -> bool:
     """Whether kernels are compiled, in this process or in the folder of compiled kernels."""
-    return all(kernel.overloads or kernel._cache._cache_file._load_index() for kernel in kernels)
+    return all(kernel.is_compiled for kernel in kernels)
 
 
-def compile_beside(kernels: Iterable[Any], work: Callable[[], object]) -> None:
+def compile_beside(kernel: Any, work: Callable[..., object], *arguments: Any) -> None:
     """Let a helper process do some work for the sake of the kernels that it compiles.
 
-    The helper is a copy of this process; nothing that the work does is seen here, but this
-    process loads the kernels instead of compiling them. Nothing happens where they are compiled
-    already, where there is one core, or where other threads run, which a copy would lack.
+    The helper is a fresh interpreter. Nothing that the work does is seen here, but this process
+    loads the kernels instead of compiling them. Nothing happens where the kernel is compiled
+    already, where there is one core, or where another process has a helper for the same work.
 
     Args:
-        kernels: some that the work compiles.
-        work: takes no arguments; what it raises is ignored.
+        kernel: one that the work compiles.
+        work: a function of a module, which the helper imports; what it raises is ignored.
+        arguments: of the work; they are pickled.
     """
     if (
         not sys.platform.startswith("linux")
-        or progress.parent is not None
-        or threading.active_count() > 1
+        or _HELPER in os.environ
         or len(os.sched_getaffinity(0)) < 2
-        or are_compiled(kernels)
+        or kernel.is_compiled
     ):
         return
-    sys.stdout.flush()
-    sys.stderr.flush()
-    parent = os.getpid()
-    helper = os.fork()
-    if helper:
-        _helpers.add(helper)
-        return
+    lock = f"{kernel.lock}.{work.__name__}"
     try:
-        progress.parent = parent
-        silence = os.open(os.devnull, os.O_RDWR)
-        for stream in range(3):
-            os.dup2(silence, stream)
-        os.nice(1)
-        work()
-    finally:
-        os._exit(0)
+        told = pickle.dumps((sys.path, lock)) + pickle.dumps((work, arguments))
+    except (pickle.PicklingError, AttributeError, TypeError):
+        return  # somebody's own planner, which cannot be sent: this process compiles alone
+    Path(lock).parent.mkdir(parents=True, exist_ok=True)
+    helper = subprocess.Popen(
+        [sys.executable, "-c", _HELP],
+        stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        env=os.environ | {_HELPER: "1"},
+    )  # fmt: skip
+    _helpers.append(helper)
+    assert helper.stdin is not None
+    with contextlib.suppress(BrokenPipeError):  # the lock was taken
+        helper.stdin.write(told)
+        helper.stdin.flush()
 
 
 @atexit.register
 def _end_helpers() -> None:
     for helper in _helpers:
-        with contextlib.suppress(OSError):
-            if os.waitpid(helper, os.WNOHANG) == (0, 0):
-                os.kill(helper, signal.SIGKILL)
-                os.waitpid(helper, 0)
+        helper.kill()
+        helper.wait()

@@ -55,6 +55,12 @@ _INFO_NAMES = [key.name for key in INFO_KEYS if key.column in _NAMES]
 _info_of = itemgetter(*(_NAMES.index(key.column) for key in INFO_KEYS if key.column in _NAMES))
 
 
+def _compile_step() -> None:
+    """Compile a step, without a chair; for a helper process."""
+    compiled: Any = step_one
+    compiled.compile(_SIGNATURE)
+
+
 class _Result:
     """What a step gives, with every array of it that is ever handed out.
 
@@ -101,8 +107,7 @@ class SimulatedSteps:
     def __init__(self, chair: SimulatedChair, task: Task, drivers: Drivers) -> None:
         self._chair, self._task, self._drivers = chair, task, drivers
         self._bind()
-        compiled: Any = step_one
-        compile_beside((step_one,), lambda: compiled.compile(_SIGNATURE))
+        compile_beside(step_one, _compile_step)
 
     def _bind(self) -> None:
         chair, task, drivers = self._chair, self._task, self._drivers

@@ -23,6 +23,12 @@ Rows = NDArray[np.void]
 _STORE = 64  # records made at once
 
 
+def _stand_nowhere(*settings: Any) -> None:
+    """Compile a reset, for a helper process; settings are those of `SimulatedChair`."""
+    nowhere: Any = None
+    SimulatedChair(*settings).reset(Episode(nowhere, np.zeros(3), np.zeros(3)), 0)
+
+
 class SimulatedChair:
     """A chair in a pymunk world; time passes only when it is driven.
 
@@ -59,12 +65,7 @@ class SimulatedChair:
         self._moves = False  # anything beside it
         self._truth: Truth | None = None  # of the latest reading, once asked for
         self._bind()
-        compile_beside((reset_chair,), self._stand_nowhere)
-
-    def _stand_nowhere(self) -> None:
-        """Compile what a reset needs; for a helper process."""
-        nowhere: Any = None
-        self.reset(Episode(nowhere, np.zeros(3), np.zeros(3)), 0)
+        compile_beside(reset_chair, _stand_nowhere, chair, sensors, self.physics, period)
 
     def _bind(self) -> None:
         """Find the rows of the only chair."""
