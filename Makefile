@@ -28,7 +28,7 @@ help:
 	@echo "make examples  runs the programs in examples/"
 	@echo "make package   wheel and sdist, and a plan with the wheel alone"
 	@echo "make rclpy     ROS 2 from PyPI (Linux, Python 3.11) in build/rclpy, for one test of test-all"
-	@echo "make lint      ruff and mypy"
+	@echo "make lint      ruff, mypy and the budget of lines"
 	@echo "make bench     how fast it is on this machine"
 	@echo "make docs      builds the documentation into build/docs; a warning is an error"
 	@echo "make films     draws the films and pictures of the documentation"
@@ -63,6 +63,7 @@ examples: $(READY)
 	$(TEST) tests/test_examples.py
 
 lint: $(READY)
+	$(BIN)/python .ci/budget.py
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
