@@ -139,8 +139,9 @@ def use():
     print(type(cpu_target.target_context.codegen().create_library("mine")).__name__)
     print({kind: len(listeners) for kind, listeners in event._registered.items() if listeners})
 """
-# After it: a fork of this process is told, and what its kernels give is right.
+# Before it: an environment is made; a fork of the process would be printed.
 MAKE = """
+import os
 os.register_at_fork(before=lambda: print("fork"))
 import gymnasium
 import wheelchair_gym
@@ -184,9 +185,10 @@ def test_machine_code_is_made_for_what_python_calls_alone(tmp_path):
 def test_a_user_of_numba_sees_no_difference(tmp_path):
     """Types, error texts, code generation and listeners of numba are as without the project."""
     seen = []
-    for make in ("", "import os\n" + MAKE, ""):
+    (tmp_path / "make.py").write_text(MAKE)
+    for first in ("sys", "make"):
         process = subprocess.run(
-            [sys.executable, "-c", make + USER + "use()\n"],
+            [sys.executable, "-c", f"import {first}\n{USER}use()\n"],
             cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(ROOT)},
             capture_output=True, text=True, check=True,
         )  # fmt: skip

@@ -18,7 +18,7 @@ from typing import Any, TypeVar, cast
 import numba
 import numpy as np
 
-from wheelchair_gym.compiled.linking import Kernel
+from wheelchair_gym.compiled import linking
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -52,13 +52,13 @@ def _is_other(value: object) -> bool:
 
 
 def _digest(function: Callable[..., Any]) -> str:
-    """Digest of the function's file, and of all kernels and plain constants that the file imports.
+    """Digest of the function's file, of what that imports, and of how kernels are compiled.
 
-    All of them, not those alone that the function names: it may call a kernel that stands below it
-    in the file, which is not defined yet.
+    All kernels and plain constants of the file count, also those that the function does not name:
+    it may call a kernel that stands below it in the file, which is not defined yet.
     """
     code, names = function.__code__, function.__globals__
-    parts = [_file_digest(code.co_filename)]
+    parts = [_file_digest(path) for path in (code.co_filename, __file__, linking.__file__)]
     for name, value in names.items():
         if name.startswith("__"):
             continue
@@ -74,7 +74,7 @@ def _digest(function: Callable[..., Any]) -> str:
 
 
 def _compiled(function: F, **options: Any) -> F:
-    return cast(F, Kernel(function, _digest(function), _OPTIONS | options))
+    return cast(F, linking.Kernel(function, _digest(function), _OPTIONS | options))
 
 
 def kernel(function: F) -> F:
