@@ -35,7 +35,7 @@ def faults() -> list[str]:
         lines = count(entry["files"])
         print(f"{part:16} {lines:7,} of {entry['lines']:,} lines")
         if lines > entry["lines"]:
-            found.append(f"{part}: {lines} lines; budget {entry['lines']}: remove as many as you add")
+            found.append(f"{part}: {lines} lines of {entry['lines']}: remove as many as you add")
     for commit in git("log", "--format=%H", "--", str(BUDGET)).split():
         earlier = tomllib.loads(git("show", f"{commit}:{BUDGET}"))
         for part, entry in earlier.items():
