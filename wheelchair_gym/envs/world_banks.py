@@ -46,7 +46,7 @@ class WorldBank:
             raise InputError("starts.max_time needs the guidance 'poses', which knows the time")
         self.max_time = settings.starts.max_time  # s; a curriculum may set it
         self._least = settings.starts.min_time
-        self._made: dict[int, PreparedEpisode] = {}  # of the bank, by number
+        self._made: dict[int, PreparedEpisode] = {}  # of the bank, by number; last drawn last
         self._lowest = 0
         self._folder: Path | None = None
         if settings.bank.cache is not None:
@@ -69,9 +69,7 @@ class WorldBank:
         if self._bank.size == 0:
             return self._make((seed, episode))
         number = self._begin(episode) + self._pick(key)
-        prepared = self._made.get(number)
-        if prepared is None:
-            prepared = self._made[number] = self._of_bank(number)
+        self._made[number] = prepared = self._made.pop(number, None) or self._of_bank(number)
         return prepared
 
     def missing(self) -> list[int]:
@@ -98,12 +96,19 @@ class WorldBank:
         """Which world of its window the episode with a key draws."""
         return int(bits(np.uint64(key), 0, WORLDS, 0)) % self._bank.size
 
-    def drop_before(self, episode: int) -> None:
-        """Let go of worlds that no episode from this one on can draw."""
+    def drop_before(self, episode: int, rows: int = 1) -> None:
+        """Drop worlds that no episode from this one on can draw, and limit the number of others.
+
+        Rows that fall behind still draw old worlds, so the worlds between the slowest and the
+        fastest row would become more and more. Beyond the bank's size and one per row, the least
+        recently drawn worlds are dropped; they are made again when they are drawn again.
+        """
         begin = self._begin(episode)
         for number in range(self._lowest, begin):
             self._made.pop(number, None)
         self._lowest = begin
+        while len(self._made) > self._bank.size + rows:
+            del self._made[next(iter(self._made))]
 
     def prepare(self, episode: Episode) -> PreparedEpisode:
         """The prepared episode of a given one."""

@@ -55,6 +55,12 @@ def address_of_struct(thing: Any) -> np.uint64:
     return np.uint64(int(ffi.cast("uintptr_t", thing)))
 
 
+def keep_until_exit(*things: Any) -> None:
+    """Take the destructors of pymunk off cffi pointers: their memory goes with the process."""
+    for thing in things:
+        ffi.gc(thing, None)
+
+
 def _field_offsets(
     thing: Any, doubles: int, marks: dict[str, float], begin: int = 0
 ) -> dict[str, int]:

@@ -56,6 +56,7 @@ from wheelchair_gym.physics.engine import (
     address_of_struct,
     body_view,
     free_shapes,
+    keep_until_exit,
     new_shape,
     place_body,
     remove_shape,
@@ -287,9 +288,17 @@ def enter_world(
         write_actor_shapes(world)
 
 
-def _free_shapes(pointers: Pointers, row: int) -> None:
-    """Free the shapes that kernels made for a world that is gone; its Space is not yet."""
-    free_shapes(pointers.array("segments", row), pointers.array("circles", row))
+def _release(of: weakref.ref[World], pointers: Pointers, row: int) -> None:
+    """Free the shapes that kernels made for a world that is gone; its Space is not yet.
+
+    A world that is still there when the process ends keeps everything: the destructors of pymunk
+    are Python functions, which may run after the modules that they call are gone.
+    """
+    world = of()
+    if world is None:
+        free_shapes(pointers.array("segments", row), pointers.array("circles", row))
+    else:
+        world.keep_until_exit()
 
 
 def _leaf(body: pymunk.Body) -> pymunk.Shape:
@@ -338,7 +347,15 @@ class World:
             "surface": self._surface._shape,
         }.items():
             rows[name] = address_of_struct(thing)
-        weakref.finalize(self, _free_shapes, pointers, row).atexit = False
+        weakref.finalize(self, _release, weakref.ref(self), pointers, row)
+
+    def keep_until_exit(self) -> None:
+        """Leave the memory of the engine to the end of the process; the world stays usable."""
+        bodies = self.body, self.space.static_body, *self._bodies
+        shapes = *self.space.shapes, self._surface, *self._actor_shapes
+        keep_until_exit(
+            self.space._space, *(body._body for body in bodies), *(s._shape for s in shapes)
+        )
 
     def reserve_shapes(self, episode: Episode) -> None:
         """Have spare shapes for an episode's walls, discs and actors before it is entered.
