@@ -1,11 +1,10 @@
-"""Lifetimes: worlds are dropped when no row needs them, and a process with environments ends silently."""
+"""Worlds are dropped when no row needs them; a process with environments ends silently."""
 
 from __future__ import annotations
 
 import gc
 import subprocess
 import sys
-import weakref
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,6 @@ import pytest
 
 from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
 from wheelchair_gym.maps import Geodesic
-from wheelchair_gym.task.custom_reward import compiled_rewards
 from wheelchair_gym.task.prepared_episode import PreparedEpisode
 from wheelchair_gym.types import Episode
 
@@ -70,12 +68,9 @@ def test_worlds_of_past_episodes_are_dropped(kind):
 
 def test_an_environment_that_is_gone_leaves_nothing():
     before = count_worlds()
-    for make in (lambda: NavigationEnv(**QUICK), lambda: NavigationVectorEnv(ROWS, bank=4, **QUICK)):
-        env = make()
-        env.reset(seed=0)
-        spaces = [weakref.ref(env.chair.world.space)] if ROWS == 0 else []
-        del env
-        assert (count_worlds() == before).all(), spaces
+    NavigationEnv(**QUICK).reset(seed=0)
+    NavigationVectorEnv(ROWS, bank=4, **QUICK).reset(seed=0)
+    assert (count_worlds() <= before).all()
 
 
 PROGRAM = """

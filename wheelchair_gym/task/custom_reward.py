@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import cache
+from functools import lru_cache
 from typing import Any, Final
 
 import numba
@@ -88,7 +88,7 @@ def checked(value: Any, name: str = "function") -> float:
     return number
 
 
-@cache
+@lru_cache(maxsize=8)  # a function may hold an environment
 def compiled_rewards(function: RewardFunction) -> Callable[[Rows, Rows, Array, Array], None]:
     """A compiled loop that writes the rewards (n,) of verdicts, sensed records and actions.
 
