@@ -33,7 +33,7 @@ from agents.evaluation.tables import markdown_table
 from agents.policies import POLICIES
 from agents.studies.runner import STUDIES
 from planners import OPTIMIZERS, PLANNERS
-from planners.registries import OBJECTIVES, REFINERS
+from planners.registries import OBJECTIVES
 from wheelchair_gym.config import setting_docs
 from wheelchair_gym.drivers import DRIVERS
 from wheelchair_gym.envs import NavigationEnv
@@ -61,7 +61,7 @@ MODULES = {
         compiled.kernel compiled.address errors
     """,
     "planners": """
-        problem registries collision.space judge refine problem_files trees.replan
+        problem registries collision.space judge problem_files
         controls.generator swarm.search swarm.path_cost
     """,
     "agents": """
@@ -214,7 +214,7 @@ def names_page() -> str:
     text = "# Names\n\nEvery registry of the project, with the first sentence of each entry.\n"
     for title, registry in (
         ("Scenes", SCENES), ("Planners", PLANNERS), ("Optimizers of `swarm`", OPTIMIZERS),
-        ("Objectives of `swarm`", OBJECTIVES), ("Refiners", REFINERS), ("Followers", FOLLOWERS),
+        ("Objectives of `swarm`", OBJECTIVES), ("Followers", FOLLOWERS),
         ("Policies", POLICIES), ("Drivers", DRIVERS), ("Assistants", ASSISTANTS),
         ("Real chairs", CHAIRS),
     ):  # fmt: skip

@@ -68,7 +68,7 @@ class Plan:
     tree: Array = field(default_factory=lambda: np.empty((0, 4)))  # (k, 4) edges, to look at
     counters: Mapping[str, int] = field(default_factory=dict)  # nodes, iterations, ...
     timings: Mapping[str, float] = field(default_factory=dict)  # time_s, first_path_s, ...
-    note: str = ""  # for a person: why there is no path, or why a refinement changed nothing
+    note: str = ""  # for a person: why there is no path
 
     @property
     def length(self) -> float:

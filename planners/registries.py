@@ -1,4 +1,4 @@
-"""The names of all planners, swarm optimizers, objectives and refiners, and where each is."""
+"""The names of all planners, swarm optimizers and objectives, and where each is."""
 
 from __future__ import annotations
 
@@ -50,9 +50,6 @@ SWARM_OPTIMIZERS: Final = Registry(
 )
 OBJECTIVES: Final = Registry(
     "objective", in_module("planners.swarm.path_cost", "LengthFree Smooth Violation WayPoints")
-)
-REFINERS: Final = Registry(
-    "refiner", in_module("planners.refine", "Clearance Pchip Shortcut Spline Woa")
 )
 
 

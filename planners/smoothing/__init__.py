@@ -1,1 +1,1 @@
-"""Curves, shortcuts and refinement of paths that were found."""
+"""Curves and shortcuts of paths that were found."""

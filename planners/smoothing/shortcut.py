@@ -1,4 +1,4 @@
-"""The cost of a path near obstacles; shortcuts and pushes off walls that lower it."""
+"""The cost of a path near obstacles, and shortcuts that lower it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 
 Array = NDArray[np.float64]
 
-HEADINGS = 8  # directions in which a point is moved
 WINDOW = 250  # corners that one shortcut may skip at most: bounds the work on very long paths
 
 
@@ -126,56 +125,4 @@ def resample(path: Array, spacing: float) -> Array:
             count += 1
         points[count] = path[k + 1]
         count += 1
-    return points
-
-
-@kernel
-def path_cost(arrays: SpaceArrays, path: Array, weight: float, comfort: float) -> float:
-    """The sum of `edge_cost` over a path (n, 2)."""
-    total = 0.0
-    for k in range(path.shape[0] - 1):
-        ax, ay, bx, by = path[k, 0], path[k, 1], path[k + 1, 0], path[k + 1, 1]
-        total += edge_cost(arrays, ax, ay, bx, by, weight, comfort)
-    return total
-
-
-@kernel
-def push_off_walls(
-    arrays: SpaceArrays, path: Array, weight: float, comfort: float, step: float, sweeps: int
-) -> Array:
-    """The path (n, 2) [m], each edge free, after coordinate descent of its points on `edge_cost`.
-
-    `step` [m] is the first distance of a move; it is halved when no point moves any more. `sweeps`
-    is how often all points are tried.
-    """
-    points = path.copy()
-    settled = np.zeros(points.shape[0], dtype=np.bool_)  # since it or a neighbour moved
-    for _ in range(sweeps):
-        moves = 0
-        for i in range(1, points.shape[0] - 1):
-            if settled[i]:
-                continue
-            settled[i] = True
-            ax, ay, bx, by = points[i - 1, 0], points[i - 1, 1], points[i + 1, 0], points[i + 1, 1]
-            x, y = points[i, 0], points[i, 1]
-            least = edge_cost(arrays, ax, ay, x, y, weight, comfort)
-            least += edge_cost(arrays, x, y, bx, by, weight, comfort)
-            least *= 1.0 - 1e-9  # rounding is no gain
-            for k in range(HEADINGS):
-                angle = 2.0 * math.pi * k / HEADINGS
-                to_x, to_y = x + step * math.cos(angle), y + step * math.sin(angle)
-                if not edge_free(arrays, ax, ay, to_x, to_y):
-                    continue
-                cost = edge_cost(arrays, ax, ay, to_x, to_y, weight, comfort)
-                if cost >= least or not edge_free(arrays, to_x, to_y, bx, by):
-                    continue
-                cost += edge_cost(arrays, to_x, to_y, bx, by, weight, comfort)
-                if cost < least:
-                    least = cost
-                    points[i, 0], points[i, 1] = to_x, to_y
-                    settled[i - 1] = settled[i] = settled[i + 1] = False
-                    moves += 1
-        if moves == 0:
-            step *= 0.5
-            settled[:] = False
     return points
