@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from planners.collision.space import Space
 from planners.problem import Plan, Planner, Problem, Status
-from planners.registries import OPTIMIZERS, PLANNERS, make_optimizer, make_planner
+from planners.registries import OPTIMIZERS, PLANNERS, make_planner
 
 __all__ = [
     "OPTIMIZERS",
@@ -17,6 +17,5 @@ __all__ = [
     "Problem",
     "Space",
     "Status",
-    "make_optimizer",
     "make_planner",
 ]

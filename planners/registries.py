@@ -63,12 +63,3 @@ def make_planner(spec: str | Mapping[str, Any] | Planner) -> Planner:
         spec = migrated(spec, "planner")
     planner: Planner = PLANNERS.make(spec)
     return planner
-
-
-def make_optimizer(spec: Any) -> Any:
-    """A swarm optimizer by name, or by a mapping with its name and settings.
-
-    Raises:
-        InputError: the name is unknown, or a setting is not one of the optimizer's.
-    """
-    return OPTIMIZERS.make(spec)

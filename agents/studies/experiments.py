@@ -307,7 +307,7 @@ def _search(planner: Any, problem: Problem, rng: np.random.Generator) -> tuple[A
     start = planner.start(problem, None, rng)
     given, swarm = start.path_problem, new_swarm(start.population, start.lower, start.upper)
     buffers = new_workspace(len(given.anchors), given.pieces)
-    valid = BestValid(np.empty_like(buffers.line), np.full(1, np.inf), np.zeros(1, np.int64))
+    valid = BestValid(np.empty_like(buffers.line), np.full(1, np.inf))
     cost = OBJECTIVES.make(planner.objective).path_cost
     rule, cycle = OPTIMIZERS.make(planner.optimizer).parameters, planner.cycle
     state, costs = stream(rng), np.empty(planner.iterations)
@@ -316,8 +316,8 @@ def _search(planner: Any, problem: Problem, rng: np.random.Generator) -> tuple[A
         costs[t] = swarm.record["best_cost"][0]
     line = valid.line if valid.cost[0] < np.inf else np.empty((0, 2))
     return SearchResult(
-        line, float(valid.cost[0]), int(valid.iteration[0]), buffers.line, float(costs[-1]),
-        buffers.points, planner.iterations,
+        line, float(valid.cost[0]), buffers.line, float(costs[-1]), buffers.points,
+        planner.iterations,
     ), costs  # fmt: skip
 
 

@@ -16,10 +16,9 @@ from wheelchair_gym.config import InputError
 
 Array = NDArray[np.float64]
 
-POLYLINE, PCHIP, SPLINE, NATURAL = range(4)
-# `spline` is not-a-knot, as MATLAB's spline and scipy's CubicSpline are; `natural` does not bend at
-# its ends.
-CURVES: Final = {"polyline": POLYLINE, "pchip": PCHIP, "spline": SPLINE, "natural": NATURAL}
+POLYLINE, PCHIP, SPLINE = range(3)
+# `spline` is not-a-knot, as MATLAB's spline and scipy's CubicSpline are.
+CURVES: Final = {"polyline": POLYLINE, "pchip": PCHIP, "spline": SPLINE}
 # Knots nearer than this are drawn apart: points may coincide [m, or knots].
 _APART = 1e-9
 
@@ -74,13 +73,11 @@ def pchip_slopes(knots: Array, points: Array, n: int, slopes: Array) -> None:
 
 
 @borrowing_kernel
-def spline_slopes(
-    knots: Array, points: Array, n: int, natural: bool, band: Array, slopes: Array
-) -> None:
+def spline_slopes(knots: Array, points: Array, n: int, band: Array, slopes: Array) -> None:
     """Slopes that make the second derivative continuous (de Boor 1978, chapter IV).
 
-    Of n points, at least 2, at rising knots. Natural: no bend at the ends; otherwise the first two
-    pieces are one cubic, and so are the last two.
+    Of n points, at least 2, at rising knots. The first two pieces are one cubic, and so are the
+    last two.
     """
     for c in range(2):
         first = (points[1, c] - points[0, c]) / (knots[1] - knots[0])
@@ -89,19 +86,16 @@ def spline_slopes(
             continue
         h, g = knots[1] - knots[0], knots[2] - knots[1]
         second = (points[2, c] - points[1, c]) / g
-        if n == 3 and not natural:  # one parabola
+        if n == 3:  # one parabola
             bend = (second - first) / (h + g)
             slopes[0, c] = first - bend * h
             slopes[1, c] = first + bend * h
             slopes[2, c] = second + bend * g
             continue
         # Tridiagonal: band[k] is the upper diagonal after elimination, slopes the right side.
-        if natural:
-            band[0], slopes[0, c] = 0.5, 1.5 * first
-        else:
-            d = h + g
-            band[0] = d / g
-            slopes[0, c] = ((h + 2.0 * d) * g * first + h * h * second) / (d * g)
+        d = h + g
+        band[0] = d / g
+        slopes[0, c] = ((h + 2.0 * d) * g * first + h * h * second) / (d * g)
         for k in range(1, n - 1):
             h, g = knots[k] - knots[k - 1], knots[k + 1] - knots[k]
             first = (points[k, c] - points[k - 1, c]) / h
@@ -110,14 +104,9 @@ def spline_slopes(
             band[k] = h / pivot
             right = 3.0 * (g * first + h * second)
             slopes[k, c] = (right - g * slopes[k - 1, c]) / pivot
-        if natural:
-            lower, diagonal, right = 1.0, 2.0, 3.0 * second
-        else:
-            d = h + g
-            lower, diagonal = d, h
-            right = (g * g * first + (2.0 * d + g) * h * second) / d
-        pivot = diagonal - lower * band[n - 2]
-        slopes[n - 1, c] = (right - lower * slopes[n - 2, c]) / pivot
+        d = h + g
+        right = (g * g * first + (2.0 * d + g) * h * second) / d
+        slopes[n - 1, c] = (right - d * slopes[n - 2, c]) / (h - d * band[n - 2])
         for k in range(n - 2, -1, -1):
             slopes[k, c] -= band[k] * slopes[k + 1, c]
 
@@ -143,7 +132,7 @@ def sample_curve(
         if kind == PCHIP:
             pchip_slopes(knots, points, n, slopes)
         else:
-            spline_slopes(knots, points, n, kind == NATURAL, work.band, slopes)
+            spline_slopes(knots, points, n, work.band, slopes)
     count = 0
     for k in range(n - 1):
         if pieces == 1:

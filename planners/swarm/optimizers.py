@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planners.swarm.woa import WhaleMoves, move_whales
-from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
+from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.config import InputError
 from wheelchair_gym.random import Stream, next_uniform
 
@@ -138,19 +138,18 @@ DAMPED, CHAOTIC, VARIABLE, ADAPTIVE = range(4)
 
 
 class MoveParameters(NamedTuple):
-    """An optimizer as kernels take it; fields named as a setting of `optimizers` have its value."""
+    """An optimizer as kernels take it; fields named as one of its settings have its value."""
 
     kind: int  # which rule moves the swarm: WHALES, PARTICLES, ...
     # Whales, and wolves: see their equations.
     a: float = 2.0
     b: float = 1.0
-    mu: float = 0.5  # of chaotic particles: parameter of the logistic map
+    mu: float = 0.5
     lam: float = 1.0
     c_range: float = 2.0  # of the whales' factor C
     by_occupancy: bool = False  # C is 0 at way points of the best path that are not free
     latest_leader: bool = False  # the best is that of the latest positions
     listed: bool = False  # wolves as R1's listing has them
-    particle_share: float = 0.5
     rule: int = DAMPED  # of the inertia: DAMPED, CHAOTIC, VARIABLE or ADAPTIVE
     inertia: float = 1.0
     min_inertia: float = 1.0
@@ -158,27 +157,27 @@ class MoveParameters(NamedTuple):
     c1: float = 2.0
     c2: float = 2.0
     max_step: float = 0.1
-    chaos: float = 0.3
     neighbours: int = 0
     inertia_ramp: bool = False
-    # Bees.
-    acceleration: float = 1.0
-    trial_limit: float = 0.6
-    # Fireflies.
-    attraction: float = 2.0
-    absorption: float = 1.0
-    randomness: float = 0.2
-    step: float = 0.05
-    # Genetic algorithm.
-    crossover_share: float = 0.7
-    extension: float = 0.4
-    mutation_rate: float = 0.1
-    mutation_step: float = 0.1
-    selection_pressure: float = 8.0
-    # Differential evolution.
-    min_factor: float = 0.2
-    max_factor: float = 0.8
-    crossover_rate: float = 0.2
+
+
+# Of the logistic map: its initial state (P2 prints 3, outside the map's domain) and its parameter.
+CHAOS, CHAOS_RATE = 0.3, 4.0
+PARTICLE_SHARE = 0.5  # of a run, before wolves follow: 150 of 300 iterations (R1, section 5.4)
+# The constants of the other optimizers are those of the program library Yarpiz.
+ACCELERATION = 1.0  # bound of a bee's step, in differences of two sources
+TRIAL_LIMIT = 0.6  # failed trials per coordinate and bee after which a source is left
+ATTRACTION = 2.0  # of fireflies, beta at distance 0
+ABSORPTION = 1.0  # of light, gamma, per square of the distance in diagonals of the bounds
+RANDOMNESS = 0.2  # initial factor alpha of a firefly's random step
+FIREFLY_STEP = 0.05  # random step, as a share of the width of the bounds
+CROSSOVER_SHARE = 0.73  # of children with two parents: 0.8 n by crossover, 0.3 n mutants
+EXTENSION = 0.4  # how far beyond its parents a child may lie, as a share of their distance (gamma)
+MUTATION_RATE = 0.1  # probability that a coordinate of a mutant changes (mu)
+MUTATION_STEP = 0.1  # deviation of a mutation, as a share of the width of the bounds (sigma)
+SELECTION_PRESSURE = 8.0  # exponent beta of the roulette selection
+MIN_FACTOR, MAX_FACTOR = 0.2, 0.8  # bounds of the differential weight F
+CROSSOVER_RATE = 0.2  # probability of a coordinate to come from the mutant (CR)
 
 
 def whale_moves(whales: WhaleMoves) -> MoveParameters:
@@ -196,8 +195,8 @@ def next_inertia(swarm: Swarm, moves: MoveParameters, progress: float) -> float:
     high, low = moves.inertia, moves.min_inertia
     if moves.rule == CHAOTIC:
         if record.move_count == 0:
-            record.chaos = moves.chaos
-        record.chaos = moves.mu * record.chaos * (1.0 - record.chaos)  # P2 (13)
+            record.chaos = CHAOS
+        record.chaos = CHAOS_RATE * record.chaos * (1.0 - record.chaos)  # P2 (13)
         return (high - (high - low) * progress) * float(record.chaos)  # P2 (14), (15)
     if moves.rule == VARIABLE:  # R1 (2.1), (2.2)
         return math.exp(-(progress * (math.log(high) - math.log(low)) - math.log(high)))
@@ -294,7 +293,7 @@ def roulette(sums: Array, state: Stream) -> int:
 
 
 @borrowing_kernel
-def move_bees(swarm: Swarm, moves: MoveParameters, state: Stream) -> None:
+def move_bees(swarm: Swarm, state: Stream) -> None:
     """Send the bees out once, in place: employed bees and onlookers in turn (Karaboga 2005).
 
     On the turn of the employed bees, scouts leave sources that failed too often for random ones.
@@ -315,7 +314,7 @@ def move_bees(swarm: Swarm, moves: MoveParameters, state: Stream) -> None:
     for i in range(k):
         source = roulette(swarm.costs, state) if onlookers else i
         swarm.targets[i] = source
-        if not onlookers and bounded and swarm.trials[i] >= moves.trial_limit * k * d:
+        if not onlookers and bounded and swarm.trials[i] >= TRIAL_LIMIT * k * d:
             swarm.personal_best_costs[i] = math.inf
             for c in range(d):
                 width = swarm.upper[c] - swarm.lower[c]
@@ -323,17 +322,17 @@ def move_bees(swarm: Swarm, moves: MoveParameters, state: Stream) -> None:
             continue
         j = other_index(source, k, state)
         for c in range(d):
-            phi = moves.acceleration * (2.0 * next_uniform(state) - 1.0)
+            phi = ACCELERATION * (2.0 * next_uniform(state) - 1.0)
             x = swarm.personal_best[source, c]
             swarm.positions[i, c] = x + phi * (x - swarm.personal_best[j, c])
 
 
 @borrowing_kernel
-def move_fireflies(swarm: Swarm, moves: MoveParameters, state: Stream) -> None:
+def move_fireflies(swarm: Swarm, damping: float, state: Stream) -> None:
     """Move every firefly towards all brighter ones, in place (Yang 2009); the best k live on."""
     X, parents, costs = swarm.positions, swarm.personal_best, swarm.personal_best_costs
     k, d = X.shape
-    alpha = moves.randomness * moves.damping ** swarm.record[0].move_count
+    alpha = RANDOMNESS * damping ** swarm.record[0].move_count
     diagonal = 0.0
     for c in range(d):
         diagonal += bound_width(swarm, c) ** 2
@@ -346,16 +345,16 @@ def move_fireflies(swarm: Swarm, moves: MoveParameters, state: Stream) -> None:
                 square = 0.0
                 for c in range(d):
                     square += (parents[j, c] - X[i, c]) ** 2
-                beta = moves.attraction * math.exp(-moves.absorption * square / diagonal)
+                beta = ATTRACTION * math.exp(-ABSORPTION * square / diagonal)
                 for c in range(d):
                     X[i, c] += beta * next_uniform(state) * (parents[j, c] - X[i, c])
         for c in range(d):
-            step = moves.step * bound_width(swarm, c)
+            step = FIREFLY_STEP * bound_width(swarm, c)
             X[i, c] += alpha * step * (2.0 * next_uniform(state) - 1.0)
 
 
 @borrowing_kernel
-def move_genetic(swarm: Swarm, moves: MoveParameters, state: Stream) -> None:
+def move_genetic(swarm: Swarm, state: Stream) -> None:
     """Make as many children as there are parents, in place; the best of both live on."""
     X, parents, costs = swarm.positions, swarm.personal_best, swarm.personal_best_costs
     k, d = X.shape
@@ -364,32 +363,28 @@ def move_genetic(swarm: Swarm, moves: MoveParameters, state: Stream) -> None:
         worst = max(worst, costs[i])
     total = 0.0
     for i in range(k):
-        total += (
-            math.exp(-moves.selection_pressure * costs[i] / worst)
-            if 0.0 < worst < math.inf
-            else 1.0
-        )
+        total += math.exp(-SELECTION_PRESSURE * costs[i] / worst) if 0.0 < worst < math.inf else 1.0
         swarm.costs[i] = total
     for i in range(k):
         swarm.targets[i] = WORST
-        if i < moves.crossover_share * k:
+        if i < CROSSOVER_SHARE * k:
             p, q = roulette(swarm.costs, state), roulette(swarm.costs, state)
             for c in range(d):
-                share = (1.0 + 2.0 * moves.extension) * next_uniform(state) - moves.extension
+                share = (1.0 + 2.0 * EXTENSION) * next_uniform(state) - EXTENSION
                 X[i, c] = share * parents[p, c] + (1.0 - share) * parents[q, c]
         else:
             parent, sure = int(next_uniform(state) * k), int(next_uniform(state) * d)
             for c in range(d):
                 X[i, c] = parents[parent, c]
-                if c == sure or next_uniform(state) < moves.mutation_rate:
+                if c == sure or next_uniform(state) < MUTATION_RATE:
                     # Box and Muller 1958.
                     radius = math.sqrt(-2.0 * math.log(1.0 - next_uniform(state)))
                     normal = radius * math.cos(2.0 * math.pi * next_uniform(state))
-                    X[i, c] += moves.mutation_step * bound_width(swarm, c) * normal
+                    X[i, c] += MUTATION_STEP * bound_width(swarm, c) * normal
 
 
 @borrowing_kernel
-def move_differential(swarm: Swarm, moves: MoveParameters, state: Stream) -> None:
+def move_differential(swarm: Swarm, state: Stream) -> None:
     """Make a competitor of each position from three others, in place: DE/rand/1/bin.
 
     F is drawn anew for each coordinate (Storn and Price 1997).
@@ -407,8 +402,8 @@ def move_differential(swarm: Swarm, moves: MoveParameters, state: Stream) -> Non
         sure = int(next_uniform(state) * d)
         for c in range(d):
             X[i, c] = parents[i, c]
-            if c == sure or next_uniform(state) <= moves.crossover_rate:
-                F = moves.min_factor + next_uniform(state) * (moves.max_factor - moves.min_factor)
+            if c == sure or next_uniform(state) <= CROSSOVER_RATE:
+                F = MIN_FACTOR + next_uniform(state) * (MAX_FACTOR - MIN_FACTOR)
                 X[i, c] = parents[p, c] + F * (parents[q, c] - parents[r, c])
 
 
@@ -416,7 +411,7 @@ def move_differential(swarm: Swarm, moves: MoveParameters, state: Stream) -> Non
 def is_particle_move(moves: MoveParameters, progress: float) -> bool:
     """Whether the next move is one of particles."""
     return moves.kind == PARTICLES or (
-        moves.kind == PARTICLES_THEN_WOLVES and progress < moves.particle_share
+        moves.kind == PARTICLES_THEN_WOLVES and progress < PARTICLE_SHARE
     )
 
 
@@ -444,35 +439,23 @@ def move_swarm(swarm: Swarm, moves: MoveParameters, progress: float, state: Stre
             state,
         )
     elif is_particle_move(moves, progress):
-        flown = progress / moves.particle_share if kind == PARTICLES_THEN_WOLVES else progress
+        flown = progress / PARTICLE_SHARE if kind == PARTICLES_THEN_WOLVES else progress
         inertia = next_inertia(swarm, moves, flown)
         move_particles(swarm, moves, inertia, state)
     elif kind == WOLVES:
         move_wolves(swarm, moves.a * (1.0 - progress), moves.listed, state)
     elif kind == PARTICLES_THEN_WOLVES:
-        a = moves.a * (1.0 - progress) / (1.0 - moves.particle_share)
+        a = moves.a * (1.0 - progress) / (1.0 - PARTICLE_SHARE)
         move_wolves(swarm, a, moves.listed, state)
     elif kind == BEES:
-        move_bees(swarm, moves, state)
+        move_bees(swarm, state)
     elif kind == FIREFLIES:
-        move_fireflies(swarm, moves, state)
+        move_fireflies(swarm, moves.damping, state)
     elif kind == GENES:
-        move_genetic(swarm, moves, state)
+        move_genetic(swarm, state)
     else:
-        move_differential(swarm, moves, state)
+        move_differential(swarm, state)
     if kind != WHALES:  # whales stay within the bounds by themselves
         clip_to_bounds(swarm)
     swarm.record[0].move_count += 1
     return inertia
-
-
-@kernel
-def store_and_move(swarm: Swarm, moves: MoveParameters, progress: float, state: Stream) -> None:
-    """Store the positions that are better than remembered ones, and move the swarm."""
-    for i in range(swarm.positions.shape[0]):
-        j = competitor(swarm, i)
-        if swarm.costs[i] < swarm.personal_best_costs[j]:
-            store(swarm, i, j)
-        else:
-            swarm.trials[j] += 1
-    move_swarm(swarm, moves, progress, state)

@@ -24,7 +24,6 @@ Array = NDArray[np.float64]
 LENGTH, ENERGY, PRINTED_ENERGY = range(3)  # measures of a path's size
 NO_TURNING, MEAN_TURNING, PRINTED_TURNING = range(3)
 EDGES, WAY_POINTS, NOTHING = range(3)  # what is tested for collisions
-NO_PUSH, TO_RIM, DOUBLED = range(3)  # how way points leave discs
 
 _TINY = 1e-12  # m: keeps a leg without length from dividing by zero
 
@@ -62,7 +61,7 @@ class PathCost(NamedTuple):
     collision_test: int = EDGES
     blocked_factor: float = 0.0  # part of the size that being blocked costs
     blocked_edge_cost: float = 0.0
-    push: int = NO_PUSH  # TO_RIM, DOUBLED: way points leave discs before they are evaluated
+    push: bool = False  # way points leave discs before they are evaluated
     slack: float = 0.0  # m^2, added to a disc's squared radius there
 
 
@@ -226,7 +225,7 @@ def push_out_of_discs(
 ) -> int:
     """Push way points out of discs and mark the others fixed (2 n,); returns how many were inside.
 
-    DOUBLED adds the vector from a centre, as R1 prints it; TO_RIM ends on the rim.
+    Each moves by its vector from the disc's centre, as R1 prints it.
     """
     inside = 0
     for i in range(problem.anchors.shape[0]):
@@ -239,11 +238,8 @@ def push_out_of_discs(
             ux, uy = x - problem.discs[k, 0], y - problem.discs[k, 1]
             square = problem.discs[k, 2] ** 2 + terms.slack
             if ux * ux + uy * uy <= square:
-                share = 1.0
-                if terms.push == TO_RIM:
-                    share = math.sqrt(square) / max(_TINY, math.hypot(ux, uy)) - 1.0
-                dx += share * ux
-                dy += share * uy
+                dx += ux
+                dy += uy
         position[2 * i] += dx
         position[2 * i + 1] += dy
         pushed = dx != 0.0 or dy != 0.0
@@ -356,7 +352,7 @@ class WayPoints(FaithfulOption):
     def path_cost(self) -> PathCost:
         """The terms of the cost."""
         if self.faithful:
-            return PathCost(PRINTED_ENERGY, collision_test=NOTHING, push=DOUBLED, slack=self.slack)
+            return PathCost(PRINTED_ENERGY, collision_test=NOTHING, push=True, slack=self.slack)
         return PathCost(
             length_measure=ENERGY,
             violation_range=self.violation_range,

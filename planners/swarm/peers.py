@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import importlib
 import importlib.util
-from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
@@ -27,7 +26,7 @@ class Evaluator:
         self.problem, self.path_cost, self.end = start.path_problem, path_cost, end
         self.workspace = new_workspace(len(self.problem.anchors), self.problem.pieces)
         self.calls, self.best, self.least = 0, start.population[0], np.inf
-        self.line, self.valid_cost, self.found_call = np.empty((0, 2)), np.inf, 0
+        self.line, self.valid_cost = np.empty((0, 2)), np.inf
 
     def __call__(self, position: Any) -> float:
         """The cost of a position; TimeoutError once `clock` has shown `end` [s]."""
@@ -40,7 +39,6 @@ class Evaluator:
         self.calls += 1
         if plain < self.valid_cost:
             self.line, self.valid_cost = self.workspace.line.copy(), float(plain)
-            self.found_call = self.calls
         if cost < self.least:
             self.best, self.least = at, float(cost)
         return float(cost)
@@ -95,7 +93,6 @@ class PeerOptimizer:
         return SearchResult(
             cost.line,
             cost.valid_cost,
-            max(0, cost.found_call - 1) // k,
             workspace.line,
             cost.least,
             workspace.points,
@@ -111,15 +108,13 @@ class Mealpy(PeerOptimizer):
 
     algorithm: str = setting(default="OriginalWOA", source="a class of mealpy, by its name")
     """Name of a class of mealpy."""
-    options: Mapping[str, Any] | None = setting(default=None, source="its own, see mealpy")
-    """Arguments of that class."""
 
     def run(self, cost: Evaluator, start: InitialSwarm, iterations: int, seed: int) -> None:
         """Search once; the evaluator keeps the best."""
         mealpy = importlib.import_module("mealpy")
         try:
             model = mealpy.get_optimizer_by_class(self.algorithm)(
-                epoch=iterations, pop_size=len(start.population), **(self.options or {})
+                epoch=iterations, pop_size=len(start.population)
             )
         except Exception as error:  # whatever it raises, it is about what was asked for
             raise InputError(f"optimizer mealpy: {self.algorithm}: {error}") from None
@@ -136,8 +131,6 @@ class Niapy(PeerOptimizer):
 
     algorithm: str = setting(default="ParticleSwarmAlgorithm", source="a class of niapy, by name")
     """Name of a class of niapy.algorithms.basic."""
-    options: Mapping[str, Any] | None = setting(default=None, source="its own, see niapy")
-    """Arguments of that class."""
 
     def run(self, cost: Evaluator, start: InitialSwarm, iterations: int, seed: int) -> None:
         """Search once; the evaluator keeps the best."""
@@ -157,7 +150,6 @@ class Niapy(PeerOptimizer):
                 population_size=len(start.population),
                 initialization_function=initial,
                 seed=seed,
-                **(self.options or {}),
             )
         except Exception as error:
             raise InputError(f"optimizer niapy: {self.algorithm}: {error}") from None

@@ -52,7 +52,7 @@ class SwarmPlanner(ShiftBounds, PlannerBase):
     """How the swarm moves: a name or an object with a name."""
     objective: Any = setting(default="length_free", source="thesis, section 2.8")
     """The path cost: a name or an object with a name."""
-    curve: Literal["polyline", "pchip", "spline", "natural"] = setting(
+    curve: Literal["polyline", "pchip", "spline"] = setting(
         default="polyline", source="design choice: exact edges"
     )
     """The curve through the way points."""
@@ -195,7 +195,7 @@ class SwarmPlanner(ShiftBounds, PlannerBase):
         start = self.start(problem, path, rng)
         if len(start.path_problem.anchors) > 0:
             found = self.search(start, rng, remaining(end))
-            counters |= {"iterations": found.iterations, "found_iterations": found.found_iteration}
+            counters["iterations"] = found.iterations
             if len(found.line):
                 path = found.line
         timings = {"first_s": first_s}

@@ -31,7 +31,6 @@ from planners.swarm.optimizers import (
     whale_moves,
 )
 from planners.swarm.path_cost import (
-    NO_PUSH,
     LengthFree,
     PathCost,
     PathProblem,
@@ -118,7 +117,6 @@ class BestValid(NamedTuple):
 
     line: Array  # (m, 2) m
     cost: Array  # (1,) without penalties; infinite before there is one
-    iteration: NDArray[np.int64]  # (1,) after so many iterations
 
 
 @borrowing_kernel
@@ -128,7 +126,6 @@ def evaluate_swarm(
     moves: MoveParameters,
     swarm: Swarm,
     valid: BestValid,
-    iteration: int,
     workspace: Workspace,
 ) -> None:
     """Evaluate every position; store better positions and the best valid path."""
@@ -144,7 +141,7 @@ def evaluate_swarm(
         )
         swarm.costs[i] = cost
         if plain < valid.cost[0]:
-            valid.cost[0], valid.iteration[0] = plain, iteration
+            valid.cost[0] = plain
             for k in range(workspace.line.shape[0]):
                 valid.line[k, 0], valid.line[k, 1] = workspace.line[k, 0], workspace.line[k, 1]
         if cost < limit:
@@ -172,7 +169,7 @@ def iterate(
     best path afterwards.
     """
     if first == 0:
-        evaluate_swarm(problem, path_cost, moves, swarm, valid, 0, workspace)
+        evaluate_swarm(problem, path_cost, moves, swarm, valid, workspace)
     for t in range(first, last):
         progress = (t % cycle) / cycle
         if moves.by_occupancy:  # P1 (17)-(19)
@@ -182,7 +179,7 @@ def iterate(
                 w = moves.c_range if point_free(problem.space, x, y) else 0.0
                 swarm.c_range[2 * i], swarm.c_range[2 * i + 1] = w, w
         inertia = move_swarm(swarm, moves, progress, state)
-        if path_cost.push != NO_PUSH:
+        if path_cost.push:
             flew = is_particle_move(moves, progress)
             for k in range(_MAX_PUSHES):
                 inside = 0
@@ -195,7 +192,7 @@ def iterate(
                 move_particles(swarm, moves, inertia, state)
                 clip_to_bounds(swarm)
             swarm.fixed[:] = False
-        evaluate_swarm(problem, path_cost, moves, swarm, valid, t + 1, workspace)
+        evaluate_swarm(problem, path_cost, moves, swarm, valid, workspace)
     n = write_way_points(problem, swarm.best, workspace.points)
     curve, line = workspace.curve, workspace.line
     sample_curve(problem.curve, problem.chordal, workspace.points, n, problem.pieces, curve, line)
@@ -207,7 +204,6 @@ class SearchResult:
 
     line: Array  # (m, 2) m: the best exactly valid path; (0, 2) if there was none
     cost: float  # of it, without penalties
-    found_iteration: int  # iterations after which it was found
     best: Array  # (m, 2) m: the path of least cost, valid or not
     best_cost: float  # its cost
     way_points: Array  # (n + 2, 2) m of it
@@ -230,7 +226,7 @@ def search(
     """
     _, end = begin(deadline)
     workspace = new_workspace(len(problem.anchors), problem.pieces)
-    valid = BestValid(np.empty_like(workspace.line), np.full(1, np.inf), np.zeros(1, np.int64))
+    valid = BestValid(np.empty_like(workspace.line), np.full(1, np.inf))
     made, chunk = 0, iterations if deadline is None else min(1, iterations)
     while True:
         before = clock()
@@ -253,7 +249,6 @@ def search(
     return SearchResult(
         line,
         float(valid.cost[0]),
-        int(valid.iteration[0]),
         workspace.line,
         float(swarm.record["best_cost"][0]),
         workspace.points,

@@ -41,10 +41,11 @@ class Growth(NamedTuple):
     rewiring: bool = False  # choose the best parent and rewire neighbours (RRT*)
     radius: float = 0.0  # m, of the neighbourhood; 0 for the shrinking radius
     gamma: float = 0.0  # of the shrinking radius gamma sqrt(area log n / n)
-    use_ancestors: bool = False  # prefer ancestors of the parent that see the new node (Q-RRT*)
     replace_leaves: bool = False  # at the limit a new node replaces a leaf (RRT*FN)
     shortcut_path: bool = False  # join vertices of the best path that see each other
-    informed: bool = False  # sample and keep only what can shorten the best path
+    # Sample and keep only what can shorten the best path, and prefer ancestors of the parent that
+    # see the new node (Q-RRT*).
+    informed: bool = False
     beacon_share: float = 0.0  # share of the samples near the best path's vertices (RRT*-Smart)
     beacon_radius: float = 0.0  # m
     beacon_min_scale: float = 1.0  # that radius is scaled by a log-uniform draw in [this, 1]

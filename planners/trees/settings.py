@@ -209,7 +209,6 @@ class InformedRrtStar(CornerSampling, TreePlanner):
             bidirectional=True,
             rewiring=True,
             gamma=self.radius_factor * MIN_GAMMA,
-            use_ancestors=True,
             replace_leaves=True,
             shortcut_path=True,
             informed=True,

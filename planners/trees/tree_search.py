@@ -229,9 +229,8 @@ def add_node(
             distances[n] = math.hypot(nodes[found[n]].x - x, nodes[found[n]].y - y)
             n += 1
         parent, edge = choose_parent(space, tree, x, y, workspace, n, near, edge)
-        if growth.use_ancestors:
-            parent, edge = best_ancestor(space, tree, x, y, parent, edge, run)
         if growth.informed:
+            parent, edge = best_ancestor(space, tree, x, y, parent, edge, run)
             least = nodes[parent].cost + edge + math.hypot(goal[0] - x, goal[1] - y)
             if least >= nodes[run.goal].cost - MIN_GAIN:
                 return NONE
@@ -315,14 +314,10 @@ def grow(search: TreeSearch, until: int, state: Stream) -> None:
     start_tree, goal_tree, growth = search.start_tree, search.goal_tree, search.growth
     start, goal, run = search.start, search.goal, search.workspace.run[0]
     if run.iteration == 0:  # the straight edge is the shortest path
-        if start_tree.grid[0].count == 0:
-            insert(start_tree, start[0], start[1], NONE, 0.0)
-            insert(goal_tree, goal[0], goal[1], NONE, 0.0)
+        insert(start_tree, start[0], start[1], NONE, 0.0)
+        insert(goal_tree, goal[0], goal[1], NONE, 0.0)
         connect_goal(search, 0)
-        if run.goal != NONE:
-            run.done = start_tree.nodes[run.goal].parent == 0
-            if growth.shortcut_path:
-                update_best_path(search)
+        run.done = run.goal != NONE
     while run.iteration < until and not run.done:
         tree, other = (goal_tree, start_tree) if run.from_goal else (start_tree, goal_tree)
         if (

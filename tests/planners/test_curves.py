@@ -12,7 +12,6 @@ from wheelchair_gym.config import InputError
 ORACLES = {
     "pchip": PchipInterpolator,
     "spline": CubicSpline,
-    "natural": lambda t, y: CubicSpline(t, y, bc_type="natural"),
 }
 
 

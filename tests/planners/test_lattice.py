@@ -154,12 +154,6 @@ def test_a_chair_that_cannot_go_back_does_not():
     assert planner.plan(case.problem, np.random.default_rng(0)).status is Status.EXHAUSTED
 
 
-def test_the_same_problem_has_the_same_plan():
-    first, second = (plan((0.6, 0.6, 0.0), (3.5, 4.0))[0] for _ in range(2))
-    np.testing.assert_array_equal(first.path, second.path)
-    assert first.counters == second.counters
-
-
 def test_a_deadline_ends_it_and_its_iterations_replay_it():
     problem = CASES["l_turn_66"].problem  # has no way, and takes long to find that out
     planner = make_planner("lattice")

@@ -34,14 +34,6 @@ def test_bug2_turns_as_it_is_told_and_leaves_on_the_line(turn, round_it):
 
 
 @pytest.mark.parametrize("name", ["bug1", "bug2"])
-@pytest.mark.parametrize(("start", "goal"), [((1, 1), (9, 9)), ((9, 9), (1, 1))])
-def test_bugs_prove_it_where_a_closed_box_has_no_way(name, start, goal):
-    answer = plan(name, on(BOX, start, goal))
-    assert answer.status == Status.NO_PATH
-    assert answer.note
-
-
-@pytest.mark.parametrize("name", ["bug1", "bug2"])
 def test_bugs_leave_a_dead_end(name):
     problem = on(U, (6, 5), (9, 5))
     assert_valid(plan(name, problem), problem)

@@ -8,16 +8,24 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planners import OPTIMIZERS, Problem, Space, Status, make_optimizer, make_planner
+from planners import OPTIMIZERS, Problem, Space, Status, make_planner
 from planners.judge import faults
 from planners.registries import OBJECTIVES
 from planners.smoothing.curves import CURVES
-from planners.swarm.optimizers import move_wolves, new_swarm, next_inertia, store_and_move
+from planners.swarm.optimizers import (
+    competitor,
+    move_swarm,
+    move_wolves,
+    new_swarm,
+    next_inertia,
+    store,
+)
 from planners.swarm.path_cost import evaluate, new_workspace
 from planners.swarm.planner import SwarmPlanner
 from planners.swarm.search import sample_along, search
 from planners.trees.settings import RrtWoa
 from tests.planners.swarm_worlds import among_blocks, among_discs, nearest
+from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.config import InputError
 from wheelchair_gym.geometry import path_length
 from wheelchair_gym.random import stream
@@ -30,35 +38,31 @@ def bowl(positions):
     return ((positions - CENTRE) ** 2).sum(axis=1)
 
 
+@kernel
+def store_and_move(swarm, moves, progress, state):
+    """Store the positions that are better than remembered ones, and move the swarm."""
+    for i in range(swarm.positions.shape[0]):
+        j = competitor(swarm, i)
+        if swarm.costs[i] < swarm.personal_best_costs[j]:
+            store(swarm, i, j)
+        else:
+            swarm.trials[j] += 1
+    move_swarm(swarm, moves, progress, state)
+
+
 @pytest.mark.parametrize("name", OPTIMIZERS)
 def test_optimisers_find_the_minimum_of_a_bowl_within_bounds(name):
-    optimizer, rng = make_optimizer(name), np.random.default_rng(3)
-    memory = new_swarm(rng.uniform(-5, 5, (30, D)), -5.0, 5.0)
-    begun, least = bowl(memory.positions).min(), np.inf
+    moves, rng = OPTIMIZERS.make(name).parameters, np.random.default_rng(3)
+    swarm = new_swarm(rng.uniform(-5, 5, (30, D)), -5.0, 5.0)
+    begun, least, state = bowl(swarm.positions).min(), np.inf, stream(rng)
     for t in range(200):
-        costs = bowl(memory.positions)
-        least = min(least, costs.min())
-        population = optimizer.move(memory.positions, costs, memory.best, t / 200, rng, memory)
-        np.testing.assert_array_equal(population, memory.positions)
-        assert bowl(memory.best[None])[0] == least
-        assert (abs(population) <= 5.0).all()
-        assert memory.record["best_cost"] == least
+        swarm.costs[:] = bowl(swarm.positions)
+        least = min(least, swarm.costs.min())
+        store_and_move(swarm, moves, t / 200, state)
+        assert bowl(swarm.best[None])[0] == least
+        assert (abs(swarm.positions) <= 5.0).all()
+        assert swarm.record["best_cost"] == least
     assert least < 0.02 * begun
-
-
-@pytest.mark.parametrize("name", OPTIMIZERS)
-def test_a_move_without_memory_repeats_and_leaves_its_input(name):
-    optimizer = make_optimizer(name)
-    population = np.random.default_rng(1).normal(size=(8, D))
-    given, costs = population.copy(), bowl(population)
-    best = population[costs.argmin()]
-    moved = [
-        optimizer.move(population, costs, best, 0.25, np.random.default_rng(7)) for _ in range(2)
-    ]
-    np.testing.assert_array_equal(population, given)
-    np.testing.assert_array_equal(*moved)
-    assert (moved[0] != population).any()
-    assert np.isfinite(moved[0]).all()
 
 
 @pytest.mark.parametrize("name", sorted(set(OPTIMIZERS) - {"woa_modified"}))
@@ -66,7 +70,7 @@ def test_the_compiled_loop_is_ask_and_tell(name):
     """Costs cut short change nothing; modified whales look at the map, which ask and tell lacks."""
     planner = SwarmPlanner(population=12, way_points=3, first="line", optimizer=name)
     start = planner.start(among_blocks(), None, np.random.default_rng(2))
-    worth, moves = OBJECTIVES.make("length_free").path_cost, make_optimizer(name).parameters
+    worth, moves = OBJECTIVES.make("length_free").path_cost, OPTIMIZERS.make(name).parameters
     fused, asked = (new_swarm(start.population, start.lower, start.upper) for _ in range(2))
     search(start.path_problem, worth, moves, fused, 15, 20, stream(np.random.default_rng(4)))
     state, room = stream(np.random.default_rng(4)), new_workspace(3, 1)
@@ -80,17 +84,17 @@ def test_the_compiled_loop_is_ask_and_tell(name):
 
 def test_inertia_follows_its_equations():
     swarm = new_swarm(np.zeros((4, D)), -1.0, 1.0)
-    flight = make_optimizer("pso_chaotic").parameters
+    flight = OPTIMIZERS.make("pso_chaotic").parameters
     beta = 0.3
     for k in range(5):
         beta = 4.0 * beta * (1.0 - beta)
         assert next_inertia(swarm, flight, k / 10) == pytest.approx((0.9 - 0.6 * k / 10) * beta)
         swarm.record["move_count"] += 1
-    assert next_inertia(swarm, make_optimizer("pso").parameters, 0.0) == pytest.approx(0.98**5)
-    flight = make_optimizer("pso_variable").parameters
+    assert next_inertia(swarm, OPTIMIZERS.make("pso").parameters, 0.0) == pytest.approx(0.98**5)
+    flight = OPTIMIZERS.make("pso_variable").parameters
     for p in (0.0, 0.5, 1.0):
         assert next_inertia(swarm, flight, p) == pytest.approx(0.9 * (0.4 / 0.9) ** p)
-    flight = make_optimizer("pso_adaptive").parameters
+    flight = OPTIMIZERS.make("pso_adaptive").parameters
     swarm.record["previous_best_cost"], swarm.record["best_cost"] = 8.0, 6.0
     assert next_inertia(swarm, flight, 0.2) == pytest.approx(1.3 * 0.75 - 0.9 * 0.2)
     assert next_inertia(swarm, flight, 0.2) == pytest.approx(1.3 - 0.9 * 0.2)
@@ -217,11 +221,9 @@ def test_wrong_settings_are_input_errors():
     ):
         with pytest.raises(InputError, match=message):
             SwarmPlanner(**settings)
-    with pytest.raises(InputError, match="expected at least 4"):
-        make_optimizer("de").move(np.zeros((3, 2)), np.zeros(3), np.zeros(2), 0, None)
     with pytest.raises(InputError, match="lower <= upper"):
         new_swarm(np.zeros((4, 2)), 1.0, 0.0)
-    planner = SwarmPlanner(optimizer=make_optimizer({"name": "pso", "neighbours": 2}))
+    planner = SwarmPlanner(optimizer=OPTIMIZERS.make({"name": "pso", "neighbours": 2}))
     assert planner.optimizer["neighbours"] == 2
 
 

@@ -34,7 +34,6 @@ from planners.trees.tree import (
     tree_with_capacity,
 )
 from tests.planners.replay import limited_to
-from wheelchair_gym.config import InputError
 
 TREES = [
     name
@@ -89,26 +88,6 @@ def test_iterations_replay_a_plan_made_under_a_deadline(name, deadline, stored):
     np.testing.assert_array_equal(again.path, plan.path)
     np.testing.assert_array_equal(again.tree, plan.tree)
     assert again.counters == plan.counters
-
-
-@pytest.mark.parametrize("name", TREES)
-@pytest.mark.parametrize("deadline", [-1.0, np.nan])
-def test_deadlines_that_are_none_are_input_errors(name, deadline, problem):
-    with pytest.raises(InputError, match="deadline"):
-        PLANNERS[name]().plan(problem, np.random.default_rng(0), deadline)
-
-
-@pytest.mark.parametrize("name", TREES)
-def test_paths_are_free_and_repeat(name, problem):
-    for seed in range(3):
-        plan = PLANNERS[name]().plan(problem, np.random.default_rng(seed))
-        assert plan.status == Status.SOLVED
-        assert_free(problem, plan.path)
-        assert plan.length >= SHORTEST - 1e-9
-        same = PLANNERS[name]().plan(problem, np.random.default_rng(seed))
-        np.testing.assert_array_equal(plan.path, same.path)
-        np.testing.assert_array_equal(plan.tree, same.tree)
-        assert plan.counters == same.counters
 
 
 def test_rrt_star_falls_with_samples_to_the_optimum(problem):
