@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from planners.problem import Planner
-from wheelchair_gym.migration import migrated
 from wheelchair_gym.registry import Registry, in_module
 
 PLANNERS: Final = Registry(
@@ -59,7 +58,5 @@ def make_planner(spec: str | Mapping[str, Any] | Planner) -> Planner:
     Raises:
         InputError: the name is unknown, or a setting is not one of the planner's.
     """
-    if isinstance(spec, Mapping):
-        spec = migrated(spec, "planner")
     planner: Planner = PLANNERS.make(spec)
     return planner

@@ -34,7 +34,7 @@ from planners.controls.rollout import (
     time_to_cover,
 )
 from planners.swarm.woa import WhaleParameters, WhaleSettings, move_whales
-from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel, record_of
+from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import Footprint, wrap
 from wheelchair_gym.kinematics import Limits
@@ -48,6 +48,17 @@ _COUNT = 3 * COMMANDS  # where a particle says how many of its commands count
 _SIZE = _COUNT + 1
 _MANEUVERS = 5
 _COLLISION = 1e3  # s: cost of a contact, above all else that can be wrong with a segment
+# Design choices:
+TOLERANCE = 0.05  # m from the simplified path, up to which points are left out
+MAX_SEGMENT_LENGTH = 1.5  # m
+MIN_FIRST_SEGMENT_LENGTH = 0.25  # m
+SEARCH_RANGE = 1.0  # m: how far the commands of a segment may lead off it
+DESIRED_CLEARANCE = 0.15  # m, from which on more costs no less
+END_WEIGHT = 10.0  # s/m: cost of the distance from the end of a segment; 5 cm cost 0.5 s
+ARRIVAL_WEIGHT = 50.0  # s/m: cost of the distance from the goal; 2 cm cost 1 s
+HEADING_WEIGHT = 1.5  # s/rad at the end of a segment: duration of a turn in place, with its ramps
+CLEARANCE_WEIGHT = 2.0  # s: cost of a lack of clearance
+ARRIVAL = 0.10  # m from the goal that counts as arrived: below the 0.30 m of the task
 
 
 @dataclass(frozen=True)
@@ -78,9 +89,7 @@ class Segment(NamedTuple):
 
 
 @borrowing_kernel
-def segment_cost(
-    particle: Array, now: Motion, leg: Segment, world: World, weights: Any, trial: Motion
-) -> float:
+def segment_cost(particle: Array, now: Motion, leg: Segment, world: World, trial: Motion) -> float:
     """The cost [s] of a particle that begins with the motion `now`; `trial` is workspace."""
     trial[0] = now[0]
     motion = trial[0]
@@ -89,16 +98,16 @@ def segment_cost(
     if leg.last:
         brake(motion, world)
     gap = math.hypot(leg.x - motion.x, leg.y - motion.y)
-    end = weights.arrival_weight if leg.last else weights.end_weight
-    cost: float = end * gap + weights.time_weight * (motion.time - now[0].time)
+    end = ARRIVAL_WEIGHT if leg.last else END_WEIGHT
+    cost: float = end * gap + (motion.time - now[0].time)
     if not leg.last:
         error = abs(wrap(leg.onward - motion.yaw))
-        cost += weights.heading_weight * error * (1.0 + 2.0 * abs(motion.v))
+        cost += HEADING_WEIGHT * error * (1.0 + 2.0 * abs(motion.v))
         brake(motion, world)  # whatever follows, the chair can come to rest without contact
     if not motion.free:
         return _COLLISION + cost
-    near: float = max(0.0, 1.0 - motion.least / weights.desired_clearance)
-    cost += weights.clearance_weight * near
+    near: float = max(0.0, 1.0 - motion.least / DESIRED_CLEARANCE)
+    cost += CLEARANCE_WEIGHT * near
     return cost
 
 
@@ -178,8 +187,8 @@ def write_maneuver(kind: int, now: Any, leg: Segment, limits: Any, commands: Arr
 
 @kernel
 def bridge(
-    now: Motion, leg: Segment, world: World, weights: Any, swarm: WhaleParameters,
-    from_maneuvers: bool, state: Stream,
+    now: Motion, leg: Segment, world: World, swarm: WhaleParameters, from_maneuvers: bool,
+    state: Stream,
 ) -> tuple[Array, bool]:  # fmt: skip
     """The commands (k, 3) for one segment from the motion `now`, and whether they are free."""
     limits = world.limits
@@ -213,7 +222,7 @@ def bridge(
         if swarm.latest:
             least = np.inf
         for i in range(population.shape[0]):
-            cost = segment_cost(population[i], now, leg, world, weights, trial)
+            cost = segment_cost(population[i], now, leg, world, trial)
             if cost < least:
                 least = cost
                 best[:] = population[i]
@@ -242,12 +251,12 @@ def around(walls: Array, box: Array) -> Array:
 
 @kernel
 def follow(
-    targets: Array, start: Motion, everything: World, search_range: float, to_rest: bool,
-    weights: Any, swarm: WhaleParameters, from_maneuvers: bool, state: Stream,
+    targets: Array, start: Motion, everything: World, to_rest: bool, swarm: WhaleParameters,
+    from_maneuvers: bool, state: Stream,
 ) -> tuple[Array, int, bool]:  # fmt: skip
     """Commands (k, 3) through targets (n, 2) [m]; the targets reached, and whether all was free.
 
-    The axle stays within `search_range` [m] of a segment. The chair comes to rest at the last
+    The axle stays within `SEARCH_RANGE` of a segment. The chair comes to rest at the last
     target if it shall.
     """
     n = targets.shape[0]
@@ -261,14 +270,14 @@ def follow(
     while reached < n:
         x, y = targets[reached, 0], targets[reached, 1]
         box = np.array([min(x, now.x), min(y, now.y), max(x, now.x), max(y, now.y)])
-        box += search_range * np.array([-1.0, -1.0, 1.0, 1.0])
+        box += SEARCH_RANGE * np.array([-1.0, -1.0, 1.0, 1.0])
         walls = around(everything.walls, box + np.array([-far, -far, far, far]))
         world = World(walls, everything.discs, box, footprint, everything.limits, everything.margin)
         onward = math.atan2(y - now.y, x - now.x)
         if reached + 1 < n:
             onward = math.atan2(targets[reached + 1, 1] - y, targets[reached + 1, 0] - x)
         leg = Segment(x, y, onward, to_rest and reached + 1 == n)
-        found, free = bridge(motion, leg, world, weights, swarm, from_maneuvers, state)
+        found, free = bridge(motion, leg, world, swarm, from_maneuvers, state)
         if not free:
             break
         for k in range(found.shape[0]):
@@ -323,7 +332,7 @@ def ahead(path: Array, position: Array, horizon: float | None) -> tuple[Array, b
 
 @settings
 class ControlGenerator:
-    """How commands are searched, and what they cost."""
+    """How commands are searched."""
 
     whales: WhaleSettings = setting(
         default=WhaleSettings(population=12, iterations=10), source="design choice"
@@ -335,53 +344,19 @@ class ControlGenerator:
     """Whether the swarm starts from maneuvers that serve well in free space, or at random."""
     horizon: float | None = setting(default=None, unit="m", low=0.1, source="design choice")
     """Length of the path to follow; null for the whole path."""
-    tolerance: float = setting(default=0.05, unit="m", low=0.0, source="design choice")
-    """Distance from the simplified path up to which points are left out."""
-    max_segment_length: float = setting(default=1.5, unit="m", low=0.1, source="design choice")
-    """Longest segment."""
-    min_first_segment_length: float = setting(
-        default=0.25, unit="m", low=0.0, source="design choice"
-    )
-    """Shortest first segment."""
-    search_range: float = setting(default=1.0, unit="m", low=0.0, source="design choice")
-    """How far the commands of a segment may lead off it."""
     margin: float = setting(default=0.02, unit="m", low=0.0, source="design choice")
     """Least gap to obstacles."""
-    desired_clearance: float = setting(
-        default=0.15, unit="m", low=1e-3, high=0.5, source="design choice"
-    )
-    """Clearance from which on more costs no less."""
-    end_weight: float = setting(
-        default=10.0, unit="s/m", low=0.0, source="design choice: 5 cm cost 0.5 s"
-    )
-    """Cost of the distance from the end of a segment."""
-    arrival_weight: float = setting(
-        default=50.0, unit="s/m", low=0.0, source="design choice: 2 cm cost 1 s"
-    )
-    """Cost of the distance from the goal."""
-    heading_weight: float = setting(
-        default=1.5, unit="s/rad", low=0.0, source="duration of a turn in place, with its ramps"
-    )
-    """Cost of the heading error at the end of a segment."""
-    time_weight: float = setting(default=1.0, low=0.0, source="unit of the other weights")
-    """Cost of time."""
-    clearance_weight: float = setting(default=2.0, unit="s", low=0.0, source="design choice")
-    """Cost of a lack of clearance."""
-    arrival: float = setting(
-        default=0.10, unit="m", low=0.0, source="design choice: below the 0.30 m of the task"
-    )
-    """Distance from the goal that counts as arrived."""
 
     def targets(self, path: Array, start: Array) -> tuple[Array, bool]:
         """Ends (n, 2) of the segments to drive from a start (3,); is the last the path's end?"""
         points, to_rest = ahead(path, start[:2], self.horizon)
-        near = np.hypot(*(points - start[:2]).T) < self.min_first_segment_length
+        near = np.hypot(*(points - start[:2]).T) < MIN_FIRST_SEGMENT_LENGTH
         near[[0, -1]] = False
         begun = near.argmin() if near[1:].all() else 1 + int(near[1:].argmin())
-        points = simplified(np.vstack([points[:1], points[begun:]]), self.tolerance)
+        points = simplified(np.vstack([points[:1], points[begun:]]), TOLERANCE)
         pieces = []
         for a, b in pairwise(points):
-            k = max(1, math.ceil(math.hypot(*(b - a)) / self.max_segment_length))
+            k = max(1, math.ceil(math.hypot(*(b - a)) / MAX_SEGMENT_LENGTH))
             pieces.append(a + np.arange(1, k + 1)[:, None] / k * (b - a))
         return np.vstack(pieces), to_rest
 
@@ -428,11 +403,10 @@ class ControlGenerator:
             measure_clearance(start[0], pose[0], pose[1], pose[2], world)
         targets, to_rest = self.targets(points, pose)
         commands, reached, free = follow(
-            targets, start, world, self.search_range, to_rest, record_of(self),
-            self.whales.parameters, self.maneuvers, stream(rng),
+            targets, start, world, to_rest, self.whales.parameters, self.maneuvers, stream(rng),
         )  # fmt: skip
         poses, twists, times = rollout(commands, pose, twist, world.limits)
         gaps = np.hypot(*(poses[:, :2] - targets[-1]).T)
         error = float(gaps[-1] if to_rest else gaps.min())
-        arrived = reached == len(targets) and (not to_rest or error <= self.arrival)
+        arrived = reached == len(targets) and (not to_rest or error <= ARRIVAL)
         return Controls(commands, poses, twists, times, free, arrived, error)

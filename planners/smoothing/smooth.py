@@ -16,6 +16,8 @@ from wheelchair_gym.compiled.kernel import kernel
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
+HALVINGS = 8  # of a blocked curve's tangents before it is straight: those of 1/256 bend invisibly
+
 
 @kernel
 def blocked_edges(arrays: SpaceArrays, path: Array) -> Flags:
@@ -49,16 +51,12 @@ def _hermite_edge(start: Array, end: Array, u: Array, v: Array, tolerance: float
     return points
 
 
-def hermite_path(
-    arrays: SpaceArrays, path: Array, tangent_scale: float, halvings: int, tolerance: float
-) -> tuple[Array, int]:
+def hermite_path(arrays: SpaceArrays, path: Array, tolerance: float) -> tuple[Array, int]:
     """A free polyline (k, 2) [m] along cubic Hermite curves, and how many edges stay straight.
 
     Args:
         arrays: what is free.
         path: points (n, 2) [m], each edge free, no two successive points the same.
-        tangent_scale: length of the tangents, in lengths of the edge; 1 is Catmull and Rom's.
-        halvings: how often a blocked curve halves its tangents before it is straight.
         tolerance: largest distance of the polyline from the curve [m].
     """
     steps = np.diff(path, axis=0)
@@ -70,8 +68,8 @@ def hermite_path(
     directions = np.divide(bisectors, sizes, out=np.zeros_like(path), where=sizes > 0.0)
     pieces, straight = [path[:1]], 0
     for i, length in enumerate(lengths):
-        piece, size = path[i : i + 2], tangent_scale * length
-        for _ in range(halvings if size > 0.0 else 0):
+        piece, size = path[i : i + 2], length  # as Catmull and Rom 1974
+        for _ in range(HALVINGS if size > 0.0 else 0):
             u, v = size * directions[i : i + 2]
             curve = _hermite_edge(path[i], path[i + 1], u, v, tolerance)
             if not blocked_edges(arrays, curve).any():

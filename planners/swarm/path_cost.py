@@ -248,7 +248,14 @@ def push_out_of_discs(
     return inside
 
 
-_EACH = "an edge inside weighs more than all lengths on a map"
+# Cost factor of a blocked path ("considerable" in P1 (7)) and of the mean violation (Yarpiz, whose
+# program P2 follows).
+PENALTY = 100.0
+VIOLATION_RANGE = 1.2  # radii from a centre up to which a disc is violated: P2 (20)
+# The same for exact segments: pi^2 / 2 n^2, the corners of the polygon of a disc.
+EXACT_RANGE = 1.0 + 5.0 / DISC_SIDES**2
+BLOCKED_COST = 100.0  # m: an edge inside weighs more than all lengths on a map
+SLACK = 1.0  # m^2, added to the square of a radius: R1, section 5.3
 
 
 @settings
@@ -267,7 +274,9 @@ class LengthFree:
         default=10.0, unit="1/m", low=0.0, source="thesis, figure 3.1"
     )
     """Cost of length."""
-    collision_free_weight: float = setting(default=1e4, low=0.0, source=_EACH + "; thesis: 1")
+    collision_free_weight: float = setting(
+        default=1e4, low=0.0, source="above all lengths on a map; thesis: 1"
+    )
     """Cost of each blocked edge."""
 
     @property
@@ -285,16 +294,13 @@ class Smooth(FaithfulOption):
     only way points are tested.
     """
 
-    penalty: float = setting(default=100.0, low=0.0, source="'considerable' in P1 (7)")
-    """Cost factor of a path with a blocked edge."""
-
     @property
     def path_cost(self) -> PathCost:
         """The terms of the cost."""
         return PathCost(
             turning=PRINTED_TURNING if self.faithful else MEAN_TURNING,
             collision_test=WAY_POINTS if self.faithful else EDGES,
-            blocked_factor=self.penalty,
+            blocked_factor=PENALTY,
         )
 
 
@@ -302,27 +308,20 @@ class Smooth(FaithfulOption):
 class Violation(FaithfulOption):
     """Length of the curve, times one and the violation of round obstacles: P2 (18)-(21).
 
-    The violation is the mean over the curve of max(violation_range - D / R, 0), with D from the
+    The violation is the mean over the curve of max(1.2 - D / R, 0), with D from the
     curve's pieces; blocked edges have a cost. Faithful: D is from sampled points, and nothing else
     is tested.
     """
-
-    penalty: float = setting(default=100.0, low=0.0, source="Yarpiz, whose program P2 follows")
-    """Cost factor of the mean violation."""
-    violation_range: float = setting(default=1.2, low=0.0, source="P2 (20)")
-    """Radii from a centre up to which a disc is violated."""
-    blocked_cost: float = setting(default=100.0, unit="m", low=0.0, source=_EACH)
-    """Cost of each blocked edge."""
 
     @property
     def path_cost(self) -> PathCost:
         """The terms of the cost."""
         return PathCost(
-            violation_range=self.violation_range,
+            violation_range=VIOLATION_RANGE,
             points_only=self.faithful,
-            violation=self.penalty,
+            violation=PENALTY,
             collision_test=NOTHING if self.faithful else EDGES,
-            blocked_edge_cost=0.0 if self.faithful else self.blocked_cost,
+            blocked_edge_cost=0.0 if self.faithful else BLOCKED_COST,
         )
 
 
@@ -332,30 +331,17 @@ class WayPoints(FaithfulOption):
 
     Ours is in metres, the length where all legs are as long, and adds P2's violation along the
     exact segments. Faithful: as printed; only way points are tested, and one that falls into a disc
-    (d^2 <= r^2 + slack) is pushed out and drawn again.
+    (d^2 <= r^2 + 1) is pushed out and drawn again.
     """
-
-    penalty: float = setting(default=100.0, low=0.0, source="design choice: as P2")
-    """Cost factor of the mean violation."""
-    violation_range: float = setting(
-        default=1.0 + 5.0 / DISC_SIDES**2,
-        low=0.0,
-        source="pi^2 / 2 n^2: the corners of the polygon of a disc",
-    )
-    """Radii from a centre up to which a disc is violated."""
-    blocked_cost: float = setting(default=100.0, unit="m", low=0.0, source=_EACH)
-    """Cost of each blocked edge."""
-    slack: float = setting(default=1.0, unit="m^2", low=0.0, source="R1, section 5.3")
-    """Square that is added to that of a radius."""
 
     @property
     def path_cost(self) -> PathCost:
         """The terms of the cost."""
         if self.faithful:
-            return PathCost(PRINTED_ENERGY, collision_test=NOTHING, push=True, slack=self.slack)
+            return PathCost(PRINTED_ENERGY, collision_test=NOTHING, push=True, slack=SLACK)
         return PathCost(
             length_measure=ENERGY,
-            violation_range=self.violation_range,
-            violation=self.penalty,
-            blocked_edge_cost=self.blocked_cost,
+            violation_range=EXACT_RANGE,
+            violation=PENALTY,
+            blocked_edge_cost=BLOCKED_COST,
         )

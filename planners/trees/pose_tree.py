@@ -44,6 +44,15 @@ _MOST_BACK: Final = 0.6  # m: longer ways back are tried in every third attempt 
 _ATTEMPT: Final = 1000  # iterations after which new trees are grown
 ATTEMPTS: Final = 3  # trees that are grown after those of the first path
 MIN_ADVANCE = 0.05  # m: a blocked extension that comes less near to its target makes no node
+# Design choices:
+NEIGHBOURS: Final = 10  # nearest nodes that may become parents, or be rewired
+GUIDE_SHARE = 0.7  # of the samples, near the guide or near the path; the others are anywhere
+SPREAD = 0.3  # m: deviation of their distance from it
+TURN_SPREAD = 0.6  # rad: deviation of their heading
+REVERSED_SHARE = 0.05  # of the samples at the guide, which look back
+WINDOW: Final = 25  # pieces, 5 m: longest part of the path that local whales or a shortcut replace
+SHORTCUTS: Final = 16  # that a round tries
+SPACING: Final = 6  # pieces, 1.2 m: about the distance of the poses that global whales move
 
 NODE = np.dtype(
     [
@@ -178,20 +187,11 @@ def extend(
 
 
 class Options(NamedTuple):
-    """The choices of a search, as kernels take them."""
+    """Shares of the rounds, which add up to the last one: global whales."""
 
-    guide_share: float  # of the samples
-    spread: float  # m
-    turn_spread: float  # rad
-    reversed_share: float  # of the samples at the guide
-    neighbours: int
-    tree: float  # shares of the rounds, which add up to the last one
+    tree: float
     shortcuts: float
     local: float
-    window: int  # pieces, at most, that local whales and shortcuts replace
-    shortcuts_a_round: int
-    local_poses: int
-    spacing: int  # pieces between the poses that global whales move
 
 
 RUN = np.dtype(
@@ -244,10 +244,10 @@ def sample(search: Search, state: Stream) -> bool:
 
     Near the guide, later near the path, or anywhere.
     """
-    drive, options, path, pose = search.drive, search.options, search.path, search.pose
+    drive, path, pose = search.drive, search.path, search.pose
     box, guide = drive.near.box, search.guide
     for _ in range(_TRIES):
-        near = next_uniform(state) < options.guide_share
+        near = next_uniform(state) < GUIDE_SHARE
         if near and path.size[0] > 0:
             piece = path.pieces[int(next_uniform(state) * path.size[0])]
             scale = math.exp(-3.0 * next_uniform(state))
@@ -256,7 +256,7 @@ def sample(search: Search, state: Stream) -> bool:
             on = guide[int(next_uniform(state) * guide.shape[0])]
             scale = math.exp(-4.0 * next_uniform(state))
             pose[0], pose[1], pose[2] = on[0], on[1], on[2]
-            if next_uniform(state) < options.reversed_share:
+            if next_uniform(state) < REVERSED_SHARE:
                 pose[2] += math.pi
         else:
             scale = 0.0
@@ -264,9 +264,9 @@ def sample(search: Search, state: Stream) -> bool:
             pose[1] = box[1] + (box[3] - box[1]) * next_uniform(state)
             pose[2] = 2.0 * math.pi * next_uniform(state)
         if scale > 0.0:
-            pose[0] += scale * options.spread * next_normal(state)
-            pose[1] += scale * options.spread * next_normal(state)
-            pose[2] = wrap(pose[2] + scale * options.turn_spread * next_normal(state))
+            pose[0] += scale * SPREAD * next_normal(state)
+            pose[1] += scale * SPREAD * next_normal(state)
+            pose[2] = wrap(pose[2] + scale * TURN_SPREAD * next_normal(state))
         gap = free_gap(
             drive.near, drive.motion, pose[0], pose[1], pose[2], 0.0, 0.0, drive.workspace,
             drive.seen,
@@ -559,27 +559,27 @@ def refine(search: Search, state: Stream) -> None:
     if drawn < options.tree:
         rewire(search, state)
     elif drawn < options.shortcuts:
-        for _ in range(options.shortcuts_a_round):
+        for _ in range(SHORTCUTS):
             n = int(path.size[0])
             i = int(next_uniform(state) * n)
-            j = min(n, i + 1 + int(next_uniform(state) * options.window))
+            j = min(n, i + 1 + int(next_uniform(state) * WINDOW))
             shortcut(search.drive, path, search.none, i, j)
     elif drawn < options.local:
-        span = 2 + int(next_uniform(state) * (options.window - 1))
+        span = 2 + int(next_uniform(state) * (WINDOW - 1))
         i = int(next_uniform(state) * n)
         j = min(n, i + span)
-        poses, turned = min(options.local_poses, j - i - 1), 0.0
+        poses, turned = min(1, j - i - 1), 0.0
         if path.pieces[i].kind == -1:  # back: what if the chair turned round?
             while j < n and path.pieces[j].kind == -1 and next_uniform(state) < 0.95:
                 j += 1
-            poses = min(MAX_POSES, min(j - i - 1, 1 + (j - i) // options.spacing))
+            poses = min(MAX_POSES, min(j - i - 1, 1 + (j - i) // SPACING))
             turned = math.pi
         if poses > 0:
             run.local_evaluations += search_vias(
                 search.drive, path, search.whales, i, j, poses, 0, turned, state
             )
     else:
-        poses = min(MAX_POSES, int(n / options.spacing * (0.5 + next_uniform(state))))
+        poses = min(MAX_POSES, int(n / SPACING * (0.5 + next_uniform(state))))
         if poses > 0:
             run.global_evaluations += search_vias(
                 search.drive, path, search.whales, 0, n, poses, 1, 0.0, state

@@ -26,6 +26,10 @@ Array = NDArray[np.float64]
 _NEIGHBOURS = 256
 # m: a smaller gain rewires nothing, so that rounding cannot form a loop.
 MIN_GAIN = 1e-9
+CORNER_RADIUS = 1.0  # m: largest distance of a sample from its corner, about the width of a door
+# Costs of the steering swarm; the thesis gives none: above the length of any path, and below that.
+NODE_HIDDEN_COST = 1000.0  # if an obstacle hides the node to extend
+GOAL_HIDDEN_COST = 10.0  # if an obstacle hides the goal
 
 
 class Growth(NamedTuple):
@@ -50,7 +54,6 @@ class Growth(NamedTuple):
     beacon_radius: float = 0.0  # m
     beacon_min_scale: float = 1.0  # that radius is scaled by a log-uniform draw in [this, 1]
     corner_share: float = 0.0  # share of the samples near corners of obstacles
-    corner_radius: float = 0.0  # m
     in_strip: bool = False  # sample between the x of start and goal, wider as edges are blocked
     widening: float = 0.0  # m, by which each blocked edge widens the strip on each side
     steer_by_swarm: bool = False  # steer by a whale swarm (thesis, algorithm 4)
@@ -121,10 +124,7 @@ class SteeringCost(NamedTuple):
 
     width: float  # m, half the width of the search box around the sample
     height: float  # m, half its height
-    sample_weight: float  # cost per metre from the sample
-    goal_weight: float  # cost per metre from the goal
-    node_hidden: float  # cost if an obstacle hides the node to extend
-    goal_hidden: float  # cost if an obstacle hides the goal
+    goal_weight: float  # cost per metre from the goal, where one from the sample costs 1
 
 
 def new_buffers(swarm: WhaleParameters, steering: SteeringCost) -> SwarmBuffers:
@@ -229,7 +229,7 @@ def sample(search: TreeSearch, tree: Tree, state: Stream) -> tuple[float, float]
     if growth.informed and found:
         length = tree.nodes[run.goal].cost
     if growth.corner_share > 0.0 and next_uniform(state) < growth.corner_share:
-        radius = growth.corner_radius
+        radius = CORNER_RADIUS
         if found:
             radius *= growth.beacon_min_scale ** next_uniform(state)
     elif found:
@@ -293,19 +293,17 @@ def steering_target(
         for i in range(swarm.population):
             u, v = population[i, 0], population[i, 1]
             to_goal = math.sqrt((goal_x - x - u) ** 2 + (goal_y - y - v) ** 2)
-            cost = (
-                steering.sample_weight * math.sqrt(u * u + v * v) + steering.goal_weight * to_goal
-            )
+            cost = math.sqrt(u * u + v * v) + steering.goal_weight * to_goal
             # Lines of sight are tested only while the whale can still be the best. The goal comes
             # first: the segment that hides it from one whale hides it from most.
             if cost < least:
                 hidden = find_blocker(space, goal_x, goal_y, x + u, y + v, from_goal)
                 if hidden != -1:
-                    cost, from_goal = cost + steering.goal_hidden, hidden
+                    cost, from_goal = cost + GOAL_HIDDEN_COST, hidden
             if cost < least:
                 hidden = find_blocker(space, near_x, near_y, x + u, y + v, from_near)
                 if hidden != -1:
-                    cost, from_near = cost + steering.node_hidden, hidden
+                    cost, from_near = cost + NODE_HIDDEN_COST, hidden
             if cost < least:
                 least = cost
                 best[0], best[1] = u, v

@@ -26,6 +26,7 @@ from planners.trees.pose_path import (
 )
 from planners.trees.pose_tree import (
     ATTEMPTS,
+    NEIGHBOURS,
     NODE,
     NONE,
     RUN,
@@ -50,6 +51,10 @@ POSE_SPACING = 0.05  # m, and rad of a pivot times 2: between poses of the path
 ROOTS = 24  # about so many headings at a goal without one are roots of a tree
 CHUNK = 4  # iterations between two readings of the clock
 SHARE = 16  # ... of several searches, which then share the best path
+NODES = 10_000  # of a tree at most
+SHARPEST_TURN = 1.6  # 1/m: greatest curvature of arcs, as of `lattice`; sharper turns are pivots
+SHIFT_BOUND = 0.4  # m: largest shift of a pose by whales; it shrinks while they find nothing
+TURN_BOUND = 0.5  # rad: largest turn of a pose by whales
 _DESIGN = "design choice"
 _TUNED = "tuned on training seeds"
 
@@ -85,14 +90,6 @@ class Se2RrtStarWoa(DrivingCost, PlannerBase):
     """Largest number of iterations: of samples up to the first paths, then of rounds."""
     improvement: int = setting(default=200, low=0, source=_DESIGN)
     """Rounds after the first path; with a deadline, make it large for an anytime planner."""
-    nodes: int = setting(default=10_000, low=100, source=_DESIGN)
-    """Largest number of nodes of a tree."""
-    neighbours: int = setting(default=10, low=1, high=100, source=_DESIGN)
-    """Nearest nodes that may become parents, or be rewired."""
-    sharpest_turn: float = setting(
-        default=1.6, unit="1/m", low=0.1, source="as the planner lattice: in a corridor of 1.2 m"
-    )
-    """Greatest curvature of arcs; sharper turns are made in place."""
     tree_share: float = setting(default=1.0, low=0.0, source=_TUNED)
     """Share of the rounds that are samples of RRT*."""
     shortcut_share: float = setting(default=1.0, low=0.0, source=_TUNED)
@@ -101,30 +98,10 @@ class Se2RrtStarWoa(DrivingCost, PlannerBase):
     """Share of the rounds of whales that move poses of a window of the path."""
     global_share: float = setting(default=0.0, low=0.0, source=_TUNED)
     """Share of the rounds of whales that move poses along the whole path, jointly."""
-    local_poses: int = setting(default=1, low=1, high=8, source=_DESIGN)
-    """Poses that local whales move."""
-    pose_spacing: float = setting(default=1.2, unit="m", low=0.2, source=_DESIGN)
-    """About the distance of the poses that global whales move."""
-    window: float = setting(default=5.0, unit="m", low=0.4, source=_DESIGN)
-    """Longest part of the path that local whales or a shortcut replace."""
-    shortcuts: int = setting(default=16, low=1, source=_DESIGN)
-    """Shortcuts that a round tries."""
-    shift_bound: float = setting(default=0.4, unit="m", low=0.0, source=_DESIGN)
-    """Largest shift of a pose; it shrinks while whales find nothing."""
-    turn_bound: float = setting(default=0.5, unit="rad", low=0.0, source=_DESIGN)
-    """Largest turn of a pose by whales."""
     searches: int = setting(default=1, low=1, high=64, source=_DESIGN)
     """Searches with trees, whales and random numbers of their own, which share the best path."""
     threads: int = setting(default=1, low=1, high=64, source=_DESIGN)
     """Threads that run them; the plan depends on their number only by the deadline."""
-    guide_share: float = setting(default=0.7, low=0.0, high=1.0, source=_DESIGN)
-    """Share of the samples near the guide, or near the path; the others are anywhere."""
-    spread: float = setting(default=0.3, unit="m", low=0.0, source=_DESIGN)
-    """Standard deviation of their distance from it."""
-    turn_spread: float = setting(default=0.6, unit="rad", low=0.0, source=_DESIGN)
-    """Standard deviation of their heading."""
-    reversed_share: float = setting(default=0.05, low=0.0, high=1.0, source=_DESIGN)
-    """Share of them that look back."""
 
     def trivial(self, problem: Problem) -> Plan | None:
         """The plan where the axle cannot stand at an end; the rectangle is tested later."""
@@ -194,14 +171,14 @@ class Se2RrtStarWoa(DrivingCost, PlannerBase):
         guide: Array,
     ) -> Search:  # fmt: skip
         """A search that has not begun."""
-        bounds = self.shift_bound, self.shift_bound, self.turn_bound
+        bounds = SHIFT_BOUND, SHIFT_BOUND, TURN_BOUND
         search = Search(
-            new_drive(near, motion, self.sharpest_turn),
+            new_drive(near, motion, SHARPEST_TURN),
             self._tree(start[None], 1.0), self._tree(goals, -1.0),
             new_path(goal), new_whales(self.whales.parameters, bounds), guide,
             self._options(), np.zeros(1, RUN), np.zeros(3),
-            np.zeros(self.neighbours, np.int64), np.zeros(self.neighbours),
-            np.zeros(self.nodes + 1, np.int64), np.zeros(0),
+            np.zeros(NEIGHBOURS, np.int64), np.zeros(NEIGHBOURS), np.zeros(NODES + 1, np.int64),
+            np.zeros(0),
         )  # fmt: skip
         search.run["synced"], search.run["goals"] = math.inf, len(goals)
         return search
@@ -223,7 +200,7 @@ class Se2RrtStarWoa(DrivingCost, PlannerBase):
         return np.vstack([guide, passage_poses(near, guide, footprint.front)]), iterations
 
     def _tree(self, roots: Array, sign: float) -> Tree:
-        tree = Tree(np.zeros(self.nodes, NODE), np.zeros(1, np.int64), sign)
+        tree = Tree(np.zeros(NODES, NODE), np.zeros(1, np.int64), sign)
         for x, y, yaw in roots:
             add_pose(tree, x, y, yaw, NONE)
         return tree
@@ -231,12 +208,7 @@ class Se2RrtStarWoa(DrivingCost, PlannerBase):
     def _options(self) -> Options:
         shares = self.tree_share, self.shortcut_share, self.local_share, self.global_share
         tree, shortcuts, local, _ = np.cumsum(shares) / max(sum(shares), 1e-9)
-        return Options(
-            self.guide_share, self.spread, self.turn_spread, self.reversed_share,
-            self.neighbours, float(tree), float(shortcuts), float(local),
-            max(2, round(self.window / LONGEST_PIECE)), self.shortcuts, self.local_poses,
-            max(1, round(self.pose_spacing / LONGEST_PIECE)),
-        )  # fmt: skip
+        return Options(float(tree), float(shortcuts), float(local))
 
 
 def share_best(searches: Sequence[Search]) -> None:

@@ -28,7 +28,6 @@ from wheelchair_gym.config import setting, settings
 from wheelchair_gym.random import stream
 
 _ROOMS = "design choice: rooms and doors of buildings"
-_DOOR = "design choice: about the width of a door"
 _MEASURED = "measured with the planner benchmark"
 # Karaman and Frazzoli 2011, d = 2: 2 sqrt((1 + 1/d) area / pi) is gamma's least value.
 MIN_GAMMA = 2.0 * math.sqrt(1.5 / math.pi)
@@ -55,8 +54,6 @@ class CornerSampling:
 
     corner_share: float = setting(default=0.5, low=0.0, high=1.0, source=_MEASURED)
     """Share of the samples near the corners of obstacles."""
-    corner_radius: float = setting(default=1.0, unit="m", low=0.0, source=_DOOR)
-    """Largest distance of such a sample from its corner."""
 
 
 @settings
@@ -107,7 +104,6 @@ class RrtConnect(CornerSampling, TreePlanner):
             self.nodes,
             bidirectional=True,
             corner_share=self.corner_share,
-            corner_radius=self.corner_radius,
         )
 
 
@@ -116,8 +112,8 @@ class RrtStar(TreePlanner):
     """RRT* (Karaman and Frazzoli 2011): the best parent is chosen, and neighbours are rewired.
 
     Neighbours lie within `search_radius`, or, where that is null, within the radius
-    gamma sqrt(log n / n) that shrinks as the tree of n nodes fills the map; gamma is
-    `radius_factor` times the least value that makes the paths converge to the shortest.
+    gamma sqrt(log n / n) that shrinks as the tree of n nodes fills the map; gamma is 1.2 times the
+    least value that makes the paths converge to the shortest, as measured with the benchmark.
     """
 
     iterations: int = setting(default=10_000, low=1, source="thesis, figure 3.1")
@@ -128,8 +124,6 @@ class RrtStar(TreePlanner):
     """Longest edge towards a sample."""
     search_radius: float | None = setting(default=None, unit="m", low=1e-3)
     """Radius of the neighbourhood; null for the shrinking radius."""
-    radius_factor: float = setting(default=1.2, low=0.1, source=_MEASURED)
-    """Shrinking radius, in multiples of the least that converges."""
     goal_bias: float = setting(default=0.05, low=0.0, high=1.0, source="LaValle and Kuffner 2001")
     """Share of the samples that are the goal."""
     goal_reach: float = setting(default=4.0, unit="m", low=0.0, source="design choice: as the step")
@@ -163,7 +157,7 @@ class RrtStar(TreePlanner):
             stop_at_first=self.return_on_first_path,
             rewiring=True,
             radius=self.search_radius or 0.0,
-            gamma=self.radius_factor * MIN_GAMMA,
+            gamma=1.2 * MIN_GAMMA,
         )
 
 
@@ -185,18 +179,6 @@ class InformedRrtStar(CornerSampling, TreePlanner):
     """Largest number of nodes of a tree."""
     step: float = setting(default=4.0, unit="m", low=1e-3, source=_ROOMS)
     """Longest edge towards a sample."""
-    radius_factor: float = setting(
-        default=1.0, low=0.1, source="Karaman and Frazzoli 2011: the least"
-    )
-    """Shrinking radius, in multiples of the least that converges."""
-    beacon_share: float = setting(default=0.3, low=0.0, high=1.0, source=_MEASURED)
-    """Share of the samples near the best path's vertices."""
-    beacon_radius: float = setting(
-        default=4.0, unit="m", low=0.0, source="design choice: as the step"
-    )
-    """Largest distance of such a sample from its vertex."""
-    beacon_min_scale: float = setting(default=1e-5, low=1e-12, high=1.0, source="design choice")
-    """Least factor of that distance, drawn log-uniformly."""
 
     @property
     def growth(self) -> Growth:
@@ -208,15 +190,14 @@ class InformedRrtStar(CornerSampling, TreePlanner):
             stop_at_first=False,
             bidirectional=True,
             rewiring=True,
-            gamma=self.radius_factor * MIN_GAMMA,
+            gamma=MIN_GAMMA,
             replace_leaves=True,
             shortcut_path=True,
             informed=True,
-            beacon_share=self.beacon_share,
-            beacon_radius=self.beacon_radius,
-            beacon_min_scale=self.beacon_min_scale,
+            beacon_share=0.3,  # measured with the planner benchmark
+            beacon_radius=4.0,  # m: as the step
+            beacon_min_scale=1e-5,
             corner_share=self.corner_share,
-            corner_radius=self.corner_radius,
         )
 
 
@@ -245,19 +226,12 @@ class RrtStarSmart(RrtStarVariant):
 
     tree: RrtStar = setting(default=RrtStar(), source="design choice")
     """The tree search."""
-    beacon_share: float = setting(
-        default=0.5, low=0.0, high=1.0, source="Nasir et al. 2013: biasing ratio 2"
-    )
-    """Share of the samples near the best path's vertices."""
-    beacon_radius: float = setting(default=1.0, unit="m", low=1e-6, source=_DOOR)
-    """Largest distance of such a sample from its vertex."""
 
     @property
     def growth(self) -> Growth:
         """The options of the search."""
-        return self.tree.growth._replace(
-            shortcut_path=True, beacon_share=self.beacon_share, beacon_radius=self.beacon_radius
-        )
+        # Half of the samples (Nasir et al. 2013: biasing ratio 2) within about a door's width.
+        return self.tree.growth._replace(shortcut_path=True, beacon_share=0.5, beacon_radius=1.0)
 
 
 @settings
@@ -317,22 +291,12 @@ class RrtStarWoaLocal(ShiftBounds, PlannerBase):
     """The tree search."""
     whales: WhaleSettings = setting(default=WhaleSettings(), source="thesis, figure 3.1")
     """The swarm."""
-    sample_weight: float = setting(default=1.0, unit="1/m", low=0.0, source="design choice")
-    """Cost of the distance from the random sample."""
-    goal_weight: float = setting(default=1.0, unit="1/m", low=0.0, source="design choice")
-    """Cost of the distance from the goal."""
-    node_hidden_cost: float = setting(
-        default=1000.0, low=0.0, source="design choice: above the length of any path"
-    )
-    """Cost if an obstacle hides the node to extend."""
-    goal_hidden_cost: float = setting(
-        default=10.0, low=0.0, source="design choice: below node_hidden_cost"
-    )
-    """Cost if an obstacle hides the goal."""
+    goal_weight: float = setting(default=1.0, low=0.0, source="design choice")
+    """Cost of the distance from the goal, in multiples of that from the random sample."""
 
     @classmethod
     def thesis(cls) -> RrtStarWoaLocal:
-        """The settings of the thesis's figure 3.1; the four weights are not given there.
+        """The settings of the thesis's figure 3.1; the goal's weight is not given there.
 
         The leader is overwritten in each iteration, as its algorithms print it.
         """
@@ -340,14 +304,7 @@ class RrtStarWoaLocal(ShiftBounds, PlannerBase):
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """The first path, or the best of all samples, as `tree` says."""
-        steering = SteeringCost(
-            width=self.width_bound,
-            height=self.height_bound,
-            sample_weight=self.sample_weight,
-            goal_weight=self.goal_weight,
-            node_hidden=self.node_hidden_cost,
-            goal_hidden=self.goal_hidden_cost,
-        )
+        steering = SteeringCost(self.width_bound, self.height_bound, self.goal_weight)
         growth = self.tree.growth._replace(steer_by_swarm=True)
         swarm = self.whales.parameters
         return search(problem, rng, end, growth, self.tree.iterations, swarm, steering)
@@ -400,12 +357,6 @@ class SplineRrtStar(PlannerBase):
         default=InformedRrtStar(iterations=2_000), source="design choice"
     )
     """The tree search."""
-    tangent_scale: float = setting(default=1.0, low=0.0, high=3.0, source="Catmull and Rom 1974")
-    """Length of the tangents, in lengths of the edge."""
-    halvings: int = setting(
-        default=8, low=0, source="design choice: tangents of 1/256 bend invisibly"
-    )
-    """How often blocked curves halve their tangents before they are straight."""
     tolerance: float = setting(
         default=1e-3, unit="m", low=1e-9, source="design choice: below the noise of sensors"
     )
@@ -418,9 +369,7 @@ class SplineRrtStar(PlannerBase):
         if plan.status != Status.SOLVED or plan.length == 0.0:
             return plan
         tree_s = clock() - began
-        path, straight = hermite_path(
-            problem.free.arrays, plan.path, self.tangent_scale, self.halvings, self.tolerance
-        )
+        path, straight = hermite_path(problem.free.arrays, plan.path, self.tolerance)
         counters = {**plan.counters, "straight_legs": straight}
         return replace(plan, path=path, counters=counters, timings={"tree_s": tree_s})
 
@@ -447,8 +396,6 @@ class RrtWoa(PlannerBase):
     """Number of whales."""
     iterations: int = setting(default=20, low=0, source=_P1)
     """Moves of the swarm."""
-    cycle: int = setting(default=20, low=1, source="design choice: as iterations")
-    """Moves after which the decreasing factors start again."""
 
     @property
     def swarm(self) -> SwarmPlanner:
@@ -459,7 +406,7 @@ class RrtWoa(PlannerBase):
             curve="pchip",
             population=self.population,
             iterations=self.iterations,
-            cycle=self.cycle,
+            cycle=20,
             first=self.tree,
             scatter="along",
         )

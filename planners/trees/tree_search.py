@@ -356,7 +356,7 @@ _INITIAL_NODES, _CAPACITY_FACTOR = 256, 4
 _FIRST_CHUNK, _MAX_CHUNK = 16, 4096
 # Target duration of a chunk: a share of the deadline, and at most so many seconds.
 _CHUNK_SHARE, _CHUNK_SECONDS = 0.02, 2e-3
-_NO_COST = SteeringCost(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+_NO_COST = SteeringCost(0.0, 0.0, 0.0)
 _NO_WHALES = WhaleParameters(1, 0, 0.0, 0.0, 0.0, 0.0)
 
 

@@ -75,8 +75,8 @@ def test_way_points_leave_discs_as_printed():
     start = SwarmPlanner(way_points=2, first="line", scatter="uniform").start(
         problem, None, np.random.default_rng(0)
     )
-    worth = OBJECTIVES.make({"name": "way_points", "faithful": True, "slack": 0.0}).path_cost
+    worth = OBJECTIVES.make({"name": "way_points", "faithful": True}).path_cost
     position, held = np.array([9.3, 4.4, 5.0, 5.0]), np.zeros(4, np.bool_)
-    assert push_out_of_discs(start.path_problem, worth, position, held) == 1
+    assert push_out_of_discs(start.path_problem, worth._replace(slack=0.0), position, held) == 1
     np.testing.assert_allclose(position, [9.6, 4.8, 5.0, 5.0])
     np.testing.assert_array_equal(held, [False, False, True, True])

@@ -18,7 +18,6 @@ from agents.control.rollout import (
     stops_clear,
 )
 from agents.policies import make_policy
-from planners import make_planner
 from tests.agents.fakes import PaperWorld, corridor
 from wheelchair_gym.compiled.kernel import record_of
 from wheelchair_gym.config import InputError
@@ -250,10 +249,6 @@ def test_settings_are_read_under_their_earlier_names():
     follower = make_follower({"name": "woa", "objective": {"wish": 0.3, "struck": 2.0}})
     assert follower.objective.desired_clearance == 0.3
     assert follower.objective.actor_weight == 2.0
-    for spec in ({"name": "lattice"}, {"name": "disc_then_lattice"}):
-        old = {"reverse_cost": 3.0}
-        planner = make_planner({**spec, **(old if spec["name"] == "lattice" else {"lattice": old})})
-        assert getattr(planner, "lattice", planner).reverse_factor == 3.0
 
 
 @pytest.mark.parametrize(
