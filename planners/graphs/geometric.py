@@ -22,6 +22,7 @@ from wheelchair_gym.config import setting, settings
 Array = NDArray[np.float64]
 
 CHUNK = 64  # turns between two readings of the clock
+MAX_TURNS = 200  # corners to go around at most: 20 are common on 50 m of clutter
 ENDS = (
     "",
     "more turns than allowed",
@@ -145,16 +146,11 @@ class Geometric(PlannerBase):
     halves. It is quick and short among few obstacles, may fail among many, and proves nothing.
     """
 
-    max_turns: int = setting(
-        default=200, low=0, source="design choice: 20 are common on 50 m of clutter"
-    )
-    """Largest number of corners to go around."""
-
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """A path, or why the method ends; the generator is not used."""
         space = problem.free
         obstacles = _obstacles(space)
-        most = self.max_turns
+        most = MAX_TURNS
         path, ahead, asked = np.empty((most + 2, 2)), np.empty((most + 1, 2)), np.empty((most, 4))
         path[0], ahead[0] = problem.start[:2], problem.goal[:2]
         counts, code = np.array([1, 1, 0, 0]), GOES_ON

@@ -27,6 +27,8 @@ Pairs = NDArray[np.int64]
 
 CHUNK = 20_000  # edges tested between two looks at the clock: some 10 ms
 START, GOAL = 0, 1  # the first two nodes
+# Connection radius, in multiples of the least that converges (Karaman and Frazzoli 2011: above 1).
+RADIUS_FACTOR = 1.1
 
 
 class Roadmap(NamedTuple):
@@ -137,8 +139,8 @@ def _free_samples(arrays: SpaceArrays, count: int, state: Stream) -> Array:
 class Prm(PlannerBase):
     """A roadmap over random points (Kavraki et al. 1996), joined within the radius of PRM*.
 
-    The radius gamma sqrt(log n / n) shrinks as n nodes fill the map; gamma is `radius_factor` times
-    the least value for which the paths converge to the shortest (Karaman and Frazzoli 2011). Where
+    The radius gamma sqrt(log n / n) shrinks as n nodes fill the map; gamma is 1.1 times the least
+    value for which the paths converge to the shortest (Karaman and Frazzoli 2011). Where
     the points do not join start and goal, there will be twice as many.
     """
 
@@ -148,10 +150,6 @@ class Prm(PlannerBase):
     """Largest number of samples."""
     initial_samples: int = setting(default=500, low=1, source="design choice")
     """Samples of the first roadmap."""
-    radius_factor: float = setting(
-        default=1.1, low=0.1, source="Karaman and Frazzoli 2011: above 1"
-    )
-    """Connection radius, in multiples of the least radius that converges."""
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Answer with the shortest way over the first roadmap that joins start and goal.
@@ -167,7 +165,7 @@ class Prm(PlannerBase):
             more = min(max(drawn, self.initial_samples), self.iterations - drawn)
             nodes = np.vstack([nodes, _free_samples(arrays, more, state)])
             drawn += more
-            radius = self.radius_factor * least * math.sqrt(math.log(len(nodes)) / len(nodes))
+            radius = RADIUS_FACTOR * least * math.sqrt(math.log(len(nodes)) / len(nodes))
             pairs = cKDTree(nodes).query_pairs(radius, output_type="ndarray").astype(np.int64)
             way = shortest(arrays, nodes, pairs, end)
             path, tested = way.path, tested + way.tested

@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 Pairs = NDArray[np.int64]
 
 MOST_SAMPLES = 200_000  # of the boundary: some seconds
+SPACING = 0.4  # m: distance of the boundary samples at first, half the width of a door
 
 
 def _boundary_samples(arrays: SpaceArrays, spacing: float) -> Array:
@@ -53,14 +54,6 @@ class Voronoi(PlannerBase):
     it is wide; where none is found, they lie twice as close.
     """
 
-    spacing: float = setting(
-        default=0.4,
-        unit="m",
-        low=0.005,
-        high=100.0,
-        source="design choice: half the width of a door",
-    )
-    """Distance of the boundary samples at first."""
     refinements: int = setting(default=4, low=0, high=8, source="design choice")
     """How often the spacing is halved where no path is found."""
 
@@ -71,7 +64,7 @@ class Voronoi(PlannerBase):
         path, tested, halvings, note = np.empty((0, 2)), 0, 0, "no way along the finest axis"
         count = 0
         for halvings in range(self.refinements + 1):
-            samples = _boundary_samples(arrays, self.spacing / 2**halvings)
+            samples = _boundary_samples(arrays, SPACING / 2**halvings)
             if len(samples) > MOST_SAMPLES:
                 note = f"the boundary has more than {MOST_SAMPLES:,} samples"
                 break

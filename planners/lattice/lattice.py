@@ -55,6 +55,19 @@ FLOOD_NOTE = "no way for the outline: a flood through its poses does not reach t
 LATTICE_NOTE = "no way at the resolution of the lattice"
 INITIAL_NODES = 4096  # initial capacity of a tree
 POSE_SPACING = 0.05  # m, and rad of a pivot times 2: between poses of the path
+MOVE_LENGTH = 0.2  # m: a fifth of the chair
+PIVOT_ANGLE = 0.2  # rad: as the turn of an arc
+CURVATURES = (0.8, 1.6)  # 1/m, to both sides: a wide turn, and one in a corridor of 1.2 m
+HEADINGS = 32  # cells of the heading: 11 deg is below the turn of every move
+CELL_SIZE = 0.10  # m, of a position: half a move
+CURVATURE_WEIGHT = 0.03  # s m: cost of a change of curvature, against oscillation
+# Factor of the heuristic: higher is faster and worse. It grows until there is a path. This and the
+# next two are tuned on training seeds.
+HEURISTIC_WEIGHT = 3.0
+STOP_RATIO = 0.8  # the first path is good enough when none can cost less than this share of it
+HEADING_WEIGHT = 0.5  # share of the time to turn to the path ahead that the heuristic counts
+GOAL_CONNECTION_DISTANCE = 1.5  # m, from which exact connections to the goal are tried
+LATERAL_MARGIN = 0.10  # m: extra radius of the disc that is tried first, because arcs cut corners
 
 
 class MapData(NamedTuple):
@@ -68,15 +81,13 @@ class MapData(NamedTuple):
 _MAP_DATA: WeakKeyDictionary[Space, dict[tuple[float, ...], MapData]] = WeakKeyDictionary()
 
 
-def prepare_map(
-    space: Space, footprint: Footprint, reach: float, desired_clearance: float
-) -> MapData:
+def prepare_map(space: Space, footprint: Footprint, desired_clearance: float) -> MapData:
     """The data of a map, computed once: nearby segments, distances, narrow passages."""
     radius = min(footprint.front, footprint.rear, footprint.half_width)
-    key = (*footprint.array, reach, desired_clearance)
+    key = (*footprint.array, desired_clearance)
     prepared = _MAP_DATA.setdefault(space, {})
     if key not in prepared:
-        near = nearby(space, footprint.reach + reach + desired_clearance)
+        near = nearby(space, footprint.reach + max(MOVE_LENGTH, PIECE) + desired_clearance)
         gaps = distance_field(space, radius + desired_clearance)
         places = narrow_places(near, gaps, footprint.half_width, footprint.half_width + NARROW)
         prepared[key] = MapData(near, gaps, places)
@@ -99,45 +110,10 @@ class Lattice(DrivingCost, PlannerBase):
 
     footprint: Footprint = Footprint()
     limits: Limits = Limits()
-    move_length: float = setting(
-        default=0.2, unit="m", low=0.02, high=1.0, source="design choice: a fifth of the chair"
-    )
-    """Length of a move."""
-    pivot_angle: float = setting(
-        default=0.2, unit="rad", low=0.02, high=1.5, source="design choice: as the turn of an arc"
-    )
-    """Angle of a pivot."""
-    curvatures: tuple[float, ...] = setting(
-        default=(0.8, 1.6),
-        unit="1/m",
-        low=0.0,
-        source="design choice: a wide turn, and one in a corridor of 1.2 m",
-    )
-    """Curvatures of the arcs, to both sides."""
-    headings: int = setting(default=32, low=8, high=360, source="design choice")
-    """Number of heading cells; 11 deg is below the turn of every move."""
-    cell_size: float = setting(
-        default=0.10, unit="m", low=0.02, source="design choice: half a move"
-    )
-    """Size of a position cell."""
     refinements: int = setting(default=1, low=0, high=4, source="design choice")
     """How often moves and cells are halved where no path is found soon."""
-    curvature_weight: float = setting(default=0.03, unit="s m", low=0.0, source="design choice")
-    """Cost of a change of curvature, against oscillation."""
-    heuristic_weight: float = setting(
-        default=3.0, low=1.0, high=10.0, source="tuned on training seeds"
-    )
-    """Factor of the heuristic: higher is faster and worse. It grows until there is a path."""
     improvement: int = setting(default=1000, low=0, source="tuned on training seeds")
     """Poses expanded after the first path, while the factor falls to 1, to find better paths."""
-    stop_ratio: float = setting(default=0.8, low=0.1, high=1.0, source="tuned on training seeds")
-    """The first path is good enough when no path can cost less than this share of it."""
-    heading_weight: float = setting(default=0.5, low=0.0, source="tuned on training seeds")
-    """Share of the time to turn to the path ahead that the heuristic counts."""
-    goal_connection_distance: float = setting(
-        default=1.5, unit="m", low=0.1, source="design choice"
-    )
-    """Distance from which exact connections to the goal are tried."""
     iterations: int = setting(default=100_000, low=0, source="design choice: 50 MB of memory")
     """Largest number of expanded poses."""
 
@@ -149,15 +125,15 @@ class Lattice(DrivingCost, PlannerBase):
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Search without random numbers; the counted iterations are expanded poses."""
         start, goal = start_and_goal(problem)
-        map_data = prepare_map(problem.space, self.footprint, self.reach, self.desired_clearance)
+        map_data = prepare_map(problem.space, self.footprint, self.desired_clearance)
         margin = max(MIN_GAP, problem.clearance - self.footprint.half_width)
-        motion = self.motion_cost(self.footprint, self.limits, margin, self.curvature_weight)
+        motion = self.motion_cost(self.footprint, self.limits, margin, CURVATURE_WEIGHT)
         status, motion = fit_ends(problem, self.footprint, map_data.near, motion)
         if status is not None:
             return Plan(status)
         begin = partial(self._begin, map_data, motion, start, goal)
         searches, left, status, note = [begin(0)], self.iterations, Status.EXHAUSTED, ""
-        level, most, weight, spacing = 0, FIRST_ROUND, self.heuristic_weight, FLOOD_SPACING
+        level, most, weight, spacing = 0, FIRST_ROUND, HEURISTIC_WEIGHT, FLOOD_SPACING
         if not start_estimate(searches[0].search) < math.inf:
             return Plan(Status.NO_PATH, note=DISC_NOTE)
         while status is Status.EXHAUSTED and left > 0 and clock() < end:
@@ -188,20 +164,15 @@ class Lattice(DrivingCost, PlannerBase):
             note=note,
         )
 
-    @property
-    def reach(self) -> float:
-        """Longest distance [m] that a move, or a piece of a longer stretch, covers."""
-        return max(self.move_length, PIECE)
-
     def moves(self, level: int) -> Sweeps:
         """All moves, halved `level` times."""
         part = 0.5**level
-        way, pivot = self.move_length * part, self.pivot_angle * part
-        turns = [0.0, *(sign * bend * way for bend in self.curvatures for sign in (1, -1))]
+        way, pivot = MOVE_LENGTH * part, PIVOT_ANGLE * part
+        turns = [0.0, *(sign * bend * way for bend in CURVATURES for sign in (1, -1))]
         ahead = [(way, turn) for turn in turns]
-        sharpest = turns[:1] + turns[-2:] if self.curvatures else turns
-        back = [(-way, turn) for turn in sharpest] if self.limits.backward > 0.0 else []
-        every = [*ahead, (0.0, pivot), (0.0, -pivot), *back]
+        every = [*ahead, (0.0, pivot), (0.0, -pivot)]
+        if self.limits.backward > 0.0:
+            every += [(-way, turn) for turn in turns[:1] + turns[-2:]]
         moves = sweeps(len(every))
         for m, (distance, angle) in enumerate(every):
             sweep(moves, m, distance, angle, self.footprint.array)
@@ -212,17 +183,15 @@ class Lattice(DrivingCost, PlannerBase):
     ) -> PoseSearch:
         """The search at a resolution, with the start alone."""
         near, part = map_data.near, 0.5**level
-        low, join = near.box[:2].copy(), self.goal_connection_distance
-        lines, seeds = make_lines(
-            near, motion, map_data.narrows, goal, self.move_length * part, join
-        )
+        low, join = near.box[:2].copy(), GOAL_CONNECTION_DISTANCE
+        lines, seeds = make_lines(near, motion, map_data.narrows, goal, MOVE_LENGTH * part, join)
         moves = self.moves(level)
         hull = np.concatenate([moves.box[:, :2].min(axis=0), moves.box[:, 2:].max(axis=0)])
-        cell, headings = self.cell_size * part, self.headings * 2**level
+        cell, headings = CELL_SIZE * part, HEADINGS * 2**level
         columns, rows = (int(n) + 1 for n in (near.box[2:] - low) / cell)
         grid = Grid(
-            low, cell, columns, headings, moves, hull, self.heuristic_weight, self.stop_ratio,
-            self.heading_weight / self.limits.turn,
+            low, cell, columns, headings, moves, hull, HEURISTIC_WEIGHT, STOP_RATIO,
+            HEADING_WEIGHT / self.limits.turn,
         )  # fmt: skip
         tree = _new_tree(start, rows * columns * headings, len(lines.poses))
         return PoseSearch(Search(
@@ -356,8 +325,6 @@ class DiscThenLattice(PlannerBase):
     """
 
     lattice: Lattice = Lattice()
-    lateral_margin: float = setting(default=0.10, unit="m", low=0.0, source="design choice")
-    """Extra radius of the disc, because arcs cut corners."""
 
     def trivial(self, problem: Problem) -> Plan | None:
         """Nothing: the planners that this one asks know trivial problems."""
@@ -368,7 +335,7 @@ class DiscThenLattice(PlannerBase):
         footprint = self.lattice.footprint
         margin = max(MIN_GAP, problem.clearance - footprint.half_width)
         wide = replace(
-            problem, clearance=max(problem.clearance, footprint.half_width) + self.lateral_margin
+            problem, clearance=max(problem.clearance, footprint.half_width) + LATERAL_MARGIN
         )
         disc = Visibility().plan(wide, rng, remaining(end))
         start = np.zeros(3)

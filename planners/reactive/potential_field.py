@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,55 +17,50 @@ Array = NDArray[np.float64]
 
 CHUNK = 1000  # steps between two looks at the clock: some 10 ms
 WALKING, ARRIVED, HELD = 0, 1, 2
-
-
-class Field(NamedTuple):
-    """A potential field, as kernels take it."""
-
-    x: float  # m: the goal
-    y: float  # m
-    strength: float  # m^3: of what repels
-    reach: float  # m: how far it does
-    step: float  # m
-    headings: int
+# Design choices:
+STEP = 0.1  # m: a tenth of the width of a door
+MIN_STEP = 1e-3  # m: the shortest that is tried before a local minimum is reported
+HEADINGS = 32  # tried at each step: 11 deg apart
+OBSTACLE_RANGE = 1.0  # m, from which on obstacles do not repel: the width of a door
+REPULSION = 0.05  # m^3: equals the attraction of the goal at 0.33 m
 
 
 @borrowing_kernel
-def potential(arrays: SpaceArrays, field: Field, x: float, y: float) -> float:
+def potential(arrays: SpaceArrays, goal_x: float, goal_y: float, x: float, y: float) -> float:
     """Potential [m] at a point: the distance to the goal, and more near what is solid.
 
     Repulsion as in Khatib 1986, (3.4), fading at the goal as in Ge and Cui 2000, so that the goal
     is the lowest point even beside a wall.
     """
-    left = math.hypot(field.x - x, field.y - y)
+    left = math.hypot(goal_x - x, goal_y - y)
     distance = clearance(arrays, x, y)
-    if distance >= field.reach or left == 0.0:
+    if distance >= OBSTACLE_RANGE or left == 0.0:
         return left
-    fading = min(1.0, left / field.reach) ** 2
-    return left + 0.5 * field.strength * fading * (1.0 / distance - 1.0 / field.reach) ** 2
+    fading = min(1.0, left / OBSTACLE_RANGE) ** 2
+    return left + 0.5 * REPULSION * fading * (1.0 / distance - 1.0 / OBSTACLE_RANGE) ** 2
 
 
 @borrowing_kernel
 def descend(
-    arrays: SpaceArrays, field: Field, path: Array, count: int, budget: int, least: float
+    arrays: SpaceArrays, goal_x: float, goal_y: float, path: Array, count: int, budget: int
 ) -> tuple[int, int]:
     """Take steps down from the last of `count` points of a path (n, 2) [m], up to `budget` points.
 
-    Where no heading leads down by a step of at least `least` [m], the walk is held. Returns how
+    Where no heading leads down by a step of at least `MIN_STEP`, the walk is held. Returns how
     many points there are, and WALKING, ARRIVED or HELD.
     """
     while count < budget:
         x, y = path[count - 1, 0], path[count - 1, 1]
-        near = math.hypot(field.x - x, field.y - y) <= field.step
-        if near and edge_free(arrays, x, y, field.x, field.y):
-            path[count, 0], path[count, 1] = field.x, field.y
+        near = math.hypot(goal_x - x, goal_y - y) <= STEP
+        if near and edge_free(arrays, x, y, goal_x, goal_y):
+            path[count, 0], path[count, 1] = goal_x, goal_y
             return count + 1, ARRIVED
-        lowest, step, found = potential(arrays, field, x, y), field.step, False
-        while step >= least and not found:
-            for k in range(field.headings):
-                angle = 2.0 * math.pi * k / field.headings
+        lowest, step, found = potential(arrays, goal_x, goal_y, x, y), STEP, False
+        while step >= MIN_STEP and not found:
+            for k in range(HEADINGS):
+                angle = 2.0 * math.pi * k / HEADINGS
                 to_x, to_y = x + step * math.cos(angle), y + step * math.sin(angle)
-                low = potential(arrays, field, to_x, to_y)
+                low = potential(arrays, goal_x, goal_y, to_x, to_y)
                 if low < lowest and edge_free(arrays, x, y, to_x, to_y):
                     lowest, found = low, True
                     path[count, 0], path[count, 1] = to_x, to_y
@@ -86,35 +80,16 @@ class PotentialField(PlannerBase):
 
     iterations: int = setting(default=20_000, low=1, source="design choice: 2 km")
     """Largest number of steps."""
-    step: float = setting(
-        default=0.1, unit="m", low=1e-3, source="design choice: a tenth of the width of a door"
-    )
-    """Length of a step."""
-    min_step: float = setting(
-        default=1e-3, unit="m", low=1e-9, source="design choice: far below the errors of a chair"
-    )
-    """Shortest step that is tried before a local minimum is reported."""
-    headings: int = setting(default=32, low=3, source="design choice: 11 deg")
-    """Headings tried at each step."""
-    obstacle_range: float = setting(
-        default=1.0, unit="m", low=1e-3, source="design choice: the width of a door"
-    )
-    """Distance from which on obstacles do not repel."""
-    repulsion: float = setting(
-        default=0.05, unit="m^3", low=0.0, source="design choice: equals the goal at 0.33 m"
-    )
-    """Weight of the repulsive potential."""
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Walk down to the goal, or until nothing leads down; the generator is not used."""
         x, y = (float(v) for v in problem.goal[:2])
-        field = Field(x, y, self.repulsion, self.obstacle_range, self.step, self.headings)
         walk = np.empty((self.iterations + 2, 2))
         walk[0] = problem.start[:2]
         count, how, status, note = 1, WALKING, Status.EXHAUSTED, "steps or time ran out"
         while how == WALKING and count <= self.iterations:
             budget = min(count + CHUNK, self.iterations + 1)
-            count, how = descend(problem.free.arrays, field, walk, count, budget, self.min_step)
+            count, how = descend(problem.free.arrays, x, y, walk, count, budget)
             if clock() >= end:
                 break
         if how == HELD:
