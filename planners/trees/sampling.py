@@ -35,6 +35,7 @@ GOAL_HIDDEN_COST = 10.0  # if an obstacle hides the goal
 class Growth(NamedTuple):
     """The options that make the search one of the tree planners; by default a plain RRT."""
 
+    iterations: int  # samples at most
     step: float  # m, longest edge towards a sample
     goal_reach: float  # m, a node this near to the goal is connected to it, if the edge is free
     max_nodes: int  # nodes of a tree

@@ -36,8 +36,6 @@ MIN_GAMMA = 2.0 * math.sqrt(1.5 / math.pi)
 class TreePlanner(PlannerBase):
     """A planner that is one tree search with the options `growth`."""
 
-    iterations: int
-
     @property
     @abstractmethod
     def growth(self) -> Growth:
@@ -45,7 +43,7 @@ class TreePlanner(PlannerBase):
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """The best path of all samples, or the first path, as the options say."""
-        return search(problem, rng, end, self.growth, self.iterations)
+        return search(problem, rng, end, self.growth)
 
 
 @settings
@@ -76,7 +74,9 @@ class Rrt(TreePlanner):
     @property
     def growth(self) -> Growth:
         """The options of the search."""
-        return Growth(self.step, self.goal_reach, self.nodes, goal_bias=self.goal_bias)
+        return Growth(
+            self.iterations, self.step, self.goal_reach, self.nodes, goal_bias=self.goal_bias
+        )
 
 
 @settings
@@ -99,6 +99,7 @@ class RrtConnect(CornerSampling, TreePlanner):
     def growth(self) -> Growth:
         """The options of the search."""
         return Growth(
+            self.iterations,
             self.step,
             math.inf,
             self.nodes,
@@ -150,6 +151,7 @@ class RrtStar(TreePlanner):
     def growth(self) -> Growth:
         """The options of the search."""
         return Growth(
+            self.iterations,
             self.step,
             self.goal_reach,
             self.nodes,
@@ -184,6 +186,7 @@ class InformedRrtStar(CornerSampling, TreePlanner):
     def growth(self) -> Growth:
         """The options of the search."""
         return Growth(
+            self.iterations,
             self.step,
             math.inf,
             self.nodes,
@@ -201,23 +204,8 @@ class InformedRrtStar(CornerSampling, TreePlanner):
         )
 
 
-class RrtStarVariant(PlannerBase):
-    """RRT* with other options of its search."""
-
-    tree: RrtStar
-
-    @property
-    @abstractmethod
-    def growth(self) -> Growth:
-        """The options of the search."""
-
-    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
-        """The best path of all samples, or the first path, as `tree` says."""
-        return search(problem, rng, end, self.growth, self.tree.iterations)
-
-
 @settings
-class RrtStarSmart(RrtStarVariant):
+class RrtStarSmart(TreePlanner):
     """RRT*-Smart (Nasir et al. 2013): path optimisation and intelligent sampling.
 
     Once there is a path, its vertices that see each other are joined, by the triangle inequality;
@@ -235,7 +223,7 @@ class RrtStarSmart(RrtStarVariant):
 
 
 @settings
-class RrtStarFn(RrtStarVariant):
+class RrtStarFn(TreePlanner):
     """RRT*FN (Adiyatov and Varol 2013): RRT* in a fixed number of nodes.
 
     A full tree replaces a random leaf other than the goal by each new node, so that memory is
@@ -252,7 +240,7 @@ class RrtStarFn(RrtStarVariant):
 
 
 @settings
-class RrtStarLimited(RrtStarVariant):
+class RrtStarLimited(TreePlanner):
     """Limited tree expansion (a thesis of 2024, section 3.2): RRT* between start and goal in x.
 
     Samples fall between the x of the start and of the goal, with any y; each blocked extension
@@ -306,8 +294,7 @@ class RrtStarWoaLocal(ShiftBounds, PlannerBase):
         """The first path, or the best of all samples, as `tree` says."""
         steering = SteeringCost(self.width_bound, self.height_bound, self.goal_weight)
         growth = self.tree.growth._replace(steer_by_swarm=True)
-        swarm = self.whales.parameters
-        return search(problem, rng, end, growth, self.tree.iterations, swarm, steering)
+        return search(problem, rng, end, growth, self.whales.parameters, steering)
 
 
 @settings

@@ -361,10 +361,7 @@ _NO_WHALES = WhaleParameters(1, 0, 0.0, 0.0, 0.0, 0.0)
 
 
 def new_search(
-    problem: Problem,
-    growth: Growth,
-    swarm: WhaleParameters = _NO_WHALES,
-    steering: SteeringCost = _NO_COST,
+    problem: Problem, growth: Growth, swarm: WhaleParameters, steering: SteeringCost
 ) -> TreeSearch:
     """A search with small empty trees, which are enlarged when needed."""
     arrays = problem.free.arrays
@@ -396,12 +393,12 @@ def with_capacity(trees: TreeSearch, capacity: int) -> TreeSearch:
     )
 
 
-def grow_until(trees: TreeSearch, iterations: int, end: float, state: Stream) -> TreeSearch:
-    """The search after so many iterations, or at the time `end` [s], or when it is done.
+def grow_until(trees: TreeSearch, end: float, state: Stream) -> TreeSearch:
+    """The search after all iterations, or at the time `end` [s], or when it is done.
 
     At least one chunk of iterations runs.
     """
-    run = trees.workspace.run
+    run, iterations = trees.workspace.run, trees.growth.iterations
     chunk, before = iterations if end == math.inf else _FIRST_CHUNK, clock()
     aim = min(_CHUNK_SHARE * max(end - before, 0.0), _CHUNK_SECONDS)
     while True:
@@ -450,10 +447,9 @@ def search(
     rng: np.random.Generator,
     end: float,
     growth: Growth,
-    iterations: int,
     swarm: WhaleParameters = _NO_WHALES,
     steering: SteeringCost = _NO_COST,
 ) -> Plan:
-    """The plan found in so many iterations, or at the time `end` [s]."""
+    """The plan found in all iterations of the options, or at the time `end` [s]."""
     trees = new_search(problem, growth, swarm, steering)
-    return to_plan(grow_until(trees, iterations, end, stream(rng)))
+    return to_plan(grow_until(trees, end, stream(rng)))
