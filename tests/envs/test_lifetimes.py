@@ -5,17 +5,18 @@ from __future__ import annotations
 import gc
 import subprocess
 import sys
-from pathlib import Path
+import weakref
 
 import numpy as np
 import pytest
 
+from tests.conftest import ROOT
 from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
 from wheelchair_gym.maps import Geodesic
+from wheelchair_gym.task.custom_reward import compiled_rewards
 from wheelchair_gym.task.prepared_episode import PreparedEpisode
 from wheelchair_gym.types import Episode
 
-ROOT = Path(__file__).resolve().parents[2]
 QUICK = {"scene": "clutter", "beams": 8}
 ROWS = 8
 
@@ -39,7 +40,7 @@ def test_a_row_that_falls_behind_does_not_keep_all_later_worlds():
     env.reset(seed=0)
     for _ in range(3):
         end_episodes(env, 50)
-        assert len(env.worlds) <= size + ROWS
+        assert len(env.worlds) <= size + 1
         # Beside the bank, each row may hold the world that it drives in and the next one.
         assert (count_worlds() - before <= size + 3 * ROWS).all()
 
@@ -71,6 +72,27 @@ def test_an_environment_that_is_gone_leaves_nothing():
     NavigationEnv(**QUICK).reset(seed=0)
     NavigationVectorEnv(ROWS, bank=4, **QUICK).reset(seed=0)
     assert (count_worlds() <= before).all()
+
+
+def test_own_rewards_do_not_keep_the_environments_of_the_past():
+    class Held:
+        pass
+
+    held = Held()
+    first = weakref.ref(held)
+
+    def make_reward(number, held):
+        def reward(terms, sensed, action):
+            return number
+
+        reward.held = held
+        return reward
+
+    for number in range(10):
+        compiled_rewards(make_reward(float(number), held))
+        held = Held()
+    gc.collect()
+    assert first() is None
 
 
 PROGRAM = """

@@ -343,7 +343,7 @@ def test_a_million_steps_in_all_are_those_of_single_envs(mode, threads):
     singles = [NavigationEnv(**settings) for _ in range(n)]
     for env in singles:
         env.worlds = batch.worlds  # made once; each env draws its own
-        env.worlds.drop_before = lambda *arguments: None
+        env.worlds.drop_before = lambda episode: None
     rng = np.random.default_rng(seed)
     observations, _ = batch.reset(seed=seed)
     for i, env in enumerate(singles):

@@ -6,6 +6,7 @@ import contextlib
 import sys
 import time
 from collections.abc import Callable, Iterator
+from types import CodeType
 from typing import Any
 
 _LOG_PAUSE = 10.0  # s of compiling between two lines where they are kept, as in a log
@@ -24,7 +25,7 @@ class CompileProgress:
 
     def __init__(self) -> None:
         self.listener: Callable[[str], object] | None = None
-        self._compiled: set[Callable[..., Any]] = set()
+        self._compiled: set[CodeType] = set()
         self._depth = 0  # kernels at work, one on behalf of another
         self._begun = 0.0  # s: start of the outermost one
         self._spent = 0.0  # s compiled before it
@@ -37,7 +38,7 @@ class CompileProgress:
         if not self._depth:
             self._begun = now
         self._depth += 1
-        self._compiled.add(function)
+        self._compiled.add(function.__code__)
         line = f"compiling kernel {len(self._compiled)}, once on this machine"
         spent = self._spent + now - self._begun
         place = f"{function.__module__.rpartition('.')[2]}.{function.__name__}"

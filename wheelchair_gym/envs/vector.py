@@ -401,7 +401,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
             self.chairs.episodes[i] = None if prepared is None else prepared.episode
             self._counts[i] += 1
             self._draw(i)
-        self.worlds.drop_before(int(self._counts.min()), self.num_envs)
+        self.worlds.drop_before(int(self._counts.min()))
 
     def close_extras(self, **kwargs: Any) -> None:
         """Let the threads go."""

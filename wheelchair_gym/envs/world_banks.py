@@ -27,6 +27,7 @@ from wheelchair_gym.task.task import Task
 from wheelchair_gym.types import Episode
 
 _BANK = 0x62616E6B  # apart from the worlds of single seeds, on which policies are tested
+_SLACK = 1 / 32  # share of a bank that is kept beyond its size, for rows that fall behind
 
 
 class WorldBank:
@@ -96,18 +97,18 @@ class WorldBank:
         """Which world of its window the episode with a key draws."""
         return int(bits(np.uint64(key), 0, WORLDS, 0)) % self._bank.size
 
-    def drop_before(self, episode: int, rows: int = 1) -> None:
+    def drop_before(self, episode: int) -> None:
         """Drop worlds that no episode from this one on can draw, and limit the number of others.
 
-        Rows that fall behind still draw old worlds, so the worlds between the slowest and the
-        fastest row would become more and more. Beyond the bank's size and one per row, the least
-        recently drawn worlds are dropped; they are made again when they are drawn again.
+        Rows that fall behind still draw old worlds, so the number of worlds between the slowest
+        and the fastest row would grow without end. Beyond the bank's size and `_SLACK` of it, the
+        least recently drawn worlds are dropped; they are made again when they are drawn again.
         """
         begin = self._begin(episode)
         for number in range(self._lowest, begin):
             self._made.pop(number, None)
         self._lowest = begin
-        while len(self._made) > self._bank.size + rows:
+        while len(self._made) > self._bank.size + math.ceil(_SLACK * self._bank.size):
             del self._made[next(iter(self._made))]
 
     def prepare(self, episode: Episode) -> PreparedEpisode:
