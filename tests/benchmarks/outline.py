@@ -34,7 +34,7 @@ LONGEST = 5.0  # s: for a first path
 LATTICE = make_planner("lattice")
 SAME_COST = {name: getattr(LATTICE, name) for name in ("obstacle_weight", "pivot_speed_ratio")}
 ENDLESS = {"iterations": 10_000_000, "improvement": 10_000_000, **SAME_COST}
-OMPL = "agents.peers.ompl_footprint:OmplFootprint"
+OMPL = "tests.benchmarks.ompl_footprint:OmplFootprint"
 ENTRANTS = {
     "lattice": {"name": "lattice", "improvement": 10_000_000},
     "se2_rrt_star_woa": {"name": "se2_rrt_star_woa", **ENDLESS},
