@@ -43,7 +43,6 @@ FIELDS: Final[Fields] = {
     },
     "stick": {
         "forward": _DEFLECTION, "left": _DEFLECTION, "by": OneOf(("keyboard", "gamepad", "touch")),
-        "n": Number(0, 2**53, whole=True),
     },
     "press": {},
     "device": {"name": OneOf(("stick", "switch")), "scan_period": Number(0.1, 10.0)},
@@ -73,7 +72,7 @@ class DriveSession(PageSession):
     ) -> None:
         self._places, self._folder, self._ready = places, folder, ready
         # Deflections, what moves the stick, and when they came [s].
-        self._stick, self._number = (0.0, 0.0, "", -1.0), 0
+        self._stick = 0.0, 0.0, "", -1.0
         self._drive: Drive | None = None
         self._recorded: Path | None = None
         self._paused, self._scan_period = False, 0.0
@@ -83,7 +82,6 @@ class DriveSession(PageSession):
         """See `PageSession.receive`; only the latest deflection counts."""
         if message["type"] == "stick":
             self._stick = message["forward"], message["left"], message["by"], time.monotonic()
-            self._number = message["n"]
             return
         super().receive(message)
 
@@ -115,7 +113,6 @@ class DriveSession(PageSession):
         forward, left, by, at = self._stick
         if time.monotonic() - at > DEAD_MAN:
             forward, left, by = 0.0, 0.0, ""
-        number = self._number
         try:
             drive.step(forward, left, by)
         except Exception as error:  # an assistant of somebody's, a full disk: the chair stops
@@ -123,8 +120,7 @@ class DriveSession(PageSession):
             self._out.send("error", text=f"the drive ended: {type(error).__name__}: {error}")
             self._end()
             return
-        head, ranges = drive.picture()
-        self._out.show({**head, "n": number}, ranges)
+        self._out.show(*drive.picture())
         if drive.over:
             self._end()
 
@@ -133,9 +129,9 @@ class DriveSession(PageSession):
         place = self._places.get(message["place"])
         if place is None:
             raise InputError(f"start.place is {message['place']!r}; expected one of the list")
-        _check_choice("start.assist", message["assist"], (*ASSISTANTS,))
-        _check_choice("start.hand", message["hand"], (NO_HAND, *IMPAIRMENTS))
-        _check_choice("start.sight", message["sight"], (NO_SIGHT, *SIGHTS))
+        OneOf((*ASSISTANTS,)).check(message["assist"], "start.assist")
+        OneOf((NO_HAND, *IMPAIRMENTS)).check(message["hand"], "start.hand")
+        OneOf((NO_SIGHT, *SIGHTS)).check(message["sight"], "start.sight")
         self._end()
         order = Order(
             message["place"], place, message["seed"], message["assist"], message["hand"],
@@ -155,8 +151,7 @@ class DriveSession(PageSession):
         self._paused = False
         self._stick = (0.0, 0.0, "", -1.0)
         self._out.send("world", **drive.world())
-        head, ranges = drive.picture()
-        self._out.show({**head, "n": self._number}, ranges)
+        self._out.show(*drive.picture())
 
     def _make(self, order: Order) -> Drive:
         return Drive(order, self._folder, self._scan_period)
@@ -175,7 +170,7 @@ class DriveSession(PageSession):
     def on_assist(self, message: Message) -> None:
         """Take another assistant."""
         name = message["name"]
-        _check_choice("assist.name", name, (*ASSISTANTS,))
+        OneOf((*ASSISTANTS,)).check(name, "assist.name")
         drive = self._drive
         if drive is None or drive.over:
             return
@@ -190,13 +185,13 @@ class DriveSession(PageSession):
 
     def on_hand(self, message: Message) -> None:
         """Take another hand."""
-        _check_choice("hand.name", message["name"], (NO_HAND, *IMPAIRMENTS))
+        OneOf((NO_HAND, *IMPAIRMENTS)).check(message["name"], "hand.name")
         if self._drive is not None:
             self._drive.set_hand(message["name"])
 
     def on_sight(self, message: Message) -> None:
         """Take another sight."""
-        _check_choice("sight.name", message["name"], (NO_SIGHT, *SIGHTS))
+        OneOf((NO_SIGHT, *SIGHTS)).check(message["name"], "sight.name")
         if self._drive is not None:
             self._drive.set_sight(message["name"])
 
@@ -243,7 +238,3 @@ class DriveSession(PageSession):
 
     def _after(self, drive: Drive) -> None:
         """A drive of at least one step has ended."""
-
-
-def _check_choice(where: str, name: str, known: tuple[str, ...]) -> None:
-    OneOf(known).check(name, where)

@@ -53,9 +53,6 @@ export class DrivePage {
     this.view = new View(this.on.map);
     this.view.onresize = () => this.draw();
     this.sent = [0, 0];
-    this.number = 0;
-    this.times = new Map(); // when each deflection was sent
-    this.latencies = []; // ms from a deflection to its picture
     this.trail = [];
     this.running = false;
     this.inputs = new Inputs(this.on.stick, () => this.steer());
@@ -245,16 +242,11 @@ export class DrivePage {
     const speed = Number(this.on.speed.value), { by, at } = this.inputs.deflection(), [forward, left] = at.map(one => one * speed);
     const moved = forward !== this.sent[0] || left !== this.sent[1];
     if (!moved && !forward && !left) return;
-    if (moved) {
-      this.number += 1;
-      this.times.set(this.number, performance.now());
-      if (this.times.size > 100) this.times.delete(this.times.keys().next().value);
-    }
     const now = performance.now();
     if (!moved && now - this.sentAt < PERIOD - 5) return;
     this.sent = [forward, left];
     this.sentAt = now;
-    this.link.send("stick", { forward, left, by, n: this.number });
+    this.link.send("stick", { forward, left, by });
   }
 
   take(head, ranges) {
@@ -271,13 +263,6 @@ export class DrivePage {
     this.on.r_shield.textContent = text(shield);
     this.on.scan.querySelectorAll("li").forEach(one => one.classList.toggle("lit", one.dataset.t === head.lit));
     this.status();
-    const sent = this.times.get(head.n);
-    if (sent !== undefined) {
-      this.times.delete(head.n);
-      this.latencies.push(performance.now() - sent);
-      if (this.latencies.length > 500) this.latencies.shift();
-    }
-    this.pictures = (this.pictures ?? 0) + 1;
   }
 
   /** Keep the chair in view; with reduced motion the picture stays until the chair nears its edge. */

@@ -67,8 +67,8 @@ def test_a_recording_is_shown_as_it_was_driven(served):
     with served.socket() as socket:
         send(socket, "start", **START | {"assist": "slide"})
         messages(socket, "world")
-        for n in range(12):
-            send(socket, "stick", forward=0.7, left=0.3, by="touch", n=n)
+        for _ in range(12):
+            send(socket, "stick", forward=0.7, left=0.3, by="touch")
             messages(socket, "picture")
         send(socket, "stop")
         ended = messages(socket, "ended")

@@ -125,8 +125,8 @@ def cut_off(socket):
 
 def test_broken_messages_are_answered_and_then_cut_off(served):
     broken = ["", "{", "[]", "1", '{"type": 3}', '{"type": "fly"}', '{"type": "stick"}',
-              json.dumps({"type": "stick", "forward": 2, "left": 0, "by": "touch", "n": 0}),
-              '{"type": "stick", "forward": NaN, "left": 0, "by": "touch", "n": 0}',
+              json.dumps({"type": "stick", "forward": 2, "left": 0, "by": "touch"}),
+              '{"type": "stick", "forward": NaN, "left": 0, "by": "touch"}',
               "x" * 5000]  # fmt: skip
     with served.socket() as socket:
         for text in broken:
@@ -144,8 +144,8 @@ def test_broken_messages_are_answered_and_then_cut_off(served):
 def test_a_flood_is_cut_off_and_others_are_served(served):
     with served.socket() as flooding, served.socket() as other:
         with contextlib.suppress(ConnectionClosed):
-            for k in range(3000):
-                send(flooding, "stick", forward=0.0, left=0.0, by="touch", n=k)
+            for _ in range(3000):
+                send(flooding, "stick", forward=0.0, left=0.0, by="touch")
         cut_off(flooding)
         send(other, "start", **{**START, "place": "nowhere"})
         assert "nowhere" in messages(other, "error")["text"]
@@ -163,7 +163,7 @@ def test_too_many_requests_are_refused_for_a_moment(served):
 @pytest.mark.parametrize("kind", FIELDS)
 def test_a_message_has_exactly_its_fields(kind):
     good = {"place": "map", "seed": 1, "assist": "slide", "hand": "none", "sight": "none",
-            "rate": 20, "on": True, "forward": 0.5, "left": -1, "by": "keyboard", "n": 3,
+            "rate": 20, "on": True, "forward": 0.5, "left": -1, "by": "keyboard",
             "name": "stick", "scan_period": 1.0}  # fmt: skip
     message = {"type": kind, **{name: good[name] for name in FIELDS[kind]}}
     assert read_message(json.dumps(message), FIELDS) == message
@@ -181,11 +181,11 @@ def test_a_taken_port_is_named(served):
         listening_socket("127.0.0.1", served.port)
 
 
-def drive_for(socket, seconds, forward=1.0, left=0.0, number=1):
+def drive_for(socket, seconds, forward=1.0, left=0.0):
     """Hold a stick for so long, in simulated time; the head of the last picture."""
     first = picture = messages(socket, "picture")
     while picture["t"] < first["t"] + seconds - 1e-6:
-        send(socket, "stick", forward=forward, left=left, by="touch", n=number)
+        send(socket, "stick", forward=forward, left=left, by="touch")
         picture = messages(socket, "picture")
     return picture
 

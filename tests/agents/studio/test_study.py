@@ -222,14 +222,14 @@ def test_a_page_that_is_closed_in_a_drive_leaves_the_step_open(opened):
         send(socket, "device", name="touch", scan_period=1.0)
         send(socket, "begin")
         messages(socket, "world")
-        for n in range(5):  # another device than that of the drive
-            send(socket, "stick", forward=1.0, left=0.0, by="keyboard", n=n)
+        for _ in range(5):  # another device than that of the drive
+            send(socket, "stick", forward=1.0, left=0.0, by="keyboard")
         for name in ("keyboard", "switch", "touch"):
             send(socket, "device", name=name, scan_period=1.0)
             assert "expected touch until this drive has ended" in messages(socket, "error")["text"]
         assert messages(socket, "picture")["waits"]
-        for n in range(20):
-            send(socket, "stick", forward=1.0, left=0.0, by="touch", n=n)
+        for _ in range(20):
+            send(socket, "stick", forward=1.0, left=0.0, by="touch")
             picture = messages(socket, "picture")
         assert picture["twist"][0] > 0.1
     with served.socket("study") as socket:
