@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import wrap
 from wheelchair_gym.localization.likelihood_field import (
     LikelihoodField,
@@ -26,35 +25,13 @@ Array = NDArray[np.float64]
 _BEAMS, _FEW = 180, 20  # of a scan, evenly: for the fit, and to preselect poses nearby
 _LENIENT = 3.0  # factor of sigma while preselecting: a better pose may lie between two
 _CLIMBED = 12  # preselected poses from which hill climbing starts
-
-
-@settings
-class StartCheck:
-    """Conditions for accepting a start that a person gives."""
-
-    least: float = setting(
-        default=0.45,
-        low=0.0,
-        high=1.0,
-        source="measured in simulation: 0.56 and more at true starts, median 0.12 at those far off",
-    )
-    """Least fit of the scan, from 0 to 1, at which a start is accepted."""
-    better: float = setting(default=0.15, low=0.0, high=1.0, source="design choice")
-    """The start is wrong if a place nearby fits better by this much."""
-    echoes: float = setting(default=0.05, low=0.0, high=1.0, source="design choice")
-    """Least share of beams with an echo; with fewer, the scan does not allow a check."""
-    position: float = setting(default=0.4, unit="m", low=0.0, source="design choice")
-    """Error of the start's position that localization corrects."""
-    heading: float = setting(
-        default=math.radians(12.0), unit="rad", low=0.0, high=math.pi, source="design choice"
-    )
-    """Error of the start's heading that localization corrects."""
-    around: float = setting(default=2.0, unit="m", low=0.0, source="design choice")
-    """Distance from the start within which a better place is searched."""
-    step: float = setting(default=0.25, unit="m", low=0.05, source="design choice")
-    """Distance between the places that are compared."""
-    turn: float = setting(default=math.radians(15.0), unit="rad", low=0.05, source="design choice")
-    """Angle between the headings that are compared."""
+LEAST = 0.45  # fit of the scan at an accepted start: measured in simulation 0.56 and more at true
+# starts, median 0.12 at those far off
+BETTER = 0.15  # the start is wrong if a place nearby fits better by this much
+ECHOES = 0.05  # least share of beams with an echo; with fewer, the scan does not allow a check
+POSITION, HEADING = 0.4, math.radians(12.0)  # m, rad: errors that localization corrects
+AROUND, STEP = 2.0, 0.25  # m: how far from the start places are compared, and how far apart
+TURN = math.radians(15.0)  # between the headings that are compared
 
 
 class StartFit(NamedTuple):
@@ -69,15 +46,14 @@ class StartFit(NamedTuple):
 
 
 def start_fit(
-    grid: OccupancyGrid, start: Array, laser: LaserSettings, ranges: NDArray[np.float32],
-    config: StartCheck | None = None,
-) -> StartFit:  # fmt: skip
+    grid: OccupancyGrid, start: Array, laser: LaserSettings, ranges: NDArray[np.float32]
+) -> StartFit:
     """How well a scan (beams,) [m] fits a map at a start (3,) [m, m, rad], and around it."""
-    config, model = config or StartCheck(), LocalizationSettings()
+    model = LocalizationSettings()
     scan = read_scan(laser, ranges, 0.0)
     share = len(scan.echoes) / laser.beams
-    if share < config.echoes:
-        least = f"{config.echoes:.0%} or more"
+    if share < ECHOES:
+        least = f"{ECHOES:.0%} or more"
         wrong = f"{share:.0%} of the laser's beams have an echo; expected {least}"
         return StartFit(share, 0.0, start, 0.0, start, wrong)
     field = make_likelihood_field(grid, model.sigma, model.outlier_share)
@@ -89,7 +65,7 @@ def start_fit(
 
     def near_start(pose: Array) -> bool:
         distance = math.hypot(pose[0] - start[0], pose[1] - start[1])
-        return distance <= config.position and abs(wrap(pose[2] - start[2])) <= config.heading
+        return distance <= POSITION and abs(wrap(pose[2] - start[2])) <= HEADING
 
     fit, pose = climbed(start)
     if not near_start(pose):
@@ -97,16 +73,16 @@ def start_fit(
         fit = math.exp(log_likelihood(field, x, y, yaw, ends))
         pose = start
     better, elsewhere = 0.0, start
-    for place in _preselected(grid, field, start, _some(scan, _FEW), config):
+    for place in _preselected(grid, field, start, _some(scan, _FEW)):
         other, end = climbed(place)
         if other > better and not near_start(end):
             better, elsewhere = other, end
     wrong = ""
-    if better > fit + config.better:
+    if better > fit + BETTER:
         x, y, yaw = elsewhere
         wrong = f"it fits {better:.2f} at {x:.2f},{y:.2f},{yaw:.2f}"
-    elif fit < config.least:
-        wrong = f"expected {config.least:g} or more"
+    elif fit < LEAST:
+        wrong = f"expected {LEAST:g} or more"
     return StartFit(share, fit, pose, better, elsewhere, wrong)
 
 
@@ -118,17 +94,17 @@ def _some(scan: Scan, most: int) -> Array:
 
 
 def _preselected(
-    grid: OccupancyGrid, field: LikelihoodField, start: Array, few: Array, config: StartCheck
+    grid: OccupancyGrid, field: LikelihoodField, start: Array, few: Array
 ) -> list[Array]:
     """The best fitting of the poses (3,) on a lattice around a start that are in free space."""
-    offsets = np.arange(-config.around, config.around + 0.5 * config.step, config.step)
+    offsets = np.arange(-AROUND, AROUND + 0.5 * STEP, STEP)
     across, along = np.meshgrid(start[0] + offsets, start[1] + offsets)
     places = np.column_stack([across.ravel(), along.ravel()])
     cells = grid.to_cell(places)
     inside = ((cells >= 0) & (cells < grid.shape)).all(axis=1)
     free = np.zeros(len(cells), np.bool_)
     free[inside] = grid.cells[tuple(cells[inside].T)] != OCCUPIED
-    headings = start[2] + np.arange(0.0, 2.0 * math.pi - 1e-9, config.turn)
+    headings = start[2] + np.arange(0.0, 2.0 * math.pi - 1e-9, TURN)
     places = places[free]
     poses = np.column_stack([places.repeat(len(headings), axis=0), np.tile(headings, len(places))])
     lenient = field._replace(sigma=_LENIENT * field.sigma)

@@ -6,13 +6,10 @@ import contextlib
 import dataclasses
 import gc
 import os
-import statistics
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from time import perf_counter, process_time
 from typing import Any
-
-import numpy as np
 
 from agents import is_interrupt, read_data
 from agents.benchmarks.cases import (
@@ -52,15 +49,11 @@ from agents.evaluation.runs import (
     source_digest,
     stopped_by_ctrl_c,
 )
-from agents.peers import PEERS
-from planners import Plan, make_planner
-from planners.swarm.planner import SwarmPlanner
+from planners import Plan
 from wheelchair_gym.config import InputError, read_json
 
 FORMAT = "wheelchair bench planners 1"  # of a results file
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-SWARM = SwarmPlanner(optimizer="woa", population=10, way_points=20)  # whose time is measured
-ITERATIONS, REPEATS = 100, 5
 TERMS = [
     term.format(UNLIMITED=UNLIMITED, LATE_FACTOR=LATE_FACTOR)
     for term in read_data("planner_benchmark.yaml")["terms"]
@@ -178,7 +171,7 @@ class PlannerBenchmark:
         self.file, self.store = Path(file), Path(file).with_suffix(".jsonl")
         if resume:
             check_result(file)
-        self.peers, self.deadlines = list(peers), sorted(deadlines)
+        self.deadlines = sorted(deadlines)
         if scenes:
             self.cases = [scene_case(scene) for scene in scenes]
         else:
@@ -200,7 +193,6 @@ class PlannerBenchmark:
                     for budget in [*cold, FREE, *(self.deadlines if entrant.timed else ())]:
                         key = run_key(*parts, case.digest, seed, budget)
                         self.jobs[key] = entrant, case, seed, budget
-        self._iterations: list[dict[str, Any]] = []
         self._settings = {
             "problems": str(problems) if problems else f"scenes, seed {SEED}, margin {MARGIN} m",
             "seeds": list(seeds),
@@ -225,8 +217,6 @@ class PlannerBenchmark:
             with stopped_by_ctrl_c(
                 lambda: f"{len(self.records)} of {len(self.jobs)} runs are kept"
             ):
-                if any(isinstance(entrant.config, SwarmPlanner) for entrant in self.entrants):
-                    self._iterations = iteration_rows(self.cases, self.peers)
                 compute(self.jobs, self._work, self.store, progress=progress)
         finally:
             write_json(self.file, self.result())
@@ -271,63 +261,9 @@ class PlannerBenchmark:
                 deadline_key(deadline): [row["planner"] for row in ranking(rows, deadline)]
                 for deadline in self.deadlines
             },
-            "iterations": self._iterations,
             "records": [{"key": key, **record} for key, record in self.records.items()],
         }
 
     def text(self, of: Callable[..., str] = terminal) -> str:
         """The figures for a terminal, or as `markdown` writes them."""
-        text = of(self.rows(), self.deadlines)
-        if self._iterations:
-            first = self._iterations[0]
-            text += (
-                f"\nOne iteration, population {first['population']}, {first['way_points']} way "
-                f"points, {first['problem']}: "
-                + ", ".join(f"{row['swarm']} {row['us']:.0f} us" for row in self._iterations)
-                + "\n"
-            )
-        return text
-
-
-def _microseconds(run: Callable[[int], object]) -> float:
-    """CPU time of one iteration: a long run less a run of a single iteration."""
-    run(2)
-    times = []
-    for _ in range(REPEATS):
-        spent = []
-        for count in (1, ITERATIONS + 1):
-            begun = process_time()
-            run(count)
-            spent.append(process_time() - begun)
-        times.append(1e6 * (spent[1] - spent[0]) / ITERATIONS)
-    return statistics.median(times)
-
-
-def iteration_rows(cases: Sequence[Case], peers: Sequence[str]) -> list[dict[str, Any]]:
-    """Microseconds of an iteration of our whales and of each peer's swarm, with one objective.
-
-    On the first path with a corner; objective `length_free` (thesis, section 2.8), median of
-    `REPEATS`. Ours skips tests of edges that cannot change the result; the others call the same
-    compiled cost.
-    """
-    for case in cases:
-        problem = case.problem
-        first = make_planner(SWARM.first).plan(problem, np.random.default_rng(0))
-        if len(first.path) > 2:
-            break
-    else:
-        return []
-    start = SWARM.start(problem, first.path, np.random.default_rng(0))
-
-    def run(planner: SwarmPlanner) -> Callable[[int], object]:
-        return lambda count: dataclasses.replace(planner, iterations=count, cycle=count).search(
-            start, np.random.default_rng(0)
-        )
-
-    swarms = {name: PEERS[name].settings for name in peers}
-    runs = {"whales (ours)": run(SWARM)} | {
-        name: run(swarm) for name, swarm in swarms.items() if isinstance(swarm, SwarmPlanner)
-    }
-    way_points = len(start.path_problem.anchors)
-    facts = {"problem": case.name, "population": SWARM.population, "way_points": way_points}
-    return [{"swarm": name, "us": _microseconds(one), **facts} for name, one in runs.items()]
+        return of(self.rows(), self.deadlines)

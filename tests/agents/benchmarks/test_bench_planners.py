@@ -24,7 +24,7 @@ from wheelchair_gym.config import dump
 HALL = {"name": "hall", "size": 5, "rects": [[2, 1.5, 3, 2.5]], "start": [1, 2], "goal": [4, 2]}
 OPEN = {"name": "open", "size": 5, "rects": [], "start": [1, 2], "goal": [4, 2]}
 KEYS = {
-    "format", "command", "provenance", "problems", "rows", "anytime", "iterations", "records",
+    "format", "command", "provenance", "problems", "rows", "anytime", "records",
 }  # fmt: skip
 ROW = {
     "planner", "problem", "runs", "paths", "invalid", "crashed", "success", "success_low",
@@ -127,15 +127,6 @@ def test_results_say_all_and_resume_computes_nothing_twice(problems, ghost, tmp_
     assert {row["planner"] for row in less["rows"]} == {"rrt_connect", "visibility"}
     bench("--problems", problems, "--resume", out / "planners.json", out=tmp_path / "no")
     assert json.loads((out / "planners.json").read_text())["records"] == result["records"]
-
-
-@pytest.mark.parametrize("planner", ["swarm", "rrt_star"])
-def test_an_iteration_of_swarms_is_timed_where_a_swarm_takes_part(problems, tmp_path, planner):
-    benchmark = planner_benchmark.PlannerBenchmark(
-        [planner], [], problems, ["hall"], [], [0.05], tmp_path / "p.json"
-    )
-    benchmark.run(progress=False)
-    assert ("One iteration" in benchmark.text()) == (planner == "swarm")
 
 
 def test_ctrl_c_keeps_what_is_done(problems, ghost, tmp_path, capsys, monkeypatch):
