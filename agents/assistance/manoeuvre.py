@@ -21,7 +21,7 @@ from agents.assistance.targets import find_doors, find_front
 from planners.collision.space import Space
 from planners.lattice.lattice import Lattice
 from planners.problem import Problem, Status
-from wheelchair_gym.config import setting, settings
+from wheelchair_gym.config import settings
 from wheelchair_gym.geometry import compose, relative_pose, wrap
 from wheelchair_gym.kinematics import arc_step
 
@@ -31,40 +31,27 @@ SQUARE = 0.01  # m: half the side of the square that stands for a point of an ob
 AROUND = 4.5  # m: half the side of the ground on which it plans
 BEYOND = 1.0  # m behind a door where its manoeuvre ends
 NEAR_END = 0.04  # m from the end where a manoeuvre is over
-_CHOICE = "design choice"
+REACH = 2.5  # m: from which on a door counts
+WIDEST = 1.25  # m: through wider doors people drive without help
+ANGLE = 0.4  # rad: largest angle between the stick's direction and that of a door
+DOCK_REACH = 1.0  # m from the chair's front, within which a thing ahead counts
+DOCK_ANGLE = 0.3  # rad: largest angle between the chair and the way straight up to a thing
+DOCK_STICK = 0.65  # deflection that asks to drive up to a thing, at most: more only drives on
+DOCK_GAP = 0.10  # m before a thing where its manoeuvre ends; docking is 0.05 to 0.15 m, assumed
+LOOK_AHEAD = 0.3  # m along the plan to the place that the chair steers to
+ASTRAY = 0.10  # m from the plan, at which a new one is made
+ITERATIONS = 3000  # poses that the planner expands at most
 
 
 @settings
 class Manoeuvre:
     """Follows a planned way through a door, or up to a desk, while the stick asks for it."""
 
-    reach: float = setting(default=2.5, unit="m", low=0.5, high=4.0, source=_CHOICE)
-    """Distance from which on a door counts."""
-    widest: float = setting(default=1.25, unit="m", low=0.7, high=1.6, source=_CHOICE)
-    """Widest door: through wider ones people drive without help."""
-    angle: float = setting(default=0.4, unit="rad", low=0.05, high=1.5, source=_CHOICE)
-    """Largest angle between the stick's direction and that of a door."""
-    dock_reach: float = setting(default=1.0, unit="m", low=0.1, high=3.0, source=_CHOICE)
-    """Distance of the chair's front from which on a thing ahead counts."""
-    dock_angle: float = setting(default=0.3, unit="rad", low=0.01, high=0.7, source=_CHOICE)
-    """Largest angle between the chair and the way straight up to a thing."""
-    dock_stick: float = setting(default=0.65, low=0.05, high=1.0, source=_CHOICE)
-    """Largest deflection that asks to drive up to a thing: more only drives on."""
-    dock_gap: float = setting(
-        default=0.10, unit="m", low=0.02, high=0.5, source="docking: 0.05 to 0.15 m, assumed"
-    )
-    """Distance from the front to the thing at which that manoeuvre ends."""
-    look_ahead: float = setting(default=0.3, unit="m", low=0.05, high=2.0, source=_CHOICE)
-    """Distance along the plan of the place that the chair steers to."""
-    astray: float = setting(default=0.10, unit="m", low=0.02, high=1.0, source=_CHOICE)
-    """Distance from the plan at which a new one is made."""
-    iterations: int = setting(default=3000, low=10, high=1_000_000, source=_CHOICE)
-    """Poses that the planner expands at most."""
     freedom: Freedom = Freedom(turn=1.0, backward=0.1)
 
     def make(self) -> SharedAssistant:
         """A fresh assistant."""
-        return SharedAssistant(_Method(self), self.freedom)
+        return SharedAssistant(_Method(), self.freedom)
 
 
 class _Plan(NamedTuple):
@@ -76,15 +63,12 @@ class _Plan(NamedTuple):
 
 
 class _Method:
-    def __init__(self, config: Manoeuvre) -> None:
-        self._config = config
-
     def reset(self, mission: AssistMission) -> None:
         self._mission = mission
         self._planner = Lattice(
             footprint=mission.chair.footprint,
             limits=replace(mission.limits, backward=0.0),
-            iterations=self._config.iterations,
+            iterations=ITERATIONS,
             improvement=200,
         )
         self._pose, self._stamp = np.zeros(3), math.nan  # by odometry
@@ -96,7 +80,7 @@ class _Method:
         v, w = now.asked
         limits = self._mission.limits
         wanted = math.atan2(w / limits.turn, v / limits.forward)
-        if v <= 0.0 or abs(wanted) > self._config.angle + 0.5:
+        if v <= 0.0 or abs(wanted) > ANGLE + 0.5:
             self._plan, self._wait = None, 0.0
             return now.asked
         if self._plan is None and self._wait <= 0.0:
@@ -117,19 +101,19 @@ class _Method:
 
     def _goal(self, now: AssistInput, wanted: float) -> tuple[Array, bool] | None:
         """The pose (3,) in the chair's frame that the stick asks for, and whether it is docking."""
-        config, limits, (v, w) = self._config, self._mission.limits, now.asked
+        limits, (v, w) = self._mission.limits, now.asked
         front = self._mission.chair.footprint.front
-        low = math.hypot(v / limits.forward, w / limits.turn) <= config.dock_stick
-        ahead = find_front(now.points, front, config.dock_reach) if low else None
-        if ahead is not None and abs(ahead[1]) < config.dock_angle and abs(wanted) < config.angle:
+        low = math.hypot(v / limits.forward, w / limits.turn) <= DOCK_STICK
+        ahead = find_front(now.points, front, DOCK_REACH) if low else None
+        if ahead is not None and abs(ahead[1]) < DOCK_ANGLE and abs(wanted) < ANGLE:
             far, yaw = ahead
-            away = front + config.dock_gap
+            away = front + DOCK_GAP
             return np.array([far - away * math.cos(yaw), -away * math.sin(yaw), yaw]), True
         best, least = None, math.inf
         for x, y, yaw, gap in find_doors(now.points, self._mission.chair.footprint.half_width):
             bearing, far = math.atan2(y, x), math.hypot(x, y)
             off = abs(wrap(bearing - wanted))
-            fits = gap < config.widest and far < config.reach and off < config.angle
+            fits = gap < WIDEST and far < REACH and off < ANGLE
             if fits and abs(yaw) < 1.3 and x > 0.0:
                 cost = off + 0.2 * far + gap
                 if cost < least:
@@ -156,15 +140,15 @@ class _Method:
     def _next(self, now: AssistInput) -> Twist | None:
         """The twist on the plan; None where it is over or the chair has left it."""
         assert self._plan is not None
-        config, (path, along, docks) = self._config, self._plan
+        path, along, docks = self._plan
         local = relative_pose(self._pose, path)
         off = np.hypot(*local[:, :2].T) + 0.2 * np.abs(local[:, 2])
         at = int(off.argmin())
         left = float(along[-1] - along[at])
-        if math.hypot(*local[at, :2]) > config.astray:
+        if math.hypot(*local[at, :2]) > ASTRAY:
             self._plan, self._wait = None, 0.0
             return None
-        to = min(len(path) - 1, int(np.searchsorted(along, along[at] + config.look_ahead)))
+        to = min(len(path) - 1, int(np.searchsorted(along, along[at] + LOOK_AHEAD)))
         x, y, yaw = local[to].tolist()
         if left < NEAR_END and abs(yaw) < 0.05:
             self._plan, self._wait = None, 2.0
@@ -175,10 +159,10 @@ class _Method:
             return 0.0, min(high, max(low, 2.0 * yaw))
         if docks:
             v = min(v, max(0.08, left / 1.5))
-        if left > 0.5 * config.look_ahead:
+        if left > 0.5 * LOOK_AHEAD:
             bend = 2.0 * y / (x * x + y * y)
         else:  # the heading counts at the end
-            bend = (yaw + 2.0 * y / config.look_ahead) / max(left, 0.1)
+            bend = (yaw + 2.0 * y / LOOK_AHEAD) / max(left, 0.1)
         most = high if bend > 0.0 else -low
         v = min(v, most / max(abs(bend), 1e-9))
         return v, v * bend
