@@ -63,7 +63,6 @@ def planners(given: argparse.Namespace) -> int:
     from agents.benchmarks.entrants import select_peers
     from agents.benchmarks.planner_benchmark import PlannerBenchmark, one_core
     from agents.benchmarks.summary import markdown
-    from agents.evaluation.tables import csv_table
     from agents.peers import PEERS
     from planners import PLANNERS
 
@@ -93,8 +92,6 @@ def planners(given: argparse.Namespace) -> int:
         except StoppedError as error:
             stop = error
     rows = benchmark.rows()
-    if given.csv:
-        write_text(given.csv, csv_table([row | {"calls": " ".join(row["calls"])} for row in rows]))
     if given.plot:
         draw(
             rows,

@@ -151,7 +151,6 @@ COMMANDS = (
         [
             option("file", "a recording of `simulate --record`, of either format", None,
                    "FILE.mcap"),
-            option("--episode", "replay only this episode, counted from 0", parse_int),
             OneOf((
                 option("--policy", f"compare the actions of this {POLICY_HELP}"),
                 option("--assist", "of a person's drive: what this assistant would have made of "
@@ -419,7 +418,6 @@ COMMANDS = (
             option("--seeds", "number of runs of each planner and problem", count, default=20),
             option("--deadlines", "deadlines [s]", deadlines, default=[0.01, 0.1, 1.0]),
             option("--resume", "continue the results in this file", None, "FILE"),
-            option("--csv", "write the figures as CSV", None, "FILE"),
             option("--plot", "draw success and length over time (.png)", None, "FILE"),
             option("--out", "folder of the results", None, "DIR", default="runs/bench"), QUIET,
             JSON,

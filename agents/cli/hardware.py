@@ -16,6 +16,7 @@ import numpy as np
 
 from agents.cli.arguments import changed, report
 from agents.deploy import end_as_by_ctrl_c, listen_for_rearm
+from agents.deploy import to_stderr as _log
 from agents.evaluation.provenance import write_json
 from wheelchair_gym.config import InputError, load, read_json
 from wheelchair_gym.envs.settings import env_settings
@@ -56,10 +57,6 @@ def _chair(settings: Any) -> Any:
     chair = HardwareChair(settings.hardware, settings.sensors, settings.chair, 1.0 / settings.rate)
     listen_for_rearm(chair)
     return chair
-
-
-def _log(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)
 
 
 def _numbers(prompt: str, example: str) -> list[float]:

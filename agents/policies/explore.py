@@ -23,6 +23,11 @@ Array = NDArray[np.float64]
 SAME = 1.0  # m: a frontier that recedes is the same one so far away
 MORE = 1.02  # times as many explored cells: frontiers that were given up are tried again
 SHORTEST = 0.1  # m: in a door of 0.82 m, seen edge-on, a frontier is no longer than this
+TOWARDS = 1.0  # weight of the distance from a frontier to the goal, against the path there
+GAIN = 0.5  # m of path that a metre of frontier is worth
+CLEARANCE = 0.36  # m of paths to frontiers: half the chair's width and a cell
+LOOK = 1.0  # s between two searches for frontiers
+PATIENCE = 25.0  # s for one frontier, after which it is given up
 GAP = 1.0  # m2 of unknown space: a short frontier with less beyond is a gap between beams
 
 
@@ -45,21 +50,9 @@ class Explore:
     """Name and settings of the follower."""
     seek: bool = setting(default=True)
     """Drive to the goal; false: map all there is."""
-    towards: float = setting(default=1.0, low=0.0, source="design choice")
-    """Weight of the distance from a frontier to the goal, against the path to the frontier."""
-    gain: float = setting(default=0.5, low=0.0, source="design choice")
-    """Path length that a metre of frontier is worth."""
-    clearance: float = setting(
-        default=0.36, unit="m", low=0.0, source="half the chair's width and a cell"
-    )
-    """Clearance of the paths to frontiers."""
     least: float = setting(default=0.4, unit="m", low=0.0, source="design choice")
     """Least length of a frontier; shorter ones count where no others are left, and no gap between
     beams explains them."""
-    look: float = setting(default=1.0, unit="s", low=0.1, source="design choice")
-    """Time between two searches for frontiers."""
-    patience: float = setting(default=25.0, unit="s", low=1.0, source="design choice")
-    """Time for one frontier, after which it is given up."""
     seed: int = setting(default=0, low=0, source="design choice")
     """Seed of the planner, with the episode's key."""
     deadline: float = setting(default=1.0, unit="s", low=0.05, source="design choice")
@@ -122,18 +115,18 @@ class Chooser:
         def chosen(state: str) -> Choice:
             return Choice(state, answers, given_up, seen)
 
-        if config.seek and np.isfinite(geodesic(grid, goal[:2], config.clearance).at(pose[:2])):
+        if config.seek and np.isfinite(geodesic(grid, goal[:2], CLEARANCE).at(pose[:2])):
             plan(goal)
             return chosen("drive")
         if self.over:
             given_up.append(self.aim)
-        found = find_frontiers(grid, pose, config.clearance, min(SHORTEST, config.least))
+        found = find_frontiers(grid, pose, CLEARANCE, min(SHORTEST, config.least))
         found = [one for one in found if not self._is_short(one) or one.beyond >= GAP]
         for one in sorted(found, key=lambda one: (self._is_short(one), self._cost(one))):
             away = [np.hypot(*(one.place - place)) for place in given_up]
-            if min(away, default=np.inf) < config.clearance:
+            if min(away, default=np.inf) < CLEARANCE:
                 continue
-            same = config.clearance if self._is_short(one) else SAME
+            same = CLEARANCE if self._is_short(one) else SAME
             if np.hypot(*(one.place - self.aim)) < same and not self.over:
                 return chosen("explore")  # on the way there
             if plan(one.place):
@@ -153,8 +146,8 @@ class Chooser:
 
     def _cost(self, one: Frontier) -> float:
         """What a frontier costs [m]: the way there and on to the goal, less what it may show."""
-        rest = self.config.towards * float(np.hypot(*(one.place - self.goal[:2])))
-        return one.path_length + (rest if self.config.seek else 0.0) - self.config.gain * one.length
+        rest = TOWARDS * float(np.hypot(*(one.place - self.goal[:2])))
+        return one.path_length + (rest if self.config.seek else 0.0) - GAIN * one.length
 
 
 class Explorer:
@@ -193,7 +186,7 @@ class Explorer:
         period = self._mission.period
         self._since += period
         self._spent += period
-        due = self._since >= self.config.look or driver.ended
+        due = self._since >= LOOK or driver.ended
         if self.state == "explore" and due and not driver.thinks:
             self._choose(reading)
         if self.state == "done":
@@ -203,7 +196,7 @@ class Explorer:
     def _choose(self, reading: Reading) -> None:
         """Choose where to drive, and plan there."""
         driver, mission = self._driver, self._mission
-        over = driver.ended or not driver.solved or self._spent > self.config.patience
+        over = driver.ended or not driver.solved or self._spent > PATIENCE
         self._since = 0.0
         search = replace(driver.search(reading), reopened=None)  # frontiers lie in the plain map
         chooser = Chooser(

@@ -4,33 +4,24 @@ from __future__ import annotations
 
 import numpy as np
 
-from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.config import InputError, settings
 from wheelchair_gym.types import Command, Mission, Reading
+
+FAST, SLOW = 0.6, 0.24  # shares of the full twist that a key asks for; SLOW while shift is held
+IDLE = 0.12  # dead zone of a stick, as a share of its travel
 
 
 @settings
 class Manual:
     """Drives as a person's hands say; needs the window, which has the keyboard's attention."""
 
-    speed: float = setting(default=0.6, low=0.0, high=1.0, source="design choice")
-    """Share of the full speed that a key asks for."""
-    turn: float = setting(default=0.6, low=0.0, high=1.0, source="design choice")
-    """Share of the full turn rate that a key asks for."""
-    slow: float = setting(default=0.4, low=0.0, high=1.0, source="design choice")
-    """Factor on both while shift is held."""
-    idle: float = setting(default=0.12, low=0.0, high=0.9, source="design choice")
-    """Dead zone of a stick, as a share of its travel."""
-
     def make(self) -> Driver:
         """A fresh policy."""
-        return Driver(self)
+        return Driver()
 
 
 class Driver:
     """Reads keys and sticks each time it is asked to act."""
-
-    def __init__(self, config: Manual) -> None:
-        self.config = config
 
     def reset(self, mission: Mission) -> None:
         """See `Policy.reset`.
@@ -52,7 +43,7 @@ class Driver:
 
     def act(self, reading: Reading) -> Command:
         """See `Policy.act`; at rest, and done, once the window is closed."""
-        pygame, config = self._pygame, self.config
+        pygame = self._pygame
         if not pygame.display.get_init():
             return Command(np.zeros(2), done=True)
         keys = pygame.key.get_pressed()
@@ -62,10 +53,10 @@ class Driver:
 
         v = held(pygame.K_UP, pygame.K_w) - held(pygame.K_DOWN, pygame.K_s)
         w = held(pygame.K_LEFT, pygame.K_a) - held(pygame.K_RIGHT, pygame.K_d)
-        share = config.slow if held(pygame.K_LSHIFT, pygame.K_RSHIFT) else 1.0
-        action = share * np.array([config.speed * v, config.turn * w])
+        share = SLOW if held(pygame.K_LSHIFT, pygame.K_RSHIFT) else FAST
+        action = share * np.array([v, w])
         for stick in self._sticks:
             if stick.get_numaxes() >= 2 and not action.any():
                 tilt = -np.array([stick.get_axis(1), stick.get_axis(0)])  # ahead, to the left
-                action = np.where(np.abs(tilt) > config.idle, tilt, 0.0)
+                action = np.where(np.abs(tilt) > IDLE, tilt, 0.0)
         return Command.from_action(np.clip(action, -1.0, 1.0), self._limits)
