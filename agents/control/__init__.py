@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final
 
-from wheelchair_gym.migration import migrated
 from wheelchair_gym.registry import Registry
 
 _PLACE: Final = "agents.control.followers"
@@ -31,4 +30,4 @@ def make_follower(spec: Mapping[str, Any]) -> Any:
     Raises:
         InputError: the name is unknown or a setting is wrong.
     """
-    return FOLLOWERS.make({"name": "window", **migrated(spec, "follower")})
+    return FOLLOWERS.make({"name": "window", **spec})

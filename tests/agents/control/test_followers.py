@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from agents.control import FOLLOWERS, make_follower
+from agents.control import FOLLOWERS
 from agents.control.followers import Objective
 from agents.control.local_map import LocalMap, sampled_walls, voxel_means
 from agents.control.rollout import (
@@ -243,12 +243,6 @@ def test_a_policy_is_slowed_as_the_shield_of_its_own_chair_would(chair, shield):
         slowed = local_map.limit_for_unseen_space(twists, motion)
         np.testing.assert_array_equal(slowed, same.limit_for_unseen_space(twists, motion))
         assert (slowed != twists).any()
-
-
-def test_settings_are_read_under_their_earlier_names():
-    follower = make_follower({"name": "woa", "objective": {"wish": 0.3, "struck": 2.0}})
-    assert follower.objective.desired_clearance == 0.3
-    assert follower.objective.actor_weight == 2.0
 
 
 @pytest.mark.parametrize(
