@@ -286,7 +286,3 @@ def test_figures_of_a_path_are_those_of_the_drawing_board():
     assert printed_turning(path[:2]) == turning(path[1:3]) == 0.0
     # Along y = 3 from x = 1 to 7 the border and then the block are nearest; then the block's side.
     assert 1.0 < figures["clearance_mean_m"] < 2.0
-
-
-def test_the_terms_stand_in_the_results():
-    assert any("our exact edge test" in term for term in planner_benchmark.TERMS)

@@ -108,11 +108,3 @@ def test_what_needs_it_names_the_extra_in_one_line(package, without, tmp_path, m
         assert len(said) == 1
         assert re.search(rf"pip install ['\"]wheelchair_gym\[{extras()[package]}\]", said[0]), said
         assert [file.name for file in tmp_path.iterdir()] == ["there.mcap"]  # nothing was begun
-
-
-@pytest.mark.parametrize("readme", ["README.md", "wheelchair_gym/hardware/README.md"])
-def test_the_pages_name_the_extras_of_a_real_chair(readme):
-    said = (ROOT / readme).read_text()
-    assert "hardware" in said
-    assert re.search(r"extras?\b.*`hardware`|wheelchair_gym\[hardware\]", said, re.DOTALL)
-    assert re.search(r"`ros`|wheelchair_gym\[ros\]", said)
