@@ -151,6 +151,7 @@ COMMANDS = (
         [
             option("file", "a recording of `simulate --record`, of either format", None,
                    "FILE.mcap"),
+            option("--episode", "replay only this episode, counted from 0", parse_int),
             OneOf((
                 option("--policy", f"compare the actions of this {POLICY_HELP}"),
                 option("--assist", "of a person's drive: what this assistant would have made of "

@@ -20,14 +20,17 @@ def run(given: argparse.Namespace) -> int:
     if given.closed and given.assist is None:
         raise InputError("--closed needs --assist")
     chapters = read_recording(given.file)
+    chosen = range(len(chapters)) if given.episode is None else [given.episode]
+    if given.episode is not None and given.episode >= len(chapters):
+        raise InputError(f"--episode {given.episode}: {given.file} has {len(chapters)}, from 0")
     frames: list[Any] = []
     records, lines = [], []
     stage = Stage(watch(given), bool(given.video or given.picture or given.images))
     try:
-        for number, chapter in enumerate(chapters):
-            record = {"episode": number} | _again(chapter, stage, given, frames)
+        for number in chosen:
+            record = {"episode": number} | _again(chapters[number], stage, given, frames)
             if given.assist is not None:
-                record |= _helped(chapter, given)
+                record |= _helped(chapters[number], given)
             records.append(record)
             line = (
                 f"episode {number}: {record['steps']} steps, reward {record['reward']:.4f}; "
