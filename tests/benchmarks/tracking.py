@@ -41,6 +41,7 @@ from wheelchair_gym.tracking import Tracker, TrackerSettings
 from wheelchair_gym.tracking import tracker as kernels
 from wheelchair_gym.tracking.clusters import CLUSTER, HIT_ROW, find_clusters, find_hits, set_frame
 from wheelchair_gym.tracking.state import (
+    ACCELERATION_DENSITY,
     CLUSTERS,
     FRAME,
     STATIC_MAP,
@@ -480,12 +481,12 @@ def both_associations(tracker: Tracker, reading: Reading) -> tuple[dict[int, int
     m, now = np.zeros(1, STATIC_MAP)[0], np.zeros(1, FRAME)[0]
     dt, s["stamp"] = reading.stamp - s["stamp"], reading.stamp
     for k in range(s["n_tracks"]):
-        kernels.predict(s["tracks"][k], dt, g["acceleration_density"])
+        kernels.predict(s["tracks"][k], dt, ACCELERATION_DENSITY)
     set_frame(g, s["pose"], reading.stamp, reading.laser, now)
     hits, clusters = np.zeros(g["beams"], HIT_ROW), np.zeros(CLUSTERS, CLUSTER)
     n = find_clusters(g, s, now, hits, find_hits(g, s, m, now, reading.laser, hits), clusters)
     pairs = np.zeros(kernels._PAIRS, kernels.PAIR)
-    pairs = pairs[: kernels._find_pairs(g, s, clusters, n, pairs)]
+    pairs = pairs[: kernels._find_pairs(s, clusters, n, pairs)]
     confirmed = s["tracks"]["confirmed"]
     pairs["cost"] -= 1e3 * confirmed[pairs["track"]]
     chosen: dict[int, int] = {}

@@ -211,5 +211,3 @@ def test_many_chairs_refuse_it_and_settings_contradict():
         LocalizationSettings(min_particles=30, max_particles=20)
     with pytest.raises(InputError, match="global_samples is 5"):
         LocalizationSettings(global_samples=5, global_candidates=6)
-    with pytest.raises(InputError, match=r"recovered_ratio is 0\.6"):
-        LocalizationSettings(recovered_ratio=0.6)

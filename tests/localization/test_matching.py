@@ -10,8 +10,11 @@ import pytest
 from tests.localization.rooms import LASER, ranges, tour
 from wheelchair_gym.localization.occupancy import OccupancyMap, read_scan
 from wheelchair_gym.localization.scan_matching import (
+    MAX_POINTS,
+    POINT_SPACING,
+    SEARCH_WINDOW,
     Matcher,
-    MatchSettings,
+    matcher,
     misfit,
     refine,
     search,
@@ -31,13 +34,13 @@ def known():
 
 def match(maps, scan, guess, prior=None):
     """Lay a scan onto a map near a guess (3,), as SLAM does where its own guess is poor."""
-    config, unit, best, end = MatchSettings(), maps.settings.resolution, np.empty(3), np.empty(3)
-    maps.grow_to(guess, scan.radius + config.search_window)
-    points = thin_scan(scan, config.point_spacing, config.max_points) / unit
+    unit, best, end = maps.settings.resolution, np.empty(3), np.empty(3)
+    maps.grow_to(guess, scan.radius + SEARCH_WINDOW)
+    points = thin_scan(scan, POINT_SPACING, MAX_POINTS) / unit
     scale = np.outer((unit, unit, 1.0), (unit, unit, 1.0))
     told = np.zeros((3, 3)) if prior is None else np.linalg.inv(prior) * scale
     told = tuple(told[np.triu_indices(3)])
-    begin, how = maps.to_lattice(guess), config.in_cells(unit)
+    begin, how = maps.to_lattice(guess), matcher(unit)
     field = maps.layers.field[0]
     search(field, points, begin, told, how, maps.workspace.pooled, best)
     _, (xx, xy, xt, yy, yt, tt) = refine(field, points, best, begin, told, how, end)

@@ -8,6 +8,8 @@ import pytest
 from tests.localization.rooms import LASER, away, ranges, tour
 from wheelchair_gym.config import InputError
 from wheelchair_gym.localization.occupancy import (
+    P_MAX,
+    P_MIN,
     MappingSettings,
     OccupancyMap,
     cells_passed,
@@ -112,7 +114,7 @@ def test_what_moved_away_is_free_again_and_log_odds_stay_within_their_clamp():
         known.integrate(read_scan(LASER, far, own.free_range), np.zeros(3))
     ahead = known.to_grid()
     assert ahead.cells[tuple(ahead.to_cell((1.0 + LASER.x, 0.0)))] == FREE
-    least, most = (np.log(p / (1 - p)) for p in (own.p_min, own.p_max))
+    least, most = (np.log(p / (1 - p)) for p in (P_MIN, P_MAX))
     assert known.layers.odds.min() == pytest.approx(least)
     assert known.layers.odds.max() == pytest.approx(most)
 

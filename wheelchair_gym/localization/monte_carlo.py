@@ -34,6 +34,21 @@ from wheelchair_gym.sensors.settings import LaserSettings
 from wheelchair_gym.types import Episode
 
 MOVES, DRAWS, PLACES = range(3)  # channels of a localizer's key
+# How odometry errs, standard deviations over a step: of the way, the turn, and a slide sideways.
+_WAY_BY_WAY, _WAY_BY_TURN = 0.03, 0.01  # m/m, m/rad
+_TURN_BY_WAY, _TURN_BY_TURN = 0.04, 0.05  # rad/m, rad/rad
+_SLIP = 0.03  # m/m
+_INITIAL_SIGMA = np.array([0.05, 0.05, math.radians(2.0)])  # m, m, rad: of a known start
+_MAX_BEAMS = 60  # of a scan, evenly chosen: neighbouring beams carry the same information
+_INDEPENDENT_BEAMS = 12.0  # for which a scan counts, as beams with independent errors
+_MIN_BEAMS = 8  # that are informative, for a scan to be judged
+_BIN, _BIN_ANGLE = 0.25, math.radians(10.0)  # m, rad: bins by which particles are counted
+_ERROR = 0.05  # of the particles' distribution, kept with probability 0.99 (Fox 2001)
+_UPDATE = (0.01, 0.01)  # m, rad: a standing chair gains no information
+_FAST, _SLOW = 0.2, 0.005  # rates of two averages of the fit (Thrun et al. 2005, table 8.3)
+_INITIAL_FIT = 0.9  # both averages at the beginning
+_LOST, _RECOVERED = 0.7, 0.9  # ratios of the averages at which a chair is lost, and found again
+_ESTIMATE_RADIUS = 1.0  # m about the best particle within which poses are averaged
 
 
 class Particles(NamedTuple):
@@ -47,16 +62,6 @@ class Particles(NamedTuple):
     loads: Array  # (2 ** k,) weight in each bin
 
 
-class OdometryNoise(NamedTuple):
-    """How odometry errs: standard deviations over a step."""
-
-    translation_by_translation: float  # m/m
-    translation_by_rotation: float  # m/rad
-    rotation_by_translation: float  # rad/m
-    rotation_by_rotation: float  # rad/rad
-    lateral_slip: float  # m/m, of a slide sideways
-
-
 def new_particles(most: int) -> Particles:
     """Buffers for `most` particles."""
     bins = 2 ** math.ceil(math.log2(4 * most))
@@ -66,18 +71,14 @@ def new_particles(most: int) -> Particles:
 
 
 @borrowing_kernel
-def predict(
-    poses: Array, n: int, way: float, turn: float, noise: OdometryNoise, key: np.uint64, step: int
-) -> None:
+def predict(poses: Array, n: int, way: float, turn: float, key: np.uint64, step: int) -> None:
     """Move n particles by the odometry, each with its own random error (motion model)."""
-    way_sigma = math.hypot(
-        noise.translation_by_translation * way, noise.translation_by_rotation * turn
-    )
-    turn_sigma = math.hypot(noise.rotation_by_translation * way, noise.rotation_by_rotation * turn)
+    way_sigma = math.hypot(_WAY_BY_WAY * way, _WAY_BY_TURN * turn)
+    turn_sigma = math.hypot(_TURN_BY_WAY * way, _TURN_BY_TURN * turn)
     for i in range(n):
         forward = way + way_sigma * normal(key, step, MOVES, 3 * i)
         turned = turn + turn_sigma * normal(key, step, MOVES, 3 * i + 1)
-        aside = noise.lateral_slip * abs(way) * normal(key, step, MOVES, 3 * i + 2)
+        aside = _SLIP * abs(way) * normal(key, step, MOVES, 3 * i + 2)
         x, y, yaw = odometric_step(poses[i, 0], poses[i, 1], poses[i, 2], forward, turned)
         poses[i, 0] = x - aside * math.sin(yaw)
         poses[i, 1] = y + aside * math.cos(yaw)
@@ -183,82 +184,20 @@ _QUANTILE = 2.326  # of the normal distribution: the number of particles suffice
 class LocalizationSettings:
     """Settings of Monte Carlo localisation."""
 
-    max_beams: int = setting(
-        default=60, low=4, source="neighbouring beams carry the same information"
-    )
-    """Beams of a scan that are used, evenly chosen."""
     sigma: float = setting(
         default=0.06, unit="m", low=0.001, source="the laser's noise and a map of 5 cm cells"
     )
     """Standard deviation of the gap between a beam's end and the surface."""
     outlier_share: float = setting(default=0.1, low=1e-6, high=0.9, source="design choice")
     """Share of beams that hit what the map does not show."""
-    independent_beams: float = setting(default=12.0, low=0.1, source="design choice")
-    """Number of beams with independent errors for which a scan counts."""
     min_particles: int = setting(default=300, low=10, high=16_000, source="design choice")
     """Least number of particles."""
     max_particles: int = setting(default=5000, low=10, high=16_000, source="design choice")
     """Greatest number of particles."""
-    kld_error: float = setting(default=0.05, low=1e-3, source="Fox 2001")
-    """Error of the particles' distribution, kept with probability 0.99."""
-    bin_size: float = setting(default=0.25, unit="m", low=0.01, source="design choice")
-    """Side of the bins by which particles are counted."""
-    bin_angle: float = setting(
-        default=math.radians(10.0), unit="rad", low=0.01, source="design choice"
-    )
-    """Heading range of these bins."""
-    translation_by_translation: float = setting(
-        default=0.03, unit="m/m", low=0.0, source="design choice"
-    )
-    """Standard deviation of translation per translation."""
-    translation_by_rotation: float = setting(
-        default=0.01, unit="m/rad", low=0.0, source="design choice"
-    )
-    """Standard deviation of translation per rotation."""
-    rotation_by_translation: float = setting(
-        default=0.04, unit="rad/m", low=0.0, source="design choice"
-    )
-    """Standard deviation of rotation per translation."""
-    rotation_by_rotation: float = setting(
-        default=0.05, unit="rad/rad", low=0.0, source="design choice"
-    )
-    """Standard deviation of rotation per rotation."""
-    lateral_slip: float = setting(default=0.03, unit="m/m", low=0.0, source="design choice")
-    """Standard deviation of lateral slip per translation."""
-    initial_position_sigma: float = setting(default=0.05, unit="m", low=0.0, source="design choice")
-    """Standard deviation of the initial position."""
-    initial_heading_sigma: float = setting(
-        default=math.radians(2.0), unit="rad", low=0.0, source="design choice"
-    )
-    """Standard deviation of the initial heading."""
-    update_distance: float = setting(
-        default=0.01, unit="m", low=0.0, source="a standing chair gains no information"
-    )
-    """Distance driven before a scan is weighed."""
-    update_angle: float = setting(default=0.01, unit="rad", low=0.0, source="as update_distance")
-    """Angle turned before a scan is weighed."""
-    alpha_fast: float = setting(
-        default=0.2, low=0.0, high=1.0, source="Thrun, Burgard and Fox 2005, table 8.3"
-    )
-    """Rate of the short-term average of the scan's fit."""
-    alpha_slow: float = setting(
-        default=0.005, low=0.0, high=1.0, source="Thrun, Burgard and Fox 2005, table 8.3"
-    )
-    """Rate of the long-term average of the scan's fit."""
-    lost_ratio: float = setting(default=0.7, low=0.0, source="design choice")
-    """Ratio of the two averages below which the chair counts as lost."""
-    recovered_ratio: float = setting(default=0.9, low=0.0, source="design choice")
-    """Ratio of the two averages from which a lost chair counts as found."""
-    initial_fit: float = setting(default=0.9, low=0.0, high=1.0, source="design choice")
-    """Both averages at the beginning."""
-    min_informative_beams: int = setting(default=8, low=1, source="design choice")
-    """Least number of beams at or behind a surface for a scan to be judged."""
     global_samples: int = setting(default=2000, low=1, high=16_000, source="design choice")
     """Random poses per scan that a lost chair tries."""
     global_candidates: int = setting(default=10, low=1, source="design choice")
     """Best of these poses, each of which is refined."""
-    estimate_radius: float = setting(default=1.0, unit="m", low=0.01, source="design choice")
-    """Radius about the best particle within which poses are averaged."""
 
     def __post_init__(self) -> None:
         if self.max_particles < self.min_particles:
@@ -268,10 +207,6 @@ class LocalizationSettings:
         if self.global_samples < self.global_candidates:
             least = self.global_candidates
             raise InputError(f"global_samples is {self.global_samples}; expected {least} or more")
-        if self.recovered_ratio < self.lost_ratio:
-            raise InputError(
-                f"recovered_ratio is {self.recovered_ratio}; expected {self.lost_ratio} or more"
-            )
 
 
 class MonteCarloLocalizer:
@@ -293,9 +228,6 @@ class MonteCarloLocalizer:
         self.pose = np.zeros(3)
         self.count, self.fit, self.lost = 0, 0.0, False
         self._particles = new_particles(s.max_particles)
-        self._noise = OdometryNoise(*(getattr(s, name) for name in OdometryNoise._fields))
-        position = s.initial_position_sigma
-        self._initial_sigma = np.array([position, position, s.initial_heading_sigma])
         self._mount = np.array([laser.x, laser.y])
         self._directions = laser.directions  # (beams, 2)
         self._reach = laser.reach
@@ -325,9 +257,9 @@ class MonteCarloLocalizer:
             raise ValueError("the map has no free cell")
         self._key = np.uint64(bits(np.uint64(key % 2**64), 0, LOCALIZATION, 0))
         self._step = 0
-        self._slow, self.fit = s.initial_fit, 0.0
+        self._slow, self.fit = _INITIAL_FIT, 0.0
         self.lost = pose is None
-        self._fast = 0.0 if self.lost else s.initial_fit
+        self._fast = 0.0 if self.lost else _INITIAL_FIT
         self._driven = np.array([np.inf, np.inf])  # so that the first scan counts
         if pose is None:  # any place: the first scan shows that it is wrong
             cell = self._free[len(self._free) // 2]
@@ -339,7 +271,7 @@ class MonteCarloLocalizer:
 
     def _scatter(self, begin: int, end: int, pose: Array) -> None:
         poses = self._particles.poses[begin:end]
-        scatter(poses, begin, pose, self._initial_sigma, self._key, self._step)
+        scatter(poses, begin, pose, _INITIAL_SIGMA, self._key, self._step)
 
     def _reset_weights(self) -> None:
         self._particles.logs[: self.count] = 0.0
@@ -355,20 +287,20 @@ class MonteCarloLocalizer:
         Returns:
             The pose (3,) [m, m, rad].
         """
-        s, particles = self.settings, self._particles
+        particles = self._particles
         x, y, turn = increment.tolist()
         way = x * math.cos(0.5 * turn) + y * math.sin(0.5 * turn)
         self._step += 1
-        predict(particles.poses, self.count, way, turn, self._noise, self._key, self._step)
+        predict(particles.poses, self.count, way, turn, self._key, self._step)
         self._driven += abs(way), abs(turn)
-        moved = (self._driven >= (s.update_distance, s.update_angle)).any()
+        moved = (self._driven >= _UPDATE).any()
         ends = self._ends(ranges)
         if len(ends) and (moved or self.lost):
             self._driven[:] = 0.0
             self._weigh(ends)
-        _, about = count_bins(particles, self.count, s.bin_size, s.bin_angle)
+        _, about = count_bins(particles, self.count, _BIN, _BIN_ANGLE)
         self.pose = np.empty(3)
-        cluster_mean(particles, self.count, about, s.estimate_radius, 3.0 * s.bin_angle, self.pose)
+        cluster_mean(particles, self.count, about, _ESTIMATE_RADIUS, 3.0 * _BIN_ANGLE, self.pose)
         if len(ends):
             self._judge(ends)
         return self.pose
@@ -376,11 +308,11 @@ class MonteCarloLocalizer:
     def _weigh(self, ends: Array) -> None:
         """Weigh particles by a scan; resample them when few are effective, or the chair is lost."""
         s, particles = self.settings, self._particles
-        effective = weigh(particles, self.count, self._field, ends, s.independent_beams)
+        effective = weigh(particles, self.count, self._field, ends, _INDEPENDENT_BEAMS)
         if effective >= 0.5 * self.count and not self.lost:
             return
-        bins, _ = count_bins(particles, self.count, s.bin_size, s.bin_angle)
-        count = min(s.max_particles, max(s.min_particles, _enough(bins, s.kld_error)))
+        bins, _ = count_bins(particles, self.count, _BIN, _BIN_ANGLE)
+        count = min(s.max_particles, max(s.min_particles, _enough(bins)))
         resample(particles, self.count, count, self._key, self._step)
         self.count = count
         if self.lost:
@@ -393,7 +325,7 @@ class MonteCarloLocalizer:
         s = self.settings
         few = np.ascontiguousarray(ends[:: max(1, len(ends) // 20)])
         found, fits = np.empty((s.global_candidates + 1, 3)), np.empty(s.global_candidates + 1)
-        turn, draw = s.bin_angle / 2.0, (self._key, self._step)
+        turn, draw = _BIN_ANGLE / 2.0, (self._key, self._step)
         global_localization(
             self._field, self._free, ends, few, s.global_samples, turn, *draw, found, fits
         )
@@ -406,30 +338,30 @@ class MonteCarloLocalizer:
 
         Beams that people may have blocked are left out: a crowd is no sign of being lost.
         """
-        s, (x, y, yaw) = self.settings, self.pose
+        x, y, yaw = self.pose
         informative = np.empty(len(ends), dtype=np.bool_)
         find_informative_beams(self._field, x, y, yaw, self._mount, ends, informative)
         ends = ends[informative]
-        if len(ends) < s.min_informative_beams:
+        if len(ends) < _MIN_BEAMS:
             return
         self.fit = math.exp(log_likelihood(self._field, x, y, yaw, ends))
-        self._slow += s.alpha_slow * (self.fit - self._slow)
-        self._fast += s.alpha_fast * (self.fit - self._fast)
-        self.lost = self._fast < (s.recovered_ratio if self.lost else s.lost_ratio) * self._slow
+        self._slow += _SLOW * (self.fit - self._slow)
+        self._fast += _FAST * (self.fit - self._fast)
+        self.lost = self._fast < (_RECOVERED if self.lost else _LOST) * self._slow
 
     def _ends(self, ranges: NDArray[np.float32]) -> Array:
         """Ends (k, 2) [m] in the chair's frame of beams with an echo, evenly chosen."""
         valid = np.flatnonzero((ranges > 0.0) & (ranges < self._reach))  # neither NaN nor infinite
-        evenly = np.linspace(0, len(valid) - 1, min(len(valid), self.settings.max_beams))
+        evenly = np.linspace(0, len(valid) - 1, min(len(valid), _MAX_BEAMS))
         chosen = valid[evenly.astype(int)]
         ends: Array = self._mount + ranges[chosen, None] * self._directions[chosen]
         return ends
 
 
-def _enough(bins: int, error: float) -> int:
-    """Number of particles that fills bins as it should, within an error (Fox 2001, eq. 7)."""
+def _enough(bins: int) -> int:
+    """Number of particles that fills bins as it should (Fox 2001, eq. 7)."""
     if bins < 2:
         return 0
     k = bins - 1
     part = 2.0 / (9.0 * k)
-    return math.ceil(k / (2.0 * error) * (1.0 - part + math.sqrt(part) * _QUANTILE) ** 3)
+    return math.ceil(k / (2.0 * _ERROR) * (1.0 - part + math.sqrt(part) * _QUANTILE) ** 3)

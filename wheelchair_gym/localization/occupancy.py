@@ -110,7 +110,7 @@ class Workspace(NamedTuple):
 
 
 class SensorModel(NamedTuple):
-    """What `MappingSettings` say, as kernels take it: log-odds, and the field round a surface."""
+    """What mapping goes by, as kernels take it: log-odds, and the field round a surface."""
 
     hit: float
     miss: float
@@ -259,6 +259,13 @@ _CHUNK = 160  # cells that a side grows by at least, so that it grows seldom
 _MOST = 400_000_000  # cells of all layers: 7.2 GB; a pose that asks for more is wrong
 
 
+# Of a cell to be occupied (Hornung et al. 2013): with an echo, passed by a beam, and the bounds.
+_P_HIT, _P_MISS, P_MIN, P_MAX = 0.7, 0.4, 0.12, 0.97
+# Standard deviation of the field round a wall [m]: measured, a scanner's noise and a little; wider
+# fields bias matches towards mapped walls.
+_SURFACE_SIGMA = 0.02
+
+
 @settings
 class MappingSettings:
     """How beams become a map."""
@@ -271,14 +278,6 @@ class MappingSettings:
         source="measured: gmapping's 0.05 errs a quarter more",
     )
     """Side of a cell."""
-    p_hit: float = setting(default=0.7, low=0.51, high=0.99, source="Hornung et al. 2013")
-    """Probability that a cell with an echo is occupied."""
-    p_miss: float = setting(default=0.4, low=0.01, high=0.49, source="Hornung et al. 2013")
-    """Probability that a cell that a beam passed is occupied."""
-    p_min: float = setting(default=0.12, low=1e-4, high=0.49, source="Hornung et al. 2013")
-    """Least probability that a cell can reach."""
-    p_max: float = setting(default=0.97, low=0.51, high=0.9999, source="Hornung et al. 2013")
-    """Greatest probability that a cell can reach."""
     occupied_threshold: float = setting(default=0.65, low=0.51, high=0.99, source="map_server")
     """Probability from which a cell is occupied on the map."""
     free_threshold: float = setting(
@@ -293,34 +292,25 @@ class MappingSettings:
         source="black and slanted walls give no echo, either",
     )
     """Range up to which a beam without echo frees cells."""
-    surface_sigma: float = setting(
-        default=0.02,
-        unit="m",
-        low=0.001,
-        high=1.0,
-        source="measured: a scanner's noise and a little; wider fields bias matches towards "
-        "mapped walls",
-    )
-    """Standard deviation of the field round a wall."""
     reserve: float = setting(
         default=0.0, unit="m", low=0.0, high=100.0, source="a real chair's loop must not wait"
     )
     """Distance around the start for which SLAM has memory at once; to grow takes up to 0.2 s."""
 
     def __post_init__(self) -> None:
-        if self.free_threshold <= self.p_min:
+        if self.free_threshold <= P_MIN:
             raise InputError(
-                "MappingSettings.free_threshold must lie above p_min, or no cell is ever free"
+                f"MappingSettings.free_threshold must lie above {P_MIN:g}, or no cell is ever free"
             )
-        if self.occupied_threshold >= self.p_max:
-            raise InputError("MappingSettings.occupied_threshold must lie below p_max")
+        if self.occupied_threshold >= P_MAX:
+            raise InputError(f"MappingSettings.occupied_threshold must lie below {P_MAX:g}")
 
     @property
     def sensor_model(self) -> SensorModel:
         """The log-odds and the field round an occupied cell, as kernels take them."""
-        probabilities = self.p_hit, self.p_miss, self.p_min, self.p_max, self.occupied_threshold
+        probabilities = _P_HIT, _P_MISS, P_MIN, P_MAX, self.occupied_threshold
         hit, miss, least, most, occupied = map(_log_odds, probabilities)
-        sigma = self.surface_sigma / self.resolution
+        sigma = _SURFACE_SIGMA / self.resolution
         reach = max(1, math.ceil(2.5 * sigma))
         off = (np.arange(PARTS) + 0.5) / PARTS - 0.5
         along = np.exp(-0.5 * ((np.arange(-reach, reach + 1) - off[:, None]) / sigma) ** 2)

@@ -18,11 +18,17 @@ import numpy as np
 
 from wheelchair_gym.arrays import Array, Floats
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined, kernel
-from wheelchair_gym.config import setting, settings
 from wheelchair_gym.localization.occupancy import Scan
 
 Six = tuple[float, float, float, float, float, float]
 
+SEARCH_WINDOW = 0.20  # m searched on each side of the guess
+_SEARCH_ANGLE, _ANGLE_STEP = 0.12, 0.015  # rad on each side, and its steps: a cell at 3.3 m
+POINT_SPACING = 0.03  # m between points across the beams: nearer ones carry the same information
+MAX_POINTS = 300  # evenly thinned
+_RESIDUAL_SIGMA = 0.25  # of 1 - M at one point: wide, as neighbours have correlated errors
+_SEARCH_THRESHOLD = 0.5  # mean (1 - M)^2 above which a match by descent is followed by a search
+_ITERATIONS = 10  # of Gauss-Newton at most
 _RIDGE = 1e-6  # 1/cells2, 1/rad2: keeps the matrix regular where points say nothing
 _STILL = 1e-4  # cells, rad: a step of Gauss-Newton that is shorter ends it
 _STRIDE = 2.0  # cells: the longest step of Gauss-Newton; the field reaches no farther
@@ -30,7 +36,7 @@ _TURN = 0.1  # rad: its largest turn
 
 
 class Matcher(NamedTuple):
-    """What `MatchSettings` say, in cells."""
+    """How scans are laid onto maps, in cells."""
 
     spread: float
     iterations: int
@@ -258,54 +264,10 @@ def search(
     return least
 
 
-@settings
-class MatchSettings:
-    """How scans are laid onto maps."""
-
-    search_window: float = setting(
-        default=0.20, unit="m", low=0.0, high=5.0, source="design choice"
-    )
-    """Distance searched on each side of the guess."""
-    search_angle: float = setting(
-        default=0.12, unit="rad", low=0.0, high=3.2, source="design choice"
-    )
-    """Angle searched on each side of the guess."""
-    angle_step: float = setting(
-        default=0.015, unit="rad", low=0.001, high=0.5, source="a cell at 3.3 m"
-    )
-    """Angle step of the search."""
-    point_spacing: float = setting(
-        default=0.03,
-        unit="m",
-        low=0.001,
-        high=1.0,
-        source="nearer points carry the same information",
-    )
-    """Least spacing of a scan's points across its beams."""
-    max_points: int = setting(default=300, low=10, high=20000, source="design choice")
-    """Greatest number of points, evenly thinned."""
-    residual_sigma: float = setting(
-        default=0.25,
-        low=0.01,
-        high=100.0,
-        source="widened, as neighbouring points have correlated errors",
-    )
-    """Standard deviation of 1 - M at one point, M being the field."""
-    search_threshold: float = setting(default=0.5, low=0.0, high=1.0, source="design choice")
-    """Mean (1 - M)^2 above which a match by descent alone is followed by a search."""
-    iterations: int = setting(default=10, low=0, high=1000, source="design choice")
-    """Greatest number of Gauss-Newton iterations."""
-
-    def in_cells(self, resolution: float) -> Matcher:
-        """The settings as kernels take them, for cells of a side [m]."""
-        return Matcher(
-            self.residual_sigma,
-            self.iterations,
-            round(self.search_window / resolution),
-            round(self.search_angle / self.angle_step),
-            self.angle_step,
-            self.search_threshold,
-        )
+def matcher(resolution: float) -> Matcher:
+    """The constants of matching as kernels take them, for cells of a side [m]."""
+    window, turns = round(SEARCH_WINDOW / resolution), round(_SEARCH_ANGLE / _ANGLE_STEP)
+    return Matcher(_RESIDUAL_SIGMA, _ITERATIONS, window, turns, _ANGLE_STEP, _SEARCH_THRESHOLD)
 
 
 def thin_scan(scan: Scan, spacing: float, most: int) -> Array:

@@ -31,11 +31,14 @@ from wheelchair_gym.localization.occupancy import (
     read_scan,
 )
 from wheelchair_gym.localization.scan_matching import (
+    MAX_POINTS,
+    POINT_SPACING,
+    SEARCH_WINDOW,
     Matcher,
-    MatchSettings,
     Six,
     backward,
     cholesky,
+    matcher,
     misfit,
     quadratic,
     refine,
@@ -47,6 +50,13 @@ from wheelchair_gym.random import SLAM, normal, uniform
 from wheelchair_gym.sensors.settings import LaserSettings
 from wheelchair_gym.types import Episode
 
+# How odometry errs, standard deviations; gmapping's srr is 0.1, its stt 0.2, its srt 0.1, for worse
+# wheels. The floors are an encoder's quanta, and the motion during a scan.
+_TRANSLATION_ERROR, _TRANSLATION_FLOOR = 0.05, 0.010  # m/m, m
+_ROTATION_ERROR, _ROTATION_FLOOR = 0.05, 0.010  # rad/rad, rad
+_ROTATION_PER_TRANSLATION = 0.05  # rad/m
+_RESAMPLE_THRESHOLD = 0.5  # share of effective particles (Grisetti et al. 2007)
+_SMOOTHING = 3.0  # root of the likelihood, since beams have correlated errors: gmapping's ogain
 _NODE = math.sqrt(3.0)  # nodes of the third-degree cubature in three dimensions, in deviations
 
 
@@ -147,7 +157,7 @@ _RESAMPLING = 60_000  # index of the draw of resampling; those below are the par
 
 @settings
 class SlamSettings:
-    """Number of particles, update rule and odometry noise of SLAM."""
+    """Number of particles, update rule and maps of SLAM."""
 
     particles: int = setting(
         default=8,
@@ -166,42 +176,7 @@ class SlamSettings:
     """Distance driven before the next scan is used."""
     update_angle: float = setting(default=0.5, unit="rad", low=0.0, high=7.0, source="gmapping")
     """Angle turned before the next scan is used."""
-    resample_threshold: float = setting(
-        default=0.5, low=0.0, high=1.0, source="Grisetti et al. 2007"
-    )
-    """Share of effective particles below which particles are resampled."""
-    likelihood_smoothing: float = setting(
-        default=3.0, low=0.01, high=1000.0, source="gmapping's ogain"
-    )
-    """Root of the likelihood taken per particle, since beams have correlated errors."""
-    translation_error: float = setting(
-        default=0.05, low=0.0, high=1.0, source="gmapping's srr is 0.1 for worse wheels"
-    )
-    """Standard deviation of translation per translation."""
-    rotation_error: float = setting(default=0.05, low=0.0, high=1.0, source="gmapping's stt is 0.2")
-    """Standard deviation of rotation per rotation."""
-    rotation_per_translation: float = setting(
-        default=0.05, unit="rad/m", low=0.0, high=10.0, source="gmapping's srt is 0.1"
-    )
-    """Standard deviation of rotation per translation."""
-    translation_floor: float = setting(
-        default=0.010,
-        unit="m",
-        low=1e-4,
-        high=1.0,
-        source="an encoder's quanta and the motion during a scan",
-    )
-    """Standard deviation of translation without motion."""
-    rotation_floor: float = setting(
-        default=0.010,
-        unit="rad",
-        low=1e-4,
-        high=1.0,
-        source="an encoder's quanta at 0.5 m of track",
-    )
-    """Standard deviation of rotation without motion."""
     mapping: MappingSettings = MappingSettings()
-    matching: MatchSettings = MatchSettings()
 
 
 class Slam:
@@ -211,7 +186,7 @@ class Slam:
 
     Args:
         laser: its mount and its beams.
-        settings: particles, mapping, matching, odometry.
+        settings: particles, update rule, mapping.
         seed: of the draws.
         pose: initial pose (3,) [m, m, rad].
     """
@@ -277,27 +252,27 @@ class Slam:
 
     def _use_scan(self, scan: Scan, learn: bool) -> None:
         """Match a scan, weigh the particles, and perhaps add it to their maps."""
-        config, matching, maps = self.settings, self.settings.matching, self.maps
+        config, maps = self.settings, self.maps
         expected = compose(self._poses, self._increment)
         unit = config.mapping.resolution
         # The search's blocks reach beyond the window.
-        maps.grow_to(expected, scan.radius + 2.0 * matching.search_window + 5.0 * unit)
-        points = thin_scan(scan, matching.point_spacing, matching.max_points) / unit
+        maps.grow_to(expected, scan.radius + 2.0 * SEARCH_WINDOW + 5.0 * unit)
+        points = thin_scan(scan, POINT_SPACING, MAX_POINTS) / unit
         points = points if self._history else points[:0]  # the first finds no map
         way, turn = self._driven
-        along = config.translation_floor + config.translation_error * way
-        around = config.rotation_floor + config.rotation_error * turn
-        around += config.rotation_per_translation * way
+        along = _TRANSLATION_FLOOR + _TRANSLATION_ERROR * way
+        around = _ROTATION_FLOOR + _ROTATION_ERROR * turn
+        around += _ROTATION_PER_TRANSLATION * way
         x, y, yaw = self._increment
         odometry = Odometry(x / unit, y / unit, yaw, (along / unit) ** 2, around**2)
         poses, gained = maps.to_lattice(self._poses), np.zeros(len(self._poses))
         update_particles(
             maps.layers, maps.workspace, maps.next_marks(len(poses)), poses, gained, odometry,
-            points, scan.points / unit, scan.hits, matching.in_cells(unit), maps.model, self._key,
+            points, scan.points / unit, scan.hits, matcher(unit), maps.model, self._key,
             len(self._history), learn,
         )  # fmt: skip
         self._poses = maps.from_lattice(poses)
-        self._weights += gained / (config.likelihood_smoothing * len(gained))
+        self._weights += gained / (_SMOOTHING * len(gained))
         self._total_weights += gained
         self._increment, self._driven = np.zeros(3), np.zeros(2)
         self._history.append(self._poses)
@@ -309,7 +284,7 @@ class Slam:
         share = np.exp(self._weights - self._weights.max())
         share /= share.sum()
         each = np.arange(count)
-        if count == 1 or 1.0 / (share**2).sum() >= self.settings.resample_threshold * count:
+        if count == 1 or 1.0 / (share**2).sum() >= _RESAMPLE_THRESHOLD * count:
             return each
         start = uniform(self._key, len(self._history), SLAM, _RESAMPLING)
         drawn = np.searchsorted(np.cumsum(share), (start + each) / count).clip(0, count - 1)

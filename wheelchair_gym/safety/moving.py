@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from wheelchair_gym.compiled.address import on_stack, rows_of
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.geometry import world_to_body
-from wheelchair_gym.tracking.state import CONSTANTS, PERSON, STATIC_MAP
+from wheelchair_gym.tracking.state import ACCELERATION_DENSITY, CONSTANTS, PERSON, STATIC_MAP
 from wheelchair_gym.tracking.tracker import place_variance, predict, reset
 from wheelchair_gym.tracking.tracker import update as update_tracks
 
@@ -56,12 +56,12 @@ def track(g: Any, s: Any, laser: Floats) -> None:
 
 
 @borrowing_kernel
-def _place_tracked(g: Any, s: Any, near: Any) -> None:
+def _place_tracked(s: Any, near: Any) -> None:
     """Store what is tracked, in the chair's frame, as it was seen last."""
     tracker = s.tracker
     if not tracker.begun or tracker.stamp != s.stamp:
         return
-    pose, q = tracker.pose, _constants_at(g.tracker, 1)[0].acceleration_density
+    pose = tracker.pose
     c, sn = math.cos(pose[2]), math.sin(pose[2])
     for k in range(tracker.n_tracks):
         t = tracker.tracks[k]
@@ -71,7 +71,7 @@ def _place_tracked(g: Any, s: Any, near: Any) -> None:
         one.vx, one.vy = world_to_body(c, sn, t.vx, t.vy)
         one.radius, one.unseen = t.radius, dt
         one.place_var, one.covariance, one.speed_var = t.place_var, t.covariance, t.speed_var
-        predict(one, -dt, q)
+        predict(one, -dt, ACCELERATION_DENSITY)
         near.n_tracked += 1
 
 
@@ -102,7 +102,7 @@ def _owner(near: Any, x: float, y: float, ago: float) -> int:
 def place_moving(g: Any, s: Any, near: Any, c: float, sn: float) -> None:
     """Store what may move in the chair's frame, and who of it is tracked."""
     if g.tracks != 0.0 and s.n_marks > 0:
-        _place_tracked(g, s, near)
+        _place_tracked(s, near)
     for k in range(s.n_marks):
         mark = s.marks[k]
         x, y = world_to_body(c, sn, mark.x - s.pose[0], mark.y - s.pose[1])

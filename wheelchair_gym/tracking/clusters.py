@@ -17,7 +17,7 @@ from wheelchair_gym.compiled.address import field_at, floats_at, rows_of
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.geometry import point_to_world, world_to_body
 from wheelchair_gym.sensors.echoes import atan2_f32
-from wheelchair_gym.tracking.state import CLUSTERS, FRAMES, SECTORS
+from wheelchair_gym.tracking.state import CLUSTERS, FRAMES, PERSON_WIDTH, SECTORS
 
 Floats = NDArray[np.float32]
 Rows = NDArray[np.void]
@@ -25,6 +25,14 @@ Rows = NDArray[np.void]
 _F, _INF = np.float32, np.float32(np.inf)
 OUT, HIDDEN, NEAR, HIT, PASSED = range(5)  # how a place looks in a scan
 FREE, UNSURE, STATIC = range(3)  # what is known of the place of a hit
+_GAP = 0.15  # m between neighbouring hits of one cluster at most (Leigh et al. 2015: 0.13)
+_MAX_WIDTH = 1.2  # m: widest cluster that is tracked; a door leaf is 0.6 to 1.1 m wide
+_LEG_DISTANCE = 0.8  # m between the legs of one person at most (Leigh et al. 2015); a step is 0.7
+_TWO_LEGS = 0.08  # m: error of the centre of a pair of legs (Leigh et al. 2015: 0.1)
+_TIME_SIGMA = 0.005  # s: error of a scan's stamp, half of a 10 ms step of the drive board
+_STATIC_TIME = 1.0  # s at one place, and a hit is static: 0.25 m/s covers the noise of a place
+_MAP_DISTANCE = 0.15  # m: what is so near a mapped wall belongs to it,
+_MAP_SPREAD = 0.03  # and so much farther per range: the error of the heading [rad]
 _PASSED = 0.20  # m: a beam that ends so far beyond a place has passed it
 _BESIDE = 0.15  # m on either side of a place that must be empty, too
 _SAME = 0.12  # m: a beam that ends so near a place has hit it
@@ -151,7 +159,7 @@ def _remember(g: Any, s: Any, x: float, y: float) -> int:
             if is_empty(g, frame, x, y):
                 return FREE
             passed = True  # beside something thin, which a small error of the pose moves
-        if seen == HIT and not passed and s.stamp - frame.stamp >= g.static_time:
+        if seen == HIT and not passed and s.stamp - frame.stamp >= _STATIC_TIME:
             return STATIC
     return UNSURE
 
@@ -202,7 +210,7 @@ def _judge(g: Any, s: Any, m: Any, now: Any, hit: Any) -> None:
     owned = hit.owner >= 0 and _rests(s.tracks[hit.owner], s.stamp, far)
     c, sn = math.cos(g.mount[2]), math.sin(g.mount[2])
     ahead, left = point_to_world(c, sn, g.mount[0], g.mount[1], hit.x, hit.y)
-    near = (g.map_distance + g.map_spread * hit.r) * (_OWN_MAP if owned else 1.0)
+    near = (_MAP_DISTANCE + _MAP_SPREAD * hit.r) * (_OWN_MAP if owned else 1.0)
     if _wall_distance(m, s, ahead, left) < near:
         hit.place = STATIC
         return
@@ -242,7 +250,7 @@ def _distance(a: Any, b: Any) -> float:
 def _breaks(g: Any, a: Any, b: Any) -> bool:
     """Whether two neighbouring hits belong to two clusters."""
     skipped = min(b.beam - a.beam, 2)  # one echo may be lost
-    gap = max(g.cluster_gap, _SPREAD * skipped * min(a.r, b.r) / g.per_angle)
+    gap = max(_GAP, _SPREAD * skipped * min(a.r, b.r) / g.per_angle)
     other = a.owner != b.owner and a.owner >= 0 and b.owner >= 0
     return bool(other or _distance(a, b) > gap)
 
@@ -269,7 +277,7 @@ def _is_hidden(g: Any, edge: Any, beside: Any, n: int, k: int) -> bool:
     """Whether something nearer hides what is beyond the edge of a cluster, or the view ends."""
     if k < 0 or k >= n:
         return bool(edge.beam < 2 or edge.beam > g.beams - 3)
-    return bool(beside.r < edge.r - g.cluster_gap and abs(beside.beam - edge.beam) <= 3)
+    return bool(beside.r < edge.r - _GAP and abs(beside.beam - edge.beam) <= 3)
 
 
 @borrowing_kernel
@@ -290,7 +298,7 @@ def _measure(g: Any, s: Any, now: Any, hits: Rows, n: int, begin: int, end: int,
     spacing = c.mean * step
     c.width = chord + spacing
     least = min(_MOST_HITS, max(1, int(_BODY / spacing)))
-    if count < least or c.width > g.max_width or 2 * static > count:
+    if count < least or c.width > _MAX_WIDTH or 2 * static > count:
         return False
     c.low, c.high = g.first + (a.beam - 0.5) * step, g.first + (b.beam + 0.5) * step
     c.low_hidden = _is_hidden(g, a, hits[max(begin - 1, 0)], n, begin - 1)
@@ -308,7 +316,7 @@ def _measure(g: Any, s: Any, now: Any, hits: Rows, n: int, begin: int, end: int,
     c.x, c.y = 0.5 * (ax + bx), 0.5 * (ay + by)
     c.x, c.y = place_of_cluster(c, now, c.radius)
     leg = c.width < _NARROW and spacing < _COARSE
-    sigma, turned = _ONE_LEG if leg else g.sigma, s.twist[1] * g.time_sigma * c.mean
+    sigma, turned = _ONE_LEG if leg else g.sigma, s.twist[1] * _TIME_SIGMA * c.mean
     c.variance = sigma * sigma + spacing * spacing / 12.0 + turned * turned
     if part:
         c.variance += _HALF_HIDDEN * _HALF_HIDDEN
@@ -321,7 +329,7 @@ def _is_pair(g: Any, a: Any, b: Any, apart: float) -> bool:
     wide, spacing = max(a.width, b.width), max(a.mean, b.mean) / g.per_angle
     others = a.owner != b.owner and a.owner >= 0 and b.owner >= 0
     narrow = wide < _NARROW and spacing < _COARSE and not (a.legs or b.legs)
-    return bool(narrow and apart < g.leg_distance and not others)
+    return bool(narrow and apart < _LEG_DISTANCE and not others)
 
 
 @borrowing_kernel
@@ -341,7 +349,7 @@ def _merge_legs(g: Any, clusters: Rows, n: int) -> int:
         a.radius = 0.5 * least + 0.5 * (a.radius + b.radius)
         a.x, a.y, a.mean = 0.5 * (a.x + b.x), 0.5 * (a.y + b.y), 0.5 * (a.mean + b.mean)
         a.free, a.width, a.legs = 0.5 * (a.free + b.free), 2.0 * a.radius, True
-        a.variance = g.sigma_of_legs * g.sigma_of_legs
+        a.variance = _TWO_LEGS * _TWO_LEGS
         a.owner = a.owner if a.owner >= 0 else b.owner
         n -= 1
         for k in range(second, n):
@@ -368,7 +376,7 @@ def find_clusters(g: Any, s: Any, now: Any, hits: Rows, n: int, clusters: Rows) 
     for k in range(1, n + 1):
         if k < n and not _breaks(g, hits[k - 1], hits[k]):
             continue
-        if _distance(hits[begin], hits[k - 1]) <= g.person_width:
+        if _distance(hits[begin], hits[k - 1]) <= PERSON_WIDTH:
             count = _add(g, s, now, hits, n, begin, k, False, clusters, count)
         else:  # something stands in front of a wall, or is part of it: static hits are cut out
             first = begin

@@ -28,6 +28,11 @@ FRAMES = 8  # remembered scans
 KINDS: Final = ("unknown", "person", "door", "furniture")
 UNKNOWN, PERSON, DOOR, FURNITURE = range(4)
 
+# Spectral density of the random acceleration of what is tracked [m2/s3]: 2 m/s2, kept for 0.25 s;
+# people start with 1.4 +- 0.9 m/s2 (Fugger et al. 2000).
+ACCELERATION_DENSITY = 1.0
+PERSON_WIDTH = 0.9  # m: widest track that can be a person, with shoulders and swinging arms
+
 _F8 = "f8"
 CONSTANTS, _LASER = pointer_record(
     *((field.name, _F8) for field in fields(TrackerSettings)),

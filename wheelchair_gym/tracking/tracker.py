@@ -41,6 +41,7 @@ from wheelchair_gym.tracking.clusters import (
 )
 from wheelchair_gym.tracking.settings import TrackerSettings
 from wheelchair_gym.tracking.state import (
+    ACCELERATION_DENSITY,
     CLUSTERS,
     CONSTANTS,
     DOOR,
@@ -48,6 +49,7 @@ from wheelchair_gym.tracking.state import (
     FRAMES,
     FURNITURE,
     PERSON,
+    PERSON_WIDTH,
     STATIC_MAP,
     TRACKER,
     TRACKS,
@@ -60,6 +62,14 @@ Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 Rows = NDArray[np.void]
 
+_GATE = 3.0  # standard deviations from a track to its cluster at most: 99 % of a Gaussian
+_FIRST_SPEED = 1.0  # m/s: deviation of a new track's speed along each axis; people walk at up to 2
+_CONFIRM_TIME = 0.2  # s that a track is seen moving before it is confirmed: measured
+_CONFIRM_DISTANCE = 0.25  # m that it has come by then: half a body (Leigh et al. 2015: 0.5)
+_MOVING = 0.2  # m/s: a slow walk is 0.4
+_MEMORY = 8.0  # s that what was free and occupied is remembered: with 3, tracks jump to walls
+_GONE = 0.3  # s of seeing through its place before a track is dropped: three scans at 10 Hz
+_MAX_SIGMA = 1.2  # m: deviation of its place at which a track is dropped, about 1.5 s hidden
 _FASTEST = 50.0  # m/s, rad/s: no chair is faster
 _LONGEST = 1.0  # s without a reading, after which the tracker begins anew
 _LOOSE = 0.10  # m: error of a cluster's centre for association, at least: people swing and turn
@@ -143,7 +153,7 @@ def _correct(t: Any, x: float, y: float, variance: float) -> None:
 
 
 @borrowing_kernel
-def _find_pairs(g: Any, s: Any, clusters: Rows, n: int, pairs: Rows) -> int:
+def _find_pairs(s: Any, clusters: Rows, n: int, pairs: Rows) -> int:
     """Store tracks and clusters within the gate of each other; returns how many pairs."""
     count = 0
     for k in range(s.n_tracks):
@@ -154,7 +164,7 @@ def _find_pairs(g: Any, s: Any, clusters: Rows, n: int, pairs: Rows) -> int:
             total = t.place_var + max(c.variance, _LOOSE * _LOOSE)
             square, far = (dx * dx + dy * dy) / total, math.hypot(dx, dy)
             others = t.confirmed and c.owner >= 0 and c.owner != k
-            if square > g.gate * g.gate or far > _LEAP or others or count == _PAIRS:
+            if square > _GATE * _GATE or far > _LEAP or others or count == _PAIRS:
                 continue
             pair = pairs[count]
             # Minus twice the logarithm of the likelihood: a track of unknown place comes last.
@@ -178,7 +188,7 @@ def _drop_pair(pairs: Rows, count: int, track: int, cluster: int) -> int:
 def _associate(g: Any, s: Any, now: Any, clusters: Rows, n: int) -> None:
     """Continue tracks by clusters: the likeliest pair first, confirmed tracks before others."""
     pairs = _pairs_at(on_stack(_PAIRS_SIZE), _PAIRS)
-    count = _find_pairs(g, s, clusters, n, pairs)
+    count = _find_pairs(s, clusters, n, pairs)
     while count > 0:
         best, sure = 0, s.tracks[pairs[0].track].confirmed
         for k in range(1, count):
@@ -206,22 +216,22 @@ def _continue(g: Any, s: Any, t: Any, now: Any, c: Any) -> None:
     _follow_leaf(t, c)
     t.travelled = max(t.travelled, math.hypot(t.x - t.first_x, t.y - t.first_y))
     speed = math.hypot(t.vx, t.vy)
-    moves = speed > max(g.moving_speed, _SURE * math.sqrt(t.speed_var))
+    moves = speed > max(_MOVING, _SURE * math.sqrt(t.speed_var))
     far = math.hypot(t.x - t.rest_x, t.y - t.rest_y)
     # It has come to a place that was free, or the place where it rested is seen to be empty.
     left = far > _AWAY and is_empty(g, now, t.rest_x, t.rest_y)
     came = moves and (c.free >= _FREE or left)
     t.moving_for = t.moving_for + dt if came else max(0.0, t.moving_for - dt)
     slower = t.attached >= _MOSTLY and not t.swings
-    needed = g.confirm_time * (_ATTACHED if slower else 1.0)
-    if t.moving_for >= needed and far > g.confirm_distance:
+    needed = _CONFIRM_TIME * (_ATTACHED if slower else 1.0)
+    if t.moving_for >= needed and far > _CONFIRM_DISTANCE:
         t.confirmed = True
     if moves and t.confirmed:
         t.moved = s.stamp
-    if speed < g.moving_speed:
+    if speed < _MOVING:
         t.rest_x += _SHARE * (t.x - t.rest_x)
         t.rest_y += _SHARE * (t.y - t.rest_y)
-    t.kind = _kind(g, s, t)
+    t.kind = _kind(s, t)
 
 
 @borrowing_kernel
@@ -246,11 +256,11 @@ def _follow_leaf(t: Any, c: Any) -> None:
 
 
 @borrowing_kernel
-def _kind(g: Any, s: Any, t: Any) -> int:
+def _kind(s: Any, t: Any) -> int:
     """What a track is, by how it looks and moves: index into KINDS."""
     if t.swings or (t.confirmed and t.attached >= _MOSTLY):
         return DOOR
-    if t.confirmed and t.width <= g.person_width and t.straight < _MOSTLY:
+    if t.confirmed and t.width <= PERSON_WIDTH and t.straight < _MOSTLY:
         return PERSON
     if not t.confirmed and s.stamp - t.born >= _STANDS and t.moving_for == 0.0:
         return FURNITURE
@@ -273,12 +283,12 @@ def _keep_tracks(g: Any, s: Any, now: Any, dt: float) -> None:
     for k in range(s.n_tracks):
         t = s.tracks[k]
         unseen = s.stamp - t.seen
-        lives = t.place_var <= g.max_sigma * g.max_sigma
+        lives = t.place_var <= _MAX_SIGMA * _MAX_SIGMA
         if unseen > 0.0:
             t.hidden = _is_hidden(g, t, now)
             passed = look(g, now, t.x, t.y) == PASSED
             t.passed_for = t.passed_for + dt if passed else 0.0
-            lives = lives and t.passed_for <= g.gone_time
+            lives = lives and t.passed_for <= _GONE
             lives = lives and (t.hidden or unseen <= (_LOST if t.confirmed else _UNSEEN))
         if lives:
             if kept < k:
@@ -303,7 +313,7 @@ def _free_row(s: Any, now: Any, c: Any) -> int:
 
 
 @borrowing_kernel
-def _add_tracks(g: Any, s: Any, now: Any, clusters: Rows, n: int) -> None:
+def _add_tracks(s: Any, now: Any, clusters: Rows, n: int) -> None:
     """Begin a track for each cluster that continues none."""
     for i in range(n):
         c = clusters[i]
@@ -321,7 +331,7 @@ def _add_tracks(g: Any, s: Any, now: Any, clusters: Rows, n: int) -> None:
         t.x = t.first_x = t.rest_x = c.x
         t.y = t.first_y = t.rest_y = c.y
         t.vx, t.vy, t.covariance = 0.0, 0.0, 0.0
-        t.place_var, t.speed_var = c.variance, g.first_speed_sigma * g.first_speed_sigma
+        t.place_var, t.speed_var = c.variance, _FIRST_SPEED * _FIRST_SPEED
         t.radius, t.width = c.radius, c.width
         t.born = t.seen = s.stamp
         t.moved, t.moving_for, t.passed_for, t.travelled = -math.inf, 0.0, 0.0, 0.0
@@ -333,9 +343,9 @@ def _add_tracks(g: Any, s: Any, now: Any, clusters: Rows, n: int) -> None:
 
 
 @borrowing_kernel
-def _remember_scan(g: Any, s: Any, now: Any) -> None:
+def _remember_scan(s: Any, now: Any) -> None:
     """Remember the scan if the newest one remembered is old enough."""
-    if s.n_frames > 0 and s.stamp - s.frames[s.newest].stamp < g.memory_time / FRAMES - 1e-6:
+    if s.n_frames > 0 and s.stamp - s.frames[s.newest].stamp < _MEMORY / FRAMES - 1e-6:
         return
     s.newest = (s.newest + 1) % FRAMES
     s.n_frames = min(s.n_frames + 1, FRAMES)
@@ -364,7 +374,7 @@ def update(g: Any, s: Any, m: Any, pose: Any, twist: Any, laser: Floats, stamp: 
     s.stamp = stamp
     _follow_chair(s, pose, twist, dt)
     for k in range(s.n_tracks):
-        predict(s.tracks[k], dt, g.acceleration_density)
+        predict(s.tracks[k], dt, ACCELERATION_DENSITY)
     now = _frame_at(on_stack(_FRAME_SIZE), 1)[0]
     set_frame(g, s.pose, stamp, laser, now)
     align(g, s, now, dt)
@@ -373,9 +383,9 @@ def update(g: Any, s: Any, m: Any, pose: Any, twist: Any, laser: Floats, stamp: 
     n = find_hits(g, s, m, now, laser, hits)
     found = find_clusters(g, s, now, hits, n, clusters)
     _associate(g, s, now, clusters, found)
-    _add_tracks(g, s, now, clusters, found)
+    _add_tracks(s, now, clusters, found)
     _keep_tracks(g, s, now, dt)
-    _remember_scan(g, s, now)
+    _remember_scan(s, now)
 
 
 # Rows of trackers by address: a call takes a microsecond for each array.
