@@ -11,6 +11,7 @@ import pytest
 from tests.physics.worlds import box, exact_chair
 from wheelchair_gym.config import InputError
 from wheelchair_gym.geometry import point_segment_distance, to_frame
+from wheelchair_gym.physics.actors.bodies import LEG_FORCE
 from wheelchair_gym.physics.actors.records import (
     CURIOUS,
     CUTS_IN,
@@ -36,13 +37,12 @@ from wheelchair_gym.physics.actors.records import (
     person,
     with_trolley,
 )
-from wheelchair_gym.physics.settings import PeopleSettings, SocialForceSettings
 from wheelchair_gym.safety.settings import ShieldSettings
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.types import Episode
 
 STILL = np.zeros(2)
-LEGS = PeopleSettings().max_force / 75.0  # m/s2
+LEGS = LEG_FORCE / 75.0  # m/s2
 BOTH = pytest.mark.parametrize("model", [ORCA, SOCIAL_FORCE], ids=MODELS)
 
 
@@ -77,7 +77,7 @@ def test_who_starts_by_social_forces_takes_the_published_relaxation_time():
     """V = v0 (1 - exp(-t / 0.5 s)): Helbing and Molnar 1995, and Farina et al. 2017, equation 4."""
     speed = 1.2  # the force that it takes, 180 N, is what legs give
     poses, _, _ = watch([person([(-5.0, 3.0), (5.0, 3.0)], speed, model=SOCIAL_FORCE)], 3.0)
-    tau = SocialForceSettings().drive_time
+    tau = 0.5  # s
     times = 0.1 * np.arange(len(poses))
     # The place, which the velocity's integral is.
     expected = -5.0 + speed * (times - tau * (1.0 - np.exp(-times / tau)))
@@ -95,12 +95,11 @@ def test_a_heading_decays_with_the_two_published_rates():
 
     class Record:
         heading, facing, turn_rate = 0.0, 1.0, 0.0
-        turn_gain, turn_ratio = 0.3, 3.0
 
     force, dt, state = 120.0, 1e-4, Record()
-    q = math.sqrt(state.turn_gain * force / state.turn_ratio)
+    q = math.sqrt(0.3 * force / 3.0)
     for k in range(1, 15_001):
-        _turn.py_func(state, state, force, dt)
+        _turn.py_func(state, force, dt)
         if k % 1000 == 0:
             t = k * dt
             expected = 1.0 - 1.5 * math.exp(-q * t) + 0.5 * math.exp(-3.0 * q * t)

@@ -191,83 +191,9 @@ class ChairSettings:
         return 0.5 * self.drive.track * self.braking / square
 
 
-_HELBING = "Helbing, Farkas and Vicsek 2000"
-_FARINA = "Farina et al. 2017 and their code"
-
-
-@settings
-class SocialForceSettings:
-    """The headed social force model, for people who walk by it."""
-
-    drive_time: float = setting(default=0.5, unit="s", low=0.05, high=10.0, source=_FARINA)
-    """Time constant with which a person comes to the wanted velocity."""
-    social_strength: float = setting(default=2000.0, unit="N", low=0.0, high=1e5, source=_HELBING)
-    """Force of another person, or of the chair, at contact."""
-    social_range: float = setting(
-        default=0.2,
-        unit="m",
-        low=0.01,
-        high=2.0,
-        source="Helbing and Molnar 1995, of walls; with 0.08 m (2000) 200 N stop nobody in time",
-    )
-    """Distance in which that force falls to 1/e."""
-    wall_strength: float = setting(default=2000.0, unit="N", low=0.0, high=1e5, source=_HELBING)
-    """Force of a wall or a thing at contact."""
-    wall_range: float = setting(default=0.08, unit="m", low=0.01, high=2.0, source=_HELBING)
-    """Distance in which that force falls to 1/e; also among people of one group."""
-    sideways_gain: float = setting(default=1.0, low=0.0, high=100.0, source=_FARINA)
-    """Share of the forces of others and walls that moves a person sideways."""
-    sideways_damping: float = setting(
-        default=500.0, unit="kg/s", low=0.0, high=5000.0, source=_FARINA
-    )
-    """Force against walking sideways, per speed."""
-    turn_gain: float = setting(default=0.3, unit="1/(kg m)", low=0.0, high=10.0, source=_FARINA)
-    """Turn acceleration per angle and driving force."""
-    turn_ratio: float = setting(default=3.0, low=0.1, high=100.0, source=_FARINA)
-    """Ratio of the two rates with which a turn decays."""
-
-
-@settings
-class PeopleSettings:
-    """How people move: avoidance of others, and legs of limited force."""
-
-    decision_period: float = setting(
-        default=0.1, unit="s", low=0.01, high=1.0, source="design choice"
-    )
-    """Time between two choices of a velocity."""
-    horizon: float = setting(
-        default=2.0, unit="s", low=0.1, high=10.0, source="RVO2 (van den Berg et al. 2011)"
-    )
-    """Time ahead for which a person avoids others and the chair."""
-    wall_horizon: float = setting(
-        default=0.5, unit="s", low=0.05, high=10.0, source="design choice"
-    )
-    """Time ahead for which a person avoids walls."""
-    neighbour_distance: float = setting(
-        default=4.0, unit="m", low=0.5, high=20.0, source="design choice"
-    )
-    """Distance beyond which a person ignores others."""
-    inattentive_distance: float = setting(
-        default=1.0, unit="m", low=0.0, high=20.0, source="design choice: a step"
-    )
-    """Distance from which a person who pays no attention avoids the chair."""
-    relaxation_time: float = setting(
-        default=0.3, unit="s", low=0.02, source="design choice: below the time of a step"
-    )
-    """Time constant with which a person takes up a velocity."""
-    max_force: float = setting(
-        default=200.0,
-        unit="N",
-        low=1.0,
-        source="75 kg at 2.7 m/s2: 1.34 m/s in 0.5 s (Helbing and Molnar 1995)",
-    )
-    """Largest force of a person's legs; less for who weighs less than 75 kg."""
-    social_force: SocialForceSettings = SocialForceSettings()
-
-
 @settings
 class PhysicsSettings:
-    """How finely time is cut, and how people move."""
+    """How finely time is cut."""
 
     step: float = setting(
         default=0.01,
@@ -277,7 +203,6 @@ class PhysicsSettings:
         source="design choice: ten in a control period",
     )
     """Physics step."""
-    people: PeopleSettings = PeopleSettings()
 
 
 def integer_ratio(long: float, short: float, names: str) -> int:

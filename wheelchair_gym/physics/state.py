@@ -87,21 +87,6 @@ PARAMETER = np.dtype(
         ("fire_every", "i8"),  # physics steps between two ultrasonic firings
         # people
         ("decide_every", "i8"),  # physics steps between two choices of a velocity
-        ("relaxation_time", "f8"),  # s
-        ("max_force", "f8"),  # N
-        ("horizon", "f8"),  # s
-        ("wall_horizon", "f8"),  # s
-        ("neighbour_distance", "f8"),  # m
-        ("inattentive_distance", "f8"),  # m
-        ("drive_time", "f8"),  # s, of the social force model, as what follows
-        ("social_strength", "f8"),  # N
-        ("social_range", "f8"),  # m
-        ("wall_strength", "f8"),  # N
-        ("wall_range", "f8"),  # m
-        ("sideways_gain", "f8"),
-        ("sideways_damping", "f8"),  # kg/s
-        ("turn_gain", "f8"),  # 1/(kg m)
-        ("turn_ratio", "f8"),
     ],
     align=True,
 )
@@ -204,6 +189,7 @@ SENSED = np.dtype(
 )
 
 
+_DECISION_PERIOD = 0.1  # s between two choices of a velocity by people
 _NEVER = 2**62  # physics steps: more than there are
 
 # Parameters that are settings of the same name, by the section of the settings.
@@ -217,14 +203,6 @@ _COPIED = {
     ),
     "battery": (
         "full_voltage", "empty_voltage", "idle_power", "regeneration", "initial_charge",
-    ),
-    "people": (
-        "relaxation_time", "max_force", "horizon", "wall_horizon", "neighbour_distance",
-        "inattentive_distance",
-    ),
-    "social_force": (
-        "drive_time", "social_strength", "social_range", "wall_strength", "wall_range",
-        "sideways_gain", "sideways_damping", "turn_gain", "turn_ratio",
     ),
 }  # fmt: skip
 
@@ -242,9 +220,7 @@ def parameters(
     body, motor, battery = chair.body, chair.motor, chair.battery
     drive, odometry = chair.drive, sensors.odometry
     random, errors = chair.random, 1.0 if sensors.noise else 0.0
-    people = physics.people
-    sections = {"body": body, "motor": motor, "battery": battery, "people": people}
-    sections["social_force"] = people.social_force
+    sections: dict[str, Any] = {"body": body, "motor": motor, "battery": battery}
     for section, names in _COPIED.items():
         for name in names:
             p[name] = getattr(sections[section], name)
@@ -286,7 +262,7 @@ def parameters(
     if rangers.mounted:
         what = "ultrasonic.interval and physics.step"
         p["fire_every"] = integer_ratio(rangers.interval, physics.step, what)
-    p["decide_every"] = max(1, round(people.decision_period / physics.step))
+    p["decide_every"] = max(1, round(_DECISION_PERIOD / physics.step))
     return rows
 
 

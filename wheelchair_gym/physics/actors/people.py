@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.address import on_stack, table_at
-from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
+from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.geometry import body_to_world
 from wheelchair_gym.physics.actors.behaviours import (
     face,
@@ -33,6 +33,7 @@ from wheelchair_gym.physics.actors.records import (
     CUTS_IN,
     DOOR,
     EVERYBODY,
+    INATTENTIVE_DISTANCE,
     INDIFFERENT,
     NOBODY,
     PERSON,
@@ -44,6 +45,9 @@ from wheelchair_gym.random import ACTORS, normal, uniform
 
 Array = NDArray[np.float64]
 
+_HORIZON = 2.0  # s for which people avoid others and the chair: RVO2 (van den Berg et al. 2011)
+_WALL_HORIZON = 0.5  # s for which they avoid walls
+_NEIGHBOUR_DISTANCE = 4.0  # m: others who are farther away are ignored
 _WALLS = 16  # lines of walls and things at most: the others are for who moves
 _REACHED = 0.35  # m: a way point counts as reached; about a step
 _PASSED = 1.0  # m: and this near when its line has been crossed
@@ -80,7 +84,7 @@ def _next_waypoint(world: Any, row: Any, state: Any) -> None:
 
 
 @borrowing_kernel
-def _walls_about(world: Any, p: Any, k: int, trolley: int, sight: float, near: Array) -> int:
+def _walls_about(world: Any, k: int, trolley: int, sight: float, near: Array) -> int:
     """Copy the walls and leaves in the sight [m] of person k, and between them and neighbours.
 
     They are those whose bounding boxes meet one that holds all this, but for the person's own
@@ -91,7 +95,9 @@ def _walls_about(world: Any, p: Any, k: int, trolley: int, sight: float, near: A
     left, right, low, high = x - sight, x + sight, y - sight, y + sight
     for j in range(world.n_actors):
         at = actor_states[j].pose
-        if rows[j].kind == PERSON and _is_neighbour(p, at[0] - x, at[1] - y):
+        dx, dy = at[0] - x, at[1] - y
+        near_by = dx * dx + dy * dy <= _NEIGHBOUR_DISTANCE * _NEIGHBOUR_DISTANCE
+        if rows[j].kind == PERSON and near_by:
             left, right = min(left, at[0]), max(right, at[0])
             low, high = min(low, at[1]), max(high, at[1])
     walls, n = table_at(world.walls, world.n_walls, 4), 0
@@ -107,16 +113,8 @@ def _walls_about(world: Any, p: Any, k: int, trolley: int, sight: float, near: A
     return n
 
 
-@inlined
-def _is_neighbour(p: Any, dx: float, dy: float) -> bool:
-    """Whether a person regards another at an offset [m]."""
-    return bool(dx * dx + dy * dy <= p.neighbour_distance * p.neighbour_distance)
-
-
 @borrowing_kernel
-def _static_half_planes(
-    world: Any, state: Any, radius: float, sight: float, p: Any, walls: Array
-) -> int:
+def _static_half_planes(world: Any, state: Any, radius: float, sight: float, walls: Array) -> int:
     """Lines of near walls (n, 4), leaves among them, and of static things; returns how many.
 
     It also measures how far the person is from walls and discs that stay (`separation`).
@@ -137,36 +135,36 @@ def _static_half_planes(
         nearest = min(nearest, far)
         if far < sight * sight and far > 0.0 and n < _WALLS:
             d = math.sqrt(far)
-            n = avoid_wall(lines, n, dx / d, dy / d, d - radius, p.wall_horizon)
+            n = avoid_wall(lines, n, dx / d, dy / d, d - radius, _WALL_HORIZON)
     state.clear = math.sqrt(nearest) - radius - ROUNDING
     rows, actor_states = actors_of(world)
     for k in range(world.n_fixed_discs):
         ex, ey, r = x - discs[k, 0], y - discs[k, 1], discs[k, 2]
         state.clear = min(state.clear, math.sqrt(ex * ex + ey * ey) - r - radius - ROUNDING)
-        n = _avoid_static_disc(lines, n, ex, ey, radius, sight, r, p)
+        n = _avoid_static_disc(lines, n, ex, ey, radius, sight, r)
     for k in range(world.n_actors):
         row, at = rows[k], actor_states[k].pose
         things = row.kind != PERSON and row.kind != DOOR and row.size[1] == 0.0
         if things and actor_states[k].is_present:
             ex, ey, r = x - at[0], y - at[1], row.size[0]
-            n = _avoid_static_disc(lines, n, ex, ey, radius, sight, r, p)
+            n = _avoid_static_disc(lines, n, ex, ey, radius, sight, r)
     return n
 
 
 @borrowing_kernel
 def _avoid_static_disc(
-    lines: Array, n: int, ex: float, ey: float, radius: float, sight: float, r: float, p: Any
+    lines: Array, n: int, ex: float, ey: float, radius: float, sight: float, r: float
 ) -> int:
     """The line of one static disc, from which a person is (ex, ey) away."""
     d = math.sqrt(ex * ex + ey * ey)
     if d - r < sight and d > 0.0 and n < _WALLS:
-        return avoid_wall(lines, n, ex / d, ey / d, d - r - radius, p.wall_horizon)
+        return avoid_wall(lines, n, ex / d, ey / d, d - r - radius, _WALL_HORIZON)
     return n
 
 
 @borrowing_kernel
 def _trolley_half_planes(
-    state: Any, radius: float, sight: float, p: Any, walls: Array, lines: Array, n: int
+    state: Any, radius: float, sight: float, walls: Array, lines: Array, n: int
 ) -> int:
     """Lines of walls (m, 4) near a trolley, behind n others; returns how many there are."""
     x, y = state.pose[0], state.pose[1]
@@ -178,7 +176,7 @@ def _trolley_half_planes(
         dx, dy = x - ax - t * ex, y - ay - t * ey
         d = math.sqrt(dx * dx + dy * dy)
         if 0.0 < d < sight and n < _WALLS:
-            n = avoid_wall(lines, n, dx / d, dy / d, d - radius, p.wall_horizon)
+            n = avoid_wall(lines, n, dx / d, dy / d, d - radius, _WALL_HORIZON)
     return n
 
 
@@ -194,12 +192,12 @@ def _avoid_outline(
     gap = d - radius
     nx, ny = body_to_world(c, s, ex, ey)
     nx, ny = nx / max(d, 1e-9), ny / max(d, 1e-9)
-    sight = (p.neighbour_distance, p.inattentive_distance, 0.0)[EVERYBODY - row.avoids]
+    sight = (_NEIGHBOUR_DISTANCE, INATTENTIVE_DISTANCE, 0.0)[EVERYBODY - row.avoids]
     if d > 0.0 and gap < sight:
         space = 0.0 if row.reaction == INDIFFERENT else _PERSONAL_SPACE
-        return avoid_wall(lines, n, nx, ny, gap - space, 2.0 * p.wall_horizon)
+        return avoid_wall(lines, n, nx, ny, gap - space, 2.0 * _WALL_HORIZON)
     if d > 0.0 and gap < _TOUCH:
-        return avoid_wall(lines, n, nx, ny, 0.0, p.wall_horizon)
+        return avoid_wall(lines, n, nx, ny, 0.0, _WALL_HORIZON)
     return n
 
 
@@ -216,10 +214,10 @@ def _avoid_chair(
         ahead = (3.0 if part == 0 else 1.0) * quarter - p.outline[1]
         dx = pose[0] + c * ahead - state.pose[0]
         dy = pose[1] + s * ahead - state.pose[1]
-        if dx * dx + dy * dy < (p.neighbour_distance + radius) * (p.neighbour_distance + radius):
+        if dx * dx + dy * dy < (_NEIGHBOUR_DISTANCE + radius) * (_NEIGHBOUR_DISTANCE + radius):
             ux, uy = twist[0] * c - twist[1] * s * ahead, twist[0] * s + twist[1] * c * ahead
             n = avoid_disc(
-                lines, n, dx, dy, radius, vx, vy, ux, uy, 1.0, p.horizon, p.decide_every * p.dt
+                lines, n, dx, dy, radius, vx, vy, ux, uy, 1.0, _HORIZON, p.decide_every * p.dt
             )
     return n
 
@@ -238,7 +236,7 @@ def _moving_half_planes(
         n = _avoid_chair(p, state, radius, vx, vy, n, lines, pose, twist)
     if row.avoids == NOBODY:
         return n
-    near = p.inattentive_distance if row.behaviour == READS_PHONE else p.neighbour_distance
+    near = INATTENTIVE_DISTANCE if row.behaviour == READS_PHONE else _NEIGHBOUR_DISTANCE
     for j in range(world.n_actors):
         other, at = rows[j], actor_states[j].pose
         dx, dy = at[0] - state.pose[0], at[1] - state.pose[1]
@@ -249,7 +247,7 @@ def _moving_half_planes(
         ux, uy = actor_states[j].twist[0], actor_states[j].twist[1]
         share = 1.0 if other.avoids == NOBODY else 0.5
         both, overlap_time = radius + other.size[0], p.decide_every * p.dt
-        n = avoid_disc(lines, n, dx, dy, both, vx, vy, ux, uy, share, p.horizon, overlap_time)
+        n = avoid_disc(lines, n, dx, dy, both, vx, vy, ux, uy, share, _HORIZON, overlap_time)
     return n
 
 
@@ -267,14 +265,14 @@ def _choose_velocity(
     if trolley >= 0:
         beyond = abs(rows[trolley].offset[0]) + extent(rows[trolley])
     if row.avoids != NOBODY:
-        sight = radius + row.speed * p.wall_horizon
-        walls = near[: _walls_about(world, p, k, trolley, sight + beyond, near)]
-        hard = _static_half_planes(world, state, radius, sight, p, walls)
+        sight = radius + row.speed * _WALL_HORIZON
+        walls = near[: _walls_about(world, k, trolley, sight + beyond, near)]
+        hard = _static_half_planes(world, state, radius, sight, walls)
     hard = _avoid_outline(p, state, row, radius, hard, lines, pose)
     if trolley >= 0:
         cart, cart_radius = actor_states[trolley], extent(rows[trolley])
-        sight = cart_radius + row.speed * p.wall_horizon
-        hard = _trolley_half_planes(cart, cart_radius, sight, p, walls, lines, hard)
+        sight = cart_radius + row.speed * _WALL_HORIZON
+        hard = _trolley_half_planes(cart, cart_radius, sight, walls, lines, hard)
         hard = _avoid_outline(p, cart, row, cart_radius, hard, lines, pose)
     n = _moving_half_planes(world, p, k, state, radius, walls, hard, lines, pose, twist)
     if trolley >= 0:

@@ -42,6 +42,7 @@ REACTIONS: Final = ("regular", "curious", "wary", "surprised", "indifferent")
 RADIUS: Final = 0.25  # m, of a person: shoulders 0.5 m wide (Fruin 1971: body ellipse 0.6 x 0.45)
 MASS: Final = 75.0  # kg, of a person: ISO 7176-11's middle dummy
 SPEED: Final = 1.34  # m/s that people prefer (Weidmann 1993; standard deviation 0.26 m/s)
+INATTENTIVE_DISTANCE: Final = 1.0  # m at which people who pay no attention see a chair: a step
 FLOOR: Final = 0.4  # friction of furniture on the floor: felt or rubber feet on vinyl
 LEAF_TURN: Final = 1.0  # rad/s of a swing door: 90 degrees in under 2 s
 LEAF_SPEED: Final = 0.5  # m/s of a sliding door
