@@ -72,6 +72,7 @@ RENAMED: Final[dict[str, dict[str, str]]] = {
 
 # Settings that are constants now, by section: they are left out.
 DROPPED: Final[dict[str, tuple[str, ...]]] = {
+    "hardware": ("command_period", "poll_period", "odometry_latency"),
     "localization": (
         "beams", "trust", "error", "bin_side", "bin_sector", "way_by_way", "way_by_turn",
         "turn_by_way", "turn_by_turn", "aside", "start_position", "start_heading", "update_way",

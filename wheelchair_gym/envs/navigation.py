@@ -385,19 +385,6 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         """Show people what a policy wants shown, until the next call or reset()."""
         self.shown = shown if shown.path is not None else shown._replace(path=self.task.path)
 
-    def get_keys_to_action(self) -> dict[tuple[str, ...], NDArray[np.float32]]:
-        """Actions of the keys w, a, s, d and of their pairs, for `gymnasium.utils.play`.
-
-        Play needs `noop=np.zeros(2)`, and `render_mode="rgb_array"`.
-        """
-        ahead, turn = {"": 0.0, "w": 0.8, "s": -1.0}, {"": 0.0, "a": 0.6, "d": -0.6}
-        return {
-            tuple(sorted(key for key in (one, other) if key)): np.array([v, w], np.float32)
-            for one, v in ahead.items()
-            for other, w in turn.items()
-            if one or other
-        }
-
     def _repr_html_(self) -> str:
         """The environment in a notebook: its settings, and once reset its picture."""
         from wheelchair_gym.notebook import picture_html, settings_html

@@ -69,7 +69,8 @@ class WorldBank:
     def _prepared(self, seed: int, episode: int, key: int) -> PreparedEpisode:
         if self._bank.size == 0:
             return self._make((seed, episode))
-        number = self._begin(episode) + self._pick(key)
+        draw = int(bits(np.uint64(key), 0, WORLDS, 0))  # a world of its window
+        number = self._begin(episode) + draw % self._bank.size
         self._made[number] = prepared = self._made.pop(number, None) or self._of_bank(number)
         return prepared
 
@@ -92,10 +93,6 @@ class WorldBank:
                 self._made[int(number)] = self._of_bank(int(number))
             if report is not None:
                 report(ready + 1, self._bank.size)
-
-    def _pick(self, key: int) -> int:
-        """Which world of its window the episode with a key draws."""
-        return int(bits(np.uint64(key), 0, WORLDS, 0)) % self._bank.size
 
     def drop_before(self, episode: int) -> None:
         """Drop worlds that no episode from this one on can draw, and limit the number of others.

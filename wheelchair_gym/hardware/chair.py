@@ -56,6 +56,8 @@ _REFUSED: dict[int, str] = {
     Status.MOVING: "the chair is moving",
 }
 _FINAL_STOPS = 4  # stop commands at the end: noise may destroy one
+_COMMAND_PERIOD = 0.02  # s between two commands: a tenth of the drive board's timeout of 0.2 s
+_POLL_PERIOD = 0.005  # s between two reads of the ports: a quarter of the odometry's period
 _FINE = 0.001  # s between two checks for the next odometry
 
 
@@ -118,7 +120,7 @@ class HardwareChair(NotCopyable):
         self.latched, self.commanded = "", np.zeros(2)
         self._travel, self._read_at = np.zeros(2), 0.0  # of the last reading
         self._closed = False
-        self._loop.start_guard(self._guard, settings.poll_period, self.close)
+        self._loop.start_guard(self._guard, _POLL_PERIOD, self.close)
 
     def reset(self, episode: Episode, key: int) -> Reading:
         """Stop, stay in place, and wait for fresh data and for a person to re-arm the chair.
@@ -363,7 +365,7 @@ class HardwareChair(NotCopyable):
             moves = self._target.v != 0.0 or self._target.w != 0.0
             if moves and (self._loop.expired or self._stop_reason()):
                 self._send(STOP)
-            elif now - self._sent_at >= self.settings.command_period - 1e-9:
+            elif now - self._sent_at >= _COMMAND_PERIOD - 1e-9:
                 self._send(self._target)
 
     def _watch_person(self) -> None:

@@ -42,7 +42,7 @@ class HostLimits:
 
 @settings
 class HardwareSettings:
-    """Where the boards and the laser are, and how often the host talks to them.
+    """Where the boards and the laser are, and how the chair is driven.
 
     The geometry is that of the environment (sections `chair` and `sensors`). At reset the boards'
     parameters and the laser's own specification must agree with it.
@@ -60,26 +60,6 @@ class HardwareSettings:
         default="tcp://192.168.0.10:10940", source="Hokuyo UST-10LX as delivered"
     )
     """Address or serial port of the laser."""
-    command_period: float = setting(
-        default=0.02,
-        unit="s",
-        low=0.005,
-        high=0.1,
-        source="a tenth of the drive board's timeout of 0.2 s",
-    )
-    """Time between two commands on the line."""
-    poll_period: float = setting(
-        default=0.005,
-        unit="s",
-        low=0.001,
-        high=0.05,
-        source="a quarter of the odometry's period of 20 ms",
-    )
-    """Time between two reads of the ports."""
-    odometry_latency: float = setting(
-        default=0.004, unit="s", low=0.0, high=0.05, source="measured on the twin"
-    )
-    """Minimum delay from the encoder counts on the board to their arrival at the host."""
     dry_run: bool = setting(default=False)
     """Send no command, and only read what boards and laser send."""
     rearm_timeout: float = setting(default=120.0, unit="s", low=0.0, source="design choice")

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
 from wheelchair_gym.arrays import Array, Floats, Mask
-from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined, kernel
+from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, geodesic
 from wheelchair_gym.sensors.settings import LaserSettings
@@ -156,13 +156,6 @@ def cells_passed(x0: float, y0: float, x1: float, y1: float, cols: int, path: In
     return count
 
 
-@inlined
-def part_of(x: float, y: float) -> int:
-    """Which of its PARTS x PARTS parts a place in a cell lies in, from 0 to 1 each way."""
-    u, v = min(int(PARTS * x), PARTS - 1), min(int(PARTS * y), PARTS - 1)
-    return PARTS * v + u
-
-
 @borrowing_kernel
 def _raise_field(
     layers: Layers, i: int, row: int, col: int, weights: Floats, box: tuple[int, int, int, int]
@@ -232,7 +225,8 @@ def add_scan(
             here.hits = count
             here.x += (x - col - here.x) / count
             here.y += (y - row - here.y) / count
-            part = part_of(here.x, here.y)
+            u, v = min(int(PARTS * here.x), PARTS - 1), min(int(PARTS * here.y), PARTS - 1)
+            part = PARTS * v + u
             if before < model.occupied <= odds[row, col]:
                 here.part = part
                 _raise_field(layers, i, row, col, weights, (0, rows, 0, cols))

@@ -180,11 +180,6 @@ _WEDGE = np.dtype(  # a visible sector that has still to enter a row
 )
 
 
-def no_bends() -> Records:
-    """The bends of paths to a goal that cannot be reached."""
-    return np.empty(0, _BEND)
-
-
 class Sector(NamedTuple):
     """The part of the map that is visible from a bend on one side of its row."""
 
@@ -528,7 +523,7 @@ def _lengths(grid: OccupancyGrid, goal: Array, radius: float) -> tuple[Field, Re
     if grid.inside(goal):
         for col, row in _entries(free, x, y, _band(grid, radius)):
             return spread(free, float(x), float(y), math.floor(row + 0.5), math.floor(col + 0.5))
-    return np.full(free.shape, np.inf, np.float32), no_bends()
+    return np.full(free.shape, np.inf, np.float32), np.empty(0, _BEND)
 
 
 def _entries(free: Mask, x: float, y: float, band: float) -> list[tuple[float, float]]:

@@ -154,12 +154,6 @@ def control_speed(state: Any, p: Any, k: DriveConstants) -> None:
 
 
 @borrowing_kernel
-def _smooth_sign(speed: float) -> float:
-    """Sign of a speed, smooth about rest."""
-    return speed / math.sqrt(speed * speed + _CREEP * _CREEP)
-
-
-@borrowing_kernel
 def physics_step(
     state: Any, p: Any, k: DriveConstants, space: np.uint64, body: np.uint64, engine: np.uint64
 ) -> float:
@@ -198,7 +192,9 @@ def physics_step(
         amperes = (state.duty[i] * state.voltage - p.torque_constant * spin) / p.resistance
         amperes = min(p.current_limit, max(-p.current_limit, amperes))
         drawn += state.duty[i] * amperes
-        rolling = k.rolling * radii[i] * _smooth_sign(spin * radii[i])
+        rim = spin * radii[i]
+        # The sign of the speed, smooth about rest.
+        rolling = k.rolling * radii[i] * (rim / math.sqrt(rim * rim + _CREEP * _CREEP))
         torque = p.gain * p.torque_constant * amperes - rolling
         impulse = (torque * dt + p.wheel_inertia * spin) * per_radius[i]
         bring = (impulse, bring[1]) if i == 0 else (bring[0], impulse)

@@ -6,7 +6,6 @@ from wheelchair_gym.rendering.picture import TopView, draw_map
 from wheelchair_gym.rendering.plan import draw_plan
 from wheelchair_gym.rendering.video import (
     Window,
-    contact_sheet,
     video_suffix,
     webp,
     write_png,
@@ -16,7 +15,6 @@ from wheelchair_gym.rendering.video import (
 __all__ = [
     "TopView",
     "Window",
-    "contact_sheet",
     "draw_map",
     "draw_plan",
     "video_suffix",

@@ -68,8 +68,7 @@ def write_video(path: str | Path, frames: Iterable[Image], rate: float) -> None:
     """Write pictures of one size as a video; the name's ending says which kind.
 
     Args:
-        path: ends in .mp4 (H.264, plays in browsers), .gif (animated, loops) or .png (a contact
-            sheet of some of the pictures).
+        path: ends in .mp4 (H.264, plays in browsers) or .gif (animated, loops).
         frames: pictures (h, w, 3) RGB; may be a generator, which an .mp4 never holds whole.
         rate: pictures a second [1/s].
 
@@ -77,8 +76,8 @@ def write_video(path: str | Path, frames: Iterable[Image], rate: float) -> None:
         InputError: another ending, no frames, or an .mp4 where moviepy is missing.
     """
     path = Path(path)
-    if path.suffix not in (".mp4", ".gif", ".png"):
-        raise InputError(f"{path}: expected a name that ends in .mp4, .gif, .png")
+    if path.suffix not in (".mp4", ".gif"):
+        raise InputError(f"{path}: expected a name that ends in .mp4, .gif")
     source = iter(frames)
     first = next(source, None)
     if first is None:
@@ -86,10 +85,8 @@ def write_video(path: str | Path, frames: Iterable[Image], rate: float) -> None:
     every = chain([first], source)
     if path.suffix == ".mp4":
         _write_mp4(path, every, rate, first.shape)
-    elif path.suffix == ".gif":
-        _write_gif(path, every, rate)
     else:
-        write_png(path, contact_sheet(list(every)))
+        _write_gif(path, every, rate)
 
 
 def _write_mp4(path: Path, frames: Iterable[Image], rate: float, shape: tuple[int, ...]) -> None:
@@ -127,22 +124,6 @@ def _write_gif(path: Path, frames: Iterable[Image], rate: float) -> None:
             part, save_all=True, append_images=others, loop=0,
             duration=max(20, round(100.0 / rate) * 10),
         )  # fmt: skip
-
-
-def contact_sheet(frames: list[Image], columns: int = 4, most: int = 16) -> Image:
-    """One picture of up to `most` pictures in rows, evenly spaced in time, at half their size."""
-    count = min(most, len(frames))
-    columns, gap = min(columns, count), 4  # pixels
-    chosen = np.linspace(0, len(frames) - 1, count).round().astype(int)
-    tiles = [
-        cv2.copyMakeBorder(
-            frames[k][::2, ::2], 0, gap, 0, gap, cv2.BORDER_CONSTANT, value=(255, 255, 255)
-        )
-        for k in chosen
-    ]
-    tiles += [np.full_like(tiles[0], 255)] * (-count % columns)
-    rows = [np.hstack(tiles[k : k + columns]) for k in range(0, len(tiles), columns)]
-    return np.vstack(rows)[:-gap, :-gap]
 
 
 class Window:

@@ -80,12 +80,6 @@ def _nearer(edge: np.float32, r: np.float32) -> np.float32:
 
 
 @borrowing_kernel
-def _arc_length(r: float) -> float:
-    """Length [m] of the arc that one point represents at a range [m]."""
-    return _FINE if r < _NEARBY else 2.0 * _FINE if r < 2.0 * _NEARBY else 4.0 * _FINE
-
-
-@borrowing_kernel
 def last_rows(rows: Any, n: int, most: int) -> int:
     """Keep at most `most` of n rows, the last ones; returns their number."""
     over = max(0, n - most)
@@ -330,7 +324,9 @@ def _find_points(g: Any, work: Any, laser: Floats, medians: Floats, n: int) -> i
         if r <= far:
             if count == 0:
                 begin, edge = b, bool(abs(r - before) > JUMP)
-                limit = int(_arc_length(float(r)) * g.per_angle / r)
+                # One point represents an arc, the longer the farther it is.
+                arc = _FINE if r < _NEARBY else 2.0 * _FINE if r < 2.0 * _NEARBY else 4.0 * _FINE
+                limit = int(arc * g.per_angle / r)
             count += 1
             total += r
             tail = b

@@ -202,16 +202,6 @@ def advice_for(message: str) -> str:
     return "; ".join(dict.fromkeys(stop.advice for stop in rows))
 
 
-def needs_person(message: str) -> bool:
-    """Whether a stop lasts until a person re-arms the chair."""
-    return any(stop.ends in (Ends.REARM, Ends.NEW_RUN) for stop in matching_stops(message))
-
-
-def is_manual(message: str) -> bool:
-    """Whether a message says that a person drives."""
-    return matching_stops(message)[0].ends is Ends.PERSON
-
-
 def active_stops(halted: str, shield: Any) -> list[str]:
     """Messages of all stops that are active: of the chair (`Reading.halted`) and of its shield."""
     fault = "" if shield is None else shield_message(shield.latched)
@@ -246,7 +236,7 @@ class StopMonitor:
             lines = ["goes on"]
         elif over:
             lines += [f"no longer: {'; '.join(over)}; still stands: {self.why}"]
-        hand = any(is_manual(message) for message in held.values())
+        hand = any(matching_stops(why)[0].ends is Ends.PERSON for why in held.values())
         if not held or hand:
             self._waited = 0.0
         elif before:
@@ -266,9 +256,10 @@ class StopMonitor:
 
 
 def _sentence(message: str) -> str:
-    first = matching_stops(message)[0]
-    advice = advice_for(message)
-    return f"{first.ends.value}: {advice}" if needs_person(message) else advice
+    """What a person does, and how the stop ends if it lasts until a person re-arms the chair."""
+    stops, advice = matching_stops(message), advice_for(message)
+    lasts = any(stop.ends in (Ends.REARM, Ends.NEW_RUN) for stop in stops)
+    return f"{stops[0].ends.value}: {advice}" if lasts else advice
 
 
 def as_table() -> str:

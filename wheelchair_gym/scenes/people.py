@@ -268,8 +268,8 @@ def _make(
     if kind.reaction:
         row["reaction"] = REACTIONS.index(kind.reaction)
     match kind.behaviour:
-        case "groups":
-            row["speed"] = min(row["speed"][0], _group_speed(kind.size))
+        case "groups":  # their mean speed: Moussaid et al. 2010
+            row["speed"] = min(row["speed"][0], 1.24 - 0.08 * kind.size)
             return group(walker, kind.size, FASTEST)
         case "pauses":
             row["behaviour"], row["stay"] = PAUSES, rng.uniform(*_PAUSE)
@@ -325,11 +325,6 @@ def _put_beside_chair(walker: Actor, start: Array, grid: OccupancyGrid, taken: l
             row["speed"] = max(row["speed"][0], _BESIDE_SPEED)
             row["pose"][0, :2] = place
             return
-
-
-def _group_speed(size: int) -> float:
-    """Mean speed [m/s] of a group (Moussaid et al. 2010)."""
-    return 1.24 - 0.08 * size
 
 
 def _draw_walker(rng: np.random.Generator, people: PeopleSettings) -> tuple[float, int]:

@@ -82,7 +82,6 @@ DESIGN_LAB_PATHS: Final = {
     1: ((5.3, 9.0), (8.5, 12.0)),
     2: ((6.0, 2.0), (6.3, 9.5)),
 }
-DESIGN_LAB_INFLATION: Final = 0.4  # m: the paper's
 
 
 @settings

@@ -315,13 +315,6 @@ class SensorSettings:
         return tuple(slice(b - laser.beams, b) for laser, b in zip(self.lasers, ends, strict=True))
 
     @property
-    def origins(self) -> Array:
-        """Where each beam begins, in the chair's frame (beams, 2) [m]."""
-        counts = [laser.beams for laser in self.lasers]
-        places = np.array([(laser.x, laser.y) for laser in self.lasers]).reshape(-1, 2)
-        return np.repeat(places, counts, axis=0)
-
-    @property
     def directions(self) -> Array:
         """Cosine and sine of each beam of all scanners in the chair's frame (beams, 2)."""
         return np.concatenate([np.empty((0, 2)), *(laser.directions for laser in self.lasers)])

@@ -52,7 +52,8 @@ def make_reward(spec: Any) -> RewardFunction | None:
         raise InputError(f"reward is {shorten(spec)}; expected a function or module:function")
     function: RewardFunction = spec
     try:
-        value = function(*_blank())
+        terms, sensed = as_record(np.zeros(1, TERM_VALUES)), as_record(np.zeros(1, SENSED))
+        value = function(terms, sensed, np.zeros(2))
     except Exception as error:  # whatever somebody's function raises
         why = f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}"
         known = ", ".join([*(TERM_VALUES.names or ()), *(SENSED.names or ())])
@@ -61,11 +62,6 @@ def make_reward(spec: Any) -> RewardFunction | None:
         ) from error
     checked(value, name)
     return function
-
-
-def _blank() -> tuple[Any, Any, Array]:
-    terms, sensed = np.zeros(1, TERM_VALUES), np.zeros(1, SENSED)
-    return as_record(terms), as_record(sensed), np.zeros(2)
 
 
 def as_record(rows: Rows) -> Any:

@@ -33,6 +33,7 @@ from wheelchair_gym.hardware.settings import HardwareSettings
 from wheelchair_gym.kinematics import DriveGeometry
 from wheelchair_gym.sensors.settings import RANGERS, SensorSettings
 
+_ODOMETRY_LATENCY = 0.004  # s from the counts on the board to the host, at least: on the twin
 POLL_PERIOD = 0.005  # s between two reads of the lines while a tool waits
 _FAN = 0.01  # rad: maximum difference between the laser's fan and its settings
 _RANGE_OF = {
@@ -135,7 +136,7 @@ class BoardSensors:
                 self.parameters["drive"].reported.clear()  # they may have changed
             self._stamp = message.stamp
             newest = self._newest["odometry"]
-            newest.update(message, message.stamp, now - self.settings.odometry_latency)
+            newest.update(message, message.stamp, now - _ODOMETRY_LATENCY)
             self.odometer.update(message, newest.message.measured_at)
             self.pressed |= bool(message.switches & STRIPS)
         elif isinstance(message, Ranges):

@@ -359,14 +359,6 @@ def leg_force(row: Any, ax: float, ay: float) -> tuple[float, float]:
 
 
 @borrowing_kernel
-def _apply_leg_force(row: Any, state: Any, fields: Array) -> None:
-    """The force of legs towards the wanted velocity."""
-    ax = (state.preferred_velocity[0] - fields[VX]) / _RELAXATION_TIME
-    ay = (state.preferred_velocity[1] - fields[VY]) / _RELAXATION_TIME
-    fields[FX], fields[FY] = leg_force(row, ax, ay)
-
-
-@borrowing_kernel
 def _move_trolley(row: Any, state: Any, walker: Any, fields: Array) -> None:
     """The force of arms that keeps a trolley before or behind a person, no more than legs give.
 
@@ -421,7 +413,9 @@ def apply_forces(world: Any, p: Any) -> None:
         row, state = rows[k], actor_states[k]
         fields = body_view(state.body)
         if row.kind == PERSON:
-            _apply_leg_force(row, state, fields)
+            ax = (state.preferred_velocity[0] - fields[VX]) / _RELAXATION_TIME
+            ay = (state.preferred_velocity[1] - fields[VY]) / _RELAXATION_TIME
+            fields[FX], fields[FY] = leg_force(row, ax, ay)
         elif row.kind == FURNITURE:
             if row.leader > 0:
                 _move_trolley(row, state, actor_states[k - row.leader], fields)
