@@ -18,7 +18,6 @@ import numpy as np
 
 from wheelchair_gym.config import InputError
 from wheelchair_gym.files import write_error
-from wheelchair_gym.geometry import map_to_odom
 from wheelchair_gym.hardware.ros import make_messages as ros
 from wheelchair_gym.hardware.ros.cdr import EXTRA, serialized, typestore
 from wheelchair_gym.recording.sink import Sink
@@ -34,6 +33,8 @@ _LOG = logging.getLogger(__name__)
 # Topic of a recording: topic of the bag, its type, and what makes a message of time and content.
 _MADE: Final[dict[str, tuple[str, str, Callable[..., ros.Message]]]] = {
     "/map": ("/map", "nav_msgs/msg/OccupancyGrid", ros.grid),
+    "/tf": ("/tf", "tf2_msgs/msg/TFMessage", ros.frames),
+    "/tf_static": ("/tf_static", "tf2_msgs/msg/TFMessage", ros.mounts),
     "/odometry": ("/odom", "nav_msgs/msg/Odometry", ros.odometry),
     "/path": ("/plan", "nav_msgs/msg/Path", ros.path),
     "/trail": ("/trail", "nav_msgs/msg/Path", ros.path),
@@ -148,15 +149,6 @@ class RosBag:
         elif topic == "/ultrasonic":
             for name, message in ros.distances(now, *content).items():
                 yield name, "sensor_msgs/msg/Range", message
-        elif topic == "/tf":
-            pose, odometry = content
-            tree = [
-                ros.transform(now, "map", "odom", map_to_odom(pose, odometry)),
-                ros.transform(now, "odom", "base_link", odometry),
-            ]
-            yield topic, "tf2_msgs/msg/TFMessage", {"transforms": tree}
-        elif topic == "/tf_static":
-            yield topic, "tf2_msgs/msg/TFMessage", ros.mounts(now, *content)
         elif topic == "/note":
             source, text, *warning = content
             level = 30 if any(warning) else 20

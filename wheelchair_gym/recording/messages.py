@@ -17,7 +17,7 @@ from foxglove import messages as m
 from numpy.typing import ArrayLike, NDArray
 
 from wheelchair_gym.arrays import Array
-from wheelchair_gym.geometry import map_to_odom
+from wheelchair_gym.hardware.ros import make_messages as ros
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.rendering.palette import CHAIR, NARROW, PERSON, TRAIL, WIDE, Colour
 from wheelchair_gym.rendering.video import jpeg
@@ -33,17 +33,14 @@ def _time(now: int) -> Any:
     return m.Timestamp(now // _NANO, now % _NANO)
 
 
-def _quaternion(yaw: float) -> Any:
-    return m.Quaternion(x=0.0, y=0.0, z=math.sin(0.5 * yaw), w=math.cos(0.5 * yaw))
-
-
-def _vector(x: float, y: float) -> Any:
-    return m.Vector3(x=float(x), y=float(y), z=0.0)
+def _pose_of(pose: ros.Message) -> Any:
+    """A pose of a geometry_msgs/Pose."""
+    place, turn = m.Vector3(**pose["position"]), m.Quaternion(**pose["orientation"])
+    return m.Pose(position=place, orientation=turn)
 
 
 def _pose(pose: Iterable[float]) -> Any:
-    x, y, yaw = pose
-    return m.Pose(position=_vector(x, y), orientation=_quaternion(yaw))
+    return _pose_of(ros.pose(pose))
 
 
 def _colour(colour: Colour, alpha: float) -> Any:
@@ -62,50 +59,21 @@ def pose_in_map(now: int, pose: Iterable[float]) -> Any:
 
 def poses_in_map(now: int, points: ArrayLike) -> Any:
     """Points (n, 2) on the map, each with its heading to the next one."""
-    places = np.asarray(points, np.float64)[:, :2]
-    steps = np.diff(places, axis=0, append=places[-1:])
-    yaws = np.arctan2(steps[:, 1], steps[:, 0])
-    yaws[-1] = yaws[max(0, len(yaws) - 2)]
-    poses = [_pose(row) for row in np.column_stack([places, yaws]).tolist()]
+    poses = [_pose_of(one["pose"]) for one in ros.path(now, points)["poses"]]
     return m.PosesInFrame(frame_id="map", timestamp=_time(now), poses=poses)
 
 
-def _transform(now: int, parent: str, child: str, pose: Iterable[float]) -> Any:
-    x, y, yaw = pose
-    return m.FrameTransform(
-        timestamp=_time(now), parent_frame_id=parent, child_frame_id=child,
-        translation=_vector(x, y), rotation=_quaternion(yaw),
-    )  # fmt: skip
-
-
-def frames(now: int, pose: Array, odometry: Array) -> Any:
-    """The tree map -> odom -> base_link, from the estimated pose (3,) and the odometry's."""
+def _transforms(now: int, message: ros.Message) -> Any:
+    """The transforms of a tf2_msgs/TFMessage."""
     tree = [
-        _transform(now, "map", "odom", map_to_odom(pose, odometry)),
-        _transform(now, "odom", "base_link", odometry),
-    ]
-    return m.FrameTransforms(transforms=tree)
-
-
-def scanner_frame(number: int) -> str:
-    """The frame of a scanner: laser, laser_1, ..."""
-    return f"laser_{number}" if number else "laser"
-
-
-def mounts(
-    now: int,
-    lasers: LaserSettings | Sequence[LaserSettings],
-    rangers: UltrasonicSettings | None = None,
-) -> Any:
-    """base_link -> each scanner, and each ultrasonic."""
-    scanners = [lasers] if isinstance(lasers, LaserSettings) else lasers
-    tree = [
-        _transform(now, "base_link", scanner_frame(k), (laser.x, laser.y, laser.yaw))
-        for k, laser in enumerate(scanners)
-    ]
-    tree += [
-        _transform(now, "base_link", f"ultrasonic_{k}", (one.x, one.y, one.yaw))
-        for k, one in enumerate(rangers.mounted if rangers else ())
+        m.FrameTransform(
+            timestamp=_time(now),
+            parent_frame_id=one["header"]["frame_id"],
+            child_frame_id=one["child_frame_id"],
+            translation=m.Vector3(**one["transform"]["translation"]),
+            rotation=m.Quaternion(**one["transform"]["rotation"]),
+        )
+        for one in message["transforms"]
     ]
     return m.FrameTransforms(transforms=tree)
 
@@ -126,16 +94,11 @@ def grid(now: int, map_: OccupancyGrid) -> Any:
     )
 
 
-def scan_topic(number: int) -> str:
-    """The topic of a scanner: /scan, /scan_1, ..."""
-    return f"/scan_{number}" if number else "/scan"
-
-
 def scan(now: int, laser: LaserSettings, ranges: NDArray[np.float32], number: int = 0) -> Any:
     """A sweep of a scanner, in its own frame."""
     half = 0.5 * laser.fov
     return m.LaserScan(
-        frame_id=scanner_frame(number),
+        frame_id=ros.scanner_name(number, "laser"),
         timestamp=_time(now),
         pose=_pose((0.0, 0.0, 0.0)),
         start_angle=-half,
@@ -244,7 +207,7 @@ def odometry(now: int, pose: Array, twist: Array) -> Any:
     v, w = twist.tolist()
     return m.Odometry(
         timestamp=_time(now), frame_id="odom", body_frame_id="base_link", pose=_pose(pose),
-        linear_velocity=_vector(v, 0.0), angular_velocity=m.Vector3(x=0.0, y=0.0, z=w),
+        linear_velocity=m.Vector3(x=v, y=0.0, z=0.0), angular_velocity=m.Vector3(x=0.0, y=0.0, z=w),
     )  # fmt: skip
 
 
@@ -276,10 +239,15 @@ def image(now: int, picture: NDArray[np.uint8], quality: int) -> Any:
 # Topic: its channel, and what makes its messages of an instant [ns] and content.
 TYPED: Final[dict[str, tuple[Any, Callable[..., Any]]]] = {
     "/map": (channels.GridChannel, grid),
-    "/tf": (channels.FrameTransformsChannel, frames),
-    "/tf_static": (channels.FrameTransformsChannel, mounts),
-    "/scan": (channels.LaserScanChannel, scan),
-    **{scan_topic(k): (channels.LaserScanChannel, scan) for k in range(1, SCANNERS)},
+    "/tf": (
+        channels.FrameTransformsChannel,
+        lambda now, *poses: _transforms(now, ros.frames(now, *poses)),
+    ),
+    "/tf_static": (
+        channels.FrameTransformsChannel,
+        lambda now, *sensors: _transforms(now, ros.mounts(now, *sensors)),
+    ),
+    **{ros.scanner_name(k, "/scan"): (channels.LaserScanChannel, scan) for k in range(SCANNERS)},
     "/ultrasonic": (channels.SceneUpdateChannel, cones),
     "/odometry": (channels.OdometryChannel, odometry),
     "/path": (channels.PosesInFrameChannel, poses_in_map),

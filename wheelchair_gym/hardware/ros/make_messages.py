@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wheelchair_gym.arrays import Array
+from wheelchair_gym.geometry import map_to_odom
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.sensors.settings import LaserSettings, UltrasonicSettings
 
@@ -107,6 +108,12 @@ def transform(now: int, parent: str, child: str, where: Iterable[float]) -> Mess
         "child_frame_id": child,
         "transform": {"translation": _vector(x, y), "rotation": _quaternion(yaw)},
     }
+
+
+def frames(now: int, where: Array, odometry: Array) -> Message:
+    """A tf2_msgs/TFMessage map -> odom -> base_link, from the estimate (3,) and the odometry's."""
+    fixed = transform(now, "map", "odom", map_to_odom(where, odometry))
+    return {"transforms": [fixed, transform(now, "odom", "base_link", odometry)]}
 
 
 def scanner_name(number: int, first: str) -> str:
