@@ -230,19 +230,6 @@ def _octile(folder: Path) -> Path:
     return path
 
 
-def _scenario(folder: Path) -> Path:
-    path = folder / "yard.scen"
-    lines = [f"{k}\tyard.map\t40\t30\t{k}\t0\t{k + 3}\t9\t{k + 10}.4142" for k in range(8)]
-    path.write_text("version 1\n" + "\n".join(lines) + "\n")
-    return path
-
-
-def _use_scenario(path: Path) -> None:
-    from wheelchair_gym.maps import read_moving_ai_scenario
-
-    read_moving_ai_scenario(path)
-
-
 def _polygons(folder: Path) -> Path:
     path = folder / "room.json"
     room = {"bounds": [0, 0, 8, 6], "polygons": [[[3, 0], [3.2, 0], [3.2, 3.5]]], "name": "room"}
@@ -773,7 +760,6 @@ READERS: dict[str, Reader] = {
         ("maps.io.map_server._checked_image",),
     ),
     "octile map": Reader(_octile, _use_map, ("maps.io.moving_ai.read_moving_ai_map",)),
-    "scenario": Reader(_scenario, _use_scenario, ("maps.io.moving_ai.read_moving_ai_scenario",)),
     "polygons": Reader(_polygons, _use_map, ("maps.io.__init__.read_any_map",)),
     "model of stable-baselines3": Reader(
         _sb3_model, _read_sb3, ("policies.sb3._algorithm",), flipped

@@ -51,7 +51,6 @@ def setting(
     low: float | None = None,
     high: float | None = None,
     source: str = "",
-    doc: str = "",
     holds: type | None = None,
 ) -> Any:
     """A field of a settings class; the string below the field says what the setting does.
@@ -62,13 +61,10 @@ def setting(
         low: the least value that is accepted.
         high: the greatest value that is accepted.
         source: where the default comes from: a publication, a data sheet, a measurement, a choice.
-        doc: what the setting does, for one that several classes share.
         holds: the class of the settings that a value of another type stands for, where a message
             about an unknown key should look for it.
     """
-    metadata = {
-        "unit": unit, "low": low, "high": high, "source": source, "doc": doc, "holds": holds
-    }  # fmt: skip
+    metadata = {"unit": unit, "low": low, "high": high, "source": source, "holds": holds}
     return dataclasses.field(default=default, metadata=metadata)
 
 
@@ -78,8 +74,6 @@ def setting_docs(cls: type) -> dict[str, str]:
     for base in reversed(cls.__mro__):
         if not dataclasses.is_dataclass(base):
             continue
-        shared = {f.name: f.metadata.get("doc", "") for f in dataclasses.fields(base)}
-        docs |= {name: doc for name, doc in shared.items() if doc}
         try:
             tree = ast.parse(textwrap.dedent(inspect.getsource(base)))
         except (OSError, TypeError):  # a class without source has no docs of its own

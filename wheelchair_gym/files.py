@@ -38,7 +38,7 @@ LIMITS: Final[dict[str, Limit]] = {
     "decoded": Limit(512 * _MIB, "bytes", "the pixels of a map's image, decoded"),
     "coordinate": Limit(10_000_000, "m", "a coordinate or a size in maps, worlds and problems"),
     "outline": Limit(5_000, "corners or shapes", "the outline of a house, a world, a problem"),
-    "text": Limit(128 * _MIB, "bytes", "a MovingAI map or scenario, a curve in CSV"),
+    "text": Limit(128 * _MIB, "bytes", "a MovingAI map, a curve in CSV"),
     "log": Limit(512 * _MIB, "bytes", "a log in BreezySLAM's format"),
     "recording": Limit(2048 * _MIB, "bytes", "a recording"),
     "chunk": Limit(64 * _MIB, "bytes", "a chunk of a recording, decompressed"),

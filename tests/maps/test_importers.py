@@ -1,4 +1,4 @@
-"""Maps of others: MovingAI's text maps and scenarios, HouseExpo's outlines; wrong ones are told."""
+"""Maps of others: MovingAI's text maps, HouseExpo's outlines; wrong ones are told."""
 
 from __future__ import annotations
 
@@ -15,17 +15,14 @@ from wheelchair_gym.maps import (
     read_any_map,
     read_house,
     read_moving_ai_map,
-    read_moving_ai_scenario,
 )
 from wheelchair_gym.scenes import make_scene
 
 OCTILE = "type octile\nheight 3\nwidth 4\nmap\n.G@O\nSSTW\n....\n"
-SCEN = "version 1\n0\tyard.map\t4\t3\t0\t0\t3\t2\t4.41421356\n"
 VERTS = [[0, 0], [8, 0], [8, 4], [5, 4], [4, 6], [0, 6], [0, 0]]
 HOUSE = {
     "verts": VERTS,
     "bbox": {"min": [0.0, 0.0], "max": [8.0, 6.0]},
-    "room_category": {"Kitchen": [[0, 0, 3, 3]], "Hall": []},
     "room_num": 1,
     "id": "abc",
 }
@@ -42,15 +39,6 @@ def test_an_octile_map_is_what_its_letters_say(tmp_path):
     expected = [[0, 0, 0, 0], [0, 0, 1, 1], [0, 0, 1, 1]]  # lowest row first
     assert (grid.cells == np.where(expected, OCCUPIED, FREE)).all()
     assert grid.bounds == (0.0, 0.0, 2.0, 1.5)
-
-
-def test_a_scenario_speaks_of_cells_of_its_map(tmp_path):
-    (task,) = read_moving_ai_scenario(put(tmp_path, "yard.scen", SCEN), resolution=0.5)
-    grid = read_moving_ai_map(put(tmp_path, "yard.map", OCTILE), resolution=0.5)
-    assert (task.map, task.bucket) == ("yard.map", 0)
-    assert grid.to_cell(task.start).tolist() == [2, 0]  # the top row is row 0 there
-    assert grid.to_cell(task.goal).tolist() == [0, 3]
-    assert task.length == pytest.approx(2.20710678)
 
 
 @pytest.mark.parametrize(
@@ -73,25 +61,10 @@ def test_wrong_octile_maps_are_one_line(tmp_path, content, says):
         read_moving_ai_map(put(tmp_path, "bad.map", content))
 
 
-@pytest.mark.parametrize(
-    ("content", "says"),
-    [
-        ("", "line 1 is ''"),
-        ("version 1\n0\tyard.map\t4\t3\t0\t0\n", "line 2 is"),
-        (SCEN.replace("\t3\t2\t", "\t3\t9\t"), "line 2: start, goal or length"),
-        (SCEN.replace("4.4", "nan"), "line 2"),
-    ],
-)
-def test_wrong_scenarios_are_one_line(tmp_path, content, says):
-    with pytest.raises(InputError, match=re.escape(f"bad.scen: {says}")):
-        read_moving_ai_scenario(put(tmp_path, "bad.scen", content))
-
-
 def test_a_house_is_free_inside_its_outline_only(tmp_path):
     path = put(tmp_path, "house.json", HOUSE)
     house, ground = read_house(path), read_any_map(path)
     assert len(house.outline) == 6  # the corner repeated at the end is one
-    assert house.rooms["Kitchen"].tolist() == [[0, 0, 3, 3]]
     grid = ground.grid
     free = grid.cells == FREE
     assert free.sum() * grid.resolution**2 == pytest.approx(41.0, abs=0.1)
@@ -115,8 +88,6 @@ def test_a_house_is_free_inside_its_outline_only(tmp_path):
         ({"verts": [[0, 0], [9e9, 0], [2, 7]]}, "verts[1] is [9000000000.0, 0]"),
         ({"bbox": [0, 0, 8, 6]}, "bbox is [0, 0, 8, 6]; expected min and max"),
         ({"bbox": {"min": [0, 0], "max": [800, 600]}}, "bbox is [[0.0, 0.0], [800.0, 600.0]]"),
-        ({"room_category": 3}, "room_category is 3"),
-        ({"room_category": {"Hall": [[1, 2]]}}, "room_category.Hall[0] is [1, 2]"),
     ],
 )
 def test_wrong_houses_are_one_line(tmp_path, change, says):

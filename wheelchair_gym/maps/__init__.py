@@ -7,11 +7,7 @@ from wheelchair_gym.maps.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from wheelchair_gym.maps.io import MapWithWalls, read_any_map
 from wheelchair_gym.maps.io.house_expo import House, read_house
 from wheelchair_gym.maps.io.map_server import read_map, write_map
-from wheelchair_gym.maps.io.moving_ai import (
-    ScenarioTask,
-    read_moving_ai_map,
-    read_moving_ai_scenario,
-)
+from wheelchair_gym.maps.io.moving_ai import read_moving_ai_map
 from wheelchair_gym.maps.passage import bottleneck, footprint_margin, open_floor
 from wheelchair_gym.maps.polygons import PolygonWithHoles, grid_from_image, occupied_polygons
 
@@ -24,7 +20,6 @@ __all__ = [
     "MapWithWalls",
     "OccupancyGrid",
     "PolygonWithHoles",
-    "ScenarioTask",
     "bottleneck",
     "footprint_margin",
     "geodesic",
@@ -36,6 +31,5 @@ __all__ = [
     "read_house",
     "read_map",
     "read_moving_ai_map",
-    "read_moving_ai_scenario",
     "write_map",
 ]

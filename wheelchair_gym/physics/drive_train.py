@@ -50,7 +50,6 @@ class DriveConstants(NamedTuple):
     counts_per_rad: float
     metres_per_run: float  # m/s of one count in a run
     feed: float  # V s/m of feed-forward
-    on_casters: float  # N
     drag: float  # N s, of one caster in a physics step
     rolling: float  # N m per m of radius
     bound: float  # N s, that a tyre holds in a physics step
@@ -79,7 +78,6 @@ def drive_constants(p: Any) -> DriveConstants:
         p.nominal_radius * p.counts_per_metre,
         1.0 / (p.counts_per_metre * run),
         p.torque_constant / p.nominal_radius,
-        on_casters,
         0.5 * p.caster_drag * on_casters * p.dt,
         p.rolling_resistance * grip,
         p.friction * grip * p.dt,

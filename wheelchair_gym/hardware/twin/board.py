@@ -228,16 +228,16 @@ class EmulatedBoard(NotCopyable):
         """Two bytes of data memory."""
         return self.read_memory(address) | self.read_memory(address + 1) << 8
 
-    def eeprom(self, size: int, offset: int = 0) -> bytes:
+    def eeprom(self, size: int) -> bytes:
         """The content of the EEPROM."""
         content = c.create_string_buffer(size)
-        self._library.board_eeprom(self._board, offset, content, size, 0)
+        self._library.board_eeprom(self._board, 0, content, size, 0)
         return content.raw
 
-    def set_eeprom(self, data: bytes, offset: int = 0) -> None:
+    def set_eeprom(self, data: bytes) -> None:
         """Change the content of the EEPROM."""
         content = c.create_string_buffer(data, len(data))
-        self._library.board_eeprom(self._board, offset, content, len(data), 1)
+        self._library.board_eeprom(self._board, 0, content, len(data), 1)
 
     def on_ping(self, ping: Callable[[int, int], int]) -> None:
         """Set the source of echoes: ping(sonar, cycle) -> flight [us], 0 no echo, -1 silent.

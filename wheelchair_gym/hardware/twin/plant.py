@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
-from wheelchair_gym.config import setting, settings
 from wheelchair_gym.hardware.settings import check_boards
 from wheelchair_gym.physics.actors.bodies import shapes_of, write_actor_shapes
 from wheelchair_gym.physics.actors.separation import move_the_others
@@ -31,14 +30,8 @@ from wheelchair_gym.types import Episode
 TIME_STEP = 0.001  # s: of the physics and of the lock step
 
 
-@settings
-class BrakeSettings:
-    """The spring brakes on the motors' axles: closed without current."""
-
-    torque: float = setting(
-        default=32.0, unit="N m", low=1.0, source="stops 180 kg at 1.5 m/s2 or more"
-    )
-    """Torque of each spring brake at its wheel."""
+# Torque of each spring brake at its wheel [N m]: stops 180 kg at 1.5 m/s2 or more.
+BRAKE_TORQUE = 32.0
 
 
 class Motion(NamedTuple):
@@ -189,15 +182,11 @@ class Plant:
     """A chair in a world, driven by given duties of its motors."""
 
     def __init__(
-        self,
-        chair: ChairSettings | None = None,
-        sensors: SensorSettings | None = None,
-        brakes: BrakeSettings | None = None,
+        self, chair: ChairSettings | None = None, sensors: SensorSettings | None = None
     ) -> None:
         if sensors is not None:
             check_boards(sensors)
         self.chair = SimulatedChair(chair, sensors, PhysicsSettings(step=TIME_STEP))
-        self.brakes = brakes or BrakeSettings()
         self._rows = self.chair.rows
 
     def reset(self, episode: Episode, key: int) -> None:
@@ -224,7 +213,7 @@ class Plant:
             force: with which a person pushes the chair along its heading [N].
         """
         pull = slope.pull if slope else (0.0, 0.0)
-        torque = brake * self.brakes.torque
+        torque = brake * BRAKE_TORQUE
         return Motion._make(step_plant(self._rows, *duty, powered, torque, held, pull, force))
 
     def ping(self, which: int) -> float:

@@ -30,7 +30,6 @@ class House(NamedTuple):
 
     name: str
     outline: Array  # (k, 2) m, counter-clockwise, each corner once
-    rooms: Mapping[str, Array]  # kind: boxes (n, 4) m, xmin, ymin, xmax, ymax
 
     @property
     def walls(self) -> Array:
@@ -95,15 +94,7 @@ def read_house(path: str | Path) -> House:
         if np.abs(given - [low, high]).max() > SLACK:
             found = f"{low.tolist()} to {high.tolist()}"
             raise InputError(f"{path}: bbox is {given.tolist()}; expected that of verts, {found}")
-    rooms = data.get("room_category", {})
-    if not isinstance(rooms, Mapping):
-        raise InputError(f"{path}: room_category is {shorten(rooms)}; expected an object")
-    boxes = {
-        str(kind): np.array(coordinate_lists(value, 4, f"{path}: room_category.{kind}"))
-        for kind, value in rooms.items()
-        if value != []
-    }
     area = signed_area(outline)
     if area == 0.0:
         raise InputError(f"{path}: verts enclose nothing; expected an outline")
-    return House(str(data.get("id", path.stem)), outline if area > 0.0 else outline[::-1], boxes)
+    return House(str(data.get("id", path.stem)), outline if area > 0.0 else outline[::-1])

@@ -41,6 +41,7 @@ Cells = NDArray[np.int8]
 
 _FORMATS = ("PNG", "PPM", "BMP", "JPEG", "TIFF")
 _KEYS = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
+_THRESHOLDS: Final = (0.65, 0.196)  # occupancy from which cells are occupied, up to which free
 # What map_saver writes, where more than one grey would do: free, occupied, unknown, invalid raw.
 _USUAL: Final = (254, 0, 205, 255)
 
@@ -174,8 +175,6 @@ def write_map(
     mode: Mode = "trinary",
     suffix: Literal[".pgm", ".png"] = ".pgm",
     negate: bool = False,
-    occupied_thresh: float = 0.65,
-    free_thresh: float = 0.196,
 ) -> None:
     """Write a map_server YAML file, and its image beside it; `read_map` gives the same grid.
 
@@ -185,14 +184,12 @@ def write_map(
         mode: trinary, scale or raw.
         suffix: of the image.
         negate: white is occupied.
-        occupied_thresh: occupancy from which a cell counts as occupied.
-        free_thresh: occupancy up to which it counts as free.
 
     Raises:
         InputError: the mode cannot hold a cell's value, or a file cannot be written.
     """
     path = Path(path)
-    meaning = _meaning(mode, negate, occupied_thresh, free_thresh)
+    meaning = _meaning(mode, negate, *_THRESHOLDS)
     grey_of = np.full(256, -1)
     usual = [255 - g for g in _USUAL] if negate and mode != "raw" else list(_USUAL)
     for grey in [*range(256), *usual]:  # the last one stays
@@ -215,8 +212,8 @@ def write_map(
         "resolution": float(grid.resolution),
         "origin": list(grid.origin),
         "negate": int(negate),
-        "occupied_thresh": occupied_thresh,
-        "free_thresh": free_thresh,
+        "occupied_thresh": _THRESHOLDS[0],
+        "free_thresh": _THRESHOLDS[1],
     }
     with atomic_write(path.with_suffix(suffix)) as part:
         part.write_bytes(cv2.imencode(suffix, image)[1].tobytes())
