@@ -409,8 +409,8 @@ class OccupancyMap:
         placed[..., :2] = placed[..., :2] * self.settings.resolution + self.corner
         return placed
 
-    def integrate(self, scan: Scan, pose: ArrayLike, layer: int = 0) -> None:
-        """Add a scan taken at a pose (3,) [m, m, rad].
+    def integrate(self, scan: Scan, pose: ArrayLike) -> None:
+        """Add a scan taken at a pose (3,) [m, m, rad] to the first layer.
 
         Raises:
             InputError: the pose is not three finite numbers.
@@ -421,7 +421,7 @@ class OccupancyMap:
         self.grow_to(place, scan.radius)
         points, place = scan.points / self.settings.resolution, self.to_lattice(place)
         mark = self.next_marks(1)
-        add_scan(self.layers, layer, self.workspace, mark, points, scan.hits, place, self.model)
+        add_scan(self.layers, 0, self.workspace, mark, points, scan.hits, place, self.model)
 
     def copy_layers(self, parents: ArrayLike) -> None:
         """Make each layer a copy of the one named for it (layers,)."""

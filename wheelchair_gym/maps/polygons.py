@@ -21,15 +21,14 @@ class PolygonWithHoles(NamedTuple):
     holes: tuple[Array, ...] = ()
 
 
-def grid_from_image(image: NDArray[np.uint8], threshold: int = 128) -> OccupancyGrid:
-    """A drawn map as a grid of one unit a pixel: what is darker than the threshold is occupied.
+def grid_from_image(image: NDArray[np.uint8]) -> OccupancyGrid:
+    """A drawn map as a grid of one unit a pixel: what is darker than mid-grey is occupied.
 
     Args:
         image: (rows, cols) greys or (rows, cols, 3) colours, top row first.
-        threshold: grey from which a pixel is free.
     """
     grey = image if image.ndim == 2 else cv2.cvtColor(image[..., :3], cv2.COLOR_BGR2GRAY)
-    cells = np.where(np.flipud(grey) < threshold, OCCUPIED, FREE).astype(np.int8)
+    cells = np.where(np.flipud(grey) < 128, OCCUPIED, FREE).astype(np.int8)
     return OccupancyGrid(cells, 1.0)
 
 

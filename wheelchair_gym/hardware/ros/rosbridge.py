@@ -30,6 +30,8 @@ from wheelchair_gym.files import read_text
 from wheelchair_gym.hardware.ros.settings import RosbridgeSettings
 
 _LOG = logging.getLogger(__name__)
+_PING = 1.0  # s between two pings; the connection is closed when an answer takes as long
+_MAX_MESSAGE = 128 << 20  # bytes: a map of 30 million cells
 
 Callback = Callable[[str, Any, float], None]
 Service = Callable[[Mapping[str, Any]], dict[str, Any]]
@@ -126,7 +128,7 @@ class Rosbridge:
         context, headers = _security(host, port, link)
 
         self._broken: tuple[type[Exception], ...] = (ConnectionClosed, EOFError, OSError)
-        name, ping = f"[{host}]" if ":" in host else host, link.ping_interval
+        name = f"[{host}]" if ":" in host else host
         self.url = f"ros://{name}:{port}"
         self.lost, self.closed = "", threading.Event()
         self._write_lock = threading.RLock()
@@ -138,8 +140,8 @@ class Rosbridge:
             self._socket = self._stack.enter_context(
                 connect(
                     f"{'wss' if context else 'ws'}://{name}:{port}", sock=plug, ssl=context,
-                    open_timeout=link.connect_timeout, close_timeout=ping, ping_interval=ping,
-                    ping_timeout=ping, max_size=link.max_message_size, compression=None,
+                    open_timeout=link.connect_timeout, close_timeout=_PING, ping_interval=_PING,
+                    ping_timeout=_PING, max_size=_MAX_MESSAGE, compression=None,
                     additional_headers=headers,
                 )
             )  # fmt: skip

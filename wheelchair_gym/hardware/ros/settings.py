@@ -17,12 +17,6 @@ class RosbridgeSettings:
 
     connect_timeout: float = setting(default=3.0, unit="s", low=0.1, source="design choice")
     """How long to wait for the connection."""
-    ping_interval: float = setting(default=1.0, unit="s", low=0.1, source="design choice")
-    """Time between two pings; the connection is closed when an answer takes as long."""
-    max_message_size: int = setting(
-        default=128 << 20, unit="bytes", low=1024, source="a map of 30 million cells"
-    )
-    """Maximum size of a message."""
     tls: bool = setting(default=False)
     """Encrypt the connection (wss), and check the other side's certificate."""
     ca_file: str = setting(default="")

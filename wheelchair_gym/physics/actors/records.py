@@ -319,27 +319,24 @@ def group(first: Actor, size: int, speed: float) -> list[Actor]:
     return found
 
 
-def with_trolley(
-    walker: Actor, ahead: bool = True, size: tuple[float, float] = TROLLEY,
-    mass: float = TROLLEY_MASS,
-) -> list[Actor]:  # fmt: skip
+def with_trolley(walker: Actor, ahead: bool = True) -> list[Actor]:
     """A person who pushes a trolley, or pulls it if it is not `ahead`, and that trolley.
 
     Args:
         walker: who walks with it.
         ahead: before the person; else behind.
-        size: length and width [m].
-        mass: with its load [kg].
     """
-    walker.row["mass"] += mass  # legs move both
-    far = float(walker.row["size"][0, 0]) + _HANDLE + 0.5 * size[0]
+    walker.row["mass"] += TROLLEY_MASS  # legs move both
+    far = float(walker.row["size"][0, 0]) + _HANDLE + 0.5 * TROLLEY[0]
     offset = (far if ahead else -far, 0.0)
     x, y, _ = walker.row["pose"][0]
     yaw = first_heading(walker)
     x, y = to_world(np.array(offset), (x, y, yaw))
     return [
         walker,
-        _actor(FURNITURE, pose=(x, y, yaw), size=size, mass=mass, leader=1, offset=offset),
+        _actor(
+            FURNITURE, pose=(x, y, yaw), size=TROLLEY, mass=TROLLEY_MASS, leader=1, offset=offset
+        ),
     ]
 
 
@@ -350,13 +347,11 @@ def door(
     travel: float,
     *,
     swings: bool = True,
-    speed: float | None = None,
     near: float = 0.0,
     since: float = 0.0,
     stay: float = 0.0,
     every: float = math.inf,
     least: float = 0.10,
-    width: float = LEAF_WIDTH,
 ) -> Actor:
     """A leaf that opens on a timetable, or for whoever is near its doorway's middle.
 
@@ -369,23 +364,15 @@ def door(
         length: of the leaf [m].
         travel: to stand open: turned by this [rad], or moved along itself by this [m]; signed.
         swings: about the hinge; else it slides.
-        speed: [rad/s] or [m/s].
         near: opens when the chair or a person is so near [m]; 0: for nobody.
         since: first opens by itself [s].
         stay: how long it then stays open [s]; 0: it has no timetable.
         every: after which it does so again [s].
         least: kept from everything while it moves [m].
-        width: thickness of the leaf, half of it on either side of the line from the hinge [m].
-
-    Raises:
-        InputError: a value is out of bounds.
     """
-    if not width > 0.0:
-        raise InputError(f"door: width {width:g} m; expected a positive number")
-    if speed is None:
-        speed = LEAF_TURN if swings else LEAF_SPEED
+    speed = LEAF_TURN if swings else LEAF_SPEED
     return _actor(
-        DOOR, pose=(*hinge, heading), size=(length, width), speed=speed, travel=travel,
+        DOOR, pose=(*hinge, heading), size=(length, LEAF_WIDTH), speed=speed, travel=travel,
         swings=swings, near=near, since=since, stay=stay, every=every, least=least,
     )  # fmt: skip
 
