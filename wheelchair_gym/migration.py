@@ -65,8 +65,6 @@ RENAMED: Final[dict[str, dict[str, str]]] = {
         "astray": "outlier_share",
         "least": "min_particles",
         "most": "max_particles",
-        "tries": "global_samples",
-        "candidates": "global_candidates",
     },
 }
 
@@ -81,14 +79,18 @@ DROPPED: Final[dict[str, tuple[str, ...]]] = {
         "translation_by_translation", "translation_by_rotation", "rotation_by_translation",
         "rotation_by_rotation", "lateral_slip", "initial_position_sigma", "initial_heading_sigma",
         "update_distance", "update_angle", "alpha_fast", "alpha_slow", "lost_ratio",
-        "recovered_ratio", "initial_fit", "min_informative_beams", "estimate_radius",
+        "recovered_ratio", "initial_fit", "min_informative_beams", "estimate_radius", "tries",
+        "candidates", "global_samples", "global_candidates",
     ),
     "physics": ("people",),
     "slam": (
         "matching", "resample_threshold", "likelihood_smoothing", "translation_error",
         "rotation_error", "rotation_per_translation", "translation_floor", "rotation_floor",
     ),
-    "slam.mapping": ("p_hit", "p_miss", "p_min", "p_max", "surface_sigma"),
+    "slam.mapping": (
+        "p_hit", "p_miss", "p_min", "p_max", "surface_sigma", "free_threshold",
+        "occupied_threshold",
+    ),
 }  # fmt: skip
 
 

@@ -209,5 +209,3 @@ def test_many_chairs_refuse_it_and_settings_contradict():
         gym.make_vec(NAVIGATION, num_envs=2, pose_source="mcl")
     with pytest.raises(InputError, match="max_particles is 20"):
         LocalizationSettings(min_particles=30, max_particles=20)
-    with pytest.raises(InputError, match="global_samples is 5"):
-        LocalizationSettings(global_samples=5, global_candidates=6)

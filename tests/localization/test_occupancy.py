@@ -153,8 +153,6 @@ def test_a_map_grows_and_keeps_what_it_knew():
         lambda: OccupancyMap().grow_to([(1e9, 0.0), (0.0, 1e9)], 1.0),
         lambda: read_scan(LASER, np.ones(7), 1.0),
         lambda: OccupancyMap().integrate(read_scan(LASER, ranges(tour()[0]), 1.0), (0, np.nan, 0)),
-        lambda: MappingSettings(free_threshold=0.1),
-        lambda: MappingSettings(occupied_threshold=0.98),
     ],
 )
 def test_misuse_is_named(wrong):

@@ -21,9 +21,11 @@ from agents.policies import GymPolicy, make_policy
 from tests.conftest import ROOT
 from tests.physics.worlds import busy
 from wheelchair_gym import InputError
-from wheelchair_gym.envs import NavigationEnv
+from wheelchair_gym.config import load
+from wheelchair_gym.envs import EnvSettings, NavigationEnv
 from wheelchair_gym.geometry import compose
 from wheelchair_gym.maps import OccupancyGrid
+from wheelchair_gym.migration import DROPPED, migrated
 from wheelchair_gym.physics.actors.records import FORMER_ACTOR
 from wheelchair_gym.physics.chair import SimulatedChair
 from wheelchair_gym.recording.record import RecordEpisodes, RecordingSettings
@@ -330,6 +332,15 @@ def test_actors_of_earlier_recordings_only_walk():
     text = base64.b64encode(former.tobytes()).decode()
     assert (FIELDS[EPISODE]["actors"].read(widened_actors(text)) == rows).all()
     assert FORMER_ACTOR.itemsize == 160
+
+
+@pytest.mark.parametrize("section", DROPPED)
+def test_settings_that_are_constants_now_are_left_out(section):
+    """As releases up to 0.2 wrote them into recordings and weights."""
+    given = dict.fromkeys(DROPPED[section], 1.0)
+    for part in reversed(section.split(".")):
+        given = {part: given}
+    assert load(EnvSettings, migrated(given), "old") == EnvSettings()
 
 
 @pytest.mark.parametrize("damage", ["flipped", "empty", "text", "missing", "other"])

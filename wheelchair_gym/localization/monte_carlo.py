@@ -48,6 +48,8 @@ _UPDATE = (0.01, 0.01)  # m, rad: a standing chair gains no information
 _FAST, _SLOW = 0.2, 0.005  # rates of two averages of the fit (Thrun et al. 2005, table 8.3)
 _INITIAL_FIT = 0.9  # both averages at the beginning
 _LOST, _RECOVERED = 0.7, 0.9  # ratios of the averages at which a chair is lost, and found again
+_GLOBAL_SAMPLES = 2000  # random poses per scan that a lost chair tries,
+_GLOBAL_CANDIDATES = 10  # the best of which are refined
 _ESTIMATE_RADIUS = 1.0  # m about the best particle within which poses are averaged
 
 
@@ -194,19 +196,12 @@ class LocalizationSettings:
     """Least number of particles."""
     max_particles: int = setting(default=5000, low=10, high=16_000, source="design choice")
     """Greatest number of particles."""
-    global_samples: int = setting(default=2000, low=1, high=16_000, source="design choice")
-    """Random poses per scan that a lost chair tries."""
-    global_candidates: int = setting(default=10, low=1, source="design choice")
-    """Best of these poses, each of which is refined."""
 
     def __post_init__(self) -> None:
         if self.max_particles < self.min_particles:
             raise InputError(
                 f"max_particles is {self.max_particles}; expected {self.min_particles} or more"
             )
-        if self.global_samples < self.global_candidates:
-            least = self.global_candidates
-            raise InputError(f"global_samples is {self.global_samples}; expected {least} or more")
 
 
 class MonteCarloLocalizer:
@@ -322,14 +317,13 @@ class MonteCarloLocalizer:
 
     def _place_anywhere(self, ends: Array, kept: int) -> None:
         """Give the particles after the first ones to places anywhere that the scan fits."""
-        s = self.settings
         few = np.ascontiguousarray(ends[:: max(1, len(ends) // 20)])
-        found, fits = np.empty((s.global_candidates + 1, 3)), np.empty(s.global_candidates + 1)
+        found, fits = np.empty((_GLOBAL_CANDIDATES + 1, 3)), np.empty(_GLOBAL_CANDIDATES + 1)
         turn, draw = _BIN_ANGLE / 2.0, (self._key, self._step)
         global_localization(
-            self._field, self._free, ends, few, s.global_samples, turn, *draw, found, fits
+            self._field, self._free, ends, few, _GLOBAL_SAMPLES, turn, *draw, found, fits
         )
-        shares = np.linspace(kept, self.count, s.global_candidates + 1).astype(int)
+        shares = np.linspace(kept, self.count, _GLOBAL_CANDIDATES + 1).astype(int)
         for begin, end, pose in zip(shares[:-1], shares[1:], found[1:], strict=True):
             self._scatter(begin, end, pose)
 

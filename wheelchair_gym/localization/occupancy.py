@@ -255,6 +255,8 @@ _MOST = 400_000_000  # cells of all layers: 7.2 GB; a pose that asks for more is
 
 # Of a cell to be occupied (Hornung et al. 2013): with an echo, passed by a beam, and the bounds.
 _P_HIT, _P_MISS, P_MIN, P_MAX = 0.7, 0.4, 0.12, 0.97
+_OCCUPIED = 0.65  # probability from which a cell is occupied on the map: map_server
+_FREE = 0.41  # and up to which it is free: one beam is enough, as for gmapping
 # Standard deviation of the field round a wall [m]: measured, a scanner's noise and a little; wider
 # fields bias matches towards mapped walls.
 _SURFACE_SIGMA = 0.02
@@ -272,12 +274,6 @@ class MappingSettings:
         source="measured: gmapping's 0.05 errs a quarter more",
     )
     """Side of a cell."""
-    occupied_threshold: float = setting(default=0.65, low=0.51, high=0.99, source="map_server")
-    """Probability from which a cell is occupied on the map."""
-    free_threshold: float = setting(
-        default=0.41, low=0.01, high=0.49, source="gmapping: one beam is enough"
-    )
-    """Probability up to which a cell is free on the map."""
     free_range: float = setting(
         default=3.0,
         unit="m",
@@ -291,18 +287,10 @@ class MappingSettings:
     )
     """Distance around the start for which SLAM has memory at once; to grow takes up to 0.2 s."""
 
-    def __post_init__(self) -> None:
-        if self.free_threshold <= P_MIN:
-            raise InputError(
-                f"MappingSettings.free_threshold must lie above {P_MIN:g}, or no cell is ever free"
-            )
-        if self.occupied_threshold >= P_MAX:
-            raise InputError(f"MappingSettings.occupied_threshold must lie below {P_MAX:g}")
-
     @property
     def sensor_model(self) -> SensorModel:
         """The log-odds and the field round an occupied cell, as kernels take them."""
-        probabilities = _P_HIT, _P_MISS, P_MIN, P_MAX, self.occupied_threshold
+        probabilities = _P_HIT, _P_MISS, P_MIN, P_MAX, _OCCUPIED
         hit, miss, least, most, occupied = map(_log_odds, probabilities)
         sigma = _SURFACE_SIGMA / self.resolution
         reach = max(1, math.ceil(2.5 * sigma))
@@ -435,7 +423,7 @@ class OccupancyMap:
             self._replace(Layers._make(part[chosen] for part in self.layers))
 
     def to_grid(self, layer: int = 0) -> OccupancyGrid:
-        """The map of a layer: free, occupied or unknown by the settings' thresholds.
+        """The map of a layer: free, occupied or unknown by two thresholds.
 
         Raises:
             InputError: nothing was added so far.
@@ -448,7 +436,7 @@ class OccupancyMap:
             (x0, y0), (x1, y1) = self._used
             odds, corner = odds[y0:y1, x0:x1], corner + self._used[0] * self.settings.resolution
         cells = np.full(odds.shape, UNKNOWN, np.int8)
-        cells[odds <= _log_odds(self.settings.free_threshold)] = FREE
+        cells[odds <= _log_odds(_FREE)] = FREE
         cells[odds >= self.model.occupied] = OCCUPIED
         x, y = corner.tolist()
         return OccupancyGrid(cells, self.settings.resolution, (x, y, 0.0))
