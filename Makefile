@@ -1,12 +1,14 @@
 # Every target sets up what it needs from a bare checkout and skips what is already done.
 
 PYTHON ?= python3
+PYTHON_313 ?= python3.13
 VENV ?= .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.installed
 CLEAN_ENV := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 # tests/conftest.py says which file goes first.
-TEST := $(CLEAN_ENV) $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+PYTEST := $(CLEAN_ENV) $(BIN)/python -m pytest
+TEST := $(PYTEST) -n 2 --dist loadfile --no-loadscope-reorder
 # The programs that tests start find the byte code of the modules that others have read.
 unexport PYTHONDONTWRITEBYTECODE
 
@@ -19,12 +21,14 @@ RCLPY := build/rclpy
 # What tests look at pages with.
 BROWSER := chromium
 
-.PHONY: browser rclpy demo test test-all examples package lint bench docs films clean help emulator firmware
+.PHONY: browser rclpy demo test test-realtime test-313 test-all examples package lint bench docs films clean help emulator firmware
 
 help:
 	@echo "make demo      planned and learned policies drive a wheelchair; prints where the report is"
 	@echo "make test      the laws of the project, under 10 minutes on two cores"
-	@echo "make test-all  the long ones, too"
+	@echo "make test-realtime  the tests that need real time, one after the other"
+	@echo "make test-313  make test with Python 3.13, in .venv-3.13"
+	@echo "make test-all  all of these, and the long ones"
 	@echo "make examples  runs the programs in examples/"
 	@echo "make package   wheel and sdist, and a plan with the wheel alone"
 	@echo "make rclpy     ROS 2 from PyPI (Linux, Python 3.11) in build/rclpy, for one test of test-all"
@@ -46,10 +50,21 @@ demo: $(READY)
 	$(BIN)/wheelchair compare --suite demo
 
 test: $(READY)
-	$(TEST) -m "not long"
+	$(TEST) -m "not long and not realtime"
+
+# Alone: what runs beside these tests would take their time.
+test-realtime: $(READY)
+	$(PYTEST) -m "realtime and not long"
+
+test-313:
+	@if $(PYTHON_313) -c '' 2>/dev/null; \
+	then $(MAKE) PYTHON=$(PYTHON_313) VENV=.venv-3.13 test; \
+	else echo "make test-313: skipped, $(PYTHON_313) is absent (set PYTHON_313 to its path)"; fi
 
 test-all: $(READY)
-	$(TEST)
+	$(TEST) -m "not realtime"
+	$(PYTEST) -m realtime
+	$(MAKE) test-313
 
 # The wheel alone, from a folder in which there is nothing else.
 package: $(READY)
@@ -108,5 +123,5 @@ firmware: emulator
 	$(MAKE) -C wheelchair_gym/hardware/firmware
 
 clean:
-	rm -rf $(VENV) wheelchair_gym/hardware/firmware/build runs build dist docs/generated .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf $(VENV) .venv-3.13 wheelchair_gym/hardware/firmware/build runs build dist docs/generated .mypy_cache .ruff_cache .pytest_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

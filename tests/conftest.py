@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+import time
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 ROOT = Path(__file__).resolve().parents[1]
 # Where nothing is compiled yet, a worker must not wait for what another compiles: one begins with
@@ -31,6 +33,22 @@ def long_but(names: Iterable[Any], short: Iterable[Any]) -> list[Any]:
     marks = [() if name in few else (pytest.mark.long,) for name in every]
     values = [name if isinstance(name, tuple) else (name,) for name in every]
     return [pytest.param(*value, marks=m) for value, m in zip(values, marks, strict=True)]
+
+
+PATIENCE = 120.0  # s: a machine that is busy compiles and starts slowly
+
+
+def until(true: Callable[[], Any], seconds: float = PATIENCE) -> Any:
+    """Wait until a condition holds, or until no machine would be so slow; return its value."""
+    end = time.monotonic() + seconds
+    while not (value := true()) and time.monotonic() < end:
+        time.sleep(0.01)
+    return value
+
+
+# No test fails because a machine is slow.
+settings.register_profile("patient", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("patient")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -150,7 +150,7 @@ class FakeRosbridge:
                 for topic, make in self._messages().items():
                     if topic in topics and topic not in self.mute:
                         self._publish(connection, topic, make())
-            due += self.period / (self.rate or 1.0)
+            due = max(due + self.period / (self.rate or 1.0), time.monotonic())  # no hurry
             time.sleep(max(0.0, due - time.monotonic()))
 
     def _publish(self, connection, topic, message):

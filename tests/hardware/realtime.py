@@ -10,7 +10,7 @@ import threading
 import numpy as np
 
 from tests.conftest import ROOT
-from tests.hardware.conftest import build
+from tests.hardware.conftest import build, need_pty
 from wheelchair_gym.config import dump
 from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.hardware.twin.lockstep import Twin
@@ -31,6 +31,7 @@ def serving(folder):
     """A twin in real time, with the files of its config and its map."""
     for target in ("libemulator.so", "drive.elf", "range.elf"):
         build(target)
+    need_pty()
     settings = env_settings(
         str(ROOT / "configs" / "hardware.json"), pose_source="odometry", noise=False, beams=181
     )

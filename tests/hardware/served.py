@@ -8,23 +8,14 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 
-from tests.conftest import ROOT
-
-QUIET = 3.0  # s within which a busy machine has noticed that nobody commands
+from tests.conftest import PATIENCE, ROOT, until
 
 
-def until(true, seconds=QUIET):
-    end = time.monotonic() + seconds
-    while not true() and time.monotonic() < end:
-        time.sleep(0.01)
-    return true()
-
-
-def hears_interrupts():
-    """Undo what a shell does to programs in its background: they ignore SIGINT."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
+def hear_interrupts():
+    """Have programs that are started hear SIGINT, which a shell's background jobs ignore."""
+    if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 class Served:
@@ -33,9 +24,10 @@ class Served:
     def __init__(self, *arguments, cwd=None, **more):
         command = [sys.executable, "-m", "wheelchair_gym", "robot", "--port", "0", *arguments]
         environ = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path]), **more}
+        hear_interrupts()
         self.process = subprocess.Popen(
             command, env=environ, cwd=cwd, text=True, stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE, preexec_fn=hears_interrupts,
+            stderr=subprocess.PIPE,
         )  # fmt: skip
         self.said, self.errors = [], []
         self._threads = [
@@ -46,7 +38,7 @@ class Served:
         ]  # fmt: skip
         for thread in self._threads:
             thread.start()
-        assert until(lambda: any("goal" in line for line in self.said), 120.0), self.errors
+        assert until(lambda: any("goal" in line for line in self.said)), self.errors
         self.url = re.search(r"(wss?|dds)://\S+", "".join(self.said))[0]
 
     def _read(self, stream, lines):
@@ -57,7 +49,7 @@ class Served:
         """End it as Ctrl-C does; its exit code."""
         if self.process.poll() is None:
             self.process.send_signal(signal.SIGINT)
-        code = self.process.wait(30.0)
+        code = self.process.wait(PATIENCE)
         for thread in self._threads:
             thread.join()
         return code

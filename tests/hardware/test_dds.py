@@ -10,7 +10,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,8 +23,8 @@ from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 
 from agents.cli import main
-from tests.conftest import ROOT
-from tests.hardware.served import Served, until
+from tests.conftest import ROOT, until
+from tests.hardware.served import Served
 from wheelchair_gym.hardware.ros import make_messages as ros
 from wheelchair_gym.hardware.ros.cdr import deserialized, serialized, typestore
 from wheelchair_gym.hardware.ros.dds import DdsLink, content_of, idl_type
@@ -183,7 +182,7 @@ def twist(w, stamped=False):
 
 
 def turning(peer, writer, stamped=False):
-    assert until(lambda: writer.write(twist(0.6, stamped)) or peer.turn > 0.1, 10.0)
+    assert until(lambda: writer.write(twist(0.6, stamped)) or peer.turn > 0.1)
 
 
 @pytest.mark.parametrize("kind", sorted({one.type for one in ros.TOPICS.values()}))
@@ -242,13 +241,13 @@ def test_scans_and_latched_maps_arrive_and_the_node_has_a_name(peer):
                 found[topic] = deserialized(kind, one.cdr)
         return len(found) == 3
 
-    assert until(complete, 10.0)
+    assert until(complete)
     assert ros.NANO > 0
     info = found["/map"]["info"]
     assert len(found["/map"]["data"]) == info["width"] * info["height"] > 100
     assert len(found["/tf_static"]["transforms"]) == 9
     assert [one["node_name"] for one in found[name]["node_entities_info_seq"]] == ["wheelchair"]
-    assert until(lambda: scans.read(1) and clocks.read(1), 10.0)
+    assert until(lambda: scans.read(1) and clocks.read(1))
     scan = peer.taken("/scan", LaserScan)[-1]
     assert scan.header.frame_id == "laser"
     assert len(scan.ranges) == LaserSettings().beams
@@ -263,7 +262,7 @@ def test_it_drives_by_both_kinds_of_twist_and_stops_when_they_end(robot, peer, s
     writer = peer.says("/cmd_vel", TwistStamped if stamped else Twist)
     turning(peer, writer, stamped)
     before = len(robot.errors)
-    assert until(lambda: abs(peer.turn) < 0.02, 5.0)
+    assert until(lambda: abs(peer.turn) < 0.02)
     assert until(lambda: "is silent for 0.5 s: the chair stops" in "".join(robot.errors[before:]))
 
 
@@ -272,7 +271,7 @@ def test_it_stops_at_once_when_who_commands_leaves(robot, peer):
     turning(peer, writer)
     del writer
     assert until(lambda: "the client that commanded is gone: the chair stops" in robot.errors[-1])
-    assert until(lambda: abs(peer.turn) < 0.02, 5.0)
+    assert until(lambda: abs(peer.turn) < 0.02)
 
 
 def test_damaged_and_infinite_twists_move_nothing_and_are_said_once(robot, peer):
@@ -283,8 +282,12 @@ def test_damaged_and_infinite_twists_move_nothing_and_are_said_once(robot, peer)
     bad = twist(0.0)
     bad.serialize = lambda **_: b"\0\1\0\0" + 48 * b"\xff"  # NaN, too
     writer.write(bad)
-    time.sleep(0.5)
-    assert abs(peer.turn) < 0.02
+    assert until(lambda: "of finite numbers" in "".join(robot.errors))
+    heard = 0
+    while heard < 20:  # in which it would have begun to turn
+        assert until(lambda: peer.entities["/odom", Odometry].read(1))
+        heard += len(turns := [s.twist.twist.angular.z for s in peer.taken("/odom", Odometry)])
+        assert np.abs(turns).max() < 0.02
     assert "".join(robot.errors).count("expected a Twist or TwistStamped of finite numbers") == 1
     turning(peer, writer)
 
@@ -336,12 +339,15 @@ def test_a_frozen_subscriber_holds_nobody_up(robot, peer):
         frozen.send_signal(signal.SIGSTOP)
         writer = peer.says("/cmd_vel", Twist)
         turning(peer, writer)
-        begun, count = time.monotonic(), 0
-        while count < 150:
+        count = 0
+
+        def heard():
+            nonlocal count
             count += len(peer.taken("/odom", Odometry))
             writer.write(twist(0.6))
-            time.sleep(0.02)
-            assert time.monotonic() - begun < 10.0
+            return count >= 150
+
+        assert until(heard)
     finally:
         frozen.kill()
         frozen.wait()
@@ -358,7 +364,7 @@ def test_topics_begin_episodes(robot, peer):
     sample.cdr = b"\0\1\0\0\0"
     writer.write(sample)
     found = []
-    assert until(lambda: found.extend(peer.taken("/goal_pose", goal)) or found, 10.0)
+    assert until(lambda: found.extend(peer.taken("/goal_pose", goal)) or found)
     assert found[-1].cdr != first
 
 

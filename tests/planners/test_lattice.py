@@ -157,7 +157,7 @@ def test_a_chair_that_cannot_go_back_does_not():
 def test_a_deadline_ends_it_and_its_iterations_replay_it():
     problem = CASES["l_turn_66"].problem  # has no way, and takes long to find that out
     planner = make_planner("lattice")
-    answer = planner.plan(problem, np.random.default_rng(0), 0.05)
+    answer = planner.plan(problem, np.random.default_rng(0), 1e-9)
     assert answer.status is Status.EXHAUSTED
     for deadline in (1e-9, 0.02):
         late, _ = plan((0.6, 0.6, 0.0), (3.5, 4.0), deadline=deadline)

@@ -94,7 +94,11 @@ def _packed(dtype: DTypeLike, size: int = -1) -> Kind:
         return values
 
     def write(values: ArrayLike) -> str:
-        return base64.b64encode(np.ascontiguousarray(values, dtype).tobytes()).decode()
+        given = np.asarray(values, dtype)
+        plain = np.zeros(given.shape, dtype)  # the padding of records is no value
+        for name in given.dtype.names or (...,):
+            plain[name] = given[name]
+        return base64.b64encode(plain.tobytes()).decode()
 
     return Kind({"type": "string"}, read, write)
 

@@ -15,9 +15,9 @@ import pytest
 
 from agents.cli import main
 from agents.person.recorded_stick import schedule
-from tests.conftest import ROOT
+from tests.conftest import ROOT, until
 from tests.hardware.realtime import serving
-from tests.hardware.served import hears_interrupts, until
+from tests.hardware.served import hear_interrupts
 from wheelchair_gym.hardware.twin.lockstep import JoystickState
 from wheelchair_gym.recording.replay import read_recording
 
@@ -34,9 +34,10 @@ class Program:
     def __init__(self, served, *arguments):
         command = [sys.executable, "-m", "wheelchair_gym", "drive", "--config", str(served.config)]
         environ = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path])}
+        hear_interrupts()
         self.process = subprocess.Popen(
             [*command, *arguments], env=environ, text=True, stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE, preexec_fn=hears_interrupts,
+            stderr=subprocess.PIPE,
         )  # fmt: skip
         self.said = []
         self._thread = threading.Thread(target=self._read, daemon=True)

@@ -7,14 +7,13 @@ import os
 import signal
 import subprocess
 import sys
-import time
 
 import pytest
 
 from agents.cli import main
 from tests.conftest import ROOT
-from tests.hardware.conftest import build
-from tests.hardware.served import hears_interrupts
+from tests.hardware.conftest import build, need_pty
+from tests.hardware.served import hear_interrupts
 from wheelchair_gym.hardware.boards.protocol import Switch
 from wheelchair_gym.hardware.twin.faults import COMMANDS, run_command
 from wheelchair_gym.hardware.twin.lockstep import Faults, JoystickState, Twin
@@ -54,6 +53,7 @@ SAID = {
 def test_words_break_it_and_mend_it():
     for target in TARGETS:
         build(target)
+    need_pty()
     twin = Twin()
     served = ServedTwin(twin)
     for line, broken in SAID.items():
@@ -90,15 +90,16 @@ def test_words_break_it_and_mend_it():
 def test_it_serves_until_it_is_told_to_end(tmp_path, request):
     for target in TARGETS:
         build(target)
+    need_pty()
     picture = tmp_path / "end.png"
     command = [sys.executable, "-m", "wheelchair_gym", "twin", "--scene", "clutter"]
     command += ["--config", str(ROOT / "configs/hardware.json"), "--picture", str(picture)]
     told = tmp_path / "told.yaml"
     command += ["--write-map", str(told)]
+    hear_interrupts()
     program = subprocess.Popen(
         command, cwd=ROOT, text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
         stderr=subprocess.PIPE, env=os.environ | {"PYTHONPATH": str(ROOT)},
-        preexec_fn=hears_interrupts,
     )  # fmt: skip
     request.addfinalizer(program.kill)
     lines = [program.stdout.readline() for _ in range(5)]
@@ -109,7 +110,6 @@ def test_it_serves_until_it_is_told_to_end(tmp_path, request):
     program.stdin.write("press stop\n")
     program.stdin.flush()
     assert program.stdout.readline() == "press stop: done\n"
-    time.sleep(0.1)
     program.send_signal(signal.SIGINT)
     _, said = program.communicate(timeout=240)
     assert program.returncode == 130

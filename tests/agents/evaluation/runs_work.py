@@ -57,5 +57,5 @@ def counted(job):
 def lasting(job):
     """Tells who runs it, and goes on for long."""
     (Path(job[1]) / str(os.getpid())).touch()
-    time.sleep(60.0)
+    time.sleep(600.0)
     return draw(job)

@@ -6,7 +6,6 @@ import importlib.util
 import os
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -16,7 +15,7 @@ from agents import StoppedError
 from agents.evaluation.engines import ENGINES
 from agents.evaluation.runs import compute, read_store
 from tests.agents.evaluation import runs_work as work
-from tests.conftest import ROOT
+from tests.conftest import ROOT, until
 from wheelchair_gym.config import InputError
 
 JOBS = {f"k{seed}": (seed, None) for seed in range(12)}
@@ -106,17 +105,16 @@ def test_workers_do_not_outlive_who_is_killed(tmp_path):
         "__import__('pathlib').Path(sys.argv[1], 'store'), workers=2, progress=False)"
     )
     parent = subprocess.Popen([sys.executable, "-c", code, str(tmp_path)], cwd=ROOT)
-    end = time.monotonic() + 60.0
-    while len(found := [p.name for p in tmp_path.iterdir() if p.name.isdigit()]) < 2:
+
+    def begun():
         assert parent.poll() is None
-        assert time.monotonic() < end
-        time.sleep(0.1)
+        return [p.name for p in tmp_path.iterdir() if p.name.isdigit()]
+
+    assert until(lambda: len(begun()) == 2)
+    found = begun()
     parent.kill()
     parent.wait()
-    end = time.monotonic() + 10.0
-    while any(_lives(int(worker)) for worker in found):
-        assert time.monotonic() < end, "workers live on"
-        time.sleep(0.1)
+    assert until(lambda: not any(_lives(int(worker)) for worker in found)), "workers live on"
 
 
 def _lives(process):

@@ -14,6 +14,7 @@ from agents.person.drive import drive_with_help, open_space
 from agents.person.replay import open_loop
 from agents.person.stick import Keyboard, PersonsStick, TimedAssistant, held_to_stick
 from agents.policies import make_policy
+from tests.conftest import until
 from tests.hardware.hosted import Hosted
 from tests.physics.worlds import box
 from wheelchair_gym import InputError
@@ -41,7 +42,7 @@ class Ride:
     `hand` says what the person does at a time [s]: a JoystickState, or None for a silent radio.
     """
 
-    def __init__(self, hand, policy=None, half=50.0, deadline=20.0, source=None, file=None):
+    def __init__(self, hand, policy=None, half=50.0, deadline=600.0, source=None, file=None):
         base = env_settings(None, pose_source="odometry", noise=False, rate=RATE)
         task = dataclasses.replace(base.task, bump_ends=False)
         config = dataclasses.replace(base, task=task)
@@ -228,13 +229,18 @@ def test_an_assistant_that_fails_stops_the_chair_which_a_person_drives_on_by_han
 
 def test_an_assistant_that_is_late_stops_the_chair_until_the_stick_was_centred():
     def hand(t):
-        if t > 4.0:
+        if t > 4.0 and not late.free.is_set():
             late.free.set()
+            assert until(lambda: not ride.assistant._answers.empty())
         return HELD if t < 0.3 or 8.0 <= t < 8.3 else PUSHED
 
+    def each(env):
+        ride.assistant.deadline = 0.01 if late.steps == 39 else 600.0  # before it hangs
+        return False
+
     late = Hangs()
-    ride = Ride(hand, late, deadline=1.0)
-    ride.run(11.0)
+    ride = Ride(hand, late)
+    ride.run(11.0, each)
     log = "\n".join(ride.log)
     assert "mine is late" in log
     assert OFF_CENTRE in log

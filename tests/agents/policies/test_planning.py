@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import sys
 import threading
-import time
 
 import numpy as np
 import pytest
@@ -16,6 +15,7 @@ from agents.policies.planning import SWITCH, Planning
 from planners import make_planner
 from tests.agents.fakes import PaperWorld, corridor
 from tests.agents.policies.test_behaviours import Peopled
+from tests.conftest import PATIENCE, until
 
 PERIOD = 0.1  # s
 
@@ -28,17 +28,17 @@ class SlowPlanner:
 
     def plan(self, problem, rng, deadline=None):
         self.deadlines.append(deadline)
-        self.allowed.wait(10.0)
+        self.allowed.wait(PATIENCE)
         return make_planner("a_star").plan(problem, rng)
 
 
 def arrived(planning, taken):
     """Steps until a plan is taken."""
     for k in range(1, 1000):
+        assert until(lambda: planning._made)  # beside the loop, in real time
         planning.step()
         if taken:
             return k
-        time.sleep(0.001)
     return None
 
 
@@ -100,12 +100,10 @@ def test_in_real_time_the_loop_goes_on_while_a_plan_is_made():
         assert command.shown.status == "waits: for a plan"
         assert not command.twist.any()
     assert policy.planning_figures.late == 1
-    while not planner.deadlines:
-        time.sleep(0.001)
+    assert until(lambda: planner.deadlines)
     assert 0.0 <= planner.deadlines[0] <= 0.5
     planner.allowed.set()
-    while not policy.planning._made:
-        time.sleep(0.001)
+    assert until(lambda: policy.planning._made)
     assert world.step(policy).shown.status == "follows"
     assert policy.planning_figures.stood == pytest.approx(0.9)
     while world.pose[0] < 4.0:
@@ -119,8 +117,7 @@ def test_in_real_time_the_loop_goes_on_while_a_plan_is_made():
     assert world.pose[0] > begun + 0.02  # it goes on by the old path
     assert policy._reference is before
     planner.allowed.set()
-    while not policy.planning._made:
-        time.sleep(0.001)
+    assert until(lambda: policy.planning._made)
     world.step(policy)
     assert policy._reference is not before
     assert policy.planning_figures.followed > 0.4

@@ -12,9 +12,9 @@ import numpy as np
 from agents.studio.access import Access
 from agents.studio.server import Studio, listening_socket, make_server
 from tests.browser import BROWSER, need_browser
+from tests.conftest import PATIENCE
 from wheelchair_gym.maps import OccupancyGrid, write_map
 
-PATIENCE = 120.0  # s: where nothing is compiled yet
 START = {"place": "map", "seed": 0, "assist": "direct", "hand": "none", "sight": "none",
          "rate": 20}  # fmt: skip
 
@@ -45,7 +45,7 @@ class Served:
         origin = headers.pop("origin", f"http://{self.host}")
         token = headers.pop("token", self.studio.access.token)
         return connect(
-            f"ws://{self.host}/session/{page}?token={token}", origin=origin, open_timeout=10,
+            f"ws://{self.host}/session/{page}?token={token}", origin=origin, open_timeout=PATIENCE,
             additional_headers=headers, max_size=None,
         )  # fmt: skip
 
@@ -63,7 +63,7 @@ def serving(folder, study=None, goal=3.3):
         yield Served(studio, bound.getsockname()[1])
     finally:
         server.should_exit = True
-        thread.join(20.0)
+        thread.join(PATIENCE)
         studio.warm_up.close()
         bound.close()
         assert not thread.is_alive()

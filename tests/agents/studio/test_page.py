@@ -149,7 +149,7 @@ def test_a_single_switch_drives_and_stops(opened):
     until(page, "studio.now.lit === 'back'")
     until(page, "studio.now.lit === 'forward'")
     page.keyboard.press("Space")
-    until(page, "studio.now.twist[0] > 0.05")
+    until(page, "Math.hypot(...studio.now.twist) > 0.05")  # as it was lit when it was pressed
     page.click("#switch")
     until(page, "studio.now.lit !== ''")
     page.select_option("#device", "stick")
