@@ -24,6 +24,8 @@ from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
 
 CLOCK = 12_345.678  # s, ahead of ours
+CONTROL_PERIOD = 0.1  # s
+IDLE = 0.2  # s without a command, after which a world that waits for commands makes a step
 SENSORS = SensorSettings(laser=LaserSettings(beams=181), pose_source="odometry")
 RANGERS = tuple(f"/ultrasonic/{k}" for k in range(8))
 
@@ -49,7 +51,8 @@ class FakeRosbridge:
         commands: what the chair was told: (when, v, w).
         mute: topics of which nothing is said.
         mangle: topic -> what becomes of its messages: another message, or a text sent as it is.
-        rate: of simulated time, told at /clock; None: time is real, and there is no /clock.
+        rate: of simulated time, told at /clock; infinite: each command lets a control period pass,
+            however slow the machine is; None: time is real, and there is no /clock.
         paused: simulated time stands.
         statics: what the broadcasters of /tf_static say, each in a message of its own, at once; of
             messages that wait only as many are sent as the client said its queue may hold.
@@ -75,6 +78,7 @@ class FakeRosbridge:
         }
         self._told = {}  # connection -> topics
         self._command = np.zeros(2)
+        self._due = threading.Semaphore(0)  # steps of the world that commands have let pass
         self._ended = threading.Event()
         self._server = serve(self._serve, "127.0.0.1", 0, compression=None)
         self.port = self._server.socket.getsockname()[1]
@@ -133,6 +137,7 @@ class FakeRosbridge:
             v, w = msg["linear"]["x"], msg["angular"]["z"]
             self.commands.append((time.monotonic(), v, w))
             self._command = np.array([v, w])
+            self._due.release(round(CONTROL_PERIOD / self.period))
         else:
             why = {"op": "status", "level": "error", "msg": f"cannot {operation} {topic}"}
             connection.send(json.dumps(why))
@@ -144,6 +149,8 @@ class FakeRosbridge:
                 time.sleep(0.01)
                 due = time.monotonic()
                 continue
+            if self.rate == math.inf:
+                self._due.acquire(timeout=IDLE)
             self.simulated += self.period
             self.reading = self.chair.drive(self._command)
             for connection, topics in list(self._told.items()):

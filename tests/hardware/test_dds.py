@@ -38,6 +38,7 @@ LOOPBACK = """<CycloneDDS><Domain id="any"><General><AllowMulticast>false</Allow
 </Domain></CycloneDDS>"""
 RELIABLE = Policy.Reliability.Reliable(max_blocking_time=0)
 LATCHED = Policy.Durability.TransientLocal
+STILL = 0.05  # rad/s, by wheels that count whole ticks
 
 
 @dataclass
@@ -262,7 +263,7 @@ def test_it_drives_by_both_kinds_of_twist_and_stops_when_they_end(robot, peer, s
     writer = peer.says("/cmd_vel", TwistStamped if stamped else Twist)
     turning(peer, writer, stamped)
     before = len(robot.errors)
-    assert until(lambda: abs(peer.turn) < 0.02)
+    assert until(lambda: abs(peer.turn) < STILL)
     assert until(lambda: "is silent for 0.5 s: the chair stops" in "".join(robot.errors[before:]))
 
 
@@ -271,7 +272,7 @@ def test_it_stops_at_once_when_who_commands_leaves(robot, peer):
     turning(peer, writer)
     del writer
     assert until(lambda: "the client that commanded is gone: the chair stops" in robot.errors[-1])
-    assert until(lambda: abs(peer.turn) < 0.02)
+    assert until(lambda: abs(peer.turn) < STILL)
 
 
 def test_damaged_and_infinite_twists_move_nothing_and_are_said_once(robot, peer):
@@ -287,7 +288,7 @@ def test_damaged_and_infinite_twists_move_nothing_and_are_said_once(robot, peer)
     while heard < 20:  # in which it would have begun to turn
         assert until(lambda: peer.entities["/odom", Odometry].read(1))
         heard += len(turns := [s.twist.twist.angular.z for s in peer.taken("/odom", Odometry)])
-        assert np.abs(turns).max() < 0.02
+        assert np.abs(turns).max() < STILL
     assert "".join(robot.errors).count("expected a Twist or TwistStamped of finite numbers") == 1
     turning(peer, writer)
 
@@ -345,7 +346,7 @@ def test_a_frozen_subscriber_holds_nobody_up(robot, peer):
             nonlocal count
             count += len(peer.taken("/odom", Odometry))
             writer.write(twist(0.6))
-            return count >= 150
+            return count >= 60
 
         assert until(heard)
     finally:
@@ -471,7 +472,7 @@ def test_ros_itself_hears_everything_and_drives():
         assert until(lambda: watcher.turn > 0.1)
         driver.kill()
         driver.wait()
-        assert until(lambda: abs(watcher.turn) < 0.02)
+        assert until(lambda: abs(watcher.turn) < STILL)
         assert until(lambda: "the chair stops" in "".join(served.errors[before:]))
     finally:
         served.close()

@@ -271,10 +271,12 @@ def test_it_stands_after_a_contact_until_a_service_is_called(tmp_path):
     long_but([("floor_plan", 6, 1), ("empty", 0, 2), ("empty", 0, 1)], [("empty", 0, 1)]),
 )
 def test_a_stranger_drives_and_is_scored(scene, seed, episodes, tmp_path):
-    result, bag = tmp_path / "result.json", tmp_path / "bag"
+    result, bag, config = tmp_path / "result.json", tmp_path / "bag", tmp_path / "config.json"
+    config.write_text('{"task": {"time_base": 1000.0}}')  # a slow machine has as much time
     served = Served(
-        "--scene", scene, "--seed", f"{seed}", "--episodes", f"{episodes}", "--sim-time", "3",
-        "--rate", "20", "--json", str(result), "--record", str(bag), "--format", "ros2",
+        "--scene", scene, "--seed", f"{seed}", "--episodes", f"{episodes}", "--config", str(config),
+        "--sim-time", "1", "--rate", "20", "--json", str(result), "--record", str(bag),
+        "--format", "ros2",
     )  # fmt: skip
     assert "wheelchair_gym" not in CONTROLLER.read_text().partition('"""\n')[2]
     try:
@@ -341,12 +343,15 @@ def test_a_frozen_client_holds_nobody_up():
     )  # fmt: skip
     try:
         server.advertise("/t", "std_msgs/String")
+        text = {"data": "x" * 100_000}
         frozen.stdout.readline()
         frozen.send_signal(signal.SIGSTOP)
         with Client(server.url, "/t") as client:
-            for k in range(300):
-                server.publish("/t", {"data": "x" * 100_000})
-                assert until(lambda count=k + 1: client.counts.get("/t", 0) >= count)
+            for _ in range(200):
+                count = client.counts.get("/t", 0)
+                assert until(
+                    lambda n=count: server.publish("/t", text) or client.counts.get("/t", 0) > n
+                )
     finally:
         server.close()
         frozen.kill()
@@ -382,12 +387,17 @@ def test_tls_and_token_between_our_two_ends(tmp_path):
         server.close()
 
 
-def test_it_is_a_client_of_another_rosbridge(tmp_path):
+def test_it_is_a_client_of_another_rosbridge_until_that_is_lost(capsys):
     """Numbers that are not finite go out as rosbridge_server takes them."""
     heard, left = [], []
-    server = RosbridgeServer(
-        "127.0.0.1", 0, lambda t, m, c: heard.append((t, m)) or "", left.append
-    )
+
+    def hear(topic, message, client):
+        heard.append((topic, message))
+        if [topic for topic, _ in heard].count("/clock") == 10:
+            threading.Thread(target=server.close).start()
+        return ""
+
+    server = RosbridgeServer("127.0.0.1", 0, hear, left.append)
     server.listens |= {"/scan": ("sensor_msgs/LaserScan",), "/clock": ("rosgraph_msgs/Clock",)}
     link = Rosbridge("127.0.0.1", server.port, lambda *_: None, RosbridgeSettings())
     try:
@@ -398,28 +408,18 @@ def test_it_is_a_client_of_another_rosbridge(tmp_path):
         np.testing.assert_equal(heard[0][1]["ranges"], [1.2346, math.inf, -math.inf, math.nan])
         assert strict({"ranges": ranges}) == {"ranges": [1.2346, None, None, None]}
         out = main(["robot", "--scene", "empty", "--rosbridge", f"ros://127.0.0.1:{server.port}",
-                    "--seconds", "2", "--sim-time", "--rate", "20"])  # fmt: skip
-        assert out == 0
+                    "--sim-time", "--rate", "20"])  # fmt: skip
+        assert out == 1
+        assert "the link is lost" in capsys.readouterr().err.splitlines()[-1]
         clocks = [
             m["clock"]["sec"] + 1e-9 * m["clock"]["nanosec"] for t, m in heard if t == "/clock"
         ]
-        assert len(clocks) > 5
+        assert len(clocks) >= 10
         assert clocks == sorted(set(clocks))
         assert until(lambda: left)
     finally:
         link.close()
         server.close()
-
-
-def test_a_lost_rosbridge_is_one_line(capsys):
-    server = RosbridgeServer(
-        "127.0.0.1", 0, lambda *_: threading.Thread(target=server.close).start() or ""
-    )
-    server.listens["/clock"] = ("rosgraph_msgs/Clock",)
-    code = main(["robot", "--scene", "empty", "--rosbridge", f"ros://127.0.0.1:{server.port}",
-                 "--sim-time"])  # fmt: skip
-    assert code == 1
-    assert "the link is lost" in capsys.readouterr().err.splitlines()[-1]
 
 
 @pytest.mark.parametrize(

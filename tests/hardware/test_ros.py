@@ -54,7 +54,17 @@ def bridge():
 
 def spec(bridge, patience=PATIENCE, limits=CALM, **changes):
     limits = {**limits, "ready_timeout": patience}
+    if bridge.rate is not None:
+        changes = {"use_sim_time": True, "clock_timeout": PATIENCE} | changes
     return {"name": "ros", "host": "127.0.0.1", "port": bridge.port, "limits": limits, **changes}
+
+
+@pytest.fixture
+def waiting():
+    """A bridge whose world waits for commands, and so for a machine that is slow."""
+    server = FakeRosbridge(rate=math.inf)
+    yield server
+    server.close()
 
 
 @pytest.fixture
@@ -95,30 +105,30 @@ def begun(chair, periods=3):
 
 
 @pytest.mark.parametrize("pose_source", long_but(["modelled", "mcl"], ["mcl"]))
-def test_a_policy_drives_it_from_start_to_goal(bridge, pose_source):
+def test_a_policy_drives_it_from_start_to_goal(waiting, pose_source):
     """By the poses that tf tells, and by those that are worked out from odometry and map."""
-    env = NavigationEnv(chair=spec(bridge), config=CONFIG, pose_source=pose_source)
+    env = NavigationEnv(chair=spec(waiting), config=CONFIG, pose_source=pose_source)
     inner = getattr(env.chair, "chair", env.chair)
-    goal = bridge.episode.start[:2] + np.array([0.7, 0.2])
+    goal = waiting.episode.start[:2] + np.array([0.7, 0.2])
     episode = inner.episode(goal)
-    np.testing.assert_array_equal(episode.map.cells, bridge.episode.map.cells)
-    np.testing.assert_allclose(episode.start, bridge.episode.start, atol=1e-6)
+    np.testing.assert_array_equal(episode.map.cells, waiting.episode.map.cells)
+    np.testing.assert_allclose(episode.start, waiting.episode.start, atol=1e-6)
     record = drive_episode(env, make_policy("visibility+window"), 0, episode=episode)
     env.close()
     assert record["success"]
-    assert np.hypot(*(bridge.chair.truth.pose[:2] - goal)) < 0.3
-    assert until(lambda: abs(bridge.reading.twist).max() < 0.01)  # which nobody but we told it to
-    assert bridge.still
-    assert not bridge.chair.truth.touched
-    assert bridge.advertised == {"/ARDUINO1/Velocity": "geometry_msgs/Twist"}
+    assert np.hypot(*(waiting.chair.truth.pose[:2] - goal)) < 0.3
+    assert until(lambda: abs(waiting.reading.twist).max() < 0.01)  # which nobody but we told it to
+    assert waiting.still
+    assert not waiting.chair.truth.touched
+    assert waiting.advertised == {"/ARDUINO1/Velocity": "geometry_msgs/Twist"}
 
 
-def test_the_command_drives_it(bridge, tmp_path, capsys):
+def test_the_command_drives_it(waiting, tmp_path, capsys):
     config, file = tmp_path / "chair.json", tmp_path / "run.mcap"
     config.write_text(json.dumps(CONFIG))
-    x, y = bridge.episode.start[:2] + np.array([0.6, 0.1])
+    x, y = waiting.episode.start[:2] + np.array([0.6, 0.1])
     chairs = tmp_path / "chairs.json"
-    chairs.write_text(json.dumps({"ros": spec(bridge)}))
+    chairs.write_text(json.dumps({"ros": spec(waiting)}))
     drive = ["simulate", "--chair", f"{chairs}:ros", "--policy", "straight"]
     drive += ["--config", str(config), "--pose", "odometry"]
     before = signal.getsignal(signal.SIGTERM), signal.getsignal(signal.SIGHUP)
@@ -128,18 +138,18 @@ def test_the_command_drives_it(bridge, tmp_path, capsys):
         signal.signal(signal.SIGTERM, before[0])
         signal.signal(signal.SIGHUP, before[1])
     assert "success" in capsys.readouterr().out
-    assert until(lambda: bridge.still)
+    assert until(lambda: waiting.still)
     assert main(["replay", str(file)]) == 0
     assert main(drive) == 2
     assert "--goal" in capsys.readouterr().err
 
 
-def test_it_maps_where_it_stands(bridge, tmp_path, capsys):
+def test_it_maps_where_it_stands(waiting, tmp_path, capsys):
     """What it draws of the place is what is there, in the frame of where it began."""
     config, chairs = tmp_path / "chair.json", tmp_path / "chairs.json"
     config.write_text(json.dumps(CONFIG))
-    chairs.write_text(json.dumps({"ros": spec(bridge)}))
-    begun = bridge.chair.truth.pose
+    chairs.write_text(json.dumps({"ros": spec(waiting)}))
+    begun = waiting.chair.truth.pose
     before = signal.getsignal(signal.SIGTERM), signal.getsignal(signal.SIGHUP)
     try:
         survey = ["map", "--chair", f"{chairs}:ros", "--config", str(config), "--time", "1.5"]
@@ -148,10 +158,10 @@ def test_it_maps_where_it_stands(bridge, tmp_path, capsys):
         signal.signal(signal.SIGTERM, before[0])
         signal.signal(signal.SIGHUP, before[1])
     assert "explore on" in capsys.readouterr().out
-    assert until(lambda: bridge.still)
+    assert until(lambda: waiting.still)
     drawn = read_map(tmp_path / "map" / "map.yaml")
     seen = to_world(drawn.to_world(np.argwhere(drawn.cells == OCCUPIED)), begun)
-    off = [min(point_segment_distance(x, y, *w) for w in bridge.episode.walls) for x, y in seen]
+    off = [min(point_segment_distance(x, y, *w) for w in waiting.episode.walls) for x, y in seen]
     assert len(seen) > 50
     assert np.quantile(off, 0.9) < 0.15
 
@@ -373,13 +383,13 @@ def test_silence_is_measured_in_simulated_time(bridge):
     """A simulation at half of real time is driven; one that is paused is named as that."""
     slow = FakeRosbridge(rate=0.5)
     try:
-        chair = make_chair(spec(slow, use_sim_time=True, clock_timeout=2.0), env_settings(CONFIG))
+        chair = make_chair(spec(slow, clock_timeout=1.0), env_settings(CONFIG))
         chair.reset(None, 0)
         begin, wall = slow.simulated, time.monotonic()
-        halts = {chair.drive(AHEAD).halted for _ in range(8)}
+        halts = {chair.drive(AHEAD).halted for _ in range(5)}
         assert halts == {""}
-        assert slow.simulated - begin > 0.65
-        assert time.monotonic() - wall > 1.2
+        assert slow.simulated - begin > 0.35
+        assert time.monotonic() - wall > 0.7
         slow.paused = True
         assert until(lambda: "/clock has stood still" in chair.drive(AHEAD).halted)
         assert until(lambda: slow.still)
@@ -389,7 +399,7 @@ def test_silence_is_measured_in_simulated_time(bridge):
         assert until(lambda: chair.drive(AHEAD).halted == "")
         chair.close()
         slow.paused = True
-        own = spec(slow, use_sim_time=True, clock_timeout=0.2, patience=0.2)
+        own = spec(slow, clock_timeout=0.2, patience=0.2)
         paused = make_chair(own, env_settings(CONFIG))
         with pytest.raises(InputError, match=r"/clock has (stood still|reported no time)"):
             paused.reset(None, 0)
@@ -415,7 +425,7 @@ FAULTS = {
 
 
 @pytest.mark.realtime
-@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize("fault", long_but(FAULTS, ["scan is silent", "tf is silent"]))
 def test_what_is_silent_or_wrong_stops_it(bridge, chair, fault):
     """Zero within the limit and a period; the reading says why; it goes on when all is well."""
     topic, mangle, why = FAULTS[fault]
@@ -794,10 +804,13 @@ def test_it_drives_the_robot_that_this_package_serves(stamped):
         episode = env.chair.episode(env.chair.senses.map_pose().value[:2])
         env.reset(options={"episode": dataclasses.replace(episode, tolerance=1e-9)})
         begin = env.reading.pose
-        for _ in range(15):
+
+        def turned():
             env.step(np.array([0.0, 0.6], np.float32))
+            return abs(env.reading.pose[2] - begin[2]) > 0.2
+
+        assert until(turned)
         assert env.reading.halted == ""
-        assert abs(env.reading.pose[2] - begin[2]) > 0.2
         env.close()
         assert until(lambda: served.errors)  # it left, and the robot says that it stands
     finally:

@@ -15,7 +15,7 @@ import pytest
 
 from agents.cli import main
 from agents.person.recorded_stick import schedule
-from tests.conftest import ROOT, until
+from tests.conftest import PATIENCE, ROOT, until
 from tests.hardware.realtime import serving
 from tests.hardware.served import hear_interrupts
 from wheelchair_gym.hardware.twin.lockstep import JoystickState
@@ -25,7 +25,6 @@ pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
 
 CENTRED = JoystickState(dead_man=True)
 PUSHED = JoystickState(forward=1.0, turn=0.2, dead_man=True)
-MOST = 120.0  # s: a busy machine compiles and starts slowly
 
 
 class Program:
@@ -71,8 +70,8 @@ def test_a_person_drives_with_help_until_ctrl_c(tmp_path):
         faults.joystick = CENTRED
         program = Program(served, "--deadline", "5", "--json", str(file))
         try:
-            assert until(lambda: program.says("must re-arm"), MOST), program.said
-            end = time.monotonic() + MOST
+            assert until(lambda: program.says("must re-arm")), program.said
+            end = time.monotonic() + PATIENCE
             while not np.hypot(*(served.twin.plant.pose - place)[:2]) > 0.3:
                 assert time.monotonic() < end, program.said
                 if abs(served.twin.motion.speed) < 0.01:
@@ -80,7 +79,7 @@ def test_a_person_drives_with_help_until_ctrl_c(tmp_path):
                 faults.joystick = PUSHED
                 time.sleep(1.5)
             program.process.send_signal(signal.SIGINT)
-            assert program.process.wait(MOST) == 0
+            assert program.process.wait(PATIENCE) == 0
         finally:
             program.end()
     record = json.loads(file.read_text())
@@ -89,6 +88,7 @@ def test_a_person_drives_with_help_until_ctrl_c(tmp_path):
     assert record["stick_effort"] > 0.0
 
 
+@pytest.mark.realtime
 @pytest.mark.long
 def test_prompts_are_asked_for_and_recorded(tmp_path):
     file = tmp_path / "session.mcap"
@@ -97,9 +97,9 @@ def test_prompts_are_asked_for_and_recorded(tmp_path):
         words = "--deadline", "5", "--prompts", "--seconds", "4", "--record", str(file)
         program = Program(served, *words)
         try:
-            assert until(lambda: program.says("must re-arm"), MOST), program.said
+            assert until(lambda: program.says("must re-arm")), program.said
             rearm_by_hand(served.twin.faults)
-            assert program.process.wait(MOST) == 0, program.said
+            assert program.process.wait(PATIENCE) == 0, program.said
         finally:
             program.end()
     assert program.says("push ")

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import pytest
 
 from agents.cli import hardware, main
-from tests.conftest import ROOT
+from tests.conftest import ROOT, until
 from tests.hardware.realtime import serving
 from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.hardware import joystick
@@ -30,6 +30,7 @@ def served(tmp_path):
         yield twin
 
 
+@pytest.mark.realtime
 def test_tools_work_over_devices(served, tmp_path, capsys):
     """What they find is tested in simulated time: a busy machine is late here."""
     file = tmp_path / "check.json"
@@ -46,6 +47,7 @@ def test_tools_work_over_devices(served, tmp_path, capsys):
     assert "battery" in capsys.readouterr().out
 
 
+@pytest.mark.realtime
 def test_monitor_listens_to_the_program_that_drives(served, capsys):
     """It opens no port of its own: the owner's line stays open, and nothing is reset."""
     settings = env_settings(str(served.config))
@@ -60,9 +62,7 @@ def test_monitor_listens_to_the_program_that_drives(served, capsys):
     owner = threading.Thread(target=drive)
     owner.start()
     try:
-        end = time.monotonic() + 30.0
-        while senses._monitor is None and time.monotonic() < end:
-            time.sleep(0.01)
+        assert until(lambda: senses._monitor is not None)
         words = ["hardware", "monitor", "--config", str(served.config), "--seconds", "1"]
         assert main(words) == 0
         said = capsys.readouterr()
@@ -96,6 +96,7 @@ def test_monitor_asks_before_it_resets_a_board(tmp_path, monkeypatch, capsys):
     assert main([*words, "--yes"]) == 0
 
 
+@pytest.mark.realtime
 @pytest.mark.long
 def test_counts_of_a_metre_are_measured_and_written(served, monkeypatch, capsys):
     """Set up with twice as many, it finds the true ones by the wall ahead, in real time."""
@@ -137,6 +138,7 @@ class NoStick:
         pass
 
 
+@pytest.mark.realtime
 @pytest.mark.parametrize("looks", [0, 5])
 def test_drive_without_a_joystick_says_what_it_waits_for_and_ends(
     served, monkeypatch, capsys, looks

@@ -40,13 +40,16 @@ class SimulatedClock:
             self._changed.notify_all()
 
     def host_time(self, stamp: float) -> float:
-        """When a message was made by this clock, at the latest now; now for an unknown stamp, NaN.
+        """When a message was made by this clock, at the latest now.
+
+        Now for an unknown stamp, NaN, and while no time is known: a latched map comes only once.
 
         Raises:
             ValueError: the stamp is too far ahead to be by this clock.
         """
         now = self.now()
-        made = now if math.isnan(stamp) else self._offset + stamp
+        known = self._last > -math.inf and not math.isnan(stamp)
+        made = self._offset + stamp if known else now
         if made - now > 10.0:
             raise ValueError(
                 f"is stamped {made - now:.3g} s ahead of {self.topic}; expected simulated time"
