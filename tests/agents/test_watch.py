@@ -6,6 +6,7 @@ import pytest
 from mcap.reader import make_reader
 
 from agents.cli import main
+from tests.localization.test_log import line, written
 from wheelchair_gym.recording.replay import read_recording
 
 SHORT = [
@@ -54,10 +55,9 @@ def test_viewers_look_on_at_one_episode(tmp_path, capsys):
     assert "ws://127.0.0.1:" in capsys.readouterr().err
 
 
-def test_a_survey_is_recorded_with_its_growing_map(shared, tmp_path, capsys):
-    log, file = tmp_path / "short.dat", tmp_path / "map.mcap"
-    lines = (shared / "logs" / "mines_exp1.dat").read_text().splitlines()[:60]
-    log.write_text("\n".join(lines))
+def test_a_survey_is_recorded_with_its_growing_map(tmp_path, capsys):
+    lines, file = [line(k) for k in range(60)], tmp_path / "map.mcap"
+    log = written(tmp_path, lines)
     drive = ["map", "--log", str(log), "--particles", "2", "--quiet", "--record", str(file)]
     assert main([*drive, "--out", str(tmp_path / "map")]) == 0
     told = counts(file)

@@ -103,7 +103,7 @@ def test_one_film_holds_several_episodes(tmp_path):
         return gymnasium.make(ID, config=short, render_mode="rgb_array")
 
     world = gymnasium.wrappers.RecordVideo(
-        make(), str(tmp_path), step_trigger=lambda step: step == 0, video_length=12,
+        make(), str(tmp_path / "one"), step_trigger=lambda step: step == 0, video_length=12,
         disable_logger=True,
     )  # fmt: skip
     world.reset(seed=0)
@@ -118,7 +118,7 @@ def test_one_film_holds_several_episodes(tmp_path):
     for _ in range(12):
         many.step(STILL[None])
     many.close()
-    films = sorted(tmp_path.glob("*.mp4"))
+    films = sorted(tmp_path.rglob("*.mp4"))
     assert len(films) == 2
     for film in films:
         reader = imageio_ffmpeg.read_frames(str(film))

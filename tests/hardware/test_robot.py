@@ -347,11 +347,10 @@ def test_a_frozen_client_holds_nobody_up():
         frozen.stdout.readline()
         frozen.send_signal(signal.SIGSTOP)
         with Client(server.url, "/t") as client:
+            counts = client.counts
             for _ in range(200):
-                count = client.counts.get("/t", 0)
-                assert until(
-                    lambda n=count: server.publish("/t", text) or client.counts.get("/t", 0) > n
-                )
+                n = counts.get("/t", 0)
+                assert until(lambda n=n: server.publish("/t", text) or counts.get("/t", 0) > n)
     finally:
         server.close()
         frozen.kill()

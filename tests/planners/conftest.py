@@ -1,10 +1,13 @@
-"""A clock for deadlines that no machine's speed changes."""
+"""Problems with known optima, and a clock for deadlines that no machine's speed changes."""
 
 from __future__ import annotations
 
 import sys
 
 import pytest
+
+from planners.problem_files import read_problems
+from tests.planners.make_problems import FILE
 
 TICK = 0.005  # s: what each look at the clock takes
 
@@ -18,6 +21,12 @@ class Clock:
     def __call__(self) -> float:
         self.now += TICK
         return self.now
+
+
+@pytest.fixture(scope="session")
+def stored():
+    """Name -> problem and optimum [m], of the file that lies here."""
+    return {problem.name: (problem, optimum) for problem, optimum in read_problems(FILE)}
 
 
 @pytest.fixture

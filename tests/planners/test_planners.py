@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ import pytest
 from planners import PLANNERS, Problem, Space, Status, make_planner
 from planners.judge import TOLERANCE, faults
 from planners.problem_files import read_problems
+from tests.planners.make_problems import FILE, problems
 from wheelchair_gym.config import InputError
 
 # Planners that prove it where there is no path, and those that always find one on these maps.
@@ -40,14 +42,9 @@ def assert_valid(plan, problem):
     assert not faults(plan.path[:, :2], space.solid, space.bounds, problem.clearance)
 
 
-@pytest.fixture(scope="module")
-def stored(shared):
-    return read_problems(shared / "problems" / "planning.json")
-
-
 @pytest.mark.parametrize("name", PLANNERS)
 def test_paths_are_valid_and_never_shorter_than_the_optimum(name, stored):
-    for problem, optimum in stored:
+    for problem, optimum in stored.values():
         plan = make_planner(name).plan(problem, np.random.default_rng(1))
         if plan.status != Status.SOLVED:  # a sampler may run out; it may not claim a proof
             assert plan.status in GIVEN_UP
@@ -57,10 +54,19 @@ def test_paths_are_valid_and_never_shorter_than_the_optimum(name, stored):
         assert plan.length >= optimum - TOLERANCE
 
 
-def test_visibility_finds_every_stored_optimum(stored):
-    for problem, optimum in stored:
+@pytest.mark.parametrize("file", [FILE, "shared"], ids=["ours", "shared"])
+def test_visibility_finds_every_stored_optimum(file, request):
+    if file == "shared":
+        file = request.getfixturevalue("shared") / "problems" / "planning.json"
+    for problem, optimum in read_problems(file):
         plan = make_planner("visibility").plan(problem, np.random.default_rng(0))
         assert plan.length == pytest.approx(optimum, abs=TOLERANCE), problem.name
+
+
+def test_the_problems_are_what_their_generator_writes():
+    for ours, drawn in zip(json.loads(FILE.read_text()), problems(), strict=True):
+        assert ours["optimum"] == pytest.approx(drawn.pop("optimum"), abs=TOLERANCE)
+        assert {key: ours[key] for key in drawn} == drawn
 
 
 @pytest.mark.parametrize("name", PLANNERS)

@@ -12,7 +12,6 @@ from planners import PLANNERS
 from planners.collision.space import Space
 from planners.judge import faults
 from planners.problem import Problem, Status
-from planners.problem_files import read_problems
 from planners.trees.settings import (
     InformedRrtStar,
     RrtStar,
@@ -53,12 +52,6 @@ def problem():
     return Problem(space, np.array([1.0, 1.0]), np.array([9.0, 9.0]))
 
 
-@pytest.fixture(scope="module")
-def stored(shared):
-    cases = read_problems(shared / "problems" / "planning.json")
-    return {problem.name: (problem, optimum) for problem, optimum in cases}
-
-
 def assert_free(problem, path):
     space = problem.space
     np.testing.assert_array_equal(path[[0, -1]], [problem.start, problem.goal])
@@ -77,7 +70,7 @@ def mean_length(planner, problem, seeds=6):
 @pytest.mark.parametrize("name", TREES)
 @pytest.mark.parametrize("deadline", [0.0, 1e-3, 0.02])
 def test_iterations_replay_a_plan_made_under_a_deadline(name, deadline, stored):
-    problem, _ = stored["maze29_s4_d1.0"]
+    problem, _ = stored["rooms"]
     planner = PLANNERS[name]()
     plan = planner.plan(problem, np.random.default_rng(2), deadline)
     assert plan.status in (Status.SOLVED, Status.EXHAUSTED)
@@ -104,7 +97,7 @@ def test_rrt_star_falls_with_samples_to_the_optimum(problem):
     assert lengths[-1] <= 1.01 * SHORTEST
 
 
-@pytest.mark.parametrize("name", ["clutter50_s7", "maze29_s4_d1.0"])
+@pytest.mark.parametrize("name", ["clutter", "rooms"])
 def test_rrt_star_ends_within_two_percent(name, stored):
     problem, optimum = stored[name]
     plan = RrtStar(iterations=30_000).plan(problem, np.random.default_rng(0))
@@ -223,13 +216,13 @@ def test_rrt_connect_solves_every_problem(stored):
 
 @pytest.mark.parametrize("name", ["rrt_connect", "informed_rrt_star"])
 def test_the_straight_line_needs_no_sample(name, stored):
-    problem, optimum = stored["empty50"]
+    problem, optimum = stored["open"]
     plan = PLANNERS[name]().plan(problem, np.random.default_rng(0))
     assert plan.counters["iterations"] == 0
     assert plan.length == pytest.approx(optimum)
 
 
-@pytest.mark.parametrize("name", ["clutter50_s7", "slabs30_s1", "maze29_s4_d1.0"])
+@pytest.mark.parametrize("name", ["clutter", "slabs", "rooms"])
 @pytest.mark.parametrize("share", [0.0, 0.5])
 def test_informed_rrt_star_falls_to_the_optimum(name, share, stored):
     problem, optimum = stored[name]
@@ -244,7 +237,7 @@ def test_informed_rrt_star_falls_to_the_optimum(name, share, stored):
 
 
 def test_informed_samples_stay_where_they_can_help(stored):
-    problem, _ = stored["clutter50_s7"]
+    problem, _ = stored["clutter"]
     first = InformedRrtStar(iterations=200, nodes=500)
     done = InformedRrtStar(iterations=5_000, nodes=500)
     before, after = (planner.plan(problem, np.random.default_rng(0)) for planner in (first, done))
@@ -256,7 +249,7 @@ def test_informed_samples_stay_where_they_can_help(stored):
 
 
 def test_fixed_nodes_are_kept_and_paths_fall_all_the_same(stored):
-    problem, _ = stored["clutter50_s7"]
+    problem, _ = stored["clutter"]
     few = RrtStar(nodes=400)
     for plan in plans(RrtStarFn(tree=few), problem):
         assert plan.counters["nodes"] <= few.nodes + 1  # and the goal
@@ -265,14 +258,14 @@ def test_fixed_nodes_are_kept_and_paths_fall_all_the_same(stored):
 
 
 def test_smart_trees_are_ahead_of_plain_ones(stored):
-    problem, optimum = stored["clutter50_s7"]
+    problem, optimum = stored["clutter"]
     plain = RrtStar(iterations=2_000)
     smart = mean_length(RrtStarSmart(tree=plain), problem)
     assert smart - optimum < 0.7 * (mean_length(plain, problem) - optimum)
 
 
 def test_smart_paths_join_vertices_that_see_each_other(stored):
-    problem, _ = stored["clutter50_s7"]
+    problem, _ = stored["clutter"]
     tree = RrtStar(return_on_first_path=True, step=1.5, search_radius=1.6)
     solid = shapely.buffer(problem.space.solid, -1e-9)
     pairs = zip(plans(tree, problem), plans(RrtStarSmart(tree=tree), problem), strict=True)

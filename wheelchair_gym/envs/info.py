@@ -13,6 +13,7 @@ from wheelchair_gym.types import Reading, Truth
 
 if TYPE_CHECKING:
     from wheelchair_gym.envs.results import Columns
+    from wheelchair_gym.safety.shield import Decision
 
 Flags = NDArray[np.bool_]
 
@@ -73,6 +74,11 @@ def info_of(truth: Truth, reading: Reading, verdict: Verdict, success: bool) -> 
     info = dict(zip(_NAMES, _VALUES((*truth, *reading, *verdict, success)), strict=True))
     info["reward_terms"] = dict(zip(TERMS, verdict.terms, strict=True))
     return info
+
+
+def info_of_shield(decision: Decision) -> dict[str, Any]:
+    """Return what `info` tells of a shield's decision, with arrays of its own."""
+    return decision._asdict() | {"asked": decision.asked.copy(), "given": decision.given.copy()}
 
 
 def info_of_rows(columns: Columns, shielded: bool) -> dict[str, Any]:

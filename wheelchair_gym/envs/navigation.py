@@ -17,7 +17,7 @@ from wheelchair_gym.drivers.step import Drivers
 from wheelchair_gym.envs.batch import is_unshielded
 from wheelchair_gym.envs.drawing import EpisodeRenderer
 from wheelchair_gym.envs.guidance import make_guidance
-from wheelchair_gym.envs.info import info_of, info_table
+from wheelchair_gym.envs.info import info_of, info_of_shield, info_table
 from wheelchair_gym.envs.one_chair import Pair, SimulatedSteps
 from wheelchair_gym.envs.settings import (
     EnvSettings,
@@ -250,7 +250,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         self.show(Shown())
         info = self._info()
         if self.shield is not None:
-            info["shield"] = self.shield.decision._asdict()
+            info["shield"] = info_of_shield(self.shield.decision)
         self._drawing.follow(info["pose"])
         if self.render_mode == "human":
             self.render()
@@ -286,7 +286,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         self._running = not (terminated or truncated)
         self._assist()
         if shield is not None:
-            info["shield"] = shield.decision._asdict()
+            info["shield"] = info_of_shield(shield.decision)
         self._drawing.follow(info["pose"])
         if self.render_mode == "human":
             self.render()
