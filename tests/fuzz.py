@@ -31,7 +31,7 @@ import numpy as np
 
 from tests.conftest import ROOT
 
-TIMEOUT = 20.0  # s for one input
+TIMEOUT = 120.0  # s for one input, where a machine is busy
 READY = 300.0  # s until a worker has read its valid file: kernels may be compiled
 MEMORY = 3 * 2**30  # bytes that a worker may have beside what it has when ready
 LONGEST = 2000  # characters of a message

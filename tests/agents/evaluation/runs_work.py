@@ -17,12 +17,6 @@ def draw(job):
     return {"seed": seed, "sum": float(rng.normal(size=100).sum()), "tail": float(rng.random())}
 
 
-def slow(job):
-    """The same, after longer than a batch shall take."""
-    time.sleep(0.3)
-    return draw(job)
-
-
 def dying(job):
     """The same, but the first process that is given a marked job is killed."""
     seed, mark = job

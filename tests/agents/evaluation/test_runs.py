@@ -37,14 +37,17 @@ def test_equal_to_the_last_digit_whoever_makes_them(tmp_path, engine, workers):
 
 def test_short_jobs_are_handed_out_together_and_long_ones_each(tmp_path, monkeypatch):
     """Many short jobs before the one that kills its worker: they are few batches."""
-    handed = []
-    submit = LokyBackend.submit
+    handed, took = [], 1e-4  # s, each job, however fast the machine is
+    submit, completed = LokyBackend.submit, LokyBackend.batch_completed
 
     def counting(self, batch, *arguments, **options):
         handed.append(len(batch))
         return submit(self, batch, *arguments, **options)
 
     monkeypatch.setattr(LokyBackend, "submit", counting)
+    monkeypatch.setattr(
+        LokyBackend, "batch_completed", lambda self, size, _: completed(self, size, took * size)
+    )
     jobs = {f"k{seed}": (seed, None) for seed in range(2000)}
     got = compute(jobs, work.draw, tmp_path / "s.jsonl", workers=2, progress=False)
     assert got == {key: work.draw(job) for key, job in jobs.items()}
@@ -52,7 +55,8 @@ def test_short_jobs_are_handed_out_together_and_long_ones_each(tmp_path, monkeyp
     assert max(handed) > 50
     assert handed[0] == 1
     handed.clear()
-    compute(JOBS, work.slow, tmp_path / "slow.jsonl", workers=2, progress=False)
+    took = 0.3
+    compute(JOBS, work.draw, tmp_path / "slow.jsonl", workers=2, progress=False)
     assert set(handed) == {1}
 
 

@@ -22,6 +22,7 @@ from agents.studio.plan_session import FIELDS
 from agents.studio.planning import answer, frames_of, problem_of
 from planners.problem_files import read_problems
 from tests.agents.studio.served import START, messages, send, serving
+from tests.conftest import PATIENCE
 from wheelchair_gym.config import InputError
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, read_map
 
@@ -143,7 +144,7 @@ def post(served, name, content, **headers):
     """The status of an upload."""
     import http.client
 
-    line = http.client.HTTPConnection("127.0.0.1", served.port, timeout=10)
+    line = http.client.HTTPConnection("127.0.0.1", served.port, timeout=PATIENCE)
     headers = {"Origin": f"http://{served.host}"} | headers
     path = f"/maps/{name}?token={served.studio.access.token}"
     try:
@@ -184,7 +185,7 @@ def test_a_place_is_planned_on_and_a_saved_map_is_driven_on(served):
         send(socket, "place", place="scene:crowd", seed=3)
         shown = messages(socket, "map")
         asked = {"start": [shown["start"]], "goal": [shown["goal"]]}
-        send(socket, "plan", planners=["a_star", "rrt_star"], clearance=0.3, deadline=1.0, seed=0,
+        send(socket, "plan", planners=["a_star", "rrt_star"], clearance=0.3, deadline=5.0, seed=0,
              **asked)  # fmt: skip
         rows = [messages(socket, "plan") for _ in range(2)]
         assert [row["planner"] for row in rows] == ["a_star", "rrt_star"]
