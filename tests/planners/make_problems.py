@@ -1,8 +1,7 @@
 """Write problems.json: `python -m tests.planners.make_problems`.
 
-Maps of rectangles drawn from seeds, and the exact length of the shortest path of a point: among
-polygons it turns at corners only, so Dijkstra's algorithm on all pairs of corners that see each
-other (by shapely) finds it. Nothing here is the planners' code.
+Maps of rectangles drawn from seeds, and the length of the shortest path by the oracle, which shares
+no code with the planners.
 """
 
 from __future__ import annotations
@@ -13,24 +12,10 @@ from pathlib import Path
 
 import numpy as np
 import shapely
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import dijkstra
+
+from tests.planners.oracle import shortest_line
 
 FILE = Path(__file__).with_name("problems.json")
-
-
-def optimum(size, rectangles, start, goal):
-    """Length of the shortest path [m]; a path may touch what is solid."""
-    solid = shapely.union_all([shapely.box(*r) for r in rectangles])
-    room = shapely.difference(shapely.box(0, 0, size, size), solid).buffer(1e-9, join_style="mitre")
-    shapely.prepare(room)
-    corners = shapely.get_coordinates([shapely.box(*r) for r in rectangles])
-    nodes = np.vstack([start, goal, corners])
-    pairs = np.array(list(itertools.combinations(range(len(nodes)), 2)))
-    pairs = pairs[shapely.covers(room, shapely.linestrings(nodes[pairs]))]
-    lengths = np.hypot(*(nodes[pairs[:, 0]] - nodes[pairs[:, 1]]).T)
-    graph = coo_array((lengths, pairs.T), shape=(len(nodes), len(nodes)))
-    return float(dijkstra(graph.tocsr(), directed=False, indices=0)[1])
 
 
 def clutter(rng, size=50.0, count=24):
@@ -89,7 +74,8 @@ def problems():
     for name, (size, rectangles) in drawn.items():
         rects = [[round(float(v), 3) for v in r] for r in rectangles]
         start, goal = [2.0, 2.0], [size - 2.0, size - 2.0]
-        best = round(optimum(size, rects, start, goal), 9)
+        solid = shapely.union_all([shapely.box(*r) for r in rects])
+        best = round(shortest_line(shapely.box(0, 0, size, size), solid, start, goal), 8)
         yield {"name": name, "size": size, "rects": rects, "start": start, "goal": goal,
                "optimum": best}  # fmt: skip
 

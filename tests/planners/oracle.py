@@ -42,6 +42,21 @@ class Verdict:
     upper: float  # m: a way of this length is known
 
 
+def shortest_line(box, solid, start, goal):
+    """Length [m] of the shortest path of a point, which may touch what is solid.
+
+    Among polygons it turns at corners only: Dijkstra's algorithm on all that see each other.
+    """
+    room = shapely.difference(box, solid).buffer(1e-9, join_style="mitre")
+    nodes = np.vstack([start, goal, shapely.get_coordinates(room)])
+    pairs = np.array(list(itertools.combinations(range(len(nodes)), 2)))
+    shapely.prepare(room)
+    pairs = pairs[shapely.covers(room, shapely.linestrings(nodes[pairs]))]
+    ways = np.hypot(*(nodes[pairs[:, 0]] - nodes[pairs[:, 1]]).T)
+    graph = coo_array((ways, pairs.T), shape=(len(nodes), len(nodes)))
+    return float(dijkstra(graph.tocsr(), directed=False, indices=0)[1])
+
+
 class Oracle:
     """A map of edges (n, 4) and discs (m, 3) [m] for a footprint, on a grid through an anchor."""
 
@@ -122,14 +137,7 @@ class Oracle:
         solid = shapely.buffer(self.solid, radius - 1e-6, quad_segs=8)
         low = self.bounds[:2] + radius - 1e-6
         high = self.bounds[2:] - radius + 1e-6
-        room = shapely.difference(shapely.box(*low, *high), solid).buffer(1e-9)
-        nodes = np.vstack([start[:2], goal[:2], shapely.get_coordinates(room)])
-        pairs = np.array(list(itertools.combinations(range(len(nodes)), 2)))
-        shapely.prepare(room)
-        pairs = pairs[shapely.covers(room, shapely.linestrings(nodes[pairs]))]
-        ways = np.hypot(*(nodes[pairs[:, 0]] - nodes[pairs[:, 1]]).T)
-        graph = coo_array((ways, pairs.T), shape=(len(nodes), len(nodes)))
-        return float(dijkstra(graph.tocsr(), directed=False, indices=0)[1])
+        return shortest_line(shapely.box(*low, *high), solid, start[:2], goal[:2])
 
     def judge(self, start, goal):
         """The verdict on grid poses (3,), the goal perhaps a point (2,)."""

@@ -7,6 +7,7 @@ import json
 import struct
 import threading
 from functools import partial
+from types import SimpleNamespace
 from typing import Any
 
 import gymnasium as gym
@@ -112,30 +113,19 @@ def test_a_port_that_is_taken_or_none_is_one_line(capsys):
     env.close()
 
 
-class SleptTime:
-    """A `time` that passes only while somebody sleeps."""
-
-    def __init__(self):
-        self.now = 0.0
-
-    def perf_counter(self):
-        return self.now
-
-    def sleep(self, seconds):
-        self.now += seconds
-
-
 @pytest.fixture
 def slept(monkeypatch):
-    time = SleptTime()
-    monkeypatch.setattr("agents.watch.time", time)
-    return time
+    """What was slept [s], in a time that passes only so."""
+    slept = []
+    clock = SimpleNamespace(perf_counter=lambda: sum(slept), sleep=slept.append)
+    monkeypatch.setattr("agents.watch.time", clock)
+    return slept
 
 
 def test_it_is_driven_in_real_time(capsys, slept):
     assert main(["simulate", "--scene", "empty", "--policy", "straight", "--live", "0"]) == 0
     assert "ws://127.0.0.1:" in capsys.readouterr().err
-    assert slept.now == pytest.approx(3.9, abs=0.5 / RATE)
+    assert sum(slept) == pytest.approx(3.9, abs=0.5 / RATE)
 
 
 @pytest.mark.parametrize("arguments", [["--live", "-1"], ["--live", "x"]])
@@ -148,7 +138,7 @@ def test_what_is_no_port_is_one_line(arguments, capsys):
 
 def test_a_replay_is_shown_in_real_time(capsys, slept):
     assert main(["replay", str(OLD), "--live", "0"]) == 0
-    assert slept.now > 7.5 / RATE  # eight steps
+    assert sum(slept) > 7.5 / RATE  # eight steps
     said = capsys.readouterr()
     assert "ws://127.0.0.1:" in said.err
     assert said.out.count("the same rewards") == 2
