@@ -46,6 +46,16 @@ def until(true: Callable[[], Any], seconds: float = PATIENCE) -> Any:
     return value
 
 
+def need_pty():
+    """A skip where the machine has no pseudo-terminals."""
+    try:
+        ends = os.openpty()
+    except OSError as error:
+        pytest.skip(f"needs a pseudo-terminal: {error}")
+    for end in ends:
+        os.close(end)
+
+
 # No test fails because a machine is slow.
 settings.register_profile("patient", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("patient")

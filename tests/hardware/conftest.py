@@ -19,16 +19,6 @@ def build(target):
     return build_target(target)
 
 
-def need_pty():
-    """A skip where the machine has no pseudo-terminals."""
-    try:
-        ends = os.openpty()
-    except OSError as error:
-        pytest.skip(f"needs a pseudo-terminal: {error}")
-    for end in ends:
-        os.close(end)
-
-
 @pytest.fixture(scope="session")
 def firmware():
     """The firmware, compiled natively."""

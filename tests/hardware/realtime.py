@@ -9,8 +9,8 @@ import threading
 
 import numpy as np
 
-from tests.conftest import ROOT
-from tests.hardware.conftest import build, need_pty
+from tests.conftest import ROOT, need_pty
+from tests.hardware.conftest import build
 from wheelchair_gym.config import dump
 from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.hardware.twin.lockstep import Twin

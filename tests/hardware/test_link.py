@@ -11,8 +11,8 @@ import termios
 import numpy as np
 import pytest
 
-from tests.conftest import ROOT
-from tests.hardware.conftest import build, need_pty
+from tests.conftest import ROOT, need_pty
+from tests.hardware.conftest import build
 from tests.physics.worlds import box
 from wheelchair_gym.hardware.boards import ports, protocol
 from wheelchair_gym.hardware.boards.link import Link

@@ -11,8 +11,8 @@ import sys
 import pytest
 
 from agents.cli import main
-from tests.conftest import ROOT
-from tests.hardware.conftest import build, need_pty
+from tests.conftest import ROOT, need_pty
+from tests.hardware.conftest import build
 from tests.hardware.served import hear_interrupts
 from wheelchair_gym.hardware.boards.protocol import Switch
 from wheelchair_gym.hardware.twin.faults import COMMANDS, run_command
