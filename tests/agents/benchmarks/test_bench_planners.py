@@ -28,7 +28,7 @@ KEYS = {
 ROW = {
     "planner", "problem", "runs", "paths", "invalid", "crashed", "success", "success_low",
     "success_high", "cold_s", "first_path_s", "time_s", "ratio", "nodes", "turning_rad",
-    "printed_turning", "clearance_min_m", "clearance_mean_m", "success_0.05s", "ratio_0.05s",
+    "printed_turning", "clearance_min_m", "clearance_mean_m", "success_60s", "ratio_60s",
 }  # fmt: skip
 
 
