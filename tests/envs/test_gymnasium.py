@@ -80,6 +80,8 @@ def test_a_game_is_played_by_keys_over_several_episodes(name, monkeypatch):
 @pytest.mark.parametrize("name", IDS)
 def test_every_kind_of_vector_in_every_autoreset_mode(name, kind, mode):
     more = {"vector_kwargs": {"autoreset_mode": mode}}
+    if kind == "async":  # this process has threads: it must not fork
+        more["vector_kwargs"]["context"] = "forkserver"
     if kind == "vector_entry_point":
         more = {"autoreset_mode": mode}
     envs = gym.make_vec(name, 2, vectorization_mode=kind, **more, **SMALL)
