@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
+import pty
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from tests.conftest import ROOT
+from tests.conftest import ROOT, need_pty
 
 # Three kernels, one calling the next, and one that assigns to a slice.
 TOY = """
@@ -217,11 +218,8 @@ def test_a_kernel_is_pickled_by_name(tmp_path):
 
 
 def test_a_terminal_shows_a_count_from_the_first_kernel_on(tmp_path):
-    pty = pytest.importorskip("pty")
-    try:
-        ours, theirs = pty.openpty()
-    except OSError as error:
-        pytest.skip(f"no pseudo-terminal here: {error}")
+    need_pty()
+    ours, theirs = pty.openpty()
     ran = run(tmp_path, "high(3.0)\n", stderr=theirs)
     os.close(theirs)
     with os.fdopen(ours, "rb") as terminal:
