@@ -157,7 +157,7 @@ class Part(CPUDispatcher):
     prefix = "part-"  # of its files in the cache
 
     def __init__(self, function: Callable[..., Any], digest: str, options: dict[str, Any]) -> None:
-        super().__init__(function, None, options | {"nopython": True, "boundscheck": None})
+        super().__init__(function, {}, options | {"nopython": True, "boundscheck": None})
         self.source_digest = digest
         self.enable_caching()
         cache = self._cache._cache_file
