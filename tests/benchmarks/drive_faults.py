@@ -1,10 +1,10 @@
 """What the drive board does about its motors, brakes, strips and EEPROM when they fail.
 
-`python -m tests.benchmarks.drive_faults [trials] [case ...] [--out FILE]`: a table on stdout, then
-the same as JSON; 100 trials of each case. The firmware runs on its emulated chip in lock step with
-the simulated chair, so that figures are the same on any machine. Trial n of a case draws its mass
-(100 to 180 kg), side and strength from the seed (number of the case, n). FILE is written after each
-trial; the same command goes on with what is missing there. Exit code 1: a bound was passed.
+`python -m tests.benchmarks.drive_faults [trials] [case ...]`: a table on stdout, then the same as
+JSON; 100 trials of each case. The firmware runs on its emulated chip in lock step with the
+simulated chair, so that figures are the same on any machine. Trial n of a case draws its mass (100
+to 180 kg), side and strength from the seed (number of the case, n). Exit code 1: a bound was
+passed.
 """
 
 from __future__ import annotations
@@ -14,18 +14,12 @@ import dataclasses
 import json
 import math
 import sys
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 
-from agents.evaluation.provenance import commit, machine, write_json
-from agents.evaluation.runs import source_digest
 from tests.hardware.pilot import Pilot
-from wheelchair_gym.config import InputError, dump
-from wheelchair_gym.files import read_json
 from wheelchair_gym.hardware.boards.protocol import (
     Answer,
     CommandFlag,
@@ -36,7 +30,6 @@ from wheelchair_gym.hardware.boards.protocol import (
     Status,
     Switch,
 )
-from wheelchair_gym.hardware.twin.board import build_target
 from wheelchair_gym.hardware.twin.lockstep import JoystickState
 from wheelchair_gym.hardware.twin.plant import Slope
 from wheelchair_gym.kinematics import DriveGeometry
@@ -429,69 +422,28 @@ def summary(trials):
 
 
 def tried(name, number):
-    """`trial` as JSON holds it; one that ends in an error passes a bound, and the others go on."""
+    """`trial` in floats; one that ends in an error passes a bound, and the others go on."""
     try:
         figures = trial(name, number)
     except (AssertionError, RuntimeError) as error:
         print(f"{name}, trial {number}: {error!r}", file=sys.stderr, flush=True)
         figures = {"errors": (1, 0)}
     return {
-        key: [float(measured), None if bound is None else float(bound)]
+        key: (float(measured), None if bound is None else float(bound))
         for key, (measured, bound) in figures.items()
     }
 
 
-def provenance():
-    """What the figures depend on, and where they were measured."""
-    digest = source_digest("wheelchair_gym", "tests/hardware/pilot.py", "tests/benchmarks")
-    return {
-        "code": digest[:16],
-        "firmware": build_target("drive.elf").parent.name,
-        "chair": dump(ChairSettings()),
-        "masses": list(MASSES),
-        "seeds": {name: [number, "trial"] for number, name in enumerate(CASES)},
-        "commit": commit(),
-        "machine": machine(),
-    }
-
-
-def stored(out, depends):
-    """The trials that a file holds: case -> number -> figures.
-
-    Raises:
-        InputError: it cannot be read, or holds figures of other code.
-    """
-    if out is None or not out.exists():
-        return {}
-    content = read_json(out)
-    found = content.get("provenance", {}) if isinstance(content, dict) else {}
-    if any(found.get(key) != depends[key] for key in ("code", "firmware")):
-        raise InputError(f"{out}: not of this code and firmware; expected a new file")
-    return content["trials"]
-
-
-def measure(count, names, out):
+def measure(count, names):
     """All trials of these cases; says by the result whether they kept their bounds."""
-    depends = provenance()
-    trials, report, begun = stored(out, depends), {}, time.monotonic()
+    report = {}
     print("| case | figure | worst | bound |\n| --- | --- | --- | --- |", flush=True)
     for name in names:
-        done = trials.setdefault(name, {})
-        for number in range(count):
-            spent = time.monotonic() - begun
-            place = f"case {len(report) + 1} of {len(names)}, trial {number + 1} of {count}"
-            print(f"{spent:.0f} s: {place}: {name}", file=sys.stderr, flush=True)
-            if str(number) not in done:
-                done[str(number)] = tried(name, number)
-                if out is not None:
-                    worst = report | {name: summary(list(done.values()))}
-                    write_json(out, {"provenance": depends, "cases": worst, "trials": trials})
-        report[name] = summary([done[str(number)] for number in range(count)])
+        print(f"case {len(report) + 1} of {len(names)}: {name}", file=sys.stderr, flush=True)
+        report[name] = summary([tried(name, number) for number in range(count)])
         for key, row in report[name].items():
             mark = "" if row["kept"] else " **passed**"
             print(f"| {name} | {key} | {row['worst']:g} | {row['bound']}{mark} |", flush=True)
-    if out is not None:
-        write_json(out, {"provenance": depends, "cases": report, "trials": trials})
     print(json.dumps({"trials": count, "cases": report}, indent=1))
     return all(row["kept"] for rows in report.values() for row in rows.values())
 
@@ -500,17 +452,13 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("trials", type=int, nargs="?", default=100)
     parser.add_argument("cases", nargs="*", metavar="case", help=", ".join(map(repr, CASES)))
-    parser.add_argument("--out", type=Path, metavar="FILE", help="of the results, as JSON")
     given = parser.parse_intermixed_args()
     for name in given.cases:
         if name not in CASES:
             parser.error(f"{name!r} is no case; expected any of {', '.join(map(repr, CASES))}")
     if given.trials < 1:
         parser.error(f"{given.trials} trials; expected at least 1")
-    try:
-        sys.exit(0 if measure(given.trials, given.cases or list(CASES), given.out) else 1)
-    except InputError as error:
-        parser.error(str(error))
+    sys.exit(0 if measure(given.trials, given.cases or list(CASES)) else 1)
 
 
 if __name__ == "__main__":

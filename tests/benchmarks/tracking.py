@@ -9,20 +9,16 @@ counts once only, in the tracker. Each row prints its settings and seeds.
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import itertools
-import json
 import math
 import platform
 import sys
 import time
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 from tests.benchmarks.equality import SHARED
 from wheelchair_gym.geometry import to_frame, to_world
@@ -38,13 +34,7 @@ from wheelchair_gym.sensors.laser import WORKSPACE_ROWS, LaserArrays, sense_lase
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
 from wheelchair_gym.tracking import PERSON as TRACKED_PERSON
 from wheelchair_gym.tracking import Tracker, TrackerSettings
-from wheelchair_gym.tracking import tracker as kernels
-from wheelchair_gym.tracking.clusters import CLUSTER, HIT_ROW, find_clusters, find_hits, set_frame
 from wheelchair_gym.tracking.state import (
-    ACCELERATION_DENSITY,
-    CLUSTERS,
-    FRAME,
-    STATIC_MAP,
     TRACKER,
     TrackerConstants,
 )
@@ -305,36 +295,32 @@ BUILDING = Crowd(place="building")
 Row = tuple[str, Callable[[int], Episode], int, float, bool, float, int, str, bool]
 
 
-def rows(scale: float) -> Iterator[Row]:
+def rows() -> Iterator[Row]:
     """What is measured."""
-
-    def seeds(n: int) -> int:
-        return max(1, round(scale * n))
-
     for speed in (0.5, 1.0, 1.5):
-        one = (seeds(4), 20.0, False, 10.0, 1081, "odometry", False)
+        one = (4, 20.0, False, 10.0, 1081, "odometry", False)
         yield f"one across, {speed:g} m/s", walkers(speed, True), *one
         yield f"one along, {speed:g} m/s", walkers(speed, False), *one
-    three = (seeds(4), 20.0, False, 10.0, 1081, "odometry", False)
+    three = (4, 20.0, False, 10.0, 1081, "odometry", False)
     yield "three abreast, across, 1 m/s", walkers(1.0, True, 3), *three
     yield "three abreast, along, 1 m/s", walkers(1.0, False, 3), *three
     for moving in (False, True):
         word = "drives" if moving else "stands"
-        yield f"hall, {word}", scene(HALL), seeds(8), 30.0, moving, 10.0, 1081, "odometry", False
-        crowd = (scene(GROUPS), seeds(8), 30.0, moving, 10.0, 1081, "odometry", False)
+        yield f"hall, {word}", scene(HALL), 8, 30.0, moving, 10.0, 1081, "odometry", False
+        crowd = (scene(GROUPS), 8, 30.0, moving, 10.0, 1081, "odometry", False)
         yield f"dense hall, {word}", *crowd
-        doors = (scene(BUILDING), seeds(8), 30.0, moving, 10.0, 1081)
+        doors = (scene(BUILDING), 8, 30.0, moving, 10.0, 1081)
         yield f"building with doors, {word}", *doors, "odometry", False
         yield f"the same with map, {word}", *doors, "modelled", True
-    yield "hall, drives, 50 Hz", scene(HALL), seeds(4), 30.0, True, 50.0, 1081, "odometry", False
-    yield "hall, drives, 181 beams", scene(HALL), seeds(8), 30.0, True, 10.0, 181, "odometry", False
-    yield "hall, drives, 64 beams", scene(HALL), seeds(8), 30.0, True, 10.0, 64, "odometry", False
+    yield "hall, drives, 50 Hz", scene(HALL), 4, 30.0, True, 50.0, 1081, "odometry", False
+    yield "hall, drives, 181 beams", scene(HALL), 8, 30.0, True, 10.0, 181, "odometry", False
+    yield "hall, drives, 64 beams", scene(HALL), 8, 30.0, True, 10.0, 64, "odometry", False
     for name in ("floor_plan", "clutter", "barn"):
-        one = (seeds(12), 30.0, True, 10.0, 1081, "odometry", False)
+        one = (12, 30.0, True, 10.0, 1081, "odometry", False)
         yield f"{name}, nobody, drives", scene(name), *one
 
 
-def measure_rows(scale: float, only: str, settings: TrackerSettings) -> dict[str, Any]:
+def measure_rows(only: str, settings: TrackerSettings) -> None:
     """Every row of the table, as it becomes known."""
     print(
         "RMS of place [m] and velocity [m/s]; confirmed after [s], median and 90 %; never so;"
@@ -343,9 +329,8 @@ def measure_rows(scale: float, only: str, settings: TrackerSettings) -> dict[str
     )
     names = "place velocity, 95 % confirmed after never lost switched false known sigma person"
     print(f"{'':33}{names} leaf minutes: people, all")
-    out: dict[str, Any] = {}
     whole = Score()
-    for name, make, n, seconds, moves, rate, beams, pose, mapped in rows(scale):
+    for name, make, n, seconds, moves, rate, beams, pose, mapped in rows():
         if only and only not in name:
             continue
         sensors: Any = SensorSettings(laser=LaserSettings(beams=beams), pose_source=pose)
@@ -357,7 +342,7 @@ def measure_rows(scale: float, only: str, settings: TrackerSettings) -> dict[str
                 static_map=episode.map if mapped else None, settings=settings,
             )  # fmt: skip
         whole.errors += score.errors if beams == 1081 and rate == 10.0 else []
-        f = out[name] = score.row() | {"seeds": n, "seconds": seconds, "pose": pose}
+        f = score.row()
         print(
             f"{name:34}{f['place_rms']:5.3f}  {f['velocity_rms']:5.2f} {f['velocity_95']:5.2f}  "
             f"{f['confirmed_after']:6.2f} {f['confirmed_after_90']:6.2f}   {f['never']:5d}  "
@@ -370,7 +355,6 @@ def measure_rows(scale: float, only: str, settings: TrackerSettings) -> dict[str
     print("\nspeed [m/s]    range [m]      readings  place  speed: RMS of all rows at 10 Hz")
     for speed, far, count, place, velocity in whole.bins():
         print(f"{speed:14} {far:14} {count:8d}  {place:5.3f}  {velocity:5.2f}")
-    return out
 
 
 def step_response(legs: bool, rate: float, settings: TrackerSettings) -> dict[str, float]:
@@ -459,46 +443,6 @@ def measure_log(settings: TrackerSettings) -> dict[str, float]:
     return {"seconds": float(log.stamps[-1]), "metres": way, "confirmed": len(confirmed)}
 
 
-def measure_association(settings: TrackerSettings) -> dict[str, int]:
-    """How often the pairs of least total cost are others than those that the tracker takes."""
-    counts = {"confirmed tracks": 0, "with another cluster": 0}
-    for seed in range(6):
-        chair, tracker = SimulatedChair(), Tracker(settings)
-        reading = chair.reset(scene(GROUPS)(seed), seed)
-        for _ in range(300):
-            chosen, best = both_associations(tracker, reading)
-            counts["confirmed tracks"] += len(chosen)
-            counts["with another cluster"] += sum(int(chosen[k] != best.get(k)) for k in chosen)
-            tracker.update(reading.laser, reading.pose, reading.twist, reading.stamp)
-            reading = chair.drive(np.zeros(2))
-    return counts
-
-
-def both_associations(tracker: Tracker, reading: Reading) -> tuple[dict[int, int], ...]:
-    """The clusters of confirmed tracks in a reading: nearest pair first, and least total cost."""
-    g: Any = tracker._constants.record[0]
-    s: Any = tracker.state.copy()[0]
-    m, now = np.zeros(1, STATIC_MAP)[0], np.zeros(1, FRAME)[0]
-    dt, s["stamp"] = reading.stamp - s["stamp"], reading.stamp
-    for k in range(s["n_tracks"]):
-        kernels.predict(s["tracks"][k], dt, ACCELERATION_DENSITY)
-    set_frame(g, s["pose"], reading.stamp, reading.laser, now)
-    hits, clusters = np.zeros(g["beams"], HIT_ROW), np.zeros(CLUSTERS, CLUSTER)
-    n = find_clusters(g, s, now, hits, find_hits(g, s, m, now, reading.laser, hits), clusters)
-    pairs = np.zeros(kernels._PAIRS, kernels.PAIR)
-    pairs = pairs[: kernels._find_pairs(s, clusters, n, pairs)]
-    confirmed = s["tracks"]["confirmed"]
-    pairs["cost"] -= 1e3 * confirmed[pairs["track"]]
-    chosen: dict[int, int] = {}
-    for _, track, cluster in sorted(pairs.tolist()):
-        if track not in chosen and cluster not in chosen.values():
-            chosen[track] = cluster
-    cost = np.full((s["n_tracks"], n), 1e6)
-    cost[pairs["track"], pairs["cluster"]] = pairs["cost"]
-    best = {k: i for k, i in zip(*linear_sum_assignment(cost), strict=True) if cost[k, i] < 1e5}
-    return {k: i for k, i in chosen.items() if confirmed[k]}, best
-
-
 def measure_cost(settings: TrackerSettings) -> dict[str, float]:
     """Microseconds of a reading in a dense hall, chair driving: the least of several runs."""
     out = {}
@@ -528,38 +472,26 @@ def measure_cost(settings: TrackerSettings) -> dict[str, float]:
 
 
 def main() -> None:
-    """Print the tables; write the figures as JSON where a file is named."""
+    """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--scale", type=float, default=1.0, help="share of the seeds")
     parser.add_argument("--only", default="", help="rows whose name has this in it; - for none")
-    parser.add_argument(
-        "--set", default=[], nargs="*", metavar="NAME=VALUE", help="of the settings"
-    )
-    parser.add_argument("--out", metavar="FILE")
     given = parser.parse_args()
-    changes = {name: float(value) for name, value in (pair.split("=") for pair in given.set)}
-    settings = dataclasses.replace(TrackerSettings(), **changes)
+    settings = TrackerSettings()
     print(f"{settings}\n{platform.machine()}, Python {platform.python_version()}\n")
-    results: dict[str, Any] = {"settings": dataclasses.asdict(settings)}
-    results["rows"] = measure_rows(given.scale, given.only, settings)
-    if not given.only or given.only == "-":
-        print("\na walker who starts, turns round and stops at once, 1.3 m/s, seeds 0 to 7")
-        for rate in (10.0, 40.0):
-            for legs in (False, True):
-                name = f"{'legs' if legs else 'body'}, {rate:g} Hz"
-                found = results[name] = step_response(legs, rate, settings)
-                print(name, {key: round(value, 3) for key, value in found.items()})
-        results["association"] = measure_association(settings)
-        print(f"\nassociation in dense halls, seeds 0 to 5: {results['association']}")
-        if SHARED.is_dir():
-            results["log"] = measure_log(settings)
-            print(f"\nlog of a real robot, nobody known to walk: {results['log']}")
-        print("\nmicroseconds of a reading in a dense hall, call from Python included")
-        results["cost"] = measure_cost(settings)
-        for name, cost in results["cost"].items():
-            print(name, {key: round(value, 1) for key, value in cost.items()})
-    if given.out:
-        Path(given.out).write_text(json.dumps(results, indent=1) + "\n")
+    measure_rows(given.only, settings)
+    if given.only and given.only != "-":
+        return
+    print("\na walker who starts, turns round and stops at once, 1.3 m/s, seeds 0 to 7")
+    for rate in (10.0, 40.0):
+        for legs in (False, True):
+            found = step_response(legs, rate, settings)
+            name = f"{'legs' if legs else 'body'}, {rate:g} Hz"
+            print(name, {key: round(value, 3) for key, value in found.items()})
+    if SHARED.is_dir():
+        print(f"\nlog of a real robot, nobody known to walk: {measure_log(settings)}")
+    print("\nmicroseconds of a reading in a dense hall, call from Python included")
+    for name, cost in measure_cost(settings).items():
+        print(name, {key: round(value, 1) for key, value in cost.items()})
 
 
 if __name__ == "__main__":

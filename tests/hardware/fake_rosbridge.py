@@ -2,14 +2,12 @@
 
 It speaks the protocol over a real WebSocket: subscribe, unsubscribe, advertise, publish, status.
 The chair has no watchdog of its own: it keeps to the last command for ever. Its clock is not ours.
-Run as a program, it prints its port and serves until it is killed.
 """
 
 from __future__ import annotations
 
 import json
 import math
-import sys
 import threading
 import time
 from contextlib import suppress
@@ -236,9 +234,3 @@ class FakeRosbridge:
             },
             "data": grid.cells.ravel().tolist(),
         }  # fmt: skip
-
-
-if __name__ == "__main__":
-    server = FakeRosbridge()
-    print(server.port, flush=True)
-    sys.stdin.read()

@@ -562,21 +562,6 @@ def test_a_program_that_is_ended_stops_it(bridge, end, tmp_path):
         assert said.strip().splitlines()[-1] == "wheelchair: stopped"
 
 
-def test_a_killed_server_is_one_line():
-    """SIGKILL, from the command's point of view: exit code 1."""
-    server = subprocess.Popen(
-        [sys.executable, "-m", "tests.hardware.fake_rosbridge"], cwd=ROOT, text=True,
-        stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=os.environ | {"PYTHONPATH": str(ROOT)},
-    )  # fmt: skip
-    port = int(server.stdout.readline())
-    chair = make_chair({"name": f"ros://127.0.0.1:{port}", "limits": CALM}, env_settings(CONFIG))
-    begun(chair, 2)
-    server.kill()
-    server.wait()
-    assert "the link is lost" in lost(chair)
-    chair.close()
-
-
 def test_what_does_not_answer_is_one_line(tmp_path, capsys):
     plain = socket.create_server(("127.0.0.1", 0))  # listens, and says nothing
     taken = plain.getsockname()[1]
@@ -696,18 +681,6 @@ def test_no_message_does_harm(bridge):
                 part = part[key]
             senses.receive(topic, message, 1.0)
             senses.map_pose()
-
-
-def test_the_defaults_are_the_thesis_topics():
-    own = RosSettings()
-    assert (own.scan, own.odometry, own.velocity) == (
-        "/scan",
-        "/ARDUINO1/Odom",
-        "/ARDUINO1/Velocity",
-    )
-    limits = own.limits
-    assert (limits.scan, limits.odometry, limits.pose) == (0.2, 0.1, 0.5)
-    assert EnvSettings().rate == 10.0
 
 
 def of_a_circle(beams, clockwise=False, first=-math.pi):

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
 
 import numpy as np
 import pytest
 
 from tests.benchmarks import drive_faults
-from tests.hardware.bench import ibus
 from tests.hardware.conftest import build
 from tests.hardware.pilot import Pilot
 from tests.physics.worlds import box, exact_chair
@@ -24,7 +22,6 @@ from wheelchair_gym.hardware.boards.protocol import (
     Get,
     Identify,
     Identity,
-    Mode,
     RangeStatus,
     Save,
     Set,
@@ -105,25 +102,6 @@ def test_two_runs_say_the_same_bytes(pilot):
     other.twin.close()
 
 
-def test_a_silent_host_stops_the_chair(pilot):
-    """The set point falls within 205 ms of the last command; 1.5 m/s2 or more; then the brake."""
-    pilot.start(0.8, 0.0, 3.0)
-    pilot.target = None
-    steps = pilot.twin.steps - 20  # the last command was sent 20 ms ago
-    while pilot.now.v > 0.7995:
-        pilot.twin.run(0.001)
-        pilot.listen()
-        assert pilot.twin.steps - steps <= 205 + 20 + 1  # odometry tells every 20 ms
-    rest = pilot.until_rest()
-    assert 0.8 / rest >= 1.5
-    pilot.run(0.1)
-    assert pilot.twin.braked
-    assert not pilot.twin.enabled
-    assert pilot.now.mode == Mode.READY
-    pilot.run(1.2)
-    assert (pilot.now.mode, pilot.now.faults) == (Mode.STOPPED, Fault.LINK)
-
-
 def test_the_emergency_stop_cuts_the_power_without_any_board(pilot):
     pilot.start(0.8, 0.0, 3.0)
     pilot.twin.drive.hang()  # the board is dead, and its pins stay as they are
@@ -131,26 +109,6 @@ def test_the_emergency_stop_cuts_the_power_without_any_board(pilot):
     assert not pilot.twin.enabled
     assert pilot.twin.braked
     assert 0.8 / pilot.until_rest() >= 1.5
-
-
-@pytest.mark.parametrize("wheel", [0, 1])
-@pytest.mark.parametrize("driving", [False, True])
-def test_a_lost_encoder_stops_the_chair(pilot, wheel, driving):
-    """Without counts the control would rise to full power."""
-    pilot.start(0.5 if driving else 0.0, 0.0, 2.0)
-    pilot.twin.faults.disconnected_encoders[wheel] = True
-    pilot.target = (0.5, 0.0)
-    speeds = []
-    steps = pilot.twin.steps
-    while not pilot.now.faults & Fault.STALL:
-        pilot.run(0.02)
-        speeds.append(abs(pilot.twin.motion.speed))
-        assert pilot.twin.steps - steps < (120 if driving else 800)
-    assert max(speeds) < 0.6
-    pilot.until_rest()
-    pilot.run(0.5)
-    assert pilot.twin.braked
-    assert not pilot.twin.enabled
 
 
 @pytest.mark.parametrize("held", [(True, False), (True, True)])
@@ -278,32 +236,6 @@ def test_a_hung_range_board_is_reset(pilot):
     assert pilot.ask(Identify(), Identity, "range") == Identity(2, 6, WATCHDOG, 1)
 
 
-def test_the_strip_stops_the_chair_at_a_wall(pilot):
-    pilot.twin.reset(box(2.0), 0)
-    pilot.start(0.3, 0.0, 3.0)
-    pilot.run(4.0)
-    assert abs(pilot.twin.motion.speed) < 0.02
-    assert any(told.switches & Switch.FRONT for told in pilot.odometry)
-
-
-def test_a_person_drives_by_joystick_while_the_host_is_dead(pilot):
-    def by_hand(seconds, **stick):
-        for _ in range(round(seconds / 0.01)):
-            pilot.twin.drive.write(ibus(**stick), 1)
-            pilot.twin.run(0.01)
-        pilot.listen()
-
-    by_hand(0.3, manual=True)
-    by_hand(0.1, manual=True, held=True)
-    by_hand(2.0, manual=True, held=True, ahead=1.0)
-    assert pilot.now.mode == Mode.MANUAL
-    assert pilot.twin.motion.speed == pytest.approx(0.4, abs=0.01)
-    pilot.twin.run(0.2)  # silence
-    pilot.until_rest()
-    pilot.run(0.1)
-    assert pilot.twin.braked
-
-
 @pytest.mark.parametrize("angle", [2.0, 8.0])
 def test_gravity_and_brakes_are_those_of_the_slope(pilot, angle):
     """Free on a slope it speeds up by g sin(angle) less what rolling takes; braked it stands."""
@@ -371,40 +303,6 @@ def test_the_hardest_trials_of_the_benchmark_keep_their_bounds(case, number):
         assert bound is None or worst <= bound, figure
 
 
-def test_the_benchmark_goes_on_with_the_trials_that_are_missing(tmp_path, monkeypatch, capsys):
-    build("drive.elf")
-    out, made = tmp_path / "faults.json", []
-
-    def trial(name, number):
-        if number == 1 and not made[1:]:
-            made.append(None)
-            raise KeyboardInterrupt
-        made.append((name, number))
-        return {"way_m": (0.5 * number, 1.0), "missed": (False, 0)}
-
-    def run(*words):
-        monkeypatch.setattr("sys.argv", ["drive_faults", *words, "--out", str(out)])
-        with pytest.raises(SystemExit) as ended:
-            drive_faults.main()
-        return ended.value.code
-
-    monkeypatch.setattr(drive_faults, "trial", trial)
-    with pytest.raises(KeyboardInterrupt):
-        run("3", "strips")
-    assert "trial 1 of 3: strips" in capsys.readouterr().err
-    assert run("3", "strips") == 0
-    assert made == [("strips", 0), None, ("strips", 1), ("strips", 2)]
-    assert "| strips | way_m | 1 | 1.0 |" in capsys.readouterr().out
-    assert run("4", "strips") == 1  # 1.5 m
-    assert made[4:] == [("strips", 3)]
-    assert json.loads(out.read_text())["cases"]["strips"]["way_m"]["worst"] == 1.5
-    assert run("1", "strip") == 2
-    assert "'strip' is no case" in capsys.readouterr().err
-    out.write_text("{}")
-    assert run("1", "strips") == 2
-    assert out.read_text() == "{}"
-
-
 def test_motors_that_were_exchanged_stop_the_chair(pilot):
     pilot.twin.faults.swapped_motors = True
     pilot.start(0.0, 0.0, 0.1)
@@ -413,15 +311,6 @@ def test_motors_that_were_exchanged_stop_the_chair(pilot):
     assert pilot.now.faults & (Fault.DIRECTION | Fault.STALL | Fault.RUNAWAY)
     assert not pilot.twin.enabled
     assert np.abs(pilot.pose).max() < 0.3  # m, m, rad
-
-
-def test_a_low_battery_stops_the_chair(pilot):
-    pilot.start(0.5, 0.0, 2.0)
-    pilot.twin.faults.battery = 27.0
-    pilot.run(1.5)
-    assert pilot.now.faults == Fault.UNDER_VOLTAGE
-    assert abs(pilot.twin.motion.speed) < 1e-3
-    assert pilot.now.battery == pytest.approx(27.0, abs=0.1)
 
 
 def test_a_flood_of_noise_stops_the_chair_and_nothing_else(pilot):
