@@ -89,7 +89,7 @@ class Watch:
             if stamp - drawn >= RecordingSettings().refresh_period:
                 drawn = stamp
                 out.send("/map", slam.map)
-                out.send("/tf_static", laser)
+                out.send("/tf_static", [laser])
                 out.send("/trail", slam.trajectory[:, :2])
             out.send("/tf", slam.pose, odometry[k])
             out.send("/scan", laser, log.ranges[k])
