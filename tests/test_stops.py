@@ -11,7 +11,6 @@ from wheelchair_gym.safety.stops import (
     Ends,
     StopMonitor,
     advice_for,
-    as_table,
     matching_stops,
     shield_message,
 )
@@ -73,9 +72,3 @@ def test_it_goes_on_only_when_nothing_holds_it():
     assert stops.waited == 3.0
     assert stops.update(9.0, []) == ["goes on"]
     assert stops.waited == 0.0
-
-
-def test_the_table_has_a_line_for_each():
-    lines = as_table().splitlines()
-    assert len(lines) == len(STOPS) + 1
-    assert all(line.count("|") == 6 for line in lines)

@@ -9,7 +9,6 @@ import runpy
 import pytest
 
 from agents.evaluation.compare import BEST, Suite, compare
-from agents.evaluation.metrics import wilson
 from tests.conftest import ROOT
 from wheelchair_gym.config import InputError
 
@@ -84,11 +83,6 @@ def test_a_result_file_holds_the_rates_of_a_benchmark():
     assert found["command"] == "wheelchair bench env --beams 64"
     assert found["machine"] == {"cpu": "fast", "cores": 2}
     assert found["rows"] == [rate]
-
-
-def test_shares_have_their_intervals():
-    low, high = wilson(9, 10)
-    assert TABLES["percent"](9, 10) == f"90.0 ({100 * low:.1f} to {100 * high:.1f})"
 
 
 def test_files_of_something_else_are_refused(tmp_path, capsys):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pytest
 from mcap.reader import make_reader
 
 from agents.cli import main
@@ -10,17 +9,9 @@ from tests.localization.test_log import line, written
 from wheelchair_gym.recording.replay import read_recording
 
 SHORT = [
-    "--scenes",
-    "empty",
-    "--policies",
-    "straight",
-    "--suite",
-    "demo",
-    "--no-video",
-    "--quiet",
-    "--jobs",
-    "1",
-]
+    "--scenes", "empty", "--policies", "straight", "--suite", "demo", "--no-video", "--quiet",
+    "--jobs", "1",
+]  # fmt: skip
 
 
 def counts(file):
@@ -83,11 +74,3 @@ def test_a_replay_is_watched_like_a_drive(tmp_path, capsys):
     for one, other in zip(*moments, strict=True):
         assert (one.belief.particles == other.belief.particles).all()
         assert (one.belief.odometry == other.belief.odometry).all()
-
-
-@pytest.mark.parametrize("command", ["simulate", "compare", "replay x.mcap", "map --log x"])
-def test_the_options_are_the_same_everywhere(command, capsys):
-    with pytest.raises(SystemExit) as left:
-        main([*command.split(), "--images", "-1"])
-    assert left.value.code == 2
-    assert "expected at least 0" in capsys.readouterr().err

@@ -1,14 +1,13 @@
 """`wheelchair deploy` in real time across changing worlds of the twin, as a person runs it.
 
-`python -m tests.benchmarks.deploy [--seeds 0-9] [--scenes SCENE...] [--policy lattice+window]`:
-JSON on stdout, recordings in runs/deploy. Each drive is a twin of its own behind pseudo-terminals
-and a TCP port, a deployed policy in another process, and beside both a process on every core that
-does nothing but sleep for a millisecond, and writes down when it slept too long. Every control step
-that ended more than 10 ms late is listed with its cause: the machine, if for at least half of the
-delay the loop, or a thread that it waited for, was ready to run and got no core, or a sleeper
-overslept; else our own doing. Run it in a quiet hour all the same. `--simulated` drives the same in
-simulated time, on any machine: then nothing is late. Exit code 1: a goal was not reached, something
-was touched, or a step was late by our own doing.
+`python -m tests.benchmarks.deploy [--seeds 0-9] [--scenes SCENE...]`: JSON on stdout, recordings in
+runs/deploy. Each drive is a twin of its own behind pseudo-terminals and a TCP port, a deployed
+policy in another process, and beside both a process on every core that does nothing but sleep for a
+millisecond, and writes down when it slept too long. Every control step that ended more than 10 ms
+late is listed with its cause: the machine, if for at least half of the delay the loop, or a thread
+that it waited for, was ready to run and got no core, or a sleeper overslept; else our own doing.
+Run it in a quiet hour all the same. Exit code 1: a goal was not reached, something was touched, or
+a step was late by our own doing.
 """
 
 from __future__ import annotations
@@ -28,17 +27,14 @@ import threading
 import time
 from pathlib import Path
 
-import numpy as np
-
-from agents.cli.arguments import spec
 from wheelchair_gym.config import read_json
-from wheelchair_gym.envs.settings import env_settings
-from wheelchair_gym.scenes import make_scene
 
 GOAL = 0.3  # m, by truth
 SCENES = "temporary", "crowd"
 EVENTS = "steps", "late", "plans", "garbage", "compiled"
 PATIENCE = 180.0  # s to compile and to get ready
+DRIVE = 240.0  # s
+POLICY = "lattice+window"
 CONFIG = "configs/hardware.json"
 SLEEPER = """
 import os, select, sys, time
@@ -63,9 +59,9 @@ def program(*words, **options):
     return subprocess.Popen([sys.executable, *words], text=True, **options)
 
 
-def twin(given, scene, seed, folder):
+def twin(scene, seed, folder):
     """The twin of a seed, and what it said of itself."""
-    words = ["-m", "wheelchair_gym", "twin", "--config", given.config, "--scene", scene]
+    words = ["-m", "wheelchair_gym", "twin", "--config", CONFIG, "--scene", scene]
     words += ["--seed", str(seed), "--write-map", str(folder / "map.yaml")]
     running = program(*words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     shown = dict(running.stdout.readline().rsplit(maxsplit=1) for _ in range(5))
@@ -156,14 +152,14 @@ def late_steps(events, stalls):
 
 def deploy(given, seed, shown, folder):
     """Run the command as a person does, who presses Enter while it waits; its report."""
-    content = read_json(given.config)
+    content = read_json(CONFIG)
     names = {"drive_port": "drive board", "range_port": "range board", "laser_port": "laser"}
     content["hardware"] |= {key: shown[name] for key, name in names.items()}
     config = folder / "config.json"
     config.write_text(json.dumps(content))
     record, result = f"{given.out}/{shown['name']}-{seed}.mcap", folder / "result.json"
     words = ["-m", "tests.benchmarks.probe", str(folder / "events.json"), "deploy"]
-    words += ["--policy", given.policy, "--config", str(config), "--pose", given.pose]
+    words += ["--policy", POLICY, "--config", str(config), "--pose", "mcl"]
     words += [
         "--map",
         str(folder / "map.yaml"),
@@ -185,7 +181,7 @@ def deploy(given, seed, shown, folder):
                 os.write(near, b"\n")
 
     threading.Thread(target=listen, daemon=True).start()
-    end = time.monotonic() + PATIENCE + given.seconds
+    end = time.monotonic() + PATIENCE + DRIVE
     while running.poll() is None and time.monotonic() < end:
         time.sleep(0.2)
     if running.poll() is None:
@@ -199,7 +195,7 @@ def trial(given, scene, seed):
     """One drive; a row of figures."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        world, shown = twin(given, scene, seed, folder)
+        world, shown = twin(scene, seed, folder)
         shown["name"] = scene
         pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
         cores = sorted(os.sched_getaffinity(0))
@@ -235,40 +231,6 @@ def trial(given, scene, seed):
     }
 
 
-def simulated(given, scene, seed):
-    """One seed in simulated time; a row of figures."""
-    import gymnasium as gym
-
-    from agents.deploy import Deployment
-    from agents.deploy import deploy as drive
-    from agents.policies import make_policy
-    from tests.hardware.hosted import Hosted
-
-    settings = env_settings(given.config, scene=spec(scene))
-    episode = make_scene(spec(scene)).sample(np.random.default_rng((seed, 0)))
-    hosted, log = Hosted(episode, chair=settings.chair, sensors=settings.sensors), []
-    env = gym.make(
-        "wheelchair_gym/Hardware-v0",
-        config=settings,
-        chair=hosted.chair,
-        disable_env_checker=True,
-    ).unwrapped
-    report = drive(env, make_policy(given.policy), episode, Deployment(), log.append)
-    env.close()
-    hosted.clock.wait(hosted.clock.now() + 1.0)
-    x, y, _ = hosted.twin.plant.pose
-    row = {
-        "seed": seed,
-        "outcome": report["outcome"],
-        "from_goal": math.hypot(x - episode.goal[0], y - episode.goal[1]),
-        "touched_ms": hosted.twin.bumper_steps,
-        "log": log,
-    }
-    row |= {key: report[key] for key in ("time", "length", "clearance_min")}
-    hosted.close()
-    return row | {"scene": scene, "steps": 0, "late": []}
-
-
 def seeds(text):
     """Numbers of A-B, or A."""
     first, _, last = text.partition("-")
@@ -279,19 +241,12 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=seeds, default=seeds("0-9"))
     parser.add_argument("--scenes", nargs="+", default=SCENES)
-    parser.add_argument("--policy", default="lattice+window")
-    parser.add_argument("--config", default=CONFIG)
-    parser.add_argument("--pose", default="mcl")
-    parser.add_argument("--seconds", type=float, default=240.0, help="for the drive")
-    parser.add_argument("--simulated", action="store_true", help="in simulated time")
     parser.add_argument("--out", default="runs/deploy")
     given = parser.parse_args()
-    env_settings(given.config)
     Path(given.out).mkdir(parents=True, exist_ok=True)
     rows = []
-    drive = simulated if given.simulated else trial
     for scene, seed in itertools.product(given.scenes, given.seeds):
-        rows.append(row := drive(given, scene, seed))
+        rows.append(row := trial(given, scene, seed))
         shown = {k: v for k, v in row.items() if k != "log" or row["outcome"] == "no result"}
         print(shown, file=sys.stderr, flush=True)
     reached = sum(

@@ -70,9 +70,9 @@ def seconds(path, planner):
     return path_cost(path, motion)
 
 
-def planned(problem, footprint, settings):
+def planned(problem, footprint):
     """One row: the plan without a deadline, and what there is at each deadline."""
-    planner = make_planner({"name": "lattice", "footprint": dump(footprint), **settings})
+    planner = make_planner({"name": "lattice", "footprint": dump(footprint)})
     rng = np.random.default_rng(0)
     clearance = max(problem.clearance, footprint.half_width)
 
@@ -130,23 +130,18 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--worlds", type=int, default=100, help="of each scene")
     parser.add_argument("--sets", default="barn,barn_60,homes,doors,problems")
-    parser.add_argument("--settings", type=json.loads, default={}, help="of the planner, as JSON")
-    parser.add_argument("--out", type=Path)
     given = parser.parse_args()
     wheelchair_gym.compiled.clock.perf_counter = time.process_time  # the planners' clock
-    planned(*next(drawn(DOORS, [FIRST])), given.settings)  # compiles
-    results = {}
+    planned(*next(drawn(DOORS, [FIRST])))  # compiles
     for name, problems in sets(given.worlds):
         if name not in given.sets.split(","):
             continue
-        rows = results[name] = [planned(*one, given.settings) for one in problems]
+        rows = [planned(*one) for one in problems]
         for asked in ("wide", "narrow") if name != "problems" else ("all",):
             least = [row for row in rows if asked == "all" or
                      (row["clearance"] < 0.325) == (asked == "narrow")]  # fmt: skip
             if least:
                 print(name, asked, json.dumps(summary(least)), flush=True)
-        if given.out:
-            given.out.write_text(json.dumps(results, indent=1))
 
 
 if __name__ == "__main__":

@@ -36,14 +36,22 @@ def room(start, goal, half=4.0):
     return Episode(map=grid, start=np.array(start), goal=np.array(goal), walls=plain.walls)
 
 
-@pytest.mark.parametrize("env_id", IDS)
-def test_gymnasium_and_sb3_find_nothing_to_say(env_id, monkeypatch):
+CHECKED = [
+    *((name, {}) for name in IDS),
+    ("wheelchair_gym/AssistedNavigation-v0", {"scene": "clutter", "beams": 32}),
+    (IDS[0], {"config": str(ROOT / "examples" / "own_robot.json")}),
+    (IDS[0], {"config": {"scene": "clutter", "sensors": {"laser": {"beams": 0}}}}),
+]
+
+
+@pytest.mark.parametrize(("env_id", "settings"), CHECKED)
+def test_gymnasium_and_sb3_find_nothing_to_say(env_id, settings, monkeypatch):
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")  # check_env opens a window
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        env = gym.make(env_id)
+        env = gym.make(env_id, **settings)
         check_env(env.unwrapped)
-        sb3_check_env(gym.make(env_id))
+        sb3_check_env(gym.make(env_id, **settings))
 
 
 def test_same_seed_same_run_bit_for_bit_in_a_second_process_too():

@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-import copy
 import dataclasses
-import warnings
 
-import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
-from stable_baselines3.common.env_checker import check_env as sb3_check_env
 
 from agents.evaluation.evaluate import drive_episode
 from agents.policies import make_policy
@@ -62,18 +57,6 @@ def test_each_row_is_a_single_env_without_a_laser(sensors):
     assert compare(NEXT, 1, n=3, steps=90, config=config, bank={"size": 4}) >= 3
 
 
-@pytest.mark.parametrize(
-    "config", [str(FILE), {"scene": "clutter", "sensors": BARE}], ids=["own", "no laser"]
-)
-def test_gymnasium_and_sb3_find_nothing_to_say(config, monkeypatch):
-    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")  # check_env opens a window
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        env = gym.make("wheelchair_gym/Navigation-v0", config=config)
-        check_env(env.unwrapped)
-        sb3_check_env(gym.make("wheelchair_gym/Navigation-v0", config=config))
-
-
 @pytest.mark.parametrize("mounted", [0, 1, 8])
 def test_an_observation_has_as_many_ultrasonics_as_are_mounted(mounted):
     rangers = UltrasonicSettings().mounted[:mounted]
@@ -115,28 +98,10 @@ def test_it_drives_behind_its_shield():
         assert record["success"]
 
 
-def test_a_copy_steps_on_as_the_original():
-    env = NavigationEnv(config=str(FILE))
-    env.reset(seed=2)
-    env.step(np.array([0.5, 0.1]))
-    other = copy.deepcopy(env)
-    for _ in range(5):
-        one, another = env.step(np.array([0.3, 0.4])), other.step(np.array([0.3, 0.4]))
-        assert all(np.array_equal(one[0][key], another[0][key]) for key in one[0])
-
-
 def test_ultrasonics_that_stay_behind_when_the_outline_grows_are_warned_of():
     wider = {"chair": {"footprint": {"front": 0.7, "rear": 0.3, "half_width": 0.4}}}
     with pytest.warns(UserWarning, match=r"ultrasonic 7 at \(0.4, -0.31\)"):
         env_settings(wider)
-
-
-def test_sensors_outside_the_outline_are_warned_of():
-    sensors = own()["sensors"]
-    sensors["more_lasers"][0]["x"] = -0.5
-    with pytest.warns(UserWarning, match=r"more_lasers\[0\] at \(-0.5, 0\)") as caught:
-        env_settings(own(sensors=sensors))
-    assert "laser at" not in str(caught[0].message)
 
 
 def test_a_picture_shows_each_scan_from_its_own_place():

@@ -1,7 +1,7 @@
 """Laws of the robot over DDS: ROS 2 finds its topics, drives it, and cannot hold it up.
 
-The other side is cyclonedds with types that are written here by hand, and, where it is installed,
-ROS 2 itself (rclpy on Fast DDS).
+The other side is cyclonedds with types of twists and scans that are written here by hand, and,
+where it is installed, ROS 2 itself (rclpy on Fast DDS).
 """
 
 import json
@@ -17,7 +17,7 @@ import pytest
 from cyclonedds.core import Policy, Qos
 from cyclonedds.domain import Domain, DomainParticipant
 from cyclonedds.idl import IdlStruct
-from cyclonedds.idl.types import array, float32, float64, int32, sequence, uint32
+from cyclonedds.idl.types import float32, float64, int32, sequence, uint32
 from cyclonedds.pub import DataWriter
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
@@ -86,38 +86,12 @@ class LaserScan(IdlStruct, typename="sensor_msgs::msg::dds_::LaserScan_"):
     intensities: sequence[float32]
 
 
-@dataclass
-class Quaternion(IdlStruct, typename="geometry_msgs::msg::dds_::Quaternion_"):
-    x: float64
-    y: float64
-    z: float64
-    w: float64
+Odometry = idl_type("nav_msgs/msg/Odometry")
 
 
-@dataclass
-class Pose(IdlStruct, typename="geometry_msgs::msg::dds_::Pose_"):
-    position: Vector3
-    orientation: Quaternion
-
-
-@dataclass
-class PoseWithCovariance(IdlStruct, typename="geometry_msgs::msg::dds_::PoseWithCovariance_"):
-    pose: Pose
-    covariance: array[float64, 36]
-
-
-@dataclass
-class TwistWithCovariance(IdlStruct, typename="geometry_msgs::msg::dds_::TwistWithCovariance_"):
-    twist: Twist
-    covariance: array[float64, 36]
-
-
-@dataclass
-class Odometry(IdlStruct, typename="nav_msgs::msg::dds_::Odometry_"):
-    header: Header
-    child_frame_id: str
-    pose: PoseWithCovariance
-    twist: TwistWithCovariance
+def turn_of(sample):
+    """The turn rate of a sample of Odometry [rad/s]."""
+    return deserialized("nav_msgs/msg/Odometry", sample.cdr)["twist"]["twist"]["angular"]["z"]
 
 
 def policies(*more, depth=10):
@@ -151,7 +125,7 @@ class Peer:
     def turn(self):
         """The turn rate that was heard last [rad/s]."""
         self._last = ([getattr(self, "_last", 0.0)] + [
-            one.twist.twist.angular.z for one in self.taken("/odom", Odometry)
+            turn_of(one) for one in self.taken("/odom", Odometry)
         ])[-1]  # fmt: skip
         return self._last
 
@@ -287,7 +261,7 @@ def test_damaged_and_infinite_twists_move_nothing_and_are_said_once(robot, peer)
     heard = 0
     while heard < 20:  # in which it would have begun to turn
         assert until(lambda: peer.entities["/odom", Odometry].read(1))
-        heard += len(turns := [s.twist.twist.angular.z for s in peer.taken("/odom", Odometry)])
+        heard += len(turns := [turn_of(one) for one in peer.taken("/odom", Odometry)])
         assert np.abs(turns).max() < STILL
     assert "".join(robot.errors).count("expected a Twist or TwistStamped of finite numbers") == 1
     turning(peer, writer)
@@ -369,22 +343,12 @@ def test_topics_begin_episodes(robot, peer):
     assert found[-1].cdr != first
 
 
-@pytest.mark.parametrize(
-    ("arguments", "domain_id", "said"),
-    [
-        ("--host 192.0.2.77", "", "192.0.2.77: expected an IPv4 address of a network interface"),
-        ("--host ::1", "", "::1: expected an IPv4 address"),
-        ("", "233", "ROS_DOMAIN_ID is '233'; expected 0 to 232"),
-        ("", "one", "ROS_DOMAIN_ID is 'one'; expected 0 to 232"),
-        ("--tls file.pem", "", "--dds and --tls: expected one of them"),
-        ("--rosbridge ros://127.0.0.1:1", "", "--dds and --rosbridge: expected one of them"),
-    ],
-)
-def test_what_is_wrong_is_one_line(arguments, domain_id, said, capsys, monkeypatch):
+@pytest.mark.parametrize("domain_id", ["233", "one"])
+def test_a_domain_that_is_none_is_one_line(domain_id, capsys, monkeypatch):
     monkeypatch.setenv("ROS_DOMAIN_ID", domain_id)
-    assert main(["robot", "--dds", "--scene", "empty", *arguments.split()]) == 2
+    assert main(["robot", "--dds", "--scene", "empty"]) == 2
     (line,) = capsys.readouterr().err.strip().splitlines()
-    assert said in line
+    assert f"ROS_DOMAIN_ID is '{domain_id}'; expected 0 to 232" in line
 
 
 def test_a_link_can_be_closed_twice_and_made_again(domain):

@@ -265,15 +265,7 @@ def test_the_host_is_told_whether_a_person_is_needed(bench):
     assert bench.odometry().mode == Mode.STOPPED
 
 
-def test_protective_braking_is_exempt_from_jerk(bench):
-    bench.start(0.8)
-    bench.target = None
-    bench.send(Command(0.0, 0.0, CommandFlag.PROTECTIVE))
-    bench.run(0.1)
-    assert bench.odometry().v == pytest.approx(0.8 - 2.2 * 0.1, abs=0.015)
-
-
-def test_a_protective_stop_keeps_the_curve(bench):
+def test_a_protective_stop_is_exempt_from_jerk_and_keeps_the_curve(bench):
     bench.start(0.4, 0.6)
     before = bench.odometry()
     bench.target = None

@@ -148,9 +148,10 @@ def test_it_re_arms_with_sticks_at_rest_only():
     assert acts == [1]
 
 
-def test_buttons_must_differ():
+@pytest.mark.parametrize("button", ["release_button", "assist_button"])
+def test_buttons_must_differ(button):
     with pytest.raises(InputError, match="must differ"):
-        JoystickSettings(release_button=OWN.dead_man_button)
+        JoystickSettings(**{button: OWN.dead_man_button})
 
 
 def test_a_hand_goes_before_the_policy():

@@ -13,6 +13,7 @@ import pytest
 
 from tests.conftest import ROOT, need_pty
 from tests.hardware.conftest import build
+from tests.hardware.test_hokuyo import Clock
 from tests.physics.worlds import box
 from wheelchair_gym.hardware.boards import ports, protocol
 from wheelchair_gym.hardware.boards.link import Link
@@ -35,15 +36,6 @@ from wheelchair_gym.hardware.twin.plant import Plant
 from wheelchair_gym.sensors.settings import SensorSettings
 
 serial = pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
-
-
-class Clock:
-    """Time that a test lets pass."""
-
-    now = 0.0
-
-    def __call__(self):
-        return self.now
 
 
 class FakePort:

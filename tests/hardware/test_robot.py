@@ -426,30 +426,6 @@ def test_it_is_a_client_of_another_rosbridge_until_that_is_lost(capsys):
         server.close()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        ("--pose slam", "ROS draws the map"),
-        ("--map x.yaml --scene empty", "expected one of them"),
-        ("--tls missing.pem --scene empty", "missing.pem: expected a PEM file"),
-        ("--token-file missing --scene empty", "missing: cannot be read"),
-        ("--host 300.1.1.1 --scene empty", "300.1.1.1:9090: cannot be served"),
-        ("--rosbridge ros://127.0.0.1:1 --scene empty", "no rosbridge answers"),
-        ("--rosbridge hardware --scene empty", "expected ros://HOST:PORT"),
-        ("--rate 0", "expected 1 to 200"),
-    ],
-)
-def test_what_is_wrong_is_one_line(arguments, said, capsys, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    try:
-        code = main(["robot", *arguments.split()])
-    except SystemExit as left:
-        code = left.code
-    assert code == 2
-    line = capsys.readouterr().err.strip().splitlines()[-1]
-    assert said in line
-
-
 def test_being_open_to_a_network_is_said(caplog):
     RosbridgeServer("0.0.0.0", 0, lambda *_: "").close()
     assert "0.0.0.0: no token and no TLS: whoever reaches it can read and command" in caplog.text

@@ -32,7 +32,9 @@ LASER = {"laser": {"beams": 64}}
 BRIEF = {"sensors": LASER, "task": {"beams": 32, "time_base": 6.0, "time_factor": 0.0}}
 FAULTS = {"faults": {"share": 1.0, "onset": [0.2, 1.0]}}
 BANK = {"size": 3, "turnover": 0.0}
-# What may differ in the state of an environment: pose sources, shield, actors, guidance, faults.
+PERSON = {"driver": "essential_tremor", "assistant": "slide"}
+# What may differ in the state of an environment: pose sources, shield, actors, guidance, faults,
+# a person with an assistant, sensors.
 SINGLE = {
     "clutter": {"scene": "clutter", "config": BRIEF},
     "unrepeated": {"scene": "doorway", "config": BRIEF, "bank": 0},
@@ -43,8 +45,11 @@ SINGLE = {
     "faults": {"scene": "clutter", "config": BRIEF | {"sensors": LASER | FAULTS}, "shield": True},
     "mcl": {"scene": "clutter", "config": BRIEF, "pose_source": "mcl"},
     "slam": {"scene": "empty", "config": BRIEF, "pose_source": "slam"},
+    "person": {"scene": "clutter", "config": BRIEF, **PERSON},
+    "own chair": {"config": str(ROOT / "examples" / "own_robot.json")},
 }  # fmt: skip
-MANY = {name: SINGLE[name] for name in ("clutter", "shield", "crowd", "temporary", "faults")}
+ROWS = "clutter", "shield", "crowd", "temporary", "faults", "person"
+MANY = {name: SINGLE[name] for name in ROWS}
 SIMULATED = sorted(
     name for name in gym.registry if name.startswith("wheelchair_gym/") and "Hardware" not in name
 )

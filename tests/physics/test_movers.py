@@ -25,7 +25,7 @@ from wheelchair_gym.physics.actors.records import (
     person,
 )
 from wheelchair_gym.physics.chair import SimulatedChair
-from wheelchair_gym.physics.contact import AT_FAULT_SPEED, is_at_fault
+from wheelchair_gym.physics.contact import AT_FAULT_SPEED
 from wheelchair_gym.physics.settings import BodySettings
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
@@ -220,16 +220,6 @@ def test_light_furniture_is_pushed_and_stays_where_it_is_left():
 
 
 # --- who caused it
-
-
-def test_the_predicate_is_the_one_decided():
-    """More than 0.05 m/s, and faster than the other."""
-    assert AT_FAULT_SPEED == 0.05
-    for own, other, caused in (
-        (0.06, 0.0, True), (0.05, 0.0, False), (0.3, 0.4, False), (0.4, 0.3, True),
-        (0.3, -0.2, True), (-0.1, -0.5, False), (0.0, 1.3, False),
-    ):  # fmt: skip
-        assert is_at_fault(own, other) == caused
 
 
 @pytest.mark.parametrize(

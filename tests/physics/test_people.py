@@ -378,14 +378,6 @@ def test_bounds_hold_and_nobody_leaves_in_the_scene_of_all_people(model):
     assert fast <= 0.01 * steps
 
 
-def test_the_scene_is_the_same_for_the_same_seed_and_another_for_another():
-    scene = make_scene("people")
-    first, again, other = (scene.sample(np.random.default_rng(seed)) for seed in (1, 1, 2))
-    assert (first.actors.rows == again.actors.rows).all()
-    assert first.actors.routes.tobytes() == again.actors.routes.tobytes()
-    assert first.actors.routes.tobytes() != other.actors.routes.tobytes()
-
-
 # --- bad input
 
 

@@ -154,20 +154,6 @@ def test_a_chair_that_cannot_go_back_does_not():
     assert planner.plan(case.problem, np.random.default_rng(0)).status is Status.EXHAUSTED
 
 
-def test_a_deadline_ends_it_and_its_iterations_replay_it():
-    problem = CASES["l_turn_66"].problem  # has no way, and takes long to find that out
-    planner = make_planner("lattice")
-    answer = planner.plan(problem, np.random.default_rng(0), 1e-9)
-    assert answer.status is Status.EXHAUSTED
-    for deadline in (1e-9, 0.02):
-        late, _ = plan((0.6, 0.6, 0.0), (3.5, 4.0), deadline=deadline)
-        count = max(1, late.counters["iterations"])
-        again, _ = plan((0.6, 0.6, 0.0), (3.5, 4.0), iterations=count)
-        if late.counters["iterations"]:
-            np.testing.assert_array_equal(late.path, again.path)
-            assert again.counters == late.counters
-
-
 def is_proven(case, spacing):
     """Whether the flood at a spacing proves that a problem has no way."""
     problem, footprint, _ = case

@@ -169,17 +169,6 @@ def test_chaotic_particles_keep_the_papers_clearance(curve):
         assert 11.4039 - 1e-4 <= plan.length <= 1.01 * 11.412
 
 
-@pytest.mark.parametrize("name", ["swarm", "rrt_woa"])
-def test_iterations_replay_a_plan_made_under_a_deadline(name, clock):
-    planner = make_planner({"name": name, "iterations": 10**7})
-    plan = planner.plan(among_blocks(), np.random.default_rng(6), 0.05)
-    made = plan.counters["iterations"]
-    assert 0 < made < 10**7
-    again = replace(planner, iterations=made).plan(among_blocks(), np.random.default_rng(6))
-    np.testing.assert_array_equal(plan.path, again.path)
-    assert plan.counters == again.counters
-
-
 def test_the_first_population_is_that_of_the_paper():
     planner = RrtWoa().swarm
     path = np.array([(1.0, 1.0), (1.0, 6.0), (4.0, 8.5), (9.0, 9.0)])

@@ -32,7 +32,6 @@ from planners.trees.tree import (
     remove_node,
     tree_with_capacity,
 )
-from tests.planners.replay import limited_to
 
 TREES = [
     name
@@ -65,22 +64,6 @@ def plans(planner, problem, seeds=6):
 
 def mean_length(planner, problem, seeds=6):
     return np.mean([plan.length for plan in plans(planner, problem, seeds)])
-
-
-@pytest.mark.parametrize("name", TREES)
-@pytest.mark.parametrize("deadline", [0.0, 1e-3, 0.02])
-def test_iterations_replay_a_plan_made_under_a_deadline(name, deadline, stored):
-    problem, _ = stored["rooms"]
-    planner = PLANNERS[name]()
-    plan = planner.plan(problem, np.random.default_rng(2), deadline)
-    assert plan.status in (Status.SOLVED, Status.EXHAUSTED)
-    made = plan.counters["iterations"]
-    assert made >= 1
-    again = limited_to(planner, made).plan(problem, np.random.default_rng(2))
-    assert again.status == plan.status
-    np.testing.assert_array_equal(again.path, plan.path)
-    np.testing.assert_array_equal(again.tree, plan.tree)
-    assert again.counters == plan.counters
 
 
 def test_rrt_star_falls_with_samples_to_the_optimum(problem):

@@ -128,14 +128,6 @@ def test_it_is_driven_in_real_time(capsys, slept):
     assert sum(slept) == pytest.approx(3.9, abs=0.5 / RATE)
 
 
-@pytest.mark.parametrize("arguments", [["--live", "-1"], ["--live", "x"]])
-def test_what_is_no_port_is_one_line(arguments, capsys):
-    with pytest.raises(SystemExit) as left:
-        main(["simulate", *arguments])
-    assert left.value.code == 2
-    assert len(capsys.readouterr().err.strip().splitlines()) == 1
-
-
 def test_a_replay_is_shown_in_real_time(capsys, slept):
     assert main(["replay", str(OLD), "--live", "0"]) == 0
     assert sum(slept) > 7.5 / RATE  # eight steps

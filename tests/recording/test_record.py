@@ -109,41 +109,42 @@ def assert_same(observation, other):
         np.testing.assert_array_equal(observation[key], other[key])
 
 
+def replayed(chapter, first, steps):
+    """The environment that replayed a chapter: observations and rewards are those of the run."""
+    env = replay_env(chapter)
+    assert_same(env.reset(options={"episode": chapter.episode})[0], first)
+    for action, (observation, reward) in zip(chapter.actions, steps, strict=True):
+        again, worth, *_ = env.step(action)
+        assert_same(again, observation)
+        assert worth == reward
+    return env
+
+
 def test_an_episode_without_its_shield_is_replayed_without(tmp_path):
     task = {"shield_state": True, "reward": {"shield_intervention": -0.3}}
     env = gym.make(KINDS[0][0], shield=True, config={"unshielded": 0.5, "task": task})
     env = RecordEpisodes(env, tmp_path / "run.mcap")
     seen, guarded = [], []
     for seed in range(6):
-        env.reset(seed=seed)
+        first, _ = env.reset(seed=seed)
         guarded.append(env.unwrapped.task.is_shielded)
-        seen.append([env.step(np.array([1.0, 0.2]))[:2] for _ in range(15)])
+        seen.append((first, [env.step(np.array([1.0, 0.2]))[:2] for _ in range(15)]))
     env.close()
     assert {True, False} == set(guarded)
-    for chapter, steps, shielded in zip(
-        read_recording(tmp_path / "run.mcap"), seen, guarded, strict=True
-    ):
-        env = replay_env(chapter)
-        env.reset(options={"episode": chapter.episode})
-        assert env.task.is_shielded == shielded
-        for action, (observation, reward) in zip(chapter.actions, steps, strict=True):
-            again, worth, *_ = env.step(action)
-            assert_same(again, observation)
-            assert worth == reward
+    chapters = read_recording(tmp_path / "run.mcap")
+    for chapter, run, shielded in zip(chapters, seen, guarded, strict=True):
+        assert replayed(chapter, *run).task.is_shielded == shielded
 
 
 def test_a_chair_with_three_scanners_is_recorded_and_replayed(tmp_path):
     env = gym.make(KINDS[0][0], config=str(ROOT / "examples" / "own_robot.json"))
     env = RecordEpisodes(env, tmp_path / "run.mcap")
     first, _ = env.reset(seed=1)
-    steps = [env.step(np.array([0.5, 0.2]))[0] for _ in range(10)]
+    steps = [env.step(np.array([0.5, 0.2]))[:2] for _ in range(10)]
     mounts = env.unwrapped.settings.sensors.lasers
     env.close()
     (chapter,) = read_recording(tmp_path / "run.mcap")
-    again = replay_env(chapter)
-    assert_same(again.reset(options={"episode": chapter.episode})[0], first)
-    for action, observation in zip(chapter.actions, steps, strict=True):
-        assert_same(again.step(action)[0], observation)
+    replayed(chapter, first, steps)
     scans = ("/scan", "/scan_1", "/scan_2")
     seen = {topic for topic, _, _ in told(tmp_path / "run.mcap", *scans, "/scan_3")}
     assert seen == set(scans)
@@ -519,16 +520,7 @@ def test_a_run_guided_by_ways_of_the_outline_is_seen_and_judged_the_same(tmp_pat
     settings = {"scene": "clutter", "guidance": "poses", "config": {"task": {"aim": "time"}}}
     file = tmp_path / "posed.mcap"
     env = RecordEpisodes(gym.make(NAMES[0], **settings), file)
-    observation, _ = env.reset(seed=0)
-    seen = [(observation, 0.0)]
-    for k in range(6):
-        observation, reward, *_ = env.step(np.array([0.8, 0.1 * k], np.float32))
-        seen.append((observation, reward))
+    first, _ = env.reset(seed=0)
+    steps = [env.step(np.array([0.8, 0.1 * k], np.float32))[:2] for k in range(6)]
     env.close()
-    chapter = read_recording(file)[0]
-    again = replay_env(chapter)
-    assert_same(again.reset(options={"episode": chapter.episode})[0], seen[0][0])
-    for action, (was, worth) in zip(chapter.actions, seen[1:], strict=True):
-        observation, reward, *_ = again.step(action)
-        assert_same(observation, was)
-        assert reward == worth
+    replayed(read_recording(file)[0], first, steps)

@@ -74,4 +74,8 @@ def test_sensors_outside_the_outline_are_warned_of():
     short = {"chair": {"footprint": {"front": 0.5, "rear": 0.3, "half_width": 0.31}}}
     with pytest.warns(UserWarning, match=r"laser at \(0\.66, 0\), ultrasonic 0 at \(0\.7, 0\.12\)"):
         env_settings(short)
+    lasers = [{"x": -0.5, "beams": 181}]
+    with pytest.warns(UserWarning, match=r"more_lasers\[0\] at \(-0.5, 0\)") as caught:
+        env_settings({"sensors": {"more_lasers": lasers}})
+    assert "laser at" not in str(caught[0].message)
     env_settings(None)  # warns of nothing: warnings of our own code are errors here

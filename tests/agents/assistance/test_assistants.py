@@ -15,6 +15,7 @@ from agents.assistance.assistant import AssistMission
 from agents.assistance.targets import find_targets, goals_on
 from agents.policies import make_policy
 from agents.policies.assisted import Assisted
+from tests.assistance.test_compiled import reading, scan_of
 from tests.conftest import long_but
 from tests.laws.test_policies import plain
 from wheelchair_gym.config import InputError, dump, load
@@ -24,7 +25,7 @@ from wheelchair_gym.maps import read_any_map
 from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.scenes.map_file import example_map
 from wheelchair_gym.sensors.settings import SensorSettings
-from wheelchair_gym.types import Reading, Stick
+from wheelchair_gym.types import Stick
 
 CHAIR, SENSORS = ChairSettings(), SensorSettings()
 MISSION = AssistMission(CHAIR, SENSORS, 0.1)
@@ -34,29 +35,6 @@ MAPPED = {
     for name in ("hypotheses", "blend", "hindsight")
 }
 SPECS = {**{name: name for name in ASSISTANTS}, **{f"{n}:map": s for n, s in MAPPED.items()}}
-
-
-def reading(scan, twist=(0.0, 0.0), stamp=0.0):
-    far = np.full(8, np.inf, np.float32)
-    return Reading(
-        np.zeros(3),
-        np.array(twist),
-        np.asarray(scan, np.float32),
-        far,
-        np.zeros(8, np.float32),
-        False,
-        24.0,
-        stamp,
-    )
-
-
-def scan_of(seed):
-    """A scan of blocks of random ranges, some without echo and some too near."""
-    rng = np.random.default_rng(seed)
-    ranges = np.repeat(rng.uniform(0.06, 6.0, 47), 23)[:1081]
-    ranges[rng.random(1081) < 0.02] = np.inf
-    ranges[rng.random(1081) < 0.01] = np.nan
-    return ranges
 
 
 def assisted(name, sticks, scans, known=None):

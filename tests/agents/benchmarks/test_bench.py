@@ -43,27 +43,6 @@ def test_a_person_and_an_assistant_are_measured_beside_batches_without(tmp_path)
     assert all(row["share"]["shield"] > 0.0 for row in rows)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["bench", "env", "--envs", "0"], "0: expected at least 1"),
-        (["bench", "env", "--seconds", "0"], "--seconds is 0; expected more than 0"),
-        (["bench", "env", "--assist", "slide"], "--assist: expected --driver, too"),
-        (["bench", "env", "--driver", "expert", "--assist", "slid"], "did you mean slide?"),
-        (["bench", "doors"], "invalid choice: 'doors'"),
-    ],
-)
-def test_wrong_sizes_are_refused_in_one_line(arguments, message, capsys):
-    try:
-        code = cli.main(arguments)
-    except SystemExit as end:
-        code = end.code
-    assert code == 2
-    error = capsys.readouterr().err
-    assert message in error
-    assert error.count("\n") == 1
-
-
 def test_the_peer_drives_between_the_same_walls():
     episode = make_scene("floor_plan").sample(np.random.default_rng(0))
     ours = shapely.MultiLineString(episode.walls.reshape(-1, 2, 2).tolist())

@@ -13,7 +13,6 @@ import time
 import numpy as np
 import pytest
 
-from agents.cli import main
 from agents.person.recorded_stick import schedule
 from tests.conftest import PATIENCE, ROOT, until
 from tests.hardware.realtime import serving
@@ -106,18 +105,3 @@ def test_prompts_are_asked_for_and_recorded(tmp_path):
     recorded = read_recording(file)[0]
     assert recorded.labels["prompts"] == schedule(0)
     assert not np.any([action for action in recorded.actions])
-
-
-@pytest.mark.parametrize(
-    ("arguments", "why"),
-    [
-        (["--assist", "magic"], "magic"),
-        (["--chair", "ros2://somewhere:9090"], "expected hardware"),
-        (["--map", "hall.yaml"], "--start"),
-    ],
-)
-def test_wrong_words_are_one_line(capsys, arguments, why):
-    config = str(ROOT / "configs" / "hardware.json")
-    assert main(["drive", "--config", config, *arguments]) == 2
-    (line,) = capsys.readouterr().err.strip().splitlines()
-    assert why in line

@@ -188,21 +188,3 @@ def test_a_person_says_where_it_stands(monkeypatch, capsys):
     monkeypatch.setattr("sys.stdin", iter(["what?\n", "\n", "0.03,-0.12\n"]))
     assert hardware.measured_end("done").tolist() == [0.03, -0.12]
     assert "expected two numbers" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("words", "why"),
-    [
-        (["check", "--config", "nothing.json"], "nothing.json"),
-        (["tune", "--config", CONFIG, "--set", "kq=1"], "expected one of kp"),
-        (["tune", "--config", CONFIG, "--set", "kp"], "expected KEY=VALUE"),
-        (["tune", "--config", CONFIG, "--set", "kp=-1"], "kp"),
-        (["setup", "--config", CONFIG], "drive"),
-    ],
-)
-def test_wrong_words_are_one_line(monkeypatch, capsys, words, why):
-    monkeypatch.setattr("wheelchair_gym.hardware.boards.parameters.PATIENCE", 0.05)
-    assert main(["hardware", *words]) == 2
-    said = capsys.readouterr().err.strip().splitlines()
-    assert len(said) == 1
-    assert why in said[0]

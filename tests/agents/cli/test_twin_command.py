@@ -8,9 +8,6 @@ import signal
 import subprocess
 import sys
 
-import pytest
-
-from agents.cli import main
 from tests.conftest import ROOT, need_pty
 from tests.hardware.conftest import build
 from tests.hardware.served import hear_interrupts
@@ -115,18 +112,3 @@ def test_it_serves_until_it_is_told_to_end(tmp_path, request):
     assert program.returncode == 130
     assert said.strip().splitlines()[-1] == "wheelchair: stopped"
     assert picture.stat().st_size > 1000
-
-
-@pytest.mark.parametrize(
-    ("arguments", "why"),
-    [
-        (["--port", "99999"], "expected at most 65535"),
-        (["--scene", "nowhere"], "nowhere"),
-        (["--config", "nothing.json"], "nothing.json"),
-    ],
-)
-def test_wrong_words_are_one_line(capsys, arguments, why):
-    assert main(["twin", *arguments]) == 2
-    said = capsys.readouterr().err.strip().splitlines()
-    assert len(said) == 1
-    assert why in said[0]

@@ -117,22 +117,6 @@ def test_what_is_unbeaten_has_less_authority_or_more_success():
     assert unbeaten(points) == [1, 2, 4]
 
 
-@pytest.mark.parametrize(
-    ("options", "text"),
-    [
-        (["--assist", "slide"], "--assist needs --driver"),
-        (["--driver", "exprt"], "did you mean expert?"),
-        (["--driver", "expert", "--assist", "slid"], "did you mean slide?"),
-        (["--driver", "expert", "--policies", "straight"], "expected one of them"),
-    ],
-)
-def test_wrong_options_are_told_in_one_line(options, text, tmp_path, capsys):
-    assert main(["compare", *options, "--out", str(tmp_path)]) == 2
-    said = capsys.readouterr().err
-    assert text in said
-    assert said.count("\n") == 1
-
-
 def test_a_person_is_simulated_and_recorded(tmp_path, capsys):
     common = ["simulate", "--scene", "clutter", "--driver", "expert"]
     assert main([*common, "--assist", "teleop"]) == 0

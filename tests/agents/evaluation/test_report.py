@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 
 from agents.evaluation import figures, report
-from agents.evaluation.compare import BEST, SUITES
+from agents.evaluation.compare import SUITES
 from agents.evaluation.report import COLUMNS, PARTS, markdown, ranked, terminal_table, write_report
 from agents.learning.weights import shipped
-from agents.policies import kind_of
 from wheelchair_gym.config import InputError
 from wheelchair_gym.rendering import webp, write_png
 from wheelchair_gym.scenes.arena import Doorway
@@ -319,17 +318,6 @@ def test_the_first_sentence_sets_the_learned_policies_beside_the_planned_ones(tm
     assert markdown(what).splitlines()[6] == said
     what["kinds"] = dict.fromkeys(POLICIES, "planned")  # nothing to set side by side
     assert not lead(write_report(what, tmp_path)).startswith("Learned")
-
-
-def test_the_demo_shows_what_the_project_is_about():
-    demo = SUITES["demo"]
-    planners = ("rrt_star_woa_local", "rrt_star_woa_global")
-    assert {f"{p}+{f}" for p in planners for f in ("window", "controls")} <= set(demo.policies)
-    assert {BEST, "se2_rrt_star_woa+whales", "ppo_guided", "ppo_goal"} <= set(demo.policies)
-    kinds = {kind_of(policy) for policy in demo.policies}
-    assert kinds == {"learned", "planned"}
-    assert {"floor_plan", "clutter", "map_file"} <= set(demo.scenes)
-    assert any(scene.startswith("thesis_") for scene in demo.scenes)
 
 
 def test_the_league_has_all_learned_policies_that_are_shipped():

@@ -143,24 +143,6 @@ def test_policies_are_judged_by_driving(tmp_path):
     assert 0.3 < found["others"]["best"] <= 1.0
 
 
-@pytest.mark.parametrize(
-    ("words", "says"),
-    [
-        (["rrt_star", "--vary", "stepp=1:2"], "stepp is not a setting"),
-        (["rrt_star", "--vary", "step=1:2", "--vary", "step=2:3"], "given twice"),
-        (["rrt_star", "--vary", "step=1:2", "--metric", "spl"], "--metric is for policies"),
-        (["a_star+window", "--vary", "seed=1:2", "--deadline", "1"], "--deadline is for planners"),
-        (["a_star+window", "--vary", "seed=1:2", "--metric", "speed"], "--metric speed is unknown"),
-        (["nobody", "--vary", "seed=1:2"], "'nobody' is unknown"),
-    ],
-)
-def test_wrong_words_are_one_line(words, says, tmp_path, capsys):
-    assert main(["tune", *words, "--out", str(tmp_path / "out")]) == 2
-    error = capsys.readouterr().err
-    assert says in error
-    assert error.count("\n") == 1
-
-
 def test_the_command_says_what_it_found(tmp_path, capsys):
     words = "tune rrt --vary step=0.5:5.0 --trials 2 --episodes 2 --scenes clutter --jobs 1 --quiet"
     assert main([*words.split(), "--out", str(tmp_path)]) == 0

@@ -20,7 +20,7 @@ from tests.physics.worlds import box
 from wheelchair_gym import InputError
 from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.hardware.boards.protocol import Mode, Switch
-from wheelchair_gym.hardware.joystick import Joystick, JoystickSettings
+from wheelchair_gym.hardware.joystick import Joystick
 from wheelchair_gym.hardware.registry import localized
 from wheelchair_gym.hardware.twin.lockstep import JoystickState
 from wheelchair_gym.kinematics import Limits
@@ -430,11 +430,6 @@ def test_a_gamepad_drives_with_help_while_its_button_is_held():
     assert abs(ride.speed(7.2)) < 0.2
     assert ride.speed(9.4) > 0.5
     ride.close()
-
-
-def test_buttons_of_help_and_of_the_hand_differ():
-    with pytest.raises(ValueError, match="must differ"):
-        JoystickSettings(assist_button=JoystickSettings().dead_man_button)
 
 
 def test_a_class_of_a_package_is_named_by_its_module(tmp_path, monkeypatch):

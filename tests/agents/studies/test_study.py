@@ -155,32 +155,6 @@ def test_a_page_says_its_verdicts_first_and_needs_no_other_file(tmp_path, capsys
     assert len(list((tmp_path / "figures").glob("t2-*.png"))) == 2
 
 
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (["t1-9.9"], "t1-3.1, "),
-        (["t2", "--engine", "slurm"], "loky, ray"),
-        (["t2", "--runs", "1"], "at least 2"),
-        (["t2", "--out", "{file}/x"], "cannot be written"),
-        (["t2", "--runs", "many"], "is not an integer"),
-        (["t2", "--runs", "5", "--quick"], "not allowed"),
-    ],
-)
-def test_wrong_input_is_one_line(arguments, said, tmp_path, capsys):
-    (tmp_path / "file").write_text("")
-    given = [word.replace("{file}", str(tmp_path / "file")) for word in arguments]
-    if "--out" not in given:
-        given += ["--out", str(tmp_path)]
-    try:
-        code = main(["study", *given])
-    except SystemExit as error:
-        code = error.code
-    assert code == 2
-    lines = capsys.readouterr().err.strip().splitlines()
-    assert len(lines) == 1
-    assert said in lines[0]
-
-
 def test_studies_and_benchmarks_measure_smoothness_by_one_definition():
     """f1 of one path is one number, also where a swarm lets way points coincide."""
     rng = np.random.default_rng(0)

@@ -198,12 +198,17 @@ def test_what_a_simulated_person_does_not_see_is_covered(opened):
     page.keyboard.press("Escape")
 
 
+PAGES = pytest.mark.parametrize("name", ["drive", "plan", "compare"])
+
+
+@PAGES
 @pytest.mark.parametrize("language", ["en", "es"])
 @pytest.mark.parametrize("contrast", [False, True])
-def test_the_page_is_accessible(opened, language, contrast):
+def test_a_page_is_accessible(opened, language, contrast, name):
     from axe_playwright_python.sync_playwright import Axe
 
     _, page = opened
+    tab(page, name)
     page.evaluate("document.getElementById('looks').open = true")
     page.select_option("#language", language)
     page.set_checked("#contrast", contrast)
@@ -211,6 +216,7 @@ def test_the_page_is_accessible(opened, language, contrast):
     assert [(one["id"], one["nodes"][0]["html"]) for one in found] == []
     assert page.evaluate("document.documentElement.lang") == language
     page.select_option("#language", "en")
+    tab(page, "drive")
 
 
 # Controls that lie over one another, and those that are too small for a finger.
@@ -232,7 +238,7 @@ CRAMPED = """() => {
 
 
 @pytest.mark.parametrize("width", [390, 820, 1280])
-@pytest.mark.parametrize("name", ["drive", "plan", "compare"])
+@PAGES
 def test_no_control_lies_over_another_or_is_too_small(opened, width, name):
     _, page = opened
     tab(page, name)
@@ -243,9 +249,11 @@ def test_no_control_lies_over_another_or_is_too_small(opened, width, name):
     tab(page, "drive")
 
 
+@PAGES
 @pytest.mark.parametrize("width", [390, 820, 1280])
-def test_nothing_is_cut_off_on_a_phone_or_a_tablet(opened, width):
+def test_nothing_is_cut_off_on_a_phone_or_a_tablet(opened, width, name):
     _, page = opened
+    tab(page, name)
     page.set_viewport_size({"width": width, "height": 900})
     page.evaluate("document.getElementById('looks').open = true")
     for size in ("100", "200"):
@@ -253,6 +261,7 @@ def test_nothing_is_cut_off_on_a_phone_or_a_tablet(opened, width):
         assert page.evaluate("document.documentElement.scrollWidth") <= width, size
     page.select_option("#size", "100")
     page.set_viewport_size({"width": 1280, "height": 900})
+    tab(page, "drive")
 
 
 def test_keys_alone_reach_everything(opened):
@@ -349,24 +358,6 @@ def test_people_draw_plan_watch_and_save(opened):
     page.set_input_files("#files", served.studio.folder / "drawn.png")
     until(page, "!studio.shapes.length")
     assert page.inner_text("#error") == ""
-
-
-def test_the_page_plan_is_accessible_on_every_screen(opened):
-    from axe_playwright_python.sync_playwright import Axe
-
-    _, page = opened
-    tab(page, "plan")
-    page.evaluate("document.getElementById('looks').open = true")
-    for width in (390, 820, 1280):
-        page.set_viewport_size({"width": width, "height": 900})
-        for size in ("200", "100"):
-            page.select_option("#size", size)
-            assert page.evaluate("document.documentElement.scrollWidth") <= width, (width, size)
-    for contrast in (True, False):
-        page.set_checked("#contrast", contrast)
-        found = Axe().run(page).response["violations"]
-        assert [(one["id"], one["nodes"][0]["html"]) for one in found] == []
-    tab(page, "drive")
 
 
 def test_two_drives_are_compared(opened):

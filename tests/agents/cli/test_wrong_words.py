@@ -1,0 +1,96 @@
+"""Wrong words to any command are one line that names what is wrong, and code 2."""
+
+from __future__ import annotations
+
+import pytest
+
+from agents.cli import main
+from tests.conftest import ROOT
+from tests.hardware.realtime import EPISODE, X, Y
+from wheelchair_gym.maps import write_map
+
+pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
+
+CONFIG = "--config configs/hardware.json"
+DEPLOY = f"deploy {CONFIG} --map map.yaml --start {X},{Y},0 --goal {X},{Y}"
+NOOK = "0.1,2"  # free, and nearer to a wall than any side of the chair
+WORDS = [
+    ("twin --port 99999", "expected at most 65535"),
+    ("twin --scene nowhere", "nowhere"),
+    ("twin --config nothing.json", "nothing.json"),
+    (f"drive {CONFIG} --assist magic", "magic"),
+    (f"drive {CONFIG} --chair ros2://somewhere:9090", "expected hardware"),
+    (f"drive {CONFIG} --map map.yaml", "--start"),
+    ("hardware check --config nothing.json", "nothing.json"),
+    (f"hardware tune {CONFIG} --set kq=1", "expected one of kp"),
+    (f"hardware tune {CONFIG} --set kp", "expected KEY=VALUE"),
+    (f"hardware tune {CONFIG} --set kp=-1", "kp"),
+    (f"hardware setup {CONFIG}", "drive"),
+    (f"{DEPLOY} --goal 99,99", "--goal 99,99: not a free place"),
+    (f"{DEPLOY} --goal {NOOK}", f"--goal {NOOK}: no heading is free"),
+    (f"{DEPLOY} --start 0,0", "expected X,Y,YAW"),
+    (f"{DEPLOY} --map nothing.yaml", "nothing.yaml"),
+    (f"{DEPLOY} --initial-speed 0.5 --max-speed 0.3", "cannot rise"),
+    (f"{DEPLOY} --chair ros://nobody:1 --dry-run", "expected hardware"),
+    (f"{DEPLOY} --policy nobody", "nobody"),
+    ("robot --pose slam", "ROS draws the map"),
+    ("robot --map x.yaml --scene empty", "expected one of them"),
+    ("robot --tls missing.pem --scene empty", "missing.pem: expected a PEM file"),
+    ("robot --token-file missing --scene empty", "missing: cannot be read"),
+    ("robot --host 300.1.1.1 --scene empty", "300.1.1.1:9090: cannot be served"),
+    ("robot --rosbridge ros://127.0.0.1:1 --scene empty", "no rosbridge answers"),
+    ("robot --rosbridge hardware --scene empty", "expected ros://HOST:PORT"),
+    ("robot --rate 0", "expected 1 to 200"),
+    ("robot --dds --scene empty --host 192.0.2.77", "192.0.2.77: expected an IPv4 address"),
+    ("robot --dds --scene empty --host ::1", "::1: expected an IPv4 address"),
+    ("robot --dds --scene empty --tls file", "--dds and --tls: expected one of them"),
+    (
+        "robot --dds --scene empty --rosbridge ros://127.0.0.1:1",
+        "--dds and --rosbridge: expected one of them",
+    ),
+    ("simulate --live -1", "--live"),
+    ("simulate --live x", "--live"),
+    ("tune rrt_star --vary stepp=1:2", "stepp is not a setting"),
+    ("tune rrt_star --vary step=1:2 --vary step=2:3", "given twice"),
+    ("tune rrt_star --vary step=1:2 --metric spl", "--metric is for policies"),
+    ("tune a_star+window --vary seed=1:2 --deadline 1", "--deadline is for planners"),
+    ("tune a_star+window --vary seed=1:2 --metric speed", "--metric speed is unknown"),
+    ("tune nobody --vary seed=1:2", "'nobody' is unknown"),
+    ("compare --assist slide", "--assist needs --driver"),
+    ("compare --driver exprt", "did you mean expert?"),
+    ("compare --driver expert --assist slid", "did you mean slide?"),
+    ("compare --driver expert --policies straight", "expected one of them"),
+    ("bench env --envs 0", "0: expected at least 1"),
+    ("bench env --seconds 0", "--seconds is 0; expected more than 0"),
+    ("bench env --assist slide", "--assist: expected --driver, too"),
+    ("bench env --driver expert --assist slid", "did you mean slide?"),
+    ("bench doors", "invalid choice: 'doors'"),
+    ("simulate --images -1", "expected at least 0"),
+    ("compare --images -1", "expected at least 0"),
+    ("replay x.mcap --images -1", "expected at least 0"),
+    ("map --log x --images -1", "expected at least 0"),
+    ("study t1-9.9", "t1-3.1, "),
+    ("study t2 --engine slurm", "loky, ray"),
+    ("study t2 --runs 1", "at least 2"),
+    ("study t2 --out file/x", "cannot be written"),
+    ("study t2 --runs many", "is not an integer"),
+    ("study t2 --runs 5 --quick", "not allowed"),
+]
+
+
+@pytest.mark.parametrize(("words", "says"), WORDS)
+def test_wrong_words_are_one_line_and_code_2(words, says, tmp_path, monkeypatch, capsys):
+    (tmp_path / "configs").symlink_to(ROOT / "configs")
+    (tmp_path / "file").touch()
+    write_map(EPISODE.map, tmp_path / "map.yaml")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("ROS_DOMAIN_ID", "")
+    monkeypatch.setattr("wheelchair_gym.hardware.boards.parameters.PATIENCE", 0.05)
+    try:
+        code = main(words.split())
+    except SystemExit as left:
+        code = left.code
+    said = capsys.readouterr().err.strip().splitlines()
+    (line,) = [one for one in said if not one.startswith("compiling")]
+    assert code == 2
+    assert says in line
