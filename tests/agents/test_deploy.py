@@ -25,6 +25,7 @@ from tests.benchmarks import deploy as benchmark
 from tests.conftest import ROOT, long_but, until
 from tests.hardware.hosted import Hosted
 from tests.hardware.realtime import EPISODE, X, Y, serving
+from tests.hardware.served import signals_kept
 from wheelchair_gym import InputError
 from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.hardware.boards.protocol import Switch
@@ -314,17 +315,6 @@ def person(served, caplog, then):
     threading.Thread(target=hand, daemon=True).start()
 
 
-def ended(words, then):
-    """What the command says to a SIGTERM that comes as soon as the chair drives."""
-    before = signal.getsignal(signal.SIGTERM), signal.getsignal(signal.SIGHUP)
-    threading.Thread(target=then, daemon=True).start()
-    try:
-        return main(words)
-    finally:
-        signal.signal(signal.SIGTERM, before[0])
-        signal.signal(signal.SIGHUP, before[1])
-
-
 def end_when(true):
     until(true)
     os.kill(os.getpid(), signal.SIGTERM)
@@ -357,7 +347,8 @@ def test_the_command_is_ended_by_a_signal(monkeypatch, tmp_path, capfd):
     clock.call_every(terminate, 0.1, "a signal")
     words = words_for(ROOT / "configs" / "hardware.json", file, record)
     words += ["--pose", "odometry"]
-    assert ended(words, lambda: None) == 130
+    with signals_kept():
+        assert main(words) == 130
     assert capfd.readouterr().err.splitlines()[-1] == "wheelchair: stopped"
     boards = [json.loads(told) for told in messages(record, "/board")]
     assert len(boards) > 5
@@ -393,7 +384,8 @@ def test_the_command_drives_over_devices(served, tmp_path, caplog, capfd):
     """In real time, as a person runs it, who re-arms it at the board's joystick."""
     person(served, caplog, lambda: end_when(lambda: served.twin.motion.speed > 0.1))
     words = words_for(served.config, served.map, tmp_path / "run.mcap")
-    assert ended(words, lambda: None) == 130
+    with signals_kept():
+        assert main(words) == 130
     assert "a person must re-arm" in caplog.text
     assert capfd.readouterr().err.splitlines()[-1] == "wheelchair: stopped"
     assert until(lambda: abs(served.twin.motion.speed) <= 2e-3)

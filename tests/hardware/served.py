@@ -8,8 +8,20 @@ import signal
 import subprocess
 import sys
 import threading
+from contextlib import contextmanager
 
 from tests.conftest import PATIENCE, ROOT, until
+
+
+@contextmanager
+def signals_kept():
+    """Restore the handlers of signals that a command in this process sets."""
+    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGHUP)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def hear_interrupts():

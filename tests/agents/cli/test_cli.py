@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import re
-import shlex
 import subprocess
 import sys
 
@@ -403,17 +402,6 @@ def test_the_help_names_every_suite(capsys):
     with pytest.raises(SystemExit):
         main(["compare", "--help"])
     assert set(re.findall(r"\w+", capsys.readouterr().out)) >= set(SUITES)
-
-
-@pytest.mark.parametrize(
-    "line", re.findall(r"^`?(wheelchair (?!--help)[^`\n]*)", pages(), re.MULTILINE)
-)
-def test_the_pages_commands_are_understood(line, tmp_path, monkeypatch):
-    given = parser().parse_all(shlex.split(line)[1:])
-    if given.command == "plan" and given.map:
-        monkeypatch.chdir(ROOT)
-        given.picture = tmp_path / "plan.png"
-        assert cli.run(given) == 0
 
 
 def test_results_name_the_command_as_a_person_types_it(monkeypatch):
