@@ -449,13 +449,13 @@ def measure(count, names):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser, names = argparse.ArgumentParser(description=__doc__), ", ".join(map(repr, CASES))
     parser.add_argument("trials", type=int, nargs="?", default=100)
-    parser.add_argument("cases", nargs="*", metavar="case", help=", ".join(map(repr, CASES)))
+    parser.add_argument("cases", nargs="*", metavar="case", help=names.replace("%", "%%"))
     given = parser.parse_intermixed_args()
     for name in given.cases:
         if name not in CASES:
-            parser.error(f"{name!r} is no case; expected any of {', '.join(map(repr, CASES))}")
+            parser.error(f"{name!r} is no case; expected any of {names}")
     if given.trials < 1:
         parser.error(f"{given.trials} trials; expected at least 1")
     sys.exit(0 if measure(given.trials, given.cases or list(CASES)) else 1)
