@@ -11,17 +11,14 @@ from typing import Any
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from agents.evaluation.evaluate import Spec, label, without_labels
 from planners import PLANNERS, Problem, Space, make_planner
 from planners.judge import Judge
 from planners.problem_files import read_problems
-from wheelchair_gym.config import InputError, read_json, suggest
+from wheelchair_gym.config import InputError, suggest
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.scenes import SCENES, make_scene
-
-Array = NDArray[np.float64]
 
 MARGIN = 0.05  # m between the chair's side and obstacles, in problems made from scenes
 SEED = 0  # of the episode from which a problem is made
@@ -36,7 +33,6 @@ class Case:
     problem: Problem
     optimum: float | None  # length of the shortest path [m]; None if unknown
     optimum_source: str  # `file`, the planner that found it, or `unknown`
-    rectangles: Array | None = None  # obstacles (n, 4) [m], where all are rectangles
 
     @property
     def name(self) -> str:
@@ -65,15 +61,15 @@ class Case:
         return problem
 
 
-def _case(problem: Problem, optimum: float | None = None, rectangles: Array | None = None) -> Case:
+def _case(problem: Problem, optimum: float | None = None) -> Case:
     _ = problem.free.arrays
     if optimum is not None:
-        return Case(problem, optimum, "file", rectangles)
+        return Case(problem, optimum, "file")
     if OPTIMUM in PLANNERS:
         plan = make_planner(OPTIMUM).plan(problem, np.random.default_rng(0))
         if len(plan.path):
-            return Case(problem, plan.length, OPTIMUM, rectangles)
-    return Case(problem, None, "unknown", rectangles)
+            return Case(problem, plan.length, OPTIMUM)
+    return Case(problem, None, "unknown")
 
 
 def stored_cases(path: str | Path, only: Sequence[str] = ()) -> list[Case]:
@@ -82,16 +78,12 @@ def stored_cases(path: str | Path, only: Sequence[str] = ()) -> list[Case]:
     Raises:
         InputError: the file is wrong, or has no problem of a name.
     """
-    problems, data = read_problems(path), read_json(path)
+    problems = read_problems(path)
     names = [problem.name for problem, _ in problems]
     if len(set(names)) < len(names):
         raise InputError(f"{path}: two problems share a name")
     wanted = _wanted(names, only, str(path))
-    return [
-        _case(problem, optimum, np.asarray(item["rects"], dtype=np.float64).reshape(-1, 4))
-        for (problem, optimum), item in zip(problems, data, strict=True)
-        if problem.name in wanted
-    ]
+    return [_case(problem, optimum) for problem, optimum in problems if problem.name in wanted]
 
 
 def scene_cases(only: Sequence[str] = ()) -> list[Case]:

@@ -33,13 +33,13 @@ class Entrant:
     timed: bool = True  # whether it takes a deadline
     calls: tuple[str, ...] = ()  # the planners that it calls, if it is a hybrid
 
-    def prepare(self, case: Case) -> tuple[Any, Any] | None:
-        """The planners for a map, without and with a deadline; None if it cannot take the map."""
+    def prepare(self, case: Case) -> tuple[Any, Any]:
+        """The planners for a map, without and with a deadline."""
         if self.package is None:
             return self.config, self.unlimited
         ready = prepare(self.config, case)
-        if ready is None or self.unlimited is self.config:
-            return None if ready is None else (ready, ready)
+        if self.unlimited is self.config:
+            return ready, ready
         return ready, prepare(self.unlimited, case)
 
     @property
@@ -140,13 +140,13 @@ def make_entrants(specs: Sequence[Any], peers: Sequence[str]) -> list[Entrant]:
         found.append(
             Entrant(label, planner, with_iterations(planner, UNLIMITED), timed=timed, calls=calls)
         )
-    small = Case(small_problem(), None, "unknown", np.array([[2.0, 1.5, 3.0, 2.5]]))
+    small = Case(small_problem(), None, "unknown")
     for name in peers:
         peer = PEERS[name]
         package = f"{peer.package} {importlib.metadata.version(peer.package)}"
         calls = called_planners(prepare(peer.settings, small))
         unlimited = with_iterations(peer.settings, UNLIMITED)
-        found.append(Entrant(name, peer.settings, unlimited, package, peer.timed, calls))
+        found.append(Entrant(name, peer.settings, unlimited, package, calls=calls))
     return found
 
 

@@ -99,16 +99,14 @@ def summarise(
     records: Sequence[Record],
     deadlines: Sequence[float],
 ) -> list[Row]:
-    """A row for each entrant on each problem of `optima`, and on all problems that it can take."""
+    """A row for each entrant on each problem of `optima`, and on all."""
     rows = []
     for problem in [ALL, *optima] if len(optima) > 1 else optima:
         for entrant in entrants:
             of = [
                 record
                 for record in records
-                if record["planner"] == entrant.name
-                and problem in (ALL, record["problem"])
-                and record["status"] != "not_for_this_map"
+                if record["planner"] == entrant.name and problem in (ALL, record["problem"])
             ]
             if any(record["budget"] == FREE for record in of):
                 rows.append(summary_row(entrant, problem, of, optima, deadlines))

@@ -2,7 +2,7 @@
 
 A peer is a planner of ours with an optimizer of another package, or a settings object whose
 `prepare(case)` returns an object for one map, untimed, with `plan(problem, rng, deadline)` as our
-planners have it; or None if it cannot take the map.
+planners have it.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ import importlib.util
 from typing import Any, Final, NamedTuple
 
 from agents.peers.ompl import Ompl
-from agents.peers.pathplanning import LazyThetaStar, Tree
 from planners.swarm.planner import SwarmPlanner
 
 
@@ -20,7 +19,6 @@ class Peer(NamedTuple):
 
     package: str
     settings: Any
-    timed: bool = True  # whether it takes a deadline
 
 
 def _swarm(package: str, algorithm: str) -> SwarmPlanner:
@@ -39,10 +37,6 @@ PEERS: Final[dict[str, Peer]] = {
     "ompl_rrt_connect_sampled": Peer("ompl", Ompl("RRTConnect", exact=False)),
     "ompl_informed_rrt_star_sampled": Peer("ompl", Ompl("InformedRRTstar", exact=False)),
     "ompl_bit_star_sampled": Peer("ompl", Ompl("BITstar", exact=False)),
-    "pathplanning_rrt_connect": Peer("pathplanning", Tree("rrt_connect")),
-    "pathplanning_rrt_star_5": Peer("pathplanning", Tree("rrt_star")),
-    "pathplanning_rrt_star_1": Peer("pathplanning", Tree("rrt_star", step=1.0)),
-    "pathplanning_lazy_theta_star": Peer("pathplanning", LazyThetaStar(), timed=False),
     "mealpy_woa": Peer("mealpy", _swarm("mealpy", "OriginalWOA")),
     "mealpy_pso": Peer("mealpy", _swarm("mealpy", "OriginalPSO")),
     "niapy_pso": Peer("niapy", _swarm("niapy", "ParticleSwarmAlgorithm")),
@@ -55,5 +49,5 @@ def installed(package: str) -> bool:
 
 
 def prepare(settings: Any, case: Any) -> Any:
-    """The planner of a peer's settings for the map of a case; None if it cannot take the map."""
+    """The planner of a peer's settings for the map of a case."""
     return settings.prepare(case) if hasattr(settings, "prepare") else settings

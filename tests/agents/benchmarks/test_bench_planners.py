@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -12,7 +12,7 @@ import pytest
 
 from agents import cli
 from agents.benchmarks import entrants, planner_benchmark
-from agents.benchmarks.cases import MARGIN, Case, scene_cases, stored_cases
+from agents.benchmarks.cases import MARGIN, scene_cases, stored_cases
 from agents.benchmarks.entrants import UNLIMITED, Entrant, called_planners, with_iterations
 from agents.benchmarks.summary import COLD, FREE, ranking, summarise
 from agents.evaluation.metrics import path_figures, printed_turning, turning
@@ -201,8 +201,6 @@ def test_a_peer_that_is_installed_solves_and_keeps_to_a_deadline(name, problems)
         assert plan.status == Status.SOLVED
         faults = case.judge.faults(plan.path, case.problem.start, case.problem.goal)
         assert not faults or name.endswith("_sampled")
-    walls = Case(replace(case.problem, clearance=0.2), None, "unknown")  # no map of rectangles
-    assert (prepare(PEERS[name].settings, walls) is None) == name.startswith("pathplanning_rrt")
 
 
 def test_a_missing_package_is_one_line_that_names_the_extra(monkeypatch):

@@ -55,8 +55,7 @@ NEEDED = {
 # The documentation, a log beside ours, and what benchmarks compare with: left out
 # where they are not installed.
 LEFT_OUT = {
-    "furo", "myst-parser", "schemdraw", "sphinx", "tensorboard", "ir-sim", "ompl", "pathplanning",
-    "niapy",
+    "furo", "myst-parser", "schemdraw", "sphinx", "tensorboard", "ir-sim", "ompl", "niapy",
 }  # fmt: skip
 
 
