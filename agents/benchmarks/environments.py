@@ -62,20 +62,6 @@ def resident_bytes() -> int:
     return int(statm.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
 
-def touched_bytes(act: Callable[[], object]) -> int | None:
-    """Memory that an act reads or writes, in whole pages; None where the system does not count."""
-    clear, counts = Path("/proc/self/clear_refs"), Path("/proc/self/smaps_rollup")
-    touched = []
-    try:
-        for each in (lambda: None, act):
-            clear.write_text("1")
-            each()
-            touched.append(1024 * int(counts.read_text().split("Referenced:")[1].split()[0]))
-    except (OSError, IndexError):
-        return None
-    return touched[1] - touched[0]
-
-
 def measure_rate(step: Callable[[int], int], seconds: float) -> float:
     """Steps per second, the median of three parts of a measurement.
 
@@ -256,9 +242,6 @@ def _batch_facts(env: NavigationVectorEnv, n: int, before: int, first: bool) -> 
     if first:
         value = (resident_bytes() - before) / n / 1024
         yield {"what": "memory of an env", "value": value, "unit": "kB"}
-    touched = touched_bytes(lambda: env.step(np.zeros((n, 2))))
-    if touched is not None:
-        yield {"what": "memory that its step touches", "value": touched / n / 1024, "unit": "kB"}
     env.reset(seed=0)
     begun = time.perf_counter()
     for seed in range(3):

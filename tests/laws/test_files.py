@@ -54,7 +54,6 @@ OWN = {
     "evaluation.report._video": "a video that was just written",
     "studies.model.published": "comes with the package",
     "benchmarks.environments.resident_bytes": "of the kernel",
-    "benchmarks.environments.touched_bytes": "of the kernel",
     "evaluation.provenance.machine": "of the kernel",
     "cli.__init__._replace_closed_streams": "standard streams",
     "cli.__init__._drop_output": "standard streams",
