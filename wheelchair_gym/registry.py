@@ -17,7 +17,6 @@ from functools import cache, cached_property
 from importlib import import_module
 from importlib.metadata import entry_points
 from importlib.util import find_spec
-from types import ModuleType
 from typing import Any
 
 from wheelchair_gym.config import dump, load, suggest
@@ -91,15 +90,6 @@ def places_in(spec: Any) -> set[str]:
 _REGISTRIES: list[Registry] = []  # those that other packages add names to
 
 
-def modules_of_others() -> list[ModuleType]:
-    """Packages and modules outside the project that names have led to; workers need them, too."""
-    found = {place.partition(":")[0].partition(".")[0] for place in _USED}
-    return [sys.modules[name] for name in sorted(found) if name in sys.modules]
-
-
-_USED: set[str] = set()  # places of other people's code
-
-
 @dataclasses.dataclass(frozen=True)
 class Maker:
     """A class that is not settings, with the arguments of its objects; `make()` gives a new one."""
@@ -152,7 +142,6 @@ class Registry(Mapping[str, Any]):
 
     def _of_others(self, name: str) -> Any:
         place = self.places.get(name, name)
-        _USED.add(place)
         found = imported(place)
         if self.needs and not any(hasattr(found, method) for method in self.needs):
             expected = " or ".join(self.needs)

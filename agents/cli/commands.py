@@ -192,7 +192,7 @@ COMMANDS = (
             CONFIG,
             option("--pose", f"source of the estimated pose: {', '.join(POSES)} (slam: the map is "
                    "unknown); several are compared (default: the config's, or the suite's)", poses),
-            SHIELD, *WORKERS,
+            SHIELD, WORKERS,
             option("--out", "folder of the results (default runs/SUITE, or a folder called as "
                    "the scenes or maps)", None, "DIR"),
             flag("--no-video", "write no video"), QUIET,
@@ -248,7 +248,7 @@ COMMANDS = (
                 option("--runs", "runs of each row and map or goal (default 100 or 400, by study)",
                        count),
             )),
-            *WORKERS, option("--out", "folder of the results", None, "DIR", default="runs/study"),
+            WORKERS, option("--out", "folder of the results", None, "DIR", default="runs/study"),
             QUIET, JSON,
         ],
     ),
@@ -272,7 +272,7 @@ COMMANDS = (
             option("--metric", "score of a policy's episodes: sct (default; success weighted by "
                    "completion time), spl, success, barn or barn_own"),
             option("--deadline", "deadline of a planner's plans [s]", finite),
-            seed("Optuna"), CONFIG, POSE, SHIELD, *WORKERS,
+            seed("Optuna"), CONFIG, POSE, SHIELD, WORKERS,
             option("--out", "folder of the results (default runs/tune/NAME)", None, "DIR"), QUIET,
             JSON,
         ],

@@ -86,7 +86,7 @@ def compare(given: argparse.Namespace) -> int:
     folder = Path(given.out or Path("runs") / comparison_name(given))
     first = comparison.TRAINING if given.training_seeds else given.first_seed
     evaluation = comparison.compare(
-        suite, folder, jobs=given.jobs or cores(), engine=given.engine, progress=not given.quiet,
+        suite, folder, jobs=given.jobs or cores(), progress=not given.quiet,
         seeds=range(first, first + suite.episodes), watch=watch(given),
     )  # fmt: skip
     table = terminal_table(evaluation, columns)
@@ -146,7 +146,7 @@ def study(given: argparse.Namespace) -> int:
     studies = find_studies(given.name)
     chapters = run_studies(
         studies, given.out, runs=given.runs, quick=given.quick, jobs=given.jobs or cores(),
-        engine=given.engine, progress=not given.quiet,
+        progress=not given.quiet,
         title=studies[0].title if len(studies) == 1 else None,
     )  # fmt: skip
     page = Path(given.out) / "report.html"
@@ -197,7 +197,7 @@ def _objective(given: argparse.Namespace, what: Any, folder: Path) -> Any:
         for option in ("suite", "metric", "config", "pose", "shield"):
             if getattr(given, option) is not None:
                 raise InputError(f"--{option} is for policies; {given.name} is a planner")
-        return Plans(scenes or ["floor_plan"], given.deadline, folder, jobs, given.engine)
+        return Plans(scenes or ["floor_plan"], given.deadline, folder, jobs)
     if given.deadline is not None:
         raise InputError(f"--deadline is for planners; {given.name} is a policy")
     metric = given.metric or METRICS[0]
@@ -207,7 +207,7 @@ def _objective(given: argparse.Namespace, what: Any, folder: Path) -> Any:
     if given.config is None and given.pose is None:
         env["pose_source"] = DEFAULT_POSE
     scenes = scenes or comparison.suite(given.suite or "homes").scenes
-    return Drives(scenes, env, metric, folder, jobs, given.engine)
+    return Drives(scenes, env, metric, folder, jobs)
 
 
 def _tuning_text(found: dict[str, Any]) -> str:

@@ -172,11 +172,7 @@ def map_options(kind: Callable[[str], Any] | None = None) -> list[Option]:
 
 OTHERS = "FILE.json:NAME, module:Class"
 RECORD = record("FILE.mcap", "observations and commands")
-WORKERS = [
-    option("--jobs", "number of worker processes (default: one a core)", count),
-    option("--engine", "where workers run: loky is this machine, ray the cluster at RAY_ADDRESS or "
-           "else this machine", default="loky"),
-]  # fmt: skip
+WORKERS = option("--jobs", "number of worker processes (default: one a core)", count)
 HARDWARE_CONFIG = option("--config", f"settings of the chair, as in {CHAIR_CONFIG}", None,
                          "FILE.json", required=True)  # fmt: skip
 SECONDS = option("--seconds", "stop after this time [s] (default: at Ctrl-C)", finite)

@@ -81,7 +81,6 @@ def compare(
     folder: str | Path,
     *,
     jobs: int = 1,
-    engine: str = "loky",
     progress: bool = True,
     seeds: Sequence[int] | None = None,
     watch: Watch = NO_WATCH,
@@ -102,7 +101,7 @@ def compare(
     seeds = list(range(what.episodes)) if seeds is None else list(seeds)
     records = evaluate(
         what.policies, what.scenes, seeds, env=what.env, folder=folder, jobs=jobs,
-        engine=engine, progress=progress, watch=watch,
+        progress=progress, watch=watch,
     )  # fmt: skip
     summary = summarise(records)
     evaluation: Evaluation = {
@@ -111,7 +110,7 @@ def compare(
         "provenance": {
             "config": dump(dataclasses.asdict(what)),
             "seeds": seeds,
-            **provenance(jobs=jobs, engine=engine),
+            **provenance(jobs=jobs),
             "finished": now(),
         },
         "policies": [label(policy) for policy in what.policies],

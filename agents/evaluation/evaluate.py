@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 
 from agents.evaluation.assisted import StickTrace
-from agents.evaluation.engines import check
 from agents.evaluation.metrics import Record, Trace, measure
 from agents.evaluation.runs import compute, run_key, source_digest
 from agents.evaluation.social import PeopleTrace
@@ -252,7 +251,6 @@ def evaluate(
     env: Mapping[str, Any] | None = None,
     folder: str | Path,
     jobs: int = 1,
-    engine: str = "loky",
     progress: bool = True,
     watch: Watch = NO_WATCH,
 ) -> list[Record]:
@@ -266,7 +264,6 @@ def evaluate(
         env: further settings of the environment (pose_source, beams, rate, config).
         folder: where the store and the pictures of failed episodes go.
         jobs: worker processes; 1 stays in this one.
-        engine: what runs them, one of `agents.evaluation.engines.ENGINES`.
         progress: show a bar on stderr.
         watch: recording and viewers; an episode without a recording in that folder is driven
             again, and viewers can watch a single episode only.
@@ -284,7 +281,6 @@ def evaluate(
         make_policy(without_labels(policy))
     for scene in scenes:
         make_scene(without_labels(scene))
-    check(jobs, engine)
     wanted = {
         episode_key(policy, scene, seed, env): (policy, scene, seed)
         for policy in policies
@@ -305,7 +301,7 @@ def evaluate(
 
     records = compute(
         wanted, partial(run_episode, env=env, folder=folder, watch=watch), folder / STORE,
-        workers=jobs, engine=engine, unit="episode", progress=progress, again=again,
+        workers=jobs, unit="episode", progress=progress, again=again,
         before=before,
     )  # fmt: skip
     return list(records.values())

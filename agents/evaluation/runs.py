@@ -1,7 +1,7 @@
 """Many runs by key, in parallel and resumable: what is stored is not computed again.
 
 A run is a job that a function turns into a record. A record depends on its job alone, not on the
-number of workers or the engine. A store is a file with one line of JSON for each run, written as
+number of workers. A store is a file with one line of JSON for each run, written as
 the runs end.
 """
 
@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from agents import StoppedError, is_interrupt
-from agents.evaluation.engines import ENGINES, LostError, check
+from agents.evaluation.workers import LostError, in_workers
 from wheelchair_gym.config import InputError, dump
 from wheelchair_gym.files import LIMITS, opened, parse_json, write_error
 from wheelchair_gym.registry import places_in, source_of
@@ -138,7 +138,6 @@ def compute(
     store: Path,
     *,
     workers: int = 1,
-    engine: str = "loky",
     unit: str = "run",
     progress: bool = True,
     again: Callable[[Job], bool] | None = None,
@@ -150,19 +149,19 @@ def compute(
         jobs: by key; equal keys are equal runs.
         work: makes a record, a JSON object; importable by workers, as its job.
         store: file of the records.
-        workers: processes; with one, `loky` stays in this one.
-        engine: one of `ENGINES`.
+        workers: processes; one is this one.
         unit: what a run is called in the progress bar.
         progress: show a bar on standard error.
         again: whether a job is run again although it is stored.
         before: called once with the missing jobs, before workers start; compiles what they need.
 
     Raises:
-        InputError: the store cannot be written, or the engine is unknown.
+        InputError: the store cannot be written, or there is no worker.
         StoppedError: Ctrl-C; the same call computes only what is missing.
         ConnectionError: workers were lost over and over.
     """
-    check(workers, engine)
+    if workers < 1:
+        raise InputError(f"jobs is {workers}; it must be at least 1")
     with open_store(store) as lines:
         stored = read_store(store)
         done = {
@@ -170,11 +169,10 @@ def compute(
         }
         missing = {key: job for key, job in jobs.items() if key not in done}
         del stored
-        here = engine == "loky" and (workers == 1 or len(missing) < 2)
         made: Generator[Made] = (
             ((key, work(job)) for key, job in missing.items())
-            if here
-            else _by_workers(missing, work, workers, engine)
+            if workers == 1 or len(missing) < 2
+            else _by_workers(missing, work, workers)
         )
         try:
             with stopped_by_ctrl_c(lambda: f"{len(done)} of {len(jobs)} {unit}s are stored"):
@@ -207,13 +205,13 @@ def _bar(made: Iterator[Made], total: int, done: int, unit: str, progress: bool)
 
 
 def _by_workers(
-    missing: Mapping[str, Job], work: Callable[[Job], Record], workers: int, engine: str
+    missing: Mapping[str, Job], work: Callable[[Job], Record], workers: int
 ) -> Generator[Made]:
     """Records in the order in which workers finish them; jobs of a lost worker are repeated."""
     left, losses, alone = dict(missing), 0, False
     while left:
         keys = list(left)
-        made = ENGINES[engine](work, list(left.values()), workers, alone)
+        made = in_workers(work, list(left.values()), workers, alone)
         try:
             for number, record in made:
                 losses = 0

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     import optuna
 
 METRICS = ("sct", "spl", "success", "barn", "barn_own")  # of episodes; the higher, the better
-EXECUTION = ("folder", "jobs", "engine")  # settings that change no score
+EXECUTION = ("folder", "jobs")  # settings that change no score
 JOURNAL = "trials.log"
 Scores = list[float]
 Judge = Callable[[Spec, Sequence[int]], Scores]  # of settings on seeds: one score each
@@ -143,13 +143,12 @@ class Drives:
     metric: str
     folder: Path
     jobs: int
-    engine: str
 
     def __call__(self, spec: Spec, seeds: Sequence[int]) -> Scores:
         """One score an episode: each scene's seeds."""
         records = evaluate(
             [spec], self.scenes, seeds, env=self.env, folder=self.folder, jobs=self.jobs,
-            engine=self.engine, progress=False,
+            progress=False,
         )  # fmt: skip
         return [float(record[self.metric]) for record in records]
 
@@ -165,7 +164,6 @@ class Plans:
     deadline: float | None
     folder: Path
     jobs: int
-    engine: str
 
     def __call__(self, spec: Spec, seeds: Sequence[int]) -> Scores:
         """One score a world."""
@@ -177,7 +175,7 @@ class Plans:
         }
         records = compute(
             runs, partial(_planned, spec=spec, deadline=self.deadline), self.folder / STORE,
-            workers=self.jobs, engine=self.engine, unit="plan", progress=False,
+            workers=self.jobs, unit="plan", progress=False,
         )  # fmt: skip
         return [record["score"] for record in records.values() if record["score"] is not None]
 

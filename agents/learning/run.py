@@ -22,8 +22,8 @@ import numpy as np
 import torch
 from stable_baselines3.common.utils import set_random_seed
 
-from agents.evaluation.engines import ENGINES, LostError
 from agents.evaluation.provenance import write_json
+from agents.evaluation.workers import LostError, in_workers
 from agents.learning import checkpoint, curves, networks
 from agents.learning.curves import Row
 from agents.learning.features import Layout
@@ -39,7 +39,6 @@ from wheelchair_gym.envs.world_banks import WorldBank
 # Columns of the curve that a card keeps.
 CURVE_COLUMNS = ("frames", "success", "timeout", "curriculum_time", "eval_success")
 BATCH = 8  # worlds that a process makes before it reports
-LOKY = ENGINES["loky"]
 POLICY, BEST = "policy.npz", "best.npz"
 LOGGED = (
     "train/loss", "train/value_loss", "train/explained_variance", "train/approx_kl", "train/std",
@@ -83,7 +82,7 @@ def _draw_worlds(
     if len(batches) > 1:
         size, drawn = settings.bank.size, settings.bank.size - len(missing)
         try:
-            for k, _ in LOKY(partial(_keep_worlds, settings), batches, workers, True):
+            for k, _ in in_workers(partial(_keep_worlds, settings), batches, workers, True):
                 drawn += len(batches[k])
                 if report is not None:
                     report(drawn, size)

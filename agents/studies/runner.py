@@ -66,7 +66,6 @@ def run_studies(
     runs: int | None = None,
     quick: bool = False,
     jobs: int = 1,
-    engine: str = "loky",
     progress: bool = True,
     title: str | None = None,
 ) -> dict[str, Any]:
@@ -79,7 +78,6 @@ def run_studies(
         runs: of each row and stratum; None: the study's number.
         quick: few runs, for a first look.
         jobs: worker processes.
-        engine: of `agents.evaluation.engines`.
         progress: show a bar on standard error.
         title: of the page.
 
@@ -87,7 +85,7 @@ def run_studies(
         The content of NAME.json by study.
 
     Raises:
-        InputError: the folder cannot be written, or the engine is unknown.
+        InputError: the folder cannot be written.
         StoppedError: Ctrl-C; the same call runs only what is missing.
     """
     started, folder = time.perf_counter(), Path(folder)
@@ -97,11 +95,11 @@ def run_studies(
     wanted = {study.name: study_jobs(study, counts[study.name]) for study in studies}
     records = compute(
         {key: job for of in wanted.values() for key, job in of.values()}, measure,
-        folder / STORE, workers=jobs, engine=engine, progress=progress,
+        folder / STORE, workers=jobs, progress=progress,
         before=_compile_all,
     )  # fmt: skip
     source: dict[str, Any] = {
-        **provenance(jobs=jobs, engine=engine),
+        **provenance(jobs=jobs),
         "judged together": f"{CLAIMS} claims, level {LEVEL} for all, Bonferroni",
         "seeds": "as in the CSV: different for each row, equal for paired rows",
         "finished": now(),

@@ -44,7 +44,6 @@ NEEDED = {
     "foxglove-sdk": ("foxglove", [lambda: Sink("some.mcap")]),
     "pygame-ce": ("pygame", [Window]),
     "moviepy": ("imageio_ffmpeg", [lambda: write_video("some.mp4", [PICTURE], 10.0)]),
-    "ray": ("ray", [["compare", "--suite", "demo", "--engine", "ray", "--no-video"]]),
     "minari": ("minari", [["dataset", "some-v0", "--episodes", "1"]]),
     "optuna": ("optuna", [["tune", "window", "--vary", "horizon=1:3"]]),
     "sb3-contrib": ("sb3_contrib", [["train", "recurrent_ppo"], ["train", "tqc"]]),

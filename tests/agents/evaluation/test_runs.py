@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import subprocess
 import sys
@@ -12,7 +11,6 @@ import pytest
 from joblib._parallel_backends import LokyBackend
 
 from agents import StoppedError
-from agents.evaluation.engines import ENGINES
 from agents.evaluation.runs import compute, read_store
 from tests.agents.evaluation import runs_work as work
 from tests.conftest import ROOT, until
@@ -20,16 +18,12 @@ from wheelchair_gym.config import InputError
 
 JOBS = {f"k{seed}": (seed, None) for seed in range(12)}
 WHOLE = {key: work.draw(job) for key, job in JOBS.items()}
-NO_RAY = pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="needs ray")
-MARKS = {"ray": [NO_RAY, pytest.mark.long]}  # it takes its time to start
-INSTALLED = [pytest.param(name, marks=MARKS.get(name, [])) for name in ENGINES]
 
 
-@pytest.mark.parametrize("engine", INSTALLED)
 @pytest.mark.parametrize("workers", [1, 2])
-def test_equal_to_the_last_digit_whoever_makes_them(tmp_path, engine, workers):
+def test_equal_to_the_last_digit_whoever_makes_them(tmp_path, workers):
     store = tmp_path / "runs.jsonl"
-    got = compute(JOBS, work.draw, store, workers=workers, engine=engine, progress=False)
+    got = compute(JOBS, work.draw, store, workers=workers, progress=False)
     assert got == WHOLE
     assert list(got) == list(JOBS)
     assert read_store(store) == WHOLE
@@ -60,21 +54,19 @@ def test_short_jobs_are_handed_out_together_and_long_ones_each(tmp_path, monkeyp
     assert set(handed) == {1}
 
 
-@pytest.mark.parametrize("engine", INSTALLED)
-def test_a_killed_worker_loses_nothing(tmp_path, engine):
+def test_a_killed_worker_loses_nothing(tmp_path):
     mark = tmp_path / "mark"
     jobs = {key: (seed, str(mark) if seed == 6 else None) for key, (seed, _) in JOBS.items()}
     store = tmp_path / "runs.jsonl"
-    got = compute(jobs, work.dying, store, workers=2, engine=engine, progress=False)
+    got = compute(jobs, work.dying, store, workers=2, progress=False)
     assert mark.exists()
     assert got == WHOLE
     assert len(store.read_text().splitlines()) == len(JOBS)  # each line once
 
 
-@pytest.mark.parametrize("engine", INSTALLED)
-def test_what_fails_in_a_worker_is_raised_here(tmp_path, engine):
+def test_what_fails_in_a_worker_is_raised_here(tmp_path):
     with pytest.raises(ZeroDivisionError, match="seed"):
-        compute(JOBS, work.wrong, tmp_path / "s.jsonl", workers=2, engine=engine, progress=False)
+        compute(JOBS, work.wrong, tmp_path / "s.jsonl", workers=2, progress=False)
 
 
 def test_a_run_that_kills_every_worker_ends_in_one_line_with_the_rest_kept(tmp_path):
@@ -130,10 +122,9 @@ def _lives(process):
         return False
 
 
-def test_bad_workers_engines_and_stores_are_refused(tmp_path):
-    for wrong, said in (({"workers": 0}, "at least 1"), ({"engine": "slurm"}, "loky, ray")):
-        with pytest.raises(InputError, match=said):
-            compute(JOBS, work.draw, tmp_path / "s", progress=False, **wrong)
+def test_bad_workers_and_stores_are_refused(tmp_path):
+    with pytest.raises(InputError, match="at least 1"):
+        compute(JOBS, work.draw, tmp_path / "s", progress=False, workers=0)
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot be written"):
         compute(JOBS, work.draw, tmp_path / "file" / "s", progress=False)

@@ -34,7 +34,7 @@ trials = []
 
 
 def search(folder, judge=Plans, jobs=1, **options):
-    own = judge(["clutter"], None, folder, jobs, "loky")
+    own = judge(["clutter"], None, folder, jobs)
     options = {"trials": 6, "folder": folder, "progress": False, **options}
     return tune("rrt_star", RANGES, own, SEEDS, OTHERS, **options)
 
@@ -91,7 +91,7 @@ def test_a_search_begins_with_what_is_set_and_judges_the_best_on_others(once):
     assert len(scores) == 6
     assert found["best"]["score"] == max(scores)
     assert len({tuple(row[3:]) for row in rows[1:]}) > 3
-    again = Plans(["clutter"], None, folder, 1, "loky")
+    again = Plans(["clutter"], None, folder, 1)
     best = spec(f"{folder / 'best.json'}:rrt_star")
     make_planner(best)
     assert found["others"]["best"] == np.mean(again(best, OTHERS))
@@ -121,7 +121,7 @@ def test_more_trials_go_on_and_another_search_is_refused(once, tmp_path):
 
 def test_settings_that_do_not_go_together_are_no_trials(tmp_path):
     wrong = [Range("step", choices=(4.0, -1.0))]
-    judge = Plans(["clutter"], None, tmp_path, 1, "loky")
+    judge = Plans(["clutter"], None, tmp_path, 1)
     found = tune("rrt_star", wrong, judge, SEEDS, OTHERS, trials=6, folder=tmp_path, progress=False)
     assert found["best"]["settings"] == {"step": 4.0}
     assert "fail" in (tmp_path / "trials.csv").read_text()
@@ -130,7 +130,7 @@ def test_settings_that_do_not_go_together_are_no_trials(tmp_path):
 def test_policies_are_judged_by_driving(tmp_path):
     ranges = [read_range("follower.objective.progress=0.0,1.0")]
     env = {"pose_source": "truth", "shield": False}
-    judge = Drives(["empty"], env, "sct", tmp_path, 1, "loky")
+    judge = Drives(["empty"], env, "sct", tmp_path, 1)
     found = tune(
         "a_star+window", ranges, judge, [1], [2, 3], trials=3, folder=tmp_path, progress=False
     )
