@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, Final
 
 EXPECTED: Final = 45.0  # s that compiling takes on two cores
+FIRST_DONE: Final = "the first drive may begin"  # a line that is no kernel's name
 
 
 def first_drive() -> None:
@@ -130,11 +131,17 @@ class WarmUp:
         self._begun, self._kernels, self._kernel = time.monotonic(), 0, ""
         self._compiling = False
         self._child: subprocess.Popen[str] | None = None
-        self._closed = False
 
     def start(self) -> None:
-        """Begin in the background."""
-        self._spawn("first")  # at once, since whether it is needed takes seconds to find out
+        """Begin in the background, in a process that ends with this one."""
+        # Not `-m`: helpers could not import the functions of `__main__`.
+        code = "from agents.studio.warm_up import compile_in_process; compile_in_process()"
+        root = str(Path(__file__).resolve().parents[2])
+        path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))
+        self._child = subprocess.Popen(
+            [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+            stdin=subprocess.DEVNULL, text=True, env={**os.environ, "PYTHONPATH": path},
+        )  # fmt: skip
         threading.Thread(target=self._run, daemon=True, name="warm-up").start()
 
     def state(self) -> dict[str, Any]:
@@ -150,9 +157,9 @@ class WarmUp:
 
     def close(self) -> None:
         """End what still compiles."""
-        self._closed, child = True, self._child
-        if child is not None:
-            child.kill()
+        if self._child is not None:
+            self._child.kill()
+            self._child.wait()
 
     def _count(self, kernel: str) -> None:
         self._kernel = kernel
@@ -168,59 +175,36 @@ class WarmUp:
             from wheelchair_gym.task.assessment import assess
 
             progress.listener = self._count
-            if are_compiled((step_chair, assess)):
-                self._end()
-            else:
+            if not are_compiled((step_chair, assess)):
                 self._compiling = True
-                self._follow()
+                self._follow(FIRST_DONE)
             first_drive()
         except Exception as error:  # the page shows it; a person may still try
             self.error = f"{type(error).__name__}: {error}"
         self.ready.set()
         self._kernel = ""
-        from wheelchair_gym.drivers.impairment import step_live
-        from wheelchair_gym.envs.batch import step_one
-        from wheelchair_gym.safety.shield import decide_row
-        from wheelchair_gym.tracking.tracker import update_tracker
+        self._follow("")
 
-        if not are_compiled((decide_row, step_live, step_one, update_tracker)):
-            self._spawn("all")
-            self._follow()
-            self._kernel = ""
-
-    def _spawn(self, what: str) -> None:
-        """Let a process compile; it ends with this one."""
-        # Not `-m`: helpers could not import the functions of `__main__`.
-        code = "from agents.studio.warm_up import compile_in_process; compile_in_process()"
-        command = [sys.executable, "-c", code, what]
-        root = str(Path(__file__).resolve().parents[2])
-        path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))
-        if not self._closed:
-            self._child = subprocess.Popen(
-                command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, stdin=subprocess.PIPE,
-                text=True, env={**os.environ, "PYTHONPATH": path},
-            )  # fmt: skip
-
-    def _follow(self) -> None:
-        """Count what the process compiles, until it ends."""
-        if self._child is not None:
-            assert self._child.stdout is not None
-            for line in self._child.stdout:
+    def _follow(self, last: str) -> None:
+        """Count what the process compiles, until it prints a last line or ends."""
+        assert self._child is not None
+        assert self._child.stdout is not None
+        for line in self._child.stdout:
+            if line.strip() == last:
+                break
+            if line.strip() != FIRST_DONE:
                 self._count(line.strip())
-            self._end()
-
-    def _end(self) -> None:
-        if self._child is not None:
-            self._child.kill()
-            self._child.communicate()
-            self._child = None
+        self._kernel = ""
 
 
 def compile_in_process() -> None:
-    """Compile `first` or `all` in a process of the studio, and print a line for each kernel."""
+    """Compile in a process of the studio, what the first drive needs first.
+
+    It prints a line for each kernel, and FIRST_DONE between the first drive and the rest.
+    """
     from wheelchair_gym.compiled.progress import progress
 
-    what, studio = sys.argv[1], os.getppid()
+    studio = os.getppid()
 
     def tell(kernel: str) -> None:
         if os.getppid() != studio:  # the studio is gone
@@ -229,6 +213,8 @@ def compile_in_process() -> None:
             print(kernel, flush=True)
 
     progress.listener = tell
-    if what == "all" and hasattr(os, "nice"):
+    first_drive()
+    print(FIRST_DONE, flush=True)
+    if hasattr(os, "nice"):
         os.nice(10)
-    {"first": first_drive, "all": everything}[what]()
+    everything()
