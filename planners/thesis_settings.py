@@ -121,7 +121,8 @@ def read_thesis(path: str | Path) -> ThesisFile:
     if not isinstance(data, Mapping):
         raise InputError(f"{path}: expected an object with keys, got {type(data).__name__}")
     values: dict[str, Any] = {}
-    # As its algorithms print them: no sample is the goal, and the leader is overwritten.
+    # As its algorithms print them: no sample is the goal, of which its settings have no share
+    # either, and the leader is overwritten in each iteration.
     settings: dict[str, Any] = {"tree": {"goal_bias": 0.0}, "whales": {"leader": "latest"}}
     for key, value in data.items():
         if key not in KEYS:

@@ -29,6 +29,7 @@ from wheelchair_gym.random import stream
 
 _ROOMS = "design choice: rooms and doors of buildings"
 _MEASURED = "measured with the planner benchmark"
+_NODES = 20_000  # of a tree that ends with its first path, at most
 # Karaman and Frazzoli 2011, d = 2: 2 sqrt((1 + 1/d) area / pi) is gamma's least value.
 MIN_GAMMA = 2.0 * math.sqrt(1.5 / math.pi)
 
@@ -62,8 +63,6 @@ class Rrt(TreePlanner):
         default=20_000, low=1, source="design choice: enough for doors of 1 m on maps of 50 m"
     )
     """Largest number of samples."""
-    nodes: int = setting(default=20_000, low=2, source="design choice")
-    """Largest number of nodes of a tree."""
     step: float = setting(default=2.0, unit="m", low=1e-3, source=_ROOMS)
     """Longest edge towards a sample."""
     goal_bias: float = setting(default=0.05, low=0.0, high=1.0, source="LaValle and Kuffner 2001")
@@ -74,9 +73,7 @@ class Rrt(TreePlanner):
     @property
     def growth(self) -> Growth:
         """The options of the search."""
-        return Growth(
-            self.iterations, self.step, self.goal_reach, self.nodes, goal_bias=self.goal_bias
-        )
+        return Growth(self.iterations, self.step, self.goal_reach, _NODES, goal_bias=self.goal_bias)
 
 
 @settings
@@ -90,8 +87,6 @@ class RrtConnect(CornerSampling, TreePlanner):
         default=100_000, low=1, source="design choice: mazes take some thousands"
     )
     """Largest number of samples."""
-    nodes: int = setting(default=20_000, low=2, source="design choice")
-    """Largest number of nodes of a tree."""
     step: float = setting(default=4.0, unit="m", low=1e-3, source=_ROOMS)
     """Longest edge towards a sample."""
 
@@ -102,7 +97,7 @@ class RrtConnect(CornerSampling, TreePlanner):
             self.iterations,
             self.step,
             math.inf,
-            self.nodes,
+            _NODES,
             bidirectional=True,
             corner_share=self.corner_share,
         )
@@ -131,21 +126,6 @@ class RrtStar(TreePlanner):
     """Distance from which a node is connected to the goal."""
     return_on_first_path: bool = setting(default=False, source="more samples, shorter paths")
     """Whether the search stops at the first path."""
-
-    @classmethod
-    def thesis(cls) -> RrtStar:
-        """The settings of the thesis's figure 3.1, which ends with the first path.
-
-        Samples are never the goal: neither its algorithm 2 nor its settings have such a share.
-        """
-        return cls(
-            iterations=10_000,
-            step=1.0,
-            search_radius=1.5,
-            goal_bias=0.0,
-            goal_reach=1.0,
-            return_on_first_path=True,
-        )
 
     @property
     def growth(self) -> Growth:
@@ -282,14 +262,6 @@ class RrtStarWoaLocal(ShiftBounds, PlannerBase):
     goal_weight: float = setting(default=1.0, low=0.0, source="design choice")
     """Cost of the distance from the goal, in multiples of that from the random sample."""
 
-    @classmethod
-    def thesis(cls) -> RrtStarWoaLocal:
-        """The settings of the thesis's figure 3.1; the goal's weight is not given there.
-
-        The leader is overwritten in each iteration, as its algorithms print it.
-        """
-        return cls(tree=RrtStar.thesis(), whales=WhaleSettings(a=4.0, leader="latest"))
-
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """The first path, or the best of all samples, as `tree` says."""
         steering = SteeringCost(self.width_bound, self.height_bound, self.goal_weight)
@@ -303,18 +275,6 @@ class RrtStarWoaGlobal(PathShortening, PlannerBase):
 
     tree: RrtStar = setting(default=RrtStar(return_on_first_path=True), source=_FIGURE)
     """The tree search."""
-
-    @classmethod
-    def thesis(cls) -> RrtStarWoaGlobal:
-        """The settings of the thesis's figure 3.1.
-
-        The leader is overwritten in each iteration, as its algorithms print it.
-        """
-        return cls(
-            tree=RrtStar.thesis(),
-            whales=WhaleSettings(a=4.0, leader="latest"),
-            collision_free_weight=1.0,
-        )
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """A free path, with the best leader never longer than that of the tree.

@@ -8,13 +8,16 @@ from dataclasses import replace
 import pytest
 
 from planners import PLANNERS, make_planner
+from planners.swarm.woa import WhaleSettings
 from planners.thesis_settings import (
+    GLOBAL,
     KEYS,
     PLANNERS_OF_FILE,
     is_thesis,
     read_thesis,
     without_trailing_commas,
 )
+from tests.planners.test_trees import THESIS_TREE
 from wheelchair_gym.config import InputError
 
 FIGURE = """{
@@ -50,7 +53,11 @@ def figure(tmp_path):
 
 @pytest.mark.parametrize("name", PLANNERS_OF_FILE)
 def test_the_figure_makes_the_thesis_planners(figure, name):
-    assert make_planner(read_thesis(figure).planner(name)) == PLANNERS[name].thesis()
+    whales = WhaleSettings(a=4.0, leader="latest")
+    weight = {"collision_free_weight": 1.0} if name == GLOBAL else {}
+    swarm = {"tree": THESIS_TREE, "whales": whales, **weight}
+    expected = THESIS_TREE if name == "rrt_star" else PLANNERS[name](**swarm)
+    assert make_planner(read_thesis(figure).planner(name)) == expected
 
 
 def test_the_figure_names_every_key_and_its_map(figure):

@@ -12,6 +12,8 @@ from planners import PLANNERS
 from planners.collision.space import Space
 from planners.judge import faults
 from planners.problem import Problem, Status
+from planners.problem_files import read_problems
+from planners.swarm.woa import WhaleSettings
 from planners.trees.settings import (
     InformedRrtStar,
     RrtStar,
@@ -39,6 +41,10 @@ TREES = [
     # The path of one is its swarm's, and the tree of the other of an outline: test_pose_tree.py.
     if ".trees." in planner.__module__ and name not in ("rrt_woa", "se2_rrt_star_woa")
 ]
+# Of the thesis's figure 3.1, whose samples are never the goal.
+THESIS_TREE = RrtStar(
+    step=1.0, search_radius=1.5, goal_bias=0.0, goal_reach=1.0, return_on_first_path=True
+)
 RECTANGLES = np.array([(4.0, 0.0, 5.0, 7.0), (7.0, 3.0, 8.0, 10.0), (1.0, 4.0, 3.0, 5.0)])
 # Over the first wall, under the second: (1, 1) (4, 7) (5, 7) (7, 3) (8, 3) (9, 9), but for the
 # block in the way, (3, 4).
@@ -104,7 +110,9 @@ def test_costs_follow_rewiring(problem):
 
 def test_the_latest_leader_may_be_longer_than_the_tree_path(problem):
     """The thesis overwrites the leader: the result is the best of the last population, free."""
-    latest = RrtStarWoaGlobal.thesis()
+    latest = RrtStarWoaGlobal(
+        tree=THESIS_TREE, whales=WhaleSettings(a=4.0, leader="latest"), collision_free_weight=1.0
+    )
     best = replace(latest, whales=replace(latest.whales, leader="best"))
     gains = []
     for seed in range(12):
@@ -117,7 +125,7 @@ def test_the_latest_leader_may_be_longer_than_the_tree_path(problem):
     assert min(gains) < 0 < max(gains)
 
 
-_BEST = RrtStarWoaGlobal(tree=RrtStar.thesis(), collision_free_weight=1.0)
+_BEST = RrtStarWoaGlobal(tree=THESIS_TREE, collision_free_weight=1.0)
 
 
 @pytest.mark.parametrize("settings", [RrtStarWoaGlobal(), _BEST])
@@ -138,13 +146,13 @@ def test_local_variant_needs_fewer_nodes_for_a_shorter_path():
 
     With equal weights the sum of both distances is the same along the line to the goal.
     """
-    towards_goal = RrtStarWoaLocal(tree=RrtStar.thesis(), goal_weight=2.0)
+    towards_goal = RrtStarWoaLocal(tree=THESIS_TREE, goal_weight=2.0)
     space = Space.from_rectangles(np.empty((0, 4)), (0.0, 0.0, 30.0, 30.0))
     problem = Problem(space, np.array([2.0, 2.0]), np.array([28.0, 28.0]))
     found = []
     for seed in range(8):
         local = towards_goal.plan(problem, np.random.default_rng(seed))
-        tree = RrtStar.thesis().plan(problem, np.random.default_rng(seed))
+        tree = THESIS_TREE.plan(problem, np.random.default_rng(seed))
         assert_free(problem, local.path)
         nodes = local.counters["nodes"], tree.counters["nodes"]
         found.append((*nodes, local.length, tree.length))
