@@ -9,7 +9,6 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 
 from wheelchair_gym.errors import InputError
@@ -93,9 +92,3 @@ def load_checkpoint(folder: Path) -> dict[str, Any] | None:
         expected = "expected a complete checkpoint; delete it to start again"
         raise InputError(f"{path}: {expected} ({why})") from None
     return content
-
-
-def checkpoint_seeds(seed: int, number: int) -> tuple[int, int]:
-    """Seeds of the model's random generators and of the environments after a checkpoint."""
-    model, envs = np.random.SeedSequence([seed, number]).generate_state(2)
-    return int(model), int(envs)

@@ -182,7 +182,8 @@ class Run:
             on_step: called with the frames so far after each step.
         """
         started = time.perf_counter()
-        model_seed, env_seed = checkpoint.checkpoint_seeds(self.seed, self.checkpoint_number)
+        sequence = np.random.SeedSequence([self.seed, self.checkpoint_number])
+        model_seed, env_seed = map(int, sequence.generate_state(2))
         set_random_seed(model_seed)
         self.model.action_space.seed(model_seed)
         self.env.seed(env_seed)

@@ -172,17 +172,14 @@ def _dead_zone(sessions: list[StickSession], levels: float) -> FittedSetting | N
     size = np.hypot(*sticks.T)
     free = (size < 0.999) & (np.abs(sticks).max(axis=1) < 0.999)  # others are clipped
     steps = levels * sticks[free] / size[free, None]
-    off = np.array([_off_grid(steps * (z + (1.0 - z) * size[free])[:, None]) for z in _ZONES])
+    tried = (steps * (z + (1.0 - z) * size[free])[:, None] for z in _ZONES)
+    off = np.array([np.mean((each - np.rint(each)) ** 2) for each in tried])
     best = int(np.argmin(off))
     if off[best] > _ON_GRID:
         return None
     near = _ZONES[off < max(2.0 * off[best], 0.5 * _ON_GRID)]
     near = near[np.abs(near - _ZONES[best]) < 0.01]
     return FittedSetting(float(_ZONES[best]), float(near.min()), float(near.max()))
-
-
-def _off_grid(steps: Array) -> float:
-    return float(np.mean((steps - np.rint(steps)) ** 2))
 
 
 @kernel

@@ -49,25 +49,21 @@ class RandomDriver:
         return self._command
 
 
+_GAIN = 1.5  # 1/s: turn rate per heading error
+_PIVOT = 0.5  # rad: heading error above which the chair turns in place
+
+
 @settings
 class StraightPolicy:
     """Turns to the goal and drives there, whatever stands between."""
 
-    gain: float = setting(default=1.5, unit="1/s", low=0.0, source="design choice")
-    """Turn rate per heading error."""
-    pivot: float = setting(default=0.5, unit="rad", low=0.0, source="design choice")
-    """Heading error above which the chair turns in place."""
-
     def make(self) -> StraightDriver:
         """A fresh policy."""
-        return StraightDriver(self)
+        return StraightDriver()
 
 
 class StraightDriver:
     """Steers for the goal."""
-
-    def __init__(self, config: StraightPolicy) -> None:
-        self.config = config
 
     def reset(self, mission: Mission) -> None:
         """See `Policy.reset`."""
@@ -77,5 +73,5 @@ class StraightDriver:
         """See `Policy.act`."""
         (x, y, yaw), goal = reading.pose, self._goal
         error = math.remainder(math.atan2(goal[1] - y, goal[0] - x) - yaw, 2 * math.pi)
-        v = self._limits.forward * max(0.0, 1.0 - abs(error) / self.config.pivot)
-        return Command(np.array([v, self.config.gain * error]))
+        v = self._limits.forward * max(0.0, 1.0 - abs(error) / _PIVOT)
+        return Command(np.array([v, _GAIN * error]))

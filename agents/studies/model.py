@@ -119,11 +119,6 @@ class Study:
     quick_runs: int = 10
     notes: tuple[str, ...] = ()
 
-    @property
-    def has_readings(self) -> bool:
-        """Whether the series are readings of an algorithm that are compared with a source."""
-        return any(claim.test == "follows" for claim in self.claims)
-
     def metric(self, key: str) -> Metric:
         """The metric of a key."""
         return next(metric for metric in self.metrics if metric.key == key)

@@ -187,6 +187,7 @@ def summary(study: Study, results: Results, runs: int) -> dict[str, Any]:
         cells = {metric.key: cell_figures(results, row, metric) for metric in study.metrics}
         rows.append({"row": row.label, "solved": solved, "runs": made, "figures": cells})
     claims = []
+    compared = any(claim.test == "follows" for claim in study.claims)  # readings with a source
     for claim in study.claims:
         try:
             evidence = claim.judge(results)
@@ -208,5 +209,5 @@ def summary(study: Study, results: Results, runs: int) -> dict[str, Any]:
         "metrics": [metric._asdict() for metric in study.metrics],
         "rows": rows,
         "claims": claims,
-        "readings": agreement(results) if study.has_readings else [],
+        "readings": agreement(results) if compared else [],
     }

@@ -77,11 +77,6 @@ class Space:
         self._inflated: dict[float, Space] = {}
 
     @classmethod
-    def from_polygons(cls, polygons: Iterable[ArrayLike], bounds: ArrayLike) -> Space:
-        """A map with solid polygons (k, 2) [m], which may overlap."""
-        return cls(solids.union(polygons), bounds)
-
-    @classmethod
     def from_outlines(
         cls, outlines: Iterable[tuple[Array, Sequence[Array]]], bounds: ArrayLike
     ) -> Space:

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from planners import Problem, Space, Status, make_planner
 from planners.collision.footprint import path_gap
+from planners.collision.solids import union
 from planners.judge import sweep_faults
 from planners.lattice.flood import is_cut_off
 from planners.lattice.lattice import MIN_GAP, Lattice
@@ -39,7 +40,7 @@ def storey(door=DOOR):
 
 def plan(start, goal, clearance=0.36, door=DOOR, deadline=None, **settings):
     problem = Problem(
-        Space.from_polygons(storey(door), BOUNDS), np.array(start), np.array(goal), clearance
+        Space(union(storey(door)), BOUNDS), np.array(start), np.array(goal), clearance
     )
     planner = make_planner({"name": "lattice", **settings})
     return planner.plan(problem, np.random.default_rng(0), deadline), problem
@@ -116,7 +117,7 @@ def test_a_disc_finds_no_way_where_the_outline_does():
     start, goal = (0.6, 0.6, 0.0), (3.5, 4.0)
     assert plan(start, goal, clearance=0.33)[0].status is Status.SOLVED
     problem = Problem(
-        Space.from_polygons(storey(), BOUNDS), np.array(start), np.array(goal),
+        Space(union(storey()), BOUNDS), np.array(start), np.array(goal),
         Footprint().reach,
     )  # fmt: skip
     assert make_planner("visibility").plan(problem, np.random.default_rng(0)).path.size == 0

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from planners import Space
 from planners.collision.boundary import NONE, boundary
+from planners.collision.solids import union
 from planners.collision.triangulation import mesh
 from tests.planners.test_space import BOUNDS, FINE, LATTICE, SQUARES, raster, solids
 
@@ -41,7 +42,7 @@ def assert_fills(space):
 @given(st.one_of(solids(LATTICE), solids(FINE)))
 @example([[(2.0, 0.0), (3.0, 0.0), (3.0, 3.0), (2.0, 3.0)], [(0.0, 0.0), (-1.0, 1.0), (8.0, 7.0)]])
 def test_triangles_fill_what_is_free(polygons):
-    assert_fills(Space.from_polygons(polygons, BOUNDS))
+    assert_fills(Space(union(polygons), BOUNDS))
 
 
 @settings(max_examples=40, deadline=None)
@@ -52,7 +53,7 @@ def test_triangles_fill_what_is_free_of_any_raster(seed, side, share):
 
 
 def test_loops_that_cross_or_stay_open_are_refused():
-    segments = Space.from_polygons(SQUARES, BOUNDS).arrays.segments
+    segments = Space(union(SQUARES), BOUNDS).arrays.segments
     with pytest.raises(ValueError, match="loops"):
         mesh(boundary(segments[:-1]))
     with pytest.raises(ValueError, match="loops"):

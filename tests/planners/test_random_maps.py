@@ -10,6 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from planners import PLANNERS, Problem, Space, Status, make_planner
+from planners.collision.solids import union
 from planners.judge import TOLERANCE
 from tests.planners.replay import limited_to
 from tests.planners.test_planners import BOX, COMPLETE, GIVEN_UP, PROVE, assert_valid, on, quick
@@ -38,7 +39,7 @@ def problems(draw):
             if abs((b - a)[0] * (c - a)[1] - (b - a)[1] * (c - a)[0]) > 1e-3:
                 solids.append([a, b, c])
     start, goal = (np.array([draw(coordinate), draw(coordinate)]) for _ in range(2))
-    space = Space.from_polygons(solids, (0.0, 0.0, SIZE, SIZE))
+    space = Space(union(solids), (0.0, 0.0, SIZE, SIZE))
     return Problem(space, start, goal, draw(st.sampled_from([0.0, 0.0, 0.3])))
 
 

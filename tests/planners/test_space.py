@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planners.collision.inflation import inflated_boundary
+from planners.collision.solids import union
 from planners.collision.space import Space, clearance, edge_free, point_free
 from wheelchair_gym.maps import OCCUPIED, OccupancyGrid
 
@@ -59,14 +60,14 @@ def test_lattice_maps_agree_with_shapely(polygons, points):
     # of slanted sides only the first is kept, for where two cross, shapely rounds.
     straight = [p for p in polygons if len(p) == 4]
     slanted = [p for p in polygons if len(p) == 3][:1]
-    space = Space.from_polygons(straight or slanted, BOUNDS)
+    space = Space(union(straight or slanted), BOUNDS)
     agrees(space, points, [(a, b) for a in points for b in points])
 
 
 @settings(max_examples=60, deadline=None)
 @given(solids(FINE), st.lists(st.tuples(FINE, FINE), min_size=4, max_size=6))
 def test_any_maps_agree_with_shapely(polygons, points):
-    space = Space.from_polygons(polygons, BOUNDS)
+    space = Space(union(polygons), BOUNDS)
     # Clear of doubt: shapely rounds where sides cross, so leave what only nearly touches to it.
     edges = [(a, b) for a in points for b in points]
     arrays, free = space.arrays, space.free
@@ -81,7 +82,7 @@ def test_any_maps_agree_with_shapely(polygons, points):
 @settings(max_examples=40, deadline=None)
 @given(solids(FINE), st.lists(st.tuples(FINE, FINE), min_size=4, max_size=4), st.floats(0.01, 1.5))
 def test_inflation_is_never_too_small_and_hardly_too_large(polygons, points, radius):
-    space = Space.from_polygons(polygons, BOUNDS)
+    space = Space(union(polygons), BOUNDS)
     grown = space.inflated(radius)
     assert grown is space.inflated(radius)
     if not grown.free.is_empty:
@@ -156,7 +157,7 @@ SQUARES = [[(2, 2), (4, 2), (4, 4), (2, 4)], [(4, 4), (6, 4), (6, 6), (4, 6)]]
     ],
 )
 def test_touching_is_allowed_and_entering_is_not(a, b, free):
-    arrays = Space.from_polygons(SQUARES, BOUNDS).arrays
+    arrays = Space(union(SQUARES), BOUNDS).arrays
     assert edge_free(arrays, *map(float, a + b)) == free
     assert edge_free(arrays, *map(float, b + a)) == free
 
@@ -168,7 +169,7 @@ def test_what_touches_the_border_closes_it():
 
 
 def test_nan_is_not_free():
-    arrays = Space.from_polygons(SQUARES, BOUNDS).arrays
+    arrays = Space(union(SQUARES), BOUNDS).arrays
     assert not point_free(arrays, math.nan, 1.0)
     assert not edge_free(arrays, 1.0, 1.0, math.nan, 1.0)
 
@@ -229,4 +230,4 @@ def test_walls_within_walls_alternate():
 @pytest.mark.parametrize("radius", [-0.1, math.nan, math.inf])
 def test_impossible_radius_is_an_error(radius):
     with pytest.raises(ValueError, match="radius"):
-        Space.from_polygons(SQUARES, BOUNDS).inflated(radius)
+        Space(union(SQUARES), BOUNDS).inflated(radius)
