@@ -12,7 +12,6 @@ from planners import PLANNERS
 from planners.collision.space import Space
 from planners.judge import faults
 from planners.problem import Problem, Status
-from planners.problem_files import read_problems
 from planners.swarm.woa import WhaleSettings
 from planners.trees.settings import (
     InformedRrtStar,

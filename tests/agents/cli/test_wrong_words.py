@@ -70,7 +70,6 @@ WORDS = [
     ("replay x.mcap --images -1", "expected at least 0"),
     ("map --log x --images -1", "expected at least 0"),
     ("study t1-9.9", "t1-3.1, "),
-    ("study t2 --engine slurm", "loky, ray"),
     ("study t2 --runs 1", "at least 2"),
     ("study t2 --out file/x", "cannot be written"),
     ("study t2 --runs many", "is not an integer"),
