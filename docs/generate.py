@@ -52,7 +52,7 @@ MODULES = {
         scenes.skill scenes.describe sensors.settings sensors.laser sensors.ultrasonic
         physics.settings physics.chair physics.actors.records task.settings task.observations
         task.rewards task.task
-        safety.shield safety.settings safety.stops tracking.tracker tracking.settings
+        safety.shield safety.settings safety.stops tracking.tracker
         localization.monte_carlo localization.slam localization.occupancy
         localization.localized_chair hardware.registry hardware.settings hardware.chair
         hardware.ros.settings hardware.twin.plant hardware.twin.lockstep

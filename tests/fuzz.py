@@ -498,14 +498,13 @@ def _use_store(path: Path) -> None:
 
 
 def _log(folder: Path) -> Path:
-    from wheelchair_gym.localization.logs import LogFormat
+    from wheelchair_gym.localization.logs import LASER
 
-    form = LogFormat()
     rng = np.random.default_rng(0)
     lines = []
     for k in range(6):
-        head = [k * 100_000, 0, k * 20, k * 21, *([0] * (form.first_range_column - 4))]
-        ranges = rng.integers(100, 5000, form.laser.beams).tolist()
+        head = [k * 100_000, 0, k * 20, k * 21, *([0] * 20)]
+        ranges = rng.integers(100, 5000, LASER.beams).tolist()
         lines.append(" ".join(map(str, head + ranges)))
     path = folder / "log.dat"
     path.write_text("\n".join(lines) + "\n")
@@ -514,11 +513,10 @@ def _log(folder: Path) -> Path:
 
 def _use_log(path: Path) -> None:
     from agents.evaluation.map_evaluation import by_odometry
-    from wheelchair_gym.localization.logs import LogFormat, read_log
+    from wheelchair_gym.localization.logs import LASER, read_log
     from wheelchair_gym.localization.slam import SlamSettings
 
-    form = LogFormat()
-    by_odometry(read_log(path, form), form.laser, SlamSettings().mapping)
+    by_odometry(read_log(path), LASER, SlamSettings().mapping)
 
 
 def _recording(folder: Path) -> Path:

@@ -21,7 +21,7 @@ from agents.evaluation.provenance import command_line, provenance
 from agents.policies import make_policy
 from wheelchair_gym.config import InputError, dump
 from wheelchair_gym.envs.settings import env_settings
-from wheelchair_gym.localization.logs import LogFormat, read_log
+from wheelchair_gym.localization.logs import LASER, read_log
 from wheelchair_gym.localization.slam import Slam, SlamSettings
 from wheelchair_gym.maps import read_any_map, write_map
 from wheelchair_gym.recording.replay import sensor_log
@@ -103,10 +103,9 @@ def _from_scans(given: argparse.Namespace) -> tuple[dict[str, Any], list[str]]:
     """Maps from a log or a recording; figures, and lines of text."""
     if given.odometry_only and watch(given):
         raise InputError("--odometry-only: viewers and recordings show SLAM")
-    form = LogFormat()
     file = given.log or given.recording
     log, laser = (
-        (read_log(file, form), form.laser)
+        (read_log(file), LASER)
         if given.log
         else sensor_log(file, given.scan_topic, given.odometry_topic)
     )

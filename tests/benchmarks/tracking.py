@@ -3,7 +3,7 @@
 Scenes in simulation, with their truth and all noise; then a walker who starts, turns and stops at
 once, as a body and as two legs; then the time of a reading. Only what is confirmed and in sight
 counts. Places and speeds are compared in the chair's own frame, so that an error of its pose
-counts once only, in the tracker. Each row prints its settings and seeds.
+counts once only, in the tracker. Each row prints its seeds.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from scipy.optimize import linear_sum_assignment
 
 from tests.benchmarks.equality import SHARED
 from wheelchair_gym.geometry import to_frame, to_world
-from wheelchair_gym.localization.logs import LogFormat, read_log
+from wheelchair_gym.localization.logs import LASER, read_log
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.physics.actors.records import DOOR, NOBODY, PERSON, combine, person
 from wheelchair_gym.physics.chair import SimulatedChair
@@ -34,7 +34,7 @@ from wheelchair_gym.scenes.people import PeopleSettings
 from wheelchair_gym.sensors.laser import WORKSPACE_ROWS, LaserArrays, sense_laser
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
 from wheelchair_gym.tracking import PERSON as TRACKED_PERSON
-from wheelchair_gym.tracking import Tracker, TrackerSettings
+from wheelchair_gym.tracking import Tracker
 from wheelchair_gym.tracking import tracker as kernels
 from wheelchair_gym.tracking.clusters import CLUSTER, HIT_ROW, find_clusters, find_hits, set_frame
 from wheelchair_gym.tracking.state import (
@@ -147,12 +147,12 @@ def rms(values: Array) -> float:
 
 def watch(
     score: Score, episode: Episode, seed: int, seconds: float, *, moves: bool, period: float,
-    sensors: SensorSettings, static_map: OccupancyGrid | None, settings: TrackerSettings,
+    sensors: SensorSettings, static_map: OccupancyGrid | None,
 ) -> None:  # fmt: skip
     """Let a chair drive or stand in a world, and score its tracker."""
     chair = SimulatedChair(sensors=sensors, period=period)
     shield, wander = Shield(sensors=sensors, period=period), Wander(seed)
-    tracker = Tracker(settings, sensors.laser)
+    tracker = Tracker(sensors.laser)
     reading, laser = chair.reset(episode, seed), sensors.laser
     kinds = episode.actors.rows["kind"]
     log: list[tuple[Any, ...]] = []
@@ -327,7 +327,7 @@ def rows() -> Iterator[Row]:
         yield f"{name}, nobody, drives", scene(name), *one
 
 
-def measure_rows(only: str, settings: TrackerSettings) -> None:
+def measure_rows(only: str) -> None:
     """Every row of the table, as it becomes known."""
     print(
         "RMS of place [m] and velocity [m/s]; confirmed after [s], median and 90 %; never so;"
@@ -346,7 +346,7 @@ def measure_rows(only: str, settings: TrackerSettings) -> None:
             episode = make(seed)
             watch(
                 score, episode, seed, seconds, moves=moves, period=1.0 / rate, sensors=sensors,
-                static_map=episode.map if mapped else None, settings=settings,
+                static_map=episode.map if mapped else None,
             )  # fmt: skip
         whole.errors += score.errors if beams == 1081 and rate == 10.0 else []
         f = score.row()
@@ -364,7 +364,7 @@ def measure_rows(only: str, settings: TrackerSettings) -> None:
         print(f"{speed:14} {far:14} {count:8d}  {place:5.3f}  {velocity:5.2f}")
 
 
-def step_response(legs: bool, rate: float, settings: TrackerSettings) -> dict[str, float]:
+def step_response(legs: bool, rate: float) -> dict[str, float]:
     """Delays of a tracker whose walker starts to 1.3 m/s, turns round and stops, each at once.
 
     Legs: two discs of 6 cm, 20 cm apart, of which one swings at twice the speed while the other
@@ -379,7 +379,7 @@ def step_response(legs: bool, rate: float, settings: TrackerSettings) -> dict[st
     speeds, delays, first = [], {name: [] for name in ("start", "turn", "stop")}, []
     errors, switched = [], 0
     for seed in range(8):
-        tracker = Tracker(settings, laser)
+        tracker = Tracker(laser)
         heading = np.random.default_rng((seed, 3)).uniform(0.0, math.pi)
         along = np.array([math.cos(heading), math.sin(heading)])
         steps, number = round(9.0 * rate), None
@@ -437,10 +437,10 @@ def step_response(legs: bool, rate: float, settings: TrackerSettings) -> dict[st
     }
 
 
-def measure_log(settings: TrackerSettings) -> dict[str, float]:
+def measure_log() -> dict[str, float]:
     """What is confirmed in a log of a real robot among tables, in which nobody is known to walk."""
-    log, form = read_log(SHARED / "logs" / "mines_exp1.dat"), LogFormat()
-    tracker, confirmed = Tracker(settings, form.laser), set()
+    log = read_log(SHARED / "logs" / "mines_exp1.dat")
+    tracker, confirmed = Tracker(LASER), set()
     periods = np.diff(log.stamps, prepend=log.stamps[0] - 0.1)
     rows = zip(log.stamps, periods, log.increments, log.ranges, strict=True)
     for stamp, period, step, ranges in rows:
@@ -450,11 +450,11 @@ def measure_log(settings: TrackerSettings) -> dict[str, float]:
     return {"seconds": float(log.stamps[-1]), "metres": way, "confirmed": len(confirmed)}
 
 
-def measure_association(settings: TrackerSettings) -> dict[str, int]:
+def measure_association() -> dict[str, int]:
     """How often the pairs of least total cost are others than those that the tracker takes."""
     counts = {"confirmed tracks": 0, "with another cluster": 0}
     for seed in range(6):
-        chair, tracker = SimulatedChair(), Tracker(settings)
+        chair, tracker = SimulatedChair(), Tracker()
         reading = chair.reset(scene(GROUPS)(seed), seed)
         for _ in range(300):
             chosen, best = both_associations(tracker, reading)
@@ -490,7 +490,7 @@ def both_associations(tracker: Tracker, reading: Reading) -> tuple[dict[int, int
     return {k: i for k, i in chosen.items() if confirmed[k]}, best
 
 
-def measure_cost(settings: TrackerSettings) -> dict[str, float]:
+def measure_cost() -> dict[str, float]:
     """Microseconds of a reading in a dense hall, chair driving: the least of several runs."""
     out = {}
     for beams in (1081, 181, 64):
@@ -505,7 +505,7 @@ def measure_cost(settings: TrackerSettings) -> dict[str, float]:
         times = []
         for _ in range(7):
             state = np.zeros(1, TRACKER)
-            constants = TrackerConstants(settings, sensors.laser)
+            constants = TrackerConstants(sensors.laser)
             trackers = point_to_trackers(constants, state, [None])
             own = []
             for r in readings:
@@ -523,23 +523,22 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--only", default="", help="rows whose name has this in it; - for none")
     given = parser.parse_args()
-    settings = TrackerSettings()
-    print(f"{settings}\n{platform.machine()}, Python {platform.python_version()}\n")
-    measure_rows(given.only, settings)
+    print(f"{platform.machine()}, Python {platform.python_version()}\n")
+    measure_rows(given.only)
     if given.only and given.only != "-":
         return
     print("\na walker who starts, turns round and stops at once, 1.3 m/s, seeds 0 to 7")
     for rate in (10.0, 40.0):
         for legs in (False, True):
-            found = step_response(legs, rate, settings)
+            found = step_response(legs, rate)
             name = f"{'legs' if legs else 'body'}, {rate:g} Hz"
             print(name, {key: round(value, 3) for key, value in found.items()})
-    found = measure_association(settings)
+    found = measure_association()
     print(f"\nassociation in dense halls, seeds 0 to 5: {found}")
     if SHARED.is_dir():
-        print(f"\nlog of a real robot, nobody known to walk: {measure_log(settings)}")
+        print(f"\nlog of a real robot, nobody known to walk: {measure_log()}")
     print("\nmicroseconds of a reading in a dense hall, call from Python included")
-    for name, cost in measure_cost(settings).items():
+    for name, cost in measure_cost().items():
         print(name, {key: round(value, 1) for key, value in cost.items()})
 
 

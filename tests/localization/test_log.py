@@ -9,20 +9,19 @@ import pytest
 
 from agents.cli import main
 from wheelchair_gym.config import InputError
-from wheelchair_gym.localization.logs import LogFormat, read_log
+from wheelchair_gym.localization.logs import LASER, PER_TICK, TRACK, read_log
 from wheelchair_gym.maps import OCCUPIED, read_map
 
-FORM = LogFormat()
-PER_TICK = 2 * np.pi * FORM.wheel_radius / FORM.ticks_per_turn
+RANGES = 24  # column of the first
 
 
 def line(k, *, time=None, left=None, right=None, far=2000.0):
     """A scan in a round room: straight on, 10 ticks a line."""
-    values = np.zeros(FORM.first_range_column + FORM.laser.beams)
+    values = np.zeros(RANGES + LASER.beams)
     values[0] = 1e5 * k if time is None else time
-    values[FORM.left_column] = 10 * k if left is None else left
-    values[FORM.right_column] = 10 * k if right is None else right
-    values[FORM.first_range_column :] = far
+    values[2] = 10 * k if left is None else left
+    values[3] = 10 * k if right is None else right
+    values[RANGES:] = far
     return " ".join(f"{v:.0f}" for v in values)
 
 
@@ -43,7 +42,7 @@ def test_a_good_log_is_read_as_it_is(tmp_path):
 
 def test_a_turn_to_the_left_is_positive(tmp_path):
     log = read_log(written(tmp_path, [line(0), line(1, left=-10, right=10)]))
-    assert log.increments[1] == pytest.approx((0, 0, 20 * PER_TICK / FORM.track))
+    assert log.increments[1] == pytest.approx((0, 0, 20 * PER_TICK / TRACK))
 
 
 BAD = {

@@ -21,7 +21,7 @@ from wheelchair_gym.physics.chair import SimulatedChair
 from wheelchair_gym.safety import Shield
 from wheelchair_gym.sensors.laser import WORKSPACE_ROWS, LaserArrays, sense_laser
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
-from wheelchair_gym.tracking import DOOR, PERSON, Tracker, TrackerSettings
+from wheelchair_gym.tracking import DOOR, PERSON, Tracker
 from wheelchair_gym.tracking.state import (
     CONSTANTS,
     STATIC_MAP,
@@ -135,7 +135,7 @@ def test_a_person_alone_in_the_open_does_not_shift_the_chair():
 def test_a_log_of_a_real_robot_confirms_little(shared, monkeypatch):
     """Nobody is known to walk in it; its scans come some 0.15 s after its encoders."""
     monkeypatch.setattr("tests.benchmarks.tracking.SHARED", shared)
-    assert measure_log(TrackerSettings())["confirmed"] <= 14
+    assert measure_log()["confirmed"] <= 14
 
 
 @pytest.mark.parametrize("twist", [(0.5, 0.0), (0.0, 0.6), (0.4, -0.4)])
@@ -314,7 +314,7 @@ def _update_nested(constants, row, static_map, pose, twist, laser, stamp):
 def test_a_row_of_a_batch_and_one_inside_another_record_equal_a_single_tracker(beams):
     laser = LaserSettings(beams=beams)
     arrays = LaserArrays.of(laser, True)
-    constants, states = TrackerConstants(TrackerSettings(), laser), np.zeros(3, TRACKER)
+    constants, states = TrackerConstants(laser), np.zeros(3, TRACKER)
     batch = point_to_trackers(constants, states, [None] * 3)
     singles = [Tracker(laser=laser) for _ in range(3)]
     for single in singles:

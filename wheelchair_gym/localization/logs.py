@@ -18,49 +18,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.arrays import Array
-from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.config import InputError
 from wheelchair_gym.files import read_text
 from wheelchair_gym.geometry import relative_pose, wrap_angle
 from wheelchair_gym.kinematics import odometric_step, twist_of_wheels
 from wheelchair_gym.sensors.settings import LaserSettings
 
-
-@settings
-class LogFormat:
-    """The columns of a line, and the robot that wrote it."""
-
-    wheel_radius: float = setting(
-        default=0.077, unit="m", low=1e-3, source="BreezySLAM, MinesRover"
-    )
-    """Radius of a wheel."""
-    track: float = setting(
-        default=0.330, unit="m", low=1e-2, source="BreezySLAM: twice 165 mm of half axle"
-    )
-    """Distance between the wheels."""
-    ticks_per_turn: int = setting(default=2000, low=1, source="BreezySLAM, MinesRover")
-    """Encoder ticks per turn of a wheel."""
-    left_column: int = setting(default=2, low=1, source="BreezySLAM")
-    """Column of the left wheel's ticks, counted from 0."""
-    right_column: int = setting(default=3, low=1, source="BreezySLAM")
-    """Column of the right wheel's ticks, counted from 0."""
-    first_range_column: int = setting(default=24, low=1, source="BreezySLAM")
-    """Column of the first range, counted from 0."""
-    max_wheel_speed: float = setting(default=5.0, unit="m/s", low=0.1, source="design choice")
-    """Rim speed above which a line is rejected."""
-    laser: LaserSettings = setting(
-        default=LaserSettings(
-            x=0.145,
-            beams=682,
-            fov=math.radians(681 * 360.0 / 1024.0),
-            reach=5.6,
-            range_min=0.02,
-            sigma=0.03,
-            dropout=0.0,
-            bias=0.0,
-        ),
-        source="URG-04LX: 240 deg, below 20 mm stand error codes; mounted as in BreezySLAM",
-    )
-    """The laser and its mount."""
+# Of BreezySLAM's MinesRover: radius of a wheel and distance between the wheels [m], encoder ticks
+# per turn of a wheel, and columns of the left and right wheel's ticks and of the first range.
+_RADIUS, TRACK, _TICKS, _LEFT, _RIGHT, _RANGES = 0.077, 0.330, 2000, 2, 3, 24
+_MOST = 5.0  # m/s: rim speed above which a line is rejected
+PER_TICK = 2.0 * math.pi * _RADIUS / _TICKS  # m
+# URG-04LX: 240 deg, below 20 mm stand error codes; mounted as in BreezySLAM.
+LASER = LaserSettings(
+    x=0.145,
+    beams=682,
+    fov=math.radians(681 * 360.0 / 1024.0),
+    reach=5.6,
+    range_min=0.02,
+    sigma=0.03,
+    dropout=0.0,
+    bias=0.0,
+)
+_COLUMNS = _RANGES + LASER.beams
 
 
 _NONE: Mapping[str, int] = MappingProxyType({})
@@ -101,64 +81,60 @@ def log_of_poses(
     return SensorLog(np.round(stamps - stamps[0], 9), increments, ranges, skipped)
 
 
-def _numbers(line: str, columns: int) -> Array | str:
+def _numbers(line: str) -> Array | str:
     """The values of a line, or the reason why it is skipped."""
     fields = line.split()
-    if len(fields) < columns:
+    if len(fields) < _COLUMNS:
         return "truncated"
     try:
         values = np.array(fields, dtype=np.float64)
     except ValueError:
         return "not a number"
-    values = values[:columns]
+    values = values[:_COLUMNS]
     return values if np.isfinite(values).all() else "not finite"
 
 
-def read_log(path: str | Path, form: LogFormat | None = None) -> SensorLog:
+def read_log(path: str | Path) -> SensorLog:
     """Read a log; a bad line is skipped, counted and given a reason.
 
     Raises:
         InputError: the file cannot be read, or holds no good line.
     """
-    config = form or LogFormat()
-    laser = config.laser
-    columns = config.first_range_column + laser.beams
-    per_tick = 2.0 * math.pi * config.wheel_radius / config.ticks_per_turn
     skipped: Counter[str] = Counter()
     stamps, increments, scans = [], [], []
     last: tuple[float, float, float] | None = None
     for line in read_text(path, "log").splitlines():
         if not line.strip():
             continue
-        values = _numbers(line, columns)
+        values = _numbers(line)
         if isinstance(values, str):
             skipped[values] += 1
             continue
         time = float(values[0]) * 1e-6
-        left = float(values[config.left_column]) * per_tick
-        right = float(values[config.right_column]) * per_tick
+        left = float(values[_LEFT]) * PER_TICK
+        right = float(values[_RIGHT]) * PER_TICK
         if last is not None:
             period = time - last[0]
             if period <= 0.0:
                 skipped["time goes back"] += 1
                 continue
-            if max(abs(left - last[1]), abs(right - last[2])) > config.max_wheel_speed * period:
+            if max(abs(left - last[1]), abs(right - last[2])) > _MOST * period:
                 skipped["ticks leap"] += 1
                 continue
-            distance, turn = twist_of_wheels(left - last[1], right - last[2], config.track)
+            distance, turn = twist_of_wheels(left - last[1], right - last[2], TRACK)
             increments.append(odometric_step(0.0, 0.0, 0.0, distance, turn))
         else:
             increments.append((0.0, 0.0, 0.0))
-        ranges = values[config.first_range_column : columns] * 1e-3
-        scans.append(np.where(ranges < laser.range_min, np.nan, ranges).astype(np.float32))
+        ranges = values[_RANGES:] * 1e-3
+        scans.append(np.where(ranges < LASER.range_min, np.nan, ranges).astype(np.float32))
         last = (time, left, right)
         stamps.append(time)
     if not stamps:
         why = ", ".join(f"{count} {reason}" for reason, count in skipped.items()) or "it is empty"
         raise InputError(
-            f"{path}: no line is a scan ({why}); expected {columns} numbers a line: time [us], "
-            f"ticks in columns {config.left_column} and {config.right_column}, {laser.beams} "
-            f"ranges [mm] from column {config.first_range_column}"
+            f"{path}: no line is a scan ({why}); expected {_COLUMNS} numbers a line: time [us], "
+            f"ticks in columns {_LEFT} and {_RIGHT}, {LASER.beams} "
+            f"ranges [mm] from column {_RANGES}"
         )
     seconds = np.array(stamps) - stamps[0]
     return SensorLog(seconds, np.array(increments), np.stack(scans), dict(skipped))

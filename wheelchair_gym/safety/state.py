@@ -24,7 +24,6 @@ from wheelchair_gym.safety.stops import SHIELD_FAULTS
 from wheelchair_gym.sensors.laser import LaserArrays
 from wheelchair_gym.sensors.scanners import SCANNER, scanner_pointers
 from wheelchair_gym.sensors.settings import RANGERS, SCANNERS, SensorSettings
-from wheelchair_gym.tracking.settings import TrackerSettings
 from wheelchair_gym.tracking.state import CONSTANTS as TRACKER_CONSTANTS
 from wheelchair_gym.tracking.state import TRACKER, TRACKS, TrackerConstants
 
@@ -301,7 +300,7 @@ class ShieldConstants:
             )
         self.laser = laser = LaserArrays.of(sensors.laser, False)
         self.scanners = scanner_pointers(sensors, False)
-        self.tracker = TrackerConstants(TrackerSettings(), sensors.laser)
+        self.tracker = TrackerConstants(sensors.laser)
         targets = dict.fromkeys(("cosine", "sine"), Target("f4", None))
         targets["scanners"] = Target(SCANNER, None)
         targets["tracker"] = Target(TRACKER_CONSTANTS, 1)

@@ -31,7 +31,6 @@ from wheelchair_gym.task.records import PROGRESS, RULES, RULES_TARGETS, TASK, TA
 from wheelchair_gym.task.rewards import TERMS, VERDICT, Verdict, reached, reached_pose
 from wheelchair_gym.task.settings import TaskSettings
 from wheelchair_gym.task.side_clearance import fan_poses
-from wheelchair_gym.tracking import TrackerSettings
 from wheelchair_gym.tracking.state import TRACKER, TrackerConstants
 from wheelchair_gym.tracking.tracker import TRACKERS, point_to_trackers
 from wheelchair_gym.types import Arrival, Episode, Reading, Stick
@@ -115,7 +114,7 @@ class Task:
                     f"task.tracks is {settings.tracks} at a rate of {1.0 / period:g} Hz; the "
                     "tracker needs 1 Hz at least"
                 )
-            self._tracker = TrackerConstants(TrackerSettings(), sensors.laser)
+            self._tracker = TrackerConstants(sensors.laser)
         self._progress = np.zeros(1, PROGRESS)
         self.judged = np.zeros(1, VERDICT)  # of the latest reading
         self.rows = self.row_pointers(self._progress)

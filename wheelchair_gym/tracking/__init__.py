@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from wheelchair_gym.tracking.settings import TrackerSettings
 from wheelchair_gym.tracking.state import DOOR, FURNITURE, KINDS, PERSON, UNKNOWN
 from wheelchair_gym.tracking.tracker import Tracker, Tracks
 
@@ -13,6 +12,5 @@ __all__ = [
     "PERSON",
     "UNKNOWN",
     "Tracker",
-    "TrackerSettings",
     "Tracks",
 ]

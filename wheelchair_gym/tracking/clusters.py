@@ -25,6 +25,9 @@ Rows = NDArray[np.void]
 _F, _INF = np.float32, np.float32(np.inf)
 OUT, HIDDEN, NEAR, HIT, PASSED = range(5)  # how a place looks in a scan
 FREE, UNSURE, STATIC = range(3)  # what is known of the place of a hit
+_MAX_RANGE = 8.0  # m up to which something is tracked: someone at 1.5 m/s needs 5 s from there
+# m: measured error of a cluster's centre, see the page on tracking; more where beams are far apart.
+_SIGMA = 0.04
 _GAP = 0.15  # m between neighbouring hits of one cluster at most (Leigh et al. 2015: 0.13)
 _MAX_WIDTH = 1.2  # m: widest cluster that is tracked; a door leaf is 0.6 to 1.1 m wide
 _LEG_DISTANCE = 0.8  # m between the legs of one person at most (Leigh et al. 2015); a step is 0.7
@@ -223,7 +226,7 @@ def _judge(g: Any, s: Any, m: Any, now: Any, hit: Any) -> None:
 def find_hits(g: Any, s: Any, m: Any, now: Any, laser: Floats, hits: Rows) -> int:
     """Store the valid hits of a scan (beams,); returns how many. One hit of a sector is judged."""
     cosine, sine = floats_at(g.cosine, g.beams), floats_at(g.sine, g.beams)
-    n, most, last = 0, min(g.max_range, g.reach), 0
+    n, most, last = 0, min(_MAX_RANGE, g.reach), 0
     for b in range(g.beams):
         r = laser[b]
         if not (g.nearest <= r <= most):
@@ -316,7 +319,7 @@ def _measure(g: Any, s: Any, now: Any, hits: Rows, n: int, begin: int, end: int,
     c.x, c.y = 0.5 * (ax + bx), 0.5 * (ay + by)
     c.x, c.y = place_of_cluster(c, now, c.radius)
     leg = c.width < _NARROW and spacing < _COARSE
-    sigma, turned = _ONE_LEG if leg else g.sigma, s.twist[1] * _TIME_SIGMA * c.mean
+    sigma, turned = _ONE_LEG if leg else _SIGMA, s.twist[1] * _TIME_SIGMA * c.mean
     c.variance = sigma * sigma + spacing * spacing / 12.0 + turned * turned
     if part:
         c.variance += _HALF_HIDDEN * _HALF_HIDDEN

@@ -1,4 +1,4 @@
-"""The tracker's records: CONSTANTS of settings and laser, STATIC_MAP, and TRACKER, its state.
+"""The tracker's records: CONSTANTS of the laser, STATIC_MAP, and TRACKER, its state.
 
 All coordinates are in the frame of dead reckoning, in which near things keep their place whatever a
 localization corrects. The state has a fixed size, so that a row of a batch can hold it.
@@ -7,7 +7,6 @@ localization corrects. The state has a fixed size, so that a row of a batch can 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields
 from typing import Any, Final
 
 import numpy as np
@@ -19,7 +18,6 @@ from wheelchair_gym.config import InputError
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.sensors.laser import LaserArrays
 from wheelchair_gym.sensors.settings import LaserSettings
-from wheelchair_gym.tracking.settings import TrackerSettings
 
 TRACKS = 48  # at once; then a nearer thing takes the place of the farthest unconfirmed one
 CLUSTERS = 96  # of a scan; those farther on counter-clockwise are left out
@@ -35,7 +33,6 @@ PERSON_WIDTH = 0.9  # m: widest track that can be a person, with shoulders and s
 
 _F8 = "f8"
 CONSTANTS, _LASER = pointer_record(
-    *((field.name, _F8) for field in fields(TrackerSettings)),
     ("beams", "i8"),
     ("group", "i8"),  # beams per sector
     ("sectors", "i8"),
@@ -107,7 +104,7 @@ TRACKER = np.dtype(
 
 
 class TrackerConstants:
-    """Settings and laser of a tracker, as the record `record` (1,).
+    """The laser of a tracker, as the record `record` (1,).
 
     A copy in this process is the object itself; another process makes a new one.
 
@@ -115,16 +112,14 @@ class TrackerConstants:
         InputError: the laser has no beams.
     """
 
-    def __init__(self, config: TrackerSettings, laser: LaserSettings) -> None:
-        self._made_of = config, laser
+    def __init__(self, laser: LaserSettings) -> None:
+        self._made_of = (laser,)
         if not laser.beams:
             raise InputError("a tracker needs a laser; expected beams of sensors.laser")
         arrays = LaserArrays.of(laser, False)
         self.pointers = Pointers(np.zeros(1, CONSTANTS), _LASER, constant=True)
         self.record: NDArray[np.void] = self.pointers.record
         g: Any = self.record[0]
-        for field in fields(config):
-            g[field.name] = getattr(config, field.name)
         g["beams"], g["group"] = laser.beams, -(-laser.beams // SECTORS)
         g["sectors"] = -(-laser.beams // int(g["group"]))
         self.pointers.point("cosine", arrays.cosine)

@@ -39,7 +39,6 @@ from wheelchair_gym.tracking.clusters import (
     place_of_cluster,
     set_frame,
 )
-from wheelchair_gym.tracking.settings import TrackerSettings
 from wheelchair_gym.tracking.state import (
     ACCELERATION_DENSITY,
     CLUSTERS,
@@ -499,20 +498,18 @@ class Tracks:
         )
 
 
+_LASER = LaserSettings()
+
+
 class Tracker:
     """Tracks what moves around one chair.
 
     Args:
-        settings: what is tracked and how.
         laser: the scanner that it goes by.
     """
 
-    def __init__(
-        self, settings: TrackerSettings | None = None, laser: LaserSettings | None = None
-    ) -> None:
-        self.settings = settings or TrackerSettings()
-        self._constants = TrackerConstants(self.settings, laser or LaserSettings())
-        self._beams = (laser or LaserSettings()).beams
+    def __init__(self, laser: LaserSettings = _LASER) -> None:
+        self._constants, self._beams = TrackerConstants(laser), laser.beams
         self.state: Rows = np.zeros(1, TRACKER)
         self._map: OccupancyGrid | None = None
         self._rows = point_to_trackers(self._constants, self.state, [None])
