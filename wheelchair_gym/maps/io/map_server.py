@@ -42,8 +42,7 @@ Cells = NDArray[np.int8]
 _FORMATS = ("PNG", "PPM", "BMP", "JPEG", "TIFF")
 _KEYS = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
 _THRESHOLDS: Final = (0.65, 0.196)  # occupancy from which cells are occupied, up to which free
-# What map_saver writes, where more than one grey would do: free, occupied, unknown, invalid raw.
-_USUAL: Final = (254, 0, 205, 255)
+_GREYS: Final = {FREE: 255, OCCUPIED: 0, UNKNOWN: 205}  # that are written
 
 
 def _meaning(mode: Mode, negate: bool, occupied: float, free: float) -> Cells:
@@ -172,50 +171,34 @@ def write_map(
     grid: OccupancyGrid,
     path: str | Path,
     *,
-    mode: Mode = "trinary",
     suffix: Literal[".pgm", ".png"] = ".pgm",
-    negate: bool = False,
 ) -> None:
     """Write a map_server YAML file, and its image beside it; `read_map` gives the same grid.
 
     Args:
         grid: the map.
         path: of the YAML file.
-        mode: trinary, scale or raw.
         suffix: of the image.
-        negate: white is occupied.
 
     Raises:
-        InputError: the mode cannot hold a cell's value, or a file cannot be written.
+        InputError: a cell is neither free, occupied nor unknown, or a file cannot be written.
     """
     path = Path(path)
-    meaning = _meaning(mode, negate, *_THRESHOLDS)
-    grey_of = np.full(256, -1)
-    usual = [255 - g for g in _USUAL] if negate and mode != "raw" else list(_USUAL)
-    for grey in [*range(256), *usual]:  # the last one stays
-        if mode != "raw" or grey in (*range(OCCUPIED + 1), 255):
-            grey_of[int(meaning[grey])] = grey
-    transparent = mode == "scale" and suffix == ".png"
-    if transparent:
-        grey_of[UNKNOWN] = 205
-    greys = grey_of[np.flipud(grid.cells)]
-    if (greys < 0).any():
-        value = int(np.flipud(grid.cells)[greys < 0][0])
-        raise InputError(f"{path}: mode {mode} cannot hold the cell value {value} as {suffix}")
-    image = greys.astype(np.uint8)
-    if transparent:
-        alpha = np.where(np.flipud(grid.cells) == UNKNOWN, 0, 255).astype(np.uint8)
-        image = np.dstack([image, image, image, alpha])
+    cells = np.flipud(grid.cells)
+    image = np.select([cells == value for value in _GREYS], list(_GREYS.values()), -1)
+    if (image < 0).any():
+        value = int(cells[image < 0][0])
+        raise InputError(f"{path}: mode trinary cannot hold the cell value {value} as {suffix}")
     data = {
         "image": path.with_suffix(suffix).name,
-        "mode": mode,
+        "mode": "trinary",
         "resolution": float(grid.resolution),
         "origin": list(grid.origin),
-        "negate": int(negate),
+        "negate": 0,
         "occupied_thresh": _THRESHOLDS[0],
         "free_thresh": _THRESHOLDS[1],
     }
     with atomic_write(path.with_suffix(suffix)) as part:
-        part.write_bytes(cv2.imencode(suffix, image)[1].tobytes())
+        part.write_bytes(cv2.imencode(suffix, image.astype(np.uint8))[1].tobytes())
     with atomic_write(path) as part:
         part.write_text(yaml.safe_dump(data, sort_keys=False), encoding="utf-8")
