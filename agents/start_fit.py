@@ -50,7 +50,7 @@ def start_fit(
 ) -> StartFit:
     """How well a scan (beams,) [m] fits a map at a start (3,) [m, m, rad], and around it."""
     model = LocalizationSettings()
-    scan = read_scan(laser, ranges, 0.0)
+    scan = read_scan(laser, ranges)
     share = len(scan.echoes) / laser.beams
     if share < ECHOES:
         least = f"{ECHOES:.0%} or more"

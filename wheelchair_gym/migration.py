@@ -32,7 +32,6 @@ RENAMED: Final[dict[str, dict[str, str]]] = {
     "sensors.laser": {"nearest": "range_min", "no_echo": "dropout"},
     "sensors.ultrasonic.narrow": _RANGER,
     "sensors.ultrasonic.wide": _RANGER,
-    "sensors.modelled": {"position_most": "position_max", "heading_most": "heading_max"},
     "sensors.faults": {"since": "onset"},
     "task": {"doubt": "arrival_margin", "gaps": "side_clearance", "unguided": "hide_guidance"},
     "task.reward": {
@@ -70,7 +69,24 @@ RENAMED: Final[dict[str, dict[str, str]]] = {
 
 # Settings that are constants now, by section: they are left out.
 DROPPED: Final[dict[str, tuple[str, ...]]] = {
+    "assistant": ("widen", "parabola", "turn_per_angle", "projection_time", "step", "turn_weight"),
+    "assistant.freedom": ("docking_stick", "docking_time"),
+    "driver.intention": (
+        "caution", "mind_change_time", "look_distance", "look_speed", "look_time",
+    ),
+    "driver.hand": ("burst_time",),
+    "driver.perception": ("lapse_least", "lapse_most"),
+    "driver.interface": (
+        "accuracy", "command_interval", "delay_least", "delay_most", "command_angle",
+    ),
+    "guidance": ("patch_radius", "known_radius", "shift_sigma"),
+    "guidance.ways": ("step_length", "shrink_step", "shrink_tries"),
     "hardware": ("command_period", "poll_period", "odometry_latency"),
+    "hardware.joystick": (
+        "forward_axis", "turn_axis", "dead_man_button", "assist_button", "release_button",
+        "rearm_button",
+    ),
+    "hardware.limits": ("rest_speed",),
     "localization": (
         "beams", "trust", "error", "bin_side", "bin_sector", "way_by_way", "way_by_turn",
         "turn_by_way", "turn_by_turn", "aside", "start_position", "start_heading", "update_way",
@@ -83,24 +99,56 @@ DROPPED: Final[dict[str, tuple[str, ...]]] = {
         "candidates", "global_samples", "global_candidates",
     ),
     "physics": ("people",),
+    "scene": (
+        "corridor_length", "lateral_offset", "lift_door_width", "map_margin", "passage_width",
+        "room_depth",
+    ),
+    "scene.building": ("passage_width",),
+    "scene.doors": ("sliding_share",),
+    "scene.people": ("min_speed", "speed_sigma", "start_distance"),
+    "sensors.modelled": ("position_max", "heading_max", "position_most", "heading_most"),
     "slam": (
         "matching", "resample_threshold", "likelihood_smoothing", "translation_error",
         "rotation_error", "rotation_per_translation", "translation_floor", "rotation_floor",
+        "update_distance", "update_angle",
     ),
     "slam.mapping": (
-        "p_hit", "p_miss", "p_min", "p_max", "surface_sigma", "free_threshold",
+        "free_range", "p_hit", "p_miss", "p_min", "p_max", "surface_sigma", "free_threshold",
         "occupied_threshold",
     ),
+    "starts": ("min_time",),
 }  # fmt: skip
+
+# Where settings stand that have a section of their own: of mixed scenes, and of an experiment.
+_SECTIONS: Final = {
+    "scene.scenes": "scene",
+    "protocol.tasks.scene": "scene",
+    "protocol.practice.scene": "scene",
+    "protocol.conditions.assist": "assistant",
+    "protocol.conditions.hand": "driver.hand",
+    "protocol.conditions.perception": "driver.perception",
+}
 
 
 def migrated(settings: Mapping[str, Any], section: str = "") -> dict[str, Any]:
-    """An environment's settings (JSON content) under the names of today, less those dropped."""
+    """Settings (JSON content) under the names of today, less those dropped.
+
+    Args:
+        settings: of an environment, or of its section; of an experiment for "protocol".
+        section: that they are.
+    """
+    section = _SECTIONS.get(section, section)
     names, dropped = RENAMED.get(section, {}), DROPPED.get(section, ())
     found = {}
     for key, value in settings.items():
         name = names.get(key, key)
         inner = f"{section}.{name}" if section else name
         if key not in dropped:
-            found[name] = migrated(value, inner) if isinstance(value, dict) else value
+            found[name] = _migrated(value, inner)
     return found
+
+
+def _migrated(value: Any, section: str) -> Any:
+    if isinstance(value, list) and any(isinstance(each, dict) for each in value):
+        return [_migrated(each, section) for each in value]
+    return migrated(value, section) if isinstance(value, dict) else value

@@ -8,7 +8,6 @@ from pathlib import Path
 from agents.cli.arguments import map_scenes
 from agents.studio import check_extra
 from agents.studio.warm_up import WarmUp
-from wheelchair_gym.config import read
 
 
 def studio(given: argparse.Namespace) -> int:
@@ -22,10 +21,9 @@ def studio(given: argparse.Namespace) -> int:
     own_map = maps[0] if maps else None
     folder, study = Path(given.out), None
     if given.study is not None:
-        from agents.participants.protocol import Protocol
-        from agents.participants.session import claim
+        from agents.participants.session import claim, read_protocol
 
-        study = read(Protocol, given.study)
+        study = read_protocol(given.study)
         folder /= Path(given.study).stem
         claim(folder, study)
     warm_up = WarmUp()

@@ -225,7 +225,7 @@ def progress(total: int, enabled: bool, unit: str = "scan") -> Any:
 def _residuals(log: SensorLog, laser: LaserSettings, grid: OccupancyGrid, trail: Array) -> Array:
     solid = np.argwhere(grid.cells == OCCUPIED)
     ends = [
-        to_world(read_scan(laser, log.ranges[k], 0.0).echoes, trail[k])
+        to_world(read_scan(laser, log.ranges[k]).echoes, trail[k])
         for k in range(len(log.stamps))
         if held_out(k)
     ]
@@ -249,12 +249,12 @@ def by_odometry(log: SensorLog, laser: LaserSettings, mapping: MappingSettings) 
         InputError: the log has no scan to map.
     """
     trail = log.odometry
-    OccupancyMap(mapping).integrate(read_scan(laser, log.ranges[0], mapping.free_range), trail[0])
+    OccupancyMap(mapping).integrate(read_scan(laser, log.ranges[0]), trail[0])
     built = OccupancyMap(mapping)
     begun = time.perf_counter()
     for k, (pose, ranges) in enumerate(zip(trail, log.ranges, strict=True)):
         if not held_out(k):
-            built.integrate(read_scan(laser, ranges, mapping.free_range), pose)
+            built.integrate(read_scan(laser, ranges), pose)
     seconds = time.perf_counter() - begun
     return _log_map("odometry only", log, laser, built.to_grid(), trail, seconds)
 

@@ -16,8 +16,9 @@ from agents.evaluation.provenance import write_json, write_text
 from agents.evaluation.runs import open_store, read_store, stored_line
 from agents.evaluation.tables import csv_table, exists
 from agents.participants.protocol import Protocol, Step
-from wheelchair_gym.config import InputError, dump, read
+from wheelchair_gym.config import InputError, dump, load, read_json
 from wheelchair_gym.errors import shorten
+from wheelchair_gym.migration import migrated
 
 PROTOCOL = "protocol.json"
 STEPS = "steps.jsonl"
@@ -117,6 +118,17 @@ class Session:
         self._done[due.key] = record
 
 
+def read_protocol(path: str | Path) -> Protocol:
+    """The protocol of a file, also of one that an earlier release wrote.
+
+    Raises:
+        InputError: the file cannot be read, or a setting in it is wrong.
+    """
+    content = read_json(path)
+    content = migrated(content, "protocol") if isinstance(content, dict) else content
+    return load(Protocol, content, Path(path).name)
+
+
 def claim(folder: Path, protocol: Protocol) -> None:
     """Write the protocol to its folder, once.
 
@@ -125,7 +137,7 @@ def claim(folder: Path, protocol: Protocol) -> None:
     """
     path = folder / PROTOCOL
     if path.exists():
-        if read(Protocol, path) != protocol:
+        if read_protocol(path) != protocol:
             raise InputError(
                 f"{folder} holds data of another protocol, {path}; expected that one, or another "
                 "folder (--out)"
@@ -143,7 +155,7 @@ def read_folder(folder: str | Path) -> tuple[Protocol, list[Record]]:
     folder = Path(folder)
     if not (folder / PROTOCOL).exists():
         raise InputError(f"{folder}: no folder of an experiment; expected {PROTOCOL} in it")
-    protocol = read(Protocol, folder / PROTOCOL)
+    protocol = read_protocol(folder / PROTOCOL)
     stores = sorted(folder.glob(f"participant_*/{STEPS}"))
     return protocol, [record for path in stores for record in read_store(path).values()]
 

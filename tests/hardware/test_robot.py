@@ -118,7 +118,7 @@ def test_everything_is_published_and_can_be_read(robot):
         ranges = ros.scan(newest["/scan"], sensors.laser, math.inf)
         assert np.isfinite(ranges).mean() > 0.5
         ros.odometry(newest["/odom"])
-        grid = ros.grid(newest["/map"], 25, 65)
+        grid = ros.grid(newest["/map"])
         edges = {child: (parent, pose) for parent, child, pose in ros.transforms(newest["/tf"])}
         assert {child: parent for child, (parent, _) in edges.items()} == {
             "odom": "map", "base_link": "odom"

@@ -28,7 +28,7 @@ def known():
     rng = np.random.default_rng(2)
     made = OccupancyMap()
     for pose in tour():
-        made.integrate(read_scan(LASER, ranges(pose, rng), 3.0), pose)
+        made.integrate(read_scan(LASER, ranges(pose, rng)), pose)
     return made
 
 
@@ -54,7 +54,7 @@ def match(maps, scan, guess, prior=None):
 def test_a_known_offset_is_found(known, offset):
     rng = np.random.default_rng(3)
     for truth in ((0.3, 0.2, 0.4), (2.6, 0.1, -1.2), (4.1, -0.7, 2.5)):
-        found = match(known, read_scan(LASER, ranges(truth, rng), 3.0), np.add(truth, offset))
+        found = match(known, read_scan(LASER, ranges(truth, rng)), np.add(truth, offset))
         error = found.pose - truth
         assert np.hypot(*error[:2]) < 0.02
         assert abs(error[2]) < np.radians(0.5)
@@ -65,7 +65,7 @@ def test_a_known_offset_is_found(known, offset):
 def test_a_trusted_prior_holds_the_pose(known):
     truth = np.array([0.3, 0.2, 0.4])
     guess = np.add(truth, (0.1, 0.0, 0.0))
-    scan = read_scan(LASER, ranges(truth), 3.0)
+    scan = read_scan(LASER, ranges(truth))
     held = match(known, scan, guess, prior=np.diag([1e-10, 1e-10, 1e-10]))
     np.testing.assert_allclose(held.pose, guess, atol=1e-3)
 
@@ -75,7 +75,7 @@ def test_along_a_corridor_the_covariance_is_long():
     angle = np.linspace(-0.5 * laser.fov, 0.5 * laser.fov, laser.beams)
     with np.errstate(divide="ignore"):
         walls = 1.0 / np.abs(np.sin(angle))
-    scan = read_scan(laser, np.where(walls > 3.0, np.inf, walls), 3.0)
+    scan = read_scan(laser, np.where(walls > 3.0, np.inf, walls))
     for x in np.arange(-6.0, 6.0, 0.5):
         made.integrate(scan, (x, 0.0, 0.0))
     found = match(made, scan, (0.0, 0.05, 0.02))
@@ -92,7 +92,7 @@ def test_which_echoes_are_kept_is_not_for_noise_to_choose():
     off = []
     for _ in range(100):
         seen = 1.5 / np.cos(np.where(wall, angle, 0.0)) + 0.015 * rng.standard_normal(len(angle))
-        kept = thin_scan(read_scan(laser, np.where(wall, seen, np.inf), 3.0), 0.03, 10_000)
+        kept = thin_scan(read_scan(laser, np.where(wall, seen, np.inf)), 0.03, 10_000)
         at = np.arctan2(kept[:, 1], kept[:, 0])
         error = np.hypot(*kept.T) - 1.5 / np.cos(at)
         off.append([error[at < -0.2].mean(), error[at > 0.2].mean()])
@@ -109,7 +109,7 @@ def test_the_search_finds_the_best_of_its_whole_lattice(known):
     told = (0.02, 0.0, 0.0, 0.02, 0.0, 30.0)
     for _ in range(5):
         truth = np.array([rng.uniform(-1, 1), rng.uniform(-0.5, 0.5), rng.uniform(-3, 3)])
-        scan = read_scan(LASER, ranges(truth, rng), 3.0)
+        scan = read_scan(LASER, ranges(truth, rng))
         points = scan.echoes[::9] / known.settings.resolution
         guess = known.to_lattice(truth + rng.uniform(-0.1, 0.1, 3))
         out = np.empty(3)
@@ -129,7 +129,7 @@ def test_the_search_finds_the_best_of_its_whole_lattice(known):
 
 
 def test_a_scan_without_echo_leaves_the_guess(known):
-    scan = read_scan(LASER, np.full(LASER.beams, np.inf), 3.0)
+    scan = read_scan(LASER, np.full(LASER.beams, np.inf))
     found = match(known, scan, (0.3, 0.2, 0.4), prior=np.eye(3))
     np.testing.assert_allclose(found.pose, (0.3, 0.2, 0.4), atol=1e-9)
     assert found.score == 0.0

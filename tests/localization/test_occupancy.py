@@ -55,7 +55,7 @@ def known():
     rng = np.random.default_rng(1)
     made = OccupancyMap()
     for pose in tour():
-        made.integrate(read_scan(LASER, ranges(pose, rng), 3.0), pose)
+        made.integrate(read_scan(LASER, ranges(pose, rng)), pose)
     return made
 
 
@@ -91,7 +91,7 @@ def test_surfaces_stay_where_the_wall_is_however_often_it_is_seen():
     made = OccupancyMap()
     for _ in range(200):
         pose = rng.uniform((0.2, -0.3, -3.0), (0.8, 0.3, 3.0))
-        made.integrate(read_scan(LASER, ranges(pose, rng), 3.0), pose)
+        made.integrate(read_scan(LASER, ranges(pose, rng)), pose)
     cells = np.argwhere(made.layers.odds[0] >= made.model.occupied)
     surface = made.layers.surface[0][tuple(cells.T)]
     hits = surface["hits"]
@@ -107,11 +107,11 @@ def test_what_moved_away_is_free_again_and_log_odds_stay_within_their_clamp():
     known = OccupancyMap(own)
     near, far = np.full(LASER.beams, 1.0), np.full(LASER.beams, 2.0)
     for _ in range(20):
-        known.integrate(read_scan(LASER, near, own.free_range), np.zeros(3))
+        known.integrate(read_scan(LASER, near), np.zeros(3))
     ahead = known.to_grid()
     assert ahead.cells[tuple(ahead.to_cell((1.0 + LASER.x, 0.0)))] == OCCUPIED
     for _ in range(20):
-        known.integrate(read_scan(LASER, far, own.free_range), np.zeros(3))
+        known.integrate(read_scan(LASER, far), np.zeros(3))
     ahead = known.to_grid()
     assert ahead.cells[tuple(ahead.to_cell((1.0 + LASER.x, 0.0)))] == FREE
     least, most = (np.log(p / (1 - p)) for p in (P_MIN, P_MAX))
@@ -120,23 +120,23 @@ def test_what_moved_away_is_free_again_and_log_odds_stay_within_their_clamp():
 
 
 def test_invalid_beams_say_nothing_and_beams_without_echo_free_so_far():
-    own = MappingSettings(free_range=2.0)
+    own = MappingSettings()
     readings = np.full(LASER.beams, np.nan)
     readings[::2] = -np.inf
     known = OccupancyMap(own)
-    known.integrate(read_scan(LASER, readings, own.free_range), np.zeros(3))
+    known.integrate(read_scan(LASER, readings), np.zeros(3))
     assert (known.layers.odds == 0).all()
-    known.integrate(read_scan(LASER, np.full(LASER.beams, np.inf), own.free_range), np.zeros(3))
+    known.integrate(read_scan(LASER, np.full(LASER.beams, np.inf)), np.zeros(3))
     grid = known.to_grid()
     free = grid.to_world(np.argwhere(grid.cells == FREE)) - (LASER.x, 0)
     assert not (grid.cells == OCCUPIED).any()
-    assert np.hypot(*free.T).max() == pytest.approx(2.0, abs=2 * grid.resolution)
+    assert np.hypot(*free.T).max() == pytest.approx(3.0, abs=2 * grid.resolution)
 
 
 def test_a_map_grows_and_keeps_what_it_knew():
     known = OccupancyMap()
     pose = tour()[0]
-    known.integrate(read_scan(LASER, ranges(pose), 3.0), pose)
+    known.integrate(read_scan(LASER, ranges(pose)), pose)
     before = known.to_grid()
     known.grow_to([(-30.0, 10.0), (3.0, -20.0)], 1.0)
     after = known.to_grid()
@@ -151,8 +151,8 @@ def test_a_map_grows_and_keeps_what_it_knew():
     [
         lambda: OccupancyMap().to_grid(),
         lambda: OccupancyMap().grow_to([(1e9, 0.0), (0.0, 1e9)], 1.0),
-        lambda: read_scan(LASER, np.ones(7), 1.0),
-        lambda: OccupancyMap().integrate(read_scan(LASER, ranges(tour()[0]), 1.0), (0, np.nan, 0)),
+        lambda: read_scan(LASER, np.ones(7)),
+        lambda: OccupancyMap().integrate(read_scan(LASER, ranges(tour()[0])), (0, np.nan, 0)),
     ],
 )
 def test_misuse_is_named(wrong):

@@ -266,7 +266,7 @@ def test_the_bag_of_another_robot_is_read_by_types(turn, tmp_path):
     assert len(log.stamps) == 20
     np.testing.assert_allclose(np.diff(log.stamps), 0.1, atol=1e-9)
     np.testing.assert_allclose(log.increments[1:], [[0.05, 0.0, 0.0]] * 19, atol=1e-8)
-    ends = [to_world(read_scan(one, walls, 0.0).echoes, np.zeros(3)) for one in (found, laser)]
+    ends = [to_world(read_scan(one, walls).echoes, np.zeros(3)) for one in (found, laser)]
     np.testing.assert_allclose(*ends, atol=2e-5)
     np.testing.assert_array_equal(log.ranges[0], walls)
 

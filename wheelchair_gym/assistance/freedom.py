@@ -20,6 +20,8 @@ from wheelchair_gym.sensors.settings import SensorSettings
 Twist = tuple[float, float]
 
 STEADY = 0.1  # deflection by which a steady stick may change
+# Largest deflection forward of a low stick, and s for which it must be low and steady: assumed.
+_DOCKING_STICK, _DOCKING_TIME = 0.35, 1.0
 _CHOICE = "design choice"
 
 
@@ -43,14 +45,6 @@ class Freedom:
         default=0.01, unit="m", low=0.0, high=1.0, source="docking at a desk: assumed"
     )
     """Distance that it keeps once the stick has been low and steady."""
-    docking_stick: float = setting(
-        default=0.35, low=0.0, high=1.0, source="no published value found: assumed"
-    )
-    """Largest deflection forward of a low stick."""
-    docking_time: float = setting(
-        default=1.0, unit="s", low=0.0, high=60.0, source="no published value found: assumed"
-    )
-    """Time for which the stick must be low and steady."""
 
 
 @dataclass(frozen=True)
@@ -76,9 +70,9 @@ def margin_of(p: Any, a: Any, forward: float, left: float) -> float:
     f, moved = p.freedom, abs(forward - a.held[0]) > STEADY
     if moved:
         a.held[0], a.held[1] = forward, left
-    low = 0.0 < forward <= f.docking_stick
+    low = 0.0 < forward <= _DOCKING_STICK
     a.steady = a.steady + p.period if low and not moved else 0.0
-    docks = a.steady >= f.docking_time
+    docks = a.steady >= _DOCKING_TIME
     return float(min(f.margin, f.docking_margin) if docks else f.margin)
 
 

@@ -31,6 +31,7 @@ Array = NDArray[np.float64]
 NEAR = 1.5  # m: farther obstacles do not limit
 ROWS = 24  # constraints that enter the program at most, beside the bounds
 _FEASIBLE = 1e-9
+_TURN_WEIGHT = 0.3  # of a change of the turn rate beside one of the speed, both in full speeds
 
 
 @settings
@@ -43,8 +44,6 @@ class Slide:
     """Deceleration that the speed towards an obstacle counts on."""
     latency: float = setting(default=0.2, unit="s", low=0.0, high=2.0, source="design choice")
     """Time before the chair begins to brake."""
-    turn_weight: float = setting(default=0.3, low=0.01, high=100.0, source="design choice")
-    """How much a change of the turn rate counts beside one of the speed, both in full speeds."""
     freedom: Freedom = Freedom()
 
 
@@ -134,7 +133,7 @@ def slide(p: Any, a: Any) -> Twist:
     rows[1, 0], rows[1, 1], rows[1, 2] = 0.0, 1.0, max(0.0, w) + turn
     rows[2, 0], rows[2, 1], rows[2, 2] = -1.0, 0.0, -min(0.0, v)
     rows[3, 0], rows[3, 1], rows[3, 2] = 0.0, -1.0, turn - min(0.0, w)
-    weights = 1.0 / (p.forward * p.forward), m.turn_weight / (p.turn * p.turn)
+    weights = 1.0 / (p.forward * p.forward), _TURN_WEIGHT / (p.turn * p.turn)
     count = 4
     while worst >= 0 and count < ROWS + 4:
         for j in range(3):

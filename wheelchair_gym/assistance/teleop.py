@@ -12,26 +12,22 @@ from typing import Any
 from wheelchair_gym.assistance.arcs import free_share
 from wheelchair_gym.assistance.freedom import Freedom, Twist
 from wheelchair_gym.compiled.kernel import borrowing_kernel
-from wheelchair_gym.config import setting, settings
+from wheelchair_gym.config import settings
+
+_TIME, _STEP = 1.0, 0.1  # s that the twist is projected, and between its poses: nav2 AssistedTeleop
 
 
 @settings
 class Teleop:
     """Scales the stick's twist by the time to a collision; keeps its arc."""
 
-    projection_time: float = setting(
-        default=1.0, unit="s", low=0.1, high=10.0, source="nav2 AssistedTeleop"
-    )
-    """Time over which the twist is projected."""
-    step: float = setting(default=0.1, unit="s", low=0.01, high=1.0, source="nav2 AssistedTeleop")
-    """Time between two poses of the projection."""
     freedom: Freedom = Freedom(turn=0.0)
 
 
 @borrowing_kernel
 def teleop(p: Any, a: Any) -> Twist:
     """The twist of a row; see `wheelchair_gym.assistance.step`."""
-    v, w, m = a.asked[0], a.asked[1], p.method
+    v, w = a.asked[0], a.asked[1]
     points = a.points[: a.n_points]
-    share = free_share(points, p.outline[:], v, w, m.projection_time, m.step, a.margin)
+    share = free_share(points, p.outline[:], v, w, _TIME, _STEP, a.margin)
     return share * v, share * w

@@ -22,6 +22,11 @@ Array = NDArray[np.float64]
 
 DIRECTIONS = 72  # of the histogram
 STEP = 0.1  # s between two poses of the projection
+_WIDEN = 0.05  # m on each side of the chair's width
+# 1/rad2: weight of the squared angle from the stick's direction (Levine 1999; its value assumed);
+# less gives the chair more freedom.
+_PARABOLA = 1.0
+_TURN_PER_ANGLE = 1.0  # 1/s: turn rate per angle between the stick's direction and the one taken
 
 
 @settings
@@ -30,20 +35,6 @@ class Vfh:
 
     reach: float = setting(default=1.5, unit="m", low=0.1, high=10.0, source="design choice")
     """Distance within which obstacles count."""
-    widen: float = setting(default=0.05, unit="m", low=0.0, high=1.0, source="design choice")
-    """Added to each side of the chair's width."""
-    parabola: float = setting(
-        default=1.0,
-        unit="1/rad2",
-        low=0.0,
-        high=1000.0,
-        source="Levine 1999: its width; value assumed",
-    )
-    """Weight of the squared angle from the stick's direction: less gives the chair more freedom."""
-    turn_per_angle: float = setting(
-        default=1.0, unit="1/s", low=0.0, high=10.0, source="design choice"
-    )
-    """Turn rate for each radian between the stick's direction and the one taken."""
     look_ahead: float = setting(default=1.2, unit="s", low=0.1, high=10.0, source="design choice")
     """Time to a collision from which on it slows."""
     freedom: Freedom = Freedom()
@@ -68,12 +59,12 @@ def _density(points: Array, front: float, half: float, reach: float, direction: 
 def _direction(p: Any, a: Any, wanted: float) -> float:
     """The direction [rad] of the least of density and parabola, within a right angle of ahead."""
     m, points = p.method, a.points[: a.n_points]
-    front, half = p.outline[0], p.outline[2] + m.widen
+    front, half = p.outline[0], p.outline[2] + _WIDEN
     best, least = wanted, _density(points, front, half, m.reach, wanted)
     for k in range(DIRECTIONS):
         direction = math.pi * ((k + 0.5) / DIRECTIONS - 0.5)
         off = direction - wanted
-        cost = m.parabola * off * off
+        cost = _PARABOLA * off * off
         if cost < least:  # a density would only add to it
             cost += _density(points, front, half, m.reach, direction)
             if cost < least - 1e-12:
@@ -87,7 +78,7 @@ def vfh(p: Any, a: Any) -> Twist:
     v, w, m = a.asked[0], a.asked[1], p.method
     if v > 0.0:
         wanted = math.atan2(w / p.turn, v / p.forward)
-        change = m.turn_per_angle * (_direction(p, a, wanted) - wanted)
+        change = _TURN_PER_ANGLE * (_direction(p, a, wanted) - wanted)
         w += min(a.turn, max(-a.turn, change))
     points = a.points[: a.n_points]
     share = free_share(points, p.outline[:], v, w, m.look_ahead, STEP, a.margin)

@@ -18,6 +18,9 @@ from wheelchair_gym.task.task import Guidance, Task
 Array = NDArray[np.float64]
 
 GOAL_DEPTH = 0.5  # share of the tolerance within which routes end
+# Of a degraded map [m]: the radius of a forgotten patch, the distance round start and goal within
+# which nothing is forgotten, and the standard deviation of the map's shift on each axis.
+_PATCH, _KNOWN, _SHIFT = 0.8, 2.0, 0.03
 
 
 def geodesic_path(task: Task) -> Array:
@@ -42,12 +45,6 @@ class PoseGuidance:
     """Share of worlds whose map is degraded."""
     patch_density: float = setting(default=0.02, unit="1/m2", low=0.0, source="design choice")
     """Forgotten patches per area of a degraded map."""
-    patch_radius: float = setting(default=0.8, unit="m", low=0.0, source="design choice")
-    """Radius of a forgotten patch."""
-    known_radius: float = setting(default=2.0, unit="m", low=0.0, source="design choice")
-    """Distance round start and goal within which nothing is forgotten."""
-    shift_sigma: float = setting(default=0.03, unit="m", low=0.0, source="design choice")
-    """Standard deviation of the shift of a degraded map, on each axis."""
 
     def __call__(self, task: Task) -> CostToGo:
         """The cost to go of the outline to the task's goal."""
@@ -75,13 +72,13 @@ class PoseGuidance:
         ends = np.stack([task.start[:2], task.goal[:2]])
         apart = np.hypot(*np.moveaxis(places[:, None] - ends, -1, 0)).min(axis=1, initial=np.inf)
         cells = grid.cells.copy()
-        reach = int(self.patch_radius / grid.resolution)
-        for row, col in grid.to_cell(places[apart > self.known_radius + self.patch_radius]):
+        reach = int(_PATCH / grid.resolution)
+        for row, col in grid.to_cell(places[apart > _KNOWN + _PATCH]):
             rows = np.arange(max(0, row - reach), min(grid.shape[0], row + reach + 1))
             cols = np.arange(max(0, col - reach), min(grid.shape[1], col + reach + 1))
             within = np.hypot(rows[:, None] - row, cols - col) <= reach
             cells[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1][within] = FREE
-        dx, dy = rng.normal(0.0, self.shift_sigma, 2).tolist()
+        dx, dy = rng.normal(0.0, _SHIFT, 2).tolist()
         x, y, yaw = grid.origin
         return OccupancyGrid(cells, grid.resolution, (x + dx, y + dy, yaw))
 

@@ -47,8 +47,6 @@ class StartSettings:
 
     max_time: float = setting(default=0.0, unit="s", low=0.0, source="design choice")
     """Largest plan time from the start to the goal; 0: episodes begin at the scene's start."""
-    min_time: float = setting(default=1.0, unit="s", low=0.0, source="design choice")
-    """Least plan time from the start to the goal, where starts are drawn."""
 
 
 @settings

@@ -27,6 +27,7 @@ from wheelchair_gym.task.task import Task
 from wheelchair_gym.types import Episode
 
 _BANK = 0x62616E6B  # apart from the worlds of single seeds, on which policies are tested
+_LEAST_TIME = 1.0  # s: least plan time from the start to the goal, where starts are drawn
 _SLACK = 1 / 32  # share of a bank that is kept beyond its size, for rows that fall behind
 
 
@@ -46,7 +47,6 @@ class WorldBank:
         if settings.starts.max_time > 0.0 and not task.has_poses:
             raise InputError("starts.max_time needs the guidance 'poses', which knows the time")
         self.max_time = settings.starts.max_time  # s; a curriculum may set it
-        self._least = settings.starts.min_time
         self._made: dict[int, PreparedEpisode] = {}  # of the bank, by number; last drawn last
         self._lowest = 0
         self._folder: Path | None = None
@@ -61,7 +61,7 @@ class WorldBank:
         key = episode_key(seed, episode) if key is None else key
         prepared = self._prepared(seed, episode, key)
         if self.max_time > 0.0 and prepared.cost_to_go is not None:
-            start = prepared.cost_to_go.sample(key, self._least, self.max_time)
+            start = prepared.cost_to_go.sample(key, _LEAST_TIME, self.max_time)
             if start is not None:
                 return prepared.starting_at(start)
         return prepared

@@ -257,7 +257,7 @@ class ControlLoop:
 
     def _clearance(self, laser: Floats) -> float:
         """Distance [m] from the outline to the nearest echo."""
-        ends = read_scan(self._laser, laser[: self._laser.beams], 0.0).echoes
+        ends = read_scan(self._laser, laser[: self._laser.beams]).echoes
         front, rear, half = self.footprint.array
         aside = np.maximum(np.abs(ends[:, 1]) - half, 0.0)
         ahead = np.maximum(np.maximum(ends[:, 0] - front, -rear - ends[:, 0]), 0.0)

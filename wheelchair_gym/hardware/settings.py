@@ -7,6 +7,7 @@ from wheelchair_gym.hardware.joystick import JoystickSettings
 from wheelchair_gym.safety.settings import StaleSettings
 from wheelchair_gym.sensors.settings import RANGERS, SensorSettings
 
+REST_SPEED = 0.05  # m/s, rad/s below which the chair is at rest
 _STALE = StaleSettings()  # of the shield: the host's limits are the same by default
 
 
@@ -36,8 +37,6 @@ class HostLimits:
     """Maximum drift between the host's clock and that of a board or another computer."""
     ready_timeout: float = setting(default=5.0, unit="s", low=0.1, source="design choice")
     """How long a reset waits for fresh data and for the chair to come to rest."""
-    rest_speed: float = setting(default=0.05, unit="m/s, rad/s", low=0.001, source="design choice")
-    """The chair is at rest below this speed."""
 
 
 @settings

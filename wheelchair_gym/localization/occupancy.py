@@ -54,7 +54,11 @@ class Scan(NamedTuple):
         return float(np.hypot(*self.points.T).max())
 
 
-def read_scan(laser: LaserSettings, ranges: ArrayLike, free_range: float) -> Scan:
+# m up to which a beam without echo frees cells: black and slanted walls give no echo, either
+_FREE_RANGE = 3.0
+
+
+def read_scan(laser: LaserSettings, ranges: ArrayLike) -> Scan:
     """Beams of a sweep as points; those that are invalid (NaN) or too near (-inf) are left out.
 
     A beam without echo beside one with an echo is left out, too: echoes get lost.
@@ -62,7 +66,6 @@ def read_scan(laser: LaserSettings, ranges: ArrayLike, free_range: float) -> Sca
     Args:
         laser: its mount and its beams.
         ranges: (beams,) [m]; without echo +inf, as is anything beyond the laser's reach.
-        free_range: length [m] over which a beam without echo is free.
 
     Raises:
         InputError: there are more or fewer ranges than beams.
@@ -75,7 +78,7 @@ def read_scan(laser: LaserSettings, ranges: ArrayLike, free_range: float) -> Sca
     valid &= ~silent[1:-1] | (silent[:-2] & silent[2:])
     r, angles = r[valid], (laser.yaw + laser.angles)[valid]
     hits = r <= laser.reach
-    r = np.where(hits, r, min(free_range, laser.reach))
+    r = np.where(hits, r, min(_FREE_RANGE, laser.reach))
     origin = np.array([laser.x, laser.y])
     ends = origin + np.stack([r * np.cos(angles), r * np.sin(angles)], axis=-1)  # (n, 2)
     return Scan(ends, hits, origin, laser.fov / (laser.beams - 1))
@@ -274,14 +277,6 @@ class MappingSettings:
         source="measured: gmapping's 0.05 errs a quarter more",
     )
     """Side of a cell."""
-    free_range: float = setting(
-        default=3.0,
-        unit="m",
-        low=0.0,
-        high=100.0,
-        source="black and slanted walls give no echo, either",
-    )
-    """Range up to which a beam without echo frees cells."""
     reserve: float = setting(
         default=0.0, unit="m", low=0.0, high=100.0, source="a real chair's loop must not wait"
     )

@@ -153,6 +153,9 @@ def update_particles(
 
 
 _RESAMPLING = 60_000  # index of the draw of resampling; those below are the particles'
+# m, rad: driven or turned before the next scan is used. Half as far drifts a quarter more, twice as
+# far localizes worse: measured; the angle is gmapping's.
+_UPDATE = 0.4, 0.5
 
 
 @settings
@@ -166,16 +169,6 @@ class SlamSettings:
         source="measured: gmapping's 30 are no better in 24 floor plans",
     )
     """Number of particles; 1 is plain scan matching."""
-    update_distance: float = setting(
-        default=0.4,
-        unit="m",
-        low=0.0,
-        high=10.0,
-        source="measured: half as far drifts a quarter more, twice as far localizes worse",
-    )
-    """Distance driven before the next scan is used."""
-    update_angle: float = setting(default=0.5, unit="rad", low=0.0, high=7.0, source="gmapping")
-    """Angle turned before the next scan is used."""
     mapping: MappingSettings = MappingSettings()
 
 
@@ -237,14 +230,13 @@ class Slam:
         motion = np.asarray(increment, dtype=np.float64)
         if motion.shape != (3,) or not np.isfinite(motion).all():
             raise InputError(f"increment is {increment!r}; expected three finite numbers")
-        config = self.settings
         if ranges is not None and np.shape(ranges) != (self.laser.beams,):
             raise InputError(f"a scan has shape {np.shape(ranges)}; expected ({self.laser.beams},)")
         self._increment = compose(self._increment, motion)
         self._driven += math.hypot(motion[0], motion[1]), abs(motion[2])
-        due = (self._driven >= (config.update_distance, config.update_angle)).any()
+        due = (self._driven >= _UPDATE).any()
         if ranges is not None and (due or not self._history or not learn):
-            scan = read_scan(self.laser, ranges, config.mapping.free_range)
+            scan = read_scan(self.laser, ranges)
             if len(scan.ends):
                 self._use_scan(scan, learn)
         self._steps.append((len(self._history), self._increment))

@@ -43,6 +43,9 @@ REST = 15  # the move of a state at the goal
 DRAWS = 4096  # poses tried
 _BUCKETS = 1024  # of the queue; twice as many until a move takes fewer ticks
 _NEW, _SETTLED = -1, -2  # of states that wait in no bucket
+_STEP = 0.2  # m: length of a move, a fifth of the chair
+# Without a path the outline shrinks by so much on each side [m], and so often that it is tried.
+_SHRINK, _TRIES = 0.02, 5
 
 
 @settings
@@ -53,14 +56,8 @@ class CostToGoSettings(DrivingCost):
     """Side of a lattice cell."""
     headings: int = setting(default=32, low=8, high=128, source="11 deg, the least turn of a move")
     """Number of headings of the lattice."""
-    step_length: float = setting(default=0.2, unit="m", low=0.02, source="a fifth of the chair")
-    """Length of a move."""
     margin: float = setting(default=0.02, unit="m", low=0.0, source="design choice")
     """Clearance that the outline keeps."""
-    shrink_step: float = setting(default=0.02, unit="m", low=0.0, source="design choice")
-    """Amount by which the outline shrinks on each side when no path exists."""
-    shrink_tries: int = setting(default=5, low=1, source="8 cm less on each side at most")
-    """Number of outlines that are tried."""
 
 
 @borrowing_kernel
@@ -234,8 +231,8 @@ def _search(
 
 def _moves(config: CostToGoSettings, motion: MotionCost) -> LatticeMoves:
     step = 2.0 * math.pi / config.headings
-    ahead: list[tuple[float, int]] = [(config.step_length, turn) for turn in (0, 1, -1, 2, -2)]
-    back = [(-config.step_length, turn) for turn in (0, 1, -1)] if motion.backward > 0.0 else []
+    ahead: list[tuple[float, int]] = [(_STEP, turn) for turn in (0, 1, -1, 2, -2)]
+    back = [(-_STEP, turn) for turn in (0, 1, -1)] if motion.backward > 0.0 else []
     every = [*ahead, (0.0, 1), (0.0, -1), *back]
     steps = np.zeros((len(every), config.headings, 3), np.int32)
     yaw = step * np.arange(config.headings)
@@ -310,10 +307,10 @@ def cost_to_go(
         off = np.abs(wrap_angle(ends * turn + grid.origin[2] - np.asarray(goal, np.float64)[2]))
         ends = ends[off <= max(0.5 * heading, float(off.min()) + 1e-9)]
     aim = Aim(seeds, ends, begin, ease, round((slack or 0.0) * TICKS))
-    for k in range(config.shrink_tries):
+    for k in range(_TRIES):
         states = _search(
             field, 1.0 / grid.resolution, (rows, cols), cell,
-            footprint_discs(footprint, k * config.shrink_step), moves, motion,
+            footprint_discs(footprint, k * _SHRINK), moves, motion,
             config.margin if k == 0 else 0.0, aim,
         )  # fmt: skip
         found = CostToGo(

@@ -12,7 +12,13 @@ from wheelchair_gym.kinematics import LIMITS
 from wheelchair_gym.physics.randomization import DRAW, RANDOMIZED, draws_of, randomize_sensors
 from wheelchair_gym.physics.settings import ChairSettings, PhysicsSettings, integer_ratio
 from wheelchair_gym.random import PARAMETERS, uniform
-from wheelchair_gym.sensors.settings import POSE_SOURCES, RANGERS, SCANNERS, SensorSettings
+from wheelchair_gym.sensors.settings import (
+    POSE_MAX,
+    POSE_SOURCES,
+    RANGERS,
+    SCANNERS,
+    SensorSettings,
+)
 
 PARAMETER = np.dtype(
     [
@@ -241,7 +247,7 @@ def parameters(
     p["pose_source"] = POSE_SOURCES.index(source)
     modelled = sensors.modelled
     p["pose_sigma"] = modelled.position, modelled.position, modelled.heading
-    p["pose_max"] = modelled.position_max, modelled.position_max, modelled.heading_max
+    p["pose_max"] = POSE_MAX
     p["pose_time"] = modelled.time
     p["fault_share"], p["fault_onset"] = sensors.faults.share, sensors.faults.onset
     p["dt"] = physics.step

@@ -40,6 +40,8 @@ if TYPE_CHECKING:
     from wheelchair_gym.task.task import Observation
 
 _LOG = logging.getLogger(__name__)
+_SPACING = 0.05  # m between two points of a trail
+_JPEG_QUALITY = 80
 _LONGEST_TRAIL = 2000  # points: of a longer drive, the trail is thinned out
 
 
@@ -49,12 +51,8 @@ class RecordingSettings:
 
     refresh_period: float = setting(default=1.0, unit="s", low=0.01, source="design choice")
     """Period of what changes seldom: map, path, mounts, outline and trail."""
-    trail_spacing: float = setting(default=0.05, unit="m", low=0.001, source="design choice")
-    """Spacing of the trail's points."""
     image_rate: float = setting(default=0.0, unit="Hz", low=0.0, high=60.0, source="design choice")
     """Rate of rendered pictures; 0 records none."""
-    jpeg_quality: int = setting(default=80, low=1, high=100, source="design choice")
-    """JPEG quality of the pictures."""
     when_full: Literal["go-on", "end"] = setting(default="go-on")
     """Whether the run goes on when the disk is full; the recording ends in any case."""
     format: Literal["foxglove", "ros2"] = setting(default="foxglove")
@@ -245,7 +243,7 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
         """Send trail, pictures and static content at their rates; returns if the map changed."""
         config, trail, changed = self._config, self._trail, False
         place = reading.pose[:2]
-        if not trail or np.hypot(*(place - trail[-1])) >= config.trail_spacing:
+        if not trail or np.hypot(*(place - trail[-1])) >= _SPACING:
             trail.append(place)
             if len(trail) > _LONGEST_TRAIL:
                 del trail[1:-1:2]
@@ -253,7 +251,7 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
             self._image = reading.stamp
             picture = self._env.render()
             if picture is not None:
-                self._out.send("/image", picture, config.jpeg_quality)
+                self._out.send("/image", picture, _JPEG_QUALITY)
         if _due(reading.stamp - self._refreshed, config.refresh_period):
             first, self._refreshed = self._refreshed < 0.0, reading.stamp
             self._out.send("/trail", trail)

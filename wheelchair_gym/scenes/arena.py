@@ -226,6 +226,7 @@ class Clutter:
 
 
 _DOORWAY_TRIES = 500
+_CORRIDOR_LENGTH, _ROOM_DEPTH = 7.0, 3.5  # m
 _TURN = np.linspace(0.0, 0.5 * math.pi, 4002)[1:-1]  # rad
 _DOORWAY_CLEARANCE = 0.06  # m round the footprint: a corridor of 0.90 m leaves 0.14 m
 
@@ -243,12 +244,6 @@ class Doorway:
         default=1.20, unit="m", low=0.75, high=4.0, source="design choice"
     )
     """Clear width of the corridor."""
-    corridor_length: float = setting(
-        default=7.0, unit="m", low=4.0, high=30.0, source="design choice"
-    )
-    """Length of the corridor."""
-    room_depth: float = setting(default=3.5, unit="m", low=2.0, high=10.0, source="design choice")
-    """Depth of the room behind the door."""
 
     @property
     def margin(self) -> float:
@@ -285,7 +280,7 @@ class Doorway:
                 f"Doorway: {footprint} does not turn from a corridor of {self.corridor_width} m "
                 f"into a door of {self.door_width} m: it is {-margin:.2f} m too large on every side"
             )
-        low, length = self.corridor_width + WALL, self.corridor_length
+        low, length = self.corridor_width + WALL, _CORRIDOR_LENGTH
         for _ in range(_DOORWAY_TRIES):
             middle = rng.uniform(0.35, 0.65) * length
             # On the raster, so that the door's width is exact.
@@ -295,12 +290,12 @@ class Doorway:
                 (0.0, self.corridor_width, left, low),
                 (right, self.corridor_width, length, low),
             ]
-            arena = make_arena((0.0, 0.0, length, low + self.room_depth), walls)
+            arena = make_arena((0.0, 0.0, length, low + _ROOM_DEPTH), walls)
             side = rng.choice((-1.0, 1.0))
             x = middle - side * rng.uniform(1.2, 1.8)
             start = np.array([x, 0.5 * self.corridor_width, 0.0 if side > 0 else math.pi])
             x = middle + rng.uniform(-0.5, 0.5)
-            goal = np.array([x, low + 0.6 * self.room_depth, 0.5 * math.pi])
+            goal = np.array([x, low + 0.6 * _ROOM_DEPTH, 0.5 * math.pi])
             if all(arena.is_free(pose, footprint, _DOORWAY_CLEARANCE) for pose in (start, goal)):
                 return arena.episode(start, goal, "doorway")
         raise InputError(f"Doorway: {_DOORWAY_TRIES} draws left no start for {footprint} in {self}")

@@ -98,6 +98,9 @@ def _parse_world(data: Any, where: str) -> tuple[Array, Array, Array, float | No
     return np.array(start), np.array([*goal, yaw][:3]), np.array(circles).reshape(-1, 3), length
 
 
+_MAP_MARGIN = 1.5  # m from cylinders, start and goal to the border of the map
+
+
 @lru_cache(maxsize=4)
 def _worlds(path: Path, stamp: int) -> list[Any]:
     """The file's content; the stamp makes an edited file be read again."""
@@ -122,8 +125,6 @@ class Barn:
         default=0.05, unit="m", low=0.0, high=0.5, source="design choice"
     )
     """Clearance on each side of the chair at the narrowest spot of drawn worlds."""
-    map_margin: float = setting(default=1.5, unit="m", low=0.5, source="design choice")
-    """Distance from cylinders, start and goal to the border of the map."""
 
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
         """The world of the settings, or one that a chair of this footprint can pass.
@@ -162,8 +163,8 @@ class Barn:
 
     def _episode(self, start: Array, goal: Array, discs: Array, name: str) -> Episode:
         points = np.vstack([discs[:, :2], start[:2], goal[:2]])
-        low = np.floor((points.min(axis=0) - self.map_margin) / CELL) * CELL
-        cols, rows = (to_cells(side) for side in points.max(axis=0) + self.map_margin - low)
+        low = np.floor((points.min(axis=0) - _MAP_MARGIN) / CELL) * CELL
+        cols, rows = (to_cells(side) for side in points.max(axis=0) + _MAP_MARGIN - low)
         check_cells(rows, cols, name)
         cells = np.zeros((rows, cols), dtype=np.int8)
         paint_discs(cells, discs, low[0], low[1], OCCUPIED)

@@ -45,14 +45,15 @@ _PIECES = (((0.45, 0.45), 5.0), ((0.20, 0.0), 3.0), ((0.60, 0.40), 9.0), ((0.25,
 # chair, stool, serving trolley, waste bin: size [m], mass [kg]
 
 
+_SLIDING_SHARE = 0.5  # of leaves, where the wall has room; the others swing
+
+
 @settings
 class DoorSettings:
     """Powered leaves of doors."""
 
     leaf_share: float = setting(default=0.4, low=0.0, high=1.0, source="design choice")
     """Share of doors that have a powered leaf."""
-    sliding_share: float = setting(default=0.5, low=0.0, high=1.0, source="design choice")
-    """Share of leaves that slide where the wall has room; the others swing."""
     trigger_distance: float = setting(
         default=2.0, unit="m", low=0.5, source="EN 16005, sensors of powered doors"
     )
@@ -78,7 +79,7 @@ def sample_doors(
         else:
             hinge, heading = ((x, y1), -0.5 * math.pi) if flip else ((x, y0), 0.5 * math.pi)
         width = float(layout.opening_widths[k])
-        slides = rng.random() < settings_.sliding_share and _in_wall(grid, hinge, heading, width)
+        slides = rng.random() < _SLIDING_SHARE and _in_wall(grid, hinge, heading, width)
         turns = [t for t in (turn, -turn) if _in_room(layout, hinge, heading + t, width)]
         if slides or turns:
             travel = -width if slides else float(turns[0])
@@ -154,6 +155,8 @@ def sample_furniture(
 
 _CROWD_TRIES = 200  # halls drawn before the settings are called impossible
 _CLEARANCE = 0.15  # m round the footprint at start and goal, as in the other scenes
+_CORRIDOR_LENGTH = 14.0, 18.0  # m: least and greatest, from end to end
+_LIFT_DOOR_WIDTH = 0.9, 1.1  # m: least and greatest, of a door that stands open
 _COLUMNS = 0.02  # 1/m2 of a hall
 
 
@@ -185,17 +188,9 @@ class Crowd:
         default=(2.0, 3.0), unit="m", low=1.2, high=10.0, source="design choice"
     )
     """Least and greatest width of a corridor, a crossing's corridors and the landing of a lift."""
-    corridor_length: tuple[float, float] = setting(
-        default=(14.0, 18.0), unit="m", low=10.0, high=60.0, source="design choice"
-    )
-    """Least and greatest length of these, from end to end."""
-    lift_door_width: tuple[float, float] = setting(
-        default=(0.9, 1.1), unit="m", low=0.7, high=1.6, source="design choice"
-    )
-    """Least and greatest width of a lift's door, which stands open."""
 
     def __post_init__(self) -> None:
-        check_ranges(self, "hall_size", "corridor_width", "corridor_length", "lift_door_width")
+        check_ranges(self, "hall_size", "corridor_width")
 
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
         """Draw a place that the footprint fits, then everything that moves in it.
@@ -234,7 +229,7 @@ class Crowd:
         """A passage in which the footprint gets from start to goal."""
         for _ in range(_CROWD_TRIES):
             passage = PASSAGES[self.place](
-                rng, footprint, self.corridor_width, self.corridor_length, self.lift_door_width
+                rng, footprint, self.corridor_width, _CORRIDOR_LENGTH, _LIFT_DOOR_WIDTH
             )
             arena, start, goal = passage[:3]
             if all(arena.is_free(pose, footprint, _CLEARANCE) for pose in (start, goal)):
@@ -292,6 +287,7 @@ class People(Crowd):
     """Least and greatest side of a hall."""
 
 
+_LATERAL_OFFSET = 0.15  # m: largest of an obstacle from the path, along x and y
 _ENDS = 2.0  # m of the way at start and goal where nothing appears
 
 
@@ -320,10 +316,6 @@ class Temporary:
         default=(5.0, 20.0), unit="s", low=0.1, high=600.0, source="design choice"
     )
     """Shortest and longest time for which an obstacle stays."""
-    lateral_offset: float = setting(
-        default=0.15, unit="m", low=0.0, high=1.0, source="design choice"
-    )
-    """Largest offset of an obstacle from the path, along x and y."""
     building: FloorPlan = FloorPlan()
 
     def __post_init__(self) -> None:
@@ -356,7 +348,7 @@ class Temporary:
             for at in np.sort(rng.uniform(_ENDS, lengths[-1] - _ENDS, count)):
                 x, y = (
                     float(np.interp(at, lengths, path[:, k]))
-                    + rng.uniform(-self.lateral_offset, self.lateral_offset)
+                    + rng.uniform(-_LATERAL_OFFSET, _LATERAL_OFFSET)
                     for k in range(2)
                 )
                 radius = float(rng.uniform(*self.radius))

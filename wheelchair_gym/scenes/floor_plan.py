@@ -27,6 +27,7 @@ Field = NDArray[np.float32]
 _TRIES = 50  # storeys drawn before the settings are called impossible
 _GOALS = 3  # goals tried in each
 _STARTS = 12  # starts tried for each goal
+_PASSAGE_WIDTH = 1.2  # m that furniture leaves clear
 _INSET = 0.4  # m: from the axle to the walls of a room, at least
 
 
@@ -65,8 +66,6 @@ class FloorPlan:
         default=0.25, unit="1/m2", low=0.0, high=2.0, source="design choice"
     )
     """Pieces of furniture that are tried per area of a room."""
-    passage_width: float = setting(default=1.2, unit="m", low=0.7, high=3.0, source="design choice")
-    """Clear width that furniture leaves."""
     path_length: tuple[float, float] = setting(
         default=(5.0, 30.0), unit="m", low=0.0, source="design choice"
     )
@@ -79,7 +78,7 @@ class FloorPlan:
 
     def storey(self, source: NumpyStream, home: bool, width: float, height: float) -> Storey:
         """One storey of a given kind and size [m]; which side is which is drawn."""
-        sizes = self.door_width, self.corridor_width, self.furniture_density, self.passage_width
+        sizes = self.door_width, self.corridor_width, self.furniture_density
         return _draw_storey(source, home, width, height, *sizes)
 
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
@@ -131,11 +130,10 @@ def _draw_storey(
     door_width: tuple[float, float],
     corridor_width: tuple[float, float],
     furniture_density: float,
-    passage_width: float,
 ) -> Storey:
     """Lay out and furnish a storey; write its map and its walls."""
     layout = generate_layout(source, home, width, height, door_width, corridor_width)
-    furniture = furnish(source, layout, home, furniture_density, passage_width)
+    furniture = furnish(source, layout, home, furniture_density, _PASSAGE_WIDTH)
     cells = np.full((layout.height, layout.width), OCCUPIED, np.int8)
     for rects in (layout.rooms, layout.corridors, layout.openings):
         paint_rects(cells, rects, as_int(FREE))

@@ -119,6 +119,11 @@ class ReactionShares(_Shares):
     """Who treat it as a thing that stands."""
 
 
+# m/s: deviation of preferred speeds (Weidmann 1993), and the least, with a walking frame
+_SPEED_SIGMA, _MIN_SPEED = 0.26, 0.4
+_START_DISTANCE = 2.0  # m: least of people from the chair's start
+
+
 @settings
 class PeopleSettings:
     """Number and behaviour of people."""
@@ -129,20 +134,12 @@ class PeopleSettings:
     """Least and greatest number of people per free area; of a lift, per area of its cabin."""
     speed: float = setting(default=SPEED, unit="m/s", low=0.1, source="Weidmann 1993")
     """Mean preferred walking speed."""
-    speed_sigma: float = setting(default=0.26, unit="m/s", low=0.0, source="Weidmann 1993")
-    """Standard deviation of the preferred walking speed."""
-    min_speed: float = setting(
-        default=0.4, unit="m/s", low=0.05, source="a person with a walking frame"
-    )
-    """Least preferred walking speed."""
     inattentive_share: float = setting(default=0.1, low=0.0, high=1.0, source="design choice")
     """Share of people who do not see the chair."""
     crossing_share: float = setting(default=0.0, low=0.0, high=1.0, source="DynaBARN")
     """Share of moving cylinders that avoid nobody."""
     patience: float = setting(default=4.0, unit="s", low=0.5, source="design choice")
     """Time without progress after which a person turns back."""
-    start_distance: float = setting(default=2.0, unit="m", low=0.8, source="design choice")
-    """Least distance of people from the chair's start."""
     model: Literal["orca", "social_force"] = setting(default="orca", source="design choice")
     """How people avoid others: optimal reciprocal collision avoidance, or the headed social force
     model."""
@@ -329,7 +326,7 @@ def _put_beside_chair(walker: Actor, start: Array, grid: OccupancyGrid, taken: l
 
 def _draw_walker(rng: np.random.Generator, people: PeopleSettings) -> tuple[float, int]:
     """Preferred speed [m/s] of somebody, and what they keep clear of."""
-    speed = max(people.min_speed, rng.normal(people.speed, people.speed_sigma))
+    speed = max(_MIN_SPEED, rng.normal(people.speed, _SPEED_SIGMA))
     if rng.random() < people.crossing_share:
         return speed, NOBODY
     return speed, PEOPLE if rng.random() < people.inattentive_share else EVERYBODY
@@ -339,7 +336,7 @@ def _too_near(
     start: Array, people: PeopleSettings, taken: list[Array]
 ) -> list[tuple[float, float, float]]:
     """Discs (x, y, radius) [m] in which nobody begins."""
-    near = [(*start[:2], people.start_distance + RADIUS)]
+    near = [(*start[:2], _START_DISTANCE + RADIUS)]
     return near + [(*at[:2], _PAIR - RADIUS + at[2]) for at in taken]
 
 

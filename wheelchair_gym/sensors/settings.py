@@ -210,6 +210,9 @@ class OdometrySettings:
     """Variance of each wheel's path per metre."""
 
 
+POSE_MAX = 0.10, 0.10, math.radians(3.0)  # m, m, rad: largest error of a modelled pose
+
+
 @settings
 class ModelledPose:
     """An error model of a localiser: a clipped first-order Markov process.
@@ -229,12 +232,6 @@ class ModelledPose:
         default=10.0, unit="s", low=0.01, source="measured by tests.benchmarks.poses"
     )
     """Correlation time of the errors."""
-    position_max: float = setting(default=0.10, unit="m", low=0.0, source="design choice")
-    """Largest error of x and of y."""
-    heading_max: float = setting(
-        default=math.radians(3.0), unit="rad", low=0.0, source="design choice"
-    )
-    """Largest error of the heading."""
 
 
 @settings

@@ -27,7 +27,7 @@ class TaskSettings:
         default=0.10,
         unit="m",
         low=0.0,
-        source="largest error of an estimated pose (`modelled.position_max`)",
+        source="largest error of an estimated pose (`modelled`)",
     )
     """How much nearer than the tolerance an estimated pose must be to count as arrived."""
     heading: bool = setting(default=False)

@@ -29,7 +29,7 @@ from wheelchair_gym.hardware.boards.protocol import (
 from wheelchair_gym.hardware.connection import Latest
 from wheelchair_gym.hardware.control_loop import Clock, wait_until
 from wheelchair_gym.hardware.laser.hokuyo import Hokuyo, TimedScan, open_laser
-from wheelchair_gym.hardware.settings import HardwareSettings
+from wheelchair_gym.hardware.settings import REST_SPEED, HardwareSettings
 from wheelchair_gym.kinematics import DriveGeometry
 from wheelchair_gym.sensors.settings import RANGERS, SensorSettings
 
@@ -199,7 +199,7 @@ class BoardSensors:
     def moving(self) -> str:
         """That the chair moves; empty: it is at rest."""
         left, right = self.odometry.speed_left, self.odometry.speed_right
-        if max(abs(left), abs(right)) <= self.settings.limits.rest_speed:
+        if max(abs(left), abs(right)) <= REST_SPEED:
             return ""
         return f"it does not come to rest ({left:.2f}, {right:.2f} m/s)"
 

@@ -20,6 +20,7 @@ from wheelchair_gym.sensors.settings import LaserSettings
 _MAX_TILT = 0.3  # rad: maximum roll or pitch of a chair on a floor
 _MAX_STAMP = 1 << 32  # s: ROS uses 32 bits
 _MAX_BEAMS = 20_000
+_FREE, _OCCUPIED = 25, 65  # %: cells of a map up to it, and from it on: map_saver
 _NEAR = 1e-3  # rad: angles that are rounded to float32 are the same
 
 
@@ -172,14 +173,8 @@ def voltage(message: Mapping[str, Any]) -> float:
     return _finite(message["voltage"])[0]
 
 
-def grid(message: Mapping[str, Any], free: int, occupied: int) -> OccupancyGrid:
-    """The map of a nav_msgs/OccupancyGrid.
-
-    Args:
-        message: as received.
-        free: maximum value of a free cell [%].
-        occupied: minimum value of an occupied cell [%].
-    """
+def grid(message: Mapping[str, Any]) -> OccupancyGrid:
+    """The map of a nav_msgs/OccupancyGrid."""
     info = message["info"]
     rows, cols = int(info["height"]), int(info["width"])
     values = np.array(message["data"], dtype=np.int16)
@@ -188,7 +183,7 @@ def grid(message: Mapping[str, Any], free: int, occupied: int) -> OccupancyGrid:
     if values.min() < -1 or values.max() > 100:
         raise ValueError("has cells beyond -1 to 100")
     cells = np.full(values.shape, UNKNOWN, np.int8)
-    cells[(values >= 0) & (values <= free)] = FREE
-    cells[values >= occupied] = OCCUPIED
+    cells[(values >= 0) & (values <= _FREE)] = FREE
+    cells[values >= _OCCUPIED] = OCCUPIED
     x, y, yaw = _pose(info["origin"]["position"], info["origin"]["orientation"]).tolist()
     return OccupancyGrid(cells.reshape(rows, cols), _finite(info["resolution"])[0], (x, y, yaw))

@@ -15,10 +15,12 @@ from wheelchair_gym.hardware.connection import NEVER, ClockSync, Stamped
 from wheelchair_gym.hardware.ros import messages as ros
 from wheelchair_gym.hardware.ros.clock import SimulatedClock
 from wheelchair_gym.hardware.ros.settings import RosSettings
+from wheelchair_gym.hardware.settings import REST_SPEED
 from wheelchair_gym.sensors.settings import RANGERS, SensorSettings
 
 _LOG = logging.getLogger(__name__)
 _LONGEST = 200  # characters of the description of a bad message
+_MOUNT_TOLERANCE = 0.05  # m, rad: largest difference of a laser's pose in tf from the settings'
 _BROADCASTERS = 100  # messages that wait: each node sends its transforms at the start
 
 
@@ -68,10 +70,7 @@ class RosSensors:
             s.tf: Topic("tf2_msgs/TFMessage", ros.transforms, queue=_BROADCASTERS),
             s.tf_static: Topic("tf2_msgs/TFMessage", ros.transforms, queue=_BROADCASTERS),
             s.clock: Topic("rosgraph_msgs/Clock", lambda message: ros.seconds(message["clock"])),
-            s.map: Topic(
-                "nav_msgs/OccupancyGrid",
-                lambda message: ros.grid(message, s.free_threshold, s.occupied_threshold),
-            ),
+            s.map: Topic("nav_msgs/OccupancyGrid", ros.grid),
             **{
                 topic: Topic("sensor_msgs/Range", lambda message: ros.distance(message, null))
                 for topic in s.ultrasonic
@@ -182,7 +181,7 @@ class RosSensors:
     def moving(self) -> str:
         """That the chair moves; empty: it is at rest."""
         v, w = self.odometry[1]
-        moves = max(abs(v), abs(w)) > self.settings.limits.rest_speed
+        moves = max(abs(v), abs(w)) > REST_SPEED
         return f"it does not come to rest ({v:.2f} m/s, {w:.2f} rad/s)" if moves else ""
 
     def map_pose(self) -> Stamped | None:
@@ -197,7 +196,7 @@ class RosSensors:
             if mount is None:
                 continue
             apart = relative_pose((laser.x, laser.y, laser.yaw), mount.value)
-            if max(np.hypot(*apart[:2]), abs(apart[2])) <= self.settings.mount_tolerance:
+            if max(np.hypot(*apart[:2]), abs(apart[2])) <= _MOUNT_TOLERANCE:
                 continue
             x, y, yaw = mount.value
             return (

@@ -67,13 +67,7 @@ class RosSettings:
     """Measure ages and control periods by the simulated time."""
     clock_timeout: float = setting(default=2.0, unit="s", low=0.1, source="design choice")
     """How long the simulated time may stand still, in real time."""
-    free_threshold: int = setting(default=25, unit="%", low=0, high=100, source="map_saver")
-    """Cells of the map up to this value are free."""
-    occupied_threshold: int = setting(default=65, unit="%", low=0, high=100, source="map_saver")
-    """Cells of the map from this value on are occupied."""
     limits: HostLimits = HostLimits()
-    mount_tolerance: float = setting(default=0.05, unit="m, rad", low=0.0, source="design choice")
-    """Maximum difference between the laser's pose in tf and in sensors.laser."""
     link: RosbridgeSettings = RosbridgeSettings()
 
     def __post_init__(self) -> None:
@@ -81,9 +75,4 @@ class RosSettings:
             raise InputError(
                 f"RosSettings.ultrasonic has {len(self.ultrasonic)} topics; expected {RANGERS}, "
                 "or none"
-            )
-        if self.occupied_threshold <= self.free_threshold:
-            raise InputError(
-                f"RosSettings.occupied_threshold is {self.occupied_threshold}; expected more than "
-                f"free_threshold, {self.free_threshold}"
             )

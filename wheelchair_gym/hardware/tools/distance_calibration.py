@@ -143,7 +143,7 @@ def measure_wall(senses: BoardSensors, clock: Clock, poll: Callable[[], object])
 def _ahead(senses: BoardSensors, ranges: NDArray[np.float32]) -> Array:
     """Echoes (n, 2) within a fan ahead, in the chair's frame."""
     laser = senses.sensors.laser
-    echoes = read_scan(laser, ranges, 0.0).echoes
+    echoes = read_scan(laser, ranges).echoes
     aside = np.arctan2(echoes[:, 1] - laser.y, echoes[:, 0] - laser.x)
     ahead: Array = echoes[np.abs(aside) <= _FAN]
     return ahead
@@ -239,7 +239,7 @@ def _gap(chair: HardwareChair, ranges: NDArray[np.float32]) -> float:
     if not np.isfinite(ranges).any():
         return 0.0
     front, _, half = chair.chair.footprint.array
-    echoes = read_scan(chair.sensors.laser, ranges, 0.0).echoes
+    echoes = read_scan(chair.sensors.laser, ranges).echoes
     ahead = echoes[(np.abs(echoes[:, 1]) < half + HALF) & (echoes[:, 0] > front)]
     return float(ahead[:, 0].min(initial=chair.sensors.laser.reach) - front)
 
