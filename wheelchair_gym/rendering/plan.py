@@ -23,15 +23,12 @@ def draw_plan(
     path: ArrayLike | None = None,
     tree: ArrayLike | None = None,
     *,
-    walls: ArrayLike | None = None,
-    discs: ArrayLike | None = None,
     polygons: Sequence[ArrayLike] = (),
     inflated: Sequence[ArrayLike] = (),
     rollout: ArrayLike | None = None,
     optimum: ArrayLike | None = None,
     swarm: Sequence[ArrayLike] = (),
     outlines: Sequence[ArrayLike] = (),
-    tolerance: float = 0.0,
     size: int | tuple[int, int] = 640,
     caption: str = "",
     legend: bool = False,
@@ -44,15 +41,12 @@ def draw_plan(
         goal: (2,) or (3,).
         path: (n, 2 or 3) [m].
         tree: edges (k, 4) [m].
-        walls: segments (n, 4) [m] of closed loops.
-        discs: (m, 3) [m]: x, y, radius.
-        polygons: closed loops (k, 2) [m], filled with the walls by the even-odd rule.
+        polygons: closed loops (k, 2) [m], filled by the even-odd rule.
         inflated: closed loops (k, 2) [m] of what is solid and kept free, filled likewise, paler.
         rollout: poses (n, 2 or 3) [m] that commands lead through; the path is then red, they blue.
         optimum: the best path known (n, 2 or 3) [m].
         swarm: paths (n, 2 or 3) [m] that a swarm has tried.
         outlines: closed loops (k, 2) [m] of what moves, at places along the path.
-        tolerance: how near the goal counts [m].
         size: height and width, or the long side alone [pixels]; a legend comes on top.
         caption: one line below the picture, ASCII.
         legend: say above the picture what is what.
@@ -64,9 +58,8 @@ def draw_plan(
     x0, y0, x1, y1 = box
     fine.fill([[(x0, y0), (x1, y0), (x1, y1), (x0, y1)]], palette.FREE)
     fine.fill(inflated, palette.MAPPED)
-    segments = [no_walls() if walls is None else np.asarray(walls, dtype=np.float64)]
-    segments += [polygon_edges(polygon) for polygon in polygons]
-    floor.draw_obstacles(fine, np.concatenate(segments), no_discs() if discs is None else discs)
+    edges = [no_walls(), *(polygon_edges(polygon) for polygon in polygons)]
+    floor.draw_obstacles(fine, np.concatenate(edges), no_discs())
     if tree is not None:
         fine.segments(tree, palette.TREE, _TREE)
     for particle in swarm:
@@ -80,10 +73,7 @@ def draw_plan(
         fine.line(rollout, palette.TRAIL, _ROLLOUT)
     if optimum is not None:
         fine.dashes(optimum, palette.OPTIMUM, _OPTIMUM)
-    if tolerance > 0.0:
-        floor.draw_goal(fine, goal, tolerance)
-    else:
-        _mark_goal(fine, goal)
+    _mark_goal(fine, goal)
     floor.draw_start(fine, start)
     floor.draw_scale_bar(fine)
     picture = fine.downsampled(floor.FINE)
