@@ -71,6 +71,7 @@ def test_another_seed_gives_another_tremor():
         ({"name": "expert", "interface": {"kind": "stik"}}, "did you mean stick?"),
         ({"name": "expert", "interface": {"kind": "switches", "directions": 5}}, "one of 4, 8"),
         ({"name": "expert", "interface": 3}, "expected an object with a kind"),
+        ({"name": "expert", "perception": {"lapse_most": 0.5}}, "must not lie below"),
         (7, "expected a name"),
     ],
 )
@@ -240,8 +241,8 @@ def test_a_person_reacts_to_the_motion_that_was_given():
 
 
 def test_a_lapse_keeps_the_last_signal():
-    """Somebody whose every decision is a lapse stays at rest."""
-    lapse = {"lapses": 60.0}
+    """Somebody whose first decision is a lapse of 30 s stays at rest."""
+    lapse = {"lapses": 60.0, "lapse_least": 30.0, "lapse_most": 30.0}
     absent = {"name": "expert", "perception": lapse, "intention": {"period": 1.0}}
     assert not sticks(absent, steps=30)[0].any()
     assert sticks({**absent, "perception": {}}, steps=30)[0].any()

@@ -339,7 +339,7 @@ def test_actors_of_earlier_recordings_only_walk():
 @pytest.mark.parametrize("section", DROPPED)
 def test_settings_that_are_constants_now_are_left_out(section):
     """As releases up to 0.2 wrote them into recordings and weights."""
-    given = dict.fromkeys(DROPPED[section], 1.0)
+    given = dict(DROPPED[section])
     for part in reversed(section.split(".")):
         given = {part: given}
     found = migrated(given)
@@ -348,17 +348,22 @@ def test_settings_that_are_constants_now_are_left_out(section):
     assert found == {}
 
 
+def test_a_setting_that_had_another_value_than_the_constant_is_reported():
+    with pytest.warns(UserWarning, match=r"starts.min_time is 2.0 in .* it is 1.0 now"):
+        assert migrated({"starts": {"max_time": 3.0, "min_time": 2.0}}) == {
+            "starts": {"max_time": 3.0}
+        }
+
+
 def test_people_and_mixed_scenes_of_earlier_releases_are_read():
     doorway = {"name": "doorway", "door_width": 1.0, "room_depth": 3.5}
     given = {
         "scene": {"name": "mixture", "scenes": ["empty", doorway], "weights": [0.5, 0.5]},
-        "driver": ["expert", {"name": "bci", "interface": {"speed": 0.2, "accuracy": 0.85}}],
         "assistant": {"name": "vfh", "reach": 1.0, "widen": 0.05},
         "starts": {"max_time": 0.0, "min_time": 1.0},
     }
     read = load(EnvSettings, migrated(given), "old")
     assert read.scene["scenes"] == ["empty", {"name": "doorway", "door_width": 1.0}]
-    assert read.driver == ["expert", {"name": "bci", "interface": {"speed": 0.2}}]
     assert read.assistant["reach"] == 1.0
 
 

@@ -9,7 +9,6 @@ from wheelchair_gym.config import InputError, dump, load
 from wheelchair_gym.drivers import people
 from wheelchair_gym.drivers.settings import Driver, interface_of
 from wheelchair_gym.errors import shorten
-from wheelchair_gym.migration import migrated
 from wheelchair_gym.registry import Registry, in_module
 
 __all__ = ["DRIVERS", "driver_spec", "make_driver", "make_drivers"]
@@ -39,7 +38,7 @@ def make_driver(spec: str | Mapping[str, Any] | Driver) -> Driver:
     """
     if isinstance(spec, Driver):
         return spec
-    values = migrated(DRIVERS.spec(spec), "driver")  # also one that an earlier release has fitted
+    values = DRIVERS.spec(spec)
     name = values.pop("name")
     made = DRIVERS[name]()
     if not isinstance(made, Driver):

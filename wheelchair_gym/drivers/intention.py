@@ -42,12 +42,6 @@ LAPSE, LAPSE_TIME, MIND, WHERE, LOOKS = 100, 101, 102, 103, 104
 NOTICED, INDECISION = 200, 300  # and on: of each sector, of each signal
 POSES = 6  # on the arc of a signal
 TOUCH = 0.01  # m: nearer is a collision
-LAPSES = 1.0, 3.0  # s: shortest and longest lapse of attention, assumed
-CAUTION = 3.0  # s that it would spend for each second without any of the distance that it likes
-MIND_CHANGE_TIME = 4.0  # s for which it keeps to another direction: assumed
-# At a thing that it looks at: the distance [m] at which it stops (docking: 0.05 to 0.15 m), the
-# deflection with which it comes near, and the time [s] for which it stays; assumed.
-LOOK_DISTANCE, LOOK_SPEED, LOOK_TIME = 0.10, 0.25, 3.0
 COLLISION = 1e4  # s: an arc that collides costs more than any other
 NO_WAY = 60.0  # s more where the quickest way is not known
 AHEAD = 0.5  # m before the axle, where a route's length shows whether the heading is right
@@ -275,10 +269,10 @@ def _cost(
         spare: seconds that obstacles may cost at the arc's end; from there on the cost may be
             infinite, if only the end counts.
     """
-    horizon = d.horizon
+    plan, horizon = p.intention, d.horizon
     v, w = _motion(p, d, k)
     to_stop, only_end = _time_to_stop(p, d, v), _only_end(p, d, v, w)
-    touch = 0.5 * LOOK_DISTANCE if d.mode == LOOK else TOUCH
+    touch = 0.5 * plan.look_distance if d.mode == LOOK else TOUCH
     costs = doubles_at(on_stack(8 * POSES), POSES)
     cost, free = 0.0, POSES
     for j in range(POSES):
@@ -289,7 +283,7 @@ def _cost(
             free = j
             break
         short = max(0.0, (d.clearance - gap) / max(d.clearance, 1e-6))
-        cost += CAUTION * min(4.0, short * short) * horizon / POSES
+        cost += plan.caution * min(4.0, short * short) * horizon / POSES
         before = gap
         if only_end and cost > spare:
             return math.inf
@@ -334,7 +328,7 @@ def _change_mode(p: Any, d: Any, pose: Array) -> None:
         if found >= 0:
             wx, wy = body_to_world(c, s, 0.7 * d.points[found, 0], 0.7 * d.points[found, 1])
             d.target[0], d.target[1] = pose[0] + wx, pose[1] + wy
-            d.mode, d.mode_until = ELSEWHERE, d.clock + MIND_CHANGE_TIME
+            d.mode, d.mode_until = ELSEWHERE, d.clock + plan.mind_change_time
             return
     if uniform(d.key, d.decisions, DRIVERS, LOOKS) < plan.looks * each:
         x, y = _nearest(d, 1.0)
@@ -351,7 +345,7 @@ def _may_choose(p: Any, d: Any, k: int) -> bool:
     if d.mode == RETREAT:
         return bool(x <= 0.0)
     if d.mode == LOOK:
-        return bool(0.0 <= x <= LOOK_SPEED)
+        return bool(0.0 <= x <= p.intention.look_speed)
     return bool(p.kind != STICK or abs(_motion(p, d, k)[0]) <= d.fastest)
 
 
@@ -408,8 +402,8 @@ def _choose(p: Any, d: Any, prepared: Any, pose: Array, twist: Array) -> int:
     """The signal that costs least from where the chair will be."""
     if d.mode == LOOK and d.n_points > 0:
         x, y = _nearest(d, 1.0)
-        if signed_clearance(x, y, p.outline[:]) <= LOOK_DISTANCE:  # NaN: never
-            d.mode_until = min(d.mode_until, d.clock + LOOK_TIME)
+        if signed_clearance(x, y, p.outline[:]) <= p.intention.look_distance:  # NaN: never
+            d.mode_until = min(d.mode_until, d.clock + p.intention.look_time)
             return 0
     best, least = 0, math.inf
     if d.mode == RETREAT:  # back, as far from everything as possible
@@ -459,8 +453,7 @@ def decide(p: Any, d: Any, prepared: Any, pose: Array, twist: Array, scan: Float
         return
     if uniform(d.key, d.decisions, DRIVERS, LAPSE) < sight.lapses / 60.0 * p.intention.period:
         share = uniform(d.key, d.decisions, DRIVERS, LAPSE_TIME)
-        least, most = LAPSES
-        d.lapse_until = d.clock + least + share * (most - least)
+        d.lapse_until = d.clock + sight.lapse_least + share * (sight.lapse_most - sight.lapse_least)
         return
     _see(p, d, scan)
     _change_mode(p, d, pose)

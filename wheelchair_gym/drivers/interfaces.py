@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
-from wheelchair_gym.drivers.settings import IMAGERY_DELAY
 from wheelchair_gym.drivers.state import BRAIN_COMPUTER, SCANNING, STICK, SWITCHES
 from wheelchair_gym.geometry import body_to_world, wrap
 from wheelchair_gym.random import DRIVERS, normal, uniform
@@ -21,11 +20,6 @@ from wheelchair_gym.random import DRIVERS, normal, uniform
 # Indices of draws in the channel DRIVERS; those of a tick and of a decision differ.
 TREMOR, BURST, BURST_X, BURST_Y, ERROR, OTHER, LATE = 0, 2, 3, 4, 5, 6, 7
 STOP, AHEAD = 0, 1  # the signal at rest, and that of imagery without any turn
-BURST_TIME = 1.0  # s of a spasm: 0.5 to 2 s, assumed
-# Of motor imagery: the probability that a command is the one that was meant, else its opposite
-# (Leeb 2015: more than 0.7 to take part; Tonin 2022); the least time [s] between two commands (3 to
-# 6 a minute: assumed); the change of heading [rad] that one brings about (Leeb 2015).
-ACCURACY, COMMAND_INTERVAL, COMMAND_ANGLE = 0.85, 10.0, math.radians(30.0)
 LONGEST_TURN = 5.0  # s: a command that turns nothing ends then
 
 
@@ -92,7 +86,7 @@ def _move_hand(
     x, y = push_through(x, y, device.dead_zone)
     if h.bursts > 0.0:
         if d.clock >= d.burst_until and _draw(d, BURST) < h.bursts / 60.0 * tick:
-            d.burst_until = d.clock + BURST_TIME
+            d.burst_until = d.clock + h.burst_time
             d.burst[0] = 1.0 if _draw(d, BURST_X) < 0.5 else -1.0
             d.burst[1] = 1.0 if _draw(d, BURST_Y) < 0.5 else -1.0
         if d.clock < d.burst_until:
@@ -174,23 +168,24 @@ def _step_brain_computer(p: Any, d: Any, yaw: float) -> None:
     """A switch starts and stops; imagery turns the chair by an angle, late and not always right."""
     device, turns = p.interface, d.active > AHEAD
     if turns and (
-        abs(wrap(yaw - d.turn_from)) >= COMMAND_ANGLE or d.clock > d.commanded + LONGEST_TURN
+        abs(wrap(yaw - d.turn_from)) >= device.command_angle or d.clock > d.commanded + LONGEST_TURN
     ):
         d.active = d.resumed
         return
     to = d.intended
-    if to == d.active or (to > AHEAD and (turns or d.clock < d.commanded + COMMAND_INTERVAL)):
+    if to == d.active or (
+        to > AHEAD and (turns or d.clock < d.commanded + device.command_interval)
+    ):
         d.switch_to = -1
     elif d.switch_to != to:
         late = device.delay
         if to > AHEAD:
-            least, most = IMAGERY_DELAY
-            late = least + (most - least) * _draw(d, LATE)
+            late = device.delay_least + (device.delay_most - device.delay_least) * _draw(d, LATE)
         d.switch_to, d.switch_at = to, d.clock + late
     elif d.clock >= d.switch_at:
         if to > AHEAD:
             d.resumed, d.commanded, d.turn_from = d.active, d.clock, yaw
-            if _draw(d, ERROR) >= ACCURACY:
+            if _draw(d, ERROR) >= device.accuracy:
                 to = 5 - to  # left for right
         d.active, d.switch_to = to, -1
         d.presses += 1

@@ -14,7 +14,6 @@ from wheelchair_gym.errors import shorten
 
 _CHOICE = "design choice"
 _ASSUMED = "assumed: no published value found"
-IMAGERY_DELAY = 1.0, 4.0  # s: shortest and longest time to a command of imagery, assumed
 _REACTION = "0.25 to 0.3 s, with impairments 0.5 to 1.0 s: assumed"
 
 
@@ -35,14 +34,26 @@ class Intention:
     """Time that it looks ahead along the arc of a signal."""
     clearance: float = setting(default=0.25, unit="m", low=0.0, high=2.0, source=_CHOICE)
     """Distance to obstacles that it likes to keep."""
+    caution: float = setting(default=3.0, low=0.0, high=100.0, source=_CHOICE)
+    """Seconds that it would spend for each second without any of that distance."""
     steadiness: float = setting(default=0.15, unit="s", low=0.0, high=10.0, source=_CHOICE)
     """Seconds that a full change of the signal is worth: more makes fewer movements."""
     indecision: float = setting(default=0.0, unit="s", low=0.0, high=10.0, source=_ASSUMED)
     """Standard deviation of the error of a signal's judged worth: more makes more movements."""
     mind_changes: float = setting(default=0.0, unit="1/min", low=0.0, high=60.0, source=_ASSUMED)
     """How often it turns to another free direction for a while."""
+    mind_change_time: float = setting(default=4.0, unit="s", low=0.1, high=60.0, source=_ASSUMED)
+    """How long it keeps to that direction."""
     looks: float = setting(default=0.0, unit="1/min", low=0.0, high=60.0, source=_ASSUMED)
     """How often it drives slowly up to something ahead, such as a desk, to look at it."""
+    look_distance: float = setting(
+        default=0.10, unit="m", low=0.0, high=1.0, source="docking: 0.05 to 0.15 m, assumed"
+    )
+    """Distance at which it stops there."""
+    look_speed: float = setting(default=0.25, low=0.05, high=1.0, source=_CHOICE)
+    """Deflection with which it comes near, as a share."""
+    look_time: float = setting(default=3.0, unit="s", low=0.0, high=600.0, source=_ASSUMED)
+    """How long it stays there."""
     patience: float = setting(default=3.0, unit="s", low=0.1, high=600.0, source=_ASSUMED)
     """How long it pushes without any motion before it backs off; and how long it hesitates before
     it likes to keep half the distance."""
@@ -83,6 +94,10 @@ class Perception:
     """How far it keeps to the left of its way."""
     lapses: float = setting(default=0.0, unit="1/min", low=0.0, high=60.0, source="1 to 3, assumed")
     """How often its attention lapses; its last signal then goes on."""
+    lapse_least: float = setting(default=1.0, unit="s", low=0.0, high=60.0, source=_ASSUMED)
+    """Shortest lapse."""
+    lapse_most: float = setting(default=3.0, unit="s", low=0.0, high=60.0, source=_ASSUMED)
+    """Longest lapse."""
 
 
 @settings
@@ -111,6 +126,10 @@ class Hand:
         default=0.0, unit="1/min", low=0.0, high=60.0, source="spasticity 0.5 to 2: assumed"
     )
     """How often a spasm pushes the hand to a corner."""
+    burst_time: float = setting(
+        default=1.0, unit="s", low=0.05, high=10.0, source="0.5 to 2 s: assumed"
+    )
+    """How long a spasm lasts."""
     forward: float = setting(default=1.0, low=0.0, high=1.0, source="weakness 0.3 to 0.7: assumed")
     """Share of a deflection forward that the hand brings about."""
     backward: float = setting(default=1.0, low=0.0, high=1.0, source="weakness 0.3 to 0.7: assumed")
@@ -223,6 +242,26 @@ class BrainComputer:
 
     kind: Literal["brain_computer"] = setting(default="brain_computer", source=_CHOICE)
     """Which interface these are settings of."""
+    accuracy: float = setting(
+        default=0.85, low=0.0, high=1.0, source="Leeb 2015: more than 70 % to take part; Tonin 2022"
+    )
+    """Probability that a command is the one that was meant; else it is its opposite."""
+    command_interval: float = setting(
+        default=10.0, unit="s", low=0.1, high=600.0, source="3 to 6 commands a minute: assumed"
+    )
+    """Least time between two commands."""
+    delay_least: float = setting(
+        default=1.0, unit="s", low=0.0, high=60.0, source="1 to 4 s: assumed"
+    )
+    """Shortest time to a command."""
+    delay_most: float = setting(
+        default=4.0, unit="s", low=0.0, high=60.0, source="1 to 4 s: assumed"
+    )
+    """Longest time to a command."""
+    command_angle: float = setting(
+        default=math.radians(30.0), unit="rad", low=0.01, high=math.pi, source="Leeb 2015: 30 deg"
+    )
+    """Change of heading that a command brings about."""
     speed: float = setting(default=0.3, low=0.05, high=1.0, source=_CHOICE)
     """Deflection forward while the chair drives."""
     turn: float = setting(default=0.4, low=0.05, high=1.0, source=_CHOICE)
@@ -252,6 +291,10 @@ class Driver:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "interface", interface_of(self.interface))
+        if self.perception.lapse_most < self.perception.lapse_least:
+            raise InputError("perception.lapse_most must not lie below perception.lapse_least")
+        if getattr(self.interface, "delay_most", 0.0) < getattr(self.interface, "delay_least", 0.0):
+            raise InputError("interface.delay_most must not lie below interface.delay_least")
 
 
 def interface_of(value: Any) -> Any:

@@ -15,14 +15,7 @@ from numpy.typing import NDArray
 from wheelchair_gym.compiled.address import Target, pointer_record, prefetch, rows_of
 from wheelchair_gym.compiled.kernel import inlined
 from wheelchair_gym.config import InputError
-from wheelchair_gym.drivers.settings import (
-    IMAGERY_DELAY,
-    INTERFACES,
-    Driver,
-    Hand,
-    Intention,
-    Perception,
-)
+from wheelchair_gym.drivers.settings import INTERFACES, Driver, Hand, Intention, Perception
 from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.sensors.settings import SensorSettings
 
@@ -218,7 +211,7 @@ def constants_of(
         # A tenth: a myopic horizon would not think a drive worth its wait.
         wait[1 : len(signals)] = 0.1 * device.scan_period * np.arange(1, len(signals))
     elif device.kind == "brain_computer":
-        late[2:] = driver.perception.reaction + 0.5 * sum(IMAGERY_DELAY)
+        late[2:] = driver.perception.reaction + 0.5 * (device.delay_least + device.delay_most)
     p["period"], p["ticks"] = period, max(1, round(period * TICK_RATE))
     tick = period / p["ticks"]
     if device.kind == "stick":
