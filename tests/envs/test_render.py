@@ -16,6 +16,8 @@ def env(**settings):
     return gymnasium.make("wheelchair_gym/Navigation-v0", config=SHORT, **settings)
 
 
+# imageio_ffmpeg leaves its pipes to the garbage collector.
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 def test_a_recorded_episode_plays_back_as_it_was_rendered(tmp_path):
     pytest.importorskip("moviepy", reason="moviepy is not installed (extra: view)")
     import imageio_ffmpeg
@@ -93,6 +95,8 @@ def test_pixels_are_observations_across_resets():
         assert space.contains(world.step(STILL)[0])
 
 
+# imageio_ffmpeg leaves its pipes to the garbage collector.
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 def test_one_film_holds_several_episodes(tmp_path):
     pytest.importorskip("moviepy", reason="moviepy is not installed (extra: view)")
     import imageio_ffmpeg

@@ -31,6 +31,8 @@ def test_png_returns_the_same_pixels(tmp_path):
     assert (cv2.imread(str(tmp_path / "deep" / "a.png"))[..., ::-1] == image).all()
 
 
+# imageio_ffmpeg leaves its pipes to the garbage collector.
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 @pytest.mark.parametrize("shape", [(64, 96), (65, 97)])
 def test_mp4_is_h264_with_every_frame(tmp_path, shape):
     ffmpeg = pytest.importorskip("imageio_ffmpeg")

@@ -200,7 +200,8 @@ def test_create_video_writes_a_film_once(folder, capsys, monkeypatch):
     monkeypatch.setattr("agents.cli.plan.video_suffix", lambda: ".gif")
     path = settings(folder, CreateVideo=True)
     assert main(["plan", "--config", str(path), *OPTIONS]) == 0
-    assert Image.open("figure.gif").n_frames == 6
+    with Image.open("figure.gif") as film:
+        assert film.n_frames == 6
     assert main(["plan", "--config", str(path), *OPTIONS]) == 2
     assert "CreateVideo would overwrite figure.gif" in capsys.readouterr().err
 
