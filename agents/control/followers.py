@@ -367,15 +367,6 @@ class GeneratedControls:
         self._age = 0.0
 
 
-# Of pure pursuit.
-_LOOKAHEAD = 0.45  # m: least distance of the point that is steered for, about half a chair
-_LOOKAHEAD_TIME = 0.7  # s by whose way the point is farther ahead in motion
-_LATERAL = 0.35  # m/s²: greatest lateral acceleration in curves, for comfort
-_PIVOT = 0.9  # rad: heading error above which the chair turns in place
-_MARGIN = 0.05  # m that the outline keeps where it can; 3 sigma of the laser are 45 mm
-_SLOWEST = 0.1  # m/s in curves and near the goal, as with a walking stick
-
-
 @settings
 class PurePursuit:
     """Regulated pure pursuit (Coulter 1992): steers for a point ahead on the path.
@@ -383,24 +374,39 @@ class PurePursuit:
     It is slower in curves, near walls and near the goal.
     """
 
+    lookahead: float = setting(default=0.45, unit="m", low=0.05, source="about half a chair")
+    """Least distance of the point that is steered for."""
+    lookahead_time: float = setting(default=0.7, unit="s", low=0.0, source="design choice")
+    """Time by whose way the point is farther ahead in motion."""
+    lateral: float = setting(default=0.35, unit="m/s2", low=0.01, source="comfort")
+    """Greatest lateral acceleration in curves."""
+    pivot: float = setting(default=0.9, unit="rad", low=0.1, high=3.1, source="design choice")
+    """Heading error above which the chair turns in place."""
+    margin: float = setting(default=0.05, unit="m", low=0.0, source="laser sigma 15 mm, 3 sigma")
+    """Clearance that the outline keeps where it can."""
+    slowest: float = setting(default=0.1, unit="m/s", low=0.01, source="walking-stick speed")
+    """Least speed in curves and near the goal."""
+
     def make(self) -> Follower:
         """A follower at rest."""
-        return PurePursuitFollower()
+        return PurePursuitFollower(self)
 
 
 class PurePursuitFollower:
     """Steers for a point ahead on the path."""
 
-    def __init__(self) -> None:
+    def __init__(self, config: PurePursuit) -> None:
+        self.config = config
         self._pivoting = False
 
     def twist(self, now: Situation) -> Array | None:
         """See `Follower.twist`."""
+        config = self.config
         v, w = self._steer(now.reference.ahead(now.local_map.pose, 4.0), now.chair)
         view = now.view
-        for margin in now.local_map.margins(_MARGIN):
+        for margin in now.local_map.margins(config.margin):
             for share in (1.0, 0.7, 0.45, 0.25, 0.12):  # the same arc at the first clear speed
-                if margin < TIGHT * _MARGIN and abs(share * v) > CREEP:
+                if margin < TIGHT * config.margin and abs(share * v) > CREEP:
                     continue
                 if stops_clear(share * v, share * w, now.chair.body, view, HOLD, margin):
                     return np.array([share * v, share * w])
@@ -408,19 +414,19 @@ class PurePursuitFollower:
 
     def _steer(self, rows: Array, chair: ChairState) -> tuple[float, float]:
         """The twist towards a point ahead on the next reference poses (n, 4)."""
-        limits = chair.limits
+        config, limits = self.config, chair.limits
         far = np.hypot(rows[:, 0], rows[:, 1])
-        ahead = _LOOKAHEAD + _LOOKAHEAD_TIME * max(0.0, chair.body.state[0])
+        ahead = config.lookahead + config.lookahead_time * max(0.0, chair.body.state[0])
         nearest = int(np.argmin(far))
         beyond = nearest + np.flatnonzero(far[nearest:] > ahead)
         x, y = rows[beyond[0] if len(beyond) else -1, :2]
         error = math.atan2(y, x)
-        self._pivoting = abs(error) > (0.3 if self._pivoting else _PIVOT)
+        self._pivoting = abs(error) > (0.3 if self._pivoting else config.pivot)
         if self._pivoting:
             return 0.0, math.copysign(0.6 * limits.turn, error)
         curvature = 2.0 * y / max(x * x + y * y, 0.01)
         left = float(far[nearest] + rows[-1, S] - rows[nearest, S])
         v = min(limits.forward, math.sqrt(2.0 * 0.5 * limits.deceleration * left))
-        v = min(v, math.sqrt(_LATERAL / max(abs(curvature), 1e-6)))
-        v = max(_SLOWEST, min(v, 0.9 * limits.turn / max(abs(curvature), 1e-6)))
+        v = min(v, math.sqrt(config.lateral / max(abs(curvature), 1e-6)))
+        v = max(config.slowest, min(v, 0.9 * limits.turn / max(abs(curvature), 1e-6)))
         return v, v * curvature
