@@ -86,16 +86,16 @@ def _take(file: IO[bytes]) -> bool:
 
 
 def are_compiled(kernels: Iterable[Any]) -> bool:
-    """Whether kernels are compiled, in this process or in the folder of compiled kernels."""
+    """Return whether kernels are compiled, in this process or in the folder of compiled kernels."""
     return all(kernel.is_compiled for kernel in kernels)
 
 
 def compile_beside(kernel: Any, work: Callable[..., object], *arguments: Any) -> None:
-    """Let a helper process do some work for the sake of the kernels that it compiles.
+    """Start a helper process that compiles kernels by doing some work.
 
-    The helper is a fresh interpreter. Nothing that the work does is seen here, but this process
-    loads the kernels instead of compiling them. Nothing happens where the kernel is compiled
-    already, where there is one core, or where another process has a helper for the same work.
+    The helper is a fresh interpreter, and its work has no other effect: this process then loads the
+    kernels instead of compiling them. No helper starts if the kernel is compiled already, if there
+    is only one core, or if another process has a helper for the same work.
 
     Args:
         kernel: one that the work compiles.
@@ -113,7 +113,7 @@ def compile_beside(kernel: Any, work: Callable[..., object], *arguments: Any) ->
     try:
         told = pickle.dumps((sys.path, lock)) + pickle.dumps((work, arguments))
     except (pickle.PicklingError, AttributeError, TypeError):
-        return  # somebody's own planner, which cannot be sent: this process compiles alone
+        return  # a user's planner that cannot be pickled: this process compiles alone
     Path(lock).parent.mkdir(parents=True, exist_ok=True)
     helper = subprocess.Popen(
         [sys.executable, "-c", _HELP],
