@@ -398,6 +398,21 @@ def _use_planners(path: Path) -> None:
         raise refused
 
 
+def _protocol(folder: Path) -> Path:
+    path = folder / "protocol.json"
+    condition = {"name": "with help", "assist": {"name": "slide", "turn_weight": 0.3}}
+    tasks = [{"name": "home", "scene": "floor_plan", "seed": 1}]
+    content = {"title": "a", "consent": "b", "conditions": [condition], "tasks": tasks}
+    path.write_text(json.dumps(content))
+    return path
+
+
+def _use_protocol(path: Path) -> None:
+    from agents.participants.session import read_protocol
+
+    read_protocol(path)
+
+
 def _training(folder: Path) -> Path:
     path = folder / "ppo.json"
     shutil.copy(ROOT / "configs" / "ppo_guided.json", path)
@@ -777,6 +792,7 @@ READERS: dict[str, Reader] = {
     ),
     "scene settings": Reader(_scenes, _use_scenes, ("cli.arguments.spec",)),
     "planner settings": Reader(_planners, _use_planners, ("cli.arguments.spec",)),
+    "protocol": Reader(_protocol, _use_protocol, ("participants.session.read_protocol",)),
     "training settings": Reader(_training, _use_training, ("cli.train.run",)),
     "planner results": Reader(_bench, _use_bench, ("benchmarks.planner_benchmark.check_result",)),
     "comparison": Reader(

@@ -284,7 +284,7 @@ def test_the_nearest_known_name_is_suggested(capsys, words, near):
 @pytest.mark.parametrize(
     ("name", "says"),
     [
-        ("laser", "; laser is a setting of log, sensors"),
+        ("laser", "; laser is a setting of sensors"),
         ("zzz", "; `wheelchair settings` lists all names"),
     ],
 )

@@ -62,12 +62,13 @@ def rearm_by_hand(faults):
         time.sleep(0.5)
 
 
+@pytest.mark.realtime
 def test_a_person_drives_with_help_until_ctrl_c(tmp_path):
     file = tmp_path / "drive.json"
     with serving(tmp_path) as served:
         faults, place = served.twin.faults, served.twin.plant.pose.copy()
         faults.joystick = CENTRED
-        program = Program(served, "--deadline", "60", "--json", str(file))
+        program = Program(served, "--deadline", "5", "--json", str(file))
         try:
             assert until(lambda: program.says("must re-arm")), program.said
             end = time.monotonic() + PATIENCE
@@ -93,7 +94,7 @@ def test_prompts_are_asked_for_and_recorded(tmp_path):
     file = tmp_path / "session.mcap"
     with serving(tmp_path) as served:
         served.twin.faults.joystick = CENTRED
-        words = "--deadline", "60", "--prompts", "--seconds", "4", "--record", str(file)
+        words = "--deadline", "5", "--prompts", "--seconds", "4", "--record", str(file)
         program = Program(served, *words)
         try:
             assert until(lambda: program.says("must re-arm")), program.said
