@@ -5,8 +5,10 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import FunctionType
 from typing import Any
 
 import numpy as np
@@ -105,10 +107,30 @@ def _warm(planner: Any, clearance: float) -> None:
 
 def _compile_beside(planner: Any) -> None:
     """Compile the planner in a second process while this one compiles the rest."""
-    names = vars(sys.modules[type(planner).__module__]).values()
-    kernels = [value for value in names if isinstance(value, Kernel)]
-    if kernels and not any(kernel.is_compiled for kernel in kernels):
-        compile_beside(kernels[0], _warm, planner, 0.0)
+    solve = getattr(type(planner), "solve", type(planner).plan)  # others' planners have a plan only
+    if (kernel := _longest_kernel(solve)) is not None:
+        compile_beside(kernel, _warm, planner, 0.0)
+
+
+def _longest_kernel(function: Callable[..., Any]) -> Kernel | None:
+    """Return the longest kernel that a function calls, itself or by other functions of planners.
+
+    The longest is compiled for all settings; some others are compiled only for some.
+    """
+    kernels: list[Kernel] = []
+    functions = [function]
+    for caller in functions:
+        for name in caller.__code__.co_names:
+            value = caller.__globals__.get(name)
+            if isinstance(value, Kernel):
+                kernels.append(value)
+            elif (
+                isinstance(value, FunctionType)
+                and value.__module__.startswith("planners.")
+                and value not in functions
+            ):
+                functions.append(value)
+    return max(kernels, key=lambda kernel: len(kernel.py_func.__code__.co_code), default=None)
 
 
 def _grow_obstacles(planner: Any, clearance: float) -> None:
