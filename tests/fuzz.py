@@ -780,7 +780,7 @@ READERS: dict[str, Reader] = {
     "house": Reader(_house, _use_map, ("maps.io.house_expo.read_house",)),
     "barn worlds": Reader(_barn, _use_barn, ("scenes.barn._worlds",)),
     "problems": Reader(
-        _problems, _use_problems, ("problem_files.read_problems", "benchmarks.cases.stored_cases")
+        _problems, _use_problems, ("problem_files.read_problems",)
     ),
     "thesis settings": Reader(
         _thesis, _use_thesis, ("thesis_settings.read_thesis", "cli.arguments.spec")

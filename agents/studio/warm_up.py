@@ -186,7 +186,7 @@ class WarmUp:
         self._follow("")
 
     def _follow(self, last: str) -> None:
-        """Count what the process compiles, until it prints a last line or ends."""
+        """Count what the process compiles, until it prints a last line; if empty, until it ends."""
         assert self._child is not None
         assert self._child.stdout is not None
         for line in self._child.stdout:
@@ -194,6 +194,8 @@ class WarmUp:
                 break
             if line.strip() != FIRST_DONE:
                 self._count(line.strip())
+        if not last:
+            self._child.stdout.close()
         self._kernel = ""
 
 
