@@ -20,7 +20,7 @@ FIRST = (
     "test_compiling", "agents/evaluation/test_runs", "hardware/test_drive",
     "hardware/test_protocol", "hardware/test_link", "hardware/test_joystick",
     "planners/test_random_maps", "planners/test_planners", "planners/test_trees",
-    "planners/test_lattice", "agents/evaluation/test_tuning",
+    "planners/test_lattice", "agents/evaluation/test_tuning", "agents/policies/test_unknown",
     "agents/cli/test_cli", "hardware/test_ros", "recording/test_record",
     "agents/learning/test_learning",
 )  # fmt: skip
