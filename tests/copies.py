@@ -12,7 +12,7 @@ import numpy as np
 
 
 def differences(one: Any, other: Any, where: str = "") -> Iterator[str]:
-    """Where two results differ: in type, in shape or in a bit of a value, but not in padding."""
+    """Yield the places where two results differ in type, shape or a bit; padding is ignored."""
     if isinstance(one, np.void) and isinstance(other, np.void):
         one, other = np.asarray(one), np.asarray(other)
     if type(one) is not type(other):

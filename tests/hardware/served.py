@@ -25,7 +25,7 @@ def signals_kept():
 
 
 def hear_interrupts():
-    """Have programs that are started hear SIGINT, which a shell's background jobs ignore."""
+    """Make started programs receive SIGINT, which background jobs of a shell ignore."""
     if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 

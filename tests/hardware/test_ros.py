@@ -90,7 +90,7 @@ def lost(chair):
 
 
 def refused(ask):
-    """What a chair says where it does not begin."""
+    """Return the message of a chair that refuses to start."""
     with pytest.raises(InputError) as error:
         ask(np.ones(2), 0) if ask.__name__ == "reset" else ask(np.ones(2))
     return str(error.value)

@@ -115,7 +115,7 @@ def test_a_port_that_is_taken_or_none_is_one_line(capsys):
 
 @pytest.fixture
 def slept(monkeypatch):
-    """What was slept [s], in a time that passes only so."""
+    """Durations of sleep [s] of a clock that only sleeping advances."""
     slept = []
     clock = SimpleNamespace(perf_counter=lambda: sum(slept), sleep=slept.append)
     monkeypatch.setattr("agents.watch.time", clock)

@@ -41,7 +41,7 @@ class HostLimits:
 
 @settings
 class HardwareSettings:
-    """Where the boards and the laser are, and how the chair is driven.
+    """Addresses of the boards and the laser, and limits of the drive.
 
     The geometry is that of the environment (sections `chair` and `sensors`). At reset the boards'
     parameters and the laser's own specification must agree with it.

@@ -113,7 +113,7 @@ class Workspace(NamedTuple):
 
 
 class SensorModel(NamedTuple):
-    """What mapping goes by, as kernels take it: log-odds, and the field round a surface."""
+    """Constants of mapping for kernels: log-odds, and the field around a surface."""
 
     hit: float
     miss: float

@@ -256,7 +256,7 @@ class StopMonitor:
 
 
 def _sentence(message: str) -> str:
-    """What a person does, and how the stop ends if it lasts until a person re-arms the chair."""
+    """Return the advice for a stop, and before it how the stop ends if it lasts until a re-arm."""
     stops, advice = matching_stops(message), advice_for(message)
     lasts = any(stop.ends in (Ends.REARM, Ends.NEW_RUN) for stop in stops)
     return f"{stops[0].ends.value}: {advice}" if lasts else advice
