@@ -194,6 +194,7 @@ def rehearse(policy: Any, settings: Mapping[str, Any]) -> None:
     for seed, options in ((2, None), (0, {"episode": narrow_gap()})):
         env = make_env("temporary", settings)
         observation, _ = env.reset(seed=seed, options=options)
+        check_start(env, env.unwrapped.episode.start, True, lambda _: None)
         driver = GymPolicy(make_policy(policy), env)
         driver.reset()
         for _ in range(REHEARSED):
@@ -203,11 +204,11 @@ def rehearse(policy: Any, settings: Mapping[str, Any]) -> None:
         env.close()
 
 
-def check_start(env: Any, start: Array, forced: bool, log: Log) -> None:
+def check_start(env: Any, start: Array, confirmed: bool, log: Log) -> None:
     """Log how well the first scan, after reset, fits the map at a start (3,) [m, m, rad].
 
     Raises:
-        InputError: it fits badly, and is not forced.
+        InputError: it fits badly, or another place as well, and the start is not confirmed.
     """
     env = env.unwrapped
     laser = env.settings.sensors.laser
@@ -216,12 +217,17 @@ def check_start(env: Any, start: Array, forced: bool, log: Log) -> None:
     off = np.hypot(*(found.pose - start)[:2])
     turn = np.degrees(abs(wrap(float(found.pose[2] - yaw))))
     text = f"the scan fits the map with {found.fit:.2f} of 1 at --start {x:g},{y:g},{yaw:g}"
-    if not found.wrong:
+    why, what = found.wrong, "correct it, or add --force-start"
+    if found.ambiguous and not why:
+        there = ",".join(f"{value:.2f}" for value in found.elsewhere)
+        why = f"it fits {found.better:.2f} at {there}, too, and cannot tell these places apart"
+        what = "look where the chair stands; if --start is right, add --force-start"
+    if not why:
         log(f"{text}, best {off:.2f} m and {turn:.0f} deg beside it")
-    elif forced:
-        log(f"{text}: {found.wrong}; driven all the same (--force-start)")
+    elif confirmed:
+        log(f"{text}: {why}; driven all the same (--force-start)")
     else:
-        raise InputError(f"{text}: {found.wrong}; correct it, or add --force-start")
+        raise InputError(f"{text}: {why}; {what}")
 
 
 def to_stderr(line: str) -> None:

@@ -1,14 +1,19 @@
-"""Whether the start that a person gives is right: how well the first scan fits the map there."""
+"""Check of the start that a person gives: how well the first scan fits the map there and elsewhere.
+
+A scan that fits another place as well cannot tell the two apart: rooms may be symmetric or alike.
+"""
 
 from __future__ import annotations
 
 import math
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.geometry import wrap
+from wheelchair_gym.compiled.kernel import kernel
+from wheelchair_gym.geometry import wrap, wrap_angle
 from wheelchair_gym.localization.likelihood_field import (
     LikelihoodField,
     hill_climb,
@@ -17,7 +22,7 @@ from wheelchair_gym.localization.likelihood_field import (
 )
 from wheelchair_gym.localization.monte_carlo import LocalizationSettings
 from wheelchair_gym.localization.occupancy import Scan, read_scan
-from wheelchair_gym.maps import OCCUPIED, OccupancyGrid
+from wheelchair_gym.maps import FREE, OccupancyGrid
 from wheelchair_gym.sensors.settings import LaserSettings
 
 Array = NDArray[np.float64]
@@ -32,6 +37,9 @@ ECHOES = 0.05  # least share of beams with an echo; with fewer, the scan does no
 POSITION, HEADING = 0.4, math.radians(12.0)  # m, rad: errors that localization corrects
 AROUND, STEP = 2.0, 0.25  # m: how far from the start places are compared, and how far apart
 TURN = math.radians(15.0)  # between the headings that are compared
+ALIKE = 0.05  # a place anywhere on the map that fits nearly as well makes the start ambiguous
+_PLACES = 60_000  # of the whole map: on larger maps they lie farther apart
+_APART, _TURNED = 1.0, math.radians(30.0)  # m, rad: at least, between places to climb from
 
 
 class StartFit(NamedTuple):
@@ -40,15 +48,16 @@ class StartFit(NamedTuple):
     echoes: float  # share of beams with an echo
     fit: float  # likelihood of a beam at the start, 0 to 1
     pose: Array  # (3,) m, m, rad: the best pose near the start
-    better: float  # the best fit elsewhere around it
+    better: float  # the best fit elsewhere on the map
     elsewhere: Array  # (3,) m, m, rad: the pose of that fit
     wrong: str  # why the start is refused; empty: it is accepted
+    ambiguous: bool = False  # the scan fits as well elsewhere: a person has to confirm the start
 
 
 def start_fit(
     grid: OccupancyGrid, start: Array, laser: LaserSettings, ranges: NDArray[np.float32]
 ) -> StartFit:
-    """How well a scan (beams,) [m] fits a map at a start (3,) [m, m, rad], and around it."""
+    """Compare a scan (beams,) [m] with a map at a start (3,) [m, m, rad], and at other places."""
     model = LocalizationSettings()
     scan = read_scan(laser, ranges)
     share = len(scan.echoes) / laser.beams
@@ -72,18 +81,18 @@ def start_fit(
         x, y, yaw = start.tolist()
         fit = math.exp(log_likelihood(field, x, y, yaw, ends))
         pose = start
-    better, elsewhere = 0.0, start
-    for place in _preselected(grid, field, start, _some(scan, _FEW)):
-        other, end = climbed(place)
-        if other > better and not near_start(end):
-            better, elsewhere = other, end
-    wrong = ""
+    climbs = map(climbed, _preselected(grid, field, start, _some(scan, _FEW)))
+    others = [(other, end) for other, end in climbs if not near_start(end)]
+    around = [one for one in others if math.hypot(*(one[1] - start)[:2]) <= AROUND + STEP]
+    nowhere = (0.0, start)
+    better, elsewhere = max(around, key=itemgetter(0), default=nowhere)
     if better > fit + BETTER:
         x, y, yaw = elsewhere
         wrong = f"it fits {better:.2f} at {x:.2f},{y:.2f},{yaw:.2f}"
-    elif fit < LEAST:
-        wrong = f"expected {LEAST:g} or more"
-    return StartFit(share, fit, pose, better, elsewhere, wrong)
+        return StartFit(share, fit, pose, better, elsewhere, wrong)
+    better, elsewhere = max(others, key=itemgetter(0), default=nowhere)
+    wrong = f"expected {LEAST:g} or more" if fit < LEAST else ""
+    return StartFit(share, fit, pose, better, elsewhere, wrong, better > fit - ALIKE)
 
 
 def _some(scan: Scan, most: int) -> Array:
@@ -93,20 +102,47 @@ def _some(scan: Scan, most: int) -> Array:
     return np.ascontiguousarray(ends[chosen])
 
 
+@kernel
+def _fits(field: LikelihoodField, places: Array, headings: Array, ends: Array, fits: Array) -> None:
+    """Write the log-likelihood of a scan at places (n, 2) with headings (m,) into (n, m)."""
+    for i in range(places.shape[0]):
+        for j in range(headings.shape[0]):
+            fits[i, j] = log_likelihood(field, places[i, 0], places[i, 1], headings[j], ends)
+
+
 def _preselected(
     grid: OccupancyGrid, field: LikelihoodField, start: Array, few: Array
 ) -> list[Array]:
-    """The best fitting of the poses (3,) on a lattice around a start that are in free space."""
-    offsets = np.arange(-AROUND, AROUND + 0.5 * STEP, STEP)
-    across, along = np.meshgrid(start[0] + offsets, start[1] + offsets)
-    places = np.column_stack([across.ravel(), along.ravel()])
-    cells = grid.to_cell(places)
-    inside = ((cells >= 0) & (cells < grid.shape)).all(axis=1)
-    free = np.zeros(len(cells), np.bool_)
-    free[inside] = grid.cells[tuple(cells[inside].T)] != OCCUPIED
+    """Return the best fitting poses (3,) around a start, and the best of the rest of the map.
+
+    Those of the rest are apart from each other, so that each is another place.
+    """
     headings = start[2] + np.arange(0.0, 2.0 * math.pi - 1e-9, TURN)
-    places = places[free]
-    poses = np.column_stack([places.repeat(len(headings), axis=0), np.tile(headings, len(places))])
     lenient = field._replace(sigma=_LENIENT * field.sigma)
-    fits = [log_likelihood(lenient, x, y, yaw, few) for x, y, yaw in poses.tolist()]
-    return [poses[k] for k in np.argsort(fits)[::-1][:_CLIMBED]]
+    x0, y0, x1, y1 = grid.bounds
+    step = max(STEP, math.sqrt((x1 - x0) * (y1 - y0) / _PLACES))
+    offsets = np.arange(-AROUND, AROUND + 0.5 * STEP, STEP)
+    chosen: list[Array] = []
+    for xs, ys in (
+        (start[0] + offsets, start[1] + offsets),
+        (np.arange(x0, x1, step), np.arange(y0, y1, step)),
+    ):
+        places = np.stack(np.meshgrid(xs, ys), axis=-1).reshape(-1, 2)
+        places = places[grid.inside(places)]
+        places = places[grid.cells[tuple(grid.to_cell(places).T)] == FREE]
+        fits = np.empty((len(places), len(headings)))
+        _fits(lenient, places, headings, few, fits)
+        rest = len(chosen) > 0  # around the start everything was compared
+        if rest:
+            fits[np.hypot(*(places - start[:2]).T) <= AROUND] = -math.inf
+        for _ in range(min(_CLIMBED, fits.size)):
+            place, heading = np.unravel_index(np.argmax(fits), fits.shape)
+            if fits[place, heading] == -math.inf:
+                break
+            chosen.append(np.append(places[place], headings[heading]))
+            if rest:
+                near = np.hypot(*(places - places[place]).T) < _APART
+                turned = np.abs(wrap_angle(headings - headings[heading])) < _TURNED
+                fits[np.ix_(near, turned)] = -math.inf
+            fits[place, heading] = -math.inf
+    return chosen

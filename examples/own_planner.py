@@ -34,7 +34,7 @@ if __name__ == "__main__":
     from planners.collision.space import Space
 
     episode = make_scene("clutter").sample(np.random.default_rng(3))
-    space = Space.from_walls(episode.walls, episode.discs, episode.map.bounds)
+    space = Space.from_map(episode.map, episode.walls, episode.discs)
     problem = Problem(space, episode.start, episode.goal, clearance=0.36)
     for name in ("own_planner:Detour", "rrt_star", "visibility"):
         plan = make_planner(name).plan(problem, np.random.default_rng(0))

@@ -12,11 +12,13 @@ import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
 
-from planners.problem import Problem
+from planners.problem import Plan, Problem, Status
+from wheelchair_gym.geometry import Footprint, wrap_angle
 
 Array = NDArray[np.float64]
 
 TOLERANCE = 1e-6  # m
+MAX_TURN = 0.1 + 1e-9  # rad: between two poses of a plan
 FINE_TURN = 0.002  # rad: pieces of a sweep; a corner's arc bulges 1 m x 0.002^2 / 8 = 5e-7 m
 
 
@@ -52,19 +54,15 @@ class Judge:
         """What is wrong with a path (n, 2) or (n, 3), as text; empty if it is valid.
 
         Args:
-            path: points [m]; a heading is not looked at.
+            path: points [m]; headings are compared at the ends only.
             start: where it is to start [m]; None: anywhere.
             goal: where it is to end [m]; None: anywhere.
         """
-        points = np.asarray(path, dtype=np.float64)[:, :2]
+        points = np.asarray(path, dtype=np.float64)
         if not np.isfinite(points).all():
             return ["a point is not finite"]
-        found = []
-        for name, end, at in (("start", start, 0), ("end", goal, -1)):
-            if end is not None:
-                gap = float(np.hypot(*(points[at] - np.asarray(end)[:2])))
-                if gap > TOLERANCE:
-                    found.append(f"its {name} is {gap} m from where it should be")
+        found = _end_faults(points, start, goal)
+        points = points[:, :2]
         edges = np.array(
             [
                 shapely.LineString([a, b]) if np.any(a != b) else shapely.Point(a)
@@ -89,6 +87,48 @@ class Judge:
 def faults(path: ArrayLike, solid: Any, bounds: ArrayLike, clearance: float = 0.0) -> list[str]:
     """What is wrong with one path (n, 2), as text; see `Judge`."""
     return Judge(solid, bounds, clearance).faults(path)
+
+
+def _end_faults(path: Array, start: ArrayLike | None, goal: ArrayLike | None) -> list[str]:
+    """Return what is wrong with the ends of a path (n, 2) or (n, 3), headings included."""
+    found = []
+    for name, end, at in (("start", start, 0), ("end", goal, -1)):
+        if end is None:
+            continue
+        asked = np.asarray(end, dtype=np.float64)
+        gap = float(np.hypot(*(path[at, :2] - asked[:2])))
+        if gap > TOLERANCE:
+            found.append(f"its {name} is {gap} m from where it should be")
+        if path.shape[1] == len(asked) == 3:
+            turn = abs(float(wrap_angle(path[at, 2] - asked[2])))
+            if turn > TOLERANCE:
+                found.append(f"its {name} is turned by {turn} rad from where it should be")
+    return found
+
+
+def plan_faults(plan: Plan, problem: Problem, footprint: Footprint | None = None) -> list[str]:
+    """Return what is wrong with a planner's answer; empty if it is as every plan has to be.
+
+    A plan is solved if and only if it has a path. The path goes from start to goal, headings
+    included, and turns by at most `MAX_TURN` between two poses. A path of points is judged for a
+    disc with the problem's clearance, a path of poses for the footprint of its planner, if given.
+    """
+    path = np.asarray(plan.path, dtype=np.float64)
+    if (plan.status is Status.SOLVED) != (len(path) > 0):
+        return [f"its status is {plan.status} with {len(path)} points"]
+    if not len(path):
+        return []
+    if path.shape[1] == 2 or footprint is None:
+        return Judge.of(problem).faults(path, problem.start, problem.goal)
+    if not np.isfinite(path).all():
+        return ["a point is not finite"]
+    turns = abs(wrap_angle(np.diff(path[:, 2])))
+    space = problem.space
+    return [
+        *_end_faults(path, problem.start, problem.goal),
+        *(f"step {k} turns by {turns[k]} rad" for k in np.flatnonzero(turns > MAX_TURN)),
+        *sweep_faults(path, footprint.corners, space.solid, space.bounds),
+    ]
 
 
 def _swept(footprint: Array, start: Array, turn: float, chord: float) -> NDArray[Any]:

@@ -16,7 +16,7 @@ from planners.collision.polygon_tests import point_free
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.config import InputError
 from wheelchair_gym.errors import shorten
-from wheelchair_gym.geometry import path_length
+from wheelchair_gym.geometry import path_length, to_frame, to_world
 
 if TYPE_CHECKING:
     from planners.collision.space import Space
@@ -54,6 +54,11 @@ class Problem:
     def free(self) -> Space:
         """The space in which a point may move: obstacles grown by the clearance."""
         return self.space.inflated(self.clearance)
+
+    def in_frame(self) -> Problem:
+        """The same problem in the frame of its map."""
+        start, goal = (_in_frame(end, self.space.frame) for end in (self.start, self.goal))
+        return replace(self, space=self.space.in_frame, start=start, goal=goal)
 
 
 @dataclass(frozen=True)
@@ -115,11 +120,13 @@ class PlannerBase(ABC):
     ) -> Plan:
         """Answer a problem; see `Planner.plan`."""
         began, end = begin(deadline)
-        plan = self.trivial(problem)
+        rotated = problem.space.in_frame is not problem.space
+        asked = problem.in_frame() if rotated else problem
+        plan = self.trivial(asked)
         if plan is None:
-            plan = self.solve(problem, rng, end)
+            plan = self.solve(asked, rng, end)
             plan = replace(plan, timings={**plan.timings, "time_s": clock() - began})
-        return plan
+        return _from_frame(plan, problem) if rotated else plan
 
     def trivial(self, problem: Problem) -> Plan | None:
         """The plan of a problem that needs no search, or None."""
@@ -128,6 +135,26 @@ class PlannerBase(ABC):
     @abstractmethod
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Search a path until `clock` shows `end` [s], which may be infinite."""
+
+
+def _in_frame(end: Array, frame: tuple[float, float, float]) -> Array:
+    """Return a point or pose in a frame; values that are no point are left to `check`."""
+    if np.shape(end) not in ((2,), (3,)) or not np.isfinite(end).all():
+        return end
+    return np.append(to_frame(end[:2], frame), end[2:] - frame[2])
+
+
+def _from_frame(plan: Plan, problem: Problem) -> Plan:
+    """Return a plan made in the frame of a problem's map in world coordinates, ends exactly."""
+    frame = problem.space.frame
+    path = plan.path.copy()
+    path[:, :2] = to_world(path[:, :2], frame)
+    path[:, 2:] += frame[2]
+    for end, at in ((problem.start, 0), (problem.goal, -1)):
+        if len(path) and np.allclose(path[at, :2], end[:2], rtol=0.0, atol=1e-9):
+            path[at, :2] = end[:2]
+    tree = to_world(plan.tree.reshape(-1, 2), frame).reshape(-1, 4)
+    return replace(plan, path=path, tree=tree)
 
 
 def checked_plan(planner: object, plan: Any) -> Plan:

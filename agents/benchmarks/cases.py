@@ -111,7 +111,7 @@ def scene_case(scene: Spec, seed: int = SEED) -> Case:
         InputError: there is no such scene, or it needs a file.
     """
     episode = make_scene(without_labels(scene)).sample(np.random.default_rng(seed))
-    space = Space.from_walls(episode.walls, episode.discs, episode.map.bounds)
+    space = Space.from_map(episode.map, episode.walls, episode.discs)
     clearance = Footprint().half_width + MARGIN
     return _case(Problem(space, episode.start, episode.goal, clearance, label(scene)))
 

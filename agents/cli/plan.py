@@ -18,7 +18,7 @@ from agents.studies.thesis import RATE, Drawn, controls_of, describe, draw, film
 from agents.studies.thesis import problem_of as thesis_problem
 from planners import Plan, Problem, Space, Status, make_planner
 from planners.graphs.visibility import Visibility, optima
-from planners.judge import TOLERANCE, Judge, sweep_faults
+from planners.judge import plan_faults
 from planners.problem import check, checked_plan
 from planners.problem_files import read_problems
 from planners.thesis_settings import GLOBAL, PLANNERS_OF_FILE, ThesisFile, read_thesis
@@ -89,7 +89,7 @@ def _problem(given: argparse.Namespace) -> Problem:
     """The problem of --map, --start and --goal."""
     grid, walls = read_any_map(given.map, resolution=given.resolution)
     outlined = Path(given.map).suffix.lower() == ".json"
-    space = Space.from_walls(walls, (), grid.bounds) if outlined else Space.from_grid(grid)
+    space = Space.from_map(grid, walls) if outlined else Space.from_grid(grid)
     clearance = CLEARANCE if given.clearance is None else given.clearance
     return Problem(space, np.array(given.start), np.array(given.goal), clearance, given.map)
 
@@ -146,7 +146,10 @@ def _answer(planner: Any, problem: Problem, seed: int) -> tuple[Plan, dict[str, 
     solved = len(plan.path) > 0
     if not solved and (status := check(problem)):  # also where somebody's planner says less
         plan = replace(plan, status=status)
-    why = _fault(planner, plan, problem) if solved else ""
+    why = ""
+    if solved:  # the judge shares no code with planners
+        footprint = getattr(planner, "footprint", None)
+        why = next(iter(plan_faults(plan, problem, footprint)), "")
     if why:  # by the independent judge
         plan = replace(plan, note=why)
     return plan, {
@@ -159,24 +162,6 @@ def _answer(planner: Any, problem: Problem, seed: int) -> tuple[Plan, dict[str, 
         "note": plan.note,
         "path": plan.path.tolist(),
     }
-
-
-def _fault(planner: Any, plan: Plan, problem: Problem) -> str:
-    """The fault of a path by a judge that shares no code with planners; '' if there is none.
-
-    A path of points is judged for a disc, a path of poses for its planner's footprint.
-    """
-    if not np.isfinite(plan.path).all():
-        return "a point is not finite"
-    footprint = getattr(planner, "footprint", None)
-    if plan.path.shape[1] == 2 or footprint is None:
-        return next(iter(Judge.of(problem).faults(plan.path, problem.start, problem.goal)), "")
-    for name, end, at in (("start", problem.start, 0), ("end", problem.goal, -1)):
-        gap = float(np.hypot(*(plan.path[at, :2] - end[:2])))
-        if not gap <= TOLERANCE:
-            return f"its {name} is {gap} m from where it should be"
-    space = problem.space
-    return next(iter(sweep_faults(plan.path, footprint.corners, space.solid, space.bounds)), "")
 
 
 def _run_map(

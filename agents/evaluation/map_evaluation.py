@@ -64,7 +64,7 @@ def map_quality(made: OccupancyGrid, episode: Episode, radius: float) -> MapQual
     if not (len(free) and len(solid)):
         raise InputError("the map shows no wall, or nothing free; expected both")
     true_map = episode.map
-    world = Space.from_walls(episode.walls, episode.discs, true_map.bounds).solid
+    world = Space.from_map(true_map, episode.walls, episode.discs).solid
     shapely.prepare(world)
     wrong = shapely.contains_xy(world, made.to_world(free))
     off = shapely.distance(shapely.points(made.to_world(solid)), shapely.boundary(world))

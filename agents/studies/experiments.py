@@ -40,7 +40,7 @@ Array = NDArray[np.float64]
 def world_of(scene: str) -> tuple[Episode, Space]:
     """The one world of a scene, which is given as JSON, and its map for planners."""
     episode = make_scene(json.loads(scene)).sample(np.random.default_rng(0))
-    return episode, Space.from_walls(episode.walls, episode.discs, episode.map.bounds)
+    return episode, Space.from_map(episode.map, episode.walls, episode.discs)
 
 
 def problem_of(scene: Any, clearance: float = 0.0) -> Problem:

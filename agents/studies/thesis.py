@@ -91,8 +91,10 @@ def problem_of(
             f"{file.path}: MapProcessor_Obstacles_Dilation is {dilation}; expected less than half "
             f"of the shorter side of {name}, which is {min(grid.shape)} pixels"
         )
-    grown = occupied_polygons(grid, dilate=dilation, epsilon=epsilon, unit="pixel")
-    space = Space.from_outlines(grown, grid.bounds)
+    upright = grid if grid.origin[2] == 0.0 else replace(grid, origin=(0.0, 0.0, 0.0))
+    grown = occupied_polygons(upright, dilate=dilation, epsilon=epsilon, unit="pixel")
+    space = Space.from_outlines(grown, upright.bounds)
+    space = space if upright is grid else space.placed(grid.origin)
     if space.free.is_empty:
         raise InputError(
             f"{name}: no free space with MapProcessor_Obstacles_Dilation {dilation} and "

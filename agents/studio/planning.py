@@ -11,7 +11,7 @@ import numpy as np
 from agents.evaluation.metrics import path_figures
 from agents.studies.thesis import growth
 from planners import Plan, Problem, Space, make_planner
-from planners.judge import Judge
+from planners.judge import plan_faults
 from planners.problem import checked_plan
 from planners.registries import FIRST_PLANNERS, OBJECTIVES, SWARM_OPTIMIZERS
 from planners.swarm.optimizers import new_swarm
@@ -57,8 +57,7 @@ def answer(name: str, problem: Problem, seed: int, deadline: float) -> tuple[Pla
         row["length"] = figures["length_m"]
         row["clearance_min"] = figures["clearance_min_m"]
         row["clearance_mean"] = figures["clearance_mean_m"]
-        # A path of poses is for the outline, which the clearance of a disc says nothing of.
-        faults = Judge.of(problem).faults(plan.path) if plan.path.shape[1] == 2 else []
+        faults = plan_faults(plan, problem, getattr(planner, "footprint", None))
         if faults:
             row["status"], row["note"] = _INVALID, faults[0]
     return plan, row

@@ -1,4 +1,4 @@
-"""Obstacles as shapely geometry: unions, even-odd loops, and inflation that is never too small.
+"""Obstacles as shapely geometry: unions, loops of walls, and inflation that is never too small.
 
 Used once per map, never in a loop of a planner.
 """
@@ -7,11 +7,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
+
+from wheelchair_gym.arrays import Mask
+
+if TYPE_CHECKING:
+    from wheelchair_gym.maps.grid import OccupancyGrid
 
 Array = NDArray[np.float64]
 
@@ -53,8 +58,8 @@ def disc(x: float, y: float, radius: float) -> Array:
     return np.stack([x + reach * np.cos(angles), y + reach * np.sin(angles)], axis=1)
 
 
-def even_odd(walls: ArrayLike) -> Any:
-    """What lies inside an odd number of closed loops of walls (n, 4) [m], as a geometry."""
+def non_zero(walls: ArrayLike) -> Any:
+    """Return the geometry of the points that closed loops of walls (n, 4) [m] wind around."""
     segments = np.asarray(walls, dtype=np.float64).reshape(-1, 4)
     if not len(segments):
         return shapely.MultiPolygon()
@@ -67,9 +72,18 @@ def even_odd(walls: ArrayLike) -> Any:
         straddles = (y0 <= y) != (y1 <= y)
         ax, ay, bx, by = x0[straddles], y0[straddles], x1[straddles], y1[straddles]
         right = ax + (y - ay) / (by - ay) * (bx - ax) > x
-        if np.count_nonzero(right) % 2:
+        if np.sign(by - ay)[right].sum() != 0.0:
             solid.append(face)
     return shapely.union_all(solid) if solid else shapely.MultiPolygon()
+
+
+def cells(grid: OccupancyGrid, solid: Mask) -> Any:
+    """Return the union of the squares of a grid's solid cells (rows, cols)."""
+    padded = np.pad(solid.astype(np.int8), ((0, 0), (1, 1)))
+    rows, begins = np.nonzero(np.diff(padded, axis=1) == 1)  # of runs along the rows
+    _, ends = np.nonzero(np.diff(padded, axis=1) == -1)
+    corners = np.stack([begins, rows, ends, rows, ends, rows + 1, begins, rows + 1], axis=-1)
+    return shapely.union_all(shapely.polygons(grid.from_lattice(corners.reshape(-1, 4, 2))))
 
 
 def rings(geometry: Any, solid_inside: bool) -> list[Array]:

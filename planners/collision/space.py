@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from functools import cached_property
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import shapely
@@ -28,33 +29,28 @@ from planners.collision.boundary import (
 from planners.collision.inflation import inflated_boundary
 from planners.collision.polygon_tests import SpaceArrays, clearance, edge_free, point_free
 from planners.collision.triangulation import Mesh, mesh
+from wheelchair_gym.geometry import to_frame, to_world
+
+if TYPE_CHECKING:
+    from wheelchair_gym.maps.grid import OccupancyGrid
 
 __all__ = ["Space", "SpaceArrays", "clearance", "edge_free", "point_free"]
 
 Array = NDArray[np.float64]
 Bounds = tuple[float, float, float, float]
-
-
-class Grid(Protocol):
-    """What a space needs of an occupancy grid."""
-
-    @property
-    def bounds(self) -> Bounds:
-        """(xmin, ymin, xmax, ymax) [m]."""
-        ...
-
-    def walls(self, unknown_is_solid: bool = False) -> Array:
-        """Loops (n, 4) [m] around obstacles, which lie on their left."""
-        ...
+Pose = tuple[float, float, float]
 
 
 class Space:
-    """What is free on a map, exactly.
+    """The free space of a map, exactly.
 
     Attributes:
         bounds: (xmin, ymin, xmax, ymax) [m] of the map; an empty map has its maxima below.
         discs: (m, 3) x, y, radius [m]: round obstacles, for costs that measure from centres; the
             solid geometry has polygons around them.
+        frame: origin x, y [m] and yaw [rad] of a rotated map, in which planners search; all that
+            lies in the bounds but outside of such a map is solid.
+        in_frame: the same space in the coordinates of that frame; itself where the map is upright.
     """
 
     def __init__(
@@ -75,6 +71,10 @@ class Space:
         self.bounds: Bounds = (xmin, ymin, xmax, ymax)
         self.discs: Array = np.array(discs, dtype=np.float64).reshape(-1, 3)
         self._inflated: dict[float, Space] = {}
+        self._grid: OccupancyGrid | None = None
+        self._unknown_is_solid = False
+        self.frame: Pose = (0.0, 0.0, 0.0)
+        self.in_frame = self
 
     @classmethod
     def from_outlines(
@@ -93,20 +93,47 @@ class Space:
     def from_walls(cls, walls: ArrayLike, discs: ArrayLike, bounds: ArrayLike) -> Space:
         """A map with walls (n, 4) [m], closed loops, and discs (m, 3) [m]: x, y, radius.
 
-        What lies inside an odd number of loops is solid; a disc becomes a polygon around it.
+        A point is solid where the loops wind around it (non-zero rule): loops that overlap are
+        united, and a hole runs against the loop around it. A disc becomes a polygon around it.
         """
         round_ones = np.asarray(discs, dtype=np.float64).reshape(-1, 3)
         solid = solids.union(solids.disc(x, y, radius) for x, y, radius in round_ones)
-        return cls(shapely.union(solids.even_odd(walls), solid), bounds, round_ones)
+        return cls(shapely.union(solids.non_zero(walls), solid), bounds, round_ones)
 
     @classmethod
-    def from_grid(cls, grid: Grid, unknown_is_solid: bool = False) -> Space:
-        """The map of an occupancy grid; its walls enclose obstacles."""
-        walls = grid.walls(unknown_is_solid)
-        edges = edges_within_frame(walls, grid.bounds)
-        if edges is not None:
-            return cls(None, grid.bounds, edges=edges)
-        return cls(solids.even_odd(walls), grid.bounds)
+    def from_map(cls, grid: OccupancyGrid, walls: ArrayLike, discs: ArrayLike = ()) -> Space:
+        """The map of a grid with walls (n, 4) and discs (m, 3) [m] that are finer than its cells.
+
+        The border is the grid's own, rotated or not.
+        """
+        if grid.origin[2] == 0.0:
+            return cls.from_walls(walls, discs, grid.bounds)
+        lines = to_frame(np.asarray(walls).reshape(-1, 2), grid.origin)
+        round_ones = np.array(discs, dtype=np.float64).reshape(-1, 3)
+        round_ones[:, :2] = to_frame(round_ones[:, :2], grid.origin)
+        upright = replace(grid, origin=(0.0, 0.0, 0.0))
+        return cls.from_walls(lines, round_ones, upright.bounds).placed(grid.origin)
+
+    @classmethod
+    def from_grid(cls, grid: OccupancyGrid, unknown_is_solid: bool = False) -> Space:
+        """The map of an occupancy grid, whose border is the grid's own, rotated or not."""
+        if grid.origin[2] != 0.0:
+            upright = replace(grid, origin=(0.0, 0.0, 0.0))
+            return cls.from_grid(upright, unknown_is_solid).placed(grid.origin)
+        edges = edges_within_frame(grid.walls(unknown_is_solid), grid.bounds)
+        space = cls(None, grid.bounds, edges=edges)
+        space._grid, space._unknown_is_solid = grid, unknown_is_solid
+        return space
+
+    def placed(self, frame: Pose) -> Space:
+        """Return this space in world coordinates, for a map whose frame lies at a pose."""
+        x0, y0, x1, y1 = self.bounds
+        corners = to_world([(x0, y0), (x1, y0), (x1, y1), (x0, y1)], frame)
+        discs = self.discs.copy()
+        discs[:, :2] = to_world(discs[:, :2], frame)
+        space = Space(None, (*corners.min(axis=0), *corners.max(axis=0)), discs)
+        space.frame, space.in_frame = frame, self
+        return space
 
     def inflated(self, radius: float) -> Space:
         """Where a disc of a radius [m] may have its centre: never nearer to anything than that.
@@ -121,6 +148,8 @@ class Space:
             raise ValueError(f"radius is {radius}; expected a finite number of at least 0")
         if radius == 0.0:
             return self
+        if self.in_frame is not self and radius not in self._inflated:
+            self._inflated[radius] = self.in_frame.inflated(radius).placed(self.frame)
         if radius not in self._inflated:
             xmin, ymin, xmax, ymax = self.bounds
             bounds = (xmin + radius, ymin + radius, xmax - radius, ymax - radius)
@@ -135,15 +164,22 @@ class Space:
 
     @cached_property
     def solid(self) -> Any:
-        """What is solid, as a shapely geometry; it may reach beyond the bounds."""
-        if self._edges is None:
+        """What is solid, as a shapely geometry; it may reach beyond the bounds.
+
+        The geometry of a grid is made of its cells, that of others of the polygons given.
+        """
+        if self._grid is not None:
+            return solids.cells(self._grid, self._grid.solid(self._unknown_is_solid))
+        if self._solid is not None:
             return self._solid
         return shapely.difference(shapely.box(*self.bounds), self.free)
 
     @cached_property
     def free(self) -> Any:
         """What is free, as a shapely geometry of polygons."""
-        if self._edges is not None:
+        if self.in_frame is not self:
+            return shapely.transform(self.in_frame.free, lambda at: to_world(at, self.frame))
+        if self._edges is not None and self._grid is None:
             lines = shapely.linestrings(self._edges.reshape(-1, 2, 2))
             faces = np.asarray(shapely.get_parts(shapely.polygonize(lines)))
             inside = shapely.get_coordinates(shapely.point_on_surface(faces))

@@ -310,9 +310,9 @@ def drive_path(path: Array, start: Array, goal: Array, fillet: float) -> Array:
             poses.append(np.array([x, y, begin[2] + angle]))
     poses.append(np.array([*path[-1], poses[-1][2]]))
     if len(goal) == 3:
-        turn = float(wrap(goal[2] - poses[-1][2]))
+        last, turn = poses[-1], float(wrap(goal[2] - poses[-1][2]))
         parts = max(1, math.ceil(abs(turn) / (2.0 * POSE_SPACING)))
-        poses.extend(poses[-1] + [0.0, 0.0, turn * k / parts] for k in range(1, parts + 1))
+        poses.extend(last + np.array([0.0, 0.0, turn * k / parts]) for k in range(1, parts + 1))
     return np.array(poses)
 
 
@@ -325,6 +325,11 @@ class DiscThenLattice(PlannerBase):
     """
 
     lattice: Lattice = Lattice()
+
+    @property
+    def footprint(self) -> Footprint:
+        """The footprint that its paths are for."""
+        return self.lattice.footprint
 
     def trivial(self, problem: Problem) -> Plan | None:
         """Nothing: the planners that this one asks know trivial problems."""

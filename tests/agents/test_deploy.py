@@ -346,7 +346,7 @@ def test_the_command_is_ended_by_a_signal(monkeypatch, tmp_path, capfd):
 
     clock.call_every(terminate, 0.1, "a signal")
     words = words_for(ROOT / "configs" / "hardware.json", file, record)
-    words += ["--pose", "odometry"]
+    words += ["--pose", "odometry", "--force-start"]  # the room has a twin place
     with signals_kept():
         assert main(words) == 130
     assert capfd.readouterr().err.splitlines()[-1] == "wheelchair: stopped"

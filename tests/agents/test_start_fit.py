@@ -7,7 +7,11 @@ import math
 import numpy as np
 import pytest
 
+from agents.deploy import check_start
 from agents.start_fit import start_fit
+from wheelchair_gym.config import InputError
+from wheelchair_gym.envs import NavigationEnv
+from wheelchair_gym.geometry import wrap
 from wheelchair_gym.maps import OCCUPIED
 from wheelchair_gym.physics.chair import SimulatedChair
 from wheelchair_gym.scenes import make_scene
@@ -52,3 +56,25 @@ def test_a_laser_that_sees_nothing_is_refused():
     episode = make_scene("empty").sample(np.random.default_rng(0))
     blind = np.full(LASER.beams, np.inf, np.float32)
     assert "0% of the laser's beams" in start_fit(episode.map, episode.start, LASER, blind).wrong
+
+
+def test_the_twin_places_of_a_symmetric_room_are_told_and_have_to_be_confirmed():
+    env, told = NavigationEnv("empty"), []
+    env.reset(seed=0)
+    grid, start = env.episode.map, env.episode.start
+    middle = grid.from_lattice(0.5 * np.array(grid.shape[::-1]))
+    twin = np.array([*(2.0 * middle - start[:2]), start[2] + math.pi])
+    for given, other in ((start, twin), (twin, start)):
+        found = start_fit(grid, given, LASER, env.task.reading.laser)
+        assert found.ambiguous
+        assert np.hypot(*(found.elsewhere - other)[:2]) < 0.1
+        assert abs(wrap(found.elsewhere[2] - other[2])) < 0.05
+        with pytest.raises(InputError, match=r"cannot tell these places apart.*--force-start"):
+            check_start(env, given, False, told.append)
+        check_start(env, given, True, told.append)
+        assert "driven all the same" in told[-1]
+
+
+@pytest.mark.parametrize("scene", ["floor_plan", "clutter", "doorway", "map_file"])
+def test_a_room_without_a_twin_needs_no_confirmation(scene):
+    assert not fits(scene, 3, 0.0, 0.0).ambiguous

@@ -54,11 +54,13 @@ def main():
                 start = beside(episode.map, episode.start, way, math.radians(degrees), rng)
                 if start is not None:
                     found[name].append(start_fit(episode.map, start, laser, ranges))
-    print(f"{'off':14} starts refused   fit: min   5 %   50 %   95 %    max")
+    print(f"{'off':14} starts refused ambiguous   fit: min   5 %   50 %   95 %    max")
     for name, fits in found.items():
         low, *middle, high = np.quantile([one.fit for one in fits], [0, 0.05, 0.5, 0.95, 1])
         told = "  ".join(f"{value:5.2f}" for value in (low, *middle, high))
-        print(f"{name:14} {len(fits):6} {sum(bool(one.wrong) for one in fits):7}      {told}")
+        refused = sum(bool(one.wrong) for one in fits)
+        twin = sum(one.ambiguous for one in fits)
+        print(f"{name:14} {len(fits):6} {refused:7} {twin:9}      {told}")
 
 
 if __name__ == "__main__":

@@ -213,18 +213,18 @@ def test_discs_are_wholly_solid():
         assert point_free(space.arrays, 4 + (x - 4) * 1.01, 4 + (y - 4) * 1.01)
 
 
-def test_walls_within_walls_alternate():
-    def loop(low, high):
-        return [
-            (low, low, high, low),
-            (high, low, high, high),
-            (high, high, low, high),
-            (low, high, low, low),
-        ]
+def test_a_hole_runs_against_the_loop_around_it():
+    def loop(low, high, turn=1):
+        corners = [(low, low), (high, low), (high, high), (low, high)][::turn]
+        return [(*a, *b) for a, b in zip(corners, corners[1:] + corners[:1], strict=True)]
 
-    walls = loop(1, 7) + loop(2, 6) + loop(3, 5)
-    arrays = Space.from_walls(walls, np.empty((0, 3)), BOUNDS).arrays
-    assert [point_free(arrays, x, 4.0) for x in (0.5, 1.5, 2.5, 4.0)] == [True, False, True, False]
+    def free(*loops):
+        arrays = Space.from_walls(np.vstack(loops), np.empty((0, 3)), BOUNDS).arrays
+        return [point_free(arrays, x, 4.0) for x in (0.5, 1.5, 2.5, 4.0)]
+
+    assert free(loop(1, 7), loop(2, 6, -1), loop(3, 5)) == [True, False, True, False]
+    assert free(loop(1, 7), loop(2, 6), loop(3, 5)) == [True, False, False, False]
+    assert free(loop(1, 7, -1)) == [True, False, False, False]
 
 
 @pytest.mark.parametrize("radius", [-0.1, math.nan, math.inf])

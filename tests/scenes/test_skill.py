@@ -39,7 +39,7 @@ def test_the_chair_can_drive_each_course(course):
     """The exact lattice planner finds a way of the outline to the goal's pose."""
     for seed in SEEDS:
         episode = drawn(course, seed)
-        space = Space.from_walls(episode.walls, episode.discs, episode.map.bounds)
+        space = Space.from_map(episode.map, episode.walls, episode.discs)
         problem = Problem(space, episode.start, episode.goal, FOOTPRINT.half_width)
         plan = make_planner("lattice").plan(problem, np.random.default_rng(0))
         assert plan.status is Status.SOLVED
