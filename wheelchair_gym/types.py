@@ -160,8 +160,9 @@ class Arrival(NamedTuple):
 class Episode:
     """Where and what: a world, a start and a goal.
 
-    Walls form closed loops that do not cross: a point is inside something solid exactly if a ray
-    from it crosses walls an odd number of times. The map is what the chair knows of the world.
+    Walls form closed loops with the solid on their left: a point is inside something solid exactly
+    if they wind around it. Loops may overlap; a hole runs against the loop around it. The map is
+    what the chair knows of the world.
     Neither an episode nor its arrays are ever changed: a deep copy of one is itself.
 
     Raises:

@@ -488,7 +488,7 @@ COMMANDS = (
             option("--goal", "goal on the map [m, m, rad]", pose, required=True),
             option("--start", "approximate pose of the chair [m, m, rad]", pose, "X,Y,YAW",
                    required=True),
-            flag("--force-start", "confirm --start though the first scan fits badly or fits elsewhere"),
+            flag("--force-start", "confirm --start where the first scan fits badly or elsewhere"),
             option("--chair", CHAIR, None, "CHAIR", default="hardware"),
             option("--pose", "source of the estimated pose (default: the config's)",
                    choices=[p for p in POSES if p not in ("truth", "modelled")]),
