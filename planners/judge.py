@@ -106,12 +106,15 @@ def _end_faults(path: Array, start: ArrayLike | None, goal: ArrayLike | None) ->
     return found
 
 
-def plan_faults(plan: Plan, problem: Problem, footprint: Footprint | None = None) -> list[str]:
+def plan_faults(
+    plan: Plan, problem: Problem, footprint: Footprint | None = None, judge: Judge | None = None
+) -> list[str]:
     """Return what is wrong with a planner's answer; empty if it is as every plan has to be.
 
     A plan is solved if and only if it has a path. The path goes from start to goal, headings
     included, and turns by at most `MAX_TURN` between two poses. A path of points is judged for a
     disc with the problem's clearance, a path of poses for the footprint of its planner, if given.
+    A judge of the problem saves its preparation.
     """
     path = np.asarray(plan.path, dtype=np.float64)
     if (plan.status is Status.SOLVED) != (len(path) > 0):
@@ -119,7 +122,7 @@ def plan_faults(plan: Plan, problem: Problem, footprint: Footprint | None = None
     if not len(path):
         return []
     if path.shape[1] == 2 or footprint is None:
-        return Judge.of(problem).faults(path, problem.start, problem.goal)
+        return (judge or Judge.of(problem)).faults(path, problem.start, problem.goal)
     if not np.isfinite(path).all():
         return ["a point is not finite"]
     turns = abs(wrap_angle(np.diff(path[:, 2])))

@@ -50,6 +50,7 @@ from agents.evaluation.runs import (
     stopped_by_ctrl_c,
 )
 from planners import Plan
+from planners.judge import plan_faults
 from wheelchair_gym.config import InputError, read_json
 
 FORMAT = "wheelchair bench planners 1"  # of a results file
@@ -113,7 +114,7 @@ def run_once(planner: Any, case: Case, seed: int, budget: Budget) -> Record:
         return record
     if budget == FREE and record["first_path_s"] is None:
         record |= _first_path_by_replay(planner, case, seed, plan)
-    faults = case.judge.faults(plan.path, problem.start, problem.goal)
+    faults = plan_faults(plan, problem, getattr(planner, "footprint", None), case.judge)
     return record | path_figures(plan.path, problem) | {"faults": len(faults), "why": faults[:1]}
 
 

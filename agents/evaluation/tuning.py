@@ -190,12 +190,15 @@ def _case(scene: str, seed: int) -> Any:
 def _planned(job: tuple[Spec, int], spec: Spec, deadline: float | None) -> dict[str, Any]:
     from agents.benchmarks.entrants import make_plan
     from planners import make_planner
+    from planners.judge import plan_faults
 
     case = _case(json.dumps(job[0]), job[1])
     if case.optimum is None:
         return {"score": None}
-    plan, problem = make_plan(make_planner(spec), case.problem, job[1], deadline), case.problem
-    good = len(plan.path) and not case.judge.faults(plan.path, problem.start, problem.goal)
+    planner, problem = make_planner(spec), case.problem
+    plan = make_plan(planner, problem, job[1], deadline)
+    faults = plan_faults(plan, problem, getattr(planner, "footprint", None), case.judge)
+    good = len(plan.path) and not faults
     return {"score": case.optimum / max(plan.length, case.optimum) if good else 0.0}
 
 

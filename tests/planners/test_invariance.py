@@ -97,6 +97,40 @@ def test_plans_stay_on_a_rotated_map(name, shut):
                 np.testing.assert_allclose(plan.path[:, :2], placed, atol=1e-9)
 
 
+def test_shortest_paths_move_and_scale_with_their_map():
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        low = rng.uniform(0.5, 7.0, (6, 2))
+        rectangles = np.hstack([low, low + rng.uniform(0.3, 2.5, (6, 2))])
+        ends, radius = np.array([[0.4, 0.4], [9.6, 9.6]]), 0.3
+        plans = []
+        for scale, shift in ((1.0, np.zeros(2)), (rng.uniform(0.1, 30.0), rng.uniform(-99, 99, 2))):
+            blocks = rng.permutation(rectangles) * scale + np.tile(shift, 2)
+            box = np.array([0.0, 0.0, 10.0, 10.0]) * scale + np.tile(shift, 2)
+            space = Space.from_rectangles(blocks, box)
+            problem = Problem(space, *(ends * scale + shift), radius * scale)
+            plans.append(make_planner("visibility").plan(problem, rng))
+        assert plans[0].status is plans[1].status
+        if plans[0].status is Status.SOLVED:
+            assert plans[1].length == pytest.approx(scale * plans[0].length, rel=1e-9)
+
+
+SAMPLING = [name for name in PLANNERS if "rrt" in name or name in ("prm", "swarm")]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", SAMPLING)
+def test_on_average_sampling_planners_find_as_short_paths_on_rotated_maps(name):
+    planner, lengths = quick(name, 1000), []
+    for frame in ((0.0, 0.0, 0.0), (3.0, -7.0, -2.0)):
+        problem = posed(walled(False, frame), (3.0, 1.0, 0.4), (7.0, 1.0, -1.2))
+        plans = [planner.plan(problem, np.random.default_rng(seed)) for seed in range(50)]
+        lengths.append([plan.length for plan in plans if plan.status is Status.SOLVED])
+    assert abs(len(lengths[0]) - len(lengths[1])) <= 1
+    if lengths[0]:
+        assert np.mean(lengths[1]) == pytest.approx(np.mean(lengths[0]), rel=0.01)
+
+
 def test_geodesics_distances_and_poses_move_with_their_map():
     rng = np.random.default_rng(0)
     chair = Footprint()
