@@ -743,6 +743,38 @@ def test_two_lasers_have_topics_and_mounts_of_their_own(bridge):
         bridge._edge("base_link", "laser", (0.4, 0.0, 0.0)),
     ]}, 1.0)  # fmt: skip
     assert "sensors.more_lasers[0] says (-0.10, 0.00) m" in senses.laser_mount_error()
+    assert "/scan is silent" in senses.stale(1.0)
+    senses.receive("/scan", later(scan), 2.0)
+    senses.receive("/scan_rear", later(of_a_circle(360)), 2.0)
+    assert "/scan_rear is silent (its last message is of frame laser: " in senses.stale(2.0)
+
+
+def later(message):
+    """The same message, made a second later."""
+    header = message["header"]
+    stamp = dict(header["stamp"])
+    stamp["secs" if "secs" in stamp else "sec"] += 1
+    return message | {"header": header | {"stamp": stamp}}
+
+
+@pytest.mark.parametrize("roll", [0.0, math.pi, 0.4])
+def test_a_laser_upside_down_is_read_as_an_upright_one_and_a_tilted_one_is_refused(bridge, roll):
+    senses, scan = RosSensors(RosSettings(), SENSORS, False), bridge._messages()["/scan"]()
+    senses.receive("/scan", scan, 1.0)
+    upright = ros.scan(scan, SENSORS.laser, math.inf)
+    edge = bridge._edge("base_link", "laser_link", bridge.mounted)
+    rotation = edge["transform"]["rotation"]
+    assert rotation["z"] == 0.0
+    rotation |= {"x": math.sin(0.5 * roll), "w": math.cos(0.5 * roll)}
+    senses.receive("/tf_static", {"transforms": [edge]}, 1.0)
+    hanging = scan | {"ranges": scan["ranges"][::-1]} if roll == math.pi else scan
+    senses.receive("/scan", later(hanging), 2.0)
+    if roll == 0.4:
+        assert "tilted by 23 deg" in senses.stale(2.0)
+        assert "tilted by 23 deg" in senses.laser_mount_error()
+        return
+    assert senses.laser_mount_error() == ""
+    np.testing.assert_array_equal(senses._newest["/scan"].value, upright)
     with pytest.raises(InputError, match=r"2 topics of scans; sensors name 1 laser"):
         make_chair({"name": "ros", "more_scans": ("/b",)}, env_settings(CONFIG))
 

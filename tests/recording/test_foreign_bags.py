@@ -8,9 +8,12 @@ from __future__ import annotations
 
 import math
 import os
+import shutil
 import signal
+import sqlite3
 import subprocess
 import sys
+from contextlib import closing
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -24,7 +27,9 @@ from rosbags.typesys import Stores, get_typestore
 
 from agents.cli import main
 from tests.conftest import ROOT
+from wheelchair_gym import InputError
 from wheelchair_gym.maps import OCCUPIED, read_map
+from wheelchair_gym.recording.read_bags import bag_log
 
 WIDTH, DEPTH = 8.0, 5.0  # m: the room; odometry begins at its centre
 BEAMS, FOV, PERIOD = 181, math.radians(270.0), 0.1
@@ -176,6 +181,113 @@ def test_others_bags_give_the_room(writer, tmp_path, capsys):
     assert "150 scans in 14.9 s, 0 lines skipped" in capsys.readouterr().out
     assert found.off < 0.1
     np.testing.assert_allclose(found.size, [WIDTH, DEPTH], atol=0.2)
+
+
+@pytest.fixture
+def log_of(monkeypatch, tmp_path):
+    """A function: the log and the laser of the drive's bag, each message changed by a function."""
+
+    def read(change, count=30):
+        whole = drive
+
+        def changed(*given):
+            for now, topic, content in whole(*given):
+                yield now, topic, change(topic, content, round((now - ZERO) / (1e9 * PERIOD)))
+
+        with monkeypatch.context() as patch:
+            patch.setitem(globals(), "drive", changed)
+            return bag_log(write_mcap(tmp_path / "run.mcap", count))
+
+    return read
+
+
+def mounted(content, **turn):
+    (transform,) = content["transforms"]
+    rotation = {"x": 0.0, "y": 0.0, "z": 0.0, "w": 0.0} | turn
+    moved = transform["transform"] | {"rotation": rotation}
+    return {"transforms": [transform | {"transform": moved}]}
+
+
+def test_a_laser_upside_down_gives_the_same_log(log_of):
+    def hangs(topic, content, _):
+        if topic == "/tf_static":
+            return mounted(content, x=1.0)
+        return content | {"ranges": content["ranges"][::-1]} if topic == "/scan" else content
+
+    (log, laser), (turned, same) = log_of(lambda _, content, __: content), log_of(hangs)
+    assert same == laser
+    np.testing.assert_array_equal(turned.ranges, log.ranges)
+
+
+@pytest.mark.parametrize(
+    ("turn", "why"),
+    [
+        ({"x": math.sin(0.2), "w": math.cos(0.2)}, "tilted by 23 deg; expected upright or upside"),
+        ({}, "quaternion's norm is not 1"),
+        ({"w": math.nan}, "not finite"),
+    ],
+)
+def test_a_transform_that_cannot_be_used_is_not_taken_for_none(turn, why, log_of):
+    def tilted(topic, content, _):
+        return mounted(content, **turn) if topic == "/tf_static" else content
+
+    with pytest.raises(InputError, match=why):
+        log_of(tilted)
+
+
+def test_every_scan_has_its_own_angles(log_of):
+    step = FOV / (BEAMS - 1)
+
+    def wider(topic, content, k):
+        if topic != "/scan" or k % 3 != 1:
+            return content
+        more = 1 + k % 7  # beams that look farther to the right
+        return content | {
+            "angle_min": content["angle_min"] - more * step,
+            "ranges": [1.0] * more + content["ranges"],
+        }
+
+    (log, laser), (other, same) = log_of(lambda _, content, __: content), log_of(wider)
+    assert same == laser
+    np.testing.assert_array_equal(other.ranges, log.ranges)
+
+
+def test_scans_of_other_kinds_are_refused_and_counted(log_of):
+    def mixed(topic, content, k):
+        if topic != "/scan":
+            return content
+        if k < 5:
+            return content | {"ranges": content["ranges"][: (0, 0, 100, 100, 50)[k]]}
+        return content | {"header": stamped(k, "rear")} if k % 5 == 0 else content
+
+    log, laser = log_of(mixed)
+    assert laser.beams == BEAMS
+    assert len(log.stamps) == 20
+    found = dict(log.skipped)
+    assert found["scan: in another frame than lidar: rear"] == 5
+    assert sum(found.values()) == 10
+
+
+def test_messages_in_a_write_ahead_log_are_read_and_the_bag_is_not_changed(tmp_path):
+    (file,) = write_sqlite(tmp_path / "run", 30).glob("*.db3")
+    whole = bag_log(tmp_path / "run")[0]
+    left = tmp_path / "left"
+    left.mkdir()
+    with closing(sqlite3.connect(file)) as link:
+        link.execute("PRAGMA journal_mode = WAL")
+        rows = link.execute("SELECT * FROM messages WHERE id > 40").fetchall()
+        link.execute("DELETE FROM messages WHERE id > 40")
+        link.commit()
+        link.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        link.executemany(f"INSERT INTO messages VALUES ({','.join('?' * len(rows[0]))})", rows)
+        link.commit()
+        for one in file.parent.glob("*.db3*"):
+            shutil.copyfile(one, left / one.name)
+    before = {one.name: one.read_bytes() for one in left.iterdir()}
+    assert any(name.endswith("-wal") for name in before)
+    found = bag_log(left)[0]
+    np.testing.assert_array_equal(found.ranges, whole.ranges)
+    assert {one.name: one.read_bytes() for one in left.iterdir()} == before
 
 
 def test_others_bags_cannot_be_judged_again_and_say_so(tmp_path, capsys):

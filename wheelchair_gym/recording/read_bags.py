@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import logging
 import math
+import shutil
 import sqlite3
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Final
 from urllib.parse import quote
 
@@ -21,7 +23,7 @@ import numpy as np
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.errors import InputError, shorten
 from wheelchair_gym.files import LIMITS, opened, read_bytes
-from wheelchair_gym.geometry import compose, relative_pose
+from wheelchair_gym.geometry import compose
 from wheelchair_gym.hardware.ros import messages as ros
 from wheelchair_gym.hardware.ros.cdr import deserialized
 from wheelchair_gym.localization.logs import SensorLog, log_of_poses
@@ -98,22 +100,36 @@ def _files(path: Path) -> list[Path]:
 
 
 def _rows(file: Path, wanted: Callable[[str, str], bool]) -> list[Recorded]:
-    with opened(file, "recording"):  # its size is checked
-        pass
-    try:
-        link = sqlite3.connect(f"file:{quote(str(file))}?mode=ro&immutable=1", uri=True)
+    """Return the wanted messages of an SQLite file, with those of its write-ahead log.
+
+    A recorder that was killed leaves messages in a file that ends in -wal. SQLite folds it in where
+    it may write, so both files are copied: a bag is never changed.
+    """
+    log = file.with_name(f"{file.name}-wal")
+    with ExitStack() as stack:
+        for one in (file, log):
+            if one == file or one.exists():
+                stack.enter_context(opened(one, "recording"))  # its size is checked
+        mode = "ro&immutable=1"
+        if log.exists() and log.stat().st_size:
+            folder = Path(stack.enter_context(TemporaryDirectory()))
+            for one in (file, log):
+                shutil.copyfile(one, folder / one.name)
+            mode, source = "rw", folder / file.name
+        else:
+            source = file
         try:
+            link = sqlite3.connect(f"file:{quote(str(source))}?mode={mode}", uri=True)
+            stack.callback(link.close)
             link.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LIMITS["chunk"].most)
             link.execute("PRAGMA trusted_schema = OFF")
             kinds = dict(link.execute("SELECT name, type FROM sqlite_schema"))
             if kinds.get("messages") != "table" or kinds.get("topics") != "table":
                 raise sqlite3.DatabaseError("it has no tables messages and topics")
             rows = [Recorded(*row) for row in link.execute(_QUERY) if wanted(*row[1:3])]
-        finally:
-            link.close()
-    except (sqlite3.Error, OverflowError, TypeError, ValueError) as error:
-        why = shorten(str(error))
-        raise InputError(f"{file}: expected a ROS 2 bag in SQLite ({why})") from None
+        except (sqlite3.Error, OverflowError, TypeError, ValueError) as error:
+            why = shorten(str(error))
+            raise InputError(f"{file}: expected a ROS 2 bag in SQLite ({why})") from None
     good = all(isinstance(row.time, int) and isinstance(row.data, bytes) for row in rows)
     if not good:
         raise InputError(f"{file}: expected whole numbers as timestamps and bytes as data")
@@ -166,24 +182,32 @@ def bag_log(
             if one.type == _TF and one.topic.endswith("tf_static"):
                 edges |= {c: (p, pose) for p, c, pose in ros.transforms(_message(one))}
     poses, base = _odometry(path, found, odometry, skipped)
-    with complete(path):
-        laser = _laser(path, _message(scans[0]), edges, base)
-    times: list[int] = []
-    ranges = []
+    messages: list[dict[str, Any]] = []
     for one in scans:
         with _skipping(skipped, "scan"):
-            message = _message(one)
+            messages.append(_upright(_message(one), edges, base))
+    if not messages:
+        raise InputError(f"{path}: no scan of {scans[0].topic} can be used ({_told(skipped)})")
+    usual, _ = Counter(map(_fan, messages)).most_common(1)[0]
+    of_laser = next(one for one in messages if _fan(one) == usual)
+    with complete(path):
+        laser, middle = _laser(path, of_laser, edges, base)
+    times: list[int] = []
+    ranges = []
+    for message in messages:
+        with _skipping(skipped, "scan"):
             stamp = _stamp(message)
+            if _frame(message) != _frame(of_laser):
+                raise ValueError(f"in another frame than {_frame(of_laser)}: {_frame(message)}")
             if not poses or not min(poses) <= stamp <= max(poses):
                 raise ValueError("without odometry")
             if times and stamp <= times[-1]:
                 raise ValueError("time goes back")
-            values = ros.scan(_centred(message), laser, math.inf)
+            values = ros.scan(_centred(message, middle), laser, math.inf)
             times.append(stamp)
             ranges.append(values)
     if not times:
-        why = ", ".join(f"{count} {reason}" for reason, count in skipped.items())
-        raise InputError(f"{path}: no scan of {scans[0].topic} can be used ({why})")
+        raise InputError(f"{path}: no scan of {scans[0].topic} can be used ({_told(skipped)})")
     known = sorted(poses)
     rows = np.array([poses[stamp] for stamp in known])
     rows[:, 2] = np.unwrap(rows[:, 2])
@@ -211,9 +235,9 @@ def _odometry(
     for one in changes:
         with _skipping(skipped, "transform"):
             for edge in _message(one)["transforms"]:
-                for parent, child, pose in ros.transforms({"transforms": [edge]}):
-                    if parent == "odom":
-                        poses[_stamp(edge)], base = pose, child
+                for parent, child, matrix in ros.transforms({"transforms": [edge]}):
+                    if parent.split("/")[-1].startswith("odom"):
+                        poses[_stamp(edge)], base = ros.on_floor(matrix)[0], child
     if poses:
         return poses, base
     raise InputError(
@@ -259,54 +283,88 @@ def _meant(value: float) -> float:
     return float(str(np.float32(value)))
 
 
-def _centred(message: dict[str, Any]) -> dict[str, Any]:
-    """A scan with its beams counter-clockwise about the middle one, which is straight ahead."""
-    step, ranges = float(message["angle_increment"]), message["ranges"]
-    fan = abs(step) * (len(ranges) - 1)
-    ordered = ranges if step > 0.0 else ranges[::-1]
-    return message | {"angle_min": -0.5 * fan, "angle_increment": abs(step), "ranges": ordered}
+def _told(skipped: Mapping[str, int]) -> str:
+    """Return the reasons why messages were skipped, with their numbers."""
+    return ", ".join(f"{count} {reason}" for reason, count in skipped.items())
+
+
+def _frame(message: Mapping[str, Any]) -> str:
+    return str(message["header"]["frame_id"]).lstrip("/")
+
+
+def _fan(message: Mapping[str, Any]) -> tuple[str, int, float, float]:
+    """Return what makes two scans those of one laser: frame, beams, first angle and step [rad]."""
+    first, step = float(message["angle_min"]), float(message["angle_increment"])
+    return _frame(message), len(message["ranges"]), round(first, 4), round(step, 6)
+
+
+def _upright(
+    message: dict[str, Any], edges: Mapping[str, tuple[str, Array]], base: str
+) -> dict[str, Any]:
+    """Return a scan with its beams counter-clockwise, as an upright laser gives it.
+
+    Raises:
+        ValueError: the scan has too few or too many ranges, or the laser is tilted.
+    """
+    beams, step = len(message["ranges"]), float(message["angle_increment"])
+    if not 2 <= beams <= _MOST_BEAMS or step == 0.0 or not math.isfinite(step):
+        raise ValueError(f"of {beams} ranges, {step:g} rad apart")
+    mount = _mount(edges, _frame(message), base)
+    if mount is not None and ros.on_floor(mount)[1]:
+        message = ros.mirrored(message)
+    if step < 0.0:
+        first = float(message["angle_min"])
+        message = message | {
+            "angle_min": first + step * (beams - 1), "angle_max": first,
+            "angle_increment": -step, "ranges": message["ranges"][::-1],
+        }  # fmt: skip
+    return message
+
+
+def _centred(message: dict[str, Any], middle: float) -> dict[str, Any]:
+    """Return a scan with angles from the middle [rad] of its laser, which is straight ahead."""
+    return message | {"angle_min": float(message["angle_min"]) - middle}
 
 
 def _laser(
     path: str | Path, message: dict[str, Any], edges: Mapping[str, tuple[str, Array]], base: str
-) -> LaserSettings:
-    """The laser that has made a scan, mounted as the static transforms say."""
+) -> tuple[LaserSettings, float]:
+    """Return the laser of a scan, mounted as the static transforms say, and its middle [rad]."""
     beams, step = len(message["ranges"]), float(message["angle_increment"])
-    if not 2 <= beams <= _MOST_BEAMS or step == 0.0 or not math.isfinite(step):
-        raise ValueError(f"a scan of {beams} ranges, {step:g} rad apart")
-    frame = str(message["header"]["frame_id"]).lstrip("/")
-    mount = _pose_in(edges, frame, base)
-    if mount is None:
-        mount = np.zeros(3)
+    frame = _frame(message)
+    matrix = _mount(edges, frame, base)
+    mount = np.zeros(3) if matrix is None else ros.on_floor(matrix)[0]
+    if matrix is None:
         _LOG.warning("%s: %s has no transform to %s; the laser counts as there", path, frame, base)
-    fan = abs(step) * (beams - 1)
-    middle = float(message["angle_min"]) + 0.5 * step * (beams - 1)
+    fan = step * (beams - 1)
+    middle = float(message["angle_min"]) + 0.5 * fan
     x, y, yaw = compose(mount, (0.0, 0.0, middle)).tolist()
     exact = float(message["angle_max"]) - float(message["angle_min"])
-    fov = exact if abs(abs(exact) - fan) <= abs(step) else fan
-    return LaserSettings(
+    fov = exact if abs(exact - fan) <= step else fan
+    laser = LaserSettings(
         x=round(x, 9), y=round(y, 9), yaw=_degrees(yaw), beams=beams,
-        fov=min(_degrees(abs(fov)), 2.0 * math.pi),
+        fov=min(_degrees(fov), 2.0 * math.pi),
         reach=min(max(_meant(message["range_max"]), 0.5), 100.0),
         range_min=max(0.0, _meant(message["range_min"])),
     )  # fmt: skip
+    return laser, middle
 
 
-def _pose_in(edges: Mapping[str, tuple[str, Array]], frame: str, root: str) -> Array | None:
-    """The pose (3,) of a frame in another, by static transforms up from both."""
+def _mount(edges: Mapping[str, tuple[str, Array]], frame: str, root: str) -> Array | None:
+    """Return the matrix (4, 4) of a frame in another, by static transforms up from both."""
     above = [_way_up(edges, name) for name in (frame, root)]
     common = next((name for name in above[0] if name in above[1]), None)
-    return None if common is None else relative_pose(above[1][common], above[0][common])
+    return None if common is None else np.linalg.inv(above[1][common]) @ above[0][common]
 
 
 def _way_up(edges: Mapping[str, tuple[str, Array]], frame: str) -> dict[str, Array]:
-    """The pose (3,) of a frame in itself and in all frames above it."""
-    pose = np.zeros(3)
-    found = {frame: pose}
+    """Return the matrix (4, 4) of a frame in itself and in all frames above it."""
+    matrix = np.eye(4)
+    found = {frame: matrix}
     while frame in edges:
         frame, edge = edges[frame]
         if frame in found:
             break  # the transforms form a cycle
-        pose = compose(edge, pose)
-        found[frame] = pose
+        matrix = edge @ matrix
+        found[frame] = matrix
     return found

@@ -101,9 +101,13 @@ class RosChair(NotCopyable):
         with self._lock:
             self._stop()
         self.senses.clear()
-        self._require(lambda: self.senses.stale(self.clock.now()) or self.senses.moving())
-        if wrong := self.senses.laser_mount_error():
-            raise InputError(f"{self.url}: {wrong}")
+
+        def missing() -> str:
+            if wrong := self.senses.laser_mount_error():
+                raise InputError(f"{self.url}: {wrong}")
+            return self.senses.stale(self.clock.now()) or self.senses.moving()
+
+        self._require(missing)
         self._loop.begin(self.senses.odometry[0])
         return self._reading("")
 

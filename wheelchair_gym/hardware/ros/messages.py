@@ -52,7 +52,7 @@ def _yaw(orientation: Mapping[str, Any]) -> float:
     x, y, z, w = _finite(*(orientation[name] for name in "xyzw"))
     if abs(math.sqrt(x * x + y * y + z * z + w * w) - 1.0) > 0.01:
         raise ValueError("holds a quaternion whose norm is not 1")
-    if math.acos(max(-1.0, 1.0 - 2.0 * (x * x + y * y))) > _MAX_TILT:
+    if 1.0 - 2.0 * (x * x + y * y) < math.cos(_MAX_TILT):
         raise ValueError("has the chair not upright; expected a rotation about z")
     return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
@@ -95,7 +95,11 @@ def scan(message: Mapping[str, Any], laser: LaserSettings, null: float) -> NDArr
     out = np.where(missing, null, out).astype(np.float32)
     begin, fan = first + 0.5 * laser.fov, step * (laser.beams - 1)
     same = len(out) == laser.beams and abs(fan - laser.fov) <= abs(step) + _NEAR
-    return out if same and abs(begin) <= abs(step) + _NEAR else _resampled(out, first, step, laser)
+    return (
+        out
+        if same and abs(begin) <= 0.5 * abs(step) + _NEAR
+        else _resampled(out, first, step, laser)
+    )
 
 
 def _resampled(
@@ -130,26 +134,66 @@ def odometry(message: Mapping[str, Any]) -> tuple[Array, Array]:
 
 
 def transforms(message: Mapping[str, Any]) -> list[tuple[str, str, Array]]:
-    """Parent, child and pose (3,) of each transform of a tf2_msgs/TFMessage.
+    """Parent, child and homogeneous matrix (4, 4) of each transform of a tf2_msgs/TFMessage.
 
-    One that cannot be read is skipped, unless there is no other.
+    A transform whose values are unusable is NaN: whoever needs it can say so. One that is not made
+    as its type says is skipped, unless there is no other.
     """
     found: list[tuple[str, str, Array]] = []
     broken: Exception | None = None
     for edge in message["transforms"]:
         try:
             parent, child = str(edge["header"]["frame_id"]), str(edge["child_frame_id"])
-            move = edge["transform"]
-            pose = _pose(move["translation"], move["rotation"])
-        except ValueError:  # a camera on its side; `stale` reports a transform that is needed
-            continue
+            moved, turned = edge["transform"]["translation"], edge["transform"]["rotation"]
+            matrix = _matrix(*(moved[axis] for axis in "xyz"), *(turned[axis] for axis in "xyzw"))
         except (KeyError, TypeError) as error:
             broken = error
             continue
-        found.append((parent.lstrip("/"), child.lstrip("/"), pose))
+        found.append((parent.lstrip("/"), child.lstrip("/"), matrix))
     if broken is not None and not found:
         raise broken
     return found
+
+
+def _matrix(x: Any, y: Any, z: Any, qx: Any, qy: Any, qz: Any, qw: Any) -> Array:
+    """Return the homogeneous matrix (4, 4) of a position and a quaternion; NaN where unusable."""
+    values = np.array([x, y, z, qx, qy, qz, qw], dtype=np.float64)
+    quaternion = values[3:]
+    if not np.isfinite(values).all() or abs(np.linalg.norm(quaternion) - 1.0) > 0.01:
+        return np.full((4, 4), np.nan)
+    i, j, k, w = quaternion.tolist()
+    return np.array(
+        [
+            (1.0 - 2.0 * (j * j + k * k), 2.0 * (i * j - k * w), 2.0 * (i * k + j * w), values[0]),
+            (2.0 * (i * j + k * w), 1.0 - 2.0 * (i * i + k * k), 2.0 * (j * k - i * w), values[1]),
+            (2.0 * (i * k - j * w), 2.0 * (j * k + i * w), 1.0 - 2.0 * (i * i + j * j), values[2]),
+            (0.0, 0.0, 0.0, 1.0),
+        ]
+    )
+
+
+def on_floor(matrix: Array) -> tuple[Array, bool]:
+    """Return the pose (3,) that a matrix (4, 4) has on the floor, and whether it is upside down.
+
+    Raises:
+        ValueError: the matrix is NaN, or neither upright nor upside down.
+    """
+    if not np.isfinite(matrix).all():
+        raise ValueError("has a transform that is not finite, or whose quaternion's norm is not 1")
+    up = float(matrix[2, 2])
+    if abs(up) < math.cos(_MAX_TILT):
+        tilt = math.degrees(math.acos(up))
+        raise ValueError(f"is tilted by {tilt:.0f} deg; expected upright or upside down")
+    yaw = math.atan2(matrix[1, 0], matrix[0, 0])
+    return np.array([matrix[0, 3], matrix[1, 3], yaw]), up < 0.0
+
+
+def mirrored(message: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a scan of a laser that hangs upside down as an upright one would give it."""
+    first, step = _finite(message["angle_min"], message["angle_increment"])
+    ranges = message["ranges"]
+    last = first + step * (len(ranges) - 1)
+    return {**message, "angle_min": -last, "angle_max": -first, "ranges": ranges[::-1]}
 
 
 def distance(message: Mapping[str, Any], null: float) -> float:

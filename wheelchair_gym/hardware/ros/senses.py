@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from wheelchair_gym.arrays import Array, Floats
-from wheelchair_gym.geometry import compose, relative_pose
+from wheelchair_gym.geometry import relative_pose
 from wheelchair_gym.hardware.connection import NEVER, ClockSync, Stamped
 from wheelchair_gym.hardware.ros import messages as ros
 from wheelchair_gym.hardware.ros.clock import SimulatedClock
@@ -95,6 +95,8 @@ class RosSensors:
             return
         s = self.settings
         try:
+            if topic in self._lasers:
+                message = self._upright(topic, message)
             value = self.topics[topic].read(message)
             if self.clock is not None:
                 came = self.clock.now()
@@ -108,9 +110,9 @@ class RosSensors:
             elif topic == s.tf_static:
                 edges = {child: (parent, pose, math.inf) for parent, child, pose in value}
                 self._rigid = {**self._rigid, **edges}
+                for one in self._lasers:  # those that came before were read without it
+                    self._newest.pop(one, None)
             else:
-                if topic in self._lasers:
-                    self._frames[topic] = str(message["header"]["frame_id"]).lstrip("/")
                 stamp = ros.stamp(message["header"])
                 self._newest[topic] = Stamped(value, self._made_at(topic, stamp, came))
             self._wrong.pop(topic, None)
@@ -190,34 +192,62 @@ class RosSensors:
 
     def laser_mount_error(self) -> str:
         """That a laser's pose in tf is not that of the settings; empty: it is, or is unknown."""
-        names = ("sensors.laser", *(f"sensors.more_lasers[{k}]" for k in range(len(self._lasers))))
-        for name, (topic, laser) in zip(names, self._lasers.items(), strict=False):
-            mount = self.pose_in(self._frames[topic], self.settings.base_frame)
-            if mount is None:
-                continue
-            apart = relative_pose((laser.x, laser.y, laser.yaw), mount.value)
-            if max(np.hypot(*apart[:2]), abs(apart[2])) <= _MOUNT_TOLERANCE:
-                continue
-            x, y, yaw = mount.value
-            return (
-                f"{self.settings.tf} has the laser at ({x:.2f}, {y:.2f}) m, "
-                f"{math.degrees(yaw):.0f} deg; {name} says ({laser.x:.2f}, {laser.y:.2f}) m, "
-                f"{math.degrees(laser.yaw):.0f} deg"
-            )
-        return ""
+        wrong = (self._mount(topic, frame)[0] for topic, frame in self._frames.items())
+        return next(filter(None, wrong), "")
 
-    def pose_in(self, frame: str, root: str) -> Stamped | None:
-        """The pose (3,) of a frame in one above it."""
+    def _upright(self, topic: str, message: Any) -> Any:
+        """Return a scan as an upright laser gives it.
+
+        Raises:
+            ValueError: the frame of the scan is not where the settings have the laser.
+        """
+        frame = self._frames[topic] = str(message["header"]["frame_id"]).lstrip("/")
+        wrong, upside_down = self._mount(topic, frame)
+        if wrong:
+            raise ValueError(f"is of frame {frame}: {wrong}")
+        return ros.mirrored(message) if upside_down else message
+
+    def _mount(self, topic: str, frame: str) -> tuple[str, bool]:
+        """Return what is wrong with a laser's mount in tf, and whether it hangs upside down."""
+        s, laser = self.settings, self._lasers[topic]
+        if (chain := self._chain(frame, s.base_frame)) is None:
+            return "", False
+        try:
+            (x, y, yaw), upside_down = ros.on_floor(chain[0])
+        except ValueError as error:
+            return f"by {s.tf} the laser {error}", False
+        apart = relative_pose((laser.x, laser.y, laser.yaw), (x, y, yaw))
+        if max(np.hypot(*apart[:2]), abs(apart[2])) <= _MOUNT_TOLERANCE:
+            return "", upside_down
+        number = list(self._lasers).index(topic)
+        name = f"sensors.more_lasers[{number - 1}]" if number else "sensors.laser"
+        return (
+            f"{s.tf} has the laser at ({x:.2f}, {y:.2f}) m, {math.degrees(yaw):.0f} deg; "
+            f"{name} says ({laser.x:.2f}, {laser.y:.2f}) m, {math.degrees(laser.yaw):.0f} deg"
+        ), upside_down
+
+    def _chain(self, frame: str, root: str) -> tuple[Array, float] | None:
+        """Return the matrix (4, 4) of a frame in one above it, and its time; None: unknown."""
         edges = {**self._rigid, **self._moved}
-        pose, oldest = np.zeros(3), math.inf
+        matrix, oldest = np.eye(4), math.inf
         for _ in range(len(edges) + 1):
             if frame == root:
-                return Stamped(pose, oldest)
+                return matrix, oldest
             if frame not in edges:
                 return None
             frame, edge, when = edges[frame]
-            pose, oldest = compose(edge, pose), min(oldest, when)
+            matrix, oldest = edge @ matrix, min(oldest, when)
         return None  # the transforms form a cycle
+
+    def pose_in(self, frame: str, root: str) -> Stamped | None:
+        """The pose (3,) of an upright frame in one above it."""
+        if (chain := self._chain(frame, root)) is None:
+            return None
+        try:
+            pose, upside_down = ros.on_floor(chain[0])
+        except ValueError:
+            return None
+        return None if upside_down else Stamped(pose, chain[1])
 
     def ranges(self, now: float) -> tuple[Floats, Floats, Floats]:
         """Laser, ultrasonics and their ages; what is too old is invalid."""
