@@ -63,6 +63,31 @@ def test_a_bad_line_is_skipped_with_a_reason(tmp_path, reason):
     np.testing.assert_allclose(log.odometry[-1], (30 * PER_TICK, 0, 0), atol=1e-12)
 
 
+@pytest.mark.parametrize("bits", [16, 32])
+@pytest.mark.parametrize("signed", [False, True])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_counters_that_wrap_are_followed(bits, signed, sign, tmp_path):
+    def counted(ticks):
+        ticks %= 1 << bits
+        return ticks - (1 << bits) if signed and ticks >= 1 << (bits - 1) else ticks
+
+    edge = (1 << (bits - 1)) if signed else 0
+    ticks = [edge + sign * (300 * k - 1500) for k in range(11)]
+    lines = [line(k, left=counted(t), right=counted(t)) for k, t in enumerate(ticks)]
+    log = read_log(written(tmp_path, lines))
+    assert log.skipped == {}
+    np.testing.assert_allclose(log.odometry[-1], (sign * 3000 * PER_TICK, 0, 0), atol=1e-9)
+
+
+@pytest.mark.parametrize("seconds", [0.1, 1.0, 10.0])
+def test_counters_that_are_reset_end_the_log(seconds, tmp_path):
+    leap = 5.0 * seconds / PER_TICK  # as far as is rejected within one line
+    ticks = [round(2 * leap) + 10 * k for k in range(5)] + [10 * k for k in range(20)]
+    lines = [line(k, time=1e6 * seconds * k, left=t, right=t) for k, t in enumerate(ticks)]
+    with pytest.raises(InputError, match=r"line 6: the wheels' ticks leap by .* and stay there"):
+        read_log(written(tmp_path, lines))
+
+
 def test_errors_of_the_laser_are_invalid_not_walls(tmp_path):
     log = read_log(written(tmp_path, [line(0, far=0.0), line(1, far=7.0)]))
     assert np.isnan(log.ranges).all()

@@ -28,6 +28,7 @@ from wheelchair_gym.sensors.settings import LaserSettings
 # per turn of a wheel, and columns of the left and right wheel's ticks and of the first range.
 _RADIUS, TRACK, _TICKS, _LEFT, _RIGHT, _RANGES = 0.077, 0.330, 2000, 2, 3, 24
 _MOST = 5.0  # m/s: rim speed above which a line is rejected
+_WIDTHS = (1 << 16, 1 << 32)  # ticks after which counters of 16 and 32 bits begin again
 PER_TICK = 2.0 * math.pi * _RADIUS / _TICKS  # m
 # URG-04LX: 240 deg, below 20 mm stand error codes; mounted as in BreezySLAM.
 LASER = LaserSettings(
@@ -94,16 +95,25 @@ def _numbers(line: str) -> Array | str:
     return values if np.isfinite(values).all() else "not finite"
 
 
+def _unwrapped(moved: float, most: float) -> float:
+    """Return a wheel's distance [m] without the wrap of its counter, if that explains a leap."""
+    turns = (sign * width * PER_TICK for width in _WIDTHS for sign in (-1, 1))
+    return next((moved + turn for turn in turns if abs(moved + turn) <= most < abs(moved)), moved)
+
+
 def read_log(path: str | Path) -> SensorLog:
     """Read a log; a bad line is skipped, counted and given a reason.
 
+    The wrap of a counter of 16 or 32 bits is undone.
+
     Raises:
-        InputError: the file cannot be read, or holds no good line.
+        InputError: the file cannot be read, holds no good line, or its ticks leap and stay there.
     """
     skipped: Counter[str] = Counter()
     stamps, increments, scans = [], [], []
     last: tuple[float, float, float] | None = None
-    for line in read_text(path, "log").splitlines():
+    leapt: tuple[float, float, float] | None = None  # the line before, if its ticks leapt
+    for number, line in enumerate(read_text(path, "log").splitlines(), 1):
         if not line.strip():
             continue
         values = _numbers(line)
@@ -118,16 +128,27 @@ def read_log(path: str | Path) -> SensorLog:
             if period <= 0.0:
                 skipped["time goes back"] += 1
                 continue
-            if max(abs(left - last[1]), abs(right - last[2])) > _MOST * period:
+            most = _MOST * period
+            moved = [_unwrapped(wheel, most) for wheel in (left - last[1], right - last[2])]
+            if leapt is not None and time > leapt[0]:
+                since = max(abs(left - leapt[1]), abs(right - leapt[2]))
+                if since / (time - leapt[0]) < max(map(abs, moved)) / period:
+                    raise InputError(
+                        f"{path}, line {number - 1}: the wheels' ticks leap by "
+                        f"{max(map(abs, moved)):.2f} m and stay there; expected counters that are "
+                        "never reset (cut the log there)"
+                    )
+            if max(map(abs, moved)) > most:
                 skipped["ticks leap"] += 1
+                leapt = (time, left, right)
                 continue
-            distance, turn = twist_of_wheels(left - last[1], right - last[2], TRACK)
+            distance, turn = twist_of_wheels(moved[0], moved[1], TRACK)
             increments.append(odometric_step(0.0, 0.0, 0.0, distance, turn))
         else:
             increments.append((0.0, 0.0, 0.0))
         ranges = values[_RANGES:] * 1e-3
         scans.append(np.where(ranges < LASER.range_min, np.nan, ranges).astype(np.float32))
-        last = (time, left, right)
+        last, leapt = (time, left, right), None
         stamps.append(time)
     if not stamps:
         why = ", ".join(f"{count} {reason}" for reason, count in skipped.items()) or "it is empty"

@@ -42,13 +42,32 @@ _QUERY = """
 """
 
 
+# How files of other kinds begin, what they are, and what to do with them.
+_OTHERS: Final = {
+    b"#ROSBAG V": "a ROS 1 bag; expected one of ROS 2: rosbags-convert --src FILE --dst FOLDER",
+    b"\x28\xb5\x2f\xfd": "compressed as a whole; expected what `zstd -d FILE` gives",
+    b"rosbag2_bagfile_information": "the description of a bag; expected its folder",
+    b"# CARMEN": "a CARMEN log; expected a ROS 2 bag of its scans and odometry",
+    b"# message_name": "a CARMEN log; expected a ROS 2 bag of its scans and odometry",
+    b"PARAM ": "a CARMEN log; expected a ROS 2 bag of its scans and odometry",
+}
+
+
 def is_bag(path: str | Path) -> bool:
-    """Whether a path is a folder, a .db3 file, or an MCAP file of ROS 2."""
+    """Whether a path is a folder, a .db3 file, or an MCAP file of ROS 2.
+
+    Raises:
+        InputError: it is a recording of another program, which is named.
+    """
     path = Path(path)
     if path.is_dir() or path.suffix == ".db3":
         return True
     with opened(path) as file:
-        return file.read(_PROFILE.stop)[_PROFILE] == b"\x04\0\0\0ros2"
+        head = file.read(max(_PROFILE.stop, *map(len, _OTHERS)))
+    for begin, what in _OTHERS.items():
+        if head.startswith(begin):
+            raise InputError(f"{path}: is {what}")
+    return head[_PROFILE] == b"\x04\0\0\0ros2"
 
 
 def bag_messages(
