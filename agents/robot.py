@@ -21,6 +21,7 @@ import numpy as np
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import map_to_odom
 from wheelchair_gym.hardware.ros import make_messages as ros
+from wheelchair_gym.hardware.ros.messages import seconds
 from wheelchair_gym.types import Belief, Command, Mission, Reading
 
 COMMAND: Final = "/cmd_vel"
@@ -161,18 +162,31 @@ class Robot:
         """Take a Twist or TwistStamped from a sender; returns what is wrong with it, or nothing."""
         try:
             twist = message.get("twist", message)
-            v, w = float(twist["linear"]["x"]), float(twist["angular"]["z"])
-            if not math.isfinite(v + w):
+            v, w = twist["linear"]["x"], twist["angular"]["z"]
+            if not all(type(one) in (int, float) and math.isfinite(one) for one in (v, w)):
                 raise ValueError
         except (AttributeError, KeyError, TypeError, ValueError, OverflowError):
-            why = f"{topic}: expected a Twist or TwistStamped of finite numbers"
-            if why not in self._wrong:
-                self._wrong.add(why)
-                self._log(f"{why}; such messages are not used")
-            return why
+            return self._refuse(f"{topic}: expected a Twist or TwistStamped of finite numbers")
+        try:
+            made = seconds(message["header"]["stamp"]) if twist is not message else 0.0
+        except (KeyError, TypeError, ValueError) as error:
+            return self._refuse(f"{topic}: its header {error}")
+        limit = self.config.command_timeout
+        if made and abs(self._now() / ros.NANO - made) > limit:
+            return self._refuse(
+                f"{topic}: is stamped more than {limit:g} s from now; expected fresh commands, "
+                "clocks that agree, or a stamp of 0"
+            )
         with self._lock:
-            self._twist, self._commander, self._fresh = (v, w), sender, True
+            self._twist, self._commander, self._fresh = (float(v), float(w)), sender, True
         return ""
+
+    def _refuse(self, why: str) -> str:
+        """Log once what is wrong with messages, and return it."""
+        if why not in self._wrong:
+            self._wrong.add(why)
+            self._log(f"{why}; such messages are not used")
+        return why
 
     def left(self, client: object) -> None:
         """Stop the chair if the client that is gone has commanded it."""

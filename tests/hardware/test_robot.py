@@ -78,9 +78,12 @@ class Client:
     def send(self, **content):
         self.link.send(json.dumps(content))
 
-    def drive(self, v, w=0.0, stamped=False):
-        twist = {"linear": {"x": v, "y": 0.0, "z": 0.0}, "angular": {"x": 0.0, "y": 0.0, "z": w}}
-        message = {"header": {}, "twist": twist} if stamped else twist
+    def drive(self, v, w=0.0, stamped=False, age=0.0):
+        message = {"linear": {"x": v, "y": 0.0, "z": 0.0}, "angular": {"x": 0.0, "y": 0.0, "z": w}}
+        if stamped:
+            second, part = divmod(time.time_ns() - round(1e9 * age), 10**9)
+            stamp = {"sec": second, "nanosec": part}
+            message = {"header": {"frame_id": "", "stamp": stamp}, "twist": message}
         self.send(op="publish", topic="/cmd_vel", msg=message)
 
     @property
@@ -186,6 +189,15 @@ BAD = [
     ({"op": "publish", "topic": "/cmd_vel", "msg": {"linear": {"x": "fast"}}}, "finite numbers"),
     ({"op": "publish", "topic": "/cmd_vel", "msg": None}, "finite numbers"),
     ({"op": "publish", "topic": "/cmd_vel"}, "finite numbers"),
+    ({"op": "publish", "topic": "/cmd_vel",
+      "msg": {"linear": {"x": "0.2"}, "angular": {"z": 0.0}}}, "finite numbers"),
+    ({"op": "publish", "topic": "/cmd_vel",
+      "msg": {"linear": {"x": 0.0}, "angular": {"z": True}}}, "finite numbers"),
+    ({"op": "publish", "topic": "/cmd_vel",
+      "msg": {"header": {}, "twist": {"linear": {"x": 1.0}, "angular": {"z": 0.0}}}}, "header"),
+    ({"op": "publish", "topic": "cmd_vel", "msg": {}}, "begins with /"),
+    ({"op": "subscribe", "topic": "odom"}, "begins with /"),
+    ({"op": "subscribe", "topic": "/nothing", "type": "std_msgs/String"}, "is not published here"),
     ({"op": "publish", "topic": "/cmd", "msg": {}}, "nothing listens to /cmd; expected /cmd_vel"),
     ({"op": "advertise", "topic": "/cmd_vel", "type": "std_msgs/String"}, "expected geometry_msgs"),
     ({"op": "subscribe", "topic": "/nothing"}, "/nothing is not published here"),
@@ -210,6 +222,10 @@ def test_what_is_wrong_is_answered_and_moves_nothing(robot):
         client.link.send("[" * 100_000)
         client.send(op="publish", topic="/cmd_vel", msg=json.loads(
             '{"linear": {"x": 1e999}, "angular": {"z": NaN}}'))  # fmt: skip
+        for age in (10.0, -10.0):
+            client.answers.clear()
+            client.drive(0.6, stamped=True, age=age)
+            assert until(lambda: [one for one in client.answers if "is stamped" in one["msg"]])
         assert until(lambda: client.counts.get("/odom", 0) > 10)
         assert client.still
 
@@ -333,6 +349,16 @@ def test_a_token_is_needed_where_one_is_set():
         with Client(server.url, additional_headers={"Authorization": "Bearer abc"}) as client:
             client.drive(0.1)
             assert until(lambda: taken)
+    finally:
+        server.close()
+
+
+@pytest.mark.parametrize("origin", ["https://example.org", "http://localhost:9090", "null"])
+def test_web_pages_need_a_token(origin):
+    server = RosbridgeServer("127.0.0.1", 0, lambda *_: "")
+    try:
+        with pytest.raises(InvalidStatus, match="403"):
+            Client(server.url, origin=origin)
     finally:
         server.close()
 

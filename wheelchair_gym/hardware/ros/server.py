@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 
 from wheelchair_gym.config import InputError
+from wheelchair_gym.errors import shorten
 from wheelchair_gym.hardware.ros.rosbridge import Service, is_local, load_websockets, rounded
 
 _LOG = logging.getLogger(__name__)
@@ -201,10 +202,16 @@ class RosbridgeServer:
         self._thread.join()
 
     def _admit(self, connection: Any, request: Any) -> Any:
-        """Refuse whoever has not got the token."""
+        """Refuse clients without the token, and web pages where there is none.
+
+        A browser names the page's origin, and lets every page connect to servers of this machine.
+        """
         given = request.headers.get("Authorization", "").encode()
         if self._token and not hmac.compare_digest(given, f"Bearer {self._token}".encode()):
             return connection.respond(401, "expected the header Authorization: Bearer TOKEN\n")
+        origin = request.headers.get("Origin")
+        if origin is not None and not self._token:
+            return connection.respond(403, f"a page of {origin} may not connect; set a token\n")
         return None
 
     def _serve(self, connection: Any) -> None:
@@ -244,6 +251,8 @@ class RosbridgeServer:
             operation, topic = content["op"], str(content.get("topic", ""))
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
             return "expected a JSON object with the key op"
+        if "topic" in content and not topic.startswith("/"):
+            return f"{shorten(topic)}: expected the name of a topic that begins with /"
         if operation == "subscribe":
             return self._subscribe(client, topic, content)
         if operation == "unsubscribe":
@@ -276,8 +285,10 @@ class RosbridgeServer:
             client.topics = {**client.topics, topic: (queue, interval)}
             if topic in self._latched:
                 client.put(topic, self._latched[topic], latched=True)
-        known = topic in self._topics or "type" in content  # with a type, it may come later
-        return "" if known else f"{topic} is not published here"
+        known = topic in self._topics or not self._topics  # they are announced a little later
+        return (
+            "" if known else f"{topic} is not published here; there are {', '.join(self._topics)}"
+        )
 
     def _list_topics(self, arguments: Mapping[str, Any]) -> dict[str, Any]:
         """The answer of rosapi/srv/Topics."""
