@@ -766,11 +766,11 @@ READERS: dict[str, Reader] = {
     "map yaml bytes": Reader(_copy_map, _use_map, ("maps.io.map_server._description",), flipped),
     "map png": Reader(
         _png, lambda path: _use_map(path.with_suffix(".yaml")),
-        ("maps.io.map_server._checked_image",), _mutated_png,
+        ("maps.io.image.read_picture",), _mutated_png,
     ),
     "map pgm": Reader(
         _pgm, lambda path: _use_map(path.with_suffix(".yaml")),
-        ("maps.io.map_server._checked_image",),
+        ("maps.io.image.read_picture",),
     ),
     "octile map": Reader(_octile, _use_map, ("maps.io.moving_ai.read_moving_ai_map",)),
     "polygons": Reader(_polygons, _use_map, ("maps.io.__init__.read_any_map",)),

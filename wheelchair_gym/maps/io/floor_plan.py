@@ -23,7 +23,7 @@ from wheelchair_gym.files import LIMITS, check_cells, coordinate_lists, coordina
 from wheelchair_gym.geometry import polygon_edges, signed_area
 from wheelchair_gym.maps.grid import FREE, OCCUPIED, OccupancyGrid
 from wheelchair_gym.maps.io.house_expo import MOST_SIDE, cells_of_outline
-from wheelchair_gym.maps.io.map_server import read_pixels
+from wheelchair_gym.maps.io.image import read_picture
 
 IMAGES: Final = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".tif", ".tiff")
 DARK: Final = 192  # of 255: a pixel below is occupied, so that greys are
@@ -42,10 +42,13 @@ def read_floor_plan_image(path: str | Path, resolution: float) -> OccupancyGrid:
     path = Path(path)
     if not 1e-4 <= resolution <= 10.0:
         raise InputError(f"{path}: resolution is {resolution:g}; expected metres, 0.0001 to 10")
-    grey, opacity = read_pixels(path)
-    white = 255.0 - (255.0 - grey) * (opacity / 255.0)  # on white paper
-    cells = np.where(white < DARK, OCCUPIED, FREE).astype(np.int8)
-    doubtful = float(((white > 0.25 * 255) & (white < 0.75 * 255)).mean())
+    picture = read_picture(path)
+    white = picture.whiteness.astype(np.float32)[picture.levels]
+    if picture.alpha is not None:
+        opacity = picture.alpha / np.float32(picture.opaque)
+        white = white * opacity + (1 - opacity)  # on white paper
+    cells = np.where(white < np.float32(DARK / 255), OCCUPIED, FREE).astype(np.int8)
+    doubtful = float(((white > 0.25) & (white < 0.75)).mean())
     if doubtful > DOUBTFUL:
         warnings.warn(
             f"{path}: {doubtful:.0%} of its pixels are grey; darker than {DARK} of 255 is solid, "

@@ -1,9 +1,9 @@
 """map_server files: a YAML file that describes an image of what is occupied.
 
-Whiteness g is occupancy p = (255 - g) / 255, or g / 255 where the file says negate. The image is
-flipped: its lowest row is row 0 of the grid. Mode trinary knows occupied, free and unknown; scale
-keeps degrees between the thresholds; raw takes values up to 100 as they are, and the rest for
-unknown. A pixel that is not opaque is never free: scale and raw take it for unknown; trinary
+The whiteness g of a pixel, 0 to 1, is occupancy p = 1 - g, or g where the file says negate. The
+image is flipped: its lowest row is row 0 of the grid. Mode trinary knows occupied, free and
+unknown; scale keeps degrees between the thresholds; raw takes the values 255 g up to 100 as they
+are, and the rest for unknown. A pixel that is not opaque is never free: scale and raw take it for unknown; trinary
 averages its opacity in with its colours, as nav2_map_server does, and keeps what that makes
 occupied. nav2 averages opaque pixels, too, which makes unknown greys free: here their colours alone
 count. In mode raw nav2 does not look at opacity.
@@ -11,8 +11,6 @@ count. In mode raw nav2 does not look at opacity.
 
 from __future__ import annotations
 
-import io
-import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final, Literal, get_args
@@ -30,28 +28,27 @@ from wheelchair_gym.files import (
     coordinates,
     is_coordinate,
     parse_yaml,
-    read_bytes,
     read_text,
 )
 from wheelchair_gym.maps.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+from wheelchair_gym.maps.io.image import read_picture
 
 Mode = Literal["trinary", "scale", "raw"]
-Bytes = NDArray[np.uint8]
 Cells = NDArray[np.int8]
 
-_FORMATS = ("PNG", "PPM", "BMP", "JPEG", "TIFF")
 _KEYS = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
 _THRESHOLDS: Final = (0.65, 0.196)  # occupancy from which cells are occupied, up to which free
 _GREYS: Final = {FREE: 255, OCCUPIED: 0, UNKNOWN: 205}  # that are written
 
 
-def _meaning(mode: Mode, negate: bool, occupied: float, free: float) -> Cells:
-    """The cell value of each of the 256 greys."""
-    grey = np.arange(256)
+def _meaning(white: int, mode: str, negate: bool, occupied: float, free: float) -> Cells:
+    """Return the cell value of each level from black, 0, to white."""
+    level = np.arange(white + 1)
     if mode == "raw":
-        return np.where(grey <= OCCUPIED, grey, UNKNOWN).astype(np.int8)
-    p = (grey if negate else 255 - grey) / 255
-    between = np.full(256, UNKNOWN)
+        value = np.rint(255 * level / white)
+        return np.where(value <= OCCUPIED, value, UNKNOWN).astype(np.int8)
+    p = (level if negate else white - level) / white
+    between = np.full(white + 1, UNKNOWN)
     if mode == "scale":
         between = np.rint(100 * (p - free) / (occupied - free)).astype(int)
     value = np.where(p >= occupied, OCCUPIED, np.where(p <= free, FREE, between))
@@ -77,56 +74,6 @@ def _description(path: Path) -> dict[str, Any]:
     return data
 
 
-def _checked_image(path: Path) -> bytes:
-    """The content of an image file whose header keeps the limits, so that it may be decoded."""
-    from PIL import Image  # only here, where the header alone is read
-
-    content = read_bytes(path, "image")
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of its own, looser limit
-            header = Image.open(io.BytesIO(content), formats=_FORMATS)
-    except Exception:  # whatever Pillow makes of damaged bytes
-        raise InputError(f"{path}: not an image that can be decoded; expected PGM or PNG") from None
-    columns, rows = header.size
-    check_cells(rows, columns, str(path))
-    # As OpenCV decodes it: 16 bits where the format has them, and every channel.
-    size = rows * columns * max(1, len(header.getbands())) * (1 if "8" in header.mode else 2)
-    if size > LIMITS["decoded"].most:
-        raise InputError(
-            f"{path}: {size:,} bytes of pixels; expected at most {LIMITS['decoded'].most:,}"
-        )
-    return content
-
-
-def read_pixels(path: Path) -> tuple[Bytes, Bytes]:
-    """Greys (rows, cols) of an image, top row first, and how opaque each pixel is.
-
-    Raises:
-        InputError: the image cannot be read, or is too large.
-    """
-    content = np.frombuffer(_checked_image(path), dtype=np.uint8)
-    level = cv2.utils.logging.getLogLevel()
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # the error below says it
-    try:
-        image = cv2.imdecode(content, cv2.IMREAD_UNCHANGED) if content.size else None
-    except cv2.error:
-        image = None
-    finally:
-        cv2.utils.logging.setLogLevel(level)
-    if image is None or image.size == 0:
-        raise InputError(f"{path}: not an image that can be decoded; expected PGM or PNG")
-    if image.dtype == np.uint16:
-        image = np.asarray(image // 257, dtype=np.uint8)
-    if image.dtype != np.uint8:
-        raise InputError(f"{path}: pixels are {image.dtype}; expected 8 or 16 bits each")
-    if image.ndim == 2:
-        return np.asarray(image, dtype=np.uint8), np.full(image.shape, 255, dtype=np.uint8)
-    opacity = image[..., 3] if image.shape[2] == 4 else np.full(image.shape[:2], 255)
-    grey = np.rint(image[..., :3].mean(axis=-1)).astype(np.uint8)
-    return grey, np.asarray(opacity, dtype=np.uint8)
-
-
 def read_map(path: str | Path) -> OccupancyGrid:
     """The grid that a map_server YAML file and its image describe.
 
@@ -149,15 +96,16 @@ def read_map(path: str | Path) -> OccupancyGrid:
     if free >= occupied:
         raise InputError(f"{path}: free_thresh is {free}; expected less than occupied_thresh")
     x, y, yaw = (*coordinates(data["origin"], (2, 3), f"{path}: origin"), 0.0)[:3]
-    grey, opacity = read_pixels(path.parent / data["image"])
-    cells = _meaning(mode, bool(negate), occupied, free)[grey]
-    clear = opacity < 255
-    if mode == "trinary":
-        shade = (3.0 * grey[clear] + opacity[clear]) / (4.0 * 255.0)
-        p = shade if negate else 1.0 - shade
-        cells[clear] = np.where(p > occupied, OCCUPIED, UNKNOWN)
-    else:
+    picture = read_picture(path.parent / data["image"])
+    cells = _meaning(picture.white, mode, bool(negate), occupied, free)[picture.levels]
+    if picture.alpha is not None:
+        clear = picture.alpha < picture.opaque
         cells[clear] = UNKNOWN
+        if mode == "trinary":
+            white = picture.whiteness[picture.levels[clear]]
+            shade = (3.0 * white + picture.alpha[clear] / picture.opaque) / 4.0
+            p = shade if negate else 1.0 - shade
+            cells[clear] = np.where(p > occupied, OCCUPIED, UNKNOWN)
     grid = OccupancyGrid(np.flipud(cells), resolution, (x, y, yaw))
     if not all(map(is_coordinate, grid.bounds)):
         raise InputError(
