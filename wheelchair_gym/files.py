@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import stat
 import tempfile
 from collections.abc import Iterator
@@ -79,6 +80,11 @@ def opened(path: str | Path, limit: str | None = None) -> Iterator[IO[bytes]]:
         raise InputError(f"{str(path)!r}: cannot be read (a NUL character in its name)") from None
 
 
+def exists(path: str | Path) -> bool:
+    """Return True if `opened` finds something under a path."""
+    return os.path.exists(_shipped(path))  # false for a name that no file can have
+
+
 def _shipped(path: str | Path) -> str | Path:
     """The installed copy of `configs/NAME`, or of a map of the package, where there is no file."""
     parts = Path(path).parts
@@ -119,14 +125,15 @@ def modified(path: str | Path) -> int:
         return 0
 
 
-def read_text(path: str | Path, limit: str = "text") -> str:
-    """The content of a text file within one of `LIMITS`.
+def read_text(path: str | Path, limit: str = "text", errors: str = "strict") -> str:
+    """Read a text file within one of `LIMITS`; `errors` is that of `bytes.decode`.
 
     Raises:
         InputError: the file is missing, unreadable, too large or not text.
     """
     try:
-        return read_bytes(path, limit).decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
+        text = read_bytes(path, limit).decode("utf-8", errors)
+        return text.replace("\r\n", "\n").replace("\r", "\n")
     except UnicodeDecodeError:
         raise InputError(f"{path}: not a text file; expected UTF-8") from None
 
@@ -147,7 +154,7 @@ def parse_json(text: str | bytes, path: str | Path) -> Any:
         InputError: it is not JSON, or beyond a limit.
     """
     try:
-        content = json.loads(text, parse_int=_parse_int)
+        content = json.loads(text, parse_int=_parse_int, object_pairs_hook=_unique)
     except json.JSONDecodeError as error:
         message = f"{path}: line {error.lineno}, column {error.colno}: not JSON: {error.msg}"
         raise InputError(message) from None
@@ -167,6 +174,16 @@ def _parse_int(digits: str) -> int:
     if len(digits) > 20 or not -(2**63) <= int(digits) < 2**64:
         raise ValueError(f"{shorten(digits)} needs more than {LIMITS['integer'].most} bits")
     return int(digits)
+
+
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Return the pairs of an object; refuse a key that is given twice."""
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        keys = [key for key, _ in pairs]
+        twice = next(key for key in keys if keys.count(key) > 1)
+        raise ValueError(f"the key {shorten(twice)} is given twice")
+    return found
 
 
 def _check_values(content: Any, path: str | Path) -> None:
@@ -191,10 +208,12 @@ def _check_values(content: Any, path: str | Path) -> None:
 
 
 def parse_yaml(text: str, path: str | Path) -> Any:
-    """The content of a YAML text without aliases; errors name the path.
+    """Parse a YAML text without aliases; errors name the path.
+
+    Numbers are those of YAML 1.2, which yaml-cpp and ROS read: 1e-1 is one, 1:30 and 1_000 are not.
 
     Raises:
-        InputError: it is not YAML, beyond a limit, or holds an alias.
+        InputError: it is not YAML, beyond a limit, or holds an alias or a key twice.
     """
     import yaml  # only here: settings are JSON
 
@@ -202,6 +221,17 @@ def parse_yaml(text: str, path: str | Path) -> Any:
         """Counts what it composes."""
 
         values = depth = 0
+        yaml_implicit_resolvers = {
+            first: [pair for pair in pairs if not pair[0].endswith((":int", ":float"))]
+            for first, pairs in yaml.SafeLoader.yaml_implicit_resolvers.items()
+        }
+
+        def scan_to_next_token(self) -> None:
+            """Skip blanks, tabs (which PyYAML refuses), comments and ends of lines."""
+            super().scan_to_next_token()
+            while self.peek() == "\t":
+                self.forward()
+                super().scan_to_next_token()
 
         def compose_node(self, parent: Any, index: Any) -> Any:
             if self.check_event(yaml.AliasEvent):
@@ -213,16 +243,22 @@ def parse_yaml(text: str, path: str | Path) -> Any:
                 raise yaml.YAMLError(_TOO_DEEP)
             node = super().compose_node(parent, index)
             self.depth -= 1
+            keys = [key for key, _ in node.value] if isinstance(node, yaml.MappingNode) else []
+            for k, key in enumerate(keys):
+                if key.value in [other.value for other in keys[:k]]:
+                    problem = f"the key {shorten(key.value)} is given twice"
+                    raise yaml.MarkedYAMLError(problem=problem, problem_mark=key.start_mark)
             return node
 
         def construct_yaml_int(self, node: Any) -> int:
-            if len(str(node.value)) > 80:
-                raise ValueError("a whole number of more than 80 characters")
-            value = int(super().construct_yaml_int(node))
-            if not -(2**63) <= value < 2**64:
-                raise ValueError(f"{value} needs more than {LIMITS['integer'].most} bits")
-            return value
+            return _parse_int(str(node.value))
 
+    for kind, form, first in (
+        ("int", r"[-+]?[0-9]+", "-+0123456789"),
+        ("float", r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?", "-+.0123456789"),
+        ("float", r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)", "-+."),
+    ):
+        Loader.add_implicit_resolver(f"tag:yaml.org,2002:{kind}", re.compile(f"({form})$"), first)
     Loader.add_constructor("tag:yaml.org,2002:int", Loader.construct_yaml_int)
     try:
         return yaml.load(text, Loader)

@@ -82,7 +82,7 @@ def loaded(path: Path, resolution: float) -> OccupancyGrid:
     """
     image = path.suffix.lower() not in (".yaml", ".yml")
     if not image:
-        content = parse_yaml(read_text(path, "yaml"), path.name)
+        content = parse_yaml(read_text(path, "yaml", errors="replace"), path.name)
         name = content.get("image") if isinstance(content, dict) else None
         if (
             not isinstance(name, str)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from wheelchair_gym.config import InputError
+from wheelchair_gym.files import parse_json
 from wheelchair_gym.maps import (
     FREE,
     OCCUPIED,
@@ -93,7 +94,7 @@ def test_negate_raw_and_scale(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
-        *(({key: None}, f"{key} is missing") for key in KEYS),
+        *(({key: None}, f"{key} is missing") for key in KEYS if key != "free_thresh"),
         ({"resolution": 0}, "resolution is 0"),
         ({"resolution": ".nan"}, "resolution is nan"),
         ({"resolution": "fine"}, "resolution is 'fine'"),
@@ -105,7 +106,12 @@ def test_negate_raw_and_scale(tmp_path):
         ({"free_thresh": 0.7}, "free_thresh is 0.7"),
         ({"occupied_thresh": 65}, "occupied_thresh is 65"),
         ({"image": 7}, "image is 7"),
-        ({"image": "none.pgm"}, "none.pgm: cannot be read"),
+        ({"image": "none.pgm"}, "image is 'none.pgm'; there is no file '"),
+        ({"image": "maps/none.pgm"}, "image is 'maps/none.pgm'; there is no file '"),
+        ({"image": ".", "mode": "raw"}, "cannot be read (not a regular file)"),
+        ({"resolution": "1_0"}, "resolution is '1_0'"),
+        ({"resolution": "1:30"}, "resolution is '1:30'"),
+        ({"resolution": 9 * "123"}, "needs more than 64 bits"),
         ({"image": "[a"}, "line 2: not YAML"),
     ],
 )
@@ -115,6 +121,58 @@ def test_nonsense_is_one_line_that_names_file_and_key(tmp_path, changes, says):
     assert says in str(caught.value)
     assert str(tmp_path) in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+PLAIN = "".join(f"{key}: {value}\n" for key, value in (KEYS | {"mode": "trinary"}).items())
+
+
+def respelled(rng, text):
+    """Write the same YAML differently: numbers, blanks, comments, capitals, order of keys."""
+    lines = []
+    for line in text.splitlines():
+        key, value = line.split(": ")
+        if key == "mode":
+            value = rng.choice([str.title, str.upper, str.lower])(value)
+        elif key in ("resolution", "occupied_thresh", "free_thresh"):
+            value = rng.choice(["{}", "{:e}", "+{}", "{:.3e}", "0{}"]).format(float(value))
+        elif key == "origin":
+            value = "[" + ",\t".join(f"{float(part):.1e}" for part in value[1:-1].split(",")) + "]"
+        blank, end = rng.choice([" ", "\t", " \t "]), rng.choice(["", "\t", "\t# note", " # G\xe9"])
+        lines.append(f"{key}:{blank}{value}{end}".encode("latin-1"))
+    return b"\r\n".join(rng.permutation(np.array(lines, object)).tolist())
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_a_description_may_be_spelled_as_yaml_cpp_reads_it(tmp_path, seed):
+    expected = read_map(put(tmp_path))
+    (tmp_path / "map.yaml").write_bytes(respelled(np.random.default_rng(seed), PLAIN))
+    found = read_map(tmp_path / "map.yaml")
+    assert (found.cells == expected.cells).all()
+    assert (found.resolution, found.origin) == (expected.resolution, expected.origin)
+
+
+@pytest.mark.parametrize("key", [*KEYS, "mode"])
+def test_a_key_that_is_given_twice_is_refused(tmp_path, key):
+    (line,) = (line for line in PLAIN.splitlines() if line.startswith(f"{key}:"))
+    put(tmp_path).write_text(f"{PLAIN}{line}\n")
+    with pytest.raises(InputError, match=rf"map.yaml: line 8: .*the key '{key}' is given twice"):
+        read_map(tmp_path / "map.yaml")
+    with pytest.raises(InputError, match=f"a.json: .*the key '{key}' is given twice"):
+        parse_json(f'{{"{key}": 0, "more": [{{"{key}": 1}}], "{key}": 0}}', "a.json")
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"free_thresh": None}, "free_thresh is missing; 0.196 is taken"),
+        *(({"image": name}, "which is missing; .*map.pgm is taken")
+          for name in ("/home/none/maps/map.pgm", "maps/map.pgm", r"C:\\none\\map.pgm")),
+    ],
+)  # fmt: skip
+def test_what_a_description_lacks_is_said_and_found(tmp_path, changes, says):
+    expected = read_map(put(tmp_path)).cells
+    with pytest.warns(UserWarning, match=says):
+        assert (read_map(put(tmp_path, **changes)).cells == expected).all()
 
 
 @pytest.mark.parametrize(

@@ -11,9 +11,10 @@ count. In mode raw nav2 does not look at opacity.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
-from pathlib import Path
-from typing import Any, Final, Literal, get_args
+from pathlib import Path, PureWindowsPath
+from typing import Any, Final, Literal
 
 import cv2
 import numpy as np
@@ -26,6 +27,7 @@ from wheelchair_gym.files import (
     atomic_write,
     check_cells,
     coordinates,
+    exists,
     is_coordinate,
     parse_yaml,
     read_text,
@@ -33,7 +35,7 @@ from wheelchair_gym.files import (
 from wheelchair_gym.maps.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from wheelchair_gym.maps.io.image import read_picture
 
-Mode = Literal["trinary", "scale", "raw"]
+MODES: Final = ("trinary", "scale", "raw")
 Cells = NDArray[np.int8]
 
 _KEYS = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
@@ -65,13 +67,39 @@ def _number(data: Mapping[str, Any], key: str, path: Path, low: float, high: flo
 
 
 def _description(path: Path) -> dict[str, Any]:
-    data = parse_yaml(read_text(path, "yaml"), path)
+    # Bytes that are no UTF-8 stand in comments; in a key or a value they make it a wrong one.
+    data = parse_yaml(read_text(path, "yaml", errors="replace"), path)
     if not isinstance(data, dict):
         raise InputError(f"{path}: expected keys {', '.join(_KEYS)}")
+    if "free_thresh" not in data and "occupied_thresh" in data:
+        _warn(f"{path}: free_thresh is missing; {_THRESHOLDS[1]} is taken")
+        data["free_thresh"] = _THRESHOLDS[1]
     for key in _KEYS:
         if key not in data:
             raise InputError(f"{path}: {key} is missing; expected {', '.join(_KEYS)}")
     return data
+
+
+def _warn(text: str) -> None:
+    warnings.warn(text, stacklevel=2)
+
+
+def _image_file(path: Path, name: Any) -> Path:
+    """Return the image that a YAML file names, or one of that name beside the YAML file.
+
+    Raises:
+        InputError: the name is none, or there is no such file.
+    """
+    if not isinstance(name, str) or not name:
+        raise InputError(f"{path}: image is {shorten(name)}; expected a file name")
+    named, beside = path.parent / name, path.parent / PureWindowsPath(name).name
+    if exists(named):
+        return named
+    if not exists(beside):
+        places = " or ".join(dict.fromkeys(f"{str(place)!r:.1000}" for place in (named, beside)))
+        raise InputError(f"{path}: image is {shorten(name)}; there is no file {places}")
+    _warn(f"{path}: image is {shorten(name)}, which is missing; {beside} is taken")
+    return beside
 
 
 def read_map(path: str | Path) -> OccupancyGrid:
@@ -82,11 +110,9 @@ def read_map(path: str | Path) -> OccupancyGrid:
     """
     path = Path(path)
     data = _description(path)
-    if not isinstance(data["image"], str) or not data["image"]:
-        raise InputError(f"{path}: image is {shorten(data['image'])}; expected a file name")
-    mode = data.get("mode", "trinary")
-    if mode not in get_args(Mode):
-        raise InputError(f"{path}: mode is {shorten(mode)}; it must be one of trinary, scale, raw")
+    mode = str(data.get("mode", "trinary")).lower()
+    if mode not in MODES:
+        raise InputError(f"{path}: mode is {shorten(mode)}; expected one of {', '.join(MODES)}")
     negate = data["negate"]
     if negate not in (0, 1):
         raise InputError(f"{path}: negate is {shorten(negate)}; expected 0 or 1")
@@ -96,7 +122,7 @@ def read_map(path: str | Path) -> OccupancyGrid:
     if free >= occupied:
         raise InputError(f"{path}: free_thresh is {free}; expected less than occupied_thresh")
     x, y, yaw = (*coordinates(data["origin"], (2, 3), f"{path}: origin"), 0.0)[:3]
-    picture = read_picture(path.parent / data["image"])
+    picture = read_picture(_image_file(path, data["image"]))
     cells = _meaning(picture.white, mode, bool(negate), occupied, free)[picture.levels]
     if picture.alpha is not None:
         clear = picture.alpha < picture.opaque
