@@ -219,7 +219,7 @@ class Mission:
     """What a policy may know before it drives. Policies may share one; none changes it.
 
     Attributes:
-        map: of the world; None: the chair draws its own (`Reading.map`).
+        map: of the world, unknown cells occupied; None: the chair draws its own (`Reading.map`).
         reading: the first, taken at the start.
         goal: (3,) m, m, rad, on the map; (2,) where no heading is asked for.
         tolerance: how near the goal counts [m].

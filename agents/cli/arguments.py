@@ -54,13 +54,13 @@ def labelled(name: str) -> str | dict[str, Any]:
 
 
 def map_scenes(given: argparse.Namespace) -> list[dict[str, Any]]:
-    """A scene for each map of --map, with --resolution, --start and --goal; none without --map.
+    """Scenes for the maps of --map, by the options that say more about them; none without --map.
 
     Raises:
         InputError: an option needs --map, or a pose has no heading where it needs one.
     """
     if not given.map:
-        for name in ("resolution", "start", "goal"):
+        for name in ("resolution", "unknown", "start", "goal"):
             if getattr(given, name) is not None:
                 raise InputError(f"--{name} needs --map")
         return []
@@ -70,6 +70,8 @@ def map_scenes(given: argparse.Namespace) -> list[dict[str, Any]]:
         if pose is not None
     }
     scale = {} if given.resolution is None else {"resolution": given.resolution}
+    if given.unknown == "free":
+        scale["unknown_is_solid"] = False
     files = [given.map] if isinstance(given.map, str) else given.map
     return [
         {"name": "map_file", "path": file, **scale, **ends, "label": Path(file).stem}

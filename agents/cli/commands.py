@@ -27,6 +27,7 @@ from agents.cli.options import (
     QUIET,
     RECORD,
     RESOLUTION,
+    UNKNOWN,
     SECONDS,
     SHIELD,
     TRAINING_ENVIRON,
@@ -90,7 +91,7 @@ COMMANDS = (
                    "and what to draw; other options override it", None, "FILE.json"),
             option("--set", "change a setting of the planner, such as tree.iterations=30000; "
                    "repeatable", None, "KEY=VALUE", action="append", default=[], dest="changes"),
-            option("--map", MAP_FILES, None, "FILE"), RESOLUTION,
+            option("--map", MAP_FILES, None, "FILE"), RESOLUTION, UNKNOWN,
             option("--problems", "file of problems (docs/how_to/files.md), in place of a map", None,
                    "FILE.json"),
             option("--start", "start on the map [m, m, rad]", pose),
@@ -484,7 +485,7 @@ COMMANDS = (
         [
             option("--policy", POLICY_HELP, default="lattice+window"), HARDWARE_CONFIG,
             option("--map", "map_server .yaml, MovingAI .map or HouseExpo .json", None, "FILE",
-                   required=True),
+                   required=True), UNKNOWN,
             option("--goal", "goal on the map [m, m, rad]", pose, required=True),
             option("--start", "approximate pose of the chair [m, m, rad]", pose, "X,Y,YAW",
                    required=True),
@@ -516,7 +517,7 @@ COMMANDS = (
             flag("--prompts", "stand, and ask for one deflection after another, for fit-driver "
                  "(with --rate 50 and --record)"),
             option("--map", "map, for assistants that use one: map_server .yaml, MovingAI .map or "
-                   "HouseExpo .json; with --start", None, "FILE"),
+                   "HouseExpo .json; with --start", None, "FILE"), UNKNOWN,
             option("--start", "approximate pose of the chair on it [m, m, rad]", pose, "X,Y,YAW"),
             option("--pose", "with --map: source of the estimated pose", default="mcl",
                    choices=[p for p in POSES if p not in ("truth", "modelled")]),

@@ -35,7 +35,7 @@ from wheelchair_gym.hardware.joystick import ANY, load_evdev
 from wheelchair_gym.hardware.registry import chair_settings, check_extras
 from wheelchair_gym.hardware.settings import HardwareSettings
 from wheelchair_gym.localization.localized_chair import unwrapped
-from wheelchair_gym.maps import OCCUPIED, read_any_map
+from wheelchair_gym.maps import FREE, OCCUPIED, MapWithWalls, read_any_map
 from wheelchair_gym.safety.stops import active_stops
 from wheelchair_gym.types import Episode
 
@@ -119,8 +119,9 @@ def _picked(scene: dict[str, Any], settings: dict[str, Any]) -> dict[str, Any]:
     from wheelchair_gym.rendering.pick import pick_poses
 
     footprint = complete_env_settings(**{"config": None, **settings}).chair.footprint
+    solid = scene.get("unknown_is_solid", True)
     start, goal = pick_poses(
-        read_any_map(scene["path"], resolution=scene.get("resolution")), footprint
+        read_any_map(scene["path"], solid, scene.get("resolution")), footprint
     )
     print(f"--start {','.join(map(str, start))} --goal {','.join(map(str, goal))}", file=sys.stderr)
     return {"start": start, "goal": goal}
@@ -317,15 +318,27 @@ def _start_on_map(given: argparse.Namespace) -> tuple[Any, Any, Any]:
     Raises:
         InputError: the map cannot be read, or the start is not free.
     """
-    grid, walls = read_any_map(given.map, False)
+    grid, walls = _map_of(given)
     _check_free(grid, "--start", given.start, given.map)
     return grid, np.array(given.start), walls
 
 
+def _map_of(given: argparse.Namespace) -> MapWithWalls:
+    """Read --map for a real chair: localization needs its unknown cells, unless they are free."""
+    free = given.unknown == "free" or (given.unknown is None and given.pose == "slam")
+    return read_any_map(given.map, False if free else None)
+
+
 def _check_free(grid: Any, name: str, place: Any, file: str) -> None:
     row, col = grid.to_cell(place[:2])
-    if not grid.inside(place[:2]) or grid.cells[row, col] == OCCUPIED:
-        raise InputError(f"{name} {place[0]:g},{place[1]:g}: not a free place on {file}")
+    if not grid.inside(place[:2]):
+        fault = "outside the map"
+    elif grid.cells[row, col] != FREE:
+        known = grid.cells[row, col] == OCCUPIED
+        fault = "not a free place" if known else "unknown (see --unknown), not a free place"
+    else:
+        return
+    raise InputError(f"{name} {place[0]:g},{place[1]:g}: {fault} on {file}")
 
 
 def _timing(record: dict[str, Any]) -> str:
@@ -349,7 +362,7 @@ def _episode(given: argparse.Namespace, footprint: Any) -> Episode:
     Raises:
         InputError: the map cannot be read, or start or goal are outside it or in an obstacle.
     """
-    grid, walls = read_any_map(given.map, False)
+    grid, walls = _map_of(given)
     for name, place in (("--start", given.start), ("--goal", given.goal)):
         _check_free(grid, name, place, given.map)
     goal = np.array([*given.goal, 0.0][:3])

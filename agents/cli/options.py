@@ -158,13 +158,16 @@ CHAIR = ("a real chair: hardware, ros2://HOST:PORT, ros://HOST:PORT, or FILE.jso
 MAP_FILES = ("map_server .yaml, MovingAI .map, HouseExpo .json, polygons .json, or an image of a "
              "floor plan with --resolution")  # fmt: skip
 RESOLUTION = option("--resolution", "edge of a pixel of an image [m]", finite, "M")
+UNKNOWN = option("--unknown", "unknown cells of the map (default: blocked; on a map that the chair "
+                 "draws itself, --pose slam, they are always free)", choices=("blocked", "free"))
 
 
 def map_options(kind: Callable[[str], Any] | None = None) -> list[Option]:
-    """The options `--map`, of one file or of several, `--resolution`, `--start` and `--goal`."""
+    """The options `--map`, of one file or several, and those that say more about the map."""
     metavar = "FILE" if kind is None else "FILE,FILE"
     return [
         option("--map", f"drive on a map of your own: {MAP_FILES}", kind, metavar), RESOLUTION,
+        UNKNOWN,
         option("--start", "start on that map [m, m, rad] (default: drawn by the seed)", pose),
         option("--goal", "goal on that map [m, m, rad] (default: drawn by the seed)", pose),
     ]  # fmt: skip

@@ -57,8 +57,9 @@ def run(given: argparse.Namespace) -> int:
     elif thesis is not None:
         _name_files(given, thesis)
         drawn = thesis_problem(
-            thesis, given.map, given.resolution, given.start, given.goal, given.clearance
-        )
+            thesis, given.map, given.resolution, given.start, given.goal, given.clearance,
+            given.unknown != "free",
+        )  # fmt: skip
         code = _run_map(given, planner, drawn.problem, drawn)
     else:
         code = _run_map(given, planner, _problem(given))
@@ -87,7 +88,7 @@ def _name_files(given: argparse.Namespace, thesis: ThesisFile) -> None:
 
 def _problem(given: argparse.Namespace) -> Problem:
     """The problem of --map, --start and --goal."""
-    grid, walls = read_any_map(given.map, resolution=given.resolution)
+    grid, walls = read_any_map(given.map, given.unknown != "free", given.resolution)
     outlined = Path(given.map).suffix.lower() == ".json"
     space = Space.from_map(grid, walls) if outlined else Space.from_grid(grid)
     clearance = CLEARANCE if given.clearance is None else given.clearance

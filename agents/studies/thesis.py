@@ -48,6 +48,7 @@ def problem_of(
     start: list[float] | None = None,
     goal: list[float] | None = None,
     clearance: float | None = None,
+    unknown_is_solid: bool = True,
 ) -> Drawn:
     """The problem of a settings file: its map, binarised, dilated, and approximated by polygons.
 
@@ -58,6 +59,7 @@ def problem_of(
         start: (2,) or (3,) m, m, rad; None for that of one of our five maps.
         goal: likewise.
         clearance: of a disc [m], in place of the dilation.
+        unknown_is_solid: unknown cells of a map file are occupied; otherwise they are free.
 
     Raises:
         InputError: there is no such map, no start, no goal, or no free space.
@@ -80,7 +82,7 @@ def problem_of(
         start, goal = start or episode.start.tolist(), goal or episode.goal.tolist()
     else:
         name = map_file or beside
-        grid = read_any_map(name, resolution=resolution).grid
+        grid = read_any_map(name, unknown_is_solid, resolution).grid
     if start is None or goal is None:
         raise InputError(f"plan: {name} needs --start and --goal")
     epsilon, dilation = file.value("MapProcessor_Epsilon"), 0

@@ -95,7 +95,7 @@ def loaded(path: Path, resolution: float) -> OccupancyGrid:
         if image_file.is_symlink() or not image_file.is_file():
             raise InputError(f"{path.name}: load its image, {name}, together with it")
     try:
-        grid = read_any_map(path, resolution=resolution if image else None).grid
+        grid = read_any_map(path, True, resolution if image else None).grid
     except InputError as error:
         raise InputError(str(error).replace(f"{path.parent}/", "")) from None
     if len(grid.walls()) > _MOST_WALLS:

@@ -66,9 +66,9 @@ class PoseGuidance:
         rng = np.random.default_rng(np.concatenate([task.start, task.goal]).view(np.uint32))
         if self.degraded_share == 0.0 or rng.random() >= self.degraded_share:
             return grid
-        x0, y0, x1, y1 = grid.bounds
-        count = rng.poisson(self.patch_density * (x1 - x0) * (y1 - y0))
-        places = rng.uniform((x0, y0), (x1, y1), (count, 2))
+        cells_high, cells_wide = grid.shape
+        count = rng.poisson(self.patch_density * grid.resolution**2 * grid.cells.size)
+        places = grid.from_lattice(rng.uniform(0.0, (cells_wide, cells_high), (count, 2)))
         ends = np.stack([task.start[:2], task.goal[:2]])
         apart = np.hypot(*np.moveaxis(places[:, None] - ends, -1, 0)).min(axis=1, initial=np.inf)
         cells = grid.cells.copy()

@@ -97,8 +97,8 @@ UNKNOWN: Final = -1
 class OccupancyGrid:
     """Square cells, row 0 lowest: free, occupied, unknown, or a degree between 1 and 99.
 
-    Only OCCUPIED is solid and only FREE may be driven on; values between are neither, unless they
-    shall count as solid.
+    Only OCCUPIED is solid and only FREE may be driven on; the other values are neither. On a given
+    map they are taken for solid or for free, see `without_unknown`.
 
     Raises:
         InputError: the cells are no table of small integers, or a length is out of bounds.
@@ -141,6 +141,16 @@ class OccupancyGrid:
         corners = self.from_lattice(np.array([(0, 0), (cols, 0), (cols, rows), (0, rows)]))
         (x0, y0), (x1, y1) = corners.min(axis=0), corners.max(axis=0)
         return float(x0), float(y0), float(x1), float(y1)
+
+    @property
+    def extent(self) -> str:
+        """The place of the grid, for messages."""
+        x0, y0, x1, y1 = self.bounds
+        if self.origin[2] == 0.0:
+            return f"{x0:g} to {x1:g} and {y0:g} to {y1:g} m"
+        width, height = self.shape[1] * self.resolution, self.shape[0] * self.resolution
+        x, y, yaw = self.origin
+        return f"{width:g} m x {height:g} m from the corner ({x:g}, {y:g}), turned by {yaw:g} rad"
 
     def to_lattice(self, points: ArrayLike) -> Array:
         """Points (..., 2) [m] as (x, y) in cells from the lower-left corner of cell (0, 0)."""
@@ -200,12 +210,23 @@ class OccupancyGrid:
         lattice = boundary(self.solid(unknown_is_solid).view(np.int8))
         return self.from_lattice(lattice.reshape(-1, 2)).reshape(-1, 4)
 
-    def distance(self, unknown_is_solid: bool = False) -> NDArray[np.float32]:
-        """Distance (rows, cols) [m] from each cell's centre to the nearest solid cell's square.
+    def without_unknown(self, unknown_is_solid: bool) -> OccupancyGrid:
+        """Return this map with each cell that is neither free nor occupied made one of the two.
 
-        Exact; 0 in solid cells, infinite where nothing is solid.
+        The map itself is returned where all cells are free or occupied.
         """
-        spread = distance_to_occupied(self.solid(unknown_is_solid), math.inf)
+        solid = self.solid(unknown_is_solid)
+        if (solid == self.solid(not unknown_is_solid)).all():
+            return self
+        cells = np.where(solid, OCCUPIED, FREE).astype(np.int8)
+        return OccupancyGrid(cells, self.resolution, self.origin)
+
+    def distance(self) -> NDArray[np.float32]:
+        """Distance (rows, cols) [m] from each cell's centre to the nearest occupied cell's square.
+
+        Exact; 0 in occupied cells, infinite where nothing is occupied.
+        """
+        spread = distance_to_occupied(self.solid(), math.inf)
         return spread * np.float32(self.resolution)
 
     def traversable(self, radius: float) -> Mask:

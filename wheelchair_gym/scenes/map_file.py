@@ -62,8 +62,8 @@ class MapFile:
     possible one where one is given and the map is smaller."""
     clearance: float = setting(default=0.15, unit="m", low=0.0, high=0.5, source="design choice")
     """Clearance of the footprint at drawn poses."""
-    unknown_is_solid: bool = setting(default=False)
-    """Whether walls are put round unknown cells, too."""
+    unknown_is_solid: bool = setting(default=True)
+    """Unknown cells are solid in this world and on its map; otherwise they are free."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.path, str) and not self.path:
@@ -81,12 +81,9 @@ class MapFile:
         grid, walls = _read(path, modified(path), self.unknown_is_solid, self.resolution)
         for name, pose in (("start", self.start), ("goal", self.goal)):
             if pose is not None and not _is_free(grid, walls, pose, footprint):
-                x0, y0, x1, y1 = grid.bounds
                 place = f"{path}: the {name} {','.join(f'{value:g}' for value in pose)}"
                 if not grid.inside(pose[:2]):
-                    raise InputError(
-                        f"{place} lies outside the map, {x0:g} to {x1:g} and {y0:g} to {y1:g} m"
-                    )
+                    raise InputError(f"{place} lies outside the map, {grid.extent}")
                 raise InputError(
                     f"{place} is not free: {footprint} would touch something there; expected "
                     "another place, or another heading (X,Y,YAW)"

@@ -185,7 +185,7 @@ class Task:
 
     @property
     def map(self) -> OccupancyGrid:
-        """What the chair knows of the world."""
+        """What the chair knows of the world; unknown cells of a given map are occupied."""
         return self._told if self.built_map is None else self.built_map()
 
     def prepare(self, episode: Episode, radius: float | None = None) -> PreparedEpisode:
@@ -231,7 +231,8 @@ class Task:
         return PreparedEpisode.of(episode, distances, guide, self.settings.tolerance)
 
     def _take(self, episode: Episode, distances: Geodesic) -> None:
-        self._told, self.start, self.goal = episode.map, episode.start, episode.goal
+        self._told = episode.map.without_unknown(unknown_is_solid=True)
+        self.start, self.goal = episode.start, episode.goal
         self.arrival = episode.arrival
         self.geodesic = distances
         self._goal = tuple(episode.goal.tolist())

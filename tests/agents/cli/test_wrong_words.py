@@ -26,7 +26,7 @@ WORDS = [
     (f"hardware tune {CONFIG} --set kp", "expected KEY=VALUE"),
     (f"hardware tune {CONFIG} --set kp=-1", "kp"),
     (f"hardware setup {CONFIG}", "drive"),
-    (f"{DEPLOY} --goal 99,99", "--goal 99,99: not a free place"),
+    (f"{DEPLOY} --goal 99,99", "--goal 99,99: outside the map"),
     (f"{DEPLOY} --goal {NOOK}", f"--goal {NOOK}: no heading is free"),
     (f"{DEPLOY} --start 0,0", "expected X,Y,YAW"),
     (f"{DEPLOY} --map nothing.yaml", "nothing.yaml"),

@@ -28,14 +28,14 @@ class MapWithWalls(NamedTuple):
 
 
 def read_any_map(
-    path: str | Path, unknown_is_solid: bool = False, resolution: float | None = None
+    path: str | Path, unknown_is_solid: bool | None = None, resolution: float | None = None
 ) -> MapWithWalls:
-    """The map of a file: its kind follows from the ending of its name.
+    """Read the map of a file: its kind follows from the ending of its name.
 
     Args:
         path: a map_server `.yaml`, a MovingAI `.map`, a HouseExpo `.json`, polygons (`.json`), or
             an image of a floor plan.
-        unknown_is_solid: whether walls are put round unknown cells, too.
+        unknown_is_solid: unknown cells become occupied; False: free; None: they stay unknown.
         resolution: edge of a pixel [m]; for an image, and for nothing else.
 
     Raises:
@@ -62,9 +62,11 @@ def read_any_map(
         grid = read_moving_ai_map(path)
     elif ending in (".yaml", ".yml"):
         grid = read_map(path)
+        if unknown_is_solid is not None:
+            grid = grid.without_unknown(unknown_is_solid)
     else:
         expected = (
             "expected .yaml (map_server), .map (MovingAI), .json (HouseExpo, polygons) or .png"
         )
         raise InputError(f"{path}: not a known kind of map; {expected}")
-    return MapWithWalls(grid, grid.walls(unknown_is_solid))
+    return MapWithWalls(grid, grid.walls())

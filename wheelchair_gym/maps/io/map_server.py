@@ -72,7 +72,7 @@ def _description(path: Path) -> dict[str, Any]:
     if not isinstance(data, dict):
         raise InputError(f"{path}: expected keys {', '.join(_KEYS)}")
     if "free_thresh" not in data and "occupied_thresh" in data:
-        _warn(f"{path}: free_thresh is missing; {_THRESHOLDS[1]} is taken")
+        _warn(f"{path}: free_thresh is missing; {_THRESHOLDS[1]} is used")
         data["free_thresh"] = _THRESHOLDS[1]
     for key in _KEYS:
         if key not in data:
@@ -98,7 +98,7 @@ def _image_file(path: Path, name: Any) -> Path:
     if not exists(beside):
         places = " or ".join(dict.fromkeys(f"{str(place)!r:.1000}" for place in (named, beside)))
         raise InputError(f"{path}: image is {shorten(name)}; there is no file {places}")
-    _warn(f"{path}: image is {shorten(name)}, which is missing; {beside} is taken")
+    _warn(f"{path}: image is {shorten(name)}, which is missing; {beside} is used")
     return beside
 
 
@@ -123,7 +123,14 @@ def read_map(path: str | Path) -> OccupancyGrid:
         raise InputError(f"{path}: free_thresh is {free}; expected less than occupied_thresh")
     x, y, yaw = (*coordinates(data["origin"], (2, 3), f"{path}: origin"), 0.0)[:3]
     picture = read_picture(_image_file(path, data["image"]))
-    cells = _meaning(picture.white, mode, bool(negate), occupied, free)[picture.levels]
+    values = _meaning(picture.white, mode, bool(negate), occupied, free)
+    cells = values[picture.levels]
+    saved, off = divmod(_GREYS[UNKNOWN] * picture.white, 255)
+    if mode == "trinary" and not off and values[saved] == FREE and (picture.levels == saved).any():
+        _warn(
+            f"{path}: free_thresh {free:g} reads the grey {_GREYS[UNKNOWN]}, which map savers write "
+            "for unknown cells, as free; 0.196 reads it as unknown"
+        )
     if picture.alpha is not None:
         clear = picture.alpha < picture.opaque
         cells[clear] = UNKNOWN
