@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from wheelchair_gym.config import InputError
+from wheelchair_gym.geometry import polygon_edges
 from wheelchair_gym.maps import (
     FREE,
     OCCUPIED,
@@ -93,6 +94,40 @@ def test_a_house_is_free_inside_its_outline_only(tmp_path):
 def test_wrong_houses_are_one_line(tmp_path, change, says):
     with pytest.raises(InputError, match=re.escape(f"bad.json: {says}")):
         read_house(put(tmp_path, "bad.json", HOUSE | change))
+
+
+def winding(points, walls):
+    """How often closed loops of walls (n, 4) go round each of the points (k, 2)."""
+    x, y = points.T[:, :, None]
+    ax, ay, bx, by = walls.T
+    left = (bx - ax) * (y - ay) - (by - ay) * (x - ax)
+    return ((ay <= y) & (by > y) & (left > 0)).sum(1) - ((ay > y) & (by <= y) & (left < 0)).sum(1)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_solid_polygons_that_overlap_are_united(tmp_path, seed):
+    """What is in any polygon, in whatever order and sense it is given, or off the bounds is solid."""
+    rng = np.random.default_rng(seed)
+    polygons = []
+    for _ in range(rng.integers(1, 12)):
+        size, turn = rng.uniform(0.3, 6.0, 2), rng.choice([0.0, rng.uniform(0, 6)])
+        box = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * size / 2
+        box = box @ np.array([(np.cos(turn), np.sin(turn)), (-np.sin(turn), np.cos(turn))])
+        polygons.append((box + rng.integers(0, 9, 2))[:: rng.choice([-1, 1])])
+    room = {"bounds": [0, 0, 8, 6], "polygons": [polygon.tolist() for polygon in polygons]}
+    found = read_any_map(put(tmp_path, "room.json", room))
+    points = rng.uniform((-0.1, -0.1), (8.1, 6.1), (2000, 2))
+    solid = ((points < 0) | (points > (8, 6))).any(axis=1)
+    for polygon in polygons:
+        solid |= winding(points, polygon_edges(polygon)) != 0
+    np.testing.assert_array_equal(winding(points, found.walls), solid)
+    cells = found.grid.cells[tuple(found.grid.to_cell(points).T)]
+    assert (cells[solid] == OCCUPIED).all()
+    centres = found.grid.to_world(np.argwhere(found.grid.cells == OCCUPIED))
+    near = winding(centres, found.walls) == 1
+    for dx, dy in ((0.5, 0.5), (-0.5, 0.5), (0.5, -0.5), (-0.5, -0.5)):
+        near |= winding(centres + 0.05 * np.array([dx, dy]), found.walls) == 1
+    assert near.mean() > 0.99  # a corner of a polygon may lie within a cell
 
 
 def test_maps_of_no_known_kind_are_refused(tmp_path):

@@ -4,8 +4,9 @@ An image is dark where something stands; what is transparent is free, and its bo
 says nothing of its size: the edge of a pixel in metres is told beside it. Its lower left corner is
 the origin.
 
-A JSON file holds `polygons`, solid ones, each a list of corners [x, y] in metres, and may hold
-`bounds` [xmin, ymin, xmax, ymax], round which a wall stands; without them it stands 1 m away.
+A JSON file holds `polygons`, solid ones, each a list of corners [x, y] in metres, which may overlap
+and reach beyond the bounds. It may hold `bounds` [xmin, ymin, xmax, ymax], round which a wall
+stands; without them it stands 1 m away.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ DOUBTFUL: Final = 0.01  # share of grey pixels from which a warning says so: edg
 SPACE: Final = 1.0  # m of free space round polygons without bounds
 WALL: Final = 0.1  # m: of the wall round the bounds
 CELL: Final = 0.05  # m
+MERGED: Final = 1e-9  # m: polygons closer together than this touch
 
 
 def read_floor_plan_image(path: str | Path, resolution: float) -> OccupancyGrid:
@@ -71,7 +73,10 @@ def is_polygons(data: Any) -> bool:
 
 
 def polygons_map(data: Mapping[str, Any], path: str | Path) -> tuple[OccupancyGrid, Array]:
-    """The grid of a floor plan of polygons, and its walls (n, 4) [m], which are exact.
+    """Return the grid of a floor plan of polygons, and its exact walls (n, 4) [m].
+
+    The polygons and the frame round the bounds are united: loops of walls neither cross nor
+    overlap, and have what is solid on their left.
 
     Raises:
         InputError: a polygon or the bounds make no sense.
@@ -86,10 +91,9 @@ def polygons_map(data: Mapping[str, Any], path: str | Path) -> tuple[OccupancyGr
     for k, polygon in enumerate(polygons):
         where = f"{path}: polygons[{k}]"
         corners = np.array(coordinate_lists(polygon, 2, where)).reshape(-1, 2)
-        area = signed_area(corners) if len(corners) > 2 else 0.0
-        if area == 0.0:
+        if len(corners) < 3 or signed_area(corners) == 0.0:
             raise InputError(f"{where} encloses nothing; expected at least 3 corners [x, y]")
-        outlines.append(corners if area > 0.0 else corners[::-1])
+        outlines.append(corners)
     if "bounds" in data:
         low, high = np.array(coordinates(data["bounds"], (4,), f"{path}: bounds")).reshape(2, 2)
     else:
@@ -108,9 +112,21 @@ def polygons_map(data: Mapping[str, Any], path: str | Path) -> tuple[OccupancyGr
         solid |= within | cut
     cells = np.where(solid, OCCUPIED, FREE).astype(np.int8)
     grid = OccupancyGrid(cells, CELL, (float(corner[0]), float(corner[1]), 0.0))
-    walls = [polygon_edges(_box(low - WALL, high + WALL)), polygon_edges(_box(low, high)[::-1])]
-    walls += map(polygon_edges, outlines)
-    return grid, np.vstack(walls)
+    return grid, _united(outlines, low, high)
+
+
+def _united(outlines: list[Array], low: Array, high: Array) -> Array:
+    """Return the walls (n, 4) [m] of overlapping polygons and of a frame round the bounds."""
+    import shapely  # only here: other maps load without it
+
+    box = shapely.box(*(low - WALL), *(high + WALL))
+    solids = [shapely.make_valid(shapely.Polygon(corners)) for corners in outlines]
+    solids = [shapely.intersection(solid, box) for solid in solids]
+    solids.append(shapely.difference(box, shapely.box(*low, *high)))
+    united = shapely.orient_polygons(shapely.union_all(solids, grid_size=MERGED))
+    polygons = [part for part in shapely.get_parts(united) if part.geom_type == "Polygon"]
+    loops = [shapely.get_coordinates(ring)[:-1] for ring in shapely.get_rings(polygons)]
+    return np.vstack([polygon_edges(loop) for loop in loops])
 
 
 def _box(low: Array, high: Array) -> Array:
