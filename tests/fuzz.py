@@ -773,7 +773,7 @@ READERS: dict[str, Reader] = {
         ("maps.io.image.read_picture",),
     ),
     "octile map": Reader(_octile, _use_map, ("maps.io.moving_ai.read_moving_ai_map",)),
-    "polygons": Reader(_polygons, _use_map, ("maps.io.__init__.read_any_map",)),
+    "polygons": Reader(_polygons, _use_map, ("maps.io.__init__._read",)),
     "model of stable-baselines3": Reader(
         _sb3_model, _read_sb3, ("policies.sb3._algorithm",), flipped
     ),

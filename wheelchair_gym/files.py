@@ -37,6 +37,7 @@ LIMITS: Final[dict[str, Limit]] = {
     "image": Limit(256 * _MIB, "bytes", "the image of a map: PGM, PNG, BMP, JPEG or TIFF"),
     "cells": Limit(100_000_000, "cells or pixels", "a map, from a file or generated"),
     "decoded": Limit(512 * _MIB, "bytes", "the pixels of a map's image, decoded"),
+    "walls": Limit(100_000, "walls", "a map to drive or plan on: edges of its occupied cells"),
     "coordinate": Limit(10_000_000, "m", "a coordinate or a size in maps, worlds and problems"),
     "outline": Limit(5_000, "corners or shapes", "the outline of a house, a world, a problem"),
     "text": Limit(128 * _MIB, "bytes", "a MovingAI map, a curve in CSV"),

@@ -23,7 +23,7 @@ from wheelchair_gym.config import InputError, dump
 from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.localization.logs import LASER, read_log
 from wheelchair_gym.localization.slam import Slam, SlamSettings
-from wheelchair_gym.maps import read_any_map, write_map
+from wheelchair_gym.maps import read_grid, write_map
 from wheelchair_gym.recording.replay import sensor_log
 from wheelchair_gym.rendering import draw_map, write_png
 from wheelchair_gym.rendering.legend import MAP_ENTRIES, with_legend
@@ -154,7 +154,7 @@ def convert(given: argparse.Namespace) -> int:
     for path in (out, out.with_suffix(".pgm")):
         if path.exists():
             raise InputError(f"{path} exists; expected a new name (--out)")
-    grid = read_any_map(given.file, resolution=given.resolution).grid
+    grid = read_grid(given.file, resolution=given.resolution)
     write_map(grid, out)
     rows, columns = grid.shape
     size = [columns * grid.resolution, rows * grid.resolution]

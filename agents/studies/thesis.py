@@ -22,7 +22,7 @@ from wheelchair_gym.arrays import Array
 from wheelchair_gym.errors import InputError, shorten
 from wheelchair_gym.geometry import Footprint, polygon_edges, to_world
 from wheelchair_gym.kinematics import Limits
-from wheelchair_gym.maps import occupied_polygons, read_any_map
+from wheelchair_gym.maps import occupied_polygons, read_grid
 from wheelchair_gym.rendering import draw_plan
 from wheelchair_gym.rendering.video import Image
 from wheelchair_gym.scenes import make_scene
@@ -82,7 +82,7 @@ def problem_of(
         start, goal = start or episode.start.tolist(), goal or episode.goal.tolist()
     else:
         name = map_file or beside
-        grid = read_any_map(name, unknown_is_solid, resolution).grid
+        grid = read_grid(name, unknown_is_solid, resolution)
     if start is None or goal is None:
         raise InputError(f"plan: {name} needs --start and --goal")
     epsilon, dilation = file.value("MapProcessor_Epsilon"), 0

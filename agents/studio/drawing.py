@@ -12,7 +12,7 @@ from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import InputError
 from wheelchair_gym.errors import shorten
 from wheelchair_gym.files import LIMITS, atomic_write, parse_yaml, read_text
-from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, read_any_map, write_map
+from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, read_grid, write_map
 
 # A wall, an opening in one, solid, rubbed out.
 SHAPES: Final = ("wall", "door", "furniture", "free")
@@ -95,10 +95,10 @@ def loaded(path: Path, resolution: float) -> OccupancyGrid:
         if image_file.is_symlink() or not image_file.is_file():
             raise InputError(f"{path.name}: load its image, {name}, together with it")
     try:
-        grid = read_any_map(path, True, resolution if image else None).grid
+        grid = read_grid(path, True, resolution if image else None)
     except InputError as error:
         raise InputError(str(error).replace(f"{path.parent}/", "")) from None
-    if len(grid.walls()) > _MOST_WALLS:
+    if grid.n_walls > _MOST_WALLS:
         raise InputError(f"{path.name}: more than {_MOST_WALLS:,} walls; expected a simpler map")
     return grid
 

@@ -41,6 +41,7 @@ def test_parity_of_walls_is_what_is_solid(seed, yaw):
 def test_walls_are_all_boundary_edges_and_no_more(seed):
     grid = random_grid(seed, 0.5)
     walls = grid.walls()
+    assert grid.n_walls == len(walls)
     padded = np.pad(grid.solid().astype(int), 1)
     edges = sum(np.abs(np.diff(padded, axis=axis)).sum() for axis in (0, 1))
     length = np.hypot(walls[:, 2] - walls[:, 0], walls[:, 3] - walls[:, 1])

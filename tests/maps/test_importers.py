@@ -13,9 +13,12 @@ from wheelchair_gym.geometry import polygon_edges
 from wheelchair_gym.maps import (
     FREE,
     OCCUPIED,
+    OccupancyGrid,
     read_any_map,
+    read_grid,
     read_house,
     read_moving_ai_map,
+    write_map,
 )
 from wheelchair_gym.scenes import make_scene
 
@@ -128,6 +131,16 @@ def test_solid_polygons_that_overlap_are_united(tmp_path, seed):
     for dx, dy in ((0.5, 0.5), (-0.5, 0.5), (0.5, -0.5), (-0.5, -0.5)):
         near |= winding(centres + 0.05 * np.array([dx, dy]), found.walls) == 1
     assert near.mean() > 0.99  # a corner of a polygon may lie within a cell
+
+
+def test_a_map_with_too_many_walls_is_refused_where_it_is_driven_on(tmp_path):
+    """Specks cost memory and time by their number; `read_grid` still reads the cells."""
+    cells = np.full((350, 350), FREE)
+    cells[::2, ::2] = OCCUPIED  # 30,625 specks
+    write_map(OccupancyGrid(cells, 0.05), tmp_path / "specks.yaml")
+    assert read_grid(tmp_path / "specks.yaml").n_walls == 4 * 175**2
+    with pytest.raises(InputError, match=r"specks\.yaml: 122,500 walls; expected at most 100,000"):
+        read_any_map(tmp_path / "specks.yaml")
 
 
 def test_maps_of_no_known_kind_are_refused(tmp_path):

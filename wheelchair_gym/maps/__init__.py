@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from wheelchair_gym.maps.geodesic import Geodesic, geodesic, interpolate
 from wheelchair_gym.maps.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
-from wheelchair_gym.maps.io import MapWithWalls, read_any_map
+from wheelchair_gym.maps.io import MapWithWalls, read_any_map, read_grid
 from wheelchair_gym.maps.io.house_expo import House, read_house
 from wheelchair_gym.maps.io.map_server import read_map, write_map
 from wheelchair_gym.maps.io.moving_ai import read_moving_ai_map
@@ -28,6 +28,7 @@ __all__ = [
     "occupied_polygons",
     "open_floor",
     "read_any_map",
+    "read_grid",
     "read_house",
     "read_map",
     "read_moving_ai_map",

@@ -221,6 +221,14 @@ class OccupancyGrid:
         cells = np.where(solid, OCCUPIED, FREE).astype(np.int8)
         return OccupancyGrid(cells, self.resolution, self.origin)
 
+    @property
+    def n_walls(self) -> int:
+        """The number of walls around occupied cells, which is that of their corners."""
+        solid = np.pad(self.solid(), 1)
+        low, high = solid[:-1, :-1] ^ solid[1:, :-1], solid[:-1, 1:] ^ solid[1:, 1:]
+        touching = low & high & (solid[:-1, :-1] ^ solid[:-1, 1:])  # two cells at a corner
+        return int(np.count_nonzero(low ^ high) + 2 * np.count_nonzero(touching))
+
     def distance(self) -> NDArray[np.float32]:
         """Distance (rows, cols) [m] from each cell's centre to the nearest occupied cell's square.
 

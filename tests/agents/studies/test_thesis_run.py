@@ -16,7 +16,7 @@ from agents.studies.thesis import controls_of, film, problem_of
 from planners import Status, make_planner
 from planners.judge import Judge
 from planners.thesis_settings import GLOBAL, KEYS, PLANNERS_OF_FILE, read_thesis
-from wheelchair_gym.maps import occupied_polygons, read_any_map
+from wheelchair_gym.maps import occupied_polygons, read_grid
 
 CELL = 0.1  # m: edge of a pixel
 ENDS = {"resolution": CELL, "start": [1.0, 1.0], "goal": [11.0, 7.0]}
@@ -86,7 +86,7 @@ def test_polygons_stay_within_epsilon_of_the_outline(seed, epsilon):
 
 
 def test_a_thin_wall_stays_whatever_the_epsilon(folder):
-    grid = read_any_map(folder / "hall.png", resolution=CELL).grid
+    grid = read_grid(folder / "hall.png", resolution=CELL)
     for epsilon in (0.0, 5.0):
         found = occupied_polygons(grid, epsilon=epsilon, unit="pixel")
         wall = shapely.LineString([(1.2, 5.9), (2.8, 6.8)])

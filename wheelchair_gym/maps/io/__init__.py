@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import InputError
-from wheelchair_gym.files import read_json
+from wheelchair_gym.files import LIMITS, read_json
 from wheelchair_gym.maps.grid import OccupancyGrid
 from wheelchair_gym.maps.io.floor_plan import (
     IMAGES,
@@ -30,7 +30,27 @@ class MapWithWalls(NamedTuple):
 def read_any_map(
     path: str | Path, unknown_is_solid: bool | None = None, resolution: float | None = None
 ) -> MapWithWalls:
-    """Read the map of a file: its kind follows from the ending of its name.
+    """Read a map to drive or to plan on, and its walls; the arguments are those of `read_grid`.
+
+    Raises:
+        InputError: as `read_grid`, or there are more walls than the limit.
+    """
+    grid, walls = _read(path, unknown_is_solid, resolution)
+    if walls is None:
+        count, most = grid.n_walls, LIMITS["walls"].most
+        if count > most:
+            raise InputError(
+                f"{path}: {count:,} walls; expected at most {most:,}; clean it of specks, by a "
+                "median filter of its image, or give it larger cells"
+            )
+        walls = grid.walls()
+    return MapWithWalls(grid, walls)
+
+
+def read_grid(
+    path: str | Path, unknown_is_solid: bool | None = None, resolution: float | None = None
+) -> OccupancyGrid:
+    """Read the cells of a map file: its kind follows from the ending of its name.
 
     Args:
         path: a map_server `.yaml`, a MovingAI `.map`, a HouseExpo `.json`, polygons (`.json`), or
@@ -42,22 +62,28 @@ def read_any_map(
         InputError: the file cannot be read or is malformed, has another ending, or the resolution
             is missing or not needed.
     """
+    return _read(path, unknown_is_solid, resolution)[0]
+
+
+def _read(
+    path: str | Path, unknown_is_solid: bool | None, resolution: float | None
+) -> tuple[OccupancyGrid, Array | None]:
+    """Read a map, and the walls that are finer than its cells, if it has any."""
     ending = Path(path).suffix.lower()
     if ending in IMAGES:
         if resolution is None:
             raise InputError(
                 f"{path}: an image has no scale; give the resolution, the metres of one pixel"
             )
-        grid = read_floor_plan_image(path, resolution)
-        return MapWithWalls(grid, grid.walls())
+        return read_floor_plan_image(path, resolution), None
     if resolution is not None:
         raise InputError(f"{path}: the resolution is for images; this file has its own scale")
     if ending == ".json":
         data = read_json(path)
         if is_polygons(data):
-            return MapWithWalls(*polygons_map(data, path))
+            return polygons_map(data, path)
         house = read_house(path)
-        return MapWithWalls(house.grid(), house.walls)
+        return house.grid(), house.walls
     if ending == ".map":
         grid = read_moving_ai_map(path)
     elif ending in (".yaml", ".yml"):
@@ -69,4 +95,4 @@ def read_any_map(
             "expected .yaml (map_server), .map (MovingAI), .json (HouseExpo, polygons) or .png"
         )
         raise InputError(f"{path}: not a known kind of map; {expected}")
-    return MapWithWalls(grid, grid.walls())
+    return grid, None
