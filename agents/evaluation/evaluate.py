@@ -156,6 +156,7 @@ def drive_episode(
         parts = (world.walls, world.discs, world.start, world.goal)
         margin = min(margin, _margin(*(part.tobytes() for part in parts), task.footprint))
     trace = Trace(task.period, margin, task.limits.forward, world.reference_length)
+    trace.given_map = world.map if task.built_map is None else None
     if (world.actors.rows["kind"] == PERSON).any():
         trace.people = PeopleTrace(world, task.footprint)
         trace.people.add(env.unwrapped.chair.truth)

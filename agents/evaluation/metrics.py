@@ -20,6 +20,7 @@ from planners.problem import Problem
 from planners.swarm import path_cost
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.geometry import path_length, without_repeats
+from wheelchair_gym.maps import OccupancyGrid
 
 Array = NDArray[np.float64]
 Record = dict[str, Any]
@@ -118,6 +119,7 @@ class Trace:
     top: float = 0.8  # the chair's own top speed [m/s]
     reference: float | None = None  # path length of the BARN score, where the world names one [m]
     replans: int = 0  # plans made after the first
+    given_map: OccupancyGrid | None = None  # None: the chair draws its own
     people: PeopleTrace | None = None
     sticks: StickTrace | None = None
     poses: list[Array] = field(default_factory=list)
@@ -149,21 +151,25 @@ def measure(trace: Trace, info: Mapping[str, Any], truncated: bool) -> Record:
         truncated: it ended by its time limit.
 
     Returns:
-        A record without the policy, scene and seed. Success means by truth and without contact;
-        `missed`, that the chair wrongly believed to have arrived; `at_fault`, that it caused a
+        A record without the policy, scene and seed. Success means by truth, without contact, and
+        with the axle's centre on the given map all the time (else `left_map`); `missed`, that the
+        chair wrongly believed to have arrived; `at_fault`, that it caused a
         contact; `touched_actor`, that it touched something that moves. `sct` is success weighted
         by completion time (Yokoyama et al. 2021), for the shortest path at the chair's top speed.
         Social measures are added where the episode has people, those of `assisted` where a person
         drives.
     """
-    success = bool(info["is_success"]) and not trace.contact
+    poses, twists = np.array(trace.poses), np.array(trace.twists)
+    left = trace.given_map is not None and not trace.given_map.inside(poses[:, :2]).all()
+    success = bool(info["is_success"]) and not trace.contact and not left
     if success:
         outcome = "success"
     elif trace.contact:
         outcome = "collision"
+    elif left:
+        outcome = "left_map"
     else:
         outcome = "timeout" if truncated else "missed"
-    poses, twists = np.array(trace.poses), np.array(trace.twists)
     length = float(np.hypot(*np.diff(poses[:, :2], axis=0).T).sum())
     geodesic = float(info["geodesic"])
     spl = geodesic / max(length, geodesic, 1e-9) if success else 0.0
@@ -239,7 +245,8 @@ def summarise(records: Sequence[Record]) -> list[Record]:
             row |= share(name, sum(record["outcome"] == name for record in of), len(of))
         for key in ("at_fault", "touched_actor", "arrived"):
             row[key] = sum(record[key] for record in of) / len(of)
-        row["missed"] = sum(record["outcome"] == "missed" for record in of) / len(of)
+        for name in ("missed", "left_map"):
+            row[name] = sum(record["outcome"] == name for record in of) / len(of)
         wide = [r for r in of if r["margin"] is not None and r["margin"] >= WIDE]
         row |= share("wide", sum(r["success"] for r in wide), len(wide)) if wide else {"wide": None}
         row |= {key: _mean(of, key) for key in MEANS}

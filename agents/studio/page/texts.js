@@ -18,7 +18,7 @@ const ROWS = {
   clock: ["Clock: {time} s", "Reloj: {time} s"], says: ["{speed} m/s, clearance {clearance} m {end}", "{speed} m/s, distancia libre {clearance} m {end}"],
   ended_at: ["(ended at {time} s)", "(terminó a los {time} s)"],
   o_success: ["arrived", "llegó"], o_collision: ["contact", "contacto"], o_timeout: ["time limit", "límite de tiempo"],
-  o_missed: ["missed the goal", "no acertó la meta"], o_stopped: ["ended before", "terminado antes"],
+  o_missed: ["missed the goal", "no acertó la meta"], o_left_map: ["left the map", "salió del mapa"], o_stopped: ["ended before", "terminado antes"],
   e_contact: ["contact", "contacto"], e_shield: ["shield", "escudo"], e_help: ["help", "ayuda"],
   tool: ["Tool", "Herramienta"],
   t_start: ["start", "salida"], t_goal: ["goal", "meta"], t_wall: ["wall", "pared"], t_door: ["door", "puerta"],

@@ -18,6 +18,7 @@ from agents.evaluation.metrics import (
     summarise,
     wilson,
 )
+from wheelchair_gym.maps import OccupancyGrid
 
 
 @pytest.mark.parametrize(
@@ -83,8 +84,8 @@ def info(x, **other):
     return base | other
 
 
-def episode(last, truncated=False, **middle):
-    trace = Trace(0.5)
+def episode(last, truncated=False, given_map=None, **middle):
+    trace = Trace(0.5, given_map=given_map)
     steps = [info(0.0), info(0.25, **middle), info(0.5), info(1.25, **last)]
     for step in steps:
         trace.add(step)
@@ -100,6 +101,18 @@ def test_a_success_is_measured():
     assert record["energy_per_m"] == pytest.approx(0.02)
     assert record["time"] == pytest.approx(2.5)
     assert record["act_ms_p50"] == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize(("yaw", "outcome"), [(0.0, "success"), (0.3, "left_map"), (-0.3, "left_map")])
+def test_a_drive_that_leaves_the_cells_of_its_map_is_no_success(yaw, outcome):
+    """The map ends where its cells end, not at the rectangle that holds a turned map."""
+    x, y = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]]) @ (-0.1, -0.1)
+    strip = OccupancyGrid(np.zeros((4, 30)), 0.05, (x, y, yaw))
+    x0, y0, x1, y1 = strip.bounds
+    assert yaw == 0.0 or (x0 < 0.0 < 1.25 < x1 and y0 < 0.0 < y1)
+    record = episode({"is_success": True, "arrived": True}, given_map=strip)
+    assert record["outcome"] == outcome
+    assert (record["spl"] > 0.0) == record["success"] == (outcome == "success")
 
 
 @pytest.mark.parametrize(

@@ -407,7 +407,8 @@ def test_every_text_is_there_in_both_languages():
             used |= set(re.findall(r'data-(?:t|label)="(\w+)"|\btext\("(\w+)"', source))
     used = {one or other for one, other in used}
     used |= {f"a_{name}" for name in ASSISTANTS.built_in}
-    used |= {f"o_{name}" for name in ("success", "collision", "timeout", "missed", "stopped")}
+    outcomes = ("success", "collision", "timeout", "missed", "left_map", "stopped")
+    used |= {f"o_{name}" for name in outcomes}
     used |= {f"h_{name}" for name in (NO_HAND, *IMPAIRMENTS)}
     used |= {f"s_{name}" for name in (NO_SIGHT, *SIGHTS)} | {f"u_{name}" for name in SIGHTS}
     assert used <= set(rows)
