@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -211,6 +212,18 @@ def test_a_map_told_less_than_well_is_the_same_each_time_and_guides_elsewhere():
     assert np.array_equal(first.packed_states, again.packed_states)
     assert first.origin == again.origin != episode.map.origin
     assert not np.array_equal(first.packed_states, PoseGuidance()(env.task).packed_states)
+
+
+def test_a_map_is_degraded_all_over_its_cells_however_its_frame_is_turned():
+    grid = make_scene("clutter").sample(np.random.default_rng(0)).map
+    worse = PoseGuidance(degraded_share=1.0, patch_density=0.2)
+    ends = {"start": np.array([900.0, 0.0, 0.0]), "goal": np.array([900.0, 1.0, 0.0])}
+    found = [
+        worse._map_of(SimpleNamespace(map=OccupancyGrid(grid.cells, 0.05, (3.0, 1.0, yaw)), **ends))
+        for yaw in (0.0, 0.6, 2.0)
+    ]
+    assert (found[0].cells != grid.cells).any()
+    assert all((each.cells == found[0].cells).all() for each in found)
 
 
 @pytest.mark.parametrize(
