@@ -13,7 +13,7 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, Any, Final, NamedTuple
+from typing import IO, Any, ClassVar, Final, NamedTuple
 
 from wheelchair_gym.errors import InputError, shorten
 
@@ -222,7 +222,7 @@ def parse_yaml(text: str, path: str | Path) -> Any:
         """Counts what it composes."""
 
         values = depth = 0
-        yaml_implicit_resolvers = {
+        yaml_implicit_resolvers: ClassVar = {
             first: [pair for pair in pairs if not pair[0].endswith((":int", ":float"))]
             for first, pairs in yaml.SafeLoader.yaml_implicit_resolvers.items()
         }

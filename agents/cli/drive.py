@@ -120,9 +120,7 @@ def _picked(scene: dict[str, Any], settings: dict[str, Any]) -> dict[str, Any]:
 
     footprint = complete_env_settings(**{"config": None, **settings}).chair.footprint
     solid = scene.get("unknown_is_solid", True)
-    start, goal = pick_poses(
-        read_any_map(scene["path"], solid, scene.get("resolution")), footprint
-    )
+    start, goal = pick_poses(read_any_map(scene["path"], solid, scene.get("resolution")), footprint)
     print(f"--start {','.join(map(str, start))} --goal {','.join(map(str, goal))}", file=sys.stderr)
     return {"start": start, "goal": goal}
 

@@ -158,8 +158,12 @@ CHAIR = ("a real chair: hardware, ros2://HOST:PORT, ros://HOST:PORT, or FILE.jso
 MAP_FILES = ("map_server .yaml, MovingAI .map, HouseExpo .json, polygons .json, or an image of a "
              "floor plan with --resolution")  # fmt: skip
 RESOLUTION = option("--resolution", "edge of a pixel of an image [m]", finite, "M")
-UNKNOWN = option("--unknown", "unknown cells of the map (default: blocked; on a map that the chair "
-                 "draws itself, --pose slam, they are always free)", choices=("blocked", "free"))
+UNKNOWN = option(
+    "--unknown",
+    "unknown cells of the map (default: blocked; on a map that the chair "
+    "draws itself, --pose slam, they are always free)",
+    choices=("blocked", "free"),
+)
 
 
 def map_options(kind: Callable[[str], Any] | None = None) -> list[Option]:

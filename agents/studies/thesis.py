@@ -94,7 +94,7 @@ def problem_of(
             f"of the shorter side of {name}, which is {min(grid.shape)} pixels"
         )
     upright = grid if grid.origin[2] == 0.0 else replace(grid, origin=(0.0, 0.0, 0.0))
-    grown = occupied_polygons(upright, dilate=dilation, epsilon=epsilon, unit="pixel")
+    grown = occupied_polygons(upright, dilate=dilation, epsilon=epsilon)
     space = Space.from_outlines(grown, upright.bounds)
     space = space if upright is grid else space.placed(grid.origin)
     if space.free.is_empty:
@@ -103,7 +103,7 @@ def problem_of(
             f"MapProcessor_Epsilon {epsilon:g}; expected less [pixels]"
         )
     problem = Problem(space, np.array(start), np.array(goal), clearance or 0.0, name)
-    exact = occupied_polygons(grid, epsilon=epsilon, unit="pixel")
+    exact = occupied_polygons(grid, epsilon=epsilon)
     solid = [ring for region in exact for ring in (region.outer, *region.holes)]
     shut = shapely.difference(shapely.box(*grid.bounds), problem.free.free)
     rings = shapely.get_rings(shapely.get_parts(shut)) if dilation or clearance else []

@@ -23,7 +23,7 @@ INVERSE = {
 
 
 def netpbm(picture, kind, white):
-    """Encode a picture of shares as P1 to P6 with this maxval, by the words of the specification."""
+    """Encode a picture of shares as P1 to P6 with this maxval, as the specification says."""
     rows, columns = picture.shape
     samples = picture * white // STEPS
     if kind in (3, 6):
@@ -31,7 +31,9 @@ def netpbm(picture, kind, white):
     head = f"P{kind}\n# made by a test\n{columns} {rows}\n"
     if kind in (1, 4):
         black = (samples == 0).astype(np.uint8)
-        body = "".join(map(str, black.ravel())).encode() if kind == 1 else np.packbits(black, axis=1)
+        body = (
+            "".join(map(str, black.ravel())).encode() if kind == 1 else np.packbits(black, axis=1)
+        )
         return head.encode() + bytes(body)
     head += f"{white}\n"
     if kind in (2, 3):
@@ -69,12 +71,16 @@ def encodings(picture):
 
 @pytest.mark.filterwarnings("ignore:.*of its pixels are grey")
 @pytest.mark.parametrize("levels", [(0, STEPS), range(STEPS + 1)], ids=["bilevel", "greys"])
-@pytest.mark.parametrize(("negate", "mode"), [(0, "trinary"), (1, "trinary"), (0, "scale")])
+@pytest.mark.parametrize(
+    ("negate", "mode"), [(0, "trinary"), (1, "trinary"), (0, "scale"), (0, "raw")]
+)
 def test_the_same_picture_gives_the_same_cells(tmp_path, levels, negate, mode):
     picture = np.random.default_rng(negate).choice(levels, (7, 11))
     p = picture if negate else STEPS - picture
     between = np.rint(100 * (p / STEPS - 0.2) / 0.4) if mode == "scale" else UNKNOWN
     expected = np.where(p >= 3, OCCUPIED, np.where(p <= 1, FREE, between))
+    if mode == "raw":
+        expected = np.where(51 * picture <= OCCUPIED, 51 * picture, UNKNOWN)
     inner = np.where(picture / STEPS < 192 / 255, OCCUPIED, FREE)
     for name, write in encodings(picture):
         write(tmp_path / name)
@@ -92,7 +98,7 @@ def test_the_same_picture_gives_the_same_cells(tmp_path, levels, negate, mode):
         (b"P5\n2 1\n100\n\x00\x65", "a sample is 101; expected 0 to 100, its maxval"),
         (b"P2\n2 1\n9\n3 -1\n", "a sample is -1; expected 0 to 9, its maxval"),
         *((content, "not an image") for content in (
-            b"P2\n2 1\n9\n3\n", b"P2\n2 1\n9\n3 x\n", b"P1\n2 1\n12\n", b"P4\n9 1\n\x00",
+            b"P2\n2 1\n9\n3\n", b"P2\n2 1\n9\n3 x\n", b"P4\n9 1\n\x00",
             b"P5\n2 1\n0\n\x00\x00", b"P5\n2 1\n65536\n\x00\x00\x00\x00", b"P6\n1 1\n256\n\0\0\0",
         )),
     ],

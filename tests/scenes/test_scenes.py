@@ -13,11 +13,10 @@ from PIL import Image
 from tests.copies import same_fields
 from wheelchair_gym.config import InputError
 from wheelchair_gym.geometry import footprint_clearance
-from wheelchair_gym.maps import FREE, OCCUPIED, bottleneck, geodesic, read_map
+from wheelchair_gym.maps import FREE, OCCUPIED, bottleneck, geodesic
 from wheelchair_gym.random import numpy_integer, numpy_stream, numpy_uniform
 from wheelchair_gym.scenes import SCENES, make_scene
 from wheelchair_gym.scenes.describe import scene_statistics
-from wheelchair_gym.scenes.map_file import example_clinic, example_map
 from wheelchair_gym.scenes.poses import FOOTPRINT, passing_radius
 from wheelchair_gym.scenes.published import GREY_WOLF_GOALS
 
@@ -280,12 +279,6 @@ def test_published_barn_worlds_can_be_passed(shared):
         episode = scene.sample(np.random.default_rng(0))
         assert (episode.tolerance, episode.time_limit) == (1.0, 100.0)
         assert 9.9 < geodesic(episode.map, episode.goal, RADIUS).at(episode.start[:2]) < 20.0
-
-
-def test_the_example_map_is_what_its_command_writes():
-    shipped, drawn = read_map(example_map()), example_clinic()
-    assert (shipped.cells == drawn.cells).all()
-    assert shipped.bounds == pytest.approx(drawn.bounds)
 
 
 @pytest.mark.parametrize(

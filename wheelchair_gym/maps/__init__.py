@@ -9,7 +9,7 @@ from wheelchair_gym.maps.io.house_expo import House, read_house
 from wheelchair_gym.maps.io.map_server import read_map, write_map
 from wheelchair_gym.maps.io.moving_ai import read_moving_ai_map
 from wheelchair_gym.maps.passage import bottleneck, footprint_margin, open_floor
-from wheelchair_gym.maps.polygons import PolygonWithHoles, grid_from_image, occupied_polygons
+from wheelchair_gym.maps.polygons import PolygonWithHoles, occupied_polygons
 
 __all__ = [
     "FREE",
@@ -23,7 +23,6 @@ __all__ = [
     "bottleneck",
     "footprint_margin",
     "geodesic",
-    "grid_from_image",
     "interpolate",
     "occupied_polygons",
     "open_floor",

@@ -1,17 +1,16 @@
-"""From pixels to polygons: binarise, dilate, follow contours, simplify."""
+"""From cells to polygons: dilate, follow contours, simplify."""
 
 from __future__ import annotations
 
 import math
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.geometry import signed_area
-from wheelchair_gym.maps.grid import FREE, OCCUPIED, OccupancyGrid
+from wheelchair_gym.maps.grid import OccupancyGrid
 
 
 class PolygonWithHoles(NamedTuple):
@@ -21,42 +20,24 @@ class PolygonWithHoles(NamedTuple):
     holes: tuple[Array, ...] = ()
 
 
-def grid_from_image(image: NDArray[np.uint8]) -> OccupancyGrid:
-    """A drawn map as a grid of one unit a pixel: what is darker than mid-grey is occupied.
-
-    Args:
-        image: (rows, cols) greys or (rows, cols, 3) colours, top row first.
-    """
-    grey = image if image.ndim == 2 else cv2.cvtColor(image[..., :3], cv2.COLOR_BGR2GRAY)
-    cells = np.where(np.flipud(grey) < 128, OCCUPIED, FREE).astype(np.int8)
-    return OccupancyGrid(cells, 1.0)
-
-
 def occupied_polygons(
-    source: OccupancyGrid | NDArray[np.uint8],
-    *,
-    dilate: float = 0.0,
-    epsilon: float = 0.0,
-    unit: Literal["metre", "pixel"] = "metre",
+    grid: OccupancyGrid, *, dilate: float = 0.0, epsilon: float = 0.0
 ) -> list[PolygonWithHoles]:
-    """Outlines of all that is occupied, grown and simplified.
+    """Return the outlines of all that is occupied, grown and simplified.
 
     The outline follows cell edges, and cuts inner corners by half a cell: with epsilon 0 no solid
     point is lost. Regions that touch at a corner are one.
 
     Args:
-        source: a grid, or an image (see `grid_from_image`), which counts one unit a pixel.
-        dilate: how far solid regions grow.
-        epsilon: how far a simplified outline may leave the exact one (Douglas and Peucker). An
-            obstacle that would become a line stays exact; such a hole is filled.
-        unit: of dilate and epsilon.
+        grid: the map.
+        dilate: distance [cells] by which solid regions grow.
+        epsilon: how far [cells] a simplified outline may leave the exact one (Douglas and Peucker).
+            An obstacle that would become a line stays exact; such a hole is filled.
 
     Returns:
         outlines in the grid's frame [m], outer polygons counter-clockwise, holes clockwise.
     """
-    grid = source if isinstance(source, OccupancyGrid) else grid_from_image(source)
-    scale = 1.0 if unit == "pixel" else 1.0 / grid.resolution
-    reach = max(0.0, dilate * scale)
+    reach = max(0.0, dilate)
     edge = math.ceil(reach) + 1  # room for growth beyond the grid
     rows, cols = grid.shape
     # On half cells, closed squares have lattice points as corners, so contours are cell edges.
@@ -69,7 +50,7 @@ def occupied_polygons(
     contours, tree = cv2.findContours(lattice, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)
 
     def polygon_of(k: int) -> Array:
-        line = cv2.approxPolyDP(contours[k], 2.0 * epsilon * scale, True)[:, 0]
+        line = cv2.approxPolyDP(contours[k], 2.0 * epsilon, True)[:, 0]
         if len(line) < 3 and tree[0, k, 3] < 0:  # a thin obstacle stays as it is
             line = contours[k][:, 0]
         return grid.from_lattice(line / 2.0 - edge)

@@ -1,7 +1,4 @@
-"""A map file as a scene, and the small clinic that comes with the package.
-
-`python -m wheelchair_gym.scenes.map_file` writes that clinic's files anew.
-"""
+"""A map file as a scene, and the small clinic that comes with the package."""
 
 from __future__ import annotations
 
@@ -9,7 +6,6 @@ import math
 from functools import lru_cache
 from importlib import resources
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,11 +13,8 @@ from numpy.typing import NDArray
 from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.files import modified
 from wheelchair_gym.geometry import Footprint
-from wheelchair_gym.maps import FREE, OccupancyGrid, geodesic, read_any_map, write_map
-from wheelchair_gym.random import numpy_stream
-from wheelchair_gym.scenes.floor_plan import FloorPlan
+from wheelchair_gym.maps import FREE, OccupancyGrid, geodesic, read_any_map
 from wheelchair_gym.scenes.poses import FOOTPRINT, is_free_pose, passing_radius
-from wheelchair_gym.scenes.raster import CELL
 from wheelchair_gym.types import Episode, no_discs
 
 Array = NDArray[np.float64]
@@ -132,22 +125,3 @@ def _is_free(grid: OccupancyGrid, walls: Array, pose: Pose, footprint: Footprint
     if not grid.inside(pose[:2]) or grid.cells[row, col] != FREE:
         return False
     return is_free_pose(np.array(pose), walls, no_discs(), footprint, 0.0)
-
-
-SEED: Final = 1
-SIZE: Final = (15.0, 12.0)  # m
-
-
-def example_clinic() -> OccupancyGrid:
-    """A small clinic of 15 m x 12 m, always the same, its lower-left corner at (0, 0)."""
-    source = numpy_stream(np.random.default_rng(SEED))
-    return OccupancyGrid(FloorPlan(kind="clinic").storey(source, False, *SIZE).cells, CELL)
-
-
-def main(path: Path | None = None) -> None:
-    """Write the map where the package keeps it, or elsewhere."""
-    write_map(example_clinic(), example_map() if path is None else path)
-
-
-if __name__ == "__main__":
-    main()

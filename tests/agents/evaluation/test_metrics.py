@@ -103,10 +103,15 @@ def test_a_success_is_measured():
     assert record["act_ms_p50"] == pytest.approx(2.0)
 
 
-@pytest.mark.parametrize(("yaw", "outcome"), [(0.0, "success"), (0.3, "left_map"), (-0.3, "left_map")])
+@pytest.mark.parametrize(
+    ("yaw", "outcome"), [(0.0, "success"), (0.3, "left_map"), (-0.3, "left_map")]
+)
 def test_a_drive_that_leaves_the_cells_of_its_map_is_no_success(yaw, outcome):
     """The map ends where its cells end, not at the rectangle that holds a turned map."""
-    x, y = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]]) @ (-0.1, -0.1)
+    x, y = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]]) @ (
+        -0.1,
+        -0.1,
+    )
     strip = OccupancyGrid(np.zeros((4, 30)), 0.05, (x, y, yaw))
     x0, y0, x1, y1 = strip.bounds
     assert yaw == 0.0 or (x0 < 0.0 < 1.25 < x1 and y0 < 0.0 < y1)

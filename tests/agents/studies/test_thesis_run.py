@@ -16,7 +16,7 @@ from agents.studies.thesis import controls_of, film, problem_of
 from planners import Status, make_planner
 from planners.judge import Judge
 from planners.thesis_settings import GLOBAL, KEYS, PLANNERS_OF_FILE, read_thesis
-from wheelchair_gym.maps import occupied_polygons, read_grid
+from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, occupied_polygons, read_grid
 
 CELL = 0.1  # m: edge of a pixel
 ENDS = {"resolution": CELL, "start": [1.0, 1.0], "goal": [11.0, 7.0]}
@@ -73,9 +73,9 @@ def solid_pixels(path):
 def test_polygons_stay_within_epsilon_of_the_outline(seed, epsilon):
     rng = np.random.default_rng(seed)
     noise = cv2.GaussianBlur(rng.random((90, 120)).astype(np.float32), (0, 0), 4.0)
-    image = np.where(noise < np.quantile(noise, 0.3), 0, 255).astype(np.uint8)
+    grid = OccupancyGrid(np.where(noise < np.quantile(noise, 0.3), OCCUPIED, FREE), 1.0)
     exact, rough = (
-        [shapely.LinearRing(region.outer) for region in occupied_polygons(image, epsilon=e)]
+        [shapely.LinearRing(region.outer) for region in occupied_polygons(grid, epsilon=e)]
         for e in (0.0, epsilon)
     )
     gaps = [shapely.hausdorff_distance(a, b, 0.05) for a, b in zip(exact, rough, strict=True)]
@@ -88,7 +88,7 @@ def test_polygons_stay_within_epsilon_of_the_outline(seed, epsilon):
 def test_a_thin_wall_stays_whatever_the_epsilon(folder):
     grid = read_grid(folder / "hall.png", resolution=CELL)
     for epsilon in (0.0, 5.0):
-        found = occupied_polygons(grid, epsilon=epsilon, unit="pixel")
+        found = occupied_polygons(grid, epsilon=epsilon)
         wall = shapely.LineString([(1.2, 5.9), (2.8, 6.8)])
         assert any(shapely.intersects(shapely.Polygon(region.outer), wall) for region in found)
 

@@ -45,11 +45,11 @@ def read_floor_plan_image(path: str | Path, resolution: float) -> OccupancyGrid:
     if not 1e-4 <= resolution <= 10.0:
         raise InputError(f"{path}: resolution is {resolution:g}; expected metres, 0.0001 to 10")
     picture = read_picture(path)
-    white = picture.whiteness.astype(np.float32)[picture.levels]
+    white = picture.whiteness[picture.levels]
     if picture.alpha is not None:
-        opacity = picture.alpha / np.float32(picture.opaque)
+        opacity = picture.alpha / picture.opaque
         white = white * opacity + (1 - opacity)  # on white paper
-    cells = np.where(white < np.float32(DARK / 255), OCCUPIED, FREE).astype(np.int8)
+    cells = np.where(white < DARK / 255, OCCUPIED, FREE).astype(np.int8)
     doubtful = float(((white > 0.25) & (white < 0.75)).mean())
     if doubtful > DOUBTFUL:
         warnings.warn(

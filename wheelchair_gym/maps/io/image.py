@@ -1,7 +1,7 @@
 """Images of maps: the samples of each pixel as the file encodes them, and the level of white.
 
-Netpbm files (PBM, PGM, PPM, text and binary) are decoded here, because a sample is a share of the
-`maxval` of their header. OpenCV decodes the other formats. A rotation by EXIF is applied.
+PGM and PPM files are decoded here, because a sample is a share of the `maxval` of their header.
+OpenCV decodes the other formats. A rotation by EXIF is applied.
 """
 
 from __future__ import annotations
@@ -25,9 +25,8 @@ Samples = NDArray[Any]  # unsigned integers
 _FORMATS = ("PNG", "PPM", "BMP", "JPEG", "TIFF")
 _GAP: Final = rb"(?:\s|#[^\r\n]*[\r\n])+"
 _COMMENT: Final = re.compile(rb"#[^\r\n]*")
-# Magic number, columns, rows; for all but bitmaps also maxval; then one blank, or a comment's line.
-_BITMAP: Final = re.compile(rb"P([14])" + 2 * (_GAP + rb"(\d+)") + rb"(?:\s|#[^\r\n]*[\r\n])")
-_PIXMAP: Final = re.compile(rb"P([2356])" + 3 * (_GAP + rb"(\d+)") + rb"(?:\s|#[^\r\n]*[\r\n])")
+# Magic number, columns, rows and maxval; then one blank, or a comment's line.
+_HEADER: Final = re.compile(rb"P([2356])" + 3 * (_GAP + rb"(\d+)") + rb"(?:\s|#[^\r\n]*[\r\n])")
 _EXIF_ORIENTATION: Final = 0x0112
 
 
@@ -70,7 +69,7 @@ def read_picture(path: Path) -> Picture:
         raise InputError(
             f"{path}: {size:,} bytes of pixels; expected at most {LIMITS['decoded'].most:,}"
         )
-    if header.format == "PPM":
+    if header.format == "PPM" and header.mode != "1":
         return _netpbm(content, path)
     image = _turned(_decoded(content, path), turn)
     transparent = "transparency" in header.info or "A" in header.getbands()
@@ -116,45 +115,24 @@ def _turned(image: Samples, orientation: int) -> Samples:
 
 
 def _netpbm(content: bytes, path: Path) -> Picture:
-    """Decode a PBM, PGM or PPM, as text (P1 to P3) or binary (P4 to P6)."""
-    found = _BITMAP.match(content) or _PIXMAP.match(content)
+    """Decode a PGM or PPM, as text (P2, P3) or binary (P5, P6)."""
+    found = _HEADER.match(content)
     if found is None:
         raise _undecodable(path)
-    kind, columns, rows, white = map(int, (*found.groups(), b"1")[:4])
-    if not 1 <= white <= 65_535:
-        raise InputError(f"{path}: maxval is {white}; expected 1 to 65535")
-    shape = (rows, columns, 3 if kind in (3, 6) else 1)
+    kind, columns, rows, white = map(int, found.groups())
+    shape, body = (rows, columns, 3 if kind in (3, 6) else 1), content[found.end() :]
     try:
-        samples = _netpbm_samples(kind, content[found.end() :], shape, white)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # older numpy warns where it finds no number
+            samples: Samples = (
+                np.fromstring(_COMMENT.sub(b" ", body), np.int64, sep=" ")[: math.prod(shape)]
+                if kind < 5
+                else np.frombuffer(body, ">u2" if white > 255 else "u1", math.prod(shape))
+            ).reshape(shape)
     except (ValueError, DeprecationWarning):  # too few samples, or no numbers
         raise _undecodable(path) from None
-    if not 0 <= samples.min() <= samples.max() <= white:
-        worst = samples.min() if samples.min() < 0 else samples.max()
+    low, high = samples.min(), samples.max()
+    if not 0 <= low <= high <= white:
+        worst = low if low < 0 else high
         raise InputError(f"{path}: a sample is {worst}; expected 0 to {white}, its maxval")
-    if shape[2] == 1:
-        return Picture(samples[..., 0].astype(np.uint16), white)
-    return Picture(samples.sum(axis=-1, dtype=np.uint32), 3 * white)
-
-
-def _netpbm_samples(kind: int, body: bytes, shape: tuple[int, int, int], white: int) -> Samples:
-    """Decode the samples (rows, columns, channels) of a Netpbm file; in bitmaps 1 is white.
-
-    Raises:
-        ValueError: there are too few samples, or some are no numbers.
-    """
-    rows, columns, _ = shape
-    count = math.prod(shape)
-    if kind == 4:
-        packed = np.frombuffer(body, np.uint8, rows * -(-columns // 8)).reshape(rows, -1)
-        return np.unpackbits(packed, axis=1, count=columns).reshape(shape) ^ 1
-    if kind > 4:
-        return np.frombuffer(body, ">u2" if white > 255 else "u1", count).reshape(shape)
-    text = _COMMENT.sub(b" ", body)
-    if kind == 1:  # bits may stand without blanks between them
-        bits = np.frombuffer(b"".join(text.split()), np.uint8, count).reshape(shape)
-        if not np.isin(bits, (ord("0"), ord("1"))).all():
-            raise ValueError("a bit is neither 0 nor 1")
-        return ord("1") - bits
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")  # older numpy warns where it finds no number
-        return np.fromstring(text, np.int64, sep=" ")[:count].reshape(shape)
+    return Picture(samples.sum(axis=-1, dtype=np.uint32), shape[2] * white)

@@ -3,10 +3,10 @@
 The whiteness g of a pixel, 0 to 1, is occupancy p = 1 - g, or g where the file says negate. The
 image is flipped: its lowest row is row 0 of the grid. Mode trinary knows occupied, free and
 unknown; scale keeps degrees between the thresholds; raw takes the values 255 g up to 100 as they
-are, and the rest for unknown. A pixel that is not opaque is never free: scale and raw take it for unknown; trinary
-averages its opacity in with its colours, as nav2_map_server does, and keeps what that makes
-occupied. nav2 averages opaque pixels, too, which makes unknown greys free: here their colours alone
-count. In mode raw nav2 does not look at opacity.
+are, and the rest for unknown. A pixel that is not opaque is never free: scale and raw take it for
+unknown; trinary averages its opacity in with its colours, as nav2_map_server does, and keeps what
+that makes occupied. nav2 averages opaque pixels, too, which makes unknown greys free: here their
+colours alone count. In mode raw nav2 does not look at opacity.
 """
 
 from __future__ import annotations
@@ -25,7 +25,6 @@ from wheelchair_gym.errors import InputError, shorten
 from wheelchair_gym.files import (
     LIMITS,
     atomic_write,
-    check_cells,
     coordinates,
     exists,
     is_coordinate,
@@ -128,8 +127,8 @@ def read_map(path: str | Path) -> OccupancyGrid:
     saved, off = divmod(_GREYS[UNKNOWN] * picture.white, 255)
     if mode == "trinary" and not off and values[saved] == FREE and (picture.levels == saved).any():
         _warn(
-            f"{path}: free_thresh {free:g} reads the grey {_GREYS[UNKNOWN]}, which map savers write "
-            "for unknown cells, as free; 0.196 reads it as unknown"
+            f"{path}: free_thresh {free:g} reads the grey {_GREYS[UNKNOWN]}, which map savers "
+            "write for unknown cells, as free; 0.196 reads it as unknown"
         )
     if picture.alpha is not None:
         clear = picture.alpha < picture.opaque
