@@ -17,7 +17,8 @@ def studio(given: argparse.Namespace) -> int:
     if maps:
         from wheelchair_gym.maps import read_any_map
 
-        read_any_map(maps[0]["path"], resolution=maps[0].get("resolution"))  # refuses what is wrong
+        solid = maps[0].get("unknown_is_solid", True)
+        read_any_map(maps[0]["path"], solid, maps[0].get("resolution"))  # refuses what is wrong
     own_map = maps[0] if maps else None
     folder, study = Path(given.out), None
     if given.study is not None:

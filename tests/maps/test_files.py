@@ -159,24 +159,13 @@ def test_a_key_that_is_given_twice_is_refused(tmp_path, key):
     [
         ({"free_thresh": None}, "free_thresh is missing; 0.196 is used"),
         *(({"image": name}, "which is missing; .*map.pgm is used")
-          for name in ("/home/none/maps/map.pgm", "maps/map.pgm", r"C:\\none\\map.pgm")),
+          for name in ("/nowhere/maps/map.pgm", "maps/map.pgm", r"C:\\none\\map.pgm")),
     ],
 )  # fmt: skip
 def test_what_a_description_lacks_is_said_and_found(tmp_path, changes, says):
     expected = read_map(put(tmp_path)).cells
     with pytest.warns(UserWarning, match=says):
         assert (read_map(put(tmp_path, **changes)).cells == expected).all()
-
-
-@pytest.mark.parametrize(
-    "content",
-    [b"", b"P5\n", b"P5\n4 4\n255\nab", b"\x89PNG\r\n\x1a\nrubbish", b"hello", b"P5\n-3 2\n255\n"],
-)
-def test_a_corrupt_image_is_refused(tmp_path, content):
-    path = put(tmp_path, pixels=None)
-    (tmp_path / "map.pgm").write_bytes(content)
-    with pytest.raises(InputError, match=r"map\.pgm: not an image"):
-        read_map(path)
 
 
 @pytest.mark.parametrize(

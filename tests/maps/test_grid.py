@@ -133,3 +133,11 @@ def test_cells_and_points_are_inverse(yaw):
 def test_nonsense_is_refused(cells, resolution):
     with pytest.raises(ValueError, match="expected"):
         OccupancyGrid(cells, resolution)
+
+
+def test_the_extent_of_a_turned_grid_is_not_its_bounding_box():
+    straight, turned = (
+        OccupancyGrid(np.zeros((4, 5)), 0.5, (1.0, 2.0, yaw)).extent for yaw in (0.0, 0.7)
+    )
+    assert straight == "1 to 3.5 and 2 to 4 m"
+    assert turned == "2.5 m x 2 m from the corner (1, 2), turned by 0.7 rad"

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import InputError
-from wheelchair_gym.geometry import Footprint, footprint_clearance, to_world
+from wheelchair_gym.geometry import Footprint, to_world
 from wheelchair_gym.maps import MapWithWalls
 from wheelchair_gym.rendering import floor, palette
 from wheelchair_gym.rendering.canvas import Canvas
 from wheelchair_gym.rendering.video import Window
+from wheelchair_gym.scenes.map_file import is_free_on
 from wheelchair_gym.types import no_discs
 
 _SIZE = 960  # pixels: the long side
@@ -47,7 +47,7 @@ def pick_poses(of: MapWithWalls, footprint: Footprint) -> tuple[list[float], lis
                     pressed, said = place, ""
                 elif pressed is not None:
                     pose = _pose(pressed, place)
-                    if _is_free(pose, of, footprint):
+                    if is_free_on(*of, pose, footprint):
                         chosen.append(pose)
                     else:
                         said = "the chair cannot stand there. "
@@ -56,7 +56,7 @@ def pick_poses(of: MapWithWalls, footprint: Footprint) -> tuple[list[float], lis
             if chosen:
                 floor.draw_start(drawn, chosen[0])
             pose = _pose(pointer if pressed is None else pressed, pointer)
-            free = _is_free(pose, of, footprint)
+            free = is_free_on(*of, pose, footprint)
             outline = to_world(footprint.corners, np.array(pose))
             drawn.line(outline, palette.GOAL if free else palette.VERMILION, 2.0, closed=True)
             floor.write_caption(drawn, f"{said}press at the {name}, drag to turn it")
@@ -78,11 +78,3 @@ def _pose(place: Array, towards: Array) -> list[float]:
     dx, dy = (towards - place).tolist()
     yaw = math.atan2(dy, dx) if math.hypot(dx, dy) > _TURNS else 0.0
     return [*np.round(place, 3).tolist(), round(yaw, 3)]
-
-
-def _is_free(pose: list[float], of: MapWithWalls, footprint: Footprint) -> bool:
-    clearance: Any = footprint_clearance
-    gap = clearance(*pose, footprint.array, of.walls, no_discs(), 0.1)
-    row, column = of.grid.to_cell(pose[:2])
-    inside = bool(of.grid.inside(pose[:2]))
-    return inside and of.grid.cells[row, column] == 0 and gap > 0.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import lru_cache
 from importlib import resources
 from pathlib import Path
@@ -73,7 +74,7 @@ class MapFile:
         path = Path(chosen) if chosen else example_map()
         grid, walls = _read(path, modified(path), self.unknown_is_solid, self.resolution)
         for name, pose in (("start", self.start), ("goal", self.goal)):
-            if pose is not None and not _is_free(grid, walls, pose, footprint):
+            if pose is not None and not is_free_on(grid, walls, pose, footprint):
                 place = f"{path}: the {name} {','.join(f'{value:g}' for value in pose)}"
                 if not grid.inside(pose[:2]):
                     raise InputError(f"{place} lies outside the map, {grid.extent}")
@@ -119,8 +120,10 @@ class MapFile:
         )
 
 
-def _is_free(grid: OccupancyGrid, walls: Array, pose: Pose, footprint: Footprint) -> bool:
-    """Whether a pose lies on a free cell and its footprint touches no wall."""
+def is_free_on(
+    grid: OccupancyGrid, walls: Array, pose: Sequence[float], footprint: Footprint
+) -> bool:
+    """Return True if a pose lies on a free cell and the footprint touches no wall there."""
     row, col = grid.to_cell(pose[:2])
     if not grid.inside(pose[:2]) or grid.cells[row, col] != FREE:
         return False
