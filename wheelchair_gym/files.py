@@ -13,7 +13,7 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, Any, ClassVar, Final, NamedTuple
+from typing import IO, Any, Final, NamedTuple
 
 from wheelchair_gym.errors import InputError, shorten
 
@@ -222,10 +222,6 @@ def parse_yaml(text: str, path: str | Path) -> Any:
         """Counts what it composes."""
 
         values = depth = 0
-        yaml_implicit_resolvers: ClassVar = {
-            first: [pair for pair in pairs if not pair[0].endswith((":int", ":float"))]
-            for first, pairs in yaml.SafeLoader.yaml_implicit_resolvers.items()
-        }
 
         def scan_to_next_token(self) -> None:
             """Skip blanks, tabs (which PyYAML refuses), comments and ends of lines."""
@@ -254,6 +250,10 @@ def parse_yaml(text: str, path: str | Path) -> Any:
         def construct_yaml_int(self, node: Any) -> int:
             return _parse_int(str(node.value))
 
+    Loader.yaml_implicit_resolvers = {
+        first: [pair for pair in pairs if not pair[0].endswith((":int", ":float"))]
+        for first, pairs in yaml.SafeLoader.yaml_implicit_resolvers.items()
+    }
     for kind, form, first in (
         ("int", r"[-+]?[0-9]+", "-+0123456789"),
         ("float", r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?", "-+.0123456789"),

@@ -213,7 +213,9 @@ def assisted(given: argparse.Namespace) -> int:
     if given.map is not None:
         if given.start is None or len(given.start) != 3:
             raise InputError("--map: expected --start X,Y,YAW, too (m, m, rad)")
-        episode = without_goal(*_start_on_map(given))
+        grid, walls = _map_of(given)
+        _check_free(grid, "--start", given.start, given.map)
+        episode = without_goal(grid, np.array(given.start), walls)
     rehearsed = dataclasses.replace(config.sensors, pose_source="truth")
     hand = config.hardware.joystick
     if given.input == "gamepad":
@@ -308,17 +310,6 @@ def fit(given: argparse.Namespace) -> int:
     }
     report(given, value, "\n".join(lines))
     return 0
-
-
-def _start_on_map(given: argparse.Namespace) -> tuple[Any, Any, Any]:
-    """The map of --map, --start and the map's walls.
-
-    Raises:
-        InputError: the map cannot be read, or the start is not free.
-    """
-    grid, walls = _map_of(given)
-    _check_free(grid, "--start", given.start, given.map)
-    return grid, np.array(given.start), walls
 
 
 def _map_of(given: argparse.Namespace) -> MapWithWalls:

@@ -65,11 +65,6 @@ def test_walls_run_as_far_as_they_can_and_keep_solid_on_the_left(seed):
         assert grid.cells[row, col] == OCCUPIED
 
 
-def test_diagonal_neighbours_touch_but_do_not_cross():
-    grid = OccupancyGrid(np.array([[OCCUPIED, FREE], [FREE, OCCUPIED]]), 1.0)
-    assert len(grid.walls()) == 8
-
-
 def test_an_empty_grid_has_no_walls_and_no_end_of_room():
     grid = OccupancyGrid(np.zeros((4, 5)), 0.1)
     assert grid.walls().shape == (0, 4)

@@ -117,10 +117,11 @@ def test_solid_polygons_that_overlap_are_united(tmp_path, seed):
         box = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * size / 2
         box = box @ np.array([(np.cos(turn), np.sin(turn)), (-np.sin(turn), np.cos(turn))])
         polygons.append((box + rng.integers(0, 9, 2))[:: rng.choice([-1, 1])])
-    room = {"bounds": [0, 0, 8, 6], "polygons": [polygon.tolist() for polygon in polygons]}
+    top = rng.uniform((7.9, 5.9), (8.0, 6.0))
+    room = {"bounds": [0, 0, *top], "polygons": [polygon.tolist() for polygon in polygons]}
     found = read_any_map(put(tmp_path, "room.json", room))
-    points = rng.uniform((-0.1, -0.1), (8.1, 6.1), (2000, 2))
-    solid = ((points < 0) | (points > (8, 6))).any(axis=1)
+    points = rng.uniform(-0.1, top + 0.1, (2000, 2))
+    solid = ((points < 0) | (points > top)).any(axis=1)
     for polygon in polygons:
         solid |= winding(points, polygon_edges(polygon)) != 0
     np.testing.assert_array_equal(winding(points, found.walls), solid)

@@ -105,8 +105,8 @@ def polygons_map(data: Mapping[str, Any], path: str | Path) -> tuple[OccupancyGr
     corner = low - WALL
     columns, rows = np.ceil((high - low + 2 * WALL) / CELL - 1e-9).astype(int)
     check_cells(rows, columns, str(path))
-    inside, _ = cells_of_outline((_box(low, high) - corner) / CELL, (rows, columns))
-    solid = ~inside
+    inside, cut = cells_of_outline((_box(low, high) - corner) / CELL, (rows, columns))
+    solid = ~inside | cut
     for outline in outlines:
         within, cut = cells_of_outline((outline - corner) / CELL, (rows, columns))
         solid |= within | cut

@@ -57,8 +57,6 @@ def read_picture(path: Path) -> Picture:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of its own, looser limit
             header = Image.open(io.BytesIO(content), formats=_FORMATS)
-            exif = {} if header.format in ("PPM", "TIFF") else header.getexif()
-            turn = exif.get(_EXIF_ORIENTATION, 1)  # OpenCV turns TIFF itself
     except Exception:  # whatever Pillow makes of damaged bytes
         raise _undecodable(path) from None
     columns, rows = header.size
@@ -71,7 +69,12 @@ def read_picture(path: Path) -> Picture:
         )
     if header.format == "PPM" and header.mode != "1":
         return _netpbm(content, path)
-    image = _turned(_decoded(content, path), turn)
+    image = _decoded(content, path)
+    if header.format == "JPEG" or b"eXIf" in content:  # OpenCV turns TIFF itself
+        try:
+            image = _turned(image, header.getexif().get(_EXIF_ORIENTATION, 1))
+        except Exception:
+            raise _undecodable(path) from None
     transparent = "transparency" in header.info or "A" in header.getbands()
     if transparent and (image.ndim == 2 or image.shape[2] != 4):
         raise InputError(f"{path}: its transparency cannot be decoded; expected a PNG with alpha")
