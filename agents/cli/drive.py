@@ -104,7 +104,7 @@ def simulate(given: argparse.Namespace) -> int:
     text = (
         f"{name} on {place}, seed {given.seed}: "
         f"{outcome if record['success'] else f'did not arrive ({outcome})'} after "
-        f"{record['time']:.1f} s and {record['length']:.2f} m (shortest {record['geodesic']:.2f}"
+        f"{record['time']:.1f} s and {record['length']:.2f} m (shortest {record['shortest']:.2f}"
         f" m), least clearance {'-' if least is None else f'{least:.3f}'} m"
         + (f"; it stands: {'; '.join(stands)}" if stands else "")
         + (" (in simulation it cannot be re-armed)" if stands and given.chair is None else "")

@@ -213,7 +213,7 @@ def _in_processes(given: argparse.Namespace, cases: list[Case]) -> int:
             while waiting and len(running) < given.jobs:
                 case = waiting.pop(0)
                 case.folder.mkdir(parents=True, exist_ok=True)
-                command = [sys.executable, "-m", "agents.cli", "train", given.algorithm]
+                command = [sys.executable, "-m", "wheelchair_gym", "train", given.algorithm]
                 command += ["--seeds", str(case.seed), "--out", str(case.folder)]
                 for key in ("config", "frames"):
                     if getattr(given, key) is not None:

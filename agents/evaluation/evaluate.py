@@ -18,6 +18,7 @@ import numpy as np
 from agents.evaluation.assisted import StickTrace
 from agents.evaluation.metrics import Record, Trace, measure
 from agents.evaluation.runs import compute, run_key, source_digest
+from agents.evaluation.shortest import shortest_path
 from agents.evaluation.social import PeopleTrace
 from agents.policies import GymPolicy, Policy, make_policy, spec_of
 from agents.policies.learned import weights_digest
@@ -155,7 +156,8 @@ def drive_episode(
     if margin < TIGHT:
         parts = (world.walls, world.discs, world.start, world.goal)
         margin = min(margin, _margin(*(part.tobytes() for part in parts), task.footprint))
-    trace = Trace(task.period, margin, task.limits.forward, world.reference_length)
+    shortest = shortest_path(task, world, info["pose"])
+    trace = Trace(task.period, margin, task.limits.forward, shortest, world.reference_length)
     trace.given_map = world.map if task.built_map is None else None
     if (world.actors.rows["kind"] == PERSON).any():
         trace.people = PeopleTrace(world, task.footprint)

@@ -13,6 +13,7 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from agents.evaluation.assisted import MEASURES, StickTrace
+from agents.evaluation.shortest import Shortest
 from agents.evaluation.social import PeopleTrace
 from agents.policies.planning import PlanningFigures
 from planners.collision.polygon_tests import SpaceArrays, clearance
@@ -33,8 +34,8 @@ ROUGH = 0.9  # m/s2: standing passengers of public transport begin to complain a
 Z95 = 1.959963984540054  # two-sided 95 % quantile of the normal distribution
 SPACING = 0.1  # m between the points of a path whose clearances are averaged
 MEANS = (
-    "spl", "sct", "barn", "barn_own", "halts", "replans", "clearance_mean", "accel_rms", "jerk_rms",
-    "rough_share", "energy_per_m",
+    "spl", "spl_grid", "sct", "barn", "barn_own", "halts", "replans", "clearance_mean", "accel_rms",
+    "jerk_rms", "rough_share", "energy_per_m",
 )  # fmt: skip
 SOCIAL_MEANS = (
     "person_distance_min",
@@ -117,6 +118,7 @@ class Trace:
     period: float  # of control [s]
     margin: float = math.nan  # by how much the chair could grow and still pass [m]
     top: float = 0.8  # the chair's own top speed [m/s]
+    shortest: Shortest = Shortest(math.nan, False)  # path from the start to the goal's region
     reference: float | None = None  # path length of the BARN score, where the world names one [m]
     replans: int = 0  # plans made after the first
     given_map: OccupancyGrid | None = None  # None: the chair draws its own
@@ -155,7 +157,8 @@ def measure(trace: Trace, info: Mapping[str, Any], truncated: bool) -> Record:
         with the axle's centre on the given map all the time (else `left_map`); `missed`, that the
         chair wrongly believed to have arrived; `at_fault`, that it caused a
         contact; `touched_actor`, that it touched something that moves. `sct` is success weighted
-        by completion time (Yokoyama et al. 2021), for the shortest path at the chair's top speed.
+        by completion time (Yokoyama et al. 2021), for the shortest path at the chair's top speed;
+        `spl_grid` is SPL as it was up to 0.2, relative to the grid's geodesic to the goal itself.
         Social measures are added where the episode has people, those of `assisted` where a person
         drives.
     """
@@ -171,8 +174,11 @@ def measure(trace: Trace, info: Mapping[str, Any], truncated: bool) -> Record:
     else:
         outcome = "timeout" if truncated else "missed"
     length = float(np.hypot(*np.diff(poses[:, :2], axis=0).T).sum())
-    geodesic = float(info["geodesic"])
-    spl = geodesic / max(length, geodesic, 1e-9) if success else 0.0
+    geodesic, shortest = float(info["geodesic"]), trace.shortest.length
+    spl, spl_grid = (
+        (1.0 if length <= least else least / max(length, 1e-9)) if success else 0.0
+        for least in (shortest, geodesic)
+    )
     reference = geodesic if trace.reference is None else trace.reference
     seconds = float(info["time"])
     acts = 1e3 * np.array(trace.acts_s or [0.0])
@@ -187,8 +193,11 @@ def measure(trace: Trace, info: Mapping[str, Any], truncated: bool) -> Record:
         "time": seconds,
         "length": length,
         "geodesic": geodesic,
+        "shortest": shortest,
+        "shortest_is_exact": trace.shortest.is_exact,
         "spl": spl,
-        "sct": min(1.0, geodesic / trace.top / max(seconds, 1e-9)) if success else 0.0,
+        "spl_grid": spl_grid,
+        "sct": min(1.0, shortest / trace.top / max(seconds, 1e-9)) if success else 0.0,
         "barn": barn_score(success, seconds, reference, BARN_SPEED),
         "barn_own": barn_score(success, seconds, reference, trace.top),
         "halts": halts(twists, trace.period),

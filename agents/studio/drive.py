@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from agents.assistance import is_shielded, make_assistant
 from agents.assistance.assistant import AssistMission
+from agents.evaluation.shortest import Shortest, shortest_path
 from agents.studio.catalogue import ANY_TIME, NO_HAND, NO_SIGHT, Place
 from wheelchair_gym.config import InputError, dump
 from wheelchair_gym.drivers import make_driver
@@ -113,7 +114,7 @@ class Drive:
         if not self.order.place.timed:
             episode = dataclasses.replace(self._world.episode, time_limit=ANY_TIME)
             _, self._info = self._world.reset(seed=seed, options={"episode": episode})
-        self._least = self._info["clearance"]
+        self._start, self._least = self._info["pose"], self._info["clearance"]
         self._contact, self._changed = bool(self._info["contact"]), 0
         self._truncated = False
 
@@ -258,13 +259,17 @@ class Drive:
                 self.file.unlink(missing_ok=True)
                 self.file = None
 
+    def shortest(self) -> Shortest:
+        """Return the shortest path of the drive, which compiles its search at first use."""
+        return shortest_path(self._world.task, self._world.episode, self._start)
+
     def summary(self) -> dict[str, Any]:
         """The figures of the drive so far, and its outcome as `compare` names it."""
         info = self._info
         outcome = outcome_of(info, self._contact, self._truncated) if self.over else "stopped"
         return {
             "outcome": outcome, "time": float(info["time"]), "length": float(info["distance"]),
-            "geodesic": float(info["geodesic"]), "clearance_min": float(self._least),
+            "shortest": self.shortest().length, "clearance_min": float(self._least),
             "energy": float(info["energy"]), "changed": self._changed / max(1, self.steps),
             "file": None if self.file is None else self.file.name, "note": self.note,
         }  # fmt: skip

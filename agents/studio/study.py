@@ -55,6 +55,7 @@ class MeasuredDrive(Drive):
 
     def figures(self) -> Record:
         """The figures so far; a drive that was given up has not arrived."""
+        self._trace.shortest = self.shortest()
         return measure(self._trace, self._info, self._truncated)
 
 

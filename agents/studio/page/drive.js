@@ -294,7 +294,7 @@ export class DrivePage {
     this.banner(words, message.outcome === "success" ? "good" : message.outcome === "collision" ? "alarm" : "");
     this.on.outcome.textContent = words;
     this.on.figures.textContent = text("figures", {
-      time: fixed(message.time, 1), length: fixed(message.length, 2), geodesic: message.geodesic === null ? "–" : fixed(message.geodesic, 2),
+      time: fixed(message.time, 1), length: fixed(message.length, 2), shortest: message.shortest === null ? "–" : fixed(message.shortest, 2),
       clearance: fixed(message.clearance_min, 2), energy: fixed(message.energy, 2), changed: fixed(100 * message.changed, 0),
     });
     this.on.results.hidden = false;

@@ -19,6 +19,7 @@ from agents.evaluation.metrics import (
     wilson,
 )
 from wheelchair_gym.maps import OccupancyGrid
+from agents.evaluation.shortest import Shortest
 
 
 @pytest.mark.parametrize(
@@ -85,7 +86,7 @@ def info(x, **other):
 
 
 def episode(last, truncated=False, given_map=None, **middle):
-    trace = Trace(0.5, given_map=given_map)
+    trace = Trace(0.5, shortest=Shortest(0.8, True), given_map=given_map)
     steps = [info(0.0), info(0.25, **middle), info(0.5), info(1.25, **last)]
     for step in steps:
         trace.add(step)
@@ -97,7 +98,8 @@ def test_a_success_is_measured():
     record = episode({"is_success": True, "arrived": True})
     assert record["outcome"] == "success"
     assert record["length"] == pytest.approx(1.25)
-    assert record["spl"] == pytest.approx(1.0 / 1.25)
+    assert record["spl"] == pytest.approx(0.8 / 1.25)
+    assert record["spl_grid"] == pytest.approx(1.0 / 1.25)
     assert record["energy_per_m"] == pytest.approx(0.02)
     assert record["time"] == pytest.approx(2.5)
     assert record["act_ms_p50"] == pytest.approx(2.0)
