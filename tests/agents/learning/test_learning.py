@@ -8,6 +8,8 @@ import inspect
 import json
 import re
 from collections import Counter
+from importlib.util import find_spec
+from unittest.mock import MagicMock
 
 import gymnasium as gym
 import numpy as np
@@ -350,6 +352,15 @@ def test_values_that_vary_are_taken_as_they_were_typed():
         ["1e-3", "0.001"],
     )
     assert varied(None) == ("", [""])
+
+
+def test_runs_beside_each_other_are_started_by_a_module_that_runs(tmp_path, monkeypatch):
+    started = MagicMock()
+    started.return_value.wait.return_value = 2
+    monkeypatch.setattr("subprocess.Popen", started)
+    assert main(["train", "bc", "--seeds", "0,1", "--jobs", "2", "--out", str(tmp_path)]) == 2
+    for call in started.call_args_list:
+        assert find_spec(f"{call.args[0][2]}.__main__")
 
 
 def test_runs_that_differ_in_a_setting_are_told_side_by_side(tmp_path, capsys):
