@@ -37,7 +37,7 @@ _TESTS = (
     Column("measure", "measure", None), Column("pair", "difference", None),
     Column("participants", "participants", digits=0),
     Column("median", "median", digits=".3g", meaning="of the participants' differences"),
-    Column("low", "from", digits=".3g", meaning="beginning of its 95 % bootstrap interval"),
+    Column("low", "from", digits=".3g", meaning="beginning of its 95 % interval"),
     Column("high", "to", digits=".3g", meaning="end of the interval"),
     Column("p", "p", digits=".2g", meaning="Wilcoxon's signed-rank test, two-sided"),
     Column("p_holm", "p (Holm)", digits=".2g", meaning="adjusted for the pairs of one measure"),

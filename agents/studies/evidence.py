@@ -324,11 +324,15 @@ def wilcoxon_p(values: Array, alternative: str = "two-sided") -> float:
 
 
 def median_interval(values: Array) -> tuple[float, float, float]:
-    """A median and its 95 % bootstrap interval (percentiles of 2000 draws, one seed)."""
-    rng = np.random.default_rng(0)
-    drawn = np.median(rng.choice(values, (2000, len(values))), axis=1)
-    low, high = np.percentile(drawn, [2.5, 97.5])
-    return float(np.median(values)), float(low), float(high)
+    """Return a median and its 95 % interval: the k-th smallest and k-th largest of n values.
+
+    The number of values below the true median is binomial (n, 1/2). For fewer than six values no k
+    gives 95 %, and the ends are NaN.
+    """
+    ordered, n = np.sort(values), len(values)
+    k = int(stats.binom.ppf(0.025, n, 0.5))
+    low, high = (ordered[k - 1], ordered[n - k]) if k else (math.nan, math.nan)
+    return float(np.median(ordered)), float(low), float(high)
 
 
 def spread_below(a: Sample, b: Sample, text: str) -> Evidence:

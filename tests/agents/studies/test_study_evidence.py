@@ -134,6 +134,18 @@ def test_intervals_cover_the_truth_as_often_as_they_say():
     assert 0.92 <= hits / 400 <= 0.98
 
 
+@pytest.mark.parametrize("n", range(1, 31))
+def test_intervals_of_medians_cover_the_median_as_often_as_they_say(n):
+    """Of a skewed and of a discrete distribution; none is given where none can be."""
+    rng = np.random.default_rng(n)
+    for median, drawn in ((np.log(2.0), rng.exponential(size=(2000, n))),
+                          (2.0, rng.binomial(4, 0.5, (2000, n)))):  # fmt: skip
+        found, low, high = np.array([evidence.median_interval(values) for values in drawn]).T
+        assert (found == np.median(drawn, axis=1)).all()
+        assert np.isnan(low).all() == np.isnan(high).all() == (n < 6)
+        assert n < 6 or np.mean((low <= median) & (median <= high)) > 0.942  # 0.95, and 1.6 sigma
+
+
 def test_true_nothing_is_seldom_called_something():
     wrong = 0
     for seed in range(300):
