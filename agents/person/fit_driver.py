@@ -8,7 +8,8 @@ show keeps the value of a person to begin with, and is named.
 
 Methods: the hand's response by output-error minimization (Ljung 1999, section 7.2); the tremor by
 its spectrum (`fit_tremor`); the dead zone from the grid of values that a stick's steps leave; 95 %
-intervals by the bootstrap (Efron 1979) over prompts, or over stretches of a drive.
+intervals by the bootstrap (Efron 1979) over prompts, or over stretches of a drive; that of switches'
+median delay by binomial order statistics.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from scipy.signal import lfilter
 
 from agents.person.fit_tremor import TICK, TREMOR, FittedSetting, estimate, fit_tremor
 from agents.person.recorded_stick import StickSession
+from agents.studies.evidence import median_interval
 from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.config import InputError, dump
 from wheelchair_gym.drivers import make_driver
@@ -348,9 +350,7 @@ def _fit_switches(
         chance = n / (n - 1)
         draws = [rng.integers(len(delays), size=len(delays)) for _ in range(repeats)]
         half = 0.5 * sessions[0].period  # a change is seen so late on average
-        estimates["delay"] = estimate(
-            float(np.median(delays)) - half, [float(np.median(delays[k])) - half for k in draws]
-        )
+        estimates["delay"] = FittedSetting(*(d - half for d in median_interval(delays)))
         estimates["interface.error"] = estimate(
             min(1.0, chance * float(wrong.mean())),
             [min(1.0, chance * float(wrong[k].mean())) for k in draws],
