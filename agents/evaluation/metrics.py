@@ -13,7 +13,7 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from agents.evaluation.assisted import MEASURES, StickTrace
-from agents.evaluation.shortest import Shortest
+from agents.evaluation.shortest import NO_SHORTEST, Shortest
 from agents.evaluation.social import PeopleTrace
 from agents.policies.planning import PlanningFigures
 from planners.collision.polygon_tests import SpaceArrays, clearance
@@ -118,7 +118,7 @@ class Trace:
     period: float  # of control [s]
     margin: float = math.nan  # by how much the chair could grow and still pass [m]
     top: float = 0.8  # the chair's own top speed [m/s]
-    shortest: Shortest = Shortest(math.nan, False)  # path from the start to the goal's region
+    shortest: Shortest = NO_SHORTEST  # path from the start to the goal's region
     reference: float | None = None  # path length of the BARN score, where the world names one [m]
     replans: int = 0  # plans made after the first
     given_map: OccupancyGrid | None = None  # None: the chair draws its own

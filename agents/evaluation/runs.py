@@ -10,7 +10,10 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import signal
 import sys
+import threading
+import time
 import zlib
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -19,7 +22,6 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from agents import StoppedError, is_interrupt
-from agents.evaluation.workers import LostError, in_workers
 from wheelchair_gym.config import InputError, dump
 from wheelchair_gym.files import LIMITS, opened, parse_json, write_error
 from wheelchair_gym.registry import places_in, source_of
@@ -30,6 +32,7 @@ Made = tuple[str, Record]
 
 LOG_PAUSE = 10.0  # s between two lines of progress in a log
 LOSSES = 3  # in a row: workers that are lost without the end of a run between
+IDLE_TIME = 300  # s that idle workers wait for the next runs: loading all kernels takes seconds
 
 
 @contextmanager
@@ -223,3 +226,61 @@ def _by_workers(
                 raise
         finally:
             made.close()
+
+
+class LostError(Exception):
+    """A worker ended before its job did."""
+
+
+def _start_worker() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides when to stop
+    threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
+
+
+def _end_with(parent: int) -> None:
+    """End this worker with its parent, which cannot end it when it is killed."""
+    while os.getppid() == parent:
+        time.sleep(1.0)
+    os._exit(1)
+
+
+def _numbered(
+    work: Callable[[Any], Any], number: int, job: Any, places: Sequence[str]
+) -> tuple[int, Any]:
+    """The number and the result of a job, with modules looked for in these folders, too."""
+    sys.path += [place for place in places if place not in sys.path]
+    return number, work(job)
+
+
+def in_workers(
+    work: Callable[[Any], Any], jobs: Sequence[Any], workers: int, alone: bool
+) -> Generator[tuple[int, Any]]:
+    """The number and the result of each job as it ends.
+
+    Args:
+        work: importable by workers, as its job.
+        jobs: of the work.
+        workers: processes.
+        alone: hand out each job by itself; otherwise short jobs are handed out in batches.
+
+    Raises:
+        LostError: a worker was lost; the jobs that have not ended are not run.
+    """
+    from concurrent.futures import BrokenExecutor
+
+    from joblib import Parallel, delayed
+
+    pool = Parallel(
+        workers, "loky", return_as="generator_unordered", batch_size=1 if alone else "auto",
+        max_nbytes=None, initializer=_start_worker, inner_max_num_threads=1,
+        idle_worker_timeout=IDLE_TIME,
+    )  # fmt: skip
+    # Workers may be those of an earlier call from another folder.
+    places = [os.getcwd(), *filter(None, sys.path)]
+    made = pool(delayed(_numbered)(work, number, job, places) for number, job in enumerate(jobs))
+    try:
+        yield from made
+    except BrokenExecutor as error:
+        raise LostError(type(error).__name__) from None
+    finally:
+        made.close()

@@ -38,6 +38,9 @@ class Shortest(NamedTuple):
     is_exact: bool  # False: the straight line to the goal's region
 
 
+NO_SHORTEST = Shortest(math.nan, False)
+
+
 def shortest_path(task: Task, episode: Episode, start: Array) -> Shortest:
     """Return the length of the shortest path from a start to the goal's region.
 

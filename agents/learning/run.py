@@ -23,7 +23,7 @@ import torch
 from stable_baselines3.common.utils import set_random_seed
 
 from agents.evaluation.provenance import write_json
-from agents.evaluation.workers import LostError, in_workers
+from agents.evaluation.runs import LostError, in_workers
 from agents.learning import checkpoint, curves, networks
 from agents.learning.curves import Row
 from agents.learning.features import Layout

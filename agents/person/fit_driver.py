@@ -8,8 +8,8 @@ show keeps the value of a person to begin with, and is named.
 
 Methods: the hand's response by output-error minimization (Ljung 1999, section 7.2); the tremor by
 its spectrum (`fit_tremor`); the dead zone from the grid of values that a stick's steps leave; 95 %
-intervals by the bootstrap (Efron 1979) over prompts, or over stretches of a drive; that of switches'
-median delay by binomial order statistics.
+intervals by the bootstrap (Efron 1979) over prompts, or over stretches of a drive; that of
+switches' median delay by binomial order statistics.
 """
 
 from __future__ import annotations
