@@ -9,7 +9,7 @@ from gymnasium.vector import AutoresetMode
 from stable_baselines3 import PPO
 
 from agents.evaluation.evaluate import evaluate
-from agents.learning.sb3 import SB3VecEnv
+from agents.learning.sb3 import SaveModel, SB3VecEnv
 from wheelchair_gym.envs import NavigationVectorEnv
 
 parser = argparse.ArgumentParser(description=__doc__)
@@ -29,14 +29,11 @@ envs = NavigationVectorEnv(
     autoreset_mode=AutoresetMode.SAME_STEP,
 )
 model = PPO("MultiInputPolicy", SB3VecEnv(envs), n_steps=64, batch_size=256, seed=0)
-model.learn(given.steps, progress_bar=False)
-model.save(f"{given.out}/model.zip")
+# The file holds the settings of the environment, too: the policy observes and acts as in training.
+file = f"{given.out}/model.zip"
+model.learn(given.steps, callback=SaveModel(file), progress_bar=False)
 
-policy = {
-    "name": f"{given.out}/model.zip",
-    "trained_in": {"rate": 5.0, "guidance": "geodesic"},
-    "label": "mine",
-}
+policy = {"name": file, "label": "mine"}
 records = evaluate(
     [policy, "straight"],
     ["clutter"],

@@ -176,6 +176,8 @@ COMMANDS = (
             option("--policies", "policies, in place of the suite's: PLANNER+FOLLOWER, "
                    "module:Class, a file of weights (.npz, .onnx), a model of stable-baselines3 "
                    "(.zip, which runs code), ...", names),
+            option("--trained-in", "settings of the environment that models of stable-baselines3 "
+                   "were trained in, where their .zip does not hold them", None, "FILE.json"),
             option("--driver", "simulated people who drive, in place of policies: expert, novice, "
                    "... (configs/drivers.json), module:function or FILE.json:NAME", names),
             option("--assist", "with --driver: assistants that are compared (default: all)",

@@ -16,7 +16,7 @@ from agents.evaluation import compare as comparison
 from agents.evaluation.evaluate import Spec, label
 from agents.evaluation.provenance import cores
 from agents.evaluation.report import BRIEF, terminal_table
-from wheelchair_gym.config import InputError
+from wheelchair_gym.config import InputError, read_json
 from wheelchair_gym.drivers import make_driver
 from wheelchair_gym.scenes.barn import world_numbers
 
@@ -64,6 +64,8 @@ def compare(given: argparse.Namespace) -> int:
         ]
     env["shield"] = shield_of(given)
     policies: Sequence[Spec] = tuple(map(labelled, given.policies or ())) or suite.policies
+    if given.trained_in is not None:
+        policies = trained_in(policies, given.trained_in)
     if given.driver is None and given.assist is not None:
         raise InputError("--assist needs --driver: a person whose stick is assisted")
     if given.driver is not None:
@@ -92,6 +94,23 @@ def compare(given: argparse.Namespace) -> int:
     table = terminal_table(evaluation, columns)
     report(given, evaluation, f"{table}\n{folder / 'report.html'}")
     return 0
+
+
+def trained_in(policies: Sequence[Spec], file: str) -> list[Spec]:
+    """The policies, with these settings of training for models of stable-baselines3.
+
+    Raises:
+        InputError: the file cannot be read, or no policy is such a model.
+    """
+    content = read_json(file)
+    found = [
+        {"name": spec, "trained_in": content, "label": spec}
+        if isinstance(spec, str) and spec.endswith(".zip") else spec
+        for spec in policies
+    ]  # fmt: skip
+    if found == list(policies):
+        raise InputError("--trained-in needs a model of stable-baselines3 (.zip) in --policies")
+    return found
 
 
 def assistants(names: Sequence[str] | None) -> list[dict[str, Any]]:

@@ -1,17 +1,25 @@
-"""The vector environment as stable-baselines3 expects it."""
+"""The vector environment as stable-baselines3 expects it, and models that know their training."""
 
 from __future__ import annotations
 
+import json
+import re
 import time
+import zipfile
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
-from stable_baselines3.common.vec_env import VecEnv
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 
+from agents.policies.sb3 import RECORD
+from wheelchair_gym.config import dump
 from wheelchair_gym.envs import NavigationVectorEnv
+from wheelchair_gym.files import atomic_write
 
 
 def flatten_space(boxes: list[Any]) -> gym.spaces.Box:
@@ -132,3 +140,55 @@ class SB3VecEnv(VecEnv):
     def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:
         """False for each index: rows are not wrapped."""
         return [False for _ in self._get_indices(indices)]
+
+
+def save_model(model: Any, path: str | Path) -> None:
+    """Save a model with what it needs to drive as in training.
+
+    Its .zip also holds the settings of the environment, the names of the wrappers, and the
+    statistics of `VecNormalize`, which must be the model's environment (`model.set_env`).
+    """
+    path = Path(path)
+    scale, venv, wrappers = model.get_vec_normalize_env(), model.get_env(), []
+    while isinstance(venv, VecEnvWrapper):
+        wrappers.append(type(venv).__name__)
+        venv = venv.venv
+    flat = isinstance(venv, SB3VecEnv) and venv._flat
+    if not isinstance(venv, SB3VecEnv):  # such as <Monitor<NavigationEnv<id>>>
+        (text,) = venv.env_method("__str__", indices=[0])
+        wrappers += re.findall(r"<(\w+)(?=[<\s])", text)[:-1]
+    (settings,) = venv.get_attr("settings", indices=[0])
+    normalization = None
+    if scale is not None and scale.norm_obs:
+        of = scale.obs_rms if isinstance(scale.obs_rms, dict) else {"": scale.obs_rms}
+        keys = {key: (rms.mean.tolist(), rms.var.tolist()) for key, rms in of.items()}
+        normalization = {"epsilon": scale.epsilon, "clip": scale.clip_obs, "keys": keys}
+    record = {
+        "env": dump(settings), "flat": flat, "wrappers": wrappers, "normalization": normalization,
+    }  # fmt: skip
+    with atomic_write(path) as part:
+        with part.open("wb") as stream:
+            model.save(stream)
+        with zipfile.ZipFile(part, "a") as file:
+            file.writestr(RECORD, json.dumps(record))
+
+
+class SaveModel(BaseCallback):
+    """A callback that calls `save_model` at the end of training, and between.
+
+    Args:
+        path: file of the model (.zip).
+        frequency: number of steps of the vector environment between two saves; 0: none between.
+    """
+
+    def __init__(self, path: str | Path, frequency: int = 0) -> None:
+        super().__init__()
+        self._path, self._frequency = path, frequency
+
+    def _on_step(self) -> bool:
+        if self._frequency and self.n_calls % self._frequency == 0:
+            save_model(self.model, self._path)
+        return True
+
+    def _on_training_end(self) -> None:
+        save_model(self.model, self._path)

@@ -1,4 +1,7 @@
-"""Models of stable-baselines3 as policies: a .zip that `model.save` wrote.
+"""Models of stable-baselines3 as policies: a .zip that `save_model` or `model.save` wrote.
+
+`agents.learning.sb3.save_model` adds what a model needs to drive as in training: the settings of
+its environment, and the statistics of `VecNormalize`.
 
 Loading such a file runs code that the file contains (it holds pickled objects): load only files
 that you trust. `wheelchair export` writes weights (.npz) that hold no code.
@@ -15,6 +18,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
@@ -28,6 +32,14 @@ from wheelchair_gym.task.task import Task
 
 Floats = NDArray[np.float32]
 
+RECORD = "wheelchair.json"  # the member of the .zip that `save_model` writes
+# Wrappers of an environment that change neither observations nor actions; of VecNormalize the
+# record holds the statistics.
+HARMLESS = {
+    "ClipReward", "Monitor", "NormalizeReward", "OrderEnforcing", "PassiveEnvChecker",
+    "RecordEpisodeStatistics", "RecordEpisodes", "RecordVideo", "TimeLimit", "TransformReward",
+    "VecCheckNan", "VecMonitor", "VecNormalize", "VecVideoRecorder",
+}  # fmt: skip
 # The class of a model by the module of its network's class; of PPO and A2C, by their settings.
 _ALGORITHMS = {
     "stable_baselines3.sac.policies": "stable_baselines3:SAC",
@@ -42,46 +54,76 @@ class Sb3Model:
     """A model of stable-baselines3 (.zip); loading it runs code that is in the file."""
 
     file: str = setting(default="", source="")
-    """The file that `model.save` wrote."""
-    trained_in: Mapping[str, Any] = dataclasses.field(
-        default_factory=dict, metadata={"source": "design choice"}
-    )
-    """Settings of the environment that it was trained in, where they are not the defaults; the
-    number of laser beams follows from the file."""
+    """The file that `agents.learning.sb3.save_model` or `model.save` wrote."""
+    trained_in: Mapping[str, Any] | None = setting(default=None, source="design choice")
+    """Settings of the environment that it was trained in, where the file does not hold them; the
+    number of laser beams follows from the model."""
 
     def make(self) -> LearnedDriver:
         """A fresh policy.
 
         Raises:
-            InputError: the file is no such model, or `trained_in` gives other observations.
+            InputError: the file is no such model, says not what it was trained in, was trained
+                behind a wrapper that changes what it observes, or does not fit its settings.
         """
         path = Path(self.file)
-        algorithm = _algorithm(path)
+        algorithm, record = _algorithm(path)
+        where = f"{path}: {RECORD}"
+        if record is None:
+            if self.trained_in is None:
+                raise InputError(
+                    f"{path}: does not hold the settings that it was trained in; save it by "
+                    "agents.learning.sb3.save_model, or give them: --trained-in FILE.json, or "
+                    '"trained_in" in the settings of the policy'
+                )
+            record, where = {"env": self.trained_in}, f"policy {path}: trained_in"
+        elif self.trained_in is not None:
+            raise InputError(f"{path}: holds the settings of its training; expected no trained_in")
+        if others := sorted(set(record.get("wrappers", ())) - HARMLESS):
+            raise InputError(
+                f"{path}: was trained behind {', '.join(others)}, which may change observations or "
+                f"actions; expected at most {', '.join(sorted(HARMLESS))}"
+            )
+        env = load(EnvSettings, record["env"], where)
         _say_once(f"wheelchair: {path}: loading it runs code that is in the file")
         try:
             model = algorithm.load(path, device="cpu")
         except Exception as error:  # whatever a pickle raises
             why = f"{type(error).__name__}: {error}".split("\n")[0]
             raise InputError(f"{path}: the model cannot be loaded ({why})") from error
-        expected = {key: box.shape for key, box in _boxes(model.observation_space, path).items()}
-        env = load(EnvSettings, self.trained_in, f"policy {path}: trained_in")
+        space, flat = model.observation_space, bool(record.get("flat", False))
+        if not flat and not isinstance(space, gym.spaces.Dict):
+            raise InputError(
+                f"{path}: its observations are {type(space).__name__}; expected the Dict of the "
+                "navigation environment, without wrappers that change it"
+            )
+        boxes = {"observations": space} if flat else dict(space.spaces)
+        expected = {key: box.shape for key, box in boxes.items()}
         if "laser" in expected:
             task = dataclasses.replace(env.task, beams=expected["laser"][0])
             env = dataclasses.replace(env, task=task)
         guidance = make_guidance(env.guidance)
         task_of_env = Task(env.task, env.chair, env.sensors, 1.0 / env.rate, guidance)
+        layout = Layout.of_task(task_of_env)
         found = {key: box.shape for key, box in task_of_env.spaces.items()}
+        found = {"observations": (sum(n for (n,) in found.values()),)} if flat else found
         if found != expected:
             raise InputError(
-                f"{path}: its observations are {_text(expected)}, those of the default "
-                f"environment {_text(found)}; give what it was trained in as trained_in"
+                f"{path}: its observations are {_text(expected)}, those of {where} {_text(found)}; "
+                "expected the settings of its training"
             )
-        layout = Layout.of_task(task_of_env)
+        normalization = record.get("normalization")
+        if "wrappers" not in record:
+            _say_once(
+                f"wheelchair: {path}: assumed: trained at {env.rate:g} Hz, without wrappers and "
+                "without normalization (VecNormalize)"
+            )
         card = {
             "env": dump(env),
             "layout": {"sizes": layout.sizes, "path_has_heading": layout.path_has_heading},
         }
-        return LearnedDriver(_Network(model, layout), card, hasattr(model.policy, "lstm_actor"))
+        network = _Network(model, layout, flat, normalization)
+        return LearnedDriver(network, card, hasattr(model.policy, "lstm_actor"))
 
 
 @cache
@@ -92,8 +134,11 @@ def _say_once(text: str) -> None:
 class _Network:
     """A model's deterministic action for flat observations, with its recurrent state."""
 
-    def __init__(self, model: Any, layout: Layout) -> None:
-        self._model, self._layout = model, layout
+    def __init__(
+        self, model: Any, layout: Layout, flat: bool, normalization: Mapping[str, Any] | None
+    ) -> None:
+        self._model, self._layout, self._flat = model, layout, flat
+        self._normalization = normalization
         self.reset(1)
 
     def reset(self, rows: int) -> None:
@@ -102,35 +147,35 @@ class _Network:
         self._begins = np.ones(rows, bool)
 
     def __call__(self, flat: Floats) -> Floats:
-        seen = {key: flat[:, self._layout.slice_of(key)] for key, _ in self._layout.sizes}
-        action, self._state = self._model.predict(seen, self._state, self._begins, True)
+        seen = {"": flat}
+        if not self._flat:
+            seen = {key: flat[:, self._layout.slice_of(key)] for key, _ in self._layout.sizes}
+        if self._normalization is not None:  # as VecNormalize does it
+            epsilon, most = self._normalization["epsilon"], self._normalization["clip"]
+            for key, (mean, var) in self._normalization["keys"].items():
+                scaled = (seen[key] - np.array(mean)) / np.sqrt(np.array(var) + epsilon)
+                seen[key] = np.clip(scaled, -most, most).astype(np.float32)
+        given = seen[""] if self._flat else seen
+        action, self._state = self._model.predict(given, self._state, self._begins, True)
         self._begins = np.zeros_like(self._begins)
         return np.asarray(action, np.float32)
-
-
-def _boxes(space: Any, path: Path) -> Mapping[str, Any]:
-    import gymnasium as gym
-
-    if not isinstance(space, gym.spaces.Dict):
-        raise InputError(
-            f"{path}: its observations are {type(space).__name__}; expected the Dict of the "
-            "navigation environment, without wrappers that change it"
-        )
-    return dict(space.spaces)
 
 
 def _text(shapes: Mapping[str, Any]) -> str:
     return ", ".join(f"{key} {shape[0]}" for key, shape in shapes.items())
 
 
-def _algorithm(path: Path) -> Any:
-    """The class of a model, read from its file without running anything in it."""
+def _algorithm(path: Path) -> tuple[Any, dict[str, Any] | None]:
+    """The class of a model, and what `save_model` recorded; nothing in the file is run."""
     try:
         with opened(path) as stream, zipfile.ZipFile(stream) as file:
-            if file.getinfo("data").file_size > LIMITS["json"].most:
+            names = ("data", RECORD) if RECORD in file.namelist() else ("data",)
+            if any(file.getinfo(name).file_size > LIMITS["json"].most for name in names):
                 raise InputError(f"{path}: its data is too long")
-            data = parse_json(file.read("data"), path)
+            data, *records = (parse_json(file.read(name), path) for name in names)
         module = data["policy_class"]["__module__"]
+        for record in records:
+            _check(record)
     except InputError:
         raise
     except Exception:  # whatever a damaged archive makes of itself
@@ -140,6 +185,23 @@ def _algorithm(path: Path) -> Any:
         place = "stable_baselines3:PPO" if "clip_range" in data else "stable_baselines3:A2C"
     package, _, name = place.partition(":")
     try:
-        return getattr(import_module(package), name)
+        return getattr(import_module(package), name), next(iter(records), None)
     except ImportError:
         raise InputError(f"{path}: needs the package {package}; pip install {package}") from None
+
+
+def _check(record: Any) -> None:
+    """Refuse a record that is not as `save_model` writes it.
+
+    Raises:
+        TypeError, KeyError, ValueError: a part is missing or wrong.
+    """
+    if not (isinstance(record["env"], dict) and isinstance(record["flat"], bool)):
+        raise TypeError
+    if not all(isinstance(name, str) for name in record["wrappers"]):
+        raise TypeError
+    if (scale := record["normalization"]) is not None:
+        float(scale["epsilon"]), float(scale["clip"])
+        for mean, var in scale["keys"].values():
+            if np.array(mean, float).shape != np.array(var, float).shape:
+                raise ValueError

@@ -31,9 +31,9 @@ def evaluation():
             "policy": policy, "scene": scene, "seed": seed, "outcome": outcome,
             "success": outcome == "success", "arrived": outcome == "success",
             "contact": outcome == "collision", "time": 10.5 + seed, "length": 6.0 + seed,
-            "geodesic": 5.8, "shortest": 5.5, "spl": 0.9, "clearance_min": 0.1 * seed, "clearance_mean": 0.5,
-            "jerk_rms": 0.4, "rough_share": 0.01, "energy_per_m": None, "plan_ms": None,
-            "act_ms_p50": 0.3, "act_ms_p95": 0.6,
+            "geodesic": 5.8, "shortest": 5.5, "spl": 0.9, "clearance_min": 0.1 * seed,
+            "clearance_mean": 0.5, "jerk_rms": 0.4, "rough_share": 0.01, "energy_per_m": None,
+            "plan_ms": None, "act_ms_p50": 0.3, "act_ms_p95": 0.6,
             "picture": None if outcome == "success" else f"pictures/{p}{s}{seed}.png",
         }
         for p, policy in enumerate(POLICIES)
@@ -48,9 +48,10 @@ def evaluation():
             "timeout": 1 / 3, "timeout_low": 0.0968, "timeout_high": 0.7, "arrived": 1 / 3,
             "at_fault": 1 / 6, "wide": 0.5, "wide_low": 0.15, "wide_high": 0.85, "margin": 0.07,
             "barn": 0.21, "barn_own": 0.34, "halts": 1.5, "replans": 2.25, "accel_rms": 0.2,
-            "spl": 0.31 + p, "spl_grid": 0.32 + p, "time": 11.5, "length": 7.03, "clearance_min": 0.123,
-            "clearance_mean": 0.5, "jerk_rms": 0.456, "rough_share": 0.017, "energy_per_m": None,
-            "plan_ms_p50": None, "plan_ms_p95": None, "act_ms_p50": 0.321, "act_ms_p95": 0.654,
+            "spl": 0.31 + p, "spl_grid": 0.32 + p, "time": 11.5, "length": 7.03,
+            "clearance_min": 0.123, "clearance_mean": 0.5, "jerk_rms": 0.456, "rough_share": 0.017,
+            "energy_per_m": None, "plan_ms_p50": None, "plan_ms_p95": None, "act_ms_p50": 0.321,
+            "act_ms_p95": 0.654,
         }
         for p, policy in enumerate(POLICIES)
         for scene in ["all", *SCENES]

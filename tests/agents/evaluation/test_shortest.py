@@ -87,23 +87,24 @@ def test_a_turned_world_has_the_same_shortest_path():
         assert second.length == pytest.approx(first.length, abs=0.005)
 
 
-@pytest.mark.parametrize("scene", ["clutter", "barn", "floor_plan", {"name": "skill", "course": "dock"}])
+DOCK = {"name": "skill", "course": "dock"}
+
+
+@pytest.mark.parametrize("scene", ["clutter", "barn", "floor_plan", DOCK])
 def test_no_drive_beats_it(scene):
     env = make_env(scene, {"pose_source": "modelled"}, None)
-    task, arrived = env.unwrapped.task, 0
+    arrived, trail = 0, []
+
+    def follow(env):
+        trail.append(env.unwrapped.chair.truth.pose)
+
     for seed, name in enumerate(("lattice+window", "a_star+pure_pursuit", "lattice+window")):
         env.reset(seed=seed)
+        trail.clear()
         episode = turned(env.unwrapped.episode, 0.7 * seed)
-        trail = []
-        record = drive_episode(
-            env,
-            make_policy(name),
-            seed,
-            lambda e: trail.append(e.unwrapped.chair.truth.pose),
-            episode,
-        )
+        record = drive_episode(env, make_policy(name), seed, follow, episode)
         steps = np.hypot(*np.diff(trail, axis=0)[:, :2].T)
-        assert steps.max() <= OVERSPEED * 0.8 * task.period
+        assert steps.max() <= OVERSPEED * 0.8 * env.unwrapped.task.period
         assert record["length"] == pytest.approx(steps.sum())
         assert record["shortest_is_exact"]
         if record["success"]:

@@ -26,6 +26,7 @@ from agents.learning.demonstrations import imitate
 from agents.learning.features import Layout, features
 from agents.learning.networks import AsymmetricPolicy, FeaturesExtractor, Teacher, actor_arrays
 from agents.learning.run import BATCH, POLICY, Run, train
+from agents.learning.sb3 import SaveModel
 from agents.learning.settings import RECIPES, Imitation, Training, as_json, read_training
 from agents.learning.weights import Network, load_weights
 from tests.agents.learning.tiny_runs import ENV, ON, PRIVY, random_weights, tiny, trained_run
@@ -396,4 +397,5 @@ def test_rl_zoo_trains_the_same_id_with_settings_that_exist():
     ((name, own),) = content.items()
     assert gym.spec(name).id == "wheelchair_gym/GuidedNavigation-v0"
     known = set(inspect.signature(PPO).parameters)
-    assert set(own) - known == {"n_envs", "n_timesteps", "normalize"}
+    assert set(own) - known == {"n_envs", "n_timesteps", "normalize", "callback"}
+    assert own["callback"] == [{f"{SaveModel.__module__}.SaveModel": {"path": "runs/zoo.zip"}}]
