@@ -120,11 +120,25 @@ def markdown_table(
     return "".join(f"| {' | '.join(line)} |\n" for line in texts)
 
 
+def _plain(value: Any) -> Any:
+    """A cell of CSV that no spreadsheet takes for a formula; numbers are unchanged."""
+    if not (isinstance(value, str) and value.startswith(("=", "+", "-", "@", "\t", "\r"))):
+        return value
+    try:
+        float(value)
+    except ValueError:
+        return f"'{value}"
+    return value
+
+
 def csv_table(rows: Sequence[Row], columns: Iterable[str] = ()) -> str:
-    """Rows as CSV under a header; without `columns`, those of all rows in their order."""
+    """Rows as CSV under a header; without `columns`, those of all rows in their order.
+
+    Text that a spreadsheet would take for a formula begins with an apostrophe.
+    """
     names = list(columns) or list(dict.fromkeys(key for row in rows for key in row))
     text = io.StringIO()
     writer = csv.DictWriter(text, names, lineterminator="\n", extrasaction="ignore")
-    writer.writeheader()
-    writer.writerows(rows)
+    writer.writerow({name: _plain(name) for name in names})
+    writer.writerows({key: _plain(value) for key, value in row.items()} for row in rows)
     return text.getvalue()

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import base64
+import csv
 import html
+import io
+import math
 import re
 from html.parser import HTMLParser
 
@@ -13,6 +16,7 @@ import pytest
 from agents.evaluation import figures, report
 from agents.evaluation.compare import SUITES
 from agents.evaluation.report import COLUMNS, PARTS, markdown, ranked, terminal_table, write_report
+from agents.evaluation.tables import csv_table
 from agents.learning.weights import shipped
 from wheelchair_gym.config import InputError
 from wheelchair_gym.rendering import webp, write_png
@@ -201,6 +205,17 @@ def test_a_lead_by_spl_alone_is_called_that(tmp_path):
     text = write_report(even, tmp_path).read_text(encoding="utf-8")
     assert "comes first, by SPL alone" in text
     assert "is best" not in text
+
+
+def test_no_cell_of_csv_is_a_formula_and_numbers_are_numbers():
+    """Whatever begins a text: only a number begins with a sign."""
+    texts = [f"{first}1+cmd" for first in "=+-@\t\ra1'"]
+    numbers = [-1, -2.5, 3, "-0.5", "+1e-3", -math.inf]
+    rows = [{"=key": value} for value in (*texts, *numbers)]
+    header, *cells = [row[0] for row in csv.reader(io.StringIO(csv_table(rows), newline=""))]
+    assert header == "'=key"
+    assert cells[: len(texts)] == [text if text[0] in "a1'" else f"'{text}" for text in texts]
+    assert [float(cell) for cell in cells[len(texts) :]] == [float(one) for one in numbers]
 
 
 def test_every_column_is_explained(made):
