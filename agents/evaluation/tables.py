@@ -137,8 +137,11 @@ def csv_table(rows: Sequence[Row], columns: Iterable[str] = ()) -> str:
     Text that a spreadsheet would take for a formula begins with an apostrophe.
     """
     names = list(columns) or list(dict.fromkeys(key for row in rows for key in row))
+    lines = [[_plain(cell) for cell in line]
+             for line in (names, *([row.get(name) for name in names] for row in rows))]  # fmt: skip
+    # Python's csv leaves a carriage return unquoted, which would begin a line.
+    returns = any(isinstance(cell, str) and "\r" in cell for line in lines for cell in line)
     text = io.StringIO()
-    writer = csv.DictWriter(text, names, lineterminator="\n", extrasaction="ignore")
-    writer.writerow({name: _plain(name) for name in names})
-    writer.writerows({key: _plain(value) for key, value in row.items()} for row in rows)
+    quoting = csv.QUOTE_NONNUMERIC if returns else csv.QUOTE_MINIMAL
+    csv.writer(text, lineterminator="\n", quoting=quoting).writerows(lines)
     return text.getvalue()
