@@ -86,7 +86,7 @@ COMMANDS = (
         "--set iterations=30000",
         [
             option("--planner", "planner: a name of `wheelchair settings`, module:Class, or "
-                   "FILE.json:NAME as in configs/planners.json"),
+                   "FILE.json:NAME as in configs/planners.json (default: rrt_star_woa_global)"),
             option("--config", "settings file of the thesis (docs/studies/thesis.md): planner, map "
                    "and what to draw; other options override it", None, "FILE.json"),
             option("--set", "change a setting of the planner, such as tree.iterations=30000; "
@@ -100,8 +100,8 @@ COMMANDS = (
                    "problems)", non_negative),
             seed("the planner"),
             option("--picture", "draw the map and the path (.png)", None, "FILE"),
-            option("--video", "with --config: film the tree and the roll-out of the commands "
-                   "(.mp4, .gif)", None, "FILE"), JSON,
+            option("--video", "film how the tree grows, with --config the roll-out of the "
+                   "commands, too (.mp4, .gif)", None, "FILE"), JSON,
         ],
     ),
     Command(
@@ -341,7 +341,8 @@ COMMANDS = (
         "settings, curves of all seeds, results, limits.",
         "wheelchair export runs/ppo/policy.npz --onnx policy.onnx",
         [
-            option("policy", "weights: a name or a file .npz; for --npz the folder of a run"),
+            option("policy", "weights: a name, a file .npz or FILE.json:NAME; for --npz the folder "
+                   "of a run"),
             OneOf((
                 option("--onnx", "write the ONNX graph", None, "FILE.onnx"),
                 option("--npz", "write the weights, with a card beside them", None, "NAME.npz"),
@@ -356,7 +357,7 @@ COMMANDS = (
         "for each beam at one moment, and for each key over the whole episode.",
         "wheelchair inspect runs/ppo/policy.npz --scene clutter --out occlusion.png",
         [
-            option("policy", "weights: a name or a file"),
+            option("policy", "a learned policy: a name, a file or FILE.json:NAME"),
             option("--scene", "scene of the episode", default="floor_plan"), seed(),
             option("--moment", "moment of the beams, a share of the episode", share, default=0.5),
             option("--out", "picture: .png, .svg or .pdf", None, "FILE", default="occlusion.png"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from types import FunctionType
@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from agents.cli.arguments import changed, report, spec
-from agents.studies.thesis import RATE, Drawn, controls_of, describe, draw, film
+from agents.studies.thesis import RATE, Drawn, controls_of, describe, draw, film, growth
 from agents.studies.thesis import problem_of as thesis_problem
 from planners import Plan, Problem, Space, Status, make_planner
 from planners.graphs.visibility import Visibility, optima
@@ -38,17 +38,13 @@ FOOTPRINT_SPACING = 0.8  # m between the footprints drawn along a path
 def run(given: argparse.Namespace) -> int:
     """Plan and report; 0 when a path was found."""
     thesis = None if given.config is None else read_thesis(given.config)
-    named = given.planner or (GLOBAL if thesis else None)
-    if not named:
-        raise InputError("plan: give --planner, or --config with the thesis's settings")
+    named = given.planner or GLOBAL
     if thesis is None and (given.map is None) == (given.problems is None):
         raise InputError("plan: give either --map or --problems")
     if thesis is None and given.problems is None and (given.start is None or given.goal is None):
         raise InputError("plan: --map needs --start and --goal")
     if given.problems is not None and (given.start or given.goal or given.picture or given.video):
         raise InputError("plan: --problems takes neither --start, --goal, --picture nor --video")
-    if given.video and thesis is None:
-        raise InputError("plan: --video needs --config")
     settings = thesis.planner(named) if thesis and named in PLANNERS_OF_FILE else spec(named)
     planner = make_planner(changed(settings, given.changes))
     _compile_beside(planner)
@@ -205,6 +201,8 @@ def _run_map(
                 write_video(given.video, film(drawn, planner, plan, made, given.seed), RATE)
         elif given.picture:
             _draw(problem, plan, planner, text, given.picture)
+        if given.video and drawn is None:
+            write_video(given.video, _film(problem, plan, planner, given.seed), RATE)
         report(given, answer, text)
         return 0
     if given.json:
@@ -252,17 +250,31 @@ def _run_problems(given: argparse.Namespace, planner: Any) -> int:
 
 
 def _draw(problem: Problem, plan: Plan, planner: Any, caption: str, file: str) -> None:
+    best = make_planner("visibility").plan(problem, np.random.default_rng(0)).path
+    write_png(file, _picture(problem, plan, planner, caption, best, 960))
+
+
+def _film(problem: Problem, plan: Plan, planner: Any, seed: int) -> Iterator[Any]:
+    """Pictures (h, w, 3) of the tree as it grows; the last for a second."""
+    for part in growth(problem, planner, plan, seed):
+        image = _picture(problem, part, planner, f"{part.counters.get('iterations', 0)} iterations")
+        yield image
+    yield from [image] * round(RATE)
+
+
+def _picture(
+    problem: Problem, plan: Plan, planner: Any, caption: str, best: Any = None, size: int = 640
+) -> Any:
     import shapely
 
     rings = shapely.get_rings(shapely.get_parts(problem.space.solid))
-    best = make_planner("visibility").plan(problem, np.random.default_rng(0)).path
-    image = draw_plan(
+    return draw_plan(
         problem.space.bounds, problem.start, problem.goal, plan.path, plan.tree,
         polygons=[shapely.get_coordinates(ring)[:-1] for ring in rings],
-        optimum=best if len(best) else None, swarm=getattr(plan, "swarm", ()),
-        outlines=_footprints(problem, plan, planner), size=960, caption=caption, legend=True,
+        optimum=None if best is None or not len(best) else best, swarm=getattr(plan, "swarm", ()),
+        outlines=_footprints(problem, plan, planner), size=size, caption=caption,
+        legend=best is not None,
     )  # fmt: skip
-    write_png(file, image)
 
 
 def _footprints(problem: Problem, plan: Plan, planner: Any) -> list[Any]:

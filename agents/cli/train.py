@@ -247,9 +247,15 @@ def export(given: argparse.Namespace) -> int:
         report(given, weights.card, f"{file} and {file.with_suffix('.md')}")
         return 0
     from agents.learning.export import export_onnx
-    from agents.learning.weights import find_weights, load_weights
+    from agents.learning.weights import load_weights
+    from agents.policies import file_of
 
-    sidecar = export_onnx(load_weights(find_weights(given.policy)), given.onnx)
+    path = file_of(spec(given.policy))
+    if path is None or path.suffix != ".npz":
+        kind = {None: "a policy without a network", ".zip": "a model of stable-baselines3"}
+        found = kind.get(path and path.suffix, "an exported policy")
+        raise InputError(f"{given.policy}: {found}; expected weights (.npz), by name or file")
+    sidecar = export_onnx(load_weights(path), given.onnx)
     report(given, sidecar, f"{given.onnx} and {given.onnx}.json")
     return 0
 

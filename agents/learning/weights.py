@@ -318,5 +318,7 @@ def find_weights(name: str) -> Path:
         return known[name]
     if name.endswith((".npz", ".onnx")):
         return Path(name)
+    if name.endswith(".zip"):
+        raise InputError(f"{name}: a model of stable-baselines3; expected weights (.npz)")
     names = ", ".join(known) or "none"
     raise InputError(f"weights {name!r} are unknown; shipped: {names}; or a file .npz or .onnx")

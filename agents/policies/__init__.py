@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import is_dataclass
 from difflib import get_close_matches
+from pathlib import Path
 from typing import Any, Final, Protocol
 
 import numpy as np
@@ -188,12 +189,22 @@ def kind_of(policy: str | Mapping[str, Any] | Any) -> str:
     return next((name for name in POLICIES.built_in if type(config) is POLICIES[name]), "")
 
 
+def file_of(policy: str | Mapping[str, Any] | Any) -> Path | None:
+    """The file of a learned policy: weights (.npz, .onnx) or a model (.zip); None of others.
+
+    Raises:
+        InputError: see `make_policy`.
+    """
+    config = settings_of(policy)
+    return config.path() if kind_of(config) in ("learned", "sb3") else None
+
+
 def _named(name: str, values: dict[str, Any]) -> Any:
     from agents.control import FOLLOWERS
-    from agents.learning.weights import shipped
+    from agents.learning.weights import shipped, shipped_assistants
     from planners import PLANNERS
 
-    if name in shipped() or name.endswith((".npz", ".onnx")):
+    if name in shipped() | shipped_assistants() or name.endswith((".npz", ".onnx")):
         return load(POLICIES["learned"], {"weights": name, **values}, f"policy {name}")
     if name.endswith(".zip"):
         return load(POLICIES["sb3"], {"file": name, **values}, f"policy {name}")

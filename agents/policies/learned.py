@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from agents.control.unknown_space import BEYOND
 from agents.learning.weights import SHIPPED_ASSISTANTS, find_weights
+from agents.policies import file_of
 from agents.policies.trained import Trained, read_network
 from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.envs.guidance import make_guidance
@@ -50,9 +51,14 @@ class Learned:
 
     def __post_init__(self) -> None:
         if self.weights:
-            self._file()
+            self.path()
 
-    def _file(self) -> Path:
+    def path(self) -> Path:
+        """The file of weights.
+
+        Raises:
+            InputError: there is none of that name, or its digest is another one.
+        """
         path = find_weights(self.weights)
         if self.digest is not None and file_digest(path) != self.digest:
             raise InputError(f"{path}: its SHA-256 differs from the digest that was asked for")
@@ -64,7 +70,7 @@ class Learned:
         Raises:
             InputError: there are no such weights, or they are incomplete.
         """
-        path = self._file()
+        path = self.path()
         network, card, remembers = read_network(path)
         made = LearnedDriver(network, card, remembers, self.patience, self.backing)
         if made.layout.is_assistant:
@@ -91,17 +97,16 @@ def file_digest(path: Path) -> str:
 
 def weights_digest(spec: Any) -> str | None:
     """Digest of the weights that a policy's name or mapping stands for; None of other policies."""
-    if isinstance(spec, Mapping) and spec.get("name") == "assisted":
-        spec = spec.get("assist")
-    if isinstance(spec, Mapping):
-        spec = spec.get("weights", spec.get("name"))
-    if not isinstance(spec, str):
-        return None
     try:
-        path = Path(spec) if spec.endswith(".zip") else find_weights(spec)
+        if isinstance(spec, Mapping) and spec.get("name") == "assisted":
+            assist = spec.get("assist")
+            if isinstance(assist, Mapping):
+                assist = assist.get("weights", assist.get("name"))
+            return file_digest(find_weights(str(assist)))
+        path = file_of(spec)
     except InputError:
         return None
-    return file_digest(path)
+    return path and file_digest(path)
 
 
 class LearnedDriver(Trained):

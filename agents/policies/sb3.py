@@ -59,6 +59,10 @@ class Sb3Model:
     """Settings of the environment that it was trained in, where the file does not hold them; the
     number of laser beams follows from the model."""
 
+    def path(self) -> Path:
+        """The file of the model."""
+        return Path(self.file)
+
     def make(self) -> LearnedDriver:
         """A fresh policy.
 
@@ -66,7 +70,7 @@ class Sb3Model:
             InputError: the file is no such model, says not what it was trained in, was trained
                 behind a wrapper that changes what it observes, or does not fit its settings.
         """
-        path = Path(self.file)
+        path = self.path()
         algorithm, record = _algorithm(path)
         where = f"{path}: {RECORD}"
         if record is None:

@@ -10,6 +10,7 @@ import sys
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from agents import cli
 from agents.cli import COMMANDS, main, parser
@@ -110,7 +111,6 @@ WRONG = {
     "setting without value": "{plan} --set iterations",
     "setting inside a number": "{plan} --set step=1 --set step.x=1",
     "settings file lacks the name": "{plan} --planner {hall}/object.json:rrt",
-    "neither planner nor config": "plan --map {hall}/hall.yaml --start 1,2 --goal 4,2",
     "config of another kind": "plan --config {hall}/scenes.json",
     "config without a map": "plan --config {hall}/mapless.json",
     "map of no known kind": "{plan} --map {hall}/corrupt.pgm",
@@ -210,6 +210,14 @@ def test_maps_of_every_kind_are_planned_in(hall, capsys, name):
     assert run(*plan(hall, name, "1,1", "4,1", "visibility"), "--json", "-") == 0
     answer = json.loads(capsys.readouterr().out)
     assert 3.0 - 1e-9 <= answer["touching"] <= answer["at_least"] <= answer["length"] < 4.0
+
+
+@pytest.mark.parametrize("planner", [[], ["--planner", "visibility"]])
+def test_a_plan_needs_no_planner_and_is_filmed_by_any(hall, tmp_path, planner):
+    film, ends = tmp_path / "plan.gif", ["--start", "1,2", "--goal", "4,2"]
+    assert run("plan", "--map", hall / "hall.yaml", *ends, *planner, "--video", film) == 0
+    with Image.open(film) as pictures:
+        assert pictures.n_frames >= (1 if planner else 10)
 
 
 def test_the_thesis_settings_are_a_planner_and_a_map(hall, capsys):

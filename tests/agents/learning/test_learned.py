@@ -327,7 +327,9 @@ def test_an_exported_policy_drives_as_its_weights_do(trained, tmp_path, capsys):
     pytest.importorskip("onnxruntime", reason="pip install 'wheelchair_gym[learn]'")
     _, folder = trained
     file = tmp_path / "policy.onnx"
-    assert main(["export", str(folder / POLICY), "--onnx", str(file)]) == 0
+    own = tmp_path / "own.json"
+    own.write_text(json.dumps({"mine": {"name": str(folder / POLICY), "patience": 5.0}}))
+    assert main(["export", f"{own}:mine", "--onnx", str(file)]) == 0
     actions = {}
     for name in (str(folder / POLICY), str(file)):
         env = NavigationEnv(config={**ENV, "sensors": {"laser": {"beams": 48}}})
