@@ -18,8 +18,8 @@ from agents.evaluation.metrics import (
     summarise,
     wilson,
 )
-from wheelchair_gym.maps import OccupancyGrid
 from agents.evaluation.shortest import Shortest
+from wheelchair_gym.maps import OccupancyGrid
 
 
 @pytest.mark.parametrize(
