@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.cli.lists import all_settings
+from agents.cli.lists import all_settings, settings_rows
 from agents.cli.options import POSES
 from agents.learning.settings import Training
 from planners.trees.settings import RrtStarWoaGlobal
 from tests.configs import SINGLE
-from wheelchair_gym.config import InputError, dump, load, read, setting_docs
+from wheelchair_gym.config import InputError, dump, load, read, setting_docs, with_values
 from wheelchair_gym.envs.guidance import PoseGuidance
 from wheelchair_gym.envs.settings import EnvSettings
 from wheelchair_gym.kinematics import Limits
@@ -131,6 +131,18 @@ def test_any_mapping_is_taken_or_refused_in_one_line(data):
         with pytest.raises(InputError, match="is not a setting") as caught:
             load(Limits, data, "x")
         assert len(str(caught.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize("name", all_settings())
+def test_a_printed_default_is_that_of_the_settings_without_arguments(name):
+    cls = all_settings()[name]
+    required = {
+        field.name: "required" for field in dataclasses.fields(cls)
+        if field.default is field.default_factory is dataclasses.MISSING
+    }  # fmt: skip
+    expected = required or dump(cls())
+    printed = with_values({}, {row["name"]: row["default"] for row in settings_rows(cls)})
+    assert {key: printed.get(key, {}) for key in expected} == expected
 
 
 def classes_of_settings():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import dataclasses
 import importlib
 import inspect
@@ -96,17 +97,24 @@ def all_settings() -> dict[str, type]:
     return dict(sorted(classes.items()))
 
 
-def settings_rows(cls: type, prefix: str = "") -> list[dict[str, Any]]:
-    """A row for each setting of a class; nested settings have dotted names."""
+def settings_rows(cls: type, prefix: str = "", made: Any = None) -> list[dict[str, Any]]:
+    """Return a row for each setting of a class; nested settings have dotted names.
+
+    Defaults are those of the settings `made`: by default of the class without arguments, or of
+    each field alone where the class has required settings.
+    """
     hints, docs = typing.get_type_hints(cls), setting_docs(cls)
+    fields = dataclasses.fields(cls)
+    if made is None:
+        with contextlib.suppress(TypeError):
+            made = cls()
     rows = []
-    for field in dataclasses.fields(cls):
-        default = field.default
+    for field in fields:
+        default = getattr(made, field.name, field.default)
         if default is dataclasses.MISSING:
-            made = field.default_factory
-            default = "required" if made is dataclasses.MISSING else made()
+            default = "required"
         if dataclasses.is_dataclass(default):
-            rows += settings_rows(type(default), f"{prefix}{field.name}.")
+            rows += settings_rows(type(default), f"{prefix}{field.name}.", default)
             continue
         hint = hints[field.name]
         rows.append({
