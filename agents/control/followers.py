@@ -25,7 +25,7 @@ from agents.control.rollout import (
 )
 from agents.control.tight_places import ManoeuvreTracker
 from planners.controls.generator import ControlGenerator, Controls
-from planners.swarm.woa import WhaleSettings
+from planners.swarm.woa import LedWhales
 from wheelchair_gym.compiled.kernel import record_of
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import to_world
@@ -311,7 +311,7 @@ class ControlsFollower:
     """
 
     generator: ControlGenerator = ControlGenerator(
-        whales=WhaleSettings(population=10, iterations=5), horizon=2.0, margin=0.06
+        whales=LedWhales(population=10, iterations=5), horizon=2.0, margin=0.06
     )
     seed: int = setting(default=0, low=0, source="design choice")
     """Seed of the swarm, anew for every path."""

@@ -59,7 +59,7 @@ class WhaleFollower(RolloutSettings):
 
     def make(self) -> Follower:
         """A follower at rest."""
-        return WhaleCommands(self, _part_of_fan, np.clip, search)
+        return WhaleCommands(self, _part_of_fan, np.clip, refine=False)
 
 
 def _bounds(config: RolloutSettings, now: Situation, slow: bool) -> tuple[Array, Array]:
@@ -87,30 +87,40 @@ def _one_period_later(best: Array, period: float) -> Array:
 @kernel
 def search(
     first: Array, lower: Array, upper: Array, body: Body, view: LocalView, margin: float,
-    objective: Any, swarm: WhaleParameters, state: Stream,
+    objective: Any, swarm: WhaleParameters, refine: bool, state: Stream,
 ) -> tuple[Array, Array]:  # fmt: skip
-    """All particles (n, SIZE) that were tried and their costs (n,), the last one the best."""
-    k, start, c_range = first.shape[0], start_row(view), np.full(SIZE, 2.0)
-    tried = np.empty((k * (swarm.iterations + 1) + 1, SIZE))
-    costs = np.empty(tried.shape[0])
-    population, best, least, n = first.copy(), first[0].copy(), np.inf, 0
+    """All particles (n, SIZE) that were tried and their costs (n,): the given ones, then whales.
+
+    The whales begin as the given particles, or, to refine them, as the cheapest ones, with all
+    commands: whales may change a twist after a while.
+    """
+    n, start, c_range = first.shape[0], start_row(view), np.full(SIZE, 2.0)
+    k = min(swarm.population, n)
+    tried, costs = np.empty((n + k * swarm.iterations, SIZE)), np.empty(n + k * swarm.iterations)
+    population, best, least, m = first, first[0].copy(), np.inf, 0
     for t in range(swarm.iterations + 1):
-        for i in range(k):
-            X = population[i]
-            count = int(X[SIZE - 1])
-            commands = X[: 3 * count].reshape(count, 3)
-            costs[n] = rollout_cost(commands, body, view, start, margin, objective)
-            tried[n] = X
-            if costs[n] < least:
-                least = costs[n]
-                best[:] = X
-            n += 1
-        if t < swarm.iterations:
-            a = swarm.a * (1.0 - t / swarm.iterations)
-            move_whales(
-                population, best, a, swarm.b, swarm.mu, swarm.lam, c_range, lower, upper, state
+        for i in range(population.shape[0]):
+            count = int(population[i, SIZE - 1])
+            commands = population[i, : 3 * count].copy().reshape(count, 3)
+            costs[m] = rollout_cost(commands, body, view, start, margin, objective)
+            tried[m] = population[i]
+            if costs[m] < least:
+                least = costs[m]
+                best[:] = population[i]
+            m += 1
+        if t == 0 and refine:
+            order = np.argsort(costs[:n])
+            population, best, least = (
+                first[order[:k]].copy(),
+                first[order[0]].copy(),
+                costs[order[0]],
             )
-    tried[n], costs[n] = best, least
+            population[:, SIZE - 1] = COMMANDS
+        elif t == 0:
+            population = first.copy()
+        if t < swarm.iterations:
+            progress = t / swarm.iterations
+            move_whales(population, best, swarm, progress, c_range, lower, upper, state)
     return tried, costs
 
 
@@ -122,7 +132,7 @@ class WhaleCommands:
         first: particles (n, SIZE) to begin with, of the settings, the situation and the best
             particle of the period before, if there was one.
         within: of these, those for bounds (SIZE,) of particles.
-        search: all particles that are tried from there, and their costs; see `search`.
+        refine: whether whales begin with the cheapest of them; see `search`.
     """
 
     def __init__(
@@ -130,10 +140,10 @@ class WhaleCommands:
         config: Any,
         first: Callable[[Any, Situation, Array | None], Array],
         within: Callable[[Array, Array, Array], Array],
-        search: Callable[..., tuple[Array, Array]],
+        refine: bool,
     ) -> None:
         self.config, self._objective = config, record_of(config.objective)
-        self._first, self._within, self._search = first, within, search
+        self._first, self._within, self._refine = first, within, refine
         self._state = stream(np.random.default_rng(config.seed))
         self._best: Array | None = None  # (SIZE,)
 
@@ -147,9 +157,9 @@ class WhaleCommands:
             some = self._within(first, lower, upper)
             if len(some) == 0:
                 return None
-            tried, costs = self._search(
+            tried, costs = search(
                 some, lower, upper, body, view, margin, self._objective,
-                config.whales.parameters, self._state,
+                config.whales.parameters, self._refine, self._state,
             )  # fmt: skip
             best = cheapest(tried, costs, body, view, config.hold, margin)
             if best < 0:
@@ -195,7 +205,7 @@ class RefinedWindow(Window):
 
     def make(self) -> Follower:
         """A follower at rest."""
-        whales = WhaleCommands(self, _fan_and_plan, _within, refine)
+        whales = WhaleCommands(self, _fan_and_plan, _within, refine=True)
         return ManoeuvreTracker(whales, self.tight, self.margin)
 
 
@@ -250,38 +260,3 @@ def _within(particles: Array, lower: Array, upper: Array) -> Array:
     twists = particles[:, :2]
     keep = ((twists >= lower[:2] - 1e-9) & (twists <= upper[:2] + 1e-9)).all(axis=1)
     return np.asarray(particles[keep])
-
-
-@kernel
-def refine(
-    first: Array, lower: Array, upper: Array, body: Body, view: LocalView, margin: float,
-    objective: Any, swarm: WhaleParameters, state: Stream,
-) -> tuple[Array, Array]:  # fmt: skip
-    """All particles (n, SIZE) that were tried and their costs (n,): the given ones, then whales."""
-    n, start, c_range = first.shape[0], start_row(view), np.full(SIZE, 2.0)
-    k = min(swarm.population, n)
-    made = n + k * swarm.iterations
-    tried, costs = np.empty((made, SIZE)), np.empty(made)
-    for i in range(n):
-        count = int(first[i, SIZE - 1])
-        commands = first[i, : 3 * count].copy().reshape(count, 3)
-        costs[i] = rollout_cost(commands, body, view, start, margin, objective)
-        tried[i] = first[i]
-    order = np.argsort(costs[:n])
-    population, best, least = first[order[:k]].copy(), first[order[0]].copy(), costs[order[0]]
-    for i in range(k):  # whales may change a twist after a while
-        population[i, SIZE - 1] = COMMANDS
-    m = n
-    for t in range(swarm.iterations):
-        a = swarm.a * (1.0 - t / swarm.iterations)
-        move_whales(population, best, a, swarm.b, swarm.mu, swarm.lam, c_range, lower, upper, state)
-        for i in range(k):
-            count = int(population[i, SIZE - 1])
-            commands = population[i, : 3 * count].copy().reshape(count, 3)
-            costs[m] = rollout_cost(commands, body, view, start, margin, objective)
-            tried[m] = population[i]
-            if costs[m] < least:
-                least = costs[m]
-                best[:] = population[i]
-            m += 1
-    return tried, costs

@@ -33,7 +33,7 @@ from planners.controls.rollout import (
     stopping_time,
     time_to_cover,
 )
-from planners.swarm.woa import WhaleParameters, WhaleSettings, move_whales
+from planners.swarm.woa import LedWhales, WhaleParameters, move_whales
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import Footprint, wrap
@@ -227,10 +227,8 @@ def bridge(
                 least = cost
                 best[:] = population[i]
         if t < swarm.iterations:
-            a = swarm.a * (1.0 - t / swarm.iterations)
-            move_whales(
-                population, best, a, swarm.b, swarm.mu, swarm.lam, c_range, lower, upper, state
-            )
+            progress = t / swarm.iterations
+            move_whales(population, best, swarm, progress, c_range, lower, upper, state)
     count = int(best[_COUNT])
     return best[: 3 * count].copy().reshape(count, 3), least < _COLLISION
 
@@ -334,8 +332,8 @@ def ahead(path: Array, position: Array, horizon: float | None) -> tuple[Array, b
 class ControlGenerator:
     """How commands are searched."""
 
-    whales: WhaleSettings = setting(
-        default=WhaleSettings(population=12, iterations=10), source="design choice"
+    whales: LedWhales = setting(
+        default=LedWhales(population=12, iterations=10), source="design choice"
     )
     """The swarm that searches the commands of a segment."""
     maneuvers: bool = setting(

@@ -12,7 +12,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planners.swarm.woa import WhaleMoves, move_whales
+from planners.swarm.woa import move_whales
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.config import InputError
 from wheelchair_gym.random import Stream, next_uniform
@@ -180,7 +180,7 @@ MIN_FACTOR, MAX_FACTOR = 0.2, 0.8  # bounds of the differential weight F
 CROSSOVER_RATE = 0.2  # probability of a coordinate to come from the mutant (CR)
 
 
-def whale_moves(whales: WhaleMoves) -> MoveParameters:
+def whale_moves(whales: Any) -> MoveParameters:
     """The moves of whales as kernels take them."""
     return MoveParameters(
         WHALES, a=whales.a, b=whales.b, mu=whales.mu, lam=whales.lam,
@@ -425,19 +425,10 @@ def move_swarm(swarm: Swarm, moves: MoveParameters, progress: float, state: Stre
     if kind == WHALES:
         if not swarm.c_range[0] >= 0.0:
             swarm.c_range[:] = moves.c_range
-        a = moves.a * (1.0 - progress)
         move_whales(
-            swarm.positions,
-            swarm.best,
-            a,
-            moves.b,
-            moves.mu,
-            moves.lam,
-            swarm.c_range,
-            swarm.lower,
-            swarm.upper,
+            swarm.positions, swarm.best, moves, progress, swarm.c_range, swarm.lower, swarm.upper,
             state,
-        )
+        )  # fmt: skip
     elif is_particle_move(moves, progress):
         flown = progress / PARTICLE_SHARE if kind == PARTICLES_THEN_WOLVES else progress
         inertia = next_inertia(swarm, moves, flown)

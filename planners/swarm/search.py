@@ -40,7 +40,7 @@ from planners.swarm.path_cost import (
     push_out_of_discs,
     write_way_points,
 )
-from planners.swarm.woa import WhaleSettings
+from planners.swarm.woa import LedWhales
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.config import setting, settings
@@ -270,8 +270,8 @@ class ShiftBounds:
 class PathShortening(LengthFree, ShiftBounds):
     """A swarm of whales that shortens a path (thesis, section 2.8)."""
 
-    whales: WhaleSettings = setting(
-        default=WhaleSettings(population=30, iterations=100), source="thesis, figure 3.1"
+    whales: LedWhales = setting(
+        default=LedWhales(population=30, iterations=100), source="thesis, figure 3.1"
     )
     """The swarm."""
 

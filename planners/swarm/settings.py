@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Literal
 
 from planners.swarm import optimizers as kinds
 from planners.swarm.optimizers import MoveParameters, whale_moves
-from planners.swarm.woa import WhaleMoves
+from planners.swarm.woa import LeaderChoice, WhaleMoves
 from wheelchair_gym.config import setting, settings
 
 _YARPIZ = "Yarpiz (program library)"
@@ -29,7 +29,7 @@ class Optimizer:
 
 
 @settings
-class Woa(WhaleMoves, Optimizer):
+class Woa(WhaleMoves, LeaderChoice, Optimizer):
     """Whales (Mirjalili and Lewis 2016), with the thesis's thresholds mu and lambda."""
 
     moves = MoveParameters(kinds.WHALES)

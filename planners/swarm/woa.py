@@ -7,7 +7,7 @@ optimization and control generation differ only in what a position means and cos
 from __future__ import annotations
 
 import math
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,10 +35,8 @@ class WhaleParameters(NamedTuple):
 def move_whales(
     population: Array,
     best: Array,
-    a: float,
-    b: float,
-    mu: float,
-    lam: float,
+    moves: Any,
+    progress: float,
     c_range: Array,
     lower: Array,
     upper: Array,
@@ -47,12 +45,14 @@ def move_whales(
     """Move every whale once, in place: equations (2.1)-(2.8), then clip to the bounds (d,).
 
     A whale draws one A and one p, which choose its move, and one C per coordinate. A and C are
-    independent draws, as in the original paper. `a` bounds A at this iteration and falls to 0 over
-    a run. A whale with p below `mu` encircles the best (d,), or, with |A| of at least `lam`,
-    searches around another whale; with p from `mu` on it spirals. C lies in [0, c_range] (d,): 2
-    in (2.4); P1 weights it by occupancy.
+    independent draws, as in the original paper. `a` of the moves, `WhaleParameters` or
+    `MoveParameters`, bounds A; it falls to 0 with the progress of a run from 0 to 1. A whale with p
+    below `mu` encircles the best (d,), or, with |A| of at least `lam`, searches around another
+    whale; with p from `mu` on it spirals. C lies in [0, c_range] (d,): 2 in (2.4); P1 weights it by
+    occupancy.
     """
     k, d = population.shape
+    a, b, mu, lam = moves.a * (1.0 - progress), moves.b, moves.mu, moves.lam
     for i in range(k):
         X = population[i]
         A = 2.0 * a * next_uniform(state) - a  # (2.3)
@@ -86,6 +86,12 @@ class WhaleMoves:
     """Probability of a move other than the spiral; 1 never spirals."""
     lam: float = setting(default=1.0, low=0.0, source="Mirjalili and Lewis 2016")
     """Bound of |A| below which a whale encircles the best; 0 always searches."""
+
+
+@settings
+class LeaderChoice:
+    """The choice of the leader that whales swim to."""
+
     leader: Literal["best", "latest"] = setting(
         default="best", source="Mirjalili and Lewis 2016; the thesis's algorithms: latest"
     )
@@ -105,7 +111,12 @@ class WhaleSettings(WhaleMoves):
     @property
     def parameters(self) -> WhaleParameters:
         """The settings as kernels take them."""
-        latest = self.leader == "latest"
+        latest = isinstance(self, LeaderChoice) and self.leader == "latest"
         return WhaleParameters(
             self.population, self.iterations, self.a, self.b, self.mu, self.lam, latest
         )
+
+
+@settings
+class LedWhales(WhaleSettings, LeaderChoice):
+    """A whale swarm with a choice of its leader."""

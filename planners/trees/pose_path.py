@@ -368,11 +368,8 @@ def search_vias(
                 for k in range(d):
                     best[k] = population[whale, k]
         if t < settings.iterations:
-            a = settings.a * (1.0 - t / settings.iterations)
-            move_whales(
-                population, best, a, settings.b, settings.mu, settings.lam, c_range, lower, upper,
-                state,
-            )  # fmt: skip
+            progress = t / settings.iterations
+            move_whales(population, best, settings, progress, c_range, lower, upper, state)
     if found:
         count, cost = via_cost(drive, path, i, j, best, turned, math.inf)
         found = cost < old and splice(path, drive.motion, i, j, drive.candidate, count)

@@ -309,17 +309,8 @@ def steering_target(
                 least = cost
                 best[0], best[1] = u, v
         if t < swarm.iterations:
-            a = swarm.a * (1.0 - t / swarm.iterations)
             move_whales(
-                population,
-                best,
-                a,
-                swarm.b,
-                swarm.mu,
-                swarm.lam,
-                buffers.c_range,
-                buffers.lower,
-                buffers.upper,
-                state,
-            )
+                population, best, swarm, t / swarm.iterations, buffers.c_range, buffers.lower,
+                buffers.upper, state,
+            )  # fmt: skip
     return x + best[0], y + best[1]

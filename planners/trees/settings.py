@@ -20,7 +20,7 @@ from planners.swarm.path_cost import Smooth
 from planners.swarm.planner import SwarmPlanner
 from planners.swarm.search import PathShortening, ShiftBounds
 from planners.swarm.settings import WoaModified
-from planners.swarm.woa import WhaleSettings
+from planners.swarm.woa import LedWhales
 from planners.trees.sampling import Growth, SteeringCost
 from planners.trees.tree_search import search
 from wheelchair_gym.compiled.clock import clock
@@ -257,7 +257,7 @@ class RrtStarWoaLocal(ShiftBounds, PlannerBase):
 
     tree: RrtStar = setting(default=RrtStar(return_on_first_path=True), source=_FIGURE)
     """The tree search."""
-    whales: WhaleSettings = setting(default=WhaleSettings(), source="thesis, figure 3.1")
+    whales: LedWhales = setting(default=LedWhales(), source="thesis, figure 3.1")
     """The swarm."""
     goal_weight: float = setting(default=1.0, low=0.0, source="design choice")
     """Cost of the distance from the goal, in multiples of that from the random sample."""

@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from planners import PLANNERS, make_planner
-from planners.swarm.woa import WhaleSettings
+from planners.swarm.woa import LedWhales
 from planners.thesis_settings import (
     GLOBAL,
     KEYS,
@@ -53,7 +53,7 @@ def figure(tmp_path):
 
 @pytest.mark.parametrize("name", PLANNERS_OF_FILE)
 def test_the_figure_makes_the_thesis_planners(figure, name):
-    whales = WhaleSettings(a=4.0, leader="latest")
+    whales = LedWhales(a=4.0, leader="latest")
     weight = {"collision_free_weight": 1.0} if name == GLOBAL else {}
     swarm = {"tree": THESIS_TREE, "whales": whales, **weight}
     expected = THESIS_TREE if name == "rrt_star" else PLANNERS[name](**swarm)

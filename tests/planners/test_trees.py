@@ -12,7 +12,7 @@ from planners import PLANNERS
 from planners.collision.space import Space
 from planners.judge import faults
 from planners.problem import Problem, Status
-from planners.swarm.woa import WhaleSettings
+from planners.swarm.woa import LedWhales
 from planners.trees.settings import (
     InformedRrtStar,
     RrtStar,
@@ -110,7 +110,7 @@ def test_costs_follow_rewiring(problem):
 def test_the_latest_leader_may_be_longer_than_the_tree_path(problem):
     """The thesis overwrites the leader: the result is the best of the last population, free."""
     latest = RrtStarWoaGlobal(
-        tree=THESIS_TREE, whales=WhaleSettings(a=4.0, leader="latest"), collision_free_weight=1.0
+        tree=THESIS_TREE, whales=LedWhales(a=4.0, leader="latest"), collision_free_weight=1.0
     )
     best = replace(latest, whales=replace(latest.whales, leader="best"))
     gains = []

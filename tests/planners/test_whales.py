@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from planners.swarm.woa import move_whales
+from planners.swarm.woa import WhaleParameters, move_whales
 from wheelchair_gym.random import next_uniform, stream
 
 # Written for compiled integers, which wrap without a word.
@@ -19,7 +19,8 @@ def moved(population, best, a, mu, lam, seed=0):
     """A population moved once, and the numbers that were drawn for the first whale."""
     rng, again = np.random.default_rng(seed), np.random.default_rng(seed)
     after = population.copy()
-    move_whales(after, best, a, 1.0, mu, lam, TWICE, -WIDE, WIDE, stream(rng))
+    moves = WhaleParameters(1, 1, a, 1.0, mu, lam)
+    move_whales(after, best, moves, 0.0, TWICE, -WIDE, WIDE, stream(rng))
     state = stream(again)
     return after, [next_uniform(state) for _ in range(2 + D + 1)]
 
@@ -65,7 +66,8 @@ def test_positions_stay_within_bounds(population):
     low, high = np.full(D, -0.1), np.full(D, 0.2)
     for seed in range(20):
         state = stream(np.random.default_rng(seed))
-        move_whales(population, population[0].copy(), 4.0, 1.0, 0.5, 1.0, TWICE, low, high, state)
+        moves = WhaleParameters(1, 1, 4.0, 1.0, 0.5, 1.0)
+        move_whales(population, population[0].copy(), moves, 0.0, TWICE, low, high, state)
         assert (population >= low).all()
         assert (population <= high).all()
 
