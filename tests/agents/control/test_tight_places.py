@@ -34,8 +34,8 @@ def manoeuvre(begin, stretches):
     return np.array(poses)
 
 
-def driven(path, room, seconds, follower):
-    """Poses (n, 3) of a chair that follows a path from its first pose on."""
+def driven(path, room, seconds, follower, actors=None):
+    """Poses (n, 3) of a chair that follows a path from its first pose on, among actors."""
     world = PaperWorld(room, path[0], path[-1])
     local_map = LocalMap(world.mission)
     chair = ChairState(world.mission.limits, world.mission.footprint, world.mission.period)
@@ -43,6 +43,8 @@ def driven(path, room, seconds, follower):
     poses = [world.pose]
     while world.time < seconds and not reference.ended:
         local_map.update(world.seen)
+        if actors is not None:
+            local_map.actors = actors
         reference.advance(local_map.pose)
         twist = follower.twist(Situation(local_map, reference, chair))
         twist = np.zeros(2) if twist is None else twist
