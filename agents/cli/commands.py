@@ -352,19 +352,6 @@ COMMANDS = (
         ],
     ),
     Command(
-        "inspect", "train:inspect", "draw which observations a learned policy depends on",
-        "Drive one episode, hide parts of the observation, and draw how much the action changes: "
-        "for each beam at one moment, and for each key over the whole episode.",
-        "wheelchair inspect runs/ppo/policy.npz --scene clutter --out occlusion.png",
-        [
-            option("policy", "a learned policy: a name, a file or FILE.json:NAME"),
-            option("--scene", "scene of the episode", default="floor_plan"), seed(),
-            option("--moment", "moment of the beams, a share of the episode", share, default=0.5),
-            option("--out", "picture: .png, .svg or .pdf", None, "FILE", default="occlusion.png"),
-            CONFIG, POSE, SHIELD, JSON,
-        ],
-    ),
-    Command(
         "scenes", "lists:scenes", "list the scenes, or measure one",
         "List the scenes; with a name, sample the scene and print distributions of its measures.",
         "wheelchair scenes floor_plan --samples 50",

@@ -15,9 +15,8 @@ from agents import is_interrupt
 from agents.cli.arguments import changed, env_of, map_scenes, report, spec
 from agents.cli.options import parse_int
 from wheelchair_gym.config import InputError, read_json
-from wheelchair_gym.files import atomic_write
 
-# What needs torch is imported late: export and inspect do not.
+# What needs torch is imported late: export does not.
 
 
 class Case(NamedTuple):
@@ -257,36 +256,6 @@ def export(given: argparse.Namespace) -> int:
         raise InputError(f"{given.policy}: {found}; expected weights (.npz), by name or file")
     sidecar = export_onnx(load_weights(path), given.onnx)
     report(given, sidecar, f"{given.onnx} and {given.onnx}.json")
-    return 0
-
-
-def inspect(given: argparse.Namespace) -> int:
-    """Drive an episode, hide parts of the observation, and draw how the action changes."""
-    import matplotlib as mpl
-
-    from agents.evaluation.evaluate import drive_episode, make_env
-    from agents.evaluation.figures import LOOK
-    from agents.learning.occlusion import OcclusionRecorder
-    from agents.policies import make_policy
-
-    file = Path(given.out)
-    if file.suffix not in (".png", ".svg", ".pdf"):
-        raise InputError(f"--out {file}: expected a name that ends with .png, .svg or .pdf")
-    policy = make_policy(spec(given.policy))
-    recorder = OcclusionRecorder(policy)
-    env = make_env(spec(given.scene), env_of(given))
-    try:
-        outcome = drive_episode(env, policy, given.seed, recorder)["outcome"]
-        with mpl.rc_context(LOOK):
-            figure, values = recorder.draw(env, given.moment)
-            with atomic_write(file) as part:
-                figure.savefig(part, format=file.suffix[1:], dpi=150)
-    finally:
-        env.close()
-    values |= {"policy": given.policy, "seed": given.seed, "outcome": outcome}
-    keys = sorted(values["parts"].items(), key=lambda pair: -pair[1])
-    lines = [f"{name}: {change:.3f}" for name, change in keys]
-    report(given, values, "\n".join([f"{outcome}; the action changes by", *lines, str(file)]))
     return 0
 
 

@@ -15,7 +15,6 @@ from agents.cli import main
 from agents.evaluation.compare import SUITES
 from agents.evaluation.evaluate import drive_episode, episode_key, evaluate
 from agents.learning.checkpoint import NAME, load_checkpoint
-from agents.learning.occlusion import beam_sensitivity, key_sensitivity
 from agents.learning.publish import model_card
 from agents.learning.run import BEST, POLICY, Run, train
 from agents.learning.weights import Network, load_weights, save_weights, shipped
@@ -411,38 +410,6 @@ def test_weights_are_published_with_a_card_of_all_seeds_and_results(tmp_path, ca
     half.close()
     assert main(["export", str(tmp_path / "half"), "--npz", str(out)]) == 2
     assert "the run has not ended" in capsys.readouterr().err
-
-
-def test_what_a_policy_looks_at_is_what_its_action_hangs_on(tmp_path, capsys):
-    """A network of one beam and one number of the path looks at nothing else."""
-    weights = random_weights()
-    layout, arrays = weights.layout, weights.arrays
-    for k in range(3):
-        arrays[f"dense{k}.w"][:], arrays[f"dense{k}.b"][:] = 0.0, 0.0
-        arrays[f"dense{k}.w"][0, 0] = arrays[f"dense{k}.w"][1, 1] = 0.2
-    arrays["dense0.w"][:2] = 0.0
-    arrays["dense0.w"][0, 40] = 1.0
-    arrays["dense0.w"][1, layout.actor_size - 3] = 1.0  # the end of the path
-    rng = np.random.default_rng(0)
-    told = rng.uniform(0.5, 3.0, (20, layout.size)).astype(np.float32)
-    network = Network(weights)
-    beams = beam_sensitivity(network, told, layout, 10.0)
-    assert beams.shape == (20, 64)
-    assert (beams[:, 39:42] > 0.0).all()
-    assert not beams[:, [*range(39), *range(42, 64)]].any()
-    parts = key_sensitivity(network, told, layout)
-    assert {name for name, change in parts.items() if change > 0.0} == {"laser", "path ahead"}
-    file = tmp_path / "policy.npz"
-    weights.card.update(env={**ENV, "sensors": {}, "task": {**ENV["task"], "beams": 64}})
-    save_weights(file, weights)
-    picture = tmp_path / "occlusion.png"
-    drawn = ["inspect", str(file), "--scene", "clutter", "--out", str(picture), "--moment", "0.3"]
-    assert main(drawn) == 0
-    assert picture.read_bytes().startswith(b"\x89PNG")
-    with pytest.raises(SystemExit, match="2"):
-        main([*drawn, "--moment", "1.5"])
-    assert main(["inspect", "straight"]) == 2
-    assert main(["inspect", str(file), "--out", "looks.xyz"]) == 2
 
 
 @pytest.mark.parametrize("name", sorted(shipped()))
