@@ -156,10 +156,8 @@ COMMANDS = (
             OneOf((
                 option("--policy", f"compare the actions of this {POLICY_HELP}"),
                 option("--assist", "of a person's drive: what this assistant would have made of "
-                       "the recorded stick (open loop)"),
+                       "the recorded stick"),
             )),
-            flag("--closed", "with --assist: the recorded simulated person drives the same episode "
-                 "again, with that assistant"),
             OneOf((VIDEO, END_PICTURE)), *RECORD, JSON,
         ],
     ),

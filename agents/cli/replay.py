@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from agents.cli.arguments import report, spec, watch
+from agents.person.replay import open_loop
 from agents.policies import GymPolicy, make_policy
 from agents.watch import Each, Watch
 from wheelchair_gym.config import InputError
@@ -17,8 +18,6 @@ from wheelchair_gym.rendering.video import write_png, write_video
 
 def run(given: argparse.Namespace) -> int:
     """Replay the episodes and report."""
-    if given.closed and given.assist is None:
-        raise InputError("--closed needs --assist")
     chapters = read_recording(given.file)
     chosen = range(len(chapters)) if given.episode is None else [given.episode]
     if given.episode is not None and given.episode >= len(chapters):
@@ -30,7 +29,7 @@ def run(given: argparse.Namespace) -> int:
         for number in chosen:
             record = {"episode": number} | _again(chapters[number], stage, given, frames)
             if given.assist is not None:
-                record |= _helped(chapters[number], given)
+                record |= open_loop(chapters[number], spec(given.assist))
             records.append(record)
             line = (
                 f"episode {number}: {record['steps']} steps, reward {record['reward']:.4f}; "
@@ -51,21 +50,9 @@ def run(given: argparse.Namespace) -> int:
     return 0 if all(record["same"] for record in records) else 1
 
 
-def _helped(chapter: RecordedEpisode, given: argparse.Namespace) -> dict[str, Any]:
-    """What another assistant does of a person's drive, in an open or a closed loop."""
-    from agents.person.replay import closed_loop, open_loop
-
-    return (closed_loop if given.closed else open_loop)(chapter, spec(given.assist))
-
-
 def _said(name: str, record: dict[str, Any]) -> str:
-    """The figures of `_helped`, as a person reads them."""
+    """Return the figures of `open_loop` in words."""
     before, other = record["recorded"], record["other"]
-    if "outcome" in other:
-        return (
-            f"{name} with the same person: {other['outcome']} after {other['time']:.1f} s "
-            f"(recorded: {before['outcome']} after {before['time']:.1f} s)"
-        )
     angle, alike = record["difference_angle"], 100.0 * (1.0 - record["difference_share"])
     answers = "the same, to the bit" if record["same_answers"] else f"alike for {alike:.0f} % of it"
     beside = "" if angle is None else f", {np.degrees(angle):.1f} deg beside it on average"

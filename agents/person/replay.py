@@ -1,33 +1,26 @@
 """Recorded drives of a person, under another assistant.
 
-Open loop: the other assistant gets the recorded sticks and readings, and answers beside the
-recorded one; nothing moves differently. Closed loop: the same simulated person drives the same
-episode again, with the other assistant, and reacts to it. People change their driving with what
-helps them (`docs/concepts/assisted_driving.md`): what an open loop says is a first look.
+The other assistant gets the recorded sticks and readings, and answers beside the recorded one;
+nothing moves differently. People change their driving with what helps them
+(`docs/concepts/assisted_driving.md`): this open loop is a first look. `wheelchair compare --driver`
+lets a simulated person drive the same episode with several assistants.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.assistance import ASSISTANTS, is_shielded
 from agents.evaluation.assisted import ACTIVE, StickTrace
-from agents.evaluation.evaluate import drive_episode
-from agents.evaluation.metrics import Record
 from agents.policies import GymPolicy, make_policy
 from wheelchair_gym.config import InputError
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.recording.replay import RecordedEpisode, replay_env
-from wheelchair_gym.safety.settings import ShieldSettings
-from wheelchair_gym.types import Command, Mission, Reading
 
 Array = NDArray[np.float64]
-TIMES = "plan_ms", "act_ms_p50", "act_ms_p95"  # of a record: how long a policy took here
 
 
 def open_loop(recorded: RecordedEpisode, assist: Any) -> dict[str, Any]:
@@ -53,7 +46,7 @@ def open_loop(recorded: RecordedEpisode, assist: Any) -> dict[str, Any]:
     if recorded.settings.assistant is not None:
         raise InputError(
             "replay --assist: the recorded actions are residuals of the environment's assistant; "
-            "expected a drive of the policy assisted, or --closed"
+            "expected a drive of the policy assisted"
         )
     env = _replay(recorded)
     observation, _ = env.reset(seed=0, options={"episode": recorded.episode})
@@ -102,50 +95,6 @@ def _differences(answers: list[tuple[Array, Array]], period: float) -> dict[str,
     }
 
 
-def closed_loop(recorded: RecordedEpisode, assist: Any) -> dict[str, Record]:
-    """The figures of the recorded drive, and of the same person's drive with another assistant.
-
-    Args:
-        recorded: an episode that a simulated person drove: its settings and its seed are recorded.
-        assist: spec of the other assistant.
-
-    Returns:
-        `recorded` and `other`, as `agents.evaluation.metrics.measure` gives them, without times of
-        computing.
-
-    Raises:
-        InputError: no simulated person drove, or the assistant's spec is wrong.
-    """
-    settings, seed = recorded.settings, recorded.seed
-    if settings.driver is None or seed is None:
-        raise InputError("--closed: expected a drive of a simulated person (simulate --driver)")
-    if recorded.number:
-        raise InputError("--closed: expected the first episode of its seed")
-    policy = make_policy({"name": "assisted", "assist": assist})
-    shield = None
-    if is_shielded(assist):
-        driven = recorded.labels.get("assistant")
-        name = driven.get("name") if isinstance(driven, dict) else driven
-        # A file's word is not made an assistant: it may stand for code.
-        unshielded = settings.shield is None and name in ASSISTANTS.built_in and name != "direct"
-        shield = None if unshielded else settings.shield or ShieldSettings()
-    guidance = recorded.path
-    if isinstance(guidance, np.ndarray):
-        guidance = lambda task: recorded.path  # noqa: E731
-    changed = dataclasses.replace(settings, shield=shield, guidance=guidance, assistant=None)
-    env = NavigationEnv(config=changed)
-    other = drive_episode(env, policy, seed, None, recorded.episode)
-    env.close()
-    again: Any = _replay(recorded)
-    ended: Any = lambda env: env.unwrapped.chair.ended  # noqa: E731
-    before = drive_episode(again, _Recorded(recorded), 0, ended, recorded.episode)
-    again.close()
-    for record in (before, other):
-        for key in TIMES:
-            del record[key]
-    return {"recorded": before, "other": other}
-
-
 def _replay(recorded: RecordedEpisode) -> NavigationEnv:
     """See `replay_env`.
 
@@ -158,18 +107,3 @@ def _replay(recorded: RecordedEpisode) -> NavigationEnv:
             "compare --driver, drive or studio"
         )
     return replay_env(recorded)
-
-
-class _Recorded:
-    """A policy that repeats recorded actions."""
-
-    def __init__(self, recorded: RecordedEpisode) -> None:
-        self._actions = iter(recorded.actions)
-
-    def reset(self, mission: Mission) -> None:
-        """See `Policy.reset`."""
-        self._limits = mission.limits
-
-    def act(self, reading: Reading) -> Command:
-        """See `Policy.act`."""
-        return Command.from_action(next(self._actions), self._limits)
