@@ -75,6 +75,7 @@ DROPPED: Final[dict[str, dict[str, Any]]] = {
         "widen": 0.05, "parabola": 1.0, "turn_per_angle": 1.0, "projection_time": 1.0, "step": 0.1,
         "turn_weight": 0.3,
     },
+    "assistant.belief": {"goals": "scan", "count": None, "forget": 0.2},
     "assistant.freedom": {"docking_stick": 0.35, "docking_time": 1.0},
     "guidance": {"patch_radius": 0.8, "known_radius": 2.0, "shift_sigma": 0.03},
     "guidance.ways": {"step_length": 0.2, "shrink_step": 0.02, "shrink_tries": 5},

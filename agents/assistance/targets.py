@@ -1,15 +1,14 @@
-"""Where a person may want to go: places found in a scan or on a map, and a belief over them.
+"""Where a person may want to go: places found in a scan, and a belief over them.
 
 Doors, things to drive up to such as desks, and free directions are found in the obstacles around.
-On a known map they are places far from each other, by the way between them. The belief follows
-Bayes' rule: a person's stick is the likelier, the less it costs on the way to its goal beside the
-best twist there is (maximum-entropy inverse control, Javdani 2015; Dragan and Srinivasa 2013).
+The belief follows Bayes' rule: a person's stick is the likelier, the less it costs on the way to
+its goal beside the best twist there is (maximum-entropy inverse control, Javdani 2015; Dragan and
+Srinivasa 2013).
 """
 
 from __future__ import annotations
 
 import math
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +18,6 @@ from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import to_frame, to_world
 from wheelchair_gym.kinematics import arc_step
-from wheelchair_gym.maps import Geodesic, OccupancyGrid, geodesic
 
 Array = NDArray[np.float64]
 
@@ -32,6 +30,7 @@ HALF_WIDTH = 0.4  # m: of the strip in a direction that has to be free
 FREE = 1.2  # m: a direction with less room is not free
 FARTHEST = 3.0  # m: how far ahead targets of free directions lie
 IN_FRONT = 0.10  # m between the chair's front and a thing that it drives up to
+FORGET = 0.2  # 1/s, a choice: the belief returns to an even one, as people change their minds
 AHEAD = 0.4  # m before the axle, where distances are measured, so that headings count
 _CHOICE = "design choice"
 
@@ -40,14 +39,8 @@ _CHOICE = "design choice"
 class Belief:
     """How an assistant finds goals, and how fast it believes in one."""
 
-    goals: Literal["scan", "map"] = setting(default="scan", source=_CHOICE)
-    """Where goals come from; of a map only if it is known, else from the scan."""
-    count: int = setting(default=10, low=2, high=64, source=_CHOICE)
-    """Number of goals on a map."""
     rate: float = setting(default=6.0, low=0.0, high=100.0, source=_CHOICE)
     """Evidence for each second of a stick that costs a second more than the best twist."""
-    forget: float = setting(default=0.2, unit="1/s", low=0.0, high=10.0, source=_CHOICE)
-    """Rate at which the belief returns to an even one: people change their minds."""
     horizon: float = setting(default=1.0, unit="s", low=0.1, high=10.0, source=_CHOICE)
     """Time for which a twist is followed to see what it costs."""
 
@@ -164,28 +157,6 @@ def find_front(points: Array, front: float, reach: float) -> tuple[float, float]
     return float(far), math.atan2(-slope, 1.0)
 
 
-def goals_on(grid: OccupancyGrid, start: Array, radius: float, count: int) -> list[Geodesic]:
-    """Ways to so many places on a map, each as far from the others as can be, from where one is.
-
-    Args:
-        grid: the map.
-        start: (2,) m: where the chair is.
-        radius: that ways keep from what is solid [m].
-        count: number of places.
-    """
-    field = geodesic(grid, start, radius).field
-    found: list[Geodesic] = []
-    least = np.where(np.isfinite(field), field, -np.inf)
-    for _ in range(count):
-        cell = np.unravel_index(int(np.argmax(least)), least.shape)
-        if not least[cell] > 1.0:
-            break
-        place = grid.to_world(np.array([[cell[0], cell[1]]]))[0]
-        found.append(geodesic(grid, place, radius))
-        least = np.minimum(least, found[-1].field)
-    return found
-
-
 @borrowing_kernel
 def _ends(twists: Array, horizon: float, ahead: float, out: Array) -> None:
     """Where a point ahead of the axle is after twists (n, 2 or more)."""
@@ -223,7 +194,6 @@ class Goals:
     def reset(self, mission: AssistMission) -> None:
         """Know no goal."""
         self._mission = mission
-        self._ways: list[Geodesic] | None = None
         self._targets: Array = np.empty((0, 2))
         self.belief: Array = np.empty(0)
         self._pose: Array | None = None
@@ -231,25 +201,15 @@ class Goals:
     def update(self, now: AssistInput, twists: Array) -> Array:
         """Update the belief by the stick; the costs (n, k) [s] of twists (n, 2) to each goal."""
         config, mission = self.config, self._mission
-        if config.goals == "map" and now.map is not None:
-            self._take_map(now.map, now.reading.pose)
-        else:
-            self._take_scan(now)
+        self._take_scan(now)
         asked = np.array([now.asked])
-        every = self._costs(np.vstack([asked, np.zeros((1, 2)), twists[:, :2]]), now)
+        every = self._costs(np.vstack([asked, np.zeros((1, 2)), twists[:, :2]]))
         over = np.minimum(every[0] - every.min(axis=0), 10.0)
         belief = self.belief * np.exp(-config.rate * mission.period * over)
-        share = min(1.0, config.forget * mission.period)
+        share = min(1.0, FORGET * mission.period)
         belief = (1.0 - share) * belief / belief.sum() + share / len(belief)
         self.belief = belief / belief.sum()
         return every[2:]
-
-    def _take_map(self, grid: OccupancyGrid, pose: Array) -> None:
-        if self._ways is None:
-            radius = self._mission.chair.footprint.half_width + 0.05
-            ways = goals_on(grid, pose[:2], radius, self.config.count)
-            self._ways = ways or [geodesic(grid, pose[:2], radius)]
-            self.belief = np.full(len(self._ways), 1.0 / len(self._ways))
 
     def _take_scan(self, now: AssistInput) -> None:
         """Find goals anew; each inherits the belief in the one of before that it is."""
@@ -264,14 +224,8 @@ class Goals:
         self._targets, self.belief = found, belief / belief.sum()
         self._pose = now.reading.pose.copy()
 
-    def _costs(self, twists: Array, now: AssistInput) -> Array:
+    def _costs(self, twists: Array) -> Array:
         """Seconds (n, k) from where twists (n, 2) lead to each goal."""
         ends = np.empty((len(twists), 2))
         _ends(twists, self.config.horizon, AHEAD, ends)
-        if self._ways is not None:
-            places = to_world(ends, now.reading.pose)
-            ways = np.stack([each.at(places) for each in self._ways], -1)
-            ways = np.where(np.isfinite(ways), ways, 100.0)
-        else:
-            ways = distances(ends, self._targets)
-        return np.asarray(ways / self._mission.limits.forward)
+        return np.asarray(distances(ends, self._targets) / self._mission.limits.forward)

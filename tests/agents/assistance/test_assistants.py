@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from agents.assistance import ASSISTANTS, is_shielded, make_assistant
 from agents.assistance.assistant import AssistMission
-from agents.assistance.targets import find_targets, goals_on
+from agents.assistance.targets import find_targets
 from agents.policies import make_policy
 from agents.policies.assisted import Assisted
 from tests.assistance.test_compiled import reading, scan_of
@@ -21,28 +21,21 @@ from tests.laws.test_policies import plain
 from wheelchair_gym.config import InputError, dump, load
 from wheelchair_gym.drivers import DRIVERS
 from wheelchair_gym.envs import NavigationEnv
-from wheelchair_gym.maps import read_any_map
 from wheelchair_gym.physics.settings import ChairSettings
-from wheelchair_gym.scenes.map_file import example_map
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.types import Stick
 
 CHAIR, SENSORS = ChairSettings(), SensorSettings()
 MISSION = AssistMission(CHAIR, SENSORS, 0.1)
 LIMITS = CHAIR.limits
-MAPPED = {
-    name: {"name": name, "belief": {"goals": "map"}}
-    for name in ("hypotheses", "blend", "hindsight")
-}
-SPECS = {**{name: name for name in ASSISTANTS}, **{f"{n}:map": s for n, s in MAPPED.items()}}
 
 
-def assisted(name, sticks, scans, known=None):
+def assisted(name, sticks, scans):
     """What an assistant makes of sticks and scans, 0.1 s apart."""
-    assistant, found = make_assistant(SPECS[name]), []
+    assistant, found = make_assistant(name), []
     assistant.reset(MISSION)
     for k, (stick, scan) in enumerate(zip(sticks, scans, strict=True)):
-        found.append(assistant.assist(stick, reading(scan, (0.2, 0.1), 0.1 * k), known))
+        found.append(assistant.assist(stick, reading(scan, (0.2, 0.1), 0.1 * k), None))
     return np.array(found)
 
 
@@ -69,23 +62,23 @@ def test_it_never_goes_beyond_its_freedom(name):
     law()
 
 
-@pytest.mark.parametrize("name", SPECS)
+@pytest.mark.parametrize("name", ASSISTANTS)
 def test_a_centred_stick_asks_for_rest_at_once(name):
     """After any drive, latched or not: a stop command of a latched interface is a centred stick."""
     sticks = [Stick(1.0, 0.3, True)] * 6 + [Stick(0.0, 0.0, False)]
     for seed in range(5):
-        found = assisted(name, sticks, [scan_of(seed)] * 7, known=None)
+        found = assisted(name, sticks, [scan_of(seed)] * 7)
         assert not found[-1].any()
         assert not np.signbit(found[-1]).any()
 
 
-@pytest.mark.parametrize("name", SPECS)
+@pytest.mark.parametrize("name", ASSISTANTS)
 def test_the_same_drive_gives_the_same_twists(name):
     sticks = [Stick(0.8, 0.1 * k, False) for k in range(6)]
     scans = [scan_of(k) for k in range(6)]
     one, other = assisted(name, sticks, scans), assisted(name, sticks, scans)
     assert one.tobytes() == other.tobytes()
-    assistant = make_assistant(SPECS[name])
+    assistant = make_assistant(name)
     for _ in range(2):  # a second episode is as the first
         assistant.reset(MISSION)
         again = [
@@ -95,7 +88,7 @@ def test_the_same_drive_gives_the_same_twists(name):
         assert np.array(again).tobytes() == one.tobytes()
 
 
-@pytest.mark.parametrize("name", SPECS)
+@pytest.mark.parametrize("name", ASSISTANTS)
 def test_in_the_open_the_stick_is_the_twist_or_nearly(name):
     """Where nothing is near, full autonomy is unwanted: the stick decides."""
     nothing = np.full(1081, np.inf)
@@ -116,7 +109,7 @@ def test_it_slows_before_a_wall(name):
     assert v < 0.5
 
 
-@pytest.mark.parametrize("name", SPECS)
+@pytest.mark.parametrize("name", ASSISTANTS)
 def test_the_goal_never_reaches_it(name):
     """Twists are those of any other goal, by a policy that knows the mission."""
     env = NavigationEnv("clutter", driver="expert", beams=64)
@@ -128,7 +121,7 @@ def test_the_goal_never_reaches_it(name):
     assert any(each.stick.forward for each in readings)
     found = []
     for goal in (mission.goal, mission.goal + 7.0, np.full(2, np.nan)):
-        policy = make_policy({"name": "assisted", "assist": SPECS[name]})
+        policy = make_policy({"name": "assisted", "assist": name})
         other = replace(mission, goal=goal, tolerance=0.1, time_limit=1.0, key=9)
         policy.reset(other)
         found.append([plain(policy.act(each)) for each in readings])
@@ -189,15 +182,6 @@ def test_doors_desks_and_free_directions_are_targets():
     assert beyond.min() < 0.1  # the door
     assert np.hypot(*(found - (1.2, 0.0)).T).min() < 0.4  # in front of the wall
     assert len(find_targets(np.empty((0, 2)), 0.7)) == 9
-
-
-def test_goals_on_a_map_are_far_apart():
-    grid = read_any_map(example_map()).grid
-    ways = goals_on(grid, np.array([2.0, 2.0]), 0.36, 5)
-    places = np.array([way.goal for way in ways])
-    assert len(places) == 5
-    apart = np.array([way.at(places) for way in ways])  # by the way between them
-    assert apart[~np.eye(5, dtype=bool)].min() > 2.0
 
 
 @pytest.mark.parametrize("driver", long_but(["expert", "sip_and_puff", "hostile"], ["hostile"]))
