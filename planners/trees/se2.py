@@ -3,11 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +21,6 @@ from planners.trees.pose_path import (
     poses_of_path,
 )
 from planners.trees.pose_tree import (
-    ATTEMPTS,
     NEIGHBOURS,
     NODE,
     NONE,
@@ -50,7 +45,6 @@ GUIDE_SPACING = 0.1  # m
 POSE_SPACING = 0.05  # m, and rad of a pivot times 2: between poses of the path
 ROOTS = 24  # about so many headings at a goal without one are roots of a tree
 CHUNK = 4  # iterations between two readings of the clock
-SHARE = 16  # ... of several searches, which then share the best path
 NODES = 10_000  # of a tree at most
 SHARPEST_TURN = 1.6  # 1/m: greatest curvature of arcs, as of `lattice`; sharper turns are pivots
 SHIFT_BOUND = 0.4  # m: largest shift of a pose by whales; it shrinks while they find nothing
@@ -98,10 +92,6 @@ class Se2RrtStarWoa(DrivingCost, PlannerBase):
     """Share of the rounds of whales that move poses of a window of the path."""
     global_share: float = setting(default=0.0, low=0.0, source=_TUNED)
     """Share of the rounds of whales that move poses along the whole path, jointly."""
-    searches: int = setting(default=1, low=1, high=64, source=_DESIGN)
-    """Searches with trees, whales and random numbers of their own, which share the best path."""
-    threads: int = setting(default=1, low=1, high=64, source=_DESIGN)
-    """Threads that run them; the plan depends on their number only by the deadline."""
 
     def trivial(self, problem: Problem) -> Plan | None:
         """The plan where the axle cannot stand at an end; the rectangle is tested later."""
@@ -125,43 +115,27 @@ class Se2RrtStarWoa(DrivingCost, PlannerBase):
         guide, guide_iterations = self._guide(problem, near, motion.margin, rng, end)
         guided_s = clock() - began
         goals = goal_poses(near, motion, goal, ROOTS)
-        searches = [
-            self._search(near, motion, start, goal, goals, guide) for _ in range(self.searches)
-        ]
-        states = [state, *(stream(rng) for _ in searches[1:])]
-        runs = [search.run[0] for search in searches]
+        search = self._search(near, motion, start, goal, goals, guide)
+        run, path = search.run[0], search.path
         first_s, most = math.inf, self.iterations if len(goals) else 0
-        with ExitStack() as stack:
-            map_: Callable[..., Iterable[Any]] = map
-            if self.searches > 1 and self.threads > 1:
-                map_ = stack.enter_context(ThreadPoolExecutor(self.threads)).map
-            done = 0
-            while done < most and clock() < end:
-                until = min(most, done + (CHUNK if self.searches == 1 else SHARE))
-
-                def run_on(k: int, until: int = until) -> None:
-                    advance(searches[k], until, runs[k]["first_path"] == 0, states[k])
-
-                list(map_(run_on, range(self.searches)))
-                share_best(searches)
-                done = max(int(run["iteration"]) for run in runs)
-                if runs[0]["first_path"] and first_s == math.inf:
-                    first_s = clock() - began
-                if all(run["refining"] for run in runs):
-                    refining = max(int(run["refining"]) for run in runs)
-                    most = min(most, refining + self.improvement)
-        path = min((search.path for search in searches), key=lambda path: float(path.cost[0]))
+        while run["iteration"] < most and clock() < end:
+            until = min(most, int(run["iteration"]) + CHUNK)
+            advance(search, until, run["first_path"] == 0, state)
+            if run["first_path"] and first_s == math.inf:
+                first_s = clock() - began
+            if run["refining"]:
+                most = min(most, int(run["refining"]) + self.improvement)
         solved = path.size[0] > 0
         return Plan(
             Status.SOLVED if solved else Status.EXHAUSTED,
             poses_of_path(path, POSE_SPACING) if solved else np.empty((0, 3)),
             counters={
-                "iterations": done,
+                "iterations": int(run["iteration"]),
                 "guide_iterations": guide_iterations,
-                "nodes": sum(int(s.start_tree.size[0] + s.goal_tree.size[0]) for s in searches),
-                "first_path": int(runs[0]["first_path"]),
-                "local_evaluations": sum(int(run["local_evaluations"]) for run in runs),
-                "global_evaluations": sum(int(run["global_evaluations"]) for run in runs),
+                "nodes": int(search.start_tree.size[0] + search.goal_tree.size[0]),
+                "first_path": int(run["first_path"]),
+                "local_evaluations": int(run["local_evaluations"]),
+                "global_evaluations": int(run["global_evaluations"]),
             },
             timings={"guided_s": guided_s, "first_path_s": first_s},
         )
@@ -209,15 +183,3 @@ class Se2RrtStarWoa(DrivingCost, PlannerBase):
         shares = self.tree_share, self.shortcut_share, self.local_share, self.global_share
         tree, shortcuts, local, _ = np.cumsum(shares) / max(sum(shares), 1e-9)
         return Options(float(tree), float(shortcuts), float(local))
-
-
-def share_best(searches: Sequence[Search]) -> None:
-    """Give the cheapest path of all searches to the others; of equal ones, the first search's."""
-    best = min(searches, key=lambda search: float(search.path.cost[0])).path
-    for search in searches:
-        path, run = search.path, search.run[0]
-        if path.cost[0] > best.cost[0]:
-            path.pieces[: best.size[0] + 1] = best.pieces[: best.size[0] + 1]
-            path.size[:], path.cost[:] = best.size, best.cost
-            if run["first_path"] == 0:
-                run["first_path"], run["last_attempt"] = run["iteration"], run["attempt"] + ATTEMPTS

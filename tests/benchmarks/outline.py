@@ -5,9 +5,6 @@ lattice, RRT*-WOA in SE(2) with and without whales, and OMPL's planners (extra `
 same connections, exact test and cost. Every path is judged by shapely. Problems are those of
 `python -m tests.benchmarks.lattice`. Seconds are those of the process, deadlines too: others
 do not count. Rows that the file has already are kept, and what is missing is run.
-
-`python -m tests.benchmarks.outline --threads [--worlds 10]`: one plan by 2 and by 4 searches of
-RRT*-WOA on one thread and on two, by the clock on the wall, and whether the two plans are equal.
 """
 
 from __future__ import annotations
@@ -15,7 +12,6 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -97,57 +93,13 @@ def summary(rows, names):
               + " | ".join(line) + f" | {bad} of {len(every)} |")  # fmt: skip
 
 
-ROUNDS = 500  # after the first path
-
-
-def speed_up(worlds, chosen):
-    """A line for each set and number of searches: how much faster two threads plan than one."""
-    for name, problems in sets(worlds):
-        if name not in chosen:
-            continue
-        cases = list(islice(problems, worlds))
-        for searches in (2, 4):
-            settings = {"name": "se2_rrt_star_woa", "searches": searches, "improvement": ROUNDS}
-            spent, equal = [], 0
-            for problem, footprint in cases:
-                seconds, paths = [], []
-                for threads in (1, 2, 2, 1):  # what grows slower with time hits both
-                    planner = make_planner(
-                        {**settings, "threads": threads, "footprint": dump(footprint)}
-                    )
-                    begun = time.perf_counter()
-                    plan = planner.plan(problem, np.random.default_rng(0), None)
-                    seconds.append(time.perf_counter() - begun)
-                    paths.append(plan.path)
-                equal += all(np.array_equal(paths[0], path) for path in paths)
-                if len(paths[0]):
-                    spent.append((seconds[0] + seconds[3], seconds[1] + seconds[2]))
-            ratios = np.log([one / two for one, two in spent])
-            draws = np.random.default_rng(0).choice(ratios, (10_000, len(ratios))).mean(axis=1)
-            low, high = np.exp(np.quantile(draws, (0.025, 0.975)))
-            median = 500 * np.median([one for one, _ in spent])
-            print(
-                f"{name}, {searches} searches, {ROUNDS} rounds: two threads are "
-                f"{np.exp(ratios.mean()):.2f} ({low:.2f} to {high:.2f}) times as fast on "
-                f"{len(spent)} problems (one thread: median {median:.0f} ms); "
-                f"equal plans {equal} of {len(cases)}",
-                flush=True,
-            )
-
-
 def main():
     """Run what is missing, and print a table for each set."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--worlds", type=int, default=30, help="of each scene")
     parser.add_argument("--sets", default="homes,barn_60,problems")
-    parser.add_argument("--out", type=Path, help="where rows are kept")
-    parser.add_argument("--threads", action="store_true", help="compare one thread with two")
+    parser.add_argument("--out", type=Path, required=True, help="where rows are kept")
     given = parser.parse_args()
-    if given.threads:
-        speed_up(given.worlds, given.sets.split(","))
-        return
-    if given.out is None:
-        parser.error("--out is missing")
     names = list(ENTRANTS)
     wheelchair_gym.compiled.clock.perf_counter = time.process_time  # the planners' clock
     rows = {}

@@ -22,7 +22,6 @@ EXCEPTIONS = {
     "limits": "a whole chair's limits, of which a planner reads some",
     "lattice": "the settings of the planner lattice, which are varied there",
     "refinements": "of lattice and voronoi: only where a first round of search finds no path",
-    "threads": "their number does not change a plan",
     "first": "a name of another registry", "objective": "the same", "optimizer": "the same",
 }  # fmt: skip
 # Settings under which the others count; one setting must count under one of several.

@@ -95,15 +95,6 @@ def test_another_seed_gives_another_plan():
     assert first.path.shape != other.path.shape or (first.path != other.path).any()
 
 
-def test_several_searches_share_the_best_path_and_threads_change_nothing():
-    alone = plan(ROOM, improvement=40)
-    one, two = (plan(ROOM, improvement=40, searches=3, threads=threads) for threads in (1, 2))
-    np.testing.assert_array_equal(one.path, two.path)
-    assert one.counters == two.counters
-    assert one.counters["local_evaluations"] > alone.counters["local_evaluations"]
-    assert not faults(one, ROOM)
-
-
 @pytest.mark.parametrize("deadline", [1e-9, 0.01, 0.05])
 def test_the_iterations_of_a_plan_under_a_deadline_replay_it(deadline):
     late = plan(ROOM, deadline=deadline, iterations=10**6, improvement=10**6)
