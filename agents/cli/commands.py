@@ -114,7 +114,6 @@ COMMANDS = (
                    "FILE.json:NAME as in configs/scenes.json (default: the config's, or "
                    "floor_plan)"),
             *map_options(),
-            flag("--pick", "choose start and goal on that map with the mouse, in a window"),
             option("--policy", POLICY_HELP, default="lattice+window"), seed(),
             option("--driver", "a simulated person drives, in place of a policy: expert, novice, "
                    "... (configs/drivers.json), module:function or FILE.json:NAME"),

@@ -64,10 +64,6 @@ def simulate(given: argparse.Namespace) -> int:
         if given.scene is not None:
             raise InputError("--map and --scene: expected one of them")
         (scene,) = maps
-        if given.pick:
-            scene |= _picked(scene, settings)
-    elif given.pick:
-        raise InputError("--pick needs --map")
     mode, episode = "human" if given.window else "rgb_array", None
     if given.chair is not None:
         env, episode = _real(given, settings, scene, mode)
@@ -112,17 +108,6 @@ def simulate(given: argparse.Namespace) -> int:
     )
     report(given, record, text)
     return 0
-
-
-def _picked(scene: dict[str, Any], settings: dict[str, Any]) -> dict[str, Any]:
-    """Start and goal that a person chooses in a window."""
-    from wheelchair_gym.rendering.pick import pick_poses
-
-    footprint = complete_env_settings(**{"config": None, **settings}).chair.footprint
-    solid = scene.get("unknown_is_solid", True)
-    start, goal = pick_poses(read_any_map(scene["path"], solid, scene.get("resolution")), footprint)
-    print(f"--start {','.join(map(str, start))} --goal {','.join(map(str, goal))}", file=sys.stderr)
-    return {"start": start, "goal": goal}
 
 
 def _real(

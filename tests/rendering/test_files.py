@@ -12,10 +12,7 @@ import pytest
 from PIL import Image
 
 from wheelchair_gym.config import InputError
-from wheelchair_gym.geometry import Footprint
-from wheelchair_gym.maps import read_any_map
 from wheelchair_gym.rendering import Window, webp, write_png, write_video
-from wheelchair_gym.rendering.pick import pick_poses
 
 
 def frames(count=12, shape=(64, 96)):
@@ -140,28 +137,3 @@ def test_webp_is_small_and_looks_the_same(tmp_path):
     assert data[8:12] == b"WEBP"
     with Image.open(io.BytesIO(data)) as picture:
         assert np.abs(np.asarray(picture).astype(int) - noisy).mean() < 3
-
-
-def test_start_and_goal_are_chosen_with_the_mouse(monkeypatch, tmp_path):
-    pygame = pytest.importorskip("pygame")
-    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    Image.new("L", (200, 120), "white").save(tmp_path / "plan.png")
-    room = read_any_map(tmp_path / "plan.png", resolution=0.05)  # 10 m x 6 m, 0.3 m beside it
-    down, up = pygame.MOUSEBUTTONDOWN, pygame.MOUSEBUTTONUP
-    events = iter(
-        [(down, (200, 300)), (up, (300, 300)), (down, (3, 3)), (up, (3, 3)), (down, (700, 200)),
-         (up, (700, 100))]
-    )  # fmt: skip
-    show = Window.show
-
-    def shown(self, image):
-        alive = show(self, image)
-        kind, at = next(events, (pygame.MOUSEMOTION, (0, 0)))
-        pygame.event.post(pygame.event.Event(kind, button=1, pos=at))
-        return alive
-
-    monkeypatch.setattr(Window, "show", shown)
-    start, goal = pick_poses(room, Footprint())  # the press outside the walls is refused
-    scale = 10.6 / 960  # m a pixel
-    assert start == pytest.approx([200 * scale - 0.3, 6.3 - 300 * scale, 0.0], abs=0.02)
-    assert goal == pytest.approx([700 * scale - 0.3, 6.3 - 200 * scale, np.pi / 2], abs=0.02)

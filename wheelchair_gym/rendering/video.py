@@ -149,8 +149,6 @@ class Window:
         self._pygame = pygame
         self._rate = rate
         self._open = True
-        self._presses: list[tuple[bool, tuple[int, int]]] = []
-        self._corner, self._scale = (0, 0), 1.0  # of the picture in the window
         self._screen: pygame.Surface | None = None
         try:
             pygame.display.init()
@@ -172,20 +170,13 @@ class Window:
         height, width = image.shape[:2]
         if self._screen is None:
             self._screen = pygame.display.set_mode((width, height), pygame.RESIZABLE)
-        events = pygame.event.get()
         if any(
             event.type == pygame.QUIT
             or (event.type == pygame.KEYDOWN and event.key in (pygame.K_ESCAPE, pygame.K_q))
-            for event in events
+            for event in pygame.event.get()
         ):
             self.close()
             return False
-        buttons = pygame.MOUSEBUTTONDOWN, pygame.MOUSEBUTTONUP
-        self._presses += [
-            (event.type == buttons[0], event.pos)
-            for event in events
-            if event.type in buttons and event.button == 1
-        ]
         # A resize makes pygame hand out a new surface.
         self._screen = pygame.display.get_surface() or self._screen
         size = self._screen.get_size()
@@ -195,26 +186,11 @@ class Window:
         if fitted != (width, height):
             picture = pygame.transform.smoothscale(picture, fitted)
         self._screen.fill(_MARGIN)
-        self._corner = (size[0] - fitted[0]) // 2, (size[1] - fitted[1]) // 2
-        self._scale = scale
-        self._screen.blit(picture, self._corner)
+        self._screen.blit(picture, ((size[0] - fitted[0]) // 2, (size[1] - fitted[1]) // 2))
         pygame.display.flip()
         if self._rate is not None:
             self._clock.tick(self._rate)
         return True
-
-    def pointer(self) -> tuple[float, float]:
-        """Column and row of the picture [pixels] under the mouse."""
-        return self._in_picture(self._pygame.mouse.get_pos() if self._open else (0, 0))
-
-    def presses(self) -> list[tuple[bool, tuple[float, float]]]:
-        """How the left button was pressed (true) and let go since the last call, and where."""
-        found, self._presses = self._presses, []
-        return [(down, self._in_picture(at)) for down, at in found]
-
-    def _in_picture(self, at: tuple[int, int]) -> tuple[float, float]:
-        (x, y), (left, top) = at, self._corner
-        return (x - left) / self._scale, (y - top) / self._scale
 
     def close(self) -> None:
         """Close the window; a second call does nothing."""
