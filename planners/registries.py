@@ -45,7 +45,7 @@ OPTIMIZERS: Final = Registry(
 )
 # What moves the swarms of the planner `swarm`.
 SWARM_OPTIMIZERS: Final = Registry(
-    "optimizer", {**OPTIMIZERS.places, **in_module("planners.swarm.peers", "Mealpy Niapy")}
+    "optimizer", {**OPTIMIZERS.places, **in_module("planners.swarm.peers", "Mealpy")}
 )
 OBJECTIVES: Final = Registry(
     "objective", in_module("planners.swarm.path_cost", "LengthFree Smooth Violation WayPoints")

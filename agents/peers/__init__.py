@@ -21,12 +21,12 @@ class Peer(NamedTuple):
     settings: Any
 
 
-def _swarm(package: str, algorithm: str) -> SwarmPlanner:
+def _mealpy(algorithm: str) -> SwarmPlanner:
     """A swarm on the way points of a free path: from random starts no swarm finds one in clutter.
 
     Each run of 100 iterations starts around the best path so far.
     """
-    optimizer = {"name": package, "algorithm": algorithm}
+    optimizer = {"name": "mealpy", "algorithm": algorithm}
     return SwarmPlanner(optimizer=optimizer, population=10, way_points=20)
 
 
@@ -37,9 +37,8 @@ PEERS: Final[dict[str, Peer]] = {
     "ompl_rrt_connect_sampled": Peer("ompl", Ompl("RRTConnect", exact=False)),
     "ompl_informed_rrt_star_sampled": Peer("ompl", Ompl("InformedRRTstar", exact=False)),
     "ompl_bit_star_sampled": Peer("ompl", Ompl("BITstar", exact=False)),
-    "mealpy_woa": Peer("mealpy", _swarm("mealpy", "OriginalWOA")),
-    "mealpy_pso": Peer("mealpy", _swarm("mealpy", "OriginalPSO")),
-    "niapy_pso": Peer("niapy", _swarm("niapy", "ParticleSwarmAlgorithm")),
+    "mealpy_woa": Peer("mealpy", _mealpy("OriginalWOA")),
+    "mealpy_pso": Peer("mealpy", _mealpy("OriginalPSO")),
 }
 
 

@@ -15,7 +15,7 @@ from planners.judge import plan_faults
 from planners.problem import checked_plan
 from planners.registries import FIRST_PLANNERS, OBJECTIVES, SWARM_OPTIMIZERS
 from planners.swarm.optimizers import new_swarm
-from planners.swarm.peers import PeerOptimizer
+from planners.swarm.peers import Mealpy
 from planners.swarm.planner import SwarmPlanner
 from planners.swarm.search import search
 from wheelchair_gym.arrays import Array
@@ -90,7 +90,7 @@ def _swarm_of(planner: Any) -> SwarmPlanner | None:
     swarm = getattr(planner, "swarm", planner)
     if not isinstance(swarm, SwarmPlanner):
         return None
-    return None if isinstance(SWARM_OPTIMIZERS.make(swarm.optimizer), PeerOptimizer) else swarm
+    return None if isinstance(SWARM_OPTIMIZERS.make(swarm.optimizer), Mealpy) else swarm
 
 
 def _swarm_frames(

@@ -1,11 +1,11 @@
-"""Optimizers of other packages in the planner `swarm`, with our path costs and exact tests."""
+"""Optimizers of the library mealpy in the planner `swarm`, with our path costs and exact tests."""
 
 from __future__ import annotations
 
 import contextlib
 import importlib
 import importlib.util
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,15 +44,12 @@ class Evaluator:
         return float(cost)
 
 
-class PeerOptimizer:
-    """An optimizer of another package, which the extra `peers` installs."""
+@settings
+class Mealpy:
+    """An optimizer of the library mealpy, which the extra `peers` installs."""
 
-    package: ClassVar[str]
-    algorithm: str
-
-    def run(self, cost: Evaluator, start: InitialSwarm, iterations: int, seed: int) -> None:
-        """Search once; the evaluator keeps the best."""
-        raise NotImplementedError
+    algorithm: str = setting(default="OriginalWOA", source="a class of mealpy, by its name")
+    """Name of a class of mealpy."""
 
     def search(
         self,
@@ -74,17 +71,16 @@ class PeerOptimizer:
             deadline: seconds of wall time from now; None for none.
 
         Raises:
-            InputError: the package is not installed, or has no such optimizer.
+            InputError: mealpy is not installed, or has no such optimizer.
         """
-        if importlib.util.find_spec(self.package) is None:
-            needs = "pip install 'wheelchair_gym[peers]'"
-            raise InputError(f"optimizer {self.package} needs: {needs}")
+        if importlib.util.find_spec("mealpy") is None:
+            raise InputError("optimizer mealpy needs: pip install 'wheelchair_gym[peers]'")
         _, end = begin(deadline)
         cost, scattered, made = Evaluator(start, path_cost, end), start, 0
         while made == 0 or (made < iterations and clock() < end):
             count = max(1, min(cycle, iterations - made))
             with contextlib.suppress(TimeoutError):
-                self.run(cost, scattered, count, int(rng.integers(2**31)))
+                self._run(cost, scattered, count, int(rng.integers(2**31)))
             made += count
             population = cost.best + start.population - start.population[0]
             scattered = start._replace(population=np.clip(population, start.lower, start.upper))
@@ -99,17 +95,7 @@ class PeerOptimizer:
             max(0, cost.calls // k - 1),
         )
 
-
-@settings
-class Mealpy(PeerOptimizer):
-    """An optimizer of the library mealpy."""
-
-    package = "mealpy"
-
-    algorithm: str = setting(default="OriginalWOA", source="a class of mealpy, by its name")
-    """Name of a class of mealpy."""
-
-    def run(self, cost: Evaluator, start: InitialSwarm, iterations: int, seed: int) -> None:
+    def _run(self, cost: Evaluator, start: InitialSwarm, iterations: int, seed: int) -> None:
         """Search once; the evaluator keeps the best."""
         mealpy = importlib.import_module("mealpy")
         try:
@@ -121,42 +107,3 @@ class Mealpy(PeerOptimizer):
         bounds = mealpy.FloatVar(lb=start.lower, ub=start.upper)
         problem = {"bounds": bounds, "minmax": "min", "obj_func": cost, "log_to": None}
         model.solve(problem, starting_solutions=list(start.population), seed=seed)
-
-
-@settings
-class Niapy(PeerOptimizer):
-    """An optimizer of the library NiaPy."""
-
-    package = "niapy"
-
-    algorithm: str = setting(default="ParticleSwarmAlgorithm", source="a class of niapy, by name")
-    """Name of a class of niapy.algorithms.basic."""
-
-    def run(self, cost: Evaluator, start: InitialSwarm, iterations: int, seed: int) -> None:
-        """Search once; the evaluator keeps the best."""
-        basic = importlib.import_module("niapy.algorithms.basic")
-        problems = importlib.import_module("niapy.problems")
-        niapy_task = importlib.import_module("niapy.task")
-
-        class PathProblem(problems.Problem):  # type: ignore[misc, name-defined]
-            def _evaluate(self, x: Any) -> float:
-                return cost(x)
-
-        def initial(task: Any, **_: Any) -> tuple[Array, Array]:
-            return start.population.copy(), np.array([task.eval(x) for x in start.population])
-
-        try:
-            swarm = getattr(basic, self.algorithm)(
-                population_size=len(start.population),
-                initialization_function=initial,
-                seed=seed,
-            )
-        except Exception as error:
-            raise InputError(f"optimizer niapy: {self.algorithm}: {error}") from None
-        task = niapy_task.Task(PathProblem(len(start.lower), start.lower, start.upper))
-        population, costs, more = swarm.init_population(task)
-        best, least = swarm.get_best(population, costs)
-        for _ in range(iterations):
-            population, costs, best, least, more = swarm.run_iteration(
-                task, population, costs, best, least, **more
-            )

@@ -14,7 +14,7 @@ from planners.registries import FIRST_PLANNERS, OBJECTIVES, SWARM_OPTIMIZERS
 from planners.smoothing.curves import POLYLINE, curve, curve_kind
 from planners.swarm.optimizers import MIN_POPULATION, new_swarm
 from planners.swarm.path_cost import PathProblem
-from planners.swarm.peers import PeerOptimizer
+from planners.swarm.peers import Mealpy
 from planners.swarm.search import (
     InitialSwarm,
     SearchResult,
@@ -160,7 +160,7 @@ class SwarmPlanner(ShiftBounds, PlannerBase):
         """
         optimizer = SWARM_OPTIMIZERS.make(self.optimizer)
         path_cost = OBJECTIVES.make(self.objective).path_cost
-        if isinstance(optimizer, PeerOptimizer):
+        if isinstance(optimizer, Mealpy):
             return optimizer.search(start, path_cost, self.iterations, self.cycle, rng, deadline)
         return search(
             start.path_problem,

@@ -204,9 +204,9 @@ def test_a_peer_that_is_installed_solves_and_keeps_to_a_deadline(name, problems)
 
 
 def test_a_missing_package_is_one_line_that_names_the_extra(monkeypatch):
-    monkeypatch.setattr(entrants, "installed", lambda package: package == "niapy")
+    monkeypatch.setattr(entrants, "installed", lambda package: package == "mealpy")
     here, lines = entrants.select_peers(None)
-    assert here == ["niapy_pso"]
+    assert here == ["mealpy_woa", "mealpy_pso"]
     assert len(lines) == len({peer.package for peer in PEERS.values()}) - 1
     assert all("pip install 'wheelchair_gym[peers]'" in line for line in lines)
     with pytest.raises(entrants.InputError, match="ompl is not installed: pip install"):

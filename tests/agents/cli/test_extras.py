@@ -54,7 +54,7 @@ NEEDED = {
 # The documentation, a log beside ours, and what benchmarks compare with: left out
 # where they are not installed.
 LEFT_OUT = {
-    "furo", "myst-parser", "schemdraw", "sphinx", "tensorboard", "ir-sim", "ompl", "niapy",
+    "furo", "myst-parser", "schemdraw", "sphinx", "tensorboard", "ir-sim", "ompl",
 }  # fmt: skip
 
 
