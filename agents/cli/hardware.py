@@ -23,7 +23,7 @@ from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.files import atomic_write
 from wheelchair_gym.geometry import relative_pose
 from wheelchair_gym.hardware import joystick
-from wheelchair_gym.hardware.boards.monitor import status_rows, subscribe
+from wheelchair_gym.hardware.boards.monitor import status_rows
 from wheelchair_gym.hardware.boards.parameters import (
     board_parameters,
     save_parameters,
@@ -313,21 +313,11 @@ def measured_end(what: str) -> Any:
 
 
 def monitor(given: argparse.Namespace) -> int:
-    """Print all messages live; through the program that holds the ports, if there is one."""
+    """Print all messages live."""
     settings = env_settings(given.config)
-    device = settings.hardware.drive_port
     table = _Table()
-    if (tables := subscribe(device)) is not None:
-        _log(f"{device} is held by another program: these are its messages")
-        started = time.monotonic()
-        for rows in tables:
-            table.print(rows)
-            if given.seconds is not None and time.monotonic() - started >= given.seconds:
-                return 0
-        _log(f"the program that held {device} has ended")
-        return 0
     if not given.yes:
-        _ask_before_reset([device, settings.hardware.range_port])
+        _ask_before_reset([settings.hardware.drive_port, settings.hardware.range_port])
     with _boards(settings) as (senses, clock):
         started = printed = clock.now()
         while given.seconds is None or clock.now() - started < given.seconds:

@@ -15,7 +15,6 @@ from tests.conftest import ROOT, until
 from tests.hardware.realtime import serving
 from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.hardware import joystick
-from wheelchair_gym.hardware.boards.monitor import subscribe
 from wheelchair_gym.hardware.boards.senses import BoardSensors
 from wheelchair_gym.hardware.chair import HardwareChair
 
@@ -48,8 +47,7 @@ def test_tools_work_over_devices(served, tmp_path, capsys):
 
 
 @pytest.mark.realtime
-def test_monitor_listens_to_the_program_that_drives(served, capsys):
-    """It opens no port of its own: the owner's line stays open, and nothing is reset."""
+def test_a_tool_names_the_program_that_has_the_port_and_blames_no_cable(served, capsys):
     settings = env_settings(str(served.config))
     own = settings.hardware
     senses = BoardSensors(own, settings.sensors, settings.chair.drive, time.monotonic)
@@ -62,14 +60,7 @@ def test_monitor_listens_to_the_program_that_drives(served, capsys):
     owner = threading.Thread(target=drive)
     owner.start()
     try:
-        assert until(lambda: senses._monitor is not None)
-        words = ["hardware", "monitor", "--config", str(served.config), "--seconds", "1"]
-        assert main(words) == 0
-        said = capsys.readouterr()
-        assert "another program" in said.err
-        assert "battery" in said.out
-        assert senses.drive.statistics.opened == 1
-        # Any other tool is told who has the port, and blames no cable.
+        assert until(lambda: senses.drive.connected)
         assert main(["hardware", "check", "--config", str(served.config), "--no-person"]) == 1
         said = capsys.readouterr().out
         assert f"{own.drive_port} is in use by this very program" in said
@@ -78,7 +69,6 @@ def test_monitor_listens_to_the_program_that_drives(served, capsys):
         ended.set()
         owner.join()
         senses.close()
-    assert subscribe(own.drive_port) is None
 
 
 def test_monitor_asks_before_it_resets_a_board(tmp_path, monkeypatch, capsys):

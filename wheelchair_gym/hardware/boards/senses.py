@@ -11,9 +11,8 @@ import numpy as np
 from wheelchair_gym.arrays import Floats
 from wheelchair_gym.hardware.boards.dead_reckoning import WheelOdometry
 from wheelchair_gym.hardware.boards.link import Link
-from wheelchair_gym.hardware.boards.monitor import SUPPORTED, MonitorServer, status_rows
 from wheelchair_gym.hardware.boards.parameters import ParameterTable
-from wheelchair_gym.hardware.boards.ports import Port, is_device, open_port
+from wheelchair_gym.hardware.boards.ports import Port, open_port
 from wheelchair_gym.hardware.boards.protocol import (
     STRIPS,
     Answer,
@@ -89,8 +88,6 @@ class BoardSensors:
         }
         self._joystick: tuple[Joystick, float] | None = None  # and when it came [s]
         self._stamp = -math.inf
-        self._monitor: MonitorServer | None = None
-        self._monitored = SUPPORTED and is_device(settings.drive_port)
 
     def clear(self) -> None:
         """Forget all data; the wheels' odometry goes on."""
@@ -100,14 +97,12 @@ class BoardSensors:
         self.pressed = False
 
     def poll(self) -> None:
-        """Read what has come, and inform monitors; never waits."""
+        """Read what has come; never waits."""
         for board, table in self.parameters.items():
             for frame in table.link.poll() if table.link else ():
                 self._take(board, frame.message)
         for scan in self.laser.poll():
             self._newest["scan"].update(scan, scan.stamp, scan.received_at)
-        if self._monitored and self.drive.connected:
-            self._inform_monitors(self._now())
 
     def wait_for(self, clock: Clock, condition: Callable[[], bool], timeout: float) -> bool:
         """Read the lines until a condition holds; returns whether it does in time [s]."""
@@ -117,16 +112,6 @@ class BoardSensors:
             return "" if condition() else "missing"
 
         return not wait_until(clock, missing, timeout, interval=POLL_PERIOD)
-
-    def _inform_monitors(self, now: float) -> None:
-        """Publish the chair's state to other programs: only this one can open the port."""
-        if self._monitor is None:
-            try:
-                self._monitor = MonitorServer(self.settings.drive_port)
-            except OSError:  # nobody can watch: no reason not to drive
-                self._monitored = False
-                return
-        self._monitor.publish(now, lambda: status_rows(self, now))
 
     def _take(self, board: str, message: Any) -> None:
         now = self._now()
@@ -246,10 +231,9 @@ class BoardSensors:
 
     def close(self) -> None:
         """Close the lines for good."""
-        for line in (self.drive, self.range, self.laser, self._monitor):
+        for line in (self.drive, self.range, self.laser):
             if line is not None:
                 line.close()
-        self._monitor, self._monitored = None, False
 
 
 def _silent(who: str, why: str) -> str:
