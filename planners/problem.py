@@ -80,13 +80,6 @@ class Plan:
         """Euclidean length of the path [m]; infinite where there is none."""
         return path_length(self.path) if len(self.path) else float("inf")
 
-    def _repr_html_(self) -> str:
-        """The plan in a notebook."""
-        from wheelchair_gym.notebook import path_html
-
-        found = f", {self.length:.3f} m, {len(self.path)} points" if len(self.path) else ""
-        return path_html(self.path, f"{self.status}{found}{self.note and '; '}{self.note}")
-
 
 class Planner(Protocol):
     """A frozen settings object that plans: same problem, same rng state, same plan."""

@@ -29,7 +29,6 @@ ARROW = {
 # What planners may know of the chair: words, settings, geometry and maps, and how to compile.
 FOR_PLANNERS = {
     "types",
-    "notebook",
     "geometry",
     "kinematics",
     "maps",

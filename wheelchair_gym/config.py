@@ -106,12 +106,6 @@ def settings(cls: type[T]) -> type[T]:
         if rule is not None:
             rule(self)
 
-    def in_notebook(self: Any) -> str:
-        from wheelchair_gym.notebook import settings_html
-
-        return f"<b>{type(self).__name__}</b>{settings_html(self)}"
-
-    cls._repr_html_ = in_notebook  # type: ignore[attr-defined]
     check.rule = rule  # type: ignore[attr-defined]
     cls.__post_init__ = check  # type: ignore[attr-defined]
     cls.__deepcopy__ = lambda self, memo: self  # type: ignore[attr-defined]  # it never changes

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import io
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, cast
@@ -385,17 +386,17 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         """Show people what a policy wants shown, until the next call or reset()."""
         self.shown = shown if shown.path is not None else shown._replace(path=self.task.path)
 
-    def _repr_html_(self) -> str:
-        """The environment in a notebook: its settings, and once reset its picture."""
-        from wheelchair_gym.notebook import picture_html, settings_html
+    def _repr_png_(self) -> bytes | None:
+        """Return the picture that a notebook shows; None before the first reset."""
+        from PIL import Image
 
-        head = f"<b>{type(self).__name__}</b>" + settings_html(self.settings)
         if self.episode is None:
-            return head
-        view = EpisodeRenderer(self.settings)
+            return None
+        view, out = EpisodeRenderer(self.settings), io.BytesIO()
         truth, path = self.chair.truth, self.shown.path
         view.follow(truth.pose)
-        return head + picture_html(view.picture(self.episode, truth, self.task, path, None))
+        Image.fromarray(view.picture(self.episode, truth, self.task, path, None)).save(out, "png")
+        return out.getvalue()
 
     @property
     def points_ahead(self) -> Array | None:
