@@ -253,25 +253,24 @@ COMMANDS = (
         ],
     ),
     Command(
-        "tune", "compare:tune", "search for settings of a planner or a policy",
-        "Search for settings by Optuna, on training seeds. A policy (PLANNER+FOLLOWER) is "
-        "evaluated on the scenes of a suite, a planner by its plans. The first trial has the "
+        "tune", "compare:tune", "search for settings of a policy",
+        "Search for settings by Optuna, on training seeds. The policy (PLANNER+FOLLOWER) is "
+        "evaluated on the scenes of a suite. The first trial has the "
         "current settings. The best trial is evaluated again on other episodes. The same command "
         "after Ctrl-C, or with more trials, continues.",
         "wheelchair tune lattice+window --vary follower.objective.clearance=0.05:1 --suite homes "
         "--trials 40",
         [
-            option("name", "a planner or a policy, or FILE.json:NAME", None, "NAME"),
+            option("name", "a policy, or FILE.json:NAME", None, "NAME"),
             option("--vary", "a setting and its range: KEY=LOW:HIGH, KEY=LOW:HIGH:log or "
                    "KEY=A,B,C; repeatable", None, "KEY=LOW:HIGH", action="append", required=True),
             option("--trials", "total number of trials", count, default=40),
-            option("--episodes", "episodes or worlds of each scene in a trial", count, default=20),
-            option("--suite", "suite whose scenes a policy is evaluated on (default homes)"),
-            option("--scenes", "scenes, in place of a suite's (default for a planner: floor_plan)",
+            option("--episodes", "episodes of each scene in a trial", count, default=20),
+            option("--suite", "suite whose scenes it is evaluated on (default homes)"),
+            option("--scenes", "scenes, in place of a suite's",
                    names),
-            option("--metric", "score of a policy's episodes: sct (default; success weighted by "
+            option("--metric", "score of an episode: sct (default; success weighted by "
                    "completion time), spl, success, barn or barn_own"),
-            option("--deadline", "deadline of a planner's plans [s]", finite),
             seed("Optuna"), CONFIG, POSE, SHIELD, WORKERS,
             option("--out", "folder of the results (default runs/tune/NAME)", None, "DIR"), QUIET,
             JSON,

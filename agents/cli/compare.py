@@ -207,26 +207,26 @@ def tune(given: argparse.Namespace) -> int:
 
 
 def _objective(given: argparse.Namespace, what: Any, folder: Path) -> Any:
-    """The score of a trial: by episodes of a policy, or plans of a planner."""
-    from agents.evaluation.tuning import METRICS, Drives, Plans, is_planner
+    """Return the score of a trial's episodes.
 
-    jobs = given.jobs or cores()
-    scenes: Sequence[Spec] = scenes_of(given.scenes)
-    if is_planner(what):
-        for option in ("suite", "metric", "config", "pose", "shield"):
-            if getattr(given, option) is not None:
-                raise InputError(f"--{option} is for policies; {given.name} is a planner")
-        return Plans(scenes or ["floor_plan"], given.deadline, folder, jobs)
-    if given.deadline is not None:
-        raise InputError(f"--deadline is for planners; {given.name} is a policy")
+    Raises:
+        InputError: a planner was named, or an unknown metric.
+    """
+    from agents.evaluation.tuning import METRICS, Drives
+    from planners import PLANNERS
+
+    name = what if isinstance(what, str) else what.get("name")
+    if name in PLANNERS:
+        raise InputError(f"{given.name} is a planner; expected a policy, such as {name}+window")
     metric = given.metric or METRICS[0]
     if metric not in METRICS:
         raise InputError(f"--metric {metric} is unknown; known: {', '.join(METRICS)}")
     env = {"config": given.config, "pose_source": given.pose, "shield": shield_of(given)}
     if given.config is None and given.pose is None:
         env["pose_source"] = DEFAULT_POSE
+    scenes: Sequence[Spec] = scenes_of(given.scenes)
     scenes = scenes or comparison.suite(given.suite or "homes").scenes
-    return Drives(scenes, env, metric, folder, jobs)
+    return Drives(scenes, env, metric, folder, given.jobs or cores())
 
 
 def _tuning_text(found: dict[str, Any]) -> str:

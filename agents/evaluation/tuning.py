@@ -7,20 +7,18 @@ scored again on other episodes.
 
 from __future__ import annotations
 
-import json
 import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from agents.evaluation.evaluate import STORE, Spec, evaluate
+from agents.evaluation.evaluate import Spec, evaluate
 from agents.evaluation.provenance import write_json, write_text
-from agents.evaluation.runs import compute, run_key, source_digest, stopped_by_ctrl_c
+from agents.evaluation.runs import run_key, source_digest, stopped_by_ctrl_c
 from agents.evaluation.tables import csv_table
 from agents.studies.evidence import estimate
 from wheelchair_gym.config import InputError, dump, value_of, with_values
@@ -108,15 +106,8 @@ def _named(spec: Spec) -> Mapping[str, Any]:
     return {"name": spec} if isinstance(spec, str) else spec
 
 
-def is_planner(spec: Spec) -> bool:
-    """Whether a spec is of a planner, which is scored by its plans; otherwise it is of a policy."""
-    from planners import PLANNERS
-
-    return _named(spec).get("name") in PLANNERS
-
-
 def all_settings(spec: Spec) -> dict[str, Any]:
-    """Every setting of a planner or policy, with its current value.
+    """Return every setting of a policy, with its current value.
 
     Raises:
         InputError: the name is unknown, or a setting is wrong.
@@ -125,8 +116,6 @@ def all_settings(spec: Spec) -> dict[str, Any]:
     from agents.policies import settings_of
     from planners import make_planner
 
-    if is_planner(spec):
-        return dict(dump(make_planner(spec)))
     found = dict(dump(settings_of(spec)))
     for part, make in (("planner", make_planner), ("follower", make_follower)):
         if isinstance(found.get(part), Mapping):
@@ -153,59 +142,10 @@ class Drives:
         return [float(record[self.metric]) for record in records]
 
 
-@dataclass(frozen=True)
-class Plans:
-    """Scores planners by the shortest path's length over that of their plan; 0 without a plan.
-
-    Worlds in which no path exists are left out.
-    """
-
-    scenes: Sequence[Spec]
-    deadline: float | None
-    folder: Path
-    jobs: int
-
-    def __call__(self, spec: Spec, seeds: Sequence[int]) -> Scores:
-        """One score a world."""
-        source = source_digest("wheelchair_gym", "planners")
-        runs = {
-            run_key(source, spec, scene, seed, self.deadline): (scene, seed)
-            for scene in self.scenes
-            for seed in seeds
-        }
-        records = compute(
-            runs, partial(_planned, spec=spec, deadline=self.deadline), self.folder / STORE,
-            workers=self.jobs, unit="plan", progress=False,
-        )  # fmt: skip
-        return [record["score"] for record in records.values() if record["score"] is not None]
-
-
-@cache
-def _case(scene: str, seed: int) -> Any:
-    from agents.benchmarks.cases import scene_case
-
-    return scene_case(json.loads(scene), seed)
-
-
-def _planned(job: tuple[Spec, int], spec: Spec, deadline: float | None) -> dict[str, Any]:
-    from agents.benchmarks.entrants import make_plan
-    from planners import make_planner
-    from planners.judge import plan_faults
-
-    case = _case(json.dumps(job[0]), job[1])
-    if case.optimum is None:
-        return {"score": None}
-    planner, problem = make_planner(spec), case.problem
-    plan = make_plan(planner, problem, job[1], deadline)
-    faults = plan_faults(plan, problem, getattr(planner, "footprint", None), case.judge)
-    good = len(plan.path) and not faults
-    return {"score": case.optimum / max(plan.length, case.optimum) if good else 0.0}
-
-
 def tune(
     spec: Spec,
     ranges: Sequence[Range],
-    judge: Drives | Plans,
+    judge: Judge,
     seeds: Sequence[int],
     others: Sequence[int],
     *,
@@ -219,7 +159,7 @@ def tune(
     The same call resumes a search that was stopped; more trials extend a search.
 
     Args:
-        spec: the planner or policy.
+        spec: the policy.
         ranges: the settings that are searched.
         judge: scores settings.
         seeds: of the episodes that trials are scored on.
