@@ -22,7 +22,7 @@ def main() -> None:
     start, goal = np.array([0.6, 0.65, 0.0]), np.array([3.5, 4.0])
     footprint = Footprint()
     problem = Problem(space, start, goal, clearance=footprint.half_width + 0.03)
-    without = {"local_share": 0.0, "global_share": 0.0}
+    without = {"local_share": 0.0}
     for label, shares in (("with whales", {}), ("without whales", without)):
         planner = make_planner({"name": "se2_rrt_star_woa", **shares})
         plan = planner.plan(problem, np.random.default_rng(0))

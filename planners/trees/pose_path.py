@@ -318,7 +318,7 @@ class Whales(NamedTuple):
     upper: Array  # (3 MAX_POSES,)
     lower: Array  # (3 MAX_POSES,)
     bounds: Array  # (3,) largest shift ahead and aside [m], and turn [rad]
-    scale: Array  # (2,) of the bounds: of a window's whales, and of those of a whole path
+    scale: Array  # (1,) of the bounds
 
 
 def new_whales(settings: WhaleParameters, bounds: tuple[float, float, float]) -> Whales:
@@ -327,7 +327,7 @@ def new_whales(settings: WhaleParameters, bounds: tuple[float, float, float]) ->
     empty = np.zeros((settings.population, size))
     c_range, upper, lower = np.full(size, 2.0), np.zeros(size), np.zeros(size)
     return Whales(
-        settings, empty, np.zeros(size), c_range, upper, lower, np.array(bounds), np.ones(2)
+        settings, empty, np.zeros(size), c_range, upper, lower, np.array(bounds), np.ones(1)
     )
 
 
@@ -336,8 +336,8 @@ LEAST_SCALE, SHRINK, GROW = 0.02, 0.8, 1.3  # of the bounds, after a search with
 
 @borrowing_kernel
 def search_vias(
-    drive: Drive, path: Path, whales: Whales, i: int, j: int, poses: int, which: int,
-    turned: float, state: Stream,
+    drive: Drive, path: Path, whales: Whales, i: int, j: int, poses: int, turned: float,
+    state: Stream,
 ) -> int:  # fmt: skip
     """Let whales replace a window by connections through shifted poses; evaluations made.
 
@@ -347,7 +347,7 @@ def search_vias(
     d, settings = 3 * poses, whales.settings
     population, best = whales.population[:, :d], whales.best[:d]
     lower, upper, c_range = whales.lower[:d], whales.upper[:d], whales.c_range[:d]
-    scale = whales.scale[which]
+    scale = whales.scale[0]
     best[:] = 0.0
     for k in range(d):
         upper[k] = scale * whales.bounds[k % 3]
@@ -376,7 +376,7 @@ def search_vias(
     if turned != 0.0:
         return made
     factor = GROW if found else SHRINK
-    whales.scale[which] = min(1.0, max(LEAST_SCALE, factor * scale))
+    whales.scale[0] = min(1.0, max(LEAST_SCALE, factor * scale))
     return made
 
 

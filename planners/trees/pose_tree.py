@@ -2,7 +2,7 @@
 
 Steering turns in place, drives arcs and backs; what the outline sweeps is tested exactly; cost is
 time, increased near obstacles. The first path is of two trees that reach for each other
-(RRT-Connect); then come rounds of RRT*, of shortcuts, and of local and global whales.
+(RRT-Connect); then come rounds of RRT*, of shortcuts, and of whales.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ TURN_SPREAD = 0.6  # rad: deviation of their heading
 REVERSED_SHARE = 0.05  # of the samples at the guide, which look back
 WINDOW: Final = 25  # pieces, 5 m: longest part of the path that local whales or a shortcut replace
 SHORTCUTS: Final = 16  # that a round tries
-SPACING: Final = 6  # pieces, 1.2 m: about the distance of the poses that global whales move
+SPACING: Final = 6  # pieces, 1.2 m: about the distance of the poses that whales move jointly
 
 NODE = np.dtype(
     [
@@ -187,11 +187,10 @@ def extend(
 
 
 class Options(NamedTuple):
-    """Shares of the rounds, which add up to the last one: global whales."""
+    """Shares of the rounds, which add up to the last one: whales."""
 
     tree: float
     shortcuts: float
-    local: float
 
 
 RUN = np.dtype(
@@ -204,7 +203,6 @@ RUN = np.dtype(
         ("last_attempt", np.int64),
         ("goals", np.int64),  # roots of the goal's tree
         ("local_evaluations", np.int64),
-        ("global_evaluations", np.int64),
         ("synced", np.float64),  # s: cost of the path that was last added to the tree
     ]
 )
@@ -552,7 +550,7 @@ def rewire(search: Search, state: Stream) -> None:
 
 @borrowing_kernel
 def refine(search: Search, state: Stream) -> None:
-    """One round: of RRT*, of shortcuts, or of local or global whales, drawn by their shares."""
+    """One round: of RRT*, of shortcuts, or of whales, drawn by their shares."""
     options, path, run = search.options, search.path, search.run[0]
     drawn = next_uniform(state)
     n = int(path.size[0])
@@ -564,7 +562,7 @@ def refine(search: Search, state: Stream) -> None:
             i = int(next_uniform(state) * n)
             j = min(n, i + 1 + int(next_uniform(state) * WINDOW))
             shortcut(search.drive, path, search.none, i, j)
-    elif drawn < options.local:
+    else:
         span = 2 + int(next_uniform(state) * (WINDOW - 1))
         i = int(next_uniform(state) * n)
         j = min(n, i + span)
@@ -576,13 +574,7 @@ def refine(search: Search, state: Stream) -> None:
             turned = math.pi
         if poses > 0:
             run.local_evaluations += search_vias(
-                search.drive, path, search.whales, i, j, poses, 0, turned, state
-            )
-    else:
-        poses = min(MAX_POSES, int(n / SPACING * (0.5 + next_uniform(state))))
-        if poses > 0:
-            run.global_evaluations += search_vias(
-                search.drive, path, search.whales, 0, n, poses, 1, 0.0, state
+                search.drive, path, search.whales, i, j, poses, turned, state
             )
 
 

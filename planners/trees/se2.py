@@ -60,7 +60,7 @@ class Se2RrtStarWoa(DrivingCost, PlannerBase):
     RRT*-WOA of the thesis in the space of the chair. The rectangle keeps the problem's clearance
     less half its width. A start without heading has heading 0; a goal without heading allows any.
     A path of the disc within the outline guides samples; two trees of poses make the first path.
-    Then rounds of RRT*, of shortcuts, of local and of global whales improve it, by their shares.
+    Then rounds of RRT*, of shortcuts and of whales improve it, by their shares.
     """
 
     obstacle_weight: float = setting(default=6.0, low=0.0, source=_TUNED)
@@ -90,8 +90,6 @@ class Se2RrtStarWoa(DrivingCost, PlannerBase):
     """Share of the rounds that are shortcuts."""
     local_share: float = setting(default=1.0, low=0.0, source=_TUNED)
     """Share of the rounds of whales that move poses of a window of the path."""
-    global_share: float = setting(default=0.0, low=0.0, source=_TUNED)
-    """Share of the rounds of whales that move poses along the whole path, jointly."""
 
     def trivial(self, problem: Problem) -> Plan | None:
         """The plan where the axle cannot stand at an end; the rectangle is tested later."""
@@ -135,7 +133,6 @@ class Se2RrtStarWoa(DrivingCost, PlannerBase):
                 "nodes": int(search.start_tree.size[0] + search.goal_tree.size[0]),
                 "first_path": int(run["first_path"]),
                 "local_evaluations": int(run["local_evaluations"]),
-                "global_evaluations": int(run["global_evaluations"]),
             },
             timings={"guided_s": guided_s, "first_path_s": first_s},
         )
@@ -180,6 +177,6 @@ class Se2RrtStarWoa(DrivingCost, PlannerBase):
         return tree
 
     def _options(self) -> Options:
-        shares = self.tree_share, self.shortcut_share, self.local_share, self.global_share
-        tree, shortcuts, local, _ = np.cumsum(shares) / max(sum(shares), 1e-9)
-        return Options(float(tree), float(shortcuts), float(local))
+        shares = self.tree_share, self.shortcut_share, self.local_share
+        tree, shortcuts, _ = np.cumsum(shares) / max(sum(shares), 1e-9)
+        return Options(float(tree), float(shortcuts))

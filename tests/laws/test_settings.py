@@ -31,7 +31,7 @@ WHALES = {"whales": {"iterations": 10}, "tree": SMALL}
 NEEDS = {
     "a_star": [COARSE | {"obstacle_weight": 2.0}], "dijkstra": [COARSE | {"obstacle_weight": 2.0}],
     "bfs": [COARSE], "dfs": [COARSE], "theta_star": [COARSE],
-    "se2_rrt_star_woa": [SMALL | {"iterations": 3000, "improvement": 40, "global_share": 0.5}],
+    "se2_rrt_star_woa": [SMALL | {"iterations": 3000, "improvement": 40}],
     "swarm": [
         {"optimizer": "woa", "curve": "pchip", "iterations": 10, "cycle": 5, "way_points": 2}
     ],
