@@ -165,20 +165,10 @@ def _ends(twists: Array, horizon: float, ahead: float, out: Array) -> None:
         out[k, 0], out[k, 1] = x + ahead * math.cos(yaw), y + ahead * math.sin(yaw)
 
 
-@borrowing_kernel
-def _distances(places: Array, others: Array, out: Array) -> None:
-    """Write the distance of each place (n, 2) from each of the others (k, 2) to out (n, k)."""
-    for i in range(places.shape[0]):
-        for k in range(others.shape[0]):
-            dx, dy = places[i, 0] - others[k, 0], places[i, 1] - others[k, 1]
-            out[i, k] = math.sqrt(dx * dx + dy * dy)
-
-
 def distances(places: Array, others: Array) -> Array:
-    """The distance (n, k) of each place (n, 2) from each of the others (k, 2)."""
-    out = np.empty((len(places), len(others)))
-    _distances(places, others, out)
-    return out
+    """Return the distance (n, k) of each place (n, 2) from each of the others (k, 2)."""
+    dx, dy = (places[:, None] - others).transpose(2, 0, 1)
+    return np.sqrt(dx * dx + dy * dy)
 
 
 class Goals:

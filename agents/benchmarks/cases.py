@@ -104,13 +104,13 @@ def scene_cases(only: Sequence[str] = ()) -> list[Case]:
     return cases
 
 
-def scene_case(scene: Spec, seed: int = SEED) -> Case:
+def scene_case(scene: Spec) -> Case:
     """A problem of a scene, for a disc with the chair's width and a margin.
 
     Raises:
         InputError: there is no such scene, or it needs a file.
     """
-    episode = make_scene(without_labels(scene)).sample(np.random.default_rng(seed))
+    episode = make_scene(without_labels(scene)).sample(np.random.default_rng(SEED))
     space = Space.from_map(episode.map, episode.walls, episode.discs)
     clearance = Footprint().half_width + MARGIN
     return _case(Problem(space, episode.start, episode.goal, clearance, label(scene)))
