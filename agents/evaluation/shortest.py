@@ -74,7 +74,7 @@ def _grown(world: tuple[bytes, bytes], clearance: float) -> Any:
     reach = max(0.0, clearance - MARGIN)
     centres = shapely.points(discs[:, :2])
     circles = shapely.buffer(centres, discs[:, 2] + reach, quad_segs=SIDES)
-    solid = shapely.buffer(solids.even_odd(walls), reach, quad_segs=SIDES)
+    solid = shapely.buffer(solids.non_zero(walls), reach, quad_segs=SIDES)
     return shapely.union_all([solid, *circles])
 
 
