@@ -49,7 +49,7 @@ from wheelchair_gym.task.rewards import RewardWeights
 MODULES = {
     "wheelchair_gym": """
         envs types config registry geometry kinematics random maps scenes scenes.map_file
-        scenes.skill scenes.describe sensors.settings sensors.laser sensors.ultrasonic
+        scenes.skill sensors.settings sensors.laser sensors.ultrasonic
         physics.settings physics.chair physics.actors.records task.settings task.observations
         task.rewards task.task
         safety.shield safety.settings safety.stops tracking.tracker
@@ -69,7 +69,7 @@ MODULES = {
         policies.explore control control.followers control.whales deploy watch
         person person.stick person.drive person.replay person.recorded_stick person.fit_driver
         person.fit_tremor
-        evaluation.evaluate evaluation.compare evaluation.metrics evaluation.report
+        evaluation.evaluate evaluation.scenes evaluation.compare evaluation.metrics evaluation.report
         evaluation.tuning learning.sb3 learning.settings learning.run learning.weights
         learning.export studies.model studies.evidence participants participants.protocol
         participants.session participants.report benchmarks.environments

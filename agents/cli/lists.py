@@ -18,7 +18,7 @@ from agents.evaluation.provenance import write_text
 from agents.evaluation.tables import markdown_table
 from wheelchair_gym.config import InputError, dump, setting_docs, suggest
 from wheelchair_gym.scenes import SCENES, make_scene
-from wheelchair_gym.scenes.describe import scene_statistics
+from agents.evaluation.scenes import scene_statistics
 
 # Settings that are in no registry.
 PARTS = {

@@ -40,7 +40,7 @@ from wheelchair_gym.physics.actors.records import (
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.scenes.arena import WALL, Doorway
 from wheelchair_gym.scenes.crowd import leaves_that_let_pass
-from wheelchair_gym.scenes.describe import scene_statistics
+from agents.evaluation.scenes import scene_statistics
 from wheelchair_gym.scenes.people import WALKING_RADIUS, free_area
 from wheelchair_gym.scenes.poses import FOOTPRINT, passing_radius
 from wheelchair_gym.scenes.raster import CELL

@@ -16,7 +16,7 @@ from wheelchair_gym.geometry import footprint_clearance
 from wheelchair_gym.maps import FREE, OCCUPIED, bottleneck, geodesic
 from wheelchair_gym.random import numpy_integer, numpy_stream, numpy_uniform
 from wheelchair_gym.scenes import SCENES, make_scene
-from wheelchair_gym.scenes.describe import scene_statistics
+from agents.evaluation.scenes import scene_statistics
 from wheelchair_gym.scenes.poses import FOOTPRINT, passing_radius
 from wheelchair_gym.scenes.published import GREY_WOLF_GOALS
 
