@@ -13,9 +13,8 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from planners.problem import Plan, Problem, Status
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.geometry import Footprint, wrap_angle
-
-Array = NDArray[np.float64]
 
 TOLERANCE = 1e-6  # m
 MAX_TURN = 0.1 + 1e-9  # rad: between two poses of a plan

@@ -10,9 +10,9 @@ from enum import StrEnum
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planners.collision.polygon_tests import point_free
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.config import InputError
 from wheelchair_gym.errors import shorten
@@ -20,8 +20,6 @@ from wheelchair_gym.geometry import path_length, to_frame, to_world
 
 if TYPE_CHECKING:
     from planners.collision.space import Space
-
-Array = NDArray[np.float64]
 
 
 class Status(StrEnum):

@@ -16,9 +16,9 @@ from planners.collision.polygon_tests import (
     mark_free_corners,
     orient2d,
 )
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 
-Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 NONE = -1

@@ -9,18 +9,16 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planners.collision.footprint import Sweeps, stretch_gap, sweep, sweeps
 from planners.collision.nearby import Nearby, segments_in_view
 from planners.collision.polygon_tests import clearance
 from planners.problem import Problem, Status
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.geometry import Footprint, wrap
 from wheelchair_gym.kinematics import arc_step
 from wheelchair_gym.maps.driving_cost import STILL, MotionCost
-
-Array = NDArray[np.float64]
 
 PIECE = 0.3  # m: longer stretches are tested in pieces, each from its own beginning
 

@@ -12,9 +12,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from planners.collision.space import Space
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.geometry import (
     Footprint,
@@ -23,8 +24,6 @@ from wheelchair_gym.geometry import (
     rectangle_segment_gap,
     wrap,
 )
-
-Array = NDArray[np.float64]
 
 STRAIGHT = 1e-6  # rad: a stretch that turns less counts as straight, and is within 1e-6 of it
 

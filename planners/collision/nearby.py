@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.collision.space import Space
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.geometry import point_segment_distance, wrap
-
-Array = NDArray[np.float64]
 
 CELL = 0.25  # m: squares of position that share one list of what is near
 RUN = 0.2  # m: a run of segments is at most this wide and high

@@ -13,10 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import as_int, borrowing_kernel
 from wheelchair_gym.geometry import point_segment_distance
-
-Array = NDArray[np.float64]
 
 
 class SpaceArrays(NamedTuple):

@@ -11,14 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import shapely
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from wheelchair_gym.arrays import Mask
+from wheelchair_gym.arrays import Array, Mask
 
 if TYPE_CHECKING:
     from wheelchair_gym.maps.grid import OccupancyGrid
 
-Array = NDArray[np.float64]
 
 GRID = 1e-9  # m: grown outlines are rounded to this; far below the precision of maps
 ARC = math.pi / 8  # rad: at most this much of a round corner per side of its circumscribed polygon

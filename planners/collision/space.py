@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import shapely
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from planners.collision import solids
 from planners.collision.boundary import (
@@ -29,6 +29,7 @@ from planners.collision.boundary import (
 from planners.collision.inflation import inflated_boundary
 from planners.collision.polygon_tests import SpaceArrays, clearance, edge_free, point_free
 from planners.collision.triangulation import Mesh, mesh
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.geometry import to_frame, to_world
 
 if TYPE_CHECKING:
@@ -36,7 +37,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Space", "SpaceArrays", "clearance", "edge_free", "point_free"]
 
-Array = NDArray[np.float64]
 Bounds = tuple[float, float, float, float]
 Pose = tuple[float, float, float]
 

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.collision.boundary import NONE, Boundary, group_by_point, orientation
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 
-Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 

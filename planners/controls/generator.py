@@ -17,7 +17,7 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from planners.controls.rollout import (
     MAX_CLEARANCE,
@@ -34,13 +34,12 @@ from planners.controls.rollout import (
     time_to_cover,
 )
 from planners.swarm.woa import LedWhales, WhaleParameters, move_whales
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import Footprint, wrap
 from wheelchair_gym.kinematics import Limits
 from wheelchair_gym.random import Stream, next_uniform, stream
-
-Array = NDArray[np.float64]
 
 COMMANDS = 6  # in a particle, at most
 V, W, T = range(3)  # columns of commands

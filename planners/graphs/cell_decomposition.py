@@ -16,10 +16,10 @@ from planners.collision.polygon_tests import SpaceArrays, orient2d
 from planners.graphs.roadmap import shortest
 from planners.problem import Plan, PlannerBase, Problem, Status
 from planners.smoothing.shortcut import shortcut
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.config import setting, settings
 
-Array = NDArray[np.float64]
 Pairs = NDArray[np.int64]
 
 SLACK = 1e-9  # m: rounding may close windows; edges through them are tested exactly

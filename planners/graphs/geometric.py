@@ -15,11 +15,10 @@ from planners.collision.polygon_tests import SpaceArrays, edge_free
 from planners.collision.space import Space
 from planners.problem import Plan, PlannerBase, Problem, Status, remaining
 from planners.trees.settings import RrtStarLimited
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.config import setting, settings
-
-Array = NDArray[np.float64]
 
 CHUNK = 64  # turns between two readings of the clock
 MAX_TURNS = 200  # corners to go around at most: 20 are common on 50 m of clutter

@@ -21,11 +21,10 @@ from planners.collision.polygon_tests import SpaceArrays, clearance, edge_free, 
 from planners.graphs.heap import pop, push
 from planners.problem import Plan, PlannerBase, Problem, Status
 from planners.smoothing.shortcut import edge_cost, shortcut
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.config import setting, settings
-
-Array = NDArray[np.float64]
 
 NEAR = 2  # grid steps within which the start and the goal are joined to the grid
 TIE = 1.0 + 1e-9  # on the way ahead: of paths that are equal but for rounding, the deepest first

@@ -16,13 +16,13 @@ from scipy.spatial import cKDTree
 from planners.collision.polygon_tests import SpaceArrays, edge_free, point_free
 from planners.graphs.heap import pop, push
 from planners.problem import Plan, PlannerBase, Problem, Status
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import without_repeats
 from wheelchair_gym.random import Stream, next_uniform, stream
 
-Array = NDArray[np.float64]
 Pairs = NDArray[np.int64]
 
 CHUNK = 20_000  # edges tested between two looks at the clock: some 10 ms

@@ -20,11 +20,10 @@ from planners.collision.inflation import ARC, SHIFT
 from planners.collision.triangulation import Mesh
 from planners.graphs.heap import pop, push
 from planners.problem import Plan, PlannerBase, Problem, Status
+from wheelchair_gym.arrays import Array, Mask
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.compiled.kernel import absorbed_kernel, borrowing_kernel, kernel
 from wheelchair_gym.config import settings
-
-Array = NDArray[np.float64]
 
 SLACK = 1e-12  # of an edge: a cone may see so much more, for rounding
 
@@ -97,7 +96,6 @@ def passes(points: Array, u: int, v: int, before: int, after: int) -> bool:
 
 
 Index = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 
 class _Search(NamedTuple):

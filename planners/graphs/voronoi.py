@@ -10,10 +10,10 @@ from scipy.spatial import Voronoi as Diagram
 from planners.collision.polygon_tests import SpaceArrays
 from planners.graphs.roadmap import shortest
 from planners.problem import Plan, PlannerBase, Problem, Status
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.config import setting, settings
 
-Array = NDArray[np.float64]
 Pairs = NDArray[np.int64]
 
 MOST_SAMPLES = 200_000  # of the boundary: some seconds

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from planners.collision.space import Space
 from planners.graphs.heap import pop, push
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.geometry import point_segment_distance, wrap
 from wheelchair_gym.maps.driving_cost import MotionCost
 
-Array = NDArray[np.float64]
 Field = NDArray[np.float32]
 
 SPACING = 0.05  # m: of the grid of places

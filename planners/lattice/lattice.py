@@ -16,7 +16,6 @@ from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planners.collision.connections import MIN_GAP, PIECE, fit_ends, start_and_goal
 from planners.collision.footprint import Sweeps, path_gap, sweep, sweeps
@@ -38,13 +37,12 @@ from planners.lattice.pose_search import (
     trace_path,
 )
 from planners.problem import Plan, PlannerBase, Problem, Status, check, remaining
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import Footprint, wrap
 from wheelchair_gym.kinematics import Limits
 from wheelchair_gym.maps.driving_cost import DrivingCost, MotionCost
-
-Array = NDArray[np.float64]
 
 CHUNK = 128  # expansions between two readings of the clock
 NARROW = 0.15  # m beyond the half width on each side: wider passages need no exact poses

@@ -11,17 +11,15 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planners.collision.connections import free_gap, gaps_at
 from planners.collision.footprint import Sweeps, sweeps
 from planners.collision.nearby import Nearby, nearest_side
 from planners.lattice.heuristic import SPACING, Field
 from planners.lattice.pose_search import Lines
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.maps.driving_cost import MotionCost, duration
-
-Array = NDArray[np.float64]
 
 STEPS = 6  # from a grid point to the saddle at most
 SETTLED = 1e-4  # m

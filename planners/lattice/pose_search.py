@@ -18,12 +18,11 @@ from planners.collision.footprint import Sweeps, stretch_gap
 from planners.collision.nearby import Nearby, segments_in_view
 from planners.graphs.heap import pop, push
 from planners.lattice.heuristic import Guide, cost_to_go, heading_error
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.geometry import wrap
 from wheelchair_gym.kinematics import arc_step
 from wheelchair_gym.maps.driving_cost import MotionCost, duration, kind_of, stretch_cost
-
-Array = NDArray[np.float64]
 
 Ints = NDArray[np.int64]
 

@@ -11,7 +11,6 @@ from abc import abstractmethod
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planners.collision.boundary import (
     Index,
@@ -25,12 +24,11 @@ from planners.collision.boundary import (
 )
 from planners.collision.polygon_tests import SpaceArrays, edge_free, orient2d
 from planners.problem import Plan, PlannerBase, Problem, Status
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import path_length, without_repeats
-
-Array = NDArray[np.float64]
 
 # m: how far rounding may move a point off a slanted side.
 NUDGES = (0.0, *(10.0**k for k in range(-16, -5)))

@@ -5,15 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planners.collision.polygon_tests import SpaceArrays, clearance, edge_free
 from planners.problem import Plan, PlannerBase, Problem, Status
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.config import setting, settings
-
-Array = NDArray[np.float64]
 
 CHUNK = 1000  # steps between two looks at the clock: some 10 ms
 WALKING, ARRIVED, HELD = 0, 1, 2

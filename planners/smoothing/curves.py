@@ -9,12 +9,11 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.config import InputError
-
-Array = NDArray[np.float64]
 
 POLYLINE, PCHIP, SPLINE = range(3)
 # `spline` is not-a-knot, as MATLAB's spline and scipy's CubicSpline are.

@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from planners.collision.polygon_tests import SpaceArrays, clearance, edge_free
 from planners.collision.space import Space
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
-
-Array = NDArray[np.float64]
 
 WINDOW = 250  # corners that one shortcut may skip at most: bounds the work on very long paths
 

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.collision.polygon_tests import SpaceArrays, edge_free
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import kernel
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 HALVINGS = 8  # of a blocked curve's tangents before it is straight: those of 1/256 bend invisibly

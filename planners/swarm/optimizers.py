@@ -13,11 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planners.swarm.woa import move_whales
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.config import InputError
 from wheelchair_gym.random import Stream, next_uniform
-
-Array = NDArray[np.float64]
 
 MIN_POPULATION = 4  # positions: differential evolution draws three others
 WORST = -1  # target of a position that competes with the worst remembered one

@@ -8,15 +8,12 @@ import importlib.util
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planners.problem import begin
 from planners.swarm.path_cost import PathCost, evaluate, new_workspace
 from planners.swarm.search import InitialSwarm, SearchResult
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.config import InputError, setting, settings
-
-Array = NDArray[np.float64]
 
 
 class Evaluator:

@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Any, Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planners.problem import Plan, PlannerBase, Problem, Status, remaining
 from planners.registries import FIRST_PLANNERS, OBJECTIVES, SWARM_OPTIMIZERS
@@ -26,12 +25,11 @@ from planners.swarm.search import (
     search,
     split_legs,
 )
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.geometry import without_repeats
 from wheelchair_gym.random import stream
-
-Array = NDArray[np.float64]
 
 # Times that the legs of a first path are halved until a curve through it is free.
 _HALVINGS: Final = 8

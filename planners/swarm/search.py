@@ -41,13 +41,12 @@ from planners.swarm.path_cost import (
     write_way_points,
 )
 from planners.swarm.woa import LedWhales
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import arc_lengths
 from wheelchair_gym.random import Stream, next_in_disc
-
-Array = NDArray[np.float64]
 
 
 class InitialSwarm(NamedTuple):

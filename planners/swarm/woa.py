@@ -9,14 +9,10 @@ from __future__ import annotations
 import math
 from typing import Any, Literal, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.random import Stream, next_uniform
-
-Array = NDArray[np.float64]
 
 
 class WhaleParameters(NamedTuple):

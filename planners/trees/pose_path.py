@@ -19,13 +19,12 @@ from planners.collision.connections import CONNECTIONS, connection
 from planners.collision.footprint import Sweeps, stretch_gap, sweep, sweeps
 from planners.collision.nearby import Nearby, segments_in_view
 from planners.swarm.woa import WhaleParameters, move_whales
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.geometry import wrap
 from wheelchair_gym.kinematics import arc_step
 from wheelchair_gym.maps.driving_cost import STILL, MotionCost, duration, kind_of, stretch_cost
 from wheelchair_gym.random import Stream, next_uniform
-
-Array = NDArray[np.float64]
 
 LONGEST_PIECE = 0.2  # m: as the lattice's moves, so that costs are comparable
 WIDEST_PIECE = 0.4  # rad

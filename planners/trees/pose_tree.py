@@ -30,12 +30,11 @@ from planners.trees.pose_path import (
     switch,
     write_times,
 )
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.geometry import wrap
 from wheelchair_gym.kinematics import arc_step
 from wheelchair_gym.random import Stream, next_uniform
-
-Array = NDArray[np.float64]
 
 NONE: Final = -1  # no node
 TURN_LENGTH = 0.5  # m per rad: distance of poses

@@ -17,10 +17,9 @@ from planners.collision.polygon_tests import (
 )
 from planners.swarm.woa import WhaleParameters, move_whales
 from planners.trees.tree import NONE, Tree, write_ancestors
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import absorbed_kernel, borrowing_kernel
 from wheelchair_gym.random import Stream, next_in_disc, next_uniform
-
-Array = NDArray[np.float64]
 
 # Most neighbours of one new node; the shrinking radius keeps their number near 3 log n.
 _NEIGHBOURS = 256

@@ -6,7 +6,6 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planners.collision.connections import MIN_GAP, fit_ends, goal_poses, start_and_goal
 from planners.collision.nearby import Nearby, nearby, passage_poses
@@ -32,14 +31,13 @@ from planners.trees.pose_tree import (
     advance,
 )
 from planners.trees.settings import InformedRrtStar
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.kinematics import Limits
 from wheelchair_gym.maps.driving_cost import DrivingCost, MotionCost
 from wheelchair_gym.random import stream
-
-Array = NDArray[np.float64]
 
 GUIDE_SPACING = 0.1  # m
 POSE_SPACING = 0.05  # m, and rad of a pivot times 2: between poses of the path

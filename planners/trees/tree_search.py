@@ -10,7 +10,6 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planners.collision.polygon_tests import SpaceArrays, point_free
 from planners.problem import Plan, Problem, Status
@@ -46,8 +45,6 @@ from planners.trees.tree import (
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.compiled.kernel import absorbed_kernel, as_int, borrowing_kernel
 from wheelchair_gym.random import Stream, next_uniform, stream
-
-Array = NDArray[np.float64]
 
 # Draws of a random leaf before the search for one is given up.
 _LEAF_DRAWS = 100

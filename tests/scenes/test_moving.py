@@ -12,6 +12,7 @@ from scipy import ndimage
 
 from agents.evaluation.compare import TRAINING, suite
 from agents.evaluation.evaluate import without_labels
+from agents.evaluation.scenes import scene_statistics
 from tests.conftest import long_but
 from wheelchair_gym.config import InputError
 from wheelchair_gym.envs import NavigationEnv
@@ -40,7 +41,6 @@ from wheelchair_gym.physics.actors.records import (
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.scenes.arena import WALL, Doorway
 from wheelchair_gym.scenes.crowd import leaves_that_let_pass
-from agents.evaluation.scenes import scene_statistics
 from wheelchair_gym.scenes.people import WALKING_RADIUS, free_area
 from wheelchair_gym.scenes.poses import FOOTPRINT, passing_radius
 from wheelchair_gym.scenes.raster import CELL

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from agents.evaluation.scenes import scene_statistics
 from tests.copies import same_fields
 from wheelchair_gym.config import InputError
 from wheelchair_gym.geometry import footprint_clearance
 from wheelchair_gym.maps import FREE, OCCUPIED, bottleneck, geodesic
 from wheelchair_gym.random import numpy_integer, numpy_stream, numpy_uniform
 from wheelchair_gym.scenes import SCENES, make_scene
-from agents.evaluation.scenes import scene_statistics
 from wheelchair_gym.scenes.poses import FOOTPRINT, passing_radius
 from wheelchair_gym.scenes.published import GREY_WOLF_GOALS
 
