@@ -161,12 +161,11 @@ def deploy(
     return events.outcome(drive_episode(env, capped, 0, watch, episode) | late_steps(env))
 
 
-def narrow_gap(width: float = 0.6) -> Episode:
+def narrow_gap() -> Episode:
     """A goal behind a wall with a gap that may be too narrow: what blocks every plan of a chair."""
     cells = np.full((80, 160), FREE, np.int8)
     cells[:4], cells[-4:], cells[:, :4], cells[:, -4:], cells[:, 78:82] = 5 * (OCCUPIED,)
-    half = round(0.5 * width / 0.05)
-    cells[40 - half : 40 + half, 78:82] = FREE
+    cells[34:46, 78:82] = FREE  # 0.6 m
     grid = OccupancyGrid(cells, 0.05, (0.0, 0.0, 0.0))
     return Episode(grid, np.array([2.0, 2.0, 0.0]), np.array([6.0, 2.0, 0.0]), grid.walls())
 

@@ -168,7 +168,7 @@ def _ends(twists: Array, horizon: float, ahead: float, out: Array) -> None:
 def distances(places: Array, others: Array) -> Array:
     """Return the distance (n, k) of each place (n, 2) from each of the others (k, 2)."""
     dx, dy = (places[:, None] - others).transpose(2, 0, 1)
-    return np.sqrt(dx * dx + dy * dy)
+    return np.asarray(np.sqrt(dx * dx + dy * dy))
 
 
 class Goals:

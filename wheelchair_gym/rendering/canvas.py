@@ -128,15 +128,13 @@ class Canvas:
             lines: Any = self._fixed(s)
             cv2.polylines(self.image, lines, False, colour, self._width(width), cv2.LINE_AA, _SHIFT)
 
-    def dashes(
-        self, points: ArrayLike, colour: Colour, width: float = 1.0, dash: float = 7.0
-    ) -> None:
-        """Draw a polyline (n, 2 or 3) [m] with dashes and gaps of `dash` pixels."""
+    def dashes(self, points: ArrayLike, colour: Colour, width: float = 1.0) -> None:
+        """Draw a polyline (n, 2 or 3) [m] with dashes and gaps of 7 pixels."""
         p = np.asarray(points, dtype=np.float64)[:, :2]
         if len(p) < 2:
             return
         way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(p, axis=0).T))])
-        step = dash * self.stroke_scale / self.frame.scale
+        step = 7.0 * self.stroke_scale / self.frame.scale
         for a in np.arange(0.0, way[-1], 2.0 * step):
             b = min(a + step, way[-1])
             stops = np.concatenate([[a], way[(way > a) & (way < b)], [b]])

@@ -110,7 +110,6 @@ class TopView:
         size: height and width of a picture, the world in its middle, or its long side alone
             [pixels].
         tolerance: how near the goal counts [m], where the episode does not say.
-        bounds: xmin, ymin, xmax, ymax [m] to show; the whole world if left out.
     """
 
     def __init__(
@@ -121,19 +120,14 @@ class TopView:
         sensors: SensorSettings | None = None,
         size: int | tuple[int, int] = 640,
         tolerance: float = 0.30,
-        bounds: ArrayLike | None = None,
     ) -> None:
         self.footprint = footprint or Footprint()
         self.drive = drive or DriveGeometry()
         self.sensors = sensors or SensorSettings()
-        if bounds is None:
-            ends: list[Any] = [
-                floor.known_area(episode.map),
-                [episode.start[:2], episode.goal[:2]],
-            ]
-            centres, radii = episode.discs[:, :2], episode.discs[:, 2:]
-            ends += [episode.walls.reshape(-1, 2), centres - radii, centres + radii]
-            bounds = floor.bounding_box(np.concatenate(ends), 0.1)
+        centres, radii = episode.discs[:, :2], episode.discs[:, 2:]
+        ends: list[Any] = [floor.known_area(episode.map), [episode.start[:2], episode.goal[:2]]]
+        ends += [episode.walls.reshape(-1, 2), centres - radii, centres + radii]
+        bounds = floor.bounding_box(np.concatenate(ends), 0.1)
         self.actors = episode.actors
         self._cones = _cones(self.sensors.ultrasonic)
         self._wheels = _wheels(self.footprint, self.drive)
