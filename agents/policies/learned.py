@@ -32,6 +32,7 @@ UPDATE_PERIOD = 1.0  # s between two updates from a map that grows
 SLACK = 4.0  # s: until then the chair may have strayed so far from the path
 STAYED, TURNED = 0.15, 0.4  # m, rad: a chair that has moved less has stayed where it was
 BACK = 0.045  # m/s in reverse: a contact at this speed does no harm
+BACKING = 5.0  # s for which it backs out: 0.2 m
 
 
 @settings
@@ -44,10 +45,6 @@ class Learned:
     """SHA-256 that the file of weights must have; None: any."""
     patience: float = setting(default=0.0, unit="s", low=0.0, source="design choice")
     """Time at one place after which the chair backs out slowly, and drives on; 0: it never does."""
-    backing: float = setting(
-        default=5.0, unit="s", low=0.1, source="design choice; 0.2 m at a harmless speed"
-    )
-    """Time for which it backs out."""
 
     def __post_init__(self) -> None:
         if self.weights:
@@ -72,7 +69,7 @@ class Learned:
         """
         path = self.path()
         network, card, remembers = read_network(path)
-        made = LearnedDriver(network, card, remembers, self.patience, self.backing)
+        made = LearnedDriver(network, card, remembers, self.patience)
         if made.layout.is_assistant:
             raise InputError(
                 f"{path}: weights of an assistant, which needs a person: --driver NAME --assist "
@@ -115,15 +112,13 @@ class LearnedDriver(Trained):
     Args:
         network, card, remembers: see `Trained`.
         patience: time [s] at one place after which the chair backs out; 0: it never does.
-        backing: time [s] for which it backs out.
     """
 
     def __init__(
-        self, network: Any, card: Mapping[str, Any], remembers: bool, patience: float = 0.0,
-        backing: float = 5.0,
-    ) -> None:  # fmt: skip
+        self, network: Any, card: Mapping[str, Any], remembers: bool, patience: float = 0.0
+    ) -> None:
         super().__init__(network, card, remembers)
-        self._patience, self._backing = patience, backing
+        self._patience = patience
 
     def reset(self, mission: Mission) -> None:
         """See `Policy.reset`."""
@@ -173,7 +168,7 @@ class LearnedDriver(Trained):
         near = math.hypot(dx, dy) <= STAYED and abs(math.remainder(turned, math.tau)) <= TURNED
         moved = not near  # also where a pose is no number
         stayed = reading.stamp - self._since
-        if stayed > self._patience + self._backing or (moved and stayed <= self._patience):
+        if stayed > self._patience + BACKING or (moved and stayed <= self._patience):
             self._place, self._since = np.array(reading.pose), reading.stamp
         elif stayed > self._patience:
             return Command(np.array([-BACK, 0.0]), self._command.shown)

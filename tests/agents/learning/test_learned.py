@@ -441,12 +441,13 @@ def test_a_chair_with_fewer_sensors_learns_and_drives(sensors, tmp_path):
     assert np.isfinite(driver.act(observation)).all()
 
 
-def test_a_chair_that_stays_at_a_place_backs_out_if_it_is_impatient():
+def test_a_chair_that_stays_at_a_place_backs_out_if_it_is_impatient(monkeypatch):
+    monkeypatch.setattr("agents.policies.learned.BACKING", 1.0)
     env = NavigationEnv("clutter", rate=5.0, pose_source="modelled")
     env.reset(seed=0)
     first = env.mission.reading
     for patience in (0.0, 2.0):
-        policy = make_policy({"name": "ppo_guided", "patience": patience, "backing": 1.0})
+        policy = make_policy({"name": "ppo_guided", "patience": patience})
         policy.reset(env.mission)
         # The same reading again and again: the chair stays, whatever it is asked to do.
         readings = [first._replace(stamp=first.stamp + 0.25 * k) for k in range(30)]
