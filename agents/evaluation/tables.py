@@ -137,11 +137,13 @@ def csv_table(rows: Sequence[Row], columns: Iterable[str] = ()) -> str:
     Text that a spreadsheet would take for a formula begins with an apostrophe.
     """
     names = list(columns) or list(dict.fromkeys(key for row in rows for key in row))
-    lines = [[_plain(cell) for cell in line]
-             for line in (names, *([row.get(name) for name in names] for row in rows))]  # fmt: skip
+    cells: list[list[Any]] = [names, *([row.get(name) for name in names] for row in rows)]
+    lines = [[_plain(cell) for cell in line] for line in cells]
     # Python's csv leaves a carriage return unquoted, which would begin a line.
     returns = any(isinstance(cell, str) and "\r" in cell for line in lines for cell in line)
     text = io.StringIO()
-    quoting = csv.QUOTE_NONNUMERIC if returns else csv.QUOTE_MINIMAL
-    csv.writer(text, lineterminator="\n", quoting=quoting).writerows(lines)
+    csv.writer(
+        text, lineterminator="\n",
+        quoting=csv.QUOTE_NONNUMERIC if returns else csv.QUOTE_MINIMAL,
+    ).writerows(lines)  # fmt: skip
     return text.getvalue()
