@@ -242,6 +242,9 @@ def _sb3_model(folder: Path) -> Path:
     data = {"policy_class": {"__module__": "stable_baselines3.sac.policies"}, "gamma": 0.99}
     with zipfile.ZipFile(path, "w") as file:
         file.writestr("data", json.dumps(data))
+        scale = {"epsilon": 1e-8, "clip": 10.0, "keys": {"goal": [[0.0, 1.0], [1.0, 2.0]]}}
+        record = {"env": {"rate": 5.0}, "flat": False, "wrappers": ["VecNormalize"]}
+        file.writestr("wheelchair.json", json.dumps(record | {"normalization": scale}))
     return path
 
 
@@ -788,7 +791,7 @@ READERS: dict[str, Reader] = {
     "env settings": Reader(
         _env, _use_env,
         ("config.read", "evaluation.evaluate.env_settings", "cli.arguments.shield_of",
-         "cli.hardware._write_drive"),
+         "cli.hardware._write_drive", "cli.compare.trained_in"),
     ),
     "scene settings": Reader(_scenes, _use_scenes, ("cli.arguments.spec",)),
     "planner settings": Reader(_planners, _use_planners, ("cli.arguments.spec",)),

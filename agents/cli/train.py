@@ -251,8 +251,8 @@ def export(given: argparse.Namespace) -> int:
 
     path = file_of(spec(given.policy))
     if path is None or path.suffix != ".npz":
-        kind = {None: "a policy without a network", ".zip": "a model of stable-baselines3"}
-        found = kind.get(path and path.suffix, "an exported policy")
+        kind = {"": "a policy without a network", ".zip": "a model of stable-baselines3"}
+        found = kind.get("" if path is None else path.suffix, "an exported policy")
         raise InputError(f"{given.policy}: {found}; expected weights (.npz), by name or file")
     sidecar = export_onnx(load_weights(path), given.onnx)
     report(given, sidecar, f"{given.onnx} and {given.onnx}.json")

@@ -103,7 +103,7 @@ def weights_digest(spec: Any) -> str | None:
         path = file_of(spec)
     except InputError:
         return None
-    return path and file_digest(path)
+    return None if path is None else file_digest(path)
 
 
 class LearnedDriver(Trained):

@@ -60,6 +60,7 @@ OWN = {
     "cli.train._last_row": "written by the same command",
     "cli.train._in_processes": "opened to be written",
     "learning.checkpoint.save_checkpoint": "opened to be written",
+    "learning.sb3.save_model": "opened to be written",
     "evaluation.runs.open_store": "opened to be written; `read_store` reads it",
 }
 
