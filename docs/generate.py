@@ -71,8 +71,8 @@ MODULES = {
         person.fit_tremor
         evaluation.evaluate evaluation.scenes evaluation.compare evaluation.metrics
         evaluation.report evaluation.tuning learning.sb3 learning.settings learning.run
-        learning.weights learning.export studies.model studies.evidence participants participants.protocol
-        participants.session participants.report benchmarks.environments
+        learning.weights learning.export studies.model studies.evidence participants
+        participants.protocol participants.session participants.report benchmarks.environments
         benchmarks.planner_benchmark
     """,
 }
