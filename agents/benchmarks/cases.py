@@ -18,6 +18,7 @@ from planners.judge import Judge
 from planners.problem_files import read_problems
 from wheelchair_gym.config import InputError, suggest
 from wheelchair_gym.geometry import Footprint
+from wheelchair_gym.random import Split, world_seed
 from wheelchair_gym.scenes import SCENES, make_scene
 
 MARGIN = 0.05  # m between the chair's side and obstacles, in problems made from scenes
@@ -104,13 +105,14 @@ def scene_cases(only: Sequence[str] = ()) -> list[Case]:
     return cases
 
 
-def scene_case(scene: Spec, seed: int = SEED) -> Case:
+def scene_case(scene: Spec, seed: int = SEED, split: Split = "test") -> Case:
     """A problem of a scene, for a disc with the chair's width and a margin.
 
     Raises:
         InputError: there is no such scene, or it needs a file.
     """
-    episode = make_scene(without_labels(scene)).sample(np.random.default_rng(seed))
+    rng = np.random.default_rng(world_seed(split, seed, 0))
+    episode = make_scene(without_labels(scene)).sample(rng)
     space = Space.from_walls(episode.walls, episode.discs, episode.map.bounds)
     clearance = Footprint().half_width + MARGIN
     return _case(Problem(space, episode.start, episode.goal, clearance, label(scene)))

@@ -33,7 +33,6 @@ Evaluation = dict[str, Any]
 BEST = "lattice+window"  # chosen on training seeds; test seeds are 0 to n-1
 FILM, FILMS = "episode", (".mp4", ".gif")
 RESULTS = "results.json"
-TRAINING = 1_000_000  # the first training seed
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ from wheelchair_gym.maps import bottleneck, footprint_margin
 from wheelchair_gym.physics.actors.records import PERSON
 from wheelchair_gym.types import Episode
 
-ENV = "wheelchair_gym/Navigation-v0"
+ENV = "wheelchair_gym/Navigation-v1"
 STORE = "episodes.jsonl"
 TIGHT = 0.10  # m beside the chair: below it, the margin of turns is computed, which takes seconds
 NO_WATCH = Watch()
@@ -114,13 +114,13 @@ def make_env(
     render_mode: str | None = "rgb_array",
     policy: Spec = "",
 ) -> Any:
-    """A fresh environment of one scene, as a policy is to drive there."""
+    """Make an environment of a scene, as a policy is to drive there; by default of test worlds."""
     import gymnasium
 
     import wheelchair_gym  # registers the ids
 
     assert wheelchair_gym.__name__ in sys.modules
-    settings = episode_env(scene, env, policy)
+    settings = {"split": "test", **episode_env(scene, env, policy)}
     return gymnasium.make(ENV, scene=without_labels(scene), render_mode=render_mode, **settings)
 
 

@@ -157,7 +157,7 @@ class Drives:
 class Plans:
     """Scores planners by the shortest path's length over that of their plan; 0 without a plan.
 
-    Worlds in which no path exists are left out.
+    Worlds are training worlds; those in which no path exists are left out.
     """
 
     scenes: Sequence[Spec]
@@ -184,7 +184,7 @@ class Plans:
 def _case(scene: str, seed: int) -> Any:
     from agents.benchmarks.cases import scene_case
 
-    return scene_case(json.loads(scene), seed)
+    return scene_case(json.loads(scene), seed, "train")
 
 
 def _planned(job: tuple[Spec, int], spec: Spec, deadline: float | None) -> dict[str, Any]:

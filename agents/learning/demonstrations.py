@@ -27,7 +27,7 @@ from wheelchair_gym.config import load
 from wheelchair_gym.envs import EnvSettings, NavigationEnv
 from wheelchair_gym.envs.settings import StartSettings
 
-_FIRST_SEED = 7_000_003  # of the first episode, apart from the seeds of every evaluation
+_FIRST_SEED = 7_000_003  # of the first episode, apart from the seeds on which weights are chosen
 Demonstration = tuple[Floats, Floats, bool]  # observations (n, size), actions (n, 2), success
 
 

@@ -133,7 +133,7 @@ def closed_loop(recorded: RecordedEpisode, assist: Any) -> dict[str, Record]:
     if isinstance(guidance, np.ndarray):
         guidance = lambda task: recorded.path  # noqa: E731
     changed = dataclasses.replace(settings, shield=shield, guidance=guidance, assistant=None)
-    env = NavigationEnv(config=changed)
+    env = NavigationEnv(config=changed, split=recorded.split)
     other = drive_episode(env, policy, seed, None, recorded.episode)
     env.close()
     again: Any = _replay(recorded)

@@ -83,7 +83,7 @@ class Drive:
             env = {"config": settings, "chair": episode_twin(settings)}
         else:
             env["scene"] = place.scene
-        self._world: Any = NavigationEnv(person=lambda: self._stick, **env)
+        self._world: Any = NavigationEnv(split="test", person=lambda: self._stick, **env)
         self._env: Any = self._world  # recorded, where it can be
         self.note, self.file = "", None
         try:

@@ -72,7 +72,7 @@ def test_truth_reaches_info_and_never_the_observation():
     ]
     assert told == [False, -1, 0.0, 0.0]
     assert env.chair.truth.actor_poses.shape == (len(env.episode.actors), 3)
-    batch = NavigationVectorEnv(2, SHORT, **CROWDED)
+    batch = NavigationVectorEnv(2, config=SHORT, **CROWDED)
     _, infos = batch.reset(seed=1)
     assert infos["approach_speed"].shape == infos["other_approach_speed"].shape == (2,)
     assert infos["contact_with"].tolist() == [-1, -1]

@@ -23,7 +23,7 @@ from wheelchair_gym.envs import EnvSettings
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.types import Episode
 
-IDS = ["wheelchair_gym/Navigation-v0", "wheelchair_gym/GuidedNavigation-v0"]
+IDS = ["wheelchair_gym/Navigation-v1", "wheelchair_gym/GuidedNavigation-v1"]
 
 
 def room(start, goal, half=4.0):
@@ -38,7 +38,7 @@ def room(start, goal, half=4.0):
 
 CHECKED = [
     *((name, {}) for name in IDS),
-    ("wheelchair_gym/AssistedNavigation-v0", {"scene": "clutter", "beams": 32}),
+    ("wheelchair_gym/AssistedNavigation-v1", {"scene": "clutter", "beams": 32}),
     (IDS[0], {"config": str(ROOT / "examples" / "own_robot.json")}),
     (IDS[0], {"config": {"scene": "clutter", "sensors": {"laser": {"beams": 0}}}}),
 ]

@@ -13,7 +13,7 @@ SHORT = {"scene": "clutter", "task": {"time_base": 1.5, "time_factor": 0.0}}  # 
 
 
 def env(**settings):
-    return gymnasium.make("wheelchair_gym/Navigation-v0", config=SHORT, **settings)
+    return gymnasium.make("wheelchair_gym/Navigation-v1", config=SHORT, **settings)
 
 
 # imageio_ffmpeg leaves its pipes to the garbage collector.
@@ -69,7 +69,7 @@ def test_driving_goes_on_without_the_window_once_it_is_closed(monkeypatch):
     unseen.close()
 
 
-ID = "wheelchair_gym/Navigation-v0"
+ID = "wheelchair_gym/Navigation-v1"
 STILL = np.zeros(2, dtype=np.float32)
 
 

@@ -103,14 +103,14 @@ def test_each_row_with_a_shield_is_a_single_env_with_one(mode):
 
 
 def test_make_vec_gives_the_batch():
-    env = gym.make_vec("wheelchair_gym/GuidedNavigation-v0", num_envs=3, **QUICK)
+    env = gym.make_vec("wheelchair_gym/GuidedNavigation-v1", num_envs=3, **QUICK)
     assert type(env.unwrapped) is NavigationVectorEnv
     observations, _ = env.reset(seed=1)
     assert observations["path"].shape == (3, 10)
     assert observations["laser"].shape == (3, 64)
     assert env.observation_space.contains(observations)
     assert env.metadata["autoreset_mode"] is NEXT
-    same = gym.make_vec("wheelchair_gym/Navigation-v0", 2, autoreset_mode="SameStep", **QUICK)
+    same = gym.make_vec("wheelchair_gym/Navigation-v1", 2, autoreset_mode="SameStep", **QUICK)
     assert same.metadata["autoreset_mode"] is SAME
     env.close()
     env.close()
@@ -119,7 +119,7 @@ def test_make_vec_gives_the_batch():
 @pytest.mark.parametrize("mode", [NEXT, SAME])
 def test_what_was_handed_out_is_never_written_again(mode):
     """Everything kept over many ends of episodes is as it was, and in its space."""
-    env = NavigationVectorEnv(4, SHORT, autoreset_mode=mode, **QUICK)
+    env = NavigationVectorEnv(4, config=SHORT, autoreset_mode=mode, **QUICK)
     rng = np.random.default_rng(0)
 
     def numbers(told):
@@ -156,7 +156,7 @@ PARTS = {
 @pytest.mark.parametrize("part", PARTS)
 def test_whoever_holds_a_part_keeps_what_it_shows(part, mode):
     """One array of many is kept, or what refers to it, for a random while."""
-    env = NavigationVectorEnv(3, SHORT, autoreset_mode=mode, shield=True, **QUICK)
+    env = NavigationVectorEnv(3, config=SHORT, autoreset_mode=mode, shield=True, **QUICK)
     rng = np.random.default_rng(0)
     env.reset(seed=0)
     kept = []
@@ -180,7 +180,7 @@ def test_whoever_holds_a_part_keeps_what_it_shows(part, mode):
 
 
 def test_memory_that_nobody_holds_is_used_again():
-    env = NavigationVectorEnv(2, SHORT, autoreset_mode=SAME, **QUICK)
+    env = NavigationVectorEnv(2, config=SHORT, autoreset_mode=SAME, **QUICK)
     env.reset(seed=0)
     seen, ended = set(), 0
     for _ in range(90):
@@ -207,7 +207,7 @@ def test_actions_of_any_kind_are_taken_by_the_same_compiled_function():
 
 
 def test_refused_actions_change_nothing():
-    envs = [NavigationVectorEnv(4, SHORT, num_threads=2, **QUICK) for _ in range(2)]
+    envs = [NavigationVectorEnv(4, config=SHORT, num_threads=2, **QUICK) for _ in range(2)]
     for env in envs:
         env.reset(seed=3)
     wrong = np.zeros((4, 2))
@@ -219,7 +219,7 @@ def test_refused_actions_change_nothing():
 
 
 def test_a_mask_begins_some_rows_and_leaves_the_others():
-    whole, part = (NavigationVectorEnv(4, SHORT, **QUICK) for _ in range(2))
+    whole, part = (NavigationVectorEnv(4, config=SHORT, **QUICK) for _ in range(2))
     actions = np.full((4, 2), 0.3)
     for env in (whole, part):
         env.reset(seed=3)
@@ -235,6 +235,39 @@ def test_a_mask_begins_some_rows_and_leaves_the_others():
     single.reset(seed=5)
     observation, _ = single.reset()  # the next episode of row 2
     assert np.array_equal(observation["laser"], observations["laser"][2])
+
+
+@pytest.mark.parametrize("single", [True, False])
+def test_seeds_that_are_told_begin_the_same_episodes_again(single):
+    """After any reset, `np_random_seed` and `info` tell how to get there again."""
+    env = NavigationEnv(**QUICK) if single else NavigationVectorEnv(3, **QUICK)
+    own = [{}, {"seed": 7}, {"seed": np.int64(2**63 - 4)}]
+    rows = [{"seed": [None, 5, None]}, {"seed": [np.int64(3), None, 2**62]}, {"seed": np.arange(3)}]
+    for given in own + own[:1] if single else own + rows:
+        env = type(env)(**QUICK) if single else NavigationVectorEnv(3, **QUICK)
+        observations, info = env.reset(**given)
+        assert not np.any(info["is_success"])  # nobody begins in a world that does not exist
+        assert (np.ravel(info["geodesic"]) > 0.5).all()
+        assert np.ravel(info["seed"]).tolist() == np.ravel(env.np_random_seed).tolist()
+        assert np.ravel(info["episode_number"]).tolist() == [0] * np.size(info["seed"])
+        again, _ = env.reset(seed=env.np_random_seed)
+        assert not list(differences(observations, again))
+        for row, seed in enumerate(np.ravel(info["seed"]).tolist()):
+            alone, _ = NavigationEnv(**QUICK).reset(seed=seed)
+            for key, value in alone.items():
+                assert np.array_equal(value, observations[key] if single else again[key][row])
+
+
+def test_rows_without_a_seed_go_on_and_no_kernel_gets_a_record_that_nobody_filled():
+    envs = [NavigationVectorEnv(2, **QUICK) for _ in range(2)]
+    for env, seeds in zip(envs, ([4, 9], [None, 9]), strict=True):
+        env.reset(seed=[4, 5])
+        _, info = env.reset(seed=seeds)
+        assert info["seed"].tolist() == [4, 9]
+        assert info["episode_number"].tolist() == [int(seeds[0] is None), 0]
+    envs[0]._next_prepared["is_filled"][1] = False
+    with pytest.raises(gym.error.ResetNeeded):
+        envs[0].reset()
 
 
 def test_a_bank_shares_its_worlds_and_turns_over():
@@ -262,7 +295,7 @@ def test_a_bank_kept_in_a_folder_is_the_same_and_is_not_made_again(tmp_path, mon
     settings = {**QUICK, "guidance": "geodesic", "bank": bank}
 
     def drive(**settings):
-        env = NavigationVectorEnv(2, SHORT, **settings)
+        env = NavigationVectorEnv(2, config=SHORT, **settings)
         results = [env.reset(seed=0)[0]]
         results += [env.step(np.full((2, 2), 0.4))[0] for _ in range(90)]
         return np.array([np.hstack([o[k] for k in sorted(o)]) for o in results])
@@ -292,7 +325,7 @@ def test_what_is_seen_and_rewarded_leaves_kept_worlds_as_they_are(task, others, 
     for own in ({}, task):
         bank = {"size": 1, "cache": str(tmp_path)}
         config = {**SHORT, "task": {**SHORT["task"], **own}}
-        NavigationVectorEnv(1, config, **{**QUICK, "bank": bank}).reset(seed=0)
+        NavigationVectorEnv(1, config=config, **{**QUICK, "bank": bank}).reset(seed=0)
     assert len(list(tmp_path.iterdir())) == 1 + others
 
 
@@ -303,7 +336,7 @@ def test_what_is_seen_and_rewarded_leaves_kept_worlds_as_they_are(task, others, 
         ({"num_threads": 0}, "num_threads is 0; expected at least 1"),
         ({"render_mode": "human"}, "render_mode is 'human'; expected rgb_array or None"),
         ({"autoreset_mode": "Sometimes"}, "Sometimes; expected NextStep or SameStep or Disabled"),
-        ({"beamz": 3}, "beamz: not an argument of this env"),
+        ({"beamz": 3}, "unexpected keyword argument 'beamz'"),
         ({"bank": {"sizes": 3}}, "bank.sizes is not a setting; it has cache, seed, size, turnover"),
         ({"bank": -1}, r"BankSettings.size is -1; it must be at least 0"),
     ],
@@ -317,8 +350,11 @@ def test_wrong_actions_and_seeds_are_refused():
     env = NavigationVectorEnv(2, **QUICK)
     with pytest.raises(gym.error.ResetNeeded):
         env.step(np.zeros((2, 2)))
-    with pytest.raises(wheelchair_gym.InputError, match="3 seeds were given for 2"):
-        env.reset(seed=[1, 2, 3])
+    for seed in (-1, 2**63, 2**63 - 1, 1.0, True, "12", [1], [1, 2, 3], [-1, 2], [2, 1.5],
+                 [np.array([1]), 2], [[1], [2]], {1, 2}, np.array(1), np.array([-1, 3])):  # fmt: skip
+        with pytest.raises(wheelchair_gym.InputError, match=r"seed") as caught:
+            env.reset(seed=seed)
+        assert "\n" not in str(caught.value)
     env.reset(seed=[4, 2])
     for wrong in (np.zeros(2), np.zeros((3, 2)), np.full((2, 2), np.nan)):
         with pytest.raises(wheelchair_gym.InputError, match=r"expected finite \(2, 2\)"):
@@ -392,10 +428,10 @@ def test_rows_that_are_over_wait_for_their_reset_where_autoreset_is_disabled():
 
 def test_a_limit_of_steps_is_that_of_gymnasium():
     many = gym.make_vec(
-        "wheelchair_gym/Navigation-v0", 2, scene="clutter", beams=16, max_episode_steps=5
+        "wheelchair_gym/Navigation-v1", 2, scene="clutter", beams=16, max_episode_steps=5
     )
     wrapped = gym.make(
-        "wheelchair_gym/Navigation-v0", scene="clutter", beams=16, max_episode_steps=5
+        "wheelchair_gym/Navigation-v1", scene="clutter", beams=16, max_episode_steps=5
     )
     ours = NavigationEnv("clutter", beams=16, max_episode_steps=5)
     many.reset(seed=0)

@@ -493,7 +493,7 @@ def test_a_link_that_breaks_is_one_line_and_a_last_zero(bridge, chair, way):
 
 @pytest.mark.parametrize("way", ["close", "exception"])
 def test_every_way_out_ends_with_zero(bridge, way):
-    env = gym.make("wheelchair_gym/Navigation-v0", chair=spec(bridge), config=CONFIG)
+    env = gym.make("wheelchair_gym/Navigation-v1", chair=spec(bridge), config=CONFIG)
     chair = env.unwrapped.chair
     env.reset(options={"episode": chair.episode(bridge.episode.start[:2] + np.array([2.0, 0.0]))})
     try:

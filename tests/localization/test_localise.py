@@ -21,7 +21,7 @@ from wheelchair_gym.physics.chair import SimulatedChair
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.sensors.settings import SensorSettings
 
-NAVIGATION = "wheelchair_gym/Navigation-v0"
+NAVIGATION = "wheelchair_gym/Navigation-v1"
 LASER = SensorSettings().laser
 
 

@@ -62,7 +62,12 @@ INFO_KEYS = (
     InfoKey("valid_beams", "verdict", "valid_beams", "finite ranges of the scan"),
     InfoKey("geodesic", "verdict", "geodesic", "shortest way from start to goal [m]"),
 )  # fmt: skip
-
+# Keys that tell which episode is driven.
+EPISODE_KEYS = {
+    "seed": "of the sequence of episodes: `reset(seed=...)` begins it again",
+    "episode_number": "among those of its seed, from 0",
+    "split": "stream of worlds that it is drawn from: train or test",
+}
 
 _FIELDS = [(source, field) for source, fields in SOURCES.items() for field in fields]
 _NAMES = tuple(key.name for key in INFO_KEYS)
@@ -104,5 +109,6 @@ def _masked(values: dict[str, Any], mask: Flags) -> dict[str, Any]:
 
 def info_table() -> str:
     """All keys as a table in Markdown."""
-    rows = (f"| {key.name} | {key.meaning} |" for key in INFO_KEYS)
+    meanings = {key.name: key.meaning for key in INFO_KEYS} | EPISODE_KEYS
+    rows = (f"| {name} | {meaning} |" for name, meaning in meanings.items())
     return "\n    ".join(["| key | meaning |", "| --- | --- |", *rows])

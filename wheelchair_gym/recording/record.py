@@ -182,7 +182,7 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
         rows = episode.actors.rows
         actors = {"actors": rows, "actor_size": rows.itemsize, "routes": episode.actors.routes}
         self._labels = dict(env.labels)
-        drawn = {"seed": seed, "number": number, "labels": self._labels}
+        drawn = {"seed": seed, "number": number, "split": env.split, "labels": self._labels}
         values = vars(episode) | actors | drawn | {"settings": settings}
         self._out.write(EPISODE, values, path=self._guidance())
 

@@ -35,6 +35,7 @@ GOAL, PATH, FIELD, TIME = range(4)  # what progress is measured along
 AIMS = ("goal", "path", "field", "time")
 
 PREPARED, _TARGETS = pointer_record(
+    ("is_filled", "b1"),  # false: no episode; no kernel may receive the record
     ("walls", Target("f8", None, 4)),  # m
     ("discs", Target("f8", None, 3)),  # m
     ("n_walls", "i8"),
@@ -115,6 +116,7 @@ class PreparedEpisode:
             points = as_array(path[:, :2], np.float64, (None, 2), "path of the guidance", FARTHEST)
         pointers = Pointers(np.zeros(1, PREPARED), _TARGETS, constant=True)
         r: Any = pointers.record[0]
+        r["is_filled"] = True
         actors, field = episode.actors, geodesic.extended
         pointers.point("walls", episode.walls)
         pointers.point("discs", episode.discs)
