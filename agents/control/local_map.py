@@ -158,7 +158,8 @@ class LocalMap:
         self._shield.update(reading)
         laser = self._laser
         ranges = np.asarray(reading.laser[: laser.beams], dtype=np.float64)
-        near = np.isfinite(ranges) & (ranges < DRAWN_RANGE) & (ranges > laser.range_min)
+        ranges[ranges < laser.range_min] = laser.range_min  # too near: somewhere up to there
+        near = ranges < DRAWN_RANGE  # false for NaN
         seen = self._beams[near] * ranges[near, None] + (laser.x, laser.y)
         static = ranges[near] < REACH + laser.x
         self._track(reading)

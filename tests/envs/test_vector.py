@@ -350,8 +350,9 @@ def test_wrong_actions_and_seeds_are_refused():
     env = NavigationVectorEnv(2, **QUICK)
     with pytest.raises(gym.error.ResetNeeded):
         env.step(np.zeros((2, 2)))
-    for seed in (-1, 2**63, 2**63 - 1, 1.0, True, "12", [1], [1, 2, 3], [-1, 2], [2, 1.5],
-                 [np.array([1]), 2], [[1], [2]], {1, 2}, np.array(1), np.array([-1, 3])):  # fmt: skip
+    single = -1, 2**63, 2**63 - 1, 1.0, True, "12", {1, 2}, np.array(1)
+    rows = [1], [1, 2, 3], [-1, 2], [2, 1.5], [np.ones(1), 2], [[1], [2]], np.array([-1, 3])
+    for seed in (*single, *rows):
         with pytest.raises(wheelchair_gym.InputError, match=r"seed") as caught:
             env.reset(seed=seed)
         assert "\n" not in str(caught.value)

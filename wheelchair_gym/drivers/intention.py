@@ -32,6 +32,7 @@ from wheelchair_gym.drivers.state import (
 from wheelchair_gym.geometry import body_to_world, signed_clearance, signed_gap, world_to_body, wrap
 from wheelchair_gym.kinematics import arc_step, twist_of_action
 from wheelchair_gym.random import DRIVERS, normal, uniform
+from wheelchair_gym.sensors.laser import shown_range
 from wheelchair_gym.task.prepared_episode import geodesic_to_go, seconds_to_go
 
 Array = NDArray[np.float64]
@@ -73,17 +74,17 @@ def _see(p: Any, d: Any, scan: Floats) -> None:
         low, high = sector * n // min(SECTORS, n), (sector + 1) * n // min(SECTORS, n)
         nearest = none
         for k in range(np.uint64(low), np.uint64(high)):
-            bits = bits_of_float(scan[k])
-            bits = bits if scan[k] > np.float32(0.0) else none
+            bits = bits_of_float(shown_range(scan[k]))
             nearest = bits if bits < nearest else nearest
         if nearest == none:
             continue
         best = low
-        while bits_of_float(scan[best]) != nearest:
+        while bits_of_float(shown_range(scan[best])) != nearest:
             best += 1
+        r = shown_range(scan[best])
         angle = p.mount[2] + p.first + p.per_beam * best
-        x = p.mount[0] + scan[best] * math.cos(angle)
-        y = p.mount[1] + scan[best] * math.sin(angle)
+        x = p.mount[0] + r * math.cos(angle)
+        y = p.mount[1] + r * math.sin(angle)
         if not sees_all:
             side = math.atan2(y, x)
             if not -sight.right < side < sight.left:

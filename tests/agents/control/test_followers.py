@@ -207,6 +207,15 @@ def test_what_slips_out_of_sight_is_remembered():
     assert np.hypot(*(behind - (2.65, 0.5)).T).min() < 0.06
 
 
+def test_what_is_too_near_to_be_measured_stays_an_obstacle():
+    world = PaperWorld(corridor(width=2.0), (1.0, 0.0, 0.0), (7.0, 0.0, 0.0))
+    local_map, laser = LocalMap(world.mission), world.mission.sensors.laser
+    scan = np.where(np.abs(laser.angles) < 0.2, -np.inf, world.seen.laser)
+    local_map.update(world.seen._replace(laser=scan))
+    off = local_map.points[:, :2] - (laser.x + laser.range_min, 0.0)
+    assert np.hypot(*off.T).min() < 0.02
+
+
 @pytest.mark.filterwarnings("ignore:ultrasonics more than")
 @pytest.mark.parametrize("shield", [None, {"unseen_speed": 0.3, "stop_margin": 0.1}])
 @pytest.mark.parametrize(
