@@ -155,5 +155,5 @@ def film(what: Suite, episode: Record, folder: Path) -> str:
     finally:
         env.close()
     path = folder / f"{FILM}{video_suffix()}"
-    write_video(path, frames, round(1.0 / period))
+    write_video(path, frames, 1.0 / period)
     return path.name

@@ -186,7 +186,7 @@ def drive_episode(
         frames(env)
     assert driver.command is not None
     trace.replans = max(0, driver.command.shown.plans - 1)
-    return measure(trace, info, truncated)
+    return measure(trace, info, truncated and not ended)
 
 
 def warm(policy: Spec, scene: Spec, env: Mapping[str, Any]) -> None:

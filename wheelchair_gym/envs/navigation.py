@@ -78,7 +78,8 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
     each split.
     Terminated when the chair believes to be within 0.30 m of the goal (0.20 m if its pose is an
     estimate, which may err by 0.10 m), or when a bumper strip is pressed; truncated at the time
-    limit, 30 s + 3 x geodesic / 0.8 m/s.
+    limit, 30 s + 3 x geodesic / 0.8 m/s, which never comes with a termination. The limit of
+    `max_episode_steps` may, as that of Gymnasium's `TimeLimit`: then the episode has terminated.
 
     ## Info
     {info}
