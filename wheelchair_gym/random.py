@@ -24,8 +24,6 @@ from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined, kernel
 
 Split = Literal["train", "test"]  # streams of worlds: to train and choose on, to be judged on
 SEEDS = 2**63  # number of seeds, from 0 on
-_SPLIT_CHANNELS = {"test": 0, "train": TRAINING}  # of keys
-_SPAWN_KEYS: dict[str, tuple[int, ...]] = {"test": (), "train": (TRAINING,)}  # of worlds
 
 # Sum of four uniform 16-bit numbers: mean and standard deviation (Irwin-Hall, n = 4, cut at 3.46).
 _MEAN = 2.0 * 65535.0
@@ -82,7 +80,7 @@ def normal(key: np.uint64, step: int, channel: int, index: int) -> float:
 
 def episode_key(seed: int, episode: int, split: Split) -> int:
     """Return the key of one episode of one seed."""
-    return int(bits(np.uint64(seed), episode, _SPLIT_CHANNELS[split], 0))
+    return int(bits(np.uint64(seed), episode, TRAINING if split == "train" else 0, 0))
 
 
 def world_seed(split: Split, *entropy: int) -> np.random.SeedSequence:
@@ -91,7 +89,7 @@ def world_seed(split: Split, *entropy: int) -> np.random.SeedSequence:
     Training worlds have a spawn key, which numpy appends after at least four words. Test worlds
     have none, and at most four words (seeds are below 2**63), so no state belongs to both splits.
     """
-    return np.random.SeedSequence(entropy, spawn_key=_SPAWN_KEYS[split])
+    return np.random.SeedSequence(entropy, spawn_key=(TRAINING,) if split == "train" else ())
 
 
 def stream(rng: np.random.Generator) -> Stream:

@@ -11,17 +11,15 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
-from numpy.typing import NDArray
 
 from agents.learning.features import Layout
 from agents.policies.learned import LearnedDriver
+from wheelchair_gym.arrays import Array, Floats
 from wheelchair_gym.config import InputError
 from wheelchair_gym.geometry import to_world
 from wheelchair_gym.rendering import palette
 from wheelchair_gym.task.observations import PRIVILEGED
 
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
 NEIGHBOURS = 1  # beams on each side that are hidden with a beam
 NAMES = {"action": "last action", "path": "path ahead", "twist": "velocity"}
 

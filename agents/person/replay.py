@@ -13,20 +13,19 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agents.assistance import ASSISTANTS, is_shielded
 from agents.evaluation.assisted import ACTIVE, StickTrace
 from agents.evaluation.evaluate import drive_episode
 from agents.evaluation.metrics import Record
 from agents.policies import GymPolicy, make_policy
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import InputError
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.recording.replay import RecordedEpisode, replay_env
 from wheelchair_gym.safety.settings import ShieldSettings
 from wheelchair_gym.types import Command, Mission, Reading
 
-Array = NDArray[np.float64]
 TIMES = "plan_ms", "act_ms_p50", "act_ms_p95"  # of a record: how long a policy took here
 
 

@@ -38,7 +38,7 @@ def test_specs_make_the_same_environment_again(name):
     assert again.spec == envs.spec
     assert again.settings == envs.settings
     assert (again.num_envs, again.autoreset_mode, again.split) == (2, envs.autoreset_mode, "test")
-    with pytest.raises(TypeError, match="unexpected keyword argument 'num_envs'"):
+    with pytest.raises(TypeError, match="unexpected keyword argument 'autoreset_mode'"):
         gym.make(spec)
     assert gym.spec(name).kwargs["split"] == "train"
     with pytest.raises(gym.error.DeprecatedEnv, match=name):

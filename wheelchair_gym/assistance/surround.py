@@ -6,8 +6,8 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array, Floats
 from wheelchair_gym.assistance.state import GROUPS, SECTORS
 from wheelchair_gym.compiled.address import on_stack, table_at
 from wheelchair_gym.compiled.kernel import borrowing_kernel
@@ -15,9 +15,6 @@ from wheelchair_gym.compiled.simd import bits_of_float
 from wheelchair_gym.geometry import world_to_body
 from wheelchair_gym.kinematics import arc_step
 from wheelchair_gym.sensors.laser import shown_range
-
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
 
 REACH = 4.0  # m from the outline's middle: farther is of no concern
 MEMORY = 10.0  # s for which what nothing looks at any more is remembered

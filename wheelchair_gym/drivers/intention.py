@@ -12,8 +12,8 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array, Floats
 from wheelchair_gym.compiled.address import doubles_at, integers_at, on_stack
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.compiled.simd import bits_of_float
@@ -34,9 +34,6 @@ from wheelchair_gym.kinematics import arc_step, twist_of_action
 from wheelchair_gym.random import DRIVERS, normal, uniform
 from wheelchair_gym.sensors.laser import shown_range
 from wheelchair_gym.task.prepared_episode import geodesic_to_go, seconds_to_go
-
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
 
 # Indices of draws of a decision in the channel DRIVERS.
 LAPSE, LAPSE_TIME, MIND, WHERE, LOOKS = 100, 101, 102, 103, 104

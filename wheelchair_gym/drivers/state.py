@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.address import Target, pointer_record, prefetch, rows_of
 from wheelchair_gym.compiled.kernel import inlined
 from wheelchair_gym.config import InputError
@@ -19,7 +20,6 @@ from wheelchair_gym.drivers.settings import INTERFACES, Driver, Hand, Intention,
 from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.sensors.settings import SensorSettings
 
-Array = NDArray[np.float64]
 Rows = NDArray[np.void]
 
 TICK_RATE = 100.0  # Hz: of hand and interface, at least the control rate

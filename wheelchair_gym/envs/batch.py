@@ -6,8 +6,8 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.assistance.step import (
     ASSISTANTS,
     assisted_action,
@@ -45,8 +45,6 @@ from wheelchair_gym.task.observations import take_stick
 from wheelchair_gym.task.prepared_episode import PREPARED
 from wheelchair_gym.task.records import TASK
 from wheelchair_gym.task.rewards import VERDICT, has_arrived
-
-Array = NDArray[np.float64]
 
 # What one thread steps rows of a batch with: chairs, their worlds and their tasks.
 BATCH, BATCH_TARGETS = pointer_record(

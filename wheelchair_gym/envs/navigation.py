@@ -12,6 +12,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import InputError
 from wheelchair_gym.drivers import make_drivers
 from wheelchair_gym.drivers.step import Drivers
@@ -43,8 +44,6 @@ from wheelchair_gym.task.prepared_episode import PreparedEpisode
 from wheelchair_gym.task.rewards import reward_table
 from wheelchair_gym.task.task import Observation, Task
 from wheelchair_gym.types import Chair, Episode, Mission, Reading, Shown, Stick, check_reading
-
-Array = NDArray[np.float64]
 
 
 class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):

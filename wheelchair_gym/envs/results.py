@@ -15,6 +15,7 @@ from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Floats
 from wheelchair_gym.compiled.address import data_of, flags_at, rows_of
 from wheelchair_gym.compiled.kernel import inlined
 from wheelchair_gym.envs.info import info_of_rows
@@ -23,7 +24,6 @@ from wheelchair_gym.safety.state import DECISION, REASONS
 from wheelchair_gym.task.rewards import VERDICT
 from wheelchair_gym.task.task import Observation, Task
 
-Floats = NDArray[np.float32]
 Flags = NDArray[np.bool_]
 Bytes = NDArray[np.uint8]
 Rows = NDArray[np.void]

@@ -22,6 +22,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.address import Pointers
 from wheelchair_gym.config import InputError
 from wheelchair_gym.drivers import make_drivers
@@ -51,7 +52,6 @@ from wheelchair_gym.task.records import PROGRESS
 from wheelchair_gym.task.task import Observation, Task
 from wheelchair_gym.tracking.state import TRACKER
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 

@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.files import modified
 from wheelchair_gym.geometry import Footprint
@@ -24,7 +25,6 @@ from wheelchair_gym.scenes.poses import FOOTPRINT, is_free_pose, passing_radius
 from wheelchair_gym.scenes.raster import CELL
 from wheelchair_gym.types import Episode, no_discs
 
-Array = NDArray[np.float64]
 Pose = tuple[float, float, float]
 
 _TRIES = 200  # places drawn for one pose

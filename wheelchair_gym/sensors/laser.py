@@ -17,15 +17,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array, Floats
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.compiled.simd import rasterize_line
 from wheelchair_gym.geometry import point_to_world, world_to_body
 from wheelchair_gym.random import LASER, LASER_BIAS, bits, mix, normal
 from wheelchair_gym.sensors.echoes import atan2_f32, relative_endpoints
 from wheelchair_gym.sensors.settings import LaserSettings
-
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
 
 WORKSPACE_ROWS = 10  # rows of workspace: 4 for ends, 2 for angles, 4 for lines
 

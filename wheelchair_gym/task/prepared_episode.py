@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.address import (
     Pointers,
     Target,
@@ -28,8 +29,6 @@ from wheelchair_gym.maps.geodesic import interpolate
 from wheelchair_gym.physics.actors.records import ACTOR
 from wheelchair_gym.physics.chairs import columns_of
 from wheelchair_gym.types import Episode
-
-Array = NDArray[np.float64]
 
 GOAL, PATH, FIELD, TIME = range(4)  # what progress is measured along
 AIMS = ("goal", "path", "field", "time")

@@ -6,17 +6,14 @@ import math
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array, Floats
 from wheelchair_gym.compiled.address import doubles_at, floats_at, on_stack
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.compiled.simd import bits_of_double, double_of_bits
 from wheelchair_gym.geometry import offsets_from_rectangle, rectangle_point_gap, world_to_body
 from wheelchair_gym.kinematics import arc_step, corner_speed
 from wheelchair_gym.sensors.laser import median3, shown_range
-
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
 
 CLEARANCE_MAX = 0.5  # m: larger clearances are observed as this
 NEAR = 0.2  # m from the outline, from which on proximity_speed counts
