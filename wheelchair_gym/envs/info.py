@@ -5,9 +5,7 @@ from __future__ import annotations
 from operator import itemgetter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from wheelchair_gym.arrays import Mask
 from wheelchair_gym.task.rewards import TERMS, Verdict
 from wheelchair_gym.types import Reading, Truth
 
@@ -15,7 +13,6 @@ if TYPE_CHECKING:
     from wheelchair_gym.envs.results import Columns
     from wheelchair_gym.safety.shield import Decision
 
-Flags = NDArray[np.bool_]
 
 SOURCES: dict[str, tuple[str, ...]] = {
     "truth": Truth._fields,
@@ -103,7 +100,7 @@ def info_of_rows(columns: Columns, shielded: bool) -> dict[str, Any]:
     return _masked(values, mask)
 
 
-def _masked(values: dict[str, Any], mask: Flags) -> dict[str, Any]:
+def _masked(values: dict[str, Any], mask: Mask) -> dict[str, Any]:
     return values | {f"_{name}": mask for name in values}
 
 

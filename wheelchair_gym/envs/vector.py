@@ -22,7 +22,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.arrays import Array, Mask
 from wheelchair_gym.compiled.address import Pointers
 from wheelchair_gym.config import InputError
 from wheelchair_gym.drivers import make_drivers
@@ -51,9 +51,6 @@ from wheelchair_gym.task.prepared_episode import PREPARED, PreparedEpisode
 from wheelchair_gym.task.records import PROGRESS
 from wheelchair_gym.task.task import Observation, Task
 from wheelchair_gym.tracking.state import TRACKER
-
-Flags = NDArray[np.bool_]
-
 
 Info = dict[str, Any]
 
@@ -343,7 +340,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         n = self.num_envs
         return InputError(f"actions have shape {actions.shape}; expected finite ({n}, 2)")
 
-    def _follow(self, begun: Flags) -> None:
+    def _follow(self, begun: Mask) -> None:
         """Keep the trails that pictures show; of rows that began an episode, new ones."""
         assert self._last is not None
         for i, drawing in enumerate(self._drawings):
@@ -407,7 +404,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         setattr(self, name, values)
 
     def _replace_rewards(
-        self, rewards: Array, results: Results, actions: Array, rows: Flags
+        self, rewards: Array, results: Results, actions: Array, rows: Mask
     ) -> None:
         """Write rewards (n,) by the function of the settings, of the rows that made a step."""
         assert self._write_rewards is not None
