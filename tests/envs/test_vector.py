@@ -39,10 +39,16 @@ def assert_same(row, n, batch, single):
         assert rows[name].shape[0] == n
 
 
-def compare(mode, threads, n, steps, seed=7, **settings):
-    """Drive a batch and single envs with the same actions; returns how many episodes ended."""
+def compare(mode, threads, n, steps, seed=7, shared=False, **settings):
+    """Drive a batch and single envs with the same actions; returns how many episodes ended.
+
+    If `shared`, each world is made once for all.
+    """
     batch = NavigationVectorEnv(n, num_threads=threads, autoreset_mode=mode, **settings)
     singles = [NavigationEnv(**settings) for _ in range(n)]
+    for env in singles if shared else ():
+        env.worlds = batch.worlds
+        env.worlds.drop_before = lambda episode: None
     rng = np.random.default_rng(seed)
     observations, infos = batch.reset(seed=seed)
     for i, env in enumerate(singles):
@@ -116,32 +122,6 @@ def test_make_vec_gives_the_batch():
     env.close()
 
 
-@pytest.mark.parametrize("mode", [NEXT, SAME])
-def test_what_was_handed_out_is_never_written_again(mode):
-    """Everything kept over many ends of episodes is as it was, and in its space."""
-    env = NavigationVectorEnv(4, config=SHORT, autoreset_mode=mode, **QUICK)
-    rng = np.random.default_rng(0)
-
-    def numbers(told):
-        for value in told.values():
-            if isinstance(value, dict):
-                yield from numbers(value)
-            else:
-                yield value
-
-    kept, ended = [], 0
-    env.reset(seed=0)
-    for _ in range(120):
-        result = env.step(rng.uniform(-1, 1, (4, 2)))
-        assert env.observation_space.contains(result[0])
-        ended += (result[2] | result[3]).sum()
-        for array in (*numbers(result[0]), *result[1:4], *numbers(result[4])):
-            kept.append((array, array.copy()))
-    assert ended >= 8
-    for array, copy in kept:
-        assert np.array_equal(array, copy)
-
-
 PARTS = {
     "array": lambda array: array,
     "part": lambda array: array[1:],
@@ -162,6 +142,7 @@ def test_whoever_holds_a_part_keeps_what_it_shows(part, mode):
     kept = []
     for _ in range(150):
         observations, rewards, *ends, infos = env.step(rng.uniform(-1, 1, (3, 2)))
+        assert env.observation_space.contains(observations)
         given = [*observations.values(), rewards, *ends, *flat(infos).values()]
         given += flat(infos.pop("final_info", {})).values()
         given = [a for a in given if isinstance(a, np.ndarray) and a.dtype.kind != "U"]
@@ -367,7 +348,6 @@ def test_wrong_actions_and_seeds_are_refused():
 @pytest.mark.parametrize("threads", [1, 2])
 def test_a_million_steps_in_all_are_those_of_single_envs(mode, threads):
     """A quarter of a million in each case: floor plans, all noise, a bank that turns over."""
-    n, steps, seed = 50, 5_000, 11
     settings = {
         "config": {"task": {"time_base": 20.0, "time_factor": 0.0}},
         "bank": {"size": 64, "turnover": 1.0},
@@ -376,37 +356,7 @@ def test_a_million_steps_in_all_are_those_of_single_envs(mode, threads):
         "guidance": "geodesic",
         "randomize": True,
     }
-    batch = NavigationVectorEnv(n, num_threads=threads, autoreset_mode=mode, **settings)
-    singles = [NavigationEnv(**settings) for _ in range(n)]
-    for env in singles:
-        env.worlds = batch.worlds  # made once; each env draws its own
-        env.worlds.drop_before = lambda episode: None
-    rng = np.random.default_rng(seed)
-    observations, _ = batch.reset(seed=seed)
-    for i, env in enumerate(singles):
-        env.reset(seed=seed + i)
-    over, ends = np.zeros(n, bool), 0
-    for _ in range(steps):
-        actions = rng.uniform(-1.0, 1.0, (n, 2))
-        observations, rewards, terminated, truncated, infos = batch.step(actions)
-        for i, env in enumerate(singles):
-            if over[i]:
-                observation, info = env.reset()
-                over[i] = False
-            else:
-                observation, *outcome, info = env.step(actions[i])
-                assert outcome == [rewards[i], terminated[i], truncated[i]]
-                if terminated[i] or truncated[i]:
-                    ends += 1
-                    over[i] = mode is NEXT
-                    if mode is SAME:
-                        for key, value in observation.items():
-                            assert np.array_equal(value, infos["final_obs"][key][i])
-                        observation, info = env.reset()
-            for key, value in observation.items():
-                assert np.array_equal(value, observations[key][i])
-            assert np.array_equal(info["pose"], infos["pose"][i])
-    assert ends >= 1000
+    assert compare(mode, threads, n=50, steps=5_000, seed=11, shared=True, **settings) >= 1000
 
 
 def test_rows_that_are_over_wait_for_their_reset_where_autoreset_is_disabled():
