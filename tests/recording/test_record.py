@@ -80,6 +80,7 @@ def test_a_replayed_run_is_seen_and_judged_the_same(run):
     assert len(chapters) == len(seen)
     for chapter, (first, *steps) in zip(chapters, seen, strict=True):
         assert len(chapter.actions) == len(steps) == STEPS
+        assert chapter.split == steps[0][2]["split"] == "train"
         env = replay_env(chapter)
         observation, _ = env.reset(options={"episode": chapter.episode})
         assert_same(observation, first[0])
@@ -319,6 +320,7 @@ def test_the_first_recordings_are_still_read(tmp_path, capsys):
     assert capsys.readouterr().out.count("the same rewards") == 2
     assert main(["replay", str(again)]) == 0
     for old, new in zip(read_recording(OLD), read_recording(again), strict=True):
+        assert old.split == new.split == "test"
         for was, is_ in zip(old.states, new.states, strict=True):
             np.testing.assert_equal(is_.reading, was.reading)
             np.testing.assert_equal(is_.truth, was.truth)

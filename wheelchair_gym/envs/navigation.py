@@ -208,6 +208,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         super().reset(seed=secrets.randbits(48))  # for a first reset without a seed
         self._seed: int | None = None
         self._count = 0  # episodes of the present seed
+        self.episode_info: dict[str, Any] = {}  # which episode is driven, by key of `info`
         self._running = False
         self._steps: SimulatedSteps | None = None
         if type(self.chair) is SimulatedChair and person is None:
@@ -249,7 +250,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             self._prepared = self.worlds.prepare(given)
         self.episode = self._prepared.episode
         told = self._seed, self._count, self.split
-        self._episode_info, key = dict(zip(EPISODE_KEYS, told, strict=True)), episode_key(*told)
+        self.episode_info, key = dict(zip(EPISODE_KEYS, told, strict=True)), episode_key(*told)
         if self.shield is not None:
             self.shield.reset()
         reading = self.chair.reset(self.episode, key)
@@ -266,7 +267,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         self._running = True
         self._drawing.begin()
         self.show(Shown())
-        info = self._info() | self._episode_info
+        info = self._info() | self.episode_info
         if self.shield is not None:
             info["shield"] = info_of_shield(self.shield.decision)
         self._drawing.follow(info["pose"])
@@ -301,7 +302,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         observation, reward, terminated, truncated, info = step(
             (a_v, a_w), (v, w), stop, (asked_v - v, asked_w - w)
         )
-        info |= self._episode_info
+        info |= self.episode_info
         self._running = not (terminated or truncated)
         self._assist()
         if shield is not None:
@@ -367,12 +368,6 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             return frame
         self._drawing.show(frame)
         return None
-
-    @property
-    def seed_and_number(self) -> tuple[int, int]:
-        """The seed of the present episode, and its number among those of that seed."""
-        assert self._seed is not None  # after reset
-        return self._seed, self._count
 
     @property
     def mission(self) -> Mission:
