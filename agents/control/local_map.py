@@ -158,7 +158,7 @@ class LocalMap:
         self._shield.update(reading)
         laser = self._laser
         ranges = np.asarray(reading.laser[: laser.beams], dtype=np.float64)
-        ranges[ranges < laser.range_min] = laser.range_min  # too near: somewhere up to there
+        ranges = np.where(ranges < laser.range_min, laser.range_min, ranges)  # or nearer
         near = ranges < DRAWN_RANGE  # false for NaN
         seen = self._beams[near] * ranges[near, None] + (laser.x, laser.y)
         static = ranges[near] < REACH + laser.x

@@ -78,7 +78,7 @@ def test_where_nothing_is_seen_gaps_are_wide():
 
 def test_what_is_too_near_to_be_measured_is_at_the_laser():
     scan = np.full(LASER.beams, -np.inf, np.float32)
-    assert told(scan, [])[0] == pytest.approx(-OUTLINE.half_width)
+    assert told(scan, [])[0][0] == pytest.approx(-OUTLINE.half_width)
     assert proximity_speed(scan, *RIG, np.array([0.5, 0.0])) == pytest.approx(0.25)
 
 

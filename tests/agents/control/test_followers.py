@@ -210,6 +210,7 @@ def test_what_slips_out_of_sight_is_remembered():
 def test_what_is_too_near_to_be_measured_stays_an_obstacle():
     world = PaperWorld(corridor(width=2.0), (1.0, 0.0, 0.0), (7.0, 0.0, 0.0))
     local_map, laser = LocalMap(world.mission), world.mission.sensors.laser
+    world.drive(np.zeros(2))
     scan = np.where(np.abs(laser.angles) < 0.2, -np.inf, world.seen.laser)
     local_map.update(world.seen._replace(laser=scan))
     off = local_map.points[:, :2] - (laser.x + laser.range_min, 0.0)
