@@ -239,16 +239,40 @@ def test_seeds_that_are_told_begin_the_same_episodes_again(single):
                 assert np.array_equal(value, observations[key] if single else again[key][row])
 
 
-def test_rows_without_a_seed_go_on_and_no_kernel_gets_a_record_that_nobody_filled():
+def test_rows_without_a_seed_go_on():
     envs = [NavigationVectorEnv(2, **QUICK) for _ in range(2)]
     for env, seeds in zip(envs, ([4, 9], [None, 9]), strict=True):
         env.reset(seed=[4, 5])
         _, info = env.reset(seed=seeds)
         assert info["seed"].tolist() == [4, 9]
         assert info["episode_number"].tolist() == [int(seeds[0] is None), 0]
-    envs[0]._next_prepared["is_filled"][1] = False
-    with pytest.raises(gym.error.ResetNeeded):
-        envs[0].reset()
+
+
+@pytest.mark.parametrize("mode", [NEXT, SAME])
+def test_no_kernel_gets_a_record_that_nobody_filled(mode):
+    """A row whose next world could not be drawn is not driven in another one."""
+    env = NavigationVectorEnv(2, **QUICK, max_episode_steps=2, autoreset_mode=mode)
+    env.reset(seed=3)
+    make, ahead = env.worlds.episode, np.full((2, 2), 0.1)
+
+    def fail(*_):
+        raise InputError("no world fits")
+
+    env.worlds.episode = fail
+
+    def drive():
+        for _ in range(3):
+            env.step(ahead)
+
+    with pytest.raises(InputError, match="no world fits"):
+        drive()
+    with pytest.raises(gym.error.ResetNeeded, match=r"rows \[0, 1\] have no next episode"):
+        env.step(ahead)
+    with pytest.raises(InputError, match="no world fits"):
+        env.reset()
+    env.worlds.episode = make
+    _, infos = env.reset()
+    assert infos["episode_number"].tolist() == [2, 2]
 
 
 def test_a_bank_shares_its_worlds_and_turns_over():

@@ -245,8 +245,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         results = self._results.take()
         if self._last is not None:  # the rows that go on keep what they saw
             results.block[:], results.out[:] = self._last.block, self._last.out
-        if not self._next_prepared["is_filled"][chosen].all():
-            raise gym.error.ResetNeeded("reset(): a row has no episode to begin")
+        self._check_filled(chosen)
         begin_chairs(self._batches[0].record, chosen, results.block, results.out)
         self._draw_next(np.flatnonzero(chosen))
         self._last = results
@@ -270,6 +269,12 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         if len(seed) != n:
             raise InputError(f"{len(seed)} seeds were given for {n} environments")
         return [None if s is None else check_seed(s, f"seed[{i}]") for i, s in enumerate(seed)]
+
+    def _check_filled(self, chosen: Mask) -> None:
+        """Refuse to begin an episode of a row for which none could be drawn."""
+        empty = np.flatnonzero(chosen & ~self._next_prepared["is_filled"]).tolist()
+        if empty:
+            raise gym.error.ResetNeeded(f"rows {empty} have no next episode; call reset()")
 
     @property
     def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
@@ -303,6 +308,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         if mode is AutoresetMode.DISABLED and self._over.any():
             over = np.flatnonzero(self._over).tolist()
             raise gym.error.ResetNeeded(f"rows {over} are over; reset them with reset_mask")
+        self._check_filled(np.ones(n, np.bool_))
         same_step = mode is AutoresetMode.SAME_STEP
         results = finals = self._results.take()
         if same_step:
@@ -454,12 +460,15 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         for i in rows.tolist():
             prepared = self._held[i] = self._next[i]
             self.chairs.episodes[i] = None if prepared is None else prepared.episode
-            self._counts[i] += 1
-            self._draw(i)
-        self.worlds.drop_before(int(self._counts.min()))
+            self._next[i] = None
+        self._counts[rows] += 1
+        self._next_prepared["is_filled"][rows] = False
         split = np.full(self.num_envs, self.split)
         episodes = self._seeds.copy(), self._counts - 1, split
         self._episodes = dict(zip(EPISODE_KEYS, episodes, strict=True))
+        for i in rows.tolist():
+            self._draw(i)
+        self.worlds.drop_before(int(self._counts.min()))
 
     def close_extras(self, **kwargs: Any) -> None:
         """Let the threads go."""
