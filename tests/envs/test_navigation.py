@@ -125,6 +125,7 @@ def test_an_estimated_pose_must_be_nearer_before_it_says_arrived():
         ({"beams": 2000}, r"task.beams is 2000; the laser has only 1081"),
         ({"beams": "many"}, r"TaskSettings.beams is 'many'; expected int"),
         ({"scene": "moon"}, r"moon"),
+        ({"split": "testing"}, r"split is 'testing'; expected train or test"),
         ({"rate": 7.0}, r"0\.142857 s is not an integer multiple of 0\.01 s"),
         ({"pose_source": "gps"}, r"pose_source is 'gps'; it must be one of truth, odometry, mod"),
         ({"guidance": "nowhere:path"}, r"guidance is 'nowhere:path'; expected 'geodesic'"),

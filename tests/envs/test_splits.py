@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wheelchair_gym.config import InputError
 from wheelchair_gym.envs import EnvSettings, NavigationEnv, NavigationVectorEnv
 from wheelchair_gym.random import SEEDS, bits, episode_key, world_seed
 from wheelchair_gym.scenes import make_scene
@@ -50,10 +49,3 @@ def test_an_environment_trains_unless_it_is_told_to_test(bank):
             assert env.reset(seed=seed)[1]["split"] == split or "train"
             assert env.episode.discs.tobytes() == rows[seed]
         assert len(judged & set(rows)) == (4 if split == "test" and not bank else 0)
-
-
-@pytest.mark.parametrize("kind", [NavigationEnv, NavigationVectorEnv])
-def test_an_unknown_split_is_refused(kind):
-    for split in ("testing", None, ["test"]):
-        with pytest.raises(InputError, match=r"split is .*; expected train or test"):
-            kind(split=split)

@@ -339,6 +339,7 @@ def test_what_is_seen_and_rewarded_leaves_kept_worlds_as_they_are(task, others, 
     [
         ({"num_envs": 0}, "num_envs is 0; expected at least 1"),
         ({"num_threads": 0}, "num_threads is 0; expected at least 1"),
+        ({"split": ["test"]}, r"split is \['test'\]; expected train or test"),
         ({"render_mode": "human"}, "render_mode is 'human'; expected rgb_array or None"),
         ({"autoreset_mode": "Sometimes"}, "Sometimes; expected NextStep or SameStep or Disabled"),
         ({"beamz": 3}, "unexpected keyword argument 'beamz'"),

@@ -240,9 +240,10 @@ def check_seed(seed: Any, name: str = "seed") -> int:
     Raises:
         InputError: it is no integer, or out of bounds.
     """
-    if not isinstance(seed, Integral) or isinstance(seed, bool) or not 0 <= seed < SEEDS:
+    found = int(seed) if isinstance(seed, Integral) and not isinstance(seed, bool) else -1
+    if not 0 <= found < SEEDS:
         raise InputError(f"{name} is {shorten(seed)}; expected an integer from 0 to 2**63 - 1")
-    return int(seed)
+    return found
 
 
 def check_split(split: Any) -> Split:
