@@ -19,17 +19,12 @@ _ENTRY = "wheelchair_gym.envs.navigation:NavigationEnv"
 _VECTOR_ENTRY = "wheelchair_gym.envs.vector:NavigationVectorEnv"
 
 _IDS: dict[str, dict[str, object]] = {
-    "Navigation-v1": {},
-    "GuidedNavigation-v1": {"guidance": "geodesic"},
-    "AssistedNavigation-v1": {"driver": "novice", "shield": True},
+    "Navigation-v1": {"split": "train"},
+    "GuidedNavigation-v1": {"split": "train", "guidance": "geodesic"},
+    "AssistedNavigation-v1": {"split": "train", "driver": "novice", "shield": True},
 }
 for _id, _kwargs in _IDS.items():
-    gym.register(
-        f"wheelchair_gym/{_id}",
-        _ENTRY,
-        vector_entry_point=_VECTOR_ENTRY,
-        kwargs={"split": "train", **_kwargs},
-    )
+    gym.register(f"wheelchair_gym/{_id}", _ENTRY, vector_entry_point=_VECTOR_ENTRY, kwargs=_kwargs)
 # What configs/hardware.json changes of the defaults: a real chair does not know its true pose.
 _REAL = {
     "sensors": {"pose_source": "mcl"},

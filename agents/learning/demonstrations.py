@@ -21,8 +21,9 @@ from agents.evaluation.provenance import write_json
 from agents.learning.features import Layout
 from agents.learning.networks import FeaturesExtractor, arrays_of, dense_parameters, mlp
 from agents.learning.settings import Imitation, training_env_settings
-from agents.learning.weights import Floats, Network, Weights, make_card, save_weights
+from agents.learning.weights import Network, Weights, make_card, save_weights
 from agents.policies import GymPolicy, make_policy
+from wheelchair_gym.arrays import Floats
 from wheelchair_gym.config import load
 from wheelchair_gym.envs import EnvSettings, NavigationEnv
 from wheelchair_gym.envs.settings import StartSettings
