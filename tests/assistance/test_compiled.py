@@ -243,7 +243,7 @@ def test_help_does_not_shut_a_door_of_eighty_centimetres(name):
     n, arrived = 4, 0
     env = NavigationVectorEnv(
         n, scene={"name": "skill", "course": "door_80"}, driver="expert", assistant=name,
-        shield=True, num_threads=1,
+        shield=True, num_threads=1, split="test"
     )  # fmt: skip
     env.reset(seed=0)
     over = np.zeros(n, bool)

@@ -44,6 +44,7 @@ def compare(mode, threads, n, steps, seed=7, shared=False, **settings):
 
     If `shared`, each world is made once for all.
     """
+    settings.setdefault("split", "test")
     batch = NavigationVectorEnv(n, num_threads=threads, autoreset_mode=mode, **settings)
     singles = [NavigationEnv(**settings) for _ in range(n)]
     for env in singles if shared else ():

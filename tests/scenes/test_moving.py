@@ -197,7 +197,7 @@ def test_people_come_out_of_a_lift_and_stay_out():
     """The chair waits: whoever is inside walks out by the door, past it, and does not return."""
     scene = {"name": "crowd", "place": "lift", "people": {"density": (0.6, 0.6)}}
     for seed in range(3):
-        env = NavigationEnv(scene, pose_source="truth", bank=0)
+        env = NavigationEnv(scene, pose_source="truth", bank=0, split="test")
         env.reset(seed=seed)
         low = 2.0 * env.episode.start[1] + WALL  # where the cabin begins
         people = env.episode.actors.rows["kind"] == PERSON

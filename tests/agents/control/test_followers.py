@@ -230,7 +230,7 @@ def test_what_is_too_near_to_be_measured_stays_an_obstacle():
 )
 def test_a_policy_is_slowed_as_the_shield_of_its_own_chair_would(chair, shield):
     """Where nobody has looked: backwards, and turning, at the start."""
-    env = NavigationEnv("empty", {"chair": chair}, shield=shield)
+    env = NavigationEnv("empty", {"chair": chair}, shield=shield, split="test")
     env.reset(seed=0)
     config, local_map = env.settings, LocalMap(env.mission)
     same = Shield(config.shield, config.chair, config.sensors, 1.0 / config.rate)

@@ -13,7 +13,7 @@ from wheelchair_gym.envs import NavigationEnv
 
 @pytest.mark.parametrize("algorithm", [PPO, A2C, SAC])
 def test_a_model_acts_as_by_itself(algorithm, tmp_path, capsys):
-    env = NavigationEnv("clutter", beams=16)
+    env = NavigationEnv("clutter", beams=16, split="test")
     more = {"buffer_size": 10} if algorithm is SAC else {}
     model = algorithm("MultiInputPolicy", env, seed=0, **more)
     model.save(tmp_path / "model.zip")
@@ -29,7 +29,7 @@ def test_a_model_acts_as_by_itself(algorithm, tmp_path, capsys):
 
 
 def test_what_does_not_fit_is_one_line(tmp_path):
-    env = NavigationEnv("clutter", beams=16, guidance="geodesic")
+    env = NavigationEnv("clutter", beams=16, guidance="geodesic", split="test")
     file = tmp_path / "model.zip"
     PPO("MultiInputPolicy", env, n_steps=8, batch_size=8).save(file)
     with pytest.raises(InputError, match="give what it was trained in as trained_in"):
