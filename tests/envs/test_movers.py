@@ -10,6 +10,7 @@ from tests.envs.test_vector import NEXT, SAME, compare
 from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
 
 CROWDED = {
+    "split": "test",
     "scene": {
         "name": "crowd",
         "people": {"density": (0.05, 0.15), "crossing_share": 0.3, "inattentive_share": 0.3},
