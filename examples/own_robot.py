@@ -17,7 +17,7 @@ from stable_baselines3 import PPO
 import wheelchair_gym  # noqa: F401 (registers the ids)
 from agents.policies import GymPolicy, make_policy
 
-ENV = "wheelchair_gym/Navigation-v0"
+ENV = "wheelchair_gym/Navigation-v1"
 
 
 def drive(config: str, episodes: int) -> float:

@@ -24,7 +24,7 @@ SIDE = 84  # pixels: the least that SB3's CnnPolicy is used with
 def make(film: str | None = None) -> gym.Env:
     """An environment whose observation is its frame (SIDE, SIDE, 3), uint8."""
     env = gym.make(
-        "wheelchair_gym/Navigation-v0",
+        "wheelchair_gym/Navigation-v1",
         scene="clutter",
         beams=64,
         render_mode="rgb_array",

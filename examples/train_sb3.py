@@ -25,7 +25,7 @@ envs = NavigationVectorEnv(
     rate=5.0,
     guidance="geodesic",
     pose_source="modelled",
-    bank={"size": 64, "seed": 1_000_000},  # worlds of training; tests use the seeds from 0
+    bank=64,
     autoreset_mode=AutoresetMode.SAME_STEP,
 )
 model = PPO("MultiInputPolicy", SB3VecEnv(envs), n_steps=64, batch_size=256, seed=0)

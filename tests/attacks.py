@@ -426,7 +426,7 @@ class Attack:
         if rear:
             config["sensors"]["more_lasers"] = [REAR]
         self.env = NavigationVectorEnv(
-            rows, config, scene=ALL[scene], shield=shield, num_threads=threads,
+            rows, ALL[scene], config, split="test", shield=shield, num_threads=threads,
             bank={"size": bank, "turnover": 0.0}, rate=rate,
         )  # fmt: skip
         self._rate, self._memory = rate, round(MEMORY * rate) + 1
@@ -494,7 +494,7 @@ class Attack:
     def _draw(self, seed: int, done: NDArray[np.int64]) -> tuple[Any, Any]:
         """Keys and kinds of the attacks that begin or go on."""
         n = len(done)
-        keys = np.array([episode_key(seed + i, int(done[i])) for i in range(n)], np.uint64)
+        keys = np.array([episode_key(seed + i, int(done[i]), "test") for i in range(n)], np.uint64)
         return keys, self._kinds[(keys >> np.uint64(40)) % np.uint64(len(self._kinds))]
 
     def _could_be_seen(self, i: int, met: int, trace: tuple[Array, Array, Array]) -> bool:

@@ -546,7 +546,7 @@ def _recording(folder: Path) -> Path:
     scene = {"name": "empty", "size": [5.0, 4.0]}
     path = folder / "run.mcap"
     env: Any = gym.make(
-        "wheelchair_gym/Navigation-v0", scene=scene, config=config, guidance="geodesic"
+        "wheelchair_gym/Navigation-v1", scene=scene, config=config, guidance="geodesic"
     )
     env = RecordEpisodes(env, path)
     env.reset(seed=1)
@@ -597,7 +597,7 @@ def _bag(folder: Path) -> Path:
 
     config = {"sensors": {"laser": {"beams": 31}}, "task": {"beams": 16}, "shield": {}}
     scene = {"name": "empty", "size": [5.0, 4.0]}
-    env: Any = gym.make("wheelchair_gym/Navigation-v0", scene=scene, config=config)
+    env: Any = gym.make("wheelchair_gym/Navigation-v1", scene=scene, config=config)
     env = RecordEpisodes(env, folder / "run", recording=RecordingSettings(format="ros2"))
     env.reset(seed=1)
     for _ in range(4):

@@ -146,7 +146,7 @@ import os
 os.register_at_fork(before=lambda: print("fork"))
 import gymnasium
 import wheelchair_gym
-env = gymnasium.make("wheelchair_gym/Navigation-v0", scene="empty")
+env = gymnasium.make("wheelchair_gym/Navigation-v1", scene="empty")
 env.reset(seed=0)
 """
 

@@ -100,7 +100,7 @@ def test_no_folder_is_a_heap():
 def test_importing_the_env_loads_neither_torch_nor_planners():
     code = (
         "import sys, gymnasium, wheelchair_gym; "
-        "gymnasium.make('wheelchair_gym/Navigation-v0'); "
+        "gymnasium.make('wheelchair_gym/Navigation-v1'); "
         "print([m for m in ('torch', 'stable_baselines3', 'planners', 'agents', 'matplotlib') "
         "if m in sys.modules])"
     )

@@ -1,8 +1,8 @@
 """A robotic wheelchair you can simulate, plan for, train for and drive, through one loop.
 
-Importing registers `wheelchair_gym/Navigation-v0`, `wheelchair_gym/GuidedNavigation-v0`,
-`wheelchair_gym/AssistedNavigation-v0`, where a simulated person drives and actions are those of an
-assistant, and `wheelchair_gym/Hardware-v0`, which is the first over the real chair.
+Importing registers `wheelchair_gym/Navigation-v1`, `wheelchair_gym/GuidedNavigation-v1`,
+`wheelchair_gym/AssistedNavigation-v1`, where a simulated person drives and actions are those of an
+assistant, and `wheelchair_gym/Hardware-v1`, which is the first over the real chair.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ _ENTRY = "wheelchair_gym.envs.navigation:NavigationEnv"
 _VECTOR_ENTRY = "wheelchair_gym.envs.vector:NavigationVectorEnv"
 
 _IDS: dict[str, dict[str, object]] = {
-    "Navigation-v0": {},
-    "GuidedNavigation-v0": {"guidance": "geodesic"},
-    "AssistedNavigation-v0": {"driver": "novice", "shield": True},
+    "Navigation-v1": {"split": "train"},
+    "GuidedNavigation-v1": {"split": "train", "guidance": "geodesic"},
+    "AssistedNavigation-v1": {"split": "train", "driver": "novice", "shield": True},
 }
 for _id, _kwargs in _IDS.items():
     gym.register(f"wheelchair_gym/{_id}", _ENTRY, vector_entry_point=_VECTOR_ENTRY, kwargs=_kwargs)
@@ -32,4 +32,4 @@ _REAL = {
     "physics": {"step": 0.005},
     "slam": {"mapping": {"reserve": 20.0}},
 }
-gym.register("wheelchair_gym/Hardware-v0", _ENTRY, kwargs={"chair": "hardware", "config": _REAL})
+gym.register("wheelchair_gym/Hardware-v1", _ENTRY, kwargs={"chair": "hardware", "config": _REAL})

@@ -9,6 +9,10 @@ class InputError(ValueError):
     """Something a person gave is wrong; its message is one line that says what and where."""
 
 
+class ArgumentError(InputError, TypeError):
+    """An unknown keyword argument; its message has the words of Python's own `TypeError`."""
+
+
 _SHORT = reprlib.Repr()
 _SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 80
 

@@ -9,7 +9,7 @@ random state is global and hidden; here the state is an argument like any other.
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +19,11 @@ from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined, kernel
 # One channel for each use, so that no two sensors ever share a draw.
 (
     LASER, LASER_BIAS, ULTRASONIC, WHEELS, POSE, PARAMETERS, WORLDS, LOCALIZATION, SLAM, ACTORS,
-    STARTS, FAULTS, SHIELDS, RANDOMIZATION, DRIVERS,
-) = range(15)  # fmt: skip
+    STARTS, FAULTS, SHIELDS, RANDOMIZATION, DRIVERS, TRAINING,
+) = range(16)  # fmt: skip
+
+Split = Literal["train", "test"]  # streams of worlds: to train and choose on, to be judged on
+SEEDS = 2**63  # number of seeds, from 0 on
 
 # Sum of four uniform 16-bit numbers: mean and standard deviation (Irwin-Hall, n = 4, cut at 3.46).
 _MEAN = 2.0 * 65535.0
@@ -75,9 +78,18 @@ def normal(key: np.uint64, step: int, channel: int, index: int) -> float:
     return (float(low + high) - _MEAN) / _DEVIATION
 
 
-def episode_key(seed: int, episode: int) -> int:
-    """The key of one episode of one seed."""
-    return int(bits(np.uint64(seed % 2**64), episode, 0, 0))
+def episode_key(seed: int, episode: int, split: Split) -> int:
+    """Return the key of one episode of one seed."""
+    return int(bits(np.uint64(seed), episode, TRAINING if split == "train" else 0, 0))
+
+
+def world_seed(split: Split, *entropy: int) -> np.random.SeedSequence:
+    """Return the state that one world is drawn from.
+
+    Training worlds have a spawn key, which numpy appends after at least four words. Test worlds
+    have none, and at most four words (seeds are below 2**63), so no state belongs to both splits.
+    """
+    return np.random.SeedSequence(entropy, spawn_key=(TRAINING,) if split == "train" else ())
 
 
 def stream(rng: np.random.Generator) -> Stream:

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.assistance.direct import Shielded
 from wheelchair_gym.assistance.freedom import AssistMission, Freedom, Twist
 from wheelchair_gym.assistance.step import Assistants
@@ -21,8 +21,6 @@ from wheelchair_gym.types import Reading, Stick
 __all__ = [
     "AssistInput", "AssistMission", "Assistant", "Freedom", "Method", "SharedAssistant", "Twist",
 ]  # fmt: skip
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -5,15 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agents.assistance.assistant import AssistInput, AssistMission, Twist
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.assistance.arcs import follow_arc
 from wheelchair_gym.assistance.arcs import free_share as free_share_of
 from wheelchair_gym.assistance.shared_dwa import CLEAR, SPEEDS, STEP, STEPS, TURNS, time_to_stop
 from wheelchair_gym.compiled.kernel import borrowing_kernel
-
-Array = NDArray[np.float64]
 
 
 def free_share(mission: AssistMission, now: AssistInput, twist: Twist, time: float) -> float:

@@ -10,19 +10,17 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agents.assistance.assistant import AssistMission, Freedom
 from agents.learning.weights import find_weights
 from agents.policies.trained import Trained, read_network
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.assistance import make_compiled
 from wheelchair_gym.assistance.step import Assistants, freedom_of
 from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.task.task import Task
 from wheelchair_gym.types import Episode, Reading, Stick
-
-Array = NDArray[np.float64]
 
 
 @settings

@@ -13,7 +13,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agents.assistance.assistant import AssistInput, AssistMission, Freedom, SharedAssistant, Twist
 from agents.assistance.fan import free_share
@@ -21,11 +20,10 @@ from agents.assistance.targets import find_doors, find_front
 from planners.collision.space import Space
 from planners.lattice.lattice import Lattice
 from planners.problem import Problem, Status
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import settings
 from wheelchair_gym.geometry import compose, relative_pose, wrap
 from wheelchair_gym.kinematics import arc_step
-
-Array = NDArray[np.float64]
 
 SQUARE = 0.01  # m: half the side of the square that stands for a point of an obstacle
 AROUND = 4.5  # m: half the side of the ground on which it plans

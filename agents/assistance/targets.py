@@ -11,15 +11,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agents.assistance.assistant import AssistInput, AssistMission
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import to_frame, to_world
 from wheelchair_gym.kinematics import arc_step
-
-Array = NDArray[np.float64]
 
 SAME = 0.6  # m: a target so near one of before is the same
 DIRECTIONS = np.radians(np.arange(-90.0, 91.0, 22.5))  # that may be free

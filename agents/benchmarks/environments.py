@@ -22,7 +22,7 @@ from wheelchair_gym.envs.settings import BankSettings, env_settings
 from wheelchair_gym.envs.world_banks import WorldBank
 from wheelchair_gym.safety import ShieldSettings
 
-ENV = "wheelchair_gym/Navigation-v0"
+ENV = "wheelchair_gym/Navigation-v1"
 EPISODE = 300  # steps at most
 BANK = {"size": 2048, "turnover": 0.1}
 
@@ -102,7 +102,7 @@ def vector_env_rate(
     settings: EnvSettings, worlds: WorldBank, n: int, threads: int, seconds: float
 ) -> tuple[float, NavigationVectorEnv]:
     """Steps per second of a vector environment with resets, and the environment."""
-    env = NavigationVectorEnv(n, settings, num_threads=threads)
+    env = NavigationVectorEnv(n, config=settings, num_threads=threads)
     env.worlds = worlds
     rng = np.random.default_rng(0)
     actions = [rng.uniform(-1, 1, (n, 2)).astype(np.float32) for _ in range(32)]
@@ -134,7 +134,9 @@ def driver_rates(
     }  # fmt: skip
     if assistant is not None:
         every["assistant"] = replace(every["driver"], assistant=assistant)
-    envs = {name: NavigationVectorEnv(n, s, num_threads=threads) for name, s in every.items()}
+    envs = {
+        name: NavigationVectorEnv(n, config=s, num_threads=threads) for name, s in every.items()
+    }
     actions, observed = [], envs["driver"].reset(seed=0)[0]
     for _ in range(EPISODE):
         actions.append(observed["stick"][:, :2].copy())

@@ -185,10 +185,8 @@ COMMANDS = (
             *map_options(names),
             option("--episodes", "episodes of each policy on each scene (default: the suite's)",
                    count),
-            OneOf((
-                option("--first-seed", "seed of the first episode", parse_int, default=0),
-                flag("--training-seeds", "use seeds of training, to choose settings"),
-            )),
+            option("--first-seed", "seed of the first episode", parse_int, default=0),
+            flag("--training-seeds", "drive training worlds, to choose settings"),
             CONFIG,
             option("--pose", f"source of the estimated pose: {', '.join(POSES)} (slam: the map is "
                    "unknown); several are compared (default: the config's, or the suite's)", poses),
@@ -221,8 +219,8 @@ COMMANDS = (
             option("--policy", POLICY_HELP, default="lattice+window"),
             option("--scene", f"a scene, {OTHERS} (default: floor_plan)"), *map_options(),
             option("--episodes", "number of episodes", count, default=100),
-            option("--first-seed", "seed of the first episode; seeds of training begin at 1000000",
-                   parse_int, default=1_000_000),
+            option("--first-seed", "seed of the first episode, of training worlds", parse_int,
+                   default=0),
             CONFIG, POSE, SHIELD,
             option("--out", "folder of data sets", None, "DIR", default="runs/datasets"), QUIET,
             JSON,
@@ -254,7 +252,7 @@ COMMANDS = (
     ),
     Command(
         "tune", "compare:tune", "search for settings of a policy",
-        "Search for settings by Optuna, on training seeds. The policy (PLANNER+FOLLOWER) is "
+        "Search for settings by Optuna, on training worlds. The policy (PLANNER+FOLLOWER) is "
         "evaluated on the scenes of a suite. The first trial has the "
         "current settings. The best trial is evaluated again on other episodes. The same command "
         "after Ctrl-C, or with more trials, continues.",

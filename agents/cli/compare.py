@@ -62,7 +62,7 @@ def compare(given: argparse.Namespace) -> int:
             for pose in given.pose
             for scene in scenes
         ]
-    env["shield"] = shield_of(given)
+    env |= {"shield": shield_of(given), "split": "train" if given.training_seeds else "test"}
     policies: Sequence[Spec] = tuple(map(labelled, given.policies or ())) or suite.policies
     if given.trained_in is not None:
         policies = trained_in(policies, given.trained_in)
@@ -86,7 +86,7 @@ def compare(given: argparse.Namespace) -> int:
         video=suite.video and not given.no_video,
     )
     folder = Path(given.out or Path("runs") / comparison_name(given))
-    first = comparison.TRAINING if given.training_seeds else given.first_seed
+    first = given.first_seed
     evaluation = comparison.compare(
         suite, folder, jobs=given.jobs or cores(), progress=not given.quiet,
         seeds=range(first, first + suite.episodes), watch=watch(given),
@@ -196,10 +196,9 @@ def tune(given: argparse.Namespace) -> int:
     if len({vary.key for vary in ranges}) < len(ranges):
         raise InputError("--vary: a setting is given twice")
     folder = Path(given.out or Path("runs") / "tune" / Path(given.name).name.replace(":", "_"))
-    first = comparison.TRAINING
     found = tuning.tune(
-        what, ranges, _objective(given, what, folder), range(first, first + given.episodes),
-        range(first + SEED_OFFSET, first + SEED_OFFSET + given.episodes),
+        what, ranges, _objective(given, what, folder), range(given.episodes),
+        range(SEED_OFFSET, SEED_OFFSET + given.episodes),
         trials=given.trials, folder=folder, seed=given.seed, progress=not given.quiet,
     )  # fmt: skip
     report(given, found, f"{_tuning_text(found)}\n{folder / 'best.json'}:{found['name']}")
@@ -222,6 +221,7 @@ def _objective(given: argparse.Namespace, what: Any, folder: Path) -> Any:
     if metric not in METRICS:
         raise InputError(f"--metric {metric} is unknown; known: {', '.join(METRICS)}")
     env = {"config": given.config, "pose_source": given.pose, "shield": shield_of(given)}
+    env["split"] = "train"
     if given.config is None and given.pose is None:
         env["pose_source"] = DEFAULT_POSE
     scenes: Sequence[Spec] = scenes_of(given.scenes)

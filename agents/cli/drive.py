@@ -84,7 +84,7 @@ def simulate(given: argparse.Namespace) -> int:
 
         record = drive_episode(env, policy, given.seed, each, episode)
         if given.video:
-            write_video(given.video, frames, round(1.0 / env.unwrapped.task.period))
+            write_video(given.video, frames, 1.0 / env.unwrapped.task.period)
         if given.picture:
             actors = env.unwrapped.episode.actors
             write_png(given.picture, with_legend(env.render(), scene_entries(actors)))

@@ -43,7 +43,7 @@ def run(given: argparse.Namespace) -> int:
     finally:
         stage.close()
     if given.video:
-        write_video(given.video, frames, round(chapters[0].settings.rate))
+        write_video(given.video, frames, chapters[0].settings.rate)
     if given.picture:
         write_png(given.picture, frames[-1])
     report(given, records, "\n".join(lines))

@@ -33,7 +33,7 @@ def run(given: argparse.Namespace) -> int:
     scene = None if given.scene is None else spec(given.scene)
     settings = env_settings(given.config, scene=scene)
     exact = dataclasses.replace(settings.sensors, pose_source="truth")
-    env = NavigationEnv(config=dataclasses.replace(settings, sensors=exact))
+    env = NavigationEnv(config=dataclasses.replace(settings, sensors=exact), split="test")
     env.reset(seed=given.seed)
     assert env.episode is not None
     if given.write_map is not None:

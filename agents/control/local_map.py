@@ -17,6 +17,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Mask
 from wheelchair_gym.geometry import clearance_to_points, to_frame, to_world
 from wheelchair_gym.kinematics import odometric_step
 from wheelchair_gym.maps import OCCUPIED, OccupancyGrid
@@ -26,7 +27,6 @@ from wheelchair_gym.tracking import DOOR, Tracker
 from wheelchair_gym.types import Mission, Reading
 
 Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 REACH = 2.4  # m: a chair at 0.8 m/s sweeps less than this before it can rest
 VOXEL = 0.04  # m: hits within one voxel become their mean, which also averages noise
@@ -158,7 +158,8 @@ class LocalMap:
         self._shield.update(reading)
         laser = self._laser
         ranges = np.asarray(reading.laser[: laser.beams], dtype=np.float64)
-        near = np.isfinite(ranges) & (ranges < DRAWN_RANGE) & (ranges > laser.range_min)
+        ranges = np.where(ranges < laser.range_min, laser.range_min, ranges)  # or nearer
+        near = ranges < DRAWN_RANGE  # false for NaN
         seen = self._beams[near] * ranges[near, None] + (laser.x, laser.y)
         static = ranges[near] < REACH + laser.x
         self._track(reading)

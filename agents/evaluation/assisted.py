@@ -10,12 +10,10 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.kinematics import Limits
 from wheelchair_gym.types import Stick
-
-Array = NDArray[np.float64]
 
 ACTIVE = 0.05  # full speeds: a smaller twist has no direction, a smaller change is none
 CENTRE = 0.10  # deflection within which a stick is centred, for counting movements

@@ -33,7 +33,6 @@ Evaluation = dict[str, Any]
 BEST = "lattice+window"  # chosen on training seeds; test seeds are 0 to n-1
 FILM, FILMS = "episode", (".mp4", ".gif")
 RESULTS = "results.json"
-TRAINING = 1_000_000  # the first training seed
 
 
 @dataclass(frozen=True)
@@ -156,5 +155,5 @@ def film(what: Suite, episode: Record, folder: Path) -> str:
     finally:
         env.close()
     path = folder / f"{FILM}{video_suffix()}"
-    write_video(path, frames, round(1.0 / period))
+    write_video(path, frames, 1.0 / period)
     return path.name

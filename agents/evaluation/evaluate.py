@@ -30,7 +30,7 @@ from wheelchair_gym.maps import bottleneck, footprint_margin
 from wheelchair_gym.physics.actors.records import PERSON
 from wheelchair_gym.types import Episode
 
-ENV = "wheelchair_gym/Navigation-v0"
+ENV = "wheelchair_gym/Navigation-v1"
 STORE = "episodes.jsonl"
 TIGHT = 0.10  # m beside the chair: below it, the margin of turns is computed, which takes seconds
 NO_WATCH = Watch()
@@ -115,13 +115,13 @@ def make_env(
     render_mode: str | None = "rgb_array",
     policy: Spec = "",
 ) -> Any:
-    """A fresh environment of one scene, as a policy is to drive there."""
+    """Make an environment of a scene, as a policy is to drive there; by default of test worlds."""
     import gymnasium
 
     import wheelchair_gym  # registers the ids
 
     assert wheelchair_gym.__name__ in sys.modules
-    settings = episode_env(scene, env, policy)
+    settings = {"split": "test", **episode_env(scene, env, policy)}
     return gymnasium.make(ENV, scene=without_labels(scene), render_mode=render_mode, **settings)
 
 
@@ -189,7 +189,7 @@ def drive_episode(
         frames(env)
     assert driver.command is not None
     trace.replans = max(0, driver.command.shown.plans - 1)
-    return measure(trace, info, truncated)
+    return measure(trace, info, truncated and not ended)
 
 
 def warm(policy: Spec, scene: Spec, env: Mapping[str, Any]) -> None:

@@ -21,6 +21,7 @@ from scipy.spatial import cKDTree
 from agents import is_interrupt
 from agents.policies import GymPolicy, Policy
 from planners.collision.space import Space
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import InputError
 from wheelchair_gym.geometry import to_world
 from wheelchair_gym.localization.logs import SensorLog
@@ -29,8 +30,6 @@ from wheelchair_gym.localization.slam import Slam, SlamSettings
 from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, geodesic
 from wheelchair_gym.sensors.settings import LaserSettings
 from wheelchair_gym.types import Episode
-
-Array = NDArray[np.float64]
 
 NO_TOLERANCE = 1e-9  # m: the goal is never reached, so that exploration goes on
 _BLANK = OccupancyGrid(np.full((40, 40), FREE, np.int8), 0.1, (-2.0, -2.0, 0.0))

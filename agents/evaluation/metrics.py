@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import shapely
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from agents.evaluation.assisted import MEASURES, StickTrace
 from agents.evaluation.shortest import NO_SHORTEST, Shortest
@@ -19,11 +19,11 @@ from agents.policies.planning import PlanningFigures
 from planners.collision.polygon_tests import SpaceArrays, clearance
 from planners.problem import Problem
 from planners.swarm import path_cost
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.geometry import path_length, without_repeats
 from wheelchair_gym.maps import OccupancyGrid
 
-Array = NDArray[np.float64]
 Record = dict[str, Any]
 
 BARN_SPEED = 2.0  # m/s: the speed that BARN's score measures by

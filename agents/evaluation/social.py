@@ -13,12 +13,11 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.geometry import Footprint, rectangle_point_gap
 from wheelchair_gym.physics.actors.records import PERSON, WALKS_BESIDE
 from wheelchair_gym.types import Episode, Truth
-
-Array = NDArray[np.float64]
 
 PERSONAL = 1.2  # m: nearer is somebody's personal space (Hall 1966)
 INTIMATE = 0.45  # m: nearer is somebody's intimate space (Hall 1966)

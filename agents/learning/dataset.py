@@ -33,7 +33,9 @@ def write_dataset(
     folder: str | Path,
     progress: bool = True,
 ) -> dict[str, Any]:
-    """Drive episodes and write them as a Minari data set; Ctrl-C keeps those driven so far.
+    """Drive episodes of training worlds and write them as a Minari data set.
+
+    Ctrl-C keeps those driven so far.
 
     Args:
         name: of the data set, such as `wheelchair/homes-v0`.
@@ -60,7 +62,7 @@ def write_dataset(
         raise InputError(f"{place} exists; expected a new name or version of a data set")
     os.environ["MINARI_DATASETS_PATH"] = str(Path(folder).resolve())
     Path(folder).mkdir(parents=True, exist_ok=True)
-    world = make_env(scene, env, None)
+    world = make_env(scene, {"split": "train", **env}, None)
     driver = GymPolicy(make_policy(policy), world)
     about = {
         "env": world,

@@ -21,13 +21,14 @@ from agents.evaluation.provenance import write_json
 from agents.learning.features import Layout
 from agents.learning.networks import FeaturesExtractor, arrays_of, dense_parameters, mlp
 from agents.learning.settings import Imitation, training_env_settings
-from agents.learning.weights import Floats, Network, Weights, make_card, save_weights
+from agents.learning.weights import Network, Weights, make_card, save_weights
 from agents.policies import GymPolicy, make_policy
+from wheelchair_gym.arrays import Floats
 from wheelchair_gym.config import load
 from wheelchair_gym.envs import EnvSettings, NavigationEnv
 from wheelchair_gym.envs.settings import StartSettings
 
-_FIRST_SEED = 7_000_003  # of the first episode, apart from the seeds of every evaluation
+_FIRST_SEED = 7_000_003  # of the first episode, apart from the seeds on which weights are chosen
 Demonstration = tuple[Floats, Floats, bool]  # observations (n, size), actions (n, 2), success
 
 

@@ -20,13 +20,13 @@ from agents.learning.features import (
     Layout,
 )
 from agents.learning.weights import Weights, check_card
+from wheelchair_gym.arrays import Floats
 from wheelchair_gym.config import InputError, load
 from wheelchair_gym.envs.settings import EnvSettings
 from wheelchair_gym.errors import shorten
 from wheelchair_gym.files import atomic_write, read_bytes, read_json
 from wheelchair_gym.task.observations import PRIVILEGED
 
-Floats = NDArray[np.float32]
 NAMES = {"action": "last_action"}  # names of inputs that differ from keys
 OPSET = 17  # of 2022, so that every current runtime reads it
 

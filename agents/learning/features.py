@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Floats
 from wheelchair_gym.task.observations import PRIVILEGED, SCALES, places
-
-Floats = NDArray[np.float32]
 
 RANGE_SCALE, RANGE_SHIFT = 0.6, 0.1  # a range r [m] becomes 0.6 ln(r + 0.1)
 GOAL_RANGE = 10.0  # m: the goal's distance is clipped to this

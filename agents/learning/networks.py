@@ -21,7 +21,8 @@ from agents.learning.features import Layout, features
 from agents.learning.ppo import FastPPO
 from agents.learning.sb3 import SB3VecEnv
 from agents.learning.settings import ON_POLICY, Training
-from agents.learning.weights import Floats, Network, Weights
+from agents.learning.weights import Network, Weights
+from wheelchair_gym.arrays import Floats
 from wheelchair_gym.config import InputError, dump, load
 from wheelchair_gym.envs import EnvSettings
 from wheelchair_gym.task.observations import PRIVILEGED

@@ -69,7 +69,7 @@ def _differences(before: str, now: str) -> list[str]:
 
 
 def _keep_worlds(settings: EnvSettings, numbers: Sequence[int]) -> None:
-    NavigationVectorEnv(1, settings).worlds.keep(numbers)
+    NavigationVectorEnv(config=settings).worlds.keep(numbers)
 
 
 def _draw_worlds(
@@ -133,7 +133,7 @@ class Run:
         torch.set_num_threads(config.threads)
         self._env_settings = config.env_settings()
         env = NavigationVectorEnv(
-            config.n_envs, self._env_settings, autoreset_mode="SameStep",
+            config.n_envs, config=self._env_settings, autoreset_mode="SameStep",
             num_threads=min(config.threads, config.n_envs),
         )  # fmt: skip
         self.worlds: WorldBank = env.worlds
@@ -329,11 +329,14 @@ def train(
 
 
 def make_eval_env(env: EnvSettings, config: Evaluation, threads: int) -> NavigationVectorEnv:
-    """Environments whose first episodes are the evaluation, with other worlds and no curriculum."""
+    """Make environments whose first episodes are the evaluation, without the curriculum.
+
+    Their worlds are training worlds, too, since weights are chosen on them, but of another bank.
+    """
     bank = BankSettings(config.episodes, 0.0, config.seed, env.bank.cache)
     settings = dataclasses.replace(env, bank=bank, starts=StartSettings())
     return NavigationVectorEnv(
-        config.episodes, settings, autoreset_mode="SameStep",
+        config.episodes, config=settings, autoreset_mode="SameStep",
         num_threads=min(threads, config.episodes),
     )  # fmt: skip
 

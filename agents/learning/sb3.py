@@ -17,7 +17,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 
 from agents.policies.sb3 import RECORD
-from wheelchair_gym.config import dump
+from wheelchair_gym.config import InputError, dump
 from wheelchair_gym.envs import NavigationVectorEnv
 from wheelchair_gym.files import atomic_write
 
@@ -37,8 +37,9 @@ class SB3VecEnv(VecEnv):
     """stable-baselines3's `VecEnv` over a `NavigationVectorEnv` in SAME_STEP mode.
 
     Observations and rewards are passed on without a copy: they are never written again. The info
-    of an episode's last step holds `terminal_observation`, `TimeLimit.truncated`, `is_success` and
-    `episode` (return r, length l, time t), so that no `Monitor` is needed; other infos are empty.
+    of an episode's last step holds `terminal_observation`, `TimeLimit.truncated` (truncated and not
+    terminated: what the rest would be worth counts), `is_success` and `episode` (return r,
+    length l, time t), so that no `Monitor` is needed; other infos are empty.
 
     Args:
         env: a vector environment in SAME_STEP mode.
@@ -65,9 +66,20 @@ class SB3VecEnv(VecEnv):
         self._lengths = np.zeros(self.num_envs, np.int64)
 
     def reset(self) -> Any:
-        """Reset every row; see `VecEnv.reset`."""
-        observations, _ = self.env.reset(seed=self._seed)
+        """Reset every row; see `VecEnv.reset`.
+
+        Raises:
+            InputError: `set_options` was given other options than `NavigationVectorEnv.reset` has,
+                or different ones for the rows.
+        """
+        (options, *others), seed = self._options, self._seed
+        self._reset_options()
         self._seed = None
+        if any(other != options for other in others):
+            raise InputError("set_options: rows share their options; expected the same for all")
+        if "reset_mask" in options:
+            raise InputError("set_options: reset_mask is no option here; reset() is of every row")
+        observations, _ = self.env.reset(seed=seed, options=options)
         self._returns[:], self._lengths[:] = 0.0, 0
         return self._observation(observations)
 
@@ -94,7 +106,7 @@ class SB3VecEnv(VecEnv):
         for i in np.flatnonzero(dones).tolist():
             infos[i] = {
                 "terminal_observation": self._row(final["final_obs"], i),
-                "TimeLimit.truncated": bool(truncated[i]),
+                "TimeLimit.truncated": bool(truncated[i] and not terminated[i]),
                 "is_success": bool(final["final_info"]["is_success"][i]),
                 "episode": {
                     "r": float(self._returns[i]),

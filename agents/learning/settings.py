@@ -102,7 +102,7 @@ class Curriculum:
 
 @settings
 class Evaluation:
-    """Evaluation during training on a fixed set of worlds that training never sees."""
+    """Evaluation during training, on a fixed bank of training worlds that nothing is trained on."""
 
     episodes: int = setting(default=128, low=0, source="design choice")
     """Episodes; 0 disables evaluation."""
@@ -111,7 +111,7 @@ class Evaluation:
     seed: int = setting(
         default=1_000_003, low=0, source="design choice: apart from the seeds of training"
     )
-    """Seed of the first world."""
+    """Seed of the bank of worlds, and of the first episode."""
 
 
 @settings

@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agents.evaluation.provenance import command_line, provenance
 from agents.learning.features import Layout, features
+from wheelchair_gym.arrays import Floats
 from wheelchair_gym.config import dump
 from wheelchair_gym.envs.guidance import is_built_in
 from wheelchair_gym.errors import InputError, shorten
@@ -24,7 +24,6 @@ from wheelchair_gym.migration import migrated
 from wheelchair_gym.registry import places_in
 from wheelchair_gym.task.observations import SIZES
 
-Floats = NDArray[np.float32]
 FORMAT = 1
 MOST_ARRAYS = 64  # in a file
 MOST_SIZE = 100_000  # numbers of one key of an observation

@@ -26,6 +26,7 @@ from scipy.signal import lfilter
 from agents.person.fit_tremor import TICK, TREMOR, FittedSetting, estimate, fit_tremor
 from agents.person.recorded_stick import StickSession
 from agents.studies.evidence import median_interval
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.config import InputError, dump
 from wheelchair_gym.drivers import make_driver
@@ -38,8 +39,6 @@ from wheelchair_gym.drivers.interfaces import (
 from wheelchair_gym.drivers.settings import Driver, Hand, ProportionalStick, Switches
 from wheelchair_gym.drivers.state import tremor_filter
 from wheelchair_gym.geometry import body_to_world
-
-Array = NDArray[np.float64]
 
 _ON_GRID = 0.03  # mean squared distance to the grid, in steps; at random 1/12
 _ZONES = np.arange(0.0, 0.5, 2e-4)  # dead zones that are tried

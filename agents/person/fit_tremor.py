@@ -11,16 +11,14 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.signal import find_peaks
 
 from agents.person.recorded_stick import StickSession, before_dead_zone
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.drivers.interfaces import smoothing_share
 from wheelchair_gym.drivers.settings import Hand
 from wheelchair_gym.drivers.state import TICK_RATE, tremor_filter
-
-Array = NDArray[np.float64]
 
 TICK = 1.0 / TICK_RATE  # s
 LEAST_RATE = 25.0  # Hz: sessions recorded more slowly show a tremor at wrong frequencies

@@ -9,11 +9,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import InputError
 from wheelchair_gym.drivers.intention import NEAR_GOAL
 from wheelchair_gym.recording.replay import RecordedEpisode
-
-Array = NDArray[np.float64]
 
 HOLD, REST = 2.5, 2.0  # s for which a prompt asks for a deflection, and for the centre after it
 # What is held, as kinds of interfaces of drivers.

@@ -12,15 +12,13 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agents.evaluation.assisted import ACTIVE, StickTrace
 from agents.policies import GymPolicy, make_policy
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import InputError
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.recording.replay import RecordedEpisode, replay_env
-
-Array = NDArray[np.float64]
 
 
 def open_loop(recorded: RecordedEpisode, assist: Any) -> dict[str, Any]:

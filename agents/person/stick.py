@@ -21,11 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.policies import Policy
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.kinematics import Limits
 from wheelchair_gym.safety.stops import BY_HAND, FAILED, LATE, NO_STICK, OFF_CENTRE
 from wheelchair_gym.types import Command, Mission, Reading, Stick
-
-Array = NDArray[np.float64]
 
 CENTRED = Stick(0.0, 0.0, False)
 DEADLINE = 0.15  # s: less than the drive board's own timeout

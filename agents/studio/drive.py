@@ -84,7 +84,7 @@ class Drive:
             env = {"config": settings, "chair": episode_twin(settings)}
         else:
             env["scene"] = place.scene
-        self._world: Any = NavigationEnv(person=lambda: self._stick, **env)
+        self._world: Any = NavigationEnv(split="test", person=lambda: self._stick, **env)
         self._env: Any = self._world  # recorded, where it can be
         self.note, self.file = "", None
         try:
@@ -208,9 +208,9 @@ class Drive:
         reading = world.reading
         twist = self._assistant.assist(stick, reading, task.map)
         action = task.limits.action(np.asarray(twist, np.float64))
-        _, _, ended, self._truncated, info = self._env.step(action)
+        _, _, ended, truncated, info = self._env.step(action)
         self._info, self.steps = info, self.steps + 1
-        self.over = bool(ended or self._truncated)
+        self.over, self._truncated = bool(ended or truncated), bool(truncated and not ended)
         self._least = min(self._least, info["clearance"])
         self._contact |= bool(info["contact"])
         given = task.limits.twist(action) - np.array(task.shield_intervention)

@@ -26,7 +26,7 @@ def film(recording: Path, stop: Any = None) -> Path:
     episodes = read_recording(recording)
     target = recording.with_suffix(video_suffix())
     frames = (frame for one in episodes for frame in _frames(one, stop))
-    write_video(target, frames, round(episodes[0].settings.rate))
+    write_video(target, frames, episodes[0].settings.rate)
     return target
 
 

@@ -94,7 +94,7 @@ class PlanSession(PageSession):
         place = self._places.get(message["place"])
         if place is None:
             raise InputError(f"place.place is {message['place']!r}; expected one of the list")
-        env = NavigationEnv(place.scene, **place.env)
+        env = NavigationEnv(place.scene, split="test", **place.env)
         env.reset(seed=message["seed"])
         episode = env.episode
         env.close()

@@ -105,5 +105,6 @@ def recorded_track(path: Path, number: int, name: str, stop: Any = None) -> dict
             over = track(env)
     finally:
         env.close()
-    outcome = outcome_of(info, contact, truncated) if ended or truncated else "stopped"
+    timeout = truncated and not ended
+    outcome = outcome_of(info, contact, timeout) if ended or truncated else "stopped"
     return track.content(name, outcome)

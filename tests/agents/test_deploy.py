@@ -79,7 +79,7 @@ class Drive:
         s = self.settings
         self.hosted = Hosted(EPISODE, chair=s.chair, sensors=s.sensors, dry_run=dry)
         self.env = gym.make(
-            "wheelchair_gym/Hardware-v0", config=s, chair=localized(self.hosted.chair, s),
+            "wheelchair_gym/Hardware-v1", config=s, chair=localized(self.hosted.chair, s),
             disable_env_checker=True, shield=shield,
         ).unwrapped  # fmt: skip
         self.log, self.each = [], each

@@ -70,6 +70,11 @@ def test_what_slips_out_of_sight_is_remembered_for_a_while():
     assert np.allclose(points_of(row), [place], atol=1e-5)
     row.update(REST, reading(blank, (0.0, 0.0), 0.1))
     assert len(points_of(row)) == 0  # now it is not there
+    blank[500:520] = -np.inf  # too near to be measured: between the laser and its least range
+    row.update(REST, reading(blank, (0.0, 0.0), 0.15))
+    assert np.allclose(points_of(row), (SENSORS.laser.x, 0.0), atol=SENSORS.laser.range_min)
+    assert len(points_of(row))
+    blank[500:520] = np.inf
     row.update(REST, reading(seen, stamp=0.2))
     row.update(REST, reading(blank, (5.0, 0.0), 0.3))  # at once behind the view
     assert np.allclose(points_of(row), [place - (0.5, 0.0)], atol=1e-5)
@@ -238,7 +243,7 @@ def test_help_does_not_shut_a_door_of_eighty_centimetres(name):
     n, arrived = 4, 0
     env = NavigationVectorEnv(
         n, scene={"name": "skill", "course": "door_80"}, driver="expert", assistant=name,
-        shield=True, num_threads=1,
+        shield=True, num_threads=1, split="test"
     )  # fmt: skip
     env.reset(seed=0)
     over = np.zeros(n, bool)

@@ -147,7 +147,7 @@ def drive(driver: str, scene: str, assistant: str, given: Any) -> list[Any]:
     """All drives of a driver in a scene: of each row the first episodes, each as a record."""
     n, episodes = given.rows, given.drives // given.rows
     env = NavigationVectorEnv(
-        n, scene=scene_of(scene), driver=driver_of(driver),
+        n, scene_of(scene), split="test", driver=driver_of(driver),
         assistant=assistant if assistant in COMPILED else None,
         shield=assistant != "direct", num_threads=1, randomize=True, pose_source="modelled",
         bank={"size": given.worlds, "turnover": 0.0, "cache": given.cache},

@@ -88,7 +88,7 @@ def drives(driver: str, place: str, n: int) -> list[Drive]:
     """The drives of a driver in floor plans, or on a course of skills, by row."""
     scene: Any = place if place == "floor_plan" else {"name": "skill", "course": place}
     env = NavigationVectorEnv(
-        n, scene=scene, driver=driver, assistant="direct", num_threads=1, randomize=True,
+        n, scene, split="test", driver=driver, assistant="direct", num_threads=1, randomize=True,
         pose_source="modelled", bank={"size": n, "turnover": 0.0},
         config={"task": {"time_base": TIME, "time_factor": 10.0}},
     )  # fmt: skip

@@ -143,7 +143,7 @@ def measure(repeats: int) -> dict[str, float]:
     ranges = np.empty((n, 8))
     part("fire, mean of 8", 8 * n, _firings, rangers, *world, workspace, ranges)
 
-    env = NavigationVectorEnv(PLANS, pose_source="modelled", num_threads=1)
+    env = NavigationVectorEnv(PLANS, split="test", pose_source="modelled", num_threads=1)
     env.reset(seed=0)
     suites, chairs = env.chairs.suite.record, env.chairs.parameters
     states, worlds = env.chairs.states, env.chairs.world_rows

@@ -20,7 +20,7 @@ QUICK = {"scene": "clutter", "beams": 64}
 
 def sticks(driver, steps=60, seed=3, drive=True, **settings):
     """The signals (steps, 2) of a person whose chair drives as it asks, or stands; and the env."""
-    env = NavigationEnv(**(QUICK | settings), driver=driver)
+    env = NavigationEnv(**(QUICK | settings), driver=driver, split="test")
     env.reset(seed=seed)
     found = []
     for _ in range(steps):
@@ -141,7 +141,7 @@ def test_weakness_shrinks_one_side_alone():
 
 
 def test_who_sees_nothing_drives_on_and_who_sees_brakes():
-    wall = NavigationEnv(**QUICK)
+    wall = NavigationEnv(**QUICK, split="test")
     wall.reset(seed=0)
     _, blind = sticks("blind", steps=40)
     _, sees = sticks("expert", steps=40)
@@ -185,7 +185,7 @@ def test_few_signals_do_not_turn_a_chair_to_and_fro_for_ever(driver, seed):
     """A slow way ahead is worth more than a short turn from one good heading to another."""
     env = NavigationEnv(
         scene="floor_plan", driver=driver, assistant="shield", shield=True,
-        config={"task": {"time_base": 60.0, "time_factor": 10.0}},
+        config={"task": {"time_base": 60.0, "time_factor": 10.0}}, split="test"
     )  # fmt: skip
     env.reset(seed=seed)
     over, info = False, {}

@@ -92,7 +92,7 @@ def test_without_a_press_a_scan_never_drives():
 
 @pytest.mark.parametrize("name", [*SIGHTS, "expert"])
 def test_what_is_hidden_is_what_a_simulated_person_does_not_see(name):
-    env = NavigationEnv("empty", driver=name)  # walls all around
+    env = NavigationEnv("empty", driver=name, split="test")  # walls all around
     env.reset(seed=1)
     sight = LiveSight(make_driver(name).perception, env.task.key)
     seen = sight.perception

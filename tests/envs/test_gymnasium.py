@@ -5,6 +5,7 @@ from __future__ import annotations
 import gymnasium as gym
 import numpy as np
 import pytest
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.play import play
 from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers import AddRenderObservation, RecordEpisodeStatistics, RecordVideo
@@ -25,6 +26,23 @@ AHEAD = np.array([0.4, 0.1], np.float32)
 def test_there_are_ids():
     assert len(IDS) == 3
     assert wheelchair_gym.__version__
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_specs_make_the_same_environment_again(name):
+    """As those of Gymnasium's own: by `make_vec`, and not by `make`."""
+    envs = gym.make_vec(name, 2, autoreset_mode=AutoresetMode.SAME_STEP, split="test", **SMALL)
+    assert envs.autoreset_mode is envs.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
+    spec = EnvSpec.from_json(envs.spec.to_json())
+    again = gym.make_vec(spec)
+    assert again.spec == envs.spec
+    assert again.settings == envs.settings
+    assert (again.num_envs, again.autoreset_mode, again.split) == (2, envs.autoreset_mode, "test")
+    with pytest.raises(TypeError, match="unexpected keyword argument 'autoreset_mode'"):
+        gym.make(spec)
+    assert gym.spec(name).kwargs["split"] == "train"
+    with pytest.raises(gym.error.DeprecatedEnv, match=name):
+        gym.make(name.replace("-v1", "-v0"))
 
 
 def films(folder):

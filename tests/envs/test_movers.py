@@ -10,6 +10,7 @@ from tests.envs.test_vector import NEXT, SAME, compare
 from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
 
 CROWDED = {
+    "split": "test",
     "scene": {
         "name": "crowd",
         "people": {"density": (0.05, 0.15), "crossing_share": 0.3, "inattentive_share": 0.3},
@@ -72,7 +73,7 @@ def test_truth_reaches_info_and_never_the_observation():
     ]
     assert told == [False, -1, 0.0, 0.0]
     assert env.chair.truth.actor_poses.shape == (len(env.episode.actors), 3)
-    batch = NavigationVectorEnv(2, SHORT, **CROWDED)
+    batch = NavigationVectorEnv(2, config=SHORT, **CROWDED)
     _, infos = batch.reset(seed=1)
     assert infos["approach_speed"].shape == infos["other_approach_speed"].shape == (2,)
     assert infos["contact_with"].tolist() == [-1, -1]

@@ -23,7 +23,7 @@ from wheelchair_gym.envs import EnvSettings
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.types import Episode
 
-IDS = ["wheelchair_gym/Navigation-v0", "wheelchair_gym/GuidedNavigation-v0"]
+IDS = ["wheelchair_gym/Navigation-v1", "wheelchair_gym/GuidedNavigation-v1"]
 
 
 def room(start, goal, half=4.0):
@@ -38,7 +38,7 @@ def room(start, goal, half=4.0):
 
 CHECKED = [
     *((name, {}) for name in IDS),
-    ("wheelchair_gym/AssistedNavigation-v0", {"scene": "clutter", "beams": 32}),
+    ("wheelchair_gym/AssistedNavigation-v1", {"scene": "clutter", "beams": 32}),
     (IDS[0], {"config": str(ROOT / "examples" / "own_robot.json")}),
     (IDS[0], {"config": {"scene": "clutter", "sensors": {"laser": {"beams": 0}}}}),
 ]
@@ -121,10 +121,11 @@ def test_an_estimated_pose_must_be_nearer_before_it_says_arrived():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"beamz": 3}, "beamz: not an argument of this env; it has scene, config, rate"),
+        ({"beamz": 3}, "unexpected keyword argument 'beamz'; it has scene, config, rate"),
         ({"beams": 2000}, r"task.beams is 2000; the laser has only 1081"),
         ({"beams": "many"}, r"TaskSettings.beams is 'many'; expected int"),
         ({"scene": "moon"}, r"moon"),
+        ({"split": "testing"}, r"split is 'testing'; expected train or test"),
         ({"rate": 7.0}, r"0\.142857 s is not an integer multiple of 0\.01 s"),
         ({"pose_source": "gps"}, r"pose_source is 'gps'; it must be one of truth, odometry, mod"),
         ({"guidance": "nowhere:path"}, r"guidance is 'nowhere:path'; expected 'geodesic'"),
@@ -165,19 +166,15 @@ def test_fewer_beams_are_the_minimum_of_their_group():
     assert few.tolist() == [full[a:b].min() for a, b in itertools.pairwise(bounds)]
 
 
-def test_observations_stay_in_their_space_and_are_never_written_again():
+def test_observations_stay_in_their_space():
     env = gym.make(IDS[1], pose_source="modelled")
     observation, _ = env.reset(seed=1)
-    kept = [(observation, {k: v.copy() for k, v in observation.items()})]
     rng = np.random.default_rng(0)
     for _ in range(200):
         observation, _, terminated, truncated, _ = env.step(rng.uniform(-1, 1, 2))
         assert env.observation_space.contains(observation)
-        kept.append((observation, {k: v.copy() for k, v in observation.items()}))
         if terminated or truncated:
             env.reset()
-    for then, copy in kept:
-        assert all(np.array_equal(then[k], copy[k]) for k in copy)
 
 
 def test_guidance_looks_along_its_path():

@@ -61,7 +61,7 @@ def test_each_row_is_a_single_env_without_a_laser(sensors):
 def test_an_observation_has_as_many_ultrasonics_as_are_mounted(mounted):
     rangers = UltrasonicSettings().mounted[:mounted]
     sensors = SensorSettings(ultrasonic=UltrasonicSettings(mounted=rangers))
-    env = NavigationEnv(config={"scene": "clutter", "sensors": dump(sensors)})
+    env = NavigationEnv(config={"scene": "clutter", "sensors": dump(sensors)}, split="test")
     observation, _ = env.reset(seed=0)
     assert ("ultrasonic" in observation) == (mounted > 0)
     assert observation.get("ultrasonic", np.zeros(0)).shape == (mounted,)
@@ -69,16 +69,16 @@ def test_an_observation_has_as_many_ultrasonics_as_are_mounted(mounted):
 
 def test_without_a_laser_there_is_no_such_key_and_no_shield():
     config = {"scene": "clutter", "sensors": BARE}
-    observation, info = NavigationEnv(config=config).reset(seed=0)
+    observation, info = NavigationEnv(config=config, split="test").reset(seed=0)
     assert "laser" not in observation
     assert info["valid_beams"] == 0
     with pytest.raises(InputError, match="shield: it needs a laser"):
-        NavigationEnv(config=config, shield=True)
+        NavigationEnv(config=config, shield=True, split="test")
 
 
 @pytest.mark.parametrize("observed", [541, 100, 10])
 def test_each_scanner_is_pooled_by_itself(observed):
-    env = NavigationEnv(config=own(task={"beams": observed}))
+    env = NavigationEnv(config=own(task={"beams": observed}), split="test")
     observation, _ = env.reset(seed=1)
     sensors, counts = env.settings.sensors, env.settings.task.observed_beams(env.settings.sensors)
     assert counts[0] == observed
@@ -92,7 +92,7 @@ def test_each_scanner_is_pooled_by_itself(observed):
 
 
 def test_it_drives_behind_its_shield():
-    env = NavigationEnv(config=str(FILE))
+    env = NavigationEnv(config=str(FILE), split="test")
     for seed in (0, 1):
         record = drive_episode(env, make_policy("lattice+window"), seed)
         assert record["success"]
@@ -105,7 +105,7 @@ def test_ultrasonics_that_stay_behind_when_the_outline_grows_are_warned_of():
 
 
 def test_a_picture_shows_each_scan_from_its_own_place():
-    env = NavigationEnv(config=own(shield=None))
+    env = NavigationEnv(config=own(shield=None), split="test")
     env.reset(seed=1)
     s, reading = env.settings, env.reading
     view = TopView(env.episode, s.chair.footprint, s.chair.drive, s.sensors)
@@ -133,11 +133,11 @@ def test_real_chairs_refuse_other_sensors_in_one_line():
 
 def test_more_beams_than_the_laser_has_are_refused():
     with pytest.raises(InputError, match=r"task.beams is 1081; the laser has only 541"):
-        NavigationEnv(config=own(task=dump(TaskSettings())))
+        NavigationEnv(config=own(task=dump(TaskSettings())), split="test")
 
 
 def test_a_localizer_uses_the_first_scanner():
-    env = NavigationEnv(config=own(), pose_source="mcl")
+    env = NavigationEnv(config=own(), pose_source="mcl", split="test")
     env.reset(seed=0)
     for _ in range(10):
         env.step(np.array([0.3, 0.1]))

@@ -25,7 +25,7 @@ def resident():
 def test_twenty_million_steps():
     env = NavigationVectorEnv(
         N,
-        {
+        config={
             "bank": {"size": 256, "turnover": 1.0},
             "sensors": {"laser": {"beams": 128}, "pose_source": "modelled"},
             "task": {"beams": 64, "time_base": 30.0, "time_factor": 0.0},

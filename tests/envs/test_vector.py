@@ -39,10 +39,17 @@ def assert_same(row, n, batch, single):
         assert rows[name].shape[0] == n
 
 
-def compare(mode, threads, n, steps, seed=7, **settings):
-    """Drive a batch and single envs with the same actions; returns how many episodes ended."""
+def compare(mode, threads, n, steps, seed=7, shared=False, **settings):
+    """Drive a batch and single envs with the same actions; returns how many episodes ended.
+
+    If `shared`, each world is made once for all.
+    """
+    settings.setdefault("split", "test")
     batch = NavigationVectorEnv(n, num_threads=threads, autoreset_mode=mode, **settings)
     singles = [NavigationEnv(**settings) for _ in range(n)]
+    for env in singles if shared else ():
+        env.worlds = batch.worlds
+        env.worlds.drop_before = lambda episode: None
     rng = np.random.default_rng(seed)
     observations, infos = batch.reset(seed=seed)
     for i, env in enumerate(singles):
@@ -103,43 +110,17 @@ def test_each_row_with_a_shield_is_a_single_env_with_one(mode):
 
 
 def test_make_vec_gives_the_batch():
-    env = gym.make_vec("wheelchair_gym/GuidedNavigation-v0", num_envs=3, **QUICK)
+    env = gym.make_vec("wheelchair_gym/GuidedNavigation-v1", num_envs=3, **QUICK)
     assert type(env.unwrapped) is NavigationVectorEnv
     observations, _ = env.reset(seed=1)
     assert observations["path"].shape == (3, 10)
     assert observations["laser"].shape == (3, 64)
     assert env.observation_space.contains(observations)
     assert env.metadata["autoreset_mode"] is NEXT
-    same = gym.make_vec("wheelchair_gym/Navigation-v0", 2, autoreset_mode="SameStep", **QUICK)
+    same = gym.make_vec("wheelchair_gym/Navigation-v1", 2, autoreset_mode="SameStep", **QUICK)
     assert same.metadata["autoreset_mode"] is SAME
     env.close()
     env.close()
-
-
-@pytest.mark.parametrize("mode", [NEXT, SAME])
-def test_what_was_handed_out_is_never_written_again(mode):
-    """Everything kept over many ends of episodes is as it was, and in its space."""
-    env = NavigationVectorEnv(4, SHORT, autoreset_mode=mode, **QUICK)
-    rng = np.random.default_rng(0)
-
-    def numbers(told):
-        for value in told.values():
-            if isinstance(value, dict):
-                yield from numbers(value)
-            else:
-                yield value
-
-    kept, ended = [], 0
-    env.reset(seed=0)
-    for _ in range(120):
-        result = env.step(rng.uniform(-1, 1, (4, 2)))
-        assert env.observation_space.contains(result[0])
-        ended += (result[2] | result[3]).sum()
-        for array in (*numbers(result[0]), *result[1:4], *numbers(result[4])):
-            kept.append((array, array.copy()))
-    assert ended >= 8
-    for array, copy in kept:
-        assert np.array_equal(array, copy)
 
 
 PARTS = {
@@ -156,12 +137,13 @@ PARTS = {
 @pytest.mark.parametrize("part", PARTS)
 def test_whoever_holds_a_part_keeps_what_it_shows(part, mode):
     """One array of many is kept, or what refers to it, for a random while."""
-    env = NavigationVectorEnv(3, SHORT, autoreset_mode=mode, shield=True, **QUICK)
+    env = NavigationVectorEnv(3, config=SHORT, autoreset_mode=mode, shield=True, **QUICK)
     rng = np.random.default_rng(0)
     env.reset(seed=0)
     kept = []
     for _ in range(150):
         observations, rewards, *ends, infos = env.step(rng.uniform(-1, 1, (3, 2)))
+        assert env.observation_space.contains(observations)
         given = [*observations.values(), rewards, *ends, *flat(infos).values()]
         given += flat(infos.pop("final_info", {})).values()
         given = [a for a in given if isinstance(a, np.ndarray) and a.dtype.kind != "U"]
@@ -180,7 +162,7 @@ def test_whoever_holds_a_part_keeps_what_it_shows(part, mode):
 
 
 def test_memory_that_nobody_holds_is_used_again():
-    env = NavigationVectorEnv(2, SHORT, autoreset_mode=SAME, **QUICK)
+    env = NavigationVectorEnv(2, config=SHORT, autoreset_mode=SAME, **QUICK)
     env.reset(seed=0)
     seen, ended = set(), 0
     for _ in range(90):
@@ -207,7 +189,7 @@ def test_actions_of_any_kind_are_taken_by_the_same_compiled_function():
 
 
 def test_refused_actions_change_nothing():
-    envs = [NavigationVectorEnv(4, SHORT, num_threads=2, **QUICK) for _ in range(2)]
+    envs = [NavigationVectorEnv(4, config=SHORT, num_threads=2, **QUICK) for _ in range(2)]
     for env in envs:
         env.reset(seed=3)
     wrong = np.zeros((4, 2))
@@ -219,7 +201,7 @@ def test_refused_actions_change_nothing():
 
 
 def test_a_mask_begins_some_rows_and_leaves_the_others():
-    whole, part = (NavigationVectorEnv(4, SHORT, **QUICK) for _ in range(2))
+    whole, part = (NavigationVectorEnv(4, config=SHORT, **QUICK) for _ in range(2))
     actions = np.full((4, 2), 0.3)
     for env in (whole, part):
         env.reset(seed=3)
@@ -235,6 +217,63 @@ def test_a_mask_begins_some_rows_and_leaves_the_others():
     single.reset(seed=5)
     observation, _ = single.reset()  # the next episode of row 2
     assert np.array_equal(observation["laser"], observations["laser"][2])
+
+
+@pytest.mark.parametrize("single", [True, False])
+def test_seeds_that_are_told_begin_the_same_episodes_again(single):
+    """After any reset, `np_random_seed` and `info` tell how to get there again."""
+    env = NavigationEnv(**QUICK) if single else NavigationVectorEnv(3, **QUICK)
+    own = [{}, {"seed": 7}, {"seed": np.int64(2**63 - 4)}]
+    rows = [{"seed": [None, 5, None]}, {"seed": [np.int64(3), None, 2**62]}, {"seed": np.arange(3)}]
+    for given in own + own[:1] if single else own + rows:
+        env = type(env)(**QUICK) if single else NavigationVectorEnv(3, **QUICK)
+        observations, info = env.reset(**given)
+        assert not np.any(info["is_success"])  # nobody begins in a world that does not exist
+        assert (np.ravel(info["geodesic"]) > 0.5).all()
+        assert np.ravel(info["seed"]).tolist() == np.ravel(env.np_random_seed).tolist()
+        assert np.ravel(info["episode_number"]).tolist() == [0] * np.size(info["seed"])
+        again, _ = env.reset(seed=env.np_random_seed)
+        assert not list(differences(observations, again))
+        for row, seed in enumerate(np.ravel(info["seed"]).tolist()):
+            alone, _ = NavigationEnv(**QUICK).reset(seed=seed)
+            for key, value in alone.items():
+                assert np.array_equal(value, observations[key] if single else again[key][row])
+
+
+def test_rows_without_a_seed_go_on():
+    envs = [NavigationVectorEnv(2, **QUICK) for _ in range(2)]
+    for env, seeds in zip(envs, ([4, 9], [None, 9]), strict=True):
+        env.reset(seed=[4, 5])
+        _, info = env.reset(seed=seeds)
+        assert info["seed"].tolist() == [4, 9]
+        assert info["episode_number"].tolist() == [int(seeds[0] is None), 0]
+
+
+@pytest.mark.parametrize("mode", [NEXT, SAME])
+def test_no_kernel_gets_a_record_that_nobody_filled(mode):
+    """A row whose next world could not be drawn is not driven in another one."""
+    env = NavigationVectorEnv(2, **QUICK, max_episode_steps=2, autoreset_mode=mode)
+    env.reset(seed=3)
+    make, ahead = env.worlds.episode, np.full((2, 2), 0.1)
+
+    def fail(*_):
+        raise InputError("no world fits")
+
+    env.worlds.episode = fail
+
+    def drive():
+        for _ in range(3):
+            env.step(ahead)
+
+    with pytest.raises(InputError, match="no world fits"):
+        drive()
+    with pytest.raises(gym.error.ResetNeeded, match=r"rows \[0, 1\] have no next episode"):
+        env.step(ahead)
+    with pytest.raises(InputError, match="no world fits"):
+        env.reset()
+    env.worlds.episode = make
+    _, infos = env.reset()
+    assert infos["episode_number"].tolist() == [2, 2]
 
 
 def test_a_bank_shares_its_worlds_and_turns_over():
@@ -262,7 +301,7 @@ def test_a_bank_kept_in_a_folder_is_the_same_and_is_not_made_again(tmp_path, mon
     settings = {**QUICK, "guidance": "geodesic", "bank": bank}
 
     def drive(**settings):
-        env = NavigationVectorEnv(2, SHORT, **settings)
+        env = NavigationVectorEnv(2, config=SHORT, **settings)
         results = [env.reset(seed=0)[0]]
         results += [env.step(np.full((2, 2), 0.4))[0] for _ in range(90)]
         return np.array([np.hstack([o[k] for k in sorted(o)]) for o in results])
@@ -292,7 +331,7 @@ def test_what_is_seen_and_rewarded_leaves_kept_worlds_as_they_are(task, others, 
     for own in ({}, task):
         bank = {"size": 1, "cache": str(tmp_path)}
         config = {**SHORT, "task": {**SHORT["task"], **own}}
-        NavigationVectorEnv(1, config, **{**QUICK, "bank": bank}).reset(seed=0)
+        NavigationVectorEnv(1, config=config, **{**QUICK, "bank": bank}).reset(seed=0)
     assert len(list(tmp_path.iterdir())) == 1 + others
 
 
@@ -301,9 +340,10 @@ def test_what_is_seen_and_rewarded_leaves_kept_worlds_as_they_are(task, others, 
     [
         ({"num_envs": 0}, "num_envs is 0; expected at least 1"),
         ({"num_threads": 0}, "num_threads is 0; expected at least 1"),
+        ({"split": ["test"]}, r"split is \['test'\]; expected train or test"),
         ({"render_mode": "human"}, "render_mode is 'human'; expected rgb_array or None"),
         ({"autoreset_mode": "Sometimes"}, "Sometimes; expected NextStep or SameStep or Disabled"),
-        ({"beamz": 3}, "beamz: not an argument of this env"),
+        ({"beamz": 3}, "unexpected keyword argument 'beamz'"),
         ({"bank": {"sizes": 3}}, "bank.sizes is not a setting; it has cache, seed, size, turnover"),
         ({"bank": -1}, r"BankSettings.size is -1; it must be at least 0"),
     ],
@@ -317,8 +357,12 @@ def test_wrong_actions_and_seeds_are_refused():
     env = NavigationVectorEnv(2, **QUICK)
     with pytest.raises(gym.error.ResetNeeded):
         env.step(np.zeros((2, 2)))
-    with pytest.raises(wheelchair_gym.InputError, match="3 seeds were given for 2"):
-        env.reset(seed=[1, 2, 3])
+    single = -1, 2**63, 2**63 - 1, 1.0, True, "12", {1, 2}, np.array(1)
+    rows = [1], [1, 2, 3], [-1, 2], [2, 1.5], [np.ones(1), 2], [[1], [2]], np.array([-1, 3])
+    for seed in (*single, *rows):
+        with pytest.raises(wheelchair_gym.InputError, match=r"seed") as caught:
+            env.reset(seed=seed)
+        assert "\n" not in str(caught.value)
     env.reset(seed=[4, 2])
     for wrong in (np.zeros(2), np.zeros((3, 2)), np.full((2, 2), np.nan)):
         with pytest.raises(wheelchair_gym.InputError, match=r"expected finite \(2, 2\)"):
@@ -330,7 +374,6 @@ def test_wrong_actions_and_seeds_are_refused():
 @pytest.mark.parametrize("threads", [1, 2])
 def test_a_million_steps_in_all_are_those_of_single_envs(mode, threads):
     """A quarter of a million in each case: floor plans, all noise, a bank that turns over."""
-    n, steps, seed = 50, 5_000, 11
     settings = {
         "config": {"task": {"time_base": 20.0, "time_factor": 0.0}},
         "bank": {"size": 64, "turnover": 1.0},
@@ -339,37 +382,7 @@ def test_a_million_steps_in_all_are_those_of_single_envs(mode, threads):
         "guidance": "geodesic",
         "randomize": True,
     }
-    batch = NavigationVectorEnv(n, num_threads=threads, autoreset_mode=mode, **settings)
-    singles = [NavigationEnv(**settings) for _ in range(n)]
-    for env in singles:
-        env.worlds = batch.worlds  # made once; each env draws its own
-        env.worlds.drop_before = lambda episode: None
-    rng = np.random.default_rng(seed)
-    observations, _ = batch.reset(seed=seed)
-    for i, env in enumerate(singles):
-        env.reset(seed=seed + i)
-    over, ends = np.zeros(n, bool), 0
-    for _ in range(steps):
-        actions = rng.uniform(-1.0, 1.0, (n, 2))
-        observations, rewards, terminated, truncated, infos = batch.step(actions)
-        for i, env in enumerate(singles):
-            if over[i]:
-                observation, info = env.reset()
-                over[i] = False
-            else:
-                observation, *outcome, info = env.step(actions[i])
-                assert outcome == [rewards[i], terminated[i], truncated[i]]
-                if terminated[i] or truncated[i]:
-                    ends += 1
-                    over[i] = mode is NEXT
-                    if mode is SAME:
-                        for key, value in observation.items():
-                            assert np.array_equal(value, infos["final_obs"][key][i])
-                        observation, info = env.reset()
-            for key, value in observation.items():
-                assert np.array_equal(value, observations[key][i])
-            assert np.array_equal(info["pose"], infos["pose"][i])
-    assert ends >= 1000
+    assert compare(mode, threads, n=50, steps=5_000, seed=11, shared=True, **settings) >= 1000
 
 
 def test_rows_that_are_over_wait_for_their_reset_where_autoreset_is_disabled():
@@ -392,10 +405,10 @@ def test_rows_that_are_over_wait_for_their_reset_where_autoreset_is_disabled():
 
 def test_a_limit_of_steps_is_that_of_gymnasium():
     many = gym.make_vec(
-        "wheelchair_gym/Navigation-v0", 2, scene="clutter", beams=16, max_episode_steps=5
+        "wheelchair_gym/Navigation-v1", 2, scene="clutter", beams=16, max_episode_steps=5
     )
     wrapped = gym.make(
-        "wheelchair_gym/Navigation-v0", scene="clutter", beams=16, max_episode_steps=5
+        "wheelchair_gym/Navigation-v1", scene="clutter", beams=16, max_episode_steps=5
     )
     ours = NavigationEnv("clutter", beams=16, max_episode_steps=5)
     many.reset(seed=0)

@@ -358,7 +358,7 @@ def test_what_is_not_there_is_one_line():
     chair.close()
     for source in ("truth", "modelled"):
         with pytest.raises(InputError, match="expected mcl, slam or odometry"):
-            gym.make("wheelchair_gym/Hardware-v0", pose_source=source)
+            gym.make("wheelchair_gym/Hardware-v1", pose_source=source)
 
 
 def test_settings_of_the_file_stand_where_the_name_says_nothing():

@@ -108,7 +108,7 @@ def begun(chair, periods=3):
 @pytest.mark.parametrize("pose_source", long_but(["modelled", "mcl"], ["mcl"]))
 def test_a_policy_drives_it_from_start_to_goal(waiting, pose_source):
     """By the poses that tf tells, and by those that are worked out from odometry and map."""
-    env = NavigationEnv(chair=spec(waiting), config=CONFIG, pose_source=pose_source)
+    env = NavigationEnv(chair=spec(waiting), config=CONFIG, pose_source=pose_source, split="test")
     inner = getattr(env.chair, "chair", env.chair)
     goal = waiting.episode.start[:2] + np.array([0.7, 0.2])
     episode = inner.episode(goal)
@@ -493,7 +493,7 @@ def test_a_link_that_breaks_is_one_line_and_a_last_zero(bridge, chair, way):
 
 @pytest.mark.parametrize("way", ["close", "exception"])
 def test_every_way_out_ends_with_zero(bridge, way):
-    env = gym.make("wheelchair_gym/Navigation-v0", chair=spec(bridge), config=CONFIG)
+    env = gym.make("wheelchair_gym/Navigation-v1", chair=spec(bridge), config=CONFIG, split="test")
     chair = env.unwrapped.chair
     env.reset(options={"episode": chair.episode(bridge.episode.start[:2] + np.array([2.0, 0.0]))})
     try:
@@ -796,7 +796,7 @@ def test_it_drives_the_robot_that_this_package_serves(stamped):
         chair = {"name": "ros2", "host": "127.0.0.1", "port": port, "limits": CALM}
         chair["stamped"] = stamped
         config = {"sensors": {"laser": {"beams": 541}}, "task": {"beams": 541}}
-        env = NavigationEnv(chair=chair, config=config, pose_source="modelled")
+        env = NavigationEnv(chair=chair, config=config, pose_source="modelled", split="test")
         assert until(env.chair.senses.map_pose)
         episode = env.chair.episode(env.chair.senses.map_pose().value[:2])
         env.reset(options={"episode": dataclasses.replace(episode, tolerance=1e-9)})

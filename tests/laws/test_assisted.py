@@ -39,7 +39,7 @@ def check_drives(driver, assistant, seed, steps):
     """Whole drives in a batch: each answer is within the freedom, and each centred stick stops."""
     env = NavigationVectorEnv(
         4, scene="clutter", beams=32, driver=driver, assistant=assistant, shield=True,
-        num_threads=1, bank={"size": 2, "turnover": 0.0, "seed": seed},
+        num_threads=1, bank={"size": 2, "turnover": 0.0, "seed": seed}, split="test"
     )  # fmt: skip
     freedom = make_assistant(assistant).freedom
     seen, _ = env.reset(seed=seed)
@@ -92,7 +92,13 @@ def pushed(name, push, periods, rate):
     """A chair in the open whose stick was pushed for so many periods; env, policy and hand."""
     hand = Hand()
     env = NavigationEnv(
-        person=hand, shield=is_shielded(name), noise=False, rate=rate, beams=64, config=DEAF
+        person=hand,
+        shield=is_shielded(name),
+        noise=False,
+        rate=rate,
+        beams=64,
+        config=DEAF,
+        split="test",
     )
     observation, _ = env.reset(seed=0, options={"episode": open_space()})
     policy = GymPolicy(make_policy({"name": "assisted", "assist": name}), env)
@@ -159,7 +165,7 @@ def test_the_same_seed_gives_the_same_drive(driver):
     }  # fmt: skip
     runs = []
     for n, row, seed in ((3, 2, 5), (1, 0, 7)):
-        env = NavigationVectorEnv(n, **more)
+        env = NavigationVectorEnv(n, **more, split="test")
         env.reset(seed=seed - 3)
         env.step(np.ones((n, 2)))
         env.reset(seed=seed)

@@ -26,7 +26,9 @@ NONSENSE = Truth(np.full(3, np.nan), np.full(2, np.nan), np.nan, True, True, np.
 def environment(name, scene="crowd"):
     slam = name == "explore"
     source = "slam" if slam else "modelled"
-    return NavigationEnv("empty" if slam else scene, pose_source=source, shield=True, bank=0)
+    return NavigationEnv(
+        "empty" if slam else scene, pose_source=source, shield=True, bank=0, split="test"
+    )
 
 
 def plain(value):

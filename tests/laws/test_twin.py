@@ -58,10 +58,10 @@ class Both:
 
     def __init__(self, scene):
         settings = env_settings(CONFIG, scene=scene, pose_source="odometry", noise=False)
-        self.sim = gym.make("wheelchair_gym/Navigation-v0", config=settings).unwrapped
+        self.sim = gym.make("wheelchair_gym/Navigation-v1", config=settings, split="test").unwrapped
         self.hosted = Hosted(chair=settings.chair, sensors=settings.sensors)
         self.real = gym.make(
-            "wheelchair_gym/Hardware-v0",
+            "wheelchair_gym/Hardware-v1",
             config=settings,
             chair=localized(self.hosted.chair, settings),
             disable_env_checker=True,

@@ -21,12 +21,12 @@ from wheelchair_gym.physics.chair import SimulatedChair
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.sensors.settings import SensorSettings
 
-NAVIGATION = "wheelchair_gym/Navigation-v0"
+NAVIGATION = "wheelchair_gym/Navigation-v1"
 LASER = SensorSettings().laser
 
 
 def navigation(**settings):
-    return gym.make(NAVIGATION, disable_env_checker=True, **settings)
+    return gym.make(NAVIGATION, disable_env_checker=True, **settings, split="test")
 
 
 def drive(env, each, steps=10_000):
@@ -206,6 +206,6 @@ def test_nowhere_to_be_is_an_error():
 
 def test_many_chairs_refuse_it_and_settings_contradict():
     with pytest.raises(InputError, match=r"pose_source is 'mcl'; expected truth"):
-        gym.make_vec(NAVIGATION, num_envs=2, pose_source="mcl")
+        gym.make_vec(NAVIGATION, num_envs=2, pose_source="mcl", split="test")
     with pytest.raises(InputError, match="max_particles is 20"):
         LocalizationSettings(min_particles=30, max_particles=20)

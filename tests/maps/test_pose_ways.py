@@ -27,6 +27,7 @@ from wheelchair_gym.scenes import make_scene
 
 POSED = {
     "scene": "clutter",
+    "split": "test",
     "beams": 32,
     "guidance": "poses",
     "bank": {"size": 3, "turnover": 0.0},

@@ -67,8 +67,8 @@ def drive(tmp_path_factory):
     for name, format in (("own.mcap", "foxglove"), ("bag.mcap", "ros2")):
         settings = RecordingSettings(format=format, image_rate=1.0)
         env = gym.make(
-            "wheelchair_gym/Navigation-v0", scene="clutter", config=CONFIG, pose_source="mcl",
-            shield=True, render_mode="rgb_array",
+            "wheelchair_gym/Navigation-v1", scene="clutter", config=CONFIG, pose_source="mcl",
+            shield=True, render_mode="rgb_array", split="test"
         )  # fmt: skip
         env = RecordEpisodes(env, folder / name, recording=settings)
         policy = GymPolicy(make_policy("visibility+window"), env)
@@ -309,7 +309,7 @@ def test_a_bag_never_replaces_another(tmp_path, caplog):
     (tmp_path / "run").mkdir()
     (tmp_path / "run-1").write_text("mine")
     settings = RecordingSettings(format="ros2")
-    env = RecordEpisodes(gym.make("wheelchair_gym/Navigation-v0", scene="empty"),
+    env = RecordEpisodes(gym.make("wheelchair_gym/Navigation-v1", scene="empty", split="test"),
                          tmp_path / "run.mcap", recording=settings)  # fmt: skip
     env.reset(seed=0)
     env.close()
@@ -325,7 +325,7 @@ def test_a_bag_never_replaces_another(tmp_path, caplog):
 @pytest.mark.parametrize("then", ["go-on", "end"])
 def test_a_full_disk_ends_the_bag_and_the_run_if_wanted(then, tmp_path, caplog, monkeypatch):
     settings = RecordingSettings(format="ros2", when_full=then)
-    env = RecordEpisodes(gym.make("wheelchair_gym/Navigation-v0", scene="empty"),
+    env = RecordEpisodes(gym.make("wheelchair_gym/Navigation-v1", scene="empty", split="test"),
                          tmp_path / "run", recording=settings)  # fmt: skip
     env.reset(seed=0)
 
@@ -355,7 +355,7 @@ def test_a_comparison_records_bags_and_finds_them_again(tmp_path):
 
 
 def test_actors_are_markers_that_replace_those_of_before(tmp_path):
-    env = gym.make("wheelchair_gym/Navigation-v0", scene="crowd")
+    env = gym.make("wheelchair_gym/Navigation-v1", scene="crowd", split="test")
     env = RecordEpisodes(env, tmp_path / "run", recording=RecordingSettings(format="ros2"))
     env.reset(seed=1)
     env.step(np.zeros(2))
@@ -374,7 +374,9 @@ def test_actors_are_markers_that_replace_those_of_before(tmp_path):
 
 
 def test_three_scanners_have_topics_and_frames(tmp_path):
-    env = gym.make("wheelchair_gym/Navigation-v0", config=str(ROOT / "examples/own_robot.json"))
+    env = gym.make(
+        "wheelchair_gym/Navigation-v1", config=str(ROOT / "examples/own_robot.json"), split="test"
+    )
     env = RecordEpisodes(env, tmp_path / "run", recording=RecordingSettings(format="ros2"))
     env.reset(seed=1)
     lasers = env.unwrapped.settings.sensors.lasers

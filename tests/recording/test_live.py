@@ -37,7 +37,9 @@ def tree(content):
 
 def test_a_viewer_that_comes_late_sees_map_scan_and_transforms():
     """With nothing but what the server says of its topics: by their own schemas, at rate."""
-    env = RecordEpisodes(gym.make("wheelchair_gym/Navigation-v0", pose_source="mcl"), port=0)
+    env = RecordEpisodes(
+        gym.make("wheelchair_gym/Navigation-v1", pose_source="mcl", split="test"), port=0
+    )
     env.reset(seed=0)
     env.step(np.zeros(2, np.float32))
     joined, heard = threading.Event(), threading.Event()
@@ -104,7 +106,7 @@ def decoded(channel, data):
 
 
 def test_a_port_that_is_taken_or_none_is_one_line(capsys):
-    env = RecordEpisodes(gym.make("wheelchair_gym/Navigation-v0"), port=0)
+    env = RecordEpisodes(gym.make("wheelchair_gym/Navigation-v1", split="test"), port=0)
     for port in (env.port, 70_000):
         assert main(["simulate", "--scene", "empty", "--live", str(port)]) == 2
         said = capsys.readouterr().err.strip().splitlines()

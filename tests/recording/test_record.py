@@ -47,7 +47,7 @@ SOURCES = get_args(get_type_hints(SensorSettings)["pose_source"])
 # Every variant with every pose source, each once at least.
 KINDS = [(NAMES[k % len(NAMES)], source) for k, source in enumerate(SOURCES)]
 KINDS += [(name, SOURCES[k]) for k, name in enumerate(NAMES[1:])]
-KINDS += [("wheelchair_gym/AssistedNavigation-v0", "modelled")]
+KINDS += [("wheelchair_gym/AssistedNavigation-v1", "modelled")]
 STEPS = 25
 POLICY = "visibility+window"
 
@@ -80,6 +80,7 @@ def test_a_replayed_run_is_seen_and_judged_the_same(run):
     assert len(chapters) == len(seen)
     for chapter, (first, *steps) in zip(chapters, seen, strict=True):
         assert len(chapter.actions) == len(steps) == STEPS
+        assert chapter.split == steps[0][2]["split"] == "train"
         env = replay_env(chapter)
         observation, _ = env.reset(options={"episode": chapter.episode})
         assert_same(observation, first[0])
@@ -319,6 +320,7 @@ def test_the_first_recordings_are_still_read(tmp_path, capsys):
     assert capsys.readouterr().out.count("the same rewards") == 2
     assert main(["replay", str(again)]) == 0
     for old, new in zip(read_recording(OLD), read_recording(again), strict=True):
+        assert old.split == new.split == "test"
         for was, is_ in zip(old.states, new.states, strict=True):
             np.testing.assert_equal(is_.reading, was.reading)
             np.testing.assert_equal(is_.truth, was.truth)
@@ -419,7 +421,7 @@ class SmallDisk:
 def test_a_full_disk_ends_the_recording_and_not_the_run(room, kind, tmp_path, monkeypatch, caplog):
     """One line says so; the file is whole up to there. The limit is the kernel's, of any file."""
     file, limits = tmp_path / "run.mcap", resource.getrlimit(resource.RLIMIT_FSIZE)
-    env = RecordEpisodes(gym.make("wheelchair_gym/Navigation-v0", scene="empty"), file)
+    env = RecordEpisodes(gym.make("wheelchair_gym/Navigation-v1", scene="empty"), file)
     if kind == "disk":
         disk = env._out._disk
         monkeypatch.setattr(disk, "_file", SmallDisk(disk._file, room))
@@ -469,7 +471,7 @@ def test_a_recording_never_replaces_another(tmp_path, caplog):
     names = []
     for steps in (3, 4, 5):
         env = RecordEpisodes(
-            gym.make("wheelchair_gym/Navigation-v0", scene="empty"), tmp_path / "a.mcap"
+            gym.make("wheelchair_gym/Navigation-v1", scene="empty"), tmp_path / "a.mcap"
         )
         driven(env, steps)
         env.close()
@@ -482,7 +484,7 @@ def test_a_recording_never_replaces_another(tmp_path, caplog):
 
 def test_a_run_that_an_error_ends_is_readable(tmp_path):
     file = tmp_path / "run.mcap"
-    env = RecordEpisodes(gym.make("wheelchair_gym/Navigation-v0", scene="empty"), file)
+    env = RecordEpisodes(gym.make("wheelchair_gym/Navigation-v1", scene="empty"), file)
     driven(env, 5)
     env._log_reading = lambda: 1 / 0
     with pytest.raises(ZeroDivisionError):
@@ -494,7 +496,7 @@ def test_a_run_that_an_error_ends_is_readable(tmp_path):
 def test_a_run_that_is_killed_is_readable_up_to_its_last_second(tmp_path):
     """Nothing is closed; the last messages are in memory alone."""
     file, copy = tmp_path / "run.mcap", tmp_path / "copy.mcap"
-    env = RecordEpisodes(gym.make("wheelchair_gym/Navigation-v0", scene="empty"), file)
+    env = RecordEpisodes(gym.make("wheelchair_gym/Navigation-v1", scene="empty"), file)
     rewards = driven(env, 60)
     copy.write_bytes(file.read_bytes())
     env.close()
@@ -506,14 +508,14 @@ def test_a_run_that_is_killed_is_readable_up_to_its_last_second(tmp_path):
 
 def test_a_place_that_cannot_be_written_is_one_line(tmp_path):
     with pytest.raises(InputError, match="cannot be written"):
-        RecordEpisodes(gym.make("wheelchair_gym/Navigation-v0"), tmp_path)
+        RecordEpisodes(gym.make("wheelchair_gym/Navigation-v1"), tmp_path)
 
 
 def test_movers_are_recorded_and_replayed_where_they_were(tmp_path):
     """Doors, people and what comes and goes; the picture of a replay is that of the run."""
     scene = {"name": "crowd", "people": {"density": (0.06, 0.08)}, "furniture_density": 0.05}
     env = RecordEpisodes(
-        gym.make("wheelchair_gym/Navigation-v0", scene=scene, render_mode="rgb_array"),
+        gym.make("wheelchair_gym/Navigation-v1", scene=scene, render_mode="rgb_array"),
         tmp_path / "run.mcap",
     )
     env.reset(seed=2)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import subprocess
 import sys
 
@@ -49,11 +50,17 @@ def test_mp4_is_h264_with_every_frame(tmp_path, shape):
         assert np.abs(image[32].astype(int) - given[32]).mean() < 12
 
 
-def test_gif_keeps_frames_and_pace(tmp_path):
-    write_video(tmp_path / "a.gif", frames(), 10)
+@pytest.mark.parametrize("rate", [0.5, 2.5, 10, 12.0, 75.0, 200.0])
+def test_gif_keeps_frames_and_pace(tmp_path, rate):
+    write_video(tmp_path / "a.gif", frames(), rate)
     with Image.open(tmp_path / "a.gif") as gif:
-        assert gif.n_frames == 12
-        assert gif.info["duration"] == 100
+        assert gif.n_frames == 12 // math.ceil(rate / 50)
+        shown = []
+        for k in range(gif.n_frames):
+            gif.seek(k)
+            shown.append(gif.info["duration"])
+        assert min(shown) >= 20  # ms
+        assert sum(shown) == pytest.approx(1000 * 12 / rate, abs=5.1)
 
 
 def test_what_stands_still_keeps_its_colours_in_a_gif(tmp_path):

@@ -25,7 +25,7 @@ CHAIRS = {
 
 def worlds(scene, footprint):
     own = EnvSettings(scene=scene, chair=ChairSettings(footprint=footprint))
-    return WorldBank(own, Task(own.task, own.chair, own.sensors, 0.1))
+    return WorldBank(own, Task(own.task, own.chair, own.sensors, 0.1), "test")
 
 
 def solid(episode):

@@ -163,7 +163,7 @@ def test_recordings_keep_the_arrival():
 
 
 def test_who_drives_by_itself_is_told_the_pose_and_has_to_be_there():
-    env = NavigationEnv({"name": "skill", "course": "dock"}, beams=64)
+    env = NavigationEnv({"name": "skill", "course": "dock"}, beams=64, split="test")
     env.reset(seed=0)
     assert env.mission.goal.shape == (3,)
     assert env.mission.tolerance == 0.05

@@ -7,7 +7,13 @@ import math
 import numpy as np
 import pytest
 
-from wheelchair_gym.sensors.laser import WORKSPACE_ROWS, LaserArrays, add_laser_noise, exact_scan
+from wheelchair_gym.sensors.laser import (
+    WORKSPACE_ROWS,
+    LaserArrays,
+    add_laser_noise,
+    exact_scan,
+    sense_laser,
+)
 from wheelchair_gym.sensors.settings import LaserSettings
 
 NO_DISCS = np.empty((0, 3))
@@ -133,6 +139,37 @@ def test_reports_follow_rep_117():
     out = np.array([10.0, 0.01, 9.9, 0.06], np.float32)
     add_laser_noise(arrays, np.uint64(0), 0, out)
     assert out.tolist() == pytest.approx([math.inf, -math.inf, 9.9, 0.06])
+
+
+@pytest.mark.parametrize("depth", [-5e-5, 0.0, 1e-7, 1e-4, 4e-3])
+@pytest.mark.parametrize("round_", [False, True])
+@pytest.mark.parametrize("mount", [(0.7, 0.0), (0.7, 0.31), (0.2, -0.31), (-0.3, 0.0)])
+def test_a_laser_at_the_edge_does_not_look_through_what_the_chair_touches(mount, round_, depth):
+    """Towards a wall of 0.1 m it reads too near, and elsewhere what it reads a little before."""
+    yaw = math.atan2(mount[1], mount[0])
+    laser = LaserSettings(x=mount[0], y=mount[1], yaw=yaw, beams=271)
+    distance, half, behind = math.hypot(*mount), 0.3, -2.0
+    for turn in np.linspace(0.1, 6.0, 7):
+        rotation = np.array([(math.cos(turn), -math.sin(turn)), (math.sin(turn), math.cos(turn))])
+
+        def placed(points, rotation=rotation):
+            return (rotation @ np.array(points).reshape(-1, 2).T).T.reshape(-1, 4) + 3.0
+
+        def scan_at(depth, rotation=rotation, turn=turn):
+            near, far = distance - depth, distance - depth + 0.1
+            walls = [(near, -half, near, half), (far, -half, far, half)]
+            walls = placed([*(() if round_ else walls), (behind, -9, behind, 9)])
+            disc = np.array([[*(rotation @ (near + half, 0.0) + 3.0), half]])
+            out, pose = np.empty(271, np.float32), np.array([3.0, 3.0, turn - yaw])
+            arrays, discs = LaserArrays.of(laser, False), disc if round_ else NO_DISCS
+            sense_laser(arrays, pose, walls, discs, np.uint64(0), 0, ROOM, out)
+            return out
+
+        scan, before = scan_at(depth), scan_at(-1e-3)
+        ahead = np.abs(laser.angles) < math.radians(75.0)
+        assert np.isneginf(scan[ahead]).all()
+        behind_it = np.abs(laser.angles) > math.radians(100.0)
+        assert scan[behind_it] == pytest.approx(before[behind_it], abs=0.02)
 
 
 def test_same_key_same_noise_and_others_differ():

@@ -52,7 +52,7 @@ def test_gaps_are_those_of_the_points_beside_each_pose(poses):
         scan[rng.random(LASER.beams) < 0.05] = np.inf
         scan[rng.random(LASER.beams) < 0.05] = -np.inf
         middle = np.median(np.stack([scan[:-2], scan[1:-1], scan[2:]]), axis=0)[::2]
-        kept = (middle > 0) & np.isfinite(middle)
+        middle, kept = np.maximum(middle, 0.0), middle < np.inf
         points = middle[kept, None] * DIRECTIONS[1:-1:2][kept] + (LASER.x, LASER.y)
         for row, (x, y, yaw) in zip(told(scan, poses), [(0.0, 0.0, 0.0), *poses], strict=True):
             c, s = np.cos(yaw), np.sin(yaw)
@@ -72,8 +72,14 @@ def test_one_odd_beam_in_three_makes_no_gap(odd):
 
 
 def test_where_nothing_is_seen_gaps_are_wide():
-    for nothing in (np.inf, -np.inf, np.nan, 0.0):
+    for nothing in (np.inf, np.nan):
         assert (told(np.full(LASER.beams, nothing, np.float32), AHEAD) == CLEARANCE_MAX).all()
+
+
+def test_what_is_too_near_to_be_measured_is_at_the_laser():
+    scan = np.full(LASER.beams, -np.inf, np.float32)
+    assert told(scan, [])[0][0] == pytest.approx(-OUTLINE.half_width)
+    assert proximity_speed(scan, *RIG, np.array([0.5, 0.0])) == pytest.approx(0.25)
 
 
 @pytest.mark.parametrize(("v", "w"), [(0.5, 0.0), (-0.2, 0.0), (0.0, 0.4), (0.3, -0.9)])

@@ -4,14 +4,10 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.geometry import signed_gap
 from wheelchair_gym.kinematics import arc_step
-
-Array = NDArray[np.float64]
 
 
 @borrowing_kernel

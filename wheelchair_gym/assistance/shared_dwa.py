@@ -15,16 +15,12 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.assistance.arcs import follow_arc
 from wheelchair_gym.assistance.freedom import Freedom, Twist, enough_now
 from wheelchair_gym.compiled.address import doubles_at, integers_at, on_stack
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.config import setting, settings
-
-Array = NDArray[np.float64]
 
 SPEEDS, TURNS = 9, 15  # of the fan
 STEP, STEPS = 0.1, 20  # s between two poses of an arc, and how many

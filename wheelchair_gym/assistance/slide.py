@@ -17,16 +17,12 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.assistance.freedom import Freedom, Twist
 from wheelchair_gym.assistance.state import MOST
 from wheelchair_gym.compiled.address import on_stack, table_at
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.config import setting, settings
-
-Array = NDArray[np.float64]
 
 NEAR = 1.5  # m: farther obstacles do not limit
 ROWS = 24  # constraints that enter the program at most, beside the bounds

@@ -10,8 +10,8 @@ import math
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array, Floats
 from wheelchair_gym.assistance.direct import Direct, Shielded
 from wheelchair_gym.assistance.freedom import (
     AssistMission,
@@ -38,9 +38,6 @@ from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.types import Reading, Stick
-
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
 
 STICK, TELEOP, VFH, SLIDE, SHARED_DWA = range(5)  # kinds of methods
 KINDS: Final = {

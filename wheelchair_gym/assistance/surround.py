@@ -6,17 +6,15 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array, Floats
 from wheelchair_gym.assistance.state import GROUPS, SECTORS
 from wheelchair_gym.compiled.address import on_stack, table_at
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.compiled.simd import bits_of_float
 from wheelchair_gym.geometry import world_to_body
 from wheelchair_gym.kinematics import arc_step
-
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
+from wheelchair_gym.sensors.laser import shown_range
 
 REACH = 4.0  # m from the outline's middle: farther is of no concern
 MEMORY = 10.0  # s for which what nothing looks at any more is remembered
@@ -72,16 +70,16 @@ def look(p: Any, a: Any, scan: Floats, twist: Array, stamp: float) -> None:
         low, high = group * p.beams // groups, (group + 1) * p.beams // groups
         nearest = none
         for k in range(np.uint64(low), np.uint64(high)):
-            bits = bits_of_float(scan[k])
-            bits = bits if scan[k] > np.float32(0.0) else none
+            bits = bits_of_float(shown_range(scan[k]))
             nearest = bits if bits < nearest else nearest
         if nearest >= far:
             continue
         best = low
-        while bits_of_float(scan[best]) != nearest:
+        while bits_of_float(shown_range(scan[best])) != nearest:
             best += 1
-        x = p.mount[0] + scan[best] * directions[best, 0]
-        y = p.mount[1] + scan[best] * directions[best, 1]
+        r = shown_range(scan[best])
+        x = p.mount[0] + r * directions[best, 0]
+        y = p.mount[1] + r * directions[best, 1]
         dx = x - p.middle
         if dx * dx + y * y < REACH * REACH:
             a.points[n, 0], a.points[n, 1] = x, y

@@ -10,15 +10,11 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.assistance.arcs import free_share
 from wheelchair_gym.assistance.freedom import Freedom, Twist
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.config import setting, settings
-
-Array = NDArray[np.float64]
 
 DIRECTIONS = 72  # of the histogram
 STEP = 0.1  # s between two poses of the projection

@@ -9,11 +9,9 @@ import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
-from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Floats
 from wheelchair_gym.compiled.kernel import inlined
-
-Floats = NDArray[np.float32]
 
 SIMD_WIDTH = 32  # beams that are compared at once
 

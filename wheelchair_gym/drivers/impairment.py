@@ -13,6 +13,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.address import Pointers
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.drivers.intention import NOTICED
@@ -34,8 +35,6 @@ from wheelchair_gym.random import DRIVERS as CHANNEL
 from wheelchair_gym.random import uniform
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.types import Stick
-
-Array = NDArray[np.float64]
 
 # Simulated people whose hand or interface differs from an expert's.
 IMPAIRMENTS: Final = (

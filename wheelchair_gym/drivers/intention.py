@@ -12,8 +12,8 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array, Floats
 from wheelchair_gym.compiled.address import doubles_at, integers_at, on_stack
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.compiled.simd import bits_of_float
@@ -32,10 +32,8 @@ from wheelchair_gym.drivers.state import (
 from wheelchair_gym.geometry import body_to_world, signed_clearance, signed_gap, world_to_body, wrap
 from wheelchair_gym.kinematics import arc_step, twist_of_action
 from wheelchair_gym.random import DRIVERS, normal, uniform
+from wheelchair_gym.sensors.laser import shown_range
 from wheelchair_gym.task.prepared_episode import geodesic_to_go, seconds_to_go
-
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
 
 # Indices of draws of a decision in the channel DRIVERS.
 LAPSE, LAPSE_TIME, MIND, WHERE, LOOKS = 100, 101, 102, 103, 104
@@ -73,17 +71,17 @@ def _see(p: Any, d: Any, scan: Floats) -> None:
         low, high = sector * n // min(SECTORS, n), (sector + 1) * n // min(SECTORS, n)
         nearest = none
         for k in range(np.uint64(low), np.uint64(high)):
-            bits = bits_of_float(scan[k])
-            bits = bits if scan[k] > np.float32(0.0) else none
+            bits = bits_of_float(shown_range(scan[k]))
             nearest = bits if bits < nearest else nearest
         if nearest == none:
             continue
         best = low
-        while bits_of_float(scan[best]) != nearest:
+        while bits_of_float(shown_range(scan[best])) != nearest:
             best += 1
+        r = shown_range(scan[best])
         angle = p.mount[2] + p.first + p.per_beam * best
-        x = p.mount[0] + scan[best] * math.cos(angle)
-        y = p.mount[1] + scan[best] * math.sin(angle)
+        x = p.mount[0] + r * math.cos(angle)
+        y = p.mount[1] + r * math.sin(angle)
         if not sees_all:
             side = math.atan2(y, x)
             if not -sight.right < side < sight.left:

@@ -10,17 +10,14 @@ import dataclasses
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array, Rows
 from wheelchair_gym.compiled.address import Target, pointer_record, prefetch, rows_of
 from wheelchair_gym.compiled.kernel import inlined
 from wheelchair_gym.config import InputError
 from wheelchair_gym.drivers.settings import INTERFACES, Driver, Hand, Intention, Perception
 from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.sensors.settings import SensorSettings
-
-Array = NDArray[np.float64]
-Rows = NDArray[np.void]
 
 TICK_RATE = 100.0  # Hz: of hand and interface, at least the control rate
 SECTORS = 64  # of the scan: of each, the nearest beam is seen

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array, Floats
 from wheelchair_gym.compiled.address import Pointers
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.drivers.intention import NEAR_GOAL, begin_intention, decide, notice_motion
@@ -28,9 +28,6 @@ from wheelchair_gym.random import uniform
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.task.prepared_episode import PreparedEpisode
 from wheelchair_gym.types import Stick
-
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
 
 WHO = 400  # index of the draw of who drives, in the channel of drivers; apart from all others
 

@@ -6,8 +6,8 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array, Floats, Mask, Rows
 from wheelchair_gym.assistance.step import (
     ASSISTANTS,
     assisted_action,
@@ -26,7 +26,7 @@ from wheelchair_gym.compiled.address import (
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined, kernel
 from wheelchair_gym.drivers.state import DRIVERS, prefetch_driver
 from wheelchair_gym.drivers.step import begin_driver, step_driver
-from wheelchair_gym.envs.results import Bytes, Columns, Flags, Floats, Rows, columns_of
+from wheelchair_gym.envs.results import Bytes, Columns, columns_of
 from wheelchair_gym.kinematics import twist_of_action
 from wheelchair_gym.physics.state import SENSED
 from wheelchair_gym.physics.step import CHAIRS, chair_row, prefetch_chair, reset_chair, step_chair
@@ -45,8 +45,6 @@ from wheelchair_gym.task.observations import take_stick
 from wheelchair_gym.task.prepared_episode import PREPARED
 from wheelchair_gym.task.records import TASK
 from wheelchair_gym.task.rewards import VERDICT, has_arrived
-
-Array = NDArray[np.float64]
 
 # What one thread steps rows of a batch with: chairs, their worlds and their tasks.
 BATCH, BATCH_TARGETS = pointer_record(
@@ -146,7 +144,7 @@ def begin_chair(i: int, batch: Any, rows: Columns, out: Floats) -> None:
 
 
 @borrowing_kernel
-def begin_chairs(batches: Rows, chosen: Flags, block: Bytes, out: Floats) -> None:
+def begin_chairs(batches: Rows, chosen: Mask, block: Bytes, out: Floats) -> None:
     """Begin the next episode of the chosen rows; see `step_chairs`."""
     batch = batches[0]
     rows = columns_of(block, batch.n)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.envs.settings import EnvSettings
 from wheelchair_gym.task.task import Task
 from wheelchair_gym.types import Episode, Truth
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
     from wheelchair_gym.rendering.picture import TopView
     from wheelchair_gym.rendering.video import Window
 
-Array = NDArray[np.float64]
 LONGEST_TRAIL = 20_000  # points: of a longer drive, the trail is thinned out
 
 

@@ -8,14 +8,12 @@ from importlib import import_module
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import InputError, load, setting, settings
 from wheelchair_gym.maps import FREE, OccupancyGrid
 from wheelchair_gym.maps.cost_to_go import CostToGo, CostToGoSettings, cost_to_go
 from wheelchair_gym.task.task import Guidance, Task
-
-Array = NDArray[np.float64]
 
 GOAL_DEPTH = 0.5  # share of the tolerance within which routes end
 # Of a degraded map [m]: the radius of a forgotten patch, the distance round start and goal within

@@ -5,9 +5,7 @@ from __future__ import annotations
 from operator import itemgetter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from wheelchair_gym.arrays import Mask
 from wheelchair_gym.task.rewards import TERMS, Verdict
 from wheelchair_gym.types import Reading, Truth
 
@@ -15,7 +13,6 @@ if TYPE_CHECKING:
     from wheelchair_gym.envs.results import Columns
     from wheelchair_gym.safety.shield import Decision
 
-Flags = NDArray[np.bool_]
 
 SOURCES: dict[str, tuple[str, ...]] = {
     "truth": Truth._fields,
@@ -62,7 +59,12 @@ INFO_KEYS = (
     InfoKey("valid_beams", "verdict", "valid_beams", "finite ranges of the scan"),
     InfoKey("geodesic", "verdict", "geodesic", "shortest way from start to goal [m]"),
 )  # fmt: skip
-
+# Keys that tell which episode is driven.
+EPISODE_KEYS = {
+    "seed": "of the sequence of episodes: `reset(seed=...)` begins it again",
+    "episode_number": "among those of its seed, from 0",
+    "split": "stream of worlds that it is drawn from: train or test",
+}
 
 _FIELDS = [(source, field) for source, fields in SOURCES.items() for field in fields]
 _NAMES = tuple(key.name for key in INFO_KEYS)
@@ -98,11 +100,12 @@ def info_of_rows(columns: Columns, shielded: bool) -> dict[str, Any]:
     return _masked(values, mask)
 
 
-def _masked(values: dict[str, Any], mask: Flags) -> dict[str, Any]:
+def _masked(values: dict[str, Any], mask: Mask) -> dict[str, Any]:
     return values | {f"_{name}": mask for name in values}
 
 
 def info_table() -> str:
     """All keys as a table in Markdown."""
-    rows = (f"| {key.name} | {key.meaning} |" for key in INFO_KEYS)
+    meanings = {key.name: key.meaning for key in INFO_KEYS} | EPISODE_KEYS
+    rows = (f"| {name} | {meaning} |" for name, meaning in meanings.items())
     return "\n    ".join(["| key | meaning |", "| --- | --- |", *rows])

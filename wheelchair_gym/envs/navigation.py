@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import io
+import secrets
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, cast
@@ -12,17 +13,20 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import InputError
 from wheelchair_gym.drivers import make_drivers
 from wheelchair_gym.drivers.step import Drivers
 from wheelchair_gym.envs.batch import is_unshielded
 from wheelchair_gym.envs.drawing import EpisodeRenderer
 from wheelchair_gym.envs.guidance import make_guidance
-from wheelchair_gym.envs.info import info_of, info_of_shield, info_table
+from wheelchair_gym.envs.info import EPISODE_KEYS, info_of, info_of_shield, info_table
 from wheelchair_gym.envs.one_chair import Pair, SimulatedSteps
 from wheelchair_gym.envs.settings import (
     EnvSettings,
     check_options,
+    check_seed,
+    check_split,
     env_settings,
     make_assistants,
     make_localizer,
@@ -32,7 +36,7 @@ from wheelchair_gym.geometry import to_world
 from wheelchair_gym.kinematics import numbers_of
 from wheelchair_gym.localization.localized_chair import LocalizedChair, unwrapped
 from wheelchair_gym.physics.chair import SimulatedChair
-from wheelchair_gym.random import episode_key
+from wheelchair_gym.random import SEEDS, Split, episode_key
 from wheelchair_gym.safety.settings import ShieldSettings
 from wheelchair_gym.safety.shield import Shield
 from wheelchair_gym.task.custom_reward import as_record, checked, make_reward
@@ -41,8 +45,6 @@ from wheelchair_gym.task.prepared_episode import PreparedEpisode
 from wheelchair_gym.task.rewards import reward_table
 from wheelchair_gym.task.task import Observation, Task
 from wheelchair_gym.types import Chair, Episode, Mission, Reading, Shown, Stick, check_reading
-
-Array = NDArray[np.float64]
 
 
 class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
@@ -72,10 +74,12 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
     {rewards}
 
     ## Start and end
-    A scene places walls, start and goal from the seed: episode k of seed s is always the same.
+    A scene places walls, start and goal from the seed: episode k of seed s is always the same in
+    each split.
     Terminated when the chair believes to be within 0.30 m of the goal (0.20 m if its pose is an
     estimate, which may err by 0.10 m), or when a bumper strip is pressed; truncated at the time
-    limit, 30 s + 3 x geodesic / 0.8 m/s.
+    limit, 30 s + 3 x geodesic / 0.8 m/s, which never comes with a termination. The limit of
+    `max_episode_steps` may, as that of Gymnasium's `TimeLimit`: then the episode has terminated.
 
     ## Info
     {info}
@@ -88,7 +92,11 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
     a copy by `pickle`. It opens its own window. What drives a real chair cannot be copied.
 
     ## Arguments
-    See `__init__`. Version 0: first release.
+    See `__init__`.
+
+    ## Versions
+    - v1: worlds are drawn for training, unless `split="test"` says otherwise.
+    - v0: worlds were those of the test split.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 10}  # noqa: RUF012
@@ -98,6 +106,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         scene: Any = None,
         config: str | Path | Mapping[str, Any] | EnvSettings | None = None,
         *,
+        split: Split = "train",
         chair: Chair | str | Mapping[str, Any] | None = None,
         person: Callable[[], Stick] | None = None,
         render_mode: str | None = None,
@@ -110,6 +119,8 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             config: JSON file, or its content, with any of the sections scene, rate, guidance,
                 bank, chair, sensors, physics, task, shield, hardware; the other arguments override
                 it.
+            split: the stream that worlds are drawn from: 'train', or 'test', on which policies are
+                judged. On a map from a file, the splits differ in start and goal only.
             chair: drives instead of the simulated chair; or names a real one, such as
                 'ros://HOST:PORT' or 'hardware' (see `hardware.registry`).
             person: reads the stick of a real person who drives, after each reading; actions are
@@ -143,11 +154,12 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
                 - render_width, render_height: of every frame [pixels]; even.
 
         Raises:
-            InputError: an argument or a setting is unknown or out of bounds.
+            InputError: an argument or a setting is out of bounds.
+            ArgumentError: an argument is unknown.
         """
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise InputError(f"render_mode is {render_mode!r}; expected human, rgb_array or None")
-        also = "chair", "person", "render_mode"
+        also = "split", "chair", "person", "render_mode"
         self.settings = s = env_settings(config, also=also, scene=scene, **settings)
         if chair is not None and s.unshielded > 0.0:
             raise InputError(
@@ -186,15 +198,18 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             self.shield = Shield(s.shield, s.chair, s.sensors, 1.0 / s.rate)
             # A person who re-arms a real chair re-arms its shield, too.
             getattr(unwrapped(self.chair), "on_rearm", []).append(self.shield.rearm)
-        self.worlds = WorldBank(s, self.task)
+        self.split = check_split(split)
+        self.worlds = WorldBank(s, self.task, self.split)
         self.observation_space = cast("gym.Space[Observation]", self.task.space)
         self.action_space = gym.spaces.Box(-1.0, 1.0, (2,), np.float32)
         self.render_mode = render_mode
-        self.metadata = {**self.metadata, "render_fps": round(s.rate)}
+        self.metadata = {**self.metadata, "render_fps": s.rate}
         self.episode: Episode | None = None
         self._prepared: PreparedEpisode | None = None
+        super().reset(seed=secrets.randbits(48))  # for a first reset without a seed
         self._seed: int | None = None
         self._count = 0  # episodes of the present seed
+        self.episode_info: dict[str, Any] = {}  # which episode is driven, by key of `info`
         self._running = False
         self._steps: SimulatedSteps | None = None
         if type(self.chair) is SimulatedChair and person is None:
@@ -211,19 +226,22 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         """Begin an episode: number 0 of a seed, or the next one of the present seed.
 
         Args:
-            seed: starts the sequence of episodes of this seed.
+            seed: starts the sequence of episodes of this seed. Without any, the first reset draws
+                one at random, which `info` and `np_random_seed` tell.
             options: {"episode": Episode} drives in this world instead of the scene's.
 
         Raises:
-            InputError: another option is given, or no Episode.
+            InputError: the seed is no integer or out of bounds, another option is given, or no
+                Episode.
         """
         given: Episode | None = check_options(options, "episode")
         if given is not None and not isinstance(given, Episode):
             raise InputError(f"options: episode is {given!r}; expected an Episode")
-        super().reset(seed=seed)
+        super().reset(seed=None if seed is None else check_seed(seed))
         if seed is not None or self._seed is None:
-            drawn = int(self.np_random.integers(2**32)) if seed is None else seed
-            self._seed, self._count = drawn, 0
+            self._seed, self._count = self.np_random_seed, 0
+            if self._seed < 0:  # a generator was set in place of a seed
+                self._seed = int(self.np_random.integers(SEEDS))
         else:
             self._count += 1
         if given is None:
@@ -232,7 +250,8 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         elif self._prepared is None or given is not self._prepared.episode:
             self._prepared = self.worlds.prepare(given)
         self.episode = self._prepared.episode
-        key = episode_key(self._seed, self._count)
+        told = self._seed, self._count, self.split
+        self.episode_info, key = dict(zip(EPISODE_KEYS, told, strict=True)), episode_key(*told)
         if self.shield is not None:
             self.shield.reset()
         reading = self.chair.reset(self.episode, key)
@@ -249,7 +268,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         self._running = True
         self._drawing.begin()
         self.show(Shown())
-        info = self._info()
+        info = self._info() | self.episode_info
         if self.shield is not None:
             info["shield"] = info_of_shield(self.shield.decision)
         self._drawing.follow(info["pose"])
@@ -284,6 +303,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         observation, reward, terminated, truncated, info = step(
             (a_v, a_w), (v, w), stop, (asked_v - v, asked_w - w)
         )
+        info |= self.episode_info
         self._running = not (terminated or truncated)
         self._assist()
         if shield is not None:
@@ -349,12 +369,6 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             return frame
         self._drawing.show(frame)
         return None
-
-    @property
-    def seed_and_number(self) -> tuple[int, int]:
-        """The seed of the present episode, and its number among those of that seed."""
-        assert self._seed is not None  # after reset
-        return self._seed, self._count
 
     @property
     def mission(self) -> Mission:

@@ -15,6 +15,7 @@ from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Floats, Mask, Rows
 from wheelchair_gym.compiled.address import data_of, flags_at, rows_of
 from wheelchair_gym.compiled.kernel import inlined
 from wheelchair_gym.envs.info import info_of_rows
@@ -23,10 +24,7 @@ from wheelchair_gym.safety.state import DECISION, REASONS
 from wheelchair_gym.task.rewards import VERDICT
 from wheelchair_gym.task.task import Observation, Task
 
-Floats = NDArray[np.float32]
-Flags = NDArray[np.bool_]
 Bytes = NDArray[np.uint8]
-Rows = NDArray[np.void]
 
 _REASONS = np.array(REASONS)
 _TRIED = 3  # results that are looked at before new ones are made
@@ -44,9 +42,9 @@ class Columns(NamedTuple):
     sensed: Rows  # (n,) of SENSED
     verdicts: Rows  # (n,) of VERDICT
     decisions: Rows  # (n,) of DECISION; without shields they are arbitrary
-    success: Flags  # (n,) at the goal by truth, and nothing was touched
-    begun: Flags  # (n,) an episode began in this step
-    mask: Flags  # (n,) the row has an info
+    success: Mask  # (n,) at the goal by truth, and nothing was touched
+    begun: Mask  # (n,) an episode began in this step
+    mask: Mask  # (n,) the row has an info
 
 
 _sensed_at, _verdicts_at, _decisions_at = map(rows_of, (SENSED, VERDICT, DECISION))

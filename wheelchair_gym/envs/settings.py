@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from numbers import Integral
 from os import PathLike, fspath
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
@@ -16,12 +16,13 @@ from wheelchair_gym.assistance import COMPILED, make_compiled
 from wheelchair_gym.assistance.step import Assistants
 from wheelchair_gym.config import InputError, dump, load, read, setting, settings, suggest
 from wheelchair_gym.drivers import drivers_spec, make_drivers
-from wheelchair_gym.errors import shorten
+from wheelchair_gym.errors import ArgumentError, shorten
 from wheelchair_gym.hardware.settings import HardwareSettings
 from wheelchair_gym.localization.localized_chair import Localizer
 from wheelchair_gym.localization.monte_carlo import LocalizationSettings, MonteCarloLocalizer
 from wheelchair_gym.localization.slam import Slam, SlamSettings
 from wheelchair_gym.physics.settings import ChairSettings, PhysicsSettings
+from wheelchair_gym.random import SEEDS, Split
 from wheelchair_gym.safety.settings import ShieldSettings
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.task.settings import TaskSettings
@@ -35,7 +36,7 @@ class BankSettings:
     """Number of worlds that an episode draws from; 0: every episode has its own world."""
     turnover: float = setting(default=0.1, low=0.0, high=1000.0, source="design choice")
     """Worlds that are replaced per episode of an environment."""
-    seed: int = setting(default=0, low=0, source="design choice")
+    seed: int = setting(default=0, low=0, high=SEEDS - 1, source="design choice")
     """Seed of the worlds."""
     cache: str | None = setting(default=None, source="design choice")
     """Folder that keeps worlds with their guidance from run to run; none: nothing is kept."""
@@ -159,6 +160,7 @@ def env_settings(
 
     Raises:
         InputError: the file or a value is wrong.
+        ArgumentError: a change is unknown.
     """
     if config is None:
         base = EnvSettings()
@@ -174,8 +176,9 @@ def env_settings(
     if unknown:
         known = _ARGUMENTS[0], "config", *_ARGUMENTS[1:], *_PLACES, *also
         near = suggest(unknown[0], known)
-        raise InputError(
-            f"{', '.join(unknown)}: not an argument of this env; it has {', '.join(known)}{near}"
+        raise ArgumentError(
+            f"the environment got an unexpected keyword argument {', '.join(map(repr, unknown))}; "
+            f"it has {', '.join(known)}{near}"
         )
     given = {name: value for name, value in changes.items() if value is not None}
     if isinstance(given.get("bank"), Integral):
@@ -229,6 +232,30 @@ def _warn_of_mounts(config: EnvSettings) -> None:
             "sensors.ultrasonic.mounted",
             stacklevel=3,
         )
+
+
+def check_seed(seed: Any, name: str = "seed") -> int:
+    """Return a seed as a plain integer.
+
+    Raises:
+        InputError: it is no integer, or out of bounds.
+    """
+    found = int(seed) if isinstance(seed, Integral) and not isinstance(seed, bool) else -1
+    if not 0 <= found < SEEDS:
+        raise InputError(f"{name} is {shorten(seed)}; expected an integer from 0 to 2**63 - 1")
+    return found
+
+
+def check_split(split: Any) -> Split:
+    """Return a split of worlds as it is.
+
+    Raises:
+        InputError: there is none of this name.
+    """
+    if split not in get_args(Split):
+        raise InputError(f"split is {shorten(split)}; expected {' or '.join(get_args(Split))}")
+    found: Split = split
+    return found
 
 
 def check_options(options: Mapping[str, Any] | None, known: str) -> Any:

@@ -5,20 +5,24 @@ Returned arrays are never overwritten while a caller holds them (`results`).
 
 from __future__ import annotations
 
+import secrets
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from itertools import pairwise
+from numbers import Integral
 from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 import numba
 import numpy as np
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array, Mask
 from wheelchair_gym.compiled.address import Pointers
 from wheelchair_gym.config import InputError
 from wheelchair_gym.drivers import make_drivers
@@ -26,11 +30,20 @@ from wheelchair_gym.drivers.step import Drivers
 from wheelchair_gym.envs.batch import BATCH, BATCH_TARGETS, begin_chairs, step_chairs
 from wheelchair_gym.envs.drawing import EpisodeRenderer
 from wheelchair_gym.envs.guidance import make_guidance
+from wheelchair_gym.envs.info import EPISODE_KEYS
 from wheelchair_gym.envs.results import ROW_SIZE, ResultPool, Results
-from wheelchair_gym.envs.settings import EnvSettings, check_options, env_settings, make_assistants
+from wheelchair_gym.envs.settings import (
+    EnvSettings,
+    check_options,
+    check_seed,
+    check_split,
+    env_settings,
+    make_assistants,
+)
 from wheelchair_gym.envs.world_banks import WorldBank
+from wheelchair_gym.errors import shorten
 from wheelchair_gym.physics.chairs import SimulatedChairs, size_workspace
-from wheelchair_gym.random import episode_key
+from wheelchair_gym.random import Split, episode_key
 from wheelchair_gym.safety.shield import SHIELDS, point_to_shields
 from wheelchair_gym.safety.state import SHIELD, ShieldConstants
 from wheelchair_gym.task.custom_reward import compiled_rewards, make_reward
@@ -39,15 +52,11 @@ from wheelchair_gym.task.records import PROGRESS
 from wheelchair_gym.task.task import Observation, Task
 from wheelchair_gym.tracking.state import TRACKER
 
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-
-
 Info = dict[str, Any]
 
 _BLOCKS_A_THREAD = 8  # some chairs take longer than others
 _ROWS_A_THREAD = 64  # fewer take less time than a second thread needs to wake up
-_ALSO = ("num_envs", "autoreset_mode", "num_threads", "render_mode")  # arguments
+_ALSO = ("num_envs", "split", "autoreset_mode", "num_threads", "render_mode")  # arguments
 _CORES: int = vars(numba.config)["NUMBA_NUM_THREADS"]  # that this process may use
 
 
@@ -62,8 +71,10 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
     does, to the bit.
 
     Args:
-        num_envs: how many.
+        num_envs: number of chairs.
+        scene: as of the single env.
         config: as of the single env.
+        split: as of the single env.
         autoreset_mode: NEXT_STEP, SAME_STEP or DISABLED.
         num_threads: that share the work; None: as many as are of use.
         render_mode: 'rgb_array': `render` gives a picture of each row; or None.
@@ -76,8 +87,10 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
     def __init__(
         self,
         num_envs: int = 1,
+        scene: Any = None,
         config: str | Path | Mapping[str, Any] | EnvSettings | None = None,
         *,
+        split: Split = "train",
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         num_threads: int | None = None,
         render_mode: str | None = None,
@@ -93,7 +106,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         mode = modes.get(str(getattr(autoreset_mode, "value", autoreset_mode)))
         if mode is None:
             raise InputError(f"autoreset_mode is {autoreset_mode}; expected {' or '.join(modes)}")
-        self.settings = s = env_settings(config, also=_ALSO, **settings)
+        self.settings = s = env_settings(config, also=_ALSO, scene=scene, **settings)
         if s.sensors.localizes:
             raise InputError(
                 f"sensors.pose_source is {s.sensors.pose_source!r}; expected truth, odometry or "
@@ -101,8 +114,9 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
                 "gymnasium.vector.AsyncVectorEnv"
             )
         self.num_envs = n = num_envs
+        self.split, self.autoreset_mode = check_split(split), mode
         self.metadata = {
-            "autoreset_mode": mode, "render_modes": ["rgb_array"], "render_fps": round(s.rate)
+            "autoreset_mode": mode, "render_modes": ["rgb_array"], "render_fps": s.rate
         }  # fmt: skip
         self.render_mode = render_mode
         self._drawings = [EpisodeRenderer(s) for _ in range(n if render_mode else 0)]
@@ -111,7 +125,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         self.drivers = Drivers(people, s.chair, s.sensors, 1.0 / s.rate, n)
         self.assistants = make_assistants(s, n, bool(people))
         self.task = Task(s.task, s.chair, s.sensors, 1.0 / s.rate, guidance, s.shield, bool(people))
-        self.worlds = WorldBank(s, self.task)
+        self.worlds = WorldBank(s, self.task, self.split)
         self._reward = make_reward(s.reward)
         self.single_observation_space = self.task.space
         self.single_action_space = gym.spaces.Box(-1.0, 1.0, (2,), np.float32)
@@ -131,8 +145,11 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         self._over = np.zeros(n, np.bool_)
         self._held: list[PreparedEpisode | None] = [None] * n  # driven now
         self._next: list[PreparedEpisode | None] = [None] * n
-        self._seeds = [0] * n
+        # Of rows that no seed is given for.
+        self._seeds = secrets.randbits(48) + np.arange(n, dtype=np.int64)
         self._counts = np.zeros(n, np.int64)  # episodes begun of the present seeds
+        self._episodes: dict[str, NDArray[Any]] = {}  # which ones rows drive, by key of infos
+        self._spec: EnvSpec | None = None
         self._bind()
 
     def _bind(self) -> None:
@@ -170,7 +187,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
                 self._prepared[i] = now.record[0]
                 self._make_workspace(now.columns)
             if following is not None:
-                self._keys[i] = episode_key(self._seeds[i], int(self._counts[i]))
+                self._keys[i] = episode_key(int(self._seeds[i]), int(self._counts[i]), self.split)
                 self._make_ready(i, following)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -201,42 +218,73 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         """Begin an episode in every row, or in those of a mask.
 
         Args:
-            seed: row i takes up the sequence of seed + i; a list names the seed of each row.
+            seed: row i takes up the sequence of seed + i; a list names the seed of each row. A row
+                without a seed (None) begins the next episode of its sequence, and at first a
+                sequence of its own that is drawn at random.
             options: {"reset_mask": (n,) bool} leaves the other rows as they are.
 
         Raises:
-            InputError: the seeds or the mask are not as many as the rows, or another option is
-                given.
+            InputError: a seed is no integer or out of bounds, the seeds or the mask are not as
+                many as the rows, or another option is given.
         """
         n = self.num_envs
         mask = check_options(options, "reset_mask")
         if mask is not None and (np.shape(mask) != (n,) or np.asarray(mask).dtype != np.bool_):
             raise InputError(f"options: reset_mask is {mask!r}; expected ({n},) bool")
-        super().reset(seed=seed if isinstance(seed, int) else None)
-        if seed is None and self._last is None:
-            seed = int(self.np_random.integers(2**32))
-        seeds = [seed + i for i in range(n)] if isinstance(seed, int) else seed
-        if seeds is not None and len(seeds) != n:
-            raise InputError(f"{len(seeds)} seeds were given for {n} environments")
-        chosen = np.ones(n, np.bool_)
-        if mask is not None:
-            chosen = np.asarray(mask, np.bool_)
+        seeds = self._seeds_of_rows(seed)
+        chosen = np.ones(n, np.bool_) if mask is None else np.asarray(mask, np.bool_)
+        if self._last is None and not chosen.all():
+            raise gym.error.ResetNeeded("the first reset() must be of every row")
+        super().reset(seed=seeds[0] if isinstance(seed, Integral) else None)
         for i in np.flatnonzero(chosen).tolist():
-            given = None if seeds is None else seeds[i]
+            given = seeds[i]
             if given is not None:
                 self._seeds[i], self._counts[i] = given, 0
+            if given is not None or self._next[i] is None:
                 self._draw(i)
         results = self._results.take()
         if self._last is not None:  # the rows that go on keep what they saw
             results.block[:], results.out[:] = self._last.block, self._last.out
-        elif not chosen.all():
-            raise gym.error.ResetNeeded("the first reset() must be of every row")
+        self._check_filled(chosen)
         begin_chairs(self._batches[0].record, chosen, results.block, results.out)
         self._draw_next(np.flatnonzero(chosen))
         self._last = results
         if self._drawings:
             self._follow(chosen)
-        return results.observation(), results.info()
+        return results.observation(), self._infos(results)
+
+    def _seeds_of_rows(self, seed: Any) -> list[int | None]:
+        """Return the seed that is given for each row, or None."""
+        n = self.num_envs
+        if seed is None:
+            return [None] * n
+        if isinstance(seed, Integral):
+            first = check_seed(seed)
+            check_seed(first + n - 1, f"seed of row {n - 1}")
+            return [first + i for i in range(n)]
+        if not isinstance(seed, Sequence) and np.ndim(seed) != 1:
+            raise InputError(
+                f"seed is {shorten(seed)}; expected an integer, a list of one for each row, or None"
+            )
+        if len(seed) != n:
+            raise InputError(f"{len(seed)} seeds were given for {n} environments")
+        return [None if s is None else check_seed(s, f"seed[{i}]") for i, s in enumerate(seed)]
+
+    def _check_filled(self, chosen: Mask) -> None:
+        """Refuse to begin an episode of a row for which none could be drawn."""
+        empty = np.flatnonzero(chosen & ~self._next_prepared["is_filled"]).tolist()
+        if empty:
+            raise gym.error.ResetNeeded(f"rows {empty} have no next episode; call reset()")
+
+    @property
+    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
+        """The seed of each row; `reset` with them begins the same episodes again."""
+        return tuple(self._seeds.tolist())
+
+    def _infos(self, results: Results) -> dict[str, Any]:
+        """Return infos of results, and which episodes they are of."""
+        mask = results.columns.mask
+        return results.info() | self._episodes | {f"_{name}": mask for name in EPISODE_KEYS}
 
     def step(
         self, actions: Any
@@ -256,10 +304,11 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         chosen = np.array(actions, np.float64, order="C")
         if chosen.shape != (n, 2):
             raise self._wrong(chosen)
-        mode = self.metadata["autoreset_mode"]
+        mode = self.autoreset_mode
         if mode is AutoresetMode.DISABLED and self._over.any():
             over = np.flatnonzero(self._over).tolist()
             raise gym.error.ResetNeeded(f"rows {over} are over; reset them with reset_mask")
+        self._check_filled(np.ones(n, np.bool_))
         same_step = mode is AutoresetMode.SAME_STEP
         results = finals = self._results.take()
         if same_step:
@@ -274,35 +323,47 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         verdicts, rows = results.columns.verdicts, results.columns.begun
         rewards: Array = verdicts["reward"].copy()
         terminated, truncated = verdicts["terminated"].copy(), verdicts["truncated"].copy()
-        infos = results.info()
         if self._write_rewards is not None:
             self._replace_rewards(rewards, results, chosen, ~rows)
         self._last = results
+        more: Info = {}
+        if begun and same_step:
+            self._spare, ends = None, finals.columns.verdicts[rows]
+            rewards[rows] = ends["reward"]
+            terminated[rows], truncated[rows] = ends["terminated"], ends["truncated"]
+            if self._write_rewards is not None:
+                self._replace_rewards(rewards, finals, chosen, rows)
+            more = {"final_obs": finals.observation(), "final_info": self._infos(finals)}
+            more |= {"_final_obs": rows, "_final_info": rows}
         if begun:
             self._draw_next(np.flatnonzero(rows))
-            if same_step:
-                self._spare, ends = None, finals.columns.verdicts[rows]
-                rewards[rows] = ends["reward"]
-                terminated[rows], truncated[rows] = ends["terminated"], ends["truncated"]
-                if self._write_rewards is not None:
-                    self._replace_rewards(rewards, finals, chosen, rows)
-                infos["final_obs"], infos["final_info"] = finals.observation(), finals.info()
-                infos["_final_obs"] = infos["_final_info"] = rows
         if self._drawings:
             self._follow(rows)
+        infos = self._infos(results) | more
         return results.observation(), rewards, terminated, truncated, infos
 
     def _wrong(self, actions: Array) -> InputError:
         n = self.num_envs
         return InputError(f"actions have shape {actions.shape}; expected finite ({n}, 2)")
 
-    def _follow(self, begun: Flags) -> None:
+    def _follow(self, begun: Mask) -> None:
         """Keep the trails that pictures show; of rows that began an episode, new ones."""
         assert self._last is not None
         for i, drawing in enumerate(self._drawings):
             if begun[i]:
                 drawing.begin()
             drawing.follow(self._last.columns.sensed["true_pose"][i])
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """The spec that it was made by, whose arguments can be written as JSON."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        if spec is not None and isinstance(spec.kwargs.get("autoreset_mode"), AutoresetMode):
+            spec.kwargs["autoreset_mode"] = spec.kwargs["autoreset_mode"].value
+        self._spec = spec
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """A picture of each row, RGB (render_height, render_width, 3); None without render_mode."""
@@ -349,7 +410,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         setattr(self, name, values)
 
     def _replace_rewards(
-        self, rewards: Array, results: Results, actions: Array, rows: Flags
+        self, rewards: Array, results: Results, actions: Array, rows: Mask
     ) -> None:
         """Write rewards (n,) by the function of the settings, of the rows that made a step."""
         assert self._write_rewards is not None
@@ -377,8 +438,8 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
 
     def _draw(self, i: int) -> None:
         """Draw row i's next episode, its key, and shapes for its walls."""
-        seed, count = self._seeds[i], int(self._counts[i])
-        self._keys[i] = key = episode_key(seed, count)
+        seed, count = int(self._seeds[i]), int(self._counts[i])
+        self._keys[i] = key = episode_key(seed, count, self.split)
         prepared = self._next[i] = self.worlds.episode(seed, count, key)
         self._make_ready(i, prepared)
 
@@ -399,7 +460,13 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         for i in rows.tolist():
             prepared = self._held[i] = self._next[i]
             self.chairs.episodes[i] = None if prepared is None else prepared.episode
-            self._counts[i] += 1
+            self._next[i] = None
+        self._counts[rows] += 1
+        self._next_prepared["is_filled"][rows] = False
+        split = np.full(self.num_envs, self.split)
+        episodes = self._seeds.copy(), self._counts - 1, split
+        self._episodes = dict(zip(EPISODE_KEYS, episodes, strict=True))
+        for i in rows.tolist():
             self._draw(i)
         self.worlds.drop_before(int(self._counts.min()))
 

@@ -19,14 +19,14 @@ import numpy as np
 from wheelchair_gym.config import InputError, dump
 from wheelchair_gym.envs.settings import EnvSettings
 from wheelchair_gym.files import atomic_write
-from wheelchair_gym.random import WORLDS, bits, episode_key
+from wheelchair_gym.random import WORLDS, Split, bits, episode_key, world_seed
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.scenes.poses import check_passable, check_start
 from wheelchair_gym.task.prepared_episode import PreparedEpisode
 from wheelchair_gym.task.task import Task
 from wheelchair_gym.types import Episode
 
-_BANK = 0x62616E6B  # apart from the worlds of single seeds, on which policies are tested
+_BANK = 0x62616E6B  # apart from the worlds of single seeds
 _LEAST_TIME = 1.0  # s: least plan time from the start to the goal, where starts are drawn
 _SLACK = 1 / 32  # share of a bank that is kept beyond its size, for rows that fall behind
 
@@ -37,12 +37,14 @@ class WorldBank:
     Args:
         settings: scene and bank.
         task: makes episodes ready to be driven.
+        split: the stream that worlds are drawn from.
 
     Raises:
         InputError: the scene is unknown, or what a folder is to keep has no name.
     """
 
-    def __init__(self, settings: EnvSettings, task: Task) -> None:
+    def __init__(self, settings: EnvSettings, task: Task, split: Split) -> None:
+        self._split: Split = split
         self._scene, self._task, self._bank = make_scene(settings.scene), task, settings.bank
         if settings.starts.max_time > 0.0 and not task.has_poses:
             raise InputError("starts.max_time needs the guidance 'poses', which knows the time")
@@ -51,14 +53,14 @@ class WorldBank:
         self._lowest = 0
         self._folder: Path | None = None
         if settings.bank.cache is not None:
-            self._folder = Path(settings.bank.cache) / _identity(settings)
+            self._folder = Path(settings.bank.cache) / _identity(settings, split)
 
     def __len__(self) -> int:
         return len(self._made)
 
     def episode(self, seed: int, episode: int, key: int | None = None) -> PreparedEpisode:
         """The prepared episode of a seed and a number, at its start; its key, where it is known."""
-        key = episode_key(seed, episode) if key is None else key
+        key = episode_key(seed, episode, self._split) if key is None else key
         prepared = self._prepared(seed, episode, key)
         if self.max_time > 0.0 and prepared.cost_to_go is not None:
             start = prepared.cost_to_go.sample(key, _LEAST_TIME, self.max_time)
@@ -136,7 +138,8 @@ class WorldBank:
         return prepared
 
     def _make(self, entropy: tuple[int, ...]) -> PreparedEpisode:
-        rng, footprint = np.random.default_rng(entropy), self._task.footprint
+        rng = np.random.default_rng(world_seed(self._split, *entropy))
+        footprint = self._task.footprint
         episode = self._scene.sample(rng, footprint)
         check_start(episode, footprint)
         prepared = self._task.prepare(episode)
@@ -152,12 +155,13 @@ _SEEN = (
 )  # fmt: skip
 
 
-def _identity(settings: EnvSettings) -> str:
+def _identity(settings: EnvSettings, split: Split) -> str:
     """A name for all that a bank's worlds depend on, this code included."""
     task = dump(settings.task)
     named = {
         "scene": dump(settings.scene),
         "guidance": dump(settings.guidance),
+        "split": split,
         "seed": settings.bank.seed,
         "task": {key: value for key, value in task.items() if key not in _SEEN},
         "footprint": dump(settings.chair.footprint),

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array, Rows
 from wheelchair_gym.compiled.second_process import compile_beside
 from wheelchair_gym.physics.chairs import SimulatedChairs, columns_of, size_workspace
 from wheelchair_gym.physics.settings import ChairSettings, PhysicsSettings
@@ -16,9 +17,6 @@ from wheelchair_gym.physics.step import reset_chair, step_chair
 from wheelchair_gym.physics.world import NO_POSES
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.types import Belief, Episode, Reading, Truth
-
-Array = NDArray[np.float64]
-Rows = NDArray[np.void]
 
 _STORE = 64  # records made at once
 

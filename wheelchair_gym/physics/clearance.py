@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array, Floats
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.geometry import (
     offsets_from_rectangle,
@@ -15,9 +15,6 @@ from wheelchair_gym.geometry import (
     world_to_body,
 )
 from wheelchair_gym.sensors.echoes import relative_endpoints
-
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
 
 _F = np.float32
 _ZERO, _TINY = _F(0.0), _F(1e-3)

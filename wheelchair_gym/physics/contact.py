@@ -16,9 +16,7 @@ from __future__ import annotations
 import math
 from typing import Any, Final
 
-import numpy as np
-from numpy.typing import NDArray
-
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.address import table_at
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.geometry import (
@@ -39,7 +37,6 @@ from wheelchair_gym.physics.actors.bodies import (
 from wheelchair_gym.physics.actors.records import PERSON
 from wheelchair_gym.physics.engine import FX, FY, VX, VY, body_view
 
-Array = NDArray[np.float64]
 Motion = tuple[float, float, float, float, float]  # x, y [m], vx, vy [m/s], w [rad/s]
 
 AT_FAULT_SPEED: Final = 0.05  # m/s: slower is no collision of the chair's making

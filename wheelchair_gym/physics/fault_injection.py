@@ -6,8 +6,8 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Floats
 from wheelchair_gym.compiled.address import floats_at
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.physics.state import FAULTS
@@ -15,8 +15,6 @@ from wheelchair_gym.random import FAULTS as CHANNEL
 from wheelchair_gym.random import uniform
 from wheelchair_gym.sensors.odometry import ODOMETRY
 from wheelchair_gym.sensors.scanners import scanner_at
-
-Floats = NDArray[np.float32]
 
 _KINDS = len(FAULTS) - 1
 _NAN = np.float32(np.nan)

@@ -9,8 +9,8 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array, Floats
 from wheelchair_gym.compiled.address import (
     Target,
     doubles_at,
@@ -51,9 +51,6 @@ from wheelchair_gym.physics.world import WORLD, enter_world, measure_clearance, 
 from wheelchair_gym.sensors.laser import WORKSPACE_ROWS, sense_laser
 from wheelchair_gym.sensors.odometry import update_odometry, update_pose_estimate
 from wheelchair_gym.sensors.ultrasonic import sense_ultrasonic
-
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
 
 _TOUCH = 1e-6  # N s: smaller impulses are rounding
 

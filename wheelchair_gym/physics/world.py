@@ -22,6 +22,7 @@ import numpy as np
 import pymunk
 from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array, Floats
 from wheelchair_gym.compiled.address import (
     Pointers,
     Target,
@@ -69,8 +70,6 @@ from wheelchair_gym.physics.engine import (
 from wheelchair_gym.sensors.settings import RANGERS
 from wheelchair_gym.types import Episode
 
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
 Integers = NDArray[np.int64]
 
 _PAIRS = Target("u8", None, 2)  # addresses of a cpBody and its cpShape

@@ -174,7 +174,7 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
         env = self._env
         episode = env.episode
         settings = {name: dump(getattr(env.settings, name)) for name in SETTINGS}
-        person, (seed, number) = env.drivers.driver, env.seed_and_number
+        person, (seed, number, split) = env.drivers.driver, env.episode_info.values()
         # Whole, so that it means the same in a later release.
         settings["driver"] = None if person is None else driver_spec(person)
         if not env.task.is_shielded:  # a share of episodes may be driven without
@@ -182,7 +182,7 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
         rows = episode.actors.rows
         actors = {"actors": rows, "actor_size": rows.itemsize, "routes": episode.actors.routes}
         self._labels = dict(env.labels)
-        drawn = {"seed": seed, "number": number, "labels": self._labels}
+        drawn = {"seed": seed, "number": number, "split": split, "labels": self._labels}
         values = vars(episode) | actors | drawn | {"settings": settings}
         self._out.write(EPISODE, values, path=self._guidance())
 

@@ -15,12 +15,14 @@ from wheelchair_gym.config import load
 from wheelchair_gym.drivers import DRIVERS
 from wheelchair_gym.envs import EnvSettings, NavigationEnv
 from wheelchair_gym.envs.guidance import is_built_in
+from wheelchair_gym.envs.settings import check_split
 from wheelchair_gym.errors import InputError, shorten
 from wheelchair_gym.files import parse_json, read_bytes
 from wheelchair_gym.localization.logs import SensorLog, log_of_poses
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.migration import migrated
 from wheelchair_gym.physics.actors.records import ACTOR, Actors
+from wheelchair_gym.random import Split
 from wheelchair_gym.recording.mcap_file import complete, is_cut, mcap_messages
 from wheelchair_gym.recording.read_bags import bag_log, bag_texts, is_bag
 from wheelchair_gym.recording.topics import (
@@ -60,6 +62,7 @@ class RecordedEpisode(NamedTuple):
     labels: Content  # who drove, by `NavigationEnv.labels`, at the beginning
     seed: int | None  # None: recorded before release 0.3
     number: int  # of the episode, of that seed
+    split: Split  # "test": also where a recording of an earlier release names none
     states: list[RecordedState]  # (n + 1,)
     actions: list[NDArray[Any]]  # (n,) of (2,)
     verdicts: list[Content]  # (n,) of reward, terms, terminated, truncated
@@ -216,10 +219,10 @@ def _read_episode(content: Content) -> RecordedEpisode:
     if "actors" in content and "actor_size" not in content:  # until release 0.2
         content["actors"] = widened_actors(content["actors"])
     # Recordings of the first release have no actors.
-    older = "actors", "routes", "actor_size", "seed", "number", "labels", "arrival"
+    older = "actors", "routes", "actor_size", "seed", "number", "split", "labels", "arrival"
     values = read_fields(FIELDS[EPISODE], content, *older)
     seed, number = values.pop("seed", None), values.pop("number", 0)
-    labels = values.pop("labels", {})
+    split, labels = check_split(values.pop("split", "test")), values.pop("labels", {})
     given, routes = values.pop("settings"), values.pop("routes", None)
     size = values.pop("actor_size", ACTOR.itemsize)
     if size != ACTOR.itemsize:
@@ -239,7 +242,9 @@ def _read_episode(content: Content) -> RecordedEpisode:
     ):  # a name may stand for code
         raise ValueError(f"driver is {shorten(driver)}")
     settings = load(EnvSettings, migrated(given), EPISODE)
-    return RecordedEpisode(settings, Episode(**values), path, labels, seed, number, [], [], [])
+    return RecordedEpisode(
+        settings, Episode(**values), path, labels, seed, number, split, [], [], []
+    )
 
 
 def _read_state(content: Content, before: Belief | None, sensors: SensorSettings) -> RecordedState:
@@ -297,7 +302,9 @@ def replay_env(recorded: RecordedEpisode, render_mode: str | None = None) -> Nav
     )
     chair = ReplayedChair(recorded.states)
     person = chair.stick if recorded.has_person else None
-    env = NavigationEnv(config=settings, chair=chair, person=person, render_mode=render_mode)
+    env = NavigationEnv(
+        config=settings, split=recorded.split, chair=chair, person=person, render_mode=render_mode
+    )
     env.labels = dict(recorded.labels)
     if recorded.settings.sensors.pose_source == "slam":
         env.task.built_map = chair.built_map

@@ -249,6 +249,7 @@ FIELDS: Final[dict[str, dict[str, Kind]]] = {
         "routes": numbers(-1, 2),
         "seed": _SCALARS[int],
         "number": _SCALARS[int],  # of the episode, of that seed
+        "split": TEXT,
         "labels": OBJECT,  # `NavigationEnv.labels`
     },
     READING: reading_fields(),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import os
 import sys
 from collections.abc import Iterable
@@ -110,7 +111,10 @@ def _write_mp4(path: Path, frames: Iterable[Image], rate: float, shape: tuple[in
 
 
 def _write_gif(path: Path, frames: Iterable[Image], rate: float) -> None:
-    every = list(frames)
+    # A GIF counts hundredths of a second; browsers slow down anything under two.
+    part_of = max(1, math.ceil(rate / 50.0))
+    every = list(frames)[::part_of]
+    ends = np.round(np.arange(len(every) + 1) * 100.0 * part_of / rate)
     # One palette for all: what stands still keeps its colours, and is stored once.
     some = np.concatenate(every[:: max(1, len(every) // 8)])
     palette = Pillow.fromarray(some).quantize(64)
@@ -119,10 +123,9 @@ def _write_gif(path: Path, frames: Iterable[Image], rate: float) -> None:
         for frame in every
     )
     with atomic_write(path) as part:
-        # A GIF counts hundredths of a second; browsers slow down anything under two.
         first.save(
             part, save_all=True, append_images=others, loop=0,
-            duration=max(20, round(100.0 / rate) * 10),
+            duration=(10 * np.diff(ends)).astype(int).tolist(),
         )  # fmt: skip
 
 

@@ -6,8 +6,8 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.address import on_stack, rows_of
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.compiled.simd import bits_of_double, double_of_bits
@@ -40,8 +40,6 @@ from wheelchair_gym.safety.state import (
     UNSEEN,
     set_motion,
 )
-
-Array = NDArray[np.float64]
 
 _nearby_at, _SIZE = rows_of(NEARBY), NEARBY.itemsize
 

@@ -10,8 +10,8 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array, Floats
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.compiled.simd import bits_of_float
 from wheelchair_gym.geometry import wrap
@@ -28,9 +28,6 @@ from wheelchair_gym.safety.state import (
     SONAR_SILENT,
 )
 from wheelchair_gym.sensors.scanners import scanner_at
-
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
 
 _FACTOR, _KEY = np.uint64(0x9E3779B97F4A7C15), np.uint32(0x9E3779B1)
 _INF = np.float32(np.inf)

@@ -10,8 +10,8 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Floats
 from wheelchair_gym.compiled.address import floats_at, on_stack
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.geometry import body_to_world, point_to_world, world_to_body
@@ -41,9 +41,6 @@ from wheelchair_gym.safety.state import (
 from wheelchair_gym.sensors.laser import LaserArrays
 from wheelchair_gym.sensors.scanners import scanner_at
 from wheelchair_gym.sensors.settings import SCANNERS
-
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
 
 _F = np.float32
 _PASSED = 2  # readings in which a scanner sees beyond a point before it is dropped

@@ -8,14 +8,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array, Floats
 from wheelchair_gym.compiled.address import on_stack, rows_of
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.geometry import point_to_world, world_to_body
 from wheelchair_gym.safety.state import BESIDE, CELL, CELLS, MARKS, Frame
 from wheelchair_gym.sensors.echoes import atan2_f32
 
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
 Numbers = NDArray[np.int32]
 
 # Workspace of a column: the beam that covers each cell, how far it sees and how far the cell is.

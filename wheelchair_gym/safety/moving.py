@@ -11,17 +11,13 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from wheelchair_gym.arrays import Floats
 from wheelchair_gym.compiled.address import on_stack, rows_of
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.geometry import world_to_body
 from wheelchair_gym.tracking.state import ACCELERATION_DENSITY, CONSTANTS, PERSON, STATIC_MAP
 from wheelchair_gym.tracking.tracker import place_variance, predict, reset
 from wheelchair_gym.tracking.tracker import update as update_tracks
-
-Floats = NDArray[np.float32]
 
 _constants_at, _maps_at = rows_of(CONSTANTS), rows_of(STATIC_MAP)
 _MAP_SIZE = STATIC_MAP.itemsize

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array, Floats
 from wheelchair_gym.compiled.address import floats_at, on_stack, rows_of
 from wheelchair_gym.compiled.kernel import as_int, borrowing_kernel, inlined
 from wheelchair_gym.geometry import point_to_world, world_to_body
@@ -50,8 +51,6 @@ from wheelchair_gym.safety.state import (
 from wheelchair_gym.sensors.echoes import atan2_f32
 from wheelchair_gym.sensors.laser import median3
 
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
 Bytes = NDArray[np.int8]
 
 _update_at, _SIZE = rows_of(UPDATE), UPDATE.itemsize

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array, Floats
 from wheelchair_gym.compiled.address import Pointers, Target, rows_of
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.physics.settings import ChairSettings
@@ -27,10 +28,6 @@ from wheelchair_gym.safety.settings import ShieldSettings
 from wheelchair_gym.safety.state import CONSTANTS, REASONS, SHIELD, ShieldConstants
 from wheelchair_gym.sensors.settings import RANGERS, SensorSettings
 from wheelchair_gym.types import Reading, check_reading
-
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
-
 
 _constants_at, _shields_at = rows_of(CONSTANTS), rows_of(SHIELD)
 # Rows of shields by address: a call takes a microsecond for each array.

@@ -12,8 +12,8 @@ from dataclasses import fields
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Rows
 from wheelchair_gym.compiled.address import Pointers, Target
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.config import InputError
@@ -26,8 +26,6 @@ from wheelchair_gym.sensors.scanners import SCANNER, scanner_pointers
 from wheelchair_gym.sensors.settings import RANGERS, SCANNERS, SensorSettings
 from wheelchair_gym.tracking.state import CONSTANTS as TRACKER_CONSTANTS
 from wheelchair_gym.tracking.state import TRACKER, TRACKS, TrackerConstants
-
-Rows = NDArray[np.void]
 
 # Why a twist was changed; those from LASER_SILENT on are faults and latch.
 REASONS: Final = ("", "obstacle", "moving", "unseen", *SHIELD_FAULTS)

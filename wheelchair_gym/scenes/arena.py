@@ -10,8 +10,9 @@ from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.files import check_cells
 from wheelchair_gym.geometry import Footprint, polygon_edges
@@ -20,7 +21,6 @@ from wheelchair_gym.scenes.poses import FOOTPRINT, check_ranges, is_free_pose
 from wheelchair_gym.scenes.raster import CELL, paint_discs, paint_polygon, to_cells
 from wheelchair_gym.types import Episode
 
-Array = NDArray[np.float64]
 Pose = tuple[float, float, float]
 
 WALL: Final = 0.10  # m: thickness of the wall round an arena

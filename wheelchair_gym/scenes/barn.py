@@ -14,6 +14,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.ndimage import label
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.errors import shorten
 from wheelchair_gym.files import check_cells, coordinate_lists, coordinates, modified, read_json
@@ -22,9 +23,6 @@ from wheelchair_gym.maps import OCCUPIED, OccupancyGrid, geodesic
 from wheelchair_gym.scenes.poses import FOOTPRINT
 from wheelchair_gym.scenes.raster import CELL, paint_discs, to_cells
 from wheelchair_gym.types import Episode
-
-Array = NDArray[np.float64]
-
 
 _CYLINDER = 0.075  # m: radius of BARN's; a cell of its grids is one's diameter
 _SIDE = 30  # cells of the cluttered square

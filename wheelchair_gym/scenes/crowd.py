@@ -7,8 +7,8 @@ import math
 from typing import ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.maps import OCCUPIED, OccupancyGrid, geodesic
@@ -36,8 +36,6 @@ from wheelchair_gym.scenes.people import (
 from wheelchair_gym.scenes.poses import FOOTPRINT, check_ranges, passing_radius
 from wheelchair_gym.scenes.raster import CELL
 from wheelchair_gym.types import Episode
-
-Array = NDArray[np.float64]
 
 _CLEAR = 1.05  # m round light furniture: the chair passes it on either side
 _START_FREE, _GOAL_FREE = 1.5, 1.1  # m about start and goal; the chair is 1.0 m long

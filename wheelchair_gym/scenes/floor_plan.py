@@ -8,6 +8,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import as_int, borrowing_kernel, kernel
 from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.geometry import Footprint, footprint_clearance
@@ -20,7 +21,6 @@ from wheelchair_gym.scenes.poses import FOOTPRINT, check_ranges, passing_radius
 from wheelchair_gym.scenes.raster import CELL, Rects, paint_discs, paint_polygon, paint_rects
 from wheelchair_gym.types import Episode
 
-Array = NDArray[np.float64]
 Cells = NDArray[np.int8]
 Field = NDArray[np.float32]
 

@@ -6,16 +6,13 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import as_int, borrowing_kernel, kernel
 from wheelchair_gym.geometry import body_to_world
 from wheelchair_gym.random import NumpyStream, numpy_integer, numpy_uniform
 from wheelchair_gym.scenes.layout import FloorLayout
 from wheelchair_gym.scenes.raster import CELL, RECT, Rects, cell_count, put
-
-Array = NDArray[np.float64]
-
 
 WALL, FREE, ROUND = range(3)  # where a piece stands: at a wall, or free in the room
 

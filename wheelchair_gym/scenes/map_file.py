@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.files import modified
 from wheelchair_gym.geometry import Footprint
@@ -18,7 +19,6 @@ from wheelchair_gym.maps import FREE, OccupancyGrid, geodesic, read_any_map
 from wheelchair_gym.scenes.poses import FOOTPRINT, is_free_pose, passing_radius
 from wheelchair_gym.types import Episode, no_discs
 
-Array = NDArray[np.float64]
 Pose = tuple[float, float, float]
 
 _TRIES = 200  # places drawn for one pose

@@ -10,14 +10,13 @@ from collections.abc import Callable
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.physics.actors.records import RADIUS
 from wheelchair_gym.scenes.arena import WALL, Arena, make_arena, poses_along
 from wheelchair_gym.scenes.raster import CELL
 
-Array = NDArray[np.float64]
 Range = tuple[float, float]
 
 _END = 2.5  # m from the ends of a corridor to the chair's start and goal

@@ -8,6 +8,7 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.geometry import to_world
 from wheelchair_gym.maps import FREE, OCCUPIED, Geodesic, OccupancyGrid, geodesic
@@ -34,8 +35,6 @@ from wheelchair_gym.physics.actors.records import (
 )
 from wheelchair_gym.scenes.passages import Passage
 from wheelchair_gym.scenes.poses import check_ranges
-
-Array = NDArray[np.float64]
 
 WALKING_RADIUS = RADIUS + 0.10  # m: people's routes keep this from walls
 _PLACES = 8  # where people are going to: each costs one geodesic

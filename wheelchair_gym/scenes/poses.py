@@ -4,16 +4,12 @@ from __future__ import annotations
 
 from typing import Final
 
-import numpy as np
-from numpy.typing import NDArray
-
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import InputError
 from wheelchair_gym.geometry import Footprint, footprint_clearance
 from wheelchair_gym.maps import bottleneck
 from wheelchair_gym.scenes.raster import CELL
 from wheelchair_gym.types import Episode
-
-Array = NDArray[np.float64]
 
 FOOTPRINT: Final = Footprint()  # of the default chair
 

@@ -17,8 +17,8 @@ import math
 from typing import Any, Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.scenes.arena import Arena, make_arena, poses_along
@@ -43,7 +43,6 @@ def _define_maps(scene: type[Any], count: int, doc: str) -> None:
         globals()[name] = settings(type(name, (scene,), fields))
 
 
-Array = NDArray[np.float64]
 Box = tuple[float, float, float, float]  # m: xmin, ymin, xmax, ymax
 Disc = tuple[float, float, float]  # m: x, y, radius
 Point = tuple[float, float]  # m

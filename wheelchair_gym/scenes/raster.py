@@ -8,9 +8,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 
-Array = NDArray[np.float64]
 Cells = NDArray[np.int8]
 Rects = NDArray[np.void]
 

@@ -16,8 +16,9 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import InputError, setting, settings, suggest
 from wheelchair_gym.geometry import Footprint, wrap
 from wheelchair_gym.physics.actors.records import combine, person
@@ -26,7 +27,6 @@ from wheelchair_gym.scenes.poses import FOOTPRINT
 from wheelchair_gym.scenes.raster import CELL
 from wheelchair_gym.types import Arrival, Episode
 
-Array = NDArray[np.float64]
 Pose = tuple[float, float, float]  # m, m, degrees
 Rect = tuple[float, float, float, float]  # m: xmin, ymin, xmax, ymax
 

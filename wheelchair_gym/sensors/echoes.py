@@ -8,13 +8,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array, Floats
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.geometry import body_to_world, world_to_body
-
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
 
 _F = np.float32
 _ZERO, _TINY = _F(0.0), _F(1e-30)

@@ -7,11 +7,9 @@ import math
 from typing import Final, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import InputError, setting, settings
-
-Array = NDArray[np.float64]
 
 RANGERS = 8  # most ultrasonics of a chair, and the width of what readings hold of them
 SCANNERS = 4  # most planar scanners of a chair

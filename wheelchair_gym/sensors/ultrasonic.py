@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array, Floats
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.geometry import body_to_world, point_to_world, world_to_body
 from wheelchair_gym.random import ULTRASONIC, normal, uniform
@@ -27,9 +28,6 @@ from wheelchair_gym.sensors.echoes import (
     relative_endpoints,
 )
 from wheelchair_gym.sensors.settings import UltrasonicSettings
-
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
 
 _DRAWS = 4  # numbers a firing uses
 _MARGIN = 1e-4  # m, and share of the cone: beyond what float32 errs by

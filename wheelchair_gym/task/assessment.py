@@ -5,9 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from wheelchair_gym.arrays import Array, Floats
 from wheelchair_gym.compiled.address import rows_of
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.task.observations import extend_trail, observe, reset_trail
@@ -15,9 +13,6 @@ from wheelchair_gym.task.prepared_episode import PREPARED, distance_to_go, geode
 from wheelchair_gym.task.records import PROGRESS, RULES
 from wheelchair_gym.task.rewards import has_arrived, write_no_terms, write_terms
 from wheelchair_gym.tracking.tracker import TRACKERS, reset_tracker, update_tracker
-
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
 
 _rules_at, _prepared_at, _progress_at = map(rows_of, (RULES, PREPARED, PROGRESS))
 _trackers_at = rows_of(TRACKERS)

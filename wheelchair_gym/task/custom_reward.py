@@ -19,15 +19,13 @@ from typing import Any, Final
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array, Rows
 from wheelchair_gym.errors import InputError, shorten
 from wheelchair_gym.physics.state import SENSED
 from wheelchair_gym.registry import Registry, is_place
 from wheelchair_gym.task.rewards import TERM_VALUES, VERDICT
 
-Array = NDArray[np.float64]
-Rows = NDArray[np.void]
 RewardFunction = Callable[[Any, Any, Array], float]
 
 # Names that other packages add; the project has none of its own.

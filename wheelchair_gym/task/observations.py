@@ -13,8 +13,9 @@ from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from wheelchair_gym.arrays import Array, Floats
 from wheelchair_gym.compiled.address import (
     doubles_at,
     floats_at,
@@ -30,9 +31,6 @@ from wheelchair_gym.task.prepared_episode import geodesic_to_go, seconds_to_go
 from wheelchair_gym.task.settings import TaskSettings
 from wheelchair_gym.task.side_clearance import CLEARANCE_MAX, fan_poses, side_clearance
 from wheelchair_gym.tracking.tracker import tracker_row
-
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
 
 GOAL_REACH = 100.0  # m: farther goals are observed at this distance
 PATH_REACH = 10.0  # m: points farther off than this on an axis are clipped

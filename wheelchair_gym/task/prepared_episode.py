@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.address import (
     Pointers,
     Target,
@@ -29,12 +30,11 @@ from wheelchair_gym.physics.actors.records import ACTOR
 from wheelchair_gym.physics.chairs import columns_of
 from wheelchair_gym.types import Episode
 
-Array = NDArray[np.float64]
-
 GOAL, PATH, FIELD, TIME = range(4)  # what progress is measured along
 AIMS = ("goal", "path", "field", "time")
 
 PREPARED, _TARGETS = pointer_record(
+    ("is_filled", "b1"),  # false: no episode; no kernel may receive the record
     ("walls", Target("f8", None, 4)),  # m
     ("discs", Target("f8", None, 3)),  # m
     ("n_walls", "i8"),
@@ -115,6 +115,7 @@ class PreparedEpisode:
             points = as_array(path[:, :2], np.float64, (None, 2), "path of the guidance", FARTHEST)
         pointers = Pointers(np.zeros(1, PREPARED), _TARGETS, constant=True)
         r: Any = pointers.record[0]
+        r["is_filled"] = True
         actors, field = episode.actors, geodesic.extended
         pointers.point("walls", episode.walls)
         pointers.point("discs", episode.discs)

@@ -10,17 +10,14 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array, Floats
 from wheelchair_gym.compiled.address import table_at
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.config import setting, setting_docs, settings
 from wheelchair_gym.geometry import wrap
 from wheelchair_gym.kinematics import twist_of_action
 from wheelchair_gym.task.side_clearance import proximity_speed
-
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
 
 _TUNED, _CHOICE = "tuned on training seeds", "design choice"
 

@@ -6,21 +6,18 @@ import math
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array, Floats
 from wheelchair_gym.compiled.address import doubles_at, floats_at, on_stack
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.compiled.simd import bits_of_double, double_of_bits
 from wheelchair_gym.geometry import offsets_from_rectangle, rectangle_point_gap, world_to_body
 from wheelchair_gym.kinematics import arc_step, corner_speed
-from wheelchair_gym.sensors.laser import median3
-
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
+from wheelchair_gym.sensors.laser import median3, shown_range
 
 CLEARANCE_MAX = 0.5  # m: larger clearances are observed as this
 NEAR = 0.2  # m from the outline, from which on proximity_speed counts
-_ZERO = np.float32(0.0)
+_NONE = np.float32(np.inf)
 _MORE = 1.0 + 1e-9  # beyond rounding
 BEYOND = 0.05  # m before and behind the outline that count as beside it
 
@@ -42,18 +39,18 @@ def fan_poses() -> Floats:
 def _find_points(scan: Floats, directions: Array, mount: Array, xs: Array, ys: Array) -> None:
     """Where a scan shows something [m], in the chair's frame: of each two beams, (beams / 2,).
 
-    The median of three neighbouring beams counts. Too near is -inf, no echo is inf, invalid NaN:
-    the place of none of them is finite.
+    The median of three neighbouring beams counts. What is too near (-inf) is at the laser; the
+    place is not finite where there is no echo (+inf) or none that is valid (NaN).
     """
     n = xs.shape[0]
     ranges = floats_at(on_stack(4 * n), n)
     for j in range(np.uint64(n)):
-        ranges[j] = median3(scan[2 * j], scan[2 * j + 1], scan[2 * j + 2])
+        ranges[j] = shown_range(median3(scan[2 * j], scan[2 * j + 1], scan[2 * j + 2]))
     mount_x, mount_y = mount[0], mount[1]
     for j in range(np.uint64(n)):
         r, i = ranges[j], 2 * j + np.uint64(1)
         x, y = mount_x + r * directions[i, 0], mount_y + r * directions[i, 1]
-        xs[j], ys[j] = x if r > _ZERO else math.inf, y if r > _ZERO else math.inf
+        xs[j], ys[j] = x if r < _NONE else math.inf, y if r < _NONE else math.inf
 
 
 @borrowing_kernel

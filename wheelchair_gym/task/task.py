@@ -8,8 +8,8 @@ from typing import Any, cast
 
 import gymnasium as gym
 import numpy as np
-from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array, Floats, Rows
 from wheelchair_gym.compiled.address import Pointers, as_array
 from wheelchair_gym.config import LARGEST_INTEGER, InputError
 from wheelchair_gym.maps import Geodesic, OccupancyGrid, geodesic
@@ -35,9 +35,6 @@ from wheelchair_gym.tracking.state import TRACKER, TrackerConstants
 from wheelchair_gym.tracking.tracker import TRACKERS, point_to_trackers
 from wheelchair_gym.types import Arrival, Episode, Reading, Stick
 
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
-Rows = NDArray[np.void]
 Observation = dict[str, Floats]
 # A path (n, 2) [m] from the start to the goal; or, if its attribute `poses` is true, the cost to
 # go of the chair's outline.

@@ -11,16 +11,13 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Floats, Rows
 from wheelchair_gym.compiled.address import field_at, floats_at, rows_of
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.geometry import point_to_world, world_to_body
 from wheelchair_gym.sensors.echoes import atan2_f32
 from wheelchair_gym.tracking.state import CLUSTERS, FRAMES, PERSON_WIDTH, SECTORS
-
-Floats = NDArray[np.float32]
-Rows = NDArray[np.void]
 
 _F, _INF = np.float32, np.float32(np.inf)
 OUT, HIDDEN, NEAR, HIT, PASSED = range(5)  # how a place looks in a scan

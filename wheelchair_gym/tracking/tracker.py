@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array, Floats, Rows
 from wheelchair_gym.compiled.address import Pointers, Target, on_stack, pointer_record, rows_of
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.geometry import wrap
@@ -56,10 +57,6 @@ from wheelchair_gym.tracking.state import (
     TrackerConstants,
     static_map_pointers,
 )
-
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
-Rows = NDArray[np.void]
 
 _GATE = 3.0  # standard deviations from a track to its cluster at most: 99 % of a Gaussian
 _FIRST_SPEED = 1.0  # m/s: deviation of a new track's speed along each axis; people walk at up to 2

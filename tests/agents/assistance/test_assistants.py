@@ -112,7 +112,7 @@ def test_it_slows_before_a_wall(name):
 @pytest.mark.parametrize("name", ASSISTANTS)
 def test_the_goal_never_reaches_it(name):
     """Twists are those of any other goal, by a policy that knows the mission."""
-    env = NavigationEnv("clutter", driver="expert", beams=64)
+    env = NavigationEnv("clutter", driver="expert", beams=64, split="test")
     env.reset(seed=1)
     mission, readings = env.mission, []
     for _ in range(15):
@@ -135,7 +135,7 @@ def test_nothing_but_the_bare_stick_goes_without_the_shield():
 
 def test_without_a_person_the_chair_stands():
     policy = make_policy("assisted")
-    env = NavigationEnv("clutter", beams=64)
+    env = NavigationEnv("clutter", beams=64, split="test")
     env.reset(seed=0)
     policy.reset(env.mission)
     assert not policy.act(env.reading).twist.any()
@@ -190,7 +190,7 @@ def test_a_drive_is_the_same_for_the_same_seed(name, driver):
     assert driver in DRIVERS
     runs = []
     for _ in range(2):
-        env = NavigationEnv("clutter", driver=driver, shield=is_shielded(name))
+        env = NavigationEnv("clutter", driver=driver, shield=is_shielded(name), split="test")
         policy = make_policy({"name": "assisted", "assist": name})
         env.reset(seed=4)
         policy.reset(env.mission)

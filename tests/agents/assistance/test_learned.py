@@ -43,7 +43,7 @@ def settings_of(**changes):
 @pytest.fixture(scope="module")
 def weights(tmp_path_factory):
     """Weights of a network that adds at random; an assistant that drives has to have some."""
-    env = NavigationEnv(config=settings_of())
+    env = NavigationEnv(config=settings_of(), split="test")
     layout, rng = Layout.of_task(env.task), np.random.default_rng(1)
     arrays = {
         "dense0.w": rng.normal(0.0, 0.1, (16, layout.actor_size)),
@@ -63,9 +63,9 @@ def flat_of(env, observation):
 
 def test_a_drive_is_that_of_the_training_environment(weights):
     """There the environment holds the base and the network gives residuals: equal to the bit."""
-    trained = NavigationEnv(config=settings_of())
+    trained = NavigationEnv(config=settings_of(), split="test")
     public = replace(trained.settings.task, privileged=False)
-    other = NavigationEnv(config=settings_of(assistant=None, task=public))
+    other = NavigationEnv(config=settings_of(assistant=None, task=public), split="test")
     network = Network(load_weights(weights))
     policy = GymPolicy(make_policy({"name": "assisted", "assist": weights}), other)
     interfaces, most = set(), 0.0
@@ -93,7 +93,7 @@ def test_a_batch_is_driven_as_by_the_network_in_it(weights):
         config = settings_of(driver="essential_tremor")
         if not by_network:  # it sees all beams
             config = replace(config, assistant=None, task=replace(config.task, beams=1081))
-        env = NavigationVectorEnv(3, num_threads=1, config=config)
+        env = NavigationVectorEnv(3, num_threads=1, config=config, split="test")
         network = Network(load_weights(weights))
         inside = lambda seen, info, begin: network(  # noqa: E731
             np.concatenate(list(seen.values()), axis=1)
@@ -105,7 +105,7 @@ def test_a_batch_is_driven_as_by_the_network_in_it(weights):
 
 def test_it_acts_as_often_as_in_training_and_lets_go_at_once(weights):
     assistant = make_assistant(weights)
-    env = NavigationEnv("clutter", driver="expert", rate=50.0, shield=True)
+    env = NavigationEnv("clutter", driver="expert", rate=50.0, shield=True, split="test")
     policy = make_policy({"name": "assisted", "assist": weights})
     env.reset(seed=1)
     policy.reset(env.mission)
@@ -118,7 +118,7 @@ def test_it_acts_as_often_as_in_training_and_lets_go_at_once(weights):
         before = now
         env.step(np.zeros(2))
     assert decisions == 10
-    slow = NavigationEnv("clutter", driver="expert", rate=12.5, shield=True)
+    slow = NavigationEnv("clutter", driver="expert", rate=12.5, shield=True, split="test")
     slow.reset(seed=1)
     with pytest.raises(InputError, match="acts at 5 Hz"):
         make_policy({"name": "assisted", "assist": weights}).reset(slow.mission)

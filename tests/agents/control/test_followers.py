@@ -207,6 +207,16 @@ def test_what_slips_out_of_sight_is_remembered():
     assert np.hypot(*(behind - (2.65, 0.5)).T).min() < 0.06
 
 
+def test_what_is_too_near_to_be_measured_stays_an_obstacle():
+    world = PaperWorld(corridor(width=2.0), (1.0, 0.0, 0.0), (7.0, 0.0, 0.0))
+    local_map, laser = LocalMap(world.mission), world.mission.sensors.laser
+    world.drive(np.zeros(2))
+    scan = np.where(np.abs(laser.angles) < 0.2, -np.inf, world.seen.laser)
+    local_map.update(world.seen._replace(laser=scan))
+    off = local_map.points[:, :2] - (laser.x + laser.range_min, 0.0)
+    assert np.hypot(*off.T).min() < 0.02
+
+
 @pytest.mark.filterwarnings("ignore:ultrasonics more than")
 @pytest.mark.parametrize("shield", [None, {"unseen_speed": 0.3, "stop_margin": 0.1}])
 @pytest.mark.parametrize(
@@ -220,7 +230,7 @@ def test_what_slips_out_of_sight_is_remembered():
 )
 def test_a_policy_is_slowed_as_the_shield_of_its_own_chair_would(chair, shield):
     """Where nobody has looked: backwards, and turning, at the start."""
-    env = NavigationEnv("empty", {"chair": chair}, shield=shield)
+    env = NavigationEnv("empty", {"chair": chair}, shield=shield, split="test")
     env.reset(seed=0)
     config, local_map = env.settings, LocalMap(env.mission)
     same = Shield(config.shield, config.chair, config.sensors, 1.0 / config.rate)

@@ -147,7 +147,7 @@ def test_a_batch_is_driven_the_same_by_an_assistant_outside_of_it():
     def poses(assistant):
         env = NavigationVectorEnv(
             2, scene="floor_plan", driver="novice", assistant=assistant, shield=True, num_threads=1,
-            pose_source="modelled", bank={"size": 2, "turnover": 0.0},
+            pose_source="modelled", bank={"size": 2, "turnover": 0.0}, split="test"
         )  # fmt: skip
         nothing = lambda seen, info, begin: np.zeros((2, 2))  # noqa: E731
         return poses_of(env, nothing if assistant else Helpers("slide", env).actions)

@@ -34,7 +34,7 @@ def trained(tmp_path_factory):
 def test_evaluation_lacks_what_only_the_critic_may_see(trained):
     """A trained policy drives an env of its defaults, whose observations have no such key."""
     _, folder = trained
-    env = NavigationEnv("clutter", pose_source="modelled")
+    env = NavigationEnv("clutter", pose_source="modelled", split="test")
     assert "privileged" not in env.observation_space.spaces
     policy = make_policy(str(folder / POLICY))
     record = drive_episode(env, policy, 0)
@@ -47,7 +47,7 @@ def test_a_driver_sees_and_acts_as_in_training(trained):
     """In the env that it was trained in, a driver does what the network does on the env's own."""
     run, folder = trained
     settings = {**ENV, "sensors": {**ENV["sensors"], "pose_source": "truth"}}
-    env = NavigationEnv(config=settings)
+    env = NavigationEnv(config=settings, split="test")
     observation, _ = env.reset(seed=4)
     policy = GymPolicy(make_policy(str(folder / POLICY)), env)
     network = Network(load_weights(folder / POLICY))
@@ -68,7 +68,9 @@ def test_a_driver_sees_the_tracks_that_it_saw_in_training(tmp_path):
     people = {"density": [0.3, 0.3]}
     hall = {"name": "crowd", "place": "hall", "hall_size": [8.0, 10.0], "people": people}
     sensors = {**ENV["sensors"], "pose_source": "truth"}
-    env = NavigationEnv(config={**ENV, "scene": hall, "sensors": sensors, "task": task})
+    env = NavigationEnv(
+        config={**ENV, "scene": hall, "sensors": sensors, "task": task}, split="test"
+    )
     driver, seen = make_policy(str(tmp_path / POLICY)), 0
     policy = GymPolicy(driver, env)
     for seed in range(3):
@@ -90,7 +92,7 @@ def test_a_driver_sees_what_was_driven_and_what_a_shield_withheld(trained):
     _, folder = trained
     settings = {**ENV, "sensors": {**ENV["sensors"], "pose_source": "truth"}, "shield": {},
                 "unshielded": 0.5, "task": {**ENV["task"], "time_base": 20.0}}  # fmt: skip
-    env = NavigationEnv(config=settings)
+    env = NavigationEnv(config=settings, split="test")
     policy = make_policy(str(folder / POLICY))
     most = {True: 0.0, False: 0.0}
     for seed in range(8):
@@ -112,7 +114,7 @@ def test_a_driver_sees_what_was_driven_and_what_a_shield_withheld(trained):
 
 def test_a_driver_is_told_what_was_withheld_in_all_the_time_since_it_acted(trained):
     _, folder = trained
-    env = NavigationEnv("clutter", shield=True)
+    env = NavigationEnv("clutter", shield=True, split="test")
     policy = make_policy(str(folder / POLICY))
     most = 0.0
     for seed in range(4):
@@ -135,7 +137,7 @@ def test_a_driver_is_told_what_was_withheld_in_all_the_time_since_it_acted(train
 
 def test_a_driver_holds_its_action_where_control_is_faster(trained):
     _, folder = trained
-    env = NavigationEnv("clutter", rate=10.0)
+    env = NavigationEnv("clutter", rate=10.0, split="test")
     observation, _ = env.reset(seed=0)
     policy = GymPolicy(make_policy({"name": str(folder / POLICY)}), env)
     policy.reset()
@@ -146,14 +148,14 @@ def test_a_driver_holds_its_action_where_control_is_faster(trained):
     actions = np.array(actions)
     assert np.array_equal(actions[::2], actions[1::2])
     assert len(np.unique(actions, axis=0)) == 4
-    env = NavigationEnv("clutter", rate=4.0)
+    env = NavigationEnv("clutter", rate=4.0, split="test")
     env.reset(seed=0)
     with pytest.raises(InputError, match=r"the policy acts at 5 Hz; a control period of 0.25 s"):
         policy.policy.reset(env.mission)
 
 
 def test_on_a_map_that_grows_the_way_leads_beyond_what_is_drawn():
-    env = NavigationEnv({"name": "floor_plan", "kind": "home"}, pose_source="slam")
+    env = NavigationEnv({"name": "floor_plan", "kind": "home"}, pose_source="slam", split="test")
     env.reset(seed=5)
     x0, y0, x1, y1 = env.task.map.bounds
     gx, gy = env.task.goal[:2]
@@ -166,7 +168,7 @@ def test_on_a_map_that_grows_the_way_leads_beyond_what_is_drawn():
 
 
 def test_on_a_map_that_grows_a_policy_remembers_where_it_has_been():
-    env = NavigationEnv({"name": "floor_plan", "kind": "home"}, pose_source="slam")
+    env = NavigationEnv({"name": "floor_plan", "kind": "home"}, pose_source="slam", split="test")
     observation, _ = env.reset(seed=1)
     policy = make_policy("ppo_goal")
     driver = GymPolicy(policy, env)
@@ -331,7 +333,7 @@ def test_an_exported_policy_drives_as_its_weights_do(trained, tmp_path, capsys):
     assert main(["export", f"{own}:mine", "--onnx", str(file)]) == 0
     actions = {}
     for name in (str(folder / POLICY), str(file)):
-        env = NavigationEnv(config={**ENV, "sensors": {"laser": {"beams": 48}}})
+        env = NavigationEnv(config={**ENV, "sensors": {"laser": {"beams": 48}}}, split="test")
         observation, _ = env.reset(seed=0)
         policy = GymPolicy(make_policy(name), env)
         policy.reset()
@@ -434,7 +436,9 @@ def test_a_chair_with_fewer_sensors_learns_and_drives(sensors, tmp_path):
     run = Run(config, 0, tmp_path / "run")
     run.learn()
     policy = make_policy(str(tmp_path / "run" / POLICY))
-    world = NavigationEnv("empty", config={"sensors": {**sensors, "pose_source": "modelled"}})
+    world = NavigationEnv(
+        "empty", config={"sensors": {**sensors, "pose_source": "modelled"}}, split="test"
+    )
     driver = GymPolicy(policy, world)
     observation, _ = world.reset(seed=0)
     driver.reset()
@@ -443,7 +447,7 @@ def test_a_chair_with_fewer_sensors_learns_and_drives(sensors, tmp_path):
 
 def test_a_chair_that_stays_at_a_place_backs_out_if_it_is_impatient(monkeypatch):
     monkeypatch.setattr("agents.policies.learned.BACKING", 1.0)
-    env = NavigationEnv("clutter", rate=5.0, pose_source="modelled")
+    env = NavigationEnv("clutter", rate=5.0, pose_source="modelled", split="test")
     env.reset(seed=0)
     first = env.mission.reading
     for patience in (0.0, 2.0):

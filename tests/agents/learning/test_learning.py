@@ -259,7 +259,8 @@ def test_a_teacher_tells_its_student_what_it_would_do_where_it_sees_the_way(trai
     guided = load_weights(trained[1] / POLICY)
     env = {**PRIVY, "task": {**PRIVY["task"], "hide_guidance": True}}
     tasks = [
-        NavigationVectorEnv(3, env_settings({**own, "starts": {}})).task for own in (PRIVY, env)
+        NavigationVectorEnv(3, config=env_settings({**own, "starts": {}})).task
+        for own in (PRIVY, env)
     ]
     shown, hidden = (
         Layout(tuple((key, box.shape[0]) for key, box in task.spaces.items()), True)
@@ -395,7 +396,7 @@ def test_rl_zoo_trains_the_same_id_with_settings_that_exist():
     """Keys of rl-zoo3's own apart, each is an argument of stable-baselines3's PPO."""
     content = yaml.safe_load((ROOT / "configs" / "rl_zoo3_ppo.yml").read_text())
     ((name, own),) = content.items()
-    assert gym.spec(name).id == "wheelchair_gym/GuidedNavigation-v0"
+    assert gym.spec(name).id == "wheelchair_gym/GuidedNavigation-v1"
     known = set(inspect.signature(PPO).parameters)
     assert set(own) - known == {"n_envs", "n_timesteps", "normalize", "callback"}
     assert own["callback"] == [{f"{SaveModel.__module__}.SaveModel": {"path": "runs/zoo.zip"}}]

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 from stable_baselines3 import PPO
 
+from agents.learning import curves
 from agents.learning.sb3 import SB3VecEnv
+from wheelchair_gym.config import InputError
 from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
 
 SETTINGS = {
@@ -57,6 +61,42 @@ def test_ends_of_episodes_are_told_as_single_envs_tell_them():
             assert np.array_equal(observations["laser"][i], observation["laser"])
     assert ends >= 6
     assert timeouts >= 1
+
+
+def test_a_crash_at_the_last_step_allowed_is_no_truncation():
+    """Otherwise a learner would count on what comes after the crash."""
+    single = NavigationEnv(scene="empty", beams=8)
+    single.reset(seed=5)
+    steps, over = 0, False
+    while not over:
+        _, _, over, truncated, info = single.step(np.array([1.0, 0.0]))
+        steps += 1
+        assert not truncated
+    assert info["bumped"]
+    many = SB3VecEnv(
+        NavigationVectorEnv(
+            1, "empty", beams=8, max_episode_steps=steps, autoreset_mode=AutoresetMode.SAME_STEP
+        )
+    )
+    many.seed(5)
+    many.reset()
+    sums = Counter()
+    for _ in range(steps):
+        _, _, dones, infos = many.step(np.array([[1.0, 0.0]]))
+        curves.count_episodes(sums, infos, dones)
+    assert dones.all()
+    assert infos[0]["TimeLimit.truncated"] is False
+    assert (sums["episodes"], sums["timeout"]) == (1, 0)
+
+
+def test_options_are_those_of_the_vector_environment():
+    many = chairs(2)
+    row = {"reset_mask": np.array([True, False])}
+    for options in ({"foo": 1}, [{"foo": 1}, {}], row):
+        many.set_options(options)
+        with pytest.raises(InputError, match=r"foo|same for all|reset_mask"):
+            many.reset()
+        many.reset()  # options are of one reset
 
 
 def test_ppo_learns_from_them():

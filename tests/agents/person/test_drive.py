@@ -56,7 +56,7 @@ class Ride:
         self.stick.source = source or chair
         chair.person, chair.assisted = self.stick.why, source is None
         self.env = gym.make(
-            "wheelchair_gym/Hardware-v0", config=config, chair=localized(chair, config),
+            "wheelchair_gym/Hardware-v1", config=config, chair=localized(chair, config),
             person=self.stick, shield=True, disable_env_checker=True,
         ).unwrapped  # fmt: skip
         self.env.labels = {"assistant": "slide", "interface": "board"}

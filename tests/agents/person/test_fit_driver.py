@@ -102,7 +102,7 @@ def test_a_prompted_session_tells_delay_and_errors_of_switches(name):
 def drives(tmp_path_factory):
     """Recorded drives of somebody who trembles, and a prompted session, as files."""
     folder = tmp_path_factory.mktemp("drives")
-    env = NavigationEnv("clutter", rate=RATE, driver="essential_tremor", shield=True)
+    env = NavigationEnv("clutter", rate=RATE, driver="essential_tremor", shield=True, split="test")
     env = RecordEpisodes(env, folder / "drive.mcap")
     for seed in range(3):
         env.reset(seed=seed)
@@ -113,7 +113,7 @@ def drives(tmp_path_factory):
             ended = terminated or truncated
     env.close()
     person = Prompted(PEOPLE["trembling and weak"])
-    env = NavigationEnv("empty", rate=RATE, person=person)
+    env = NavigationEnv("empty", rate=RATE, person=person, split="test")
     env.labels = {"interface": "board", "prompts": person.prompts.tolist(), "share": 1.0}
     env = RecordEpisodes(env, folder / "session.mcap")
     env.reset(seed=0)

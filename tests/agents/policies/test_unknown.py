@@ -337,9 +337,9 @@ def test_a_chair_that_cannot_turn_round_gives_up_after_both_sides():
 
 def test_what_cannot_be_done_in_an_unknown_world_is_refused():
     with pytest.raises(InputError, match="slam"):
-        gym.make(ENV, guidance="geodesic", pose_source="slam")
+        gym.make(ENV, guidance="geodesic", pose_source="slam", split="test")
     with pytest.raises(InputError, match="expected truth"):
-        gym.make_vec(ENV, num_envs=2, pose_source="slam")
+        gym.make_vec(ENV, num_envs=2, pose_source="slam", split="test")
     with pytest.raises(InputError, match="window"):
         Manual().make().reset(None)
 
@@ -354,7 +354,7 @@ class Keys(set):
 def test_a_person_drives_with_keys(monkeypatch):
     import pygame
 
-    env, held = NavigationEnv("empty"), set()
+    env, held = NavigationEnv("empty", split="test"), set()
     env.reset(seed=0)
     mission, reading = env.mission, env.reading
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")

@@ -163,7 +163,7 @@ def test_the_twin_is_offered_where_nobody_moves():
     twins = {key: place for key, place in PLACES.items() if place.twin}
     assert len(twins) >= 3
     for place in twins.values():
-        env = NavigationEnv(place.scene)
+        env = NavigationEnv(place.scene, split="test")
         for seed in range(5):
             env.reset(seed=seed)
             assert not len(env.episode.actors)

@@ -218,8 +218,7 @@ class BoardSensors:
             newest: TimedScan = self._newest["scan"].message.value
             if len(newest.scan.ranges) == len(laser):
                 laser = newest.scan.ranges.copy()
-                # An echo nearer than the sensor's minimum range is none.
-                laser[laser < self.sensors.laser.range_min] = np.nan
+                laser[laser < self.sensors.laser.range_min] = -np.inf  # too near, as in REP-117
         sonar = np.full(RANGERS, np.nan, np.float32)
         old = np.full(RANGERS, np.inf, np.float32)
         if self.range and math.isfinite(ages["ultrasonic"]):

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from wheelchair_gym.config import InputError
 from wheelchair_gym.hardware.laser.scip import (
     DONE_ALREADY,
+    ERRORS_UP_TO,
     LASER_OFF,
     NO_ECHO_FROM,
     OK,
@@ -112,6 +113,7 @@ def sensor_specs(laser: LaserSettings) -> Specs:
 def to_millimetres(ranges: NDArray[np.float32]) -> NDArray[np.int64]:
     """The numbers that a sensor reports for ranges (beams,) [m], REP-117."""
     numbers = np.where(np.isposinf(ranges), NO_ECHO_FROM, _INVALID).astype(np.int64)
+    numbers[np.isneginf(ranges)] = ERRORS_UP_TO + 1  # too near, and no error code
     finite = np.isfinite(ranges)
     numbers[finite] = np.round(ranges[finite] * 1000.0)
     return numbers

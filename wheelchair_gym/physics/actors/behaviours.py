@@ -11,8 +11,8 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.address import table_at
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.geometry import body_to_world, point_to_world, segments_cross, wrap
@@ -32,7 +32,6 @@ from wheelchair_gym.physics.actors.records import (
 )
 from wheelchair_gym.random import ACTORS, uniform
 
-Array = NDArray[np.float64]
 Want = tuple[float, float, float, bool]  # offset [m] of a goal, speed [m/s], is it of the route
 
 # HuNavSim (Perez-Higueras et al. 2023), its behaviour trees and agent manager.

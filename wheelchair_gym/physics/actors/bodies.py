@@ -14,8 +14,8 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.address import doubles_at, integers_at, rows_of, table_at
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.geometry import point_to_world, world_to_body, wrap
@@ -54,8 +54,6 @@ from wheelchair_gym.physics.engine import (
     turn_body,
 )
 from wheelchair_gym.physics.settings import GRAVITY
-
-Array = NDArray[np.float64]
 
 ACTOR_STATE = np.dtype(
     [

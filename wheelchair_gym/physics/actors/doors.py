@@ -5,9 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.address import doubles_at
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.geometry import (
@@ -18,8 +16,6 @@ from wheelchair_gym.geometry import (
 )
 from wheelchair_gym.physics.actors.bodies import actors_of, extent
 from wheelchair_gym.physics.actors.records import DOOR, OBSTACLE, PERSON
-
-Array = NDArray[np.float64]
 
 _SPACING = 0.30  # m that an obstacle keeps from other actors when it appears
 

@@ -9,12 +9,8 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel
-
-Array = NDArray[np.float64]
 
 HALF_PLANES = 40  # half-planes that one person regards at most
 _PARALLEL = 1e-9

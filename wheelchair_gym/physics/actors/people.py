@@ -15,8 +15,8 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.address import on_stack, table_at
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.geometry import body_to_world
@@ -42,8 +42,6 @@ from wheelchair_gym.physics.actors.records import (
 )
 from wheelchair_gym.physics.actors.separation import ROUNDING
 from wheelchair_gym.random import ACTORS, normal, uniform
-
-Array = NDArray[np.float64]
 
 _HORIZON = 2.0  # s for which people avoid others and the chair: RVO2 (van den Berg et al. 2011)
 _WALL_HORIZON = 0.5  # s for which they avoid walls

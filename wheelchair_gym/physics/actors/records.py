@@ -11,15 +11,13 @@ from collections.abc import Iterable
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from wheelchair_gym.arrays import Array, Rows
 from wheelchair_gym.compiled.address import as_array
 from wheelchair_gym.config import FARTHEST, InputError
 from wheelchair_gym.errors import shorten
 from wheelchair_gym.geometry import polygon_edges, to_world
-
-Array = NDArray[np.float64]
-Rows = NDArray[np.void]
 
 PERSON, DOOR, OBSTACLE, FURNITURE = range(4)
 ACTOR_KINDS: Final = ("person", "door", "obstacle", "furniture")

@@ -11,9 +11,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.address import table_at
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.geometry import body_to_world, world_to_body, wrap
@@ -30,8 +28,6 @@ from wheelchair_gym.physics.actors.records import (
     WALKS_BESIDE,
 )
 from wheelchair_gym.physics.engine import FX, FY, VX, VY, body_view
-
-Array = NDArray[np.float64]
 
 # Farina et al. 2017 and their code (`HeadedSocialForceModel`).
 _DRIVE_TIME = 0.5  # s in which a person comes to the wanted velocity
