@@ -10,12 +10,12 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agents.evaluation.evaluate import drive_episode, make_env
 from agents.evaluation.metrics import Record
 from agents.policies import GymPolicy, Policy, make_policy
 from agents.start_fit import start_fit
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.geometry import wrap
 from wheelchair_gym.localization.localized_chair import unwrapped
@@ -23,7 +23,6 @@ from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid
 from wheelchair_gym.safety.stops import StopMonitor, active_stops, advice_for, shield_message
 from wheelchair_gym.types import Command, Episode, Mission, Reading
 
-Array = NDArray[np.float64]
 Log = Callable[[str], None]  # takes a line
 
 _LOG = logging.getLogger(__name__)

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.geometry import wrap, wrap_angle
 from wheelchair_gym.localization.likelihood_field import (
@@ -24,8 +25,6 @@ from wheelchair_gym.localization.monte_carlo import LocalizationSettings
 from wheelchair_gym.localization.occupancy import Scan, read_scan
 from wheelchair_gym.maps import FREE, OccupancyGrid
 from wheelchair_gym.sensors.settings import LaserSettings
-
-Array = NDArray[np.float64]
 
 _BEAMS, _FEW = 180, 20  # of a scan, evenly: for the fit, and to preselect poses nearby
 _LENIENT = 3.0  # factor of sigma while preselecting: a better pose may lie between two

@@ -9,13 +9,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined, kernel
 from wheelchair_gym.compiled.simd import bits_of_double, double_of_bits
 from wheelchair_gym.config import setting, settings
-
-Array = NDArray[np.float64]
 
 
 @settings

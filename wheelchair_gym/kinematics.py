@@ -14,10 +14,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.config import InputError, setting, settings
-
-Array = NDArray[np.float64]
 
 _THERE = 1e-12  # m/s, rad/s: an approach that is this near has arrived; the rest is rounding
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.address import as_array
 from wheelchair_gym.config import FARTHEST, InputError
 from wheelchair_gym.physics.actors.records import Actors, check_actors, no_actors
@@ -23,8 +24,6 @@ if TYPE_CHECKING:
     from wheelchair_gym.physics.settings import ChairSettings
     from wheelchair_gym.safety.settings import ShieldSettings
     from wheelchair_gym.sensors.settings import SensorSettings
-
-Array = NDArray[np.float64]
 
 
 class Stick(NamedTuple):

@@ -11,7 +11,6 @@ from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agents.control.local_map import LocalMap
 from agents.control.rollout import (
@@ -26,13 +25,12 @@ from agents.control.rollout import (
 from agents.control.tight_places import ManoeuvreTracker
 from planners.controls.generator import ControlGenerator, Controls
 from planners.swarm.woa import LedWhales
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import record_of
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import to_world
 from wheelchair_gym.kinematics import Limits
 from wheelchair_gym.types import no_walls
-
-Array = NDArray[np.float64]
 
 TIGHT = 0.5  # share of the margin: where less of it is left, the chair creeps
 CREEP = 0.1  # m/s: walking-stick speed

@@ -15,9 +15,8 @@ import dataclasses
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from wheelchair_gym.arrays import Mask
+from wheelchair_gym.arrays import Array, Mask
 from wheelchair_gym.geometry import clearance_to_points, to_frame, to_world
 from wheelchair_gym.kinematics import odometric_step
 from wheelchair_gym.maps import OCCUPIED, OccupancyGrid
@@ -25,8 +24,6 @@ from wheelchair_gym.safety import Shield, ShieldSettings
 from wheelchair_gym.sensors.settings import LaserSettings
 from wheelchair_gym.tracking import DOOR, Tracker
 from wheelchair_gym.types import Mission, Reading
-
-Array = NDArray[np.float64]
 
 REACH = 2.4  # m: a chair at 0.8 m/s sweeps less than this before it can rest
 VOXEL = 0.04  # m: hits within one voxel become their mean, which also averages noise

@@ -12,8 +12,8 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.geometry import (
     Footprint,
@@ -22,8 +22,6 @@ from wheelchair_gym.geometry import (
     required_clearance,
 )
 from wheelchair_gym.kinematics import Limits, approach_twist, arc_step, peak_speed
-
-Array = NDArray[np.float64]
 
 TURN_LENGTH = 0.4  # m per rad: about the mean lever of the outline about the drive axle
 # Two steps exist: with the control generator's 0.05 s a fan of twists takes 2.5 times as long. The

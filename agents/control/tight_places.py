@@ -11,15 +11,14 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agents.control.rollout import SPACING, YAW, ReferencePath, S, X, Y, match, stops_clear
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.geometry import clearance_to_points, wrap
 
 if TYPE_CHECKING:
     from agents.control.followers import Follower, Situation
 
-Array = NDArray[np.float64]
 
 LOOK = 1.2  # m of way ahead, within which a tight turn makes the chair track its plan
 TURNING = 0.8  # rad a metre of way, of which a turn in place has 2.5: sharper is a turn

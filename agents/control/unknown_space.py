@@ -8,11 +8,10 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.geometry import Footprint, to_frame, to_world
 from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, open_floor
 from wheelchair_gym.maps.distance import within_distance
-
-Array = NDArray[np.float64]
 
 BEYOND = 5.0  # m: paths through unknown space may lead so far round
 BLIND = 1.5  # m: an unseen obstacle so near the chair may be hit before it is seen

@@ -13,7 +13,6 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agents.control.followers import (
     CREEP,
@@ -34,12 +33,11 @@ from agents.control.rollout import (
 )
 from agents.control.tight_places import ManoeuvreTracker
 from planners.swarm.woa import WhaleParameters, WhaleSettings, move_whales
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import kernel, record_of
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.kinematics import Limits
 from wheelchair_gym.random import Stream, stream
-
-Array = NDArray[np.float64]
 
 COMMANDS = 3  # in a particle, at most
 SIZE = 3 * COMMANDS + 1  # (v, w, t) of each, then how many count

@@ -14,16 +14,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from planners.collision import solids
 from planners.collision.space import Space
 from planners.graphs.visibility import Visibility
 from planners.problem import Problem
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.task.task import Task
 from wheelchair_gym.types import Episode
-
-Array = NDArray[np.float64]
 
 SIDES = 16  # of each quarter of a polygon that stands for a circle: 0.12 % of the radius
 MARGIN = 1e-6  # m: far above the rounding of shapely's buffers

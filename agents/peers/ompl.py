@@ -12,15 +12,11 @@ from typing import Any, Literal, cast
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
 from planners import Plan, Problem, Status
 from planners.collision import polygon_tests
 from planners.collision.polygon_tests import SpaceArrays
 from wheelchair_gym.config import setting, settings
-
-Array = NDArray[np.float64]
-
 
 EdgeTest = Callable[[float, float, float, float], bool]
 PointTest = Callable[[float, float], bool]

@@ -11,13 +11,11 @@ from typing import Any, Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import InputError, dump, load, suggest
 from wheelchair_gym.errors import shorten
 from wheelchair_gym.registry import Registry, imported, is_place
 from wheelchair_gym.types import Command, Mission, Reading
-
-Array = NDArray[np.float64]
-
 
 # Settings of planners for driving: shortest paths shall keep away from walls; turning in place and
 # reversing, where no sensor looks, are slow.

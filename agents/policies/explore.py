@@ -7,19 +7,18 @@ from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agents.control.unknown_space import with_free_footprint
 from agents.policies.planned import Planned, PlannedDriver
 from agents.policies.planning import PlanningFigures
 from agents.policies.search import Answer, Search
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.localization.occupancy import Frontier, find_frontiers
 from wheelchair_gym.maps import UNKNOWN, OccupancyGrid, geodesic
 from wheelchair_gym.types import Command, Mission, Reading
 
-Array = NDArray[np.float64]
 SAME = 1.0  # m: a frontier that recedes is the same one so far away
 MORE = 1.02  # times as many explored cells: frontiers that were given up are tried again
 SHORTEST = 0.1  # m: in a door of 0.82 m, seen edge-on, a frontier is no longer than this

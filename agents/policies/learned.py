@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agents.control.unknown_space import BEYOND
 from agents.learning.weights import SHIPPED_ASSISTANTS, find_weights
@@ -25,8 +24,6 @@ from wheelchair_gym.files import modified, read_bytes
 from wheelchair_gym.task.prepared_episode import PreparedEpisode
 from wheelchair_gym.task.task import Task
 from wheelchair_gym.types import Command, Episode, Mission, Reading, Shown
-
-Floats = NDArray[np.float32]
 
 UPDATE_PERIOD = 1.0  # s between two updates from a map that grows
 SLACK = 4.0  # s: until then the chair may have strayed so far from the path

@@ -22,7 +22,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agents.control import make_follower
 from agents.control.followers import CREEP, Situation
@@ -52,11 +51,11 @@ from agents.policies.scripted import episode_rng
 from agents.policies.search import Answer, Search
 from planners import make_planner
 from planners.problem import Plan, Status
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.types import Command, Mission, Reading, Shown
 
-Array = NDArray[np.float64]
 Then = Callable[[], object] | None
 
 ACTOR_RANGE = 2.5  # m: with an actor nearer, the chair reverses slowly: no sensor looks back

@@ -10,16 +10,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agents.control.followers import CREEP, HOLD, Situation
 from agents.control.local_map import TemporaryObstacles
 from agents.control.rollout import ReferencePath, stops_clear
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.geometry import Footprint, to_frame
 from wheelchair_gym.kinematics import corner_speed
 from wheelchair_gym.maps import OccupancyGrid
-
-Array = NDArray[np.float64]
 
 PROGRESS = 0.1  # m of way that count as progress
 END_SHARE = 0.4  # of the patience at the path's end, where the goal is near but not reached

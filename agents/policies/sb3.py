@@ -20,17 +20,15 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from numpy.typing import NDArray
 
 from agents.learning.features import Layout
 from agents.policies.learned import LearnedDriver
+from wheelchair_gym.arrays import Floats
 from wheelchair_gym.config import InputError, dump, load, setting, settings
 from wheelchair_gym.envs.guidance import make_guidance
 from wheelchair_gym.envs.settings import EnvSettings
 from wheelchair_gym.files import LIMITS, opened, parse_json
 from wheelchair_gym.task.task import Task
-
-Floats = NDArray[np.float32]
 
 RECORD = "wheelchair.json"  # the member of the .zip that `save_model` writes
 # Wrappers of an environment that change neither observations nor actions; of VecNormalize the

@@ -8,7 +8,6 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agents.control.rollout import ReferencePath
 from agents.control.unknown_space import BEYOND, assumed_maps
@@ -17,11 +16,10 @@ from agents.policies.recoveries import place_aside
 from planners import Planner
 from planners.collision.space import Space
 from planners.problem import Plan, Problem, Status, checked_plan, remaining
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.maps import FREE, UNKNOWN, OccupancyGrid, bottleneck
-
-Array = NDArray[np.float64]
 
 
 class Answer(NamedTuple):

@@ -8,19 +8,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agents.learning.features import Layout
 from agents.learning.weights import Network, load_weights
+from wheelchair_gym.arrays import Array, Floats
 from wheelchair_gym.config import InputError, load
 from wheelchair_gym.envs.settings import EnvSettings
 from wheelchair_gym.migration import migrated
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.task.task import Task
 from wheelchair_gym.types import Reading
-
-Array = NDArray[np.float64]
-Floats = NDArray[np.float32]
 
 _ELSE = "; give the settings of the chair that it was trained with (--config)"
 

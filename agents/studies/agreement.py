@@ -14,7 +14,8 @@ import numpy as np
 from scipy import stats
 
 from agents.studies.evidence import Estimate
-from agents.studies.model import RATIO, Array, Results
+from agents.studies.model import RATIO, Results
+from wheelchair_gym.arrays import Array
 
 PRINTED_RRT_STAR: Final = 35.268  # m: mean length of RRT*, table 3.1
 _DRAWS: Final = 2000  # of the bootstrap over the rows of the tables

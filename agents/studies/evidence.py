@@ -16,12 +16,11 @@ from enum import StrEnum
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
 from agents.evaluation.metrics import wilson
+from wheelchair_gym.arrays import Array
 
-Array = NDArray[np.float64]
 Sample = Mapping[str, Array]  # by stratum, such as a map: values (n,)
 
 

@@ -15,13 +15,13 @@ from typing import Any, Final
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from agents.evaluation.metrics import printed_turning, turning
 from agents.evaluation.runs import Record
 from agents.studies.model import SEED_STRIDE
 from planners import Problem, Space, make_planner
 from planners.problem import Plan, Status
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import InputError, load
 from wheelchair_gym.geometry import path_length, polygon_edges, to_world
 from wheelchair_gym.scenes import make_scene
@@ -32,8 +32,6 @@ from wheelchair_gym.scenes.published import (
     LABS,
 )
 from wheelchair_gym.types import Episode
-
-Array = NDArray[np.float64]
 
 
 @lru_cache(maxsize=64)

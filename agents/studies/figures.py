@@ -13,7 +13,8 @@ from matplotlib.patches import Circle
 
 from agents.evaluation.figures import COLOURS, DASHES, MARKS, legend_above, new_axes, new_panels
 from agents.studies.evidence import estimate
-from agents.studies.model import LENGTH, NODES, RATIO, Array, Metric, Results, Row
+from agents.studies.model import LENGTH, NODES, RATIO, Metric, Results, Row
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.rendering import palette
 
 Figures = dict[str, Figure]

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from zlib import crc32
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agents.evaluation.runs import Record
+from wheelchair_gym.arrays import Array
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
 SEED_STRIDE = 1_000_000  # between the first seeds of two rows
 
-Array = NDArray[np.float64]
 Job = Mapping[str, Any]
 
 
