@@ -47,9 +47,7 @@ _OTHERS: Final = {
     b"#ROSBAG V": "a ROS 1 bag; expected one of ROS 2: rosbags-convert --src FILE --dst FOLDER",
     b"\x28\xb5\x2f\xfd": "compressed as a whole; expected what `zstd -d FILE` gives",
     b"rosbag2_bagfile_information": "the description of a bag; expected its folder",
-    b"# CARMEN": "a CARMEN log; expected a ROS 2 bag of its scans and odometry",
     b"# message_name": "a CARMEN log; expected a ROS 2 bag of its scans and odometry",
-    b"PARAM ": "a CARMEN log; expected a ROS 2 bag of its scans and odometry",
 }
 
 
@@ -371,19 +369,6 @@ def _laser(
 
 def _mount(edges: Mapping[str, tuple[str, Array]], frame: str, root: str) -> Array | None:
     """Return the matrix (4, 4) of a frame in another, by static transforms up from both."""
-    above = [_way_up(edges, name) for name in (frame, root)]
+    above = [ros.way_up(edges, name) for name in (frame, root)]
     common = next((name for name in above[0] if name in above[1]), None)
     return None if common is None else np.linalg.inv(above[1][common]) @ above[0][common]
-
-
-def _way_up(edges: Mapping[str, tuple[str, Array]], frame: str) -> dict[str, Array]:
-    """Return the matrix (4, 4) of a frame in itself and in all frames above it."""
-    matrix = np.eye(4)
-    found = {frame: matrix}
-    while frame in edges:
-        frame, edge = edges[frame]
-        if frame in found:
-            break  # the transforms form a cycle
-        matrix = edge @ matrix
-        found[frame] = matrix
-    return found

@@ -172,6 +172,19 @@ def _matrix(x: Any, y: Any, z: Any, qx: Any, qy: Any, qz: Any, qw: Any) -> Array
     )
 
 
+def way_up(edges: Mapping[str, tuple[str, Array]], frame: str) -> dict[str, Array]:
+    """Return the matrix (4, 4) of a frame in itself and in all frames above it, upwards.
+
+    Edges are parent and matrix of each frame; a cycle ends the way.
+    """
+    matrix = np.eye(4)
+    found = {frame: matrix}
+    while frame in edges and edges[frame][0] not in found:
+        frame, edge = edges[frame]
+        found[frame] = matrix = edge @ matrix
+    return found
+
+
 def on_floor(matrix: Array) -> tuple[Array, bool]:
     """Return the pose (3,) that a matrix (4, 4) has on the floor, and whether it is upside down.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable
+from itertools import takewhile
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -229,15 +230,11 @@ class RosSensors:
     def _chain(self, frame: str, root: str) -> tuple[Array, float] | None:
         """Return the matrix (4, 4) of a frame in one above it, and its time; None: unknown."""
         edges = {**self._rigid, **self._moved}
-        matrix, oldest = np.eye(4), math.inf
-        for _ in range(len(edges) + 1):
-            if frame == root:
-                return matrix, oldest
-            if frame not in edges:
-                return None
-            frame, edge, when = edges[frame]
-            matrix, oldest = edge @ matrix, min(oldest, when)
-        return None  # the transforms form a cycle
+        above = ros.way_up({child: edge[:2] for child, edge in edges.items()}, frame)
+        if root not in above:
+            return None
+        frames = takewhile(lambda one: one != root, above)
+        return above[root], min((edges[one][2] for one in frames), default=math.inf)
 
     def pose_in(self, frame: str, root: str) -> Stamped | None:
         """The pose (3,) of an upright frame in one above it."""
