@@ -56,11 +56,12 @@ def _scene(spec: Spec) -> Spec:
     return {**spec, "label": f"door {door:.2f} corridor {corridor:.2f} margin {margin:.3f}"}
 
 
-def _suite(title: str, policies: list[Spec], scenes: list[Spec], episodes: int) -> Suite:
-    return Suite(title, tuple(policies), tuple(map(_scene, scenes)), episodes)
-
-
-SUITES = {name: _suite(**values) for name, values in read_data("suites.yaml").items()}
+SUITES = {
+    name: Suite(
+        one["title"], tuple(one["policies"]), tuple(map(_scene, one["scenes"])), one["episodes"]
+    )
+    for name, one in read_data("suites.yaml").items()
+}
 
 
 def suite(name: str) -> Suite:

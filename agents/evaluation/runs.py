@@ -61,15 +61,12 @@ def source_digest(*packages: str) -> str:
     return digest.hexdigest()
 
 
-def _code_of_others(parts: Sequence[Any]) -> list[str]:
-    # A label such as planners.json:NAME looks like a place, and is none.
-    files = {source_of(place) for place in places_in(parts)} - {None}
-    return [source_digest(file) for file in sorted(map(str, files))]
-
-
 def run_key(*parts: Any) -> str:
     """A key that is equal for runs of equal parts, and of other people's code that they name."""
-    plain = json.dumps([dump(part) for part in parts] + _code_of_others(parts), sort_keys=True)
+    # A label such as planners.json:NAME looks like a place, and is none.
+    files = {source_of(place) for place in places_in(parts)} - {None}
+    code = [source_digest(file) for file in sorted(map(str, files))]
+    plain = json.dumps([dump(part) for part in parts] + code, sort_keys=True)
     return hashlib.sha256(plain.encode()).hexdigest()[:16]
 
 

@@ -88,7 +88,9 @@ class Drive:
         self._env: Any = self._world  # recorded, where it can be
         self.note, self.file = "", None
         try:
-            self._env = RecordEpisodes(self._world, order.file or folder / _file_name(order))
+            place = re.sub(r"[^\w.-]+", "_", order.place.label)
+            name = f"{time.strftime('%Y%m%d-%H%M%S')}-{place}-{order.seed}-{order.assist}.mcap"
+            self._env = RecordEpisodes(self._world, order.file or folder / name)
             self.file = Path(self._env.file)
         except InputError as error:  # without the extra, or on a full disk, people drive anyway
             self.note = str(error)
@@ -287,7 +289,7 @@ class Drive:
         """What changes: a head, and the ranges of the first scanner in mm, 0 where it has none."""
         world, truth, info = self._world, self.truth, self._info
         reading, shield = world.task.reading, world.shield
-        sensors = world.settings.sensors
+        sensors, sight = world.settings.sensors, self._sight
         reason = ""
         given = world.task.limits.twist(np.array(world.task.action))
         if shield is not None and world.task.is_shielded:
@@ -301,7 +303,11 @@ class Drive:
             "contact": bool(info["contact"]), "battery": reading.battery,
             "stands": active_stops(reading.halted, shield),
             "lit": "" if self._hand is None else self._hand.lit, "waits": not self.steps,
-            "sight": None if self._sight is None else _hidden(self._sight, reading.stamp),
+            # Angles left, right and of neglect [rad], and the sectors that go unnoticed.
+            "sight": sight and [
+                sight.perception.left, sight.perception.right, sight.perception.neglect,
+                sight.unnoticed(reading.stamp),
+            ],
         }  # fmt: skip
         return head, _millimetres(reading.laser[sensors.slices[0]])
 
@@ -335,18 +341,7 @@ def outcome_of(info: Any, contact: bool, truncated: bool) -> str:
     return "timeout" if truncated else "missed"
 
 
-def _hidden(sight: LiveSight, clock: float) -> list[Any]:
-    """The angles left, right and neglect [rad], and the sectors that go unnoticed."""
-    seen = sight.perception
-    return [seen.left, seen.right, seen.neglect, sight.unnoticed(clock)]
-
-
 def _millimetres(ranges: NDArray[np.float32]) -> bytes:
     """Ranges [m] as little-endian uint16 in mm; 0 where there is no echo."""
     finite = np.where(np.isfinite(ranges), ranges, 0.0)
     return np.clip(finite * 1e3, 0.0, 65535.0).astype("<u2").tobytes()
-
-
-def _file_name(order: Order) -> str:
-    place = re.sub(r"[^\w.-]+", "_", order.place.label)
-    return f"{time.strftime('%Y%m%d-%H%M%S')}-{place}-{order.seed}-{order.assist}.mcap"

@@ -10,7 +10,7 @@ import re
 import socket
 import sys
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -124,7 +124,7 @@ class Studio:
             asyncio.create_task(self._report(out)),
         ]
         try:
-            session = await asyncio.to_thread(SESSIONS[kind], self, out)
+            session = await asyncio.to_thread(make_session, kind, self, out)
             await _receive_all(connection, session, out)
         finally:
             for task in tasks:
@@ -146,48 +146,29 @@ class Studio:
             await asyncio.sleep(0.25)
 
 
-def _drive_session(studio: Studio, out: Outbox) -> Any:
+SESSIONS: Final = ("drive", "plan", "compare", "study")
+
+
+def make_session(page: str, studio: Studio, out: Outbox) -> Any:
+    """Make the session of a page; what it needs is imported only now."""
+    if page == "study":
+        from agents.studio.study import StudySession
+
+        return StudySession(studio.study, studio.folder, out, studio.warm_up.ready)
     from agents.studio.catalogue import choices
+    from agents.studio.compare_session import CompareSession
+    from agents.studio.plan_session import PlanSession
     from agents.studio.session import DriveSession
 
     places = studio.places()
-    out.send("choices", **choices(places))
-    return DriveSession(places, studio.folder, out, studio.warm_up.ready)
-
-
-def _compare_session(studio: Studio, out: Outbox) -> Any:
-    from agents.studio.catalogue import choices
-    from agents.studio.compare_session import CompareSession
-
-    places = studio.places()
-    out.send("choices", **choices(_simulated(places)))
+    # Worlds of the twin are the same as those without it.
+    simulated = {key: place for key, place in places.items() if not place.twin}
+    out.send("choices", **choices(places if page == "drive" else simulated))
+    if page == "drive":
+        return DriveSession(places, studio.folder, out, studio.warm_up.ready)
+    if page == "plan":
+        return PlanSession(places, studio.folder, out)
     return CompareSession(places, studio.runs, out)
-
-
-def _study_session(studio: Studio, out: Outbox) -> Any:
-    from agents.studio.study import StudySession
-
-    return StudySession(studio.study, studio.folder, out, studio.warm_up.ready)
-
-
-def _plan_session(studio: Studio, out: Outbox) -> Any:
-    from agents.studio.catalogue import choices
-    from agents.studio.plan_session import PlanSession
-
-    places = studio.places()
-    out.send("choices", **choices(_simulated(places)))
-    return PlanSession(places, studio.folder, out)
-
-
-def _simulated(places: dict[str, Any]) -> dict[str, Any]:
-    """The places without those of the twin, whose worlds are the same."""
-    return {key: place for key, place in places.items() if not place.twin}
-
-
-SESSIONS: Final[dict[str, Callable[[Studio, Outbox], Any]]] = {
-    "drive": _drive_session, "plan": _plan_session, "compare": _compare_session,
-    "study": _study_session,
-}  # fmt: skip
 
 
 async def _send_all(connection: Any, out: Outbox) -> None:

@@ -147,8 +147,7 @@ def _rows(file: Path, wanted: Callable[[str, str], bool]) -> list[Recorded]:
         except (sqlite3.Error, OverflowError, TypeError, ValueError) as error:
             why = shorten(str(error))
             raise InputError(f"{file}: expected a ROS 2 bag in SQLite ({why})") from None
-    good = all(isinstance(row.time, int) and isinstance(row.data, bytes) for row in rows)
-    if not good:
+    if not all(isinstance(row.time, int) and isinstance(row.data, bytes) for row in rows):
         raise InputError(f"{file}: expected whole numbers as timestamps and bytes as data")
     return rows
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
@@ -157,19 +158,11 @@ def transforms(message: Mapping[str, Any]) -> list[tuple[str, str, Array]]:
 
 def _matrix(x: Any, y: Any, z: Any, qx: Any, qy: Any, qz: Any, qw: Any) -> Array:
     """Return the homogeneous matrix (4, 4) of a position and a quaternion; NaN where unusable."""
-    values = np.array([x, y, z, qx, qy, qz, qw], dtype=np.float64)
-    quaternion = values[3:]
-    if not np.isfinite(values).all() or abs(np.linalg.norm(quaternion) - 1.0) > 0.01:
+    values, matrix = np.array([x, y, z, qx, qy, qz, qw], dtype=np.float64), np.eye(4)
+    if not np.isfinite(values).all() or abs(np.linalg.norm(values[3:]) - 1.0) > 0.01:
         return np.full((4, 4), np.nan)
-    i, j, k, w = quaternion.tolist()
-    return np.array(
-        [
-            (1.0 - 2.0 * (j * j + k * k), 2.0 * (i * j - k * w), 2.0 * (i * k + j * w), values[0]),
-            (2.0 * (i * j + k * w), 1.0 - 2.0 * (i * i + k * k), 2.0 * (j * k - i * w), values[1]),
-            (2.0 * (i * k - j * w), 2.0 * (j * k + i * w), 1.0 - 2.0 * (i * i + j * j), values[2]),
-            (0.0, 0.0, 0.0, 1.0),
-        ]
-    )
+    matrix[:3, :3], matrix[:3, 3] = Rotation.from_quat(values[3:]).as_matrix(), values[:3]
+    return matrix
 
 
 def way_up(edges: Mapping[str, tuple[str, Array]], frame: str) -> dict[str, Array]:

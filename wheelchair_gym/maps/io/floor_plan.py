@@ -105,7 +105,8 @@ def polygons_map(data: Mapping[str, Any], path: str | Path) -> tuple[OccupancyGr
     corner = low - WALL
     columns, rows = np.ceil((high - low + 2 * WALL) / CELL - 1e-9).astype(int)
     check_cells(rows, columns, str(path))
-    inside, cut = cells_of_outline((_box(low, high) - corner) / CELL, (rows, columns))
+    box = np.array([low, (high[0], low[1]), high, (low[0], high[1])])
+    inside, cut = cells_of_outline((box - corner) / CELL, (rows, columns))
     solid = ~inside | cut
     for outline in outlines:
         within, cut = cells_of_outline((outline - corner) / CELL, (rows, columns))
@@ -127,8 +128,3 @@ def _united(outlines: list[Array], low: Array, high: Array) -> Array:
     polygons = [part for part in shapely.get_parts(united) if part.geom_type == "Polygon"]
     loops = [shapely.get_coordinates(ring)[:-1] for ring in shapely.get_rings(polygons)]
     return np.vstack([polygon_edges(loop) for loop in loops])
-
-
-def _box(low: Array, high: Array) -> Array:
-    """The corners (4, 2) of a box, counter-clockwise."""
-    return np.array([low, (high[0], low[1]), high, (low[0], high[1])])
