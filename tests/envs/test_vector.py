@@ -102,20 +102,6 @@ def test_each_row_with_a_shield_is_a_single_env_with_one(mode):
     assert compare(mode, 2, n=4, steps=120, config=half, randomize=True, **settings) >= 8
 
 
-def test_make_vec_gives_the_batch():
-    env = gym.make_vec("wheelchair_gym/GuidedNavigation-v0", num_envs=3, **QUICK)
-    assert type(env.unwrapped) is NavigationVectorEnv
-    observations, _ = env.reset(seed=1)
-    assert observations["path"].shape == (3, 10)
-    assert observations["laser"].shape == (3, 64)
-    assert env.observation_space.contains(observations)
-    assert env.metadata["autoreset_mode"] is NEXT
-    same = gym.make_vec("wheelchair_gym/Navigation-v0", 2, autoreset_mode="SameStep", **QUICK)
-    assert same.metadata["autoreset_mode"] is SAME
-    env.close()
-    env.close()
-
-
 @pytest.mark.parametrize("mode", [NEXT, SAME])
 def test_what_was_handed_out_is_never_written_again(mode):
     """Everything kept over many ends of episodes is as it was, and in its space."""

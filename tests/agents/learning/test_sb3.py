@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
-from stable_baselines3 import PPO
 
 from agents.learning.sb3 import SB3VecEnv
 from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
@@ -57,14 +56,6 @@ def test_ends_of_episodes_are_told_as_single_envs_tell_them():
             assert np.array_equal(observations["laser"][i], observation["laser"])
     assert ends >= 6
     assert timeouts >= 1
-
-
-def test_ppo_learns_from_them():
-    model = PPO("MultiInputPolicy", chairs(4), n_steps=32, batch_size=64, n_epochs=1, seed=0)
-    model.learn(256)
-    assert model.num_timesteps == 256
-    assert len(model.ep_info_buffer) >= 4
-    assert all(np.isfinite(p.detach().numpy()).all() for p in model.policy.parameters())
 
 
 def test_chairs_that_begin_in_the_step_after_are_refused():
