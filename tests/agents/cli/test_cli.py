@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import subprocess
 import sys
 
 import numpy as np
@@ -332,6 +333,13 @@ def test_a_comparison_leaves_everything_in_its_folder(capsys, tmp_path):
     assert not (out / "episode.gif").exists()  # taken for one of the comparison that was there
     assert json.loads(capsys.readouterr().out)["records"] == results["records"]
     assert (out / "episodes.jsonl").read_bytes() == first
+
+
+def test_a_reader_that_leaves_is_no_error():
+    pipe = f"{sys.executable} -m wheelchair_gym settings sensors chair lattice --json - | head -1"
+    done = subprocess.run(["bash", "-c", pipe], capture_output=True, text=True, check=False)
+    assert done.stderr == ""
+    assert done.stdout.count("\n") == 1
 
 
 def readme():
