@@ -382,7 +382,7 @@ def test_a_start_that_the_scan_does_not_fit_is_refused(turn, monkeypatch, tmp_pa
 def test_the_command_drives_over_devices(served, tmp_path, caplog, capfd):
     """In real time, as a person runs it, who re-arms it at the board's joystick."""
     person(served, caplog, lambda: end_when(lambda: served.twin.motion.speed > 0.1))
-    words = words_for(served.config, served.map, tmp_path / "run.mcap")
+    words = [*words_for(served.config, served.map, tmp_path / "run.mcap"), "--force-start"]
     with signals_kept():
         assert main(words) == 130
     assert "a person must re-arm" in caplog.text
