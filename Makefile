@@ -86,8 +86,6 @@ lint: $(READY)
 bench: $(READY)
 	$(BIN)/wheelchair bench env
 	$(BIN)/wheelchair bench planners --only floor_plan,clutter,thesis_5 --seeds 5 --plot runs/bench/planners.png
-	$(BIN)/python -m tests.benchmarks.parts
-	$(BIN)/python -m tests.benchmarks
 
 docs: $(READY)
 	$(CLEAN_ENV) $(BIN)/python -m sphinx -b html -j 2 -W --keep-going -q docs build/docs

@@ -10,15 +10,12 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wheelchair_gym.geometry import Footprint, polygon_edges, to_world
 from wheelchair_gym.physics.actors.records import Actor, combine, door
 from wheelchair_gym.scenes.arena import make_arena
 from wheelchair_gym.scenes.poses import FOOTPRINT
 from wheelchair_gym.types import Episode
-
-Array = NDArray[np.float64]
 
 SIDE: Final = 9.0  # m
 SLABS: Final = 2  # of four walls each; then the screen, of four walls, too

@@ -21,7 +21,6 @@ from agents.deploy import Capped, Deployment, deploy, listen_for_rearm, rearm, r
 from agents.policies import make_policy
 from agents.policies.planning import PlanningFigures
 from tests.agents.fakes import PaperWorld, corridor
-from tests.benchmarks import deploy as benchmark
 from tests.conftest import ROOT, long_but, until
 from tests.hardware.hosted import Hosted
 from tests.hardware.realtime import EPISODE, X, Y, serving
@@ -383,7 +382,7 @@ def test_a_start_that_the_scan_does_not_fit_is_refused(turn, monkeypatch, tmp_pa
 def test_the_command_drives_over_devices(served, tmp_path, caplog, capfd):
     """In real time, as a person runs it, who re-arms it at the board's joystick."""
     person(served, caplog, lambda: end_when(lambda: served.twin.motion.speed > 0.1))
-    words = words_for(served.config, served.map, tmp_path / "run.mcap")
+    words = [*words_for(served.config, served.map, tmp_path / "run.mcap"), "--force-start"]
     with signals_kept():
         assert main(words) == 130
     assert "a person must re-arm" in caplog.text
@@ -416,32 +415,6 @@ def test_late_periods_are_counted_those_that_were_missed_as_a_whole_too():
     np.testing.assert_allclose(stamps, [0.7, 1.2])
     loop.begin(np.zeros(3))
     assert loop.late == []
-
-
-def test_the_benchmark_tells_why_a_step_was_late():
-    names = "begins", "acted", "filtered", "commanded", "waited", "sensed"
-
-    def step(at, ran=0.0, waits=0.0, others=0.0, act=0.01, film=0.0):
-        """A control step that begins at a time [s]."""
-        times = np.cumsum([at + film, act, 0.001, 0.001, 0.08, 0.001])
-        return [
-            [name, time, ran if k > 0 else 0.0, waits if k > 3 else 0.0, others if k > 3 else 0.0]
-            for k, (name, time) in enumerate(zip(names, times, strict=True))
-        ]
-
-    def cause(late, stalls=(), **more):
-        events = {"steps": [step(0.0), late], "late": [[1, 0.2]], "plans": []}
-        (row,) = benchmark.late_steps({**events, "garbage": [], "compiled": [], **more}, [stalls])
-        return row["cause"]
-
-    assert cause(step(0.1, ran=0.3, act=0.3)) == "slow: begins to acted"
-    assert cause(step(0.1, ran=0.3, act=0.3), [(0.1, 0.35)]) == "the machine"
-    assert cause(step(0.1, waits=0.15, act=0.3)) == "the machine"
-    assert cause(step(0.1, others=0.2, act=0.3)) == "the machine"  # it waited for one of those
-    assert cause(step(0.1, film=0.3)) == "slow: sensed to begins"
-    compiled = [[0.1, 0.3, "f"]]
-    assert cause(step(0.1, ran=0.3, act=0.3), compiled=compiled) == "functions were compiled"
-    assert cause(step(0.1, ran=0.3, act=0.3), garbage=compiled) == "garbage was collected"
 
 
 @pytest.mark.long

@@ -19,7 +19,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 from tests.benchmarks.equality import SHARED
 from wheelchair_gym.geometry import to_frame, to_world
@@ -35,13 +34,7 @@ from wheelchair_gym.sensors.laser import WORKSPACE_ROWS, LaserArrays, sense_lase
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
 from wheelchair_gym.tracking import PERSON as TRACKED_PERSON
 from wheelchair_gym.tracking import Tracker
-from wheelchair_gym.tracking import tracker as kernels
-from wheelchair_gym.tracking.clusters import CLUSTER, HIT_ROW, find_clusters, find_hits, set_frame
 from wheelchair_gym.tracking.state import (
-    ACCELERATION_DENSITY,
-    CLUSTERS,
-    FRAME,
-    STATIC_MAP,
     TRACKER,
     TrackerConstants,
 )
@@ -450,46 +443,6 @@ def measure_log() -> dict[str, float]:
     return {"seconds": float(log.stamps[-1]), "metres": way, "confirmed": len(confirmed)}
 
 
-def measure_association() -> dict[str, int]:
-    """How often the pairs of least total cost are others than those that the tracker takes."""
-    counts = {"confirmed tracks": 0, "with another cluster": 0}
-    for seed in range(6):
-        chair, tracker = SimulatedChair(), Tracker()
-        reading = chair.reset(scene(GROUPS)(seed), seed)
-        for _ in range(300):
-            chosen, best = both_associations(tracker, reading)
-            counts["confirmed tracks"] += len(chosen)
-            counts["with another cluster"] += sum(int(chosen[k] != best.get(k)) for k in chosen)
-            tracker.update(reading.laser, reading.pose, reading.twist, reading.stamp)
-            reading = chair.drive(np.zeros(2))
-    return counts
-
-
-def both_associations(tracker: Tracker, reading: Reading) -> tuple[dict[int, int], ...]:
-    """The clusters of confirmed tracks in a reading: nearest pair first, and least total cost."""
-    g: Any = tracker._constants.record[0]
-    s: Any = tracker.state.copy()[0]
-    m, now = np.zeros(1, STATIC_MAP)[0], np.zeros(1, FRAME)[0]
-    dt, s["stamp"] = reading.stamp - s["stamp"], reading.stamp
-    for k in range(s["n_tracks"]):
-        kernels.predict(s["tracks"][k], dt, ACCELERATION_DENSITY)
-    set_frame(g, s["pose"], reading.stamp, reading.laser, now)
-    hits, clusters = np.zeros(g["beams"], HIT_ROW), np.zeros(CLUSTERS, CLUSTER)
-    n = find_clusters(g, s, now, hits, find_hits(g, s, m, now, reading.laser, hits), clusters)
-    pairs = np.zeros(kernels._PAIRS, kernels.PAIR)
-    pairs = pairs[: kernels._find_pairs(s, clusters, n, pairs)]
-    confirmed = s["tracks"]["confirmed"]
-    pairs["cost"] -= 1e3 * confirmed[pairs["track"]]
-    chosen: dict[int, int] = {}
-    for _, track, cluster in sorted(pairs.tolist()):
-        if track not in chosen and cluster not in chosen.values():
-            chosen[track] = cluster
-    cost = np.full((s["n_tracks"], n), 1e6)
-    cost[pairs["track"], pairs["cluster"]] = pairs["cost"]
-    best = {k: i for k, i in zip(*linear_sum_assignment(cost), strict=True) if cost[k, i] < 1e5}
-    return {k: i for k, i in chosen.items() if confirmed[k]}, best
-
-
 def measure_cost() -> dict[str, float]:
     """Microseconds of a reading in a dense hall, chair driving: the least of several runs."""
     out = {}
@@ -533,8 +486,6 @@ def main() -> None:
             found = step_response(legs, rate)
             name = f"{'legs' if legs else 'body'}, {rate:g} Hz"
             print(name, {key: round(value, 3) for key, value in found.items()})
-    found = measure_association()
-    print(f"\nassociation in dense halls, seeds 0 to 5: {found}")
     if SHARED.is_dir():
         print(f"\nlog of a real robot, nobody known to walk: {measure_log()}")
     print("\nmicroseconds of a reading in a dense hall, call from Python included")

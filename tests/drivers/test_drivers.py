@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.conftest import long_but
 from wheelchair_gym.config import InputError, dump
 from wheelchair_gym.drivers import DRIVERS, driver_spec, intention, make_driver
 from wheelchair_gym.drivers.settings import Driver, Hand, Intention, Perception, ProportionalStick
@@ -43,23 +42,6 @@ def test_each_is_made_and_stored(name):
     assert np.abs(signals).max() <= 1.0
     person = constants_of(made, ChairSettings(), SensorSettings(), 0.1)[0]
     assert person["n_signals"] == len(signals)
-
-
-# tests/laws/test_assisted.py does this with the others.
-@pytest.mark.parametrize("name", long_but(sorted(DRIVERS), sorted(DRIVERS)[::2]))
-def test_the_same_seed_gives_the_same_drive(name):
-    one, env = sticks(name)
-    other, _ = sticks(name)
-    assert one.tobytes() == other.tobytes()
-    assert np.abs(one).max() <= 1.0
-    again = env.reset(seed=3)[0]["stick"]
-    assert not again.any()
-
-
-def test_another_seed_gives_another_tremor():
-    one, _ = sticks("essential_tremor", drive=False)
-    other, _ = sticks("essential_tremor", drive=False, seed=4)
-    assert not np.array_equal(one, other)
 
 
 @pytest.mark.parametrize(

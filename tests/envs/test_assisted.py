@@ -15,7 +15,6 @@ from wheelchair_gym.config import InputError, dump, load
 from wheelchair_gym.drivers import DRIVERS
 from wheelchair_gym.envs import EnvSettings, NavigationEnv, NavigationVectorEnv
 
-ID = "wheelchair_gym/AssistedNavigation-v1"
 SMALL = {"scene": "clutter", "beams": 32, "split": "test"}
 BANK = {"scene": "clutter", "beams": 32, "bank": {"size": 4, "turnover": 0.5}}
 SHORT = {"task": {"time_base": 4.0, "time_factor": 0.0}}

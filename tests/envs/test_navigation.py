@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import json
 import subprocess
 import sys
@@ -157,24 +156,6 @@ def test_a_config_file_makes_the_same_env_as_its_content(tmp_path):
     assert a.task.beams == 64
     everything = gym.make(IDS[0], config=json.loads(json.dumps(dump(EnvSettings()))))
     assert everything.unwrapped.settings == EnvSettings()
-
-
-def test_fewer_beams_are_the_minimum_of_their_group():
-    wide, narrow = gym.make(IDS[0]), gym.make(IDS[0], beams=64)
-    full, few = wide.reset(seed=3)[0]["laser"], narrow.reset(seed=3)[0]["laser"]
-    bounds = [j * 1081 // 64 for j in range(65)]
-    assert few.tolist() == [full[a:b].min() for a, b in itertools.pairwise(bounds)]
-
-
-def test_observations_stay_in_their_space():
-    env = gym.make(IDS[1], pose_source="modelled")
-    observation, _ = env.reset(seed=1)
-    rng = np.random.default_rng(0)
-    for _ in range(200):
-        observation, _, terminated, truncated, _ = env.step(rng.uniform(-1, 1, 2))
-        assert env.observation_space.contains(observation)
-        if terminated or truncated:
-            env.reset()
 
 
 def test_guidance_looks_along_its_path():

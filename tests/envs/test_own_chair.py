@@ -17,7 +17,6 @@ from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.hardware.settings import check_boards, check_one_laser
 from wheelchair_gym.rendering.picture import TopView
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings, UltrasonicSettings
-from wheelchair_gym.task import TaskSettings
 
 FILE = ROOT / "examples" / "own_robot.json"  # 0.7 m x 1.1 m, two lasers and a camera's fan
 SHORT = {"time_base": 4.0, "time_factor": 0.0}
@@ -33,14 +32,6 @@ def own(**changes):
         else:
             values[section] = change
     return values
-
-
-def test_the_file_is_this_chair():
-    settings = read(EnvSettings, FILE)
-    outline, sensors = settings.chair.footprint, settings.sensors
-    assert (outline.front + outline.rear, 2 * outline.half_width) == (1.1, 0.7)
-    assert [laser.beams for laser in sensors.lasers] == [541, 181, 9]
-    assert settings.task.observed_beams(sensors) == (61, 20, 1)
 
 
 @pytest.mark.parametrize("mode", [NEXT, SAME])
@@ -129,11 +120,6 @@ def test_real_chairs_refuse_other_sensors_in_one_line():
             check(sensors)
         assert "\n" not in str(caught.value)
     check_boards(SensorSettings())
-
-
-def test_more_beams_than_the_laser_has_are_refused():
-    with pytest.raises(InputError, match=r"task.beams is 1081; the laser has only 541"):
-        NavigationEnv(config=own(task=dump(TaskSettings())), split="test")
 
 
 def test_a_localizer_uses_the_first_scanner():

@@ -96,41 +96,6 @@ def test_pixels_are_observations_across_resets():
         assert space.contains(world.step(STILL)[0])
 
 
-# imageio_ffmpeg leaves its pipes to the garbage collector.
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
-def test_one_film_holds_several_episodes(tmp_path):
-    pytest.importorskip("moviepy", reason="moviepy is not installed (extra: view)")
-    import imageio_ffmpeg
-    from stable_baselines3.common.vec_env import DummyVecEnv, VecVideoRecorder
-
-    def make():
-        short = {"scene": "floor_plan", "task": {"time_base": 0.3, "time_factor": 0.0}}
-        return gymnasium.make(ID, config=short, render_mode="rgb_array")
-
-    world = gymnasium.wrappers.RecordVideo(
-        make(), str(tmp_path / "one"), step_trigger=lambda step: step == 0, video_length=12,
-        disable_logger=True,
-    )  # fmt: skip
-    world.reset(seed=0)
-    for _ in range(12):
-        *_, ended, truncated, _ = world.step(STILL)
-        if ended or truncated:
-            world.reset()
-    world.close()
-    many = VecVideoRecorder(DummyVecEnv([make]), str(tmp_path), lambda step: step == 0, 12)
-    many.seed(0)
-    many.reset()
-    for _ in range(12):
-        many.step(STILL[None])
-    many.close()
-    films = sorted(tmp_path.rglob("*.mp4"))
-    assert len(films) == 2
-    for film in films:
-        reader = imageio_ffmpeg.read_frames(str(film))
-        assert next(reader)["size"] == (640, 640)
-        assert len(list(reader)) >= 12
-
-
 @pytest.mark.parametrize(
     ("size", "message"),
     [

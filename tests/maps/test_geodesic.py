@@ -157,20 +157,6 @@ def test_a_goal_that_is_not_free_has_no_ways(goal):
     assert ways.path((1.0, 1.0)).shape == (0, 2)
 
 
-def test_an_origin_turns_and_moves_everything():
-    plain = boxes(2)
-    turned = OccupancyGrid(plain.cells, plain.resolution, (4.0, -1.0, 0.8))
-    cells = np.argwhere(plain.traversable(0.1))[::50]
-    first, second = (geodesic(g, g.to_world(cells[0]), 0.1) for g in (plain, turned))
-    assert first.at(plain.to_world(cells)) == pytest.approx(second.at(turned.to_world(cells)))
-
-
-def test_the_same_map_gives_the_same_field():
-    grid = boxes(5)
-    first, second = (geodesic(grid, (2.0, 2.0), 0.1).field for _ in range(2))
-    assert (first == second).all()
-
-
 @pytest.mark.parametrize("share", [0.03, 0.15, 0.3])
 def test_every_cell_that_hangs_together_with_the_goal_has_a_way_and_no_other(share):
     for seed in range(60):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import shapely
 
-from planners.judge import Judge, faults, sweep_faults
+from planners.judge import faults, sweep_faults
 from wheelchair_gym.geometry import Footprint
 
 BLOCK = shapely.box(4, 4, 6, 6)
@@ -30,14 +30,6 @@ BOUNDS = (0, 0, 10, 10)
 def test_judge_knows_good_from_bad(path, clearance, valid):
     path = np.array(path, dtype=float)
     assert (not faults(path, BLOCK, BOUNDS, clearance)) == valid
-
-
-def test_judge_looks_at_both_ends():
-    judge, path = Judge(BLOCK, BOUNDS), [(1.0, 1.0), (9.0, 1.0)]
-    assert not judge.faults(path, start=(1, 1, 0.5), goal=(9, 1))
-    (fault,) = judge.faults(path, start=(1, 1.1))
-    assert fault.startswith("its start is 0.1")
-    assert len(judge.faults(path, start=(1, 1), goal=(9, 2))) == 1
 
 
 CHAIR = Footprint()

@@ -88,11 +88,6 @@ def test_whales_make_no_evaluations_without_a_share():
     assert plan(ROOM).counters["local_evaluations"] > 0
 
 
-def test_another_seed_gives_another_plan():
-    first, other = plan(ROOM), plan(ROOM, seed=1)
-    assert first.path.shape != other.path.shape or (first.path != other.path).any()
-
-
 @pytest.mark.parametrize("deadline", [1e-9, 0.01, 0.05])
 def test_the_iterations_of_a_plan_under_a_deadline_replay_it(deadline):
     late = plan(ROOM, deadline=deadline, iterations=10**6, improvement=10**6)
@@ -102,25 +97,6 @@ def test_the_iterations_of_a_plan_under_a_deadline_replay_it(deadline):
     again = plan(ROOM, iterations=count, improvement=10**6)
     np.testing.assert_array_equal(late.path, again.path)
     assert late.counters == again.counters
-
-
-@pytest.mark.parametrize(
-    ("name", "status"), [("no_door", Status.EXHAUSTED), ("l_turn_66", Status.EXHAUSTED)]
-)
-def test_failure_is_a_status_without_a_path(name, status):
-    answer = plan(name, deadline=0.2)
-    assert answer.status is status
-    assert len(answer.path) == 0
-
-
-def test_ends_where_the_outline_does_not_fit_have_names():
-    problem, _, _ = CASES[ROOM]
-    planner = make_planner(NAME)
-    kind = problem.__class__
-    shut = kind(problem.space, np.array([0.35, 1.5, math.pi]), problem.goal)
-    assert planner.plan(shut, np.random.default_rng(0)).status is Status.START_OCCUPIED
-    shut = kind(problem.space, problem.start, np.array([0.35, 1.5, math.pi]))
-    assert planner.plan(shut, np.random.default_rng(0)).status is Status.GOAL_OCCUPIED
 
 
 def test_a_chair_that_cannot_go_back_does_not():

@@ -34,12 +34,6 @@ from planners.trees.tree import (
     tree_with_capacity,
 )
 
-TREES = [
-    name
-    for name, planner in PLANNERS.items()
-    # The path of one is its swarm's, and the tree of the other of an outline: test_pose_tree.py.
-    if ".trees." in planner.__module__ and name not in ("rrt_woa", "se2_rrt_star_woa")
-]
 # Of the thesis's figure 3.1, whose samples are never the goal.
 THESIS_TREE = RrtStar(
     step=1.0, search_radius=1.5, goal_bias=0.0, goal_reach=1.0, return_on_first_path=True
@@ -83,14 +77,6 @@ def test_rrt_star_falls_with_samples_to_the_optimum(problem):
     ]
     assert (np.diff(lengths) < 0).all()
     assert lengths[-1] <= 1.01 * SHORTEST
-
-
-@pytest.mark.parametrize("name", ["clutter", "rooms"])
-def test_rrt_star_ends_within_two_percent(name, stored):
-    problem, optimum = stored[name]
-    plan = RrtStar(iterations=30_000).plan(problem, np.random.default_rng(0))
-    assert_free(problem, plan.path)
-    assert optimum * (1 - 1e-9) <= plan.length <= 1.02 * optimum
 
 
 def test_costs_follow_rewiring(problem):

@@ -12,7 +12,6 @@ from wheelchair_gym.geometry import Footprint, polygon_edges, to_world
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.physics.actors.records import combine, door, furniture, obstacle, person
 from wheelchair_gym.rendering import TopView, draw_plan, palette
-from wheelchair_gym.rendering.canvas import text_width, write_text
 from wheelchair_gym.rendering.floor import (
     FINE,
     closed_loops,
@@ -94,13 +93,6 @@ def test_chair_covers_its_footprint_and_nothing_else(view, pose):
     assert (own[:, 0] > -f.rear - edge).all()
     assert (own[:, 0] < f.front + edge).all()
     assert (np.abs(own[:, 1]) < f.half_width + edge).all()
-
-
-def test_heading_mark_points_forward(view):
-    for pose in POSES:
-        image = view.draw(pose)
-        assert colour_at(image, view.frame, to_world((0.50, 0.0), pose)) == palette.FREE
-        assert colour_at(image, view.frame, to_world((-0.2, 0.0), pose)) != palette.FREE
 
 
 def test_floor_solids_and_unknown_have_their_colours(view):
@@ -272,17 +264,6 @@ def test_a_caption_stays_clear_of_the_scale_bar(size, words):
     assert written.max() < bar
     gap = 0.1 * strip  # what ends there was not cut off
     assert written.max() < bar - gap
-
-
-@pytest.mark.parametrize("size", [(640, 320), (480, 640), (960, 320), 320, 1000])
-def test_a_text_is_as_wide_as_it_is_measured(size):
-    """Captions are shortened by that width: were it less than the writing, they would be cut."""
-    height = size if isinstance(size, int) else size[0]
-    for capital in (0.02 * height, 0.04 * height):
-        paper = np.full((100, 2000, 3), 255, np.uint8)
-        write_text(paper, "9.6 m to go", (10, 80), capital, palette.INK)
-        ends = np.flatnonzero((paper < 128).any(axis=(0, 2)))
-        assert ends.max() + 1 - 10 <= text_width("9.6 m to go", capital) + 2
 
 
 def test_movers_are_drawn_at_their_true_shapes():

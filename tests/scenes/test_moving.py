@@ -54,13 +54,6 @@ def drawn(count=8, first=0, **spec):
     return [scene.sample(np.random.default_rng(first + k)) for k in range(count)]
 
 
-def test_no_furniture_stands_on_the_goal():
-    for episode in drawn(12, name="crowd", place="hall", furniture_density=0.15):
-        places = episode.actors.rows["pose"][episode.actors.rows["kind"] == FURNITURE][:, :2]
-        assert len(places) > 5
-        assert np.hypot(*(places - episode.goal[:2]).T).min() >= 1.1
-
-
 def test_no_leaf_stands_open_across_the_only_way():
     """The chair starts in a nook whose opening a leaf would close."""
     cells = np.full((60, 100), FREE, np.int8)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import math
 
@@ -109,13 +108,6 @@ def test_the_map_is_what_the_walls_and_discs_say(scene):
             rims = np.hypot(*(a + t * way - point).T)
             discs = np.hypot(*(episode.discs[:, :2] - point).T) - episode.discs[:, 2]
             assert min([*rims, *discs], default=math.inf) < 1.5 * grid.resolution
-
-
-def test_every_setting_is_json(scene):
-    plain = json.loads(json.dumps(dataclasses.asdict(scene)))
-    name = next(name for name, cls in SCENES.items() if type(scene) is cls)
-    assert make_scene({"name": name, **plain}) == scene
-    assert make_scene(scene) is scene
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import dataclasses
 import math
 
@@ -337,15 +336,3 @@ def test_a_row_of_a_batch_and_one_inside_another_record_equal_a_single_tracker(b
         assert single.state["n_tracks"][0] > 0
     assert same_fields(nested["tracker"][0], states[1])
     assert nested["before"][0] == nested["after"][0] == 0.0
-
-
-def test_a_copy_goes_on_as_the_original():
-    tracker = Tracker()
-    follow(crossing, 2.0, tracker=tracker)
-    other = copy.deepcopy(tracker)
-    for k in range(20, 25):
-        seen = scan(crossing(0.1 * k), k)
-        a, b = (one.update(seen, POSE, STILL, 0.1 * k) for one in (tracker, other))
-        assert np.array_equal(a.place, b.place)
-        assert np.array_equal(a.id, b.id)
-    assert tracker.state.ctypes.data != other.state.ctypes.data

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from dataclasses import fields, replace
 
 import numpy as np
@@ -16,10 +15,8 @@ from agents.assistance.targets import find_targets
 from agents.policies import make_policy
 from agents.policies.assisted import Assisted
 from tests.assistance.test_compiled import reading, scan_of
-from tests.conftest import long_but
 from tests.laws.test_policies import plain
 from wheelchair_gym.config import InputError, dump, load
-from wheelchair_gym.drivers import DRIVERS
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.sensors.settings import SensorSettings
@@ -60,16 +57,6 @@ def test_it_never_goes_beyond_its_freedom(name):
             assert abs(w) <= LIMITS.turn
 
     law()
-
-
-@pytest.mark.parametrize("name", ASSISTANTS)
-def test_a_centred_stick_asks_for_rest_at_once(name):
-    """After any drive, latched or not: a stop command of a latched interface is a centred stick."""
-    sticks = [Stick(1.0, 0.3, True)] * 6 + [Stick(0.0, 0.0, False)]
-    for seed in range(5):
-        found = assisted(name, sticks, [scan_of(seed)] * 7)
-        assert not found[-1].any()
-        assert not np.signbit(found[-1]).any()
 
 
 @pytest.mark.parametrize("name", ASSISTANTS)
@@ -182,24 +169,3 @@ def test_doors_desks_and_free_directions_are_targets():
     assert beyond.min() < 0.1  # the door
     assert np.hypot(*(found - (1.2, 0.0)).T).min() < 0.4  # in front of the wall
     assert len(find_targets(np.empty((0, 2)), 0.7)) == 9
-
-
-@pytest.mark.parametrize("driver", long_but(["expert", "sip_and_puff", "hostile"], ["hostile"]))
-@pytest.mark.parametrize("name", ASSISTANTS)
-def test_a_drive_is_the_same_for_the_same_seed(name, driver):
-    assert driver in DRIVERS
-    runs = []
-    for _ in range(2):
-        env = NavigationEnv("clutter", driver=driver, shield=is_shielded(name), split="test")
-        policy = make_policy({"name": "assisted", "assist": name})
-        env.reset(seed=4)
-        policy.reset(env.mission)
-        poses = []
-        for _ in range(25):
-            command = policy.act(env.reading)
-            _, _, terminated, truncated, info = env.step(command.as_action(LIMITS))
-            poses.append(copy.deepcopy(info["pose"]))
-            if terminated or truncated:
-                break
-        runs.append(np.array(poses))
-    assert runs[0].tobytes() == runs[1].tobytes()

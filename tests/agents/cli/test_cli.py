@@ -12,11 +12,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from agents import cli
 from agents.cli import COMMANDS, main, parser
 from agents.cli.arguments import changed, spec
 from agents.cli.compare import comparison_name
-from agents.cli.lists import all_settings
 from agents.control import FOLLOWERS
 from agents.evaluation.compare import SUITES
 from agents.evaluation.provenance import command_line
@@ -26,7 +24,6 @@ from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, write_map
 from wheelchair_gym.scenes import SCENES, make_scene
 
-ALL_SETTINGS = sorted(all_settings())
 YARD = "type octile\nheight 3\nwidth 5\nmap\n.....\n..T..\n.....\n"
 
 
@@ -173,21 +170,6 @@ def test_a_likely_slip_is_told_what_was_meant(arguments, says, capsys):
     assert says in capsys.readouterr().err
 
 
-def test_a_warning_about_settings_has_no_line_of_the_source():
-    where = ("some.py", 3)
-    assert cli.one_line_warning("mind this", UserWarning, *where) == "wheelchair: mind this\n"
-    assert "some.py:3" in cli.one_line_warning("old", DeprecationWarning, *where)
-
-
-@pytest.mark.parametrize(
-    ("change", "status"),
-    [({"start": "2.5,2"}, "start_occupied"), ({"goal": "9,9"}, "goal_outside")],
-)
-def test_a_failure_of_the_world_has_its_name(hall, capsys, change, status):
-    assert run(*plan(hall, "hall.yaml", **change)) == 2
-    assert status in capsys.readouterr().err
-
-
 def test_a_planner_that_finds_nothing_says_why(hall, capsys):
     assert run(*plan(hall, "hall.yaml", planner="potential_field")) == 1
     said = capsys.readouterr().err
@@ -289,18 +271,6 @@ def test_the_nearest_known_name_is_suggested(capsys, words, near):
 
 
 @pytest.mark.parametrize(
-    ("name", "says"),
-    [
-        ("laser", "; laser is a setting of sensors"),
-        ("zzz", "; `wheelchair settings` lists all names"),
-    ],
-)
-def test_settings_of_an_unknown_name_are_looked_for(capsys, name, says):
-    assert run("settings", name) == 2
-    assert capsys.readouterr().err == f"wheelchair: no settings are called {name!r}{says}\n"
-
-
-@pytest.mark.parametrize(
     ("words", "folder"),
     [("", "demo"), ("--suite homes", "homes"), ("--map a/hall.yaml,plan.png", "hall_plan"),
      ("--scenes clutter,my.json:wide", "clutter_my.json_wide"),
@@ -322,15 +292,6 @@ def test_the_version_and_completion_scripts_are_printed(capsys):
     for shell in ("bash", "zsh"):
         assert run("--completion", shell) == 0
         assert "--planner" in capsys.readouterr().out
-
-
-def test_the_page_of_settings_has_a_row_for_each(capsys, tmp_path):
-    assert run("settings", "--markdown", tmp_path / "settings.md") == 0
-    page = (tmp_path / "settings.md").read_text()
-    assert run("settings", *ALL_SETTINGS, "--json", "-") == 0
-    for name, rows in json.loads(capsys.readouterr().out).items():
-        section = page.partition(f"## {name}\n")[2].partition("\n## ")[0]
-        assert section.count("\n| `") == len(rows), name
 
 
 def test_an_episode_is_driven_and_drawn(capsys, tmp_path):

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import pytest
 
 from agents.cli import hardware, main
-from tests.conftest import ROOT, until
+from tests.conftest import until
 from tests.hardware.realtime import serving
 from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.hardware import joystick
@@ -19,8 +19,6 @@ from wheelchair_gym.hardware.boards.senses import BoardSensors
 from wheelchair_gym.hardware.chair import HardwareChair
 
 pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
-
-CONFIG = str(ROOT / "configs" / "hardware.json")
 
 
 @pytest.fixture

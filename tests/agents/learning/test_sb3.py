@@ -7,7 +7,6 @@ from collections import Counter
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
-from stable_baselines3 import PPO
 
 from agents.learning import curves
 from agents.learning.sb3 import SB3VecEnv
@@ -97,14 +96,6 @@ def test_options_are_those_of_the_vector_environment():
         with pytest.raises(InputError, match=r"foo|same for all|reset_mask"):
             many.reset()
         many.reset()  # options are of one reset
-
-
-def test_ppo_learns_from_them():
-    model = PPO("MultiInputPolicy", chairs(4), n_steps=32, batch_size=64, n_epochs=1, seed=0)
-    model.learn(256)
-    assert model.num_timesteps == 256
-    assert len(model.ep_info_buffer) >= 4
-    assert all(np.isfinite(p.detach().numpy()).all() for p in model.policy.parameters())
 
 
 def test_chairs_that_begin_in_the_step_after_are_refused():

@@ -81,13 +81,6 @@ def test_in_simulated_time_a_plan_takes_as_many_periods_as_it_is_told(planning_t
     assert planning.figures.late == (steps > 10)
 
 
-def test_without_planning_time_a_plan_is_taken_at_once():
-    planning, taken = Planning(PERIOD, 1.0, 0.0, False), []
-    planning.ask(lambda end: 1, taken.append)
-    assert taken == [1]
-    assert not planning.busy
-
-
 def test_in_real_time_the_loop_goes_on_while_a_plan_is_made():
     planner = SlowPlanner()
     policy = make_policy({"name": "planned", "planner": {"name": "a_star"}, "deadline": 0.5})
@@ -132,11 +125,6 @@ def thinking(planning_time, place=lambda t: None, length=12.0):
     while policy._reference is None:
         world.step(policy)
     return world, policy
-
-
-def test_the_first_plan_is_there_after_its_time():
-    world, _ = thinking(0.5)
-    assert world.time == pytest.approx(0.6)  # of step 0, taken in step 5
 
 
 def test_what_stands_on_the_first_plan_is_planned_round_before_it_drives():

@@ -98,11 +98,6 @@ def test_rows_are_independent_draws_unless_they_are_paired():
             assert len({s for of in seeds for s in of}) == 100 * len(study.rows)
 
 
-def test_two_workers_find_the_same(once, tmp_path):
-    run_studies([small("t1-3.5")], tmp_path, runs=3, jobs=2, progress=False)
-    assert timeless(tmp_path / "t1-3.5.csv") == timeless(once / "t1-3.5.csv")
-
-
 def test_what_was_stopped_goes_on_and_more_runs_add_to_it(once, tmp_path, monkeypatch):
     real, made = module.measure, []
 

@@ -267,16 +267,3 @@ def test_help_and_hands_change_while_driving(served):
         assert messages(socket, "paused")["on"]
         send(socket, "assist", name="nobody")
         assert "nobody" in messages(socket, "error")["text"]
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("place", ["scene:people", "suite:lift:0", "scene:temporary"])
-def test_drives_among_people_are_judged_the_same(served, place, capsys):
-    before = recordings(served)
-    with served.socket() as socket:
-        send(socket, "start", **{**START, "place": place, "assist": "slide", "rate": 40})
-        messages(socket, "world")
-        drive_for(socket, 2.0, 0.5, 0.2)
-    (file,) = set(recordings(served)) - set(before)
-    assert main(["replay", str(file)]) == 0
-    assert "the same rewards" in capsys.readouterr().out
