@@ -165,12 +165,11 @@ class Robot:
             v, w = twist["linear"]["x"], twist["angular"]["z"]
             if not all(type(one) in (int, float) and math.isfinite(one) for one in (v, w)):
                 raise ValueError
-        except (AttributeError, KeyError, TypeError, ValueError, OverflowError):
-            return self._refuse(f"{topic}: expected a Twist or TwistStamped of finite numbers")
-        try:
             made = seconds(message["header"]["stamp"]) if twist is not message else 0.0
-        except (KeyError, TypeError, ValueError) as error:
-            return self._refuse(f"{topic}: its header {error}")
+        except (AttributeError, KeyError, TypeError, ValueError, OverflowError):
+            return self._refuse(
+                f"{topic}: expected a Twist, or a TwistStamped with a header, of finite numbers"
+            )
         limit = self.config.command_timeout
         if made and abs(self._now() / ros.NANO - made) > limit:
             return self._refuse(

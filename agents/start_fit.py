@@ -83,13 +83,12 @@ def start_fit(
     climbs = map(climbed, _preselected(grid, field, start, _some(scan, _FEW)))
     others = [(other, end) for other, end in climbs if not near_start(end)]
     around = [one for one in others if math.hypot(*(one[1] - start)[:2]) <= AROUND + STEP]
-    nowhere = (0.0, start)
-    better, elsewhere = max(around, key=itemgetter(0), default=nowhere)
+    better, elsewhere = max(around, key=itemgetter(0), default=(0.0, start))
     if better > fit + BETTER:
         x, y, yaw = elsewhere
         wrong = f"it fits {better:.2f} at {x:.2f},{y:.2f},{yaw:.2f}"
         return StartFit(share, fit, pose, better, elsewhere, wrong)
-    better, elsewhere = max(others, key=itemgetter(0), default=nowhere)
+    better, elsewhere = max(others, key=itemgetter(0), default=(0.0, start))
     wrong = f"expected {LEAST:g} or more" if fit < LEAST else ""
     return StartFit(share, fit, pose, better, elsewhere, wrong, better > fit - ALIKE)
 

@@ -28,6 +28,7 @@ ARROW = {
 }
 # What planners may know of the chair: words, settings, geometry and maps, and how to compile.
 FOR_PLANNERS = {
+    "arrays",
     "types",
     "geometry",
     "kinematics",

@@ -143,11 +143,8 @@ def _answer(planner: Any, problem: Problem, seed: int) -> tuple[Plan, dict[str, 
     solved = len(plan.path) > 0
     if not solved and (status := check(problem)):  # also where somebody's planner says less
         plan = replace(plan, status=status)
-    why = ""
-    if solved:  # the judge shares no code with planners
-        footprint = getattr(planner, "footprint", None)
-        why = next(iter(plan_faults(plan, problem, footprint)), "")
-    if why:  # by the independent judge
+    why = next(iter(plan_faults(plan, problem, getattr(planner, "footprint", None))), "")
+    if why:  # by the independent judge, which shares no code with planners
         plan = replace(plan, note=why)
     return plan, {
         "name": problem.name,

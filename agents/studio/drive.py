@@ -88,8 +88,8 @@ class Drive:
         self._env: Any = self._world  # recorded, where it can be
         self.note, self.file = "", None
         try:
-            place = re.sub(r"[^\w.-]+", "_", order.place.label)
-            name = f"{time.strftime('%Y%m%d-%H%M%S')}-{place}-{order.seed}-{order.assist}.mcap"
+            label = re.sub(r"[^\w.-]+", "_", order.place.label)
+            name = f"{time.strftime('%Y%m%d-%H%M%S')}-{label}-{order.seed}-{order.assist}.mcap"
             self._env = RecordEpisodes(self._world, order.file or folder / name)
             self.file = Path(self._env.file)
         except InputError as error:  # without the extra, or on a full disk, people drive anyway
