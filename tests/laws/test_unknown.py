@@ -55,7 +55,7 @@ def test_a_map_with_unknown_cells_is_the_map_that_they_make(maps, asked, capsys)
 def test_a_given_map_has_its_unknown_cells_blocked_for_policies(maps):
     """Also where a real chair needs them unknown to find its place."""
     _, grids = maps
-    env = gym.make("wheelchair_gym/Navigation-v0").unwrapped
+    env = gym.make("wheelchair_gym/Navigation-v1").unwrapped
     grid = grids["unknown"]
     ends = (np.array(ENDS[name]) for name in ("start", "goal"))
     env.reset(seed=0, options={"episode": Episode(grid, *ends, grid.walls())})
