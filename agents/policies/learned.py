@@ -145,8 +145,8 @@ class LearnedDriver(Trained):
         grid = mission.map_at(reading)
         if mission.map is None:  # the path may lead beyond what is drawn
             grid = grid.extended_to(np.stack([pose[:2], goal[:2]]), BEYOND)
-        episode = Episode(grid, pose, goal, tolerance=mission.tolerance)
-        return self.task.prepare(episode)
+            self.task.built_map = lambda: grid
+        return self.task.prepare(Episode(grid, pose, goal, tolerance=mission.tolerance))
 
     def act(self, reading: Reading) -> Command:
         """See `Policy.act`."""
