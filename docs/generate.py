@@ -69,11 +69,11 @@ MODULES = {
         policies.explore control control.followers control.whales deploy watch
         person person.stick person.drive person.replay person.recorded_stick person.fit_driver
         person.fit_tremor
-        evaluation.evaluate evaluation.scenes evaluation.compare evaluation.metrics
-        evaluation.report evaluation.tuning learning.sb3 learning.settings learning.run
+        evaluation.evaluate evaluation.compare evaluation.metrics evaluation.report
+        evaluation.tuning learning.sb3 learning.settings learning.run
         learning.weights learning.export studies.model studies.evidence participants
-        participants.protocol participants.session participants.report benchmarks.environments
-        benchmarks.planner_benchmark
+        participants.protocol participants.session participants.report
+        benchmarks.environments benchmarks.planner_benchmark benchmarks.scene_statistics
     """,
 }
 # Compiled functions are internal, but for those of these modules.

@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from agents.benchmarks.scene_statistics import scene_statistics
 from agents.cli.arguments import report, spec
 from agents.cli.options import ALGORITHMS
 from agents.evaluation.provenance import write_text
-from agents.evaluation.scenes import scene_statistics
 from agents.evaluation.tables import markdown_table
 from wheelchair_gym.config import InputError, dump, setting_docs, suggest
 from wheelchair_gym.scenes import SCENES, make_scene

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
+from agents.benchmarks.scene_statistics import scene_statistics
 from agents.evaluation.compare import suite
 from agents.evaluation.evaluate import without_labels
-from agents.evaluation.scenes import scene_statistics
 from tests.conftest import long_but
 from wheelchair_gym.config import InputError
 from wheelchair_gym.envs import NavigationEnv

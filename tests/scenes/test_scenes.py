@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from agents.evaluation.scenes import scene_statistics
+from agents.benchmarks.scene_statistics import scene_statistics
 from tests.copies import same_fields
 from wheelchair_gym.config import InputError
 from wheelchair_gym.geometry import footprint_clearance
