@@ -128,6 +128,7 @@ class Run:
             raise InputError(
                 f"{folder}: holds a run with {some}; choose another folder, or delete it"
             )
+        initial = load_weights(find_weights(config.warm_start)) if config.warm_start else None
         folder.mkdir(parents=True, exist_ok=True)
         write_json(folder / "settings.json", as_json(config))
         torch.set_num_threads(config.threads)
@@ -156,8 +157,7 @@ class Run:
             self.checkpoint_number, self.best_success = content["number"], content["best"]
             self.worlds.max_time = content["within"]
             self.rows = self.rows[: self.checkpoint_number]
-        elif config.warm_start is not None:
-            initial = load_weights(find_weights(config.warm_start))
+        elif initial is not None:
             networks.load_actor_arrays(self.model, config.algorithm, initial.arrays)
 
     @property

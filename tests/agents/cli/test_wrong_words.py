@@ -50,7 +50,6 @@ WORDS = [
     ),
     ("export straight --onnx x.onnx", "a policy without a network; expected weights (.npz)"),
     ("export model.zip --onnx x.onnx", "a model of stable-baselines3; expected weights (.npz)"),
-    ("train ppo --set warm_start=model.zip", "a model of stable-baselines3; expected weights"),
     ("export residual --onnx x.onnx", "assistant"),
     ("simulate --live -1", "--live"),
     ("simulate --live x", "--live"),
