@@ -41,7 +41,8 @@ def test_specs_make_the_same_environment_again(name):
     with pytest.raises(TypeError, match="unexpected keyword argument 'autoreset_mode'"):
         gym.make(spec)
     assert gym.spec(name).kwargs["split"] == "train"
-    with pytest.raises(gym.error.DeprecatedEnv, match=name):
+    old = pytest.raises(gym.error.DeprecatedEnv, match=name)
+    with pytest.warns(DeprecationWarning, match="out of date"), old:
         gym.make(name.replace("-v1", "-v0"))
 
 

@@ -112,7 +112,7 @@ def test_each_row_with_a_shield_is_a_single_env_with_one(mode):
 @pytest.mark.parametrize("mode", [NEXT, SAME])
 def test_what_was_handed_out_is_never_written_again(mode):
     """Everything kept over many ends of episodes is as it was, and in its space."""
-    env = NavigationVectorEnv(4, SHORT, autoreset_mode=mode, **QUICK)
+    env = NavigationVectorEnv(4, config=SHORT, autoreset_mode=mode, **QUICK)
     rng = np.random.default_rng(0)
 
     def numbers(told):

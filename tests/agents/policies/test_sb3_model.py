@@ -44,7 +44,7 @@ def test_a_model_acts_as_in_training(algorithm, make, settings, tmp_path, capsys
     """Also where its environment differed from the default, and VecNormalize scaled what it saw."""
     venv, file = make(**settings), tmp_path / "model.zip"
     name = "MlpPolicy" if venv.observation_space.shape else "MultiInputPolicy"
-    more = {"buffer_size": 500} if algorithm is SAC else {"n_steps": 16}
+    more = {PPO: {"n_steps": 16, "batch_size": 16}, SAC: {"buffer_size": 500}}.get(algorithm, {})
     model = algorithm(name, venv, seed=0, **more)
     model.learn(64, callback=SaveModel(file))
     said = capsys.readouterr().err
