@@ -84,10 +84,15 @@ class Space:
         return cls(solids.with_holes(outlines), bounds)
 
     @classmethod
+    def from_polygons(cls, polygons: Iterable[ArrayLike], bounds: ArrayLike) -> Space:
+        """A map with solid polygons (k, 2) [m]; they may overlap."""
+        return cls(solids.union(polygons), bounds)
+
+    @classmethod
     def from_rectangles(cls, rectangles: ArrayLike, bounds: ArrayLike) -> Space:
         """A map with solid rectangles (n, 4) [m]: xmin, ymin, xmax, ymax; they may overlap."""
         corners = np.asarray(rectangles, dtype=np.float64).reshape(-1, 4)
-        return cls(solids.union(corners[:, [0, 1, 2, 1, 2, 3, 0, 3]].reshape(-1, 4, 2)), bounds)
+        return cls.from_polygons(corners[:, [0, 1, 2, 1, 2, 3, 0, 3]].reshape(-1, 4, 2), bounds)
 
     @classmethod
     def from_walls(cls, walls: ArrayLike, discs: ArrayLike, bounds: ArrayLike) -> Space:
