@@ -220,8 +220,8 @@ def _in_processes(given: argparse.Namespace, cases: list[Case]) -> int:
                 one_thread = [] if given.algorithm == "bc" else ["threads=1"]
                 for change in [*case.changes, *one_thread]:
                     command += ["--set", change]
-                log = (case.folder / "log.txt").open("ab")
-                running[case.name] = subprocess.Popen(command, stdout=log, stderr=log)
+                with (case.folder / "log.txt").open("ab") as log:  # the process keeps it open
+                    running[case.name] = subprocess.Popen(command, stdout=log, stderr=log)
                 print(f"{case.name}: {case.folder / 'log.txt'}", file=sys.stderr)
             for name, process in list(running.items()):
                 try:
