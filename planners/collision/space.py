@@ -169,7 +169,7 @@ class Space:
 
     @cached_property
     def solid(self) -> Any:
-        """What is solid, as a shapely geometry; it may reach beyond the bounds.
+        """The solid geometry (shapely), which may reach beyond the bounds.
 
         The geometry of a grid is made of its cells, that of others of the polygons given.
         """
@@ -181,7 +181,7 @@ class Space:
 
     @cached_property
     def free(self) -> Any:
-        """What is free, as a shapely geometry of polygons."""
+        """The free geometry (shapely), of polygons."""
         if self.in_frame is not self:
             return shapely.transform(self.in_frame.free, lambda at: to_world(at, self.frame))
         if self._edges is not None and self._grid is None:

@@ -182,7 +182,7 @@ class Task:
 
     @property
     def map(self) -> OccupancyGrid:
-        """What the chair knows of the world; unknown cells of a given map are occupied."""
+        """The map that the chair knows; unknown cells of a given map are occupied."""
         return self._told if self.built_map is None else self.built_map()
 
     def prepare(self, episode: Episode, radius: float | None = None) -> PreparedEpisode:
