@@ -1,4 +1,4 @@
-"""Where a person may want to go: places found in a scan, and a belief over them.
+"""Places where a person may want to go, found in a scan, and a belief over them.
 
 Doors, things to drive up to such as desks, and free directions are found in the obstacles around.
 The belief follows Bayes' rule: a person's stick is the likelier, the less it costs on the way to

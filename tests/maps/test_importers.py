@@ -109,7 +109,7 @@ def winding(points, walls):
 
 @pytest.mark.parametrize("seed", range(8))
 def test_solid_polygons_that_overlap_are_united(tmp_path, seed):
-    """What is in any polygon, in whatever sense it is given, or off the bounds is solid."""
+    """A point in any polygon, of either orientation, or off the bounds is solid."""
     rng = np.random.default_rng(seed)
     polygons = []
     for _ in range(rng.integers(1, 12)):

@@ -96,8 +96,8 @@ def _numbers(line: str) -> Array | str:
 
 
 def _unwrapped(moved: float, most: float) -> float:
-    """Return a wheel's distance [m] without the wrap of its counter, if that explains a leap."""
-    turns = (sign * width * PER_TICK for width in _WIDTHS for sign in (-1, 1))
+    """Return a wheel's distance [m] without the wrap of its counter, if only that explains it."""
+    turns = (s * w * PER_TICK for w in _WIDTHS for s in (-1, 1) if w * PER_TICK > 2.0 * most)
     return next((moved + turn for turn in turns if abs(moved + turn) <= most < abs(moved)), moved)
 
 
