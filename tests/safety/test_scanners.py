@@ -91,7 +91,7 @@ def test_it_leaves_when_the_thing_behind_has_gone():
     sensors = with_more(BACK)
     chair, shield = SimulatedChair(sensors=sensors), Shield(sensors=sensors)
     episode = box(5.0, (0.0, 0.0, 0.0))
-    reading = chair.reset(dataclasses.replace(episode, discs=np.array([(-0.5, 0.0, 0.05)])), 3)
+    reading = chair.reset(dataclasses.replace(episode, discs=np.array([(-0.42, 0.0, 0.05)])), 3)
     for _ in range(20):
         reading = chair.drive(shield.filter(BACKWARD, reading))
     assert shield.decision.reason == "obstacle"

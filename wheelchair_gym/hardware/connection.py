@@ -83,11 +83,29 @@ NEVER = Stamped(math.nan, -math.inf)
 
 
 class ClockSync:
-    """The times of messages of one topic by this computer's clock."""
+    """The times of messages of one topic by this computer's clock.
 
-    def __init__(self, drift: float) -> None:
-        self._drift = drift
+    The quickest message so far bounds the difference of the clocks from above. A round trip bounds
+    it from below: without one, a constant latency cannot be seen.
+
+    Args:
+        drift: s per s that the two clocks may drift apart.
+        error: maximum difference of two synchronized clocks [s]; +inf: they are not.
+
+    Attributes:
+        uncertainty: distance of both bounds at the last round trip [s]; 0 before the first.
+        latency: maximum time [s] that the last message was under way.
+    """
+
+    def __init__(self, drift: float, error: float = math.inf) -> None:
+        self._drift, self._error = drift, error
         self._last, self._ahead, self._came = -math.inf, math.inf, 0.0
+        self.uncertainty = self.latency = 0.0
+
+    def answered(self, sent: float, stamp: float) -> None:
+        """Use a round trip: a request that was sent then [s] was answered at a stamp [s]."""
+        if math.isfinite(self._ahead):
+            self.uncertainty = max(0.0, self._ahead - (sent - stamp))
 
     def host_time(self, stamp: float, came: float) -> float:
         """When a message was made that came then [s]; `stamp` is by its maker's clock, or NaN.
@@ -104,9 +122,17 @@ class ClockSync:
                 f"is stamped {jump:.3g} s later than its clock showed before; if that clock was "
                 "set, reset the chair"
             )
+        if came - stamp < -self._error:
+            raise ValueError(
+                f"is stamped {stamp - came:.3g} s in the future, although both clocks are said to "
+                f"agree to {self._error:g} s"
+            )
         # Bound of the clocks' difference: that of the quickest message so far, and their drift.
         ahead = min(came - stamp, self._ahead + self._drift * (came - self._came))
         self._last, self._ahead, self._came = stamp, ahead, came
+        if math.isfinite(self._error):
+            self.uncertainty = ahead + self._error
+        self.latency = came - stamp - ahead + self.uncertainty
         return stamp + ahead
 
 
@@ -118,24 +144,24 @@ class Latest:
 
     Attributes:
         message: the newest; its time is -inf before the first.
+        clock: of its maker.
     """
 
     def __init__(self, drift: float) -> None:
         self._drift = drift
-        self.clear()
+        self.message, self.clock = NEVER, ClockSync(drift)
 
     def clear(self) -> None:
-        """Forget all messages."""
+        """Forget all messages; what is known of the clock stays."""
         self.message = NEVER
-        self._clock = ClockSync(self._drift)
 
     def update(self, value: Any, stamp: float, came: float) -> None:
         """Take a message that was made at a time of its maker's clock."""
         try:
-            made = self._clock.host_time(stamp, came)
+            made = self.clock.host_time(stamp, came)
         except ValueError:  # its maker was switched off and on
-            self._clock = ClockSync(self._drift)
-            made = self._clock.host_time(stamp, came)
+            self.clock = ClockSync(self._drift)
+            made = self.clock.host_time(stamp, came)
         self.message = Stamped(value, made)
 
     def age(self, now: float) -> float:

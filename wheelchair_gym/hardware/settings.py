@@ -21,6 +21,8 @@ class HostLimits:
         default=_STALE.odometry, unit="s", low=0.01, source="the shield's limit"
     )
     """Maximum age of the odometry."""
+    latency: float = setting(default=0.1, unit="s", low=0.01, source="design choice")
+    """Maximum time that scans and odometry may be under way, by round trips and time stamps."""
     pose: float = setting(default=0.5, unit="s", low=0.01, source="design choice")
     """Maximum age of a pose on the map."""
     ultrasonic: float = setting(
@@ -32,7 +34,7 @@ class HostLimits:
     )
     """How long a command stays valid beyond its control period."""
     clock_drift: float = setting(
-        default=1e-3, unit="s/s", low=0.0, high=0.1, source="design choice"
+        default=2e-4, unit="s/s", low=0.0, high=0.1, source="two quartz clocks, 100 ppm each"
     )
     """Maximum drift between the host's clock and that of a board or another computer."""
     ready_timeout: float = setting(default=5.0, unit="s", low=0.1, source="design choice")

@@ -235,7 +235,7 @@ def check_trajectory(g: Any, s: Any, near: Any, v: float, w: float) -> int:
     Without a better option the next decision brakes in the same way: within the comfort limits
     before static obstacles, at the protective limit before moving ones.
     """
-    wary = v < 0.0 and s.stamp - s.marked < g.wary_time
+    wary = s.n_lost > 0 or (v < 0.0 and s.stamp - s.marked < g.wary_time)
     unseen = min(g.creep_speed, g.unseen_speed) if wary else g.unseen_speed
     reason = _sweep_static(g, s, near, v, w, g.stop_margin, g.time_headway, unseen)
     return _sweep_moving(g, s, near, v, w) if reason == NOTHING and near.n_moving > 0 else reason
@@ -270,8 +270,8 @@ def _sweep_moving(g: Any, s: Any, near: Any, v: float, w: float) -> int:
     px, py, moving_x, moving_y = near.x[:], near.y[:], near.moving_x[:], near.moving_y[:]
     lever = math.sqrt(max(outline[0], outline[1]) ** 2 + outline[2] ** 2)
     sv, av, sw, aw = setpoint.v, setpoint.v_slope, setpoint.w, setpoint.w_slope
-    x, y, yaw = odometric_step(0.0, 0.0, 0.0, sv * g.reaction_time, sw * g.reaction_time)
-    t, hold = g.reaction_time, held_steps(g)
+    x, y, yaw = odometric_step(0.0, 0.0, 0.0, sv * s.reaction_time, sw * s.reaction_time)
+    t, hold = s.reaction_time, held_steps(g)
     least = _MARGIN_SHARE * g.stop_margin
     # Lower bounds of both clearances, which are computed anew only where they might matter.
     bound, moving_bound = near.gap - (abs(sv) + lever * abs(sw)) * t, 0.0
@@ -318,15 +318,15 @@ def _sweep_static(
     c0, s0 = math.cos(yaw0), math.sin(yaw0)
     bx, by, byaw = px, py, yaw0  # the pose if the wheels follow the set point at once
     # The wheels keep their present speeds for a reaction time.
-    x, y, yaw = odometric_step(0.0, 0.0, 0.0, sv * g.reaction_time, sw * g.reaction_time)
-    t = g.reaction_time
+    x, y, yaw = odometric_step(0.0, 0.0, 0.0, sv * s.reaction_time, sw * s.reaction_time)
+    t = s.reaction_time
     hold = held_steps(g)
     # Along something inside the stop zone the chair may creep on, as far as noise permits.
     least = _MARGIN_SHARE * g.stop_margin if near.n_close > 0 else margin
     # A lower bound of the clearance, which is computed anew only where it might matter.
     bound = near.gap - (abs(sv) + lever * abs(sw)) * t if near.n_close == 0 else 0.0
     lv, lw = s.delayed_v, s.delayed_w
-    rises, late = True, STEP / (g.reaction_time + STEP)
+    rises, late = True, STEP / (s.reaction_time + STEP)
     for k in range(_MAX_STEPS):
         if k == hold:
             v, w = 0.0, 0.0
@@ -423,7 +423,7 @@ def limit_for_unseen_space(g: Any, s: Any, motion: Array, twists: Array) -> None
 @borrowing_kernel
 def delay_setpoint(g: Any, s: Any, dt: float) -> None:
     """Let the delayed set point follow the set point, as the wheels do."""
-    share = dt / (g.reaction_time + dt)
+    share = dt / (s.reaction_time + dt)
     s.delayed_v += share * (s.setpoint.v - s.delayed_v)
     s.delayed_w += share * (s.setpoint.w - s.delayed_w)
 

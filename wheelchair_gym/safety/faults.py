@@ -14,19 +14,21 @@ import numpy as np
 from wheelchair_gym.arrays import Array, Floats
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.compiled.simd import bits_of_float
-from wheelchair_gym.geometry import wrap
-from wheelchair_gym.safety.grid import scanner_frame
+from wheelchair_gym.safety.agreement import count_expected, disagrees
 from wheelchair_gym.safety.state import (
     BUMPED,
-    ECHOES,
+    KEY_POINTS,
     LASER_BLIND,
+    LASER_DISAGREES,
     LASER_FROZEN,
     LASER_SILENT,
     ODOMETRY_FROZEN,
     ODOMETRY_SILENT,
+    SONAR_DEAF,
     SONAR_FROZEN,
     SONAR_SILENT,
 )
+from wheelchair_gym.sensors.laser import LaserArrays
 from wheelchair_gym.sensors.scanners import scanner_at
 
 _FACTOR, _KEY = np.uint64(0x9E3779B97F4A7C15), np.uint32(0x9E3779B1)
@@ -38,9 +40,8 @@ _ASTRAY = 0.5  # s
 _VALID = 0.5  # least share of valid beams
 _ROUND = 1e-6  # s
 _FEW = 0.02  # share of the predicted echoes: with fewer, the laser counts as blind
-_LEAST = 2  # stored beams that must predict an echo before the laser can count as blind
-_EDGE = 0.3  # rad from the end of the fan: what moves may have left the fan
-_FAR = 1.0  # m: the same, of the laser's reach
+_DEAF = 5  # places in a row at which a ranger did not hear a surface
+_LEAST = 6  # key points that must predict an echo before the laser can count as blind
 
 
 @inlined
@@ -78,40 +79,15 @@ def count_echoes(laser: Floats) -> int:
 
 
 @borrowing_kernel
-def expected_echoes(g: Any, s: Any) -> int:
-    """Number of an earlier scan's echoes that should be in view from the present pose."""
-    half = -g.first - _EDGE
-    now, before = scanner_frame(g.mount, s.pose), scanner_frame(g.mount, s.echo_pose)
-    yaw = s.echo_pose[2] + g.mount[2]
-    count = 0
-    for k in range(ECHOES):
-        if not g.nearest <= s.echo[k] < g.reach:
-            continue
-        beam = k * (g.beams - 1) // (ECHOES - 1)
-        way = yaw + g.first + beam / g.per_angle
-        dx = before.x + s.echo[k] * math.cos(way) - now.x
-        dy = before.y + s.echo[k] * math.sin(way) - now.y
-        far = math.hypot(dx, dy)
-        bearing = wrap(math.atan2(dy, dx) - s.pose[2] - g.mount[2])
-        count += g.nearest < far < g.reach - _FAR and abs(bearing) < half
-    return count
-
-
-@borrowing_kernel
-def laser_is_blind(g: Any, s: Any, laser: Floats, echoes: int, dt: float) -> bool:
+def _laser_is_blind(g: Any, s: Any, one: LaserArrays, echoes: int, dt: float) -> bool:
     """Whether scans have lacked echoes, against the evidence, for too long."""
-    beams, expected, heard = laser.shape[0], 0, 0
+    beams, expected, heard = one.cosine.shape[0], 0, 0
     if echoes < _FEW * beams:
-        expected = expected_echoes(g, s)
+        expected = count_expected(s.keys[0], one, s.pose)
         for k in range(s.n_arc.shape[0]):
             heard += s.n_arc[k] > 0
-    lacking = expected >= _LEAST and echoes * ECHOES < _FEW * expected * beams
+    lacking = expected >= _LEAST and echoes * KEY_POINTS < _FEW * expected * beams
     s.laser_blind = _lasting(lacking, s.laser_blind, dt)
-    if not lacking:
-        for k in range(3):
-            s.echo_pose[k] = s.pose[k]
-        for k in range(ECHOES):
-            s.echo[k] = laser[k * (beams - 1) // (ECHOES - 1)]
     s.laser_denied = _lasting(heard > 0 and echoes == 0, s.laser_denied, dt)
     blind = s.laser_blind > g.stale_laser + g.period + _ROUND
     denied = s.laser_denied > g.stale_ultrasonic + g.period + _ROUND
@@ -126,7 +102,8 @@ def _check_laser(g: Any, s: Any, laser: Floats, moves: bool, dt: float) -> tuple
     now, echoes = hash_floats(laser, np.uint64(0)), count_echoes(laser)
     # Scans without echoes have no noise, and so are equal.
     fresh = not s.begun or now != s.laser_hash or echoes == 0
-    blind = valid and laser_is_blind(g, s, laser, echoes, dt)
+    first = scanner_at(g.scanners, g.n_scanners, 0)
+    blind = valid and _laser_is_blind(g, s, first, echoes, dt)
     if fresh or moves:
         s.laser_frozen = _lasting(not fresh, s.laser_frozen, dt)
     s.laser_hash = now
@@ -161,6 +138,19 @@ def check_others(g: Any, s: Any, ranges: Floats, moves: bool, dt: float) -> int:
 
 
 @borrowing_kernel
+def _check_motion(g: Any, s: Any, ranges: Floats, twist: Array, dt: float) -> int:
+    """Compare the scans with the wheels' motion; returns the reason of a fault, 0: none."""
+    reason = 0
+    for k in range(g.n_scanners if math.isfinite(twist[0] + twist[1]) else 0):
+        one = scanner_at(g.scanners, g.n_scanners, k)
+        scan = ranges[one.start : one.start + one.cosine.shape[0]]
+        usable = valid_share(scan) >= _VALID and count_echoes(scan) >= _FEW * scan.shape[0]
+        if usable and disagrees(s.keys[k], one, s.pose, scan, twist[0], twist[1], dt):
+            reason = LASER_DISAGREES
+    return reason
+
+
+@borrowing_kernel
 def _check_ultrasonics(
     g: Any, s: Any, ultrasonic: Floats, age: Floats, moves: bool, dt: float
 ) -> int:
@@ -175,6 +165,8 @@ def _check_ultrasonics(
         old = float(age[k]) if age[k] == age[k] else s.sonar_silent[k]
         if max(old, s.sonar_silent[k]) > g.stale_ultrasonic + _ROUND:
             reason = SONAR_SILENT
+        if s.deaf[k] >= _DEAF:
+            reason = SONAR_DEAF
     now = hash_floats(age, hash_floats(ultrasonic, np.uint64(0)))
     repeats = mounted and moves and s.begun and now == s.sonar_hash
     s.sonar_frozen = _lasting(repeats, s.sonar_frozen, dt)
@@ -217,6 +209,8 @@ def check_sensors(
     if g.n_scanners > 1:
         other_fault = check_others(g, s, ranges, moves, dt)
         laser_fault = laser_fault if laser_fault > 0 else other_fault
+    motion_fault = _check_motion(g, s, ranges, twist, dt)
+    laser_fault = laser_fault if laser_fault > 0 else motion_fault
     sonar_fault = _check_ultrasonics(g, s, ultrasonic, age, moves, dt)
     odometry_fault = _check_odometry(g, s, pose, twist, halted, dt)
     if bumped:

@@ -18,6 +18,7 @@ from wheelchair_gym.compiled.address import floats_at, on_stack, rows_of
 from wheelchair_gym.compiled.kernel import as_int, borrowing_kernel, inlined
 from wheelchair_gym.geometry import point_to_world, world_to_body
 from wheelchair_gym.kinematics import arc_step
+from wheelchair_gym.safety.agreement import add_lost, find_lost, should_echo
 from wheelchair_gym.safety.faults import check_sensors
 from wheelchair_gym.safety.further_scanners import update_others
 from wheelchair_gym.safety.grid import (
@@ -26,6 +27,7 @@ from wheelchair_gym.safety.grid import (
     mark_motion,
     recenter_grid,
     scan_of,
+    scanner_frame,
     sees_beyond,
     update_grid,
 )
@@ -50,6 +52,7 @@ from wheelchair_gym.safety.state import (
 )
 from wheelchair_gym.sensors.echoes import atan2_f32
 from wheelchair_gym.sensors.laser import median3
+from wheelchair_gym.sensors.scanners import scanner_at
 
 Bytes = NDArray[np.int8]
 
@@ -69,6 +72,8 @@ _SPACING = 0.04  # m between the points of an echo's arc
 _SLACK = 0.04  # m: points of the laser stand for arcs of this length (`_FINE`)
 _ECHO = 2.5  # m: farther echoes do not matter yet
 _AGREE = 0.15  # m: laser and ultrasonic together err by less
+_KNOWN_LAG = 0.03  # s: of a scan that comes in time, which the reaction time includes
+_ELSEWHERE = 0.3  # m or rad between two places at which a ranger is tried
 _FIRING = 5e-3  # s: stamps of two firings differ by more
 
 
@@ -365,6 +370,18 @@ def _is_explained(x: Array, y: Array, n: int, at: Frame, slope: float, r: float)
 
 
 @borrowing_kernel
+def _listen(g: Any, s: Any, k: int, r: float) -> None:
+    """Count the places at which ranger k hears nothing of a surface that the laser shows."""
+    if r < math.inf:
+        s.deaf[k] = 0 if r == r else s.deaf[k]
+    elif s.travel - s.deaf_at[k] > _ELSEWHERE:
+        at = scanner_frame(g.ranger_mount[k], s.pose)
+        if should_echo(s.keys[0], at, g.ranger_half[k], g.ranger_reach[k]):
+            s.deaf[k] += 1
+            s.deaf_at[k] = s.travel
+
+
+@borrowing_kernel
 def update_echoes(g: Any, s: Any, ultrasonic: Floats, age: Floats) -> None:
     """Add echoes: one that no laser point explains and that repeats is an obstacle.
 
@@ -380,6 +397,7 @@ def update_echoes(g: Any, s: Any, ultrasonic: Floats, age: Floats) -> None:
             continue
         since, s.fired[k] = fired - s.fired[k], fired
         r = float(ultrasonic[k])
+        _listen(g, s, k, r)
         if not (0.0 <= r <= min(g.ranger_reach[k], _ECHO)):
             s.n_arc[k], s.doubtful[k] = 0, math.nan
             continue
@@ -420,15 +438,18 @@ def reset(s: Any) -> None:
     s.stamp, s.latched, decision.reason = 0.0, 0, NOTHING
     s.laser_hash, s.sonar_hash = np.uint64(0), np.uint64(0)
     s.laser_silent, s.laser_frozen, s.sonar_frozen = 0.0, 0.0, 0.0
-    s.laser_blind, s.laser_denied = 0.0, 0.0
+    s.laser_blind, s.laser_denied, s.n_lost = 0.0, 0.0, 0
+    for k in range(s.keys.shape[0]):
+        key = s.keys[k]
+        key.begun, key.astray, key.lag, key.square, key.product = False, 0.0, 0.0, 0.0, 0.0
     s.odometry_silent, s.odometry_frozen, s.astray = 0.0, 0.0, 0.0
-    s.echo[:] = _F(np.inf)
-    s.pose[:] = s.echo_pose[:] = s.read_pose[:] = 0.0
+    s.pose[:] = s.read_pose[:] = 0.0
     s.read_twist[:] = decision.asked[:] = decision.given[:] = 0.0
     set_motion(s, 0.0, 0.0, 0.0, 0.0)
     s.sonar_silent[:], s.fired[:] = 0.0, -math.inf
     s.doubtful[:], s.n_arc[:] = math.nan, 0
     s.corner[:] = 1 << 40  # far away: all cells of the grid come in as never seen
+    s.travel, s.deaf[:], s.deaf_at[:] = 0.0, 0, -1.0
     s.n_points, s.n_old, s.n_marks, s.n_hits, s.n_others, s.columns = 0, 0, 0, 0, 0, 0
     s.gap = FAR
     s.marked, s.tracker.begun = -math.inf, False
@@ -456,15 +477,21 @@ def update(
     if s.begun and stamp > s.stamp:
         x, y, yaw = arc_step(s.pose[0], s.pose[1], s.pose[2], v, w, dt)
         s.pose[0], s.pose[1], s.pose[2] = x, y, yaw
+        s.travel += (abs(v) + abs(w)) * dt
     s.stamp = stamp
     fresh = check_sensors(g, s, pose, twist, ranges, ultrasonic, age, bumped, halted, dt)
+    s.reaction_time = g.reaction_time + max(0.0, s.keys[0].lag - _KNOWN_LAG)
     laser = ranges[: g.beams]
     if halted:
         set_motion(s, v, 0.0, w, 0.0)
     recenter_grid(s)
     if fresh:
         scan = scan_of(g, s.pose, laser, floats_at(on_stack(4 * g.beams), g.beams))
+        slow = abs(s.setpoint.v) + abs(s.setpoint.w) <= g.creep_speed
+        first = scanner_at(g.scanners, g.n_scanners, 0)
+        find_lost(s, s.keys[0], first, laser, scan.least, slow, dt)
         update_points(g, s, scan, laser, dt)
+        add_lost(s, s.keys[0])
         track(g, s, laser)
         update_grid(g, s, scan, True)
         if not s.begun:  # the other half of the columns, too

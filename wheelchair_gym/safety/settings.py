@@ -24,12 +24,13 @@ class ShieldSettings:
     """How the shield limits the requested twist."""
 
     stop_margin: float = setting(
-        default=0.03,
+        default=0.021,
         unit="m",
         low=0.0,
-        source="measured: means of the laser err by 5 mm, edges and a stop by 10 mm each",
+        source="measured: edges and a stop err by 10 mm each",
     )
-    """Width of the stop zone: clearance that the outline always keeps."""
+    """Clearance that the outline always keeps, beyond the error of the lasers by their settings
+    (9 mm by default: twice `bias`, and a third of `sigma`)."""
     time_headway: float = setting(default=0.08, unit="s", low=0.0, source="design choice")
     """Slow zone: clearance beside the outline per speed of the outline."""
     reaction_time: float = setting(

@@ -29,8 +29,9 @@ from wheelchair_gym.tracking.state import TRACKER, TRACKS, TrackerConstants
 
 # Why a twist was changed; those from LASER_SILENT on are faults and latch.
 REASONS: Final = ("", "obstacle", "moving", "unseen", *SHIELD_FAULTS)
-NOTHING, OBSTACLE, MOVING, UNSEEN, LASER_SILENT, LASER_FROZEN, LASER_BLIND = range(7)
-SONAR_SILENT, SONAR_FROZEN, ODOMETRY_SILENT, ODOMETRY_FROZEN, BUMPED = range(7, 12)
+NOTHING, OBSTACLE, MOVING, UNSEEN = range(4)
+LASER_SILENT, LASER_FROZEN, LASER_BLIND, LASER_DISAGREES = range(4, 8)
+SONAR_SILENT, SONAR_FROZEN, SONAR_DEAF, ODOMETRY_SILENT, ODOMETRY_FROZEN, BUMPED = range(8, 14)
 
 CELL = 0.10  # m: side of a cell of the grid
 CELLS = 64  # cells per side, a power of two: 3.2 m around the chair, as far as people matter
@@ -56,7 +57,7 @@ RATES: Final = (4.0, 100.0)  # Hz: of control
 _SPARE = 1.2  # the chair must exceed its limits by this factor to follow its set point
 _ROUND = 1e-6
 REST_SPEED = 0.02  # m/s, rad/s: slower is at rest
-ECHOES = 64  # beams of the last scan with echoes that are kept, to detect a blind laser
+KEY_POINTS = 181  # of a key scan, evenly spaced
 _ASIDE = math.radians(4.0)  # cones of ultrasonics have soft edges
 SAMPLES = 38  # points of the outline that are checked against unseen space
 SIDES: Final = ((2, 8), (9, 15), (16, 26), (27, 37))  # the first and last of each side
@@ -124,6 +125,30 @@ CONSTANTS = np.dtype(
     align=True,
 )
 
+# An earlier scan of a scanner, and how later ones differ from it: see `safety.agreement`.
+KEY = np.dtype(
+    [
+        *((name, "f4", (KEY_POINTS,)) for name in ("x", "y")),  # m, dead-reckoned; NaN: no point
+        *((name, "f4", (KEY_POINTS,)) for name in ("normal_x", "normal_y")),  # (0, 0): none
+        ("lost", "f4", (KEY_POINTS,)),  # s without an echo; -1: no longer expected
+        ("held", "f4", (KEY_POINTS,)),  # s for which it was seen
+        ("offset", "f8", (3,)),  # fitted motion that the wheels do not report [m, m, rad]
+        ("still", "f8", (3,)),  # zeros
+        ("speed", "f8", (2,)),  # velocity at the key scan [m/s]
+        ("square", "f8"),  # sums of a regression of the offset on the change of speed
+        ("product", "f8"),
+        ("lag", "f8"),  # s: estimated age of a scan
+        ("way", "f8"),  # m since the key scan
+        ("turned", "f8"),  # rad since the key scan
+        ("astray", "f8"),  # s for which another motion than that of the wheels fits
+        ("matched", "i8"),  # points with a normal that the scan after it showed
+        ("begun", "b1"),
+        ("renewed", "b1"),  # `matched` is to be counted
+        ("few", "b1"),  # most points are out of view
+    ],
+    align=True,
+)
+
 # How the last twist was changed, and why: fields of `safety.shield.Decision`.
 DECISION = np.dtype(
     [
@@ -142,6 +167,7 @@ SHIELD = np.dtype(
         ("pose", "f8", (3,)),  # dead-reckoned since reset
         ("read_pose", "f8", (3,)),  # pose and twist of the last reading, to the bit
         ("read_twist", "f8", (2,)),
+        ("reaction_time", "f8"),  # s: with the estimated age of scans
         ("setpoint", SETPOINT),  # speed and turn rate that the chair approaches, and their slopes
         ("delayed_v", "f8"),  # the set point a reaction time ago
         ("delayed_w", "f8"),
@@ -157,8 +183,8 @@ SHIELD = np.dtype(
         ("other_silent", "f8", (SCANNERS,)),  # s without valid ranges of each further scanner
         ("other_frozen", "f8", (SCANNERS,)),  # s with repeated ranges
         ("other_hash", "u8", (SCANNERS,)),
-        ("echo", "f4", (ECHOES,)),  # m: evenly spaced ranges of the last scan with echoes
-        ("echo_pose", "f8", (3,)),  # pose at that scan
+        ("keys", KEY, (SCANNERS,)),
+        ("n_lost", "i8"),  # nearby key points of the first scanner without an echo
         ("sonar_silent", "f8", (RANGERS,)),
         ("sonar_frozen", "f8"),
         ("odometry_silent", "f8"),
@@ -182,6 +208,9 @@ SHIELD = np.dtype(
         ("marks", MARK, (MARKS,)),  # points that may move
         ("marked", "f8"),  # s: when there was a mark last
         ("tracker", TRACKER),
+        ("travel", "f8"),  # m, and rad, that the wheels have turned through since reset
+        ("deaf", "i8", (RANGERS,)),  # surfaces before a ranger that gave no echo, in a row
+        ("deaf_at", "f8", (RANGERS,)),  # `travel` at the last of them
         # echoes that no laser point explains
         ("fired", "f8", (RANGERS,)),  # s: when each ranger fired
         ("doubtful", "f8", (RANGERS,)),  # m: an echo measured once, or NaN
@@ -268,6 +297,14 @@ def check(chair: ChairSettings, period: float) -> None:
             )
 
 
+def range_error(sensors: SensorSettings) -> float:
+    """Error [m] that the configured lasers make: two standard deviations of the offset, and noise.
+
+    Points are means of several beams, whose noise is about a third of that of one beam.
+    """
+    return max(2.0 * laser.bias + laser.sigma / 3.0 for laser in sensors.lasers)
+
+
 class Frame(NamedTuple):
     """A frame in another: its origin, and cosine and sine of its yaw."""
 
@@ -313,6 +350,7 @@ class ShieldConstants:
         for name in COPIED:
             g[name] = getattr(config, name)
         g["reaction_time"] += chair.following_lag + chair.longest_delay
+        g["stop_margin"] += range_error(sensors)
         for name in ("laser", "ultrasonic", "odometry"):
             g[f"stale_{name}"] = getattr(config.stale, name)
         pointers.point("cosine", laser.cosine)

@@ -67,11 +67,21 @@ STOPS: Final = (
         "clean and uncover its window; where nothing is within its reach, start the program again",
     ),
     _shield(
+        "laser disagrees",
+        "scans do not move as the wheels do: the laser is late, repeats itself, or was moved; or "
+        "wheels slip, or an encoder is wrong",
+        "check the laser's mount and link and the encoders: wheelchair hardware check",
+    ),
+    _shield(
         "ultrasonic silent", "an ultrasonic that worked before is silent", _PLUG
     ),
     _shield(
         "ultrasonic frozen", "the ultrasonics repeat themselves although the chair moves",
         "restart the range board",
+    ),
+    _shield(
+        "ultrasonic deaf", "an ultrasonic has no echo of surfaces that the laser shows before it",
+        "uncover it; check its plug and where it looks",
     ),
     _shield("odometry silent", "the speed of the wheels is unknown", _PLUG),
     _shield(
@@ -118,6 +128,11 @@ STOPS: Final = (
     Stop(
         "laser line silent", "link", r"the laser is silent", "no scan came for too long",
         Ends.ITSELF, f"{_PLUG}; it waits until the laser sends again",
+    ),
+    Stop(
+        "link late", "link", r"(the laser|the drive board|\S+) is late: ",
+        "data are under way for too long", Ends.ITSELF,
+        "check the network or cable and the load of the computers",
     ),
     Stop(
         "topic silent", "link", r"\S+ is silent", "no message of a topic came for too long",

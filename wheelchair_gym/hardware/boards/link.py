@@ -57,6 +57,7 @@ class Link:
         self._receiver, self._understood = Receiver(), False
         self._received_at = -math.inf
         self._sequence = 0
+        self._sent_at: dict[int, float] = {}
         self._last: int | None = None  # the board's last sequence number
         self._bad_before = 0  # frames refused before the line was last opened
 
@@ -115,7 +116,12 @@ class Link:
             self.statistics.unsent += 1
             return None
         self.statistics.sent += 1
+        self._sent_at[self._sequence] = self._clock()
         return self._sequence
+
+    def sent_at(self, sequence: int) -> float | None:
+        """When the last message of a sequence number was sent [s]; None: none was."""
+        return self._sent_at.get(sequence)
 
     def poll(self) -> list[Frame]:
         """All good frames that have come; never waits."""

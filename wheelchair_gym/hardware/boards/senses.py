@@ -33,6 +33,9 @@ from wheelchair_gym.kinematics import DriveGeometry
 from wheelchair_gym.sensors.settings import RANGERS, SensorSettings
 
 _ODOMETRY_LATENCY = 0.004  # s from the counts on the board to the host, at least: on the twin
+_AGE_MAX = 0.255  # s: a command may be older than its age says
+_LASER_DRIFT = 2e-4  # s/s: of two quartz clocks
+_COMPARED = 60.0  # s after which a reset compares the laser's clock again
 POLL_PERIOD = 0.005  # s between two reads of the lines while a tool waits
 _FAN = 0.01  # rad: maximum difference between the laser's fan and its settings
 _RANGE_OF = {
@@ -83,9 +86,10 @@ class BoardSensors:
         self.answers: dict[str, Answer] = {}
         lines = {"drive": self.drive, "range": self.range}
         self.parameters = {board: ParameterTable(board, line) for board, line in lines.items()}
+        drift = settings.limits.clock_drift
         self._newest = {
-            name: Latest(settings.limits.clock_drift) for name in ("odometry", "scan", "ultrasonic")
-        }
+            "odometry": Latest(drift), "scan": Latest(_LASER_DRIFT), "ultrasonic": Latest(drift)
+        }  # fmt: skip
         self._joystick: tuple[Joystick, float] | None = None  # and when it came [s]
         self._stamp = -math.inf
 
@@ -93,6 +97,7 @@ class BoardSensors:
         """Forget all data; the wheels' odometry goes on."""
         for newest in self._newest.values():
             newest.clear()
+        self.laser.compare_clocks(_COMPARED)
         self._joystick = None
         self.pressed = False
 
@@ -101,8 +106,12 @@ class BoardSensors:
         for board, table in self.parameters.items():
             for frame in table.link.poll() if table.link else ():
                 self._take(board, frame.message)
+        newest = self._newest["scan"]
         for scan in self.laser.poll():
-            self._newest["scan"].update(scan, scan.stamp, scan.received_at)
+            newest.update(scan, scan.stamp, scan.received_at)
+            if (compared := self.laser.compared) is not None:
+                newest.clock.answered(*compared)
+                self.laser.compared = None
 
     def wait_for(self, clock: Clock, condition: Callable[[], bool], timeout: float) -> bool:
         """Read the lines until a condition holds; returns whether it does in time [s]."""
@@ -122,6 +131,8 @@ class BoardSensors:
             self._stamp = message.stamp
             newest = self._newest["odometry"]
             newest.update(message, message.stamp, now - _ODOMETRY_LATENCY)
+            if message.age < _AGE_MAX and (sent := self.drive.sent_at(message.echo)) is not None:
+                newest.clock.answered(sent, message.stamp - message.age * 1e-3)
             self.odometer.update(message, newest.message.measured_at)
             self.pressed |= bool(message.switches & STRIPS)
         elif isinstance(message, Ranges):
@@ -173,6 +184,12 @@ class BoardSensors:
             return _silent("the laser", self.laser.error)
         if self.range and ages["ultrasonic"] > limits.ultrasonic:
             return _silent("the range board", self.range.error or self.range.mismatch)
+        for name, who in (("odometry", "the drive board"), ("scan", "the laser")):
+            if (latency := self._newest[name].clock.latency) > limits.latency:
+                return (
+                    f"{who} is late: its data may be {latency:.2f} s old when they come, at most "
+                    f"{limits.latency:g} s are allowed"
+                )
         return ""
 
     def stale_ultrasonic(self, now: float) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import select
 import socket
@@ -24,6 +25,7 @@ from wheelchair_gym.hardware.laser.scip import (
     Scan,
     ScipParser,
     Specs,
+    decode_numbers,
     scan_of,
     specs_of,
 )
@@ -136,6 +138,7 @@ class Hokuyo:
     Attributes:
         specs: the sensor's specification, None until it is known.
         statistics: of what it has sent.
+        compared: when its clock was asked for [s], and its answer [s]; None: it was not.
 
     Raises:
         InputError: pyserial is needed, and not installed.
@@ -159,6 +162,8 @@ class Hokuyo:
         self._bad_before = 0
         self._asked = ""  # the last request
         self._since = 0.0  # s, of the last request or scan
+        self.compared: tuple[float, float] | None = None
+        self._compared_at = -math.inf
         self._turns, self._last = 0, 0  # wraps of the sensor's clock, and its last time stamp
 
     @property
@@ -180,6 +185,13 @@ class Hokuyo:
             self._lose(str(error))
         self.statistics.bad = self._bad_before + self._parser.bad
         return scans
+
+    def compare_clocks(self, after: float) -> None:
+        """Ask for its time again, so long [s] after the last answer; scans pause meanwhile."""
+        port, now = self._line.connection, self._clock()
+        if port is not None and not self.error and now - self._compared_at > after:
+            with contextlib.suppress(OSError):  # the next poll notices
+                self._ask(port, "QT")
 
     def close(self) -> None:
         """Switch the laser off and close it for good."""
@@ -214,7 +226,11 @@ class Hokuyo:
             self._ask(port, "QT" if command == "SC" else "PP")
         elif command == "PP" and reply.status == OK:
             self.specs = specs_of(reply)
-            self._ask(port, "BM")
+            self._ask(port, "TM0")
+        elif command == "TM":  # sensors without it refuse it
+            self._take_time(reply)
+            following = {"TM0": "TM1", "TM1": "TM2"} if reply.status == OK else {}
+            self._ask(port, following.get(self._asked, "BM"))
         elif command == "BM" and reply.status in (OK, DONE_ALREADY):
             assert self.specs is not None
             self._ask(port, f"MD{self.specs.first:04d}{self.specs.last:04d}01000")
@@ -227,15 +243,26 @@ class Hokuyo:
             self.statistics.refused += 1
             self._lose(f"{self._asked} was refused with status {reply.status}")
 
+    def _take_time(self, reply: Reply) -> None:
+        """Take the answer to TM1, the sensor's time."""
+        stamp = decode_numbers(reply.lines[0], 4) if reply.lines else None
+        if self._asked == "TM1" and reply.status == OK and stamp is not None and len(stamp):
+            self._compared_at = self._clock()
+            self.compared = self._since, self._seconds(int(stamp[0]))
+
+    def _seconds(self, stamp: int) -> float:
+        """The sensor's time [s], which does not wrap, of a stamp [ms]."""
+        if stamp < self._last - STAMP_WRAP // 2:
+            self._turns += 1
+        self._last = stamp
+        return (self._turns * STAMP_WRAP + stamp) * 1e-3
+
     def _take(self, reply: Reply, scans: list[TimedScan]) -> None:
         assert self.specs is not None
         scan = scan_of(reply, min(self.reach, self.specs.farthest * 1e-3))
         if scan is None:
             self._parser.bad += 1
             return
-        if scan.stamp < self._last - STAMP_WRAP // 2:
-            self._turns += 1
-        self._last, self._since, self._line.error = scan.stamp, self._clock(), ""
+        self._since, self._line.error = self._clock(), ""
         self.statistics.scans += 1
-        stamp = (self._turns * STAMP_WRAP + scan.stamp) * 1e-3
-        scans.append(TimedScan(scan, stamp, self._since))
+        scans.append(TimedScan(scan, self._seconds(scan.stamp), self._since))

@@ -80,14 +80,19 @@ class RosSensors:
         if s.battery:
             self.topics[s.battery] = Topic("sensor_msgs/BatteryState", ros.voltage)
         self._rigid: dict[str, tuple[str, Array, float]] = {}
+        self._clocks: dict[str, ClockSync] = {}
+        self._wrong: dict[str, str] = {}  # topic: what was wrong with its last message
         self.clear()
 
     def clear(self) -> None:
-        """Forget all messages but static transforms, which are sent once."""
+        """Forget all messages but static transforms, which are sent once.
+
+        What is known of the clocks stays, unless the last message of a topic was refused.
+        """
         self._newest: dict[str, Stamped] = {}
         self._moved: dict[str, tuple[str, Array, float]] = {}  # child: parent, pose, when
-        self._clocks: dict[str, ClockSync] = {}
-        self._wrong: dict[str, str] = {}  # topic: what was wrong with its last message
+        self._clocks = {k: clock for k, clock in self._clocks.items() if k not in self._wrong}
+        self._wrong = {}
         self._warned: set[str] = set()
 
     def receive(self, topic: str, message: Any, came: float) -> None:
@@ -128,7 +133,10 @@ class RosSensors:
         """When a message was made that came then, by the clock of all ages."""
         if self.clock is not None:
             return self.clock.host_time(stamp)
-        clock = self._clocks.setdefault(topic, ClockSync(self.settings.limits.clock_drift))
+        s = self.settings
+        if topic not in self._clocks:
+            self._clocks[topic] = ClockSync(s.limits.clock_drift, s.clock_error)
+        clock = self._clocks[topic]
         return clock.host_time(stamp, came)
 
     def _refuse(self, topic: str, why: str) -> None:
@@ -144,6 +152,13 @@ class RosSensors:
         for topic, one in self.topics.items():
             if now - self._newest.get(topic, NEVER).measured_at > one.max_age:
                 return self.describe_silence(topic)
+        limit = self.settings.limits.latency
+        for topic in (*self._lasers, self.settings.odometry):
+            if topic in self._clocks and (latency := self._clocks[topic].latency) > limit:
+                return (
+                    f"{topic} is late: its messages may be {latency:.2f} s old when they come, at "
+                    f"most {limit:g} s are allowed"
+                )
         if self.on_map:
             pose = self.map_pose()
             if pose is None or now - pose.measured_at > self.settings.limits.pose:

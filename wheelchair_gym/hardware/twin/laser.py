@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable
 
 import numpy as np
@@ -15,8 +16,10 @@ from wheelchair_gym.hardware.laser.scip import (
     LASER_OFF,
     NO_ECHO_FROM,
     OK,
+    STAMP_WRAP,
     Reply,
     Specs,
+    encode_numbers,
     encode_scan,
 )
 from wheelchair_gym.sensors.settings import LaserSettings
@@ -31,12 +34,14 @@ class ScipSensor:
 
     Attributes:
         on: the laser is switched on.
+        time: of its clock [ms].
         streaming: the request that scans answer; empty while there is none.
     """
 
     def __init__(self, specs: Specs = UST_10LX) -> None:
         self.specs = specs
         self.on = False
+        self.time = 0
         self.streaming = ""
         self._bytes = b""
         self._left: int | None = None  # scans to send
@@ -66,12 +71,14 @@ class ScipSensor:
 
     def _answer(self, request: str) -> bytes:
         lines = self.specs.encode() if request[:2] == "PP" else ()
+        if request == "TM1":
+            lines = (encode_numbers([self.time % STAMP_WRAP], 4),)
         return Reply(request, self._obey(request), lines).encode()
 
     def _obey(self, request: str) -> str:
         """Carry out a request; returns the status of the reply."""
         command = request[:2]
-        if command == "PP":
+        if command == "PP" or request in ("TM0", "TM1", "TM2"):
             return OK
         if command == "BM":
             before, self.on = self.on, True
@@ -125,17 +132,25 @@ class TwinLaser:
     Args:
         scan: returns the ranges (beams,) [m] of a turn, by its number.
         settings: of the sensor.
+        now: milliseconds of the sensor's clock.
 
     Attributes:
         plugged: false: the host gets an error.
         silent: it sends nothing.
+        delay: time that its bytes are under way [ms].
     """
 
-    def __init__(self, scan: Callable[[int], NDArray[np.float32]], settings: LaserSettings) -> None:
-        self._scan, self._settings = scan, settings
+    def __init__(
+        self,
+        scan: Callable[[int], NDArray[np.float32]],
+        settings: LaserSettings,
+        now: Callable[[], int],
+    ) -> None:
+        self._scan, self._settings, self._now = scan, settings, now
         self._sensor: ScipSensor | None = None
         self._output = b""
-        self.plugged, self.silent = True, False
+        self._sent: deque[tuple[int, bytes]] = deque()  # when they arrive
+        self.plugged, self.silent, self.delay = True, False, 0
 
     def turn(self, milliseconds: int) -> None:
         """Complete a turn of the mirror at a time of the sensor's clock."""
@@ -143,12 +158,14 @@ class TwinLaser:
         if sensor is None or not sensor.streaming or self.silent:
             return
         ranges = self._scan(milliseconds // TURN)
-        self._output += sensor.scan(to_millimetres(ranges), milliseconds)
+        self._send(sensor.scan(to_millimetres(ranges), milliseconds))
 
     @property
     def in_waiting(self) -> int:
         """Bytes that can be read without waiting."""
         self._check()
+        while self._sent and self._sent[0][0] <= self._now():
+            self._output += self._sent.popleft()[1]
         return len(self._output)
 
     def read(self, size: int) -> bytes:
@@ -161,14 +178,19 @@ class TwinLaser:
         self._check()
         if self._sensor is None:
             self._sensor = ScipSensor(sensor_specs(self._settings))
+        self._sensor.time = self._now()
         answer = self._sensor.feed(data)
         if not self.silent:
-            self._output += answer
+            self._send(answer)
         return len(data)
 
     def close(self) -> None:
         """Stop the sensor: the host has closed the connection."""
         self._sensor, self._output = None, b""
+        self._sent.clear()
+
+    def _send(self, data: bytes) -> None:
+        self._sent.append((self._now() + self.delay, data))
 
     def _check(self) -> None:
         if not self.plugged:

@@ -112,7 +112,8 @@ class Twin:
         for i in range(4):
             self.range.add_bus_sonar(_BUS_SONAR + 2 * i)
         self.range.on_ping(self._ping)
-        self.laser = TwinLaser(self.plant.scan, self.plant.chair.sensors.laser)
+        laser = self.plant.chair.sensors.laser
+        self.laser = TwinLaser(self.plant.scan, laser, lambda: self.steps)
         for bit in range(4):
             self.drive.set_pin("B", bit, False)
         self.steps = self.bumper_steps = 0

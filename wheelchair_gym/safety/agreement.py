@@ -1,0 +1,368 @@
+"""Compare the scans of a scanner with the motion that the wheels report.
+
+A key scan is stored as points of surfaces, in the frame of dead reckoning. Each later scan is
+matched to it:
+
+    key points ── motion of the wheels ──▶ expected places ── beams ──▶ offsets along the normals
+
+One rigid motion is fitted to all offsets (point to line, robust weights: Censi 2008, PL-ICP). If
+the world is static, the sensors work and the wheels roll, it is zero. It is not zero if scans are
+late, repeated or of a stuck mirror, if the scanner was moved, turned or mirrored, if wheels slip,
+or if an encoder is wrong. People and doors move parts of the scene, not all of it.
+
+Key points at which beams lose their echo are remembered: no echo is no evidence of free space.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from wheelchair_gym.arrays import Array, Floats
+from wheelchair_gym.compiled.address import on_stack, rows_of
+from wheelchair_gym.compiled.kernel import as_int, borrowing_kernel, inlined
+from wheelchair_gym.geometry import point_to_world, world_to_body
+from wheelchair_gym.safety.grid import scanner_frame
+from wheelchair_gym.safety.state import BODY, FAR, FRESH, KEPT, KEY_POINTS, SAME, Frame
+from wheelchair_gym.sensors.echoes import atan2_f32
+from wheelchair_gym.sensors.laser import LaserArrays
+
+_F, _NAN, _INF = np.float32, np.float32(np.nan), np.float32(np.inf)
+_ALONE = 0.2  # m: a range without a neighbour so near may be a ghost echo
+_CHORD = 0.25  # m: minimum length of a surface that gives a normal
+_NEIGHBOURS = 8  # maximum number of points on each side that span it
+_FLAT = 0.04  # m: maximum distance of its middle from the chord
+_SCALE = 0.05  # m: offset with half of the weight
+_CAPTURE = 0.5  # m: larger offsets are not of the same surface
+_ITERATIONS = 2  # of the fit, for each scan
+_PRIOR, _PRIOR_TURN = 2.0, 8.0  # weight of a zero motion, in points and in points times m2
+_MATCHED = 40  # minimum number of points in a fit that counts
+_EXPLAINED = 0.5  # minimum share of them that the fitted motion explains
+_GAIN = 0.06  # minimum share of them that it explains and the wheels do not
+_OFF, _OFF_PER_METRE, _OFF_PER_RADIAN = 0.04, 0.04, 0.03  # m: bound of the fitted shift
+_TURNED, _TURNED_PER_RADIAN = 0.06, 0.10  # rad: bound of the fitted turn
+_DISAGREES = 0.15  # s
+_LAG_PRIOR = 0.01  # m2/s: squared change of speed times its duration that counts for no lag
+_LAG_FADES = 60.0  # s
+_MAX_LAG = 0.3  # s
+_KEY_WAY, _KEY_TURN = 1.0, 1.2  # m, rad: motion after which the key scan is renewed
+_STAY = 0.5  # share of its points: with fewer matched, it is renewed
+_SPREAD = 2  # beams on each side of the expected one that may show the echo as well
+_REACH_MARGIN = 0.5  # m: a point so near the reach may be out of it in the next scan
+_EDGE = 0.1  # rad: the same for the ends of the fan
+_DOUBT = 5.0  # s at rest or at creep speed after which a lost point is given up
+_DOUBT_MOVING = 60.0  # s in motion: the memory of static points
+_GONE = np.float32(-1.0)  # s: of a point that has left
+_STATIC = 1.0  # s for which a point was seen that is missed when it is lost
+_INHERITS = 0.3  # m between a point of the key scan and the same one of the key scan before
+_SEEN, _LEFT, _LOST, _UNCLEAR = range(4)
+
+_HEARD, _HEARD_SHARE, _HEARD_POINTS = 1.5, 0.5, 2  # m, of the reach: a surface surely heard
+_SQUARE = math.cos(math.radians(8.0))  # of the angle between its normal and the ranger's axis
+
+# Normal equations of a fit, number of points in it, and of points that it explains.
+_FIT = np.dtype([("h", "f8", (3, 3)), ("g", "f8", (3,)), ("score", "f8"), ("n", "i8")])
+_fit_at, _FIT_SIZE = rows_of(_FIT), _FIT.itemsize
+_OLD = np.dtype([(name, "f4", (KEY_POINTS,)) for name in ("x", "y", "lost", "held")])
+_old_at, _OLD_SIZE = rows_of(_OLD), _OLD.itemsize
+
+
+@inlined
+def _expected(one: LaserArrays, at: Frame, x: float, y: float) -> tuple[int, float]:
+    """Beam towards a point and the distance [m] of the point; beam -1: not surely in view."""
+    dx, dy = x - at.x, y - at.y
+    ahead, left = world_to_body(at.c, at.s, dx, dy)
+    far, beams = math.sqrt(dx * dx + dy * dy), one.cosine.shape[0]
+    place = (atan2_f32(_F(left), _F(ahead)) - one.first) * one.per_angle
+    edge = _EDGE * one.per_angle
+    seen = (edge <= place) & (place < beams - 1 - edge)  # NaN gives false
+    seen &= (one.nearest < far) & (far < one.reach - _REACH_MARGIN)
+    return as_int(place + 0.5) if seen else as_int(-1), far
+
+
+@borrowing_kernel
+def _look(scan: Floats, b: int, far: float) -> int:
+    """Return what a beam and those beside it show at a point that is so far away [m]."""
+    begin, end = max(0, b - _SPREAD), min(scan.shape[0], b + _SPREAD + 1)
+    without, beyond = 0, 0
+    for k in range(begin, end):
+        if abs(scan[k] - far) < SAME:
+            return _SEEN
+        without += scan[k] == _INF
+        beyond += far + SAME < scan[k] < _INF
+    if without == end - begin:
+        return _LOST
+    return _LEFT if 2 * beyond > end - begin else _UNCLEAR
+
+
+@borrowing_kernel
+def _find_normals(key: Any) -> None:
+    """Store the unit normal of each key point on a flat surface; (0, 0) where there is none."""
+    for k in range(KEY_POINTS):
+        key.normal_x[k] = key.normal_y[k] = _F(0.0)
+        for j in range(1, _NEIGHBOURS + 1):
+            a, b = k - j, k + j
+            if a < 0 or b >= KEY_POINTS:
+                break
+            dx, dy = key.x[b] - key.x[a], key.y[b] - key.y[a]
+            far = math.sqrt(dx * dx + dy * dy)
+            if not far < np.inf:  # a point is missing
+                break
+            if far < _CHORD:
+                continue
+            px, py = key.x[k] - key.x[a], key.y[k] - key.y[a]
+            if abs(px * dy - py * dx) <= _FLAT * far and far <= 2.0 * j * _CHORD:
+                key.normal_x[k], key.normal_y[k] = _F(-dy / far), _F(dx / far)
+            break
+
+
+@borrowing_kernel
+def _renew_key(key: Any, one: LaserArrays, at: Frame, scan: Floats) -> None:
+    """Store a scan as the key; lost points stay where the scan lacks an echo."""
+    beams, old = scan.shape[0], _old_at(on_stack(_OLD_SIZE), 1)[0]
+    for k in range(KEY_POINTS):
+        old.x[k], old.y[k], old.lost[k], old.held[k] = key.x[k], key.y[k], key.lost[k], key.held[k]
+        b = k * (beams - 1) // (KEY_POINTS - 1)
+        r = scan[b]
+        key.lost[k], key.held[k], key.x[k], key.y[k] = _F(0.0), _F(0.0), _NAN, _NAN
+        beside = min(abs(scan[max(0, b - 1)] - r), abs(scan[min(beams - 1, b + 1)] - r))
+        if one.nearest <= r < one.reach and beside < _ALONE:
+            px, py = point_to_world(at.c, at.s, at.x, at.y, r * one.cosine[b], r * one.sine[b])
+            key.x[k], key.y[k] = _F(px), _F(py)
+    for k in range(KEY_POINTS if key.begun else 0):
+        b, _ = _expected(one, at, old.x[k], old.y[k])
+        to = (b * (KEY_POINTS - 1) + (beams - 1) // 2) // (beams - 1)
+        if b < 0 or old.lost[k] < 0.0:
+            continue
+        if key.x[to] == key.x[to]:
+            same = math.hypot(key.x[to] - old.x[k], key.y[to] - old.y[k]) < _INHERITS
+            key.held[to] = max(key.held[to], old.held[k] if same else _F(0.0))
+        elif old.lost[k] > 0.0:
+            key.x[to], key.y[to], key.lost[to] = old.x[k], old.y[k], old.lost[k]
+    _find_normals(key)
+    key.begun, key.way, key.turned, key.renewed = True, 0.0, 0.0, True
+    for k in range(3):
+        key.offset[k] = 0.0
+
+
+@borrowing_kernel
+def _fit(key: Any, one: LaserArrays, at: Frame, scan: Floats, offset: Array, fit: Any) -> None:
+    """Write the normal equations of the motion left over at an offset (3,), and its score.
+
+    The score counts the points that the offset explains, each by 1 / (1 + (residual / scale)^2).
+    """
+    beams = scan.shape[0]
+    dx, dy, turn = offset[0], offset[1], offset[2]
+    fit.score, fit.n = 0.0, 0
+    for i in range(3):
+        fit.g[i] = 0.0
+        for j in range(3):
+            fit.h[i, j] = 0.0
+    for k in range(KEY_POINTS):
+        nx, ny = np.float64(key.normal_x[k]), np.float64(key.normal_y[k])
+        if (nx == 0.0 and ny == 0.0) or key.lost[k] > 0.0:
+            continue
+        ax, ay = key.x[k] - at.x, key.y[k] - at.y
+        ex, ey = ax + dx - turn * ay, ay + dy + turn * ax
+        ahead, left = world_to_body(at.c, at.s, ex, ey)
+        b = math.floor((atan2_f32(_F(left), _F(ahead)) - one.first) * one.per_angle + 0.5)
+        if b < 0 or b >= beams or not scan[b] < _INF:
+            continue
+        fit.n += 1
+        r = np.float64(scan[b])
+        qx, qy = point_to_world(at.c, at.s, 0.0, 0.0, r * one.cosine[b], r * one.sine[b])
+        e = nx * (qx - ex) + ny * (qy - ey)
+        if abs(e) > _CAPTURE:
+            continue
+        share = 1.0 / (1.0 + (e / _SCALE) * (e / _SCALE))
+        fit.score += share
+        weight, lever = share, ny * ax - nx * ay
+        row = nx, ny, lever
+        for i in range(3):
+            fit.g[i] += weight * row[i] * e
+            for j in range(3):
+                fit.h[i, j] += weight * row[i] * row[j]
+
+
+@borrowing_kernel
+def _improve(fit: Any, offset: Array) -> None:
+    """Improve an offset (3,) by one step of Gauss and Newton; unseen directions stay at zero."""
+    h, g = fit.h, fit.g
+    prior = _PRIOR, _PRIOR, _PRIOR_TURN
+    for i in range(3):
+        h[i, i] += prior[i]
+        g[i] -= prior[i] * offset[i]
+    for i in range(3):  # elimination; the matrix is positive definite
+        for j in range(i + 1, 3):
+            share = h[j, i] / h[i, i]
+            g[j] -= share * g[i]
+            for k in range(i, 3):
+                h[j, k] -= share * h[i, k]
+    for i in range(2, -1, -1):
+        for k in range(i + 1, 3):
+            g[i] -= h[i, k] * g[k]
+        g[i] /= h[i, i]
+        offset[i] += g[i]
+
+
+@borrowing_kernel
+def _fits_another_motion(key: Any, one: LaserArrays, at: Frame, scan: Floats) -> bool:
+    """Fit the motion of a scan that the wheels do not report; return True if it is large."""
+    fit, offset = _fit_at(on_stack(_FIT_SIZE), 1)[0], key.offset[:]
+    _fit(key, one, at, scan, key.still[:], fit)
+    matched, plain = fit.n, fit.score
+    if key.renewed:
+        key.matched, key.renewed = matched, False
+    for _ in range(_ITERATIONS):
+        _fit(key, one, at, scan, offset, fit)
+        _improve(fit, offset)
+    _fit(key, one, at, scan, offset, fit)
+    key.few = matched < max(_MATCHED, as_int(_STAY * key.matched))
+    if fit.score < plain - _GAIN * fit.n:  # a wrong minimum
+        for k in range(3):
+            offset[k] = 0.0
+        return False
+    explained = (fit.score - plain >= _GAIN * fit.n) & (fit.score >= _EXPLAINED * fit.n)
+    off = math.sqrt(offset[0] * offset[0] + offset[1] * offset[1])
+    shifted = off > _OFF + _OFF_PER_METRE * key.way + _OFF_PER_RADIAN * key.turned
+    turned = abs(offset[2]) > _TURNED + _TURNED_PER_RADIAN * key.turned
+    return bool((fit.n >= _MATCHED) & explained & (shifted | turned))
+
+
+@borrowing_kernel
+def _estimate_lag(key: Any, vx: float, vy: float, dt: float) -> None:
+    """Estimate the age of scans [s]: a late scan is behind by the age times the change of speed."""
+    dx, dy, fades = vx - key.speed[0], vy - key.speed[1], math.exp(-dt / _LAG_FADES)
+    key.square = fades * key.square + dt * (dx * dx + dy * dy)
+    key.product = fades * key.product + dt * (dx * key.offset[0] + dy * key.offset[1])
+    key.lag = min(max(key.product / (key.square + _LAG_PRIOR), 0.0), _MAX_LAG)
+
+
+@borrowing_kernel
+def disagrees(
+    key: Any, one: LaserArrays, pose: Array, scan: Floats, v: float, w: float, dt: float
+) -> bool:
+    """Match a scan to the key scan; return True if it does not move as the wheels report.
+
+    Args:
+        key: a record of KEY, of this scanner.
+        one: the scanner.
+        pose: dead-reckoned pose (3,).
+        scan: (beams,).
+        v: speed that the wheels report [m/s].
+        w: turn rate that they report [rad/s].
+        dt: time since the scan before [s].
+    """
+    at, vx, vy = scanner_frame(one.mount, pose), v * math.cos(pose[2]), v * math.sin(pose[2])
+    if not key.begun:
+        _renew_key(key, one, at, scan)
+        key.speed[0], key.speed[1] = vx, vy
+        return False
+    key.way += abs(v) * dt
+    key.turned += abs(w) * dt
+    another = _fits_another_motion(key, one, at, scan)
+    _estimate_lag(key, vx, vy, dt)
+    key.astray = key.astray + dt if another else 0.0
+    moved = key.way > _KEY_WAY or key.turned > _KEY_TURN
+    if not another and (key.few or moved):
+        _renew_key(key, one, at, scan)
+        key.speed[0], key.speed[1] = vx, vy
+    return bool(key.astray > _DISAGREES)
+
+
+@borrowing_kernel
+def count_expected(key: Any, one: LaserArrays, pose: Array) -> int:
+    """Return the number of key points that should be in view from a pose (3,)."""
+    at, count = scanner_frame(one.mount, pose), 0
+    for k in range(KEY_POINTS):
+        b, _ = _expected(one, at, key.x[k], key.y[k])
+        count += b >= 0
+    return count
+
+
+@borrowing_kernel
+def should_echo(key: Any, at: Frame, half: float, reach: float) -> bool:
+    """Return True if a ranger must hear a surface of the key scan.
+
+    Args:
+        key: a record of KEY.
+        at: frame of the ranger.
+        half: half of its cone [rad].
+        reach: of the ranger [m].
+    """
+    found, far = 0, min(_HEARD_SHARE * reach, _HEARD)
+    for k in range(KEY_POINTS):
+        ahead, left = world_to_body(at.c, at.s, key.x[k] - at.x, key.y[k] - at.y)
+        facing = abs(at.c * key.normal_x[k] + at.s * key.normal_y[k])
+        found += (0.2 < ahead < far) & (abs(left) < 0.5 * half * ahead) & (facing > _SQUARE)
+    return found >= _HEARD_POINTS
+
+
+@borrowing_kernel
+def _has_moved(s: Any, x: float, y: float) -> bool:
+    """Whether something that moved lately is beside a point."""
+    for k in range(s.n_marks):
+        dx, dy = s.marks[k].x - x, s.marks[k].y - y
+        if dx * dx + dy * dy < (2.0 * BODY) ** 2:
+            return True
+    return False
+
+
+@borrowing_kernel
+def find_lost(
+    s: Any, key: Any, one: LaserArrays, scan: Floats, least: Floats, slow: bool, dt: float
+) -> None:
+    """Find key points at which no beam has an echo: these beams then show no free space.
+
+    A lost point returns with its echo, and goes when a beam measures something behind it. It also
+    goes after a while at creep speed if no ultrasonic hears anything that the laser does not.
+
+    Args:
+        s: a record of SHIELD.
+        key: a record of KEY, of this scanner.
+        one: the scanner.
+        scan: (beams,).
+        least: (beams,) of `Scan.least`; is set to -inf at lost points.
+        slow: the chair is at rest, or drives at creep speed.
+        dt: time since the scan before [s].
+    """
+    at, beams = scanner_frame(one.mount, s.pose), scan.shape[0]
+    wide, heard = (beams - 1) // (KEY_POINTS - 1) + 1, False
+    for k in range(s.n_arc.shape[0]):
+        heard |= s.n_arc[k] > 0
+    s.n_lost = 0
+    for k in range(KEY_POINTS):
+        b, far = _expected(one, at, key.x[k], key.y[k])
+        if b < 0:
+            continue
+        seen = _look(scan, b, far)
+        if seen != _LOST:
+            key.held[k] += _F(dt) if seen == _SEEN else _F(0.0)
+            key.lost[k] = _GONE if seen == _LEFT else _F(0.0)
+            continue
+        moves = key.held[k] < _F(_STATIC) or _has_moved(s, key.x[k], key.y[k])
+        if key.lost[k] == _F(0.0) and moves:
+            key.lost[k] = _GONE
+        if key.lost[k] == _GONE:
+            continue
+        key.lost[k] += _F(dt if slow else dt * _DOUBT / _DOUBT_MOVING)
+        if key.lost[k] > _F(_DOUBT) and not heard:
+            key.lost[k] = _GONE
+            continue
+        s.n_lost += far < FAR
+        for i in range(max(0, b - wide), min(beams, b + wide + 1)):
+            least[i] = -_INF
+
+
+@borrowing_kernel
+def add_lost(s: Any, key: Any) -> None:
+    """Add the lost key points nearby as obstacles of this scan."""
+    points, n = s.points, s.n_points
+    for k in range(KEY_POINTS if s.n_lost > 0 else 0):
+        dx, dy = key.x[k] - s.pose[0], key.y[k] - s.pose[1]
+        if key.lost[k] > 0.0 and dx * dx + dy * dy < FAR * FAR and n < FRESH + KEPT:
+            points.x[n], points.y[n], points.stamp[n] = key.x[k], key.y[k], -math.inf
+            n += 1
+    s.n_points = n
