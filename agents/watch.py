@@ -70,10 +70,10 @@ class Watch:
         if not self:
             yield lambda slam: None
             return
-        from wheelchair_gym.recording.record import RecordingSettings, open_sink
-        from wheelchair_gym.recording.sink import NANO
+        from wheelchair_gym.recording.record import RecordingSettings
+        from wheelchair_gym.recording.sink import NANO, Sink
 
-        out, odometry = open_sink(self.record, self.live, self.format), log.odometry
+        out, odometry = Sink(self.record, self.live, self.format), log.odometry
         if out.port is not None:
             _print_address(out.port)
         begun, drawn, k = time.perf_counter(), -np.inf, 0

@@ -806,11 +806,11 @@ READERS: dict[str, Reader] = {
     "store": Reader(_store, _use_store, ("evaluation.runs.read_store",)),
     "log": Reader(_log, _use_log, ("localization.logs.read_log",)),
     "recording": Reader(
-        _recording, _use_recording, ("recording.replay._texts",), _mutated_recording
+        _recording, _use_recording, ("recording.mcap_file.mcap_messages",), _mutated_recording
     ),
     "bag": Reader(
         _bag, _use_bag,
-        ("recording.read_bags.is_bag", "recording.read_bags.bag_messages"), _mutated_bag,
+        ("recording.read_bags.is_bag", "recording.mcap_file.mcap_messages"), _mutated_bag,
     ),
     "bag in SQLite": Reader(
         _sqlite_bag, _use_bag, ("recording.read_bags._rows",), flipped

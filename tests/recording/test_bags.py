@@ -332,7 +332,7 @@ def test_a_full_disk_ends_the_bag_and_the_run_if_wanted(then, tmp_path, caplog, 
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(env._out._bag.storage, "write", full)
+    monkeypatch.setattr(env._out._bag._bag.storage, "write", full)
     if then == "end":
         with pytest.raises(InputError, match="No space left on device"):
             env.step(np.zeros(2))

@@ -22,13 +22,13 @@ import numpy as np
 
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.errors import InputError, shorten
-from wheelchair_gym.files import LIMITS, opened, read_bytes
+from wheelchair_gym.files import LIMITS, opened
 from wheelchair_gym.geometry import compose
 from wheelchair_gym.hardware.ros import messages as ros
 from wheelchair_gym.hardware.ros.cdr import deserialized
 from wheelchair_gym.localization.logs import SensorLog, log_of_poses
 from wheelchair_gym.recording.bags import PREFIX
-from wheelchair_gym.recording.mcap_file import Recorded, complete, is_cut, mcap_messages
+from wheelchair_gym.recording.mcap_file import Recorded, complete, mcap_messages
 from wheelchair_gym.sensors.settings import LaserSettings
 
 _LOG = logging.getLogger(__name__)
@@ -68,40 +68,21 @@ def is_bag(path: str | Path) -> bool:
     return head[_PROFILE] == b"\x04\0\0\0ros2"
 
 
-def bag_messages(
-    path: str | Path, wanted: Callable[[str, str], bool], cut: bool = False
-) -> list[Recorded]:
+def bag_messages(path: str | Path, wanted: Callable[[str, str], bool]) -> list[Recorded]:
     """The messages of a bag whose topic and type are wanted, as CDR, in the order of their times.
 
     Args:
         path: of the bag.
         wanted: called with topic and type.
-        cut: read an MCAP file that lacks its end as far as it goes, and warn.
 
     Raises:
         InputError: a file is missing, damaged, compressed as a whole or beyond a limit.
     """
     found: list[Recorded] = []
     for file in _files(Path(path)):
-        if file.suffix == ".db3":
-            found += _rows(file, wanted)
-            continue
-        content = read_bytes(file, "recording")
-        with complete(file):
-            some = mcap_messages(content, lambda topic, kind: wanted(topic, _full(kind)), cut)
-            some = [one._replace(type=_full(one.type)) for one in some]
-            if cut and is_cut(content):
-                if not some:
-                    raise ValueError("it was cut off before its first whole chunk of messages")
-                _LOG.warning("%s: the recording was cut off; what it holds is used", file)
-        found += some
+        found += (_rows if file.suffix == ".db3" else mcap_messages)(file, wanted)
     found.sort(key=lambda message: message.time)
     return found
-
-
-def _full(kind: str) -> str:
-    """The name of a type as ROS 2 writes it; some writers leave out the middle part."""
-    return kind.replace("/", "/msg/") if kind.count("/") == 1 else kind
 
 
 def _files(path: Path) -> list[Path]:
@@ -159,7 +140,7 @@ def bag_texts(path: str | Path, topics: Sequence[str]) -> list[tuple[str, str]]:
         InputError: see `bag_messages`; or this package has not recorded it.
     """
     names = {PREFIX + topic: topic for topic in topics}
-    found = bag_messages(path, lambda topic, kind: topic in names and kind == _TEXT, True)
+    found = bag_messages(path, lambda topic, kind: topic in names and kind == _TEXT)
     if not found:
         raise InputError(
             f"{path}: only drives that this program has recorded can be judged again; "
@@ -189,7 +170,7 @@ def bag_log(
         InputError: see `bag_messages`; or there are no such topics, or no good scan between two
             messages of the odometry.
     """
-    found = bag_messages(path, lambda _, kind: kind in (_SCAN, _ODOMETRY, _TF), cut=True)
+    found = bag_messages(path, lambda _, kind: kind in (_SCAN, _ODOMETRY, _TF))
     scans = _of_topic(path, found, _SCAN, scan, "/scan", "--scan-topic")
     edges: dict[str, tuple[str, Array]] = {}
     skipped: Counter[str] = Counter()

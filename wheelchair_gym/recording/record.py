@@ -21,7 +21,6 @@ from wheelchair_gym.drivers import driver_spec
 from wheelchair_gym.localization.localized_chair import unwrapped
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.physics.actors.records import actor_shapes
-from wheelchair_gym.recording.bags import RosBag
 from wheelchair_gym.recording.sink import NANO, Sink
 from wheelchair_gym.recording.topics import (
     BATTERY,
@@ -59,17 +58,6 @@ class RecordingSettings:
     """What is written: one MCAP file with Foxglove's messages, or a rosbag2."""
 
 
-def open_sink(file: str | Path | None, port: int | None, format: str = "foxglove") -> Sink | RosBag:
-    """Where a recording goes: to a file of a format, to viewers at a port, or to both.
-
-    Raises:
-        InputError: see `Sink` and `RosBag`.
-    """
-    if format == "foxglove" or file is None:
-        return Sink(file, port)
-    return RosBag(file, None if port is None else Sink(port=port))
-
-
 class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
     """A Gymnasium wrapper that writes all episodes to a file, shows them live, or both.
 
@@ -98,7 +86,7 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
     ) -> None:
         super().__init__(env)
         self._config = recording or RecordingSettings()
-        self._out = open_sink(file, port, self._config.format)
+        self._out = Sink(file, port, self._config.format)
         self.file, self.port = self._out.file, self._out.port
         self._base = 0  # ns: episodes follow each other in time
         self._trail: list[Any] = []

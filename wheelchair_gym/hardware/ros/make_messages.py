@@ -7,7 +7,7 @@ zero or empty. Frames are those of REP-105: map -> odom -> base_link -> laser, u
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -20,34 +20,8 @@ from wheelchair_gym.sensors.settings import LaserSettings, UltrasonicSettings
 
 Message = dict[str, Any]
 NANO: Final = 1_000_000_000
-
-
-class TopicType(NamedTuple):
-    """The type of a topic, and whether late subscribers get its last message (transient local)."""
-
-    type: str
-    latched: bool = False
-
-
-# Topics of the chair as a robot; further scanners are /scan_1, ..., ultrasonics /ultrasonic_0, ...
-TOPICS: Final[dict[str, TopicType]] = {
-    "/clock": TopicType("rosgraph_msgs/msg/Clock"),
-    "/tf": TopicType("tf2_msgs/msg/TFMessage"),
-    "/tf_static": TopicType("tf2_msgs/msg/TFMessage", latched=True),
-    "/map": TopicType("nav_msgs/msg/OccupancyGrid", latched=True),
-    "/scan": TopicType("sensor_msgs/msg/LaserScan"),
-    "/ultrasonic": TopicType("sensor_msgs/msg/Range"),
-    "/odom": TopicType("nav_msgs/msg/Odometry"),
-    "/imu": TopicType("sensor_msgs/msg/Imu"),
-    "/battery_state": TopicType("sensor_msgs/msg/BatteryState"),
-    "/goal_pose": TopicType("geometry_msgs/msg/PoseStamped", latched=True),
-    "/footprint": TopicType("geometry_msgs/msg/PolygonStamped", latched=True),
-}
-
-
-def topic_type(topic: str) -> TopicType:
-    """The type of a topic of `TOPICS`, or of one of its numbered kin."""
-    return TOPICS[topic] if topic in TOPICS else TOPICS[topic.rpartition("_")[0]]
+_UNMEASURED = 1e6  # variance of what is not measured, as drivers of planar robots have it
+INFO, WARNING = 20, 30  # levels of rcl_interfaces/Log
 
 
 def time(now: int) -> Message:
@@ -110,10 +84,15 @@ def transform(now: int, parent: str, child: str, where: Iterable[float]) -> Mess
     }
 
 
-def frames(now: int, where: Array, odometry: Array) -> Message:
-    """A tf2_msgs/TFMessage map -> odom -> base_link, from the estimate (3,) and the odometry's."""
-    fixed = transform(now, "map", "odom", map_to_odom(where, odometry))
-    return {"transforms": [fixed, transform(now, "odom", "base_link", odometry)]}
+def frames(now: int, where: Array | None, odometry: Array) -> Message:
+    """A tf2_msgs/TFMessage map -> odom -> base_link, from the estimate (3,) and the odometry's.
+
+    Without an estimate it lacks map -> odom.
+    """
+    edges = [transform(now, "odom", "base_link", odometry)]
+    if where is not None:
+        edges.insert(0, transform(now, "map", "odom", map_to_odom(where, odometry)))
+    return {"transforms": edges}
 
 
 def scanner_name(number: int, first: str) -> str:
@@ -177,24 +156,39 @@ def distances(
     return found
 
 
-def odometry(now: int, where: Array, speed: Array) -> Message:
-    """A nav_msgs/Odometry of the odometry's pose (3,) and the twist (2,)."""
+def _covariance(size: int, known: Array, *axes: int) -> list[float]:
+    """A covariance (size, size) as a list; axes that are not measured have a large variance."""
+    covariance = np.diag(np.full(size, _UNMEASURED))
+    covariance[np.ix_(axes, axes)] = known
+    return covariance.ravel().tolist()
+
+
+def odometry(
+    now: int, where: Array, speed: Array, spread: tuple[Array, Array] | None = None
+) -> Message:
+    """A nav_msgs/Odometry of the odometry's pose (3,) and the twist (2,).
+
+    `spread`: covariances (3, 3) and (2, 2) of both; None: zeros, which say that they are unknown.
+    """
+    of_pose = of_twist = [0.0] * 36
+    if spread is not None:
+        of_pose, of_twist = _covariance(6, spread[0], 0, 1, 5), _covariance(6, spread[1], 0, 5)
     return {
         "header": header(now, "odom"),
         "child_frame_id": "base_link",
-        "pose": {"pose": pose(where), "covariance": [0.0] * 36},
-        "twist": {"twist": twist(*speed.tolist()), "covariance": [0.0] * 36},
+        "pose": {"pose": pose(where), "covariance": of_pose},
+        "twist": {"twist": twist(*speed.tolist()), "covariance": of_twist},
     }
 
 
-def imu(now: int, turn: float) -> Message:
+def imu(now: int, turn: float, variance: float) -> Message:
     """A sensor_msgs/Imu that measures the turn rate [rad/s] alone: -1 says that the rest is not."""
     return {
         "header": header(now, "base_link"),
         "orientation": _quaternion(0.0),
         "orientation_covariance": [-1.0] + [0.0] * 8,
         "angular_velocity": _vector(0.0, 0.0, turn),
-        "angular_velocity_covariance": [0.0] * 9,
+        "angular_velocity_covariance": _covariance(3, np.array(variance), 2),
         "linear_acceleration": _vector(0.0, 0.0),
         "linear_acceleration_covariance": [-1.0] + [0.0] * 8,
     }
@@ -237,3 +231,38 @@ def footprint(now: int, corners: Array) -> Message:
     """A geometry_msgs/PolygonStamped of the chair's outline (4, 2), in its own frame."""
     points = [_vector(x, y) for x, y in corners.tolist()]
     return {"header": header(now, "base_link"), "polygon": {"points": points}}
+
+
+class Topic(NamedTuple):
+    """Type and maker of a topic's messages; `latched`: late subscribers get the last message."""
+
+    type: str
+    make: Callable[..., Message]  # of an instant [ns] and content
+    latched: bool = False
+
+    def messages(self, topic: str, now: int, *content: Any) -> dict[str, Message]:
+        """Messages by their topics: of a topic one, of all ultrasonics several."""
+        made = self.make(now, *content)
+        return made if self.make is distances else {topic: made}
+
+
+# Topics of the chair as a robot; further scanners are /scan_1, ..., ultrasonics /ultrasonic_0, ...
+TOPICS: Final[dict[str, Topic]] = {
+    "/clock": Topic("rosgraph_msgs/msg/Clock", clock),
+    "/tf": Topic("tf2_msgs/msg/TFMessage", frames),
+    "/tf_static": Topic("tf2_msgs/msg/TFMessage", mounts, latched=True),
+    "/map": Topic("nav_msgs/msg/OccupancyGrid", grid, latched=True),
+    "/scan": Topic("sensor_msgs/msg/LaserScan", scan),
+    "/ultrasonic": Topic("sensor_msgs/msg/Range", distances),
+    "/odom": Topic("nav_msgs/msg/Odometry", odometry),
+    "/imu": Topic("sensor_msgs/msg/Imu", imu),
+    "/battery_state": Topic("sensor_msgs/msg/BatteryState", battery),
+    "/goal_pose": Topic("geometry_msgs/msg/PoseStamped", pose_stamped, latched=True),
+    "/footprint": Topic("geometry_msgs/msg/PolygonStamped", footprint, latched=True),
+}
+
+
+def general(topic: str) -> str:
+    """The name in `TOPICS` of a topic, which may have a number."""
+    name, _, number = topic.rpartition("_")
+    return name if number.isdigit() else topic
