@@ -718,6 +718,18 @@ def test_the_least_range_next_to_a_beam_counts_and_rep_117_holds():
         np.testing.assert_equal(ros.scan(wide, laser, math.inf)[90], np.float32(wanted))
 
 
+@pytest.mark.parametrize("shift", [-0.9, -0.6, -0.4, 0.3, 0.7, 0.9])
+def test_a_fan_that_is_off_by_part_of_a_beam_is_read_at_its_true_angles(shift):
+    laser = LaserSettings(beams=2161)  # 0.125 deg apart
+    step, beams = laser.fov / (laser.beams - 1), np.arange(laser.beams)
+    ranges = 1.0 + beams / 1000
+    angles = {"angle_min": shift * step - 0.5 * laser.fov, "angle_increment": step}
+    message = of_a_circle(360) | angles | {"ranges": ranges.tolist()}
+    nearest = np.clip(beams - round(shift), 0, laser.beams - 1)
+    found = ros.scan(message, laser, math.inf)
+    np.testing.assert_array_equal(found, ranges[nearest].astype(np.float32))
+
+
 def test_a_fan_that_is_too_small_is_refused():
     message = of_a_circle(360)
     message["ranges"] = message["ranges"][:200]

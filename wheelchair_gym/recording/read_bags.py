@@ -184,7 +184,7 @@ def bag_log(
         with _skipping(skipped, "scan"):
             messages.append(_upright(_message(one), edges, base))
     if not messages:
-        raise InputError(f"{path}: no scan of {scans[0].topic} can be used ({_told(skipped)})")
+        raise _unusable(path, scans, skipped)
     usual, _ = Counter(map(_fan, messages)).most_common(1)[0]
     of_laser = next(one for one in messages if _fan(one) == usual)
     with complete(path):
@@ -200,11 +200,11 @@ def bag_log(
                 raise ValueError("without odometry")
             if times and stamp <= times[-1]:
                 raise ValueError("time goes back")
-            values = ros.scan(_centred(message, middle), laser, math.inf)
+            centred = message | {"angle_min": float(message["angle_min"]) - middle}
+            ranges.append(ros.scan(centred, laser, math.inf))
             times.append(stamp)
-            ranges.append(values)
     if not times:
-        raise InputError(f"{path}: no scan of {scans[0].topic} can be used ({_told(skipped)})")
+        raise _unusable(path, scans, skipped)
     known = sorted(poses)
     rows = np.array([poses[stamp] for stamp in known])
     rows[:, 2] = np.unwrap(rows[:, 2])
@@ -280,9 +280,10 @@ def _meant(value: float) -> float:
     return float(str(np.float32(value)))
 
 
-def _told(skipped: Mapping[str, int]) -> str:
-    """Return the reasons why messages were skipped, with their numbers."""
-    return ", ".join(f"{count} {reason}" for reason, count in skipped.items())
+def _unusable(path: str | Path, scans: list[Recorded], skipped: Mapping[str, int]) -> InputError:
+    """Return the error that no scan can be used, with the reasons and their numbers."""
+    why = ", ".join(f"{count} {reason}" for reason, count in skipped.items())
+    return InputError(f"{path}: no scan of {scans[0].topic} can be used ({why})")
 
 
 def _frame(message: Mapping[str, Any]) -> str:
@@ -307,20 +308,7 @@ def _upright(
     if not 2 <= beams <= _MOST_BEAMS or step == 0.0 or not math.isfinite(step):
         raise ValueError(f"of {beams} ranges, {step:g} rad apart")
     mount = _mount(edges, _frame(message), base)
-    if mount is not None and ros.on_floor(mount)[1]:
-        message = ros.mirrored(message)
-    if step < 0.0:
-        first = float(message["angle_min"])
-        message = message | {
-            "angle_min": first + step * (beams - 1), "angle_max": first,
-            "angle_increment": -step, "ranges": message["ranges"][::-1],
-        }  # fmt: skip
-    return message
-
-
-def _centred(message: dict[str, Any], middle: float) -> dict[str, Any]:
-    """Return a scan with angles from the middle [rad] of its laser, which is straight ahead."""
-    return message | {"angle_min": float(message["angle_min"]) - middle}
+    return ros.upright(message, mount is not None and ros.on_floor(mount)[1])
 
 
 def _laser(

@@ -16,7 +16,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.config import InputError, dump, setting, settings
+from wheelchair_gym.config import dump, setting, settings
 from wheelchair_gym.drivers import driver_spec
 from wheelchair_gym.localization.localized_chair import unwrapped
 from wheelchair_gym.maps import OccupancyGrid
@@ -107,7 +107,7 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
         if self._env.task.built_map is None:
             self._log_map(self._map)
         self._log_reading()
-        self._check_disk()
+        self._out.check_disk(self._config.when_full)
         return observation, info
 
     def step(
@@ -127,7 +127,7 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
         self._log_reading()
         ends = {"terminated": terminated, "truncated": truncated}
         self._out.write(VERDICT, {"reward": reward, "terms": info["reward_terms"], **ends})
-        self._check_disk()
+        self._out.check_disk(self._config.when_full)
         return observation, float(reward), terminated, truncated, info
 
     def close(self) -> None:
@@ -146,13 +146,6 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
         if env.labels != self._labels:
             self._labels = found["labels"] = dict(env.labels)
         return found
-
-    def _check_disk(self) -> None:
-        why = self._out.new_error()
-        if why and self._config.when_full == "end":
-            raise InputError(f"{why}, and the run, too")
-        if why:
-            _LOG.warning("%s; the run goes on", why)
 
     @property
     def _env(self) -> Any:

@@ -203,12 +203,19 @@ class Sink:
         if self._channels:
             self._channels[topic].log(text.encode(), log_time=self.now)
 
-    def new_error(self) -> str:
-        """The error that has ended the file early; reported once, then empty."""
+    def check_disk(self, when_full: str = "close") -> None:
+        """Report once that an error has ended the file early: the run goes on, or is to end.
+
+        Raises:
+            InputError: it has, and the run is to end.
+        """
         if self._reported or self._disk is None or not self._disk.error:
-            return ""
+            return
         self._reported = True
-        return f"{self.file}: {self._disk.error}; the recording ends here"
+        why = f"{self.file}: {self._disk.error}; the recording ends here"
+        if when_full == "end":
+            raise InputError(f"{why}, and the run, too")
+        _LOG.warning("%s; the run goes on" if when_full == "go-on" else "%s", why)
 
     def close(self) -> None:
         """Complete the file and disconnect viewers; may be called again."""
@@ -216,8 +223,7 @@ class Sink:
             self._file.close()
         if self._disk:
             self._disk.close()
-        if why := self.new_error():
-            _LOG.warning("%s", why)
+        self.check_disk()
         if self._server:
             self._server.stop()
         self._file = self._server = None

@@ -123,6 +123,7 @@ class DdsLink:
         domain: number of the DDS domain.
         on_message: is called in a thread with topic, message and the publisher's number.
         on_leave: is called in a thread with the number of a publisher that is gone.
+        namespace: of the node; empty: none.
 
     Attributes:
         url: dds://HOST/DOMAIN.
@@ -138,6 +139,7 @@ class DdsLink:
         domain: int,
         on_message: Callable[[str, Any, object], object],
         on_leave: Callable[[object], object] = lambda publisher: None,
+        namespace: str = "",
     ) -> None:
         load_cyclonedds()
         from cyclonedds.core import DDSException, WaitSet
@@ -154,6 +156,7 @@ class DdsLink:
                 f"{host}: expected an IPv4 address of a network interface of this machine ({why})"
             ) from None
         self._on_message, self._on_leave = on_message, on_leave
+        self._namespace = f"/{namespace}"
         try:
             self._domain: Any = Domain(domain, _configuration(address))
             self._participant: Any = DomainParticipant(domain)
@@ -237,7 +240,7 @@ class DdsLink:
     def _announce(self) -> None:
         """Publish the node's name and its endpoints, by which `ros2 node list` knows it."""
         node = {
-            "node_namespace": "/",
+            "node_namespace": self._namespace,
             "node_name": _NODE,
             "reader_gid_seq": [_gid(one.reader) for one in self._readers],
             "writer_gid_seq": [_gid(writer) for _, writer in self._writers.values()],

@@ -7,6 +7,7 @@ zero or empty. Frames are those of REP-105: map -> odom -> base_link -> laser, u
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterable
 from typing import Any, Final, NamedTuple
 
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wheelchair_gym.arrays import Array
+from wheelchair_gym.errors import InputError, shorten
 from wheelchair_gym.geometry import map_to_odom
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.sensors.settings import LaserSettings, UltrasonicSettings
@@ -231,6 +233,45 @@ def footprint(now: int, corners: Array) -> Message:
     """A geometry_msgs/PolygonStamped of the chair's outline (4, 2), in its own frame."""
     points = [_vector(x, y) for x, y in corners.tolist()]
     return {"header": header(now, "base_link"), "polygon": {"points": points}}
+
+
+class Namespace:
+    """The prefix of a robot's topics, services and frames.
+
+    /tf, /tf_static, /clock and the frame map have none: several robots share them.
+
+    Args:
+        name: of the robot; empty: no prefix.
+
+    Raises:
+        InputError: it is no name for ROS.
+    """
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        if name and not re.fullmatch(r"[A-Za-z](_?[A-Za-z0-9])*", name):
+            raise InputError(
+                f"namespace {shorten(name)}: expected a name such as robot1: letters, digits and "
+                "single underscores, a letter first"
+            )
+
+    def of(self, topic: str) -> str:
+        """The name of a topic or a service in the namespace."""
+        shared = not self._name or topic in ("/tf", "/tf_static", "/clock")
+        return topic if shared else f"/{self._name}{topic}"
+
+    def within(self, message: Any) -> Any:
+        """A message, or a part of one, with its frames in the namespace."""
+        if not self._name or not isinstance(message, (dict, list)):
+            return message
+        if isinstance(message, list):
+            return [self.within(one) for one in message]
+        framed = {
+            key: f"{self._name}/{message[key]}"
+            for key in ("frame_id", "child_frame_id")
+            if message.get(key, "map") != "map"
+        }
+        return {key: self.within(value) for key, value in message.items()} | framed
 
 
 class Topic(NamedTuple):

@@ -22,7 +22,6 @@ _MAX_TILT = 0.3  # rad: maximum roll or pitch of a chair on a floor
 _MAX_STAMP = 1 << 32  # s: ROS uses 32 bits
 _MAX_BEAMS = 20_000
 _FREE, _OCCUPIED = 25, 65  # %: cells of a map up to it, and from it on: map_saver
-_NEAR = 1e-3  # rad: angles that are rounded to float32 are the same
 
 
 def stamp(header: Mapping[str, Any]) -> float:
@@ -93,14 +92,7 @@ def scan(message: Mapping[str, Any], laser: LaserSettings, null: float) -> NDArr
     out = np.where(ranges > min(farthest, laser.reach), np.inf, ranges)
     out = np.where(ranges < nearest, -np.inf, out)
     out = np.where(ranges == 0.0, np.nan, out)  # drivers older than REP-117: an error
-    out = np.where(missing, null, out).astype(np.float32)
-    begin, fan = first + 0.5 * laser.fov, step * (laser.beams - 1)
-    same = len(out) == laser.beams and abs(fan - laser.fov) <= abs(step) + _NEAR
-    return (
-        out
-        if same and abs(begin) <= 0.5 * abs(step) + _NEAR
-        else _resampled(out, first, step, laser)
-    )
+    return _resampled(np.where(missing, null, out).astype(np.float32), first, step, laser)
 
 
 def _resampled(
@@ -110,8 +102,12 @@ def _resampled(
     angles = first + step * np.arange(len(ranges))
     if step < 0.0:
         ranges, angles, first, step = ranges[::-1], angles[::-1], float(angles[-1]), -step
-    ahead = np.mod(laser.angles - first + 0.5 * step, 2.0 * np.pi)  # of half a step before theirs
-    near = (ahead / step).astype(np.int64)
+    turn = 2.0 * np.pi / step  # steps of a whole turn
+    ahead = np.mod((laser.angles - first) / step + 0.5, turn)  # of half a step before theirs
+    near = ahead.astype(np.int64)
+    if len(ranges) == laser.beams:  # rounded angles: an end may lie up to a step off
+        near[near == laser.beams] -= 1
+        near[(near > laser.beams) & (ahead > turn - 1.0)] = 0
     if not (near < len(ranges)).all():
         raise ValueError(
             f"looks from {math.degrees(first):.1f} over "
@@ -194,12 +190,15 @@ def on_floor(matrix: Array) -> tuple[Array, bool]:
     return np.array([matrix[0, 3], matrix[1, 3], yaw]), up < 0.0
 
 
-def mirrored(message: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a scan of a laser that hangs upside down as an upright one would give it."""
-    first, step = _finite(message["angle_min"], message["angle_increment"])
-    ranges = message["ranges"]
-    last = first + step * (len(ranges) - 1)
-    return {**message, "angle_min": -last, "angle_max": -first, "ranges": ranges[::-1]}
+def upright(message: Mapping[str, Any], upside_down: bool) -> dict[str, Any]:
+    """Return a scan as an upright laser gives it, with its beams counter-clockwise."""
+    names, ranges = ("angle_min", "angle_max", "angle_increment"), message["ranges"]
+    first, last, step = (float(message[name]) for name in names)
+    if upside_down:
+        first, last, step = -first, -last, -step
+    if step < 0.0:
+        first, last, step, ranges = first + step * (len(ranges) - 1), first, -step, ranges[::-1]
+    return {**message, **dict(zip(names, (first, last, step), strict=True)), "ranges": ranges}
 
 
 def distance(message: Mapping[str, Any], null: float) -> float:
