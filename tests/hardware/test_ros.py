@@ -258,14 +258,14 @@ WRONG = {
     "no angle": ("/scan", lambda m: {**m, "angle_min": None}, "not made as its type says"),
     "time goes back": ("/scan", backwards, "older than the one before"),
     "time stands still": ("/scan", lambda m: m, "older than the one before"),
-    "odometry is null": ("/ARDUINO1/Odom", nowhere, "not made as its type says"),
+    "odometry is null": ("/ARDUINO1/Odom", nowhere, "not finite"),
     "odometry is a list": ("/ARDUINO1/Odom", lambda m: [m], "not made as its type says"),
     "odometry lacks its twist": ("/ARDUINO1/Odom", lambda m: {"pose": m["pose"]}, "'twist'"),
     "odometry has NaN": (
         "/ARDUINO1/Odom", lambda m: json.loads(json.dumps(m).replace('"x": ', '"x": NaN, "_": ')),
         "finite",
     ),
-    "it lies on its side": ("/ARDUINO1/Odom", tipped, "not upright"),
+    "it lies on its side": ("/ARDUINO1/Odom", tipped, "tilted by 90 deg"),
     "no quaternion": (
         "/ARDUINO1/Odom", lambda m: json.loads(json.dumps(m).replace('"w": ', '"w": 7, "_": ')),
         "norm is not 1",

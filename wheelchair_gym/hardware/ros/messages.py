@@ -48,18 +48,12 @@ def _finite(*values: Any) -> tuple[float, ...]:
     return numbers
 
 
-def _yaw(orientation: Mapping[str, Any]) -> float:
-    x, y, z, w = _finite(*(orientation[name] for name in "xyzw"))
-    if abs(math.sqrt(x * x + y * y + z * z + w * w) - 1.0) > 0.01:
-        raise ValueError("holds a quaternion whose norm is not 1")
-    if 1.0 - 2.0 * (x * x + y * y) < math.cos(_MAX_TILT):
-        raise ValueError("has the chair not upright; expected a rotation about z")
-    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-
-
-def _pose(position: Mapping[str, Any], orientation: Mapping[str, Any]) -> Array:
-    x, y = _finite(position["x"], position["y"])
-    return np.array([x, y, _yaw(orientation)])
+def _pose(message: Mapping[str, Any]) -> Array:
+    """The pose (3,) of an upright geometry_msgs/Pose."""
+    pose, upside_down = on_floor(_matrix(message["position"], message["orientation"]))
+    if upside_down:
+        raise ValueError("is upside down; expected a rotation about z")
+    return pose
 
 
 def scan(message: Mapping[str, Any], laser: LaserSettings, null: float) -> NDArray[np.float32]:
@@ -125,9 +119,9 @@ def _resampled(
 
 def odometry(message: Mapping[str, Any]) -> tuple[Array, Array]:
     """Pose (3,) [m, m, rad] and twist (2,) [m/s, rad/s] of a nav_msgs/Odometry."""
-    placed, twist = message["pose"]["pose"], message["twist"]["twist"]
-    pose = _pose(placed["position"], placed["orientation"])
-    return pose, np.array(_finite(twist["linear"]["x"], twist["angular"]["z"]))
+    twist = message["twist"]["twist"]
+    speed = np.array(_finite(twist["linear"]["x"], twist["angular"]["z"]))
+    return _pose(message["pose"]["pose"]), speed
 
 
 def transforms(message: Mapping[str, Any]) -> list[tuple[str, str, Array]]:
@@ -141,8 +135,7 @@ def transforms(message: Mapping[str, Any]) -> list[tuple[str, str, Array]]:
     for edge in message["transforms"]:
         try:
             parent, child = str(edge["header"]["frame_id"]), str(edge["child_frame_id"])
-            moved, turned = edge["transform"]["translation"], edge["transform"]["rotation"]
-            matrix = _matrix(*(moved[axis] for axis in "xyz"), *(turned[axis] for axis in "xyzw"))
+            matrix = _matrix(edge["transform"]["translation"], edge["transform"]["rotation"])
         except (KeyError, TypeError) as error:
             broken = error
             continue
@@ -152,9 +145,10 @@ def transforms(message: Mapping[str, Any]) -> list[tuple[str, str, Array]]:
     return found
 
 
-def _matrix(x: Any, y: Any, z: Any, qx: Any, qy: Any, qz: Any, qw: Any) -> Array:
+def _matrix(place: Mapping[str, Any], turn: Mapping[str, Any]) -> Array:
     """Return the homogeneous matrix (4, 4) of a position and a quaternion; NaN where unusable."""
-    values, matrix = np.array([x, y, z, qx, qy, qz, qw], dtype=np.float64), np.eye(4)
+    numbers = [*(place[axis] for axis in "xyz"), *(turn[axis] for axis in "xyzw")]
+    values, matrix = np.array(numbers, dtype=np.float64), np.eye(4)
     if not np.isfinite(values).all() or abs(np.linalg.norm(values[3:]) - 1.0) > 0.01:
         return np.full((4, 4), np.nan)
     matrix[:3, :3], matrix[:3, 3] = Rotation.from_quat(values[3:]).as_matrix(), values[:3]
@@ -181,7 +175,7 @@ def on_floor(matrix: Array) -> tuple[Array, bool]:
         ValueError: the matrix is NaN, or neither upright nor upside down.
     """
     if not np.isfinite(matrix).all():
-        raise ValueError("has a transform that is not finite, or whose quaternion's norm is not 1")
+        raise ValueError("has a pose that is not finite, or whose quaternion's norm is not 1")
     up = float(matrix[2, 2])
     if abs(up) < math.cos(_MAX_TILT):
         tilt = math.degrees(math.acos(up))
@@ -234,5 +228,5 @@ def grid(message: Mapping[str, Any]) -> OccupancyGrid:
     cells = np.full(values.shape, UNKNOWN, np.int8)
     cells[(values >= 0) & (values <= _FREE)] = FREE
     cells[values >= _OCCUPIED] = OCCUPIED
-    x, y, yaw = _pose(info["origin"]["position"], info["origin"]["orientation"]).tolist()
+    x, y, yaw = _pose(info["origin"]).tolist()
     return OccupancyGrid(cells.reshape(rows, cols), _finite(info["resolution"])[0], (x, y, yaw))
