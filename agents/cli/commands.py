@@ -443,7 +443,7 @@ COMMANDS = (
             flag("--no-map", "publish neither /map nor map -> odom: amcl or slam_toolbox does"),
             flag("--imu", "publish the turn rate on /imu"),
             option("--namespace", "prefix of topics, services and frames, such as robot1 (not of "
-                   "/tf, /tf_static, /clock and the frame map)", None, "NAME", default=""),
+                   "/tf, /tf_static, /clock and the frame map)", None, "NAME"),
             option("--episodes", "end after so many episodes, each at its goal, a contact or its "
                    "time limit, and report the figures of `compare`; an episode begins with its "
                    "first /cmd_vel", count),

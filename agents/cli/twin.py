@@ -77,7 +77,7 @@ def robot(given: argparse.Namespace) -> int:
     settings: dict[str, Any] = {**env_of(given), "rate": given.rate}
     config = RobotSettings(
         scan_rate=given.scan_rate, speed=given.sim_time, localized=not given.no_map, imu=given.imu,
-        namespace=given.namespace,
+        namespace=given.namespace or "",
     )  # fmt: skip
     maps = map_scenes(given)
     if maps and given.scene is not None:
@@ -161,7 +161,7 @@ def _link(given: argparse.Namespace, driver: Any) -> Any:
             if getattr(given, name) is not None:
                 raise InputError(f"--dds and --{name.replace('_', '-')}: expected one of them")
         domain = domain_number(os.environ.get("ROS_DOMAIN_ID", ""))
-        link = DdsLink(given.host, domain, driver.command, driver.left, given.namespace)
+        link = DdsLink(given.host, domain, driver.command, driver.left, driver.config.namespace)
         for kind in COMMAND_TYPES:
             link.subscribe(command, kind.replace("/", "/msg/"))
         if is_local(given.host):
