@@ -119,29 +119,18 @@ def _trail(now: int, places: ArrayLike) -> Any:
 
 def _actors(message: ros.Message) -> Any:
     """Discs as cylinders, segments as lines."""
-    (first, *shapes), colour = message["markers"], _colour(PERSON, 0.9)
-    cylinders = [
-        m.CylinderPrimitive(
-            pose=_part(one["pose"]),
-            size=_part(one["scale"]),
-            bottom_scale=1.0,
-            top_scale=1.0,
-            color=colour,
-        )
-        for one in shapes
-        if "points" not in one
-    ]
-    lines = [
-        m.LinePrimitive(
-            type=m.LinePrimitiveLineType.LineList,
-            pose=_part(one["pose"]),
-            thickness=one["scale"]["x"],
-            points=_points(one["points"]),
-            color=colour,
-        )
-        for one in shapes
-        if "points" in one
-    ]
+    first, *shapes = message["markers"]
+    cylinders, lines = [], []
+    for one in shapes:
+        common = {"pose": _part(one["pose"]), "color": _colour(PERSON, 0.9)}
+        if "points" in one:
+            kind, points = m.LinePrimitiveLineType.LineList, _points(one["points"])
+            lines.append(m.LinePrimitive(type=kind, thickness=_LINE, points=points, **common))
+        else:
+            size = _part(one["scale"])
+            cylinders.append(
+                m.CylinderPrimitive(size=size, bottom_scale=1.0, top_scale=1.0, **common)
+            )
     entity = m.SceneEntity(**_head(first["header"]), id="actors", cylinders=cylinders, lines=lines)
     return m.SceneUpdate(entities=[entity])
 
@@ -171,17 +160,14 @@ def _cones(
             alpha = max(0.1, 0.5 - 0.4 * age) if value < math.inf else 0.05
             colour = _colour(NARROW if one.model == "narrow" else WIDE, alpha)
             fans = [m.TriangleListPrimitive(points=corners, color=colour, indices=_TRIANGLES)]
-        name = f"ultrasonic_{k}"
-        metadata = {"range": value, "age": age}
+        name, said = f"ultrasonic_{k}", {"range": value, "age": age}
+        metadata = [m.KeyValuePair(key=key, value=f"{v:.3f}") for key, v in said.items()]
         found.append(
             m.SceneEntity(
-                **_head(ros.header(now, name)),
-                id=name,
-                frame_locked=True,
-                triangles=fans,
-                metadata=[m.KeyValuePair(key=key, value=f"{v:.3f}") for key, v in metadata.items()],
+                **_head(ros.header(now, name)), id=name, frame_locked=True, triangles=fans,
+                metadata=metadata,
             )
-        )
+        )  # fmt: skip
     return m.SceneUpdate(entities=found)
 
 
