@@ -229,8 +229,8 @@ def listening_socket(host: str, port: int) -> socket.socket:
 def make_server(studio: Studio) -> Any:
     """A uvicorn server of the studio; `run(sockets=[...])` serves.
 
-    A connection that sends no whole request is closed in time, and the oldest one of too many at
-    once: who knows no token cannot keep others out. `Guard` closes the connections that it refuses.
+    A connection without a complete request is closed after some seconds, and the oldest of too many
+    at once: strangers cannot keep others out. `Guard` closes the connections that it refuses.
     """
     import uvicorn
     from uvicorn.protocols.http.h11_impl import H11Protocol

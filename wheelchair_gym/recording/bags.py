@@ -29,7 +29,7 @@ _LOG = logging.getLogger(__name__)
 
 
 def _note(now: int, source: str, text: str, warning: bool = False) -> ros.Message:
-    """A rcl_interfaces/Log."""
+    """Make a rcl_interfaces/Log."""
     return {
         "stamp": ros.time(now), "level": ros.WARNING if warning else ros.INFO, "name": source,
         "msg": text,
@@ -37,7 +37,7 @@ def _note(now: int, source: str, text: str, warning: bool = False) -> ros.Messag
 
 
 def _image(now: int, *picture: Any) -> ros.Message:
-    """A sensor_msgs/CompressedImage of a picture and its quality."""
+    """Make a sensor_msgs/CompressedImage of a picture and its quality."""
     data = np.frombuffer(jpeg(*picture), np.uint8)
     return {"header": ros.header(now, "map"), "format": "jpeg", "data": data}
 
@@ -61,7 +61,7 @@ _NAMES: Final = {
 
 
 def topic_of(topic: str) -> ros.Topic | None:
-    """Type and maker of what a bag holds of a topic of a recording; None: nothing but JSON."""
+    """Return how a bag holds a topic of a recording; None: as JSON, or not at all."""
     return _TOPICS.get(ros.general(_NAMES.get(topic, topic)))
 
 

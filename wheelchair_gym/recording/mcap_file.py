@@ -44,7 +44,7 @@ class Recorded(NamedTuple):
 
 
 def mcap_messages(file: str | Path, wanted: Callable[[str, str], bool]) -> list[Recorded]:
-    """The messages of a file whose topic and type are wanted, in the order of their times.
+    """Read the messages of a file whose topic and type are wanted, in the order of their times.
 
     A file that was cut off is read as far as it goes, with a warning.
 
@@ -95,7 +95,7 @@ def _messages(content: bytes, wanted: Callable[[str, str], bool]) -> list[Record
 
 
 def _records(content: bytes) -> Iterator[Any]:
-    """The records of a file, chunks as they are; of one that was cut off, those before its end."""
+    """Read the records of a file, chunks as they are, up to where it was cut off."""
     from mcap.exceptions import EndOfFile
     from mcap.stream_reader import StreamReader
 

@@ -36,19 +36,19 @@ _PARTS: Final[dict[tuple[str, ...], Callable[..., Any]]] = {
 
 
 def _part(value: Any) -> Any:
-    """A part of a ROS message in Foxglove's class."""
+    """Convert a part of a ROS message to Foxglove's class."""
     if not isinstance(value, dict):
         return value
     return _PARTS[tuple(value)](**{name: _part(item) for name, item in value.items()})
 
 
 def _head(header: ros.Message) -> dict[str, Any]:
-    """Time and frame of a std_msgs/Header."""
+    """Return time and frame of a std_msgs/Header."""
     return {"timestamp": _part(header["stamp"]), "frame_id": header["frame_id"]}
 
 
 def _edge(message: ros.Message) -> Any:
-    """A transform."""
+    """Convert a geometry_msgs/TransformStamped."""
     head = _head(message["header"])
     parent, child = head.pop("frame_id"), message["child_frame_id"]
     ends = {"parent_frame_id": parent, "child_frame_id": child}
@@ -93,7 +93,7 @@ _FIELDS: Final[dict[Any, Callable[[ros.Message], dict[str, Any]]]] = {
 
 
 def _packed(names: Iterable[str], size: int, kind: Any) -> list[Any]:
-    """Fields of a packed element: numbers of a size [bytes] and a kind."""
+    """Describe the numbers of a packed element, each of a size [bytes] and a kind."""
     return [
         m.PackedElementField(name=name, offset=size * k, type=kind) for k, name in enumerate(names)
     ]
@@ -111,14 +111,14 @@ def _footprint(message: ros.Message) -> Any:
 
 
 def _trail(now: int, places: ArrayLike) -> Any:
-    """The trajectory so far (n, 2), on the map."""
+    """Draw the trajectory so far (n, 2) on the map."""
     points = [m.Point3(x=x, y=y, z=0.0) for x, y in np.array(places, np.float64).tolist()]
     head = _head(ros.header(now, "map"))
     return _line(head, "trail", points, TRAIL, m.LinePrimitiveLineType.LineStrip)
 
 
 def _actors(message: ros.Message) -> Any:
-    """Discs as cylinders, segments as lines."""
+    """Draw discs as cylinders and segments as lines."""
     first, *shapes = message["markers"]
     cylinders, lines = [], []
     for one in shapes:
@@ -145,7 +145,7 @@ def _fan(cone: float) -> list[tuple[float, float]]:
 def _cones(
     now: int, rangers: UltrasonicSettings, ranges: NDArray[np.float32], ages: NDArray[np.float32]
 ) -> Any:
-    """The ultrasonics' ranges as cones in their frames: paler with age, palest without echo.
+    """Draw the ultrasonics' ranges as cones in their frames: paler with age, palest without echo.
 
     No cone is drawn of a range that is invalid (NaN) or too near (-inf). Values beyond the mounted
     rangers are left out.
@@ -172,7 +172,7 @@ def _cones(
 
 
 def _particles(now: int, poses: Array) -> Any:
-    """Possible poses (n, 3) on the map, as points with a yaw."""
+    """Make a cloud of possible poses (n, 3) on the map: points with a yaw."""
     return m.PointCloud(
         **_head(ros.header(now, "map")), pose=_part(ros.pose((0.0, 0.0, 0.0))), point_stride=12,
         fields=_packed(("x", "y", "yaw"), 4, m.PackedElementFieldNumericType.Float32),
@@ -181,7 +181,7 @@ def _particles(now: int, poses: Array) -> Any:
 
 
 def _of(topic: str, kind: Any) -> Callable[..., Any]:
-    """What makes a message of a class, of an instant [ns] and a topic's content."""
+    """Return a function that makes a message of an instant [ns] and a topic's content."""
     of = topic_of(topic)
     assert of is not None
 

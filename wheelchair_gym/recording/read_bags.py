@@ -34,7 +34,6 @@ from wheelchair_gym.sensors.settings import LaserSettings
 _LOG = logging.getLogger(__name__)
 _SCAN, _ODOMETRY = "sensor_msgs/msg/LaserScan", "nav_msgs/msg/Odometry"
 _TF, _TEXT = "tf2_msgs/msg/TFMessage", "std_msgs/msg/String"
-_MOST_BEAMS: Final = 20_000
 _PROFILE = slice(17, 25)  # of an MCAP file: the length and the text of its first record's profile
 _QUERY = """
     SELECT m.timestamp, t.name, t.type, m.data FROM messages m JOIN topics t ON m.topic_id = t.id
@@ -182,7 +181,9 @@ def bag_log(
     messages: list[dict[str, Any]] = []
     for one in scans:
         with _skipping(skipped, "scan"):
-            messages.append(_upright(_message(one), edges, base))
+            message = _message(one)
+            mount = _mount(edges, _frame(message), base)
+            messages.append(ros.upright(message, mount is not None and ros.on_floor(mount)[1]))
     if not messages:
         raise _unusable(path, scans, skipped)
     usual, _ = Counter(map(_fan, messages)).most_common(1)[0]
@@ -294,21 +295,6 @@ def _fan(message: Mapping[str, Any]) -> tuple[str, int, float, float]:
     """Return what makes two scans those of one laser: frame, beams, first angle and step [rad]."""
     first, step = float(message["angle_min"]), float(message["angle_increment"])
     return _frame(message), len(message["ranges"]), round(first, 4), round(step, 6)
-
-
-def _upright(
-    message: dict[str, Any], edges: Mapping[str, tuple[str, Array]], base: str
-) -> dict[str, Any]:
-    """Return a scan with its beams counter-clockwise, as an upright laser gives it.
-
-    Raises:
-        ValueError: the scan has too few or too many ranges, or the laser is tilted.
-    """
-    beams, step = len(message["ranges"]), float(message["angle_increment"])
-    if not 2 <= beams <= _MOST_BEAMS or step == 0.0 or not math.isfinite(step):
-        raise ValueError(f"of {beams} ranges, {step:g} rad apart")
-    mount = _mount(edges, _frame(message), base)
-    return ros.upright(message, mount is not None and ros.on_floor(mount)[1])
 
 
 def _laser(

@@ -143,7 +143,7 @@ def _poses(name: str) -> Kind:
 
 
 def _made(make: Callable[..., Any], fields: Mapping[str, Kind], *optional: str) -> Kind:
-    """An object that is made of these of its attributes."""
+    """Describe an object that is made of these of its attributes."""
     return Kind(
         {"type": "object"},
         lambda value: make(**read_fields(fields, _object(value), *optional)),

@@ -38,19 +38,6 @@ _POLICIES: Final = {
 }  # fmt: skip
 
 
-def load_cyclonedds() -> None:
-    """Check that the packages cyclonedds and rosbags are installed.
-
-    Raises:
-        InputError: the extra 'dds' is not installed.
-    """
-    try:
-        import cyclonedds.domain  # noqa: F401
-        import rosbags  # noqa: F401
-    except ImportError:
-        raise InputError("topics over DDS need: pip install 'wheelchair_gym[dds]'") from None
-
-
 def domain_number(text: str) -> int:
     """The number of a DDS domain, as ROS_DOMAIN_ID gives it; an empty text is 0.
 
@@ -141,9 +128,12 @@ class DdsLink:
         on_leave: Callable[[object], object] = lambda publisher: None,
         namespace: str = "",
     ) -> None:
-        load_cyclonedds()
-        from cyclonedds.core import DDSException, WaitSet
-        from cyclonedds.domain import Domain, DomainParticipant
+        try:
+            import rosbags  # noqa: F401
+            from cyclonedds.core import DDSException, WaitSet
+            from cyclonedds.domain import Domain, DomainParticipant
+        except ImportError:
+            raise InputError("topics over DDS need: pip install 'wheelchair_gym[dds]'") from None
 
         self.url, self.lost = f"dds://{host}/{domain}", ""
         try:

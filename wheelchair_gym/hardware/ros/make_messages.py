@@ -159,7 +159,7 @@ def distances(
 
 
 def _covariance(size: int, known: Array, *axes: int) -> list[float]:
-    """A covariance (size, size) as a list; axes that are not measured have a large variance."""
+    """Return a covariance (size, size) as a list; unmeasured axes have a large variance."""
     covariance = np.diag(np.full(size, _UNMEASURED))
     covariance[np.ix_(axes, axes)] = known
     return covariance.ravel().tolist()
@@ -256,12 +256,12 @@ class Namespace:
             )
 
     def of(self, topic: str) -> str:
-        """The name of a topic or a service in the namespace."""
+        """Return the name of a topic or a service in the namespace."""
         shared = not self._name or topic in ("/tf", "/tf_static", "/clock")
         return topic if shared else f"/{self._name}{topic}"
 
     def within(self, message: Any) -> Any:
-        """A message, or a part of one, with its frames in the namespace."""
+        """Return a message, or a part of one, with its frames in the namespace."""
         if not self._name or not isinstance(message, (dict, list)):
             return message
         if isinstance(message, list):
@@ -282,7 +282,7 @@ class Topic(NamedTuple):
     latched: bool = False
 
     def messages(self, topic: str, now: int, *content: Any) -> dict[str, Message]:
-        """Messages by their topics: of a topic one, of all ultrasonics several."""
+        """Make the messages of a topic, by their topics: one, or one for each ultrasonic."""
         made = self.make(now, *content)
         return made if self.make is distances else {topic: made}
 
@@ -304,6 +304,6 @@ TOPICS: Final[dict[str, Topic]] = {
 
 
 def general(topic: str) -> str:
-    """The name in `TOPICS` of a topic, which may have a number."""
+    """Return the name in `TOPICS` of a topic, which may have a number."""
     name, _, number = topic.rpartition("_")
     return name if number.isdigit() else topic

@@ -49,7 +49,7 @@ def _finite(*values: Any) -> tuple[float, ...]:
 
 
 def _pose(message: Mapping[str, Any]) -> Array:
-    """The pose (3,) of an upright geometry_msgs/Pose."""
+    """Return the pose (3,) of an upright geometry_msgs/Pose."""
     pose, upside_down = on_floor(_matrix(message["position"], message["orientation"]))
     if upside_down:
         raise ValueError("is upside down; expected a rotation about z")
@@ -70,15 +70,14 @@ def scan(message: Mapping[str, Any], laser: LaserSettings, null: float) -> NDArr
 
     A scan of nulls alone is an error: no echo anywhere looks like a broken sensor.
     """
+    message = upright(message)
     ranges = np.array(message["ranges"], dtype=np.float64)  # None becomes NaN
-    if ranges.ndim != 1 or not 2 <= len(ranges) <= _MAX_BEAMS:
-        raise ValueError(f"has {ranges.size} ranges; expected 2 to {_MAX_BEAMS}")
     first, step = _finite(message["angle_min"], message["angle_increment"])
     nearest, farthest = float(message["range_min"]), float(message["range_max"])
-    if not (math.isfinite(nearest) and farthest > nearest) or step == 0.0:
+    if ranges.ndim != 1 or not (math.isfinite(nearest) and farthest > nearest):
         raise ValueError(
-            f"has ranges from {nearest:g} to {farthest:g} m, {step:g} rad apart; expected a "
-            "maximum above the minimum, and a step"
+            f"has ranges from {nearest:g} to {farthest:g} m; expected a list of numbers, and a "
+            "maximum above the minimum"
         )
     missing = np.array([value is None for value in message["ranges"]])
     if missing.all():
@@ -94,8 +93,6 @@ def _resampled(
 ) -> NDArray[np.float32]:
     """Ranges (beams,) at a laser's beams, of ranges (n,) from a first angle on, a step apart."""
     angles = first + step * np.arange(len(ranges))
-    if step < 0.0:
-        ranges, angles, first, step = ranges[::-1], angles[::-1], float(angles[-1]), -step
     turn = 2.0 * np.pi / step  # steps of a whole turn
     ahead = np.mod((laser.angles - first) / step + 0.5, turn)  # of half a step before theirs
     near = ahead.astype(np.int64)
@@ -184,15 +181,24 @@ def on_floor(matrix: Array) -> tuple[Array, bool]:
     return np.array([matrix[0, 3], matrix[1, 3], yaw]), up < 0.0
 
 
-def upright(message: Mapping[str, Any], upside_down: bool) -> dict[str, Any]:
-    """Return a scan as an upright laser gives it, with its beams counter-clockwise."""
-    names, ranges = ("angle_min", "angle_max", "angle_increment"), message["ranges"]
-    first, last, step = (float(message[name]) for name in names)
+def upright(message: Mapping[str, Any], upside_down: bool = False) -> dict[str, Any]:
+    """Return a scan as an upright laser gives it, with its beams counter-clockwise.
+
+    Raises:
+        ValueError: the scan has too few or too many ranges, or no step between their angles.
+    """
+    found, ranges = dict(message), message["ranges"]
+    first, step = float(message["angle_min"]), float(message["angle_increment"])
+    if not 2 <= len(ranges) <= _MAX_BEAMS or step == 0.0 or not math.isfinite(step):
+        raise ValueError(
+            f"has {len(ranges)} ranges; expected 2 to {_MAX_BEAMS}, with a step ({step:g} rad)"
+        )
     if upside_down:
-        first, last, step = -first, -last, -step
+        first, step, found["angle_max"] = -first, -step, -message["angle_max"]
     if step < 0.0:
-        first, last, step, ranges = first + step * (len(ranges) - 1), first, -step, ranges[::-1]
-    return {**message, **dict(zip(names, (first, last, step), strict=True)), "ranges": ranges}
+        found["angle_max"], found["ranges"] = first, ranges[::-1]
+        first, step = first + step * (len(ranges) - 1), -step
+    return found | {"angle_min": first, "angle_increment": step}
 
 
 def distance(message: Mapping[str, Any], null: float) -> float:
