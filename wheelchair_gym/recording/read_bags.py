@@ -103,18 +103,16 @@ def _rows(file: Path, wanted: Callable[[str, str], bool]) -> list[Recorded]:
     it may write, so both files are copied: a bag is never changed.
     """
     log = file.with_name(f"{file.name}-wal")
+    parts = [file, log] if log.exists() and log.stat().st_size else [file]
     with ExitStack() as stack:
-        for one in (file, log):
-            if one == file or one.exists():
-                stack.enter_context(opened(one, "recording"))  # its size is checked
-        mode = "ro&immutable=1"
-        if log.exists() and log.stat().st_size:
+        for one in parts:
+            stack.enter_context(opened(one, "recording"))  # its size is checked
+        mode, source = "ro&immutable=1", file
+        if log in parts:
             folder = Path(stack.enter_context(TemporaryDirectory()))
-            for one in (file, log):
+            for one in parts:
                 shutil.copyfile(one, folder / one.name)
             mode, source = "rw", folder / file.name
-        else:
-            source = file
         try:
             link = sqlite3.connect(f"file:{quote(str(source))}?mode={mode}", uri=True)
             stack.callback(link.close)
