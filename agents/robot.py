@@ -14,13 +14,13 @@ import math
 import threading
 import time
 from collections.abc import Callable, Mapping
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 import numpy as np
 
 from wheelchair_gym.config import setting, settings
-from wheelchair_gym.geometry import map_to_odom
 from wheelchair_gym.hardware.ros import make_messages as ros
+from wheelchair_gym.hardware.ros.covariance import OdometryCovariance
 from wheelchair_gym.hardware.ros.messages import seconds
 from wheelchair_gym.types import Belief, Command, Mission, Reading
 
@@ -50,20 +50,8 @@ class RobotSettings:
     """Publish /map, /goal_pose and the transform map -> odom; false: amcl or slam_toolbox does."""
     imu: bool = setting(default=False, source="design choice")
     """Publish the turn rate on /imu."""
-
-
-class Link(Protocol):
-    """A rosbridge server, a client of one, or DDS."""
-
-    lost: str
-
-    def advertise(self, topic: str, kind: str, latch: bool = False) -> None:
-        """Announce a topic."""
-        ...
-
-    def publish(self, topic: str, message: Any) -> None:
-        """Send a message."""
-        ...
+    namespace: str = setting(default="", source="ROS")
+    """Prefix of topics, services and frames, see `Namespace`; empty: none."""
 
 
 class Robot:
@@ -75,7 +63,9 @@ class Robot:
         waits: an episode begins with its first command.
 
     Attributes:
-        link: where messages go; to be set before the first reset.
+        link: where messages go, a rosbridge server, a client of one, or DDS; to be set before the
+            first reset.
+        names: of topics, services and frames.
         service: the one called to end the episode; empty: none.
         late: control periods that ended more than `_LATE` after their time.
     """
@@ -84,18 +74,17 @@ class Robot:
         self, config: RobotSettings, log: Callable[[str], object], waits: bool = False
     ) -> None:
         self.config, self._log, self._waits = config, log, waits
-        self.link: Link
+        self.names = ros.Namespace(config.namespace)
+        self.link: Any
         self.service, self.late = "", 0
         self._lock = threading.Lock()
         self._twist, self._fresh = (0.0, 0.0), False
         self._commander: object = None
         self._silent, self._stopped = math.inf, True
         self._elapsed = 1.0  # s of simulated time: for tf2, a stamp of 0 means the newest
-        self._due = 0.0
         self._wrong: set[str] = set()
-        self._end: Callable[[], bool] = lambda: False
 
-    def connect(self, link: Link, mission: Mission, end: Callable[[], bool]) -> None:
+    def connect(self, link: Any, mission: Mission, end: Callable[[], bool]) -> None:
         """Announce all topics of a chair with the mission's sensors.
 
         Args:
@@ -111,8 +100,8 @@ class Robot:
         topics += [ros.scanner_name(k, "/scan") for k in range(len(sensors.lasers))]
         topics += [f"/ultrasonic_{k}" for k in range(len(sensors.ultrasonic.mounted))]
         for topic in topics:
-            kind = ros.topic_type(topic)
-            link.advertise(topic, kind.type, kind.latched)
+            kind = ros.TOPICS[ros.general(topic)]
+            link.advertise(self.names.of(topic), kind.type, kind.latched)
 
     def reset(self, mission: Mission) -> None:
         """Publish the world and the goal of a new episode."""
@@ -120,13 +109,14 @@ class Robot:
         self._published, self._awaits = 0, self._waits
         with self._lock:
             self._twist, self._silent, self._stopped, self._fresh = (0.0, 0.0), 0.0, True, False
-        now, publish, sensors = self._now(), self.link.publish, mission.sensors
-        publish("/tf_static", ros.mounts(now, sensors.lasers, sensors.ultrasonic))
-        publish("/footprint", ros.footprint(now, mission.footprint.corners))
+        self._stamp, sensors = self._now(), mission.sensors
+        self._covariance = OdometryCovariance(mission.chair.drive, sensors, mission.period)
+        self._send("/tf_static", sensors.lasers, sensors.ultrasonic)
+        self._send("/footprint", mission.footprint.corners)
         if self.config.localized and mission.map is not None:
-            publish("/map", ros.grid(now, mission.map))
-            x, y, yaw = [*mission.goal, 0.0][:3]  # a message has a heading, also where none counts
-            publish("/goal_pose", ros.pose_stamped(now, (x, y, yaw)))
+            self._send("/map", mission.map)
+            # A message has a heading, also where none counts.
+            self._send("/goal_pose", [*mission.goal, 0.0][:3])
         self._due = time.monotonic()
 
     def follow(self, env: Any) -> bool:
@@ -146,7 +136,8 @@ class Robot:
             fresh, self._fresh = self._fresh, False
             self._silent = 0.0 if fresh else self._silent + self._mission.period
             if self._silent > self.config.command_timeout:
-                self._stop(f"{COMMAND} is silent for {self.config.command_timeout:g} s")
+                name, timeout = self.names.of(COMMAND), self.config.command_timeout
+                self._stop(f"{name} is silent for {timeout:g} s")
             elif any(self._twist):
                 self._stopped = False
             return Command(np.array(self._twist))
@@ -235,28 +226,29 @@ class Robot:
         """Publish a reading, as of now."""
         if self.link.lost:
             raise ConnectionError(f"ROS: the link is lost: {self.link.lost}")
-        now, publish, config, odometry = self._now(), self.link.publish, self.config, self._odometry
+        self._stamp = self._now()
+        config, odometry, twist = self.config, self._odometry, reading.twist
         if config.speed > 0.0:
-            publish("/clock", ros.clock(now))
-        edges = [ros.transform(now, "odom", "base_link", odometry)]
-        if config.localized:
-            fixed = map_to_odom(reading.pose, odometry)
-            edges.insert(0, ros.transform(now, "map", "odom", fixed))
-        publish("/tf", {"transforms": edges})
-        publish("/odom", ros.odometry(now, odometry, reading.twist))
+            self._send("/clock")
+        self._send("/tf", reading.pose if config.localized else None, odometry)
+        spread = self._covariance.update(float(odometry[2]), twist)
+        self._send("/odom", odometry, twist, spread)
         if config.imu:
-            publish("/imu", ros.imu(now, float(reading.twist[1])))
+            self._send("/imu", float(twist[1]), float(spread[1][1, 1]))
         sensors = self._mission.sensors
         if self._is_due(1.0 / config.scan_rate):
             for k, (laser, part) in enumerate(zip(sensors.lasers, sensors.slices, strict=True)):
-                ranges = reading.laser[part]
-                publish(ros.scanner_name(k, "/scan"), ros.scan(now, laser, ranges, k))
-            found = ros.distances(now, sensors.ultrasonic, reading.ultrasonic, reading.age)
-            for topic, message in found.items():
-                publish(topic, message)
+                self._send(ros.scanner_name(k, "/scan"), laser, reading.laser[part], k)
+            self._send("/ultrasonic", sensors.ultrasonic, reading.ultrasonic, reading.age)
         if self._is_due(_BATTERY_PERIOD):
-            publish("/battery_state", ros.battery(now, reading.battery))
+            self._send("/battery_state", reading.battery)
         self._published += 1
+
+    def _send(self, topic: str, *content: Any) -> None:
+        """Publish the message that a topic has of content, in the namespace."""
+        made = ros.TOPICS[ros.general(topic)].messages(topic, self._stamp, *content)
+        for name, message in made.items():
+            self.link.publish(self.names.of(name), self.names.within(message))
 
     def _is_due(self, interval: float) -> bool:
         """Whether what comes at an interval [s], on average, comes in this control period."""

@@ -13,8 +13,6 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from wheelchair_gym.config import InputError
-
 if TYPE_CHECKING:
     from wheelchair_gym.localization.logs import SensorLog
     from wheelchair_gym.localization.slam import Slam
@@ -61,7 +59,7 @@ class Watch:
         env = RecordEpisodes(env, self.record, self.live, settings)
         if env.port is None:
             return env, film
-        _print_address(env.port)
+        print(f"ws://127.0.0.1:{env.port}", file=sys.stderr)
         return env, _paced(env.unwrapped.task.period, film)
 
     @contextmanager
@@ -70,12 +68,12 @@ class Watch:
         if not self:
             yield lambda slam: None
             return
-        from wheelchair_gym.recording.record import RecordingSettings, open_sink
-        from wheelchair_gym.recording.sink import NANO
+        from wheelchair_gym.recording.record import RecordingSettings
+        from wheelchair_gym.recording.sink import NANO, Sink
 
-        out, odometry = open_sink(self.record, self.live, self.format), log.odometry
+        out, odometry = Sink(self.record, self.live, self.format), log.odometry
         if out.port is not None:
-            _print_address(out.port)
+            print(f"ws://127.0.0.1:{out.port}", file=sys.stderr)
         begun, drawn, k = time.perf_counter(), -np.inf, 0
 
         def each(slam: Slam) -> None:
@@ -97,19 +95,12 @@ class Watch:
             out.send("/pose", slam.pose)
             out.send("/particles", slam.poses)
             k += 1
-            if why := out.new_error():
-                if self.when_full == "end":
-                    raise InputError(f"{why}, and the run, too")
-                print(f"{why}; the run goes on", file=sys.stderr)
+            out.check_disk(self.when_full)
 
         try:
             yield each
         finally:
             out.close()
-
-
-def _print_address(port: int) -> None:
-    print(f"ws://127.0.0.1:{port}", file=sys.stderr)
 
 
 def _paced(period: float, film: Each | None) -> Each:

@@ -537,43 +537,49 @@ def _use_log(path: Path) -> None:
     by_odometry(read_log(path), LASER, SlamSettings().mapping)
 
 
-def _recording(folder: Path) -> Path:
+def _recording(folder: Path, format: Any = "foxglove") -> Path:
     import gymnasium as gym
 
-    from wheelchair_gym.recording.record import RecordEpisodes
+    from wheelchair_gym.recording.record import RecordEpisodes, RecordingSettings
 
     config = {"sensors": {"laser": {"beams": 31}}, "task": {"beams": 16}, "shield": {}}
     scene = {"name": "empty", "size": [5.0, 4.0]}
-    path = folder / "run.mcap"
     env: Any = gym.make(
         "wheelchair_gym/Navigation-v1", scene=scene, config=config, guidance="geodesic"
     )
-    env = RecordEpisodes(env, path)
+    settings = RecordingSettings(format=format)
+    env = RecordEpisodes(env, folder / "run.mcap", recording=settings)
     env.reset(seed=1)
     for _ in range(4):
         env.step(np.array([0.5, 0.2]))
     env.close()
-    return path
+    return Path(env.file)
 
 
-def _mutated_recording(data: bytes, rng: np.random.Generator) -> bytes:
+def _mutated_mcap(data: bytes, rng: np.random.Generator) -> bytes:
     """Bytes of the file, or, in most inputs, messages in a file that is whole again."""
     if rng.random() < 0.3:
         return flipped(data, rng)
     from mcap.reader import make_reader
     from mcap.writer import CompressionType, Writer
 
-    out = io.BytesIO()
+    out, reader = io.BytesIO(), make_reader(io.BytesIO(data))
+    is_bag = reader.get_header().profile == "ros2"
     kinds = list(CompressionType)
     writer = Writer(out, compression=kinds[int(rng.integers(len(kinds)))])
-    writer.start()
-    topics = ("/episode", "/reading", "/command", "/verdict")
-    messages = list(make_reader(io.BytesIO(data)).iter_messages(topics))
-    ids = {topic: writer.register_channel(topic, "json", 0) for topic in topics}
-    which = set(rng.integers(0, len(messages), int(rng.integers(1, 3))).tolist())
-    for k, (_, channel, message) in enumerate(messages):
-        body = rebuilt(message.data, rng) if k in which else message.data
-        writer.add_message(ids[channel.topic], message.log_time, body, message.publish_time)
+    writer.start(profile="ros2" if is_bag else "")
+    topics = None if is_bag else ("/episode", "/reading", "/command", "/verdict")
+    messages = list(reader.iter_messages(topics))
+    which = set(rng.integers(0, len(messages), int(rng.integers(1, 9 if is_bag else 3))).tolist())
+    ids: dict[int, int] = {}
+    for k, (schema, channel, message) in enumerate(messages):
+        if channel.id not in ids:
+            of = writer.register_schema(schema.name, schema.encoding, schema.data)
+            ids[channel.id] = writer.register_channel(channel.topic, channel.message_encoding, of)
+        body = message.data
+        if k in which:
+            body = (flipped if is_bag else rebuilt)(body, rng)
+        writer.add_message(ids[channel.id], message.log_time, body, message.publish_time)
     writer.finish()
     return out.getvalue()
 
@@ -591,19 +597,7 @@ def _use_recording(path: Path) -> None:
 
 
 def _bag(folder: Path) -> Path:
-    import gymnasium as gym
-
-    from wheelchair_gym.recording.record import RecordEpisodes, RecordingSettings
-
-    config = {"sensors": {"laser": {"beams": 31}}, "task": {"beams": 16}, "shield": {}}
-    scene = {"name": "empty", "size": [5.0, 4.0]}
-    env: Any = gym.make("wheelchair_gym/Navigation-v1", scene=scene, config=config)
-    env = RecordEpisodes(env, folder / "run", recording=RecordingSettings(format="ros2"))
-    env.reset(seed=1)
-    for _ in range(4):
-        env.step(np.array([0.5, 0.2]))
-    env.close()
-    return Path(env.file)
+    return _recording(folder, "ros2")
 
 
 def _use_bag(path: Path) -> None:
@@ -627,29 +621,6 @@ def _sqlite_bag(folder: Path) -> Path:
                 topics[one.topic] = bag.add_connection(one.topic, one.type, typestore=typestore())
             bag.write(topics[one.topic], one.time, one.data)
     return path / "old.db3"
-
-
-def _mutated_bag(data: bytes, rng: np.random.Generator) -> bytes:
-    """Bytes of the file, or, in most inputs, messages in a file that is whole again."""
-    if rng.random() < 0.3:
-        return flipped(data, rng)
-    from mcap.reader import make_reader
-    from mcap.writer import Writer
-
-    out = io.BytesIO()
-    writer = Writer(out)
-    writer.start(profile="ros2")
-    messages = list(make_reader(io.BytesIO(data)).iter_messages())
-    which = set(rng.integers(0, len(messages), int(rng.integers(1, 9))).tolist())
-    ids: dict[int, int] = {}
-    for k, (schema, channel, message) in enumerate(messages):
-        if channel.id not in ids:
-            of = writer.register_schema(schema.name, schema.encoding, schema.data)
-            ids[channel.id] = writer.register_channel(channel.topic, "cdr", of)
-        body = flipped(message.data, rng) if k in which else message.data
-        writer.add_message(ids[channel.id], message.log_time, body, message.publish_time)
-    writer.finish()
-    return out.getvalue()
 
 
 # ---- what was learned
@@ -806,11 +777,11 @@ READERS: dict[str, Reader] = {
     "store": Reader(_store, _use_store, ("evaluation.runs.read_store",)),
     "log": Reader(_log, _use_log, ("localization.logs.read_log",)),
     "recording": Reader(
-        _recording, _use_recording, ("recording.replay._texts",), _mutated_recording
+        _recording, _use_recording, ("recording.mcap_file.mcap_messages",), _mutated_mcap
     ),
     "bag": Reader(
         _bag, _use_bag,
-        ("recording.read_bags.is_bag", "recording.read_bags.bag_messages"), _mutated_bag,
+        ("recording.read_bags.is_bag", "recording.mcap_file.mcap_messages"), _mutated_mcap,
     ),
     "bag in SQLite": Reader(
         _sqlite_bag, _use_bag, ("recording.read_bags._rows",), flipped

@@ -442,6 +442,8 @@ COMMANDS = (
                    number(float, 0.01, 1000), "SPEED", nargs="?", const=1.0, default=0.0),
             flag("--no-map", "publish neither /map nor map -> odom: amcl or slam_toolbox does"),
             flag("--imu", "publish the turn rate on /imu"),
+            option("--namespace", "prefix of topics, services and frames, such as robot1 (not of "
+                   "/tf, /tf_static, /clock and the frame map)", None, "NAME"),
             option("--episodes", "end after so many episodes, each at its goal, a contact or its "
                    "time limit, and report the figures of `compare`; an episode begins with its "
                    "first /cmd_vel", count),

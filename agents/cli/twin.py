@@ -76,8 +76,9 @@ def robot(given: argparse.Namespace) -> int:
 
     settings: dict[str, Any] = {**env_of(given), "rate": given.rate}
     config = RobotSettings(
-        scan_rate=given.scan_rate, speed=given.sim_time, localized=not given.no_map, imu=given.imu
-    )
+        scan_rate=given.scan_rate, speed=given.sim_time, localized=not given.no_map, imu=given.imu,
+        namespace=given.namespace or "",
+    )  # fmt: skip
     maps = map_scenes(given)
     if maps and given.scene is not None:
         raise InputError("--map and --scene: expected one of them")
@@ -120,7 +121,8 @@ def robot(given: argparse.Namespace) -> int:
                 records.append(record)
                 print(f"{record['outcome']:12} {record['time']:.1f} s", flush=True)
             elif not (driver.service or over()):
-                _log(f"the chair has touched something: it stands until {' or '.join(SERVICES)}")
+                names = " or ".join(map(driver.names.of, SERVICES))
+                _log(f"the chair has touched something: it stands until {names}")
                 driver.stand(world.task.reading, lambda: False)
             number += driver.service != SERVICES[1]
     finally:
@@ -153,14 +155,15 @@ def _link(given: argparse.Namespace, driver: Any) -> Any:
     from wheelchair_gym.hardware.ros.settings import RosSettings
 
     link: Any
+    command = driver.names.of(COMMAND)
     if given.dds:
         for name in ("rosbridge", "token_file", "tls"):
             if getattr(given, name) is not None:
                 raise InputError(f"--dds and --{name.replace('_', '-')}: expected one of them")
         domain = domain_number(os.environ.get("ROS_DOMAIN_ID", ""))
-        link = DdsLink(given.host, domain, driver.command, driver.left)
+        link = DdsLink(given.host, domain, driver.command, driver.left, driver.config.namespace)
         for kind in COMMAND_TYPES:
-            link.subscribe(COMMAND, kind.replace("/", "/msg/"))
+            link.subscribe(command, kind.replace("/", "/msg/"))
         if is_local(given.host):
             _log("ROS 2 on this machine finds it with ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST")
     elif given.rosbridge is not None:
@@ -168,16 +171,16 @@ def _link(given: argparse.Namespace, driver: Any) -> Any:
         if not isinstance(other, RosSettings):
             raise InputError(f"--rosbridge {given.rosbridge}: expected ros://HOST:PORT")
         link = Rosbridge(other.host, other.port, driver.command, other.link)
-        link.subscribe(COMMAND, COMMAND_TYPES[given.stamped])
+        link.subscribe(command, COMMAND_TYPES[given.stamped])
     else:
         token = "" if given.token_file is None else read_token(given.token_file)
         link = RosbridgeServer(
             given.host, given.port, driver.command, driver.left, token, given.tls
         )
-        link.listens[COMMAND] = COMMAND_TYPES
+        link.listens[command] = COMMAND_TYPES
         link.serve("/rosapi/get_time", "rosapi_msgs/srv/GetTime", driver.get_time)
     for name in SERVICES if given.episodes is None else ():
-        link.serve(name, "std_srvs/srv/Trigger", driver.ask(name))
+        link.serve(driver.names.of(name), "std_srvs/srv/Trigger", driver.ask(name))
     return link
 
 

@@ -11,7 +11,8 @@ import hmac
 import ipaddress
 import secrets
 import time
-from collections import OrderedDict
+from contextlib import suppress
+from functools import lru_cache
 from http.cookies import CookieError, SimpleCookie
 from typing import Any, Final
 from urllib.parse import parse_qs, urlsplit
@@ -59,7 +60,7 @@ class Access:
     def __init__(self, token: str = "", lan: bool = False) -> None:
         self.token = token or secrets.token_urlsafe(18)
         self.lan = lan
-        self._buckets: OrderedDict[str, Bucket] = OrderedDict()
+        self._bucket = lru_cache(_CLIENTS)(lambda client: Bucket(_PER_SECOND, _BURST))
 
     def refusal(self, scope: Any) -> tuple[int, str]:
         """Status and reason of a refusal of an ASGI connection; (0, "") where it is let in."""
@@ -89,10 +90,9 @@ class Access:
         return f"studio-{port}={self.token}; Path=/; HttpOnly; SameSite=Strict"
 
     def _knows_token(self, scope: Any, headers: dict[bytes, str]) -> bool:
-        try:
-            cookies = SimpleCookie(headers.get(b"cookie", ""))
-        except CookieError:
-            cookies = SimpleCookie()
+        cookies = SimpleCookie()
+        with suppress(CookieError):
+            cookies.load(headers.get(b"cookie", ""))
         name = f"studio-{(scope.get('server') or ('', 0))[1]}"
         held = cookies[name].value if name in cookies else ""
         return _equal(held, self.token) or self.gives_token(scope)
@@ -101,22 +101,9 @@ class Access:
         """Whether a Host header names this machine: not by a name that others give it."""
         try:
             name = urlsplit(f"//{host}").hostname or ""
+            return name == "localhost" or ipaddress.ip_address(name).is_loopback or self.lan
         except ValueError:
             return False
-        if name == "localhost":
-            return True
-        try:
-            address = ipaddress.ip_address(name)
-        except ValueError:
-            return False
-        return self.lan or address.is_loopback
-
-    def _bucket(self, client: str) -> Bucket:
-        bucket = self._buckets.setdefault(client, Bucket(_PER_SECOND, _BURST))
-        self._buckets.move_to_end(client)
-        if len(self._buckets) > _CLIENTS:
-            self._buckets.popitem(last=False)
-        return bucket
 
 
 class Guard:
@@ -138,7 +125,7 @@ class Guard:
             else:
                 await self._app(scope, receive, send)
         elif status:
-            await _answer(send, status, reason)
+            await _answer(send, status, reason, [(b"connection", b"close")])
         elif scope["path"] == "/" and self._access.gives_token(scope):
             cookie = self._access.cookie(scope["server"][1])
             more = [(b"location", b"/"), (b"set-cookie", cookie.encode())]

@@ -28,6 +28,8 @@ _MOST_MESSAGE = 1 << 20  # bytes
 _PER_SECOND, _BURST = 150.0, 300.0  # messages of one page; a stick sends 20 to 60 a second
 _PING, _PATIENCE = 10.0, 30.0  # s: a busy machine may answer late; a silent stick stops anyway
 _BROKEN = 10  # messages that are no messages, after which a page is cut off
+_MOST_CONNECTIONS, _MOST_WAITING = 64, 16  # open at once; of them, without a whole request yet
+_HEAD_PATIENCE = 5.0  # s for the head of a connection's first request
 _MAP = re.compile(r"[\w][\w.+-]{0,99}\.(yaml|yml|pgm|png|jpg|jpeg|bmp|map|json)")
 _FILE = re.compile(r"[\w][\w.+-]*\.(mcap|mp4|gif|yaml|png|json)")
 
@@ -225,14 +227,39 @@ def listening_socket(host: str, port: int) -> socket.socket:
 
 
 def make_server(studio: Studio) -> Any:
-    """A uvicorn server of the studio; `run(sockets=[...])` serves."""
+    """A uvicorn server of the studio; `run(sockets=[...])` serves.
+
+    A connection without a complete request is closed after some seconds, and the oldest of too many
+    at once: strangers cannot keep others out. `Guard` closes the connections that it refuses.
+    """
     import uvicorn
+    from uvicorn.protocols.http.h11_impl import H11Protocol
+
+    waiting: dict[Any, asyncio.TimerHandle] = {}  # connections, and what will close each
+
+    class Connection(H11Protocol):
+        """A connection whose first request has to come soon."""
+
+        def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+            super().connection_made(transport)
+            waiting[self] = self.loop.call_later(_HEAD_PATIENCE, transport.abort)
+            for oldest in list(waiting)[:-_MOST_WAITING]:
+                oldest.transport.abort()
+
+        def data_received(self, data: bytes) -> None:
+            super().data_received(data)
+            if self.scope is not None and self in waiting:
+                waiting.pop(self).cancel()
+
+        def connection_lost(self, exc: Exception | None) -> None:
+            waiting.pop(self, None)
+            super().connection_lost(exc)
 
     return uvicorn.Server(
         uvicorn.Config(
-            studio.app(), log_level="warning", access_log=False, lifespan="off",
+            studio.app(), log_level="warning", access_log=False, lifespan="off", http=Connection,
             ws_max_size=_MOST_MESSAGE, ws_ping_interval=_PING, ws_ping_timeout=_PATIENCE,
-            limit_concurrency=64, timeout_graceful_shutdown=3, server_header=False,
+            limit_concurrency=_MOST_CONNECTIONS, timeout_graceful_shutdown=3, server_header=False,
             h11_max_incomplete_event_size=65536,
         )
     )  # fmt: skip
@@ -251,10 +278,8 @@ def serve(studio: Studio, port: int) -> None:
     page = "" if studio.study is None else "#study"
     print(f"http://{shown}:{number}/?token={studio.access.token}{page}", flush=True)
     print("open this address in a browser; Ctrl-C ends the studio", file=sys.stderr)
-    try:
+    with bound:
         make_server(studio).run(sockets=[bound])
-    finally:
-        bound.close()
 
 
 def _lan_address() -> str:

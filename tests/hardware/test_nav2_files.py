@@ -110,8 +110,7 @@ def test_rviz_and_foxglove_show_what_is_published():
         assert late <= (topic["Value"] not in TOPICS or TOPICS[topic["Value"]].latched)
     layout = json.loads((FOLDER / "foxglove.json").read_text())
     panels = layout["configById"]
-    recorded = {name for name, *_ in bags._MADE.values()} | set(bags._MADE)
-    recorded |= {"/cmd_vel", "/actors", "/ultrasonic", *FIELDS}
+    recorded = {*bags._TOPICS, *bags._NAMES, *FIELDS}
     topics = set(panels["3D!world"]["topics"])
     for name in ("Plot!speed", "Plot!battery"):
         topics |= {path["value"].partition(".")[0] for path in panels[name]["paths"]}

@@ -26,11 +26,16 @@ from agents.robot import Robot, RobotSettings
 from tests.conftest import PATIENCE, ROOT, long_but, until
 from tests.hardware.served import Served
 from wheelchair_gym import InputError
+from wheelchair_gym.hardware.ros import make_messages
 from wheelchair_gym.hardware.ros import messages as ros
+from wheelchair_gym.hardware.ros.covariance import OdometryCovariance
 from wheelchair_gym.hardware.ros.rosbridge import Rosbridge
 from wheelchair_gym.hardware.ros.server import RosbridgeServer, strict
 from wheelchair_gym.hardware.ros.settings import RosbridgeSettings
+from wheelchair_gym.kinematics import DriveGeometry
+from wheelchair_gym.physics.chair import SimulatedChair
 from wheelchair_gym.recording.replay import read_recording
+from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.sensors.settings import SensorSettings
 
 CONTROLLER = ROOT / "examples" / "ros_pure_pursuit.py"
@@ -419,16 +424,21 @@ def test_tls_and_token_between_our_two_ends(tmp_path):
 
 def test_it_is_a_client_of_another_rosbridge_until_that_is_lost(capsys):
     """Numbers that are not finite go out as rosbridge_server takes them."""
-    heard, left = [], []
+    heard, left, subscribed = [], [], set()
 
     def hear(topic, message, client):
         heard.append((topic, message))
+        subscribed.update(*(one.topics for one in server._clients))
         if [topic for topic, _ in heard].count("/clock") == 10:
             threading.Thread(target=server.close).start()
         return ""
 
     server = RosbridgeServer("127.0.0.1", 0, hear, left.append)
-    server.listens |= {"/scan": ("sensor_msgs/LaserScan",), "/clock": ("rosgraph_msgs/Clock",)}
+    kinds = {
+        "/scan": "sensor_msgs/LaserScan", "/clock": "rosgraph_msgs/Clock",
+        "/tf": "tf2_msgs/TFMessage", "/r_1/odom": "nav_msgs/Odometry",
+    }  # fmt: skip
+    server.listens |= {topic: (kind,) for topic, kind in kinds.items()}
     link = Rosbridge("127.0.0.1", server.port, lambda *_: None, RosbridgeSettings())
     try:
         link.advertise("/scan", "sensor_msgs/msg/LaserScan")
@@ -438,7 +448,7 @@ def test_it_is_a_client_of_another_rosbridge_until_that_is_lost(capsys):
         np.testing.assert_equal(heard[0][1]["ranges"], [1.2346, math.inf, -math.inf, math.nan])
         assert strict({"ranges": ranges}) == {"ranges": [1.2346, None, None, None]}
         out = main(["robot", "--scene", "empty", "--rosbridge", f"ros://127.0.0.1:{server.port}",
-                    "--sim-time", "--rate", "20"])  # fmt: skip
+                    "--sim-time", "--rate", "20", "--namespace", "r_1"])  # fmt: skip
         assert out == 1
         assert "the link is lost" in capsys.readouterr().err.splitlines()[-1]
         clocks = [
@@ -447,6 +457,11 @@ def test_it_is_a_client_of_another_rosbridge_until_that_is_lost(capsys):
         assert len(clocks) >= 10
         assert clocks == sorted(set(clocks))
         assert until(lambda: left)
+        assert subscribed == {"/r_1/cmd_vel"}
+        newest = dict(heard)
+        messages = [*newest["/tf"]["transforms"], newest["/r_1/odom"]]
+        frames = [(one["header"]["frame_id"], one["child_frame_id"]) for one in messages]
+        assert frames == [("map", "r_1/odom"), *[("r_1/odom", "r_1/base_link")] * 2]
     finally:
         link.close()
         server.close()
@@ -474,7 +489,35 @@ def test_tls_and_token_of_the_link(tmp_path, caplog):
     assert "no TLS and no token: whoever is on the network can read and command" in caplog.text
 
 
-def test_settings_of_the_robot_have_bounds():
+def test_settings_of_the_robot_have_bounds(capsys):
     with pytest.raises(InputError):
         RobotSettings(scan_rate=0.0)
     assert Robot(RobotSettings(), print).command("/cmd_vel", {"linear": {}}, None)
+    for name in ("1robot", "robot 1", "/robot", "robot/", "a__b", "robot-1", "ä"):
+        assert main(["robot", "--namespace", name]) == 2
+        assert f"namespace '{name}': expected a name such as robot1" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("twist", [(0.5, 0.0), (0.4, 0.6), (0.0, 0.8)])
+def test_covariances_are_those_of_the_errors_that_are_drawn(twist):
+    """Squared errors in units of their covariance are 3 of a pose, 2 of a twist, on average."""
+    sensors, found = SensorSettings(pose_source="odometry"), []
+    episode = make_scene("empty").sample(np.random.default_rng(0))
+    for key in range(100):
+        chair, spread = SimulatedChair(sensors=sensors, period=0.1), None
+        model = OdometryCovariance(DriveGeometry(), sensors, 0.1)
+        chair.reset(episode, key)
+        for _ in range(30):
+            reading = chair.drive(np.array(twist))
+            spread = model.update(float(reading.pose[2]), reading.twist)
+        ends = (reading.pose, chair.truth.pose), (reading.twist, chair.truth.twist)
+        errors = [one - other for one, other in ends]
+        found.append([e @ np.linalg.solve(c, e) for e, c in zip(errors, spread, strict=True)])
+    np.testing.assert_allclose(np.mean(found, axis=0), (3.0, 2.0), rtol=0.6)
+    message = make_messages.odometry(0, reading.pose, reading.twist, spread)
+    pose, speed = (np.reshape(message[key]["covariance"], (6, 6)) for key in ("pose", "twist"))
+    np.testing.assert_array_equal(pose[np.ix_((0, 1, 5), (0, 1, 5))], spread[0])
+    np.testing.assert_array_equal(speed[np.ix_((0, 5), (0, 5))], spread[1])
+    assert np.diag(pose)[2:5].min() == np.diag(speed)[1:5].min() == 1e6
+    assert make_messages.imu(0, 0.1, 0.2)["angular_velocity_covariance"][8] == 0.2
+    assert (np.diag(model.update(0.0, (0.0, 0.0))[1]) > 0.0).all()  # standing, too

@@ -258,14 +258,14 @@ WRONG = {
     "no angle": ("/scan", lambda m: {**m, "angle_min": None}, "not made as its type says"),
     "time goes back": ("/scan", backwards, "older than the one before"),
     "time stands still": ("/scan", lambda m: m, "older than the one before"),
-    "odometry is null": ("/ARDUINO1/Odom", nowhere, "not made as its type says"),
+    "odometry is null": ("/ARDUINO1/Odom", nowhere, "not finite"),
     "odometry is a list": ("/ARDUINO1/Odom", lambda m: [m], "not made as its type says"),
     "odometry lacks its twist": ("/ARDUINO1/Odom", lambda m: {"pose": m["pose"]}, "'twist'"),
     "odometry has NaN": (
         "/ARDUINO1/Odom", lambda m: json.loads(json.dumps(m).replace('"x": ', '"x": NaN, "_": ')),
         "finite",
     ),
-    "it lies on its side": ("/ARDUINO1/Odom", tipped, "not upright"),
+    "it lies on its side": ("/ARDUINO1/Odom", tipped, "tilted by 90 deg"),
     "no quaternion": (
         "/ARDUINO1/Odom", lambda m: json.loads(json.dumps(m).replace('"w": ', '"w": 7, "_": ')),
         "norm is not 1",
@@ -716,6 +716,18 @@ def test_the_least_range_next_to_a_beam_counts_and_rep_117_holds():
     ):  # fmt: skip
         wide["ranges"][ahead - 20 : ahead + 20] = [value] * 40
         np.testing.assert_equal(ros.scan(wide, laser, math.inf)[90], np.float32(wanted))
+
+
+@pytest.mark.parametrize("shift", [-0.9, -0.6, -0.4, 0.3, 0.7, 0.9])
+def test_a_fan_that_is_off_by_part_of_a_beam_is_read_at_its_true_angles(shift):
+    laser = LaserSettings(beams=2161)  # 0.125 deg apart
+    step, beams = laser.fov / (laser.beams - 1), np.arange(laser.beams)
+    ranges = 1.0 + beams / 1000
+    angles = {"angle_min": shift * step - 0.5 * laser.fov, "angle_increment": step}
+    message = of_a_circle(360) | angles | {"ranges": ranges.tolist()}
+    nearest = np.clip(beams - round(shift), 0, laser.beams - 1)
+    found = ros.scan(message, laser, math.inf)
+    np.testing.assert_array_equal(found, ranges[nearest].astype(np.float32))
 
 
 def test_a_fan_that_is_too_small_is_refused():

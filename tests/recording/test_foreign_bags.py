@@ -316,13 +316,6 @@ def test_frames_of_odometry_may_have_a_prefix(frame, tmp_path, monkeypatch):
     assert len(log.stamps) == 20
 
 
-def test_others_bags_cannot_be_judged_again_and_say_so(tmp_path, capsys):
-    for path in (write_mcap(tmp_path / "run.mcap", 5), write_sqlite(tmp_path / "run", 5)):
-        assert main(["replay", str(path)]) == 2
-        (line,) = capsys.readouterr().err.strip().splitlines()
-        assert "`wheelchair map --recording` reads the scans of every bag" in line
-
-
 KILLED = """
 import os, sys, pathlib
 from tests.recording.test_foreign_bags import write_mcap

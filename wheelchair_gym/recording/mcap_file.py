@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import logging
 import struct
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -10,8 +11,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from wheelchair_gym.errors import InputError, shorten
-from wheelchair_gym.files import LIMITS
+from wheelchair_gym.files import LIMITS, read_bytes
 
+_LOG = logging.getLogger(__name__)
 _MAGIC = b"\x89MCAP0\r\n"
 
 
@@ -41,20 +43,30 @@ class Recorded(NamedTuple):
     data: bytes
 
 
-def mcap_messages(
-    content: bytes, wanted: Callable[[str, str], bool], cut: bool = False
-) -> list[Recorded]:
-    """The messages whose topic and type are wanted, in the order of their times.
+def mcap_messages(file: str | Path, wanted: Callable[[str, str], bool]) -> list[Recorded]:
+    """Read the messages of a file whose topic and type are wanted, in the order of their times.
+
+    A file that was cut off is read as far as it goes, with a warning.
 
     Args:
-        content: of the file.
+        file: to read.
         wanted: called with topic and type.
-        cut: return what precedes the end of a file that is incomplete.
 
     Raises:
-        ImportError: the extra 'record' is not installed.
-        ValueError, McapError: the file is damaged, or beyond a limit.
+        InputError: the extra 'record' is not installed, or the file is damaged or beyond a limit.
     """
+    content = read_bytes(file, "recording")
+    with complete(file):
+        found = _messages(content, wanted)
+        if not content.endswith(_MAGIC):
+            if not found:
+                raise ValueError("it was cut off before its first whole chunk of messages")
+            _LOG.warning("%s: the recording was cut off; what it holds is used", file)
+    found.sort(key=lambda message: message.time)  # stable: equal times stay in the file's order
+    return found
+
+
+def _messages(content: bytes, wanted: Callable[[str, str], bool]) -> list[Recorded]:
     from mcap.records import Channel, Chunk, Message, Schema
     from mcap.stream_reader import breakup_chunk
 
@@ -62,7 +74,7 @@ def mcap_messages(
     channels: dict[int, tuple[str, str]] = {}
     found: list[Recorded] = []
     unpacked = 0
-    for record in _records(content, cut):
+    for record in _records(content):
         records: list[Any] = [record]
         if isinstance(record, Chunk):
             record.data = _decompressed(record.compression, record.data)
@@ -73,30 +85,25 @@ def mcap_messages(
             records = breakup_chunk(record, validate_crc=True)
         for inner in records:
             if isinstance(inner, Schema):
-                types[inner.id] = inner.name
+                short = inner.name.count("/") == 1  # some writers leave out the middle part
+                types[inner.id] = inner.name.replace("/", "/msg/") if short else inner.name
             elif isinstance(inner, Channel):
                 channels[inner.id] = inner.topic, types[inner.schema_id]
             elif isinstance(inner, Message) and wanted(*channels[inner.channel_id]):
                 found.append(Recorded(inner.log_time, *channels[inner.channel_id], inner.data))
-    found.sort(key=lambda message: message.time)  # stable: equal times stay in the file's order
     return found
 
 
-def _records(content: bytes, cut: bool) -> Iterator[Any]:
-    """The records of a file, chunks as they are; with `cut`, those before the end of a part."""
+def _records(content: bytes) -> Iterator[Any]:
+    """Read the records of a file, chunks as they are, up to where it was cut off."""
     from mcap.exceptions import EndOfFile
     from mcap.stream_reader import StreamReader
 
     try:
         yield from StreamReader(io.BytesIO(content), emit_chunks=True, validate_crcs=True).records
     except (EndOfFile, struct.error):
-        if not (cut and is_cut(content)):
+        if content.endswith(_MAGIC):
             raise
-
-
-def is_cut(content: bytes) -> bool:
-    """Whether an MCAP file lacks its end, as that of a program that was killed does."""
-    return not content.endswith(_MAGIC)
 
 
 def _decompressed(compression: str, data: bytes) -> bytes:

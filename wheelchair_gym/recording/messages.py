@@ -1,13 +1,14 @@
 """Foxglove's typed messages of a chair, its sensors and its map, for viewers.
 
-Frames follow REP-105: map -> odom -> base_link -> laser, ultrasonic_0, ...; the pose source sets
-the first transform, odometry changes the second, and the mounts are static.
+They are made of the ROS 2 messages of a bag, with the same frames: map -> odom -> base_link ->
+laser, ultrasonic_0, ...; the pose source sets the first transform, odometry changes the second, and
+the mounts are static.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from typing import Any, Final
 
@@ -18,93 +19,120 @@ from numpy.typing import ArrayLike, NDArray
 
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.hardware.ros import make_messages as ros
-from wheelchair_gym.maps import OccupancyGrid
+from wheelchair_gym.recording.bags import topic_of
 from wheelchair_gym.rendering.palette import CHAIR, NARROW, PERSON, TRAIL, WIDE, Colour
-from wheelchair_gym.rendering.video import jpeg
-from wheelchair_gym.sensors.settings import SCANNERS, LaserSettings, UltrasonicSettings
+from wheelchair_gym.sensors.settings import SCANNERS, UltrasonicSettings
 
-_NANO = 1_000_000_000
 _ARC = 9  # points on the arc of a cone
 _TRIANGLES = [corner for k in range(1, _ARC) for corner in (0, k, k + 1)]  # of a cone
 _LINE = 0.03  # m: thickness of lines
+# Foxglove's classes of the parts of ROS messages that have these fields.
+_PARTS: Final[dict[tuple[str, ...], Callable[..., Any]]] = {
+    ("sec", "nanosec"): lambda sec, nanosec: m.Timestamp(sec, nanosec),
+    ("x", "y", "z"): m.Vector3,
+    ("x", "y", "z", "w"): m.Quaternion,
+    ("position", "orientation"): m.Pose,
+}
 
 
-def _time(now: int) -> Any:
-    return m.Timestamp(now // _NANO, now % _NANO)
+def _part(value: Any) -> Any:
+    """Convert a part of a ROS message to Foxglove's class."""
+    if not isinstance(value, dict):
+        return value
+    return _PARTS[tuple(value)](**{name: _part(item) for name, item in value.items()})
 
 
-def _pose_of(pose: ros.Message) -> Any:
-    """A pose of a geometry_msgs/Pose."""
-    place, turn = m.Vector3(**pose["position"]), m.Quaternion(**pose["orientation"])
-    return m.Pose(position=place, orientation=turn)
+def _head(header: ros.Message) -> dict[str, Any]:
+    """Return time and frame of a std_msgs/Header."""
+    return {"timestamp": _part(header["stamp"]), "frame_id": header["frame_id"]}
 
 
-def _pose(pose: Iterable[float]) -> Any:
-    return _pose_of(ros.pose(pose))
+def _edge(message: ros.Message) -> Any:
+    """Convert a geometry_msgs/TransformStamped."""
+    head = _head(message["header"])
+    parent, child = head.pop("frame_id"), message["child_frame_id"]
+    ends = {"parent_frame_id": parent, "child_frame_id": child}
+    moved = {name: _part(part) for name, part in message["transform"].items()}
+    return m.FrameTransform(**head, **ends, **moved)
 
 
-def _colour(colour: Colour, alpha: float) -> Any:
+def _colour(colour: Colour, alpha: float = 1.0) -> Any:
     r, g, b = (value / 255.0 for value in colour)
     return m.Color(r=r, g=g, b=b, a=alpha)
 
 
-def _points(points: ArrayLike) -> list[Any]:
-    return [m.Point3(x=x, y=y, z=0.0) for x, y in np.asarray(points, np.float64)[:, :2].tolist()]
+def _points(points: Iterable[ros.Message]) -> list[Any]:
+    return [m.Point3(**point) for point in points]
 
 
-def pose_in_map(now: int, pose: Iterable[float]) -> Any:
-    """A pose (3,) on the map."""
-    return m.PoseInFrame(frame_id="map", timestamp=_time(now), pose=_pose(pose))
+# The fields of Foxglove's classes in a ROS message; time and frame are those of its header.
+_FIELDS: Final[dict[Any, Callable[[ros.Message], dict[str, Any]]]] = {
+    m.PoseInFrame: lambda one: {"pose": one["pose"]},
+    m.PosesInFrame: lambda one: {"poses": [_part(each["pose"]) for each in one["poses"]]},
+    m.FrameTransforms: lambda one: {"transforms": [_edge(each) for each in one["transforms"]]},
+    m.LaserScan: lambda one: {
+        "pose": ros.pose((0.0, 0.0, 0.0)), "start_angle": one["angle_min"],
+        "end_angle": one["angle_max"], "ranges": one["ranges"].tolist(),
+    },
+    m.Odometry: lambda one: {
+        "body_frame_id": one["child_frame_id"], "pose": one["pose"]["pose"],
+        **{f"{name}_velocity": part for name, part in one["twist"]["twist"].items()},
+    },
+    m.Grid: lambda one: {  # 0 free, 100 occupied, -1 unknown
+        "pose": one["info"]["origin"], "data": one["data"].tobytes(), "cell_stride": 1,
+        "row_stride": one["info"]["width"], "column_count": one["info"]["width"],
+        "cell_size": m.Vector2(x=one["info"]["resolution"], y=one["info"]["resolution"]),
+        "fields": _packed(["occupancy"], 1, m.PackedElementFieldNumericType.Int8),
+    },
+    m.Log: lambda one: {
+        "timestamp": one["stamp"], "message": one["msg"], "name": one["name"],
+        "level": m.LogLevel.Warning if one["level"] == ros.WARNING else m.LogLevel.Info,
+    },
+    m.CompressedImage: lambda one: {"data": one["data"].tobytes(), "format": one["format"]},
+}  # fmt: skip
 
 
-def poses_in_map(now: int, points: ArrayLike) -> Any:
-    """Points (n, 2) on the map, each with its heading to the next one."""
-    poses = [_pose_of(one["pose"]) for one in ros.path(now, points)["poses"]]
-    return m.PosesInFrame(frame_id="map", timestamp=_time(now), poses=poses)
-
-
-def _transforms(now: int, message: ros.Message) -> Any:
-    """The transforms of a tf2_msgs/TFMessage."""
-    tree = [
-        m.FrameTransform(
-            timestamp=_time(now),
-            parent_frame_id=one["header"]["frame_id"],
-            child_frame_id=one["child_frame_id"],
-            translation=m.Vector3(**one["transform"]["translation"]),
-            rotation=m.Quaternion(**one["transform"]["rotation"]),
-        )
-        for one in message["transforms"]
+def _packed(names: Iterable[str], size: int, kind: Any) -> list[Any]:
+    """Describe the numbers of a packed element, each of a size [bytes] and a kind."""
+    return [
+        m.PackedElementField(name=name, offset=size * k, type=kind) for k, name in enumerate(names)
     ]
-    return m.FrameTransforms(transforms=tree)
 
 
-def grid(now: int, map_: OccupancyGrid) -> Any:
-    """A map: 0 free, 100 occupied, -1 unknown."""
-    kind = m.PackedElementFieldNumericType.Int8
-    return m.Grid(
-        frame_id="map",
-        timestamp=_time(now),
-        pose=_pose(map_.origin),
-        column_count=map_.shape[1],
-        cell_size=m.Vector2(x=map_.resolution, y=map_.resolution),
-        row_stride=map_.shape[1],
-        cell_stride=1,
-        fields=[m.PackedElementField(name="occupancy", offset=0, type=kind)],
-        data=map_.cells.tobytes(),
-    )
+def _line(head: Mapping[str, Any], name: str, points: list[Any], colour: Colour, kind: Any) -> Any:
+    line = m.LinePrimitive(type=kind, thickness=_LINE, points=points, color=_colour(colour))
+    entity = m.SceneEntity(**head, id=name, frame_locked=True, lines=[line])
+    return m.SceneUpdate(entities=[entity])
 
 
-def scan(now: int, laser: LaserSettings, ranges: NDArray[np.float32], number: int = 0) -> Any:
-    """A sweep of a scanner, in its own frame."""
-    half = 0.5 * laser.fov
-    return m.LaserScan(
-        frame_id=ros.scanner_name(number, "laser"),
-        timestamp=_time(now),
-        pose=_pose((0.0, 0.0, 0.0)),
-        start_angle=-half,
-        end_angle=half,
-        ranges=ranges.astype(float).tolist(),
-    )
+def _footprint(message: ros.Message) -> Any:
+    points, kind = _points(message["polygon"]["points"]), m.LinePrimitiveLineType.LineLoop
+    return _line(_head(message["header"]), "footprint", points, CHAIR, kind)
+
+
+def _trail(now: int, places: ArrayLike) -> Any:
+    """Draw the trajectory so far (n, 2) on the map."""
+    points = [m.Point3(x=x, y=y, z=0.0) for x, y in np.array(places, np.float64).tolist()]
+    head = _head(ros.header(now, "map"))
+    return _line(head, "trail", points, TRAIL, m.LinePrimitiveLineType.LineStrip)
+
+
+def _actors(message: ros.Message) -> Any:
+    """Draw discs as cylinders and segments as lines."""
+    first, *shapes = message["markers"]
+    cylinders, lines = [], []
+    for one in shapes:
+        common = {"pose": _part(one["pose"]), "color": _colour(PERSON, 0.9)}
+        if "points" in one:
+            kind, points = m.LinePrimitiveLineType.LineList, _points(one["points"])
+            lines.append(m.LinePrimitive(type=kind, thickness=_LINE, points=points, **common))
+        else:
+            size = _part(one["scale"])
+            cylinders.append(
+                m.CylinderPrimitive(size=size, bottom_scale=1.0, top_scale=1.0, **common)
+            )
+    entity = m.SceneEntity(**_head(first["header"]), id="actors", cylinders=cylinders, lines=lines)
+    return m.SceneUpdate(entities=[entity])
 
 
 @cache
@@ -114,151 +142,75 @@ def _fan(cone: float) -> list[tuple[float, float]]:
     return [(0.0, 0.0), *((math.cos(angle), math.sin(angle)) for angle in angles)]
 
 
-def cones(
+def _cones(
     now: int, rangers: UltrasonicSettings, ranges: NDArray[np.float32], ages: NDArray[np.float32]
 ) -> Any:
-    """The ultrasonics' ranges as cones in their frames: paler with age, palest without echo.
+    """Draw the ultrasonics' ranges as cones in their frames: paler with age, palest without echo.
 
     No cone is drawn of a range that is invalid (NaN) or too near (-inf). Values beyond the mounted
     rangers are left out.
     """
     found = []
-    values = zip(rangers.mounted, ranges.tolist(), ages.tolist(), strict=False)
-    for k, (one, value, age) in enumerate(values):
-        narrow = one.model == "narrow"
-        model = rangers.narrow if narrow else rangers.wide
+    values = zip(rangers.mounted, rangers.models, ranges.tolist(), ages.tolist(), strict=False)
+    for k, (one, model, value, age) in enumerate(values):
         fans = []
         if value > 0.0:
-            echo = value < math.inf
             far = min(value, model.reach)
             corners = [m.Point3(x=far * x, y=far * y, z=0.0) for x, y in _fan(model.field_of_view)]
-            alpha = max(0.1, 0.5 - 0.4 * age) if echo else 0.05
-            colour = _colour(NARROW if narrow else WIDE, alpha)
+            alpha = max(0.1, 0.5 - 0.4 * age) if value < math.inf else 0.05
+            colour = _colour(NARROW if one.model == "narrow" else WIDE, alpha)
             fans = [m.TriangleListPrimitive(points=corners, color=colour, indices=_TRIANGLES)]
-        name = f"ultrasonic_{k}"
-        metadata = {"range": value, "age": age}
+        name, said = f"ultrasonic_{k}", {"range": value, "age": age}
+        metadata = [m.KeyValuePair(key=key, value=f"{v:.3f}") for key, v in said.items()]
         found.append(
             m.SceneEntity(
-                timestamp=_time(now),
-                frame_id=name,
-                id=name,
-                frame_locked=True,
-                triangles=fans,
-                metadata=[m.KeyValuePair(key=key, value=f"{v:.3f}") for key, v in metadata.items()],
+                **_head(ros.header(now, name)), id=name, frame_locked=True, triangles=fans,
+                metadata=metadata,
             )
-        )
+        )  # fmt: skip
     return m.SceneUpdate(entities=found)
 
 
-def _line(now: int, frame: str, name: str, points: ArrayLike, colour: Colour, closed: bool) -> Any:
-    kinds = m.LinePrimitiveLineType
-    line = m.LinePrimitive(
-        type=kinds.LineLoop if closed else kinds.LineStrip,
-        thickness=_LINE,
-        points=_points(points),
-        color=_colour(colour, 1.0),
-    )
-    entity = m.SceneEntity(
-        timestamp=_time(now), frame_id=frame, id=name, frame_locked=True, lines=[line]
-    )
-    return m.SceneUpdate(entities=[entity])
-
-
-def footprint(now: int, corners: Array) -> Any:
-    """The chair's outline (4, 2), in its own frame."""
-    return _line(now, "base_link", "footprint", corners, CHAIR, True)
-
-
-def trail(now: int, places: Sequence[Array] | Array) -> Any:
-    """The trajectory so far (n, 2), on the map."""
-    return _line(now, "map", "trail", np.array(places), TRAIL, False)
-
-
-def actors(now: int, shapes: tuple[Array, Array]) -> Any:
-    """Actors' discs (n, 3) and segments (m, 4) [m], as cylinders and lines."""
-    discs, segments = shapes
-    colour = _colour(PERSON, 0.9)
-    cylinders = [
-        m.CylinderPrimitive(
-            pose=_pose((x, y, 0.0)),
-            size=m.Vector3(x=2.0 * r, y=2.0 * r, z=0.1),
-            bottom_scale=1.0,
-            top_scale=1.0,
-            color=colour,
-        )
-        for x, y, r in discs.tolist()
-    ]
-    lines = m.LinePrimitive(
-        type=m.LinePrimitiveLineType.LineList,
-        pose=_pose((0.0, 0.0, 0.0)),
-        thickness=_LINE,
-        points=_points(segments.reshape(-1, 2)),
-        color=colour,
-    )
-    entity = m.SceneEntity(
-        timestamp=_time(now), frame_id="map", id="actors", cylinders=cylinders,
-        lines=[lines] if len(segments) else [],
-    )  # fmt: skip
-    return m.SceneUpdate(entities=[entity])
-
-
-def odometry(now: int, pose: Array, twist: Array) -> Any:
-    """The odometry's pose (3,) and the twist (2,)."""
-    v, w = twist.tolist()
-    return m.Odometry(
-        timestamp=_time(now), frame_id="odom", body_frame_id="base_link", pose=_pose(pose),
-        linear_velocity=m.Vector3(x=v, y=0.0, z=0.0), angular_velocity=m.Vector3(x=0.0, y=0.0, z=w),
-    )  # fmt: skip
-
-
-def particles(now: int, poses: Array) -> Any:
-    """Possible poses (n, 3) on the map, as points with a yaw."""
-    kind = m.PackedElementFieldNumericType.Float32
-    named = [
-        m.PackedElementField(name=name, offset=4 * k, type=kind)
-        for k, name in enumerate(("x", "y", "yaw"))
-    ]
+def _particles(now: int, poses: Array) -> Any:
+    """Make a cloud of possible poses (n, 3) on the map: points with a yaw."""
     return m.PointCloud(
-        timestamp=_time(now), frame_id="map", pose=_pose((0.0, 0.0, 0.0)), point_stride=12,
-        fields=named, data=np.ascontiguousarray(poses, "<f4").tobytes(),
+        **_head(ros.header(now, "map")), pose=_part(ros.pose((0.0, 0.0, 0.0))), point_stride=12,
+        fields=_packed(("x", "y", "yaw"), 4, m.PackedElementFieldNumericType.Float32),
+        data=np.ascontiguousarray(poses, "<f4").tobytes(),
     )  # fmt: skip
 
 
-def log_message(now: int, name: str, text: str, warning: bool = False) -> Any:
-    """A log line of a part."""
-    level = m.LogLevel.Warning if warning else m.LogLevel.Info
-    return m.Log(timestamp=_time(now), level=level, message=text, name=name)
+def _of(topic: str, kind: Any) -> Callable[..., Any]:
+    """Return a function that makes a message of an instant [ns] and a topic's content."""
+    of = topic_of(topic)
+    assert of is not None
+
+    def make(now: int, *content: Any) -> Any:
+        message = of.make(now, *content)
+        if kind not in _FIELDS:
+            return kind(message)
+        head = _head(message["header"]) if "header" in message else {}
+        return kind(**head, **{name: _part(v) for name, v in _FIELDS[kind](message).items()})
+
+    return make
 
 
-def image(now: int, picture: NDArray[np.uint8], quality: int) -> Any:
-    """A picture (h, w, 3) RGB as JPEG."""
-    data = jpeg(picture, quality)
-    return m.CompressedImage(timestamp=_time(now), frame_id="map", data=data, format="jpeg")
-
-
+_KINDS: Final = {
+    "/map": m.Grid, "/tf": m.FrameTransforms, "/tf_static": m.FrameTransforms,
+    **{ros.scanner_name(k, "/scan"): m.LaserScan for k in range(SCANNERS)},
+    "/ultrasonic": m.SceneUpdate, "/odometry": m.Odometry, "/path": m.PosesInFrame,
+    "/lookahead": m.PosesInFrame, "/goal": m.PoseInFrame, "/pose": m.PoseInFrame,
+    "/truth": m.PoseInFrame, "/particles": m.PointCloud, "/actors": m.SceneUpdate,
+    "/footprint": m.SceneUpdate, "/trail": m.SceneUpdate, "/note": m.Log,
+    "/image": m.CompressedImage,
+}  # fmt: skip
+_MADE: Final[dict[str, Callable[..., Any]]] = {
+    "/ultrasonic": _cones, "/particles": _particles, "/trail": _trail,
+    "/actors": _of("/actors", _actors), "/footprint": _of("/footprint", _footprint),
+    "/lookahead": _of("/path", m.PosesInFrame),
+}  # fmt: skip
 # Topic: its channel, and what makes its messages of an instant [ns] and content.
 TYPED: Final[dict[str, tuple[Any, Callable[..., Any]]]] = {
-    "/map": (channels.GridChannel, grid),
-    "/tf": (
-        channels.FrameTransformsChannel,
-        lambda now, *poses: _transforms(now, ros.frames(now, *poses)),
-    ),
-    "/tf_static": (
-        channels.FrameTransformsChannel,
-        lambda now, *sensors: _transforms(now, ros.mounts(now, *sensors)),
-    ),
-    **{ros.scanner_name(k, "/scan"): (channels.LaserScanChannel, scan) for k in range(SCANNERS)},
-    "/ultrasonic": (channels.SceneUpdateChannel, cones),
-    "/odometry": (channels.OdometryChannel, odometry),
-    "/path": (channels.PosesInFrameChannel, poses_in_map),
-    "/lookahead": (channels.PosesInFrameChannel, poses_in_map),
-    "/goal": (channels.PoseInFrameChannel, pose_in_map),
-    "/pose": (channels.PoseInFrameChannel, pose_in_map),
-    "/truth": (channels.PoseInFrameChannel, pose_in_map),
-    "/particles": (channels.PointCloudChannel, particles),
-    "/actors": (channels.SceneUpdateChannel, actors),
-    "/footprint": (channels.SceneUpdateChannel, footprint),
-    "/trail": (channels.SceneUpdateChannel, trail),
-    "/note": (channels.LogChannel, log_message),
-    "/image": (channels.CompressedImageChannel, image),
+    topic: (getattr(channels, f"{kind.__name__}Channel"), _MADE.get(topic) or _of(topic, kind))
+    for topic, kind in _KINDS.items()
 }

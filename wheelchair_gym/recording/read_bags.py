@@ -22,19 +22,18 @@ import numpy as np
 
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.errors import InputError, shorten
-from wheelchair_gym.files import LIMITS, opened, read_bytes
+from wheelchair_gym.files import LIMITS, opened
 from wheelchair_gym.geometry import compose
 from wheelchair_gym.hardware.ros import messages as ros
 from wheelchair_gym.hardware.ros.cdr import deserialized
 from wheelchair_gym.localization.logs import SensorLog, log_of_poses
 from wheelchair_gym.recording.bags import PREFIX
-from wheelchair_gym.recording.mcap_file import Recorded, complete, is_cut, mcap_messages
+from wheelchair_gym.recording.mcap_file import Recorded, complete, mcap_messages
 from wheelchair_gym.sensors.settings import LaserSettings
 
 _LOG = logging.getLogger(__name__)
 _SCAN, _ODOMETRY = "sensor_msgs/msg/LaserScan", "nav_msgs/msg/Odometry"
 _TF, _TEXT = "tf2_msgs/msg/TFMessage", "std_msgs/msg/String"
-_MOST_BEAMS: Final = 20_000
 _PROFILE = slice(17, 25)  # of an MCAP file: the length and the text of its first record's profile
 _QUERY = """
     SELECT m.timestamp, t.name, t.type, m.data FROM messages m JOIN topics t ON m.topic_id = t.id
@@ -68,40 +67,21 @@ def is_bag(path: str | Path) -> bool:
     return head[_PROFILE] == b"\x04\0\0\0ros2"
 
 
-def bag_messages(
-    path: str | Path, wanted: Callable[[str, str], bool], cut: bool = False
-) -> list[Recorded]:
+def bag_messages(path: str | Path, wanted: Callable[[str, str], bool]) -> list[Recorded]:
     """The messages of a bag whose topic and type are wanted, as CDR, in the order of their times.
 
     Args:
         path: of the bag.
         wanted: called with topic and type.
-        cut: read an MCAP file that lacks its end as far as it goes, and warn.
 
     Raises:
         InputError: a file is missing, damaged, compressed as a whole or beyond a limit.
     """
     found: list[Recorded] = []
     for file in _files(Path(path)):
-        if file.suffix == ".db3":
-            found += _rows(file, wanted)
-            continue
-        content = read_bytes(file, "recording")
-        with complete(file):
-            some = mcap_messages(content, lambda topic, kind: wanted(topic, _full(kind)), cut)
-            some = [one._replace(type=_full(one.type)) for one in some]
-            if cut and is_cut(content):
-                if not some:
-                    raise ValueError("it was cut off before its first whole chunk of messages")
-                _LOG.warning("%s: the recording was cut off; what it holds is used", file)
-        found += some
+        found += (_rows if file.suffix == ".db3" else mcap_messages)(file, wanted)
     found.sort(key=lambda message: message.time)
     return found
-
-
-def _full(kind: str) -> str:
-    """The name of a type as ROS 2 writes it; some writers leave out the middle part."""
-    return kind.replace("/", "/msg/") if kind.count("/") == 1 else kind
 
 
 def _files(path: Path) -> list[Path]:
@@ -123,18 +103,16 @@ def _rows(file: Path, wanted: Callable[[str, str], bool]) -> list[Recorded]:
     it may write, so both files are copied: a bag is never changed.
     """
     log = file.with_name(f"{file.name}-wal")
+    parts = [file, log] if log.exists() and log.stat().st_size else [file]
     with ExitStack() as stack:
-        for one in (file, log):
-            if one == file or one.exists():
-                stack.enter_context(opened(one, "recording"))  # its size is checked
-        mode = "ro&immutable=1"
-        if log.exists() and log.stat().st_size:
+        for one in parts:
+            stack.enter_context(opened(one, "recording"))  # its size is checked
+        mode, source = "ro&immutable=1", file
+        if log in parts:
             folder = Path(stack.enter_context(TemporaryDirectory()))
-            for one in (file, log):
+            for one in parts:
                 shutil.copyfile(one, folder / one.name)
             mode, source = "rw", folder / file.name
-        else:
-            source = file
         try:
             link = sqlite3.connect(f"file:{quote(str(source))}?mode={mode}", uri=True)
             stack.callback(link.close)
@@ -159,7 +137,7 @@ def bag_texts(path: str | Path, topics: Sequence[str]) -> list[tuple[str, str]]:
         InputError: see `bag_messages`; or this package has not recorded it.
     """
     names = {PREFIX + topic: topic for topic in topics}
-    found = bag_messages(path, lambda topic, kind: topic in names and kind == _TEXT, True)
+    found = bag_messages(path, lambda topic, kind: topic in names and kind == _TEXT)
     if not found:
         raise InputError(
             f"{path}: only drives that this program has recorded can be judged again; "
@@ -189,7 +167,7 @@ def bag_log(
         InputError: see `bag_messages`; or there are no such topics, or no good scan between two
             messages of the odometry.
     """
-    found = bag_messages(path, lambda _, kind: kind in (_SCAN, _ODOMETRY, _TF), cut=True)
+    found = bag_messages(path, lambda _, kind: kind in (_SCAN, _ODOMETRY, _TF))
     scans = _of_topic(path, found, _SCAN, scan, "/scan", "--scan-topic")
     edges: dict[str, tuple[str, Array]] = {}
     skipped: Counter[str] = Counter()
@@ -201,9 +179,11 @@ def bag_log(
     messages: list[dict[str, Any]] = []
     for one in scans:
         with _skipping(skipped, "scan"):
-            messages.append(_upright(_message(one), edges, base))
+            message = _message(one)
+            mount = _mount(edges, _frame(message), base)
+            messages.append(ros.upright(message, mount is not None and ros.on_floor(mount)[1]))
     if not messages:
-        raise InputError(f"{path}: no scan of {scans[0].topic} can be used ({_told(skipped)})")
+        raise _unusable(path, scans, skipped)
     usual, _ = Counter(map(_fan, messages)).most_common(1)[0]
     of_laser = next(one for one in messages if _fan(one) == usual)
     with complete(path):
@@ -219,11 +199,11 @@ def bag_log(
                 raise ValueError("without odometry")
             if times and stamp <= times[-1]:
                 raise ValueError("time goes back")
-            values = ros.scan(_centred(message, middle), laser, math.inf)
+            centred = message | {"angle_min": float(message["angle_min"]) - middle}
+            ranges.append(ros.scan(centred, laser, math.inf))
             times.append(stamp)
-            ranges.append(values)
     if not times:
-        raise InputError(f"{path}: no scan of {scans[0].topic} can be used ({_told(skipped)})")
+        raise _unusable(path, scans, skipped)
     known = sorted(poses)
     rows = np.array([poses[stamp] for stamp in known])
     rows[:, 2] = np.unwrap(rows[:, 2])
@@ -299,9 +279,10 @@ def _meant(value: float) -> float:
     return float(str(np.float32(value)))
 
 
-def _told(skipped: Mapping[str, int]) -> str:
-    """Return the reasons why messages were skipped, with their numbers."""
-    return ", ".join(f"{count} {reason}" for reason, count in skipped.items())
+def _unusable(path: str | Path, scans: list[Recorded], skipped: Mapping[str, int]) -> InputError:
+    """Return the error that no scan can be used, with the reasons and their numbers."""
+    why = ", ".join(f"{count} {reason}" for reason, count in skipped.items())
+    return InputError(f"{path}: no scan of {scans[0].topic} can be used ({why})")
 
 
 def _frame(message: Mapping[str, Any]) -> str:
@@ -312,34 +293,6 @@ def _fan(message: Mapping[str, Any]) -> tuple[str, int, float, float]:
     """Return what makes two scans those of one laser: frame, beams, first angle and step [rad]."""
     first, step = float(message["angle_min"]), float(message["angle_increment"])
     return _frame(message), len(message["ranges"]), round(first, 4), round(step, 6)
-
-
-def _upright(
-    message: dict[str, Any], edges: Mapping[str, tuple[str, Array]], base: str
-) -> dict[str, Any]:
-    """Return a scan with its beams counter-clockwise, as an upright laser gives it.
-
-    Raises:
-        ValueError: the scan has too few or too many ranges, or the laser is tilted.
-    """
-    beams, step = len(message["ranges"]), float(message["angle_increment"])
-    if not 2 <= beams <= _MOST_BEAMS or step == 0.0 or not math.isfinite(step):
-        raise ValueError(f"of {beams} ranges, {step:g} rad apart")
-    mount = _mount(edges, _frame(message), base)
-    if mount is not None and ros.on_floor(mount)[1]:
-        message = ros.mirrored(message)
-    if step < 0.0:
-        first = float(message["angle_min"])
-        message = message | {
-            "angle_min": first + step * (beams - 1), "angle_max": first,
-            "angle_increment": -step, "ranges": message["ranges"][::-1],
-        }  # fmt: skip
-    return message
-
-
-def _centred(message: dict[str, Any], middle: float) -> dict[str, Any]:
-    """Return a scan with angles from the middle [rad] of its laser, which is straight ahead."""
-    return message | {"angle_min": float(message["angle_min"]) - middle}
 
 
 def _laser(

@@ -16,12 +16,11 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.config import InputError, dump, setting, settings
+from wheelchair_gym.config import dump, setting, settings
 from wheelchair_gym.drivers import driver_spec
 from wheelchair_gym.localization.localized_chair import unwrapped
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.physics.actors.records import actor_shapes
-from wheelchair_gym.recording.bags import RosBag
 from wheelchair_gym.recording.sink import NANO, Sink
 from wheelchair_gym.recording.topics import (
     BATTERY,
@@ -59,17 +58,6 @@ class RecordingSettings:
     """What is written: one MCAP file with Foxglove's messages, or a rosbag2."""
 
 
-def open_sink(file: str | Path | None, port: int | None, format: str = "foxglove") -> Sink | RosBag:
-    """Where a recording goes: to a file of a format, to viewers at a port, or to both.
-
-    Raises:
-        InputError: see `Sink` and `RosBag`.
-    """
-    if format == "foxglove" or file is None:
-        return Sink(file, port)
-    return RosBag(file, None if port is None else Sink(port=port))
-
-
 class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
     """A Gymnasium wrapper that writes all episodes to a file, shows them live, or both.
 
@@ -98,7 +86,7 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
     ) -> None:
         super().__init__(env)
         self._config = recording or RecordingSettings()
-        self._out = open_sink(file, port, self._config.format)
+        self._out = Sink(file, port, self._config.format)
         self.file, self.port = self._out.file, self._out.port
         self._base = 0  # ns: episodes follow each other in time
         self._trail: list[Any] = []
@@ -119,7 +107,7 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
         if self._env.task.built_map is None:
             self._log_map(self._map)
         self._log_reading()
-        self._check_disk()
+        self._out.check_disk(self._config.when_full)
         return observation, info
 
     def step(
@@ -139,7 +127,7 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
         self._log_reading()
         ends = {"terminated": terminated, "truncated": truncated}
         self._out.write(VERDICT, {"reward": reward, "terms": info["reward_terms"], **ends})
-        self._check_disk()
+        self._out.check_disk(self._config.when_full)
         return observation, float(reward), terminated, truncated, info
 
     def close(self) -> None:
@@ -158,13 +146,6 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
         if env.labels != self._labels:
             self._labels = found["labels"] = dict(env.labels)
         return found
-
-    def _check_disk(self) -> None:
-        why = self._out.new_error()
-        if why and self._config.when_full == "end":
-            raise InputError(f"{why}, and the run, too")
-        if why:
-            _LOG.warning("%s; the run goes on", why)
 
     @property
     def _env(self) -> Any:

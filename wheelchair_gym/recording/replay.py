@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import logging
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -17,13 +17,13 @@ from wheelchair_gym.envs import EnvSettings, NavigationEnv
 from wheelchair_gym.envs.guidance import is_built_in
 from wheelchair_gym.envs.settings import check_split
 from wheelchair_gym.errors import InputError, shorten
-from wheelchair_gym.files import parse_json, read_bytes
+from wheelchair_gym.files import parse_json
 from wheelchair_gym.localization.logs import SensorLog, log_of_poses
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.migration import migrated
 from wheelchair_gym.physics.actors.records import ACTOR, Actors
 from wheelchair_gym.random import Split
-from wheelchair_gym.recording.mcap_file import complete, is_cut, mcap_messages
+from wheelchair_gym.recording.mcap_file import complete, mcap_messages
 from wheelchair_gym.recording.read_bags import bag_log, bag_texts, is_bag
 from wheelchair_gym.recording.topics import (
     COMMAND,
@@ -41,7 +41,6 @@ from wheelchair_gym.recording.topics import (
 from wheelchair_gym.sensors.settings import RANGERS, LaserSettings, SensorSettings
 from wheelchair_gym.types import Belief, Episode, Reading, Stick, Truth
 
-_LOG = logging.getLogger(__name__)
 _TOPICS: Final = (EPISODE, READING, COMMAND, VERDICT)
 
 
@@ -143,7 +142,12 @@ def read_recording(file: str | Path) -> list[RecordedEpisode]:
             that was driven is in it.
     """
     episodes: list[RecordedEpisode] = []
-    texts = bag_texts(file, _TOPICS) if is_bag(file) else _texts(file)
+    texts: Iterable[tuple[str, str | bytes]]
+    if is_bag(file):
+        texts = bag_texts(file, _TOPICS)
+    else:
+        found = mcap_messages(file, lambda topic, _: topic in _TOPICS)
+        texts = ((one.topic, one.data) for one in found)
     with complete(file):
         for topic, text in texts:
             _take(episodes, topic, parse_json(text, topic))
@@ -155,18 +159,6 @@ def read_recording(file: str | Path) -> list[RecordedEpisode]:
     if not episodes:
         raise InputError(f"{file}: expected a recording of a chair; there is no {EPISODE} in it")
     return episodes
-
-
-def _texts(file: str | Path) -> list[tuple[str, bytes]]:
-    """Topics and texts of a recording's messages, in the order of their times."""
-    content = read_bytes(file, "recording")
-    with complete(file):
-        found = mcap_messages(content, lambda topic, _: topic in _TOPICS, cut=True)
-        if is_cut(content):
-            if not found:
-                raise ValueError("it was cut off before its first whole chunk of messages")
-            _LOG.warning("%s: the recording was cut off; what it holds is used", file)
-    return [(one.topic, one.data) for one in found]
 
 
 def _cut(episodes: list[RecordedEpisode]) -> None:

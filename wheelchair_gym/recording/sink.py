@@ -1,7 +1,8 @@
-"""Writes messages to an MCAP file, to viewers that connect over a WebSocket, or to both."""
+"""Writes messages to an MCAP file or a ROS 2 bag, to viewers over a WebSocket, or to both."""
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import json
 import logging
@@ -13,6 +14,7 @@ from typing import Any
 
 from wheelchair_gym.config import InputError
 from wheelchair_gym.files import write_error
+from wheelchair_gym.recording.bags import RosBag
 from wheelchair_gym.recording.topics import FIELDS, json_schema, write_fields
 
 _MAGIC = b"\x89MCAP0\r\n"
@@ -55,7 +57,9 @@ class McapFile:
                     continue
         except OSError as error:
             raise write_error(first, error) from None
-        self._at = 0
+        if self.path != first:
+            _LOG.warning("%s exists; the recording is %s", first, self.path)
+        self._at = self._end = 0  # where the next byte goes, and where an end can be written
         self._left, self._head = len(_MAGIC), b""  # of the present record: bytes to come, header
         self._ending = False
 
@@ -68,10 +72,13 @@ class McapFile:
             self._put(data)
             if self._completes_record(bytes(data)):
                 self._put(_TAIL)
-                self._file.seek(self._at)
+                self._end = self._file.seek(self._at)
         except OSError as error:
             self.error = error.strerror or str(error)
-            self._repair()
+            with contextlib.suppress(OSError):  # an end was there before, so it has room
+                self._file.seek(self._end)
+                self._put(_TAIL if self._end else b"")
+                self._file.truncate()
         return len(data)
 
     def _put(self, data: bytes | bytearray) -> None:
@@ -109,32 +116,6 @@ class McapFile:
         """Close the file."""
         self._file.close()
 
-    def _repair(self) -> None:
-        """End the file after its last complete record, or an earlier one if space is short."""
-        ends = self._ends()
-        while ends:
-            end = ends.pop()
-            try:
-                self._file.truncate(end)
-                self._file.seek(end)
-                if self._file.write(_TAIL) == len(_TAIL):
-                    return
-            except OSError:
-                continue
-
-    def _ends(self) -> list[int]:
-        """The offsets at which complete records of data end."""
-        size, at = self._file.seek(0, os.SEEK_END), len(_MAGIC)
-        ends = []
-        while at + _HEAD.size <= size:
-            self._file.seek(at)
-            opcode, length = _HEAD.unpack(self._file.read(_HEAD.size))
-            at += _HEAD.size + length
-            if opcode == _DATA_END or at > size:
-                break
-            ends.append(at)
-        return ends
-
 
 NANO = 1_000_000_000
 _NAME = "wheelchair_gym"
@@ -147,20 +128,38 @@ class Sink:
 
     Args:
         file: MCAP to write; if it exists, a number is added to its name. It is complete after
-            `close`, and after a disk has run full.
+            `close`, and after a disk has run full. In the format ros2, the folder of a bag.
         port: of this machine, for Foxglove's viewers (WebSocket); 0: a free one.
+        format: of the file: foxglove or ros2.
 
     Attributes:
         file: that is written, or None.
-        now: time stamp of the messages [ns].
+        now: time stamp of the messages [ns], from 0.
         port: for viewers, or None.
 
     Raises:
-        InputError: the extra 'record' is not installed, the file cannot be written, or the port is
-            taken.
+        InputError: the extra 'record' or 'ros' is not installed, the file cannot be written, or the
+            port is taken.
     """
 
-    def __init__(self, file: str | Path | None = None, port: int | None = None) -> None:
+    def __init__(
+        self, file: str | Path | None = None, port: int | None = None, format: str = "foxglove"
+    ) -> None:
+        self.now, self._reported = 0, False
+        self._bag = RosBag(file) if file is not None and format == "ros2" else None
+        self._disk: McapFile | RosBag | None = self._bag
+        self._context: Any = None
+        self._file: Any = None
+        self._server: Any = None
+        self._typed: dict[str, Any] = {}
+        self._channels: dict[str, Any] = {}
+        if self._bag is None or port is not None:
+            self._open(None if self._bag else file, port)
+        self.file = None if self._disk is None else self._disk.path
+        self.port: int | None = self._server.port if self._server else None
+
+    def _open(self, file: str | Path | None, port: int | None) -> None:
+        """Open the channels of Foxglove's messages, a file for them, and a server."""
         try:
             import foxglove
             from foxglove.mcap import MCAPWriteOptions
@@ -168,25 +167,16 @@ class Sink:
             from wheelchair_gym.recording import messages
         except ImportError:
             raise InputError("recording needs: pip install 'wheelchair_gym[record]'") from None
-        self.now = 0
         self._context = context = foxglove.Context()  # kept: channels end with it
-        self._reported = False
-        self._disk = None if file is None else McapFile(file)
-        self._file = self.file = None
-        if self._disk is not None:
+        if file is not None:
+            self._disk = disk = McapFile(file)
             options = MCAPWriteOptions(chunk_size=_CHUNK, disable_seeking=True)
-            disk: Any = self._disk
             self._file = foxglove.open_mcap(disk, context=context, writer_options=options)
-            self.file = self._disk.path
-            if self.file != Path(str(file)):
-                _LOG.warning("%s exists; the recording is %s", file, self.file)
-        self._server = None
         if port is not None:
             try:
                 self._server = foxglove.start_server(name=_NAME, port=port, context=context)
             except (OSError, OverflowError, RuntimeError) as error:
                 raise InputError(f"port {port}: viewers cannot connect there ({error})") from None
-        self.port: int | None = self._server.port if self._server else None
         self._typed = {
             topic: (channel(topic, context=context), make)
             for topic, (channel, make) in messages.TYPED.items()
@@ -198,21 +188,34 @@ class Sink:
 
     def send(self, topic: str, *content: Any) -> None:
         """Send a typed message, see `recording.messages.TYPED`."""
-        channel, make = self._typed[topic]
-        channel.log(make(self.now, *content), log_time=self.now)
+        if self._bag is not None:
+            self._bag.send(self.now, topic, *content)
+        if self._typed:
+            channel, make = self._typed[topic]
+            channel.log(make(self.now, *content), log_time=self.now)
 
     def write(self, topic: str, values: Mapping[str, Any], **more: Any) -> None:
         """Send values as JSON, see `recording.topics.FIELDS`, and more JSON content."""
         content = write_fields(FIELDS[topic], values) | more
         text = json.dumps(content, allow_nan=False)
-        self._channels[topic].log(text.encode(), log_time=self.now)
+        if self._bag is not None:
+            self._bag.write(self.now, topic, values, text)
+        if self._channels:
+            self._channels[topic].log(text.encode(), log_time=self.now)
 
-    def new_error(self) -> str:
-        """The error that has ended the file early; reported once, then empty."""
+    def check_disk(self, when_full: str = "close") -> None:
+        """Report once that an error has ended the file early: the run goes on, or is to end.
+
+        Raises:
+            InputError: it has, and the run is to end.
+        """
         if self._reported or self._disk is None or not self._disk.error:
-            return ""
+            return
         self._reported = True
-        return f"{self.file}: {self._disk.error}; the recording ends here"
+        why = f"{self.file}: {self._disk.error}; the recording ends here"
+        if when_full == "end":
+            raise InputError(f"{why}, and the run, too")
+        _LOG.warning("%s; the run goes on" if when_full == "go-on" else "%s", why)
 
     def close(self) -> None:
         """Complete the file and disconnect viewers; may be called again."""
@@ -220,8 +223,7 @@ class Sink:
             self._file.close()
         if self._disk:
             self._disk.close()
-        if why := self.new_error():
-            _LOG.warning("%s", why)
+        self.check_disk()
         if self._server:
             self._server.stop()
         self._file = self._server = None

@@ -142,34 +142,33 @@ def _poses(name: str) -> Kind:
     return kind._replace(read=lambda value: kind.read(value).reshape(-1, 3))
 
 
-_MAP_FIELDS: Final = {
-    "cells": _packed("<i1"),
-    "shape": numbers(2),
-    "resolution": NUMBER,
-    "origin": numbers(3),
-}
+def _made(make: Callable[..., Any], fields: Mapping[str, Kind], *optional: str) -> Kind:
+    """Describe an object that is made of these of its attributes."""
+    return Kind(
+        {"type": "object"},
+        lambda value: make(**read_fields(fields, _object(value), *optional)),
+        lambda value: write_fields(fields, {name: getattr(value, name) for name in fields}),
+    )
 
 
-def _read_map(value: Any) -> OccupancyGrid:
-    content = read_fields(_MAP_FIELDS, _object(value))
-    rows, columns = (int(side) for side in content["shape"])
+def _grid(
+    cells: NDArray[Any], shape: NDArray[Any], resolution: float, origin: NDArray[Any]
+) -> OccupancyGrid:
+    rows, columns = (int(side) for side in shape)
     check_cells(rows, columns, "map")
-    cells = content["cells"]
     if len(cells) != rows * columns:
         raise ValueError(f"has {len(cells)} cells; expected {rows * columns}")
-    x, y, yaw = content["origin"].tolist()
-    grid = OccupancyGrid(cells.reshape(rows, columns), content["resolution"], (x, y, yaw))
+    x, y, yaw = origin.tolist()
+    grid = OccupancyGrid(cells.reshape(rows, columns), resolution, (x, y, yaw))
     if not all(map(is_coordinate, grid.bounds)):
         raise ValueError("reaches too far")
     return grid
 
 
-def _content_of(fields: Mapping[str, Kind]) -> Callable[[Any], Content]:
-    """A writer of these fields of an object."""
-    return lambda value: write_fields(fields, {name: getattr(value, name) for name in fields})
-
-
-MAP: Final = Kind({"type": "object"}, _read_map, _content_of(_MAP_FIELDS))
+MAP: Final = _made(
+    _grid,
+    {"cells": _packed("<i1"), "shape": numbers(2), "resolution": NUMBER, "origin": numbers(3)},
+)
 _SCALARS = {float: NUMBER, bool: FLAG, int: Kind({"type": "integer"}, _exactly(int))}
 _TRUTH_FIELDS: Final = {
     name: {"pose": numbers(3), "twist": numbers(2), "actor_poses": _poses("<f8")}.get(name)
@@ -183,14 +182,7 @@ def _read_truth(value: Any) -> Truth:
     return Truth(**content | read_fields(_TRUTH_FIELDS, content, *Truth._field_defaults))
 
 
-_STICK_FIELDS: Final = {name: _SCALARS[hint] for name, hint in get_type_hints(Stick).items()}
-
-
-def _read_stick(value: Any) -> Stick:
-    return Stick(**read_fields(_STICK_FIELDS, _object(value)))
-
-
-_STICK: Final = Kind({"type": "object"}, _read_stick, _content_of(_STICK_FIELDS))
+_STICK = _made(Stick, {name: _SCALARS[hint] for name, hint in get_type_hints(Stick).items()})
 
 
 def _read_terms(value: Any) -> dict[str, float]:
@@ -211,7 +203,7 @@ def reading_fields(beams: int = -1, rangers: int = -1) -> dict[str, Kind]:
         "stamp": NUMBER,
         "halted": TEXT,
         "odometry": numbers(3),
-        "truth": Kind({"type": "object"}, _read_truth, _content_of(_TRUTH_FIELDS)),
+        "truth": _made(Truth, _TRUTH_FIELDS)._replace(read=_read_truth),
         "particles": _poses("<f4"),
         "map": MAP,
         "stick": _STICK,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import http.client
 import json
+import socket
 import time
 from types import SimpleNamespace
 
@@ -71,11 +72,36 @@ def test_the_address_gives_a_cookie_that_opens_the_page(served):
 @pytest.mark.parametrize("path", ["/", "/app.js", "/files/x.mcap", "/session/drive"])
 def test_without_the_token_nothing_is_served(served, path):
     for query in ("", "?token=", "?token=wrong", "?token=%00%ff"):
-        status, _, body = get(served, path + query)
+        status, headers, body = get(served, path + query)
         assert status == 403
         assert b"token" in body
+        assert headers["connection"] == "close"  # which keeps no place
     assert get(served, path, Cookie=f"studio-{served.port}=wrong; x")[0] == 403
     assert is_alive(served)
+
+
+@pytest.mark.parametrize("said", [b"", b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n"])
+def test_strangers_that_make_no_request_keep_nobody_out(served, said, monkeypatch):
+    """The oldest of too many are cut off, and each one in time."""
+    with contextlib.ExitStack() as lines:
+
+        def line():
+            made = socket.create_connection(("127.0.0.1", served.port), PATIENCE)
+            lines.enter_context(made).sendall(said)
+            return made
+
+        first, *_ = [line() for _ in range(100)]
+        assert is_alive(served)
+        assert is_closed(first)
+        monkeypatch.setattr("agents.studio.server._HEAD_PATIENCE", 0.01)
+        assert is_closed(line())
+
+
+def is_closed(line):
+    """The server closes a connection without an answer."""
+    with contextlib.suppress(ConnectionResetError):
+        return line.recv(1) == b""
+    return True
 
 
 def test_another_page_and_another_name_of_the_machine_are_refused(served):

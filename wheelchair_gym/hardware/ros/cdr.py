@@ -7,6 +7,7 @@ standard messages are the same in every distribution from Humble on.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import asdict
 from functools import cache
 from typing import Any, Final
 
@@ -68,15 +69,4 @@ def serialized(kind: str, message: Mapping[str, Any]) -> Any:
 
 def deserialized(kind: str, data: bytes) -> dict[str, Any]:
     """A message of a type, of CDR; for damaged bytes, rosbags raises whatever it raises."""
-    found = _fields(typestore().deserialize_cdr(data, kind))
-    assert isinstance(found, dict)
-    return found
-
-
-def _fields(value: Any) -> Any:
-    if isinstance(value, list):
-        return [_fields(item) for item in value]
-    if not hasattr(value, "__msgtype__"):
-        return value
-    names = (name for name in value.__dataclass_fields__ if name != "__msgtype__")
-    return {name: _fields(getattr(value, name)) for name in names}
+    return asdict(typestore().deserialize_cdr(data, kind))

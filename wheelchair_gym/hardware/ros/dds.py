@@ -38,19 +38,6 @@ _POLICIES: Final = {
 }  # fmt: skip
 
 
-def load_cyclonedds() -> None:
-    """Check that the packages cyclonedds and rosbags are installed.
-
-    Raises:
-        InputError: the extra 'dds' is not installed.
-    """
-    try:
-        import cyclonedds.domain  # noqa: F401
-        import rosbags  # noqa: F401
-    except ImportError:
-        raise InputError("topics over DDS need: pip install 'wheelchair_gym[dds]'") from None
-
-
 def domain_number(text: str) -> int:
     """The number of a DDS domain, as ROS_DOMAIN_ID gives it; an empty text is 0.
 
@@ -123,6 +110,7 @@ class DdsLink:
         domain: number of the DDS domain.
         on_message: is called in a thread with topic, message and the publisher's number.
         on_leave: is called in a thread with the number of a publisher that is gone.
+        namespace: of the node; empty: none.
 
     Attributes:
         url: dds://HOST/DOMAIN.
@@ -138,10 +126,14 @@ class DdsLink:
         domain: int,
         on_message: Callable[[str, Any, object], object],
         on_leave: Callable[[object], object] = lambda publisher: None,
+        namespace: str = "",
     ) -> None:
-        load_cyclonedds()
-        from cyclonedds.core import DDSException, WaitSet
-        from cyclonedds.domain import Domain, DomainParticipant
+        try:
+            import rosbags  # noqa: F401
+            from cyclonedds.core import DDSException, WaitSet
+            from cyclonedds.domain import Domain, DomainParticipant
+        except ImportError:
+            raise InputError("topics over DDS need: pip install 'wheelchair_gym[dds]'") from None
 
         self.url, self.lost = f"dds://{host}/{domain}", ""
         try:
@@ -154,6 +146,7 @@ class DdsLink:
                 f"{host}: expected an IPv4 address of a network interface of this machine ({why})"
             ) from None
         self._on_message, self._on_leave = on_message, on_leave
+        self._namespace = f"/{namespace}"
         try:
             self._domain: Any = Domain(domain, _configuration(address))
             self._participant: Any = DomainParticipant(domain)
@@ -237,7 +230,7 @@ class DdsLink:
     def _announce(self) -> None:
         """Publish the node's name and its endpoints, by which `ros2 node list` knows it."""
         node = {
-            "node_namespace": "/",
+            "node_namespace": self._namespace,
             "node_name": _NODE,
             "reader_gid_seq": [_gid(one.reader) for one in self._readers],
             "writer_gid_seq": [_gid(writer) for _, writer in self._writers.values()],

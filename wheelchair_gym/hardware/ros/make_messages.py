@@ -7,47 +7,23 @@ zero or empty. Frames are those of REP-105: map -> odom -> base_link -> laser, u
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+import re
+from collections.abc import Callable, Iterable
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wheelchair_gym.arrays import Array
+from wheelchair_gym.errors import InputError, shorten
 from wheelchair_gym.geometry import map_to_odom
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.sensors.settings import LaserSettings, UltrasonicSettings
 
 Message = dict[str, Any]
 NANO: Final = 1_000_000_000
-
-
-class TopicType(NamedTuple):
-    """The type of a topic, and whether late subscribers get its last message (transient local)."""
-
-    type: str
-    latched: bool = False
-
-
-# Topics of the chair as a robot; further scanners are /scan_1, ..., ultrasonics /ultrasonic_0, ...
-TOPICS: Final[dict[str, TopicType]] = {
-    "/clock": TopicType("rosgraph_msgs/msg/Clock"),
-    "/tf": TopicType("tf2_msgs/msg/TFMessage"),
-    "/tf_static": TopicType("tf2_msgs/msg/TFMessage", latched=True),
-    "/map": TopicType("nav_msgs/msg/OccupancyGrid", latched=True),
-    "/scan": TopicType("sensor_msgs/msg/LaserScan"),
-    "/ultrasonic": TopicType("sensor_msgs/msg/Range"),
-    "/odom": TopicType("nav_msgs/msg/Odometry"),
-    "/imu": TopicType("sensor_msgs/msg/Imu"),
-    "/battery_state": TopicType("sensor_msgs/msg/BatteryState"),
-    "/goal_pose": TopicType("geometry_msgs/msg/PoseStamped", latched=True),
-    "/footprint": TopicType("geometry_msgs/msg/PolygonStamped", latched=True),
-}
-
-
-def topic_type(topic: str) -> TopicType:
-    """The type of a topic of `TOPICS`, or of one of its numbered kin."""
-    return TOPICS[topic] if topic in TOPICS else TOPICS[topic.rpartition("_")[0]]
+_UNMEASURED = 1e6  # variance of what is not measured, as drivers of planar robots have it
+INFO, WARNING = 20, 30  # levels of rcl_interfaces/Log
 
 
 def time(now: int) -> Message:
@@ -110,10 +86,15 @@ def transform(now: int, parent: str, child: str, where: Iterable[float]) -> Mess
     }
 
 
-def frames(now: int, where: Array, odometry: Array) -> Message:
-    """A tf2_msgs/TFMessage map -> odom -> base_link, from the estimate (3,) and the odometry's."""
-    fixed = transform(now, "map", "odom", map_to_odom(where, odometry))
-    return {"transforms": [fixed, transform(now, "odom", "base_link", odometry)]}
+def frames(now: int, where: Array | None, odometry: Array) -> Message:
+    """A tf2_msgs/TFMessage map -> odom -> base_link, from the estimate (3,) and the odometry's.
+
+    Without an estimate it lacks map -> odom.
+    """
+    edges = [transform(now, "odom", "base_link", odometry)]
+    if where is not None:
+        edges.insert(0, transform(now, "map", "odom", map_to_odom(where, odometry)))
+    return {"transforms": edges}
 
 
 def scanner_name(number: int, first: str) -> str:
@@ -177,24 +158,39 @@ def distances(
     return found
 
 
-def odometry(now: int, where: Array, speed: Array) -> Message:
-    """A nav_msgs/Odometry of the odometry's pose (3,) and the twist (2,)."""
+def _covariance(size: int, known: Array, *axes: int) -> list[float]:
+    """Return a covariance (size, size) as a list; unmeasured axes have a large variance."""
+    covariance = np.diag(np.full(size, _UNMEASURED))
+    covariance[np.ix_(axes, axes)] = known
+    return covariance.ravel().tolist()
+
+
+def odometry(
+    now: int, where: Array, speed: Array, spread: tuple[Array, Array] | None = None
+) -> Message:
+    """A nav_msgs/Odometry of the odometry's pose (3,) and the twist (2,).
+
+    `spread`: covariances (3, 3) and (2, 2) of both; None: zeros, which say that they are unknown.
+    """
+    of_pose = of_twist = [0.0] * 36
+    if spread is not None:
+        of_pose, of_twist = _covariance(6, spread[0], 0, 1, 5), _covariance(6, spread[1], 0, 5)
     return {
         "header": header(now, "odom"),
         "child_frame_id": "base_link",
-        "pose": {"pose": pose(where), "covariance": [0.0] * 36},
-        "twist": {"twist": twist(*speed.tolist()), "covariance": [0.0] * 36},
+        "pose": {"pose": pose(where), "covariance": of_pose},
+        "twist": {"twist": twist(*speed.tolist()), "covariance": of_twist},
     }
 
 
-def imu(now: int, turn: float) -> Message:
+def imu(now: int, turn: float, variance: float) -> Message:
     """A sensor_msgs/Imu that measures the turn rate [rad/s] alone: -1 says that the rest is not."""
     return {
         "header": header(now, "base_link"),
         "orientation": _quaternion(0.0),
         "orientation_covariance": [-1.0] + [0.0] * 8,
         "angular_velocity": _vector(0.0, 0.0, turn),
-        "angular_velocity_covariance": [0.0] * 9,
+        "angular_velocity_covariance": _covariance(3, np.array(variance), 2),
         "linear_acceleration": _vector(0.0, 0.0),
         "linear_acceleration_covariance": [-1.0] + [0.0] * 8,
     }
@@ -237,3 +233,77 @@ def footprint(now: int, corners: Array) -> Message:
     """A geometry_msgs/PolygonStamped of the chair's outline (4, 2), in its own frame."""
     points = [_vector(x, y) for x, y in corners.tolist()]
     return {"header": header(now, "base_link"), "polygon": {"points": points}}
+
+
+class Namespace:
+    """The prefix of a robot's topics, services and frames.
+
+    /tf, /tf_static, /clock and the frame map have none: several robots share them.
+
+    Args:
+        name: of the robot; empty: no prefix.
+
+    Raises:
+        InputError: it is no name for ROS.
+    """
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        if name and not re.fullmatch(r"[A-Za-z](_?[A-Za-z0-9])*", name):
+            raise InputError(
+                f"namespace {shorten(name)}: expected a name such as robot1: letters, digits and "
+                "single underscores, a letter first"
+            )
+
+    def of(self, topic: str) -> str:
+        """Return the name of a topic or a service in the namespace."""
+        shared = not self._name or topic in ("/tf", "/tf_static", "/clock")
+        return topic if shared else f"/{self._name}{topic}"
+
+    def within(self, message: Any) -> Any:
+        """Return a message, or a part of one, with its frames in the namespace."""
+        if not self._name or not isinstance(message, (dict, list)):
+            return message
+        if isinstance(message, list):
+            return [self.within(one) for one in message]
+        framed = {
+            key: f"{self._name}/{message[key]}"
+            for key in ("frame_id", "child_frame_id")
+            if message.get(key, "map") != "map"
+        }
+        return {key: self.within(value) for key, value in message.items()} | framed
+
+
+class Topic(NamedTuple):
+    """Type and maker of a topic's messages; `latched`: late subscribers get the last message."""
+
+    type: str
+    make: Callable[..., Message]  # of an instant [ns] and content
+    latched: bool = False
+
+    def messages(self, topic: str, now: int, *content: Any) -> dict[str, Message]:
+        """Make the messages of a topic, by their topics: one, or one for each ultrasonic."""
+        made = self.make(now, *content)
+        return made if self.make is distances else {topic: made}
+
+
+# Topics of the chair as a robot; further scanners are /scan_1, ..., ultrasonics /ultrasonic_0, ...
+TOPICS: Final[dict[str, Topic]] = {
+    "/clock": Topic("rosgraph_msgs/msg/Clock", clock),
+    "/tf": Topic("tf2_msgs/msg/TFMessage", frames),
+    "/tf_static": Topic("tf2_msgs/msg/TFMessage", mounts, latched=True),
+    "/map": Topic("nav_msgs/msg/OccupancyGrid", grid, latched=True),
+    "/scan": Topic("sensor_msgs/msg/LaserScan", scan),
+    "/ultrasonic": Topic("sensor_msgs/msg/Range", distances),
+    "/odom": Topic("nav_msgs/msg/Odometry", odometry),
+    "/imu": Topic("sensor_msgs/msg/Imu", imu),
+    "/battery_state": Topic("sensor_msgs/msg/BatteryState", battery),
+    "/goal_pose": Topic("geometry_msgs/msg/PoseStamped", pose_stamped, latched=True),
+    "/footprint": Topic("geometry_msgs/msg/PolygonStamped", footprint, latched=True),
+}
+
+
+def general(topic: str) -> str:
+    """Return the name in `TOPICS` of a topic, which may have a number."""
+    name, _, number = topic.rpartition("_")
+    return name if number.isdigit() else topic

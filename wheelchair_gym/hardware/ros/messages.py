@@ -22,7 +22,6 @@ _MAX_TILT = 0.3  # rad: maximum roll or pitch of a chair on a floor
 _MAX_STAMP = 1 << 32  # s: ROS uses 32 bits
 _MAX_BEAMS = 20_000
 _FREE, _OCCUPIED = 25, 65  # %: cells of a map up to it, and from it on: map_saver
-_NEAR = 1e-3  # rad: angles that are rounded to float32 are the same
 
 
 def stamp(header: Mapping[str, Any]) -> float:
@@ -49,18 +48,12 @@ def _finite(*values: Any) -> tuple[float, ...]:
     return numbers
 
 
-def _yaw(orientation: Mapping[str, Any]) -> float:
-    x, y, z, w = _finite(*(orientation[name] for name in "xyzw"))
-    if abs(math.sqrt(x * x + y * y + z * z + w * w) - 1.0) > 0.01:
-        raise ValueError("holds a quaternion whose norm is not 1")
-    if 1.0 - 2.0 * (x * x + y * y) < math.cos(_MAX_TILT):
-        raise ValueError("has the chair not upright; expected a rotation about z")
-    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-
-
-def _pose(position: Mapping[str, Any], orientation: Mapping[str, Any]) -> Array:
-    x, y = _finite(position["x"], position["y"])
-    return np.array([x, y, _yaw(orientation)])
+def _pose(message: Mapping[str, Any]) -> Array:
+    """Return the pose (3,) of an upright geometry_msgs/Pose."""
+    pose, upside_down = on_floor(_matrix(message["position"], message["orientation"]))
+    if upside_down:
+        raise ValueError("is upside down; expected a rotation about z")
+    return pose
 
 
 def scan(message: Mapping[str, Any], laser: LaserSettings, null: float) -> NDArray[np.float32]:
@@ -77,15 +70,14 @@ def scan(message: Mapping[str, Any], laser: LaserSettings, null: float) -> NDArr
 
     A scan of nulls alone is an error: no echo anywhere looks like a broken sensor.
     """
+    message = upright(message)
     ranges = np.array(message["ranges"], dtype=np.float64)  # None becomes NaN
-    if ranges.ndim != 1 or not 2 <= len(ranges) <= _MAX_BEAMS:
-        raise ValueError(f"has {ranges.size} ranges; expected 2 to {_MAX_BEAMS}")
     first, step = _finite(message["angle_min"], message["angle_increment"])
     nearest, farthest = float(message["range_min"]), float(message["range_max"])
-    if not (math.isfinite(nearest) and farthest > nearest) or step == 0.0:
+    if ranges.ndim != 1 or not (math.isfinite(nearest) and farthest > nearest):
         raise ValueError(
-            f"has ranges from {nearest:g} to {farthest:g} m, {step:g} rad apart; expected a "
-            "maximum above the minimum, and a step"
+            f"has ranges from {nearest:g} to {farthest:g} m; expected a list of numbers, and a "
+            "maximum above the minimum"
         )
     missing = np.array([value is None for value in message["ranges"]])
     if missing.all():
@@ -93,14 +85,7 @@ def scan(message: Mapping[str, Any], laser: LaserSettings, null: float) -> NDArr
     out = np.where(ranges > min(farthest, laser.reach), np.inf, ranges)
     out = np.where(ranges < nearest, -np.inf, out)
     out = np.where(ranges == 0.0, np.nan, out)  # drivers older than REP-117: an error
-    out = np.where(missing, null, out).astype(np.float32)
-    begin, fan = first + 0.5 * laser.fov, step * (laser.beams - 1)
-    same = len(out) == laser.beams and abs(fan - laser.fov) <= abs(step) + _NEAR
-    return (
-        out
-        if same and abs(begin) <= 0.5 * abs(step) + _NEAR
-        else _resampled(out, first, step, laser)
-    )
+    return _resampled(np.where(missing, null, out).astype(np.float32), first, step, laser)
 
 
 def _resampled(
@@ -108,10 +93,12 @@ def _resampled(
 ) -> NDArray[np.float32]:
     """Ranges (beams,) at a laser's beams, of ranges (n,) from a first angle on, a step apart."""
     angles = first + step * np.arange(len(ranges))
-    if step < 0.0:
-        ranges, angles, first, step = ranges[::-1], angles[::-1], float(angles[-1]), -step
-    ahead = np.mod(laser.angles - first + 0.5 * step, 2.0 * np.pi)  # of half a step before theirs
-    near = (ahead / step).astype(np.int64)
+    turn = 2.0 * np.pi / step  # steps of a whole turn
+    ahead = np.mod((laser.angles - first) / step + 0.5, turn)  # of half a step before theirs
+    near = ahead.astype(np.int64)
+    if len(ranges) == laser.beams:  # rounded angles: an end may lie up to a step off
+        near[near == laser.beams] -= 1
+        near[(near > laser.beams) & (ahead > turn - 1.0)] = 0
     if not (near < len(ranges)).all():
         raise ValueError(
             f"looks from {math.degrees(first):.1f} over "
@@ -129,9 +116,9 @@ def _resampled(
 
 def odometry(message: Mapping[str, Any]) -> tuple[Array, Array]:
     """Pose (3,) [m, m, rad] and twist (2,) [m/s, rad/s] of a nav_msgs/Odometry."""
-    placed, twist = message["pose"]["pose"], message["twist"]["twist"]
-    pose = _pose(placed["position"], placed["orientation"])
-    return pose, np.array(_finite(twist["linear"]["x"], twist["angular"]["z"]))
+    twist = message["twist"]["twist"]
+    speed = np.array(_finite(twist["linear"]["x"], twist["angular"]["z"]))
+    return _pose(message["pose"]["pose"]), speed
 
 
 def transforms(message: Mapping[str, Any]) -> list[tuple[str, str, Array]]:
@@ -145,8 +132,7 @@ def transforms(message: Mapping[str, Any]) -> list[tuple[str, str, Array]]:
     for edge in message["transforms"]:
         try:
             parent, child = str(edge["header"]["frame_id"]), str(edge["child_frame_id"])
-            moved, turned = edge["transform"]["translation"], edge["transform"]["rotation"]
-            matrix = _matrix(*(moved[axis] for axis in "xyz"), *(turned[axis] for axis in "xyzw"))
+            matrix = _matrix(edge["transform"]["translation"], edge["transform"]["rotation"])
         except (KeyError, TypeError) as error:
             broken = error
             continue
@@ -156,9 +142,10 @@ def transforms(message: Mapping[str, Any]) -> list[tuple[str, str, Array]]:
     return found
 
 
-def _matrix(x: Any, y: Any, z: Any, qx: Any, qy: Any, qz: Any, qw: Any) -> Array:
+def _matrix(place: Mapping[str, Any], turn: Mapping[str, Any]) -> Array:
     """Return the homogeneous matrix (4, 4) of a position and a quaternion; NaN where unusable."""
-    values, matrix = np.array([x, y, z, qx, qy, qz, qw], dtype=np.float64), np.eye(4)
+    numbers = [*(place[axis] for axis in "xyz"), *(turn[axis] for axis in "xyzw")]
+    values, matrix = np.array(numbers, dtype=np.float64), np.eye(4)
     if not np.isfinite(values).all() or abs(np.linalg.norm(values[3:]) - 1.0) > 0.01:
         return np.full((4, 4), np.nan)
     matrix[:3, :3], matrix[:3, 3] = Rotation.from_quat(values[3:]).as_matrix(), values[:3]
@@ -185,7 +172,7 @@ def on_floor(matrix: Array) -> tuple[Array, bool]:
         ValueError: the matrix is NaN, or neither upright nor upside down.
     """
     if not np.isfinite(matrix).all():
-        raise ValueError("has a transform that is not finite, or whose quaternion's norm is not 1")
+        raise ValueError("has a pose that is not finite, or whose quaternion's norm is not 1")
     up = float(matrix[2, 2])
     if abs(up) < math.cos(_MAX_TILT):
         tilt = math.degrees(math.acos(up))
@@ -194,12 +181,24 @@ def on_floor(matrix: Array) -> tuple[Array, bool]:
     return np.array([matrix[0, 3], matrix[1, 3], yaw]), up < 0.0
 
 
-def mirrored(message: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a scan of a laser that hangs upside down as an upright one would give it."""
-    first, step = _finite(message["angle_min"], message["angle_increment"])
-    ranges = message["ranges"]
-    last = first + step * (len(ranges) - 1)
-    return {**message, "angle_min": -last, "angle_max": -first, "ranges": ranges[::-1]}
+def upright(message: Mapping[str, Any], upside_down: bool = False) -> dict[str, Any]:
+    """Return a scan as an upright laser gives it, with its beams counter-clockwise.
+
+    Raises:
+        ValueError: the scan has too few or too many ranges, or no step between their angles.
+    """
+    found, ranges = dict(message), message["ranges"]
+    first, step = float(message["angle_min"]), float(message["angle_increment"])
+    if not 2 <= len(ranges) <= _MAX_BEAMS or step == 0.0 or not math.isfinite(step):
+        raise ValueError(
+            f"has {len(ranges)} ranges; expected 2 to {_MAX_BEAMS}, with a step ({step:g} rad)"
+        )
+    if upside_down:
+        first, step, found["angle_max"] = -first, -step, -message["angle_max"]
+    if step < 0.0:
+        found["angle_max"], found["ranges"] = first, ranges[::-1]
+        first, step = first + step * (len(ranges) - 1), -step
+    return found | {"angle_min": first, "angle_increment": step}
 
 
 def distance(message: Mapping[str, Any], null: float) -> float:
@@ -235,5 +234,5 @@ def grid(message: Mapping[str, Any]) -> OccupancyGrid:
     cells = np.full(values.shape, UNKNOWN, np.int8)
     cells[(values >= 0) & (values <= _FREE)] = FREE
     cells[values >= _OCCUPIED] = OCCUPIED
-    x, y, yaw = _pose(info["origin"]["position"], info["origin"]["orientation"]).tolist()
+    x, y, yaw = _pose(info["origin"]).tolist()
     return OccupancyGrid(cells.reshape(rows, cols), _finite(info["resolution"])[0], (x, y, yaw))

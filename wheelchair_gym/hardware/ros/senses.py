@@ -221,7 +221,7 @@ class RosSensors:
         wrong, upside_down = self._mount(topic, frame)
         if wrong:
             raise ValueError(f"is of frame {frame}: {wrong}")
-        return ros.mirrored(message) if upside_down else message
+        return ros.upright(message, True) if upside_down else message
 
     def _mount(self, topic: str, frame: str) -> tuple[str, bool]:
         """Return what is wrong with a laser's mount in tf, and whether it hangs upside down."""

@@ -255,18 +255,16 @@ class RosbridgeServer:
             return f"{shorten(topic)}: expected the name of a topic that begins with /"
         if operation == "subscribe":
             return self._subscribe(client, topic, content)
+        if operation in ("advertise", "publish") and topic not in self.listens:
+            return f"nothing listens to {topic}; expected {', '.join(self.listens)}"
+        if operation == "publish":
+            return self._on_message(topic, content.get("msg"), client)
         if operation == "unsubscribe":
             client.topics.pop(topic, None)
         elif operation == "advertise":
             kind = str(content.get("type", "")).replace("/msg/", "/")
-            if topic not in self.listens:
-                return f"nothing listens to {topic}; expected {', '.join(self.listens)}"
             if kind not in self.listens[topic]:
                 return f"{topic}: type {kind}; expected {' or '.join(self.listens[topic])}"
-        elif operation == "publish":
-            if topic not in self.listens:
-                return f"nothing listens to {topic}; expected {', '.join(self.listens)}"
-            return self._on_message(topic, content.get("msg"), client)
         elif operation == "call_service":
             self._call(client, content)
         elif operation not in ("unadvertise", "set_level"):
