@@ -25,7 +25,7 @@ from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
 
 pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
 
-AHEAD = np.array([0.4, 0.0])
+AHEAD, STILL = np.array([0.4, 0.0]), np.zeros(2)
 PERIOD = 0.1
 LEAST = 1.5  # m/s2
 
@@ -235,6 +235,31 @@ def test_a_laser_that_speaks_again_lets_it_go_on(hosted):
     said = [chair.drive(AHEAD).halted for _ in range(25)]
     assert said[-1] == ""
     assert speed(hosted) > 0.3
+
+
+@pytest.mark.parametrize("delay", [150, 300, 900])
+def test_a_laser_whose_scans_come_late_from_the_start_is_refused(hosted, delay):
+    """Its stamps alone do not show it; a request for its time does, as long as it takes."""
+    hosted.twin.laser.delay = delay
+    with pytest.raises(
+        InputError, match=r"the laser is (late: its data may be|silent \(does not stream yet\))"
+    ):
+        hosted.chair.reset(None, 0)
+    assert speed(hosted) < 2e-3
+
+
+@pytest.mark.parametrize("growth", [5, 20])
+def test_a_laser_that_becomes_late_stops_it(hosted, growth):
+    """By so many ms/s, in steps of 1 ms."""
+    chair, said = begun(hosted), ""
+    start = hosted.clock.now()
+    while not said and hosted.clock.now() < start + 60.0:
+        hosted.twin.laser.delay = round(growth * (hosted.clock.now() - start))
+        said = chair.drive(AHEAD if hosted.clock.now() < start + 2.0 else STILL).halted
+    assert said.startswith("the laser is late: its data may be 0.1")
+    assert hosted.twin.laser.delay < 120
+    hosted.twin.laser.delay = 0
+    assert [chair.drive(AHEAD).halted for _ in range(30)][-1] == ""
 
 
 def test_a_re_armed_chair_stands_until_it_is_reset(hosted):
