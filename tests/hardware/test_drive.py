@@ -511,16 +511,6 @@ def test_a_take_over_with_the_stick_off_its_centre_brakes_hard(bench, held):
     assert bench.ways[0] - way < 0.8**2 / (2 * 1.5) + 0.8 * 0.05
 
 
-def test_a_dead_man_let_go_drives_again_from_the_centre_only(bench):
-    by_joystick(bench)
-    by_hand(bench, 0.1, manual=True, ahead=1.0)
-    by_hand(bench, 2.0, manual=True, held=True, ahead=1.0)
-    assert max(map(abs, bench.speeds)) < 0.01
-    by_hand(bench, 0.1, manual=True, held=True)
-    by_hand(bench, 3.0, manual=True, held=True, ahead=1.0)
-    assert bench.speeds[0] == pytest.approx(0.4, abs=0.01)
-
-
 def test_a_hosts_rearm_does_not_hand_over_a_moving_chair(bench):
     by_joystick(bench)
     bench.run(0.2)  # the joystick is silent: on the way to rest

@@ -44,7 +44,6 @@ void drive_begin(drive_t *drive)
     drive->parameters = (parameters_t){bounds, &drive->p.track, COUNT, DRIVE_BOARD, false};
     use_defaults(&drive->parameters);
     drive->faults = RESET;
-    drive->must_zero = true;
 }
 
 void drive_restored(drive_t *drive)
@@ -99,7 +98,8 @@ static uint8_t rearm(drive_t *drive, uint16_t seen, bool zero, uint32_t now)
     drive->faults = 0;
     drive->slips = 0;
     drive->armed = true;
-    drive->must_zero = false; /* zero was asked for just now */
+    drive->joystick.free = false;
+    drive->host_free = true; /* zero was asked for just now */
     drive->valid_at = now;
     return DONE;
 }
@@ -220,45 +220,32 @@ typedef struct {
 static bool choose(drive_t *drive, uint32_t now, target_t *target)
 {
     const joystick_t *stick = &drive->joystick;
-    bool fresh = joystick_fresh(stick, now);
-    if (fresh && stick->manual != drive->manual) {
+    bool heard = joystick_fresh(stick, now), fresh = heard, free = heard && stick->free;
+    if (heard && stick->manual != drive->manual) {
         drive->manual = stick->manual;
-        drive->must_zero = true;
+        drive->host_free = false;
     }
     if (drive->manual) {
         /* A joystick that falls silent keeps the chair: the host never takes over by itself. */
-        float share = stick->held ? drive->p.manual : 0.0F;
-        float v = share * stick->ahead;
+        float v = drive->p.manual * stick->ahead;
         *target = (target_t){v * (v > 0.0F ? drive->p.forward : drive->p.backward),
-                             share * stick->aside * drive->p.turn, !stick->held};
-        bool centred = stick->ahead == 0.0F && stick->aside == 0.0F;
-        if (fresh && stick->held && !drive->was_held)
-            rearm(drive, UINT16_MAX, centred, now);
-        if (fresh) {
-            if (drive->was_held && !stick->held)
-                drive->must_zero = true; /* let go: back to the centre before it drives again */
+                             drive->p.manual * stick->aside * drive->p.turn, false};
+        if (heard && stick->held && !drive->was_held)
+            rearm(drive, UINT16_MAX, joystick_centred(stick), now);
+        if (heard)
             drive->was_held = stick->held;
-        }
-        if (centred)
-            drive->must_zero = false;
     } else {
         fresh = command_fresh(drive, now);
         *target = (target_t){(float)drive->command.v * 1e-4F, (float)drive->command.w * 1e-4F,
                              (drive->command.flags & PROTECTIVE) != 0};
         bool zero = drive->command.v == 0 && drive->command.w == 0;
-        if (drive->command.flags & ASSISTED) {
-            /* The person's hand goes before the host: what it lets go stops, whatever is asked. */
-            bool held = joystick_fresh(stick, now) && stick->held;
-            zero = held && stick->ahead == 0.0F && stick->aside == 0.0F;
-            if (!held)
-                drive->must_zero = true; /* let go: back to the centre before it drives again */
-            else if (zero)
-                *target = (target_t){0.0F, 0.0F, target->protective};
-        }
-        if (fresh && zero)
-            drive->must_zero = false;
+        drive->host_free = interlock(drive->host_free, true, fresh && zero);
+        if (!(drive->command.flags & ASSISTED))
+            free = drive->host_free;
+        else if (joystick_centred(stick)) /* the person's hand goes before the host */
+            *target = (target_t){0.0F, 0.0F, target->protective};
     }
-    if (drive->must_zero) /* somebody takes over from a moving chair, or has let go of it */
+    if (!free) /* somebody takes over from a moving chair, or has let go of it */
         *target = (target_t){0.0F, 0.0F, true};
     return fresh;
 }
@@ -448,7 +435,10 @@ answered_t drive_heed(drive_t *drive, const uint8_t *body, uint8_t size, uint32_
     const uint8_t kind = body[1], *payload = body + HEAD_SIZE;
     uint8_t length = (uint8_t)(size - HEAD_SIZE), status = UNKNOWN;
     if (kind == COMMAND && length == sizeof(command_t)) {
+        uint8_t flags = drive->command.flags;
         memcpy(&drive->command, payload, sizeof(command_t));
+        if ((flags ^ drive->command.flags) & ASSISTED) /* somebody else drives from here on */
+            drive->host_free = drive->joystick.free = false;
         drive->echo = body[2];
         drive->command_at = now;
         drive->commanded = true;
@@ -462,7 +452,7 @@ answered_t drive_heed(drive_t *drive, const uint8_t *body, uint8_t size, uint32_
         if (status == DONE && drive->manual && drive_at_rest(drive) &&
             !joystick_fresh(&drive->joystick, now)) {
             drive->manual = false; /* a person at the host takes over from a dead joystick */
-            drive->must_zero = !zero;
+            drive->host_free = zero;
         }
     }
     bool at_rest = drive->mode == STOPPED && drive_at_rest(drive);
@@ -509,7 +499,7 @@ joystick_told_t drive_tell_joystick(const drive_t *drive, uint32_t now)
         .forward = steps(stick->ahead, 1e4F),
         .left = steps(stick->aside, 1e4F),
         .flags = (uint8_t)((joystick_fresh(stick, now) ? FRESH : 0) | (stick->held ? HELD : 0) |
-                           (drive->must_zero ? MUST_CENTRE : 0)),
+                           (stick->free ? 0 : MUST_CENTRE)),
         .age = stick->heard && age < 255 ? (uint8_t)age : 255,
     };
 }

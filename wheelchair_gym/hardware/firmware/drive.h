@@ -42,8 +42,8 @@ typedef struct {
     uint8_t slips;    /* of closed brakes, since a person re-armed or for a minute */
     uint32_t slipped_at; /* ms, the last */
     uint8_t span;     /* runs of this span of the look-out for runaways */
-    bool must_zero;   /* whoever drives must ask for zero once before it is heeded */
-    bool was_held;
+    bool host_free;   /* by the interlock: the host may move the chair; its neutral is a zero */
+    bool was_held;    /* the joystick's switch, in the last run of a person who drives by it */
     uint32_t valid_at; /* ms, when someone last drove */
     uint32_t moved_at; /* ms, when the set point was last away from zero */
     uint32_t held_at;  /* ms, when it came to rest */
