@@ -112,7 +112,8 @@ def test_nothing_moves_before_the_centre_was_seen_with_the_switch_held(firmware,
             for free, fast in hold(
                 bench, model, rng.uniform(0.01, 0.5), heard, ahead, held, by_hand
             ):
-                moved, stood = moved + (free and fast), stood + (not free and ahead != 0.0 and held)
+                moved += free and fast
+                stood += not free and ahead != 0.0 and held
     assert min(moved, stood) > 2500, (moved, stood)
 
 

@@ -291,6 +291,45 @@ def test_at_rest_on_a_protective_stop_the_brakes_close_until_it_is_to_drive_agai
     assert sum(bench.speeds) / 2 == pytest.approx(0.3, abs=0.02)
 
 
+@pytest.mark.parametrize("seed", range(20))
+def test_runs_that_come_unevenly_measure_and_drive_the_same_speeds(bench, seed):
+    rng, late = np.random.default_rng(seed), [0]
+
+    def period():
+        late.append(int(rng.integers(-1, 2)))
+        return 5 + late[-1] - late[-2]
+
+    bench.periods = period
+    v, w = rng.uniform((-0.3, -0.5), (0.8, 0.5))
+    bench.start(v, w)
+    assert bench.odometry().v == pytest.approx(v, abs=1e-4)
+    for _ in range(50):
+        bench.run(0.02)
+        told = bench.odometry()
+        assert (told.speed_left, told.speed_right) == pytest.approx(bench.speeds, abs=0.03)
+    assert sum(bench.speeds) / 2 == pytest.approx(v, abs=0.01)
+    bench.target, way, braked = (0.0, 0.0, CommandFlag.PROTECTIVE), sum(bench.ways) / 2, bench.now
+    bench.run(0.8)
+    assert bench.odometry().faults == 0
+    assert abs(sum(bench.ways) / 2 - way) < v * v / (2 * 1.5) + 0.04
+
+
+@pytest.mark.parametrize(("late", "within"), [(16, 0.016), (9, 0.06), (7, 0.1), (6, 0.3)])
+def test_a_control_that_cannot_keep_up_is_a_fault_and_a_stop(bench, late, within):
+    """A single run that is 10 ms late, or many that are late by less."""
+    bench.start(0.5)
+    bench.periods = lambda: late
+    bench.run(within)
+    assert bench.odometry().faults == Fault.OVERRUN
+    bench.periods = lambda: 5
+    bench.run(0.5 / 1.5 + 0.15)
+    assert off(bench)
+    assert bench.speeds == [0.0, 0.0]
+    bench.target = (0.0, 0.0)
+    bench.run(0.1)
+    assert bench.rearm() == Status.DONE
+
+
 def stick(bench, duty):
     bench.stuck = [duty, duty]
 

@@ -101,6 +101,10 @@ STOPS: Final = (
         "IMPLAUSIBLE", "the motors' voltage and the measured speed do not match",
         "check the encoders and their counts per metre, then the motors",
     ),
+    _board(
+        "OVERRUN", "the board's processor did not keep up with its control",
+        "check the encoders' cables for noise; close programs that send to the board",
+    ),
     _board("not armed", "the board is not armed yet", "close the freewheel lever if it is open"),
     Stop(
         "board fault", "drive board", r"the drive board has stopped \(",

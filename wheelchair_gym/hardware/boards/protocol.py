@@ -57,6 +57,7 @@ class Fault(enum.IntFlag):
     RUNAWAY = 0x0400  # a wheel turns faster than its set point, or does not come to rest
     BRAKE = 0x0800  # the closed brakes have slipped repeatedly
     IMPLAUSIBLE = 0x1000  # motor voltage and measured speed do not fit together
+    OVERRUN = 0x2000  # the control came too late, once or repeatedly
 
 
 class Switch(enum.IntFlag):

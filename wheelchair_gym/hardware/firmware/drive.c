@@ -13,6 +13,10 @@
 #define BATTERY_SHARE 0.05F  /* of a reading a run: low-pass of 0.1 s */
 #define REST 0.03F           /* m/s at the rims: less is at rest; one count a run is 0.046 */
 #define CREEP_TURN 0.2F      /* rad/s, while a strip is pressed */
+#define OVERRUN_MOST 10000U  /* us that runs may be late, each or by and by; then OVERRUN */
+#define OVERRUN_EACH 5500U   /* us of a run that is not late: 10 % is forgiven */
+#define SHORTEST 1000U       /* us of a run */
+#define LONGEST 50000U       /* us; the watchdog timer ends longer ones */
 #define SAG 500U             /* ms below `under_voltage`: starting currents pass */
 #define LOOK 100U            /* ms over which impossible encoder steps are counted */
 #define ILLEGAL_MOST 20U     /* in that time: a few are noise */
@@ -104,7 +108,7 @@ static uint8_t rearm(drive_t *drive, uint16_t seen, bool zero, uint32_t now)
     return DONE;
 }
 
-static void measure(drive_t *drive, worked_t k, const inputs_t *in)
+static void measure(drive_t *drive, const worked_t *k, const inputs_t *in)
 {
     float turn = fabsf(drive->w.speed);
     for (uint8_t i = 0; i < 2; i++) {
@@ -123,14 +127,14 @@ static void measure(drive_t *drive, worked_t k, const inputs_t *in)
 }
 
 /* Latch that the chair does not come to rest, or does not stay there. */
-static void watch_rest(drive_t *drive, worked_t k, const inputs_t *in)
+static void watch_rest(drive_t *drive, const worked_t *k, const inputs_t *in)
 {
     bool late = in->now - drive->moved_at > RUNAWAY_AFTER, moves = false;
     for (uint8_t i = 0; i < 2 && drive->running; i++) {
         /* Who is pushed, or has coarse encoders, comes to rest later, but not far from here. */
         if (!drive->held && !late)
             drive->wheels[i].home = drive->wheels[i].counts;
-        else if (fabsf(way_from_home(&drive->wheels[i], k)) > HOLD_MOST + k.count)
+        else if (fabsf(way_from_home(&drive->wheels[i], k)) > HOLD_MOST + k->count)
             moves = true;
     }
     if (moves)
@@ -143,13 +147,16 @@ static void watch_rest(drive_t *drive, worked_t k, const inputs_t *in)
 
 void drive_look(drive_t *drive)
 {
-    const worked_t k = drive->k = work_out(&drive->p); /* here there is time for it */
+    work_out(&drive->k, &drive->p); /* here there is time for it */
+    drive->per_battery = 1.0F / fmaxf(drive->battery, LEAST_BATTERY);
+    const worked_t *k = &drive->k;
     drive->span = (uint8_t)(drive->span + 1U) % SPAN_RUNS;
     for (uint8_t i = 0; i < 2; i++) {
         wheel_t *wheel = &drive->wheels[i];
+        lengthen_span(wheel, k);
         if (drive->span != 2 * i) /* one wheel in a run: the runs take more equal times */
             continue;
-        float most = drive->p.runaway * SPAN_TIME + k.count;
+        float most = drive->p.runaway * SPAN_TIME + k->count;
         if (way_beyond(wheel, k, drive->running ? FOLLOW : BRAKED) > most)
             drive->faults |= RUNAWAY;
         /* Braking hard and holding ask for more than any load does in driving. */
@@ -163,9 +170,9 @@ void drive_look(drive_t *drive)
 }
 
 /* Closed brakes that slip: count it, and let the motors hold the chair where they may. */
-static void watch_brakes(drive_t *drive, worked_t k, const inputs_t *in)
+static void watch_brakes(drive_t *drive, const worked_t *k, const inputs_t *in)
 {
-    float bound = drive->p.slip + k.count;
+    float bound = drive->p.slip + k->count;
     if (!drive->shut || drive->faults & BRAKE ||
         (fabsf(way_from_home(&drive->wheels[0], k)) < bound &&
          fabsf(way_from_home(&drive->wheels[1], k)) < bound))
@@ -181,11 +188,13 @@ static void watch_brakes(drive_t *drive, worked_t k, const inputs_t *in)
 }
 
 /* Latch what is wrong. */
-static void watch(drive_t *drive, worked_t k, const inputs_t *in)
+static void watch(drive_t *drive, const worked_t *k, const inputs_t *in)
 {
-    float missing = drive->p.missing + k.count; /* whole counts are seen */
+    float missing = drive->p.missing + k->count; /* whole counts are seen */
     watch_rest(drive, k, in);
     watch_brakes(drive, k, in);
+    if (drive->late > OVERRUN_MOST)
+        drive->faults |= OVERRUN;
     if (in->switches & STOP_PRESSED)
         drive->faults |= EMERGENCY_STOP;
     if (in->switches & (DRIVER_LEFT | DRIVER_RIGHT) && drive->mode != STOPPED && !drive->parked)
@@ -295,7 +304,7 @@ static bool moves(const drive_t *drive)
 static void move_set_point(drive_t *drive, target_t target)
 {
     const drive_values_t *p = &drive->p;
-    const float per_track = drive->k.per_track;
+    const float per_track = drive->k.per_track, run = drive->k.run, per_run = drive->k.per_run;
     drive->wants = false;
     if (drive->mode == STOPPED) {
         drive->v = drive->w = (axis_t){0.0F, 0.0F};
@@ -305,7 +314,7 @@ static void move_set_point(drive_t *drive, target_t target)
         /* Along the same curve, which was found clear: both fall together. */
         float rate = target.protective && drive->mode != STOPPING ? p->protective : p->stop;
         float fastest = fmaxf(fabsf(drive->v.speed), fabsf(drive->w.speed) / per_track);
-        float kept = fastest > rate * RUN ? 1.0F - rate * RUN / fastest : 0.0F;
+        float kept = fastest > rate * run ? 1.0F - rate * run / fastest : 0.0F;
         drive->v = (axis_t){kept * drive->v.speed, 0.0F};
         drive->w = (axis_t){kept * drive->w.speed, 0.0F};
         return;
@@ -323,15 +332,15 @@ static void move_set_point(drive_t *drive, target_t target)
     }
     /* What a strip forbids ends at once; within bounds the limits of comfort hold. */
     if (drive->v.speed < low || drive->v.speed > high)
-        fall(&drive->v, clamp(drive->v.speed, low, high), p->stop, RUN);
+        fall(&drive->v, clamp(drive->v.speed, low, high), p->stop, run);
     else
         approach(&drive->v, clamp(target.v, low, high), p->acceleration, p->deceleration, p->jerk,
-                 RUN);
+                 run, per_run);
     if (fabsf(drive->w.speed) > turn)
-        fall(&drive->w, copysignf(turn, drive->w.speed), p->stop * per_track, RUN);
+        fall(&drive->w, copysignf(turn, drive->w.speed), p->stop * per_track, run);
     else
         approach(&drive->w, clamp(target.w, -turn, turn), p->turn_acceleration,
-                 p->turn_acceleration, p->turn_jerk, RUN);
+                 p->turn_acceleration, p->turn_jerk, run, per_run);
     /* Behind brakes that open the motors take the chair over first: a slope shows only now. */
     if (moves(drive) && drive->inputs.now - drive->open_at < TAKE_OVER) {
         drive->v = drive->w = (axis_t){0.0F, 0.0F};
@@ -341,7 +350,7 @@ static void move_set_point(drive_t *drive, target_t target)
 
 /* A chair whose set point is zero stays where it came to rest: the motors hold it, and after a
  * while, or in a protective stop at once, the brakes. */
-static void keep(drive_t *drive, target_t target, worked_t k, uint32_t now)
+static void keep(drive_t *drive, target_t target, const worked_t *k, uint32_t now)
 {
     bool still = !moves(drive) && !drive->wants;
     if (drive->mode != HOST && drive->mode != MANUAL)
@@ -381,9 +390,18 @@ void drive_step(drive_t *drive, const inputs_t *inputs, outputs_t *outputs)
 {
     target_t target;
     axis_t v = drive->v, w = drive->w;
-    if (!drive->begun)
-        drive->k = work_out(&drive->p);
-    const worked_t k = drive->k;
+    uint16_t passed = (uint16_t)(RUN * 1e6F);
+    if (drive->begun)
+        passed = inputs->passed < SHORTEST  ? SHORTEST
+                 : inputs->passed > LONGEST ? LONGEST
+                                            : inputs->passed;
+    else
+        work_out(&drive->k, &drive->p);
+    uint16_t behind = drive->late > OVERRUN_MOST ? OVERRUN_MOST : drive->late;
+    behind = (uint16_t)(behind + passed);
+    drive->late = behind > OVERRUN_EACH ? (uint16_t)(behind - OVERRUN_EACH) : 0;
+    time_run(&drive->k, (float)passed * 1e-6F);
+    const worked_t *k = &drive->k;
     measure(drive, k, inputs);
     watch(drive, k, inputs);
     bool asked = choose(drive, inputs->now, &target);
@@ -396,10 +414,10 @@ void drive_step(drive_t *drive, const inputs_t *inputs, outputs_t *outputs)
     drive->driving = running && !braking && !drive->held;
     float v_rate = drive->v.slope, w_rate = drive->w.slope;
     if (running && braking) { /* feeds its rate forward */
-        v_rate = (drive->v.speed - v.speed) * (1.0F / RUN);
-        w_rate = (drive->w.speed - w.speed) * (1.0F / RUN);
+        v_rate = (drive->v.speed - v.speed) * k->per_run;
+        w_rate = (drive->w.speed - w.speed) * k->per_run;
     }
-    float battery = fmaxf(drive->battery, LEAST_BATTERY), per_battery = 1.0F / battery;
+    float battery = fmaxf(drive->battery, LEAST_BATTERY), per_battery = drive->per_battery;
     for (uint8_t i = 0; i < 2; i++) {
         float half = (i ? 0.5F : -0.5F) * drive->p.track;
         drive->duty[i] = 0.0F;

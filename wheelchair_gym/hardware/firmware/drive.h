@@ -8,6 +8,7 @@
 
 typedef struct {
     uint32_t now;      /* ms since reset */
+    uint16_t passed;   /* us since the last step, as it was when the counts were read */
     int32_t counts[2]; /* left, right */
     uint8_t illegal;   /* encoder steps that cannot be, a running count */
     uint8_t switches;  /* SWITCHES */
@@ -49,6 +50,7 @@ typedef struct {
     uint32_t held_at;  /* ms, when it came to rest */
 
     worked_t k;        /* out of the parameters, as they were after the last run */
+    uint16_t late;     /* us that runs are behind */
 
     command_t command;
     uint8_t echo;      /* its sequence */
@@ -59,6 +61,7 @@ typedef struct {
     wheel_t wheels[2];
     float duty[2];
     float battery;     /* V, low-passed */
+    float per_battery; /* 1/V, after the last run */
     uint32_t low_at;   /* ms, when the battery was last well */
     uint8_t illegal;   /* at the last look */
     uint32_t look_at;
@@ -72,7 +75,8 @@ void drive_begin(drive_t *drive);
 /* EEPROM was read: `stored` of the parameters says whether they are its. */
 void drive_restored(drive_t *drive);
 
-/* One run of the control, every 5 ms. */
+/* One run of the control, every 5 ms; it is right for the time that has passed, and where runs come
+ * late, by more than OVERRUN_MOST in all, that is a fault. */
 void drive_step(drive_t *drive, const inputs_t *inputs, outputs_t *outputs);
 
 /* After each run, when motors and host have got what they wait for: whether a wheel turns faster than

@@ -53,7 +53,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
             MUST(told.size <= PAYLOAD_MAX);
         }
         if (i % 5 == 0) {
-            inputs_t inputs = {now, {data[i], -data[i]}, data[i], (uint8_t)(data[i] & data[0]),
+            uint16_t passed = data[i] & 1 ? 5000 : (uint16_t)(data[i] * data[0]);
+            inputs_t inputs = {now, passed, {data[i], -data[i]}, data[i], (uint8_t)(data[i] & data[0]),
                                36.0F};
             uint16_t latched = drive.faults;
             float before = fabsf(drive.v.speed);

@@ -166,7 +166,8 @@ typedef struct PACKED { JOYSTICK_LAYOUT(MEMBER) } joystick_told_t;
                                 a host has stored them */                              \
     N(RUNAWAY, 0x0400)       /* a wheel turns faster than its aim, or does not come to rest */ \
     N(BRAKE, 0x0800)         /* the closed brakes have slipped repeatedly */           \
-    N(IMPLAUSIBLE, 0x1000)   /* motor voltage and measured speed do not fit together */
+    N(IMPLAUSIBLE, 0x1000)   /* motor voltage and measured speed do not fit together */ \
+    N(OVERRUN, 0x2000)       /* the control came too late, once or repeatedly */
 
 #define SWITCHES(N)                                              \
     N(STOP_PRESSED, 0x01)    /* emergency stop */                \

@@ -177,11 +177,12 @@ static void tell(uint32_t now)
     board_send(RANGES, &told, sizeof told);
 }
 
+/* At most a frame of the host: the rangers go before the next one. */
 static void hear(void)
 {
     const uint8_t *body;
     uint8_t size, answer[PAYLOAD_MAX];
-    while ((size = board_receive(&body)) != 0) {
+    if ((size = board_receive(&body)) != 0) {
         bool save = false;
         answered_t answered = ranging_heed(&ranging, body, size, answer, &save);
         if (save && !board_save(&ranging.parameters))
