@@ -211,14 +211,37 @@ def test_what_still_stands_refuses_the_re_arm(bench, switch):
     assert bench.rearm() == Status.CAUSE_STANDS
 
 
-def test_the_freewheel_lever_takes_the_motors_off(bench):
-    bench.start(0.3)
-    bench.switches = Switch.FREEWHEEL
+@pytest.mark.parametrize("mode", ["driving", "by_joystick", "host_gone"])
+def test_the_lever_lifted_in_motion_leaves_the_motors_as_brakes(bench, mode):
+    globals()[mode](bench)
+    bench.switches, bench.grip = Switch.FREEWHEEL, 0.0
     bench.run(0.01)
+    assert (bench.duty, bench.enable, bench.release) == ((0.0, 0.0), True, False)
+    bench.run(0.8)
     assert off(bench)
-    bench.switches = 0
+    assert max(bench.speeds) < 0.03
+    assert bench.odometry().faults & ~Fault.LINK == Fault.LEVER
+    bench.switches, bench.target = 0, (0.5, 0.0)
     bench.run(1.0)
     assert off(bench)
+
+
+@pytest.mark.parametrize("stuck", [None, 0.8, -0.4])
+def test_motors_that_do_not_brake_are_switched_off_though_the_lever_is_lifted(bench, stuck):
+    """Pushed by hand, or a driver is stuck: duty 0 is of no use, and no runaway is told."""
+    bench.start(0.0, seconds=0.2)
+    bench.switches, bench.grip, bench.stuck = Switch.FREEWHEEL, 0.0, [stuck, stuck]
+    bench.run(0.1)
+    assert off(bench)
+    bench.speeds = [0.2, 0.2]
+    for _ in range(100):
+        bench.run(STEP)
+        if stuck is None:
+            bench.speeds = [min(1.0, speed + 0.03) for speed in bench.speeds]
+        assert bench.duty == (0.0, 0.0)
+    assert off(bench)
+    assert max(map(abs, bench.speeds)) < (1.1 if stuck is None else 0.6)
+    assert bench.odometry().faults == Fault.LEVER
 
 
 @pytest.mark.parametrize(
@@ -308,7 +331,7 @@ def test_runs_that_come_unevenly_measure_and_drive_the_same_speeds(bench, seed):
         told = bench.odometry()
         assert (told.speed_left, told.speed_right) == pytest.approx(bench.speeds, abs=0.03)
     assert sum(bench.speeds) / 2 == pytest.approx(v, abs=0.01)
-    bench.target, way, braked = (0.0, 0.0, CommandFlag.PROTECTIVE), sum(bench.ways) / 2, bench.now
+    bench.target, way = (0.0, 0.0, CommandFlag.PROTECTIVE), sum(bench.ways) / 2
     bench.run(0.8)
     assert bench.odometry().faults == 0
     assert abs(sum(bench.ways) / 2 - way) < v * v / (2 * 1.5) + 0.04

@@ -37,7 +37,12 @@ from wheelchair_gym.hardware.twin.lockstep import IBUS_BAUD
 from wheelchair_gym.hardware.twin.plant import Slope
 from wheelchair_gym.physics.actors.records import NOBODY, combine, person
 from wheelchair_gym.physics.chair import SimulatedChair
-from wheelchair_gym.physics.settings import MotorSettings, PhysicsSettings
+from wheelchair_gym.physics.settings import (
+    BodySettings,
+    ChairSettings,
+    MotorSettings,
+    PhysicsSettings,
+)
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
 
 WATCHDOG, BROWN_OUT, POWER = 0x08, 0x04, 0x01  # MCUSR
@@ -246,7 +251,7 @@ def test_gravity_and_brakes_are_those_of_the_slope(pilot, angle):
     pilot.run(2.0)
     assert np.abs(pilot.pose - start).max() < 1e-3
     assert pilot.now.left == pilot.now.right == 0
-    pilot.twin.faults.switches = Switch.FREEWHEEL
+    pilot.twin.faults.switches, pilot.twin.faults.push_switch = Switch.FREEWHEEL, True
     pilot.run(0.5)
     before = pilot.twin.motion.speed
     pilot.run(0.5)
@@ -254,6 +259,45 @@ def test_gravity_and_brakes_are_those_of_the_slope(pilot, angle):
     pull = 9.81 * math.sin(math.radians(angle))
     wheels = 135.0 / (135.0 + 2 * 0.15 / 0.165**2)
     assert rise == pytest.approx((pull - 0.25) * wheels, abs=0.12)
+
+
+@pytest.mark.parametrize(("angle", "way", "end"), [(3, 0.5, 0.07), (6, 0.9, 0.16), (8, 1.2, 0.22)])
+@pytest.mark.parametrize("state", ["board", "emergency stop", "hung"])
+def test_the_lever_lifted_in_motion_leaves_a_chair_that_is_braked(angle, way, end, state):
+    """180 kg at 0.5 m/s downhill: within 5 s, with the board at work, without power, or hung."""
+    build("drive.elf")
+    pilot = Pilot(chair=ChairSettings(body=BodySettings(mass=180.0))).start(0.5, 0.0, 2.0)
+    faults, start = pilot.twin.faults, pilot.pose
+    faults.slope, faults.switches = Slope(math.radians(angle)), Switch.FREEWHEEL
+    if state == "emergency stop":
+        faults.switches |= Switch.STOP_PRESSED
+    elif state == "hung":
+        pilot.twin.drive.hang()
+    fastest = 0.0
+    for _ in range(250):
+        fastest = max(fastest, pilot.run(PERIOD).twin.motion.speed)
+    assert fastest < 0.6
+    assert np.hypot(*(pilot.pose - start)[:2]) < way
+    assert pilot.twin.motion.speed < end
+    assert pilot.now.faults & (Fault.RESET if state == "hung" else Fault.LEVER)
+    assert not pilot.now.faults & Fault.RUNAWAY
+    pilot.twin.close()
+
+
+def test_an_attendant_pushes_it_with_the_push_switch_held_and_hardly_without(pilot):
+    pilot.start(0.0, 0.0, 0.1)
+    pilot.twin.faults.switches, pilot.target = Switch.STOP_PRESSED, None
+    pilot.run(0.1)
+    pilot.twin.faults.switches, pilot.twin.faults.push_force = Switch.FREEWHEEL, 250.0
+    pilot.run(3.0)
+    assert 0.15 < pilot.twin.motion.speed < 0.25  # shorted: 1,006 N s/m, and 34 N of rolling
+    pilot.twin.faults.push_switch, pilot.twin.faults.push_force = True, 60.0
+    pilot.run(3.0)
+    assert pilot.twin.motion.speed > 0.6
+    assert pilot.now.faults == Fault.EMERGENCY_STOP
+    pilot.twin.faults.push_switch, pilot.twin.faults.push_force = False, 0.0
+    pilot.run(0.5)
+    assert pilot.twin.motion.speed < 0.05
 
 
 def test_a_stuck_driver_is_cut_and_the_brakes_hold_it_on_8_degrees(pilot):

@@ -105,6 +105,10 @@ STOPS: Final = (
         "OVERRUN", "the board's processor did not keep up with its control",
         "check the encoders' cables for noise; close programs that send to the board",
     ),
+    _board(
+        "LEVER", "the freewheel lever was lifted while the chair was in operation",
+        "close the freewheel lever; to push the chair, hold its push switch",
+    ),
     _board("not armed", "the board is not armed yet", "close the freewheel lever if it is open"),
     Stop(
         "board fault", "drive board", r"the drive board has stopped \(",

@@ -58,6 +58,7 @@ class Fault(enum.IntFlag):
     BRAKE = 0x0800  # the closed brakes have slipped repeatedly
     IMPLAUSIBLE = 0x1000  # motor voltage and measured speed do not fit together
     OVERRUN = 0x2000  # the control came too late, once or repeatedly
+    LEVER = 0x4000  # the freewheel lever was lifted while the board had the chair
 
 
 class Switch(enum.IntFlag):

@@ -27,6 +27,7 @@
 #define TAKE_OVER 150U       /* ms for the motors to take a chair from its brakes */
 #define HOLD_MOST 0.05F      /* m from there, or from where it came to rest: it is not held */
 #define SLIPS_MOST 3         /* of closed brakes: they do not hold */
+#define PUSHED 0.35F         /* m/s: shorted motors let 180 kg roll down 8 degrees at 0.24 m/s */
 #define FORGET 60000U        /* ms after which an older slip is no sign any longer */
 
 /* What takes the drivers' power and closes the brakes at once: control itself may be what fails. */
@@ -48,6 +49,7 @@ void drive_begin(drive_t *drive)
     drive->parameters = (parameters_t){bounds, &drive->p.track, COUNT, DRIVE_BOARD, false};
     use_defaults(&drive->parameters);
     drive->faults = RESET;
+    drive->slowest = drive->p.over_speed;
 }
 
 void drive_restored(drive_t *drive)
@@ -216,6 +218,8 @@ static void watch(drive_t *drive, const worked_t *k, const inputs_t *in)
         drive->low_at = in->now;
     else if (in->now - drive->low_at > SAG)
         drive->faults |= UNDER_VOLTAGE;
+    if (in->switches & FREEWHEEL && (drive->armed || drive->mode != STOPPED))
+        drive->faults |= LEVER;
     if (drive->faults || in->switches & FREEWHEEL)
         drive->armed = false;
 }
@@ -386,6 +390,24 @@ static void keep(drive_t *drive, target_t target, const worked_t *k, uint32_t no
         drive->moved_at = now;
 }
 
+/* The lever is lifted: the motors alone can brake, their ends joined by drivers at duty 0. It goes on as
+ * long as the wheels turn and are no faster for it. */
+static bool brake_by_motors(drive_t *drive)
+{
+    if (!(drive->inputs.switches & FREEWHEEL)) {
+        drive->slowest = drive->p.over_speed;
+        drive->pushed = false;
+        return false;
+    }
+    float speed = fmaxf(fabsf(drive->wheels[0].speed), fabsf(drive->wheels[1].speed));
+    drive->slowest = fminf(drive->slowest, speed);
+    if (wheels_rest(drive))
+        drive->pushed = false;
+    else if (speed > drive->slowest + PUSHED)
+        drive->pushed = true;
+    return !drive->pushed && !wheels_rest(drive) && !(drive->faults & CUTTING);
+}
+
 void drive_step(drive_t *drive, const inputs_t *inputs, outputs_t *outputs)
 {
     target_t target;
@@ -435,7 +457,8 @@ void drive_step(drive_t *drive, const inputs_t *inputs, outputs_t *outputs)
     }
     if (!running) /* where it was held, what it needs is known */
         drive->open_at = inputs->now - (drive->parked && drive->learned ? TAKE_OVER : 0U);
-    drive->running = outputs->enable = running;
+    drive->running = running;
+    outputs->enable = brake_by_motors(drive) || running;
     /* Brakes that slip close all the same, and the motors hold against what they do not. */
     outputs->release = running && !(drive->faults & BRAKE && drive->held);
     if (outputs->release || inputs->switches & FREEWHEEL) {

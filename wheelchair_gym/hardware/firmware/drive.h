@@ -17,7 +17,7 @@ typedef struct {
 
 typedef struct {
     float duty[2]; /* -1 to 1 of the battery's voltage */
-    bool enable;   /* of both drivers; off, the motors turn freely */
+    bool enable;   /* of both drivers and of the relay that connects them; off, it shorts the motors */
     bool release;  /* the spring brakes are held off */
 } outputs_t;
 
@@ -60,6 +60,8 @@ typedef struct {
     axis_t v, w;       /* set point */
     wheel_t wheels[2];
     float duty[2];
+    float slowest;     /* m/s of the faster wheel, at the least since the lever was lifted */
+    bool pushed;       /* faster than that by far: by hand, or by a driver that does not brake */
     float battery;     /* V, low-passed */
     float per_battery; /* 1/V, after the last run */
     uint32_t low_at;   /* ms, when the battery was last well */

@@ -66,7 +66,9 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
             MUST(fabsf(outputs.duty[0]) <= 1.0F && fabsf(outputs.duty[1]) <= 1.0F);
             MUST(drive.v.speed <= drive.p.forward * 1.1F + 0.1F);
             MUST(drive.v.speed >= -drive.p.backward * 1.1F - 0.1F);
-            MUST(!outputs.enable || drive.armed || drive.mode == STOPPING);
+            bool braking = inputs.switches & FREEWHEEL && !outputs.release;
+            braking = braking && outputs.duty[0] == 0.0F && outputs.duty[1] == 0.0F;
+            MUST(!outputs.enable || drive.armed || drive.mode == STOPPING || braking);
             MUST(drive.armed || !(drive.mode == HOST || drive.mode == MANUAL));
             if (drive.mode == MANUAL || (drive.mode == HOST && drive.command.flags & ASSISTED))
                 MUST(drive.joystick.free || fabsf(drive.v.speed) <= before);

@@ -34,6 +34,7 @@ COMMANDS = {  # name: its arguments
     "brakes": "SHARE of their torque that is left",
     "slope": "DEGREES (0 to 20), and the DIRECTION in degrees in which the floor falls",
     "push": "NEWTONS (-1000 to 1000) along its heading",
+    "push-switch": "held | free",
     "reset-on-open": "drive | range: opening its port resets the board",
     "battery": "VOLTS",
     "sonar": "0 to 7, silent | METRES",
@@ -90,6 +91,8 @@ def _inject(served: ServedTwin, words: list[str]) -> None:
             faults.slope = Slope(angle, math.radians(downhill))
         case ["push", newtons]:
             faults.push_force = _number(newtons, -1000.0, 1000.0)
+        case ["push-switch", ("held" | "free") as state]:
+            faults.push_switch = state == "held"
         case ["reset-on-open", board]:
             terminals[board].wire.resets_on_open = True
         case ["battery", volts]:
