@@ -83,6 +83,7 @@ def test_nothing_moves_before_a_person_has_re_armed(bench):
     bench.target = (0.0, 0.0)
     bench.run(0.1)
     assert bench.send(Rearm(Fault.STALL))[0].status == Status.OTHER_FAULTS
+    assert bench.odometry().faults == Fault.RESET
     assert bench.rearm() == Status.DONE
     bench.run(0.5)
     assert bench.odometry().mode == Mode.HOST

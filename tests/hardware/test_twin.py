@@ -235,6 +235,17 @@ def test_a_sensor_that_does_not_answer_is_said_so(pilot):
     )
 
 
+@pytest.mark.parametrize("clocks", [1, 9, 14])
+def test_a_ranger_that_holds_the_bus_is_clocked_free(pilot, clocks):
+    pilot.run(0.6)
+    pilot.twin.range.hold_bus(clocks)
+    pilot.run(0.2)
+    assert RangeStatus.SILENT in {told.status for told in pilot.ranges.ranges}
+    pilot.run(1.0)
+    assert RangeStatus.SILENT not in {told.status for told in pilot.ranges.ranges}
+    assert pilot.twin.range.resets == 0
+
+
 def test_a_hung_range_board_is_reset(pilot):
     pilot.run(0.3)
     pilot.twin.range.hang()

@@ -101,7 +101,7 @@ static uint8_t rearm(drive_t *drive, uint16_t seen, bool zero, uint32_t now)
         return CAUSE_STANDS;
     if (!zero)
         return NOT_AT_ZERO;
-    drive->faults = 0;
+    drive->faults &= (uint16_t)~seen; /* none is left: others were refused above */
     drive->slips = 0;
     drive->armed = true;
     drive->joystick.free = false;
