@@ -140,8 +140,7 @@ class Joystick:
             return None
         if not self._free:
             return np.zeros(2)
-        forward = -self._stick(self.settings.forward_axis)
-        turn = -self._stick(self.settings.turn_axis)
+        forward, turn = self._deflection
         v = forward * (limits.forward if forward > 0.0 else limits.backward)
         return self.settings.speed_fraction * np.array([v, turn * limits.turn])
 
@@ -150,12 +149,10 @@ class Joystick:
 
         `__call__` reads the device.
         """
-        axes = self.settings.forward_axis, self.settings.turn_axis
-        forward, left = (-self._stick(axis) for axis in axes)
         why = "" if self._assisted else NOT_HELD
         if self.error:
             why = f"{NO_STICK} ({self.error})"
-        return Stick(forward, left, False), BY_HAND if self.in_control else why
+        return Stick(*self._deflection, False), BY_HAND if self.in_control else why
 
     def close(self) -> None:
         """Close the device; who has control does not change."""
@@ -191,7 +188,7 @@ class Joystick:
             self._release()  # events were missed: the button must be pressed again
             self._begin(device)
         elif event.type == EV_SYN:  # both axes are known only here
-            self._free = interlock(self._free, self._held, self._centred)
+            self._free = interlock(self._free, self._held, not any(self._deflection))
         elif event.type == EV_ABS:
             self._values[event.code] = event.value
         elif event.type == EV_KEY and event.code == settings.dead_man_button:
@@ -203,17 +200,17 @@ class Joystick:
                 self._assisted = pressed
         elif pressed and event.code == settings.release_button:
             self.in_control &= self._held
-        elif pressed and event.code == settings.rearm_button and self._centred:
+        elif pressed and event.code == settings.rearm_button and not any(self._deflection):
             self._free = False
             self._rearm()
 
     @property
-    def _centred(self) -> bool:
-        axes = self.settings.forward_axis, self.settings.turn_axis
-        return all(self._stick(axis) == 0.0 for axis in axes)
+    def _deflection(self) -> tuple[float, float]:
+        """Of the stick, forward and to the left, -1 to 1."""
+        return -self._axis(self.settings.forward_axis), -self._axis(self.settings.turn_axis)
 
-    def _stick(self, axis: int) -> float:
-        """The deflection of a stick, -1 to 1; 0 while the device is closed."""
+    def _axis(self, axis: int) -> float:
+        """The deflection of an axis, -1 to 1; 0 while the device is closed."""
         info = self._axes.get(axis)
         if info is None or info.max <= info.min:
             return 0.0

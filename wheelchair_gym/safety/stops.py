@@ -101,10 +101,7 @@ STOPS: Final = (
         "IMPLAUSIBLE", "the motors' voltage and the measured speed do not match",
         "check the encoders and their counts per metre, then the motors",
     ),
-    _board(
-        "OVERRUN", "the board's processor did not keep up with its control",
-        "check the encoders' cables for noise; close programs that send to the board",
-    ),
+    _board("OVERRUN", "the board's control came too late", "check the encoders' cables for noise"),
     _board(
         "LEVER", "the freewheel lever was lifted while the chair was in operation",
         "close the freewheel lever; to push the chair, hold its push switch",

@@ -183,15 +183,8 @@ class Identify(NamedTuple):
 @_layout(
     0x81,
     "IiihhhhhhHBHBBBHB",
-    stamp=1e-3,
-    speed_left=1e-4,
-    speed_right=1e-4,
-    v=1e-4,
-    w=1e-4,
-    duty_left=1e-4,
-    duty_right=1e-4,
-    battery=1e-3,
-    age=1e-3,
+    **dict.fromkeys(("stamp", "battery", "age"), 1e-3),
+    **dict.fromkeys(("speed_left", "speed_right", "v", "w", "duty_left", "duty_right"), 1e-4),
 )
 class Odometry(NamedTuple):
     """Drive board to host, 50 Hz."""
