@@ -183,23 +183,16 @@ def test_reset_says_what_it_waits_for_and_why_a_re_arm_is_refused(hosted):
     assert hosted.clock.now() > begun + 3.0
 
 
+# What breaks, why it stops, and within how many seconds it is slower by 0.02 m/s
 FAULTS = {
-    "drive board's cable": (lambda h: setattr(h.drive, "plugged", False), "drive board is silent"),
-    "range board's cable": (lambda h: setattr(h.range, "plugged", False), "range board is silent"),
-    "laser's cable": (lambda h: setattr(h.twin.laser, "plugged", False), "unplugged"),
-    "laser is silent": (lambda h: setattr(h.twin.laser, "silent", True), "laser is silent"),
+    "drive's cable": (lambda h: setattr(h.drive, "plugged", False), "drive board is silent", 0.25),
+    "range's cable": (lambda h: setattr(h.range, "plugged", False), "range board is silent", 1.2),
+    "laser's cable": (lambda h: setattr(h.twin.laser, "plugged", False), "unplugged", 0.35),
+    "laser is silent": (lambda h: setattr(h.twin.laser, "silent", True), "laser is silent", 0.35),
     "emergency stop": (
-        lambda h: setattr(h.twin.faults, "switches", Switch.STOP_PRESSED), "EMERGENCY_STOP",
+        lambda h: setattr(h.twin.faults, "switches", Switch.STOP_PRESSED), "EMERGENCY_STOP", 0.05
     ),
-    "encoder lost": (lambda h: h.twin.faults.disconnected_encoders.__setitem__(0, True), "STALL"),
-    "drive board hangs": (lambda h: h.twin.drive.hang(), "RESET"),
-    "battery": (lambda h: setattr(h.twin.faults, "battery", 28.0), "UNDER_VOLTAGE"),
-}  # fmt: skip
-# s until it is slower by 0.02 m/s, at most: stale limit, a period, what follows
-BOUNDS = {
-    "drive board's cable": 0.25, "range board's cable": 1.2, "laser's cable": 0.35,
-    "laser is silent": 0.35, "encoder lost": 0.15, "emergency stop": 0.05,
-    "drive board hangs": 0.15, "battery": 1.0,
+    "drive board hangs": (lambda h: h.twin.drive.hang(), "RESET", 0.15),
 }  # fmt: skip
 
 
@@ -207,7 +200,7 @@ BOUNDS = {
 def test_whatever_breaks_it_stops_and_says_why(hosted, fault):
     """While the policy goes on asking; a latched stop lasts until a person and a reset end it."""
     chair = begun(hosted)
-    strike, why = FAULTS[fault]
+    strike, why, bound = FAULTS[fault]
     strike(hosted)
     start, slow, said = hosted.clock.now(), None, []
     for _ in range(20):
@@ -215,10 +208,10 @@ def test_whatever_breaks_it_stops_and_says_why(hosted, fault):
         if slow is None and speed(hosted) < 0.38:
             slow = hosted.clock.now() - start
     assert speed(hosted) < 2e-3
-    assert slow <= BOUNDS[fault] + PERIOD
+    assert slow <= bound + PERIOD
     assert any(why in one for one in said)
     assert said[-1]
-    assert chair.truth.distance < 0.4 * 1.5 + 0.4 * (BOUNDS[fault] + 0.5)
+    assert chair.truth.distance < 0.4 * 1.5 + 0.4 * (bound + 0.5)
 
 
 def test_a_laser_that_speaks_again_lets_it_go_on(hosted):
