@@ -36,6 +36,7 @@ _NEIGHBOURS = 8  # maximum number of points on each side that span it
 _FLAT = 0.04  # m: maximum distance of its middle from the chord
 _SCALE = 0.05  # m: offset with half of the weight
 _CAPTURE = 0.5  # m: larger offsets are not of the same surface
+_FACING = 0.15  # cosine of the angle of incidence: from behind or edge-on, others are hit
 _ITERATIONS = 2  # of the fit, for each scan
 _PRIOR, _PRIOR_TURN = 2.0, 8.0  # weight of a zero motion, in points and in points times m2
 _MATCHED = 60  # minimum number of points in a fit that counts: a third
@@ -102,7 +103,10 @@ def _look(scan: Floats, b: int, far: float) -> int:
 
 @borrowing_kernel
 def _find_normals(key: Any) -> None:
-    """Store the unit normal of each key point on a flat surface; (0, 0) where there is none."""
+    """Store the unit normal of each key point on a flat surface; (0, 0) where there is none.
+
+    Points are ordered counter-clockwise around the scanner, so that normals face it.
+    """
     for k in range(KEY_POINTS):
         key.normal_x[k] = key.normal_y[k] = _F(0.0)
         for j in range(1, _NEIGHBOURS + 1):
@@ -170,6 +174,8 @@ def _fit(key: Any, one: LaserArrays, at: Frame, scan: Floats, offset: Array, fit
             continue
         ax, ay = key.x[k] - at.x, key.y[k] - at.y
         ex, ey = point_to_world(c, s, dx, dy, ax, ay)
+        if -(nx * ex + ny * ey) < _FACING * math.sqrt(ex * ex + ey * ey):
+            continue
         ahead, left = world_to_body(at.c, at.s, ex, ey)
         b = math.floor((atan2_f32(_F(left), _F(ahead)) - one.first) * one.per_angle + 0.5)
         if b < 0 or b >= beams or not scan[b] < _INF:
