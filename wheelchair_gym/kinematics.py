@@ -200,9 +200,7 @@ def arc_step(
     return x + chord * math.cos(yaw + half), y + chord * math.sin(yaw + half), yaw + w * t
 
 
-STOP_RAMP_FACTOR = (
-    1.47  # times the protective rate falls the set point, as on the drive board: 2.2 m/s2
-)
+STOP_RAMP_FACTOR = 1.47  # times the protective rate falls the set point, as on the drive board
 _NARROWEST = 0.1  # m, of tracks
 
 

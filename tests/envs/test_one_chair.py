@@ -21,7 +21,7 @@ def seen_by_others(env):
     task, chair = env.task, env.chair
     return (
         env.reading._asdict(), task.verdict._asdict(), chair.truth._asdict(), task.observation,
-        task.action, task.shield_intervention, np.array(chair.sensed), np.array(task.terms),
+        task.action, task.shield_intervention, np.copy(chair.sensed), np.copy(task.judged["terms"]),
     )  # fmt: skip
 
 

@@ -14,7 +14,7 @@ from tests.envs.test_vector import NEXT, SAME, compare
 from wheelchair_gym.config import InputError, dump, read
 from wheelchair_gym.envs import EnvSettings, NavigationEnv
 from wheelchair_gym.envs.settings import env_settings
-from wheelchair_gym.hardware.settings import check_boards, check_one_laser
+from wheelchair_gym.hardware.settings import check_boards
 from wheelchair_gym.rendering.picture import TopView
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings, UltrasonicSettings
 
@@ -111,13 +111,13 @@ def test_real_chairs_refuse_other_sensors_in_one_line():
     own_sensors = read(EnvSettings, FILE).sensors
     few = dataclasses.replace(own_sensors, more_lasers=())
     none = SensorSettings(laser=LaserSettings(beams=0))
-    for check, sensors, why in (
-        (check_one_laser, own_sensors, "name 3 laser scanners; a real chair has one"),
-        (check_one_laser, none, "name 0 laser scanners"),
-        (check_boards, few, "mounted has 4 rangers; the range board has 8"),
+    for sensors, why in (
+        (own_sensors, "name 3 laser scanners; a real chair has one"),
+        (none, "name 0 laser scanners"),
+        (few, "mounted has 4 rangers; the range board has 8"),
     ):
         with pytest.raises(InputError, match=why) as caught:
-            check(sensors)
+            check_boards(sensors)
         assert "\n" not in str(caught.value)
     check_boards(SensorSettings())
 

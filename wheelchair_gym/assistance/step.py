@@ -22,12 +22,7 @@ from wheelchair_gym.assistance.freedom import (
 )
 from wheelchair_gym.assistance.shared_dwa import SharedDwa, shared_dwa
 from wheelchair_gym.assistance.slide import Slide, slide
-from wheelchair_gym.assistance.state import (
-    ASSISTANT,
-    assistant_at,
-    constants_of,
-    constants_record,
-)
+from wheelchair_gym.assistance.state import ASSISTANT, assistant_at, constants_of, constants_record
 from wheelchair_gym.assistance.surround import look
 from wheelchair_gym.assistance.teleop import Teleop, teleop
 from wheelchair_gym.assistance.vfh import Vfh, vfh

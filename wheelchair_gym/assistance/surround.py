@@ -87,10 +87,7 @@ def look(p: Any, a: Any, scan: Floats, twist: Array, stamp: float) -> None:
     a.n_seen = n
     for i in range(SECTORS):
         if kept[i, 3] < math.inf:
-            a.points[n, 0], a.points[n, 1], a.until[n - a.n_seen] = (
-                kept[i, 0],
-                kept[i, 1],
-                kept[i, 2],
-            )
+            a.points[n, 0], a.points[n, 1] = kept[i, 0], kept[i, 1]
+            a.until[n - a.n_seen] = kept[i, 2]
             n += 1
     a.n_points = n

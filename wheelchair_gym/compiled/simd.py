@@ -27,10 +27,8 @@ def _rasterize_block(
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         number = ir.IntType(32)
-        floats, numbers = (
-            ir.VectorType(ir.FloatType(), SIMD_WIDTH),
-            ir.VectorType(number, SIMD_WIDTH),
-        )
+        floats = ir.VectorType(ir.FloatType(), SIMD_WIDTH)
+        numbers = ir.VectorType(number, SIMD_WIDTH)
 
         def place(k: int) -> Any:
             array = context.make_array(signature.args[k])(context, builder, args[k])

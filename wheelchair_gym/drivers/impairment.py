@@ -8,14 +8,14 @@ is not shown, so that nobody can see it.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.address import Pointers
-from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
+from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.drivers.intention import NOTICED
 from wheelchair_gym.drivers.interfaces import begin_signal, give_signal
 from wheelchair_gym.drivers.settings import Driver, Perception, Scanning
@@ -46,13 +46,6 @@ IMPAIRMENTS: Final = (
 SIGHTS: Final = ("hemianopia", "hemineglect")
 COMMANDS: Final = ("stop", "forward", "left", "right", "back")  # in the order of a scan
 _NONE = -1  # a signal that nothing stands for: a scan goes on, and a drive stops
-
-
-@borrowing_kernel
-def begin_live(drivers: Any, key: np.uint64) -> None:
-    """Let the hand of the only row rest; drivers: (1,) of DRIVERS."""
-    _, d = driver_row(drivers, 0)
-    begin_signal(d, key)
 
 
 @borrowing_kernel
@@ -98,7 +91,7 @@ class LiveInput:
     def begin(self, key: int) -> None:
         """Let the hand rest; key: seeds tremor, spasms and errors."""
         self._pressed = False
-        begin_live(self._pointers.record, np.uint64(key))
+        begin_signal(self._state[0], np.uint64(key))
 
     def press(self) -> None:
         """Press the switch of a scanning interface: stop, or take the command that is lit."""
@@ -146,12 +139,6 @@ class LiveInput:
         return _NONE
 
 
-@kernel
-def _draw_unnoticed(key: np.uint64, second: int, noticed: float, out: NDArray[np.bool_]) -> None:
-    for sector in range(len(out)):
-        out[sector] = uniform(key, second, CHANNEL, NOTICED + sector) >= noticed
-
-
 class LiveSight:
     """What a living person must not be shown, so that they see what a simulated person sees.
 
@@ -163,7 +150,8 @@ class LiveSight:
 
     def __init__(self, perception: Perception, key: int) -> None:
         self.perception, self._key = perception, np.uint64(key)
-        self._second, self._unnoticed = -1, np.zeros(SECTORS, np.bool_)
+        self._second = -1
+        self._unnoticed: list[int] = []
 
     def unnoticed(self, clock: float) -> list[int]:
         """The sectors of the scan, of SECTORS, that go unnoticed on the neglected side.
@@ -175,9 +163,10 @@ class LiveSight:
             return []
         if int(clock) != self._second:
             self._second = int(clock)
-            _draw_unnoticed(self._key, self._second, self.perception.noticed, self._unnoticed)
-        found: list[int] = np.flatnonzero(self._unnoticed).tolist()
-        return found
+            draw = partial(uniform, self._key, self._second, CHANNEL)
+            noticed = self.perception.noticed
+            self._unnoticed = [k for k in range(SECTORS) if draw(NOTICED + k) >= noticed]
+        return self._unnoticed
 
 
 def scanning(scan_period: float = 1.25) -> Driver:

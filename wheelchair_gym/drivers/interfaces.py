@@ -108,15 +108,6 @@ def _move_hand(
 
 
 @borrowing_kernel
-def _sample_stick(p: Any, d: Any) -> None:
-    """What the stick's electronics give: steps, the dead zone, and the gain."""
-    device = p.interface
-    x = math.floor(d.filtered[0] * device.levels + 0.5) / device.levels
-    y = math.floor(d.filtered[1] * device.levels + 0.5) / device.levels
-    d.stick[0], d.stick[1] = beyond_dead_zone(x, y, device.dead_zone, device.gain)
-
-
-@borrowing_kernel
 def _step_switches(p: Any, d: Any) -> None:
     """Another signal comes about after a delay, and now and then it is another one still."""
     if d.switch_to < 0:
@@ -207,7 +198,11 @@ def give_signal(p: Any, d: Any, yaw: float, near_goal: bool) -> None:
         if p.kind == STICK:
             _move_hand(p, d, tick, near_goal, rates)
             if d.tick % p.sample_every == 0:
-                _sample_stick(p, d)
+                levels = p.interface.levels
+                x = math.floor(d.filtered[0] * levels + 0.5) / levels
+                y = math.floor(d.filtered[1] * levels + 0.5) / levels
+                dead_zone, gain = p.interface.dead_zone, p.interface.gain
+                d.stick[0], d.stick[1] = beyond_dead_zone(x, y, dead_zone, gain)
         elif p.kind == SWITCHES:
             _step_switches(p, d)
         elif p.kind == SCANNING:

@@ -68,20 +68,6 @@ def step_driver(
     return d.stick[0], d.stick[1], d.latched
 
 
-@borrowing_kernel
-def step_first_driver(
-    drivers: Any, prepared_rows: Any, pose: Array, twist: Array, scan: Floats
-) -> tuple[float, float, bool]:
-    """`step_driver` of the only row, with prepared_rows (1,)."""
-    return step_driver(0, drivers, prepared_rows[0], pose, twist, scan)
-
-
-@borrowing_kernel
-def begin_first_driver(drivers: Any, key: np.uint64) -> None:
-    """`begin_driver` of the only row."""
-    begin_driver(0, drivers, key)
-
-
 class Drivers:
     """The people who drive n chairs, one of them in each episode; of nobody, no rows.
 
@@ -118,8 +104,9 @@ class Drivers:
     def begin(self, key: int) -> None:
         """Let one of the people drive the only row in an episode with a key, and rest at first."""
         if len(self.states):
-            begin_first_driver(self.pointers.record, np.uint64(key))
+            begin_driver(0, self.pointers.record, np.uint64(key))
 
     def step(self, prepared: PreparedEpisode, pose: Array, twist: Array, scan: Floats) -> Stick:
         """What the interface of the only row's person gives next; see `step_driver`."""
-        return Stick(*step_first_driver(self.pointers.record, prepared.record, pose, twist, scan))
+        row = prepared.record[0]
+        return Stick(*step_driver(0, self.pointers.record, row, pose, twist, scan))

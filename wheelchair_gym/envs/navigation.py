@@ -248,7 +248,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             self._prepared = self.worlds.episode(self._seed, self._count)
             self.worlds.drop_before(self._count)
         elif self._prepared is None or given is not self._prepared.episode:
-            self._prepared = self.worlds.prepare(given)
+            self._prepared = self.task.prepare(given)
         self.episode = self._prepared.episode
         told = self._seed, self._count, self.split
         self.episode_info, key = dict(zip(EPISODE_KEYS, told, strict=True)), episode_key(*told)
@@ -313,7 +313,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             self.render()
         if self._reward is not None:
             simulated: Any = unwrapped(self.chair)
-            records = as_record(task.terms), as_record(simulated.sensed)
+            records = as_record(task.judged["terms"]), as_record(simulated.sensed)
             reward = checked(self._reward(*records, np.array(given)))
         return observation, reward, terminated, truncated, info
 

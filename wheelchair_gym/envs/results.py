@@ -10,7 +10,7 @@ import mmap
 from collections import deque
 from collections.abc import Callable, Iterator
 from sys import getrefcount
-from typing import Any, Generic, NamedTuple, Protocol, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -118,15 +118,7 @@ class Results:
         return info
 
 
-class Lendable(Protocol):
-    """What a pool lends."""
-
-    def arrays(self) -> Iterator[NDArray[Any]]:
-        """Each array that is handed out, and what others that show its memory refer to."""
-        ...
-
-
-R = TypeVar("R", bound=Lendable)
+R = TypeVar("R", bound=Any)  # its `arrays()` are all that is handed out, see `Results.arrays`
 
 
 class ResultPool(Generic[R]):

@@ -24,7 +24,6 @@ from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.scenes.poses import check_passable, check_start
 from wheelchair_gym.task.prepared_episode import PreparedEpisode
 from wheelchair_gym.task.task import Task
-from wheelchair_gym.types import Episode
 
 _BANK = 0x62616E6B  # apart from the worlds of single seeds
 _LEAST_TIME = 1.0  # s: least plan time from the start to the goal, where starts are drawn
@@ -109,10 +108,6 @@ class WorldBank:
         self._lowest = begin
         while len(self._made) > self._bank.size + math.ceil(_SLACK * self._bank.size):
             del self._made[next(iter(self._made))]
-
-    def prepare(self, episode: Episode) -> PreparedEpisode:
-        """The prepared episode of a given one."""
-        return self._task.prepare(episode)
 
     def _begin(self, episode: int) -> int:
         return math.floor(episode * self._bank.turnover)

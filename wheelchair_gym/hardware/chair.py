@@ -18,42 +18,27 @@ from collections.abc import Callable
 import numpy as np
 
 from wheelchair_gym.arrays import Array
+from wheelchair_gym.hardware.boards import protocol
 from wheelchair_gym.hardware.boards.parameters import board_parameters
-from wheelchair_gym.hardware.boards.protocol import (
-    Command,
-    CommandFlag,
-    Fault,
-    JoystickFlag,
-    Mode,
-    Rearm,
-    Status,
-    Switch,
-)
+from wheelchair_gym.hardware.boards.protocol import Command, CommandFlag, Fault, Mode, Switch
 from wheelchair_gym.hardware.boards.senses import BoardSensors
-from wheelchair_gym.hardware.control_loop import Clock, ControlLoop, WallClock, wait_until
+from wheelchair_gym.hardware.control_loop import Clock, ControlLoop, RealBase, WallClock, wait_until
 from wheelchair_gym.hardware.settings import HardwareSettings, check_boards
 from wheelchair_gym.kinematics import Limits
 from wheelchair_gym.physics.settings import ChairSettings
-from wheelchair_gym.safety.stops import (
-    BROUGHT_TO_REST,
-    BY_HAND,
-    DRY_RUN,
-    NO_STICK,
-    NOT_HELD,
-    OFF_CENTRE,
-)
+from wheelchair_gym.safety import stops
 from wheelchair_gym.sensors.settings import SensorSettings
-from wheelchair_gym.types import Belief, Episode, NotCopyable, Reading, Stick, Truth
+from wheelchair_gym.types import Episode, Reading, Stick
 
 _LOG = logging.getLogger(__name__)
 STOP = Command(0.0, 0.0, CommandFlag.PROTECTIVE)
 _ZERO = Command(0.0, 0.0)  # at rest, ready to be driven
 _REARM = 2  # kind of the message, as an answer names it
 _REFUSED: dict[int, str] = {
-    Status.CAUSE_STANDS: "the cause of the drive board's stop is still present",
-    Status.NOT_AT_ZERO: "the sticks are not centred",
-    Status.OTHER_FAULTS: "the drive board has stopped for another fault meanwhile",
-    Status.MOVING: "the chair is moving",
+    protocol.Status.CAUSE_STANDS: "the cause of the drive board's stop is still present",
+    protocol.Status.NOT_AT_ZERO: "the sticks are not centred",
+    protocol.Status.OTHER_FAULTS: "the drive board has stopped for another fault meanwhile",
+    protocol.Status.MOVING: "the chair is moving",
 }
 _FINAL_STOPS = 4  # stop commands at the end: noise may destroy one
 _COMMAND_PERIOD = 0.02  # s between two commands: a tenth of the drive board's timeout of 0.2 s
@@ -65,7 +50,7 @@ def _warn(line: str) -> None:
     _LOG.warning("%s", line)
 
 
-class HardwareChair(NotCopyable):
+class HardwareChair(RealBase):
     """A chair behind its boards; see `Chair`. Readings hold dead-reckoned poses.
 
     Args:
@@ -208,7 +193,7 @@ class HardwareChair(NotCopyable):
         with self._lock:
             if self._is_stopped and not self.settings.dry_run:
                 self._send(_ZERO)  # the board requires a fresh command of zero
-                self.senses.drive.send(Rearm(self.senses.odometry.faults))
+                self.senses.drive.send(protocol.Rearm(self.senses.odometry.faults))
         self._notify_rearmed()
 
     def close(self) -> None:
@@ -224,34 +209,15 @@ class HardwareChair(NotCopyable):
         self._loop.end_guard()
         self.senses.close()
 
-    def found(self, pose: Array) -> None:
-        """Take the pose (3,) on the map that a localizer has estimated."""
-        self._loop.localized(pose)
-
     def stick(self, now: float) -> tuple[Stick, str]:
         """The stick of the drive board's joystick, and why it may not drive; empty: it may."""
         report = self.senses.joystick(now)
         if report is None:
-            return Stick(0.0, 0.0, False), f"{NO_STICK} (the drive board reports no joystick)"
-        why = NO_STICK if not report.flags & JoystickFlag.FRESH else ""
-        why = why or (NOT_HELD if not report.flags & JoystickFlag.HELD else "")
-        why = why or (OFF_CENTRE if report.flags & JoystickFlag.MUST_CENTRE else "")
+            return Stick(0.0, 0.0, False), f"{stops.NO_STICK} (the drive board reports no joystick)"
+        why = stops.NO_STICK if not report.flags & protocol.JoystickFlag.FRESH else ""
+        why = why or (stops.NOT_HELD if not report.flags & protocol.JoystickFlag.HELD else "")
+        why = why or (stops.OFF_CENTRE if report.flags & protocol.JoystickFlag.MUST_CENTRE else "")
         return Stick(report.forward, report.left, False), why
-
-    @property
-    def truth(self) -> Truth:
-        """The best estimate: the localizer's pose, the nearest echo, contacts at the bumpers."""
-        return self._loop.truth
-
-    @property
-    def belief(self) -> Belief:
-        """The pose by odometry."""
-        return self._loop.belief
-
-    @property
-    def late(self) -> list[tuple[float, float]]:
-        """When control periods ended late [s since reset], and by how much [s]."""
-        return self._loop.late
 
     @property
     def real_time(self) -> bool:
@@ -331,14 +297,14 @@ class HardwareChair(NotCopyable):
         if why := self.senses.stale(self.clock.now()):
             return why
         if self.settings.dry_run:
-            return DRY_RUN
+            return stops.DRY_RUN
         self.latched = self.latched or self.senses.stopped()
         if self.latched:
             return self.latched
         mode = self.senses.odometry.mode
         if mode == Mode.MANUAL or self._joystick_command() is not None:
-            return BY_HAND
-        return BROUGHT_TO_REST if mode == Mode.STOPPING else self.person()
+            return stops.BY_HAND
+        return stops.BROUGHT_TO_REST if mode == Mode.STOPPING else self.person()
 
     def _joystick_command(self) -> Command | None:
         """The command of a person at the host's joystick."""

@@ -20,7 +20,7 @@ from wheelchair_gym.geometry import Footprint, relative_pose
 from wheelchair_gym.kinematics import Limits
 from wheelchair_gym.localization.occupancy import read_scan
 from wheelchair_gym.sensors.settings import LaserSettings
-from wheelchair_gym.types import Belief, Reading, Truth
+from wheelchair_gym.types import Belief, NotCopyable, Reading, Truth
 
 POLL_PERIOD = 0.01  # s between two checks of what arrives in other threads
 QUIET = 1.0  # s of waiting before a person is informed
@@ -224,15 +224,6 @@ class ControlLoop:
         if why := wait_until(self.clock, missing, timeout, cancelled, on_wait=on_wait):
             raise InputError(f"{self.name}: {why}; waited {timeout:g} s")
 
-    def localized(self, pose: Array) -> None:
-        """Take the pose (3,) that a localizer has estimated."""
-        self.truth = self.truth._replace(pose=pose)
-
-    @property
-    def belief(self) -> Belief:
-        """The pose by odometry."""
-        return Belief(self.odometry)
-
     def reading(
         self, odometry: Array, pose: Array, twist: Array, ranges: tuple[Floats, Floats, Floats],
         bumped: bool, battery: float, halted: str,
@@ -262,3 +253,28 @@ class ControlLoop:
         aside = np.maximum(np.abs(ends[:, 1]) - half, 0.0)
         ahead = np.maximum(np.maximum(ends[:, 0] - front, -rear - ends[:, 0]), 0.0)
         return float(np.hypot(ahead, aside).min(initial=_MAX_CLEARANCE))
+
+
+class RealBase(NotCopyable):
+    """What all real chairs tell of themselves, by their control loop."""
+
+    _loop: ControlLoop
+
+    def found(self, pose: Array) -> None:
+        """Take the pose (3,) on the map that a localizer has estimated."""
+        self._loop.truth = self._loop.truth._replace(pose=pose)
+
+    @property
+    def truth(self) -> Truth:
+        """The best estimate: the localizer's pose, the nearest echo, contacts at the bumpers."""
+        return self._loop.truth
+
+    @property
+    def belief(self) -> Belief:
+        """The pose by odometry."""
+        return Belief(self._loop.odometry)
+
+    @property
+    def late(self) -> list[tuple[float, float]]:
+        """When control periods ended late [s since reset], and by how much [s]."""
+        return self._loop.late

@@ -81,26 +81,17 @@ class HardwareSettings:
     joystick: JoystickSettings = JoystickSettings()
 
 
-def check_one_laser(sensors: SensorSettings) -> None:
-    """Refuse scanners that a real chair cannot have.
-
-    Raises:
-        InputError: there is no laser, or more than one.
-    """
-    if len(sensors.lasers) != 1:
-        raise InputError(
-            f"sensors name {len(sensors.lasers)} laser scanners; a real chair has one: "
-            "expected beams of sensors.laser, and no sensors.more_lasers"
-        )
-
-
 def check_boards(sensors: SensorSettings) -> None:
     """Refuse sensors other than those that the boards serve.
 
     Raises:
         InputError: there is not one laser, or not as many ultrasonics as the range board has.
     """
-    check_one_laser(sensors)
+    if len(sensors.lasers) != 1:
+        raise InputError(
+            f"sensors name {len(sensors.lasers)} laser scanners; a real chair has one: "
+            "expected beams of sensors.laser, and no sensors.more_lasers"
+        )
     if len(sensors.ultrasonic.mounted) != RANGERS:
         raise InputError(
             f"sensors.ultrasonic.mounted has {len(sensors.ultrasonic.mounted)} rangers; "

@@ -64,14 +64,6 @@ class Particles(NamedTuple):
     loads: Array  # (2 ** k,) weight in each bin
 
 
-def new_particles(most: int) -> Particles:
-    """Buffers for `most` particles."""
-    bins = 2 ** math.ceil(math.log2(4 * most))
-    poses, drawn = np.zeros((most, 3)), np.zeros((most, 3))
-    logs, weights = np.zeros(most), np.zeros(most)
-    return Particles(poses, logs, weights, drawn, np.zeros(bins, np.int64), np.zeros(bins))
-
-
 @borrowing_kernel
 def predict(poses: Array, n: int, way: float, turn: float, key: np.uint64, step: int) -> None:
     """Move n particles by the odometry, each with its own random error (motion model)."""
@@ -222,7 +214,10 @@ class MonteCarloLocalizer:
         self.settings, s = settings, settings
         self.pose = np.zeros(3)
         self.count, self.fit, self.lost = 0, 0.0, False
-        self._particles = new_particles(s.max_particles)
+        most, bins = s.max_particles, 2 ** math.ceil(math.log2(4 * s.max_particles))
+        poses, drawn, bin_keys = np.zeros((most, 3)), np.zeros((most, 3)), np.zeros(bins, np.int64)
+        logs, weights = np.zeros(most), np.zeros(most)
+        self._particles = Particles(poses, logs, weights, drawn, bin_keys, np.zeros(bins))
         self._mount = np.array([laser.x, laser.y])
         self._directions = laser.directions  # (beams, 2)
         self._reach = laser.reach

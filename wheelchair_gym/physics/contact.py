@@ -50,12 +50,6 @@ _DEEPEST = 0.03  # m: deeper than any contact comes in one physics step
 
 
 @borrowing_kernel
-def is_at_fault(chair: float, other: float) -> bool:
-    """Whether a contact is of the chair's making, by the speeds [m/s] at which each closes."""
-    return chair > AT_FAULT_SPEED and chair > other
-
-
-@borrowing_kernel
 def _speed(motion: Motion, px: float, py: float, nx: float, ny: float) -> float:
     """Speed [m/s] along (nx, ny) of the point (px, py) of something in motion."""
     vx = motion[2] - motion[4] * (py - motion[1])
@@ -81,7 +75,8 @@ def _record_contact(
 ) -> None:  # fmt: skip
     """Record one touching point, whose normal (nx, ny) looks away from the chair."""
     ours, theirs = _speed(chair, px, py, nx, ny), -_speed(other, px, py, nx, ny)
-    at_fault = is_at_fault(_explained_speed(state, ours, px, py, nx, ny), theirs)
+    driven = _explained_speed(state, ours, px, py, nx, ny)
+    at_fault = driven > AT_FAULT_SPEED and driven > theirs
     if number >= 0:
         actor = actors_of(world)[1][number]
         if actor.judged_at < state.tick < actor.judged_at + _REJUDGE_AFTER / p.dt:

@@ -83,11 +83,8 @@ def _find_offsets() -> Any:
     """Where the fields of cpBody stand, counted in doubles."""
     m = _MARKS
     body = pymunk.Body(m["mass"], m["moment"])
-    body.position, body.velocity, body.force = (
-        (m["x"], m["y"]),
-        (m["vx"], m["vy"]),
-        (m["fx"], m["fy"]),
-    )
+    body.position, body.velocity = (m["x"], m["y"]), (m["vx"], m["vy"])
+    body.force = m["fx"], m["fy"]
     body.angle, body.angular_velocity, body.torque = m["angle"], m["w"], m["torque"]
     return _named("Offsets", _field_offsets(body._body, BODY_DOUBLES, m))
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import Any, Final, Literal, NamedTuple, get_args
+from typing import Any, Final, Literal, get_args
 
 import numpy as np
 
@@ -29,26 +29,11 @@ RANDOMIZED: Final = get_args(RandomizedName)
 _FARTHEST = 3.46  # deviations: `random.normal` draws no farther
 _EACH = 64  # draws that a row may take: one for each scanner or ranger
 
-
-class _Bounds(NamedTuple):
-    low: float
-    high: float
-
-
 # Values of each quantity: drawn ones beyond are clipped, bounds of a distribution beyond refused.
-_BOUNDS: Final = {
-    "laser.sigma": _Bounds(0.0, 1.0),
-    "laser.bias": _Bounds(0.0, 1.0),
-    "laser.dropout": _Bounds(0.0, 1.0),
-    "laser.x_error": _Bounds(-1.0, 1.0),
-    "laser.y_error": _Bounds(-1.0, 1.0),
-    "laser.yaw_error": _Bounds(-math.pi, math.pi),
-    "ultrasonic.sigma": _Bounds(0.0, 1.0),
-    "odometry.diameter_error": _Bounds(0.0, 0.2),
-    "odometry.track_error": _Bounds(0.0, 0.2),
-    "odometry.variance": _Bounds(0.0, 1.0),
-    "command_delay": _Bounds(0.0, 1.0),
-}
+_BOUNDS: Final = dict.fromkeys(RANDOMIZED, (0.0, 1.0))
+_BOUNDS["laser.x_error"] = _BOUNDS["laser.y_error"] = (-1.0, 1.0)
+_BOUNDS["laser.yaw_error"] = (-math.pi, math.pi)
+_BOUNDS["odometry.diameter_error"] = _BOUNDS["odometry.track_error"] = (0.0, 0.2)
 
 DRAW = np.dtype(
     [
@@ -88,20 +73,17 @@ class Randomization:
     """Standard deviation of a normal distribution."""
 
     def __post_init__(self) -> None:
-        bounds, where = _BOUNDS[self.quantity], f"randomization of {self.quantity}"
-        uniform_given, normal_given = (self.low, self.high), (self.mean, self.std)
-        given, other = uniform_given, normal_given
-        names = "mean and std"
+        (least, most), where = _BOUNDS[self.quantity], f"randomization of {self.quantity}"
+        within, other, names = [self.low, self.high], [self.mean, self.std], "mean and std"
         if self.distribution == "normal":
-            given, other, names = normal_given, uniform_given, "low and high"
+            within, other, names = [self.mean], within, "low and high"
         if any(other):
             raise InputError(f"{where}: {names} are not of a {self.distribution} distribution")
         if self.distribution == "uniform" and self.low > self.high:
             raise InputError(f"{where}: low is {self.low:g}, above high, {self.high:g}")
-        within = given if self.distribution == "uniform" else given[:1]
-        if not all(bounds.low <= value <= bounds.high for value in within):
+        if not all(least <= value <= most for value in within):
             raise InputError(
-                f"{where}: expected values from {bounds.low:g} to {bounds.high:g}, not "
+                f"{where}: expected values from {least:g} to {most:g}, not "
                 f"{' and '.join(f'{value:g}' for value in within)}"
             )
 
@@ -109,7 +91,7 @@ class Randomization:
     def most(self) -> float:
         """The greatest value that is drawn."""
         top = self.high if self.distribution == "uniform" else self.mean + _FARTHEST * self.std
-        return min(top, _BOUNDS[self.quantity].high)
+        return min(top, _BOUNDS[self.quantity][1])
 
 
 def check_randomization(rows: Iterable[Randomization]) -> None:
@@ -132,12 +114,8 @@ def draws_of(rows: Iterable[Randomization], noise: bool) -> np.ndarray[Any, np.d
         if not (noise or row.quantity == "command_delay"):
             continue
         is_uniform = row.distribution == "uniform"
-        numbers = (row.low, row.high) if is_uniform else (row.mean, row.std)
-        draws[RANDOMIZED.index(row.quantity)] = (
-            1 if is_uniform else 2,
-            *numbers,
-            *_BOUNDS[row.quantity],
-        )
+        numbers = (1, row.low, row.high) if is_uniform else (2, row.mean, row.std)
+        draws[RANDOMIZED.index(row.quantity)] = (*numbers, *_BOUNDS[row.quantity])
     return draws
 
 

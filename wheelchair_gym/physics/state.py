@@ -146,11 +146,7 @@ STATE = np.dtype(
         # what fails
         ("fault", "i8"),  # index into FAULTS
         ("fault_step", "i8"),  # the first reading that is wrong
-        (
-            "fault_beams",
-            "i8",
-            (2,),
-        ),  # ranges of the scanner that fails: the first, one past the last
+        ("fault_beams", "i8", (2,)),  # of the scanner that fails: the first, one past the last
         ("frozen_twist", "f8", (2,)),  # the last right values
         ("frozen_pose", "f8", (3,)),
         ("frozen_ranges", "f4", (RANGERS,)),

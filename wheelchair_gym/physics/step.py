@@ -251,10 +251,8 @@ def write_sensed(state: Any, p: Any, world: Any, rangers: int, sensed: Any) -> N
     sensed.touched = state.touched
     sensed.battery, sensed.stamp = state.voltage, state.tick * p.dt
     sensed.at_fault, sensed.contact_with = state.at_fault, state.contact_with
-    sensed.approach_speed, sensed.other_approach_speed = (
-        state.approach_speed[0],
-        state.approach_speed[1],
-    )
+    sensed.approach_speed = state.approach_speed[0]
+    sensed.other_approach_speed = state.approach_speed[1]
     sensed.distance, sensed.energy = state.distance, state.energy / JOULES_PER_WH
     sensed.clearance = world.clearance
 

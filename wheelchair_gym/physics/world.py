@@ -23,13 +23,7 @@ import pymunk
 from numpy.typing import NDArray
 
 from wheelchair_gym.arrays import Array, Floats
-from wheelchair_gym.compiled.address import (
-    Pointers,
-    Target,
-    integers_at,
-    pointer_record,
-    table_at,
-)
+from wheelchair_gym.compiled.address import Pointers, Target, integers_at, pointer_record, table_at
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.physics.actors.bodies import (
@@ -182,7 +176,7 @@ def _furnish_with(
             remove_shape(engine.remove, world.space, np.uint64(shape))
     stayed, is_wall = kept, things.shape[1] == 4
     for k in range(things.shape[0]):
-        if near[k] >= reach or _is_among(k, held, stayed):
+        if near[k] >= reach or k in held[:stayed]:
             continue
         if shapes[kept] == 0:
             make = engine.new_segment if is_wall else engine.new_circle
@@ -197,14 +191,6 @@ def _furnish_with(
         held[kept] = k
         kept += 1
     return kept
-
-
-@borrowing_kernel
-def _is_among(number: int, numbers: Integers, n: int) -> bool:
-    found = False
-    for k in range(n):
-        found |= numbers[k] == number
-    return found
 
 
 @borrowing_kernel

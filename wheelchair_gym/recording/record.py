@@ -21,17 +21,8 @@ from wheelchair_gym.drivers import driver_spec
 from wheelchair_gym.localization.localized_chair import unwrapped
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.physics.actors.records import actor_shapes
+from wheelchair_gym.recording import topics
 from wheelchair_gym.recording.sink import NANO, Sink
-from wheelchair_gym.recording.topics import (
-    BATTERY,
-    BOARD,
-    COMMAND,
-    EPISODE,
-    READING,
-    SETTINGS,
-    SHIELD,
-    VERDICT,
-)
 from wheelchair_gym.safety.stops import StopMonitor, active_stops
 from wheelchair_gym.types import Belief, Stick
 
@@ -121,12 +112,12 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
         news = self._news()
         observation, reward, terminated, truncated, info = self.env.step(action)
         v, w = self._env.task.limits.twist(action).tolist()
-        self._out.write(COMMAND, {"action": action, "v": v, "w": w, **news})
+        self._out.write(topics.COMMAND, {"action": action, "v": v, "w": w, **news})
         if "shield" in info:
-            self._out.write(SHIELD, info["shield"])
+            self._out.write(topics.SHIELD, info["shield"])
         self._log_reading()
         ends = {"terminated": terminated, "truncated": truncated}
-        self._out.write(VERDICT, {"reward": reward, "terms": info["reward_terms"], **ends})
+        self._out.write(topics.VERDICT, {"reward": reward, "terms": info["reward_terms"], **ends})
         self._out.check_disk(self._config.when_full)
         return observation, float(reward), terminated, truncated, info
 
@@ -154,7 +145,7 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
     def _log_episode(self) -> None:
         env = self._env
         episode = env.episode
-        settings = {name: dump(getattr(env.settings, name)) for name in SETTINGS}
+        settings = {name: dump(getattr(env.settings, name)) for name in topics.SETTINGS}
         person, (seed, number, split) = env.drivers.driver, env.episode_info.values()
         # Whole, so that it means the same in a later release.
         settings["driver"] = None if person is None else driver_spec(person)
@@ -165,15 +156,11 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
         self._labels = dict(env.labels)
         drawn = {"seed": seed, "number": number, "split": split, "labels": self._labels}
         values = vars(episode) | actors | drawn | {"settings": settings}
-        self._out.write(EPISODE, values, path=self._guidance())
-
-    def _guidance(self) -> Any:
-        """The path that guides; or the guidance itself, where it searches poses of the outline."""
-        task = self._env.task
-        if task.has_poses:
-            spec = self._env.settings.guidance
-            return {"call": "poses", **dump(spec)} if callable(spec) else spec
-        return None if task.guidance is None else np.asarray(task.path).tolist()
+        path = None if env.task.guidance is None else np.asarray(env.task.path).tolist()
+        if env.task.has_poses:  # the guidance itself, which searches poses of the outline
+            path = env.settings.guidance
+            path = {"call": "poses", **dump(path)} if callable(path) else path
+        self._out.write(topics.EPISODE, values, path=path)
 
     def _log_map(self, map_: OccupancyGrid) -> None:
         """Send what rarely changes."""
@@ -201,8 +188,8 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
             self._out.send("/particles", believed.particles)
         if changed:
             values["map"] = self._map
-        self._out.write(READING, values)
-        self._out.write(BATTERY, {"voltage": reading.battery})
+        self._out.write(topics.READING, values)
+        self._out.write(topics.BATTERY, {"voltage": reading.battery})
         for k, (laser, at) in enumerate(zip(sensors.lasers, sensors.slices, strict=True)):
             self._out.send("/scan" + (f"_{k}" if k else ""), laser, reading.laser[at], k)
         self._out.send("/ultrasonic", sensors.ultrasonic, reading.ultrasonic, reading.age)
@@ -217,7 +204,7 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
             self._out.send("/lookahead", ahead)
         report = getattr(unwrapped(env.chair), "report", None)
         if report is not None:
-            self._out.write(BOARD, {"wall": time.time(), **report})
+            self._out.write(topics.BOARD, {"wall": time.time(), **report})
         self._log_changes(env.shown.path, reading.stamp)
 
     def _refresh(self, reading: Any, believed: Belief) -> bool:

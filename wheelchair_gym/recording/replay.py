@@ -23,25 +23,14 @@ from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.migration import migrated
 from wheelchair_gym.physics.actors.records import ACTOR, Actors
 from wheelchair_gym.random import Split
+from wheelchair_gym.recording import topics
 from wheelchair_gym.recording.mcap_file import complete, mcap_messages
 from wheelchair_gym.recording.read_bags import bag_log, bag_texts, is_bag
-from wheelchair_gym.recording.topics import (
-    COMMAND,
-    EPISODE,
-    FIELDS,
-    READING,
-    SETTINGS,
-    VERDICT,
-    Content,
-    numbers,
-    read_fields,
-    reading_fields,
-    widened_actors,
-)
+from wheelchair_gym.recording.topics import EPISODE, SETTINGS, Content
 from wheelchair_gym.sensors.settings import RANGERS, LaserSettings, SensorSettings
 from wheelchair_gym.types import Belief, Episode, Reading, Stick, Truth
 
-_TOPICS: Final = (EPISODE, READING, COMMAND, VERDICT)
+_TOPICS: Final = (EPISODE, topics.READING, topics.COMMAND, topics.VERDICT)
 
 
 class RecordedState(NamedTuple):
@@ -152,23 +141,18 @@ def read_recording(file: str | Path) -> list[RecordedEpisode]:
         for topic, text in texts:
             _take(episodes, topic, parse_json(text, topic))
     if episodes:  # a full disk or an error may have cut the last step
-        _cut(episodes)
+        last = episodes[-1]
+        steps = min(len(last.states) - 1, len(last.actions), len(last.verdicts))
+        if steps < 0:
+            episodes.pop()
+        else:
+            del last.states[steps + 1 :], last.actions[steps:], last.verdicts[steps:]
     for recorded in episodes:
         if not len(recorded.states) - 1 == len(recorded.actions) == len(recorded.verdicts):
             raise InputError(f"{file}: expected a reading after each command, and a verdict")
     if not episodes:
         raise InputError(f"{file}: expected a recording of a chair; there is no {EPISODE} in it")
     return episodes
-
-
-def _cut(episodes: list[RecordedEpisode]) -> None:
-    """Cut the last episode after its last complete step."""
-    last = episodes[-1]
-    steps = min(len(last.states) - 1, len(last.actions), len(last.verdicts))
-    if steps < 0:
-        episodes.pop()
-        return
-    del last.states[steps + 1 :], last.actions[steps:], last.verdicts[steps:]
 
 
 def _take(episodes: list[RecordedEpisode], topic: str, content: Any) -> None:
@@ -179,24 +163,24 @@ def _take(episodes: list[RecordedEpisode], topic: str, content: Any) -> None:
         episodes.append(_read_episode(content))
     elif not episodes:
         raise ValueError(f"{topic} comes before the first {EPISODE}")
-    elif topic == READING:
+    elif topic == topics.READING:
         states = episodes[-1].states
         before = states[-1].belief if states else None
         states.append(_read_state(content, before, episodes[-1].settings.sensors))
-    elif topic == COMMAND:
+    elif topic == topics.COMMAND:
         episodes[-1] = _take_command(episodes[-1], content)
     else:
-        episodes[-1].verdicts.append(read_fields(FIELDS[VERDICT], content))
+        episodes[-1].verdicts.append(topics.read_fields(topics.FIELDS[topics.VERDICT], content))
 
 
 def _take_command(recorded: RecordedEpisode, content: Content) -> RecordedEpisode:
     """The episode with one more command, and with the stick and the labels that came with it."""
-    fields = {name: FIELDS[COMMAND][name] for name in ("action", "stick", "labels")}
-    values = read_fields(fields, content, "stick", "labels")
+    fields = {name: topics.FIELDS[topics.COMMAND][name] for name in ("action", "stick", "labels")}
+    values = topics.read_fields(fields, content, "stick", "labels")
     recorded.actions.append(values["action"])
     if "stick" in values:
         if not recorded.states:
-            raise ValueError(f"{COMMAND} comes before the first {READING}")
+            raise ValueError(f"{topics.COMMAND} comes before the first {topics.READING}")
         state = recorded.states[-1]
         reading = state.reading._replace(stick=values["stick"])
         recorded.states[-1] = state._replace(reading=reading)
@@ -209,10 +193,10 @@ def _read_episode(content: Content) -> RecordedEpisode:
     if "movers" in content:  # until release 0.1
         content["actors"] = content.pop("movers")
     if "actors" in content and "actor_size" not in content:  # until release 0.2
-        content["actors"] = widened_actors(content["actors"])
+        content["actors"] = topics.widened_actors(content["actors"])
     # Recordings of the first release have no actors.
     older = "actors", "routes", "actor_size", "seed", "number", "split", "labels", "arrival"
-    values = read_fields(FIELDS[EPISODE], content, *older)
+    values = topics.read_fields(topics.FIELDS[EPISODE], content, *older)
     seed, number = values.pop("seed", None), values.pop("number", 0)
     split, labels = check_split(values.pop("split", "test")), values.pop("labels", {})
     given, routes = values.pop("settings"), values.pop("routes", None)
@@ -223,7 +207,7 @@ def _read_episode(content: Content) -> RecordedEpisode:
         values["actors"] = Actors(values["actors"], routes)
     path = content["path"]
     if isinstance(path, list):
-        path = numbers(-1, 3 if path and np.size(path[0]) == 3 else 2).read(path)
+        path = topics.numbers(-1, 3 if path and np.size(path[0]) == 3 else 2).read(path)
     elif not is_built_in(path):
         raise ValueError(f"path is {shorten(path)}")
     if not set(given) <= set(SETTINGS):
@@ -241,9 +225,9 @@ def _read_episode(content: Content) -> RecordedEpisode:
 
 def _read_state(content: Content, before: Belief | None, sensors: SensorSettings) -> RecordedState:
     """A recorded instant; fields that older recordings lack count as unknown."""
-    fields = reading_fields(sensors.beams, RANGERS)
+    fields = topics.reading_fields(sensors.beams, RANGERS)
     optional = "halted", "odometry", "particles", "map", "stick"
-    values = read_fields(fields, content, *optional)
+    values = topics.read_fields(fields, content, *optional)
     built_map = before.built_map if before else None
     if "map" in values:
         grid = values.pop("map")

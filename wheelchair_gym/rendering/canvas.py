@@ -61,17 +61,17 @@ class Canvas:
 
     def upsampled(self, factor: int) -> Canvas:
         """A copy with more pixels, to be drawn on and brought back by `downsampled`."""
-        h, w = self.image.shape[:2]
-        size = (w * factor, h * factor)
-        image: Any = cv2.resize(self.image, size, interpolation=cv2.INTER_NEAREST)
-        return Canvas(image, self.frame.scaled(factor), self.stroke_scale * factor)
+        return self._resized(factor, cv2.INTER_NEAREST)
 
     def downsampled(self, factor: int) -> Canvas:
         """A copy with fewer pixels, each the mean of factor x factor."""
+        return self._resized(1 / factor, cv2.INTER_AREA)
+
+    def _resized(self, factor: float, how: int) -> Canvas:
         h, w = self.image.shape[:2]
-        size = (w // factor, h // factor)
-        image: Any = cv2.resize(self.image, size, interpolation=cv2.INTER_AREA)
-        return Canvas(image, self.frame.scaled(1 / factor), self.stroke_scale / factor)
+        size = (int(w * factor), int(h * factor))
+        image: Any = cv2.resize(self.image, size, interpolation=how)
+        return Canvas(image, self.frame.scaled(factor), self.stroke_scale * factor)
 
     def _fixed(self, points: ArrayLike) -> NDArray[np.int32]:
         """Points (n, 2) [m] in OpenCV's fixed-point pixels, whose integers are pixel centres."""

@@ -192,8 +192,13 @@ def draw_scale_bar(canvas: Canvas) -> None:
 
 
 def _scale_bar(width: float, scale: float, strip: int) -> tuple[str, float, int]:
-    """A scale bar's label, and the columns where the label and the bar begin [pixels]."""
-    length = _nice(0.18 * width / scale)
+    """A scale bar's label, and the columns where the label and the bar begin [pixels].
+
+    The bar is the longest of 1, 2, 5 times a power of ten that takes at most 0.18 of the width.
+    """
+    wanted = 0.18 * width / scale
+    power = 10.0 ** math.floor(math.log10(wanted))
+    length = max(m * power for m in (1, 2, 5) if m * power <= wanted * (1 + 1e-9))
     label = f"{length:g} m"
     left = round(width - 0.5 * strip - length * scale)
     return label, left - text_width(label, _CAPITAL * strip) - 0.3 * strip, left
@@ -223,9 +228,3 @@ def write_caption(canvas: Canvas, text: str) -> None:
     write_text(fine, text, (0.45 * tall, baseline), capital, palette.INK)
     size = (part.shape[1], part.shape[0])
     part[:] = cv2.resize(fine, size, interpolation=cv2.INTER_AREA)
-
-
-def _nice(length: float) -> float:
-    """The largest of 1, 2, 5 times a power of ten that is not above a length."""
-    power = 10.0 ** math.floor(math.log10(length))
-    return float(max(m * power for m in (1, 2, 5) if m * power <= length * (1 + 1e-9)))

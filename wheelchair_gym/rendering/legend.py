@@ -7,16 +7,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from wheelchair_gym.arrays import Array
-from wheelchair_gym.physics.actors.records import (
-    DOOR,
-    EVERYBODY,
-    FURNITURE,
-    NOBODY,
-    OBSTACLE,
-    PEOPLE,
-    PERSON,
-    Actors,
-)
+from wheelchair_gym.physics.actors import records
+from wheelchair_gym.physics.actors.records import Actors
 from wheelchair_gym.rendering import floor, palette
 from wheelchair_gym.rendering.canvas import Canvas, Frame, Image, text_width, write_text
 from wheelchair_gym.rendering.palette import Colour
@@ -56,15 +48,18 @@ def scene_entries(actors: Actors) -> list[Entry]:
         line("estimated pose", palette.ESTIMATE),
     ]
     kinds = set(actors.rows["kind"].tolist())
-    avoids = set(actors.rows["avoids"][actors.rows["kind"] == PERSON].tolist())
+    avoids = set(actors.rows["avoids"][actors.rows["kind"] == records.PERSON].tolist())
     rims = {
-        EVERYBODY: ("person", palette.INK),
-        PEOPLE: ("inattentive person", palette.BLIND),
-        NOBODY: ("person who avoids nothing", palette.VERMILION),
+        records.EVERYBODY: ("person", palette.INK),
+        records.PEOPLE: ("inattentive person", palette.BLIND),
+        records.NOBODY: ("person who avoids nothing", palette.VERMILION),
     }
     entries += [disc(rims[k][0], palette.PERSON, rims[k][1]) for k in sorted(avoids, reverse=True)]
-    others = {DOOR: ("door", palette.LEAF), OBSTACLE: ("new obstacle", palette.SUDDEN)}
-    others[FURNITURE] = ("furniture that moves", palette.LIGHT)
+    others = {
+        records.DOOR: ("door", palette.LEAF),
+        records.OBSTACLE: ("new obstacle", palette.SUDDEN),
+        records.FURNITURE: ("furniture that moves", palette.LIGHT),
+    }
     return entries + [line(*others[kind], 6.0) for kind in sorted(kinds & set(others))]
 
 

@@ -14,37 +14,28 @@ from wheelchair_gym.arrays import Array
 from wheelchair_gym.geometry import Footprint, to_world, wrap_angle
 from wheelchair_gym.kinematics import DriveGeometry
 from wheelchair_gym.maps import OccupancyGrid
-from wheelchair_gym.physics.actors.records import (
-    DOOR,
-    EVERYBODY,
-    FURNITURE,
-    NOBODY,
-    OBSTACLE,
-    PERSON,
-    Actors,
-    actor_outline,
-)
+from wheelchair_gym.physics.actors import records
+from wheelchair_gym.physics.actors.records import PERSON, Actors, actor_outline
 from wheelchair_gym.rendering import floor, palette
 from wheelchair_gym.rendering.canvas import Canvas, Image
-from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings, UltrasonicSettings
+from wheelchair_gym.sensors.settings import SensorSettings, UltrasonicSettings
 from wheelchair_gym.types import Episode, Reading
 
 _MARGIN = 0.3  # m round what is known
 _TRAIL = 1.5  # pixels
 
 
-def draw_map(maps: Sequence[tuple[str, OccupancyGrid, ArrayLike]], size: int = 900) -> Image:
+def draw_map(maps: Sequence[tuple[str, OccupancyGrid, ArrayLike]]) -> Image:
     """A picture (h, w, 3) RGB of maps at one scale, each with its trail and where that began.
 
     Args:
         maps: for each its caption (ASCII), the grid and poses (n, 2 or 3) [m, m, rad].
-        size: long side of each [pixels].
     """
     corners = np.concatenate([floor.known_area(grid) for _, grid, _ in maps])
     bounds = floor.bounding_box(corners, _MARGIN)
     panels = []
     for caption, grid, trail in maps:
-        fine = floor.new_canvas(bounds, size).upsampled(floor.FINE)
+        fine = floor.new_canvas(bounds, 900).upsampled(floor.FINE)
         floor.draw_grid(fine, grid)
         poses = np.asarray(trail, dtype=np.float64)
         fine.line(poses, palette.TRAIL, _TRAIL)
@@ -59,12 +50,12 @@ def draw_map(maps: Sequence[tuple[str, OccupancyGrid, ArrayLike]], size: int = 9
 
 FILLS = {
     PERSON: palette.PERSON,
-    DOOR: palette.LEAF,
-    OBSTACLE: palette.SUDDEN,
-    FURNITURE: palette.LIGHT,
+    records.DOOR: palette.LEAF,
+    records.OBSTACLE: palette.SUDDEN,
+    records.FURNITURE: palette.LIGHT,
 }
 # Rims tell whether a person avoids the chair.
-RIMS = {EVERYBODY: palette.INK, NOBODY: palette.VERMILION}
+RIMS = {records.EVERYBODY: palette.INK, records.NOBODY: palette.VERMILION}
 
 
 def draw_actors(canvas: Canvas, actors: Actors, poses: Array) -> None:
@@ -87,7 +78,7 @@ def draw_actors(canvas: Canvas, actors: Actors, poses: Array) -> None:
         else:
             canvas.fill([outline], colour)
             # A leaf is too thin for a line round it in another colour.
-            edge = colour if kind == DOOR else palette.INK
+            edge = colour if kind == records.DOOR else palette.INK
             canvas.line(outline, edge, 1.5, closed=True)
 
 
@@ -131,8 +122,7 @@ class TopView:
         self.actors = episode.actors
         self._cones = _cones(self.sensors.ultrasonic)
         self._wheels = _wheels(self.footprint, self.drive)
-        front, half = self.footprint.front, self.footprint.half_width
-        self._mark = _HEADING * (front, half)
+        self._mark = _HEADING * (self.footprint.front, self.footprint.half_width)
         fine = floor.new_canvas(bounds, size).upsampled(floor.FINE)
         floor.draw_grid(fine, episode.map)
         floor.draw_obstacles(fine, episode.walls, episode.discs)
@@ -196,26 +186,21 @@ class TopView:
         floor.write_caption(canvas, caption)
         return canvas.image
 
-    def _lasers(self, canvas: Canvas, pose: Array, ranges: Array) -> None:
+    def _lasers(self, canvas: Canvas, pose: Array, scan: Array) -> None:
         """Draw the scan of each scanner from its own place; of a lone one, any number of beams."""
-        lasers = self.sensors.lasers
-        if len(lasers) == 1 and len(ranges):
-            lasers = (replace(lasers[0], beams=len(ranges)),)
-        first = 0
-        for laser in lasers if len(ranges) else ():
-            self._laser(canvas, pose, laser, ranges[first : first + laser.beams])
-            first += laser.beams
-
-    def _laser(self, canvas: Canvas, pose: Array, laser: LaserSettings, ranges: Array) -> None:
-        rays = laser.directions
-        seen = np.clip(np.nan_to_num(ranges, nan=0.0, posinf=laser.reach), 0.0, laser.reach)
-        # A lone beam without echo would stand out of the fan as a spike.
-        beside = np.pad(seen, 1)
-        seen = np.minimum(seen, np.maximum(beside[:-2], beside[2:]))
-        mount = (laser.x, laser.y)
-        fan = to_world(np.vstack([[mount], mount + seen[:, None] * rays]), pose)
-        canvas.fill([fan], palette.LASER, _LASER_ALPHA)
-        canvas.points(fan[1:][np.isfinite(ranges)], palette.LASER)
+        lasers = self.sensors.lasers if len(scan) else ()
+        if len(lasers) == 1:
+            lasers = (replace(lasers[0], beams=len(scan)),)
+        for laser in lasers:
+            ranges, scan = np.split(scan, [laser.beams])
+            seen = np.clip(np.nan_to_num(ranges, nan=0.0, posinf=laser.reach), 0.0, laser.reach)
+            # A lone beam without echo would stand out of the fan as a spike.
+            beside = np.pad(seen, 1)
+            seen = np.minimum(seen, np.maximum(beside[:-2], beside[2:]))
+            mount = (laser.x, laser.y)
+            fan = to_world(np.vstack([[mount], mount + seen[:, None] * laser.directions]), pose)
+            canvas.fill([fan], palette.LASER, _LASER_ALPHA)
+            canvas.points(fan[1:][np.isfinite(ranges)], palette.LASER)
 
     def _ultrasonics(self, canvas: Canvas, pose: Array, reading: Reading) -> None:
         mounts, sectors, colours = self._cones

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from wheelchair_gym.geometry import polygon_edges
 from wheelchair_gym.rendering import floor, palette
 from wheelchair_gym.rendering.canvas import Canvas, Image
-from wheelchair_gym.rendering.legend import Entry, with_legend
+from wheelchair_gym.rendering.legend import Entry, line, with_legend
 from wheelchair_gym.types import no_discs, no_walls
 
 _TREE, _SWARM, _OUTLINE, _PATH, _ROLLOUT, _OPTIMUM = 0.8, 0.9, 1.0, 4.0, 2.4, 1.6  # widths [pixels]
@@ -80,26 +80,20 @@ def draw_plan(
     floor.write_caption(picture, caption)
     if not legend:
         return picture.image
-    entries: list[Entry] = [
-        ("start", lambda on, at: floor.draw_start(on, at.mean(axis=0))),
-        ("goal", lambda on, at: _mark_goal(on, at.mean(axis=0))),
+    dashes: Entry = ("shortest", lambda on, at: on.dashes(at, palette.OPTIMUM, _OPTIMUM))
+    entries: list[tuple[object, Entry]] = [
+        (True, ("start", lambda on, at: floor.draw_start(on, at.mean(axis=0)))),
+        (True, ("goal", lambda on, at: _mark_goal(on, at.mean(axis=0)))),
+        (path is not None and len(np.asarray(path)), line("path", path_colour, _PATH)),
+        (rollout is not None, line("roll-out", palette.TRAIL, _ROLLOUT)),
+        (len(inflated), line("solid", palette.SOLID, 2 * _PATH)),
+        (len(inflated), line("dilated", palette.MAPPED, 2 * _PATH)),
+        (optimum is not None, dashes),
+        (tree is not None and len(np.asarray(tree)), line("tree", palette.TREE, 2 * _TREE)),
+        (len(swarm), line("swarm", palette.SWARM, 2 * _SWARM)),
+        (len(outlines), line("footprint", palette.OUTLINE, 2 * _OUTLINE)),
     ]
-    if path is not None and len(np.asarray(path)):
-        entries.append(("path", lambda on, at: on.line(at, path_colour, _PATH)))
-    if rollout is not None:
-        entries.append(("roll-out", lambda on, at: on.line(at, palette.TRAIL, _ROLLOUT)))
-    if len(inflated):
-        entries.append(("solid", lambda on, at: on.line(at, palette.SOLID, 2 * _PATH)))
-        entries.append(("dilated", lambda on, at: on.line(at, palette.MAPPED, 2 * _PATH)))
-    if optimum is not None:
-        entries.append(("shortest", lambda on, at: on.dashes(at, palette.OPTIMUM, _OPTIMUM)))
-    if tree is not None and len(np.asarray(tree)):
-        entries.append(("tree", lambda on, at: on.line(at, palette.TREE, 2 * _TREE)))
-    if len(swarm):
-        entries.append(("swarm", lambda on, at: on.line(at, palette.SWARM, 2 * _SWARM)))
-    if len(outlines):
-        entries.append(("footprint", lambda on, at: on.line(at, palette.OUTLINE, 2 * _OUTLINE)))
-    return with_legend(picture.image, entries)
+    return with_legend(picture.image, [entry for drawn, entry in entries if drawn])
 
 
 def _mark_goal(canvas: Canvas, goal: ArrayLike) -> None:

@@ -151,7 +151,7 @@ class Window:
             raise InputError(f"there is no display to open a window on: {expected}")
         self._pygame = pygame
         self._rate = rate
-        self._open = True
+        self.is_open = True  # whether pictures can still be seen
         self._screen: pygame.Surface | None = None
         try:
             pygame.display.init()
@@ -160,14 +160,9 @@ class Window:
         pygame.display.set_caption(title)
         self._clock = pygame.time.Clock()
 
-    @property
-    def is_open(self) -> bool:
-        """Whether pictures can still be seen."""
-        return self._open
-
     def show(self, image: NDArray[np.uint8]) -> bool:
         """Show a picture (h, w, 3) RGB as large as the window allows; false once it is closed."""
-        if not self._open:
+        if not self.is_open:
             return False
         pygame = self._pygame
         height, width = image.shape[:2]
@@ -197,7 +192,7 @@ class Window:
 
     def close(self) -> None:
         """Close the window; a second call does nothing."""
-        if self._open:
-            self._open = False
+        if self.is_open:
+            self.is_open = False
             self._screen = None
             self._pygame.display.quit()

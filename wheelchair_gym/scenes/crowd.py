@@ -12,15 +12,9 @@ from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.maps import OCCUPIED, OccupancyGrid, geodesic
-from wheelchair_gym.physics.actors.records import (
-    Actor,
-    combine,
-    door,
-    furniture,
-    obstacle,
-)
+from wheelchair_gym.physics.actors.records import Actor, combine, door, furniture, obstacle
 from wheelchair_gym.scenes.arena import draw_pose, make_arena
-from wheelchair_gym.scenes.floor_plan import FloorPlan
+from wheelchair_gym.scenes.floor_plan import Building, FloorPlan
 from wheelchair_gym.scenes.layout import FloorLayout
 from wheelchair_gym.scenes.passages import PASSAGES, Passage
 from wheelchair_gym.scenes.people import (
@@ -159,7 +153,7 @@ _COLUMNS = 0.02  # 1/m2 of a hall
 
 
 @settings
-class Crowd:
+class Crowd(Building):
     """People who walk through a building, a hall, a corridor, a crossing or out of a lift.
 
     Buildings have powered doors; light furniture stands about where there is room for it.
@@ -190,18 +184,10 @@ class Crowd:
     def __post_init__(self) -> None:
         check_ranges(self, "hall_size", "corridor_width")
 
-    def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
-        """Draw a place that the footprint fits, then everything that moves in it.
-
-        Raises:
-            InputError: the settings leave no start and goal.
-        """
-        return self.sample_building(rng, footprint)[1]
-
     def sample_building(
         self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT
     ) -> tuple[FloorLayout | None, Episode]:
-        """The same, with the rooms, corridors and doors where it is a building."""
+        """Draw a place, with its rooms, corridors and doors if it has any, and what moves in it."""
         layout: FloorLayout | None = None
         passage: Passage | None = None
         if self.place in PASSAGES:
@@ -290,7 +276,7 @@ _ENDS = 2.0  # m of the way at start and goal where nothing appears
 
 
 @settings
-class Temporary:
+class Temporary(Building):
     """A floor plan in which discs appear for a while on the shortest path ahead of the chair.
 
     The chair plans a new path round them or waits until they are gone (Belalia 2023).
@@ -324,18 +310,10 @@ class Temporary:
                 f"min_distance, {self.min_distance} m"
             )
 
-    def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
-        """Draw a floor plan, and obstacles that appear on the shortest path.
-
-        Raises:
-            InputError: the plan's settings leave no start and goal.
-        """
-        return self.sample_building(rng, footprint)[1]
-
     def sample_building(
         self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT
     ) -> tuple[FloorLayout, Episode]:
-        """The same, with the rooms, corridors and doors of the building."""
+        """Draw a floor plan with its layout, and obstacles that appear on the shortest path."""
         layout, episode = self.building.sample_building(rng, footprint)
         radius = passing_radius(footprint)
         path = geodesic(episode.map, episode.goal[:2], radius).path(episode.start[:2])

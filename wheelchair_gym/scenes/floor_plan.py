@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,8 +40,23 @@ class Storey(NamedTuple):
     discs: Array
 
 
+class Building:
+    """A scene that tells of a building, too: `sample_building` gives its layout and the episode."""
+
+    sample_building: Any
+
+    def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
+        """Draw a world with a start and a goal for a chair of this footprint.
+
+        Raises:
+            InputError: the settings leave none.
+        """
+        episode: Episode = self.sample_building(rng, footprint)[1]
+        return episode
+
+
 @settings
-class FloorPlan:
+class FloorPlan(Building):
     """A storey with corridors, rooms, doors and furniture; start and goal in different rooms.
 
     A way for the chair exists by construction (furniture leaves a passage round every piece, doors
@@ -81,18 +96,10 @@ class FloorPlan:
         sizes = self.door_width, self.corridor_width, self.furniture_density
         return _draw_storey(source, home, width, height, *sizes)
 
-    def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
-        """Draw storeys until one has a start and a goal for a chair of this footprint.
-
-        Raises:
-            InputError: fifty storeys had none.
-        """
-        return self.sample_building(rng, footprint)[1]
-
     def sample_building(
         self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT
     ) -> tuple[FloorLayout, Episode]:
-        """The same, with the rooms, corridors and doors of the building.
+        """Draw storeys until one has a start and a goal; with its rooms, corridors and doors.
 
         Raises:
             InputError: fifty storeys had none.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from functools import lru_cache
 from importlib import resources
 from pathlib import Path
@@ -74,10 +73,13 @@ class MapFile:
         path = Path(chosen) if chosen else example_map()
         grid, walls = _read(path, modified(path), self.unknown_is_solid, self.resolution)
         for name, pose in (("start", self.start), ("goal", self.goal)):
-            if pose is not None and not is_free_on(grid, walls, pose, footprint):
-                place = f"{path}: the {name} {','.join(f'{value:g}' for value in pose)}"
-                if not grid.inside(pose[:2]):
-                    raise InputError(f"{place} lies outside the map, {grid.extent}")
+            if pose is None:
+                continue
+            place = f"{path}: the {name} {','.join(f'{value:g}' for value in pose)}"
+            if not grid.inside(pose[:2]):
+                raise InputError(f"{place} lies outside the map, {grid.extent}")
+            is_free = grid.cells[tuple(grid.to_cell(pose[:2]))] == FREE
+            if not is_free or not is_free_pose(np.array(pose), walls, no_discs(), footprint, 0.0):
                 raise InputError(
                     f"{place} is not free: {footprint} would touch something there; expected "
                     "another place, or another heading (X,Y,YAW)"
@@ -118,13 +120,3 @@ class MapFile:
         raise InputError(
             f"{path}: no start and goal for {footprint} with {self.min_path_length} m between them"
         )
-
-
-def is_free_on(
-    grid: OccupancyGrid, walls: Array, pose: Sequence[float], footprint: Footprint
-) -> bool:
-    """Return True if a pose lies on a free cell and the footprint touches no wall there."""
-    row, col = grid.to_cell(pose[:2])
-    if not grid.inside(pose[:2]) or grid.cells[row, col] != FREE:
-        return False
-    return is_free_pose(np.array(pose), walls, no_discs(), footprint, 0.0)

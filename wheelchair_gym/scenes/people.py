@@ -12,31 +12,12 @@ from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.geometry import to_world
 from wheelchair_gym.maps import FREE, OCCUPIED, Geodesic, OccupancyGrid, geodesic
-from wheelchair_gym.physics.actors.records import (
-    CUTS_IN,
-    EVERYBODY,
-    FASTEST,
-    GROUP_SIZES,
-    MODELS,
-    NOBODY,
-    PAUSES,
-    PEOPLE,
-    RADIUS,
-    REACTIONS,
-    READS_PHONE,
-    RUNS,
-    SPEED,
-    WALKS_BESIDE,
-    Actor,
-    group,
-    leaf_line,
-    person,
-    with_trolley,
-)
+from wheelchair_gym.physics.actors import records
+from wheelchair_gym.physics.actors.records import Actor, person
 from wheelchair_gym.scenes.passages import Passage
 from wheelchair_gym.scenes.poses import check_ranges
 
-WALKING_RADIUS = RADIUS + 0.10  # m: people's routes keep this from walls
+WALKING_RADIUS = records.RADIUS + 0.10  # m: people's routes keep this from walls
 _PLACES = 8  # where people are going to: each costs one geodesic
 _TRIES = 60  # starts drawn for one person before they stay away
 _TRIES_TOGETHER = 20  # of groups and trolleys, before somebody walks alone
@@ -131,7 +112,7 @@ class PeopleSettings:
         default=(0.03, 0.08), unit="1/m2", low=0.0, high=1.0, source="design choice"
     )
     """Least and greatest number of people per free area; of a lift, per area of its cabin."""
-    speed: float = setting(default=SPEED, unit="m/s", low=0.1, source="Weidmann 1993")
+    speed: float = setting(default=records.SPEED, unit="m/s", low=0.1, source="Weidmann 1993")
     """Mean preferred walking speed."""
     inattentive_share: float = setting(default=0.1, low=0.0, high=1.0, source="design choice")
     """Share of people who do not see the chair."""
@@ -204,10 +185,10 @@ def sample_people(
     found: list[Actor] = []
     for kind in _draw_kinds(rng, people, count):
         speed, avoids = _draw_walker(rng, people)
-        near = _too_near(start, people, taken)
+        near = _too_near(start, taken)
         made: list[Actor] = []
         for _ in range(_TRIES_TOGETHER if kind.behaviour in TOGETHER else 1):
-            route = _draw_route(rng, grid, cells, paths, avoids == NOBODY, near)
+            route = _draw_route(rng, grid, cells, paths, avoids == records.NOBODY, near)
             if route is None:
                 break
             who = person(route, speed, avoids=avoids, patience=people.patience)
@@ -241,7 +222,7 @@ def _draw_kinds(rng: np.random.Generator, people: PeopleSettings, count: int) ->
     kinds = []
     while in_groups > 1:
         # Nobody is left over who would be a group of one.
-        sizes = [n for n in GROUP_SIZES if n == in_groups or n + 1 < in_groups]
+        sizes = [n for n in records.GROUP_SIZES if n == in_groups or n + 1 < in_groups]
         kinds.append(Kind("groups", size=int(rng.choice(sizes))))
         in_groups -= kinds[-1].size
     others = [name for name in behaviours if name != "groups"] + [""] * in_groups
@@ -258,31 +239,32 @@ def _make(
 ) -> list[Actor]:
     """A walker as a kind says, and who or what goes with them."""
     row = walker.row
-    row["model"] = MODELS.index(people.model)
+    row["model"] = records.MODELS.index(people.model)
     if people.model != "orca" or not people.only_walk:
-        row["speed"] = min(row["speed"][0], FASTEST)
+        row["speed"] = min(row["speed"][0], records.FASTEST)
     if kind.reaction:
-        row["reaction"] = REACTIONS.index(kind.reaction)
+        row["reaction"] = records.REACTIONS.index(kind.reaction)
     match kind.behaviour:
         case "groups":  # their mean speed: Moussaid et al. 2010
             row["speed"] = min(row["speed"][0], 1.24 - 0.08 * kind.size)
-            return group(walker, kind.size, FASTEST)
+            return records.group(walker, kind.size, records.FASTEST)
         case "pauses":
-            row["behaviour"], row["stay"] = PAUSES, rng.uniform(*_PAUSE)
+            row["behaviour"], row["stay"] = records.PAUSES, rng.uniform(*_PAUSE)
             row["every"] = row["stay"] + rng.uniform(*_BETWEEN_PAUSES)
             row["since"] = rng.uniform(0.0, row["every"][0])
         case "cuts_in":
-            row["behaviour"], row["near"], row["stay"] = CUTS_IN, _CUTS_WITHIN, rng.uniform(*_CUTS)
+            row["behaviour"], row["stay"] = records.CUTS_IN, rng.uniform(*_CUTS)
+            row["near"] = _CUTS_WITHIN
             row["every"], row["speed"] = _CUTS_AGAIN, max(row["speed"][0], _CUTTING_SPEED)
         case "reads_phone":
-            row["behaviour"], row["speed"] = READS_PHONE, _PHONE_SHARE * row["speed"]
-            row["avoids"] = min(row["avoids"][0], PEOPLE)
+            row["behaviour"], row["speed"] = records.READS_PHONE, _PHONE_SHARE * row["speed"]
+            row["avoids"] = min(row["avoids"][0], records.PEOPLE)
         case "children":
-            row["behaviour"], row["every"], row["speed"] = RUNS, _RUN_TIME, FASTEST
+            row["behaviour"], row["every"], row["speed"] = records.RUNS, _RUN_TIME, records.FASTEST
             row["size"][0, 0], row["mass"] = CHILD
         case "trolleys":
             row["speed"] = min(row["speed"][0], _TROLLEY_SPEED)
-            return with_trolley(walker, bool(rng.random() < _PUSHED_SHARE))
+            return records.with_trolley(walker, bool(rng.random() < _PUSHED_SHARE))
     return [walker]
 
 
@@ -298,7 +280,7 @@ def _fits(made: list[Actor], grid: OccupancyGrid, near: list[tuple[float, float,
 
 def _take(made: list[Actor], taken: list[Array]) -> list[Actor]:
     """The same people, once their places are taken."""
-    room = [RADIUS] + [_ROOM_BESIDE] * (len(made) - 1)
+    room = [records.RADIUS] + [_ROOM_BESIDE] * (len(made) - 1)
     taken += [np.array([*each.row["pose"][0, :2], r]) for each, r in zip(made, room, strict=True)]
     return made
 
@@ -311,13 +293,13 @@ def _is_free(grid: OccupancyGrid, free: NDArray[np.bool_], place: Array) -> bool
 
 def _put_beside_chair(walker: Actor, start: Array, grid: OccupancyGrid, taken: list[Array]) -> None:
     """Let a walker begin beside the chair, left or right, and stay there, if there is room."""
-    free = grid.traversable(RADIUS)
+    free = grid.traversable(records.RADIUS)
     for offset in ((0.0, _BESIDE), (0.0, -_BESIDE)):
         place = to_world(np.array(offset), start)
         gap = min((math.dist(at[:2], place) for at in taken), default=math.inf)
-        if _is_free(grid, free, place) and gap >= 2.0 * RADIUS:
+        if _is_free(grid, free, place) and gap >= 2.0 * records.RADIUS:
             row = walker.row
-            row["behaviour"], row["offset"] = WALKS_BESIDE, offset
+            row["behaviour"], row["offset"] = records.WALKS_BESIDE, offset
             row["speed"] = max(row["speed"][0], _BESIDE_SPEED)
             row["pose"][0, :2] = place
             return
@@ -327,16 +309,14 @@ def _draw_walker(rng: np.random.Generator, people: PeopleSettings) -> tuple[floa
     """Preferred speed [m/s] of somebody, and what they keep clear of."""
     speed = max(_MIN_SPEED, rng.normal(people.speed, _SPEED_SIGMA))
     if rng.random() < people.crossing_share:
-        return speed, NOBODY
-    return speed, PEOPLE if rng.random() < people.inattentive_share else EVERYBODY
+        return speed, records.NOBODY
+    return speed, records.PEOPLE if rng.random() < people.inattentive_share else records.EVERYBODY
 
 
-def _too_near(
-    start: Array, people: PeopleSettings, taken: list[Array]
-) -> list[tuple[float, float, float]]:
+def _too_near(start: Array, taken: list[Array]) -> list[tuple[float, float, float]]:
     """Discs (x, y, radius) [m] in which nobody begins."""
-    near = [(*start[:2], _START_DISTANCE + RADIUS)]
-    return near + [(*at[:2], _PAIR - RADIUS + at[2]) for at in taken]
+    near = [(*start[:2], _START_DISTANCE + records.RADIUS)]
+    return near + [(*at[:2], _PAIR - records.RADIUS + at[2]) for at in taken]
 
 
 def sample_passage_people(
@@ -348,7 +328,7 @@ def sample_passage_people(
     count = max(people.density[1] > 0.0, round(rng.uniform(*people.density) * passage.area))
     for kind in _draw_kinds(rng, people, count):
         speed, avoids = _draw_walker(rng, people)
-        near = _too_near(passage.start, people, taken)
+        near = _too_near(passage.start, taken)
         for tried in range(_TRIES):
             place, route = passage.draw_walk(rng)
             if all(math.dist(place, (x, y)) >= radius for x, y, radius in near):
@@ -372,7 +352,7 @@ def with_open_doors(grid: OccupancyGrid, leaves: list[Actor]) -> OccupancyGrid:
         row = leaf.row[0]
         if row["swings"]:
             x, y, heading = row["pose"]
-            a, b = leaf_line(row, x, y, heading + row["travel"])
+            a, b = records.leaf_line(row, x, y, heading + row["travel"])
             on = cells_along(grid, a, b, 4.0 * row["size"][0] / grid.resolution)
             inside = ((on >= 0) & (on < grid.shape)).all(axis=1)
             cells[tuple(on[inside].T)] = OCCUPIED

@@ -47,10 +47,8 @@ def update_odometry(state: Any, p: Any) -> None:
     period = p.dt * p.substeps
     v, w = twist_of_wheels(distances[0] / period, distances[1] / period, p.nominal_track)
     state.measured_twist[0], state.measured_twist[1] = v, w
-    noise_l, noise_r = (
-        normal(state.key, state.step, WHEELS, 0),
-        normal(state.key, state.step, WHEELS, 1),
-    )
+    noise_l = normal(state.key, state.step, WHEELS, 0)
+    noise_r = normal(state.key, state.step, WHEELS, 1)
     left = distances[0] + math.sqrt(p.wheel_variance * abs(distances[0])) * noise_l
     right = distances[1] + math.sqrt(p.wheel_variance * abs(distances[1])) * noise_r
     way, turn = twist_of_wheels(left, right, p.nominal_track)

@@ -322,14 +322,6 @@ def take_stick(progress: Any, forward: float, left: float, latched: bool, arrive
 
 
 @borrowing_kernel
-def take_first_stick(
-    progress_rows: Any, forward: float, left: float, latched: bool, arrived: bool
-) -> None:
-    """`take_stick` of the only row of progress_rows (1,)."""
-    take_stick(progress_rows[0], forward, left, latched, arrived)
-
-
-@borrowing_kernel
 def write_sticks(progress: Any, out: Floats) -> None:
     """The latest signal, whether it is latched, and those before (3 + 2 k,)."""
     out[0], out[1] = progress.sticks[0, 0], progress.sticks[0, 1]
@@ -395,10 +387,8 @@ def write_poses_ahead(prepared: Any, pose: Array, times: Array, out: Floats) -> 
             ex, ey = share * dx, share * dy
             heading = math.atan2(dy, dx) - pose[2]
         write_local_point(c, s, ex, ey, out[4 * j : 4 * j + 2])
-        out[4 * j + 2], out[4 * j + 3] = (
-            np.float32(math.cos(heading)),
-            np.float32(math.sin(heading)),
-        )
+        out[4 * j + 2] = np.float32(math.cos(heading))
+        out[4 * j + 3] = np.float32(math.sin(heading))
 
 
 @borrowing_kernel

@@ -134,18 +134,13 @@ class PreparedEpisode:
         pointers.point("path", points)
         r["points"] = len(points)
         if cost_to_go is not None:
-            packed_states, moves = (
-                np.ascontiguousarray(cost_to_go.packed_states),
-                np.ascontiguousarray(cost_to_go.moves),
-            )
+            packed_states = np.ascontiguousarray(cost_to_go.packed_states)
+            moves = np.ascontiguousarray(cost_to_go.moves)
             pointers.point("packed_states", packed_states)
             pointers.point("moves", moves)
             r["state_rows"], r["state_cols"], r["headings"] = packed_states.shape
-            r["n_moves"], r["state_cell"], r["state_origin"] = (
-                len(moves),
-                cost_to_go.cell,
-                cost_to_go.origin,
-            )
+            r["n_moves"], r["state_cell"] = len(moves), cost_to_go.cell
+            r["state_origin"] = cost_to_go.origin
         return cls(episode, geodesic, path, cost_to_go, pointers)
 
     def starting_at(self, start: Array) -> PreparedEpisode:
@@ -202,9 +197,3 @@ def distance_to_go(prepared: Any, aim: int, x: float, y: float, yaw: float) -> f
     if aim == PATH and prepared.points > 0:
         return path_to_go(table_at(prepared.path, prepared.points, 2), x, y)
     return math.hypot(prepared.goal[0] - x, prepared.goal[1] - y)
-
-
-@borrowing_kernel
-def first_geodesic_to_go(prepared_rows: Any, x: float, y: float) -> float:
-    """`geodesic_to_go` of the only row of prepared_rows (1,)."""
-    return geodesic_to_go(prepared_rows[0], x, y)

@@ -119,9 +119,8 @@ def side_clearance(
         x, y, c, s = 0.0, 0.0, 1.0, 0.0
         if k > 0:
             at = 4 * (k - 1)
-            x, y, c, s = (
-                float(poses[at]), float(poses[at + 1]), float(poses[at + 2]), float(poses[at + 3])
-            )  # fmt: skip
+            x, y = float(poses[at]), float(poses[at + 1])
+            c, s = float(poses[at + 2]), float(poses[at + 3])
         left, right = _least_asides(xs, ys, low, high, x, y, c, s)
         out[2 * k] = min(np.float32(CLEARANCE_MAX), np.float32(left - side))
         out[2 * k + 1] = min(np.float32(CLEARANCE_MAX), np.float32(right - side))

@@ -17,16 +17,10 @@ from wheelchair_gym.maps.cost_to_go import CostToGo
 from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.safety.settings import ShieldSettings
 from wheelchair_gym.sensors.settings import SensorSettings
+from wheelchair_gym.task import observations
 from wheelchair_gym.task.assessment import assess, begin_task
-from wheelchair_gym.task.observations import (
-    OBSERVATION_KEYS,
-    POOL,
-    ObservationSource,
-    places,
-    spaces,
-    take_first_stick,
-)
-from wheelchair_gym.task.prepared_episode import AIMS, PreparedEpisode, first_geodesic_to_go
+from wheelchair_gym.task.observations import ObservationSource
+from wheelchair_gym.task.prepared_episode import AIMS, PreparedEpisode, geodesic_to_go
 from wheelchair_gym.task.records import PROGRESS, RULES, RULES_TARGETS, TASK, TASK_TARGETS
 from wheelchair_gym.task.rewards import TERMS, VERDICT, Verdict, reached, reached_pose
 from wheelchair_gym.task.settings import TaskSettings
@@ -91,7 +85,7 @@ class Task:
                     sensors.lasers, settings.observed_beams(sensors), strict=True
                 )
             ],
-            POOL,
+            observations.POOL,
         )
         self.has_poses = bool(getattr(guidance, "poses", False))
         if settings.aim == "time" and not self.has_poses:
@@ -99,8 +93,6 @@ class Task:
         if settings.hide_guidance and guidance is not None and not self.has_poses:
             raise InputError("task.hide_guidance needs the guidance 'poses', or none")
         self._ahead = np.array(settings.look_ahead_time if self.has_poses else settings.look_ahead)
-        self._back = np.array(settings.trail, np.float64)
-        self._directions = sensors.laser.directions
         self._pointers = Pointers(np.zeros(1, RULES), RULES_TARGETS)
         self.rules: Rows = self._pointers.record
         self._set_rules()
@@ -115,8 +107,8 @@ class Task:
         self._progress = np.zeros(1, PROGRESS)
         self.judged = np.zeros(1, VERDICT)  # of the latest reading
         self.rows = self.row_pointers(self._progress)
-        self.spaces = spaces(self._source)
-        self._places = places((key, box.shape[0]) for key, box in self.spaces.items())
+        self.spaces = observations.spaces(self._source)
+        self._places = observations.places((key, box.shape[0]) for key, box in self.spaces.items())
         self.observation_size = sum(box.shape[0] for box in self.spaces.values())
 
     def row_pointers(
@@ -160,14 +152,14 @@ class Task:
             4 if self.has_poses else 2,
             self.has_driver,
         )
-        r["size"] = tuple(key.size(source) for key in OBSERVATION_KEYS)
+        r["size"] = tuple(key.size(source) for key in observations.OBSERVATION_KEYS)
         r["uses_fan"] = source.uses_fan
         point("fan_poses", fan_poses())
-        point("back", self._back)
+        point("back", np.array(s.trail, np.float64))
         r["outline"], r["mount"] = self.footprint.array, (laser.x, laser.y)
         r["laser_beams"] = laser.beams
         r["has_driver"], r["bump_ends"] = self.has_driver, s.bump_ends
-        point("directions", self._directions)
+        point("directions", laser.directions)
         r["arrival_margin"] = 0.0 if self.sensors.pose_source == "truth" else s.arrival_margin
         r["heading"], r["heading_tolerance"] = s.heading, s.heading_tolerance
         r["aim"] = AIMS.index(s.aim)
@@ -307,7 +299,7 @@ class Task:
 
     def take_stick(self, stick: Stick, true_pose: Array, true_twist: Array) -> None:
         """Take what a person's interface gives where the chair truly is, before the assessment."""
-        take_first_stick(self._progress, *stick, self.at_goal(true_pose, true_twist))
+        observations.take_stick(self._progress[0], *stick, self.at_goal(true_pose, true_twist))
 
     def replace_stick(self, stick: Stick) -> None:
         """Take what the interface gives by now, in place of what it gave with the reading."""
@@ -341,11 +333,6 @@ class Task:
         """The verdict of the latest reading."""
         return Verdict._make(cast(Any, self.judged.item()))
 
-    @property
-    def terms(self) -> Rows:
-        """The weighted reward terms of the last step, rows (1,) of TERM_VALUES."""
-        return self.judged["terms"]
-
     def unpack(self, out: Floats) -> Observation:
         """Observations (n, numbers) or one (numbers,), written in one piece, by key."""
         if out.ndim == 1:
@@ -354,7 +341,7 @@ class Task:
 
     def way_to_go(self, pose: Array) -> float:
         """Length of the geodesic from a pose to the goal [m]; straight if none is known."""
-        return first_geodesic_to_go(self._prepared.record, float(pose[0]), float(pose[1]))
+        return geodesic_to_go(self._prepared.record[0], float(pose[0]), float(pose[1]))
 
     def at_goal(self, pose: Array, twist: Array) -> bool:
         """Whether a true pose (3,) is at the goal, with the true twist (2,) where that counts."""

@@ -195,19 +195,15 @@ def _nearest_confirmed(s: Any, x: float, y: float) -> tuple[int, float]:
 
 
 @borrowing_kernel
-def _rests(t: Any, stamp: float, far: float) -> bool:
-    """Whether a hit so far [m] from a confirmed track is of it, though it has stood for long."""
-    reach = max(t.radius, 0.5 * t.width)
-    fresh = stamp - t.seen < _FRESH and math.hypot(t.x - t.rest_x, t.y - t.rest_y) < 2.0 * reach
-    return bool(fresh and far < reach + _OWNED)
-
-
-@borrowing_kernel
 def _judge(g: Any, s: Any, m: Any, now: Any, hit: Any) -> None:
     """Store whose a hit is, and what is known of its place."""
     x, y = point_to_world(now.c, now.s, now.x, now.y, hit.x, hit.y)
     hit.owner, far = _nearest_confirmed(s, x, y)
-    owned = hit.owner >= 0 and _rests(s.tracks[hit.owner], s.stamp, far)
+    owned = False  # of a confirmed track, though that has stood for long
+    if hit.owner >= 0:
+        t = s.tracks[hit.owner]
+        reach, moved = max(t.radius, 0.5 * t.width), math.hypot(t.x - t.rest_x, t.y - t.rest_y)
+        owned = s.stamp - t.seen < _FRESH and moved < 2.0 * reach and far < reach + _OWNED
     c, sn = math.cos(g.mount[2]), math.sin(g.mount[2])
     ahead, left = point_to_world(c, sn, g.mount[0], g.mount[1], hit.x, hit.y)
     near = (_MAP_DISTANCE + _MAP_SPREAD * hit.r) * (_OWN_MAP if owned else 1.0)
@@ -324,15 +320,6 @@ def _measure(g: Any, s: Any, now: Any, hits: Rows, n: int, begin: int, end: int,
 
 
 @borrowing_kernel
-def _is_pair(g: Any, a: Any, b: Any, apart: float) -> bool:
-    """Whether two clusters so far apart [m] can be the legs of one person."""
-    wide, spacing = max(a.width, b.width), max(a.mean, b.mean) / g.per_angle
-    others = a.owner != b.owner and a.owner >= 0 and b.owner >= 0
-    narrow = wide < _NARROW and spacing < _COARSE and not (a.legs or b.legs)
-    return bool(narrow and apart < _LEG_DISTANCE and not others)
-
-
-@borrowing_kernel
 def _merge_legs(g: Any, clusters: Rows, n: int) -> int:
     """Let the two legs of a person become one cluster, the nearest pair first."""
     for _ in range(n):
@@ -341,7 +328,10 @@ def _merge_legs(g: Any, clusters: Rows, n: int) -> int:
             for k in range(j + 1, min(j + 4, n)):
                 a, b = clusters[j], clusters[k]
                 apart = math.hypot(a.x - b.x, a.y - b.y)
-                if apart < least and _is_pair(g, a, b, apart):
+                wide, spacing = max(a.width, b.width), max(a.mean, b.mean) / g.per_angle
+                others = a.owner != b.owner and a.owner >= 0 and b.owner >= 0
+                narrow = wide < _NARROW and spacing < _COARSE and not (a.legs or b.legs)
+                if apart < min(least, _LEG_DISTANCE) and narrow and not others:
                     first, second, least = j, k, apart
         if first < 0:
             break

@@ -170,17 +170,6 @@ def _find_pairs(s: Any, clusters: Rows, n: int, pairs: Rows) -> int:
 
 
 @borrowing_kernel
-def _drop_pair(pairs: Rows, count: int, track: int, cluster: int) -> int:
-    """Drop the pairs with a track or a cluster; returns how many are left."""
-    kept = 0
-    for k in range(count):
-        if pairs[k].track != track and pairs[k].cluster != cluster:
-            pairs[kept] = pairs[k]
-            kept += 1
-    return kept
-
-
-@borrowing_kernel
 def _associate(g: Any, s: Any, now: Any, clusters: Rows, n: int) -> None:
     """Continue tracks by clusters: the likeliest pair first, confirmed tracks before others."""
     pairs = _pairs_at(on_stack(_PAIRS_SIZE), _PAIRS)
@@ -193,7 +182,12 @@ def _associate(g: Any, s: Any, now: Any, clusters: Rows, n: int) -> None:
                 best, sure = k, confirmed
         track, cluster = pairs[best].track, pairs[best].cluster
         _continue(g, s, s.tracks[track], now, clusters[cluster])
-        count = _drop_pair(pairs, count, track, cluster)
+        left = 0
+        for k in range(count):
+            if pairs[k].track != track and pairs[k].cluster != cluster:
+                pairs[left] = pairs[k]
+                left += 1
+        count = left
 
 
 @borrowing_kernel
@@ -264,15 +258,6 @@ def _kind(s: Any, t: Any) -> int:
 
 
 @borrowing_kernel
-def _is_hidden(g: Any, t: Any, now: Any) -> bool:
-    """Whether something nearer hides a track, or the laser does not look there."""
-    dx, dy = t.x - now.x, t.y - now.y
-    share = 1.0 - t.radius / max(math.hypot(dx, dy), t.radius)  # to its near side
-    sight = look(g, now, now.x + share * dx, now.y + share * dy)
-    return sight in (HIDDEN, OUT)
-
-
-@borrowing_kernel
 def _keep_tracks(g: Any, s: Any, now: Any, dt: float) -> None:
     """Drop tracks whose place is empty, or has become too uncertain."""
     kept = 0
@@ -281,7 +266,9 @@ def _keep_tracks(g: Any, s: Any, now: Any, dt: float) -> None:
         unseen = s.stamp - t.seen
         lives = t.place_var <= _MAX_SIGMA * _MAX_SIGMA
         if unseen > 0.0:
-            t.hidden = _is_hidden(g, t, now)
+            dx, dy = t.x - now.x, t.y - now.y
+            share = 1.0 - t.radius / max(math.hypot(dx, dy), t.radius)  # to its near side
+            t.hidden = look(g, now, now.x + share * dx, now.y + share * dy) in (HIDDEN, OUT)
             passed = look(g, now, t.x, t.y) == PASSED
             t.passed_for = t.passed_for + dt if passed else 0.0
             lives = lives and t.passed_for <= _GONE
@@ -339,16 +326,6 @@ def _add_tracks(s: Any, now: Any, clusters: Rows, n: int) -> None:
 
 
 @borrowing_kernel
-def _remember_scan(s: Any, now: Any) -> None:
-    """Remember the scan if the newest one remembered is old enough."""
-    if s.n_frames > 0 and s.stamp - s.frames[s.newest].stamp < _MEMORY / FRAMES - 1e-6:
-        return
-    s.newest = (s.newest + 1) % FRAMES
-    s.n_frames = min(s.n_frames + 1, FRAMES)
-    s.frames[s.newest] = now
-
-
-@borrowing_kernel
 def update(g: Any, s: Any, m: Any, pose: Any, twist: Any, laser: Floats, stamp: float) -> None:
     """Update a tracker by a scan.
 
@@ -381,7 +358,10 @@ def update(g: Any, s: Any, m: Any, pose: Any, twist: Any, laser: Floats, stamp: 
     _associate(g, s, now, clusters, found)
     _add_tracks(s, now, clusters, found)
     _keep_tracks(g, s, now, dt)
-    _remember_scan(s, now)
+    if s.n_frames == 0 or s.stamp - s.frames[s.newest].stamp >= _MEMORY / FRAMES - 1e-6:
+        s.newest = (s.newest + 1) % FRAMES
+        s.n_frames = min(s.n_frames + 1, FRAMES)
+        s.frames[s.newest] = now
 
 
 # Rows of trackers by address: a call takes a microsecond for each array.

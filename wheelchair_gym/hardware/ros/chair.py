@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import InputError
 from wheelchair_gym.geometry import best_clearance_heading
-from wheelchair_gym.hardware.control_loop import POLL_PERIOD, ControlLoop, WallClock
+from wheelchair_gym.hardware.control_loop import POLL_PERIOD, ControlLoop, RealBase, WallClock
 from wheelchair_gym.hardware.ros.clock import SimulatedClock
 from wheelchair_gym.hardware.ros.make_messages import twist, twist_stamped
 from wheelchair_gym.hardware.ros.rosbridge import Rosbridge
@@ -32,11 +32,11 @@ from wheelchair_gym.kinematics import approach_twist
 from wheelchair_gym.maps import FREE, OccupancyGrid
 from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.sensors.settings import RANGERS, SensorSettings
-from wheelchair_gym.types import Belief, Episode, NotCopyable, Reading, Truth
+from wheelchair_gym.types import Episode, Reading
 
 
-class RosChair(NotCopyable):
-    """A chair behind rosbridge; see `Chair`.
+class RosChair(RealBase):
+    """A chair behind rosbridge; see `Chair`. It feels no contact.
 
     Args:
         settings: topics, frames, limits.
@@ -127,7 +127,10 @@ class RosChair(NotCopyable):
             if why or protective:
                 self._stop()
             else:
-                self._approach(v, w)
+                limits = self._loop.limits.record
+                self._setpoint = approach_twist(*self._setpoint, v, w, limits, self.period)
+                message = self._command(self._setpoint[0], self._setpoint[2])
+                self._link.publish(self.settings.velocity, message)
         self._loop.wait_period(self._link.closed)
         self._check()
         return self._reading(why)
@@ -137,11 +140,6 @@ class RosChair(NotCopyable):
         self._loop.end()
         self._loop.end_guard()
         self._link.close()
-
-    @property
-    def late(self) -> list[tuple[float, float]]:
-        """When control periods ended late [s since reset], and by how much [s]."""
-        return self._loop.late
 
     def episode(self, goal: ArrayLike, start: ArrayLike | None = None) -> Episode:
         """An episode on the map that ROS publishes, from the chair's pose to a goal (2 or 3,).
@@ -181,24 +179,10 @@ class RosChair(NotCopyable):
                 raise InputError(f"{self.url}: the chair does not fit at {where} at any heading")
         return Episode(grid, begin, end, walls, name=self.url)
 
-    def found(self, pose: Array) -> None:
-        """Take the pose (3,) on the map that a localizer has estimated."""
-        self._loop.localized(pose)
-
-    @property
-    def truth(self) -> Truth:
-        """The best estimate: the localizer's pose, the nearest echo; no contact, no energy."""
-        return self._loop.truth
-
     @property
     def report(self) -> dict[str, float | str]:
         """The state of a drive board, for recordings: empty under ROS."""
         return {}
-
-    @property
-    def belief(self) -> Belief:
-        """The pose by odometry."""
-        return self._loop.belief
 
     def _require(self, missing: Callable[[], str]) -> None:
         """Wait until nothing is missing.
@@ -226,14 +210,6 @@ class RosChair(NotCopyable):
         """Command zero at once."""
         self._setpoint = (0.0, 0.0, 0.0, 0.0)
         self._link.publish(self.settings.velocity, self._command(0.0, 0.0))
-
-    def _approach(self, v: float, w: float) -> None:
-        """Command the twist nearest to (v, w) that the limits allow within a period."""
-        self._setpoint = approach_twist(
-            *self._setpoint, v, w, self._loop.limits.record, self.period
-        )
-        message = self._command(self._setpoint[0], self._setpoint[2])
-        self._link.publish(self.settings.velocity, message)
 
     def _command(self, v: float, w: float) -> dict[str, object]:
         """The message that commands a twist."""

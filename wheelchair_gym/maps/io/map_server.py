@@ -21,16 +21,8 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from wheelchair_gym import files
 from wheelchair_gym.errors import InputError, shorten
-from wheelchair_gym.files import (
-    LIMITS,
-    atomic_write,
-    coordinates,
-    exists,
-    is_coordinate,
-    parse_yaml,
-    read_text,
-)
 from wheelchair_gym.maps.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from wheelchair_gym.maps.io.image import read_picture
 
@@ -67,7 +59,7 @@ def _number(data: Mapping[str, Any], key: str, path: Path, low: float, high: flo
 
 def _description(path: Path) -> dict[str, Any]:
     # Bytes that are no UTF-8 stand in comments; in a key or a value they make it a wrong one.
-    data = parse_yaml(read_text(path, "yaml", errors="replace"), path)
+    data = files.parse_yaml(files.read_text(path, "yaml", errors="replace"), path)
     if not isinstance(data, dict):
         raise InputError(f"{path}: expected keys {', '.join(_KEYS)}")
     if "free_thresh" not in data and "occupied_thresh" in data:
@@ -92,9 +84,9 @@ def _image_file(path: Path, name: Any) -> Path:
     if not isinstance(name, str) or not name:
         raise InputError(f"{path}: image is {shorten(name)}; expected a file name")
     named, beside = path.parent / name, path.parent / PureWindowsPath(name).name
-    if exists(named):
+    if files.exists(named):
         return named
-    if not exists(beside):
+    if not files.exists(beside):
         places = " or ".join(dict.fromkeys(f"{str(place)!r:.1000}" for place in (named, beside)))
         raise InputError(f"{path}: image is {shorten(name)}; there is no file {places}")
     _warn(f"{path}: image is {shorten(name)}, which is missing; {beside} is used")
@@ -120,7 +112,7 @@ def read_map(path: str | Path) -> OccupancyGrid:
     free = _number(data, "free_thresh", path, 0.0, 1.0)
     if free >= occupied:
         raise InputError(f"{path}: free_thresh is {free}; expected less than occupied_thresh")
-    x, y, yaw = (*coordinates(data["origin"], (2, 3), f"{path}: origin"), 0.0)[:3]
+    x, y, yaw = (*files.coordinates(data["origin"], (2, 3), f"{path}: origin"), 0.0)[:3]
     picture = read_picture(_image_file(path, data["image"]))
     values = _meaning(picture.white, mode, bool(negate), occupied, free)
     cells = values[picture.levels]
@@ -139,10 +131,10 @@ def read_map(path: str | Path) -> OccupancyGrid:
             p = shade if negate else 1.0 - shade
             cells[clear] = np.where(p > occupied, OCCUPIED, UNKNOWN)
     grid = OccupancyGrid(np.flipud(cells), resolution, (x, y, yaw))
-    if not all(map(is_coordinate, grid.bounds)):
+    if not all(map(files.is_coordinate, grid.bounds)):
         raise InputError(
             f"{path}: reaches from {grid.bounds[:2]} to {grid.bounds[2:]} m; "
-            f"expected coordinates up to {LIMITS['coordinate'].most:,} m"
+            f"expected coordinates up to {files.LIMITS['coordinate'].most:,} m"
         )
     return grid
 
@@ -178,7 +170,7 @@ def write_map(
         "occupied_thresh": _THRESHOLDS[0],
         "free_thresh": _THRESHOLDS[1],
     }
-    with atomic_write(path.with_suffix(suffix)) as part:
+    with files.atomic_write(path.with_suffix(suffix)) as part:
         part.write_bytes(cv2.imencode(suffix, image.astype(np.uint8))[1].tobytes())
-    with atomic_write(path) as part:
+    with files.atomic_write(path) as part:
         part.write_text(yaml.safe_dump(data, sort_keys=False), encoding="utf-8")

@@ -23,13 +23,13 @@ from wheelchair_gym.physics.actors.records import (
     ACTOR,
     DOOR,
     FASTEST,
-    FIRST_LOOK,
     FURNITURE,
     MASS,
     NOBODY,
     OBSTACLE,
     PERSON,
     SOCIAL_FORCE,
+    first_heading,
 )
 from wheelchair_gym.physics.engine import (
     ANGLE,
@@ -204,10 +204,8 @@ def _copy(source: Array, first: int, target: Array, at: int, n: int) -> None:
 @borrowing_kernel
 def _copy_snapshot(world: Any, which: int, saves: bool) -> None:
     """Copy the shapes of actors to the snapshot of a ranger, or back."""
-    walls, discs = (
-        doubles_at(world.walls, 4 * world.n_walls),
-        doubles_at(world.discs, 3 * world.n_discs),
-    )
+    walls = doubles_at(world.walls, 4 * world.n_walls)
+    discs = doubles_at(world.discs, 3 * world.n_discs)
     wall, disc = 4 * world.n_fixed_walls, 3 * world.n_fixed_discs
     n, m = 4 * world.n_walls - wall, 3 * world.n_discs - disc
     at = world.snapshot_size * which
@@ -291,17 +289,6 @@ def read_actor_poses(world: Any) -> None:
 
 
 @borrowing_kernel
-def _first_heading(world: Any, row: Any) -> float:
-    """Where a person looks at first; see `records.first_heading`."""
-    route = table_at(world.routes, world.n_routes, 2)
-    for k in range(row.first, row.first + row.points):
-        dx, dy = route[k, 0] - row.pose[0], route[k, 1] - row.pose[1]
-        if math.sqrt(dx * dx + dy * dy) > FIRST_LOOK:
-            return math.atan2(dy, dx)
-    return 0.0
-
-
-@borrowing_kernel
 def reset_actors(engine: Any, world: Any) -> None:
     """Put the actors where they begin; obstacles stay away."""
     rows, actor_states = actors_of(world)
@@ -317,7 +304,8 @@ def reset_actors(engine: Any, world: Any) -> None:
         state.relocate, state.judged_at = 0, NEVER
         state.clear, state.free, state.moved = 0.0, 0.0, 0.0
         state.measured_at = state.touchable_at = NEVER
-        state.heading = state.facing = _first_heading(world, row)
+        route = table_at(world.routes, world.n_routes, 2)[row.first : row.first + row.points]
+        state.heading = state.facing = first_heading(route, row.pose[0], row.pose[1])
         state.turn_rate = state.lasts_until = state.begins_again = 0.0
         if state.is_present:
             place_body(engine, world.space, state.body, row.pose[0], row.pose[1], row.pose[2])

@@ -89,12 +89,9 @@ def move_leaves(world: Any, p: Any, pose: Array) -> None:
         if row.kind != DOOR or state.opening == state.opening_target:
             continue
         step = row.speed * p.dt / abs(row.travel)
-        aim = (
-            min(state.opening_target, state.opening + step)
-            if state.opening_target > state.opening
-            else state.opening - step
-        )
-        aim = max(aim, state.opening_target) if state.opening_target < state.opening else aim
+        opened = min(state.opening_target, state.opening + step)
+        closed = max(state.opening_target, state.opening - step)
+        aim = opened if state.opening_target > state.opening else closed
         if not _is_blocked(world, p, pose, k, aim):
             state.opening = aim
 

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from wheelchair_gym.arrays import Array, Rows
 from wheelchair_gym.compiled.address import as_array
+from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.config import FARTHEST, InputError
 from wheelchair_gym.errors import shorten
 from wheelchair_gym.geometry import polygon_edges, to_world
@@ -285,12 +286,13 @@ def person(
     )  # fmt: skip
 
 
-def first_heading(walker: Actor) -> float:
-    """Where a person looks at first [rad]: at the first way point that is not where they stand."""
-    away = walker.route - walker.row["pose"][0, :2]
-    for x, y in away:
-        if math.hypot(x, y) > FIRST_LOOK:
-            return math.atan2(y, x)
+@borrowing_kernel
+def first_heading(route: Array, x: float, y: float) -> float:
+    """Where a person at (x, y) looks at first [rad]: at the first way point that is elsewhere."""
+    for k in range(route.shape[0]):
+        dx, dy = route[k, 0] - x, route[k, 1] - y
+        if math.sqrt(dx * dx + dy * dy) > FIRST_LOOK:
+            return math.atan2(dy, dx)
     return 0.0
 
 
@@ -308,7 +310,7 @@ def group(first: Actor, size: int, speed: float) -> list[Actor]:
     if size not in GROUP_SIZES:
         raise InputError(f"group: size is {shorten(size)}; expected 2, 3 or 4")
     x, y, _ = first.row["pose"][0]
-    found, pose = [first], (x, y, first_heading(first))
+    found, pose = [first], (x, y, first_heading(first.route, x, y))
     for number, offset in enumerate(PLACES_OF_GROUP[size - 2], start=1):
         row = first.row.copy()
         row["leader"], row["offset"], row["speed"] = number, offset, speed
@@ -328,7 +330,7 @@ def with_trolley(walker: Actor, ahead: bool = True) -> list[Actor]:
     far = float(walker.row["size"][0, 0]) + _HANDLE + 0.5 * TROLLEY[0]
     offset = (far if ahead else -far, 0.0)
     x, y, _ = walker.row["pose"][0]
-    yaw = first_heading(walker)
+    yaw = first_heading(walker.route, x, y)
     x, y = to_world(np.array(offset), (x, y, yaw))
     return [
         walker,
