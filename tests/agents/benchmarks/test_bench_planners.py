@@ -159,36 +159,6 @@ def test_a_crash_of_one_planner_ends_nothing(problems, tmp_path, monkeypatch):
     assert row["why"] == "ZeroDivisionError: no room"
 
 
-def wrong(tmp_path):
-    problem = tmp_path / "problems.json"
-    other = tmp_path / "other.json"
-    other.write_text("{}")
-    yield ["--problems", tmp_path / "nothing.json"]
-    yield ["--problems", problem, "--only", "cellar"]
-    yield ["--only", "cellar"]
-    yield ["--planners", "magic"]
-    yield ["--planners", f"{other}:rrt"]
-    yield ["--seeds", "0"]
-    yield ["--deadlines", "0"]
-    yield ["--deadlines", "soon"]
-    yield ["--problems", problem, "--resume", other]
-    yield ["--problems", problem, "--resume", tmp_path / "nothing.json"]
-    yield ["--problems", problem, "--plot", tmp_path / "plot.svg"]
-    yield ["--problems", problem, "--planners", "rrt", "--json", other / "x.json"]
-
-
-def test_wrong_input_is_one_line_and_code_2(problems, tmp_path, capsys):
-    for arguments in wrong(tmp_path):
-        try:
-            code = cli.main(["bench", "planners", "--no-peers", *map(str, arguments)])
-        except SystemExit as left:
-            code = left.code
-        said = capsys.readouterr()
-        lines = [line for line in said.err.splitlines() if not line.startswith("compiling")]
-        assert (code, said.out, len(lines)) == (2, "", 1), arguments
-        assert lines[0].startswith("wheelchair: ")
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("name", PEERS)
 def test_a_peer_that_is_installed_solves_and_keeps_to_a_deadline(name, problems):
