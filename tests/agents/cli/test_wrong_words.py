@@ -105,4 +105,6 @@ def test_wrong_words_are_one_line_and_code_2(words, says, tmp_path, monkeypatch,
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("ROS_DOMAIN_ID", "")
     monkeypatch.setattr("wheelchair_gym.hardware.boards.parameters.PATIENCE", 0.05)
-    assert says in refusal(words.split(), capsys)
+    line = refusal(words.split(), capsys)
+    assert says in line
+    assert len(line) < 500 or "did you mean" not in line
