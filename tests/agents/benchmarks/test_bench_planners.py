@@ -17,6 +17,7 @@ from agents.benchmarks.entrants import UNLIMITED, Entrant, called_planners, with
 from agents.benchmarks.summary import COLD, FREE, ranking, summarise
 from agents.evaluation.metrics import path_figures, printed_turning, turning
 from agents.peers import PEERS, Peer, installed, prepare
+from agents.studies import experiments
 from planners import PLANNERS, Plan, Problem, Space, Status, make_planner
 from wheelchair_gym.config import dump
 
@@ -244,7 +245,7 @@ def test_problems_of_scenes_are_for_a_disc_as_wide_as_the_chair():
 def test_figures_of_a_path_are_those_of_the_drawing_board():
     space = Space.from_rectangles([(4, 4, 6, 6)], (0, 0, 10, 10))
     problem = Problem(space, np.array([1.0, 3.0]), np.array([7.0, 6.0]))
-    path = [(1, 3), (1, 3), (7, 3), (7, 6)]
+    path = [(1, 3), (1, 3), (7, 3), (7, 3), (7, 6)]  # a swarm lets way points coincide
     figures = path_figures(path, problem)
     assert figures["length_m"] == pytest.approx(9.0)
     assert figures["clearance_min_m"] == pytest.approx(1.0)
@@ -252,5 +253,6 @@ def test_figures_of_a_path_are_those_of_the_drawing_board():
     A, B = 6.0, np.hypot(6.0, 3.0)
     assert figures["printed_turning"] == pytest.approx((A * A + B * B) / (2 * A * B) / 2)
     assert printed_turning(path[:2]) == turning(path[1:3]) == 0.0
+    assert (experiments.turning, experiments.printed_turning) == (turning, printed_turning)
     # Along y = 3 from x = 1 to 7 the border and then the block are nearest; then the block's side.
     assert 1.0 < figures["clearance_mean_m"] < 2.0
