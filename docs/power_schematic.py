@@ -44,19 +44,24 @@ def _driver(drawing: schemdraw.Drawing, x: float, side: str) -> None:
         label=f"{side} driver\n12 A limit",
     )
     placed = drawing.add(box.at((x, BUS - 1.2)).anchor("inT1").theta(0))
-    drawing.add(elm.Motor().at(placed.inB1).down(2.0).label(f"{side}\nmotor", loc="bottom"))
+    drawing.add(elm.Switch().at(placed.inB1).down(1.2).label("K2", loc="top"))
+    motor = drawing.add(elm.Motor().down(2.0).label(f"{side}\nmotor", loc="top"))
     drawing.add(elm.Line().toy(0))
+    drawing.add(elm.Line().at(motor.start).right(1.2))
+    drawing.add(elm.Switch(nc=True).down(1.0).label("K2", loc="bottom"))
+    drawing.add(elm.Button(nc=True).down(1.0).label("S6 push", loc="bottom"))
+    drawing.add(elm.Line().left(1.2))
 
 
-def _brake(drawing: schemdraw.Drawing, x: float, side: str) -> None:
-    """One spring brake's coil with its fuse and its transistor."""
+def _coil_of_board(drawing: schemdraw.Drawing, x: float, name: str, pin: str) -> None:
+    """A coil that the drive board switches, with its fuse and its transistor."""
     drawing.add(elm.Fuse().at((x, BUS)).down(1.6).label("1 A", loc="bottom"))
-    coil = _coil(drawing, f"{side}\nbrake")
+    coil = _coil(drawing, name)
     fet = drawing.add(elm.NFet().at(coil.end).anchor("drain").theta(0))
     drawing.add(elm.Line().at(fet.source).toy(0))
     drawing.add(elm.Resistor().at(fet.gate).down(1.4).label("10 kΩ", loc="bottom"))
     drawing.add(elm.Line().toy(0))
-    drawing.add(elm.Resistor().at(fet.gate).right(1.2).label("100 Ω").label("PL3", loc="right"))
+    drawing.add(elm.Resistor().at(fet.gate).right(1.2).label("100 Ω").label(pin, loc="right"))
 
 
 def draw() -> None:
@@ -70,7 +75,7 @@ def draw() -> None:
         drawing.add(elm.Fuse().right(1.8).label("F3 30 A"))
         drawing.add(elm.Line().right(10.0))
         drawing.add(elm.Switch().right(2.0).label("K1 contactor"))
-        drawing.add(elm.Line().tox(34.0).label("36 V, switched"))
+        drawing.add(elm.Line().tox(41.0).label("36 V, switched"))
         # The computer and the battery divider are ahead of the contactor.
         drawing.add(elm.Fuse().at((8.4, BUS)).down(1.8).label("F4\n5 A", loc="bottom"))
         drawing.add(
@@ -80,10 +85,8 @@ def draw() -> None:
         drawing.add(elm.Resistor().at((11.4, BUS)).down(2.6).label("100 kΩ", loc="bottom"))
         drawing.add(elm.Dot())
         drawing.add(elm.Line().right(0.8).label("A0", loc="right"))
-        drawing.add(
-            elm.Resistor().at((11.4, BUS - 2.6)).down(2.6)
-            .label("4.42 kΩ\nbeside it:\n100 nF,\n5.1 V zener", loc="bottom")
-        )  # fmt: skip
+        divider = elm.Resistor().at((11.4, BUS - 2.6)).down(2.6)
+        drawing.add(divider.label("4.42 kΩ\nbeside it:\n100 nF,\n5.1 V zener", loc="bottom"))
         drawing.add(elm.Line().toy(0))
         # Stop chain: the coil of the contactor, and the precharge behind the same contacts.
         drawing.add(elm.Fuse().at((16.0, BUS)).down(1.5).label("F5 1 A", loc="top"))
@@ -105,15 +108,12 @@ def draw() -> None:
         drawing.add(elm.Resistor().at((22.0, BUS)).down(4).label("bleed\n2.2 kΩ\n2 W", loc="top"))
         drawing.add(elm.Line().toy(0))
         _driver(drawing, 24.0, "left")
-        _driver(drawing, 27.6, "right")
-        _brake(drawing, 30.8, "left")
-        _brake(drawing, 34.0, "right")
-        drawing.add(
-            elm.Line()
-            .at((0, 0))
-            .right(35.0)
-            .label("0 V: one star point at the packs", loc="bottom")
-        )
+        _driver(drawing, 29.0, "right")
+        _coil_of_board(drawing, 33.6, "left\nbrake", "PL3")
+        _coil_of_board(drawing, 37.0, "right\nbrake", "PL3")
+        _coil_of_board(drawing, 41.0, "K2", "PL2\nby S6")
+        ground = elm.Line().at((0, 0)).right(43.2)
+        drawing.add(ground.label("0 V: one star point at the packs", loc="bottom"))
 
 
 if __name__ == "__main__":

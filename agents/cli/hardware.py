@@ -252,7 +252,7 @@ def _pushed_runs(given: argparse.Namespace, settings: Any) -> list[Any]:
 
         for _ in range(given.runs):
             pose, travel, wall = standstill()
-            prompt = "push it straight ahead, let it stand, then press Enter"
+            prompt = "hold the push switch, push it straight ahead, let it stand, then press Enter"
             _wait_for_enter(prompt, senses, clock)
             pose_after, travel_after, wall_after = standstill()
             distance_calibration.check_straight(travel_after - travel)

@@ -34,7 +34,7 @@ LIMITS = HardwareSettings().limits
 
 def kill(hosted):
     """SIGKILL: nothing more is said."""
-    hosted.clock.guards[:] = [g for g in hosted.clock.guards if g.look.__name__ == "look_on"]
+    hosted.clock.guards[:] = [g for g in hosted.clock.guards if g.call.__name__ == "look_on"]
 
 
 def unplug(hosted):

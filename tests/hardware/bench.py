@@ -30,26 +30,30 @@ class Bench(NativeDrive):
         self.grip = 1.0  # share of the brakes that is left
         self.target = None  # command sent every 20 ms
         self.runs = 0
+        self.periods = lambda: 5  # ms of each run of the control
 
     def run(self, seconds: float) -> None:
-        for _ in range(round(seconds / 0.005)):
+        end = self.now + round(1e3 * seconds)
+        while self.now < end:
+            period = self.periods()
+            dt = 1e-3 * period
             if self.target is not None and self.runs % 4 == 0:
                 assert self.send(Command(*self.target)) == []
             self.runs += 1
             for i in range(2):
-                self.speeds[i] += self.pull * 0.005
+                self.speeds[i] += self.pull * dt
                 if self.enable:
                     duty = self.duty[i] if self.stuck[i] is None else self.stuck[i]
                     aim = duty * self.battery / FEED
-                    self.speeds[i] += (aim - self.speeds[i]) * (1 - math.exp(-0.005 / LAG))
+                    self.speeds[i] += (aim - self.speeds[i]) * (1 - math.exp(-dt / LAG))
                 if not self.release:
-                    slower = max(0.0, abs(self.speeds[i]) - self.grip * BRAKE * 0.005)
+                    slower = max(0.0, abs(self.speeds[i]) - self.grip * BRAKE * dt)
                     self.speeds[i] = math.copysign(slower, self.speeds[i])
-                self.ways[i] += self.speeds[i] * 0.005
+                self.ways[i] += self.speeds[i] * dt
                 if self.seen[i]:
                     ticks = self.ways[i] * CHAIR.drive.counts_per_metre
                     self.counts[i] = self.sign[i] * math.floor(ticks)
-            self.step()
+            self.step(period)
 
     def rearm(self) -> Status:
         """A person re-arms at zero; the answer."""

@@ -17,8 +17,8 @@ class Native:
             getattr(lib, name).restype = c.c_void_p
         for name in ("table_name", "table_text"):
             getattr(lib, name).restype = c.c_char_p
-        lib.drive_run.argtypes = [c.c_void_p, c.c_uint32, c.c_int32, c.c_int32, c.c_uint8]
-        lib.drive_run.argtypes += [c.c_uint8, c.c_float, c.c_void_p, c.c_void_p]
+        lib.drive_run.argtypes = [c.c_void_p, c.c_uint32, c.c_uint16, c.c_int32, c.c_int32]
+        lib.drive_run.argtypes += [c.c_uint8, c.c_uint8, c.c_float, c.c_void_p, c.c_void_p]
         lib.drive_restore.restype = c.c_bool
 
     def tables(self):
@@ -80,13 +80,14 @@ class NativeDrive:
         size = self.library.drive_hear(self.pointer, self.inbox, data, len(data), self.now, out)
         return [frame.message for frame in self._receiver.feed(out.raw[:size])]
 
-    def step(self) -> None:
-        """One run of the control: 5 ms."""
-        self.now += 5
+    def step(self, period: int = 5) -> None:
+        """One run of the control, so many milliseconds after the last."""
+        self.now += period
         duty, pins = (c.c_float * 2)(), c.c_uint8()
         self.library.drive_run(
             self.pointer,
             self.now,
+            1000 * period,
             *self.counts,
             self.illegal & 0xFF,
             self.switches,

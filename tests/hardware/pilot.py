@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import hashlib
-
 import numpy as np
 
 from tests.physics.worlds import box
 from wheelchair_gym.hardware.boards.protocol import (
     Answer,
     Command,
-    Identity,
     Mode,
     Odometry,
     Parameter,
@@ -38,7 +35,6 @@ class Pilot:
         self.bad = 0
         self._receivers = Receiver(), Receiver()
         self._sequence = 0
-        self._digest = hashlib.sha256()
 
     def send(self, message, board="drive"):
         self._sequence += 1
@@ -57,7 +53,6 @@ class Pilot:
             (self.twin.drive, self.twin.range), self._receivers, strict=True
         ):
             data = board.read()
-            self._digest.update(data)
             for frame in receiver.feed(data):
                 self.heard[type(frame.message)] = frame.message
                 if isinstance(frame.message, Odometry):
@@ -97,14 +92,6 @@ class Pilot:
     @property
     def ranges(self) -> Ranges:
         return self.heard[Ranges]
-
-    @property
-    def identity(self) -> Identity:
-        return self.heard[Identity]
-
-    @property
-    def digest(self):
-        return self._digest.hexdigest()
 
     @property
     def pose(self):

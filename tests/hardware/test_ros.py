@@ -40,7 +40,7 @@ from wheelchair_gym.maps import OCCUPIED, read_map
 from wheelchair_gym.sensors.settings import LaserSettings
 
 CONFIG = {"sensors": {"laser": {"beams": 181}}, "task": {"beams": 181}}
-LATE = {"scan": 0.4, "odometry": 0.4, "pose": 0.6, "command_timeout": 0.5}
+LATE = {"scan": 0.4, "odometry": 0.4, "pose": 0.6, "command_timeout": 0.5, "latency": 0.4}
 CALM = dict.fromkeys(LATE, PATIENCE)  # where nothing shall depend on how fast a machine is
 ROOM = 3.0  # s, for a busy machine
 AHEAD = np.array([0.3, 0.0])
@@ -799,6 +799,7 @@ def test_the_preset_of_ros_2():
     assert chair_settings({"name": "ros2", "stamped": True, "odometry": "/o"}).odometry == "/o"
 
 
+@pytest.mark.realtime
 @pytest.mark.parametrize("stamped", long_but([False, True], [True]))
 def test_it_drives_the_robot_that_this_package_serves(stamped):
     """Both ends of rosbridge are ours; the shield is that of the chair's environment."""

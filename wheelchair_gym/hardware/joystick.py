@@ -1,7 +1,8 @@
 """A joystick at the host, by which a person overrides every policy while holding a button.
 
 The dead-man button takes control; its release brakes the chair, which stands until the person
-returns control. While another button is held, an assistant gets the stick (`wheelchair drive`).
+returns control. The chair moves only after the stick was at its centre while the button was held.
+While another button is held, an assistant gets the stick (`wheelchair drive`).
 
 A joystick that is unplugged while it has control keeps the chair standing. A wireless joystick that
 repeats its last values hides the loss of its radio: use one at the drive board's receiver instead.
@@ -73,10 +74,12 @@ def load_evdev() -> Any:
     return evdev
 
 
-def _axes(device: Any) -> dict[int, tuple[int, int]]:
-    """Minimum and maximum of each axis of a device."""
-    axes = device.capabilities(absinfo=True).get(EV_ABS, [])
-    return {code: (info.min, info.max) for code, info in axes}
+def interlock(free: bool, enabled: bool, neutral: bool) -> bool:
+    """Return whether motion is free now, and `free` whether it was: as `interlock` in joystick.h.
+
+    Nothing moves before neutral was seen with the enable held, and without a break since then.
+    """
+    return enabled and (free or neutral)
 
 
 def open_evdev(settings: JoystickSettings) -> Any:
@@ -90,8 +93,9 @@ def open_evdev(settings: JoystickSettings) -> Any:
     wanted = {settings.forward_axis, settings.turn_axis}
     for path in evdev.list_devices() if settings.device == ANY else [settings.device]:
         device = evdev.InputDevice(path)
-        buttons = device.capabilities().get(EV_KEY, [])
-        if wanted <= _axes(device).keys() and settings.dead_man_button in buttons:
+        found = device.capabilities()
+        axes, buttons = dict(found.get(EV_ABS, [])), found.get(EV_KEY, [])
+        if wanted <= axes.keys() and settings.dead_man_button in buttons:
             return device
         device.close()
     where = "at any /dev/input/event*" if settings.device == ANY else f"at {settings.device}"
@@ -121,7 +125,6 @@ class Joystick:
     ) -> None:
         self.settings, self.in_control = settings, False
         self._rearm = rearm
-        self._axes: dict[int, tuple[int, int]] = {}
         self._line = Reconnecting(lambda: opener(settings), self._begin)
         self._release()
 
@@ -135,10 +138,9 @@ class Joystick:
         self._read(now)
         if not self.in_control:
             return None
-        if not self._held:
+        if not self._free:
             return np.zeros(2)
-        forward = -self._stick(self.settings.forward_axis)
-        turn = -self._stick(self.settings.turn_axis)
+        forward, turn = self._deflection
         v = forward * (limits.forward if forward > 0.0 else limits.backward)
         return self.settings.speed_fraction * np.array([v, turn * limits.turn])
 
@@ -147,12 +149,10 @@ class Joystick:
 
         `__call__` reads the device.
         """
-        axes = self.settings.forward_axis, self.settings.turn_axis
-        forward, left = (-self._stick(axis) for axis in axes)
         why = "" if self._assisted else NOT_HELD
         if self.error:
             why = f"{NO_STICK} ({self.error})"
-        return Stick(forward, left, False), BY_HAND if self.in_control else why
+        return Stick(*self._deflection, False), BY_HAND if self.in_control else why
 
     def close(self) -> None:
         """Close the device; who has control does not change."""
@@ -160,10 +160,13 @@ class Joystick:
         self._line.close()
 
     def _begin(self, device: Any) -> None:
-        self._axes = _axes(device)
+        axes = self.settings.forward_axis, self.settings.turn_axis
+        self._axes = {axis: device.absinfo(axis) for axis in axes}
+        self._values = {axis: info.value for axis, info in self._axes.items()}
 
     def _release(self) -> None:
-        self._held, self._assisted, self._values = False, False, dict[int, int]()
+        self._held = self._free = self._assisted = False
+        self._axes, self._values = dict[int, Any](), dict[int, int]()
 
     def _read(self, now: float) -> None:
         device = self._line.get(now)
@@ -171,44 +174,47 @@ class Joystick:
             return
         try:
             for event in device.read():
-                self._handle(event)
+                self._handle(event, device)
         except BlockingIOError:  # no events
             return
         except OSError as error:
             self._release()
             self._line.lose(error)
 
-    def _handle(self, event: Any) -> None:
+    def _handle(self, event: Any, device: Any) -> None:
         settings = self.settings
         pressed = event.type == EV_KEY and event.value == 1
         if event.type == EV_SYN and event.code == SYN_DROPPED:
             self._release()  # events were missed: the button must be pressed again
+            self._begin(device)
+        elif event.type == EV_SYN:  # both axes are known only here
+            self._free = interlock(self._free, self._held, not any(self._deflection))
         elif event.type == EV_ABS:
             self._values[event.code] = event.value
         elif event.type == EV_KEY and event.code == settings.dead_man_button:
             if event.value != 2:  # repeated
-                self._held = pressed
+                self._held, self._free = pressed, False
                 self.in_control |= pressed
         elif event.type == EV_KEY and event.code == settings.assist_button:
             if event.value != 2:
                 self._assisted = pressed
         elif pressed and event.code == settings.release_button:
             self.in_control &= self._held
-        elif pressed and event.code == settings.rearm_button and self._centred:
+        elif pressed and event.code == settings.rearm_button and not any(self._deflection):
+            self._free = False
             self._rearm()
 
     @property
-    def _centred(self) -> bool:
-        axes = self.settings.forward_axis, self.settings.turn_axis
-        return all(self._stick(axis) == 0.0 for axis in axes)
+    def _deflection(self) -> tuple[float, float]:
+        """Of the stick, forward and to the left, -1 to 1."""
+        return -self._axis(self.settings.forward_axis), -self._axis(self.settings.turn_axis)
 
-    def _stick(self, axis: int) -> float:
-        """The deflection of a stick, -1 to 1; 0 before its first event."""
-        if self._line.connection is None or axis not in self._values:
+    def _axis(self, axis: int) -> float:
+        """The deflection of an axis, -1 to 1; 0 while the device is closed."""
+        info = self._axes.get(axis)
+        if info is None or info.max <= info.min:
             return 0.0
-        least, most = self._axes[axis]
-        if most <= least:
-            return 0.0
-        tilt = min(1.0, max(-1.0, 2.0 * (self._values[axis] - least) / (most - least) - 1.0))
+        tilt = 2.0 * (self._values[axis] - info.min) / (info.max - info.min) - 1.0
+        tilt = min(1.0, max(-1.0, tilt))
         past = max(0.0, abs(tilt) - self.settings.dead_zone) / (1.0 - self.settings.dead_zone)
         return float(np.copysign(past, tilt)) if past else 0.0

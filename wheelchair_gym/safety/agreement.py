@@ -36,12 +36,14 @@ _NEIGHBOURS = 8  # maximum number of points on each side that span it
 _FLAT = 0.04  # m: maximum distance of its middle from the chord
 _SCALE = 0.05  # m: offset with half of the weight
 _CAPTURE = 0.5  # m: larger offsets are not of the same surface
+_FACING = 0.15  # cosine of the angle of incidence: from behind or edge-on, others are hit
 _ITERATIONS = 2  # of the fit, for each scan
 _PRIOR, _PRIOR_TURN = 2.0, 8.0  # weight of a zero motion, in points and in points times m2
-_MATCHED = 40  # minimum number of points in a fit that counts
-_EXPLAINED = 0.5  # minimum share of them that the fitted motion explains
-_GAIN = 0.06  # minimum share of them that it explains and the wheels do not
-_OFF, _OFF_PER_METRE, _OFF_PER_RADIAN = 0.04, 0.04, 0.03  # m: bound of the fitted shift
+_MATCHED = 60  # minimum number of points in a fit that counts: a third
+_MOVED = 0.05  # m and rad since the key scan: at rest, only the world can have moved
+_EXPLAINED = 0.6  # minimum share of them that the fitted motion explains
+_GAIN = 0.08  # minimum share of them that it explains and the wheels do not
+_OFF, _OFF_PER_METRE, _OFF_PER_RADIAN = 0.05, 0.05, 0.04  # m: bound of the fitted shift
 _TURNED, _TURNED_PER_RADIAN = 0.06, 0.10  # rad: bound of the fitted turn
 _DISAGREES = 0.15  # s
 _LAG_PRIOR = 0.01  # m2/s: squared change of speed times its duration that counts for no lag
@@ -63,7 +65,9 @@ _HEARD, _HEARD_SHARE, _HEARD_POINTS = 1.5, 0.5, 2  # m, of the reach: a surface 
 _SQUARE = math.cos(math.radians(8.0))  # of the angle between its normal and the ranger's axis
 
 # Normal equations of a fit, number of points in it, and of points that it explains.
-_FIT = np.dtype([("h", "f8", (3, 3)), ("g", "f8", (3,)), ("score", "f8"), ("n", "i8")])
+_FIT = np.dtype(
+    [("h", "f8", (3, 3)), ("g", "f8", (3,)), ("other", "f8", (3,)), ("score", "f8"), ("n", "i8")]
+)
 _fit_at, _FIT_SIZE = rows_of(_FIT), _FIT.itemsize
 _OLD = np.dtype([(name, "f4", (KEY_POINTS,)) for name in ("x", "y", "lost", "held")])
 _old_at, _OLD_SIZE = rows_of(_OLD), _OLD.itemsize
@@ -99,7 +103,10 @@ def _look(scan: Floats, b: int, far: float) -> int:
 
 @borrowing_kernel
 def _find_normals(key: Any) -> None:
-    """Store the unit normal of each key point on a flat surface; (0, 0) where there is none."""
+    """Store the unit normal of each key point on a flat surface; (0, 0) where there is none.
+
+    Points are ordered counter-clockwise around the scanner, so that normals face it.
+    """
     for k in range(KEY_POINTS):
         key.normal_x[k] = key.normal_y[k] = _F(0.0)
         for j in range(1, _NEIGHBOURS + 1):
@@ -143,6 +150,7 @@ def _renew_key(key: Any, one: LaserArrays, at: Frame, scan: Floats) -> None:
             key.x[to], key.y[to], key.lost[to] = old.x[k], old.y[k], old.lost[k]
     _find_normals(key)
     key.begun, key.way, key.turned, key.renewed = True, 0.0, 0.0, True
+    key.at[0], key.at[1], key.at[2], key.at[3] = at.x, at.y, at.c, at.s
     for k in range(3):
         key.offset[k] = 0.0
 
@@ -154,7 +162,7 @@ def _fit(key: Any, one: LaserArrays, at: Frame, scan: Floats, offset: Array, fit
     The score counts the points that the offset explains, each by 1 / (1 + (residual / scale)^2).
     """
     beams = scan.shape[0]
-    dx, dy, turn = offset[0], offset[1], offset[2]
+    dx, dy, c, s = offset[0], offset[1], math.cos(offset[2]), math.sin(offset[2])
     fit.score, fit.n = 0.0, 0
     for i in range(3):
         fit.g[i] = 0.0
@@ -165,7 +173,9 @@ def _fit(key: Any, one: LaserArrays, at: Frame, scan: Floats, offset: Array, fit
         if (nx == 0.0 and ny == 0.0) or key.lost[k] > 0.0:
             continue
         ax, ay = key.x[k] - at.x, key.y[k] - at.y
-        ex, ey = ax + dx - turn * ay, ay + dy + turn * ax
+        ex, ey = point_to_world(c, s, dx, dy, ax, ay)
+        if -(nx * ex + ny * ey) < _FACING * math.sqrt(ex * ex + ey * ey):
+            continue
         ahead, left = world_to_body(at.c, at.s, ex, ey)
         b = math.floor((atan2_f32(_F(left), _F(ahead)) - one.first) * one.per_angle + 0.5)
         if b < 0 or b >= beams or not scan[b] < _INF:
@@ -178,7 +188,7 @@ def _fit(key: Any, one: LaserArrays, at: Frame, scan: Floats, offset: Array, fit
             continue
         share = 1.0 / (1.0 + (e / _SCALE) * (e / _SCALE))
         fit.score += share
-        weight, lever = share, ny * ax - nx * ay
+        weight, lever = share, ny * (ex - dx) - nx * (ey - dy)
         row = nx, ny, lever
         for i in range(3):
             fit.g[i] += weight * row[i] * e
@@ -208,6 +218,15 @@ def _improve(fit: Any, offset: Array) -> None:
 
 
 @borrowing_kernel
+def _refine(key: Any, one: LaserArrays, at: Frame, scan: Floats, offset: Array, fit: Any) -> None:
+    """Fit an offset (3,) from where it is, and write its score."""
+    for _ in range(_ITERATIONS):
+        _fit(key, one, at, scan, offset, fit)
+        _improve(fit, offset)
+    _fit(key, one, at, scan, offset, fit)
+
+
+@borrowing_kernel
 def _fits_another_motion(key: Any, one: LaserArrays, at: Frame, scan: Floats) -> bool:
     """Fit the motion of a scan that the wheels do not report; return True if it is large."""
     fit, offset = _fit_at(on_stack(_FIT_SIZE), 1)[0], key.offset[:]
@@ -215,9 +234,17 @@ def _fits_another_motion(key: Any, one: LaserArrays, at: Frame, scan: Floats) ->
     matched, plain = fit.n, fit.score
     if key.renewed:
         key.matched, key.renewed = matched, False
-    for _ in range(_ITERATIONS):
-        _fit(key, one, at, scan, offset, fit)
-        _improve(fit, offset)
+    _refine(key, one, at, scan, offset, fit)
+    for k in range(1, 3 if fit.score < _EXPLAINED * fit.n else 1):
+        # A scan that repeats moves with the chair; a mirrored one turns at twice its rate.
+        other, best = fit.other[:], fit.score
+        other[0], other[1] = k * (at.x - key.at[0]), k * (at.y - key.at[1])
+        other[2] = k * math.atan2(
+            at.s * key.at[2] - at.c * key.at[3], at.c * key.at[2] + at.s * key.at[3]
+        )
+        _refine(key, one, at, scan, other, fit)
+        if fit.score > best:
+            offset[0], offset[1], offset[2] = other[0], other[1], other[2]
     _fit(key, one, at, scan, offset, fit)
     key.few = matched < max(_MATCHED, as_int(_STAY * key.matched))
     if fit.score < plain - _GAIN * fit.n:  # a wrong minimum
@@ -228,7 +255,8 @@ def _fits_another_motion(key: Any, one: LaserArrays, at: Frame, scan: Floats) ->
     off = math.sqrt(offset[0] * offset[0] + offset[1] * offset[1])
     shifted = off > _OFF + _OFF_PER_METRE * key.way + _OFF_PER_RADIAN * key.turned
     turned = abs(offset[2]) > _TURNED + _TURNED_PER_RADIAN * key.turned
-    return bool((fit.n >= _MATCHED) & explained & (shifted | turned))
+    moved = key.way + key.turned > _MOVED
+    return bool((fit.n >= _MATCHED) & moved & explained & (shifted | turned))
 
 
 @borrowing_kernel

@@ -134,6 +134,7 @@ KEY = np.dtype(
         ("held", "f4", (KEY_POINTS,)),  # s for which it was seen
         ("offset", "f8", (3,)),  # fitted motion that the wheels do not report [m, m, rad]
         ("still", "f8", (3,)),  # zeros
+        ("at", "f8", (4,)),  # frame of the scanner at the key scan: x, y, cosine, sine
         ("speed", "f8", (2,)),  # velocity at the key scan [m/s]
         ("square", "f8"),  # sums of a regression of the offset on the change of speed
         ("product", "f8"),

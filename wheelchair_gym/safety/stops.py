@@ -111,6 +111,11 @@ STOPS: Final = (
         "IMPLAUSIBLE", "the motors' voltage and the measured speed do not match",
         "check the encoders and their counts per metre, then the motors",
     ),
+    _board("OVERRUN", "the board's control came too late", "check the encoders' cables for noise"),
+    _board(
+        "LEVER", "the freewheel lever was lifted while the chair was in operation",
+        "close the freewheel lever; to push the chair, hold its push switch",
+    ),
     _board("not armed", "the board is not armed yet", "close the freewheel lever if it is open"),
     Stop(
         "board fault", "drive board", r"the drive board has stopped \(",

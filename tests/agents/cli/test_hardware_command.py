@@ -113,8 +113,8 @@ class NoStick:
     def __init__(self, looks=0):
         self.looks = looks
 
-    def capabilities(self, absinfo=False):
-        return {joystick.EV_ABS: [(axis, SimpleNamespace(min=-1, max=1)) for axis in (0, 1)]}
+    def absinfo(self, axis):
+        return SimpleNamespace(value=0, min=-1, max=1)
 
     def read(self):
         self.looks -= 1

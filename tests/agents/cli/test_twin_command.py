@@ -32,6 +32,7 @@ SAID = {
     "slope 8": lambda served: served.twin.faults.slope == Slope(math.radians(8.0)),
     "slope 8 90": lambda served: served.twin.faults.slope == Slope(math.radians(8.0), math.pi / 2),
     "push -250": lambda served: served.twin.faults.push_force == -250.0,
+    "push-switch held": lambda served: served.twin.faults.push_switch,
     "reset-on-open drive": lambda served: served.drive.wire.resets_on_open,
     "battery 28": lambda served: served.twin.faults.battery == 28.0,
     "sonar 3 silent": lambda served: served.twin.faults.silent_ultrasonics == {3},

@@ -19,41 +19,14 @@ if TYPE_CHECKING:
     from wheelchair_gym.hardware.boards.senses import BoardSensors
     from wheelchair_gym.hardware.control_loop import Clock
 
-DRIVE_PARAMETERS = (
-    "track",
-    "counts_per_metre",
-    "forward",
-    "backward",
-    "turn",
-    "acceleration",
-    "deceleration",
-    "protective",
-    "turn_acceleration",
-    "jerk",
-    "turn_jerk",
-    "stop",
-    "feed",
-    "kp",
-    "ki",
-    "kd",
-    "ka",
-    "smoothing",
-    "timeout",
-    "latch",
-    "missing",
-    "over_speed",
-    "under_voltage",
-    "battery_full",
-    "manual",
-    "creep",
-    "half_width",
-    "runaway",
-    "load",
-    "hold",
-    "park",
-    "slip",
-    "duty_limit",
-)  # in the board's order
+DRIVE_PARAMETERS = (  # in the board's order: chair, limits, control, supervision, person and rest
+    "track", "counts_per_metre",
+    "forward", "backward", "turn", "acceleration", "deceleration", "protective",
+    "turn_acceleration", "jerk", "turn_jerk", "stop",
+    "feed", "kp", "ki", "kd", "ka", "smoothing",
+    "timeout", "latch", "missing", "over_speed", "under_voltage", "battery_full",
+    "manual", "creep", "half_width", "runaway", "load", "hold", "park", "slip", "duty_limit",
+)  # fmt: skip
 RANGE_PARAMETERS = ("interval", "sound", "narrow_reach", "wide_reach", "narrow_blind", "wide_blind")
 NAMES = {"drive": DRIVE_PARAMETERS, "range": RANGE_PARAMETERS}
 PATIENCE = 3.0  # s for each parameter

@@ -57,6 +57,8 @@ class Fault(enum.IntFlag):
     RUNAWAY = 0x0400  # a wheel turns faster than its set point, or does not come to rest
     BRAKE = 0x0800  # the closed brakes have slipped repeatedly
     IMPLAUSIBLE = 0x1000  # motor voltage and measured speed do not fit together
+    OVERRUN = 0x2000  # the control came too late, once or repeatedly
+    LEVER = 0x4000  # the freewheel lever was lifted while the board had the chair
 
 
 class Switch(enum.IntFlag):
@@ -181,15 +183,8 @@ class Identify(NamedTuple):
 @_layout(
     0x81,
     "IiihhhhhhHBHBBBHB",
-    stamp=1e-3,
-    speed_left=1e-4,
-    speed_right=1e-4,
-    v=1e-4,
-    w=1e-4,
-    duty_left=1e-4,
-    duty_right=1e-4,
-    battery=1e-3,
-    age=1e-3,
+    **dict.fromkeys(("stamp", "battery", "age"), 1e-3),
+    **dict.fromkeys(("speed_left", "speed_right", "v", "w", "duty_left", "duty_right"), 1e-4),
 )
 class Odometry(NamedTuple):
     """Drive board to host, 50 Hz."""

@@ -20,6 +20,8 @@
 
 #define RX_SIZE 128 /* a power of two */
 #define TX_SIZE 256 /* as many as a byte counts */
+#define TX_REPORTS (2 * (ENCODED_MAX + 1)) /* of them that answers leave to reports */
+#define RECEIVE_MOST 32 /* bytes a call: less than comes in while a frame is dealt with */
 #define TICK_TOP (F_CPU / 128 / 1000 - 1) /* 1 kHz, exact */
 #define UBRR_VALUE (F_CPU / 8 / BAUD - 1) /* double speed */
 
@@ -76,12 +78,26 @@ uint32_t board_now(void)
     return now;
 }
 
+uint16_t board_micros(void)
+{
+    uint16_t micros;
+    ATOMIC_BLOCK(ATOMIC_RESTORESTATE)
+    {
+        uint8_t part = TCNT2;
+        uint16_t whole = (uint16_t)ticks;
+        if (TIFR2 & _BV(OCF2A) && part < TICK_TOP / 2)
+            whole++; /* its interrupt waits */
+        micros = (uint16_t)(whole * 1000U + part * (128000000UL / F_CPU));
+    }
+    return micros;
+}
+
 uint8_t board_lost(void) { return lost; }
 uint16_t board_bad(void) { return receiver.bad; }
 
 uint8_t board_receive(const uint8_t **body)
 {
-    while (rx_tail != rx_head) {
+    for (uint8_t taken = 0; taken < RECEIVE_MOST && rx_tail != rx_head; taken++) {
         uint8_t size = receive(&receiver, rx[rx_tail]);
         rx_tail = (uint8_t)((rx_tail + 1) & (RX_SIZE - 1));
         if (size) {
@@ -92,12 +108,13 @@ uint8_t board_receive(const uint8_t **body)
     return 0;
 }
 
-void board_send(uint8_t kind, const void *payload, uint8_t length)
+/* Send a frame if there is room for it, and then for `spare` bytes more. */
+static void send(uint8_t kind, const void *payload, uint8_t length, uint8_t spare)
 {
     uint8_t out[ENCODED_MAX + 1];
     uint8_t size = frame(kind, sequence++, payload, length, out);
     uint8_t room = (uint8_t)(tx_tail - tx_head - 1);
-    if (room < size) { /* drop the whole frame, never wait */
+    if (room < size + spare) { /* drop the whole frame, never wait */
         ATOMIC_BLOCK(ATOMIC_RESTORESTATE) { lost++; }
         return;
     }
@@ -106,12 +123,17 @@ void board_send(uint8_t kind, const void *payload, uint8_t length)
     ATOMIC_BLOCK(ATOMIC_RESTORESTATE) { UCSR0B |= _BV(UDRIE0); }
 }
 
+void board_send(uint8_t kind, const void *payload, uint8_t length)
+{
+    send(kind, payload, length, 0);
+}
+
 void board_answer(answered_t answered, uint8_t *answer)
 {
     if (answered.kind == IDENTITY)
         answer[offsetof(identity_t, cause)] = cause;
     if (answered.kind)
-        board_send(answered.kind, answer, answered.size);
+        send(answered.kind, answer, answered.size, TX_REPORTS);
 }
 
 void board_identify(const parameters_t *parameters)

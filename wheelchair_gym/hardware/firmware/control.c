@@ -16,7 +16,7 @@
 static float least(float a, float b) { return a < b ? a : b; }
 static float most(float a, float b) { return a > b ? a : b; }
 
-void approach(axis_t *axis, float target, float up, float down, float jerk, float dt)
+void approach(axis_t *axis, float target, float up, float down, float jerk, float dt, float per_dt)
 {
     float gap = target - axis->speed;
     if (gap == 0.0F && axis->slope == 0.0F)
@@ -25,7 +25,7 @@ void approach(axis_t *axis, float target, float up, float down, float jerk, floa
     float far = fabsf(gap), step = jerk * dt;
     /* The rate from which jerk can still bring the slope to zero when the target is reached. */
     float final = sqrtf(2.0F * jerk * far + 0.25F * step * step) - 0.5F * step;
-    float wanted = copysignf(least(braking ? down : up, least(final, far * (1.0F / dt))), gap);
+    float wanted = copysignf(least(braking ? down : up, least(final, far * per_dt)), gap);
     float slope = axis->slope + least(step, most(-step, wanted - axis->slope));
     float after = axis->speed + slope * dt;
     bool there = (target - after) * gap <= 0.0F || fabsf(target - after) < THERE;
@@ -45,25 +45,33 @@ void fall(axis_t *axis, float bound, float rate, float dt)
     axis->slope = 0.0F;
 }
 
-worked_t work_out(const drive_values_t *p)
+void work_out(worked_t *k, const drive_values_t *p)
 {
-    float count = 1.0F / p->counts_per_metre;
-    float pivot = least(1.0F, p->missing * (1.0F / PIVOT_WAY));
-    return (worked_t){RUN / (p->smoothing + RUN), count * (1.0F / RUN), count, pivot,
-                      1.0F / most(p->track, 0.1F)};
+    k->count = 1.0F / p->counts_per_metre;
+    k->pivot = least(1.0F, p->missing * (1.0F / PIVOT_WAY));
+    k->per_track = 1.0F / most(p->track, 0.1F);
+    k->hasten = 1.0F / (p->smoothing + RUN);
 }
 
-void measure_wheel(wheel_t *wheel, worked_t k, int32_t counts, float turn)
+void time_run(worked_t *k, float run)
 {
-    float measured = (float)(counts - wheel->counts) * k.quantum;
+    k->run = run;
+    k->per_run = 1.0F / run;
+    k->share = least(1.0F, k->hasten * run);
+    k->quantum = k->count * k->per_run;
+}
+
+void measure_wheel(wheel_t *wheel, const worked_t *k, int32_t counts, float turn)
+{
+    float measured = (float)(counts - wheel->counts) * k->quantum;
     wheel->counts = counts;
-    wheel->speed += k.share * (measured - wheel->speed);
+    wheel->speed += k->share * (measured - wheel->speed);
     /* The way that is missing against half of the aim: grows when counts stay away. */
     float aim = fabsf(wheel->aim), progress = wheel->aim < 0.0F ? -measured : measured, share = 1.0F;
     bool slow = aim < SLOW && fabsf(wheel->speed) < SLOW;
     if (slow) {
         progress = most(0.0F, progress);
-        share = aim < PIVOT * turn ? k.pivot : 1.0F;
+        share = aim < PIVOT * turn ? k->pivot : 1.0F;
     }
     /* Such a wheel rolls back, or passes briefly through rest: without any move it misses less. */
     int32_t moved = counts - wheel->mark;
@@ -71,33 +79,37 @@ void measure_wheel(wheel_t *wheel, worked_t k, int32_t counts, float turn)
         wheel->mark = counts;
         wheel->silent = 0.0F;
     } else {
-        wheel->silent += 0.5F * aim * RUN;
+        wheel->silent += 0.5F * aim * k->run;
     }
-    wheel->behind = most(0.0F, wheel->behind + share * (0.5F * aim - progress) * RUN);
+    wheel->behind = most(0.0F, wheel->behind + share * (0.5F * aim - progress) * k->run);
     if (wheel->aim == 0.0F)
         wheel->behind = wheel->silent = 0.0F;
 }
 
-float way_beyond(wheel_t *wheel, worked_t k, float fall)
+float way_beyond(wheel_t *wheel, const worked_t *k, float fall)
 {
-    float far = 0.0F, way = (float)(wheel->counts - wheel->from) * k.count;
+    float far = 0.0F, way = (float)(wheel->counts - wheel->from) * k->count;
     for (uint8_t i = 0; i < 2; i++) {
         float aim = i ? -least(wheel->aim, wheel->aim_from) : most(wheel->aim, wheel->aim_from);
-        wheel->may[i] = most(most(0.0F, aim), wheel->may[i] - fall * SPAN);
-        float over = (i ? -way : way) - wheel->may[i] * SPAN;
+        wheel->may[i] = most(most(0.0F, aim), wheel->may[i] - fall * wheel->span);
+        float over = (i ? -way : way) - wheel->may[i] * wheel->span;
         wheel->sum_over[i] += over - wheel->past[i][wheel->at];
         wheel->past[i][wheel->at] = over;
         far = most(far, wheel->sum_over[i]);
     }
     wheel->at = (uint8_t)((wheel->at + 1) % SPANS);
     wheel->from = wheel->counts;
+    wheel->span = 0.0F;
     wheel->aim_from = wheel->aim;
     return far;
 }
 
+void lengthen_span(wheel_t *wheel, const worked_t *k) { wheel->span += k->run; }
+
 void excuse_wheel(wheel_t *wheel)
 {
     wheel->from = wheel->counts;
+    wheel->span = 0.0F;
     for (uint8_t i = 0; i < 2; i++) {
         wheel->may[i] = most(wheel->may[i], fabsf(wheel->speed));
         wheel->sum_over[i] = 0.0F;
@@ -106,21 +118,21 @@ void excuse_wheel(wheel_t *wheel)
     }
 }
 
-float way_from_home(const wheel_t *wheel, worked_t k)
+float way_from_home(const wheel_t *wheel, const worked_t *k)
 {
-    return (float)(wheel->counts - wheel->home) * k.count;
+    return (float)(wheel->counts - wheel->home) * k->count;
 }
 
-float control_wheel(wheel_t *wheel, const drive_values_t *p, worked_t k, float target, float rate,
+float control_wheel(wheel_t *wheel, const drive_values_t *p, const worked_t *k, float target, float rate,
                     float battery, bool held)
 {
     /* The target passes the same low-pass, so that its delay does not wind up the integral. */
     float before = wheel->aim;
-    wheel->aim += k.share * (target - wheel->aim);
+    wheel->aim += k->share * (target - wheel->aim);
     if (before * wheel->aim < 0.0F) /* it turns back: its way begins anew */
         wheel->behind = wheel->silent = 0.0F;
     float error = wheel->aim - wheel->speed;
-    float slope = (error - wheel->error) * (1.0F / RUN);
+    float slope = (error - wheel->error) * k->per_run;
     wheel->error = error;
     float volts = p->feed * target + p->ka * rate + p->kp * error + wheel->sum + p->kd * slope;
     if (held) {
@@ -130,7 +142,7 @@ float control_wheel(wheel_t *wheel, const drive_values_t *p, worked_t k, float t
         if (fabsf(wheel->aim) < THERE)
             wheel->aim = 0.0F;
     } else if (fabsf(volts) < battery) {
-        wheel->sum += p->ki * error * RUN;
+        wheel->sum += p->ki * error * k->run;
     }
     wheel->rate = rate;
     return wheel->volts = least(battery, most(-battery, volts));
@@ -155,7 +167,7 @@ void release_wheel(wheel_t *wheel)
     wheel->behind = wheel->silent = 0.0F;
 }
 
-void leave_home(wheel_t *wheel, const drive_values_t *p, worked_t k)
+void leave_home(wheel_t *wheel, const drive_values_t *p, const worked_t *k)
 {
     wheel->sum -= p->hold * way_from_home(wheel, k);
 }

@@ -4,7 +4,7 @@
 
 #include "protocol.h"
 
-#define RUN 0.005F /* s: 200 Hz */
+#define RUN 0.005F /* s: 200 Hz; each run measures what it was */
 
 #define VALUE(name, initial, low, high, unit) float name;
 typedef struct { DRIVE_PARAMETERS(VALUE) } drive_values_t;
@@ -15,14 +15,15 @@ typedef struct {
 } axis_t;
 
 /* Move a speed towards its target within limits of rate and jerk: kinematics.approach. */
-void approach(axis_t *axis, float target, float up, float down, float jerk, float dt);
+void approach(axis_t *axis, float target, float up, float down, float jerk, float dt,
+              float per_dt);
 
 /* Move a speed towards a bound at a rate, exempt from jerk. */
 void fall(axis_t *axis, float bound, float rate, float dt);
 
 #define SPANS 4      /* of the time over which a wheel that is too fast is looked at */
 #define SPAN_RUNS 5U
-#define SPAN (SPAN_RUNS * RUN) /* s: 25 ms each, 0.1 s in all */
+#define SPAN (SPAN_RUNS * RUN) /* s: 25 ms each, 0.1 s in all, where runs are in time */
 
 typedef struct {
     int32_t counts;
@@ -38,6 +39,7 @@ typedef struct {
     float volts;    /* that it gets */
     float rate;     /* m/s2 that it is to have */
     int32_t from;   /* counts, when this span began */
+    float span;     /* s that it has lasted */
     float aim_from; /* m/s, and the aim */
     float may[2];   /* m/s, forward and backward: the aim, or what it can still be braking from */
     float past[2][SPANS]; /* m that it went beyond that, in the last spans */
@@ -45,34 +47,43 @@ typedef struct {
     uint8_t at;     /* the oldest */
 } wheel_t;
 
-/* Worked out of the parameters between two runs: divisions are slow. */
 typedef struct {
-    float share;   /* of the low-pass */
-    float quantum; /* m/s of one count in a run */
+    /* Worked out of the parameters between two runs: divisions are slow. */
     float count;   /* m */
     float pivot;   /* weight of what a wheel misses about which the chair turns */
     float per_track; /* 1/m */
+    float hasten;  /* 1/s: share of the low-pass, to first order */
+    /* And of the time since the last run. */
+    float run, per_run; /* s, 1/s */
+    float share;   /* of the low-pass */
+    float quantum; /* m/s of one count in a run */
 } worked_t;
 
-worked_t work_out(const drive_values_t *p);
+void work_out(worked_t *k, const drive_values_t *p);
+
+/* A run begins, so many seconds after the last. */
+void time_run(worked_t *k, float run);
 
 /* Take the encoder's count: the speed since the last run. `turn` [rad/s]: as fast as this the chair
  * is to turn, either way. */
-void measure_wheel(wheel_t *wheel, worked_t k, int32_t counts, float turn);
+void measure_wheel(wheel_t *wheel, const worked_t *k, int32_t counts, float turn);
 
 /* At the end of a span: the way [m] by which the wheel went beyond its aim in the last SPANS.
  * `fall` [m/s2]: as fast as this it must follow an aim that comes down. */
-float way_beyond(wheel_t *wheel, worked_t k, float fall);
+float way_beyond(wheel_t *wheel, const worked_t *k, float fall);
+
+/* A run has ended: the wheel's span has lasted longer. */
+void lengthen_span(wheel_t *wheel, const worked_t *k);
 
 /* What a wheel does now is no runaway: it is pushed by hand, or has just been cut. */
 void excuse_wheel(wheel_t *wheel);
 
 /* How far a wheel is from where it came to rest [m]. */
-float way_from_home(const wheel_t *wheel, worked_t k);
+float way_from_home(const wheel_t *wheel, const worked_t *k);
 
 /* One run of PID with feed-forward. Returns volts for the motor within +-battery. `held`: at rest,
  * and to stay there. */
-float control_wheel(wheel_t *wheel, const drive_values_t *p, worked_t k, float target, float rate,
+float control_wheel(wheel_t *wheel, const drive_values_t *p, const worked_t *k, float target, float rate,
                     float battery, bool held);
 
 /* It has come to rest here. */
@@ -86,6 +97,6 @@ void weigh_wheel(wheel_t *wheel, const drive_values_t *p);
 void release_wheel(wheel_t *wheel);
 
 /* It is held no longer: what held it on its slope goes on, and it does not roll back. */
-void leave_home(wheel_t *wheel, const drive_values_t *p, worked_t k);
+void leave_home(wheel_t *wheel, const drive_values_t *p, const worked_t *k);
 
 #endif

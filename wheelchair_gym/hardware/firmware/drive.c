@@ -13,6 +13,10 @@
 #define BATTERY_SHARE 0.05F  /* of a reading a run: low-pass of 0.1 s */
 #define REST 0.03F           /* m/s at the rims: less is at rest; one count a run is 0.046 */
 #define CREEP_TURN 0.2F      /* rad/s, while a strip is pressed */
+#define OVERRUN_MOST 10000U  /* us that runs may be late, each or by and by; then OVERRUN */
+#define OVERRUN_EACH 5500U   /* us of a run that is not late: 10 % is forgiven */
+#define SHORTEST 1000U       /* us of a run */
+#define LONGEST 50000U       /* us; the watchdog timer ends longer ones */
 #define SAG 500U             /* ms below `under_voltage`: starting currents pass */
 #define LOOK 100U            /* ms over which impossible encoder steps are counted */
 #define ILLEGAL_MOST 20U     /* in that time: a few are noise */
@@ -23,6 +27,7 @@
 #define TAKE_OVER 150U       /* ms for the motors to take a chair from its brakes */
 #define HOLD_MOST 0.05F      /* m from there, or from where it came to rest: it is not held */
 #define SLIPS_MOST 3         /* of closed brakes: they do not hold */
+#define PUSHED 0.35F         /* m/s: shorted motors let 180 kg roll down 8 degrees at 0.24 m/s */
 #define FORGET 60000U        /* ms after which an older slip is no sign any longer */
 
 /* What takes the drivers' power and closes the brakes at once: control itself may be what fails. */
@@ -44,7 +49,7 @@ void drive_begin(drive_t *drive)
     drive->parameters = (parameters_t){bounds, &drive->p.track, COUNT, DRIVE_BOARD, false};
     use_defaults(&drive->parameters);
     drive->faults = RESET;
-    drive->must_zero = true;
+    drive->slowest = drive->p.over_speed;
 }
 
 void drive_restored(drive_t *drive)
@@ -96,15 +101,16 @@ static uint8_t rearm(drive_t *drive, uint16_t seen, bool zero, uint32_t now)
         return CAUSE_STANDS;
     if (!zero)
         return NOT_AT_ZERO;
-    drive->faults = 0;
+    drive->faults &= (uint16_t)~seen; /* none is left: others were refused above */
     drive->slips = 0;
     drive->armed = true;
-    drive->must_zero = false; /* zero was asked for just now */
+    drive->joystick.free = false;
+    drive->host_free = true; /* zero was asked for just now */
     drive->valid_at = now;
     return DONE;
 }
 
-static void measure(drive_t *drive, worked_t k, const inputs_t *in)
+static void measure(drive_t *drive, const worked_t *k, const inputs_t *in)
 {
     float turn = fabsf(drive->w.speed);
     for (uint8_t i = 0; i < 2; i++) {
@@ -123,14 +129,14 @@ static void measure(drive_t *drive, worked_t k, const inputs_t *in)
 }
 
 /* Latch that the chair does not come to rest, or does not stay there. */
-static void watch_rest(drive_t *drive, worked_t k, const inputs_t *in)
+static void watch_rest(drive_t *drive, const worked_t *k, const inputs_t *in)
 {
     bool late = in->now - drive->moved_at > RUNAWAY_AFTER, moves = false;
     for (uint8_t i = 0; i < 2 && drive->running; i++) {
         /* Who is pushed, or has coarse encoders, comes to rest later, but not far from here. */
         if (!drive->held && !late)
             drive->wheels[i].home = drive->wheels[i].counts;
-        else if (fabsf(way_from_home(&drive->wheels[i], k)) > HOLD_MOST + k.count)
+        else if (fabsf(way_from_home(&drive->wheels[i], k)) > HOLD_MOST + k->count)
             moves = true;
     }
     if (moves)
@@ -143,13 +149,16 @@ static void watch_rest(drive_t *drive, worked_t k, const inputs_t *in)
 
 void drive_look(drive_t *drive)
 {
-    const worked_t k = drive->k = work_out(&drive->p); /* here there is time for it */
+    work_out(&drive->k, &drive->p); /* here there is time for it */
+    drive->per_battery = 1.0F / fmaxf(drive->battery, LEAST_BATTERY);
+    const worked_t *k = &drive->k;
     drive->span = (uint8_t)(drive->span + 1U) % SPAN_RUNS;
     for (uint8_t i = 0; i < 2; i++) {
         wheel_t *wheel = &drive->wheels[i];
+        lengthen_span(wheel, k);
         if (drive->span != 2 * i) /* one wheel in a run: the runs take more equal times */
             continue;
-        float most = drive->p.runaway * SPAN_TIME + k.count;
+        float most = drive->p.runaway * SPAN_TIME + k->count;
         if (way_beyond(wheel, k, drive->running ? FOLLOW : BRAKED) > most)
             drive->faults |= RUNAWAY;
         /* Braking hard and holding ask for more than any load does in driving. */
@@ -163,9 +172,9 @@ void drive_look(drive_t *drive)
 }
 
 /* Closed brakes that slip: count it, and let the motors hold the chair where they may. */
-static void watch_brakes(drive_t *drive, worked_t k, const inputs_t *in)
+static void watch_brakes(drive_t *drive, const worked_t *k, const inputs_t *in)
 {
-    float bound = drive->p.slip + k.count;
+    float bound = drive->p.slip + k->count;
     if (!drive->shut || drive->faults & BRAKE ||
         (fabsf(way_from_home(&drive->wheels[0], k)) < bound &&
          fabsf(way_from_home(&drive->wheels[1], k)) < bound))
@@ -181,11 +190,13 @@ static void watch_brakes(drive_t *drive, worked_t k, const inputs_t *in)
 }
 
 /* Latch what is wrong. */
-static void watch(drive_t *drive, worked_t k, const inputs_t *in)
+static void watch(drive_t *drive, const worked_t *k, const inputs_t *in)
 {
-    float missing = drive->p.missing + k.count; /* whole counts are seen */
+    float missing = drive->p.missing + k->count; /* whole counts are seen */
     watch_rest(drive, k, in);
     watch_brakes(drive, k, in);
+    if (drive->late > OVERRUN_MOST)
+        drive->faults |= OVERRUN;
     if (in->switches & STOP_PRESSED)
         drive->faults |= EMERGENCY_STOP;
     if (in->switches & (DRIVER_LEFT | DRIVER_RIGHT) && drive->mode != STOPPED && !drive->parked)
@@ -207,6 +218,8 @@ static void watch(drive_t *drive, worked_t k, const inputs_t *in)
         drive->low_at = in->now;
     else if (in->now - drive->low_at > SAG)
         drive->faults |= UNDER_VOLTAGE;
+    if (in->switches & FREEWHEEL && (drive->armed || drive->mode != STOPPED))
+        drive->faults |= LEVER;
     if (drive->faults || in->switches & FREEWHEEL)
         drive->armed = false;
 }
@@ -220,45 +233,32 @@ typedef struct {
 static bool choose(drive_t *drive, uint32_t now, target_t *target)
 {
     const joystick_t *stick = &drive->joystick;
-    bool fresh = joystick_fresh(stick, now);
-    if (fresh && stick->manual != drive->manual) {
+    bool heard = joystick_fresh(stick, now), fresh = heard, free = heard && stick->free;
+    if (heard && stick->manual != drive->manual) {
         drive->manual = stick->manual;
-        drive->must_zero = true;
+        drive->host_free = false;
     }
     if (drive->manual) {
         /* A joystick that falls silent keeps the chair: the host never takes over by itself. */
-        float share = stick->held ? drive->p.manual : 0.0F;
-        float v = share * stick->ahead;
+        float v = drive->p.manual * stick->ahead;
         *target = (target_t){v * (v > 0.0F ? drive->p.forward : drive->p.backward),
-                             share * stick->aside * drive->p.turn, !stick->held};
-        bool centred = stick->ahead == 0.0F && stick->aside == 0.0F;
-        if (fresh && stick->held && !drive->was_held)
-            rearm(drive, UINT16_MAX, centred, now);
-        if (fresh) {
-            if (drive->was_held && !stick->held)
-                drive->must_zero = true; /* let go: back to the centre before it drives again */
+                             drive->p.manual * stick->aside * drive->p.turn, false};
+        if (heard && stick->held && !drive->was_held)
+            rearm(drive, UINT16_MAX, joystick_centred(stick), now);
+        if (heard)
             drive->was_held = stick->held;
-        }
-        if (centred)
-            drive->must_zero = false;
     } else {
         fresh = command_fresh(drive, now);
         *target = (target_t){(float)drive->command.v * 1e-4F, (float)drive->command.w * 1e-4F,
                              (drive->command.flags & PROTECTIVE) != 0};
         bool zero = drive->command.v == 0 && drive->command.w == 0;
-        if (drive->command.flags & ASSISTED) {
-            /* The person's hand goes before the host: what it lets go stops, whatever is asked. */
-            bool held = joystick_fresh(stick, now) && stick->held;
-            zero = held && stick->ahead == 0.0F && stick->aside == 0.0F;
-            if (!held)
-                drive->must_zero = true; /* let go: back to the centre before it drives again */
-            else if (zero)
-                *target = (target_t){0.0F, 0.0F, target->protective};
-        }
-        if (fresh && zero)
-            drive->must_zero = false;
+        drive->host_free = interlock(drive->host_free, true, fresh && zero);
+        if (!(drive->command.flags & ASSISTED))
+            free = drive->host_free;
+        else if (joystick_centred(stick)) /* the person's hand goes before the host */
+            *target = (target_t){0.0F, 0.0F, target->protective};
     }
-    if (drive->must_zero) /* somebody takes over from a moving chair, or has let go of it */
+    if (!free) /* somebody takes over from a moving chair, or has let go of it */
         *target = (target_t){0.0F, 0.0F, true};
     return fresh;
 }
@@ -308,7 +308,7 @@ static bool moves(const drive_t *drive)
 static void move_set_point(drive_t *drive, target_t target)
 {
     const drive_values_t *p = &drive->p;
-    const float per_track = drive->k.per_track;
+    const float per_track = drive->k.per_track, run = drive->k.run, per_run = drive->k.per_run;
     drive->wants = false;
     if (drive->mode == STOPPED) {
         drive->v = drive->w = (axis_t){0.0F, 0.0F};
@@ -318,7 +318,7 @@ static void move_set_point(drive_t *drive, target_t target)
         /* Along the same curve, which was found clear: both fall together. */
         float rate = target.protective && drive->mode != STOPPING ? p->protective : p->stop;
         float fastest = fmaxf(fabsf(drive->v.speed), fabsf(drive->w.speed) / per_track);
-        float kept = fastest > rate * RUN ? 1.0F - rate * RUN / fastest : 0.0F;
+        float kept = fastest > rate * run ? 1.0F - rate * run / fastest : 0.0F;
         drive->v = (axis_t){kept * drive->v.speed, 0.0F};
         drive->w = (axis_t){kept * drive->w.speed, 0.0F};
         return;
@@ -336,15 +336,15 @@ static void move_set_point(drive_t *drive, target_t target)
     }
     /* What a strip forbids ends at once; within bounds the limits of comfort hold. */
     if (drive->v.speed < low || drive->v.speed > high)
-        fall(&drive->v, clamp(drive->v.speed, low, high), p->stop, RUN);
+        fall(&drive->v, clamp(drive->v.speed, low, high), p->stop, run);
     else
         approach(&drive->v, clamp(target.v, low, high), p->acceleration, p->deceleration, p->jerk,
-                 RUN);
+                 run, per_run);
     if (fabsf(drive->w.speed) > turn)
-        fall(&drive->w, copysignf(turn, drive->w.speed), p->stop * per_track, RUN);
+        fall(&drive->w, copysignf(turn, drive->w.speed), p->stop * per_track, run);
     else
         approach(&drive->w, clamp(target.w, -turn, turn), p->turn_acceleration,
-                 p->turn_acceleration, p->turn_jerk, RUN);
+                 p->turn_acceleration, p->turn_jerk, run, per_run);
     /* Behind brakes that open the motors take the chair over first: a slope shows only now. */
     if (moves(drive) && drive->inputs.now - drive->open_at < TAKE_OVER) {
         drive->v = drive->w = (axis_t){0.0F, 0.0F};
@@ -354,7 +354,7 @@ static void move_set_point(drive_t *drive, target_t target)
 
 /* A chair whose set point is zero stays where it came to rest: the motors hold it, and after a
  * while, or in a protective stop at once, the brakes. */
-static void keep(drive_t *drive, target_t target, worked_t k, uint32_t now)
+static void keep(drive_t *drive, target_t target, const worked_t *k, uint32_t now)
 {
     bool still = !moves(drive) && !drive->wants;
     if (drive->mode != HOST && drive->mode != MANUAL)
@@ -390,13 +390,40 @@ static void keep(drive_t *drive, target_t target, worked_t k, uint32_t now)
         drive->moved_at = now;
 }
 
+/* The lever is lifted: the motors alone can brake, their ends joined by drivers at duty 0. It goes on as
+ * long as the wheels turn and are no faster for it. */
+static bool brake_by_motors(drive_t *drive)
+{
+    if (!(drive->inputs.switches & FREEWHEEL)) {
+        drive->slowest = drive->p.over_speed;
+        drive->pushed = false;
+        return false;
+    }
+    float speed = fmaxf(fabsf(drive->wheels[0].speed), fabsf(drive->wheels[1].speed));
+    drive->slowest = fminf(drive->slowest, speed);
+    if (wheels_rest(drive))
+        drive->pushed = false;
+    else if (speed > drive->slowest + PUSHED)
+        drive->pushed = true;
+    return !drive->pushed && !wheels_rest(drive) && !(drive->faults & CUTTING);
+}
+
 void drive_step(drive_t *drive, const inputs_t *inputs, outputs_t *outputs)
 {
     target_t target;
     axis_t v = drive->v, w = drive->w;
-    if (!drive->begun)
-        drive->k = work_out(&drive->p);
-    const worked_t k = drive->k;
+    uint16_t passed = (uint16_t)(RUN * 1e6F);
+    if (drive->begun)
+        passed = inputs->passed < SHORTEST  ? SHORTEST
+                 : inputs->passed > LONGEST ? LONGEST
+                                            : inputs->passed;
+    else
+        work_out(&drive->k, &drive->p);
+    uint16_t behind = drive->late > OVERRUN_MOST ? OVERRUN_MOST : drive->late;
+    behind = (uint16_t)(behind + passed);
+    drive->late = behind > OVERRUN_EACH ? (uint16_t)(behind - OVERRUN_EACH) : 0;
+    time_run(&drive->k, (float)passed * 1e-6F);
+    const worked_t *k = &drive->k;
     measure(drive, k, inputs);
     watch(drive, k, inputs);
     bool asked = choose(drive, inputs->now, &target);
@@ -409,10 +436,10 @@ void drive_step(drive_t *drive, const inputs_t *inputs, outputs_t *outputs)
     drive->driving = running && !braking && !drive->held;
     float v_rate = drive->v.slope, w_rate = drive->w.slope;
     if (running && braking) { /* feeds its rate forward */
-        v_rate = (drive->v.speed - v.speed) * (1.0F / RUN);
-        w_rate = (drive->w.speed - w.speed) * (1.0F / RUN);
+        v_rate = (drive->v.speed - v.speed) * k->per_run;
+        w_rate = (drive->w.speed - w.speed) * k->per_run;
     }
-    float battery = fmaxf(drive->battery, LEAST_BATTERY), per_battery = 1.0F / battery;
+    float battery = fmaxf(drive->battery, LEAST_BATTERY), per_battery = drive->per_battery;
     for (uint8_t i = 0; i < 2; i++) {
         float half = (i ? 0.5F : -0.5F) * drive->p.track;
         drive->duty[i] = 0.0F;
@@ -430,7 +457,8 @@ void drive_step(drive_t *drive, const inputs_t *inputs, outputs_t *outputs)
     }
     if (!running) /* where it was held, what it needs is known */
         drive->open_at = inputs->now - (drive->parked && drive->learned ? TAKE_OVER : 0U);
-    drive->running = outputs->enable = running;
+    drive->running = running;
+    outputs->enable = brake_by_motors(drive) || running;
     /* Brakes that slip close all the same, and the motors hold against what they do not. */
     outputs->release = running && !(drive->faults & BRAKE && drive->held);
     if (outputs->release || inputs->switches & FREEWHEEL) {
@@ -448,7 +476,10 @@ answered_t drive_heed(drive_t *drive, const uint8_t *body, uint8_t size, uint32_
     const uint8_t kind = body[1], *payload = body + HEAD_SIZE;
     uint8_t length = (uint8_t)(size - HEAD_SIZE), status = UNKNOWN;
     if (kind == COMMAND && length == sizeof(command_t)) {
+        uint8_t flags = drive->command.flags;
         memcpy(&drive->command, payload, sizeof(command_t));
+        if ((flags ^ drive->command.flags) & ASSISTED) /* somebody else drives from here on */
+            drive->host_free = drive->joystick.free = false;
         drive->echo = body[2];
         drive->command_at = now;
         drive->commanded = true;
@@ -462,7 +493,7 @@ answered_t drive_heed(drive_t *drive, const uint8_t *body, uint8_t size, uint32_
         if (status == DONE && drive->manual && drive_at_rest(drive) &&
             !joystick_fresh(&drive->joystick, now)) {
             drive->manual = false; /* a person at the host takes over from a dead joystick */
-            drive->must_zero = !zero;
+            drive->host_free = zero;
         }
     }
     bool at_rest = drive->mode == STOPPED && drive_at_rest(drive);
@@ -509,7 +540,7 @@ joystick_told_t drive_tell_joystick(const drive_t *drive, uint32_t now)
         .forward = steps(stick->ahead, 1e4F),
         .left = steps(stick->aside, 1e4F),
         .flags = (uint8_t)((joystick_fresh(stick, now) ? FRESH : 0) | (stick->held ? HELD : 0) |
-                           (drive->must_zero ? MUST_CENTRE : 0)),
+                           (stick->free ? 0 : MUST_CENTRE)),
         .age = stick->heard && age < 255 ? (uint8_t)age : 255,
     };
 }

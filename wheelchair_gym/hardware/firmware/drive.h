@@ -8,6 +8,7 @@
 
 typedef struct {
     uint32_t now;      /* ms since reset */
+    uint16_t passed;   /* us since the last step, as it was when the counts were read */
     int32_t counts[2]; /* left, right */
     uint8_t illegal;   /* encoder steps that cannot be, a running count */
     uint8_t switches;  /* SWITCHES */
@@ -16,7 +17,7 @@ typedef struct {
 
 typedef struct {
     float duty[2]; /* -1 to 1 of the battery's voltage */
-    bool enable;   /* of both drivers; off, the motors turn freely */
+    bool enable;   /* of both drivers and of the relay that connects them; off, it shorts the motors */
     bool release;  /* the spring brakes are held off */
 } outputs_t;
 
@@ -42,13 +43,14 @@ typedef struct {
     uint8_t slips;    /* of closed brakes, since a person re-armed or for a minute */
     uint32_t slipped_at; /* ms, the last */
     uint8_t span;     /* runs of this span of the look-out for runaways */
-    bool must_zero;   /* whoever drives must ask for zero once before it is heeded */
-    bool was_held;
+    bool host_free;   /* by the interlock: the host may move the chair; its neutral is a zero */
+    bool was_held;    /* the joystick's switch, in the last run of a person who drives by it */
     uint32_t valid_at; /* ms, when someone last drove */
     uint32_t moved_at; /* ms, when the set point was last away from zero */
     uint32_t held_at;  /* ms, when it came to rest */
 
     worked_t k;        /* out of the parameters, as they were after the last run */
+    uint16_t late;     /* us that runs are behind */
 
     command_t command;
     uint8_t echo;      /* its sequence */
@@ -58,7 +60,10 @@ typedef struct {
     axis_t v, w;       /* set point */
     wheel_t wheels[2];
     float duty[2];
+    float slowest;     /* m/s of the faster wheel, at the least since the lever was lifted */
+    bool pushed;       /* faster than that by far: by hand, or by a driver that does not brake */
     float battery;     /* V, low-passed */
+    float per_battery; /* 1/V, after the last run */
     uint32_t low_at;   /* ms, when the battery was last well */
     uint8_t illegal;   /* at the last look */
     uint32_t look_at;
@@ -72,7 +77,8 @@ void drive_begin(drive_t *drive);
 /* EEPROM was read: `stored` of the parameters says whether they are its. */
 void drive_restored(drive_t *drive);
 
-/* One run of the control, every 5 ms. */
+/* One run of the control, every 5 ms; it is right for the time that has passed, and where runs come
+ * late, by more than OVERRUN_MOST in all, that is a fault. */
 void drive_step(drive_t *drive, const inputs_t *inputs, outputs_t *outputs);
 
 /* After each run, when motors and host have got what they wait for: whether a wheel turns faster than

@@ -9,6 +9,7 @@
 #include "drive.h"
 
 #define CONTROL_PERIOD 5U   /* ms: RUN */
+#define CATCH_UP 2U         /* ms that a late run may be nearer to the next one */
 #define ODOMETRY_PERIOD 20U /* ms: 50 Hz */
 #define PWM_TOP 799U        /* 20 kHz, above hearing */
 #define PER_ADC (1.0F / 1023.0F) /* of its full scale */
@@ -92,6 +93,7 @@ static uint8_t read_switches(void)
 
 static void control(uint32_t now)
 {
+    static uint16_t before;
     inputs_t inputs = {.now = now, .switches = read_switches()};
     outputs_t outputs;
     ATOMIC_BLOCK(ATOMIC_RESTORESTATE)
@@ -99,7 +101,11 @@ static void control(uint32_t now)
         inputs.counts[0] = counts[0];
         inputs.counts[1] = counts[1];
         inputs.illegal = illegal;
+        inputs.passed = board_micros();
     }
+    uint16_t at = inputs.passed;
+    inputs.passed = (uint16_t)(at - before);
+    before = at;
     inputs.battery = (float)ADC * PER_ADC * drive.p.battery_full;
     ADCSRA |= _BV(ADSC);
     drive_step(&drive, &inputs, &outputs);
@@ -133,11 +139,12 @@ static void begin(void)
     PCICR = _BV(PCIE0);
 }
 
+/* At most a frame of the host: the control goes before the next one. */
 static void hear(uint32_t now)
 {
     const uint8_t *body;
     uint8_t size, answer[PAYLOAD_MAX];
-    while ((size = board_receive(&body)) != 0) {
+    if ((size = board_receive(&body)) != 0) {
         bool save = false;
         answered_t answered = drive_heed(&drive, body, size, now, answer, &save);
         if (save && !board_save(&drive.parameters))
@@ -161,7 +168,9 @@ int main(void)
         uint32_t now = board_now();
         hear(now);
         if (now - controlled >= CONTROL_PERIOD) {
-            controlled += CONTROL_PERIOD;
+            /* Runs that were missed are not made up for: speeds over instants are noise. */
+            bool missed = now - controlled > CONTROL_PERIOD + CATCH_UP;
+            controlled = missed ? now : controlled + CONTROL_PERIOD;
             control(now);
             look = true;
             board_save_on(&drive.parameters);

@@ -2,8 +2,8 @@
  *
  * With clang: libFuzzer. Else a main of its own, that mutates good frames: `fuzz COUNT [SEED]`.
  * Either way the laws are checked: motors never get more than full voltage, never anything without
- * a person's re-arm, the set point never leaves its limits, and it falls once the dead-man switch of
- * an assisted person is let go.
+ * a person's re-arm, the set point never leaves its limits, and with a person at the joystick it only
+ * falls while the interlock is shut: its dead-man switch is let go, or neutral was not seen since then.
  */
 #include <math.h>
 #include <stdio.h>
@@ -53,7 +53,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
             MUST(told.size <= PAYLOAD_MAX);
         }
         if (i % 5 == 0) {
-            inputs_t inputs = {now, {data[i], -data[i]}, data[i], (uint8_t)(data[i] & data[0]),
+            uint16_t passed = data[i] & 1 ? 5000 : (uint16_t)(data[i] * data[0]);
+            inputs_t inputs = {now, passed, {data[i], -data[i]}, data[i], (uint8_t)(data[i] & data[0]),
                                36.0F};
             uint16_t latched = drive.faults;
             float before = fabsf(drive.v.speed);
@@ -65,10 +66,13 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
             MUST(fabsf(outputs.duty[0]) <= 1.0F && fabsf(outputs.duty[1]) <= 1.0F);
             MUST(drive.v.speed <= drive.p.forward * 1.1F + 0.1F);
             MUST(drive.v.speed >= -drive.p.backward * 1.1F - 0.1F);
-            MUST(!outputs.enable || drive.armed || drive.mode == STOPPING);
+            bool braking = inputs.switches & FREEWHEEL && !outputs.release;
+            braking = braking && outputs.duty[0] == 0.0F && outputs.duty[1] == 0.0F;
+            MUST(!outputs.enable || drive.armed || drive.mode == STOPPING || braking);
             MUST(drive.armed || !(drive.mode == HOST || drive.mode == MANUAL));
-            if (drive.mode == HOST && drive.command.flags & ASSISTED && !drive.joystick.held)
-                MUST(fabsf(drive.v.speed) <= before && drive.must_zero);
+            if (drive.mode == MANUAL || (drive.mode == HOST && drive.command.flags & ASSISTED))
+                MUST(drive.joystick.free || fabsf(drive.v.speed) <= before);
+            MUST(drive.joystick.held || !drive.joystick.free);
             odometry_t told = drive_tell(&drive, now, receiver.bad, 0);
             MUST(told.mode <= READY && (told.mode != READY || drive.armed));
         }

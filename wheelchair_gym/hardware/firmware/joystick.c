@@ -33,10 +33,14 @@ static void accept(joystick_t *joystick, uint32_t now)
     for (uint8_t i = 0; i <= SWITCH_HELD; i++)
         if (!SANE(channel(joystick, i)))
             return;
+    bool manual = channel(joystick, SWITCH_MANUAL) > HIGH;
+    if (manual != joystick->manual || !joystick_fresh(joystick, now))
+        joystick->free = false;
     joystick->ahead = stick(channel(joystick, STICK_AHEAD));
     joystick->aside = -stick(channel(joystick, STICK_ASIDE)); /* right is larger */
-    joystick->manual = channel(joystick, SWITCH_MANUAL) > HIGH;
+    joystick->manual = manual;
     joystick->held = channel(joystick, SWITCH_HELD) > HIGH;
+    joystick->free = interlock(joystick->free, joystick->held, joystick_centred(joystick));
     joystick->at = now;
     joystick->heard = true;
 }
@@ -57,4 +61,9 @@ void joystick_byte(joystick_t *joystick, uint8_t byte, uint32_t now)
 bool joystick_fresh(const joystick_t *joystick, uint32_t now)
 {
     return joystick->heard && now - joystick->at < JOYSTICK_TIMEOUT;
+}
+
+bool joystick_centred(const joystick_t *joystick)
+{
+    return joystick->ahead == 0.0F && joystick->aside == 0.0F;
 }

@@ -20,9 +20,19 @@ typedef struct {
     float aside;  /* -1 to 1, left positive */
     bool manual;  /* the person takes over */
     bool held;    /* the switch that must be held to drive; let go and back, it re-arms */
+    bool free;    /* by the interlock: while it is heard, it may move the chair */
 } joystick_t;
+
+/* The interlock of everybody who drives: nothing moves before neutral was seen with the enable held,
+ * and without a break since then. Returns whether motion is free now; `free`: whether it was.
+ * A take-over, a re-arm and silence begin anew, with false. */
+static inline bool interlock(bool free, bool enabled, bool neutral)
+{
+    return enabled && (free || neutral);
+}
 
 void joystick_byte(joystick_t *joystick, uint8_t byte, uint32_t now);
 bool joystick_fresh(const joystick_t *joystick, uint32_t now);
+bool joystick_centred(const joystick_t *joystick);
 
 #endif

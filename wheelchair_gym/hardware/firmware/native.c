@@ -74,10 +74,10 @@ EXPORT drive_t *drive_new(void)
         drive_begin(drive);
     return drive;
 }
-EXPORT void drive_run(drive_t *drive, uint32_t now, int32_t left, int32_t right, uint8_t illegal,
-                      uint8_t switches, float battery, float *duty, uint8_t *pins)
+EXPORT void drive_run(drive_t *drive, uint32_t now, uint16_t passed, int32_t left, int32_t right,
+                      uint8_t illegal, uint8_t switches, float battery, float *duty, uint8_t *pins)
 {
-    inputs_t inputs = {now, {left, right}, illegal, switches, battery};
+    inputs_t inputs = {now, passed, {left, right}, illegal, switches, battery};
     outputs_t outputs;
     drive_step(drive, &inputs, &outputs);
     drive_look(drive);
@@ -168,7 +168,7 @@ EXPORT void approach_all(axis_t *axis, float target, float up, float down, float
                          unsigned count, float *speeds)
 {
     for (unsigned i = 0; i < count; i++) {
-        approach(axis, target, up, down, jerk, dt);
+        approach(axis, target, up, down, jerk, dt, 1.0F / dt);
         speeds[i] = axis->speed;
     }
 }

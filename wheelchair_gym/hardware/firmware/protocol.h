@@ -146,7 +146,7 @@ typedef struct PACKED { JOYSTICK_LAYOUT(MEMBER) } joystick_told_t;
     N(MUST_CENTRE, 0x04)     /* nothing is driven before the stick was at its centre */
 
 #define MODES(N)     \
-    N(STOPPED, 0)    /* drivers off, brakes on; a person must re-arm */ \
+    N(STOPPED, 0)    /* drivers off, brakes on; a person must re-arm; lever lifted: duty 0 */ \
     N(HOST, 1)       /* the host drives */                   \
     N(MANUAL, 2)     /* the joystick at the board drives */  \
     N(STOPPING, 3)   /* on the way to rest, under control */ \
@@ -166,7 +166,9 @@ typedef struct PACKED { JOYSTICK_LAYOUT(MEMBER) } joystick_told_t;
                                 a host has stored them */                              \
     N(RUNAWAY, 0x0400)       /* a wheel turns faster than its aim, or does not come to rest */ \
     N(BRAKE, 0x0800)         /* the closed brakes have slipped repeatedly */           \
-    N(IMPLAUSIBLE, 0x1000)   /* motor voltage and measured speed do not fit together */
+    N(IMPLAUSIBLE, 0x1000)   /* motor voltage and measured speed do not fit together */ \
+    N(OVERRUN, 0x2000)       /* the control came too late, once or repeatedly */ \
+    N(LEVER, 0x4000)         /* the lever was lifted while the board had the chair */
 
 #define SWITCHES(N)                                              \
     N(STOP_PRESSED, 0x01)    /* emergency stop */                \

@@ -23,6 +23,10 @@
 #define WINDOW 140 /* (6 m + 43 mm) / 43 mm */
 #define BUS_DEADLINE 49U /* ms after firing: before the next one, which comes after 50 or more */
 #define TWI_RATE 100000UL
+#define SDA _BV(PC4)
+#define SCL _BV(PC5)
+#define HALF_CLOCK 5 /* us */
+#define CLOCKS 9     /* of a byte and its acknowledgement */
 
 static ranging_t ranging;
 
@@ -95,6 +99,35 @@ ISR(TWI_vect)
     }
 }
 
+static void pull(uint8_t lines)
+{
+    PORTC &= (uint8_t)~lines;
+    DDRC |= lines;
+    _delay_us(HALF_CLOCK);
+}
+
+static void let_go(uint8_t lines)
+{
+    DDRC &= (uint8_t)~lines;
+    PORTC |= lines; /* pull-ups */
+    _delay_us(HALF_CLOCK);
+}
+
+/* A ranger that was interrupted amid a byte holds SDA low for good. Clocks let it end its byte, which
+ * nobody acknowledges, and a STOP ends the rest (I2C specification UM10204, 3.1.16). 110 us at most. */
+static void free_bus(void)
+{
+    TWCR = 0; /* the lines are the port's */
+    for (uint8_t i = 0; i < CLOCKS && !(PINC & SDA); i++) {
+        pull(SCL);
+        let_go(SCL);
+    }
+    pull(SCL);
+    pull(SDA);
+    let_go(SCL);
+    let_go(SDA);
+}
+
 static void transact(uint8_t ranger, uint8_t sending, uint8_t reading)
 {
     slave = (uint8_t)(ADDRESS + 2 * (ranger - NARROW_RANGERS));
@@ -152,6 +185,8 @@ static void converse(uint16_t since)
     if (bus == GOING && since >= BUS_DEADLINE)
         TWCR = 0, bus = FAILED; /* somebody holds the bus: begin anew next time */
     if (bus == FAILED) {
+        if (!(PINC & SDA))
+            free_bus();
         phase = RESTING;
         ranging_silent(&ranging);
     } else if (phase == SETTING && bus == DONE_WELL) {
@@ -177,11 +212,12 @@ static void tell(uint32_t now)
     board_send(RANGES, &told, sizeof told);
 }
 
+/* At most a frame of the host: the rangers go before the next one. */
 static void hear(void)
 {
     const uint8_t *body;
     uint8_t size, answer[PAYLOAD_MAX];
-    while ((size = board_receive(&body)) != 0) {
+    if ((size = board_receive(&body)) != 0) {
         bool save = false;
         answered_t answered = ranging_heed(&ranging, body, size, answer, &save);
         if (save && !board_save(&ranging.parameters))
@@ -195,7 +231,7 @@ int main(void)
     ranging_begin(&ranging);
     DDRD = _BV(PD4) | _BV(PD5) | _BV(PD6) | _BV(PD7); /* triggers */
     PORTB = 0x0F; /* pull-ups of the echo lines: one without a sensor reads as silent */
-    PORTC = _BV(PC4) | _BV(PC5);                      /* weak pull-ups of the bus */
+    PORTC = SDA | SCL; /* weak pull-ups of the bus */
     TCCR1A = 0;
     TCCR1B = _BV(CS11) | _BV(CS10); /* prescaler 64: 4 us */
     TWBR = (F_CPU / TWI_RATE - 16) / 2;

@@ -135,7 +135,7 @@ class RosSensors:
             return self.clock.host_time(stamp)
         s = self.settings
         if topic not in self._clocks:
-            self._clocks[topic] = ClockSync(s.limits.clock_drift, s.clock_error)
+            self._clocks[topic] = ClockSync(s.limits.clock_drift, s.clock_error or math.inf)
         clock = self._clocks[topic]
         return clock.host_time(stamp, came)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Literal
 
 from wheelchair_gym.config import InputError, setting, settings
@@ -62,9 +61,9 @@ class RosSettings:
     null_range: Literal["invalid", "no echo"] = setting(default="no echo", source="REP-117")
     """What a null range means: rosbridge writes null for +inf and for NaN. Drivers that send NaN
     often (urg_node) need 'invalid'."""
-    clock_error: float = setting(default=math.inf, unit="s", low=0.0, source="none is known")
+    clock_error: float = setting(default=0.0, unit="s", low=0.0, source="design choice")
     """Maximum difference of the robot's clock and this computer's, where both are synchronized
-    (NTP, PTP); a constant latency of the network is then found by the time stamps."""
+    (NTP, PTP): time stamps then show a constant latency of the network. 0: they are not."""
     clock: str = setting(default="/clock", source="ROS")
     """Topic of the simulated time."""
     use_sim_time: bool = setting(default=False, source="ROS")

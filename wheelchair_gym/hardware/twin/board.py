@@ -125,6 +125,7 @@ _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "board_on_ping": (None, [c.c_void_p]),
     "board_pulse_sonar": (None, [c.c_char, c.c_uint8, c.c_char, c.c_uint8]),
     "board_bus_sonar": (None, [c.c_uint8]),
+    "board_hold_bus": (None, [c.c_uint8]),
     "board_watch": (None, [c.c_uint8]),
     "board_waited": (c.c_uint32, [c.c_uint8, c.c_void_p]),
     "board_note": (None, [c.c_char, c.c_uint8]),
@@ -255,6 +256,10 @@ class EmulatedBoard(NotCopyable):
     def add_bus_sonar(self, address: int) -> None:
         """Wire the next SRF08."""
         self._library.board_bus_sonar(self._board, address)
+
+    def hold_bus(self, clocks: int) -> None:
+        """Let an SRF08 hold SDA low until it has had so many clocks of SCL."""
+        self._library.board_hold_bus(self._board, clocks)
 
     def watch_interrupt(self, vector: int) -> None:
         """Measure from now on how long an interrupt waits."""

@@ -78,6 +78,7 @@ typedef struct board {
     uint8_t sonar_count;
     int32_t (*ping)(uint8_t which, uint64_t cycle);
     sonar_t *addressed;
+    uint8_t clocks_due; /* of SCL, until a slave lets SDA go */
     vector_t vectors[VECTORS];
     uint64_t beats[BEATS];
     uint32_t beat_count, resets, overruns;
@@ -283,6 +284,8 @@ static void bus(avr_irq_t *irq, uint32_t value, void *given)
     board_t *board = given;
     avr_twi_msg_irq_t message = {.u.v = value};
     uint8_t what = message.u.twi.msg, address = message.u.twi.addr;
+    if (board->clocks_due)
+        return;
     if (what & TWI_COND_STOP)
         board->addressed = NULL;
     if (what & TWI_COND_START) {
@@ -311,6 +314,27 @@ static void bus(avr_irq_t *irq, uint32_t value, void *given)
     if (what & TWI_COND_READ)
         avr_raise_irq(board->twi + TWI_IRQ_INPUT,
                       avr_twi_irq_msg(TWI_COND_READ, address, read_sonar(sonar)));
+}
+
+/* A slave that was interrupted amid a byte holds SDA low until it has had its clocks. simavr starts a
+ * transaction all the same: it looks at no pin. */
+
+static const char BUS_PORT = 'C';
+enum { BUS_SDA = 4, BUS_SCL = 5 };
+
+static void clocked(avr_irq_t *irq, uint32_t value, void *given)
+{
+    (void)irq;
+    board_t *board = given;
+    if (value & 1 && board->clocks_due && --board->clocks_due == 0)
+        set_pin(board, BUS_PORT, BUS_SDA, 1);
+}
+
+EXPORT void board_hold_bus(board_t *board, uint8_t clocks)
+{
+    board->clocks_due = clocks;
+    set_pin(board, BUS_PORT, BUS_SDA, 0);
+    avr_irq_register_notify(board->pins[BUS_PORT - 'A'][BUS_SCL], clocked, board);
 }
 
 static void wire_bus(board_t *board)

@@ -34,6 +34,7 @@ COMMANDS = {  # name: its arguments
     "brakes": "SHARE of their torque that is left",
     "slope": "DEGREES (0 to 20), and the DIRECTION in degrees in which the floor falls",
     "push": "NEWTONS (-1000 to 1000) along its heading",
+    "push-switch": "held | free",
     "reset-on-open": "drive | range: opening its port resets the board",
     "battery": "VOLTS",
     "sonar": "0 to 7, silent | METRES",
@@ -69,10 +70,9 @@ def _inject(served: ServedTwin, words: list[str]) -> None:
             faults.switches |= _SWITCHES[switch]
         case ["release", switch]:
             faults.switches &= ~_SWITCHES[switch]
-        case ["encoder", side, "lost"]:
-            faults.disconnected_encoders[_SIDES[side]] = True
-        case ["encoder", side, "swapped"]:
-            faults.swapped_encoders[_SIDES[side]] = True
+        case ["encoder", side, "lost" | "swapped" as how]:
+            broken = faults.disconnected_encoders if how == "lost" else faults.swapped_encoders
+            broken[_SIDES[side]] = True
         case ["block", side]:
             k, (left, right) = _SIDES[side], faults.blocked_wheels
             faults.blocked_wheels = (left or k == 0, right or k == 1)
@@ -90,6 +90,8 @@ def _inject(served: ServedTwin, words: list[str]) -> None:
             faults.slope = Slope(angle, math.radians(downhill))
         case ["push", newtons]:
             faults.push_force = _number(newtons, -1000.0, 1000.0)
+        case ["push-switch", "held" | "free" as state]:
+            faults.push_switch = state == "held"
         case ["reset-on-open", board]:
             terminals[board].wire.resets_on_open = True
         case ["battery", volts]:
@@ -101,12 +103,9 @@ def _inject(served: ServedTwin, words: list[str]) -> None:
             faults.stuck_ultrasonics[k] = _number(metres, 0.0, 6.0)
         case ["stick", state]:
             faults.joystick = _STICKS[state]
-        case ["stick", ahead, aside]:
+        case ["stick" | "assisted" as who, ahead, aside]:
             forward, turn = _number(ahead, -1.0, 1.0), _number(aside, -1.0, 1.0)
-            faults.joystick = JoystickState(forward, turn, manual=True, dead_man=True)
-        case ["assisted", ahead, aside]:
-            forward, turn = _number(ahead, -1.0, 1.0), _number(aside, -1.0, 1.0)
-            faults.joystick = JoystickState(forward, turn, dead_man=True)
+            faults.joystick = JoystickState(forward, turn, manual=who == "stick", dead_man=True)
         case ["unplug", "laser"]:
             twin.laser.plugged = False
         case ["unplug", board]:

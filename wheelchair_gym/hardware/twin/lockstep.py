@@ -45,6 +45,7 @@ CYCLES = round(TIME_STEP * FREQUENCY)
 SOUND = 343.0  # m/s, at 20 C: as the range board's `sound`
 BATTERY_FULL = 60.0  # V at the ADC's full scale: as the drive board's `battery_full`
 ADC_FULL = 2.56  # V: the internal reference
+CHANGE_OVER = 15  # steps in which the relay K2 moves between the drivers and the short circuit
 STRIP_HELD = 100  # steps that a strip stays pressed after a hit
 
 # Data memory of the ATmega2560.
@@ -74,6 +75,7 @@ class Faults:
     brake_fraction: float = 1.0  # of the spring brakes' torque
     slope: Slope | None = None  # of the floor; None: level
     push_force: float = 0.0  # N, along the chair's heading
+    push_switch: bool = False  # held: it opens the motors' short circuit and the drivers' enable
 
 
 class Twin:
@@ -121,6 +123,7 @@ class Twin:
         self._turned = [0.0, 0.0]
         self._set: Switch | None = None
         self._strip, self._strip_until = _NONE, 0
+        self._pulled, self._moving = False, 0  # the relay: motors at their drivers; steps of change
 
     def reset(self, episode: Episode, key: int) -> None:
         """Put the chair at an episode's start; the boards and their time go on."""
@@ -140,9 +143,10 @@ class Twin:
 
     @property
     def enabled(self) -> bool:
-        """Whether the drivers are switched on, by the board and by the emergency stop's contact."""
+        """Whether drivers and relay are on, by the board, emergency stop and push switch."""
         on = self.drive.read_memory(_PORTL) & self.drive.read_memory(_DDRL) & _ENABLE
-        return bool(on) and not self.faults.switches & Switch.STOP_PRESSED
+        off = self.faults.push_switch or self.faults.switches & Switch.STOP_PRESSED
+        return bool(on) and not off
 
     @property
     def braked(self) -> bool:
@@ -159,9 +163,13 @@ class Twin:
 
     def _step(self) -> None:
         before, faults, on = self.motion, self.faults, self.enabled
+        self._moving = self._moving + 1 if on != self._pulled else 0
+        if self._moving > CHANGE_OVER:
+            self._pulled, self._moving = on, 0
+        closed = on if self._pulled else not faults.push_switch
         self.motion = motion = self.plant.step(
-            self._terminals(),
-            (on, on),
+            self._terminals() if self._pulled else (0.0, 0.0),
+            (closed, closed),
             faults.brake_fraction if self.braked else 0.0,
             faults.blocked_wheels,
             faults.slope,

@@ -1,7 +1,7 @@
 """The simulated chair under motors that the firmware drives: the same physics, one step at a time.
 
-Inputs are the two duties, whether each driver has power, the torque of the spring brakes, and
-external forces (a slope, a person).
+Inputs are the two duties, whether each motor's circuit is closed, the torque of the spring brakes,
+and external forces (a slope, a person).
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ def step_plant(
     chairs: Any,
     left: float,
     right: float,
-    powered: tuple[bool, bool],
+    closed: tuple[bool, bool],
     brake: float,
     held: tuple[bool, bool],
     pull: tuple[float, float],
@@ -115,9 +115,12 @@ def step_plant(
         slower = taken[i] / (k.inertia[i] * k.radii[i])
         state.spin[i] -= slower
         state.turned[i] += slower * p.dt
-        # An open motor draws no current: its voltage is its own back-EMF.
+        # An open motor draws no current: its voltage is its own back-EMF. Nor does a shorted one
+        # that its brake holds.
         free = p.torque_constant * state.spin[i] / state.voltage
-        state.duty[i] = (left if i == 0 else right) if powered[i] else free
+        duty = left if i == 0 else right
+        rests = duty == 0.0 and abs(taken[i]) < most
+        state.duty[i] = duty if closed[i] and not rests else free
         if held[i]:
             state.spin[i], state.duty[i] = 0.0, 0.0
     hit = physics_step(state, p, k, space, world.body, suite.step)
@@ -196,7 +199,7 @@ class Plant:
     def step(
         self,
         duty: tuple[float, float],
-        powered: tuple[bool, bool],
+        closed: tuple[bool, bool],
         brake: float,
         held: tuple[bool, bool] = (False, False),
         slope: Slope | None = None,
@@ -206,7 +209,8 @@ class Plant:
 
         Args:
             duty: of the left and the right motor.
-            powered: which drivers' outputs are on; a motor without power turns freely.
+            closed: which motors' circuits are, by a driver, or at duty 0 by the relay's short
+                circuit; an open motor turns freely. Both limit the current as the driver does.
             brake: share of the spring brakes' torque that holds the wheels; 0: they are open.
             held: wheels that something blocks.
             slope: of the floor; None: level.
@@ -214,7 +218,7 @@ class Plant:
         """
         pull = slope.pull if slope else (0.0, 0.0)
         torque = brake * BRAKE_TORQUE
-        return Motion._make(step_plant(self._rows, *duty, powered, torque, held, pull, force))
+        return Motion._make(step_plant(self._rows, *duty, closed, torque, held, pull, force))
 
     def ping(self, which: int) -> float:
         """The present range of an ultrasonic [m]; +inf without echo."""

@@ -1,0 +1,149 @@
+"""Scans are compared with the wheels: a laser that deceives is found before it does harm."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from tests.benchmarks.senses import (
+    HARM,
+    ONSET,
+    PERIOD,
+    SPEEDS,
+    THINGS,
+    Fault,
+    blind,
+    drive,
+    late,
+    repeated,
+    stuck,
+    world,
+)
+from tests.physics.worlds import box
+from wheelchair_gym.physics.chair import SimulatedChair
+from wheelchair_gym.safety import Shield, ShieldSettings
+from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
+
+PLAIN = Fault("none", lambda rng: lambda scan, t: scan)
+
+
+@pytest.mark.parametrize("thing", THINGS)
+@pytest.mark.parametrize(
+    "deceit",
+    [late(0.3), late(1.0), repeated(3), repeated(1, 0.003), stuck],
+    ids=["late", "very late", "ring", "jitter", "stuck"],
+)
+def test_a_laser_that_deceives_is_found_before_a_contact(deceit, thing):
+    outcome = drive(Fault("", deceit), thing, SPEEDS[1], 0, 8.0)
+    assert outcome.contact <= HARM
+    assert outcome.reason in ("laser disagrees", "laser frozen")
+    assert outcome.detected < ONSET + 3.0
+
+
+@pytest.mark.parametrize("delay", [0.06, 0.12, 0.2])
+def test_a_short_delay_is_added_to_the_reaction_time(delay):
+    assert all(drive(Fault("", late(delay)), "room", v, 0, 25.0).contact <= HARM for v in SPEEDS)
+
+
+@pytest.mark.parametrize("turned", [10.0, -20.0, 90.0, 180.0])
+def test_a_laser_that_was_turned_is_found_within_a_second_of_motion(turned):
+    laser = LaserSettings(yaw=math.radians(turned))
+    outcome = drive(PLAIN._replace(laser=laser), "wall", 0.8, 0, 8.0)
+    assert outcome.reason == "laser disagrees"
+    assert outcome.detected < 2.5  # the chair needs a second for 0.4 m/s
+    assert outcome.contact == 0.0
+
+
+def pivot(laser=None, changed=lambda scan: scan, seconds=6.0):
+    """The fault that is found in a turn on the spot, and the angle turned [rad]."""
+    sensors = SensorSettings()
+    chair = SimulatedChair(
+        sensors=dataclasses.replace(sensors, laser=laser or sensors.laser), period=PERIOD
+    )
+    shield = Shield(ShieldSettings(unseen_speed=1.0), sensors=sensors, period=PERIOD)
+    reading = chair.reset(world("column"), 0)
+    for _ in range(round(seconds / PERIOD)):
+        told = reading._replace(laser=changed(reading.laser))
+        reading = chair.drive(shield.filter(np.array([0.0, 0.6]), told))
+        if shield.latched:
+            break
+    return shield.latched, abs(chair.truth.pose[2])
+
+
+@pytest.mark.parametrize("place", [(0.46, 0.0), (0.66, 0.2), (0.66, -0.5)])
+def test_a_laser_that_was_moved_is_found_in_a_turn(place):
+    fault, turned = pivot(LaserSettings(x=place[0], y=place[1]))
+    assert fault == "laser disagrees"
+    assert turned < 0.8
+
+
+def test_a_mirrored_laser_is_found_in_a_turn():
+    fault, turned = pivot(changed=lambda scan: np.ascontiguousarray(scan[::-1]))
+    assert fault == "laser disagrees"
+    assert turned < 0.3
+    assert pivot()[0] == ""
+
+
+@pytest.mark.parametrize("bearing", [-60, 0, 30])
+@pytest.mark.parametrize("width", [5, 20, 60])
+def test_a_sector_without_echoes_erases_nothing(width, bearing):
+    """A drop on the window."""
+    fault = Fault("", blind(width, bearing, ONSET))
+    for thing in THINGS:
+        outcome = drive(fault, thing, SPEEDS[1], 0, 10.0)
+        assert outcome.contact <= HARM, thing
+
+
+def test_somebody_who_left_does_not_block_a_hall_for_ever():
+    """Nothing stands behind them within the laser's reach."""
+    chair, shield = SimulatedChair(), Shield()
+    hall = box(40.0, (0.0, 0.0, 0.0))
+    hall = dataclasses.replace(hall, walls=np.vstack([hall.walls, [(-6.0, 3.0, 8.0, 3.0)]]))
+    reading = chair.reset(dataclasses.replace(hall, discs=np.array([(2.5, 0.0, 0.25)])), 1)
+    for _ in range(60):
+        reading = chair.drive(shield.filter(np.array([0.8, 0.0]), reading))
+    assert shield.decision.reason == "obstacle"
+    stamp, blocked = reading.stamp, 0
+    alone = SimulatedChair()
+    alone.reset(dataclasses.replace(hall, start=chair.truth.pose), 1)
+    for k in range(80):
+        given = shield.filter(np.array([0.8, 0.0]), reading)
+        reading = alone.drive(given)
+        reading = reading._replace(stamp=stamp + 0.1 * (k + 1))
+        blocked += alone.truth.twist[0] < 0.1
+    assert 20 < blocked < 70
+    assert shield.latched == ""
+
+
+@pytest.mark.parametrize("ranger", [0, 1])
+def test_an_ultrasonic_that_hears_nothing_of_walls_is_found(ranger):
+    chair, shield, found = SimulatedChair(), Shield(), []
+    for deaf in (False, True):
+        shield.reset()
+        reading = chair.reset(box(3.0, (1.0, 0.0, 0.0)), 2)
+        for k in range(500):
+            ultrasonic = reading.ultrasonic.copy()
+            if deaf and not math.isnan(ultrasonic[ranger]):
+                ultrasonic[ranger] = np.inf
+            twist = np.array([0.3 if k % 35 < 9 else -0.3, 0.0])
+            given = shield.filter(twist, reading._replace(ultrasonic=ultrasonic))
+            reading = chair.drive(given, shield.decision.protective)
+        found.append(shield.latched)
+    assert found == ["", "ultrasonic deaf"]
+
+
+@pytest.mark.parametrize("change", [{"bias": 0.02}, {"sigma": 0.06}, {"bias": 0.03, "sigma": 0.03}])
+def test_every_configured_error_of_the_laser_widens_the_margin(change):
+    """A chair whose laser shows all ranges too long by two standard deviations stops in time."""
+    sensors = SensorSettings(laser=LaserSettings(**change))
+    chair, shield = SimulatedChair(sensors=sensors), Shield(sensors=sensors)
+    assert shield._constants.record["stop_margin"] > Shield()._constants.record["stop_margin"]
+    reading = chair.reset(box(3.0, (0.0, 0.0, 0.3)), 0)
+    for _ in range(80):
+        far = reading.laser + np.float32(2.0 * sensors.laser.bias)
+        given = shield.filter(np.array([0.8, 0.0]), reading._replace(laser=far))
+        reading = chair.drive(given, shield.decision.protective)
+        assert chair.truth.approach_speed * chair.truth.at_fault <= HARM
