@@ -11,7 +11,8 @@ from planners import Status, make_planner
 from planners.collision.footprint import path_gap, stretch_between
 from planners.judge import plan_faults, sweep_faults
 from planners.trees.se2 import Se2RrtStarWoa
-from tests.planners.footprints import path_cost, read
+from tests.benchmarks.lattice import seconds
+from tests.planners.footprints import read
 from wheelchair_gym.config import dump
 
 CASES = {case.problem.name: case for case in read()}
@@ -32,13 +33,6 @@ def plan(name, seed=0, deadline=None, **settings):
     problem, footprint, _ = CASES[name]
     planner = make_planner({"name": NAME, "footprint": dump(footprint), **settings})
     return planner.plan(problem, np.random.default_rng(seed), deadline)
-
-
-def seconds(path):
-    """Time [s] of a path at the chair's limits."""
-    config = Se2RrtStarWoa()
-    motion = config.motion_cost(config.footprint, config.limits, 0.0)
-    return path_cost(path, motion)
 
 
 @pytest.mark.parametrize("name", QUICK)
@@ -65,8 +59,8 @@ def test_the_margin_is_kept_where_one_is_asked_for():
 @pytest.mark.parametrize("share", ["tree", "shortcut", "local"])
 def test_each_kind_of_round_alone_makes_better_paths_and_never_worse_ones(share):
     only = {f"{kind}_share": float(kind == share) for kind in ("tree", "shortcut", "local")}
-    times = [seconds(plan(ROOM, improvement=more, obstacle_weight=0.0, **only).path)
-             for more in (0, 60, 400)]  # fmt: skip
+    plans = [plan(ROOM, improvement=more, obstacle_weight=0.0, **only) for more in (0, 60, 400)]
+    times = [seconds(found.path, Se2RrtStarWoa()) for found in plans]
     assert times[0] >= times[1] >= times[2] - 1e-9
     assert times[2] < times[0]
 

@@ -66,6 +66,7 @@ WORDS = [
     ("bench env --assist slide", "--assist: expected --driver, too"),
     ("bench env --driver expert --assist slid", "did you mean slide?"),
     ("bench doors", "invalid choice: 'doors'"),
+    ("simulate --policy none.npz", "none.npz: cannot be read"),
     ("simulate --images -1", "expected at least 0"),
     ("compare --images -1", "expected at least 0"),
     ("replay x.mcap --images -1", "expected at least 0"),
