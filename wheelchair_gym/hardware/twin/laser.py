@@ -164,12 +164,12 @@ class TwinLaser:
     def in_waiting(self) -> int:
         """Bytes that can be read without waiting."""
         self._check()
-        while self._sent and self._sent[0][0] <= self._now():
-            self._output += self._sent.popleft()[1]
+        self._receive()
         return len(self._output)
 
     def read(self, size: int) -> bytes:
         """At most this many bytes, without waiting."""
+        self._receive()
         data, self._output = self._output[:size], self._output[size:]
         return data
 
@@ -191,6 +191,10 @@ class TwinLaser:
 
     def _send(self, data: bytes) -> None:
         self._sent.append((self._now() + self.delay, data))
+
+    def _receive(self) -> None:
+        while self._sent and self._sent[0][0] <= self._now():
+            self._output += self._sent.popleft()[1]
 
     def _check(self) -> None:
         if not self.plugged:
