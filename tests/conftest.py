@@ -46,6 +46,20 @@ def until(true: Callable[[], Any], seconds: float = PATIENCE) -> Any:
     return value
 
 
+def refusal(words: list[Any], captured: Any) -> str:
+    """Return the line in which the command refuses words: code 2, nothing else is said."""
+    from agents.cli import main
+
+    try:
+        code = main([str(word) for word in words])
+    except SystemExit as left:
+        code = left.code
+    said = captured.readouterr()
+    (line,) = [line for line in said.err.splitlines() if not line.startswith("compiling")]
+    assert (code, said.out, line.partition(": ")[0]) == (2, "", "wheelchair")
+    return line
+
+
 def need_pty():
     """A skip where the machine has no pseudo-terminals."""
     try:

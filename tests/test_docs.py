@@ -15,10 +15,9 @@ from agents.cli import parser
 from agents.cli.commands import COMMANDS, GROUPS
 from agents.cli.options import OneOf
 from tests.conftest import ROOT
-from wheelchair_gym.hardware.boards.protocol import Fault
 from wheelchair_gym.physics.state import SENSED
 from wheelchair_gym.registry import imported
-from wheelchair_gym.safety.stops import STOPS, as_table
+from wheelchair_gym.safety.stops import as_table
 from wheelchair_gym.task.rewards import TERM_VALUES
 from wheelchair_gym.types import Command, Mission, Reading, Shown
 
@@ -179,10 +178,6 @@ def test_a_command_in_a_sentence_exists_with_its_options(line):
 
 def test_the_table_of_messages_is_that_of_the_code():
     assert as_table() in (ROOT / "docs" / "chair" / "messages.md").read_text()
-
-
-def test_every_fault_of_the_drive_board_has_a_meaning_and_something_to_do():
-    assert {fault.name for fault in Fault} <= {stop.name for stop in STOPS}
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))

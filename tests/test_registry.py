@@ -146,8 +146,6 @@ class List(Planner):
 
         with pytest.raises(InputError, match=f"expected {words}"):
             first_action()
-    with pytest.raises(InputError, match=r"did you mean lattice\+window"):
-        make_policy("latice+window")
 
 
 def test_an_error_in_a_policy_ends_with_the_policy_and_the_step(theirs, tmp_path):

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from tests.sensors.test_laser import brute_force
+from wheelchair_gym.geometry import to_world
 from wheelchair_gym.kinematics import approach_twist, arc_step
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid
 from wheelchair_gym.physics.settings import ChairSettings
@@ -22,19 +24,10 @@ def corridor(length=8.0, width=1.6):
 
 
 def scan(pose, walls, laser):
-    """Exact ranges of a laser at a pose, by crossing each beam with each wall."""
-    c, s = np.cos(pose[2]), np.sin(pose[2])
-    x, y = pose[0] + c * laser.x, pose[1] + s * laser.x
-    angles = pose[2] + np.linspace(-0.5, 0.5, BEAMS) * laser.fov
-    dx, dy = np.cos(angles)[:, None], np.sin(angles)[:, None]
-    ax, ay = walls[:, 0] - x, walls[:, 1] - y
-    ex, ey = walls[:, 2] - walls[:, 0], walls[:, 3] - walls[:, 1]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        det = dx * ey - dy * ex
-        t = (ax * ey - ay * ex) / det
-        u = (ax * dy - ay * dx) / det
-        hit = (t > 0) & (u >= 0) & (u <= 1)
-    ranges = np.where(hit, t, np.inf).min(axis=1)
+    """Exact ranges of a laser at a pose."""
+    x, y = to_world((laser.x, 0.0), pose)
+    angles = np.linspace(-0.5, 0.5, BEAMS) * laser.fov
+    ranges, _ = brute_force(x, y, pose[2], angles, walls, (), np.inf)
     return np.where(ranges < laser.reach, ranges, np.inf).astype(np.float32)
 
 

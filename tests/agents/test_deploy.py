@@ -20,6 +20,7 @@ from agents.cli.drive import _timing
 from agents.deploy import Capped, Deployment, deploy, listen_for_rearm, rearm, rehearse
 from agents.policies import make_policy
 from agents.policies.planning import PlanningFigures
+from tests.agents.cli.test_drive_command import rearm_by_hand
 from tests.agents.fakes import PaperWorld, corridor
 from tests.conftest import ROOT, long_but, until
 from tests.hardware.hosted import Hosted
@@ -291,24 +292,12 @@ def test_a_dry_run_sends_no_command():
     assert drive.end()
 
 
-@pytest.fixture
-def served(tmp_path):
-    with serving(tmp_path) as twin:
-        yield twin
-
-
 def person(served, caplog, then):
     """Re-arms at the board's joystick when asked, hands the chair back, and does something more."""
 
     def hand():
         until(lambda: "a person must re-arm" in caplog.text)
-        for stick in (
-            JoystickState(manual=True),
-            JoystickState(manual=True, dead_man=True),
-            JoystickState(),
-        ):
-            served.twin.faults.joystick = stick
-            time.sleep(0.5)
+        rearm_by_hand(served.twin.faults, JoystickState())
         then()
 
     threading.Thread(target=hand, daemon=True).start()
@@ -379,15 +368,15 @@ def test_a_start_that_the_scan_does_not_fit_is_refused(turn, monkeypatch, tmp_pa
 
 @pytest.mark.realtime
 @pytest.mark.long
-def test_the_command_drives_over_devices(served, tmp_path, caplog, capfd):
+def test_the_command_drives_over_devices(tmp_path, caplog, capfd):
     """In real time, as a person runs it, who re-arms it at the board's joystick."""
-    person(served, caplog, lambda: end_when(lambda: served.twin.motion.speed > 0.1))
-    words = [*words_for(served.config, served.map, tmp_path / "run.mcap"), "--force-start"]
-    with signals_kept():
+    with serving(tmp_path) as served, signals_kept():
+        person(served, caplog, lambda: end_when(lambda: served.twin.motion.speed > 0.1))
+        words = [*words_for(served.config, served.map, tmp_path / "run.mcap"), "--force-start"]
         assert main(words) == 130
-    assert "a person must re-arm" in caplog.text
-    assert capfd.readouterr().err.splitlines()[-1] == "wheelchair: stopped"
-    assert until(lambda: abs(served.twin.motion.speed) <= 2e-3)
+        assert "a person must re-arm" in caplog.text
+        assert capfd.readouterr().err.splitlines()[-1] == "wheelchair: stopped"
+        assert until(lambda: abs(served.twin.motion.speed) <= 2e-3)
 
 
 class Watchless:

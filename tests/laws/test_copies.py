@@ -66,17 +66,13 @@ def forward(rng, shape=(2,)):
     return action.astype(np.float32)
 
 
-def begin_single(env):
+def begin(env):
     return env.reset()
 
 
 def step_single(env, rng):
     told = env.step(forward(rng))
     return None if told[2] or told[3] else told
-
-
-def begin_many(env):
-    return env.reset()
 
 
 def step_many(env, rng):
@@ -95,7 +91,7 @@ def vector(settings, **more):
 def test_a_copy_of_an_env_steps_on_as_the_original(name):
     env = NavigationEnv(**settings_of(SINGLE[name]))
     env.reset(seed=5)
-    drive_copies(begin_single, step_single, env, 6, seed=5)
+    drive_copies(begin, step_single, env, 6, seed=5)
 
 
 @pytest.mark.parametrize("name", SIMULATED)
@@ -103,7 +99,7 @@ def test_a_copy_of_every_registered_env_steps_on_as_the_original(name):
     """With its wrappers."""
     env = gym.make(name, config=BRIEF, bank=BANK)
     env.reset(seed=2)
-    drive_copies(begin_single, step_single, env, 3, seed=2)
+    drive_copies(begin, step_single, env, 3, seed=2)
 
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
@@ -111,7 +107,7 @@ def test_a_copy_of_every_registered_env_steps_on_as_the_original(name):
 def test_a_copy_of_many_chairs_steps_on_as_the_original(name, mode):
     env = vector(MANY[name], autoreset_mode=mode, num_threads=2)
     env.reset(seed=5)
-    drive_copies(begin_many, step_many, env, 3, seed=5, steps=12)
+    drive_copies(begin, step_many, env, 3, seed=5, steps=12)
 
 
 @pytest.mark.parametrize("flat", [False, True])
@@ -124,7 +120,7 @@ def test_a_copy_for_stable_baselines_steps_on_as_the_original(flat):
 
     env = SB3VecEnv(vector(SINGLE["shield"], autoreset_mode="SameStep"), flat)
     env.seed(4)
-    drive_copies(lambda env: env.reset(), step, env, 3, seed=4, steps=40)
+    drive_copies(begin, step, env, 3, seed=4, steps=40)
 
 
 def test_a_copy_before_the_first_reset_is_that_env():
@@ -169,11 +165,11 @@ def test_ten_thousand_copies_step_on_as_their_originals(name):
     """Half of them of single envs, half of many at once; for a run with MALLOC_PERTURB_ set."""
     env = NavigationEnv(**settings_of(SINGLE[name]))
     env.reset(seed=11)
-    drive_copies(begin_single, step_single, env, 700, seed=11)
+    drive_copies(begin, step_single, env, 700, seed=11)
     if name in MANY:
         many = vector(MANY[name], autoreset_mode="SameStep", num_threads=2)
         many.reset(seed=11)
-        drive_copies(begin_many, step_many, many, 740, seed=11)
+        drive_copies(begin, step_many, many, 740, seed=11)
 
 
 def step_policy(driven, rng):
@@ -191,27 +187,17 @@ def begin_policy(driven):
     return seen
 
 
-def drive_policy(name, copies):
+DRIVERS = [name for name in POLICIES if name not in ("manual", "learned", "planned", "sb3")]
+
+
+@pytest.mark.parametrize("name", [*DRIVERS, *(f"a_star+{name}" for name in FOLLOWERS), *shipped()])
+def test_a_copy_of_env_and_policy_drives_on_as_the_original(name):
     scene = "clutter" if name != "explore" else "empty"
     own = {"pose_source": "slam"} if name == "explore" else {}
     env = NavigationEnv(scene, bank=BANK, **own)
     env.reset(seed=1)
-    drive_copies(
-        begin_policy, step_policy, (env, GymPolicy(make_policy(name), env), [None]), copies, seed=1
-    )
-
-
-DRIVERS = [name for name in POLICIES if name not in ("manual", "learned", "planned", "sb3")]
-
-
-@pytest.mark.parametrize("name", [*DRIVERS, *(f"a_star+{name}" for name in FOLLOWERS)])
-def test_a_copy_of_env_and_policy_drives_on_as_the_original(name):
-    drive_policy(name, 1)
-
-
-@pytest.mark.parametrize("name", shipped())
-def test_a_copy_of_env_and_learned_policy_drives_on_as_the_original(name):
-    drive_policy(name, 1)
+    driven = env, GymPolicy(make_policy(name), env), [None]
+    drive_copies(begin_policy, step_policy, driven, 1, seed=1)
 
 
 @pytest.mark.parametrize("name", PLANNERS)

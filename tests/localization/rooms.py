@@ -1,9 +1,12 @@
-"""A known room, and what a laser sees in it, by an oracle of numpy alone."""
+"""A known room, and what a laser sees in it, by the oracle of the laser's own tests."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from tests.sensors.test_laser import brute_force
+from wheelchair_gym.geometry import to_world
+from wheelchair_gym.localization.occupancy import OccupancyMap, read_scan
 from wheelchair_gym.sensors.settings import LaserSettings
 
 LASER = LaserSettings(x=0.2, beams=361, reach=8.0, range_min=0.05)
@@ -21,17 +24,8 @@ def walls():
 
 def ranges(pose, rng=None, sigma=0.015):
     """What the laser reads (beams,) [m] at a pose."""
-    x, y, yaw = pose
-    ox, oy = x + LASER.x * np.cos(yaw), y + LASER.x * np.sin(yaw)
-    angle = yaw + (LASER.yaw + LASER.angles)[:, None]
-    dx, dy = np.cos(angle), np.sin(angle)
-    ax, ay, bx, by = walls().T
-    ex, ey = bx - ax, by - ay
-    with np.errstate(divide="ignore", invalid="ignore"):
-        across = dx * ey - dy * ex
-        far = ((ax - ox) * ey - (ay - oy) * ex) / across
-        along = ((ax - ox) * dy - (ay - oy) * dx) / across
-    far = np.where((far > 0) & (along >= 0) & (along <= 1), far, np.inf).min(axis=1)
+    x, y = to_world((LASER.x, 0.0), pose)
+    far, _ = brute_force(x, y, pose[2] + LASER.yaw, LASER.angles, walls(), (), np.inf)
     if rng is not None:
         far = far + sigma * rng.standard_normal(len(far))
     return np.where(far > LASER.reach, np.inf, far)
@@ -44,6 +38,14 @@ def away(points):
     t = ((p - a) * (b - a)).sum(-1) / ((b - a) ** 2).sum(-1)
     nearest = a + np.clip(t, 0, 1)[..., None] * (b - a)
     return np.hypot(*np.moveaxis(p - nearest, -1, 0)).min(axis=1)
+
+
+def mapped(seed):
+    """The room as mapped from known poses, with noise."""
+    rng, made = np.random.default_rng(seed), OccupancyMap()
+    for pose in tour():
+        made.integrate(read_scan(LASER, ranges(pose, rng)), pose)
+    return made
 
 
 def tour(steps=60):

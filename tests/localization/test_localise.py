@@ -205,7 +205,8 @@ def test_nowhere_to_be_is_an_error():
 
 
 def test_many_chairs_refuse_it_and_settings_contradict():
-    with pytest.raises(InputError, match=r"pose_source is 'mcl'; expected truth"):
-        gym.make_vec(NAVIGATION, num_envs=2, pose_source="mcl", split="test")
+    for source in ("mcl", "slam"):
+        with pytest.raises(InputError, match=rf"pose_source is '{source}'; expected truth"):
+            gym.make_vec(NAVIGATION, num_envs=2, pose_source=source, split="test")
     with pytest.raises(InputError, match="max_particles is 20"):
         LocalizationSettings(min_particles=30, max_particles=20)

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tests.localization.rooms import LASER, ranges, tour
+from tests.localization.rooms import LASER, mapped, ranges
 from wheelchair_gym.localization.occupancy import OccupancyMap, read_scan
 from wheelchair_gym.localization.scan_matching import (
     MAX_POINTS,
@@ -25,11 +25,7 @@ from wheelchair_gym.sensors.settings import LaserSettings
 
 @pytest.fixture(scope="module")
 def known():
-    rng = np.random.default_rng(2)
-    made = OccupancyMap()
-    for pose in tour():
-        made.integrate(read_scan(LASER, ranges(pose, rng)), pose)
-    return made
+    return mapped(2)
 
 
 def match(maps, scan, guess, prior=None):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.localization.rooms import LASER, away, ranges, tour
+from tests.localization.rooms import LASER, away, mapped, ranges, tour
 from wheelchair_gym.config import InputError
 from wheelchair_gym.localization.occupancy import (
     P_MAX,
@@ -51,12 +51,7 @@ def test_rays_along_an_axis_or_within_a_cell(a, b):
 
 @pytest.fixture(scope="module")
 def known():
-    """The room as mapped from known poses, with noise."""
-    rng = np.random.default_rng(1)
-    made = OccupancyMap()
-    for pose in tour():
-        made.integrate(read_scan(LASER, ranges(pose, rng)), pose)
-    return made
+    return mapped(1)
 
 
 def test_scans_from_known_poses_give_the_room(known):

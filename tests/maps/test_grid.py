@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
+from tests.scenes.test_scenes import inside
 from wheelchair_gym.geometry import point_segment_distance
 from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 
@@ -16,16 +17,6 @@ def random_grid(seed: int, share: float = 0.5, origin=(0.0, 0.0, 0.0)) -> Occupa
     rng = np.random.default_rng(seed)
     shape = rng.integers(1, 14, 2)
     return OccupancyGrid(np.where(rng.random(shape) < share, OCCUPIED, FREE), 0.25, origin)
-
-
-def inside(points: np.ndarray, walls: np.ndarray) -> np.ndarray:
-    """Even-odd: a ray along +x (turned a little) crosses an odd number of walls."""
-    x, y = points.T[:, :, None]
-    ax, ay, bx, by = walls.T
-    crosses = (ay > y) != (by > y)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        at = ax + (y - ay) / (by - ay) * (bx - ax)
-    return (crosses & (at > x)).sum(axis=1) % 2 == 1
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.7])

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import shapely
 
+from tests.planners.footprints import judged
 from tests.planners.oracle import Oracle
 from tests.planners.pose_grid import STEP, WIDEST, grid_headings
 from wheelchair_gym.geometry import Footprint, polygon_edges
@@ -20,12 +21,6 @@ DISC = (0.3, 2.2, 0.25)
 def storey(door):
     """A corridor of 1.2 m along the bottom, and a room above it behind a door round x = 1.5."""
     return [(0.0, 1.2, 1.5 - door / 2, 1.3), (1.5 + door / 2, 1.2, 3.0, 1.3)]
-
-
-def oracle_of(rectangles, bounds, anchor):
-    edges = [polygon_edges([(a, b), (c, b), (c, d), (a, d)]) for a, b, c, d in rectangles]
-    solid = shapely.union_all([shapely.box(*r) for r in rectangles])
-    return Oracle(np.vstack(edges), [], solid, bounds, anchor=anchor)
 
 
 def test_headings_are_whole_steps_all_round():
@@ -63,8 +58,7 @@ def test_poses_and_pivots_agree_with_shapely():
 
 @pytest.mark.parametrize(("door", "feasible"), [(0.70, True), (0.50, False)])
 def test_a_door_is_passed_if_it_is_wide_enough(door, feasible):
-    oracle = oracle_of(storey(door), (0.0, 0.0, 3.0, 2.7), (1.5, 0.6))
-    verdict = oracle.judge((0.45, 0.6, 0.0), (1.5, 1.8))
+    verdict = judged((3.0, 2.7), storey(door), (0.45, 0.6, 0.0), (1.5, 1.8), Footprint())
     assert verdict.feasible is feasible
     assert (verdict.upper < math.inf) == feasible
     if feasible:

@@ -1,25 +1,18 @@
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
 
 from planners.problem_files import read_problems
+from tests.maps.test_importers import put
 from wheelchair_gym.config import InputError
 
 GOOD = {"name": "a", "size": 5.0, "rects": [[1, 1, 2, 2]], "start": [0.5, 0.5], "goal": [4, 4]}
 
 
-def write(folder, content):
-    path = folder / "problems.json"
-    path.write_text(content if isinstance(content, str) else json.dumps(content))
-    return path
-
-
 def test_a_file_reads_back(tmp_path):
     (problem, optimum), (_, none) = read_problems(
-        write(tmp_path, [{**GOOD, "optimum": 5.1}, {**GOOD, "optimum": None}])
+        put(tmp_path, "problems.json", [{**GOOD, "optimum": 5.1}, {**GOOD, "optimum": None}])
     )
     assert (problem.name, optimum, none) == ("a", 5.1, None)
     assert problem.space.bounds == (0, 0, 5, 5)
@@ -47,7 +40,7 @@ def test_a_file_reads_back(tmp_path):
 )
 def test_errors_name_file_index_and_key(tmp_path, change, key):
     with pytest.raises(InputError) as caught:
-        read_problems(write(tmp_path, [GOOD, {**GOOD, **change}]))
+        read_problems(put(tmp_path, "problems.json", [GOOD, {**GOOD, **change}]))
     message = str(caught.value)
     assert message.startswith(f"problems.json: problem [1].{key} ")
     assert "\n" not in message
@@ -56,7 +49,7 @@ def test_errors_name_file_index_and_key(tmp_path, change, key):
 @pytest.mark.parametrize("key", sorted(GOOD))
 def test_a_missing_key_is_named(tmp_path, key):
     with pytest.raises(InputError) as caught:
-        read_problems(write(tmp_path, [{k: v for k, v in GOOD.items() if k != key}]))
+        read_problems(put(tmp_path, "problems.json", [{k: v for k, v in GOOD.items() if k != key}]))
     keys = "a problem has name, size, rects, start, goal, and may have optimum"
     assert str(caught.value) == f"problems.json: problem [0].{key} is missing; {keys}"
 
@@ -64,4 +57,4 @@ def test_a_missing_key_is_named(tmp_path, key):
 @pytest.mark.parametrize("content", ["{", "{}", "[3]", "null"])
 def test_other_files_are_refused(tmp_path, content):
     with pytest.raises(InputError, match=r"problems.json"):
-        read_problems(write(tmp_path, content))
+        read_problems(put(tmp_path, "problems.json", content))

@@ -59,22 +59,13 @@ def assert_answered(name, problem):
             assert plan.status == best.status
 
 
+@pytest.mark.parametrize("examples", [8, pytest.param(300, marks=pytest.mark.long)])
 @pytest.mark.parametrize("name", PLANNERS)
-def test_random_maps_are_answered(name):
+def test_random_maps_are_answered(name, examples):
     @settings(
-        max_examples=8, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck)
-    )
-    @given(problems())
-    def check(problem):
-        assert_answered(name, problem)
-
-    check()
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("name", PLANNERS)
-def test_many_random_maps_are_answered(name):
-    @settings(max_examples=300, deadline=None, suppress_health_check=list(HealthCheck))
+        max_examples=examples, deadline=None, derandomize=examples == 8,
+        suppress_health_check=list(HealthCheck),
+    )  # fmt: skip
     @given(problems())
     def check(problem):
         assert_answered(name, problem)

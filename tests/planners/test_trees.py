@@ -146,41 +146,31 @@ def test_local_variant_needs_fewer_nodes_for_a_shorter_path():
     assert local_length < tree_length
 
 
-def test_neighbours_are_those_of_brute_force():
-    rng = np.random.default_rng(4)
-    points = np.vstack([rng.uniform(0, 30, (700, 2)), rng.normal(5, 0.1, (300, 2))])
-    tree = new_tree(np.array([0.0, 0.0, 30.0, 12.0]), len(points))
-    points[:, 1] *= 0.4
-    found, distances = np.empty(2000, np.int32), np.empty(2000)
-    for i, (x, y) in enumerate(points):
-        assert insert(tree, x, y, NONE if i == 0 else 0, 1.0) == i
-        if i % 50 == 0:
-            query = rng.uniform(-1, 31, 2) * (1, 0.4)
-            gaps = np.hypot(*(points[: i + 1] - query).T)
+def test_neighbours_are_those_of_brute_force_through_removal_and_more_room():
+    """On a map that is no square, points in a heap among them, while it grows and after."""
+    rng = np.random.default_rng(6)
+    points = np.vstack([rng.uniform(0, 30, (300, 2)), rng.normal(5, 0.1, (100, 2))]) * (1, 0.4)
+    rng.shuffle(points)
+    tree = new_tree(np.array([0.0, 0.0, 30.0, 12.0]), 200)
+    found, distances = np.empty(400, np.int32), np.empty(400)
+
+    def check(count):
+        for query in rng.uniform(-1, 31, (10, 2)) * (1, 0.4):
+            gaps = np.hypot(*(points[:count] - query).T)
             assert gaps[nearest(tree, *query)] == gaps.min()
             n = nodes_within(tree, *query, 3.0, found, distances)
             assert sorted(found[:n]) == list(np.flatnonzero(gaps <= 3.0))
 
-
-def test_trees_keep_their_nodes_through_removal_and_more_room():
-    rng = np.random.default_rng(6)
-    points = rng.uniform(0, 10, (400, 2))
-    tree = new_tree(np.array([0.0, 0.0, 10.0, 10.0]), 200)
-    for i, (x, y) in enumerate(points[:200]):
-        insert(tree, x, y, NONE if i == 0 else 0, 1.0)
-    tree = tree_with_capacity(tree, 400)
-    for x, y in points[200:]:
-        insert(tree, x, y, 0, 1.0)
+    for i, (x, y) in enumerate(points):
+        tree = tree_with_capacity(tree, 400) if i == 200 else tree
+        assert insert(tree, x, y, NONE if i == 0 else 0, 1.0) == i
+        if i % 50 == 0:
+            check(i + 1)
     for i in rng.permutation(np.arange(1, 400))[:150]:
-        points[i] = rng.uniform(0, 10, 2)
+        points[i] = rng.uniform(0, 12, 2)
         remove_node(tree, i)
         place_node(tree, i, *points[i], 0, 1.0)
-    found, distances = np.empty(400, np.int32), np.empty(400)
-    for query in rng.uniform(0, 10, (50, 2)):
-        gaps = np.hypot(*(points - query).T)
-        assert gaps[nearest(tree, *query)] == gaps.min()
-        n = nodes_within(tree, *query, 2.0, found, distances)
-        assert sorted(found[:n]) == list(np.flatnonzero(gaps <= 2.0))
+    check(400)
 
 
 def test_rrt_connect_solves_every_problem(stored):

@@ -14,7 +14,6 @@ from agents.benchmarks.scene_statistics import scene_statistics
 from agents.evaluation.compare import suite
 from agents.evaluation.evaluate import without_labels
 from tests.conftest import long_but
-from wheelchair_gym.config import InputError
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.geometry import footprint_clearance, path_length, point_segment_distance
 from wheelchair_gym.maps import (
@@ -322,40 +321,3 @@ def test_distributions_tell_what_moves():
     figures = scene_statistics(make_scene("people"), range(4))
     for name in ("people in groups", "trolleys", "people: reads phone", "people: wary"):
         assert min(figures[name]) >= 1
-
-
-@pytest.mark.parametrize(
-    ("spec", "message"),
-    [
-        ({"name": "crowd", "people": {"density": (0.2, 0.1)}}, "density is .* expected from, to"),
-        ({"name": "crowd", "place": "street"}, "place is 'street'"),
-        (
-            {"name": "temporary", "trigger_distance": (1.0, 2.0)},
-            "expected more than min_distance, 1.2 m",
-        ),
-        (
-            {"name": "temporary", "min_distance": 0.2},
-            "min_distance is 0.2; it must be at least 0.9",
-        ),
-        ({"name": "doorway", "door_width": 0.3}, "door_width is 0.3; it must be at least 0.65"),
-        (
-            {"name": "crowd", "people": {"behaviours": {"pauses": 0.7, "groups": 0.6}}},
-            "people.behaviours: BehaviourShares add up to 1.3; expected 1 at most",
-        ),
-        (
-            {"name": "people", "people": {"reactions": {"curious": -0.1}}},
-            "curious is -0.1; it must be at least 0.0",
-        ),
-        (
-            {"name": "crowd", "people": {"behaviours": {"group": 0.5}}},
-            "group is not a setting; .* did you mean groups",
-        ),
-        (
-            {"name": "people", "people": {"model": "hsfm"}},
-            "model is 'hsfm'; it must be one of orca, social_force",
-        ),
-    ],
-)
-def test_impossible_settings_are_refused(spec, message):
-    with pytest.raises(InputError, match=message):
-        make_scene(spec)

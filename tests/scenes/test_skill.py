@@ -107,16 +107,6 @@ def test_a_docked_chair_of_any_length_is_as_near_the_desk():
         assert desk - (episode.goal[0] + outline.front) == pytest.approx(0.1)
 
 
-@pytest.mark.parametrize(
-    ("course", "says"),
-    [("dok", r"Skill\.course is 'dok'; expected one of forward.*did you mean dock"),
-     (3, "course is 3; expected str")],
-)  # fmt: skip
-def test_an_unknown_course_is_named(course, says):
-    with pytest.raises(InputError, match=says):
-        make_scene({"name": "skill", "course": course})
-
-
 ARRIVAL = Arrival(0.05, 0.10, math.radians(5.0), 0.1)
 
 

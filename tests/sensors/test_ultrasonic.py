@@ -25,6 +25,11 @@ def wall(distance, slant=0.0, half=20.0):
     return np.array([(distance - half * s, -half * c, distance + half * s, half * c)])
 
 
+def heard(half, losses, draw, walls):
+    """The first echo [m] in a cone of half an angle, with incidences of losses, and a draw."""
+    return first_echo(0.0, 0.0, 0.0, math.tan(half), 4.0, *losses, draw, walls, NO_DISCS, ROOM)
+
+
 @pytest.mark.parametrize("worlds", [150, pytest.param(500, marks=pytest.mark.long)])
 @pytest.mark.parametrize("half", [math.radians(7.5), math.radians(27.5)])
 def test_cone_equals_brute_force_on_random_worlds(half, worlds):
@@ -57,23 +62,8 @@ def test_slanted_wall_answers_from_the_cone_edge_or_not_at_all():
     # the sound arrives at 12.5 degrees, so it is heard; at 40 degrees it is not.
     slant = math.radians(20)
     edge = 2.0 * math.cos(slant) / math.cos(slant - half)
-    heard = first_echo(
-        0.0, 0.0, 0.0, math.tan(half), 4.0, *losses, 0.0, wall(2.0, slant), NO_DISCS, ROOM
-    )
-    assert heard == pytest.approx(edge, rel=1e-9)
-    lost = first_echo(
-        0.0,
-        0.0,
-        0.0,
-        math.tan(half),
-        4.0,
-        *losses,
-        0.999,
-        wall(2.0, math.radians(40)),
-        NO_DISCS,
-        ROOM,
-    )
-    assert math.isinf(lost)
+    assert heard(half, losses, 0.0, wall(2.0, slant)) == pytest.approx(edge, rel=1e-9)
+    assert math.isinf(heard(half, losses, 0.999, wall(2.0, math.radians(40))))
 
 
 @pytest.mark.parametrize(("incidence", "share"), [(10, 0.0), (17.5, 0.25), (20, 0.5), (26, 1.0)])
@@ -82,33 +72,15 @@ def test_losses_rise_linearly_with_incidence(incidence, share):
     slanted = wall(2.0, math.radians(incidence) + half)
     losses = math.radians(15), math.radians(25)
     draws = (np.arange(1000) + 0.5) / 1000
-    lost = [
-        math.isinf(
-            first_echo(0.0, 0.0, 0.0, math.tan(half), 4.0, *losses, d, slanted, NO_DISCS, ROOM)
-        )
-        for d in draws
-    ]
+    lost = [math.isinf(heard(half, losses, draw, slanted)) for draw in draws]
     assert np.mean(lost) == pytest.approx(share, abs=0.002)
 
 
 def test_a_lost_echo_does_not_let_the_sound_through_the_wall():
     """Behind a slanted, silent wall stands another that would answer; it stays hidden."""
-    half = math.radians(7.5)
     walls = np.vstack([wall(1.0, math.radians(50)), wall(3.0)])
-    echo = first_echo(
-        0.0,
-        0.0,
-        0.0,
-        math.tan(half),
-        4.0,
-        math.radians(15),
-        math.radians(25),
-        0.0,
-        walls,
-        NO_DISCS,
-        ROOM,
-    )
-    assert math.isinf(echo)
+    losses = math.radians(15), math.radians(25)
+    assert math.isinf(heard(math.radians(7.5), losses, 0.0, walls))
 
 
 def test_noise_ghosts_blind_zone_and_reach():

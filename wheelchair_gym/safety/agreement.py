@@ -41,6 +41,7 @@ _ITERATIONS = 2  # of the fit, for each scan
 _PRIOR, _PRIOR_TURN = 2.0, 8.0  # weight of a zero motion, in points and in points times m2
 _MATCHED = 60  # minimum number of points in a fit that counts: a third
 _MOVED = 0.05  # m and rad since the key scan: at rest, only the world can have moved
+_AGREES = 0.85  # share that the wheels explain from which one step from zero fits
 _EXPLAINED = 0.6  # minimum share of them that the fitted motion explains
 _GAIN = 0.08  # minimum share of them that it explains and the wheels do not
 _OFF, _OFF_PER_METRE, _OFF_PER_RADIAN = 0.05, 0.05, 0.04  # m: bound of the fitted shift
@@ -56,6 +57,8 @@ _REACH_MARGIN = 0.5  # m: a point so near the reach may be out of it in the next
 _EDGE = 0.1  # rad: the same for the ends of the fan
 _DOUBT = 5.0  # s at rest or at creep speed after which a lost point is given up
 _DOUBT_MOVING = 60.0  # s in motion: the memory of static points
+_DARK = 1.0  # m and rad that points were lost on a beam which has had no echo since
+DARK_BEAMS = 6  # neighbouring key beams (9 degrees) that make a blind sector
 _GONE = np.float32(-1.0)  # s: of a point that has left
 _STATIC = 1.0  # s for which a point was seen that is missed when it is lost
 _INHERITS = 0.3  # m between a point of the key scan and the same one of the key scan before
@@ -234,6 +237,11 @@ def _fits_another_motion(key: Any, one: LaserArrays, at: Frame, scan: Floats) ->
     matched, plain = fit.n, fit.score
     if key.renewed:
         key.matched, key.renewed = matched, False
+    key.few = matched < max(_MATCHED, as_int(_STAY * key.matched))
+    if plain >= _AGREES * matched:
+        offset[0] = offset[1] = offset[2] = 0.0
+        _improve(fit, offset)
+        return False
     _refine(key, one, at, scan, offset, fit)
     for k in range(1, 3 if fit.score < _EXPLAINED * fit.n else 1):
         # A scan that repeats moves with the chair; a mirrored one turns at twice its rate.
@@ -246,7 +254,6 @@ def _fits_another_motion(key: Any, one: LaserArrays, at: Frame, scan: Floats) ->
         if fit.score > best:
             offset[0], offset[1], offset[2] = other[0], other[1], other[2]
     _fit(key, one, at, scan, offset, fit)
-    key.few = matched < max(_MATCHED, as_int(_STAY * key.matched))
     if fit.score < plain - _GAIN * fit.n:  # a wrong minimum
         for k in range(3):
             offset[k] = 0.0
@@ -255,8 +262,7 @@ def _fits_another_motion(key: Any, one: LaserArrays, at: Frame, scan: Floats) ->
     off = math.sqrt(offset[0] * offset[0] + offset[1] * offset[1])
     shifted = off > _OFF + _OFF_PER_METRE * key.way + _OFF_PER_RADIAN * key.turned
     turned = abs(offset[2]) > _TURNED + _TURNED_PER_RADIAN * key.turned
-    moved = key.way + key.turned > _MOVED
-    return bool((fit.n >= _MATCHED) & moved & explained & (shifted | turned))
+    return bool((fit.n >= _MATCHED) & explained & (shifted | turned))
 
 
 @borrowing_kernel
@@ -290,7 +296,8 @@ def disagrees(
         return False
     key.way += abs(v) * dt
     key.turned += abs(w) * dt
-    another = _fits_another_motion(key, one, at, scan)
+    moves = key.way + key.turned > _MOVED
+    another = (moves or key.renewed) and _fits_another_motion(key, one, at, scan)
     _estimate_lag(key, vx, vy, dt)
     key.astray = key.astray + dt if another else 0.0
     moved = key.way > _KEY_WAY or key.turned > _KEY_TURN
@@ -340,9 +347,12 @@ def _has_moved(s: Any, x: float, y: float) -> bool:
 
 @borrowing_kernel
 def find_lost(
-    s: Any, key: Any, one: LaserArrays, scan: Floats, least: Floats, slow: bool, dt: float
-) -> None:
+    s: Any, key: Any, one: LaserArrays, scan: Floats, least: Floats, slow: bool, way: float,
+    dt: float,
+) -> None:  # fmt: skip
     """Find key points at which no beam has an echo: these beams then show no free space.
+
+    It also counts neighbouring beams that stay dark while known points pass before them.
 
     A lost point returns with its echo, and goes when a beam measures something behind it. It also
     goes after a while at creep speed if no ultrasonic hears anything that the laser does not.
@@ -354,6 +364,7 @@ def find_lost(
         scan: (beams,).
         least: (beams,) of `Scan.least`; is set to -inf at lost points.
         slow: the chair is at rest, or drives at creep speed.
+        way: motion since the scan before [m and rad].
         dt: time since the scan before [s].
     """
     at, beams = scanner_frame(one.mount, s.pose), scan.shape[0]
@@ -380,8 +391,16 @@ def find_lost(
             key.lost[k] = _GONE
             continue
         s.n_lost += far < FAR
+        s.dark[(b * (KEY_POINTS - 1) + (beams - 1) // 2) // (beams - 1)] += _F(way)
         for i in range(max(0, b - wide), min(beams, b + wide + 1)):
             least[i] = -_INF
+    run, doubtful, s.n_dark = 0, 0, 0
+    for k in range(KEY_POINTS):
+        s.dark[k] = s.dark[k] if scan[k * (beams - 1) // (KEY_POINTS - 1)] == _INF else _F(0.0)
+        run = run + 1 if s.dark[k] > _DARK else 0
+        doubtful = doubtful + 1 if s.dark[k] > 0.0 else 0
+        s.n_dark = max(s.n_dark, run)
+        s.n_lost += doubtful >= DARK_BEAMS
 
 
 @borrowing_kernel

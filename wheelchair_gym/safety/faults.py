@@ -14,7 +14,7 @@ import numpy as np
 from wheelchair_gym.arrays import Array, Floats
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.compiled.simd import bits_of_float
-from wheelchair_gym.safety.agreement import count_expected, disagrees
+from wheelchair_gym.safety.agreement import DARK_BEAMS, count_expected, disagrees
 from wheelchair_gym.safety.state import (
     BUMPED,
     KEY_POINTS,
@@ -91,7 +91,7 @@ def _laser_is_blind(g: Any, s: Any, one: LaserArrays, echoes: int, dt: float) ->
     s.laser_denied = _lasting(heard > 0 and echoes == 0, s.laser_denied, dt)
     blind = s.laser_blind > g.stale_laser + g.period + _ROUND
     denied = s.laser_denied > g.stale_ultrasonic + g.period + _ROUND
-    return bool(blind or denied)
+    return bool(blind or denied or s.n_dark >= DARK_BEAMS)
 
 
 @borrowing_kernel

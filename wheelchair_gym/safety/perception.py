@@ -450,6 +450,7 @@ def reset(s: Any) -> None:
     s.doubtful[:], s.n_arc[:] = math.nan, 0
     s.corner[:] = 1 << 40  # far away: all cells of the grid come in as never seen
     s.travel, s.deaf[:], s.deaf_at[:] = 0.0, 0, -1.0
+    s.dark[:], s.n_dark = _F(0.0), 0
     s.n_points, s.n_old, s.n_marks, s.n_hits, s.n_others, s.columns = 0, 0, 0, 0, 0, 0
     s.gap = FAR
     s.marked, s.tracker.begun = -math.inf, False
@@ -489,7 +490,8 @@ def update(
         scan = scan_of(g, s.pose, laser, floats_at(on_stack(4 * g.beams), g.beams))
         slow = abs(s.setpoint.v) + abs(s.setpoint.w) <= g.creep_speed
         first = scanner_at(g.scanners, g.n_scanners, 0)
-        find_lost(s, s.keys[0], first, laser, scan.least, slow, dt)
+        way = (abs(v) + abs(w)) * dt
+        find_lost(s, s.keys[0], first, laser, scan.least, slow, way, dt)
         update_points(g, s, scan, laser, dt)
         add_lost(s, s.keys[0])
         track(g, s, laser)

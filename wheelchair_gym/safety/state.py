@@ -209,6 +209,8 @@ SHIELD = np.dtype(
         ("marks", MARK, (MARKS,)),  # points that may move
         ("marked", "f8"),  # s: when there was a mark last
         ("tracker", TRACKER),
+        ("dark", "f4", (KEY_POINTS,)),  # m and rad that points were lost on beams without echoes
+        ("n_dark", "i8"),  # longest run of such beams
         ("travel", "f8"),  # m, and rad, that the wheels have turned through since reset
         ("deaf", "i8", (RANGERS,)),  # surfaces before a ranger that gave no echo, in a row
         ("deaf_at", "f8", (RANGERS,)),  # `travel` at the last of them

@@ -16,7 +16,7 @@ from agents.policies import make_policy
 from agents.policies.assisted import Assisted
 from tests.assistance.test_compiled import reading, scan_of
 from tests.laws.test_policies import plain
-from wheelchair_gym.config import InputError, dump, load
+from wheelchair_gym.config import dump, load
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.sensors.settings import SensorSettings
@@ -126,23 +126,6 @@ def test_without_a_person_the_chair_stands():
     env.reset(seed=0)
     policy.reset(env.mission)
     assert not policy.act(env.reading).twist.any()
-
-
-@pytest.mark.parametrize(
-    ("spec", "text"),
-    [
-        ("slid", "did you mean slide?"),
-        ({"name": "slide", "latancy": 1.0}, "did you mean latency?"),
-        ({"name": "slide", "latency": -1.0}, "must be at least"),
-        ({"name": "blend", "sure": 0.1}, "must lie above"),
-        (3, "expected a name"),
-    ],
-)
-def test_wrong_settings_are_told_in_one_line(spec, text):
-    with pytest.raises(InputError, match=r".") as said:
-        make_policy({"name": "assisted", "assist": spec})
-    assert text in str(said.value)
-    assert "\n" not in str(said.value)
 
 
 @pytest.mark.parametrize("name", ASSISTANTS)

@@ -17,6 +17,7 @@ from agents.benchmarks.entrants import UNLIMITED, Entrant, called_planners, with
 from agents.benchmarks.summary import COLD, FREE, ranking, summarise
 from agents.evaluation.metrics import path_figures, printed_turning, turning
 from agents.peers import PEERS, Peer, installed, prepare
+from agents.studies import experiments
 from planners import PLANNERS, Plan, Problem, Space, Status, make_planner
 from wheelchair_gym.config import dump
 
@@ -159,36 +160,6 @@ def test_a_crash_of_one_planner_ends_nothing(problems, tmp_path, monkeypatch):
     assert row["why"] == "ZeroDivisionError: no room"
 
 
-def wrong(tmp_path):
-    problem = tmp_path / "problems.json"
-    other = tmp_path / "other.json"
-    other.write_text("{}")
-    yield ["--problems", tmp_path / "nothing.json"]
-    yield ["--problems", problem, "--only", "cellar"]
-    yield ["--only", "cellar"]
-    yield ["--planners", "magic"]
-    yield ["--planners", f"{other}:rrt"]
-    yield ["--seeds", "0"]
-    yield ["--deadlines", "0"]
-    yield ["--deadlines", "soon"]
-    yield ["--problems", problem, "--resume", other]
-    yield ["--problems", problem, "--resume", tmp_path / "nothing.json"]
-    yield ["--problems", problem, "--plot", tmp_path / "plot.svg"]
-    yield ["--problems", problem, "--planners", "rrt", "--json", other / "x.json"]
-
-
-def test_wrong_input_is_one_line_and_code_2(problems, tmp_path, capsys):
-    for arguments in wrong(tmp_path):
-        try:
-            code = cli.main(["bench", "planners", "--no-peers", *map(str, arguments)])
-        except SystemExit as left:
-            code = left.code
-        said = capsys.readouterr()
-        lines = [line for line in said.err.splitlines() if not line.startswith("compiling")]
-        assert (code, said.out, len(lines)) == (2, "", 1), arguments
-        assert lines[0].startswith("wheelchair: ")
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("name", PEERS)
 def test_a_peer_that_is_installed_solves_and_keeps_to_a_deadline(name, problems):
@@ -274,7 +245,7 @@ def test_problems_of_scenes_are_for_a_disc_as_wide_as_the_chair():
 def test_figures_of_a_path_are_those_of_the_drawing_board():
     space = Space.from_rectangles([(4, 4, 6, 6)], (0, 0, 10, 10))
     problem = Problem(space, np.array([1.0, 3.0]), np.array([7.0, 6.0]))
-    path = [(1, 3), (1, 3), (7, 3), (7, 6)]
+    path = [(1, 3), (1, 3), (7, 3), (7, 3), (7, 6)]  # a swarm lets way points coincide
     figures = path_figures(path, problem)
     assert figures["length_m"] == pytest.approx(9.0)
     assert figures["clearance_min_m"] == pytest.approx(1.0)
@@ -282,5 +253,6 @@ def test_figures_of_a_path_are_those_of_the_drawing_board():
     A, B = 6.0, np.hypot(6.0, 3.0)
     assert figures["printed_turning"] == pytest.approx((A * A + B * B) / (2 * A * B) / 2)
     assert printed_turning(path[:2]) == turning(path[1:3]) == 0.0
+    assert (experiments.turning, experiments.printed_turning) == (turning, printed_turning)
     # Along y = 3 from x = 1 to 7 the border and then the block are nearest; then the block's side.
     assert 1.0 < figures["clearance_mean_m"] < 2.0

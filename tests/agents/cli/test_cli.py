@@ -19,7 +19,7 @@ from agents.control import FOLLOWERS
 from agents.evaluation.compare import SUITES
 from agents.evaluation.provenance import command_line
 from planners import PLANNERS, Plan, Status, make_planner
-from tests.conftest import ROOT
+from tests.conftest import ROOT, refusal
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, write_map
 from wheelchair_gym.scenes import SCENES, make_scene
@@ -75,9 +75,9 @@ def plan(hall, name, start="1,2", goal="4,2", planner="rrt_connect"):
 
 
 PLAN = "plan --map {hall}/hall.yaml --planner rrt_connect --start 1,2 --goal 4,2"
+BENCH = "bench planners --no-peers"
 WRONG = {
     "end of a list": "compare --policies ,",
-    "unknown command": "fly",
     "unknown option": "scenes --fast",
     "unknown planner": "{plan} --planner magic",
     "missing map": "{plan} --map {hall}/nothing.yaml",
@@ -122,52 +122,38 @@ WRONG = {
     "missing config": "simulate --policy random --config {hall}/no.json",
     "broken config": "simulate --config {hall}/broken.json",
     "unknown key in a config": "simulate --config {hall}/unknown.json",
-    "config of a training run": "simulate --config {root}/configs/ppo_goal.json",
     "config is a list": "simulate --config {hall}/list.json",
     "unknown key of a scene": "simulate --policy random --scene {hall}/scenes.json:clutter",
     "zero jobs": "compare --jobs 0",
-    "unknown suite": "compare --suite everything",
     "negative episodes": "compare --episodes -3",
     "no episodes": "compare --episodes 0",
-    "unknown policy in a suite": "compare --policies nobody --out {hall}/r",
     "unknown scene in a suite": "compare --scenes moon --out {hall}/r",
     "folder is a file": "compare --out {hall}/hall.yaml",
     "unwritable folder": "compare --out {hall}/hall.yaml/x",
     "unknown pose": "compare --pose mcl,gps",
     "worlds of no file": "compare --scenes {hall}/none.json",
     "worlds that are none": "compare --scenes {hall}/object.json",
-    "unknown settings": "settings wings",
     "unknown scene to describe": "scenes moon",
+    "no file of problems": "{bench} --problems {hall}/nothing.json",
+    "unknown problem": "{bench} --problems {hall}/problems.json --only cellar",
+    "unknown scene of problems": "{bench} --only cellar",
+    "unknown planner in a benchmark": "{bench} --planners magic",
+    "planners of no file of settings": "{bench} --planners {hall}/object.json:rrt",
+    "no seeds": "{bench} --seeds 0",
+    "no time": "{bench} --deadlines 0",
+    "deadline is no number": "{bench} --deadlines soon",
+    "no results to go on with": "{bench} --resume {hall}/object.json",
+    "missing results": "{bench} --problems {hall}/problems.json --resume {hall}/nothing.json",
+    "plot of another kind": "{bench} --problems {hall}/problems.json --plot {hall}/plot.svg",
+    "json below a file": "{bench} --planners rrt --json {hall}/object.json/x.json",
 }
 
 
 @pytest.mark.parametrize("case", sorted(WRONG))
 def test_wrong_input_is_one_line_and_code_2(hall, capfd, case):
     """Also of what compiled code says: the file descriptors are read."""
-    words = WRONG[case].format(plan=PLAN.format(hall=hall), hall=hall, root=ROOT)
-    assert run(*words.split()) == 2
-    said = capfd.readouterr()
-    assert said.out == ""
-    lines = [line for line in said.err.splitlines() if not line.startswith("compiling")]
-    assert len(lines) == 1
-    assert lines[0].startswith("wheelchair: ")
-
-
-@pytest.mark.parametrize(
-    ("arguments", "says"),
-    [
-        (
-            ["simulate", "--policy", "mine/hugger.py:Gap"],
-            "write hugger:Gap, in the folder of hugger.py",
-        ),
-        (["settings", "ppo"], "'ppo'; training has those of `train ppo`"),
-        (["settings", "bc"], "'bc'; imitation has those of `train bc`"),
-        (["simulate", "--config", str(ROOT / "configs/ppo_goal.json")], "a training run; expected"),
-    ],
-)
-def test_a_likely_slip_is_told_what_was_meant(arguments, says, capsys):
-    assert run(*arguments) == 2
-    assert says in capsys.readouterr().err
+    words = WRONG[case].format(plan=PLAN.format(hall=hall), bench=BENCH, hall=hall)
+    refusal(words.split(), capfd)
 
 
 def test_a_planner_that_finds_nothing_says_why(hall, capsys):
@@ -254,20 +240,6 @@ def test_json_stands_alone_on_stdout(capsys, arguments):
     json.loads(capsys.readouterr().out)
     assert run(*arguments) == 0
     assert capsys.readouterr().out.strip()
-
-
-@pytest.mark.parametrize(
-    ("words", "near"),
-    [("simulat", "simulate"), ("plan --planer rrt", "--planner"), ("simulate --pose mlc", "mcl"),
-     ("settings limitz", "limits"), ("settings Limits", "limits"), ("bench plannrs", "planners"),
-     ("bench planners --no-peers --only cluter", "clutter"), ("compare --suite hom", "homes"),
-     ("compare --policies latice+window", "lattice+window")],
-)  # fmt: skip
-def test_the_nearest_known_name_is_suggested(capsys, words, near):
-    assert run(*words.split()) == 2
-    said = capsys.readouterr().err
-    assert f"did you mean {near}?" in said
-    assert len(said) < 500
 
 
 @pytest.mark.parametrize(

@@ -55,9 +55,9 @@ class Program:
         self._thread.join()
 
 
-def rearm_by_hand(faults):
+def rearm_by_hand(faults, after=CENTRED):
     """Take the chair with the manual switch, which re-arms board and shield, and return it."""
-    for stick in (JoystickState(manual=True), JoystickState(manual=True, dead_man=True), CENTRED):
+    for stick in (JoystickState(manual=True), JoystickState(manual=True, dead_man=True), after):
         faults.joystick = stick
         time.sleep(0.5)
 

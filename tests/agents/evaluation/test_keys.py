@@ -9,7 +9,6 @@ import pytest
 from agents.evaluation.compare import Suite, compare
 from agents.evaluation.metrics import TIMING
 from agents.evaluation.report import COLUMNS, markdown, write_report
-from agents.evaluation.runs import read_store, stored_line
 from agents.evaluation.tuning import METRICS
 from agents.learning.publish import RESULT_KEYS, _results
 from tests.conftest import ROOT
@@ -89,19 +88,3 @@ def test_reports_are_written_of_nothing_but_keys_that_exist(evaluated, tmp_path)
     assert not all(record["success"] for record in evaluation["records"])
     write_report(evaluation, tmp_path)
     assert markdown(evaluation)
-
-
-def test_records_of_another_version_are_computed_again(evaluated, tmp_path):
-    """Keys of episodes hold a digest of the code: what older code stored is kept, and not used."""
-    evaluation = evaluated[1]
-    store = tmp_path / "episodes.jsonl"
-    older = {"outcome": "success", "caused": False, "met": False}
-    store.write_text(stored_line("of another version", older))
-    assert read_store(store) == {"of another version": older}
-    suite = Suite("Keys", ("straight",), ("empty",), 1, video=False)
-    again = compare(suite, tmp_path, progress=False)
-    (record,) = again["records"]
-    assert {key: value for key, value in record.items() if key not in TIMING} == {
-        key: value for key, value in evaluation["records"][0].items() if key not in TIMING
-    }
-    assert len(read_store(store)) == 2

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from types import SimpleNamespace
 
@@ -12,6 +11,7 @@ import pytest
 from agents.evaluation.evaluate import drive_episode, make_env
 from agents.evaluation.shortest import OVERSPEED, shortest_path
 from agents.policies import make_policy
+from tests.benchmarks.rotated import rotated
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.maps import FREE, OccupancyGrid
 from wheelchair_gym.types import Arrival, Episode
@@ -41,20 +41,6 @@ def length(episode, **settings):
     return shortest_path(task(**settings), episode, episode.start)
 
 
-def turned(episode, angle):
-    """The same episode on a map whose frame is turned."""
-    c, s = math.cos(angle), math.sin(angle)
-    turn = np.array([[c, s], [-s, c]])
-    start, goal = (
-        np.array([*(end[:2] @ turn), end[2] + angle]) for end in (episode.start, episode.goal)
-    )
-    x, y, yaw = episode.map.origin
-    grid = dataclasses.replace(episode.map, origin=(*(np.array([x, y]) @ turn), yaw + angle))
-    walls = (episode.walls.reshape(-1, 2) @ turn).reshape(-1, 4)
-    discs = np.column_stack([episode.discs[:, :2] @ turn, episode.discs[:, 2]])
-    return dataclasses.replace(episode, map=grid, start=start, goal=goal, walls=walls, discs=discs)
-
-
 def test_closed_forms():
     """The taut string around a disc or a wall's end, with each footprint's smallest distance."""
     for outline, r in (({}, 0.3), ({"half_width": 0.25}, 0.25), ({"front": 0.2}, 0.2)):
@@ -81,7 +67,7 @@ def test_a_turned_world_has_the_same_shortest_path():
         rng = np.random.default_rng(seed)
         discs = np.column_stack([rng.uniform(1.0, 9.0, (12, 2)), rng.uniform(0.1, 0.8, 12)])
         plain = world((-0.5, 0.0), (10.0, 9.0), walls, discs)
-        first, second = length(plain), length(turned(plain, rng.uniform(-3.0, 3.0)))
+        first, second = length(plain), length(rotated(plain, rng.uniform(-3.0, 3.0)))
         assert first.is_exact
         assert second.is_exact
         assert second.length == pytest.approx(first.length, abs=0.005)
@@ -101,7 +87,7 @@ def test_no_drive_beats_it(scene):
     for seed, name in enumerate(("lattice+window", "a_star+pure_pursuit", "lattice+window")):
         env.reset(seed=seed)
         trail.clear()
-        episode = turned(env.unwrapped.episode, 0.7 * seed)
+        episode = rotated(env.unwrapped.episode, 0.7 * seed)
         record = drive_episode(env, make_policy(name), seed, follow, episode)
         steps = np.hypot(*np.diff(trail, axis=0)[:, :2].T)
         assert steps.max() <= OVERSPEED * 0.8 * env.unwrapped.task.period

@@ -17,7 +17,6 @@ from agents.policies.recoveries import RETRY_TIME, BackUp, place_aside
 from agents.policies.search import Answer, clearest_place
 from planners.problem import Plan, Status
 from tests.agents.fakes import PaperWorld, corridor
-from wheelchair_gym.config import InputError
 
 ROUND = np.linspace(0.0, 2.0 * np.pi, 17)
 
@@ -321,8 +320,3 @@ def test_backing_is_the_way_against_the_heading():
     path = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 0.0, 1.0), (0.4, 0.0, 0.0)]
     assert backing(path) == pytest.approx(0.6 * math.cos(1.0))
     assert backing([(0.0, 0.0), (1.0, 0.0)]) == 0.0
-
-
-def test_a_follower_without_sense_is_refused():
-    with pytest.raises(InputError, match="whales"):
-        make_policy({"name": "a_star+woa", "follower": {"whales": {"population": 0}}})

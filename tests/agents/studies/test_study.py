@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import re
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
-from agents import StoppedError
 from agents.cli import main
-from agents.evaluation import metrics
-from agents.studies import experiments
 from agents.studies import runner as module
 from agents.studies.model import published
 from agents.studies.runner import CLAIMS, STORE, STUDIES, run_studies
@@ -28,18 +23,6 @@ def small(name, rows=2, strata=2):
         replace(row, jobs=dict(list(row.jobs.items())[:strata])) for row in whole.rows[:rows]
     )
     return replace(whole, rows=few, claims=(), figures=lambda r: {})
-
-
-def timeless(path):
-    rows = list(csv.DictReader(path.read_text().splitlines()))
-    return [{k: v for k, v in row.items() if not k.endswith("_s")} for row in rows]
-
-
-@pytest.fixture(scope="module")
-def once(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("once")
-    run_studies([small("t1-3.5")], folder, runs=3, progress=False)
-    return folder
 
 
 def test_every_published_figure_stands_in_a_row():
@@ -98,25 +81,14 @@ def test_rows_are_independent_draws_unless_they_are_paired():
             assert len({s for of in seeds for s in of}) == 100 * len(study.rows)
 
 
-def test_what_was_stopped_goes_on_and_more_runs_add_to_it(once, tmp_path, monkeypatch):
+def test_more_runs_add_to_those_that_are_stored(tmp_path, monkeypatch):
+    """That runs go on where they were stopped is a law of all stores: tests/agents/evaluation."""
     real, made = module.measure, []
-
-    def stopping(job):
-        if len(made) == 5:
-            raise KeyboardInterrupt
-        made.append(job)
-        return real(job)
-
     monkeypatch.setattr(module, "_compile_all", lambda jobs: None)
-    monkeypatch.setattr(module, "measure", stopping)
-    with pytest.raises(StoppedError, match="5 of 12"):
-        run_studies([small("t1-3.5")], tmp_path, runs=3, progress=False)
     monkeypatch.setattr(module, "measure", lambda job: made.append(job) or real(job))
-    run_studies([small("t1-3.5")], tmp_path, runs=3, progress=False)
-    assert len(made) == 12
-    assert timeless(tmp_path / "t1-3.5.csv") == timeless(once / "t1-3.5.csv")
-    run_studies([small("t1-3.5")], tmp_path, runs=4, progress=False)
-    assert len(made) == 16
+    for runs, count in ((3, 12), (3, 12), (4, 16)):
+        run_studies([small("t1-3.5")], tmp_path, runs=runs, progress=False)
+        assert len(made) == count
     assert len((tmp_path / STORE).read_text().splitlines()) == 16
 
 
@@ -148,15 +120,3 @@ def test_a_page_says_its_verdicts_first_and_needs_no_other_file(tmp_path, capsys
         assert row["figures"]["length_m"]["published"] > 0
     assert f"{CLAIMS} claims" in result["provenance"]["judged together"]
     assert len(list((tmp_path / "figures").glob("t2-*.png"))) == 2
-
-
-def test_studies_and_benchmarks_measure_smoothness_by_one_definition():
-    """f1 of one path is one number, also where a swarm lets way points coincide."""
-    rng = np.random.default_rng(0)
-    for _ in range(20):
-        path = np.cumsum(rng.normal(size=(7, 2)), axis=0)
-        doubled = path[np.sort(np.append(np.arange(7), rng.integers(0, 7, 3)))]
-        for way in (path, doubled):
-            assert experiments.turning(way) == metrics.turning(way) == metrics.turning(path)
-            printed = metrics.printed_turning(path)
-            assert experiments.printed_turning(way) == metrics.printed_turning(way) == printed

@@ -15,22 +15,23 @@ from agents.cli import main
 from agents.studies.thesis import controls_of, film, problem_of
 from planners import Status, make_planner
 from planners.judge import Judge
-from planners.thesis_settings import GLOBAL, KEYS, PLANNERS_OF_FILE, read_thesis
+from planners.thesis_settings import (
+    GLOBAL,
+    KEYS,
+    PLANNERS_OF_FILE,
+    read_thesis,
+    without_trailing_commas,
+)
+from tests.conftest import refusal
+from tests.planners.test_thesis import FIGURE as FIGURE_TEXT
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, occupied_polygons, read_grid
 
 CELL = 0.1  # m: edge of a pixel
 ENDS = {"resolution": CELL, "start": [1.0, 1.0], "goal": [11.0, 7.0]}
 OPTIONS = ["--resolution", "0.1", "--start", "1,1", "--goal", "11,7"]
-FIGURE = {
-    "ReturnOnFirstPath": True, "RenderGraphics": False, "CreateVideo": False, "TestMode": False,
-    "MapProcessor_Obstacles_Dilation": 4, "MapProcessor_Epsilon": 0.5,
-    "MapProcessor_Map_Name": "hall.png", "PathPlanner_Iterations": 10000,
-    "PathPlanner_Step_Size": 1.0, "PathPlanner_Search_Radius": 1.5,
-    "PathPlanner_Goal_Threshold": 1.0, "PathOptimizer_Population": 10,
-    "PathOptimizer_Iterations": 10, "PathOptimizer_a_Parameter": 4.0,
-    "PathOptimizer_b_Parameter": 1.0, "PathOptimizer_Shortness_Weight": 10.0,
-    "PathOptimizer_Collision_Free_Weight": 1.0, "PathOptimizer_Width_Bound": 2.5,
-    "PathOptimizer_Height_Bound": 2.5,
+FIGURE = json.loads(without_trailing_commas(FIGURE_TEXT)) | {
+    "TestMode": False, "MapProcessor_Obstacles_Dilation": 4, "MapProcessor_Epsilon": 0.5,
+    "MapProcessor_Map_Name": "hall.png",
 }  # fmt: skip
 
 
@@ -217,8 +218,6 @@ def test_a_planner_of_the_thesis_takes_its_settings_from_the_file(folder, capsys
 WRONG = {
     "missing image": ({"MapProcessor_Map_Name": "no.png"}, OPTIONS, "no.png"),
     "unknown map": ({"MapProcessor_Map_Name": "9"}, OPTIONS, "MapProcessor_Map_Name is '9'"),
-    "negative epsilon": ({"MapProcessor_Epsilon": -1}, OPTIONS, "MapProcessor_Epsilon is -1; exp"),
-    "unknown key": ({"MapProcessor_Epsilom": 1}, OPTIONS, "'MapProcessor_Epsilom' is not a key"),
     "black image": ({"MapProcessor_Map_Name": "black.png"}, OPTIONS, "black.png: all of it is"),
     "all dilated": ({"MapProcessor_Obstacles_Dilation": 38}, OPTIONS, "Obstacles_Dilation 38 and"),
     "huge dilation": ({"MapProcessor_Obstacles_Dilation": 10**6}, OPTIONS, "Dilation is 1000000;"),
@@ -235,9 +234,4 @@ WRONG = {
 def test_what_is_wrong_is_named_in_one_line(folder, capfd, case):
     changes, options, says = WRONG[case]
     path = settings(folder, **changes)
-    assert main(["plan", "--config", str(path), *options]) == 2
-    said = capfd.readouterr()
-    lines = [line for line in said.err.splitlines() if not line.startswith("compiling")]
-    assert len(lines) == 1
-    assert says in lines[0]
-    assert said.out == ""
+    assert says in refusal(["plan", "--config", path, *options], capfd)

@@ -81,6 +81,27 @@ def browsing():
         browser.close()
 
 
+@contextmanager
+def looked_at(browser, url, script=""):
+    """A page of a browser; at the end, nothing was wrong on its console."""
+    page, wrong = browser.new_page(viewport={"width": 1280, "height": 900}), []
+    page.on("console", lambda m: m.type in ("error", "warning") and wrong.append(m.text))
+    page.on("pageerror", lambda error: wrong.append(str(error)))
+    page.set_default_timeout(60_000.0)
+    page.add_init_script(script)
+    page.goto(url)
+    yield page
+    assert wrong == []
+
+
+def axe(page):
+    """A page has no fault that axe, which knows rules of accessibility, finds."""
+    from axe_playwright_python.sync_playwright import Axe
+
+    found = Axe().run(page).response["violations"]
+    assert [(one["id"], one["nodes"][0]["html"]) for one in found] == []
+
+
 def until(page, expression, patience=PATIENCE):
     """Wait until an expression of JavaScript holds on a page, whose policy forbids `eval`."""
     end = time.monotonic() + patience

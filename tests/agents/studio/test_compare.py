@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-import json
-
 import pytest
 
 from agents.evaluation.compare import Suite, compare
-from agents.studio.compare_session import FIELDS
-from agents.studio.messages import read_message
 from tests.agents.studio.served import START, messages, send, serving
-from wheelchair_gym.config import InputError
 
 STATE = 11  # numbers of a state
 
@@ -114,15 +109,3 @@ def test_unknown_names_are_refused_with_one_sentence(served):
         (served.studio.runs / "small" / "results.json").write_text("[]")
         send(socket, "choose", run="small")
         assert "results of `wheelchair compare`" in messages(socket, "error")["text"]
-
-
-@pytest.mark.parametrize("kind", FIELDS)
-def test_a_message_of_compare_has_exactly_its_fields(kind):
-    good = {"place": "map", "seed": 1, "driver": "nobody", "left": "a", "right": "b", "run": "r",
-            "side": "left", "name": "x", "episode": 0, "scene": "s"}  # fmt: skip
-    message = {"type": kind, **{name: good[name] for name in FIELDS[kind]}}
-    assert read_message(json.dumps(message), FIELDS) == message
-    for name in FIELDS[kind]:
-        for value in (None, {}, [], "x" * 999, 1e19, -5.0, True):
-            with pytest.raises(InputError, match=rf"{kind}\.{name}"):
-                read_message(json.dumps({**message, name: value}), FIELDS)

@@ -14,11 +14,10 @@ import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from agents.cli import main
-from agents.studio import session
+from agents.studio import compare_session, plan_session, session
 from agents.studio.films import film
 from agents.studio.messages import read_message
 from agents.studio.server import listening_socket
-from agents.studio.session import FIELDS
 from tests.agents.studio.served import START, messages, send, serving
 from tests.conftest import PATIENCE, until
 from wheelchair_gym.config import InputError
@@ -204,20 +203,35 @@ def test_too_many_requests_are_refused_for_a_moment(served, standing):
     assert is_alive(served)
 
 
-@pytest.mark.parametrize("kind", FIELDS)
-def test_a_message_has_exactly_its_fields(kind):
-    good = {"place": "map", "seed": 1, "assist": "slide", "hand": "none", "sight": "none",
-            "rate": 20, "on": True, "forward": 0.5, "left": -1, "by": "keyboard",
-            "name": "stick", "scan_period": 1.0}  # fmt: skip
-    message = {"type": kind, **{name: good[name] for name in FIELDS[kind]}}
-    assert read_message(json.dumps(message), FIELDS) == message
+GOOD = {
+    "place": "map", "seed": 1, "assist": "slide", "hand": "none", "sight": "none", "rate": 20,
+    "on": True, "forward": 0.5, "left": -1, "by": "keyboard", "name": "stick", "scan_period": 1.0,
+    "width": 3.0, "height": 3.0, "resolution": 0.05, "shapes": [[0, 1, 1, 2, 2]],
+    "planners": ["a_star"], "start": [[1, 2]], "goal": [[2, 1]], "clearance": 0.3, "deadline": 1.0,
+    "planner": "rrt", "what": "map", "driver": "nobody", "right": "b", "run": "r", "side": "left",
+    "episode": 0, "scene": "s",
+}  # fmt: skip
+KINDS = {
+    (page.__name__.rpartition(".")[2], kind): page.FIELDS
+    for page in (session, plan_session, compare_session)
+    for kind in page.FIELDS
+}
+
+
+@pytest.mark.parametrize(("page", "kind"), KINDS)
+def test_a_message_has_exactly_its_fields(page, kind):
+    fields, good = KINDS[page, kind], GOOD | ({"left": "a"} if page == "compare_session" else {})
+    message = {"type": kind, **{name: good[name] for name in fields[kind]}}
+    assert read_message(json.dumps(message), fields) == message
     for wrong in ({**message, "more": 1}, {**message, "type": kind + "x"}):
         with pytest.raises(InputError):
-            read_message(json.dumps(wrong), FIELDS)
-    for name in FIELDS[kind]:
-        for value in (None, [], {}, "x" * 999, 1e9, -5.0, True if name != "on" else 1):
+            read_message(json.dumps(wrong), fields)
+    lists = [], [[1]], [["a", 1]], [[1e9] * 5], ["no"]
+    for name in fields[kind]:
+        wrong = None, {}, "x" * 999, 1e19, -5.0, True if name != "on" else 1
+        for value in (*wrong, *lists[isinstance(good[name], list) :]):
             with pytest.raises(InputError, match=rf"{kind}\.{name}"):
-                read_message(json.dumps({**message, name: value}), FIELDS)
+                read_message(json.dumps({**message, name: value}), fields)
 
 
 def test_a_taken_port_is_named(served):

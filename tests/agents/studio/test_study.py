@@ -10,7 +10,16 @@ from agents.cli import main
 from agents.participants.protocol import Condition, Protocol, Questionnaire, Task
 from agents.participants.session import read_folder
 from agents.studio.study import STUDY_FIELDS
-from tests.agents.studio.served import browsing, messages, room_map, send, serving, until
+from tests.agents.studio.served import (
+    axe,
+    browsing,
+    looked_at,
+    messages,
+    room_map,
+    send,
+    serving,
+    until,
+)
 
 STEPS = [
     "consent", "help 0/hall", "help 0/room", "help 0/nasa_tlx", "help 0/trust",
@@ -33,33 +42,23 @@ def opened(tmp_path_factory):
         questionnaires=(Questionnaire("trust", ("I felt safe.", "It obeyed.")),),
         devices=("keyboard", "touch", "switch"),
     )  # fmt: skip
-    with serving(folder, protocol) as served, browsing() as browser:
-        page = browser.new_page(viewport={"width": 1280, "height": 900})
-        wrong = []
-        page.on("console", lambda m: m.type in ("error", "warning") and wrong.append(m.text))
-        page.on("pageerror", lambda error: wrong.append(str(error)))
-        page.set_default_timeout(60_000.0)
-        page.goto(f"{served.url}#study")
+    with (
+        serving(folder, protocol) as served,
+        browsing() as browser,
+        looked_at(browser, f"{served.url}#study") as page,
+    ):
         until(page, "window.studio?.ready && studio.title")
         yield served, page
-        assert wrong == []
 
 
-def axe(page):
-    from axe_playwright_python.sync_playwright import Axe
-
-    found = Axe().run(page).response["violations"]
-    assert [(one["id"], one["nodes"][0]["html"]) for one in found] == []
-
-
-def drive(page, key="ArrowUp"):
+def drive(page, button="#go"):
     """Begin a drive and hold a key until it has ended."""
     page.evaluate("studio.now = studio.result = null")
-    page.click("#go")
+    page.click(button)
     until(page, "studio.running && studio.now?.waits")
-    page.keyboard.down(key)
+    page.keyboard.down("ArrowUp")
     until(page, "!studio.running")
-    page.keyboard.up(key)
+    page.keyboard.up("ArrowUp")
     return page.evaluate("studio.now.sight")
 
 
@@ -91,11 +90,7 @@ def test_a_participant_goes_from_consent_to_the_data(opened, capsys):
             page.keyboard.press("Escape")
             until(page, "document.querySelector('#repeat')")
             axe(page)
-            page.click("#repeat")
-            until(page, "studio.running && studio.now?.waits")
-            page.keyboard.down("ArrowUp")
-            until(page, "!studio.running")
-            page.keyboard.up("ArrowUp")
+            drive(page, "#repeat")
         else:
             drive(page)
         for items in (6, 2):
