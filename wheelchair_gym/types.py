@@ -301,11 +301,9 @@ class Command(NamedTuple):
     done: bool = False
 
     @classmethod
-    def from_action(
-        cls, action: Array, limits: Limits, shown: Shown = _NOTHING, done: bool = False
-    ) -> Command:
+    def from_action(cls, action: Array, limits: Limits, shown: Shown = _NOTHING) -> Command:
         """The command that an action (2,) in [-1, 1] stands for."""
-        return cls(limits.twist(action), shown, action, done)
+        return cls(limits.twist(action), shown, action)
 
     def as_action(self, limits: Limits) -> Array:
         """The action (2,) in [-1, 1] that asks for the twist, clipped to the limits."""

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from numbers import Integral
 from os import PathLike, fspath
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, cast, get_args
 
 import numpy as np
 
@@ -254,8 +254,7 @@ def check_split(split: Any) -> Split:
     """
     if split not in get_args(Split):
         raise InputError(f"split is {shorten(split)}; expected {' or '.join(get_args(Split))}")
-    found: Split = split
-    return found
+    return cast("Split", split)
 
 
 def check_options(options: Mapping[str, Any] | None, known: str) -> Any:

@@ -161,9 +161,9 @@ class Canvas:
         """Fill a disc whose radius is in pixels: a mark, whatever the scale."""
         self._circle(centre, radius * self.stroke_scale, colour, -1)
 
-    def points(self, points: ArrayLike, colour: Colour, size: float = 2.0) -> None:
+    def points(self, points: ArrayLike, colour: Colour) -> None:
         """Set a small square at each of many points (n, 2) [m], quickly."""
-        side = self._width(size)
+        side = self._width(2.0)
         corner = np.rint(self.frame.pixels(points) - 0.5 * side).astype(np.int64)
         h, w = self.image.shape[:2]
         corner = corner[((corner >= 0) & (corner < (w - side + 1, h - side + 1))).all(axis=-1)]
