@@ -3,8 +3,8 @@
     drive board, link, chair, shield ──▶ messages ──▶ StopMonitor ──▶ log lines, stopped time
 
 The shield (its faults), the hardware chair, the log of a deployed policy and the documentation
-(`python -m wheelchair_gym.safety.stops` prints it) read the table `STOPS`. `StopMonitor` tracks all
-active stops: a chair goes on when none is left.
+(`python -m wheelchair_gym.safety.stops` prints it) read the table `STOPS`, which stands in
+`stops.yaml`. `StopMonitor` tracks all active stops: a chair goes on when none is left.
 """
 
 from __future__ import annotations
@@ -12,7 +12,10 @@ from __future__ import annotations
 import enum
 import re
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Any, Final, NamedTuple
+
+import yaml
 
 
 class Ends(enum.Enum):
@@ -43,164 +46,24 @@ LATE: Final = "the assistant {} is late"
 FAILED: Final = "the assistant {} has failed"
 DRY_RUN: Final = "a dry run sends no commands"
 BROUGHT_TO_REST: Final = "the drive board brings it to rest"
-_PLUG = "check its plug, its cable and its power"
 _SHIELD_MESSAGE = "the shield has stopped it: {}"
 
 
-def _shield(name: str, meaning: str, advice: str) -> Stop:
-    return Stop(
-        name, "shield", re.escape(_SHIELD_MESSAGE.format(name)), meaning, Ends.REARM, advice
-    )
+def _stop(
+    name: str, part: str, meaning: str, advice: str, message: str = "", ends: str = ""
+) -> Stop:
+    """A row of the table; messages and ends of the shield and the drive board go without saying."""
+    if part == "shield":
+        message, ends = message or re.escape(_SHIELD_MESSAGE.format(name)), ends or "REARM"
+    elif part == "drive board":
+        message = message or rf"the drive board has stopped \([^)]*\b{name}\b"
+        ends = ends or "NEW_RUN"
+    return Stop(name, part, message, meaning, Ends[ends], advice)
 
 
-def _board(name: str, meaning: str, advice: str) -> Stop:
-    message = rf"the drive board has stopped \([^)]*\b{name}\b"
-    return Stop(name, "drive board", message, meaning, Ends.NEW_RUN, advice)
+_ROWS: Final = yaml.safe_load(Path(__file__).with_name("stops.yaml").read_text("utf-8"))
+STOPS: Final = tuple(_stop(**row) for row in _ROWS)
 
-
-STOPS: Final = (
-    _shield("laser silent", "most beams of the laser are invalid for too long", _PLUG),
-    _shield("laser frozen", "the laser repeats a scan while the chair moves", "restart the laser"),
-    _shield(
-        "laser blind",
-        "the laser has no echo where it had some before, or where ultrasonics have one",
-        "clean and uncover its window; where nothing is within its reach, start the program again",
-    ),
-    _shield(
-        "laser disagrees",
-        "scans do not move as the wheels do: the laser is late, repeats itself, or was moved; or "
-        "wheels slip, or an encoder is wrong",
-        "check the laser's mount and link and the encoders: wheelchair hardware check",
-    ),
-    _shield(
-        "ultrasonic silent", "an ultrasonic that worked before is silent", _PLUG
-    ),
-    _shield(
-        "ultrasonic frozen", "the ultrasonics repeat themselves although the chair moves",
-        "restart the range board",
-    ),
-    _shield(
-        "ultrasonic deaf", "an ultrasonic has no echo of surfaces that the laser shows before it",
-        "uncover it; check its plug and where it looks",
-    ),
-    _shield("odometry silent", "the speed of the wheels is unknown", _PLUG),
-    _shield(
-        "odometry frozen", "the encoders do not show the commanded motion",
-        "check whether a wheel is blocked or slips; check the encoders",
-    ),
-    _shield("bumped", "a bumper strip is pressed", "free the chair"),
-    _board("RESET", "the board was switched on, or restarted", "nothing needs repair"),
-    _board("EMERGENCY_STOP", "the emergency stop was pressed", "release the emergency stop"),
-    _board("LINK", "no command came for a second", "check the USB cable and the computer"),
-    _board(
-        "STALL", "a wheel is driven and does not turn, or its encoder is silent",
-        "free the wheel; check the cables of its motor and its encoder",
-    ),
-    _board(
-        "DIRECTION", "a wheel turns against its motor",
-        "exchange the motor's two wires, or the encoder's A and B, never both",
-    ),
-    _board("ENCODER", "an encoder's steps are impossible", "check its cable and its shield"),
-    _board("OVER_SPEED", "a wheel turned too fast", "check the slope, the drivers, the gains"),
-    _board("UNDER_VOLTAGE", "the battery is empty", "charge the battery"),
-    _board("DRIVER", "a motor driver reports a fault", "check the driver and its motor"),
-    _board("STORE", "the board's memory is unreadable", "run wheelchair hardware setup"),
-    _board("RUNAWAY", "a wheel turned although it should not", "check the drivers and the brakes"),
-    _board("BRAKE", "the closed brakes slip", "check the brakes; do not park on a slope"),
-    _board(
-        "IMPLAUSIBLE", "the motors' voltage and the measured speed do not match",
-        "check the encoders and their counts per metre, then the motors",
-    ),
-    _board("OVERRUN", "the board's control came too late", "check the encoders' cables for noise"),
-    _board(
-        "LEVER", "the freewheel lever was lifted while the chair was in operation",
-        "close the freewheel lever; to push the chair, hold its push switch",
-    ),
-    _board("not armed", "the board is not armed yet", "close the freewheel lever if it is open"),
-    Stop(
-        "board fault", "drive board", r"the drive board has stopped \(",
-        "the board has stopped for a fault", Ends.NEW_RUN, "check what it names",
-    ),
-    Stop(
-        "drive board silent", "link", r"the drive board is silent",
-        "no odometry came for too long; the board stops by itself", Ends.ITSELF,
-        "check the USB cable; it waits until the board sends again",
-    ),
-    Stop(
-        "range board silent", "link", r"the range board is silent", "no range came for too long",
-        Ends.ITSELF, "check the USB cable; it waits until the board sends again",
-    ),
-    Stop(
-        "laser line silent", "link", r"the laser is silent", "no scan came for too long",
-        Ends.ITSELF, f"{_PLUG}; it waits until the laser sends again",
-    ),
-    Stop(
-        "link late", "link", r"(the laser|the drive board|\S+) is late: ",
-        "data are under way for too long", Ends.ITSELF,
-        "check the network or cable and the load of the computers",
-    ),
-    Stop(
-        "topic silent", "link", r"\S+ is silent", "no message of a topic came for too long",
-        Ends.ITSELF, "check the node that publishes it; it waits for the next message",
-    ),
-    Stop(
-        "pose unknown", "link", r"\S+ does not report where ",
-        "transforms do not lead from the map to the chair", Ends.ITSELF,
-        "check the localizer; it waits until the pose is known",
-    ),
-    Stop(
-        "clock stands", "link", r"\S+ has (reported no time|stood still) ",
-        "the simulated clock of ROS does not advance", Ends.ITSELF,
-        "start the simulation; it waits until the clock advances",
-    ),
-    Stop(
-        "link lost", "link", r".*the link is lost",
-        "the connection to the chair's computer is closed", Ends.NEW_RUN, "connect it again",
-    ),
-    Stop(
-        "by hand", "person", re.escape(BY_HAND), "a person drives the chair by a joystick",
-        Ends.PERSON, "release the stick and return control",
-    ),
-    Stop(
-        "not held", "person", re.escape(NOT_HELD), "the switch that must be held to drive is free",
-        Ends.ITSELF, "hold it, with the stick at its centre, and drive",
-    ),
-    Stop(
-        "off centre", "person", re.escape(OFF_CENTRE),
-        "after a stop, nothing is driven before the stick was at its centre", Ends.ITSELF,
-        "let the stick return to its centre, then drive on",
-    ),
-    Stop(
-        "no stick", "person", re.escape(NO_STICK), "the joystick or the keyboard is silent",
-        Ends.ITSELF, "switch the joystick on, and check its plug; or click on the window",
-    ),
-    Stop(
-        "assistant late", "assistant", LATE.format(r"\S+"),
-        "the assistant has not answered in time", Ends.ITSELF,
-        "let the stick return to its centre, then drive on; if it stays late, drive on by hand, "
-        "or start again with another assistant",
-    ),
-    Stop(
-        "assistant failed", "assistant", FAILED.format(r"\S+"),
-        "the assistant has raised an error, or has answered with no twist", Ends.NEW_RUN,
-        "drive on by hand (the manual switch), or start again with another assistant",
-    ),
-    Stop(
-        "brought to rest", "drive board", re.escape(BROUGHT_TO_REST),
-        "the board ends a motion, since commands were missing or a person let go", Ends.ITSELF,
-        "it waits until the chair is at rest",
-    ),
-    Stop(
-        "dry run", "program", re.escape(DRY_RUN), "nothing is sent to the chair",
-        Ends.NEW_RUN, "run it without --dry-run",
-    ),
-    Stop(
-        "unknown", "unknown", r"", "a message that this table does not hold", Ends.ITSELF,
-        "check what it names",
-    ),
-)  # fmt: skip
-
-_BY_NAME = {stop.name: stop for stop in STOPS}
 SHIELD_FAULTS: Final = tuple(stop.name for stop in STOPS if stop.part == "shield")
 
 
