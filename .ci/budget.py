@@ -1,6 +1,6 @@
 """Compare the number of lines of each part of the project with `budget.toml`.
 
-A part over its budget fails, and so does a budget larger than in an earlier commit (`raised` apart).
+A part over its budget fails, and so does a budget above that of an earlier commit (`raised` apart).
 """
 
 from __future__ import annotations
