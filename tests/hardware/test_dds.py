@@ -124,7 +124,7 @@ class Peer:
     @property
     def turn(self):
         """The turn rate that was heard last [rad/s]."""
-        self._last = ([getattr(self, "_last", 0.0)] + [
+        self._last = ([getattr(self, "_last", math.nan)] + [
             turn_of(one) for one in self.taken("/odom", Odometry)
         ])[-1]  # fmt: skip
         return self._last
