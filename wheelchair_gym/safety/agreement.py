@@ -39,7 +39,7 @@ _CAPTURE = 0.5  # m: larger offsets are not of the same surface
 _FACING = 0.15  # cosine of the angle of incidence: from behind or edge-on, others are hit
 _ITERATIONS = 2  # of the fit, for each scan
 _PRIOR, _PRIOR_TURN = 2.0, 8.0  # weight of a zero motion, in points and in points times m2
-_MATCHED = 60  # minimum number of points in a fit that counts: a third
+_MATCHED, _ENOUGH = 90, 40  # minimum points of a fit that counts, and to keep the key scan
 _MOVED = 0.05  # m and rad since the key scan: at rest, only the world can have moved
 _AGREES = 0.85  # share that the wheels explain from which one step from zero fits
 _EXPLAINED = 0.6  # minimum share of them that the fitted motion explains
@@ -237,7 +237,7 @@ def _fits_another_motion(key: Any, one: LaserArrays, at: Frame, scan: Floats) ->
     matched, plain = fit.n, fit.score
     if key.renewed:
         key.matched, key.renewed = matched, False
-    key.few = matched < max(_MATCHED, as_int(_STAY * key.matched))
+    key.few = matched < max(_ENOUGH, as_int(_STAY * key.matched))
     if plain >= _AGREES * matched:
         offset[0] = offset[1] = offset[2] = 0.0
         _improve(fit, offset)
