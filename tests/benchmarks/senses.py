@@ -41,7 +41,7 @@ class Fault(NamedTuple):
     laser: LaserSettings = LaserSettings()
 
 
-def _plain(rng: np.random.Generator) -> Deceit:
+def plain(rng: np.random.Generator) -> Deceit:
     return lambda scan, t: scan
 
 
@@ -113,7 +113,7 @@ def mirrored(rng: np.random.Generator) -> Deceit:
 
 def faults() -> Iterator[Fault]:
     """All faults that are tried."""
-    yield Fault("none", _plain)
+    yield Fault("none", plain)
     for delay in (0.05, 0.1, 0.15, 0.19, 0.25, 0.3, 0.4, 0.5, 0.75, 1.0):
         yield Fault(f"late {delay:g} s", late(delay))
     for growth in (1, 2, 5, 10, 20):
@@ -132,14 +132,14 @@ def faults() -> Iterator[Fault]:
     nominal = LaserSettings()
     for turned in (2, 5, 10, 20, 45, 90, 180, -10):
         moved = dataclasses.replace(nominal, yaw=math.radians(turned))
-        yield Fault(f"turned {turned} deg", _plain, moved)
+        yield Fault(f"turned {turned} deg", plain, moved)
     for shift in (0.05, 0.1, 0.2, 0.3, 0.5):
-        yield Fault(f"moved {shift:g} m back", _plain, dataclasses.replace(nominal, x=0.66 - shift))
-        yield Fault(f"moved {shift:g} m left", _plain, dataclasses.replace(nominal, y=shift))
+        yield Fault(f"moved {shift:g} m back", plain, dataclasses.replace(nominal, x=0.66 - shift))
+        yield Fault(f"moved {shift:g} m left", plain, dataclasses.replace(nominal, y=shift))
 
 
 class Outcome(NamedTuple):
-    """What came of a drive."""
+    """Outcome of a drive."""
 
     contact: float  # m/s: highest speed of a contact that the chair caused
     detected: float  # s after the onset, NaN: never

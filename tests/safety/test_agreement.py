@@ -18,6 +18,7 @@ from tests.benchmarks.senses import (
     blind,
     drive,
     late,
+    plain,
     repeated,
     stuck,
     world,
@@ -26,8 +27,6 @@ from tests.physics.worlds import box
 from wheelchair_gym.physics.chair import SimulatedChair
 from wheelchair_gym.safety import Shield, ShieldSettings
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
-
-PLAIN = Fault("none", lambda rng: lambda scan, t: scan)
 
 
 @pytest.mark.parametrize("thing", THINGS)
@@ -51,7 +50,7 @@ def test_a_short_delay_is_added_to_the_reaction_time(delay):
 @pytest.mark.parametrize("turned", [10.0, -20.0, 90.0, 180.0])
 def test_a_laser_that_was_turned_is_found_within_a_second_of_motion(turned):
     laser = LaserSettings(yaw=math.radians(turned))
-    outcome = drive(PLAIN._replace(laser=laser), "wall", 0.8, 0, 8.0)
+    outcome = drive(Fault("", plain, laser), "wall", 0.8, 0, 8.0)
     assert outcome.reason == "laser disagrees"
     assert outcome.detected < 2.5  # the chair needs a second for 0.4 m/s
     assert outcome.contact == 0.0
@@ -70,6 +69,7 @@ def pivot(laser=None, changed=lambda scan: scan, seconds=6.0):
         reading = chair.drive(shield.filter(np.array([0.0, 0.6]), told))
         if shield.latched:
             break
+    assert np.isfinite(shield.state["keys"][0, 0]["offset"]).all()
     return shield.latched, abs(chair.truth.pose[2])
 
 

@@ -256,7 +256,7 @@ class ControlLoop:
 
 
 class RealBase(NotCopyable):
-    """What all real chairs tell of themselves, by their control loop."""
+    """Properties that all real chairs report from their control loop."""
 
     _loop: ControlLoop
 

@@ -181,7 +181,7 @@ def _fit(key: Any, one: LaserArrays, at: Frame, scan: Floats, offset: Array, fit
             continue
         ahead, left = world_to_body(at.c, at.s, ex, ey)
         b = math.floor((atan2_f32(_F(left), _F(ahead)) - one.first) * one.per_angle + 0.5)
-        if b < 0 or b >= beams or not scan[b] < _INF:
+        if b < 0 or b >= beams or not one.nearest <= scan[b] < _INF:  # nor too near, which is -inf
             continue
         fit.n += 1
         r = np.float64(scan[b])
@@ -191,12 +191,11 @@ def _fit(key: Any, one: LaserArrays, at: Frame, scan: Floats, offset: Array, fit
             continue
         share = 1.0 / (1.0 + (e / _SCALE) * (e / _SCALE))
         fit.score += share
-        weight, lever = share, ny * (ex - dx) - nx * (ey - dy)
-        row = nx, ny, lever
+        row = nx, ny, ny * (ex - dx) - nx * (ey - dy)
         for i in range(3):
-            fit.g[i] += weight * row[i] * e
+            fit.g[i] += share * row[i] * e
             for j in range(3):
-                fit.h[i, j] += weight * row[i] * row[j]
+                fit.h[i, j] += share * row[i] * row[j]
 
 
 @borrowing_kernel
@@ -243,15 +242,16 @@ def _fits_another_motion(key: Any, one: LaserArrays, at: Frame, scan: Floats) ->
         _improve(fit, offset)
         return False
     _refine(key, one, at, scan, offset, fit)
-    for k in range(1, 3 if fit.score < _EXPLAINED * fit.n else 1):
+    other, best = fit.other[:], fit.score
+    for k in range(1, 3 if best < _EXPLAINED * fit.n else 1):
         # A scan that repeats moves with the chair; a mirrored one turns at twice its rate.
-        other, best = fit.other[:], fit.score
         other[0], other[1] = k * (at.x - key.at[0]), k * (at.y - key.at[1])
         other[2] = k * math.atan2(
             at.s * key.at[2] - at.c * key.at[3], at.c * key.at[2] + at.s * key.at[3]
         )
         _refine(key, one, at, scan, other, fit)
         if fit.score > best:
+            best = fit.score
             offset[0], offset[1], offset[2] = other[0], other[1], other[2]
     _fit(key, one, at, scan, offset, fit)
     if fit.score < plain - _GAIN * fit.n:  # a wrong minimum

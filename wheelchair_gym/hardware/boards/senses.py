@@ -132,7 +132,7 @@ class BoardSensors:
             newest = self._newest["odometry"]
             newest.update(message, message.stamp, now - _ODOMETRY_LATENCY)
             if message.age < _AGE_MAX and (sent := self.drive.sent_at(message.echo)) is not None:
-                newest.clock.answered(sent, message.stamp - message.age * 1e-3)
+                newest.clock.answered(sent, message.stamp - message.age)
             self.odometer.update(message, newest.message.measured_at)
             self.pressed |= bool(message.switches & STRIPS)
         elif isinstance(message, Ranges):

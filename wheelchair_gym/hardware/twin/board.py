@@ -258,7 +258,7 @@ class EmulatedBoard(NotCopyable):
         self._library.board_bus_sonar(self._board, address)
 
     def hold_bus(self, clocks: int) -> None:
-        """Let an SRF08 hold SDA low until it has had so many clocks of SCL."""
+        """Make an SRF08 hold SDA low until it has received a number of clocks of SCL."""
         self._library.board_hold_bus(self._board, clocks)
 
     def watch_interrupt(self, vector: int) -> None:

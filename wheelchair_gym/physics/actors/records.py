@@ -288,7 +288,7 @@ def person(
 
 @borrowing_kernel
 def first_heading(route: Array, x: float, y: float) -> float:
-    """Where a person at (x, y) looks at first [rad]: at the first way point that is elsewhere."""
+    """Initial heading of a person at (x, y) [rad]: towards the first way point elsewhere."""
     for k in range(route.shape[0]):
         dx, dy = route[k, 0] - x, route[k, 1] - y
         if math.sqrt(dx * dx + dy * dy) > FIRST_LOOK:
