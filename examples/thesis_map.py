@@ -13,7 +13,7 @@ from PIL import Image, ImageDraw
 
 from agents.studies.thesis import controls_of, describe, draw, problem_of
 from planners import make_planner
-from planners.thesis_settings import read_thesis
+from planners.rrt_star_woa.thesis import read_thesis
 from wheelchair_gym.rendering import write_png
 
 parser = argparse.ArgumentParser(description=__doc__)

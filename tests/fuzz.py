@@ -323,7 +323,7 @@ def _use_thesis(path: Path) -> None:
     from agents.cli.arguments import spec
     from agents.studies.thesis import problem_of
     from planners import make_planner
-    from planners.thesis_settings import read_thesis
+    from planners.rrt_star_woa.thesis import read_thesis
 
     file = read_thesis(path)
     make_planner(file.planner())
@@ -757,7 +757,7 @@ READERS: dict[str, Reader] = {
         _problems, _use_problems, ("problem_files.read_problems",)
     ),
     "thesis settings": Reader(
-        _thesis, _use_thesis, ("thesis_settings.read_thesis", "cli.arguments.spec")
+        _thesis, _use_thesis, ("thesis.read_thesis", "cli.arguments.spec")
     ),
     "env settings": Reader(
         _env, _use_env,

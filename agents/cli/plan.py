@@ -21,7 +21,7 @@ from planners.graphs.visibility import Visibility, optima
 from planners.judge import plan_faults
 from planners.problem import check, checked_plan
 from planners.problem_files import read_problems
-from planners.thesis_settings import GLOBAL, PLANNERS_OF_FILE, ThesisFile, read_thesis
+from planners.rrt_star_woa.thesis import GLOBAL, PLANNERS_OF_FILE, ThesisFile, read_thesis
 from wheelchair_gym.compiled.linking import Kernel
 from wheelchair_gym.compiled.second_process import compile_beside
 from wheelchair_gym.config import InputError

@@ -23,8 +23,8 @@ from agents.control.rollout import (
     stops_clear,
 )
 from agents.control.tight_places import ManoeuvreTracker
-from planners.controls.generator import ControlGenerator, Controls
-from planners.swarm.woa import LedWhales
+from planners.rrt_star_woa.control_generator import ControlGenerator, Controls
+from planners.rrt_star_woa.woa import LedWhales
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import record_of
 from wheelchair_gym.config import setting, settings

@@ -1,7 +1,7 @@
 """Followers whose commands (v, w, t) a swarm of whales searches, period by period.
 
 A particle is a list of commands and how many of them count (thesis, section 2.9.3 and algorithm
-6), as in `planners.controls.generator`; it costs what all followers' roll-outs cost. `woa` begins
+6), as in `control_generator`; it costs what all followers' roll-outs cost. `woa` begins
 with part of a fan of twists. `whales` begins with all that is known: the commands that the plan
 itself asks for, the best ones of the period before, and the whole fan of `window`.
 """
@@ -32,7 +32,7 @@ from agents.control.rollout import (
     start_row,
 )
 from agents.control.tight_places import ManoeuvreTracker
-from planners.swarm.woa import WhaleParameters, WhaleSettings, move_whales
+from planners.rrt_star_woa.woa import WhaleParameters, WhaleSettings, move_whales
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import kernel, record_of
 from wheelchair_gym.config import setting, settings

@@ -321,7 +321,7 @@ def _search(planner: Any, problem: Problem, rng: np.random.Generator) -> tuple[A
 
 def controls(job: Job, seed: int) -> Record:
     """T1 figure 2.27: a path of the global variant, its controls, and their roll-out."""
-    from planners.controls.generator import ControlGenerator
+    from planners.rrt_star_woa.control_generator import ControlGenerator
     from wheelchair_gym.geometry import Footprint
     from wheelchair_gym.kinematics import Limits
 

@@ -16,8 +16,8 @@ import numpy as np
 import shapely
 
 from planners import Plan, Problem, Space
-from planners.controls.generator import ControlGenerator, Controls
-from planners.thesis_settings import ThesisFile
+from planners.rrt_star_woa.control_generator import ControlGenerator, Controls
+from planners.rrt_star_woa.thesis import ThesisFile
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.errors import InputError, shorten
 from wheelchair_gym.geometry import Footprint, polygon_edges, to_world

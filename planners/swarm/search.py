@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from planners.collision.polygon_tests import SpaceArrays, point_free
 from planners.problem import begin
+from planners.rrt_star_woa.woa import LedWhales
 from planners.smoothing.curves import POLYLINE, sample_curve
 from planners.smoothing.smooth import blocked_edges
 from planners.swarm.optimizers import (
@@ -40,7 +41,6 @@ from planners.swarm.path_cost import (
     push_out_of_discs,
     write_way_points,
 )
-from planners.swarm.woa import LedWhales
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import fields
 from typing import Any, ClassVar, Literal
 
+from planners.rrt_star_woa.woa import LeaderChoice, WhaleMoves
 from planners.swarm import optimizers as kinds
 from planners.swarm.optimizers import MoveParameters, whale_moves
-from planners.swarm.woa import LeaderChoice, WhaleMoves
 from wheelchair_gym.config import setting, settings
 
 _YARPIZ = "Yarpiz (program library)"

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from planners.collision.connections import CONNECTIONS, connection
 from planners.collision.footprint import Sweeps, stretch_gap, sweep, sweeps
 from planners.collision.nearby import Nearby, segments_in_view
-from planners.swarm.woa import WhaleParameters, move_whales
+from planners.rrt_star_woa.woa import WhaleParameters, move_whales
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.geometry import wrap

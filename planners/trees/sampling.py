@@ -15,7 +15,7 @@ from planners.collision.polygon_tests import (
     point_free,
     way_free,
 )
-from planners.swarm.woa import WhaleParameters, move_whales
+from planners.rrt_star_woa.woa import WhaleParameters, move_whales
 from planners.trees.tree import NONE, Tree, write_ancestors
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import absorbed_kernel, borrowing_kernel

@@ -10,8 +10,8 @@ import numpy as np
 from planners.collision.connections import MIN_GAP, fit_ends, goal_poses, start_and_goal
 from planners.collision.nearby import Nearby, nearby, passage_poses
 from planners.problem import Plan, PlannerBase, Problem, Status, check, remaining
+from planners.rrt_star_woa.woa import WhaleSettings
 from planners.smoothing.shortcut import resample, shortcut
-from planners.swarm.woa import WhaleSettings
 from planners.trees.pose_path import (
     LONGEST_PIECE,
     new_drive,

@@ -14,13 +14,13 @@ from dataclasses import replace
 import numpy as np
 
 from planners.problem import Plan, PlannerBase, Problem, Status
+from planners.rrt_star_woa.woa import LedWhales
 from planners.smoothing.smooth import hermite_path
 from planners.swarm.optimizers import MIN_POPULATION
 from planners.swarm.path_cost import Smooth
 from planners.swarm.planner import SwarmPlanner
 from planners.swarm.search import PathShortening, ShiftBounds
 from planners.swarm.settings import WoaModified
-from planners.swarm.woa import LedWhales
 from planners.trees.sampling import Growth, SteeringCost
 from planners.trees.tree_search import search
 from wheelchair_gym.compiled.clock import clock

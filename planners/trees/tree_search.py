@@ -13,7 +13,7 @@ import numpy as np
 
 from planners.collision.polygon_tests import SpaceArrays, point_free
 from planners.problem import Plan, Problem, Status
-from planners.swarm.woa import WhaleParameters
+from planners.rrt_star_woa.woa import WhaleParameters
 from planners.trees.sampling import (
     MIN_GAIN,
     Growth,

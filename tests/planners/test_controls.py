@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import shapely
 
-from planners.controls.generator import ControlGenerator, simplified
-from planners.controls.rollout import STEP, rollout, time_to_cover
+from planners.rrt_star_woa.control_generator import ControlGenerator, simplified
+from planners.rrt_star_woa.rollout import STEP, rollout, time_to_cover
 from wheelchair_gym.geometry import Footprint, to_world
 from wheelchair_gym.kinematics import Limits
 

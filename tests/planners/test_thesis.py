@@ -8,8 +8,7 @@ from dataclasses import replace
 import pytest
 
 from planners import PLANNERS, make_planner
-from planners.swarm.woa import LedWhales
-from planners.thesis_settings import (
+from planners.rrt_star_woa.thesis import (
     GLOBAL,
     KEYS,
     PLANNERS_OF_FILE,
@@ -17,6 +16,7 @@ from planners.thesis_settings import (
     read_thesis,
     without_trailing_commas,
 )
+from planners.rrt_star_woa.woa import LedWhales
 from tests.planners.test_trees import THESIS_TREE
 from wheelchair_gym.config import InputError
 

@@ -12,7 +12,7 @@ from planners import PLANNERS
 from planners.collision.space import Space
 from planners.judge import faults
 from planners.problem import Problem, Status
-from planners.swarm.woa import LedWhales
+from planners.rrt_star_woa.woa import LedWhales
 from planners.trees.settings import (
     InformedRrtStar,
     RrtStar,

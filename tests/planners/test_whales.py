@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from planners.swarm.woa import WhaleParameters, move_whales
+from planners.rrt_star_woa.woa import WhaleParameters, move_whales
 from wheelchair_gym.random import next_uniform, stream
 
 # Written for compiled integers, which wrap without a word.

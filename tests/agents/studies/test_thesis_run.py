@@ -15,7 +15,7 @@ from agents.cli import main
 from agents.studies.thesis import controls_of, film, problem_of
 from planners import Status, make_planner
 from planners.judge import Judge
-from planners.thesis_settings import (
+from planners.rrt_star_woa.thesis import (
     GLOBAL,
     KEYS,
     PLANNERS_OF_FILE,

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planners.controls.rollout import (
+from planners.rrt_star_woa.rollout import (
     MAX_CLEARANCE,
     MOTION,
     STEP,
@@ -33,7 +33,7 @@ from planners.controls.rollout import (
     stopping_time,
     time_to_cover,
 )
-from planners.swarm.woa import LedWhales, WhaleParameters, move_whales
+from planners.rrt_star_woa.woa import LedWhales, WhaleParameters, move_whales
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.config import setting, settings

@@ -1,1 +1,0 @@
-"""The control generator: from a path to commands (v, w, t)."""
