@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from planners.collision.connections import CONNECTIONS, connection
 from planners.collision.footprint import Sweeps, stretch_gap, sweep, sweeps
 from planners.collision.nearby import Nearby, segments_in_view
-from planners.rrt_star_woa.woa import WhaleParameters, move_whales
+from planners.rrt_star_woa.woa import WhaleParameters, Whales, move, new_whales, tell
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.geometry import wrap
@@ -307,27 +307,22 @@ def via_cost(
     return count, cost
 
 
-class Whales(NamedTuple):
-    """A swarm that moves poses of a path, and workspace."""
+class PoseWhales(NamedTuple):
+    """A swarm whose whales are shifts of poses of a path, in the frames of these."""
 
-    settings: WhaleParameters
-    population: Array  # (whales, 3 MAX_POSES) m, m, rad
-    best: Array  # (3 MAX_POSES,)
-    c_range: Array  # (3 MAX_POSES,)
-    upper: Array  # (3 MAX_POSES,)
-    lower: Array  # (3 MAX_POSES,)
+    whales: Whales  # (k, 3 MAX_POSES) m, m, rad
     bounds: Array  # (3,) largest shift ahead and aside [m], and turn [rad]
     scale: Array  # (1,) of the bounds
 
 
-def new_whales(settings: WhaleParameters, bounds: tuple[float, float, float]) -> Whales:
+def new_pose_whales(
+    parameters: WhaleParameters, bounds: tuple[float, float, float]
+) -> PoseWhales:
     """A swarm with bounds of its shifts."""
     size = 3 * MAX_POSES
-    empty = np.zeros((settings.population, size))
-    c_range, upper, lower = np.full(size, 2.0), np.zeros(size), np.zeros(size)
-    return Whales(
-        settings, empty, np.zeros(size), c_range, upper, lower, np.array(bounds), np.ones(1)
-    )
+    population = np.zeros((parameters.population, size))
+    whales = new_whales(population, parameters, np.zeros(size), np.zeros(size))
+    return PoseWhales(whales, np.array(bounds), np.ones(1))
 
 
 LEAST_SCALE, SHRINK, GROW = 0.02, 0.8, 1.3  # of the bounds, after a search without and with a gain
@@ -335,7 +330,7 @@ LEAST_SCALE, SHRINK, GROW = 0.02, 0.8, 1.3  # of the bounds, after a search with
 
 @borrowing_kernel
 def search_vias(
-    drive: Drive, path: Path, whales: Whales, i: int, j: int, poses: int, turned: float,
+    drive: Drive, path: Path, swarm: PoseWhales, i: int, j: int, poses: int, turned: float,
     state: Stream,
 ) -> int:  # fmt: skip
     """Let whales replace a window by connections through shifted poses; evaluations made.
@@ -343,39 +338,38 @@ def search_vias(
     The leader at first is the path itself: all shifts are 0. Bounds shrink where nothing is found.
     With the poses turned by pi, the chair turns round and drives ahead where it backed.
     """
-    d, settings = 3 * poses, whales.settings
-    population, best = whales.population[:, :d], whales.best[:d]
-    lower, upper, c_range = whales.lower[:d], whales.upper[:d], whales.c_range[:d]
-    scale = whales.scale[0]
-    best[:] = 0.0
+    d, all_, scale = 3 * poses, swarm.whales, swarm.scale[0]
+    parameters, made = all_.parameters, 0
+    whales = Whales(
+        all_.population[:, :d], all_.leader[:d], all_.leader_cost, all_.c_range[:d],
+        all_.lower[:d], all_.upper[:d], parameters,
+    )  # fmt: skip
     for k in range(d):
-        upper[k] = scale * whales.bounds[k % 3]
-        lower[k] = -upper[k]
-    for whale in range(population.shape[0]):
+        whales.leader[k], whales.upper[k] = 0.0, scale * swarm.bounds[k % 3]
+        whales.lower[k] = -whales.upper[k]
+    for whale in range(parameters.population):
         for k in range(d):
-            drawn = lower[k] + (upper[k] - lower[k]) * next_uniform(state)
-            population[whale, k] = drawn if whale > 0 else 0.0
+            low, high = whales.lower[k], whales.upper[k]
+            drawn = low + (high - low) * next_uniform(state)
+            whales.population[whale, k] = drawn if whale > 0 else 0.0
     old = window_cost(drive.motion, path, i, j)
-    least = old - MIN_GAIN
-    found, made = False, 0
-    for t in range(settings.iterations + 1):
-        for whale in range(population.shape[0]):
-            _, cost = via_cost(drive, path, i, j, population[whale], turned, least)
+    whales.leader_cost[0] = old - MIN_GAIN
+    for t in range(parameters.iterations + 1):
+        for whale in range(parameters.population):
+            shifts = whales.population[whale]
+            _, cost = via_cost(drive, path, i, j, shifts, turned, whales.leader_cost[0])
+            tell(whales, whale, cost)
             made += 1
-            if cost < least:
-                least, found = cost, True
-                for k in range(d):
-                    best[k] = population[whale, k]
-        if t < settings.iterations:
-            progress = t / settings.iterations
-            move_whales(population, best, settings, progress, c_range, lower, upper, state)
+        if t < parameters.iterations:
+            move(whales, t / parameters.iterations, state)
+    found = whales.leader_cost[0] < old - MIN_GAIN
     if found:
-        count, cost = via_cost(drive, path, i, j, best, turned, math.inf)
+        count, cost = via_cost(drive, path, i, j, whales.leader, turned, math.inf)
         found = cost < old and splice(path, drive.motion, i, j, drive.candidate, count)
     if turned != 0.0:
         return made
     factor = GROW if found else SHRINK
-    whales.scale[0] = min(1.0, max(LEAST_SCALE, factor * scale))
+    swarm.scale[0] = min(1.0, max(LEAST_SCALE, factor * scale))
     return made
 
 

@@ -19,7 +19,7 @@ from planners.trees.pose_path import (
     MIN_GAIN,
     Drive,
     Path,
-    Whales,
+    PoseWhales,
     connect,
     drive_stretch,
     piece_count,
@@ -214,7 +214,7 @@ class Search(NamedTuple):
     start_tree: Tree
     goal_tree: Tree
     path: Path
-    whales: Whales
+    whales: PoseWhales
     guide: Array  # (n, 3) poses along the path of a point; none: (0, 3)
     options: Options
     run: NDArray[Any]  # (1,) RUN

@@ -16,7 +16,7 @@ from planners.trees.pose_path import (
     LONGEST_PIECE,
     new_drive,
     new_path,
-    new_whales,
+    new_pose_whales,
     poses_of_path,
 )
 from planners.trees.pose_tree import (
@@ -144,7 +144,7 @@ class Se2RrtStarWoa(DrivingCost, PlannerBase):
         search = Search(
             new_drive(near, motion, SHARPEST_TURN),
             self._tree(start[None], 1.0), self._tree(goals, -1.0),
-            new_path(goal), new_whales(self.whales.parameters, bounds), guide,
+            new_path(goal), new_pose_whales(self.whales.parameters, bounds), guide,
             self._options(), np.zeros(1, RUN), np.zeros(3),
             np.zeros(NEIGHBOURS, np.int64), np.zeros(NEIGHBOURS), np.zeros(NODES + 1, np.int64),
             np.zeros(0),
