@@ -24,7 +24,7 @@ from agents.control.rollout import (
 )
 from agents.control.tight_places import ManoeuvreTracker
 from planners.rrt_star_woa.control_generator import ControlGenerator, Controls
-from planners.rrt_star_woa.woa import LedWhales
+from planners.rrt_star_woa.woa import WhaleSettings
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import record_of
 from wheelchair_gym.config import setting, settings
@@ -309,7 +309,7 @@ class ControlsFollower:
     """
 
     generator: ControlGenerator = ControlGenerator(
-        whales=LedWhales(population=10, iterations=5), horizon=2.0, margin=0.06
+        whales=WhaleSettings(population=10, iterations=5), horizon=2.0, margin=0.06
     )
     seed: int = setting(default=0, low=0, source="design choice")
     """Seed of the swarm, anew for every path."""

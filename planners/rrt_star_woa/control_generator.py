@@ -33,7 +33,7 @@ from planners.rrt_star_woa.rollout import (
     stopping_time,
     time_to_cover,
 )
-from planners.rrt_star_woa.woa import LedWhales, WhaleParameters, move_whales
+from planners.rrt_star_woa.woa import WhaleParameters, WhaleSettings, move, new_whales, tell
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.config import setting, settings
@@ -192,7 +192,7 @@ def bridge(
     """The commands (k, 3) for one segment from the motion `now`, and whether they are free."""
     limits = world.limits
     gap = math.hypot(leg.x - now[0].x, leg.y - now[0].y)
-    lower, upper, c_range = np.empty(_SIZE), np.empty(_SIZE), np.full(_SIZE, 2.0)
+    lower, upper = np.empty(_SIZE), np.empty(_SIZE)
     lower[V::3], upper[V::3] = -limits.backward, limits.forward
     lower[W::3], upper[W::3] = -limits.turn, limits.turn
     lower[T::3], upper[T::3] = 0.0, 3.0 + 2.0 * gap / limits.forward + math.pi / limits.turn
@@ -216,20 +216,14 @@ def bridge(
             scale = X[j] if j % 3 == T else upper[j] - lower[j]
             X[j] += 0.3 * scale * (2.0 * next_uniform(state) - 1.0)
             X[j] = min(max(X[j], lower[j]), upper[j])
-    best, least = population[0].copy(), np.inf
+    whales = new_whales(population, swarm, lower, upper)
     for t in range(swarm.iterations + 1):
-        if swarm.latest:
-            least = np.inf
         for i in range(population.shape[0]):
-            cost = segment_cost(population[i], now, leg, world, trial)
-            if cost < least:
-                least = cost
-                best[:] = population[i]
+            tell(whales, i, segment_cost(population[i], now, leg, world, trial))
         if t < swarm.iterations:
-            progress = t / swarm.iterations
-            move_whales(population, best, swarm, progress, c_range, lower, upper, state)
-    count = int(best[_COUNT])
-    return best[: 3 * count].copy().reshape(count, 3), least < _COLLISION
+            move(whales, t / swarm.iterations, state)
+    best, count = whales.leader, int(whales.leader[_COUNT])
+    return best[: 3 * count].copy().reshape(count, 3), whales.leader_cost[0] < _COLLISION
 
 
 @kernel
@@ -331,8 +325,8 @@ def ahead(path: Array, position: Array, horizon: float | None) -> tuple[Array, b
 class ControlGenerator:
     """How commands are searched."""
 
-    whales: LedWhales = setting(
-        default=LedWhales(population=12, iterations=10), source="design choice"
+    whales: WhaleSettings = setting(
+        default=WhaleSettings(population=12, iterations=10), source="design choice"
     )
     """The swarm that searches the commands of a segment."""
     maneuvers: bool = setting(
