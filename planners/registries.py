@@ -22,7 +22,7 @@ PLANNERS: Final = Registry(
         "rrt_star_woa_global": "planners.rrt_star_woa.path_shortening:RrtStarWoaGlobal",
         "rrt_star_woa_local": "planners.rrt_star_woa.local_steering:RrtStarWoaLocal",
         "rrt_woa": "planners.swarm.planner:RrtWoa",
-        "se2_rrt_star_woa": "planners.trees.se2:Se2RrtStarWoa",
+        "se2_rrt_star_woa": "planners.rrt_star_woa.poses:Se2RrtStarWoa",
         "swarm": "planners.swarm.planner:SwarmPlanner",
         "visibility": "planners.graphs.visibility:Visibility",
         "voronoi": "planners.graphs.voronoi:Voronoi",

@@ -17,9 +17,9 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from planners.collision.connections import MIN_GAP, PIECE, fit_ends, start_and_goal
 from planners.collision.footprint import Sweeps, path_gap, sweep, sweeps
 from planners.collision.nearby import Nearby, nearby
+from planners.collision.pose_tests import MIN_GAP, TESTED_LENGTH, fit_ends, start_and_goal
 from planners.collision.space import Space
 from planners.graphs.visibility import Visibility
 from planners.lattice.flood import is_cut_off
@@ -85,7 +85,7 @@ def prepare_map(space: Space, footprint: Footprint, desired_clearance: float) ->
     key = (*footprint.array, desired_clearance)
     prepared = _MAP_DATA.setdefault(space, {})
     if key not in prepared:
-        near = nearby(space, footprint.reach + max(MOVE_LENGTH, PIECE) + desired_clearance)
+        near = nearby(space, footprint.reach + max(MOVE_LENGTH, TESTED_LENGTH) + desired_clearance)
         gaps = distance_field(space, radius + desired_clearance)
         places = narrow_places(near, gaps, footprint.half_width, footprint.half_width + NARROW)
         prepared[key] = MapData(near, gaps, places)

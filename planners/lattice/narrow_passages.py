@@ -12,9 +12,9 @@ import math
 
 import numpy as np
 
-from planners.collision.connections import free_gap, gaps_at
 from planners.collision.footprint import Sweeps, sweeps
 from planners.collision.nearby import Nearby, nearest_side
+from planners.collision.pose_tests import free_gap, gaps_at
 from planners.lattice.heuristic import SPACING, Field
 from planners.lattice.pose_search import Lines
 from wheelchair_gym.arrays import Array

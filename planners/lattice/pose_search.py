@@ -13,11 +13,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.collision.connections import connection, free_gap
 from planners.collision.footprint import Sweeps, stretch_gap
 from planners.collision.nearby import Nearby, segments_in_view
+from planners.collision.pose_tests import free_gap
 from planners.graphs.heap import pop, push
 from planners.lattice.heuristic import Guide, cost_to_go, heading_error
+from planners.steering import CONNECTIONS, PARTS, connection, parts_time
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.geometry import wrap
@@ -111,25 +112,14 @@ def connect(
     near, motion, out = search.near, search.motion, search.out
     best = budget
     found = False
-    for option in range(4):
-        possible, a, s, b, t, u = connection(option, x, y, yaw, tx, ty, tyaw)
-        if not possible:
-            continue
-        cost = 0.0
-        before = kind
-        for part in range(3):
-            way, turn = (a, b, 0.0)[part], (s, t, u)[part]
-            now = kind_of(way, turn)
-            if now != 0:
-                cost += duration(motion, way, turn)
-                if before != 0 and before != now:
-                    cost += motion.switch_time
-                before = now
-        if cost >= best:
+    for option in range(CONNECTIONS):
+        possible, parts = connection(option, x, y, yaw, tx, ty, tyaw)
+        cost = parts_time(motion, math.inf, parts, kind, 0, 1.0)
+        if not possible or cost >= best:
             continue
         px, py, pyaw = x, y, yaw
-        for part in range(3):
-            way, turn = (a, b, 0.0)[part], (s, t, u)[part]
+        for part in range(PARTS):
+            way, turn = parts[part]
             if kind_of(way, turn) == 0:
                 continue
             gap = free_gap(near, motion, px, py, pyaw, way, turn, search.workspace, search.seen)
@@ -142,8 +132,8 @@ def connect(
             px, py, pyaw = arc_step(px, py, pyaw, way, turn, 1.0)
         if cost < best:
             best, found = cost, True
-            out[0, 0], out[1, 0], out[2, 0] = a, b, 0.0
-            out[0, 1], out[1, 1], out[2, 1] = s, t, u
+            for part in range(PARTS):
+                out[part, 0], out[part, 1] = parts[part]
     return best if found else math.inf
 
 

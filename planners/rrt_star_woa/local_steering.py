@@ -116,9 +116,7 @@ class RrtStarWoaLocal(ShiftBounds, PlannerBase):
     goal, visible from the node to extend, and, with less weight, with the goal in sight.
     """
 
-    tree: RrtStar = setting(
-        default=RrtStar(return_on_first_path=True), source="thesis, figure 3.1"
-    )
+    tree: RrtStar = setting(default=RrtStar(return_on_first_path=True), source="thesis, figure 3.1")
     """The tree search."""
     whales: WhaleSettings = setting(default=WhaleSettings(), source="thesis, figure 3.1")
     """The swarm."""

@@ -110,9 +110,7 @@ class PathShortening(LengthFree, ShiftBounds):
 class RrtStarWoaGlobal(PathShortening, PlannerBase):
     """RRT* whose path a swarm of paths then shortens (thesis, section 2.8 and algorithm 5)."""
 
-    tree: RrtStar = setting(
-        default=RrtStar(return_on_first_path=True), source="thesis, figure 3.1"
-    )
+    tree: RrtStar = setting(default=RrtStar(return_on_first_path=True), source="thesis, figure 3.1")
     """The tree search."""
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:

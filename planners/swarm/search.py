@@ -26,7 +26,6 @@ from planners.swarm.optimizers import (
     is_particle_move,
     move_particles,
     move_swarm,
-    new_swarm,
     store,
 )
 from planners.swarm.path_cost import (

@@ -9,25 +9,19 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.collision.connections import (
+from planners.collision.footprint import sweeps
+from planners.collision.nearby import nearby
+from planners.collision.pose_tests import (
     MIN_GAP,
     fit_ends,
     gaps_at,
     goal_poses,
     start_and_goal,
 )
-from planners.collision.footprint import sweeps
-from planners.collision.nearby import nearby
 from planners.problem import Plan, PlannerBase, Problem, Status
-from planners.trees.pose_path import (
-    LONGEST_PIECE,
-    Drive,
-    connect,
-    new_drive,
-    new_path,
-    poses_of_path,
-)
-from planners.trees.se2 import POSE_SPACING, Se2RrtStarWoa
+from planners.rrt_star_woa.poses import POSE_SPACING, Se2RrtStarWoa
+from planners.steering import LONGEST_PIECE, SteeringContext, connect, new_context
+from planners.trees.pose_path import new_path, poses_of_path
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.config import setting, settings
@@ -43,10 +37,10 @@ MODULES = "ompl.base", "ompl.geometric", "ompl.util"
 
 @kernel
 def connection_cost(
-    drive: Drive, x: float, y: float, yaw: float, tx: float, ty: float, tyaw: float
+    context: SteeringContext, x: float, y: float, yaw: float, tx: float, ty: float, tyaw: float
 ) -> tuple[int, float]:
-    """The cheapest free connection of two poses, in `drive.candidate`: its pieces and cost [s]."""
-    _, count, cost = connect(drive, x, y, yaw, 0, tx, ty, tyaw, 0, math.inf, drive.candidate, 0)
+    """Write the cheapest free connection of two poses; the number of its pieces and cost [s]."""
+    _, count, cost = connect(context, x, y, yaw, 0, tx, ty, tyaw, 0, math.inf, context.candidate, 0)
     return count, cost
 
 
@@ -87,7 +81,7 @@ class OmplFootprint(DrivingCost, PlannerBase):
         )
         if status is not None:
             return Plan(status)
-        drive, work = new_drive(near, motion, self.sharpest_turn), sweeps(1)
+        context, work = new_context(near, motion, self.sharpest_turn), sweeps(1)
         known: dict[tuple[float, ...], float] = {}
 
         def cost(a: Any, b: Any) -> float:
@@ -96,7 +90,7 @@ class OmplFootprint(DrivingCost, PlannerBase):
             if ends not in known:
                 if len(known) > 100_000:
                     known.clear()
-                known[ends] = connection_cost(drive, *ends)[1]
+                known[ends] = connection_cost(context, *ends)[1]
             return known[ends]
 
         class Validator(base.MotionValidator):  # type: ignore[misc, name-defined]
@@ -152,7 +146,7 @@ class OmplFootprint(DrivingCost, PlannerBase):
         if not definition.hasExactSolution():
             return Plan(Status.EXHAUSTED)
         states = definition.getSolutionPath().getStates()
-        return Plan(Status.SOLVED, _poses(drive, np.array([_pose(state) for state in states])))
+        return Plan(Status.SOLVED, _poses(context, np.array([_pose(state) for state in states])))
 
 
 def _pose(state: Any) -> tuple[float, float, float]:
@@ -166,13 +160,13 @@ def _state(space: Any, pose: Array) -> Any:
     return state
 
 
-def _poses(drive: Drive, states: Array) -> Array:
+def _poses(context: SteeringContext, states: Array) -> Array:
     """The poses (n, 3) of the connections between states (m, 3)."""
     path = new_path(states[-1])
     for k in range(len(states) - 1):
-        count, _ = connection_cost(drive, *states[k], *states[k + 1])
+        count, _ = connection_cost(context, *states[k], *states[k + 1])
         at = int(path.size[0])
-        path.pieces[at : at + count] = drive.candidate[:count]
+        path.pieces[at : at + count] = context.candidate[:count]
         path.size[0] = at + count
     end = path.pieces[path.size[0]]
     end["x"], end["y"], end["yaw"] = states[-1]
