@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from planners.collision.footprint import Sweeps, stretch_gap, sweep, sweeps
 from planners.collision.nearby import Nearby, segments_in_view
 from wheelchair_gym.arrays import Array
-from wheelchair_gym.compiled.kernel import borrowing_kernel
+from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.geometry import wrap
 from wheelchair_gym.kinematics import arc_step
 from wheelchair_gym.maps.driving_cost import STILL, MotionCost, duration, kind_of, stretch_cost
@@ -24,6 +24,7 @@ from wheelchair_gym.maps.driving_cost import STILL, MotionCost, duration, kind_o
 CONNECTIONS = 4  # kinds of them: arcs ahead and back, pivots and a straight ahead and back
 PARTS = 3  # stretches of a connection, each a distance [m] and a turn [rad]
 Parts = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
+NO_PARTS = ((0.0, 0.0), (0.0, 0.0), (0.0, 0.0))
 
 
 @borrowing_kernel
@@ -39,7 +40,7 @@ def connection(
     far, towards = math.hypot(dx, dy), wrap(math.atan2(dy, dx) - yaw)
     back = kind % 2 == 1
     sign = -1.0 if back else 1.0
-    none = (False, ((0.0, 0.0), (0.0, 0.0), (0.0, 0.0)))
+    none = (False, NO_PARTS)
     aim = wrap(towards + math.pi) if back else towards
     if kind >= 2:  # pivot, straight, pivot
         s, b = (aim, sign * far) if far > STILL else (0.0, 0.0)
@@ -290,3 +291,30 @@ def connect(
             best, found, length = cost, kind, count
             for k in range(count):
                 pieces[first + k] = trial[k]
+
+
+POSE_SPACING = 0.05  # m, and rad of a pivot times 2: between poses of the path
+
+
+@kernel
+def poses_along(pieces: NDArray[Any], slack: float = 1e-9) -> Array:
+    """Return the poses (n, 3) along pieces, the last of which has no length.
+
+    Their distance may exceed `POSE_SPACING` by the share `slack`, for rounding.
+    """
+    count = pieces.shape[0]
+    parts = np.ones(count, np.int64)
+    for k in range(count):
+        longest = max(abs(pieces[k].way), 0.5 * abs(pieces[k].turn))
+        parts[k] = max(1, math.ceil(longest / POSE_SPACING - slack))
+    poses, m = np.empty((parts.sum(), 3)), 0
+    for k in range(count):
+        piece = pieces[k]
+        for part in range(parts[k]):
+            poses[m, 0], poses[m, 1], poses[m, 2] = arc_step(
+                piece.x, piece.y, piece.yaw, piece.way, piece.turn, part / parts[k]
+            )
+            m += 1
+    for k in range(1, m):
+        poses[k, 2] = poses[k - 1, 2] + wrap(poses[k, 2] - poses[k - 1, 2])
+    return poses

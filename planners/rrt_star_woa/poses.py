@@ -15,18 +15,17 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from planners.collision.nearby import Nearby, nearby, passage_poses
-from planners.collision.pose_tests import MIN_GAP, fit_ends, goal_poses, start_and_goal
-from planners.problem import Plan, PlannerBase, Problem, Status, check, remaining
+from planners.collision.pose_tests import FootprintPlanner, goal_poses, start_and_goal
+from planners.problem import Plan, Problem, Status, remaining
 from planners.rrt_star_woa.woa import Whales, WhaleSettings, move, new_whales, tell
 from planners.smoothing.shortcut import resample
 from planners.smoothing.shortcut import shortcut as shortcut_points
-from planners.steering import LONGEST_PIECE, SteeringContext, connect, new_context
+from planners.steering import LONGEST_PIECE, SteeringContext, connect, new_context, poses_along
 from planners.trees.pose_path import (
     MIN_GAIN,
     Path,
     kind_after,
     kind_before,
-    poses_of_path,
     splice,
     window_cost,
 )
@@ -36,9 +35,6 @@ from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.config import setting, settings
-from wheelchair_gym.geometry import Footprint
-from wheelchair_gym.kinematics import Limits
-from wheelchair_gym.maps.driving_cost import DrivingCost
 from wheelchair_gym.random import Stream, next_uniform, stream
 
 MAX_POSES = 64  # that whales move jointly
@@ -47,7 +43,6 @@ SHORTCUTS: Final = 16  # that a round tries
 SPACING: Final = 6  # pieces, 1.2 m: about the distance of the poses that whales move jointly
 LEAST_SCALE, SHRINK, GROW = 0.02, 0.8, 1.3  # of the bounds, after a search without and with a gain
 GUIDE_SPACING = 0.1  # m
-POSE_SPACING = 0.05  # m, and rad of a pivot times 2: between poses of the path
 ROOTS = 24  # about so many headings at a goal without one are roots of a tree
 CHUNK = 4  # iterations between two readings of the clock
 SHARPEST_TURN = 1.6  # 1/m: greatest curvature of arcs, as of `lattice`; sharper turns are pivots
@@ -204,13 +199,12 @@ def advance(search: Search, refinement: Refinement, until: int, stop: bool, stat
 
 
 @settings
-class Se2RrtStarWoa(DrivingCost, PlannerBase):
+class Se2RrtStarWoa(FootprintPlanner):
     """A path (n, 3) with headings for the chair's rectangle, by RRT* over poses and whales.
 
-    RRT*-WOA of the thesis in the space of the chair. The rectangle keeps the problem's clearance
-    less half its width. A start without heading has heading 0; a goal without heading allows any.
-    A path of the disc within the outline guides samples; two trees of poses make the first path.
-    Then rounds of RRT*, of shortcuts and of whales improve it, by their shares.
+    RRT*-WOA of the thesis in the space of the chair. A path of the disc within the outline guides
+    samples; two trees of poses make the first path. Then rounds of RRT*, of shortcuts and of whales
+    improve it, by their shares.
     """
 
     obstacle_weight: float = setting(default=6.0, low=0.0, source=_TUNED)
@@ -222,8 +216,6 @@ class Se2RrtStarWoa(DrivingCost, PlannerBase):
         source="rear corners may sweep unseen floor at 0.1 m/s",
     )
     """Turn rate of pivots as a share of the limit."""
-    footprint: Footprint = Footprint()
-    limits: Limits = Limits()
     guide: InformedRrtStar = setting(default=InformedRrtStar(iterations=2_000), source=_DESIGN)
     """The planner of the disc's path."""
     whales: WhaleSettings = setting(
@@ -241,20 +233,13 @@ class Se2RrtStarWoa(DrivingCost, PlannerBase):
     local_share: float = setting(default=1.0, low=0.0, source=_TUNED)
     """Share of the rounds of whales that move poses of a window of the path."""
 
-    def trivial(self, problem: Problem) -> Plan | None:
-        """The plan where the axle cannot stand at an end; the rectangle is tested later."""
-        status = check(replace(problem, clearance=0.0 * problem.clearance))  # NaN stays NaN
-        return None if status is None else Plan(status)
-
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """The cheapest path of all rounds; the counter `first_path` is its first iteration."""
         began = clock()
         start, goal = start_and_goal(problem)
         reach = self.footprint.reach + LONGEST_PIECE + self.desired_clearance
         near = nearby(problem.space, reach)
-        margin = max(MIN_GAP, problem.clearance - self.footprint.half_width)
-        motion = self.motion_cost(self.footprint, self.limits, margin)
-        status, motion = fit_ends(problem, self.footprint, near, motion)
+        status, motion = self.fit(problem, near)
         if status is not None:
             return Plan(status)
         if np.array_equal(start[: len(goal)], goal):
@@ -277,7 +262,7 @@ class Se2RrtStarWoa(DrivingCost, PlannerBase):
         solved = path.size[0] > 0
         return Plan(
             Status.SOLVED if solved else Status.EXHAUSTED,
-            poses_of_path(path, POSE_SPACING) if solved else np.empty((0, 3)),
+            poses_along(path.pieces[: path.size[0] + 1]) if solved else np.empty((0, 3)),
             counters={
                 "iterations": int(run["iteration"]),
                 "guide_iterations": guide_iterations,

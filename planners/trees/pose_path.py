@@ -10,9 +10,7 @@ from numpy.typing import NDArray
 
 from planners.steering import CAPACITY, PIECE, switch
 from wheelchair_gym.arrays import Array
-from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
-from wheelchair_gym.geometry import wrap
-from wheelchair_gym.kinematics import arc_step
+from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.maps.driving_cost import MotionCost
 
 MIN_GAIN = 1e-6  # s: smaller gains are rounding
@@ -78,27 +76,3 @@ def splice(path: Path, motion: MotionCost, i: int, j: int, new: NDArray[Any], co
         end.yaw = last.yaw + last.turn
     path.cost[0] = window_cost(motion, path, 0, n + more)
     return True
-
-
-@kernel
-def poses_of_path(path: Path, spacing: float) -> Array:
-    """The poses (n, 3) of a path, at most `spacing` [m] and twice as many rad apart."""
-    n, total = path.size[0], 1
-    for k in range(n):
-        piece = path.pieces[k]
-        total += int(max(1, math.ceil(max(abs(piece.way), 0.5 * abs(piece.turn)) / spacing - 1e-9)))
-    poses = np.empty((total, 3))
-    m = 0
-    for k in range(n):
-        piece = path.pieces[k]
-        parts = int(max(1, math.ceil(max(abs(piece.way), 0.5 * abs(piece.turn)) / spacing - 1e-9)))
-        for part in range(parts):
-            poses[m, 0], poses[m, 1], poses[m, 2] = arc_step(
-                piece.x, piece.y, piece.yaw, piece.way, piece.turn, part / parts
-            )
-            m += 1
-    end = path.pieces[n]
-    poses[m, 0], poses[m, 1], poses[m, 2] = end.x, end.y, end.yaw
-    for k in range(1, total):
-        poses[k, 2] = poses[k - 1, 2] + wrap(poses[k, 2] - poses[k - 1, 2])
-    return poses

@@ -27,13 +27,13 @@ from planners.steering import (
     write_times,
 )
 from planners.trees.pose_path import MIN_GAIN, Path, new_path, splice
+from planners.trees.tree import NONE, remove_child, write_ancestors
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.geometry import wrap
 from wheelchair_gym.kinematics import arc_step
 from wheelchair_gym.random import Stream, next_uniform
 
-NONE: Final = -1  # no node
 TURN_LENGTH = 0.5  # m per rad: distance of poses
 _BACK: Final = 1e6  # s: ways back are tried last
 _MOST_BACK: Final = 0.6  # m: longer ways back are tried in every third attempt only
@@ -292,12 +292,7 @@ def write_path(search: Search, node: int, twin: int) -> bool:
     False, and nothing is changed, where rounding finds it blocked or it costs more than the path.
     """
     tree, path, chain = search.start_tree, search.path, search.chain
-    n, i = 0, node
-    while i != NONE:
-        chain[n] = i
-        n += 1
-        i = int(tree.nodes[i].parent)
-    count = 0
+    n, count = write_ancestors(tree, node, chain), 0
     for k in range(n - 2, -1, -1):
         at = tree.nodes[chain[k + 1]]
         count = write_edge(search, tree.nodes[chain[k]], False, at.x, at.y, at.yaw, count)
@@ -415,14 +410,7 @@ def write_connection(search: Search, i: int, kind: int, count: int, cost: float)
 def reconnect(search: Search, i: int, parent: int, kind: int, count: int, cost: float) -> None:
     """Give a node another parent, by a connection whose pieces are in `context.candidate`."""
     nodes = search.start_tree.nodes
-    old = int(nodes[i].parent)
-    if nodes[old].child == i:
-        nodes[old].child = nodes[i].sibling
-    else:
-        k = nodes[old].child
-        while nodes[k].sibling != i:
-            k = nodes[k].sibling
-        nodes[k].sibling = nodes[i].sibling
+    remove_child(search.start_tree, i)
     nodes[i].parent, nodes[i].sibling = parent, nodes[parent].child
     nodes[parent].child = i
     write_connection(search, i, kind, count, cost)
@@ -496,19 +484,9 @@ def rewire(search: Search, state: Stream) -> None:
         bounds[k] = math.inf
         near = nodes[found[k]]
         kind, count, cost = connect(
-            context,
-            near.x,
-            near.y,
-            near.yaw,
-            near.last,
-            x,
-            y,
-            yaw,
-            0,
-            best - near.cost,
-            candidate,
-            0,
-        )
+            context, near.x, near.y, near.yaw, near.last, x, y, yaw, 0, best - near.cost,
+            candidate, 0,
+        )  # fmt: skip
         if kind >= 0:
             best, parent = near.cost + cost, int(found[k])
             nodes[new].parent = parent

@@ -11,24 +11,14 @@ from numpy.typing import NDArray
 
 from planners.collision.footprint import sweeps
 from planners.collision.nearby import nearby
-from planners.collision.pose_tests import (
-    MIN_GAP,
-    fit_ends,
-    gaps_at,
-    goal_poses,
-    start_and_goal,
-)
-from planners.problem import Plan, PlannerBase, Problem, Status
-from planners.rrt_star_woa.poses import POSE_SPACING, Se2RrtStarWoa
-from planners.steering import LONGEST_PIECE, SteeringContext, connect, new_context
-from planners.trees.pose_path import new_path, poses_of_path
+from planners.collision.pose_tests import FootprintPlanner, gaps_at, goal_poses, start_and_goal
+from planners.problem import Plan, Problem, Status
+from planners.steering import LONGEST_PIECE, SteeringContext, connect, new_context, poses_along
+from planners.trees.pose_path import new_path
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.errors import InputError
-from wheelchair_gym.geometry import Footprint
-from wheelchair_gym.kinematics import Limits
-from wheelchair_gym.maps.driving_cost import DrivingCost
 
 Array = NDArray[np.float64]
 
@@ -45,7 +35,7 @@ def connection_cost(
 
 
 @settings
-class OmplFootprint(DrivingCost, PlannerBase):
+class OmplFootprint(FootprintPlanner):
     """A planner of OMPL in SE(2), for the chair's rectangle.
 
     OMPL searches; poses are connected, tested and charged for as in `se2_rrt_star_woa`: by
@@ -54,8 +44,6 @@ class OmplFootprint(DrivingCost, PlannerBase):
     """
 
     algorithm: Literal["RRTConnect", "RRTstar", "InformedRRTstar", "BITstar"] = "RRTstar"
-    footprint: Footprint = Footprint()
-    limits: Limits = Limits()
     sharpest_turn: float = setting(default=1.6, unit="1/m", low=0.1, source="se2_rrt_star_woa")
     """Greatest curvature of arcs; sharper turns are made in place."""
     range: float = setting(default=2.0, unit="m", low=0.01, source="design choice")
@@ -65,8 +53,6 @@ class OmplFootprint(DrivingCost, PlannerBase):
     limit: float = setting(default=10.0, unit="s", low=0.0, source="design choice")
     """Time limit of a call without a deadline."""
 
-    trivial = Se2RrtStarWoa.trivial
-
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """The cheapest path at the deadline, or the first path without one."""
         try:
@@ -75,10 +61,7 @@ class OmplFootprint(DrivingCost, PlannerBase):
             raise InputError("OMPL's planners need: pip install 'wheelchair_gym[peers]'") from None
         util.setLogLevel(util.LOG_NONE)
         near = nearby(problem.space, self.footprint.reach + LONGEST_PIECE + self.desired_clearance)
-        margin = max(MIN_GAP, problem.clearance - self.footprint.half_width)
-        status, motion = fit_ends(
-            problem, self.footprint, near, self.motion_cost(self.footprint, self.limits, margin)
-        )
+        status, motion = self.fit(problem, near)
         if status is not None:
             return Plan(status)
         context, work = new_context(near, motion, self.sharpest_turn), sweeps(1)
@@ -170,4 +153,4 @@ def _poses(context: SteeringContext, states: Array) -> Array:
         path.size[0] = at + count
     end = path.pieces[path.size[0]]
     end["x"], end["y"], end["yaw"] = states[-1]
-    return poses_of_path(path, POSE_SPACING)
+    return poses_along(path.pieces[: path.size[0] + 1])
