@@ -9,15 +9,14 @@ import pytest
 
 from planners import PLANNERS, make_planner
 from planners.rrt_star_woa.thesis import (
+    FIGURE_3_1,
     GLOBAL,
-    KEYS,
     PLANNERS_OF_FILE,
     is_thesis,
     read_thesis,
     without_trailing_commas,
 )
-from planners.rrt_star_woa.woa import LedWhales
-from tests.planners.test_trees import THESIS_TREE
+from planners.rrt_star_woa.woa import WhaleSettings
 from wheelchair_gym.config import InputError
 
 FIGURE = """{
@@ -53,16 +52,21 @@ def figure(tmp_path):
 
 @pytest.mark.parametrize("name", PLANNERS_OF_FILE)
 def test_the_figure_makes_the_thesis_planners(figure, name):
-    whales = LedWhales(a=4.0, leader="latest")
+    """Its samples are never the goal, and its leader is the latest."""
+    tree = PLANNERS["rrt_star"](
+        step=1.0, search_radius=1.5, goal_bias=0.0, goal_reach=1.0, return_on_first_path=True
+    )
+    whales = WhaleSettings(a=4.0, leader="latest")
     weight = {"collision_free_weight": 1.0} if name == GLOBAL else {}
-    swarm = {"tree": THESIS_TREE, "whales": whales, **weight}
-    expected = THESIS_TREE if name == "rrt_star" else PLANNERS[name](**swarm)
-    assert make_planner(read_thesis(figure).planner(name)) == expected
+    swarm = {"tree": tree, "whales": whales, **weight}
+    expected = tree if name == "rrt_star" else PLANNERS[name](**swarm)
+    for file in (read_thesis(figure), FIGURE_3_1):
+        assert make_planner(file.planner(name)) == expected
 
 
 def test_the_figure_names_every_key_and_its_map(figure):
     file = read_thesis(figure)
-    assert set(file.values) == set(KEYS)
+    assert file.values == FIGURE_3_1.values
     assert file.value("MapProcessor_Epsilon") == 0.02
     assert file.without_effect("rrt_star_woa_global") == (
         f"{figure}: without effect: TestMode: the thesis does not say what it does"
