@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from planners.rrt_star_woa.woa import WhaleParameters, move_whales
+from planners.rrt_star_woa.woa import WhaleParameters, move, move_whales, new_whales, tell
 from wheelchair_gym.random import next_uniform, stream
 
 # Written for compiled integers, which wrap without a word.
@@ -70,6 +70,26 @@ def test_positions_stay_within_bounds(population):
         move_whales(population, population[0].copy(), moves, 0.0, TWICE, low, high, state)
         assert (population >= low).all()
         assert (population <= high).all()
+
+
+@pytest.mark.parametrize("latest", [False, True])
+def test_the_leader_is_the_best_whale_of_all_or_of_the_latest_population(population, latest):
+    """The loop by ask and tell; costs are recorded beside it."""
+    state, costs, tried = stream(np.random.default_rng(2)), [], []
+    parameters = WhaleParameters(len(population), 7, 4.0, 1.0, 0.5, 1.0, latest)
+    whales = new_whales(population, parameters, -WIDE, WIDE)
+    for t in range(parameters.iterations + 1):
+        costs.append(((population - 1.0) ** 2).sum(axis=1))
+        tried.append(population.copy())
+        for i, cost in enumerate(costs[-1]):
+            tell(whales, i, cost)
+        known = np.concatenate(costs[-1:] if latest else costs)
+        assert whales.leader_cost[0] == known.min()
+        told = np.concatenate(tried[-1:] if latest else tried)
+        np.testing.assert_array_equal(whales.leader, told[known.argmin()])
+        if t < parameters.iterations:
+            move(whales, t / parameters.iterations, state)
+    assert (np.diff(np.min(costs, axis=1)) > 0).any()  # or both would be the same
 
 
 def test_streams_are_uniform_and_repeat():
