@@ -106,10 +106,8 @@ def test_every_user_of_the_whales_has_all_their_parameters():
     users = {}
     for registry in (PLANNERS, FOLLOWERS, OPTIMIZERS):
         for name in registry:
-            keys = {
-                key.split(".")[-1] for key, *_ in leaves(registry.make(name)) if "whales." in key
-            }
-            users |= {name: keys} if keys else {}
+            keys = [key for key, *_ in leaves(registry.make(name)) if "whales." in key]
+            users |= {name: {key.split(".")[-1] for key in keys}} if keys else {}
     assert users.keys() == {
         "rrt_star_woa_local", "rrt_star_woa_global", "se2_rrt_star_woa", "rrt_woa", "woa_modified",
         "controls", "whales", "woa",
