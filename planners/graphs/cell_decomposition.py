@@ -8,19 +8,16 @@ two cells meet on such a line, even in one point.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from planners.collision.polygon_tests import SpaceArrays, orient2d
-from planners.graphs.roadmap import shortest
+from planners.graphs.roadmap import Pairs, shortest
 from planners.problem import Plan, PlannerBase, Problem, Status
 from planners.smoothing.shortcut import shortcut
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.config import setting, settings
-
-Pairs = NDArray[np.int64]
 
 SLACK = 1e-9  # m: rounding may close windows; edges through them are tested exactly
 

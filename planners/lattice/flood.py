@@ -53,10 +53,8 @@ def _discs(motion: MotionCost, spacing: float) -> tuple[Ints, Array, Ints]:
     front, rear, half = motion.outline
     reach = int(math.hypot(max(front, rear), half) / spacing) + 1
     side = 2 * reach + 1
-    places, least = (
-        np.empty((HEADINGS * side * side, 2), np.int64),
-        np.empty(HEADINGS * side * side),
-    )
+    most = HEADINGS * side * side
+    places, least = np.empty((most, 2), np.int64), np.empty(most)
     first, count = np.zeros(HEADINGS + 1, np.int64), 0
     radii = np.empty(side * side)
     for k in range(HEADINGS):

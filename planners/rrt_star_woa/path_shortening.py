@@ -77,13 +77,28 @@ def shorten(
 
 
 @settings
-class PathShortening(LengthFree, ShiftBounds):
-    """A swarm of whales that shortens a path (thesis, section 2.8)."""
+class RrtStarWoaGlobal(LengthFree, ShiftBounds, PlannerBase):
+    """RRT* whose path a swarm of paths then shortens (thesis, section 2.8 and algorithm 5)."""
 
     whales: WhaleSettings = setting(
         default=WhaleSettings(population=30, iterations=100), source="thesis, figure 3.1"
     )
     """The swarm."""
+    tree: RrtStar = setting(default=RrtStar(return_on_first_path=True), source="thesis, figure 3.1")
+    """The tree search."""
+
+    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
+        """A free path, with the best leader never longer than that of the tree.
+
+        The deadline is that of the tree; the run of the swarm, some ms, follows in one piece.
+        """
+        began = clock()
+        plan = self.tree.solve(problem, rng, end)
+        if plan.status != Status.SOLVED:
+            return plan
+        tree_s = clock() - began
+        path, _ = self.shorten(problem.free.arrays, plan.path, stream(rng))
+        return replace(plan, path=path, timings={"tree_s": tree_s})
 
     def shorten(self, space: SpaceArrays, path: Array, state: Stream) -> tuple[Array, Array]:
         """Return the best free path and the leader's path near a free path (n, 2) [m].
@@ -104,24 +119,3 @@ class PathShortening(LengthFree, ShiftBounds):
         workspace, free = new_workspace(n, 1), np.empty_like(path)
         cost = shorten(problem, self.path_cost, whales, free, workspace, state)
         return free if cost < np.inf else path, workspace.points
-
-
-@settings
-class RrtStarWoaGlobal(PathShortening, PlannerBase):
-    """RRT* whose path a swarm of paths then shortens (thesis, section 2.8 and algorithm 5)."""
-
-    tree: RrtStar = setting(default=RrtStar(return_on_first_path=True), source="thesis, figure 3.1")
-    """The tree search."""
-
-    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
-        """A free path, with the best leader never longer than that of the tree.
-
-        The deadline is that of the tree; the run of the swarm, some ms, follows in one piece.
-        """
-        began = clock()
-        plan = self.tree.solve(problem, rng, end)
-        if plan.status != Status.SOLVED:
-            return plan
-        tree_s = clock() - began
-        path, _ = self.shorten(problem.free.arrays, plan.path, stream(rng))
-        return replace(plan, path=path, timings={"tree_s": tree_s})

@@ -21,15 +21,18 @@ from planners.rrt_star_woa.woa import Whales, WhaleSettings, move, new_whales, t
 from planners.smoothing.shortcut import resample
 from planners.smoothing.shortcut import shortcut as shortcut_points
 from planners.steering import LONGEST_PIECE, SteeringContext, connect, new_context, poses_along
-from planners.trees.pose_path import (
+from planners.trees.pose_tree import (
     MIN_GAIN,
     Path,
+    Search,
+    grow,
     kind_after,
     kind_before,
+    new_search,
+    rewire,
     splice,
     window_cost,
 )
-from planners.trees.pose_tree import Search, grow, new_search, rewire
 from planners.trees.settings import InformedRrtStar
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.clock import clock

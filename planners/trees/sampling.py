@@ -145,12 +145,8 @@ def sample_beacon(search: TreeSearch, tree: Tree, state: Stream) -> tuple[float,
     The run records the vertex. Informed trees redraw points that do not shorten the path between
     the two neighbours of the vertex. The log-uniform radius finds gains at every scale.
     """
-    growth, workspace, run, nodes = (
-        search.growth,
-        search.workspace,
-        search.workspace.run[0],
-        tree.nodes,
-    )
+    growth, workspace, nodes = search.growth, search.workspace, tree.nodes
+    run = workspace.run[0]
     n = write_ancestors(tree, run.goal, workspace.chain)
     if n < 3:
         run.beacon = NONE

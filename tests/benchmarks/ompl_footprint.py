@@ -14,7 +14,7 @@ from planners.collision.nearby import nearby
 from planners.collision.pose_tests import FootprintPlanner, gaps_at, goal_poses, start_and_goal
 from planners.problem import Plan, Problem, Status
 from planners.steering import LONGEST_PIECE, SteeringContext, connect, new_context, poses_along
-from planners.trees.pose_path import new_path
+from planners.trees.pose_tree import new_path
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.config import setting, settings

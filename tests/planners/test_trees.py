@@ -40,9 +40,7 @@ def walled():
     return Problem(space, np.array([1.0, 1.0]), np.array([9.0, 9.0]))
 
 
-@pytest.fixture(scope="module")
-def problem():
-    return walled()
+problem = pytest.fixture(walled, scope="module", name="problem")
 
 
 def assert_free(problem, path):
