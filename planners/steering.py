@@ -22,7 +22,7 @@ from wheelchair_gym.kinematics import arc_step
 from wheelchair_gym.maps.driving_cost import STILL, MotionCost, duration, kind_of, stretch_cost
 
 CONNECTIONS = 4  # kinds of them: arcs ahead and back, pivots and a straight ahead and back
-PARTS = 3  # stretches of a connection, each a distance [m] and a turn [rad]
+# The stretches of a connection, each a distance [m] and a turn [rad].
 Parts = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 NO_PARTS = ((0.0, 0.0), (0.0, 0.0), (0.0, 0.0))
 
@@ -97,8 +97,8 @@ def parts_time(
     connection is driven from the target.
     """
     time = 0.0
-    for part in range(PARTS):
-        way, turn = sign * parts[part][0], parts[part][1]
+    for distance, turn in parts:
+        way = sign * distance
         now = kind_of(way, turn)
         if abs(now) == 1 and abs(turn) > sharpest * abs(way) + STILL:
             return math.inf
@@ -223,8 +223,7 @@ def drive_parts(
     connection is complete and within the budget [s], and the pose reached.
     """
     made, cost = 0, 0.0
-    for part in range(PARTS):
-        way, turn = parts[part]
+    for way, turn in parts:
         count, kind = piece_count(way, turn), kind_of(way, turn)
         if count == 0:
             continue

@@ -15,13 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.collision.space import Space
-from planners.lattice.heuristic import Field, distance_field
+from planners.lattice.heuristic import Field, Ints, distance_field
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.maps.driving_cost import MotionCost
-
-Ints = NDArray[np.int64]
 
 HEADINGS = 64
 PROTRUSION = 0.05  # m: discs that protrude less from larger ones are left out

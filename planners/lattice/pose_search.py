@@ -17,11 +17,10 @@ from planners.collision.footprint import Sweeps, stretch_gap
 from planners.collision.nearby import Nearby, segments_in_view
 from planners.collision.pose_tests import free_gap
 from planners.graphs.heap import pop, push
-from planners.lattice.heuristic import Guide, cost_to_go, heading_error
+from planners.lattice.heuristic import Guide, Ints, cost_to_go, heading_error
 from planners.steering import (
     CONNECTIONS,
     NO_PARTS,
-    PARTS,
     PIECE,
     Parts,
     connection,
@@ -32,8 +31,6 @@ from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.geometry import wrap
 from wheelchair_gym.kinematics import arc_step
 from wheelchair_gym.maps.driving_cost import MotionCost, duration, kind_of, stretch_cost
-
-Ints = NDArray[np.int64]
 
 AT_GOAL = -2  # the anchor of a node at the goal
 FREE_HEADING_ERROR = 0.4  # rad: smaller errors cost nothing
@@ -123,8 +120,7 @@ def connect(
         if not possible or cost >= best:
             continue
         px, py, pyaw = x, y, yaw
-        for part in range(PARTS):
-            way, turn = parts[part]
+        for way, turn in parts:
             if kind_of(way, turn) == 0:
                 continue
             gap = free_gap(near, motion, px, py, pyaw, way, turn, search.workspace, search.seen)
@@ -216,8 +212,7 @@ def _connect_anchors(search: Search, number: int) -> None:
         cost = cost_here + more
         tree.best_anchor[entry] = cost
         last = number
-        for part in range(PARTS):
-            way, turned = parts[part]
+        for way, turned in parts:
             if kind_of(way, turned) != 0:
                 last = _add(tree, last, way, turned, cost, -1)
         if last == number:  # it stands there

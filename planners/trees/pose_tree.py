@@ -17,7 +17,6 @@ from planners.collision.pose_tests import free_gap
 from planners.steering import (
     CAPACITY,
     CONNECTIONS,
-    PARTS,
     PIECE,
     Parts,
     SteeringContext,
@@ -230,8 +229,8 @@ def extend(
     parts = first_pieces(parts, share)
     write_parts(end, parts)
     end.x, end.y, end.yaw = node.x, node.y, node.yaw
-    for part in range(PARTS):
-        end.x, end.y, end.yaw = arc_step(end.x, end.y, end.yaw, parts[part][0], parts[part][1], 1.0)
+    for way, turn in parts:
+        end.x, end.y, end.yaw = arc_step(end.x, end.y, end.yaw, way, turn, 1.0)
     return new, False
 
 
@@ -359,7 +358,7 @@ def write_path(search: Search, node: int, twin: int) -> bool:
     False, and nothing is changed, where rounding finds it blocked or it costs more than the path.
     """
     tree, path, chain = search.start_tree, search.path, search.chain
-    n, count = write_ancestors(tree, node, chain), 0
+    n, count = write_ancestors(tree.nodes, node, chain), 0
     for k in range(n - 2, -1, -1):
         at = tree.nodes[chain[k + 1]]
         count = write_edge(search, tree.nodes[chain[k]], False, at.x, at.y, at.yaw, count)
@@ -477,7 +476,7 @@ def write_connection(search: Search, i: int, kind: int, count: int, cost: float)
 def reconnect(search: Search, i: int, parent: int, kind: int, count: int, cost: float) -> None:
     """Give a node another parent, by a connection whose pieces are in `context.candidate`."""
     nodes = search.start_tree.nodes
-    remove_child(search.start_tree, i)
+    remove_child(nodes, i)
     nodes[i].parent, nodes[i].sibling = parent, nodes[parent].child
     nodes[parent].child = i
     write_connection(search, i, kind, count, cost)

@@ -147,7 +147,7 @@ def sample_beacon(search: TreeSearch, tree: Tree, state: Stream) -> tuple[float,
     """
     growth, workspace, nodes = search.growth, search.workspace, tree.nodes
     run = workspace.run[0]
-    n = write_ancestors(tree, run.goal, workspace.chain)
+    n = write_ancestors(nodes, run.goal, workspace.chain)
     if n < 3:
         run.beacon = NONE
         return nodes[run.goal].x, nodes[run.goal].y

@@ -130,7 +130,7 @@ def shortcut_path(search: TreeSearch) -> None:
     """Join vertices of the best path where that shortens it; edges are tested exactly."""
     space, tree, workspace = search.space, search.start_tree, search.workspace
     nodes, run = tree.nodes, workspace.run[0]
-    n = write_ancestors(tree, run.goal, workspace.chain)
+    n = write_ancestors(nodes, run.goal, workspace.chain)
     for k in range(n - 3, -1, -1):
         i = workspace.chain[k]
         x, y = nodes[i].x, nodes[i].y

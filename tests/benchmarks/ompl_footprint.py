@@ -7,7 +7,6 @@ import math
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planners.collision.footprint import sweeps
 from planners.collision.nearby import nearby
@@ -15,12 +14,11 @@ from planners.collision.pose_tests import FootprintPlanner, gaps_at, goal_poses,
 from planners.problem import Plan, Problem, Status
 from planners.steering import LONGEST_PIECE, SteeringContext, connect, new_context, poses_along
 from planners.trees.pose_tree import new_path
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.errors import InputError
-
-Array = NDArray[np.float64]
 
 MODULES = "ompl.base", "ompl.geometric", "ompl.util"
 
