@@ -35,10 +35,8 @@ class Woa(WhaleMoves, Optimizer):
     @property
     def parameters(self) -> MoveParameters:
         """The settings as kernels take them."""
-        return MoveParameters(
-            kinds.WHALES, a=self.a, b=self.b, mu=self.mu, lam=self.lam,
-            latest_leader=self.leader == "latest",
-        )  # fmt: skip
+        latest, kind = self.leader == "latest", kinds.WHALES
+        return MoveParameters(kind, self.a, self.b, self.mu, self.lam, latest_leader=latest)
 
 
 @settings
