@@ -1,8 +1,6 @@
 """Local steering: algorithm 4 of the thesis (section 2.7), and the planner `rrt_star_woa_local`.
 
-RRT* whose function Steer is a swarm of whales: around a random sample they search the point to
-extend the tree towards. From top to bottom: the cost of a whale, algorithm 4, the tree that grows
-by it, and the planner.
+From top to bottom: the cost of a whale, algorithm 4 as the function Steer of RRT*, and the planner.
 """
 
 from __future__ import annotations
@@ -12,7 +10,6 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planners.collision.polygon_tests import SpaceArrays, blocking_segment, blocks
 from planners.problem import Plan, PlannerBase, Problem
@@ -28,6 +25,7 @@ from wheelchair_gym.random import Stream, next_in_disc
 # The thesis gives no costs of hidden nodes, and their order: the node above the length of any path,
 # the goal below that.
 NODE_HIDDEN_COST, GOAL_HIDDEN_COST = 1000.0, 10.0
+Point = tuple[float, float]  # m
 
 
 class Steering(NamedTuple):
@@ -35,7 +33,6 @@ class Steering(NamedTuple):
 
     whales: Whales  # (k, 2) m
     goal_weight: float  # cost per metre from the goal, where one from the sample costs 1
-    blockers: NDArray[np.int64]  # (2,) segments that hid the goal and the node from a whale last
 
 
 @borrowing_kernel
@@ -48,45 +45,48 @@ def find_blocker(space: SpaceArrays, ax: float, ay: float, bx: float, by: float,
 
 @absorbed_kernel
 def whale_cost(
-    search: TreeSearch, steering: Steering, near: int, x: float, y: float, u: float, v: float
-) -> float:
+    space: SpaceArrays, steering: Steering, goal: Point, near: Point, x: float, y: float,
+    u: float, v: float, blockers: tuple[int, int],
+) -> tuple[float, tuple[int, int]]:  # fmt: skip
     """Return the cost of a whale (u, v) [m] from a sample (x, y) [m]: CalculateFitness.
 
     Its four terms: the distances to x_rand and x_goal, and the visibility of x_goal and x_near.
     Lines of sight are tested only while the whale can still lead. The goal comes first: the segment
-    that hides it from one whale hides it from most.
+    that hides it from one whale hides it from most. Also returns the segments that hid both last.
     """
-    space, blockers, least = search.space, steering.blockers, steering.whales.leader_cost[0]
-    goal_x, goal_y, node = search.goal[0], search.goal[1], search.start_tree.nodes[near]
-    to_goal = math.sqrt((goal_x - x - u) ** 2 + (goal_y - y - v) ** 2)
+    from_goal, from_near = blockers
+    least = steering.whales.leader_cost[0]
+    to_goal = math.sqrt((goal[0] - x - u) ** 2 + (goal[1] - y - v) ** 2)
     cost = math.sqrt(u * u + v * v) + steering.goal_weight * to_goal
     if cost < least:
-        hidden = find_blocker(space, goal_x, goal_y, x + u, y + v, blockers[0])
+        hidden = find_blocker(space, goal[0], goal[1], x + u, y + v, from_goal)
         if hidden != -1:
-            cost, blockers[0] = cost + GOAL_HIDDEN_COST, hidden
+            cost, from_goal = cost + GOAL_HIDDEN_COST, hidden
     if cost < least:
-        hidden = find_blocker(space, node.x, node.y, x + u, y + v, blockers[1])
+        hidden = find_blocker(space, near[0], near[1], x + u, y + v, from_near)
         if hidden != -1:
-            cost, blockers[1] = cost + NODE_HIDDEN_COST, hidden
-    return cost
+            cost, from_near = cost + NODE_HIDDEN_COST, hidden
+    return cost, (from_goal, from_near)
 
 
-@borrowing_kernel
+@absorbed_kernel
 def steer(
     search: TreeSearch, steering: Steering, near: int, x: float, y: float, state: Stream
 ) -> tuple[float, float]:
     """Return x*, the point that whales find around a sample (x, y) [m]: algorithm 4, to line 15."""
-    whales = steering.whales
+    whales, node, space = steering.whales, search.start_tree.nodes[near], search.space
+    x_goal, x_near = (search.goal[0], search.goal[1]), (node.x, node.y)
     population, leader, parameters = whales.population, whales.leader, whales.parameters
     for i in range(parameters.population):  # line 1
         u, v = next_in_disc(state)
         population[i, 0], population[i, 1] = u * whales.upper[0], v * whales.upper[1]
     leader[0], leader[1], whales.leader_cost[0] = 0.0, 0.0, math.inf
-    steering.blockers[0], steering.blockers[1] = -1, -1
+    blockers = -1, -1
     for t in range(parameters.iterations + 1):  # line 3
         for i in range(parameters.population):  # lines 2 and 14
             u, v = population[i, 0], population[i, 1]
-            tell(whales, i, whale_cost(search, steering, near, x, y, u, v))
+            cost, blockers = whale_cost(space, steering, x_goal, x_near, x, y, u, v, blockers)
+            tell(whales, i, cost)
         if t < parameters.iterations:
             move(whales, t / parameters.iterations, state)  # lines 4 to 13
     return x + leader[0], y + leader[1]
@@ -128,5 +128,5 @@ class RrtStarWoaLocal(ShiftBounds, PlannerBase):
         upper = np.array([self.width_bound, self.height_bound])
         population = np.zeros((self.whales.population, 2))
         whales = new_whales(population, self.whales.parameters, -upper, upper)
-        steering = Steering(whales, self.goal_weight, np.empty(2, np.int64))
+        steering = Steering(whales, self.goal_weight)
         return search(problem, rng, end, self.tree.growth, partial(grow, steering=steering))
