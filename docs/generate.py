@@ -62,7 +62,7 @@ MODULES = {
     """,
     "planners": """
         problem registries collision.space judge problem_files
-        controls.generator swarm.search swarm.path_cost
+        rrt_star_woa.woa rrt_star_woa.control_generator rrt_star_woa.thesis swarm.path_cost
     """,
     "agents": """
         assistance assistance.assistant policies policies.planned policies.learned

@@ -19,7 +19,10 @@ PLANNERS: Final = Registry(
         "lattice": "planners.lattice.lattice:Lattice",
         "potential_field": "planners.reactive.potential_field:PotentialField",
         "prm": "planners.graphs.roadmap:Prm",
-        "se2_rrt_star_woa": "planners.trees.se2:Se2RrtStarWoa",
+        "rrt_star_woa_global": "planners.rrt_star_woa.path_shortening:RrtStarWoaGlobal",
+        "rrt_star_woa_local": "planners.rrt_star_woa.local_steering:RrtStarWoaLocal",
+        "rrt_woa": "planners.swarm.planner:RrtWoa",
+        "se2_rrt_star_woa": "planners.rrt_star_woa.poses:Se2RrtStarWoa",
         "swarm": "planners.swarm.planner:SwarmPlanner",
         "visibility": "planners.graphs.visibility:Visibility",
         "voronoi": "planners.graphs.voronoi:Voronoi",
@@ -27,7 +30,7 @@ PLANNERS: Final = Registry(
         **in_module(
             "planners.trees.settings",
             "InformedRrtStar Rrt RrtConnect RrtStar RrtStarFn RrtStarLimited RrtStarSmart"
-            " RrtStarWoaGlobal RrtStarWoaLocal RrtWoa SplineRrtStar",
+            " SplineRrtStar",
         ),
     },
     group="wheelchair_gym.planners",

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from agents.cli.lists import all_settings, settings_rows
 from agents.cli.options import POSES
 from agents.learning.settings import Training
-from planners.trees.settings import RrtStarWoaGlobal
+from planners.rrt_star_woa.path_shortening import RrtStarWoaGlobal
 from tests.configs import SINGLE
 from wheelchair_gym.config import InputError, dump, load, read, setting_docs, with_values
 from wheelchair_gym.envs.guidance import PoseGuidance

@@ -15,6 +15,7 @@ FOLLOWERS: Final = Registry(
         "dwa": f"{_PLACE}:DynamicWindow",
         "mppi": f"{_PLACE}:PathIntegral",
         "pure_pursuit": f"{_PLACE}:PurePursuit",
+        "thesis": f"{_PLACE}:ThesisFollower",
         "whales": "agents.control.whales:RefinedWindow",
         "window": f"{_PLACE}:Window",
         "woa": "agents.control.whales:WhaleFollower",

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -24,16 +25,19 @@ from agents.control.rollout import (
 )
 from agents.control.tight_places import ManoeuvreTracker
 from planners.rrt_star_woa.control_generator import ControlGenerator, Controls
-from planners.rrt_star_woa.woa import LedWhales
+from planners.rrt_star_woa.woa import WhaleSettings
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import record_of
 from wheelchair_gym.config import setting, settings
-from wheelchair_gym.geometry import to_world
+from wheelchair_gym.geometry import to_world, wrap
 from wheelchair_gym.kinematics import Limits
 from wheelchair_gym.types import no_walls
 
 TIGHT = 0.5  # share of the margin: where less of it is left, the chair creeps
 CREEP = 0.1  # m/s: walking-stick speed
+SHARES = (1.0, 0.6, 0.35)  # of a generated twist, the first that is clear
+STILL = 0.03  # m/s, rad/s: slower is at rest
+OFF, TURNED_OFF = 0.10, 0.15  # m and rad off the roll-out: new commands are generated
 HOLD = 0.4  # s for which a twist is held before the stop that must be clear
 SPEEDS = np.array([0.12, 0.25, 0.45, 0.7, 1.0])  # shares of the speed limit, in a fan
 TURNS = np.array([0.06, 0.14, 0.25, 0.4, 0.6, 0.8, 1.0])  # shares of the turn limit, in a fan
@@ -302,67 +306,121 @@ class PathIntegralFollower:
 
 @settings
 class ControlsFollower:
-    """Whales search commands (v, w, t) along the path's next metres; driven until the next search.
+    """Whales search commands (v, w, t) along the path's next metres, again and again.
 
-    The thesis generates commands for the whole path once; a chair whose pose errs has to do so
-    again and again.
+    Each search starts from what is left of the commands that are being driven.
     """
 
     generator: ControlGenerator = ControlGenerator(
-        whales=LedWhales(population=10, iterations=5), horizon=2.0, margin=0.06
-    )
+        whales=WhaleSettings(population=40, iterations=10), horizon=2.0, segment=2.0, margin=0.06,
+        arrival=0.2,
+    )  # fmt: skip
+    """How commands are searched."""
     seed: int = setting(default=0, low=0, source="design choice")
     """Seed of the swarm, anew for every path."""
-    again: float = setting(default=0.5, unit="s", low=0.1, source="five control periods")
-    """Time between two searches."""
+    again: float | None = setting(
+        default=0.4, unit="s", low=0.1, source="measured on training homes"
+    )
+    """Time between two searches; null: the commands are driven to their end first."""
     margin: float = setting(default=0.04, unit="m", low=0.0, source="laser sigma 15 mm, 3 sigma")
-    """Clearance that the outline keeps."""
+    """Clearance that the outline keeps where it can."""
 
     def make(self) -> Follower:
         """A follower at rest."""
         return GeneratedControls(self)
 
 
+@settings
+class ThesisFollower(ControlsFollower):
+    """The thesis's generator: commands for the whole path, searched once and driven to their end.
+
+    Where they end, or lead no further without contact, commands for the rest of the path follow.
+    """
+
+    generator: ControlGenerator = ControlGenerator(
+        whales=WhaleSettings(population=10, iterations=10, a=4.0, leader="latest"), maneuvers=False,
+        printed=True,
+    )  # fmt: skip
+    """How commands are searched."""
+    again: float | None = setting(default=None, unit="s", low=0.1, source="thesis, section 2.9.3")
+    """Time between two searches; null: the commands are driven to their end first."""
+
+
 class GeneratedControls:
-    """Drives the commands generated last."""
+    """Drives the commands generated last, and generates new ones when they no longer fit."""
 
     def __init__(self, config: ControlsFollower) -> None:
         self.config = config
         self._rng = np.random.default_rng(config.seed)
         self._controls: Controls | None = None
         self._age = 0.0  # s since they were generated
+        self._driven = 0.0  # s of them that have been driven
 
     def twist(self, now: Situation) -> Array | None:
         """See `Follower.twist`."""
         self._age += now.chair.period
-        view = now.view
-        twist = self._next(now.chair, view) if self._age < self.config.again else None
+        again = self.config.again
+        twist = self._drive(now) if again is None or self._age < again else None
         if twist is None:
             self._generate(now)
-            twist = self._next(now.chair, view)
+            twist = self._drive(now)
+        now.reference.turning = twist is not None and abs(twist[0]) < STILL < abs(twist[1])
         return twist
 
-    def _next(self, chair: ChairState, view: LocalView) -> Array | None:
-        """The twist in the middle of the coming period; None after the end or if not clear."""
-        controls = self._controls
-        if controls is None or self._age >= controls.commands[:, 2].sum():
+    def _drive(self, now: Situation) -> Array | None:
+        """Return the twist in the middle of the coming period; None where the commands do not fit.
+
+        A chair that may not drive as fast as it is asked to drives the commands more slowly.
+        """
+        controls, local_map, chair, view = self._controls, now.local_map, now.chair, now.view
+        if controls is None or self._driven >= controls.commands[:, 2].sum():
             return None
-        v, w = controls.twist_at(self._age + 0.5 * chair.period)
-        clear = stops_clear(v, w, chair.body, view, 2 * chair.period, self.config.margin)
-        return np.array([v, w]) if clear else None
+        if self.config.again is not None:
+            k = int(np.searchsorted(controls.times[:-1], self._driven))
+            off = local_map.pose - controls.rollout[k]
+            if math.hypot(off[0], off[1]) > OFF or abs(wrap(off[2])) > TURNED_OFF:
+                return None
+        asked = controls.twist_at(self._driven + 0.5 * chair.period)
+        v, w = local_map.limit_for_unseen_space(asked[None], chair.body.state)[0]
+        part = max(abs(v), abs(w)) / max(abs(asked[0]), abs(asked[1]), 1e-9) if asked.any() else 1.0
+        for margin in local_map.margins(self.config.margin):
+            for share in SHARES:
+                if margin < TIGHT * self.config.margin and abs(share * v) > CREEP:
+                    continue
+                if stops_clear(share * v, share * w, chair.body, view, 2 * chair.period, margin):
+                    self._driven += share * part * chair.period
+                    return np.array([share * v, share * w])
+        return None
 
     def _generate(self, now: Situation) -> None:
+        """Generate commands; with less margin, or for a shorter path, where none lead on."""
         local_map, reference, chair = now
         points = to_world(local_map.points[:, :2], local_map.pose)
         discs = np.column_stack([points, np.zeros(len(points))])
-        path = reference.rows[reference.at :, :2]
+        generator = self.config.generator
+        path = reference.path if generator.printed else reference.rows[reference.at :, :2]
         if len(path) < 2:
             path = np.concatenate([local_map.pose[None, :2], reference.rows[-1:, :2]])
         twist = chair.body.state[[0, 2]]
-        self._controls = self.config.generator.generate(
-            path, local_map.pose, no_walls(), discs, chair.footprint, chair.limits, self._rng, twist
-        )
-        self._age = 0.0
+        left = np.empty((0, 3)) if self._controls is None else self._controls.after(self._driven)
+        limits = chair.limits
+        if not local_map.looks_back:  # unseen floor is entered slowly: in reverse, and in a turn
+            back = 0.0 if local_map.blind else min(CREEP, limits.backward)
+            limits = replace(limits, backward=back)
+            lever = math.hypot(chair.footprint.rear, chair.footprint.half_width)
+            generator = replace(generator, pivot=CREEP / lever)
+        for margin in local_map.margins(generator.margin):
+            for share in (1.0, 0.5) if generator.horizon is not None else (1.0,):
+                horizon = None if generator.horizon is None else share * generator.horizon
+                some = replace(generator, margin=margin, horizon=horizon)
+                self._controls = some.generate(
+                    path, local_map.pose, no_walls(), discs, chair.footprint, limits, self._rng,
+                    twist, left,
+                )  # fmt: skip
+                if self._controls.reached:
+                    self._age = self._driven = 0.0
+                    return
+        self._age = self._driven = 0.0
 
 
 @settings

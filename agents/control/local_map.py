@@ -90,13 +90,14 @@ class LocalMap:
             variance of place, its covariance with speed, and the variance of speed, the same along
             each axis; its hits are not among the others.
         temporary: temporary obstacles, in the map's frame.
+        looks_back: a sensor sees the space behind the chair.
         blind: the space behind the chair is unknown, so that it must not reverse.
     """
 
     def __init__(self, mission: Mission) -> None:
         reading = mission.reading
         grid = mission.map_at(reading)
-        self.blind = False
+        self.blind, self.looks_back = False, mission.sensors.looks_back
         self._laser = mission.sensors.laser
         self.outline = mission.footprint.array
         self.set_walls(grid)

@@ -298,6 +298,7 @@ class ReferencePath:
         planned_headings: the planner has given the headings.
         held: the row where the chair is, if its follower knows; else None: the nearest is.
         blocked: its follower cannot drive it as it was planned.
+        turning: its follower turns the chair in place, which takes long where it has not looked.
     """
 
     def __init__(self, path: Array, pose: Array) -> None:
@@ -314,6 +315,7 @@ class ReferencePath:
         self.at = 0
         self.held: int | None = None
         self.blocked = False
+        self.turning = False
 
     def advance(self, pose: Array, most: float = 0.4) -> float:
         """Move along, at most so far [m], to where the pose is; the distance [m] between both."""

@@ -32,7 +32,7 @@ from agents.control.rollout import (
     start_row,
 )
 from agents.control.tight_places import ManoeuvreTracker
-from planners.rrt_star_woa.woa import WhaleParameters, WhaleSettings, move_whales
+from planners.rrt_star_woa.woa import WhaleParameters, WhaleSettings, move, new_whales, tell
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import kernel, record_of
 from wheelchair_gym.config import setting, settings
@@ -92,33 +92,26 @@ def search(
     The whales begin as the given particles, or, to refine them, as the cheapest ones, with all
     commands: whales may change a twist after a while.
     """
-    n, start, c_range = first.shape[0], start_row(view), np.full(SIZE, 2.0)
+    n, start = first.shape[0], start_row(view)
     k = min(swarm.population, n)
     tried, costs = np.empty((n + k * swarm.iterations, SIZE)), np.empty(n + k * swarm.iterations)
-    population, best, least, m = first, first[0].copy(), np.inf, 0
+    whales, m = new_whales(first.copy(), swarm, lower, upper), 0
     for t in range(swarm.iterations + 1):
-        for i in range(population.shape[0]):
-            count = int(population[i, SIZE - 1])
-            commands = population[i, : 3 * count].copy().reshape(count, 3)
+        for i in range(whales.population.shape[0]):
+            particle = whales.population[i]
+            count = int(particle[SIZE - 1])
+            commands = particle[: 3 * count].copy().reshape(count, 3)
             costs[m] = rollout_cost(commands, body, view, start, margin, objective)
-            tried[m] = population[i]
-            if costs[m] < least:
-                least = costs[m]
-                best[:] = population[i]
+            tried[m] = particle
+            tell(whales, i, costs[m])
             m += 1
         if t == 0 and refine:
             order = np.argsort(costs[:n])
-            population, best, least = (
-                first[order[:k]].copy(),
-                first[order[0]].copy(),
-                costs[order[0]],
-            )
-            population[:, SIZE - 1] = COMMANDS
-        elif t == 0:
-            population = first.copy()
+            whales = new_whales(first[order[:k]], swarm, lower, upper)
+            tell(whales, 0, costs[order[0]])
+            whales.population[:, SIZE - 1] = COMMANDS
         if t < swarm.iterations:
-            progress = t / swarm.iterations
-            move_whales(population, best, swarm, progress, c_range, lower, upper, state)
+            move(whales, t / swarm.iterations, state)
     return tried, costs
 
 

@@ -38,6 +38,7 @@ from agents.policies.recoveries import (
     HALT_SHARE,
     RETRY_TIME,
     ROOM,
+    TURNING_SHARE,
     BackUp,
     DetourPolicy,
     ProgressMonitor,
@@ -365,7 +366,8 @@ class PlannedDriver:
             if bold > progress.bold == 0.0:
                 self._follow()
             self._detours.waited *= self._reopens
-        share = BLOCKED_SHARE if self._reference.blocked else 1.0
+        reference = self._reference
+        share = BLOCKED_SHARE if reference.blocked else TURNING_SHARE if reference.turning else 1.0
         progress.stalled_time += period * (HALT_SHARE if self.state == "halts" else share)
         self._detours.pause -= period
         if self._reopens and progress.stalled_time > STANDING:

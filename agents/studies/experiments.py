@@ -184,11 +184,11 @@ def shortened(job: Job, seed: int) -> Record:
         return {"solved": False, "status": "exhausted", "time_s": 0.0}
     planner: Any = make_planner(job["planner"])
     begun = process_time()
-    found = planner.answer(
+    _, best = planner.shorten(
         problem_of(job["scene"]).free.arrays, path, stream(np.random.default_rng([seed, 1]))
     )
     seconds = process_time() - begun
-    length = path_length(path if found is None else found.best)
+    length = path_length(best)
     return {
         "solved": True,
         "status": "solved",
@@ -210,7 +210,7 @@ def smoothing(job: Job, seed: int) -> Record:
     from dataclasses import replace
 
     from planners.registries import OBJECTIVES
-    from planners.trees.settings import RrtWoa
+    from planners.swarm.planner import RrtWoa
 
     problem = problem_of(job["scene"], clearance=job["clearance"])
     swarm = replace(

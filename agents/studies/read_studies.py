@@ -11,6 +11,7 @@ from agents import read_data
 from agents.studies.claims import Claim
 from agents.studies.figures import FIGURES
 from agents.studies.model import Metric, Row, Study, published
+from planners.rrt_star_woa.thesis import FIGURE_3_1
 
 
 def _combinations(axes: Sequence[Any]) -> Iterator[dict[str, Any]]:
@@ -26,12 +27,14 @@ def _combinations(axes: Sequence[Any]) -> Iterator[dict[str, Any]]:
 
 
 def _filled(value: Any, names: Mapping[str, Any]) -> Any:
-    """A part of a job with the values of names for each `$name`."""
+    """A part of a job with the values of names for each `$name`, and a part of figure 3.1."""
     if isinstance(value, Mapping):
-        return {key: _filled(item, names) for key, item in value.items()}
+        filled = {key: _filled(item, names) for key, item in value.items()}
+        return {**FIGURE_3_1.settings.get(filled.pop("figure_3_1", ""), {}), **filled}
     if isinstance(value, list):
         return [_filled(item, names) for item in value]
-    return names[value[1:]] if isinstance(value, str) and value.startswith("$") else value
+    named = isinstance(value, str) and value.startswith("$")
+    return _filled(names[value[1:]], names) if named else value
 
 
 def _rows(

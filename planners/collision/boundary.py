@@ -246,12 +246,7 @@ def last_corner_on_line(
 @kernel
 def leads_into_solid(arrays: SpaceArrays, k: int, corner: bool, x: float, y: float) -> bool:
     """Whether the line from a segment, or from its first corner, to a point enters the solid."""
-    ax, ay, bx, by = (
-        arrays.segments[k, 0],
-        arrays.segments[k, 1],
-        arrays.segments[k, 2],
-        arrays.segments[k, 3],
-    )
+    ax, ay, bx, by = arrays.segments[k]
     if corner:
         return enters_solid(arrays.before[k, 0], arrays.before[k, 1], ax, ay, bx, by, x, y)
     return orient2d(ax, ay, bx, by, x, y) > 0.0

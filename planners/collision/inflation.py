@@ -16,15 +16,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from planners.collision.boundary import build_space_arrays
+from planners.collision.boundary import Index, build_space_arrays
 from planners.collision.polygon_tests import SpaceArrays, orient2d
 from wheelchair_gym.arrays import Array, Mask
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
-
-Index = NDArray[np.int64]
 
 ARC = math.pi / 8  # rad: at most this much of an arc per side of its polygon
 # Radii grow by this share: far below the precision of maps, far above rounding. On a raster many

@@ -183,10 +183,8 @@ def blocking_segment(arrays: SpaceArrays, ax: float, ay: float, bx: float, by: f
     rows, columns = arrays.corner_free.shape
     left, low, size = grid[0], grid[1], grid[2]
     i, j = min(rows - 1, int((ay - low) / size)), min(columns - 1, int((ax - left) / size))
-    last_i, last_j = (
-        min(rows - 1, int((by - low) / size)),
-        min(columns - 1, int((bx - left) / size)),
-    )
+    last_i = min(rows - 1, int((by - low) / size))
+    last_j = min(columns - 1, int((bx - left) / size))
     # From bucket to bucket (Amanatides and Woo 1987). Buckets hold what comes near them, so that
     # rounding may choose either way round a corner.
     step_i, step_j = (1 if last_i > i else -1), (1 if last_j > j else -1)

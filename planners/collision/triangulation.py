@@ -11,13 +11,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from planners.collision.boundary import NONE, Boundary, group_by_point, orientation
+from planners.collision.boundary import NONE, Boundary, Index, group_by_point, orientation
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
-
-Index = NDArray[np.int64]
 
 
 class Mesh(NamedTuple):

@@ -8,19 +8,16 @@ two cells meet on such a line, even in one point.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from planners.collision.polygon_tests import SpaceArrays, orient2d
-from planners.graphs.roadmap import shortest
+from planners.graphs.roadmap import Pairs, shortest
 from planners.problem import Plan, PlannerBase, Problem, Status
 from planners.smoothing.shortcut import shortcut
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.config import setting, settings
-
-Pairs = NDArray[np.int64]
 
 SLACK = 1e-9  # m: rounding may close windows; edges through them are tested exactly
 
@@ -183,41 +180,33 @@ def cells_at(arrays: SpaceArrays, walls: Pairs, spans: Array, x: float, y: float
 
 
 @kernel
-def pairs_in_cells(sides: Pairs, cells: int, start_in: Pairs, goal_in: Pairs, per: int) -> Pairs:
-    """Pairs of nodes (k, 2) that lie in one cell: start, goal, then `per` nodes of each window."""
-    total = 2 + per * sides.shape[0]
-    first = np.zeros(cells + 1, dtype=np.int64)
-    for k in range(2):
-        for cell in start_in if k == 0 else goal_in:
-            first[cell + 1] += 1
-    for w in range(sides.shape[0]):
-        for k in range(2):
-            first[sides[w, k] + 1] += per
-    for cell in range(cells):
-        first[cell + 1] += first[cell]
-    members, fill = np.empty(first[cells], dtype=np.int64), first[:cells].copy()
-    for k in range(2):
-        for cell in start_in if k == 0 else goal_in:
-            members[fill[cell]] = k
-            fill[cell] += 1
-    for w in range(sides.shape[0]):
-        for k in range(2):
-            for m in range(per):
-                members[fill[sides[w, k]]] = 2 + per * w + m
-                fill[sides[w, k]] += 1
+def _pairs(first: Pairs, members: Pairs) -> Pairs:
+    """Pairs (k, 2) of different members of a group; `first` (n + 1,) bounds the groups."""
     count = 0
-    for cell in range(cells):
+    for cell in range(first.shape[0] - 1):
         size = first[cell + 1] - first[cell]
         count += size * (size - 1) // 2
     pairs = np.empty((count, 2), dtype=np.int64)
     count = 0
-    for cell in range(cells):
+    for cell in range(first.shape[0] - 1):
         for p in range(first[cell], first[cell + 1]):
             for q in range(p + 1, first[cell + 1]):
-                if members[p] < total and members[p] != members[q]:
+                if members[p] != members[q]:
                     pairs[count, 0], pairs[count, 1] = members[p], members[q]
                     count += 1
     return pairs[:count]
+
+
+def pairs_in_cells(sides: Pairs, cells: int, start_in: Pairs, goal_in: Pairs, per: int) -> Pairs:
+    """Pairs of nodes (k, 2) that lie in one cell: start, goal, then `per` nodes of each window."""
+    of_windows = 2 + np.arange(per * len(sides)).reshape(-1, 1, per)  # (windows, 1, per)
+    nodes = np.concatenate([
+        np.full(len(start_in), 0), np.full(len(goal_in), 1),
+        np.repeat(of_windows, 2, axis=1).ravel(),
+    ])  # fmt: skip
+    cell = np.concatenate([start_in, goal_in, np.repeat(sides.ravel(), per)])
+    order = np.argsort(cell, kind="stable")
+    return _pairs(np.searchsorted(cell[order], np.arange(cells + 1)), nodes[order])
 
 
 WINDOW_NODES = 3  # middle, low and high end: paths bend at corners, which are ends of windows

@@ -29,10 +29,8 @@ from wheelchair_gym.config import setting, settings
 NEAR = 2  # grid steps within which the start and the goal are joined to the grid
 TIE = 1.0 + 1e-9  # on the way ahead: of paths that are equal but for rounding, the deepest first
 LENGTH, EDGES, DEPTH = 0, 1, 2  # what comes first: the shortest, the fewest edges, the latest met
-MOST_PUSHES = (
-    9  # by one node that is expanded: its neighbours and the goal; the start: START_PUSHES
-)
-START_PUSHES = (2 * NEAR + 2) ** 2 + 1
+MOST_PUSHES = 9  # by one node that is expanded: its neighbours and the goal
+START_PUSHES = (2 * NEAR + 2) ** 2 + 1  # by the start
 
 
 class Grid(NamedTuple):

@@ -13,9 +13,8 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from planners.collision.boundary import NONE, Corners, orientation
+from planners.collision.boundary import NONE, Corners, Index, orientation
 from planners.collision.inflation import ARC, SHIFT
 from planners.collision.triangulation import Mesh
 from planners.graphs.heap import pop, push
@@ -93,9 +92,6 @@ def passes(points: Array, u: int, v: int, before: int, after: int) -> bool:
     """Whether the line through u and v leaves both sides of a corner at u or v on one side."""
     p, d = orientation(points, u, v, before), orientation(points, u, v, after)
     return not ((p < 0.0 and d > 0.0) or (p > 0.0 and d < 0.0))
-
-
-Index = NDArray[np.int64]
 
 
 class _Search(NamedTuple):
@@ -338,10 +334,8 @@ def shortest(
 
 
 ALL = 2**62  # cones: no limit
-FIRST, MORE = (
-    20_000,
-    4,
-)  # cones before the clock is looked at (some 20 ms); how many times more next
+FIRST = 20_000  # cones before the clock is looked at: some 20 ms
+MORE = 4  # times as many next
 
 
 @settings

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import QhullError, cKDTree
 from scipy.spatial import Voronoi as Diagram
 
 from planners.collision.polygon_tests import SpaceArrays
-from planners.graphs.roadmap import shortest
+from planners.graphs.roadmap import Pairs, shortest
 from planners.problem import Plan, PlannerBase, Problem, Status
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.config import setting, settings
-
-Pairs = NDArray[np.int64]
 
 MOST_SAMPLES = 200_000  # of the boundary: some seconds
 SPACING = 0.4  # m: distance of the boundary samples at first, half the width of a door

@@ -15,13 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.collision.space import Space
-from planners.lattice.heuristic import Field, distance_field
+from planners.lattice.heuristic import Field, Ints, distance_field
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.maps.driving_cost import MotionCost
-
-Ints = NDArray[np.int64]
 
 HEADINGS = 64
 PROTRUSION = 0.05  # m: discs that protrude less from larger ones are left out
@@ -53,10 +51,8 @@ def _discs(motion: MotionCost, spacing: float) -> tuple[Ints, Array, Ints]:
     front, rear, half = motion.outline
     reach = int(math.hypot(max(front, rear), half) / spacing) + 1
     side = 2 * reach + 1
-    places, least = (
-        np.empty((HEADINGS * side * side, 2), np.int64),
-        np.empty(HEADINGS * side * side),
-    )
+    most = HEADINGS * side * side
+    places, least = np.empty((most, 2), np.int64), np.empty(most)
     first, count = np.zeros(HEADINGS + 1, np.int64), 0
     radii = np.empty(side * side)
     for k in range(HEADINGS):

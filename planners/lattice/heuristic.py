@@ -21,6 +21,7 @@ from wheelchair_gym.geometry import point_segment_distance, wrap
 from wheelchair_gym.maps.driving_cost import MotionCost
 
 Field = NDArray[np.float32]
+Ints = NDArray[np.int64]
 
 SPACING = 0.05  # m: of the grid of places
 ROUNDING = SPACING / math.sqrt(2.0)  # m: a place is at most this far from its grid point

@@ -17,9 +17,14 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from planners.collision.connections import MIN_GAP, PIECE, fit_ends, start_and_goal
 from planners.collision.footprint import Sweeps, path_gap, sweep, sweeps
 from planners.collision.nearby import Nearby, nearby
+from planners.collision.pose_tests import (
+    MIN_GAP,
+    TESTED_LENGTH,
+    FootprintPlanner,
+    start_and_goal,
+)
 from planners.collision.space import Space
 from planners.graphs.visibility import Visibility
 from planners.lattice.flood import is_cut_off
@@ -36,13 +41,13 @@ from planners.lattice.pose_search import (
     start_estimate,
     trace_path,
 )
-from planners.problem import Plan, PlannerBase, Problem, Status, check, remaining
+from planners.problem import Plan, PlannerBase, Problem, Status, remaining
+from planners.steering import POSE_SPACING, poses_along
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import Footprint, wrap
-from wheelchair_gym.kinematics import Limits
-from wheelchair_gym.maps.driving_cost import DrivingCost, MotionCost
+from wheelchair_gym.maps.driving_cost import MotionCost
 
 CHUNK = 128  # expansions between two readings of the clock
 NARROW = 0.15  # m beyond the half width on each side: wider passages need no exact poses
@@ -52,7 +57,6 @@ DISC_NOTE = "no way even for a disc as wide as the outline"
 FLOOD_NOTE = "no way for the outline: a flood through its poses does not reach the goal"
 LATTICE_NOTE = "no way at the resolution of the lattice"
 INITIAL_NODES = 4096  # initial capacity of a tree
-POSE_SPACING = 0.05  # m, and rad of a pivot times 2: between poses of the path
 MOVE_LENGTH = 0.2  # m: a fifth of the chair
 PIVOT_ANGLE = 0.2  # rad: as the turn of an arc
 CURVATURES = (0.8, 1.6)  # 1/m, to both sides: a wide turn, and one in a corridor of 1.2 m
@@ -85,7 +89,7 @@ def prepare_map(space: Space, footprint: Footprint, desired_clearance: float) ->
     key = (*footprint.array, desired_clearance)
     prepared = _MAP_DATA.setdefault(space, {})
     if key not in prepared:
-        near = nearby(space, footprint.reach + max(MOVE_LENGTH, PIECE) + desired_clearance)
+        near = nearby(space, footprint.reach + max(MOVE_LENGTH, TESTED_LENGTH) + desired_clearance)
         gaps = distance_field(space, radius + desired_clearance)
         places = narrow_places(near, gaps, footprint.half_width, footprint.half_width + NARROW)
         prepared[key] = MapData(near, gaps, places)
@@ -93,11 +97,8 @@ def prepare_map(space: Space, footprint: Footprint, desired_clearance: float) ->
 
 
 @settings
-class Lattice(DrivingCost, PlannerBase):
+class Lattice(FootprintPlanner):
     """A path (n, 3) with headings for the chair's rectangle; it may drive backwards.
-
-    The rectangle keeps the problem's clearance less half its width. A start without heading has
-    heading 0; a goal without heading allows any.
 
     The lattice and finer ones take turns, each turn longer than the last and with a heuristic that
     weighs more. Failure is `no_path` where it is proven: no disc as wide as the outline gets there,
@@ -106,8 +107,6 @@ class Lattice(DrivingCost, PlannerBase):
     Likhachev et al. 2003). As many as `iterations`, and a deadline, make an anytime planner.
     """
 
-    footprint: Footprint = Footprint()
-    limits: Limits = Limits()
     refinements: int = setting(default=1, low=0, high=4, source="design choice")
     """How often moves and cells are halved where no path is found soon."""
     improvement: int = setting(default=1000, low=0, source="tuned on training seeds")
@@ -115,18 +114,11 @@ class Lattice(DrivingCost, PlannerBase):
     iterations: int = setting(default=100_000, low=0, source="design choice: 50 MB of memory")
     """Largest number of expanded poses."""
 
-    def trivial(self, problem: Problem) -> Plan | None:
-        """The plan where the axle cannot stand at an end; the rectangle is tested later."""
-        status = check(replace(problem, clearance=0.0 * problem.clearance))  # NaN stays NaN
-        return None if status is None else Plan(status)
-
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Search without random numbers; the counted iterations are expanded poses."""
         start, goal = start_and_goal(problem)
         map_data = prepare_map(problem.space, self.footprint, self.desired_clearance)
-        margin = max(MIN_GAP, problem.clearance - self.footprint.half_width)
-        motion = self.motion_cost(self.footprint, self.limits, margin, CURVATURE_WEIGHT)
-        status, motion = fit_ends(problem, self.footprint, map_data.near, motion)
+        status, motion = self.fit(problem, map_data.near, CURVATURE_WEIGHT)
         if status is not None:
             return Plan(status)
         begin = partial(self._begin, map_data, motion, start, goal)
@@ -195,7 +187,6 @@ class Lattice(DrivingCost, PlannerBase):
         return PoseSearch(Search(
             near, motion, new_guide(seeds, map_data.gaps, low, motion), lines, grid,
             np.array([goal[0], goal[1], join]), tree, sweeps(1), np.empty_like(near.segments),
-            np.empty((3, 2)),
         ))  # fmt: skip
 
 
@@ -219,7 +210,7 @@ class PoseSearch:
     @property
     def path(self) -> Array:
         """The best path (n, 3) so far."""
-        return trace_path(self.search.tree, int(self.counts["goal"]), POSE_SPACING)
+        return poses_along(trace_path(self.search.tree, int(self.counts["goal"])), 0.0)
 
     def advance(self, weight: float, most: int, left: int, end: float) -> int:
         """Expand poses until they are `most` in all, or `left`, or `clock` shows `end`.
@@ -341,9 +332,7 @@ class DiscThenLattice(PlannerBase):
             problem, clearance=max(problem.clearance, footprint.half_width) + LATERAL_MARGIN
         )
         disc = Visibility().plan(wide, rng, remaining(end))
-        start = np.zeros(3)
-        start[: len(problem.start)] = problem.start
-        goal = np.asarray(problem.goal, dtype=np.float64)
+        start, goal = start_and_goal(problem)
         path, solved = disc.path, False
         if disc.status is Status.SOLVED:
             for fillet in FILLETS:

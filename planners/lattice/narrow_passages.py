@@ -12,9 +12,9 @@ import math
 
 import numpy as np
 
-from planners.collision.connections import free_gap, gaps_at
 from planners.collision.footprint import Sweeps, sweeps
 from planners.collision.nearby import Nearby, nearest_side
+from planners.collision.pose_tests import free_gap, gaps_at, with_headings
 from planners.lattice.heuristic import SPACING, Field
 from planners.lattice.pose_search import Lines
 from wheelchair_gym.arrays import Array
@@ -152,10 +152,8 @@ def make_lines(
         The lines; and places (k, 3) where ways to the goal end, with the duration left from there.
     """
     headed = len(goal) == 3
-    at_goal = goal[None]
+    at_goal = with_headings(goal, YAWS)
     if not headed:
-        yaws = np.arange(YAWS) * (2.0 * math.pi / YAWS)
-        at_goal = np.column_stack([np.tile(goal, (YAWS, 1)), yaws])
         free = gaps_at(near, motion, at_goal, sweeps(1)) >= motion.margin
         at_goal = at_goal[free & (not free.all())]
     seeds, reach = np.array([[goal[0], goal[1], 0.0]]), np.zeros(0)

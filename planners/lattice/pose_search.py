@@ -13,18 +13,24 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.collision.connections import connection, free_gap
 from planners.collision.footprint import Sweeps, stretch_gap
 from planners.collision.nearby import Nearby, segments_in_view
+from planners.collision.pose_tests import free_gap
 from planners.graphs.heap import pop, push
-from planners.lattice.heuristic import Guide, cost_to_go, heading_error
+from planners.lattice.heuristic import Guide, Ints, cost_to_go, heading_error
+from planners.steering import (
+    CONNECTIONS,
+    NO_PARTS,
+    PIECE,
+    Parts,
+    connection,
+    parts_time,
+)
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.geometry import wrap
 from wheelchair_gym.kinematics import arc_step
 from wheelchair_gym.maps.driving_cost import MotionCost, duration, kind_of, stretch_cost
-
-Ints = NDArray[np.int64]
 
 AT_GOAL = -2  # the anchor of a node at the goal
 FREE_HEADING_ERROR = 0.4  # rad: smaller errors cost nothing
@@ -95,41 +101,26 @@ class Search(NamedTuple):
     tree: Tree
     workspace: Sweeps
     seen: Array  # (segments, 4): workspace
-    out: Array  # (3, 2): a connection's ways and turns
 
 
 @borrowing_kernel
 def connect(
     search: Search, x: float, y: float, yaw: float, kind: int,
     tx: float, ty: float, tyaw: float, budget: float,
-) -> float:  # fmt: skip
-    """Cost [s] of the cheapest of four connections to a target pose; a NaN heading is free.
+) -> tuple[float, Parts]:  # fmt: skip
+    """Return the cost [s] of the cheapest connection to a target pose, and its stretches.
 
-    Infinite where no connection is free and below the budget. Writes distances and turns (3, 2)
-    to `search.out`.
+    A NaN heading is free. The cost is infinite where none is free and below the budget.
     """
-    near, motion, out = search.near, search.motion, search.out
-    best = budget
-    found = False
-    for option in range(4):
-        possible, a, s, b, t, u = connection(option, x, y, yaw, tx, ty, tyaw)
-        if not possible:
-            continue
-        cost = 0.0
-        before = kind
-        for part in range(3):
-            way, turn = (a, b, 0.0)[part], (s, t, u)[part]
-            now = kind_of(way, turn)
-            if now != 0:
-                cost += duration(motion, way, turn)
-                if before != 0 and before != now:
-                    cost += motion.switch_time
-                before = now
-        if cost >= best:
+    near, motion = search.near, search.motion
+    best, found, best_parts = budget, False, NO_PARTS
+    for option in range(CONNECTIONS):
+        possible, parts = connection(option, x, y, yaw, tx, ty, tyaw)
+        cost = parts_time(motion, math.inf, parts, kind, 0, 1.0)
+        if not possible or cost >= best:
             continue
         px, py, pyaw = x, y, yaw
-        for part in range(3):
-            way, turn = (a, b, 0.0)[part], (s, t, u)[part]
+        for way, turn in parts:
             if kind_of(way, turn) == 0:
                 continue
             gap = free_gap(near, motion, px, py, pyaw, way, turn, search.workspace, search.seen)
@@ -141,10 +132,8 @@ def connect(
                 break
             px, py, pyaw = arc_step(px, py, pyaw, way, turn, 1.0)
         if cost < best:
-            best, found = cost, True
-            out[0, 0], out[1, 0], out[2, 0] = a, b, 0.0
-            out[0, 1], out[1, 1], out[2, 1] = s, t, u
-    return best if found else math.inf
+            best, found, best_parts = cost, True, parts
+    return best if found else math.inf, best_parts
 
 
 @borrowing_kernel
@@ -178,9 +167,7 @@ def _estimate(search: Search, x: float, y: float, yaw: float) -> float:
 @borrowing_kernel
 def _connect_anchors(search: Search, number: int) -> None:
     """Connect a node to every anchor in range that it reaches at least cost."""
-    motion, lines, goal, tree, out = (
-        search.motion, search.lines, search.goal, search.tree, search.out,
-    )  # fmt: skip
+    motion, lines, goal, tree = search.motion, search.lines, search.goal, search.tree
     node = tree.nodes[number]
     x, y, yaw, cost_here = node.x, node.y, node.yaw, node.cost
     kind = kind_of(node.way, node.turn)
@@ -219,15 +206,15 @@ def _connect_anchors(search: Search, number: int) -> None:
             left = tree.left_anchor[a]
             if not left < here:
                 continue
-        more = connect(search, x, y, yaw, kind, tx, ty, tyaw, budget)
+        more, parts = connect(search, x, y, yaw, kind, tx, ty, tyaw, budget)
         if not more < budget:
             continue
         cost = cost_here + more
         tree.best_anchor[entry] = cost
         last = number
-        for part in range(3):
-            if kind_of(out[part, 0], out[part, 1]) != 0:
-                last = _add(tree, last, out[part, 0], out[part, 1], cost, -1)
+        for way, turned in parts:
+            if kind_of(way, turned) != 0:
+                last = _add(tree, last, way, turned, cost, -1)
         if last == number:  # it stands there
             last = _add(tree, number, 0.0, 0.0, cost, -1)
         end = tree.nodes[last]
@@ -371,31 +358,18 @@ def _slot(grid: Grid, x: float, y: float, yaw: float) -> int:
 
 
 @kernel
-def trace_path(tree: Tree, number: int, spacing: float) -> Array:
-    """The poses (n, 3) from the root to a node, at most `spacing` [m, rad / 2] apart."""
-    nodes = tree.nodes
-    count, last = 1, number
-    while nodes[last].parent >= 0:
-        count += _part_count(nodes[last].way, nodes[last].turn, spacing)
-        last = nodes[last].parent
-    path = np.empty((count, 3))
-    k, node = count - 1, nodes[number]
-    path[k, 0], path[k, 1], path[k, 2] = node.x, node.y, node.yaw
+def trace_path(tree: Tree, number: int) -> NDArray[Any]:
+    """Return the pieces (n,) PIECE from the root to a node, then one of no length there."""
+    nodes, count = tree.nodes, 1
+    node = nodes[number]
     while node.parent >= 0:
-        way, turn = node.way, node.turn
-        node = nodes[node.parent]
-        parts = _part_count(way, turn, spacing)
-        for part in range(parts - 1, -1, -1):
-            k -= 1
-            path[k, 0], path[k, 1], path[k, 2] = arc_step(
-                node.x, node.y, node.yaw, way, turn, part / parts
-            )
-    for k in range(1, count):
-        path[k, 2] = path[k - 1, 2] + wrap(path[k, 2] - path[k - 1, 2])
-    return path
-
-
-@borrowing_kernel
-def _part_count(way: float, turn: float, spacing: float) -> int:
-    """How many parts of a move keep poses at most `spacing` [m] and `2 * spacing` [rad] apart."""
-    return int(max(1, math.ceil(max(abs(way), 0.5 * abs(turn)) / spacing)))
+        node, count = nodes[node.parent], count + 1
+    pieces = np.zeros(count, PIECE)
+    node = nodes[number]
+    for k in range(count - 1, -1, -1):
+        piece = pieces[k]
+        piece.x, piece.y, piece.yaw = node.x, node.y, node.yaw
+        if k > 0:
+            pieces[k - 1].way, pieces[k - 1].turn = node.way, node.turn
+            node = nodes[node.parent]
+    return pieces

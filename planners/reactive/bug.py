@@ -190,10 +190,8 @@ class Bug(PlannerBase):
                 hits += 1
                 walked = self.detour(solids, hit, goal)
                 if walked is None:
-                    status, note = (
-                        Status.NO_PATH,
-                        "no way leads on from this obstacle to the goal",
-                    )
+                    status = Status.NO_PATH
+                    note = "no way leads on from this obstacle to the goal"
                     break
                 path += [hit.base[None], walked]
                 if clock() >= end:

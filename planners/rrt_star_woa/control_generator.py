@@ -3,28 +3,31 @@
 Segment by segment a swarm searches the commands whose roll-out ends where the segment ends, turned
 towards the next one, soon, and away from obstacles (thesis, section 2.9.3 and algorithm 6). Each
 segment's commands leave space to come to rest, so that a chair that drives them is never trapped in
-motion: where nothing leads on, the commands end at rest.
+motion: where nothing leads on, the commands end at rest. Between two segments the chair does not
+stop.
 
 A particle is a list of at most `COMMANDS` commands and how many of them count. It is rolled out
-under the chair's limits. The swarm starts from maneuvers that can be written down, or at random.
+under the chair's limits. The swarm starts from maneuvers that can be written down and from the
+commands that are being driven, or at random.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from planners.rrt_star_woa.rollout import (
     MAX_CLEARANCE,
     MOTION,
+    REST,
     STEP,
     Motion,
     World,
+    advance,
     brake,
     drive,
     measure_clearance,
@@ -32,12 +35,13 @@ from planners.rrt_star_woa.rollout import (
     rollout,
     stopping_time,
     time_to_cover,
+    turn_limit,
 )
-from planners.rrt_star_woa.woa import LedWhales, WhaleParameters, move_whales
+from planners.rrt_star_woa.woa import WhaleParameters, WhaleSettings, move, new_whales, tell
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.config import setting, settings
-from wheelchair_gym.geometry import Footprint, wrap
+from wheelchair_gym.geometry import Footprint, arc_lengths, wrap
 from wheelchair_gym.kinematics import Limits
 from wheelchair_gym.random import Stream, next_uniform, stream
 
@@ -45,19 +49,28 @@ COMMANDS = 6  # in a particle, at most
 V, W, T = range(3)  # columns of commands
 _COUNT = 3 * COMMANDS  # where a particle says how many of its commands count
 _SIZE = _COUNT + 1
-_MANEUVERS = 5
+_NO_COMMANDS = np.empty((0, 3))
+# Kinds of maneuvers, with which a swarm begins; see `write_maneuver`.
+_MANEUVERS = 9
+_ARC, _ARC_TO_REST, _TURN, _TURN_TO_REST, _BACK = range(5)
+_TWO_ARCS, _RETREAT, _PURSUIT, _FAST_PURSUIT = range(5, _MANEUVERS)
 _COLLISION = 1e3  # s: cost of a contact, above all else that can be wrong with a segment
+_MISSED = 1e2  # s: cost of an end that is not reached, above all but a contact
 # Design choices:
-TOLERANCE = 0.05  # m from the simplified path, up to which points are left out
-MAX_SEGMENT_LENGTH = 1.5  # m
-MIN_FIRST_SEGMENT_LENGTH = 0.25  # m
+SPACING = 0.1  # m between the points of the path that a pure pursuit follows
+ONWARD = 0.3  # m beyond a segment's end, towards which the chair shall head there
 SEARCH_RANGE = 1.0  # m: how far the commands of a segment may lead off it
+RETREAT = 0.3  # m
+ABOUT_TURN = 0.5  # rad: a turn by nearly pi goes on in the direction in which it has begun
+PIVOT = 0.9  # rad: heading error above which a pure pursuit turns in place
 DESIRED_CLEARANCE = 0.15  # m, from which on more costs no less
 END_WEIGHT = 10.0  # s/m: cost of the distance from the end of a segment; 5 cm cost 0.5 s
-ARRIVAL_WEIGHT = 50.0  # s/m: cost of the distance from the goal; 2 cm cost 1 s
-HEADING_WEIGHT = 1.5  # s/rad at the end of a segment: duration of a turn in place, with its ramps
+LAST_END_COST = 5.0  # s: cost of the largest distance from the goal that counts as arrived
+MIDDLE_WEIGHT = 10.0  # s/m: cost of the distance from the middle of the segment's path,
+MIDDLE_REACH = 0.05  # m: beyond this distance
+RAMPS = 0.5  # s/rad: what the ramps of a turn in place add to its duration
 CLEARANCE_WEIGHT = 2.0  # s: cost of a lack of clearance
-ARRIVAL = 0.10  # m from the goal that counts as arrived: below the 0.30 m of the task
+REACHED = 0.35  # m from the end of a segment that counts as reached: the next one begins there
 
 
 @dataclass(frozen=True)
@@ -71,49 +84,85 @@ class Controls:
     collision_free: bool  # the outline touches nothing on the way
     arrived: bool  # at rest at the path's end, or led on as far as the horizon
     error: float  # m, from that end: of the last pose, or of the nearest where a horizon ends it
+    segments: int  # of the path, up to the horizon
+    reached: int  # segments whose ends are reached, from the first one on
+    missed: float  # m between the best commands' end and that of the first segment not reached
 
     def twist_at(self, time: float) -> Array:
         """The twist (2,) to ask for at a time [s] since the start; at rest after the end."""
         k = int(np.searchsorted(np.cumsum(self.commands[:, 2]), time, side="right"))
         return self.commands[k, :2].copy() if k < len(self.commands) else np.zeros(2)
 
+    def after(self, time: float) -> Array:
+        """Return the commands (k, 3) that are left at a time [s] since the start."""
+        ends = np.cumsum(self.commands[:, 2])
+        k = int(np.searchsorted(ends, time, side="right"))
+        left = self.commands[k:].copy()
+        left[:1, 2] = ends[k : k + 1] - time
+        return left
 
-class Segment(NamedTuple):
-    """One segment: its end, and where the path goes from there."""
 
-    x: float  # m
-    y: float
-    onward: float  # rad: direction of the next segment
-    last: bool  # the chair comes to rest here
+SEGMENT = np.dtype(
+    [
+        ("x", np.float64),  # m: the end
+        ("y", np.float64),
+        ("middle_x", np.float64),  # m: half-way along the path
+        ("middle_y", np.float64),
+        ("onward", np.float64),  # rad: heading of the path at the end
+        ("reach", np.float64),  # m: an end within this distance counts as reached
+        ("last", np.bool_),  # the chair comes to rest here
+        ("first_point", np.int64),  # of the points of the path that lie on the segment,
+        ("end_point", np.int64),  # and the first one behind it
+    ]
+)
+
+
+class Search(NamedTuple):
+    """How a segment's commands are searched."""
+
+    swarm: WhaleParameters
+    maneuvers: bool  # the swarm starts from maneuvers, not at random
+    printed: bool  # the cost is the thesis's: the distance from the end
 
 
 @borrowing_kernel
-def segment_cost(particle: Array, now: Motion, leg: Segment, world: World, trial: Motion) -> float:
-    """The cost [s] of a particle that begins with the motion `now`; `trial` is workspace."""
+def segment_cost(
+    particle: Array, now: Motion, leg: Any, world: World, printed: bool, trial: Motion
+) -> float:
+    """Return the cost [s] of a particle that begins with the motion `now`.
+
+    As printed it is the distance from the segment's end [m]. `trial` is workspace.
+    """
     trial[0] = now[0]
     motion = trial[0]
+    motion.marked = math.hypot(leg.middle_x - motion.x, leg.middle_y - motion.y)
     for k in range(int(particle[_COUNT])):
         drive(motion, particle[3 * k + V], particle[3 * k + W], particle[3 * k + T], world)
+    off_middle = max(0.0, motion.marked - MIDDLE_REACH)
     if leg.last:
         brake(motion, world)
     gap = math.hypot(leg.x - motion.x, leg.y - motion.y)
-    end = ARRIVAL_WEIGHT if leg.last else END_WEIGHT
-    cost: float = end * gap + (motion.time - now[0].time)
+    if printed:
+        return gap if motion.free else _COLLISION + gap
+    end = LAST_END_COST / leg.reach if leg.last else END_WEIGHT
+    cost: float = end * gap + MIDDLE_WEIGHT * off_middle + (motion.time - now[0].time)
+    if gap > leg.reach:
+        cost += _MISSED
     if not leg.last:
         error = abs(wrap(leg.onward - motion.yaw))
-        cost += HEADING_WEIGHT * error * (1.0 + 2.0 * abs(motion.v))
+        rate = turn_limit(motion.v, world.limits, world.pivot)
+        cost += error * (1.0 / rate + RAMPS) * (1.0 + 2.0 * abs(motion.v))
         brake(motion, world)  # whatever follows, the chair can come to rest without contact
     if not motion.free:
         return _COLLISION + cost
     near: float = max(0.0, 1.0 - motion.least / DESIRED_CLEARANCE)
-    cost += CLEARANCE_WEIGHT * near
-    return cost
+    return cost + CLEARANCE_WEIGHT * near
 
 
 @borrowing_kernel
-def arc(now: Any, leg: Segment, limits: Any, rest: bool, commands: Array) -> int:
-    """Write commands that drive an arc to the segment's end; how many they are."""
-    dx, dy = leg.x - now.x, leg.y - now.y
+def arc(now: Any, x: float, y: float, limits: Any, rest: bool, commands: Array) -> int:
+    """Write commands that drive an arc to a point [m]; return their number."""
+    dx, dy = x - now.x, y - now.y
     gap = max(1e-6, math.hypot(dx, dy))
     angle = wrap(math.atan2(dy, dx) - now.yaw)
     sine = math.sin(angle)
@@ -133,41 +182,42 @@ def arc(now: Any, leg: Segment, limits: Any, rest: bool, commands: Array) -> int
 
 
 @borrowing_kernel
-def straight(
-    now: Any, leg: Segment, limits: Any, backward: bool, rest: bool, commands: Array
-) -> int:
-    """Write commands that come to rest, turn to the segment's end and drive straight there.
+def straight(now: Any, leg: Any, world: World, backward: bool, rest: bool, commands: Array) -> int:
+    """Write commands that turn to the segment's end, while they stop, and drive straight there.
 
-    The chair drives backward, and comes to rest at the end, too, if it shall. Returns how many
-    commands they are.
+    A turn that has begun goes on. The chair drives backward, and comes to rest at the end, too, if
+    it shall. Returns the number of commands.
     """
-    halt_v = stopping_time(now.v, limits.deceleration, limits.jerk)
-    halt_w = stopping_time(now.w, limits.turn_acceleration, limits.turn_jerk)
+    limits = world.limits
+    rate, jerk = limits.turn_acceleration, limits.turn_jerk
+    halt = stopping_time(now.v, limits.deceleration, limits.jerk)
     # Where the chair will rest: speeds fall in curves that are symmetric in time.
-    run = 0.5 * now.v * max(0.0, halt_v - STEP)
-    yaw = now.yaw + 0.5 * now.w * max(0.0, halt_w - STEP)
+    run = 0.5 * now.v * max(0.0, halt - STEP)
     x, y = now.x + run * math.cos(now.yaw), now.y + run * math.sin(now.yaw)
-    k, halt = 0, max(halt_v, halt_w)
-    if halt > 0.0:
-        commands[k, T] = halt
-        k += 1
     way = math.hypot(leg.x - x, leg.y - y)
     facing = math.atan2(leg.y - y, leg.x - x) + (math.pi if backward else 0.0)
-    angle = wrap(facing - yaw)
-    if abs(angle) > 2e-3:
+    angle = wrap(facing - now.yaw)
+    if abs(angle) > math.pi - ABOUT_TURN and now.w * angle < 0.0:
+        angle += math.copysign(2.0 * math.pi, now.w)
+    k = 0
+    if abs(angle) > 2e-3 or abs(now.w) > REST:
         # Small angles are turned slowly, so that the speed asked for is reached.
-        rate, jerk = limits.turn_acceleration, limits.turn_jerk
-        speed = min(limits.turn, math.sqrt(0.5 * abs(angle) * rate))
+        speed = min(world.pivot, limits.turn, math.sqrt(0.5 * max(abs(angle), 2e-3) * rate))
+        begun = now.w * math.copysign(1.0, angle)
         commands[k, W] = math.copysign(speed, angle)
-        commands[k, T] = time_to_cover(abs(angle), speed, rate, rate, jerk, True)
-        commands[k + 1, T] = stopping_time(speed, rate, jerk)
+        commands[k, T] = time_to_cover(abs(angle), speed, rate, rate, jerk, True, begun)
+        stop = stopping_time(max(speed, abs(now.w)), rate, jerk)
+        commands[k + 1, T] = max(stop, halt - commands[k, T])
         k += 2
+    elif halt > 0.0:
+        commands[k, T] = halt
+        k += 1
     limit = limits.backward if backward else limits.forward
     if way > 5e-3 and limit > 0.0:
         up, down, jerk = limits.acceleration, limits.deceleration, limits.jerk
         speed = min(limit, math.sqrt(0.5 * way * up)) if rest else limit
         commands[k, V] = -speed if backward else speed
-        commands[k, T] = time_to_cover(way, speed, up, down, jerk, rest)
+        commands[k, T] = time_to_cover(way, speed, up, down, jerk, rest, 0.0)
         k += 1
         if rest:
             commands[k, T] = stopping_time(speed, down, jerk)
@@ -176,60 +226,163 @@ def straight(
 
 
 @borrowing_kernel
-def write_maneuver(kind: int, now: Any, leg: Segment, limits: Any, commands: Array) -> int:
-    """Write one of the maneuvers that serve well in free space; how many commands it has."""
+def coast(motion: Any, v: float, w: float, t: float, world: World) -> None:
+    """Move on towards a twist for t seconds, whatever stands there."""
+    while t > 1e-9:
+        step = min(STEP, t)
+        advance(motion, v, w, step, world.limits, world.pivot)
+        t -= step
+
+
+@borrowing_kernel
+def pursue(
+    now: Motion, line: Array, world: World, speed: float, lookahead: float, trial: Motion,
+    commands: Array,
+) -> int:  # fmt: skip
+    """Write the commands of a pure pursuit (Coulter 1992) along points (n, 2) `SPACING` apart.
+
+    All commands last equally long, together as long as the points take at the speed [m/s].
+    """
+    turn = world.limits.turn
+    trial[0] = now[0]
+    motion = trial[0]
+    each = max(0.2, line.shape[0] * SPACING / speed / COMMANDS)
+    at = 0
+    for k in range(COMMANDS):
+        nearest = math.inf
+        for i in range(at, line.shape[0]):
+            gap = math.hypot(line[i, 0] - motion.x, line[i, 1] - motion.y)
+            if gap < nearest:
+                nearest, at = gap, i
+        aim = line[min(line.shape[0] - 1, at + int(lookahead / SPACING))]
+        dx, dy = aim[0] - motion.x, aim[1] - motion.y
+        error = wrap(math.atan2(dy, dx) - motion.yaw)
+        v, w = 0.0, math.copysign(turn, error)
+        if abs(error) <= PIVOT:
+            curvature = 2.0 * math.sin(error) / max(SPACING, math.hypot(dx, dy))
+            v = min(speed, 0.9 * turn / max(abs(curvature), 1e-6))
+            w = v * curvature
+        commands[k, V], commands[k, W], commands[k, T] = v, w, each
+        coast(motion, v, w, each, world)
+    return COMMANDS
+
+
+@borrowing_kernel
+def write_maneuver(
+    kind: int, now: Motion, leg: Any, world: World, line: Array, trial: Motion, commands: Array
+) -> int:
+    """Write a maneuver that serves well in free space; return the number of its commands.
+
+    An arc to the end; a turn in place and straight on; the same backward; two arcs that meet in the
+    middle of the segment; a retreat, a turn and straight on; a pure pursuit of the path.
+    """
     commands[:] = 0.0
-    if kind <= 1:
-        return arc(now, leg, limits, kind == 1, commands)
-    return straight(now, leg, limits, kind == 4, kind != 2, commands)
+    limits = world.limits
+    if kind <= _ARC_TO_REST:
+        return arc(now[0], leg.x, leg.y, limits, kind == _ARC_TO_REST, commands)
+    if kind <= _BACK:
+        return straight(now[0], leg, world, kind == _BACK, kind != _TURN, commands)
+    if kind == _PURSUIT:
+        return pursue(now, line, world, 0.4 * limits.forward, 0.3, trial, commands)
+    if kind == _FAST_PURSUIT:
+        return pursue(now, line, world, 0.7 * limits.forward, 0.6, trial, commands)
+    trial[0] = now[0]
+    motion, count = trial[0], 1
+    if kind == _TWO_ARCS:
+        count = arc(now[0], leg.middle_x, leg.middle_y, limits, False, commands)
+    else:
+        commands[0, V] = -limits.backward
+        commands[0, T] = RETREAT / max(limits.backward, 0.05)
+    coast(motion, commands[0, V], commands[0, W], commands[0, T], world)
+    if kind == _TWO_ARCS:
+        return count + arc(motion, leg.x, leg.y, limits, leg.last, commands[count:])
+    return count + straight(motion, leg, world, False, False, commands[count:])
+
+
+@borrowing_kernel
+def continue_commands(
+    left: Array, now: Motion, leg: Any, world: World, particle: Array, trial: Motion
+) -> int:
+    """Write commands (k, 3) that are being driven, up to where they come nearest to the end.
+
+    Shortens `left` by what is written; returns the number of commands, 0 where none leads nearer.
+    """
+    trial[0] = now[0]
+    motion = trial[0]
+    least, count, duration = math.hypot(leg.x - motion.x, leg.y - motion.y), 0, 0.0
+    for k in range(min(COMMANDS, left.shape[0])):
+        t = 0.0
+        while t < left[k, T] - 1e-9:
+            step = min(STEP, left[k, T] - t)
+            advance(motion, left[k, V], left[k, W], step, world.limits, world.pivot)
+            t += step
+            gap = math.hypot(leg.x - motion.x, leg.y - motion.y)
+            if gap < least:
+                least, count, duration = gap, k + 1, t
+    for k in range(count):
+        particle[3 * k + V], particle[3 * k + W] = left[k, V], left[k, W]
+        particle[3 * k + T] = left[k, T] if k < count - 1 else duration
+        left[k, T] -= particle[3 * k + T]
+    particle[_COUNT] = count
+    return count
 
 
 @kernel
 def bridge(
-    now: Motion, leg: Segment, world: World, swarm: WhaleParameters, from_maneuvers: bool,
-    state: Stream,
-) -> tuple[Array, bool]:  # fmt: skip
-    """The commands (k, 3) for one segment from the motion `now`, and whether they are free."""
-    limits = world.limits
+    now: Motion, leg: Any, world: World, search: Search, driven: Array, line: Array, state: Stream
+) -> tuple[Array, bool]:
+    """Search the commands (k, 3) for one segment (algorithm 6), and return whether they are free.
+
+    Args:
+        now: the motion with which they begin.
+        leg: a record of SEGMENT.
+        world: what is around the chair.
+        search: how they are searched.
+        driven: the particle of the commands that are being driven; one without commands is none.
+        line: points (n, 2) of the segment's path [m], `SPACING` apart.
+        state: draws the numbers.
+    """
+    limits, swarm = world.limits, search.swarm
     gap = math.hypot(leg.x - now[0].x, leg.y - now[0].y)
-    lower, upper, c_range = np.empty(_SIZE), np.empty(_SIZE), np.full(_SIZE, 2.0)
+    # The segment's duration at the limits, with half a turn. Six random commands, on average half
+    # as long as the longest, last as long all together; one command of a maneuver may do so alone.
+    whole = gap / limits.forward + math.pi / world.pivot
+    longest = 2.0 * whole if search.maneuvers else 2.0 * whole / COMMANDS
+    lower, upper = np.empty(_SIZE), np.empty(_SIZE)
     lower[V::3], upper[V::3] = -limits.backward, limits.forward
     lower[W::3], upper[W::3] = -limits.turn, limits.turn
-    lower[T::3], upper[T::3] = 0.0, 3.0 + 2.0 * gap / limits.forward + math.pi / limits.turn
+    lower[T::3], upper[T::3] = 0.0, longest
     lower[_COUNT], upper[_COUNT] = 1.0, COMMANDS + 0.999
     trial = np.zeros(1, MOTION)
-    seeds = _MANEUVERS if from_maneuvers else 0
+    kinds = _MANEUVERS if search.maneuvers else 0
+    seeds = kinds + 1 if search.maneuvers and driven[_COUNT] > 0 else kinds
     population = np.zeros((max(swarm.population, seeds), _SIZE))
     for i in range(population.shape[0]):
         X = population[i]
         if seeds == 0:
             for j in range(_SIZE):
                 X[j] = lower[j] + next_uniform(state) * (upper[j] - lower[j])
-            continue
-        if i < seeds:
+        elif i < kinds:
             commands = X[:_COUNT].reshape(COMMANDS, 3)
-            X[_COUNT] = write_maneuver(i, now[0], leg, limits, commands)
-            continue
-        X[:] = population[i % _MANEUVERS]
-        for j in range(_SIZE):
-            # The duration of a command varies with itself, a speed with its whole range.
-            scale = X[j] if j % 3 == T else upper[j] - lower[j]
-            X[j] += 0.3 * scale * (2.0 * next_uniform(state) - 1.0)
-            X[j] = min(max(X[j], lower[j]), upper[j])
-    best, least = population[0].copy(), np.inf
+            X[_COUNT] = write_maneuver(i, now, leg, world, line, trial, commands)
+        elif i < seeds:
+            X[:] = driven
+        else:
+            X[:] = population[i % seeds]
+            for j in range(_SIZE):
+                # The duration of a command varies with itself, a speed with its whole range.
+                scale = X[j] if j % 3 == T else upper[j] - lower[j]
+                X[j] += 0.3 * scale * (2.0 * next_uniform(state) - 1.0)
+                X[j] = min(max(X[j], lower[j]), upper[j])
+    whales = new_whales(population, swarm, lower, upper)
     for t in range(swarm.iterations + 1):
-        if swarm.latest:
-            least = np.inf
         for i in range(population.shape[0]):
-            cost = segment_cost(population[i], now, leg, world, trial)
-            if cost < least:
-                least = cost
-                best[:] = population[i]
+            cost = segment_cost(population[i], now, leg, world, search.printed, trial)
+            tell(whales, i, cost)
         if t < swarm.iterations:
-            progress = t / swarm.iterations
-            move_whales(population, best, swarm, progress, c_range, lower, upper, state)
-    count = int(best[_COUNT])
-    return best[: 3 * count].copy().reshape(count, 3), least < _COLLISION
+            move(whales, t / swarm.iterations, state)
+    best, count = whales.leader, int(whales.leader[_COUNT])
+    return best[: 3 * count].copy().reshape(count, 3), whales.leader_cost[0] < _COLLISION
 
 
 @kernel
@@ -246,66 +399,87 @@ def around(walls: Array, box: Array) -> Array:
     return kept[:n].copy()
 
 
+@borrowing_kernel
+def append(found: Array, now: Motion, world: World, commands: Array, count: int) -> int:
+    """Drive commands (k, 3), and append them to others; return the number of all."""
+    for k in range(found.shape[0]):
+        if found[k, T] > 1e-3:
+            drive(now[0], found[k, V], found[k, W], found[k, T], world)
+            for column in (V, W, T):
+                commands[count, column] = found[k, column]
+            count += 1
+    return count
+
+
 @kernel
 def follow(
-    targets: Array, start: Motion, everything: World, to_rest: bool, swarm: WhaleParameters,
-    from_maneuvers: bool, state: Stream,
-) -> tuple[Array, int, bool]:  # fmt: skip
-    """Commands (k, 3) through targets (n, 2) [m]; the targets reached, and whether all was free.
+    legs: NDArray[Any], line: Array, start: Motion, everything: World, search: Search,
+    driven: Array, state: Stream,
+) -> tuple[Array, int, float, bool]:  # fmt: skip
+    """Return commands (k, 3) along segments (n,) SEGMENT.
 
-    The axle stays within `SEARCH_RANGE` of a segment. The chair comes to rest at the last
-    target if it shall.
+    The axle stays within `SEARCH_RANGE` of a segment. A segment whose end is not reached is left
+    out, since the next end may be reached without it; where none is, the commands lead as near to
+    the first of them as they can. As printed, each segment begins where the one before ended.
+
+    Args:
+        legs: the segments.
+        line: points (m, 2) of the path [m].
+        start: the motion with which the commands begin.
+        everything: what is around the chair, everywhere.
+        search: how commands are searched.
+        driven: (j, 3) commands that are being driven.
+        state: draws the numbers.
+
+    Returns:
+        The commands; the number of the last segment whose end is reached, from 1 on; the distance
+        [m] from the next one's end; whether all is free.
     """
-    n = targets.shape[0]
-    commands = np.empty((8 * n + 1, 3))
-    count = 0
-    motion = start.copy()
-    now, footprint = motion[0], everything.footprint
-    reach = math.hypot(max(footprint[0], footprint[1]), footprint[2])
-    far = reach + 2.0 * MAX_CLEARANCE
-    reached = 0
-    while reached < n:
-        x, y = targets[reached, 0], targets[reached, 1]
-        box = np.array([min(x, now.x), min(y, now.y), max(x, now.x), max(y, now.y)])
+    n = legs.shape[0]
+    commands, nearest = np.empty((8 * n + 1, 3)), np.empty((0, 3))
+    motion, trial, left = start.copy(), start.copy(), driven.copy()
+    now, outline = motion[0], everything.footprint
+    far = math.hypot(max(outline[0], outline[1]), outline[2]) + 2.0 * MAX_CLEARANCE
+    count, reached, missed = 0, 0, 0.0
+    for k in range(n):
+        leg = legs[k]
+        box = np.array([min(leg.x, now.x), min(leg.y, now.y), max(leg.x, now.x), max(leg.y, now.y)])
         box += SEARCH_RANGE * np.array([-1.0, -1.0, 1.0, 1.0])
         walls = around(everything.walls, box + np.array([-far, -far, far, far]))
-        world = World(walls, everything.discs, box, footprint, everything.limits, everything.margin)
-        onward = math.atan2(y - now.y, x - now.x)
-        if reached + 1 < n:
-            onward = math.atan2(targets[reached + 1, 1] - y, targets[reached + 1, 0] - x)
-        leg = Segment(x, y, onward, to_rest and reached + 1 == n)
-        found, free = bridge(motion, leg, world, swarm, from_maneuvers, state)
-        if not free:
-            break
-        for k in range(found.shape[0]):
-            if found[k, T] > 1e-3:
-                drive(now, found[k, V], found[k, W], found[k, T], world)
-                commands[count] = found[k]
-                count += 1
-        reached += 1
+        world = World(
+            walls, everything.discs, box, outline, everything.limits, everything.margin,
+            everything.pivot, leg.middle_x, leg.middle_y,
+        )  # fmt: skip
+        known = np.zeros(_SIZE)
+        used = continue_commands(left, motion, leg, world, known, trial)
+        points = line[leg.first_point : leg.end_point]
+        found, free = bridge(motion, leg, world, search, known, points, state)
+        before = math.hypot(leg.x - now.x, leg.y - now.y)
+        gap = before
+        if free:
+            trial[0] = motion[0]
+            for i in range(found.shape[0]):
+                drive(trial[0], found[i, V], found[i, W], found[i, T], world)
+            if leg.last:
+                brake(trial[0], world)
+            gap = math.hypot(leg.x - trial[0].x, leg.y - trial[0].y)
+        there = free and gap <= leg.reach
+        if there or (free and search.printed):
+            left = left[max(0, used - 1) :]
+            count = append(found, motion, world, commands, count)
+        if there and (missed == 0.0 or not search.printed):
+            reached, missed = k + 1, 0.0
+            nearest = np.empty((0, 3))
+        elif not there and missed == 0.0:
+            missed = gap
+            if gap < before and not search.printed:
+                nearest = found
+    count = append(nearest, motion, everything, commands, count)
     rest = brake(now, everything)
     if rest > 0.0:
         commands[count] = 0.0, 0.0, rest
         count += 1
-    return commands[:count].copy(), reached, bool(now.free)
-
-
-def simplified(path: Array, tolerance: float) -> Array:
-    """A path (n, 2) by fewer of its points; none left out lies farther off than the tolerance [m].
-
-    Douglas and Peucker 1973.
-    """
-    if len(path) < 3:
-        return path
-    first, last = path[0], path[-1]
-    along = last - first
-    square = float(along @ along)
-    part = np.clip((path - first) @ along / square, 0.0, 1.0) if square > 0 else np.zeros(len(path))
-    off = np.hypot(*(path - first - part[:, None] * along).T)
-    k = int(off.argmax())
-    if off[k] <= tolerance:
-        return path[[0, -1]]
-    return np.vstack([simplified(path[: k + 1], tolerance)[:-1], simplified(path[k:], tolerance)])
+    return commands[:count].copy(), reached, missed, bool(now.free)
 
 
 def ahead(path: Array, position: Array, horizon: float | None) -> tuple[Array, bool]:
@@ -329,33 +503,53 @@ def ahead(path: Array, position: Array, horizon: float | None) -> tuple[Array, b
 
 @settings
 class ControlGenerator:
-    """How commands are searched."""
+    """Settings of the search for commands."""
 
-    whales: LedWhales = setting(
-        default=LedWhales(population=12, iterations=10), source="design choice"
+    whales: WhaleSettings = setting(
+        default=WhaleSettings(population=12, iterations=10), source="design choice"
     )
     """The swarm that searches the commands of a segment."""
     maneuvers: bool = setting(
         default=True, source="design choice; the thesis's swarm starts at random: false"
     )
     """Whether the swarm starts from maneuvers that serve well in free space, or at random."""
+    printed: bool = setting(default=False, source="thesis, section 2.9.3 and algorithm 6: true")
+    """Whether segments end at the path's own points and cost the distance from there alone."""
     horizon: float | None = setting(default=None, unit="m", low=0.1, source="design choice")
     """Length of the path to follow; null for the whole path."""
+    segment: float = setting(default=1.0, unit="m", low=0.1, source="measured on training homes")
+    """Maximum length of a segment."""
     margin: float = setting(default=0.02, unit="m", low=0.0, source="design choice")
-    """Least gap to obstacles."""
+    """Minimum clearance to obstacles."""
+    arrival: float = setting(default=0.10, unit="m", low=0.01, source="below the task's 0.30 m")
+    """Distance from the path's end that counts as arrived."""
+    pivot: float | None = setting(default=None, unit="rad/s", low=0.01, source="design choice")
+    """Turn limit of a chair that stands; null for that of a chair that drives."""
 
-    def targets(self, path: Array, start: Array) -> tuple[Array, bool]:
-        """Ends (n, 2) of the segments to drive from a start (3,); is the last the path's end?"""
+    def segments(self, path: Array, start: Array) -> tuple[NDArray[Any], Array]:
+        """Return the segments (n,) SEGMENT ahead of a start (3,), and points (m, 2) of the path."""
         points, to_rest = ahead(path, start[:2], self.horizon)
-        near = np.hypot(*(points - start[:2]).T) < MIN_FIRST_SEGMENT_LENGTH
-        near[[0, -1]] = False
-        begun = near.argmin() if near[1:].all() else 1 + int(near[1:].argmin())
-        points = simplified(np.vstack([points[:1], points[begun:]]), TOLERANCE)
-        pieces = []
-        for a, b in pairwise(points):
-            k = max(1, math.ceil(math.hypot(*(b - a)) / MAX_SEGMENT_LENGTH))
-            pieces.append(a + np.arange(1, k + 1)[:, None] / k * (b - a))
-        return np.vstack(pieces), to_rest
+        way = arc_lengths(points)
+        ends = way[1:]
+        if not self.printed:
+            count = max(1, math.ceil(way[-1] / self.segment))
+            ends = way[-1] * np.arange(1, count + 1) / count
+        begins = np.concatenate([[0.0], ends[:-1]])
+        fine = np.linspace(0.0, way[-1], 1 + math.ceil(max(way[-1], SPACING) / SPACING))[1:]
+
+        def at(s: Array) -> Array:
+            return np.column_stack([np.interp(s, way, points[:, k]) for k in (0, 1)])
+
+        legs = np.zeros(len(ends), SEGMENT)
+        legs["x"], legs["y"] = at(ends).T
+        legs["middle_x"], legs["middle_y"] = at(0.5 * (begins + ends)).T
+        beyond = at(np.minimum(ends + ONWARD, way[-1])) - at(np.minimum(ends, way[-1] - ONWARD))
+        legs["onward"] = np.arctan2(beyond[:, 1], beyond[:, 0])
+        legs["reach"], legs["last"][-1] = REACHED, to_rest
+        legs["reach"][-1] = self.arrival if to_rest else REACHED
+        legs["first_point"] = np.minimum(np.searchsorted(fine, begins), len(fine) - 1)
+        legs["end_point"] = np.maximum(np.searchsorted(fine, ends), legs["first_point"] + 1)
+        return legs, at(fine)
 
     def generate(
         self,
@@ -367,8 +561,9 @@ class ControlGenerator:
         limits: Limits,
         rng: np.random.Generator,
         start_twist: ArrayLike = (0.0, 0.0),
+        driven: Array = _NO_COMMANDS,
     ) -> Controls:
-        """Commands that drive a path from where the chair is.
+        """Generate commands that drive a path from where the chair is.
 
         Args:
             path: points (n, 2 or 3) [m]; what lies behind the chair does not count.
@@ -376,9 +571,10 @@ class ControlGenerator:
             walls: segments (k, 4) [m].
             discs: (m, 3) m: x, y, radius.
             footprint: the chair's outline.
-            limits: what it may be asked to do.
+            limits: bounds of twists, accelerations and jerks.
             rng: draws the numbers.
             start_twist: (2,) m/s, rad/s.
+            driven: (k, 3) commands that the chair is driving; the swarm starts from them, too.
 
         Raises:
             ValueError: the path has fewer than two points.
@@ -387,23 +583,27 @@ class ControlGenerator:
         if len(points) < 2:
             raise ValueError(f"path has {len(points)} points; expected at least two")
         pose, twist = (np.array(v, dtype=np.float64) for v in (start_pose, start_twist))
-        everywhere = np.array([-np.inf, -np.inf, np.inf, np.inf])
+        pivot = limits.turn if self.pivot is None else min(self.pivot, limits.turn)
         world = World(
             np.ascontiguousarray(walls, dtype=np.float64).reshape(-1, 4),
             np.ascontiguousarray(discs, dtype=np.float64).reshape(-1, 3),
-            everywhere, footprint.array, limits.record, self.margin,
+            np.array([-np.inf, -np.inf, np.inf, np.inf]),
+            footprint.array, limits.record, self.margin, pivot, 0.0, 0.0,
         )  # fmt: skip
         start = motion_at(pose, twist)
         measure_clearance(start[0], pose[0], pose[1], pose[2], world)
         if 0.0 < start[0]["gap"] < self.margin:  # already nearer: at least no nearer than now
             world = world._replace(margin=float(start[0]["gap"]) * 0.999)
             measure_clearance(start[0], pose[0], pose[1], pose[2], world)
-        targets, to_rest = self.targets(points, pose)
-        commands, reached, free = follow(
-            targets, start, world, to_rest, self.whales.parameters, self.maneuvers, stream(rng),
-        )  # fmt: skip
-        poses, twists, times = rollout(commands, pose, twist, world.limits)
-        gaps = np.hypot(*(poses[:, :2] - targets[-1]).T)
-        error = float(gaps[-1] if to_rest else gaps.min())
-        arrived = reached == len(targets) and (not to_rest or error <= ARRIVAL)
-        return Controls(commands, poses, twists, times, free, arrived, error)
+        legs, line = self.segments(points, pose)
+        search = Search(self.whales.parameters, self.maneuvers and not self.printed, self.printed)
+        commands, reached, missed, free = follow(
+            legs, line, start, world, search, np.array(driven), stream(rng)
+        )
+        poses, twists, times = rollout(commands, pose, twist, world.limits, pivot)
+        gaps = np.hypot(poses[:, 0] - legs["x"][-1], poses[:, 1] - legs["y"][-1])
+        error = float(gaps[-1] if legs["last"][-1] else gaps.min())
+        arrived = reached == len(legs)
+        return Controls(
+            commands, poses, twists, times, free, arrived, error, len(legs), reached, missed
+        )

@@ -20,7 +20,8 @@ from wheelchair_gym.kinematics import approach, approach_twist, odometric_step
 MAX_CLEARANCE = 0.5  # m: larger clearances are not told apart
 FINEST = 0.02  # m: near obstacles no point of the outline moves farther between two tests
 STEP = 0.05  # s: as a control loop of 20 Hz
-_REST = 1e-5  # m/s, rad/s: slower is at rest; the last of a jerk-limited approach is rounding
+FREE_TURNS = 0.4  # m/s: the sides of a chair at this speed sweep floor that was ahead before
+REST = 1e-5  # m/s, rad/s: slower is at rest; the last of a jerk-limited approach is rounding
 
 MOTION = np.dtype(
     [
@@ -35,6 +36,7 @@ MOTION = np.dtype(
         ("moved", np.float64),  # m: bound of how far the outline moved since the last test
         ("gap", np.float64),  # m: clearance at the last test
         ("least", np.float64),  # m: least clearance so far
+        ("marked", np.float64),  # m: least distance from the marked point so far
         ("free", np.bool_),  # false once the clearance fell below the margin
     ]
 )
@@ -50,6 +52,9 @@ class World(NamedTuple):
     footprint: Array  # (3,) m: front, rear, half width
     limits: Any  # record, `Limits.record`
     margin: float  # m: a clearance below this is a collision
+    pivot: float  # rad/s: turn limit of a chair that stands
+    mark_x: float  # m: a point; a motion keeps how near it came to it
+    mark_y: float
 
 
 def motion_at(pose: Array, twist: Array) -> Motion:
@@ -62,8 +67,22 @@ def motion_at(pose: Array, twist: Array) -> Motion:
 
 
 @borrowing_kernel
-def advance(motion: Any, v: float, w: float, dt: float, limits: Any) -> tuple[float, float]:
-    """Move on for one step [s] towards a twist; returns the way [m] and the turn [rad] made."""
+def turn_limit(v: float, limits: Any, pivot: float) -> float:
+    """Return the turn limit [rad/s] at a speed; it is `pivot` where the chair stands."""
+    limit: float = min(limits.turn, pivot + limits.turn * abs(v) / FREE_TURNS)
+    return limit
+
+
+@borrowing_kernel
+def advance(
+    motion: Any, v: float, w: float, dt: float, limits: Any, pivot: float
+) -> tuple[float, float]:
+    """Move on for one step [s] towards a twist; returns the way [m] and the turn [rad] made.
+
+    The turn rate is at most `pivot` [rad/s] where the chair stands, and rises with its speed.
+    """
+    fastest = turn_limit(motion.v, limits, pivot)
+    w = min(max(w, -fastest), fastest)
     v, v_rate, w, w_rate = approach_twist(
         motion.v, motion.v_rate, motion.w, motion.w_rate, v, w, limits, dt
     )
@@ -100,7 +119,10 @@ def drive(motion: Any, v: float, w: float, t: float, world: World) -> None:
         step = min(STEP, t)
         t -= step
         x, y, yaw = motion.x, motion.y, motion.yaw
-        way, turn = advance(motion, v, w, step, world.limits)
+        way, turn = advance(motion, v, w, step, world.limits, world.pivot)
+        motion.marked = min(
+            motion.marked, math.hypot(world.mark_x - motion.x, world.mark_y - motion.y)
+        )
         moved = abs(way) + abs(turn) * reach
         if motion.moved + moved <= motion.gap:
             motion.moved += moved
@@ -118,7 +140,7 @@ def drive(motion: Any, v: float, w: float, t: float, world: World) -> None:
 def brake(motion: Any, world: World) -> float:
     """Brake until the chair rests, or is no longer free; returns the time that took [s]."""
     steps = 0
-    while motion.free and max(abs(motion.v), abs(motion.w)) > _REST:
+    while motion.free and max(abs(motion.v), abs(motion.w)) > REST:
         drive(motion, 0.0, 0.0, STEP, world)
         steps += 1
     motion.v, motion.w, motion.v_rate, motion.w_rate = 0.0, 0.0, 0.0, 0.0
@@ -127,17 +149,17 @@ def brake(motion: Any, world: World) -> float:
 
 @borrowing_kernel
 def time_to_cover(
-    amount: float, speed: float, up: float, down: float, jerk: float, rest: bool
+    amount: float, speed: float, up: float, down: float, jerk: float, rest: bool, begun: float
 ) -> float:
-    """How long to ask for a speed, from rest, to cover an amount [m or rad, s].
+    """Return the time [s] for which to ask for a speed, to cover an amount [m or rad].
 
-    `up`, `down` and `jerk` limit acceleration and deceleration; `rest` tells whether the amount
-    includes what is covered while coming to rest afterwards.
+    The motion begins at the speed `begun`. `up`, `down` and `jerk` limit acceleration and
+    deceleration; `rest` tells whether the amount includes what is covered while coming to rest.
     """
     t, low, high = amount / speed, 0.0, np.inf
     for _ in range(16):  # Newton's method between bounds that are too short and too long
-        covered, now, rate, left = 0.0, 0.0, 0.0, t
-        while left > 1e-9 or (rest and now > _REST):
+        covered, now, rate, left = 0.0, begun, 0.0, t
+        while left > 1e-9 or (rest and abs(now) > REST):
             step = min(STEP, left) if left > 1e-9 else STEP
             before = now
             now, rate = approach(now, rate, speed if left > 1e-9 else 0.0, up, down, jerk, step)
@@ -168,8 +190,12 @@ def stopping_time(speed: float, rate: float, jerk: float) -> float:
 
 
 @kernel
-def rollout(commands: Array, pose: Array, twist: Array, limits: Any) -> tuple[Array, Array, Array]:
-    """Where commands (k, 3) take the chair (thesis, (2.15)-(2.17), under limits).
+def rollout(
+    commands: Array, pose: Array, twist: Array, limits: Any, pivot: float
+) -> tuple[Array, Array, Array]:
+    """Return where commands (k, 3) take the chair (thesis, (2.15)-(2.17), under limits).
+
+    `pivot` [rad/s] limits the turn rate of a chair that stands.
 
     Returns:
         Poses (n, 3), twists (n, 2) and times (n,) [s], the first ones those of the beginning.
@@ -193,5 +219,5 @@ def rollout(commands: Array, pose: Array, twist: Array, limits: Any) -> tuple[Ar
         if left <= 1e-9:
             return poses[:n], twists[:n], times[:n]
         step = min(STEP, left)
-        advance(motion, commands[k, 0], commands[k, 1], step, limits)
+        advance(motion, commands[k, 0], commands[k, 1], step, limits, pivot)
         left -= step

@@ -1,4 +1,4 @@
-"""The thesis's own settings file (its figure 3.1), read as settings of our planners and maps.
+"""The thesis's settings: its figure 3.1, and files of that format, for our planners and maps.
 
 Trailing commas are allowed, as in the figure. `agents.studies.thesis` makes maps, pictures and
 films of the other keys.
@@ -18,27 +18,28 @@ from wheelchair_gym.config import LARGEST
 from wheelchair_gym.errors import InputError, shorten
 from wheelchair_gym.files import parse_json, read_text
 
-# Each key of the file: its kind, its least value, and where it goes in the planner's settings.
-KEYS: Final[dict[str, tuple[type, float, tuple[str, ...]]]] = {
-    "ReturnOnFirstPath": (bool, 0, ("tree", "return_on_first_path")),
-    "RenderGraphics": (bool, 0, ()),
-    "CreateVideo": (bool, 0, ()),
-    "TestMode": (bool, 0, ()),
-    "MapProcessor_Obstacles_Dilation": (int, 0, ()),
-    "MapProcessor_Epsilon": (float, 0, ()),
-    "MapProcessor_Map_Name": (str, 0, ()),
-    "PathPlanner_Iterations": (int, 1, ("tree", "iterations")),
-    "PathPlanner_Step_Size": (float, 1e-3, ("tree", "step")),
-    "PathPlanner_Search_Radius": (float, 1e-3, ("tree", "search_radius")),
-    "PathPlanner_Goal_Threshold": (float, 0, ("tree", "goal_reach")),
-    "PathOptimizer_Population": (int, 1, ("whales", "population")),
-    "PathOptimizer_Iterations": (int, 0, ("whales", "iterations")),
-    "PathOptimizer_a_Parameter": (float, 0, ("whales", "a")),
-    "PathOptimizer_b_Parameter": (float, -math.inf, ("whales", "b")),
-    "PathOptimizer_Shortness_Weight": (float, 0, ("shortness_weight",)),
-    "PathOptimizer_Collision_Free_Weight": (float, 0, ("collision_free_weight",)),
-    "PathOptimizer_Width_Bound": (float, 0, ("width_bound",)),
-    "PathOptimizer_Height_Bound": (float, 0, ("height_bound",)),
+# Each key of the file: its value in the figure, its least value, and where it goes in the
+# planner's settings.
+KEYS: Final[dict[str, tuple[Any, float, tuple[str, ...]]]] = {
+    "ReturnOnFirstPath": (True, 0, ("tree", "return_on_first_path")),
+    "RenderGraphics": (False, 0, ()),
+    "CreateVideo": (False, 0, ()),
+    "TestMode": (True, 0, ()),
+    "MapProcessor_Obstacles_Dilation": (3, 0, ()),
+    "MapProcessor_Epsilon": (0.02, 0, ()),
+    "MapProcessor_Map_Name": ("5", 0, ()),
+    "PathPlanner_Iterations": (10_000, 1, ("tree", "iterations")),
+    "PathPlanner_Step_Size": (1.0, 1e-3, ("tree", "step")),
+    "PathPlanner_Search_Radius": (1.5, 1e-3, ("tree", "search_radius")),
+    "PathPlanner_Goal_Threshold": (1.0, 0, ("tree", "goal_reach")),
+    "PathOptimizer_Population": (10, 1, ("whales", "population")),
+    "PathOptimizer_Iterations": (10, 0, ("whales", "iterations")),
+    "PathOptimizer_a_Parameter": (4.0, 0, ("whales", "a")),
+    "PathOptimizer_b_Parameter": (1.0, -math.inf, ("whales", "b")),
+    "PathOptimizer_Shortness_Weight": (10.0, 0, ("shortness_weight",)),
+    "PathOptimizer_Collision_Free_Weight": (1.0, 0, ("collision_free_weight",)),
+    "PathOptimizer_Width_Bound": (2.5, 0, ("width_bound",)),
+    "PathOptimizer_Height_Bound": (2.5, 0, ("height_bound",)),
 }
 KINDS: Final = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}
 PLANNERS_OF_FILE: Final = ("rrt_star", "rrt_star_woa_local", "rrt_star_woa_global")
@@ -54,7 +55,7 @@ class ThesisFile(NamedTuple):
 
     def value(self, key: str) -> Any:
         """The value of a key that is no setting of a planner; false, 0 or '' if it is missing."""
-        return self.values.get(key, KEYS[key][0]())
+        return self.values.get(key, type(KEYS[key][0])())
 
     def without_effect(self, planner: str, only_planner: bool = False) -> str:
         """Which keys of the file change nothing, and why, in one line; '' if each has an effect.
@@ -91,8 +92,30 @@ class ThesisFile(NamedTuple):
         return {"name": name, **{key: value for key, value in values.items() if key in names}}
 
 
+def _settings_of(values: Mapping[str, Any]) -> dict[str, Any]:
+    """The settings of the global variant for values of keys.
+
+    As the thesis's algorithms print them: no sample is the goal, of which its settings have no
+    share either, and the leader is overwritten in each iteration.
+    """
+    settings: dict[str, Any] = {"tree": {"goal_bias": 0.0}, "whales": {"leader": "latest"}}
+    for key, value in values.items():
+        *above, last = KEYS[key][2] or ("",)
+        if last:
+            place = settings
+            for part in above:
+                place = place.setdefault(part, {})
+            place[last] = value
+    return settings
+
+
+_VALUES = {key: value for key, (value, _, _) in KEYS.items()}
+# The figure itself; `make_planner(FIGURE_3_1.planner(name))` is one of the thesis's planners.
+FIGURE_3_1: Final = ThesisFile(Path("figure_3_1"), _settings_of(_VALUES), _VALUES)
+
+
 def _checked(key: str, value: Any, path: Path) -> Any:
-    kind, least, _ = KEYS[key]
+    kind, least = type(KEYS[key][0]), KEYS[key][1]
     numeric = isinstance(value, int | float) and not isinstance(value, bool)
     good = isinstance(value, kind) if kind in (bool, str) else numeric
     if kind is int and good:
@@ -121,20 +144,11 @@ def read_thesis(path: str | Path) -> ThesisFile:
     if not isinstance(data, Mapping):
         raise InputError(f"{path}: expected an object with keys, got {type(data).__name__}")
     values: dict[str, Any] = {}
-    # As its algorithms print them: no sample is the goal, of which its settings have no share
-    # either, and the leader is overwritten in each iteration.
-    settings: dict[str, Any] = {"tree": {"goal_bias": 0.0}, "whales": {"leader": "latest"}}
     for key, value in data.items():
         if key not in KEYS:
             raise InputError(f"{path}: {shorten(key)} is not a key; it has {', '.join(KEYS)}")
         values[key] = _checked(key, value, path)
-        *above, last = KEYS[key][2] or ("",)
-        if last:
-            place = settings
-            for part in above:
-                place = place.setdefault(part, {})
-            place[last] = values[key]
-    return ThesisFile(path, settings, values)
+    return ThesisFile(path, _settings_of(values), values)
 
 
 def without_trailing_commas(text: str) -> str:

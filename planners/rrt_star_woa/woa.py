@@ -1,7 +1,16 @@
-"""The whale optimization algorithm of Mirjalili and Lewis 2016, used by all our whale swarms.
+"""The whale optimization algorithm (WOA): equations (2.1) to (2.8) and algorithm 3 of the thesis.
 
-It has the two thresholds mu and lambda that the thesis adds (section 2.6). Steering, path
-optimization and control generation differ only in what a position means and costs.
+Mirjalili and Lewis 2016 have the thresholds 0.5 and 1 where the thesis (section 2.6) has the
+parameters mu and lambda. Steering, path shortening, control generation, the refinement of poses and
+the followers run this one loop by ask and tell; they differ in what a whale means and costs:
+
+    whales = new_whales(population, parameters, lower, upper)  # line 1
+    for t in range(parameters.iterations + 1):  # line 3
+        for i in range(len(population)):
+            tell(whales, i, cost(whales.population[i]))  # lines 2 and 14
+        if t < parameters.iterations:
+            move(whales, t / parameters.iterations, state)  # lines 4 to 13
+    return whales.leader  # line 16
 """
 
 from __future__ import annotations
@@ -9,8 +18,10 @@ from __future__ import annotations
 import math
 from typing import Any, Literal, NamedTuple
 
+import numpy as np
+
 from wheelchair_gym.arrays import Array
-from wheelchair_gym.compiled.kernel import borrowing_kernel
+from wheelchair_gym.compiled.kernel import absorbed_kernel, borrowing_kernel, kernel
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.random import Stream, next_uniform
 
@@ -24,56 +35,107 @@ class WhaleParameters(NamedTuple):
     b: float
     mu: float
     lam: float
-    latest: bool = False  # the leader is the best of the latest population
+    latest: bool = False  # the leader is the best whale of the latest population
+
+
+class Whales(NamedTuple):
+    """A swarm of k whales in d dimensions, between two calls of its user."""
+
+    population: Array  # (k, d) X
+    leader: Array  # (d,) X*
+    leader_cost: Array  # (1,) of it; infinite until a whale is told
+    c_range: Array  # (d,) bound of C: 2 in (2.4)
+    lower: Array  # (d,) bounds of the population
+    upper: Array  # (d,)
+    parameters: WhaleParameters
+
+
+@kernel
+def new_whales(
+    population: Array, parameters: WhaleParameters, lower: Array, upper: Array
+) -> Whales:
+    """Return a swarm at given positions (k, d), which it moves in place: line 1."""
+    d = population.shape[1]
+    leader, cost = population[0].copy(), np.full(1, np.inf)
+    return Whales(population, leader, cost, np.full(d, 2.0), lower, upper, parameters)
+
+
+@absorbed_kernel
+def tell(whales: Whales, i: int, cost: float) -> None:
+    """Make whale i the leader if it costs less than the leader: lines 2 and 14.
+
+    A user may stop to compute a cost that has reached `leader_cost`.
+    """
+    if cost < whales.leader_cost[0]:
+        whales.leader_cost[0] = cost
+        for j in range(whales.leader.shape[0]):
+            whales.leader[j] = whales.population[i, j]
+
+
+@absorbed_kernel
+def move(whales: Whales, progress: float, state: Stream) -> None:
+    """Move all whales once: lines 4 to 13. The progress of the run rises from 0 to 1.
+
+    Where the leader is the latest, as the thesis lists it, the next best whale overwrites it.
+    """
+    move_whales(
+        whales.population, whales.leader, whales.parameters, progress, whales.c_range, whales.lower,
+        whales.upper, state,
+    )  # fmt: skip
+    if whales.parameters.latest:
+        whales.leader_cost[0] = math.inf
 
 
 @borrowing_kernel
 def move_whales(
     population: Array,
-    best: Array,
-    moves: Any,
+    leader: Array,
+    parameters: Any,
     progress: float,
     c_range: Array,
     lower: Array,
     upper: Array,
     state: Stream,
 ) -> None:
-    """Move every whale once, in place: equations (2.1)-(2.8), then clip to the bounds (d,).
+    """Move every whale once, in place: equations (2.1) to (2.8), then clip to the bounds (d,).
 
     A whale draws one A and one p, which choose its move, and one C per coordinate. A and C are
-    independent draws, as in the original paper. `a` of the moves, `WhaleParameters` or
-    `MoveParameters`, bounds A; it falls to 0 with the progress of a run from 0 to 1. A whale with p
-    below `mu` encircles the best (d,), or, with |A| of at least `lam`, searches around another
-    whale; with p from `mu` on it spirals. C lies in [0, c_range] (d,): 2 in (2.4); P1 weights it by
-    occupancy.
+    independent draws, as in the original paper. The parameters are `WhaleParameters` or
+    `MoveParameters`.
     """
     k, d = population.shape
-    a, b, mu, lam = moves.a * (1.0 - progress), moves.b, moves.mu, moves.lam
+    a = parameters.a * (1.0 - progress)  # falls to 0: section 2.6.2 C
+    b, mu, lam = parameters.b, parameters.mu, parameters.lam
     for i in range(k):
         X = population[i]
         A = 2.0 * a * next_uniform(state) - a  # (2.3)
         p = next_uniform(state)
-        if p < mu:
-            towards = best
-            if abs(A) >= lam:
+        if p < mu:  # line 6
+            towards = leader
+            if abs(A) >= lam:  # line 9: search for prey
                 towards = population[int(next_uniform(state) * k)]
             for j in range(d):
                 C = c_range[j] * next_uniform(state)  # (2.4)
                 D = abs(C * towards[j] - X[j])  # (2.1), (2.7)
                 X[j] = towards[j] - A * D  # (2.2), (2.8)
-        else:
+        else:  # line 11: spiral
             phase = 2.0 * next_uniform(state) - 1.0  # l of (2.6)
             swirl = math.exp(b * phase) * math.cos(2.0 * math.pi * phase)
             for j in range(d):
-                X[j] = abs(best[j] - X[j]) * swirl + best[j]  # (2.5), (2.6)
-        for j in range(d):
+                X[j] = abs(leader[j] - X[j]) * swirl + leader[j]  # (2.5), (2.6)
+        for j in range(d):  # line 13
             X[j] = min(max(X[j], lower[j]), upper[j])
 
 
 @settings
 class WhaleMoves:
-    """The choice of a whale's moves."""
+    """The moves of whales, and the choice of their leader."""
 
+    leader: Literal["best", "latest"] = setting(
+        default="best", source="Mirjalili and Lewis 2016; the thesis's algorithms: latest"
+    )
+    """The leader: the best position of all populations so far, or of the latest one alone, which
+    can be worse than an earlier one. The result of a run is its last leader."""
     a: float = setting(default=2.0, low=0.0, source="Mirjalili and Lewis 2016")
     """Initial bound of the factor A; it falls to 0 over a run."""
     b: float = setting(default=1.0, source="Mirjalili and Lewis 2016; thesis, figure 3.1")
@@ -85,19 +147,8 @@ class WhaleMoves:
 
 
 @settings
-class LeaderChoice:
-    """The choice of the leader that whales swim to."""
-
-    leader: Literal["best", "latest"] = setting(
-        default="best", source="Mirjalili and Lewis 2016; the thesis's algorithms: latest"
-    )
-    """The leader: the best position of all populations so far, or of the latest one alone, which
-    can be worse than an earlier one. The result of a run is its last leader."""
-
-
-@settings
 class WhaleSettings(WhaleMoves):
-    """Size and duration of a whale swarm, and the choice of its moves."""
+    """Size and duration of a whale swarm, and its moves."""
 
     population: int = setting(default=10, low=1, source="thesis, figure 3.1")
     """Number of whales."""
@@ -107,12 +158,17 @@ class WhaleSettings(WhaleMoves):
     @property
     def parameters(self) -> WhaleParameters:
         """The settings as kernels take them."""
-        latest = isinstance(self, LeaderChoice) and self.leader == "latest"
         return WhaleParameters(
-            self.population, self.iterations, self.a, self.b, self.mu, self.lam, latest
-        )
+            self.population, self.iterations, self.a, self.b, self.mu, self.lam,
+            self.leader == "latest",
+        )  # fmt: skip
 
 
 @settings
-class LedWhales(WhaleSettings, LeaderChoice):
-    """A whale swarm with a choice of its leader."""
+class ShiftBounds:
+    """How far whales may shift a point."""
+
+    width_bound: float = setting(default=2.5, unit="m", low=0.0, source="thesis, figure 3.1")
+    """Largest shift of a point in x."""
+    height_bound: float = setting(default=2.5, unit="m", low=0.0, source="thesis, figure 3.1")
+    """Largest shift of a point in y."""

@@ -8,19 +8,16 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planners.collision.polygon_tests import SpaceArrays, edge_free
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.arrays import Array, Mask
 from wheelchair_gym.compiled.kernel import kernel
-
-Flags = NDArray[np.bool_]
 
 HALVINGS = 8  # of a blocked curve's tangents before it is straight: those of 1/256 bend invisibly
 
 
 @kernel
-def blocked_edges(arrays: SpaceArrays, path: Array) -> Flags:
+def blocked_edges(arrays: SpaceArrays, path: Array) -> Mask:
     """Which edges (n - 1,) of a path (n, 2) [m] are not free."""
     blocked = np.empty(path.shape[0] - 1, dtype=np.bool_)
     for k in range(path.shape[0] - 1):

@@ -179,14 +179,6 @@ MIN_FACTOR, MAX_FACTOR = 0.2, 0.8  # bounds of the differential weight F
 CROSSOVER_RATE = 0.2  # probability of a coordinate to come from the mutant (CR)
 
 
-def whale_moves(whales: Any) -> MoveParameters:
-    """The moves of whales as kernels take them."""
-    return MoveParameters(
-        WHALES, a=whales.a, b=whales.b, mu=whales.mu, lam=whales.lam,
-        latest_leader=whales.leader == "latest",
-    )  # fmt: skip
-
-
 @borrowing_kernel
 def next_inertia(swarm: Swarm, moves: MoveParameters, progress: float) -> float:
     """The inertia of the next move."""

@@ -1,4 +1,7 @@
-"""The planner `swarm`: an optimizer moves way points, and a curve leads through them."""
+"""The planner `swarm`: an optimizer moves way points, and a curve leads through them.
+
+P1's planner `rrt_woa` is one of its settings.
+"""
 
 from __future__ import annotations
 
@@ -10,21 +13,23 @@ import numpy as np
 
 from planners.problem import Plan, PlannerBase, Problem, Status, remaining
 from planners.registries import FIRST_PLANNERS, OBJECTIVES, SWARM_OPTIMIZERS
+from planners.rrt_star_woa.path_shortening import scatter_in_ellipses
+from planners.rrt_star_woa.woa import ShiftBounds
 from planners.smoothing.curves import POLYLINE, curve, curve_kind
 from planners.swarm.optimizers import MIN_POPULATION, new_swarm
-from planners.swarm.path_cost import PathProblem
+from planners.swarm.path_cost import PathProblem, Smooth
 from planners.swarm.peers import Mealpy
 from planners.swarm.search import (
     InitialSwarm,
     SearchResult,
-    ShiftBounds,
     blocked_legs,
     sample_along,
     scatter_bowed,
-    scatter_in_ellipses,
     search,
     split_legs,
 )
+from planners.swarm.settings import WoaModified
+from planners.trees.settings import Rrt
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.config import InputError, setting, settings
@@ -200,3 +205,45 @@ class SwarmPlanner(ShiftBounds, PlannerBase):
         if path is None:
             return Plan(Status.EXHAUSTED, counters=counters, timings=timings)
         return Plan(Status.SOLVED, without_repeats(path), first.tree, counters, timings)
+
+
+_P1 = "P1: Saleh, Borhan and Rahiman 2024"
+
+
+@settings
+class RrtWoa(PlannerBase):
+    """RRT, then whales whose C counts where the best path is free (P1).
+
+    The first whale is the RRT's path, the others are points drawn from 100 along it, in order.
+    """
+
+    tree: Rrt = setting(default=Rrt(), source=_P1)
+    """The tree search."""
+    whales: WoaModified = setting(default=WoaModified(), source=_P1 + " (17)-(19)")
+    """The whales."""
+    objective: Smooth = setting(default=Smooth(), source=_P1 + " (1)-(8)")
+    """The path cost."""
+    population: int = setting(
+        default=30, low=MIN_POPULATION, source="design choice: as swarm; not given in P1"
+    )
+    """Number of whales."""
+    iterations: int = setting(default=20, low=0, source=_P1)
+    """Moves of the swarm."""
+
+    @property
+    def swarm(self) -> SwarmPlanner:
+        """The same settings as those of the planner `swarm`."""
+        return SwarmPlanner(
+            optimizer=self.whales,
+            objective=self.objective,
+            curve="pchip",
+            population=self.population,
+            iterations=self.iterations,
+            cycle=20,
+            first=self.tree,
+            scatter="along",
+        )
+
+    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
+        """The valid curve of least cost of all that the whales tried."""
+        return self.swarm.solve(problem, rng, end)

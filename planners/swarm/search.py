@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from planners.collision.polygon_tests import SpaceArrays, point_free
 from planners.problem import begin
-from planners.rrt_star_woa.woa import LedWhales
-from planners.smoothing.curves import POLYLINE, sample_curve
+from planners.smoothing.curves import sample_curve
 from planners.smoothing.smooth import blocked_edges
 from planners.swarm.optimizers import (
     WHALES,
@@ -27,12 +26,9 @@ from planners.swarm.optimizers import (
     is_particle_move,
     move_particles,
     move_swarm,
-    new_swarm,
     store,
-    whale_moves,
 )
 from planners.swarm.path_cost import (
-    LengthFree,
     PathCost,
     PathProblem,
     Workspace,
@@ -43,10 +39,9 @@ from planners.swarm.path_cost import (
 )
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.clock import clock
-from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
-from wheelchair_gym.config import setting, settings
+from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.geometry import arc_lengths
-from wheelchair_gym.random import Stream, next_in_disc
+from wheelchair_gym.random import Stream
 
 
 class InitialSwarm(NamedTuple):
@@ -56,18 +51,6 @@ class InitialSwarm(NamedTuple):
     population: Array  # (k, d)
     lower: Array  # (d,) bounds of the positions
     upper: Array  # (d,)
-
-
-@kernel
-def scatter_in_ellipses(k: int, n: int, width: float, height: float, state: Stream) -> Array:
-    """Shifts (k, 2 n) [m] of n way points: none of the first path's, the others' in ellipses."""
-    population = np.zeros((k, 2 * n))
-    for j in range(n):
-        for i in range(1, k):
-            u, v = next_in_disc(state)
-            population[i, 2 * j] = u * width
-            population[i, 2 * j + 1] = v * height
-    return population
 
 
 def scatter_bowed(
@@ -253,54 +236,3 @@ def search(
         workspace.points,
         made,
     )
-
-
-@settings
-class ShiftBounds:
-    """How far a swarm may shift a point of a path."""
-
-    width_bound: float = setting(default=2.5, unit="m", low=0.0, source="thesis, figure 3.1")
-    """Largest shift of a point in x."""
-    height_bound: float = setting(default=2.5, unit="m", low=0.0, source="thesis, figure 3.1")
-    """Largest shift of a point in y."""
-
-
-@settings
-class PathShortening(LengthFree, ShiftBounds):
-    """A swarm of whales that shortens a path (thesis, section 2.8)."""
-
-    whales: LedWhales = setting(
-        default=LedWhales(population=30, iterations=100), source="thesis, figure 3.1"
-    )
-    """The swarm."""
-
-    def shorten(self, space: SpaceArrays, path: Array, state: Stream) -> Array:
-        """The shortest free path that the swarm finds near a free path (n, 2) [m].
-
-        Where the weights favour a path through a wall, the result is still the best free path. It
-        is never longer than the given path; with the latest leader it is the best of the last
-        population alone and may be longer.
-        """
-        found = self.answer(space, path, state)
-        return path if found is None or not len(found.line) else found.line
-
-    def answer(self, space: SpaceArrays, path: Array, state: Stream) -> SearchResult | None:
-        """How the search around a path (n, 2) [m] ended; None for a path of one edge.
-
-        A particle is the shifts of the inner points; the first is the path itself.
-        """
-        n, whales = len(path) - 2, self.whales
-        if n < 1:
-            return None
-        box = np.tile([self.width_bound, self.height_bound], n)
-        size = whales.population, n, self.width_bound, self.height_bound
-        anchors = np.ascontiguousarray(path[1:-1])
-        return search(
-            PathProblem(space, np.empty((0, 3)), path[0], path[-1], anchors, POLYLINE, False, 1),
-            self.path_cost,
-            whale_moves(whales),
-            new_swarm(scatter_in_ellipses(*size, state), -box, box),
-            whales.iterations,
-            max(1, whales.iterations),
-            state,
-        )

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import fields
 from typing import Any, ClassVar, Literal
 
-from planners.rrt_star_woa.woa import LeaderChoice, WhaleMoves
+from planners.rrt_star_woa.woa import WhaleMoves
 from planners.swarm import optimizers as kinds
-from planners.swarm.optimizers import MoveParameters, whale_moves
+from planners.swarm.optimizers import MoveParameters
 from wheelchair_gym.config import setting, settings
 
 _YARPIZ = "Yarpiz (program library)"
@@ -29,15 +29,14 @@ class Optimizer:
 
 
 @settings
-class Woa(WhaleMoves, LeaderChoice, Optimizer):
+class Woa(WhaleMoves, Optimizer):
     """Whales (Mirjalili and Lewis 2016), with the thesis's thresholds mu and lambda."""
-
-    moves = MoveParameters(kinds.WHALES)
 
     @property
     def parameters(self) -> MoveParameters:
         """The settings as kernels take them."""
-        return whale_moves(self)
+        latest, kind = self.leader == "latest", kinds.WHALES
+        return MoveParameters(kind, self.a, self.b, self.mu, self.lam, latest_leader=latest)
 
 
 @settings

@@ -1,8 +1,8 @@
-"""RRT*-WOA over poses: a tree of poses of the outline, and whales that refine its path.
+"""Trees of poses of the footprint: RRT-Connect finds the first path, and RRT* makes it cheaper.
 
-Steering turns in place, drives arcs and backs; what the outline sweeps is tested exactly; cost is
-time, increased near obstacles. The first path is of two trees that reach for each other
-(RRT-Connect); then come rounds of RRT*, of shortcuts, and of whales.
+The best path is a list of pieces of arcs, part of which can be replaced by cheaper ones. Steering
+turns in place, drives arcs and backs; what the footprint sweeps is tested exactly; cost is
+time, increased near obstacles.
 """
 
 from __future__ import annotations
@@ -13,30 +13,30 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.collision.connections import CONNECTIONS, connection, free_gap
-from planners.trees.pose_path import (
-    MAX_POSES,
-    MIN_GAIN,
-    Drive,
-    Path,
-    Whales,
+from planners.collision.pose_tests import free_gap
+from planners.steering import (
+    CAPACITY,
+    CONNECTIONS,
+    PIECE,
+    Parts,
+    SteeringContext,
     connect,
-    drive_stretch,
-    piece_count,
+    connection,
+    drive_parts,
+    first_pieces,
     quickest,
-    search_vias,
-    shortcut,
-    splice,
     switch,
     write_times,
 )
+from planners.trees.tree import NONE, remove_child, write_ancestors
 from wheelchair_gym.arrays import Array
-from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
+from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.geometry import wrap
 from wheelchair_gym.kinematics import arc_step
+from wheelchair_gym.maps.driving_cost import MotionCost
 from wheelchair_gym.random import Stream, next_uniform
 
-NONE: Final = -1  # no node
+MIN_GAIN = 1e-6  # s: smaller gains are rounding
 TURN_LENGTH = 0.5  # m per rad: distance of poses
 _BACK: Final = 1e6  # s: ways back are tried last
 _MOST_BACK: Final = 0.6  # m: longer ways back are tried in every third attempt only
@@ -44,14 +44,75 @@ _ATTEMPT: Final = 1000  # iterations after which new trees are grown
 ATTEMPTS: Final = 3  # trees that are grown after those of the first path
 MIN_ADVANCE = 0.05  # m: a blocked extension that comes less near to its target makes no node
 # Design choices:
+NODES = 10_000  # of a tree at most
 NEIGHBOURS: Final = 10  # nearest nodes that may become parents, or be rewired
 GUIDE_SHARE = 0.7  # of the samples, near the guide or near the path; the others are anywhere
 SPREAD = 0.3  # m: deviation of their distance from it
 TURN_SPREAD = 0.6  # rad: deviation of their heading
 REVERSED_SHARE = 0.05  # of the samples at the guide, which look back
-WINDOW: Final = 25  # pieces, 5 m: longest part of the path that local whales or a shortcut replace
-SHORTCUTS: Final = 16  # that a round tries
-SPACING: Final = 6  # pieces, 1.2 m: about the distance of the poses that whales move jointly
+
+
+class Path(NamedTuple):
+    """The best path so far: its pieces, then one of no length at its end."""
+
+    pieces: NDArray[Any]  # (CAPACITY,) PIECE
+    size: NDArray[np.int64]  # (1,): without the one at the end; 0: there is no path
+    cost: Array  # (1,) s
+    goal: Array  # (3,) x, y [m], yaw [rad], NaN if it is free
+
+
+def new_path(goal: Array) -> Path:
+    """No path yet, to a goal (2,) or (3,)."""
+    end = np.full(3, math.nan)
+    end[: len(goal)] = goal
+    return Path(np.zeros(CAPACITY, PIECE), np.zeros(1, np.int64), np.full(1, np.inf), end)
+
+
+@borrowing_kernel
+def kind_before(path: Path, i: int) -> int:
+    """The kind of motion before piece i; 0 at the start."""
+    return int(path.pieces[i - 1].kind) if i > 0 else 0
+
+
+@borrowing_kernel
+def kind_after(path: Path, j: int) -> int:
+    """The kind of motion of piece j; 0 at the end."""
+    return int(path.pieces[j].kind) if j < path.size[0] else 0
+
+
+@borrowing_kernel
+def window_cost(motion: MotionCost, path: Path, i: int, j: int) -> float:
+    """Cost [s] of the pieces from i to j, with the changes of kind at both ends."""
+    cost, before = 0.0, kind_before(path, i)
+    for k in range(i, j):
+        cost += path.pieces[k].cost + switch(motion, before, path.pieces[k].kind)
+        before = int(path.pieces[k].kind)
+    return cost + switch(motion, before, kind_after(path, j))
+
+
+@borrowing_kernel
+def splice(path: Path, motion: MotionCost, i: int, j: int, new: NDArray[Any], count: int) -> bool:
+    """Replace the pieces from i to j by so many new ones; false if there is no space for them."""
+    pieces, n = path.pieces, path.size[0]
+    more = count - (j - i)
+    if n + more + 1 >= pieces.shape[0]:
+        return False
+    if more > 0:
+        for k in range(n, j - 1, -1):
+            pieces[k + more] = pieces[k]
+    elif more < 0:
+        for k in range(j, n + 1):
+            pieces[k + more] = pieces[k]
+    for k in range(count):
+        pieces[i + k] = new[k]
+    path.size[0] = n + more
+    end = pieces[n + more]
+    if math.isnan(path.goal[2]) and n + more > 0:
+        last = pieces[n + more - 1]
+        end.yaw = last.yaw + last.turn
+    path.cost[0] = window_cost(motion, path, 0, n + more)
+    return True
+
 
 NODE = np.dtype(
     [
@@ -118,8 +179,14 @@ def nearest(tree: Tree, x: float, y: float, yaw: float) -> int:
 
 
 @borrowing_kernel
+def write_parts(node: Any, parts: Parts) -> None:
+    """Write the connection of a node from its parent."""
+    (node.a, node.s), (node.b, node.t), (_, node.u) = parts
+
+
+@borrowing_kernel
 def extend(
-    drive: Drive, tree: Tree, i: int, x: float, y: float, yaw: float, most_back: float
+    context: SteeringContext, tree: Tree, i: int, x: float, y: float, yaw: float, most_back: float
 ) -> tuple[int, bool]:
     """Extend a tree from a node towards a pose until blocked; the new node, and is it there?
 
@@ -129,30 +196,21 @@ def extend(
     node = tree.nodes[i]
     if tree.size[0] >= tree.nodes.shape[0]:
         return NONE, False
-    write_times(drive, node.x, node.y, node.yaw, 0, x, y, yaw, 0, tree.sign)
+    write_times(context, node.x, node.y, node.yaw, 0, x, y, yaw, 0, tree.sign)
     for kind in range(1 if tree.sign > 0.0 else 0, CONNECTIONS, 2):
-        drive.times[kind] += _BACK
+        context.times[kind] += _BACK
     best, chosen, share = pose_distance(node, x, y, yaw) - MIN_ADVANCE, NONE, 0
     while chosen == NONE or share >= 0:
-        kind = quickest(drive.times)
+        kind = quickest(context.times)
         if kind < 0:
             break
-        drive.times[kind] = math.inf
-        _, a, s, b, t, u = connection(kind, node.x, node.y, node.yaw, x, y, yaw)
-        if tree.sign * (a + b) < -most_back:
+        context.times[kind] = math.inf
+        _, parts = connection(kind, node.x, node.y, node.yaw, x, y, yaw)
+        if tree.sign * (parts[0][0] + parts[1][0]) < -most_back:
             continue
-        px, py, pyaw, total, free = node.x, node.y, node.yaw, 0, True
-        for part in range(3):
-            way, turn = (a, b, 0.0)[part], (s, t, u)[part]
-            count = piece_count(way, turn)
-            if count == 0:
-                continue
-            made, _ = drive_stretch(drive, px, py, pyaw, way, turn, drive.trial, 0, math.inf)
-            px, py, pyaw = arc_step(px, py, pyaw, way, turn, made / count)
-            total += made
-            free = made == count
-            if not free:
-                break
+        total, _, free, px, py, pyaw = drive_parts(
+            context, node.x, node.y, node.yaw, 0, parts, context.trial, 0, math.inf
+        )
         if free:
             chosen, share = kind, -1
         elif total > 0:
@@ -162,34 +220,18 @@ def extend(
                 best, chosen, share = gap, kind, total
     if chosen == NONE:
         return NONE, False
-    _, a, s, b, t, u = connection(chosen, node.x, node.y, node.yaw, x, y, yaw)
+    _, parts = connection(chosen, node.x, node.y, node.yaw, x, y, yaw)
     new = add_pose(tree, x, y, yaw, i)
     end = tree.nodes[new]
-    px, py, pyaw = node.x, node.y, node.yaw
-    for part in range(3):
-        way, turn = (a, b, 0.0)[part], (s, t, u)[part]
-        count = piece_count(way, turn)
-        if count > 0 and share >= 0:
-            left = min(count, share)
-            way, turn, share = way * left / count, turn * left / count, share - left
-        px, py, pyaw = arc_step(px, py, pyaw, way, turn, 1.0)
-        if part == 0:
-            end.a, end.s = way, turn
-        elif part == 1:
-            end.b, end.t = way, turn
-        else:
-            end.u = turn
     if share < 0:
+        write_parts(end, parts)
         return new, True
-    end.x, end.y, end.yaw = px, py, pyaw
+    parts = first_pieces(parts, share)
+    write_parts(end, parts)
+    end.x, end.y, end.yaw = node.x, node.y, node.yaw
+    for way, turn in parts:
+        end.x, end.y, end.yaw = arc_step(end.x, end.y, end.yaw, way, turn, 1.0)
     return new, False
-
-
-class Options(NamedTuple):
-    """Shares of the rounds, which add up to the last one: whales."""
-
-    tree: float
-    shortcuts: float
 
 
 RUN = np.dtype(
@@ -210,19 +252,40 @@ RUN = np.dtype(
 class Search(NamedTuple):
     """All that a search has."""
 
-    drive: Drive
+    context: SteeringContext
     start_tree: Tree
     goal_tree: Tree
     path: Path
-    whales: Whales
     guide: Array  # (n, 3) poses along the path of a point; none: (0, 3)
-    options: Options
     run: NDArray[Any]  # (1,) RUN
     pose: Array  # (3,): the last sample
     found: NDArray[np.int64]  # (neighbours,)
     bounds: Array  # (neighbours,) s
     chain: NDArray[np.int64]  # (capacity,)
-    none: Array  # (0,)
+
+
+def new_tree(roots: Array, sign: float) -> Tree:
+    """Return a tree of roots (n, 3)."""
+    tree = Tree(np.zeros(NODES, NODE), np.zeros(1, np.int64), sign)
+    for x, y, yaw in roots:
+        add_pose(tree, x, y, yaw, NONE)
+    return tree
+
+
+def new_search(
+    context: SteeringContext, start: Array, goal: Array, goals: Array, guide: Array
+) -> Search:
+    """Return a search that has not begun, from a start (3,) to a goal (2,) or (3,).
+
+    The goal's tree has the roots `goals` (n, 3), the poses there.
+    """
+    run = np.zeros(1, RUN)
+    run["synced"], run["goals"] = math.inf, len(goals)
+    return Search(
+        context, new_tree(start[None], 1.0), new_tree(goals, -1.0), new_path(goal), guide, run,
+        np.zeros(3), np.zeros(NEIGHBOURS, np.int64), np.zeros(NEIGHBOURS),
+        np.zeros(NODES + 1, np.int64),
+    )  # fmt: skip
 
 
 @borrowing_kernel
@@ -241,8 +304,8 @@ def sample(search: Search, state: Stream) -> bool:
 
     Near the guide, later near the path, or anywhere.
     """
-    drive, path, pose = search.drive, search.path, search.pose
-    box, guide = drive.near.box, search.guide
+    context, path, pose = search.context, search.path, search.pose
+    box, guide = context.near.box, search.guide
     for _ in range(_TRIES):
         near = next_uniform(state) < GUIDE_SHARE
         if near and path.size[0] > 0:
@@ -265,10 +328,10 @@ def sample(search: Search, state: Stream) -> bool:
             pose[1] += scale * SPREAD * next_normal(state)
             pose[2] = wrap(pose[2] + scale * TURN_SPREAD * next_normal(state))
         gap = free_gap(
-            drive.near, drive.motion, pose[0], pose[1], pose[2], 0.0, 0.0, drive.workspace,
-            drive.seen,
+            context.near, context.motion, pose[0], pose[1], pose[2], 0.0, 0.0, context.workspace,
+            context.seen,
         )  # fmt: skip
-        if gap >= drive.motion.margin:
+        if gap >= context.motion.margin:
             return True
     return False
 
@@ -277,19 +340,15 @@ def sample(search: Search, state: Stream) -> bool:
 def write_edge(
     search: Search, node: Any, backward: bool, x: float, y: float, yaw: float, count: int
 ) -> int:
-    """Append a node's connection, from a pose, to `drive.candidate`; the count, -1 if blocked."""
-    drive = search.drive
-    for k in range(3):
-        part = 2 - k if backward else k
-        way, turn = (node.a, node.b, 0.0)[part], (node.s, node.t, node.u)[part]
-        if backward:
-            way, turn = -way, -turn
-        made, _ = drive_stretch(drive, x, y, yaw, way, turn, drive.candidate, count, math.inf)
-        if made < piece_count(way, turn):
-            return -1
-        count += made
-        x, y, yaw = arc_step(x, y, yaw, way, turn, 1.0)
-    return count
+    """Append a node's connection, from a pose, to `context.candidate`; the count, -1 if blocked."""
+    parts = (node.a, node.s), (node.b, node.t), (0.0, node.u)
+    if backward:
+        parts = (0.0, -node.u), (-node.b, -node.t), (-node.a, -node.s)
+    context = search.context
+    made, _, free, _, _, _ = drive_parts(
+        context, x, y, yaw, 0, parts, context.candidate, count, math.inf
+    )
+    return count + made if free else -1
 
 
 @borrowing_kernel
@@ -299,12 +358,7 @@ def write_path(search: Search, node: int, twin: int) -> bool:
     False, and nothing is changed, where rounding finds it blocked or it costs more than the path.
     """
     tree, path, chain = search.start_tree, search.path, search.chain
-    n, i = 0, node
-    while i != NONE:
-        chain[n] = i
-        n += 1
-        i = int(tree.nodes[i].parent)
-    count = 0
+    n, count = write_ancestors(tree.nodes, node, chain), 0
     for k in range(n - 2, -1, -1):
         at = tree.nodes[chain[k + 1]]
         count = write_edge(search, tree.nodes[chain[k]], False, at.x, at.y, at.yaw, count)
@@ -320,7 +374,7 @@ def write_path(search: Search, node: int, twin: int) -> bool:
             if count < 0:
                 return False
         i = int(at.parent)
-    pieces, motion = search.drive.candidate, search.drive.motion
+    pieces, motion = search.context.candidate, search.context.motion
     cost, before = 0.0, 0
     for k in range(count):
         cost += pieces[k].cost + switch(motion, before, pieces[k].kind)
@@ -349,7 +403,7 @@ def grow(search: Search, state: Stream) -> None:
 
     Trees that do not meet soon are grown anew. Of the paths of some trees, the cheapest is refined.
     """
-    drive, run, pose = search.drive, search.run[0], search.pose
+    context, run, pose = search.context, search.run[0], search.pose
     if run.iteration - run.attempt_began >= _ATTEMPT:
         run.attempt, run.attempt_began = run.attempt + 1, run.iteration
         start_anew(search)
@@ -367,13 +421,13 @@ def grow(search: Search, state: Stream) -> None:
         return
     most_back = math.inf if run.attempt % 3 == 2 else _MOST_BACK
     near = nearest(one, pose[0], pose[1], pose[2])
-    new, _ = extend(drive, one, near, pose[0], pose[1], pose[2], most_back)
+    new, _ = extend(context, one, near, pose[0], pose[1], pose[2], most_back)
     if new == NONE:
         return
     x, y, yaw = one.nodes[new].x, one.nodes[new].y, one.nodes[new].yaw
     twin = nearest(other, x, y, yaw)
     while True:
-        reached, there = extend(drive, other, twin, x, y, yaw, most_back)
+        reached, there = extend(context, other, twin, x, y, yaw, most_back)
         if there:
             if not forward:
                 new, reached = reached, new
@@ -390,7 +444,7 @@ def grow(search: Search, state: Stream) -> None:
 @borrowing_kernel
 def update_costs(search: Search, i: int) -> None:
     """Compute the costs of a node and of all below it from its parent's."""
-    tree, motion, stack = search.start_tree, search.drive.motion, search.chain
+    tree, motion, stack = search.start_tree, search.context.motion, search.chain
     nodes = tree.nodes
     stack[0], height = i, 1
     while height > 0:
@@ -407,12 +461,12 @@ def update_costs(search: Search, i: int) -> None:
 
 @borrowing_kernel
 def write_connection(search: Search, i: int, kind: int, count: int, cost: float) -> None:
-    """Write a node's connection from its parent, whose pieces are in `drive.candidate`."""
-    tree, motion, pieces = search.start_tree, search.drive.motion, search.drive.candidate
+    """Write a node's connection from its parent, whose pieces are in `context.candidate`."""
+    tree, motion, pieces = search.start_tree, search.context.motion, search.context.candidate
     node = tree.nodes[i]
     above = tree.nodes[node.parent]
-    _, a, s, b, t, u = connection(kind, above.x, above.y, above.yaw, node.x, node.y, node.yaw)
-    node.a, node.s, node.b, node.t, node.u = a, s, b, t, u
+    _, parts = connection(kind, above.x, above.y, above.yaw, node.x, node.y, node.yaw)
+    write_parts(node, parts)
     node.first = pieces[0].kind if count > 0 else above.last
     node.last = pieces[count - 1].kind if count > 0 else above.last
     node.edge = cost - switch(motion, above.last, node.first)
@@ -420,16 +474,9 @@ def write_connection(search: Search, i: int, kind: int, count: int, cost: float)
 
 @borrowing_kernel
 def reconnect(search: Search, i: int, parent: int, kind: int, count: int, cost: float) -> None:
-    """Give a node another parent, by a connection whose pieces are in `drive.candidate`."""
+    """Give a node another parent, by a connection whose pieces are in `context.candidate`."""
     nodes = search.start_tree.nodes
-    old = int(nodes[i].parent)
-    if nodes[old].child == i:
-        nodes[old].child = nodes[i].sibling
-    else:
-        k = nodes[old].child
-        while nodes[k].sibling != i:
-            k = nodes[k].sibling
-        nodes[k].sibling = nodes[i].sibling
+    remove_child(nodes, i)
     nodes[i].parent, nodes[i].sibling = parent, nodes[parent].child
     nodes[parent].child = i
     write_connection(search, i, kind, count, cost)
@@ -441,7 +488,7 @@ def add_path(search: Search) -> None:
     """Add the path to the tree, a node where its curvature changes, so that it can be rewired."""
     tree, path, run = search.start_tree, search.path, search.run[0]
     run.synced = path.cost[0]
-    pieces, motion = path.pieces, search.drive.motion
+    pieces, motion = path.pieces, search.context.motion
     at, k, n = 0, 0, int(path.size[0])
     while k < n and tree.size[0] < tree.nodes.shape[0]:
         way, turn, edge, kind = 0.0, 0.0, 0.0, int(pieces[k].kind)
@@ -464,8 +511,8 @@ def add_path(search: Search) -> None:
 @borrowing_kernel
 def rewire(search: Search, state: Stream) -> None:
     """Add a sample to the tree below its best parent, and rewire its neighbours: RRT*."""
-    drive, tree, path, pose = search.drive, search.start_tree, search.path, search.pose
-    nodes, motion, candidate = tree.nodes, drive.motion, drive.candidate
+    context, tree, path, pose = search.context, search.start_tree, search.path, search.pose
+    nodes, motion, candidate = tree.nodes, context.motion, context.candidate
     if path.cost[0] < search.run[0].synced - MIN_GAIN:
         add_path(search)
     if tree.size[0] + 2 >= nodes.shape[0] or not sample(search, state):
@@ -489,7 +536,7 @@ def rewire(search: Search, state: Stream) -> None:
     for k in range(n):
         near = nodes[found[k]]
         bounds[k] = near.cost + write_times(
-            drive, near.x, near.y, near.yaw, near.last, x, y, yaw, 0, 1.0
+            context, near.x, near.y, near.yaw, near.last, x, y, yaw, 0, 1.0
         )
     best, parent = path.cost[0] - left, NONE
     new = add_pose(tree, x, y, yaw, NONE)
@@ -503,8 +550,9 @@ def rewire(search: Search, state: Stream) -> None:
         bounds[k] = math.inf
         near = nodes[found[k]]
         kind, count, cost = connect(
-            drive, near.x, near.y, near.yaw, near.last, x, y, yaw, 0, best - near.cost, candidate, 0
-        )
+            context, near.x, near.y, near.yaw, near.last, x, y, yaw, 0, best - near.cost,
+            candidate, 0,
+        )  # fmt: skip
         if kind >= 0:
             best, parent = near.cost + cost, int(found[k])
             nodes[new].parent = parent
@@ -525,13 +573,13 @@ def rewire(search: Search, state: Stream) -> None:
         if budget <= 0.0:
             continue
         kind, count, cost = connect(
-            drive, x, y, yaw, here.last, near.x, near.y, near.yaw, 0, budget, candidate, 0
+            context, x, y, yaw, here.last, near.x, near.y, near.yaw, 0, budget, candidate, 0
         )
         if kind >= 0:
             reconnect(search, i, new, kind, count, cost)
     budget = path.cost[0] - here.cost - MIN_GAIN
     kind, count, cost = connect(
-        drive, x, y, yaw, here.last, goal[0], goal[1], goal[2], 0, budget, candidate, 0
+        context, x, y, yaw, here.last, goal[0], goal[1], goal[2], 0, budget, candidate, 0
     )
     if kind >= 0:
         end = yaw if count == 0 else candidate[count - 1].yaw + candidate[count - 1].turn
@@ -545,47 +593,3 @@ def rewire(search: Search, state: Stream) -> None:
             cheapest, end_node = nodes[i].cost, i
     if end_node != NONE and write_path(search, end_node, NONE):
         search.run[0].synced = path.cost[0]
-
-
-@borrowing_kernel
-def refine(search: Search, state: Stream) -> None:
-    """One round: of RRT*, of shortcuts, or of whales, drawn by their shares."""
-    options, path, run = search.options, search.path, search.run[0]
-    drawn = next_uniform(state)
-    n = int(path.size[0])
-    if drawn < options.tree:
-        rewire(search, state)
-    elif drawn < options.shortcuts:
-        for _ in range(SHORTCUTS):
-            n = int(path.size[0])
-            i = int(next_uniform(state) * n)
-            j = min(n, i + 1 + int(next_uniform(state) * WINDOW))
-            shortcut(search.drive, path, search.none, i, j)
-    else:
-        span = 2 + int(next_uniform(state) * (WINDOW - 1))
-        i = int(next_uniform(state) * n)
-        j = min(n, i + span)
-        poses, turned = min(1, j - i - 1), 0.0
-        if path.pieces[i].kind == -1:  # back: what if the chair turned round?
-            while j < n and path.pieces[j].kind == -1 and next_uniform(state) < 0.95:
-                j += 1
-            poses = min(MAX_POSES, min(j - i - 1, 1 + (j - i) // SPACING))
-            turned = math.pi
-        if poses > 0:
-            run.local_evaluations += search_vias(
-                search.drive, path, search.whales, i, j, poses, turned, state
-            )
-
-
-@kernel
-def advance(search: Search, until: int, stop: bool, state: Stream) -> None:
-    """Run iterations until there have been so many, or, if it shall stop, until a first path."""
-    run = search.run[0]
-    while run.iteration < until:
-        if run.refining == 0:
-            grow(search, state)
-        else:
-            refine(search, state)
-        run.iteration += 1
-        if stop and run.first_path > 0:
-            return

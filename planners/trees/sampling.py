@@ -1,4 +1,4 @@
-"""The state of a tree search, where it samples, and the swarm that moves a sample (thesis)."""
+"""The state of a tree search, and where it samples."""
 
 from __future__ import annotations
 
@@ -8,14 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.collision.polygon_tests import (
-    SpaceArrays,
-    blocking_segment,
-    blocks,
-    point_free,
-    way_free,
-)
-from planners.rrt_star_woa.woa import WhaleParameters, move_whales
+from planners.collision.polygon_tests import SpaceArrays, point_free, way_free
 from planners.trees.tree import NONE, Tree, write_ancestors
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import absorbed_kernel, borrowing_kernel
@@ -26,9 +19,6 @@ _NEIGHBOURS = 256
 # m: a smaller gain rewires nothing, so that rounding cannot form a loop.
 MIN_GAIN = 1e-9
 CORNER_RADIUS = 1.0  # m: largest distance of a sample from its corner, about the width of a door
-# Costs of the steering swarm; the thesis gives none: above the length of any path, and below that.
-NODE_HIDDEN_COST = 1000.0  # if an obstacle hides the node to extend
-GOAL_HIDDEN_COST = 10.0  # if an obstacle hides the goal
 
 
 class Growth(NamedTuple):
@@ -56,7 +46,6 @@ class Growth(NamedTuple):
     corner_share: float = 0.0  # share of the samples near corners of obstacles
     in_strip: bool = False  # sample between the x of start and goal, wider as edges are blocked
     widening: float = 0.0  # m, by which each blocked edge widens the strip on each side
-    steer_by_swarm: bool = False  # steer by a whale swarm (thesis, algorithm 4)
 
 
 RUN = np.dtype(
@@ -109,31 +98,6 @@ def new_workspace(run: NDArray[Any], capacity: int) -> Workspace:
     )
 
 
-class SwarmBuffers(NamedTuple):
-    """Arrays of the steering swarm."""
-
-    positions: Array  # (k, 2) m, relative to the sample
-    best: Array  # (2,)
-    lower: Array  # (2,) bounds of the positions
-    upper: Array  # (2,)
-    c_range: Array  # (2,) of the factor C
-
-
-class SteeringCost(NamedTuple):
-    """Cost of a candidate point: weighted distances, and penalties for blocked lines of sight."""
-
-    width: float  # m, half the width of the search box around the sample
-    height: float  # m, half its height
-    goal_weight: float  # cost per metre from the goal, where one from the sample costs 1
-
-
-def new_buffers(swarm: WhaleParameters, steering: SteeringCost) -> SwarmBuffers:
-    """Arrays for a swarm of whales, with its bounds."""
-    upper = np.array([steering.width, steering.height])
-    positions = np.empty((swarm.population, 2))
-    return SwarmBuffers(positions, np.zeros(2), -upper, upper, np.full(2, 2.0))
-
-
 class TreeSearch(NamedTuple):
     """All state of a search: the problem, the options, and the trees."""
 
@@ -143,9 +107,6 @@ class TreeSearch(NamedTuple):
     start: Array  # (2,) m
     goal: Array  # (2,) m
     growth: Growth
-    swarm: WhaleParameters
-    steering: SteeringCost
-    buffers: SwarmBuffers
     workspace: Workspace
 
 
@@ -184,13 +145,9 @@ def sample_beacon(search: TreeSearch, tree: Tree, state: Stream) -> tuple[float,
     The run records the vertex. Informed trees redraw points that do not shorten the path between
     the two neighbours of the vertex. The log-uniform radius finds gains at every scale.
     """
-    growth, workspace, run, nodes = (
-        search.growth,
-        search.workspace,
-        search.workspace.run[0],
-        tree.nodes,
-    )
-    n = write_ancestors(tree, run.goal, workspace.chain)
+    growth, workspace, nodes = search.growth, search.workspace, tree.nodes
+    run = workspace.run[0]
+    n = write_ancestors(nodes, run.goal, workspace.chain)
     if n < 3:
         run.beacon = NONE
         return nodes[run.goal].x, nodes[run.goal].y
@@ -260,56 +217,3 @@ def sample(search: TreeSearch, tree: Tree, state: Stream) -> tuple[float, float]
         if detour < length and point_free(space, x, y):
             break
     return x, y
-
-
-@borrowing_kernel
-def find_blocker(space: SpaceArrays, ax: float, ay: float, bx: float, by: float, last: int) -> int:
-    """The segment that hides b from a (`blocking_segment`); the last one found is tested first."""
-    if last >= 0 and blocks(space.segments, space.before, last, ax, ay, bx, by):
-        return last
-    return blocking_segment(space, ax, ay, bx, by)
-
-
-@borrowing_kernel
-def steering_target(
-    search: TreeSearch, near_x: float, near_y: float, x: float, y: float, state: Stream
-) -> tuple[float, float]:
-    """The point of least cost that a swarm finds around a random sample (thesis, algorithm 4).
-
-    Positions are relative to the sample (x, y) [m], so that the map's origin has no influence.
-    """
-    space, swarm, steering, buffers = search.space, search.swarm, search.steering, search.buffers
-    goal_x, goal_y = search.goal
-    population, best = buffers.positions, buffers.best
-    best[0], best[1] = 0.0, 0.0
-    least, from_near, from_goal = np.inf, -1, -1  # the segments that hid a whale last
-    for i in range(swarm.population):
-        u, v = next_in_disc(state)
-        population[i, 0] = u * steering.width
-        population[i, 1] = v * steering.height
-    for t in range(swarm.iterations + 1):
-        if swarm.latest:
-            least = np.inf
-        for i in range(swarm.population):
-            u, v = population[i, 0], population[i, 1]
-            to_goal = math.sqrt((goal_x - x - u) ** 2 + (goal_y - y - v) ** 2)
-            cost = math.sqrt(u * u + v * v) + steering.goal_weight * to_goal
-            # Lines of sight are tested only while the whale can still be the best. The goal comes
-            # first: the segment that hides it from one whale hides it from most.
-            if cost < least:
-                hidden = find_blocker(space, goal_x, goal_y, x + u, y + v, from_goal)
-                if hidden != -1:
-                    cost, from_goal = cost + GOAL_HIDDEN_COST, hidden
-            if cost < least:
-                hidden = find_blocker(space, near_x, near_y, x + u, y + v, from_near)
-                if hidden != -1:
-                    cost, from_near = cost + NODE_HIDDEN_COST, hidden
-            if cost < least:
-                least = cost
-                best[0], best[1] = u, v
-        if t < swarm.iterations:
-            move_whales(
-                population, best, swarm, t / swarm.iterations, buffers.c_range, buffers.lower,
-                buffers.upper, state,
-            )  # fmt: skip
-    return x + best[0], y + best[1]

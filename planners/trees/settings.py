@@ -1,8 +1,7 @@
 """The tree planners as settings.
 
-RRT, RRT-Connect and RRT*; variants of RRT* from the literature (informed, smart, fixed nodes,
-limited, spline); the two whale variants of the thesis, local steering and global shortening; and
-P1's RRT with whales.
+RRT, RRT-Connect and RRT*; and variants of RRT* from the literature (informed, smart, fixed nodes,
+limited, spline). `planners.rrt_star_woa` has the variants of the thesis.
 """
 
 from __future__ import annotations
@@ -14,18 +13,11 @@ from dataclasses import replace
 import numpy as np
 
 from planners.problem import Plan, PlannerBase, Problem, Status
-from planners.rrt_star_woa.woa import LedWhales
 from planners.smoothing.smooth import hermite_path
-from planners.swarm.optimizers import MIN_POPULATION
-from planners.swarm.path_cost import Smooth
-from planners.swarm.planner import SwarmPlanner
-from planners.swarm.search import PathShortening, ShiftBounds
-from planners.swarm.settings import WoaModified
-from planners.trees.sampling import Growth, SteeringCost
+from planners.trees.sampling import Growth
 from planners.trees.tree_search import search
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.config import setting, settings
-from wheelchair_gym.random import stream
 
 _ROOMS = "design choice: rooms and doors of buildings"
 _MEASURED = "measured with the planner benchmark"
@@ -244,52 +236,6 @@ class RrtStarLimited(TreePlanner):
         return self.tree.growth._replace(in_strip=True, widening=self.widening)
 
 
-_FIGURE = "thesis, figure 3.1"
-
-
-@settings
-class RrtStarWoaLocal(ShiftBounds, PlannerBase):
-    """RRT* whose steering is a swarm of points (thesis, section 2.7 and algorithm 4).
-
-    Around each random sample, whales search the point to extend towards: near the sample and the
-    goal, visible from the node to extend, and, with less weight, with the goal in sight.
-    """
-
-    tree: RrtStar = setting(default=RrtStar(return_on_first_path=True), source=_FIGURE)
-    """The tree search."""
-    whales: LedWhales = setting(default=LedWhales(), source="thesis, figure 3.1")
-    """The swarm."""
-    goal_weight: float = setting(default=1.0, low=0.0, source="design choice")
-    """Cost of the distance from the goal, in multiples of that from the random sample."""
-
-    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
-        """The first path, or the best of all samples, as `tree` says."""
-        steering = SteeringCost(self.width_bound, self.height_bound, self.goal_weight)
-        growth = self.tree.growth._replace(steer_by_swarm=True)
-        return search(problem, rng, end, growth, self.whales.parameters, steering)
-
-
-@settings
-class RrtStarWoaGlobal(PathShortening, PlannerBase):
-    """RRT* whose path a swarm of paths then shortens (thesis, section 2.8 and algorithm 5)."""
-
-    tree: RrtStar = setting(default=RrtStar(return_on_first_path=True), source=_FIGURE)
-    """The tree search."""
-
-    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
-        """A free path, with the best leader never longer than that of the tree.
-
-        The deadline is that of the tree; the run of the swarm, some ms, follows in one piece.
-        """
-        began = clock()
-        plan = self.tree.solve(problem, rng, end)
-        if plan.status != Status.SOLVED:
-            return plan
-        tree_s = clock() - began
-        path = self.shorten(problem.free.arrays, plan.path, stream(rng))
-        return replace(plan, path=path, timings={"tree_s": tree_s})
-
-
 @settings
 class SplineRrtStar(PlannerBase):
     """Spline-RRT*: an RRT* path that is executed as a spline (Yu et al. 2018, with other splines).
@@ -319,45 +265,3 @@ class SplineRrtStar(PlannerBase):
         path, straight = hermite_path(problem.free.arrays, plan.path, self.tolerance)
         counters = {**plan.counters, "straight_legs": straight}
         return replace(plan, path=path, counters=counters, timings={"tree_s": tree_s})
-
-
-_P1 = "P1: Saleh, Borhan and Rahiman 2024"
-
-
-@settings
-class RrtWoa(PlannerBase):
-    """RRT, then whales whose C counts where the best path is free (P1).
-
-    The first whale is the RRT's path, the others are points drawn from 100 along it, in order.
-    """
-
-    tree: Rrt = setting(default=Rrt(), source=_P1)
-    """The tree search."""
-    whales: WoaModified = setting(default=WoaModified(), source=_P1 + " (17)-(19)")
-    """The whales."""
-    objective: Smooth = setting(default=Smooth(), source=_P1 + " (1)-(8)")
-    """The path cost."""
-    population: int = setting(
-        default=30, low=MIN_POPULATION, source="design choice: as swarm; not given in P1"
-    )
-    """Number of whales."""
-    iterations: int = setting(default=20, low=0, source=_P1)
-    """Moves of the swarm."""
-
-    @property
-    def swarm(self) -> SwarmPlanner:
-        """The same settings as those of the planner `swarm`."""
-        return SwarmPlanner(
-            optimizer=self.whales,
-            objective=self.objective,
-            curve="pchip",
-            population=self.population,
-            iterations=self.iterations,
-            cycle=20,
-            first=self.tree,
-            scatter="along",
-        )
-
-    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
-        """The valid curve of least cost of all that the whales tried."""
-        return self.swarm.solve(problem, rng, end)

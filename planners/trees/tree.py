@@ -144,9 +144,8 @@ def insert(tree: Tree, x: float, y: float, parent: int, edge: float) -> int:
 
 
 @borrowing_kernel
-def remove_child(tree: Tree, i: int) -> None:
-    """Remove node i from its parent's children."""
-    nodes = tree.nodes
+def remove_child(nodes: NDArray[Any], i: int) -> None:
+    """Remove node i from its parent's children, in a tree of any records."""
     parent = nodes[i].parent
     if nodes[parent].child == i:
         nodes[parent].child = nodes[i].sibling
@@ -161,7 +160,7 @@ def remove_child(tree: Tree, i: int) -> None:
 def remove_node(tree: Tree, i: int) -> None:
     """Remove a leaf other than the root; `place_node` may use its slot again."""
     nodes, heads, grid = tree.nodes, tree.heads, tree.grid[0]
-    remove_child(tree, i)
+    remove_child(nodes, i)
     col, row = cell_of(grid, nodes[i].x, nodes[i].y)
     cell = row * grid.cols + col
     if heads[cell] == i:
@@ -232,7 +231,7 @@ def change_parent(tree: Tree, i: int, parent: int, edge: float, stack: NDArray[n
     descendant of i. The stack is scratch memory for as many indices as the tree has nodes.
     """
     nodes = tree.nodes
-    remove_child(tree, i)
+    remove_child(nodes, i)
     add_child(tree, i, parent, edge)
     stack[0], height = i, 1
     while height > 0:
@@ -262,13 +261,13 @@ def edges(tree: Tree) -> Array:
 
 
 @borrowing_kernel
-def write_ancestors(tree: Tree, i: int, out: NDArray[np.int32]) -> int:
+def write_ancestors(nodes: NDArray[Any], i: int, out: NDArray[Any]) -> int:
     """Write node i and its ancestors up to the root; returns their number, at most `len(out)`."""
     n = 0
     while i != NONE and n < len(out):
         out[n] = i
         n += 1
-        i = tree.nodes[i].parent
+        i = nodes[i].parent
     return n
 
 

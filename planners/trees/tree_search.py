@@ -7,25 +7,22 @@ search itself, in chunks of iterations between which the clock is read. `samplin
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from planners.collision.polygon_tests import SpaceArrays, point_free
 from planners.problem import Plan, Problem, Status
-from planners.rrt_star_woa.woa import WhaleParameters
 from planners.trees.sampling import (
     MIN_GAIN,
     Growth,
-    SteeringCost,
     TreeSearch,
     Workspace,
     edge_is_free,
-    new_buffers,
     new_run,
     new_workspace,
     sample,
-    steering_target,
 )
 from planners.trees.tree import (
     NONE,
@@ -133,7 +130,7 @@ def shortcut_path(search: TreeSearch) -> None:
     """Join vertices of the best path where that shortens it; edges are tested exactly."""
     space, tree, workspace = search.space, search.start_tree, search.workspace
     nodes, run = tree.nodes, workspace.run[0]
-    n = write_ancestors(tree, run.goal, workspace.chain)
+    n = write_ancestors(nodes, run.goal, workspace.chain)
     for k in range(n - 3, -1, -1):
         i = workspace.chain[k]
         x, y = nodes[i].x, nodes[i].y
@@ -251,19 +248,25 @@ def add_node(
 
 @absorbed_kernel
 def extend(search: TreeSearch, tree: Tree, state: Stream) -> int:
-    """Draw a sample, steer towards it and add a node; NONE if that is blocked or cannot help."""
-    growth, workspace = search.growth, search.workspace
-    run = workspace.run[0]
+    """Draw a sample and extend a tree to it; NONE if that is blocked or cannot help."""
+    workspace = search.workspace
     x, y = sample(search, tree, state)
-    far = run.beacon == NONE
-    near = nearest(tree, x, y) if far else as_int(workspace.chain[run.beacon + 1])
+    beacon = workspace.run[0].beacon
+    near = nearest(tree, x, y) if beacon == NONE else as_int(workspace.chain[beacon + 1])
+    return extend_towards(search, tree, near, x, y, state)
+
+
+@absorbed_kernel
+def extend_towards(
+    search: TreeSearch, tree: Tree, near: int, x: float, y: float, state: Stream
+) -> int:
+    """Add a node at a point [m], or a step from the node `near` to it; NONE as in `extend`."""
+    growth, run = search.growth, search.workspace.run[0]
     near_x, near_y = tree.nodes[near].x, tree.nodes[near].y
-    if growth.steer_by_swarm:
-        x, y = steering_target(search, near_x, near_y, x, y, state)
     edge = math.hypot(x - near_x, y - near_y)
     if edge <= MIN_GAIN:
         return NONE
-    if far and edge > growth.step:
+    if run.beacon == NONE and edge > growth.step:
         x = near_x + (x - near_x) * growth.step / edge
         y = near_y + (y - near_y) * growth.step / edge
         edge = math.hypot(x - near_x, y - near_y)
@@ -292,13 +295,30 @@ def update_best_path(search: TreeSearch) -> None:
     run.done |= run.path_length <= apart * _STRAIGHT
 
 
+@borrowing_kernel
+def begin(search: TreeSearch) -> None:
+    """Plant the trees of a new search; the straight edge is the shortest path."""
+    start, goal, run = search.start, search.goal, search.workspace.run[0]
+    if run.iteration == 0:
+        insert(search.start_tree, start[0], start[1], NONE, 0.0)
+        insert(search.goal_tree, goal[0], goal[1], NONE, 0.0)
+        connect_goal(search, 0)
+        run.done = run.goal != NONE
+
+
 @absorbed_kernel
-def needs_capacity(search: TreeSearch) -> bool:
-    """Whether the arrays may be too small for another iteration."""
+def has_room(search: TreeSearch) -> bool:
+    """Return whether another iteration fits into the arrays; a search of full trees is done."""
     start_tree, goal_tree, growth = search.start_tree, search.goal_tree, search.growth
+    one, other = start_tree.grid[0].count, goal_tree.grid[0].count
+    if not growth.replace_leaves and max(one, other) >= growth.max_nodes:
+        search.workspace.run[0].done = True
+        return False
     # A branch of the goal tree may join the start tree.
-    both = start_tree.grid[0].count + goal_tree.grid[0].count + growth.reserve
-    return both > len(start_tree.nodes) or (growth.bidirectional and both > len(goal_tree.nodes))
+    both = one + other + growth.reserve
+    return both <= len(start_tree.nodes) and (
+        not growth.bidirectional or both <= len(goal_tree.nodes)
+    )
 
 
 @borrowing_kernel
@@ -309,22 +329,10 @@ def grow(search: TreeSearch, until: int, state: Stream) -> None:
     search, so that chunks of iterations and capacities do not change the result.
     """
     start_tree, goal_tree, growth = search.start_tree, search.goal_tree, search.growth
-    start, goal, run = search.start, search.goal, search.workspace.run[0]
-    if run.iteration == 0:  # the straight edge is the shortest path
-        insert(start_tree, start[0], start[1], NONE, 0.0)
-        insert(goal_tree, goal[0], goal[1], NONE, 0.0)
-        connect_goal(search, 0)
-        run.done = run.goal != NONE
-    while run.iteration < until and not run.done:
+    run = search.workspace.run[0]
+    begin(search)
+    while run.iteration < until and not run.done and has_room(search):
         tree, other = (goal_tree, start_tree) if run.from_goal else (start_tree, goal_tree)
-        if (
-            not growth.replace_leaves
-            and max(start_tree.grid[0].count, goal_tree.grid[0].count) >= growth.max_nodes
-        ):
-            run.done = True
-            break
-        if needs_capacity(search):
-            break
         run.iteration += 1
         new = extend(search, tree, state)
         if growth.bidirectional and run.first_path == NONE:
@@ -347,19 +355,17 @@ def grow(search: TreeSearch, until: int, state: Stream) -> None:
             update_best_path(search)
 
 
+# Grows the trees of a search to an iteration: `grow`, or a variant of it.
+Grow = Callable[[TreeSearch, int, Stream], None]
 # Capacity at first, and the factor by which it grows.
 _INITIAL_NODES, _CAPACITY_FACTOR = 256, 4
 # Iterations of the first chunk under a deadline, and the most of any.
 _FIRST_CHUNK, _MAX_CHUNK = 16, 4096
 # Target duration of a chunk: a share of the deadline, and at most so many seconds.
 _CHUNK_SHARE, _CHUNK_SECONDS = 0.02, 2e-3
-_NO_COST = SteeringCost(0.0, 0.0, 0.0)
-_NO_WHALES = WhaleParameters(1, 0, 0.0, 0.0, 0.0, 0.0)
 
 
-def new_search(
-    problem: Problem, growth: Growth, swarm: WhaleParameters, steering: SteeringCost
-) -> TreeSearch:
+def new_search(problem: Problem, growth: Growth) -> TreeSearch:
     """A search with small empty trees, which are enlarged when needed."""
     arrays = problem.free.arrays
     bounds = arrays.bounds.tolist()
@@ -373,9 +379,6 @@ def new_search(
         np.array(problem.start[:2], dtype=np.float64),
         np.array(problem.goal[:2], dtype=np.float64),
         growth,
-        swarm,
-        steering,
-        new_buffers(swarm, steering),
         new_workspace(new_run(bounds), growth.reserve + _INITIAL_NODES),
     )
 
@@ -390,7 +393,7 @@ def with_capacity(trees: TreeSearch, capacity: int) -> TreeSearch:
     )
 
 
-def grow_until(trees: TreeSearch, end: float, state: Stream) -> TreeSearch:
+def grow_until(trees: TreeSearch, end: float, state: Stream, grow: Grow) -> TreeSearch:
     """The search after all iterations, or at the time `end` [s], or when it is done.
 
     At least one chunk of iterations runs.
@@ -440,13 +443,7 @@ def to_plan(trees: TreeSearch) -> Plan:
 
 
 def search(
-    problem: Problem,
-    rng: np.random.Generator,
-    end: float,
-    growth: Growth,
-    swarm: WhaleParameters = _NO_WHALES,
-    steering: SteeringCost = _NO_COST,
+    problem: Problem, rng: np.random.Generator, end: float, growth: Growth, grow: Grow = grow
 ) -> Plan:
     """The plan found in all iterations of the options, or at the time `end` [s]."""
-    trees = new_search(problem, growth, swarm, steering)
-    return to_plan(grow_until(trees, end, stream(rng)))
+    return to_plan(grow_until(new_search(problem, growth), end, stream(rng), grow))

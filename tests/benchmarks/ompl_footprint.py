@@ -7,51 +7,33 @@ import math
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from planners.collision.connections import (
-    MIN_GAP,
-    fit_ends,
-    gaps_at,
-    goal_poses,
-    start_and_goal,
-)
 from planners.collision.footprint import sweeps
 from planners.collision.nearby import nearby
-from planners.problem import Plan, PlannerBase, Problem, Status
-from planners.trees.pose_path import (
-    LONGEST_PIECE,
-    Drive,
-    connect,
-    new_drive,
-    new_path,
-    poses_of_path,
-)
-from planners.trees.se2 import POSE_SPACING, Se2RrtStarWoa
+from planners.collision.pose_tests import FootprintPlanner, gaps_at, goal_poses, start_and_goal
+from planners.problem import Plan, Problem, Status
+from planners.steering import LONGEST_PIECE, SteeringContext, connect, new_context, poses_along
+from planners.trees.pose_tree import new_path
+from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.errors import InputError
-from wheelchair_gym.geometry import Footprint
-from wheelchair_gym.kinematics import Limits
-from wheelchair_gym.maps.driving_cost import DrivingCost
-
-Array = NDArray[np.float64]
 
 MODULES = "ompl.base", "ompl.geometric", "ompl.util"
 
 
 @kernel
 def connection_cost(
-    drive: Drive, x: float, y: float, yaw: float, tx: float, ty: float, tyaw: float
+    context: SteeringContext, x: float, y: float, yaw: float, tx: float, ty: float, tyaw: float
 ) -> tuple[int, float]:
-    """The cheapest free connection of two poses, in `drive.candidate`: its pieces and cost [s]."""
-    _, count, cost = connect(drive, x, y, yaw, 0, tx, ty, tyaw, 0, math.inf, drive.candidate, 0)
+    """Write the cheapest free connection of two poses; the number of its pieces and cost [s]."""
+    _, count, cost = connect(context, x, y, yaw, 0, tx, ty, tyaw, 0, math.inf, context.candidate, 0)
     return count, cost
 
 
 @settings
-class OmplFootprint(DrivingCost, PlannerBase):
+class OmplFootprint(FootprintPlanner):
     """A planner of OMPL in SE(2), for the chair's rectangle.
 
     OMPL searches; poses are connected, tested and charged for as in `se2_rrt_star_woa`: by
@@ -60,8 +42,6 @@ class OmplFootprint(DrivingCost, PlannerBase):
     """
 
     algorithm: Literal["RRTConnect", "RRTstar", "InformedRRTstar", "BITstar"] = "RRTstar"
-    footprint: Footprint = Footprint()
-    limits: Limits = Limits()
     sharpest_turn: float = setting(default=1.6, unit="1/m", low=0.1, source="se2_rrt_star_woa")
     """Greatest curvature of arcs; sharper turns are made in place."""
     range: float = setting(default=2.0, unit="m", low=0.01, source="design choice")
@@ -71,8 +51,6 @@ class OmplFootprint(DrivingCost, PlannerBase):
     limit: float = setting(default=10.0, unit="s", low=0.0, source="design choice")
     """Time limit of a call without a deadline."""
 
-    trivial = Se2RrtStarWoa.trivial
-
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """The cheapest path at the deadline, or the first path without one."""
         try:
@@ -81,13 +59,10 @@ class OmplFootprint(DrivingCost, PlannerBase):
             raise InputError("OMPL's planners need: pip install 'wheelchair_gym[peers]'") from None
         util.setLogLevel(util.LOG_NONE)
         near = nearby(problem.space, self.footprint.reach + LONGEST_PIECE + self.desired_clearance)
-        margin = max(MIN_GAP, problem.clearance - self.footprint.half_width)
-        status, motion = fit_ends(
-            problem, self.footprint, near, self.motion_cost(self.footprint, self.limits, margin)
-        )
+        status, motion = self.fit(problem, near)
         if status is not None:
             return Plan(status)
-        drive, work = new_drive(near, motion, self.sharpest_turn), sweeps(1)
+        context, work = new_context(near, motion, self.sharpest_turn), sweeps(1)
         known: dict[tuple[float, ...], float] = {}
 
         def cost(a: Any, b: Any) -> float:
@@ -96,7 +71,7 @@ class OmplFootprint(DrivingCost, PlannerBase):
             if ends not in known:
                 if len(known) > 100_000:
                     known.clear()
-                known[ends] = connection_cost(drive, *ends)[1]
+                known[ends] = connection_cost(context, *ends)[1]
             return known[ends]
 
         class Validator(base.MotionValidator):  # type: ignore[misc, name-defined]
@@ -152,7 +127,7 @@ class OmplFootprint(DrivingCost, PlannerBase):
         if not definition.hasExactSolution():
             return Plan(Status.EXHAUSTED)
         states = definition.getSolutionPath().getStates()
-        return Plan(Status.SOLVED, _poses(drive, np.array([_pose(state) for state in states])))
+        return Plan(Status.SOLVED, _poses(context, np.array([_pose(state) for state in states])))
 
 
 def _pose(state: Any) -> tuple[float, float, float]:
@@ -166,14 +141,14 @@ def _state(space: Any, pose: Array) -> Any:
     return state
 
 
-def _poses(drive: Drive, states: Array) -> Array:
+def _poses(context: SteeringContext, states: Array) -> Array:
     """The poses (n, 3) of the connections between states (m, 3)."""
     path = new_path(states[-1])
     for k in range(len(states) - 1):
-        count, _ = connection_cost(drive, *states[k], *states[k + 1])
+        count, _ = connection_cost(context, *states[k], *states[k + 1])
         at = int(path.size[0])
-        path.pieces[at : at + count] = drive.candidate[:count]
+        path.pieces[at : at + count] = context.candidate[:count]
         path.size[0] = at + count
     end = path.pieces[path.size[0]]
     end["x"], end["y"], end["yaw"] = states[-1]
-    return poses_of_path(path, POSE_SPACING)
+    return poses_along(path.pieces[: path.size[0] + 1])

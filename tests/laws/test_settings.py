@@ -11,6 +11,7 @@ import pytest
 from agents.control import FOLLOWERS
 from planners import PLANNERS, Problem, Space
 from planners.registries import OBJECTIVES, OPTIMIZERS
+from planners.rrt_star_woa.woa import WhaleMoves
 from tests.agents.control.test_tight_places import PATH as TIGHT_PATH
 from tests.agents.control.test_tight_places import ROOM as TIGHT_ROOM
 from tests.agents.control.test_tight_places import driven, manoeuvre
@@ -98,6 +99,21 @@ def idle_settings(name, cls, outcome):
             else:
                 idle[-1].add(key)
     return set.intersection(*idle)
+
+
+def test_every_user_of_the_whales_has_all_their_parameters():
+    """Each of them acts: see the laws below."""
+    users = {}
+    for registry in (PLANNERS, FOLLOWERS, OPTIMIZERS):
+        for name in registry:
+            keys = [key for key, *_ in leaves(registry.make(name)) if "whales." in key]
+            users |= {name: {key.split(".")[-1] for key in keys}} if keys else {}
+    assert users.keys() == {
+        "rrt_star_woa_local", "rrt_star_woa_global", "se2_rrt_star_woa", "rrt_woa", "woa_modified",
+        "controls", "whales", "woa",
+    }  # fmt: skip
+    moves = {field.name for field in dataclasses.fields(WhaleMoves)}
+    assert all(keys >= moves for keys in users.values())
 
 
 def plans(planner):

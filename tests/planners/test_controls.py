@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import shapely
 
-from planners.rrt_star_woa.control_generator import ControlGenerator, simplified
+from planners.rrt_star_woa.control_generator import ControlGenerator
 from planners.rrt_star_woa.rollout import STEP, rollout, time_to_cover
 from wheelchair_gym.geometry import Footprint, to_world
 from wheelchair_gym.kinematics import Limits
@@ -66,7 +66,9 @@ def test_a_path_is_driven_to_its_end(seed):
 def test_commands_reproduce_the_rollout_and_repeat():
     controls, again = (generate(ControlGenerator()) for _ in range(2))
     np.testing.assert_array_equal(controls.commands, again.commands)
-    poses, twists, times = rollout(controls.commands, START, np.zeros(2), LIMITS.record)
+    poses, twists, times = rollout(
+        controls.commands, START, np.zeros(2), LIMITS.record, LIMITS.turn
+    )
     np.testing.assert_array_equal(poses, controls.rollout)
     np.testing.assert_array_equal(twists, controls.twists)
     assert times[-1] == pytest.approx(controls.commands[:, 2].sum())
@@ -127,15 +129,8 @@ def test_a_chair_in_contact_is_not_called_free():
 @pytest.mark.parametrize("speed", [0.1, 0.8])
 def test_a_way_is_covered_from_rest_to_rest(amount, speed):
     a, d, j = LIMITS.acceleration, LIMITS.deceleration, LIMITS.jerk
-    commands = np.array([(speed, 0.0, time_to_cover(amount, speed, a, d, j, True)), (0, 0, 4.0)])
-    poses, _, _ = rollout(commands, START, np.zeros(2), LIMITS.record)
+    commands = np.array(
+        [(speed, 0.0, time_to_cover(amount, speed, a, d, j, True, 0.0)), (0, 0, 4.0)]
+    )
+    poses, _, _ = rollout(commands, START, np.zeros(2), LIMITS.record, LIMITS.turn)
     assert poses[-1, 0] == pytest.approx(amount, abs=3e-3)
-
-
-def test_simplified_paths_stay_near():
-    angles = np.linspace(0, 3, 200)
-    path = 4 * np.column_stack([np.cos(angles), np.sin(angles)])
-    fewer = simplified(path, 0.05)
-    assert len(fewer) < 20
-    line = shapely.LineString(fewer)
-    assert max(line.distance(shapely.Point(p)) for p in path) <= 0.05 + 1e-9

@@ -10,7 +10,7 @@ import pytest
 from planners import Status, make_planner
 from planners.collision.footprint import path_gap, stretch_between
 from planners.judge import plan_faults, sweep_faults
-from planners.trees.se2 import Se2RrtStarWoa
+from planners.rrt_star_woa.poses import Se2RrtStarWoa
 from tests.benchmarks.lattice import seconds
 from tests.planners.footprints import read
 from wheelchair_gym.config import dump

@@ -21,9 +21,8 @@ from planners.swarm.optimizers import (
     store,
 )
 from planners.swarm.path_cost import evaluate, new_workspace
-from planners.swarm.planner import SwarmPlanner
+from planners.swarm.planner import RrtWoa, SwarmPlanner
 from planners.swarm.search import sample_along, search
-from planners.trees.settings import RrtWoa
 from tests.planners.swarm_worlds import among_blocks, among_discs, nearest
 from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.config import InputError

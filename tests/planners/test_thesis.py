@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from dataclasses import replace
 
@@ -9,39 +10,17 @@ import pytest
 
 from planners import PLANNERS, make_planner
 from planners.rrt_star_woa.thesis import (
+    FIGURE_3_1,
     GLOBAL,
-    KEYS,
     PLANNERS_OF_FILE,
     is_thesis,
     read_thesis,
     without_trailing_commas,
 )
-from planners.rrt_star_woa.woa import LedWhales
-from tests.planners.test_trees import THESIS_TREE
+from planners.rrt_star_woa.woa import WhaleSettings
 from wheelchair_gym.config import InputError
 
-FIGURE = """{
-  "ReturnOnFirstPath": true, "RenderGraphics": false, "CreateVideo": false, "TestMode": true,
-
-  "MapProcessor_Obstacles_Dilation": 3,
-  "MapProcessor_Epsilon": 0.02,
-  "MapProcessor_Map_Name": "5",
-
-  "PathPlanner_Iterations": 10000,
-  "PathPlanner_Step_Size": 1.0,
-  "PathPlanner_Search_Radius": 1.5,
-  "PathPlanner_Goal_Threshold": 1.0,
-
-  "PathOptimizer_Population": 10,
-  "PathOptimizer_Iterations": 10,
-  "PathOptimizer_a_Parameter": 4.0,
-  "PathOptimizer_b_Parameter": 1.0,
-  "PathOptimizer_Shortness_Weight": 10.0,
-  "PathOptimizer_Collision_Free_Weight": 1.0,
-  "PathOptimizer_Width_Bound": 2.5,
-  "PathOptimizer_Height_Bound": 2.5,
-}
-"""
+FIGURE = json.dumps(dict(FIGURE_3_1.values), indent=2)[:-2] + ",\n}\n"
 
 
 @pytest.fixture
@@ -53,17 +32,23 @@ def figure(tmp_path):
 
 @pytest.mark.parametrize("name", PLANNERS_OF_FILE)
 def test_the_figure_makes_the_thesis_planners(figure, name):
-    whales = LedWhales(a=4.0, leader="latest")
+    """Its samples are never the goal, and its leader is the latest."""
+    tree = PLANNERS["rrt_star"](
+        step=1.0, search_radius=1.5, goal_bias=0.0, goal_reach=1.0, return_on_first_path=True
+    )
+    whales = WhaleSettings(a=4.0, leader="latest")
     weight = {"collision_free_weight": 1.0} if name == GLOBAL else {}
-    swarm = {"tree": THESIS_TREE, "whales": whales, **weight}
-    expected = THESIS_TREE if name == "rrt_star" else PLANNERS[name](**swarm)
-    assert make_planner(read_thesis(figure).planner(name)) == expected
+    swarm = {"tree": tree, "whales": whales, **weight}
+    expected = tree if name == "rrt_star" else PLANNERS[name](**swarm)
+    for file in (read_thesis(figure), FIGURE_3_1):
+        assert make_planner(file.planner(name)) == expected
 
 
 def test_the_figure_names_every_key_and_its_map(figure):
     file = read_thesis(figure)
-    assert set(file.values) == set(KEYS)
-    assert file.value("MapProcessor_Epsilon") == 0.02
+    assert file.values == FIGURE_3_1.values
+    keys = "Obstacles_Dilation", "Epsilon", "Map_Name"
+    assert [file.value(f"MapProcessor_{key}") for key in keys] == [3, 0.02, "5"]
     assert file.without_effect("rrt_star_woa_global") == (
         f"{figure}: without effect: TestMode: the thesis does not say what it does"
     )

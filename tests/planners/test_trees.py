@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import shapely
@@ -12,15 +10,12 @@ from planners import PLANNERS
 from planners.collision.space import Space
 from planners.judge import faults
 from planners.problem import Problem, Status
-from planners.rrt_star_woa.woa import LedWhales
 from planners.trees.settings import (
     InformedRrtStar,
     RrtStar,
     RrtStarFn,
     RrtStarLimited,
     RrtStarSmart,
-    RrtStarWoaGlobal,
-    RrtStarWoaLocal,
     SplineRrtStar,
 )
 from planners.trees.tree import (
@@ -34,20 +29,18 @@ from planners.trees.tree import (
     tree_with_capacity,
 )
 
-# Of the thesis's figure 3.1, whose samples are never the goal.
-THESIS_TREE = RrtStar(
-    step=1.0, search_radius=1.5, goal_bias=0.0, goal_reach=1.0, return_on_first_path=True
-)
 RECTANGLES = np.array([(4.0, 0.0, 5.0, 7.0), (7.0, 3.0, 8.0, 10.0), (1.0, 4.0, 3.0, 5.0)])
 # Over the first wall, under the second: (1, 1) (4, 7) (5, 7) (7, 3) (8, 3) (9, 9), but for the
 # block in the way, (3, 4).
 SHORTEST = np.hypot(2, 3) + np.hypot(1, 3) + 1.0 + np.hypot(2, 4) + 1.0 + np.hypot(1, 6)
 
 
-@pytest.fixture(scope="module")
-def problem():
+def walled():
     space = Space.from_rectangles(RECTANGLES, (0.0, 0.0, 10.0, 10.0))
     return Problem(space, np.array([1.0, 1.0]), np.array([9.0, 9.0]))
+
+
+problem = pytest.fixture(walled, scope="module", name="problem")
 
 
 def assert_free(problem, path):
@@ -91,59 +84,6 @@ def test_costs_follow_rewiring(problem):
     for point in plan.path[-3::-1]:
         node = parents[node]
         assert node == tuple(point)
-
-
-def test_the_latest_leader_may_be_longer_than_the_tree_path(problem):
-    """The thesis overwrites the leader: the result is the best of the last population, free."""
-    latest = RrtStarWoaGlobal(
-        tree=THESIS_TREE, whales=LedWhales(a=4.0, leader="latest"), collision_free_weight=1.0
-    )
-    best = replace(latest, whales=replace(latest.whales, leader="best"))
-    gains = []
-    for seed in range(12):
-        plan, kept = (s.plan(problem, np.random.default_rng(seed)) for s in (latest, best))
-        tree = latest.tree.plan(problem, np.random.default_rng(seed))
-        assert_free(problem, plan.path)
-        assert len(plan.path) == len(tree.path)
-        assert kept.length <= tree.length
-        gains.append(1 - plan.length / tree.length)
-    assert min(gains) < 0 < max(gains)
-
-
-_BEST = RrtStarWoaGlobal(tree=THESIS_TREE, collision_free_weight=1.0)
-
-
-@pytest.mark.parametrize("settings", [RrtStarWoaGlobal(), _BEST])
-def test_global_variant_never_lengthens_its_tree_path(settings, problem):
-    gains = []
-    for seed in range(8):
-        plan = settings.plan(problem, np.random.default_rng(seed))
-        tree = settings.tree.plan(problem, np.random.default_rng(seed))
-        assert_free(problem, plan.path)
-        gains.append(1 - plan.length / tree.length)
-    assert min(gains) >= 0
-    if settings.whales.iterations > 10:
-        assert np.mean(gains) > 0.005
-
-
-def test_local_variant_needs_fewer_nodes_for_a_shorter_path():
-    """On an open map whales lead to the goal, and a tree that follows samples fills the map.
-
-    With equal weights the sum of both distances is the same along the line to the goal.
-    """
-    towards_goal = RrtStarWoaLocal(tree=THESIS_TREE, goal_weight=2.0)
-    space = Space.from_rectangles(np.empty((0, 4)), (0.0, 0.0, 30.0, 30.0))
-    problem = Problem(space, np.array([2.0, 2.0]), np.array([28.0, 28.0]))
-    found = []
-    for seed in range(8):
-        local = towards_goal.plan(problem, np.random.default_rng(seed))
-        tree = THESIS_TREE.plan(problem, np.random.default_rng(seed))
-        assert_free(problem, local.path)
-        nodes = local.counters["nodes"], tree.counters["nodes"]
-        found.append((*nodes, local.length, tree.length))
-    local_nodes, tree_nodes, local_length, tree_length = np.mean(found, axis=0)
-    assert local_nodes < 0.9 * tree_nodes
-    assert local_length < tree_length
 
 
 def test_neighbours_are_those_of_brute_force_through_removal_and_more_room():
