@@ -408,7 +408,7 @@ class GeneratedControls:
             back = 0.0 if local_map.blind else min(CREEP, limits.backward)
             limits = replace(limits, backward=back)
             lever = math.hypot(chair.footprint.rear, chair.footprint.half_width)
-            generator = replace(generator, pivot=CREEP / lever)
+            generator = replace(generator, pivot=min(CREEP / lever, generator.pivot or math.inf))
         for margin in local_map.margins(generator.margin):
             for share in (1.0, 0.5) if generator.horizon is not None else (1.0,):
                 horizon = None if generator.horizon is None else share * generator.horizon

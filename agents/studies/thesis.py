@@ -129,8 +129,8 @@ def describe(made: Controls) -> str:
     if made.collision_free and made.arrived:
         return f"{len(made.commands)} commands arrive in {made.times[-1]:.1f} s, free of contact"
     return (
-        f"{len(made.commands)} commands end {made.error:.1f} m before the goal: the chair, "
-        f"{2 * Footprint().half_width:g} m wide, finds no way on along this path"
+        f"{len(made.commands)} commands end {made.error:.1f} m before the goal: the end of segment "
+        f"{made.reached + 1} of {made.segments} is missed by {made.missed:.2f} m"
     )
 
 

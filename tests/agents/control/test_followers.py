@@ -9,6 +9,7 @@ from agents.control import FOLLOWERS
 from agents.control.followers import Objective
 from agents.control.local_map import LocalMap, sampled_walls, voxel_means
 from agents.control.rollout import (
+    TURN_LENGTH,
     Body,
     LocalView,
     ReferencePath,
@@ -27,6 +28,8 @@ from wheelchair_gym.kinematics import Limits
 from wheelchair_gym.safety import Shield
 
 PLANNER = "a_star"
+SOUND = sorted(set(FOLLOWERS) - {"thesis"})  # random commands, as printed, need not arrive
+PROGRESS = 0.4  # share of a pure pursuit's: `controls` ends a turn in place before it drives on
 NOBODY = np.empty((0, 8))
 SURE = (1e-3, 0.0, 1e-4)  # variances of an actor that is known well
 
@@ -37,7 +40,7 @@ def body(v):
     return Body(state, state[[0, 2]], np.array([Limits().record]), Footprint().array)
 
 
-@pytest.mark.parametrize("follower", sorted(FOLLOWERS))
+@pytest.mark.parametrize("follower", SOUND)
 def test_followers_keep_to_the_middle_of_a_corridor(follower):
     grid = corridor()
     world = PaperWorld(grid, (1.0, 0.0, 0.2), (6.5, 0.0, 0.0))
@@ -52,11 +55,37 @@ def test_followers_keep_to_the_middle_of_a_corridor(follower):
     assert min(gaps) > 0.05
 
 
-@pytest.mark.parametrize("follower", sorted(FOLLOWERS))
+@pytest.mark.parametrize("follower", SOUND)
 def test_followers_turn_round_where_there_is_room(follower):
     world = PaperWorld(corridor(width=3.0), (4.0, 0.0, 3.0), (6.8, 0.0, 0.0))
     poses, _ = world.run(make_policy(f"{PLANNER}+{follower}"), 50.0)
     assert np.hypot(*(poses[-1][:2] - world.mission.goal[:2])) <= 0.2
+
+
+def progress(policy, width, start):
+    """Ways (n,) [m] that a policy has come along a hall, each 0.1 s; 1 rad of turning is 0.4 m."""
+    world = PaperWorld(corridor(10.0, width), start, (8.8, 0.0, 0.0))
+    poses, _ = world.run(make_policy(policy), 60.0)
+    turned = abs(start[2]) - np.abs(poses[:, 2])
+    return np.maximum.accumulate(poses[:, 0] - start[0] + TURN_LENGTH * turned)
+
+
+@pytest.mark.parametrize(("width", "yaw"), [(8.0, 2.5), (2.2, 1.2)])
+@pytest.mark.parametrize(
+    "planner", ["a_star", "rrt_star_woa_local", "rrt_star_woa_global", "lattice"]
+)
+@pytest.mark.parametrize("follower", SOUND)
+def test_progress_keeps_up_with_a_pure_pursuit(planner, follower, width, yaw):
+    """From each place on, over 10 s: a follower that brakes each turn that it begins fails."""
+    start = (1.2, 0.0, yaw)
+    way = progress(f"{planner}+{follower}", width, start)
+    best = progress(f"{planner}+pure_pursuit", width, start)
+    assert way[-1] > 7.2
+    for k in range(len(way) - 1):
+        later = min(k + 100, len(way) - 1)
+        there = int(np.searchsorted(best, way[k]))
+        expected = best[min(there + later - k, len(best) - 1)] - way[k]
+        assert way[later] - way[k] >= PROGRESS * expected - 0.1, k
 
 
 def test_random_policies_of_other_seeds_differ():
