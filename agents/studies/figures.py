@@ -316,6 +316,25 @@ def agreement_figures(r: Results) -> Figures:
     return {"agreement": figure}
 
 
+def gain_figures(r: Results) -> Figures:
+    """Gains over RRT* on each map and on all, over the evaluations of a swarm, and the ceiling."""
+    from agents.studies.gains import SHORTEST, gains
+
+    found = gains(r)
+    series = list(dict.fromkeys(row["series"] for row in found if row["series"]))
+    best = next(row["gain"] for row in found if row["row"] == SHORTEST)
+    figure, panels = new_panels(6.6, 3, 2)
+    for name, axes in zip(best, panels, strict=True):
+        for k, of in enumerate(series):
+            rows = [row for row in found if row["series"] == of]
+            error_bars(axes, [row["x"] for row in rows], [row["gain"][name] for row in rows], k, of)
+        axes.axhline(best[name][0], color=_GREY, linestyle=":", label="shortest path")
+        axes.set(title=name.replace("thesis_", "map "), xscale="log", ylabel="length [%]")
+    panels[-1].set_xlabel("evaluations of one swarm")
+    legend_above(figure, panels[0])
+    return {"gains": figure}
+
+
 FIGURES: Final[dict[str, Callable[..., Figures]]] = {
     "trend": trend_figures,
     "boxes": box_figures,
@@ -326,4 +345,5 @@ FIGURES: Final[dict[str, Callable[..., Figures]]] = {
     "discs": disc_figures,
     "rollouts": rollout_figures,
     "agreement": agreement_figures,
+    "gains": gain_figures,
 }
