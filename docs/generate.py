@@ -4,7 +4,7 @@
 
 - fragments, which the page of the environment includes: actions, observations, rewards, info;
 - the reference of settings, from the function behind `wheelchair settings --markdown`;
-- the names in every registry, and the claims of the studies;
+- the names in every registry;
 - the reference of the public modules, from their docstrings (Google style, Markdown inside).
 """
 
@@ -31,7 +31,6 @@ from agents.cli.lists import PARTS, all_settings, markdown, settings_rows
 from agents.control import FOLLOWERS
 from agents.evaluation.tables import markdown_table
 from agents.policies import POLICIES
-from agents.studies.runner import STUDIES
 from planners import OPTIMIZERS, PLANNERS
 from planners.registries import OBJECTIVES
 from wheelchair_gym.config import setting_docs
@@ -95,7 +94,6 @@ def write_pages(folder: Path) -> None:
         **{f"fragments/{name}.md": text for name, text in fragments().items()},
         **dict(settings_pages()),
         "fragments/names.md": names_page(),
-        "fragments/claims.md": claims_page(),
         **dict(module_pages()),
     }
     for path in folder.rglob("*.md"):
@@ -181,7 +179,7 @@ def _bound(values: Any) -> str:
     return ", ".join(distinct)
 
 
-# ---- settings, names, claims
+# ---- settings, names
 
 
 def settings_pages() -> Iterator[tuple[str, str]]:
@@ -222,23 +220,6 @@ def names_page() -> str:
             (f"`{name}`", f"`{cls.__name__}`", first_line(cls)) for name, cls in registry.items()
         ]
         text += f"\n## {title}\n\n{markdown_table(('name', 'class', 'what it is'), rows)}"
-    return text
-
-
-def claims_page() -> str:
-    """The studies and the claims that they test."""
-    text = (
-        "# Studies and their claims\n\n`wheelchair study NAME` repeats a study, prints our figures "
-        "beside the published ones, and prints a verdict on each of these claims.\n"
-    )
-    for study in STUDIES.values():
-        text += (
-            f"\n## `{study.name}`: {study.title}\n\nSource: {study.source}. {study.settings}\n\n"
-        )
-        text += markdown_table(
-            ("claim", "source"), [(claim.text, claim.source) for claim in study.claims]
-        )
-        text += "".join(f"\n{note}\n" for note in study.notes)
     return text
 
 

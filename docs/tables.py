@@ -9,10 +9,12 @@ from which intervals follow.
 
 from __future__ import annotations
 
+import csv
 import json
 import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,13 +30,24 @@ from agents.evaluation.metrics import WIDE, wilson  # noqa: E402
 from agents.evaluation.provenance import without_outputs, write_text  # noqa: E402
 from agents.evaluation.tables import markdown_table  # noqa: E402
 from agents.learning.weights import load_weights  # noqa: E402
+from agents.studies.evidence import ClaimVerdict  # noqa: E402
+from agents.studies.report import effect_text  # noqa: E402
+from agents.studies.runner import STUDIES  # noqa: E402
 from wheelchair_gym.config import InputError, read_json  # noqa: E402
 
 DATA = ROOT / "docs" / "results" / "data"
+VERDICTS = ROOT / "agents" / "data" / "verdicts.csv"
 WEIGHTS = ROOT / "agents" / "data" / "weights"
+# The pages of claims in docs/studies, and their studies.
+CHAPTERS = {
+    "claims_belalia_tables": " ".join(f"t1-3.{k}" for k in range(1, 14)),
+    "claims_belalia": "t1-budget t1-agreement t1-1.1 control",
+    "claims_saleh": "p1", "claims_larachi": "t2", "claims_al_nayar": "p2", "claims_singh": "r1",
+}  # fmt: skip
 PAGES = (
     "README.md", "docs/results/index.md", "docs/how_to/learning.md", "docs/studies/index.md",
-    "docs/concepts/assisted_driving.md",
+    "docs/concepts/assisted_driving.md", "docs/studies/claims.md",
+    *(f"docs/studies/{name}.md" for name in CHAPTERS),
 )  # fmt: skip
 _PART = re.compile(r"(<!-- figures: (\w+) -->\n).*?(<!-- end -->\n)", re.S)
 
@@ -326,14 +339,59 @@ def measured() -> str:
     ))  # fmt: skip
 
 
+def verdicts() -> list[dict[str, Any]]:
+    """The verdicts of the claims of all studies."""
+    figures = "printed", "effect", "low", "high", "margin"
+    rows = csv.DictReader(VERDICTS.read_text(encoding="utf-8").splitlines())
+    return [row | {k: float(row[k]) if row[k] else None for k in figures} for row in rows]
+
+
+def counts(rows: Sequence[Row]) -> list[int]:
+    """The number of claims that hold, that do not, and that cannot be decided."""
+    found = [row["verdict"] for row in rows]
+    return [found.count(verdict) for verdict in ClaimVerdict]
+
+
 def claims() -> str:
     """How many claims of the sources hold."""
-    count = results("studies")
-    total = sum(count[key] for key in ("hold", "fail", "open"))
+    hold, fail, undecided = counts(verdicts())
     return (
-        f"Of the {total} claims in the five publications that the planners come from, "
-        f"{count['hold']} hold, {count['fail']} do not, and {count['open']} cannot be decided.\n"
+        f"Of the {hold + fail + undecided} claims in the five publications that the planners come "
+        f"from, {hold} hold, {fail} do not, and {undecided} cannot be decided.\n"
     )
+
+
+def verdicts_by_study() -> str:
+    """The number of verdicts of each study, with a link to its claims."""
+    rows = [
+        (f"[`{name}`]({page}.md)", STUDIES[name].title, *counts(of))
+        for page, names in CHAPTERS.items()
+        for name in names.split()
+        for of in [[row for row in verdicts() if row["study"] == name]]
+    ]
+    return markdown_table(("study", "subject", *ClaimVerdict), rows, (False, False, *3 * (True,)))
+
+
+def chapter(names: str) -> str:
+    """The claims of studies with their verdicts."""
+    text = ""
+    headings = ("claim", "place", "other reading", "printed [%]", "margin [%]",
+                "ours (95 % interval)", "verdict")  # fmt: skip
+    for name in names.split():
+        study, rows = STUDIES[name], [row for row in verdicts() if row["study"] == name]
+        lines = [
+            (row["claim"], row["source"], row["reading"].replace(study.reading, ""),
+             *("" if row[k] is None else f"{row[k]:.3g}" for k in ("printed", "margin")),
+             effect_text(row), row["verdict"])
+            for row in rows
+        ]  # fmt: skip
+        text += (
+            f"\n## `{name}`: {study.title}\n\n{study.source}. {study.settings} Reading: "
+            f"{study.reading}.\n\n`{rows[0]['command']}`\n\n"
+            f"{markdown_table(headings, lines, (False,) * 3 + (True,) * 3 + (False,))}"
+        )
+        text += "".join(f"\n{note}\n" for note in study.notes)
+    return text
 
 
 def agreement() -> str:
@@ -482,8 +540,10 @@ def skills_pairs() -> str:
 FIGURES: dict[str, Callable[[], str]] = {
     function.__name__: function
     for function in (planned, barn_60, league, league_pairs, speed, measured, claims, agreement,
-                     learned, docking, skills_drivers, skills_courses, skills_pairs, sources)
+                     learned, docking, skills_drivers, skills_courses, skills_pairs, sources,
+                     verdicts_by_study)
 }  # fmt: skip
+FIGURES |= {name: partial(chapter, names) for name, names in CHAPTERS.items()}
 
 
 def filled(text: str, page: str) -> str:
