@@ -89,24 +89,24 @@ def draw_plan(
         floor.write_caption(picture, caption)
         return picture.image
     dashes: Entry = ("shortest", lambda on, at: on.dashes(at, palette.OPTIMUM, _OPTIMUM))
-    driven = line("roll-out", palette.TRAIL, _ROLLOUT)
     entries: list[tuple[object, Entry]] = [
         (True, ("start", lambda on, at: floor.draw_start(on, at.mean(axis=0)))),
         (True, ("goal", lambda on, at: _mark_goal(on, at.mean(axis=0)))),
-        (path is not None and len(np.asarray(path)), line("path", path_colour, _PATH)),
-        (
-            rollout is not None and len(np.asarray(rollout)),
-            line("roll-out", palette.TRAIL, _ROLLOUT),
-        ),
+        (_any(path), line("path", path_colour, _PATH)),
+        (_any(rollout), line("roll-out", palette.TRAIL, _ROLLOUT)),
         (len(inflated), line("solid", palette.SOLID, 2 * _PATH)),
         (len(inflated), line("dilated", palette.MAPPED, 2 * _PATH)),
         (optimum is not None, dashes),
-        (tree is not None and len(np.asarray(tree)), line("tree", palette.TREE, 2 * _TREE)),
+        (_any(tree), line("tree", palette.TREE, 2 * _TREE)),
         (raw is not None, line("path of the tree", palette.TREE, _RAW)),
         *((True, entry) for entry in {of[0]: _member(*of) for of in swarm}.values()),
         (len(outlines), line("footprint", palette.OUTLINE, 2 * _OUTLINE)),
     ]
     return with_legend(picture.image, [entry for drawn, entry in entries if drawn], caption)
+
+
+def _any(drawn: ArrayLike | None) -> bool:
+    return drawn is not None and np.size(drawn) > 0
 
 
 def _member(words: str, colour: palette.Colour, where: ArrayLike) -> Entry:
