@@ -7,10 +7,18 @@ import pytest
 import shapely
 
 from agents.studies.experiments import problem_of
-from agents.studies.whales import SIGHT, paths_of_whales, points_of_whales
+from agents.studies.whales import paths_of_whales, points_of_whales
 from planners import make_planner
+from wheelchair_gym.rendering import palette
 
 TREE = {"step": 1.0, "search_radius": 1.5, "goal_reach": 1.0, "return_on_first_path": True}
+# By whether a whale sees the node and the goal: the thesis, below figure 2.6.
+COLOURS = {
+    (False, False): ("sees neither", palette.VERMILION),
+    (True, False): ("sees the node", palette.BLUE),
+    (False, True): ("sees the goal", palette.ORANGE),
+    (True, True): ("sees both", palette.GREEN),
+}
 
 
 def crosses(problem, line):
@@ -50,7 +58,7 @@ def test_whales_around_a_sample_have_the_colour_of_what_they_see(seed):
         costs = []
         for words, colour, ((x, y),) in whales:
             sees = tuple(not crosses(problem, [(x, y), end]) for end in (node, problem.goal[:2]))
-            assert (words, colour) == SIGHT[sees]
+            assert (words, colour) == COLOURS[sees]
             assert np.all(np.abs((x, y) - sample) <= (2.0 + 1e-9, 1.0 + 1e-9))
             way = np.hypot(*((x, y) - sample)) + np.hypot(*((x, y) - problem.goal[:2]))
             costs.append(way + 1000.0 * (not sees[0]) + 10.0 * (not sees[1]))
