@@ -24,6 +24,7 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
+import yaml
 from sphinx.util.inspect import stringify_signature
 
 from agents.assistance import ASSISTANTS
@@ -45,36 +46,7 @@ from wheelchair_gym.task.observations import OBSERVATION_KEYS
 from wheelchair_gym.task.rewards import RewardWeights
 
 # Public modules, by package.
-MODULES = {
-    "wheelchair_gym": """
-        envs types config registry geometry kinematics random maps scenes scenes.map_file
-        scenes.skill sensors.settings sensors.laser sensors.ultrasonic
-        physics.settings physics.chair physics.actors.records task.settings task.observations
-        task.rewards task.task
-        safety.shield safety.settings safety.stops tracking.tracker
-        localization.monte_carlo localization.slam localization.occupancy
-        localization.localized_chair hardware.registry hardware.settings hardware.chair
-        hardware.ros.settings hardware.twin.plant hardware.twin.lockstep
-        hardware.twin.inprocess hardware.twin.faults drivers drivers.settings drivers.people
-        recording.record recording.replay recording.sink rendering rendering.video
-        compiled.kernel compiled.address errors
-    """,
-    "planners": """
-        problem registries collision.space judge problem_files
-        controls.generator swarm.search swarm.path_cost
-    """,
-    "agents": """
-        assistance assistance.assistant policies policies.planned policies.learned
-        policies.explore control control.followers control.whales deploy watch
-        person person.stick person.drive person.replay person.recorded_stick person.fit_driver
-        person.fit_tremor
-        evaluation.evaluate evaluation.compare evaluation.metrics evaluation.report
-        evaluation.tuning learning.sb3 learning.settings learning.run
-        learning.weights learning.export studies.model studies.evidence participants
-        participants.protocol participants.session participants.report
-        benchmarks.environments benchmarks.planner_benchmark benchmarks.scene_statistics
-    """,
-}
+MODULES = yaml.safe_load(Path(__file__).with_name("modules.yaml").read_text(encoding="utf-8"))
 # Compiled functions are internal, but for those of these modules.
 KERNELS = ("wheelchair_gym.geometry", "wheelchair_gym.kinematics", "wheelchair_gym.random")
 
@@ -234,7 +206,7 @@ def first_line(thing: Any) -> str:
 def module_pages() -> Iterator[tuple[str, str]]:
     """A page for each public module, and one for each package that lists them."""
     for package, names in MODULES.items():
-        modules = [importlib.import_module(f"{package}.{name}") for name in names.split()]
+        modules = [importlib.import_module(f"{package}.{name}") for name in names]
         rows = [(f"[{m.__name__}]({m.__name__}.md)", first_line(m)) for m in modules]
         tree = "\n".join(f"{m.__name__.partition('.')[2]} <{m.__name__}>" for m in modules)
         yield (

@@ -317,22 +317,29 @@ def agreement_figures(r: Results) -> Figures:
 
 
 def gain_figures(r: Results) -> Figures:
-    """Gains over RRT* on each map and on all, over the evaluations of a swarm, and the ceiling."""
-    from agents.studies.gains import SHORTEST, gains
+    """T1: what more whales gain over RRT*, by map."""
+    from agents.studies.gains import gains
 
-    found = gains(r)
-    series = list(dict.fromkeys(row["series"] for row in found if row["series"]))
-    best = next(row["gain"] for row in found if row["row"] == SHORTEST)
-    figure, panels = new_panels(6.6, 3, 2)
+    return {"gains": gain_figure(gains(r))}
+
+
+def gain_figure(rows: Sequence[Mapping[str, Any]]) -> Figure:
+    """Gains over RRT* on each map and on all, over the evaluations of a swarm, and the ceiling."""
+    from agents.studies.gains import SHORTEST
+
+    series = list(dict.fromkeys(row["series"] for row in rows if row["series"]))
+    best = next(row["gain"] for row in rows if row["row"] == SHORTEST)
+    figure, panels = new_panels(7.0, 3, 2)
     for name, axes in zip(best, panels, strict=True):
         for k, of in enumerate(series):
-            rows = [row for row in found if row["series"] == of]
-            error_bars(axes, [row["x"] for row in rows], [row["gain"][name] for row in rows], k, of)
+            line = [row for row in rows if row["series"] == of]
+            error_bars(axes, [row["x"] for row in line], [row["gain"][name] for row in line], k, of)
         axes.axhline(best[name][0], color=_GREY, linestyle=":", label="shortest path")
         axes.set(title=name.replace("thesis_", "map "), xscale="log", ylabel="length [%]")
-    panels[-1].set_xlabel("evaluations of one swarm")
+    for axes in panels[-2:]:
+        axes.set_xlabel("evaluations of one swarm")
     legend_above(figure, panels[0])
-    return {"gains": figure}
+    return figure
 
 
 FIGURES: Final[dict[str, Callable[..., Figures]]] = {
