@@ -405,7 +405,7 @@ def gain() -> str:
         return f"{middle:+.1f} ({low:+.1f} to {high:+.1f})" if low < high else f"{middle:+.1f}"
 
     rows = [
-        (row["row"], f"{1e3 * row['time_s']:,.3g}", change(*gains.pop("all maps")),
+        (row["row"], f"{1e3 * row['time_s']:,.1f}", change(*gains.pop("all maps")),
          *(f"{of[0]:+.1f}" for of in gains.values()))
         for row in found["rows"] for gains in [dict(row["gain"])]
     ]  # fmt: skip

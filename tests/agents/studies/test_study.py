@@ -166,4 +166,4 @@ def test_a_page_says_its_verdicts_first_and_needs_no_other_file(tmp_path, capsys
     for row in result["rows"][:9]:
         assert row["figures"]["length_m"]["published"] > 0
     assert f"{CLAIMS} claims" in result["provenance"]["judged together"]
-    assert len(list((tmp_path / "figures").glob("t2-*.png"))) == 2
+    assert len(list((tmp_path / "figures").glob("t2-*.png"))) == 3
