@@ -228,10 +228,8 @@ def push_out_of_discs(
     """
     inside = 0
     for i in range(problem.anchors.shape[0]):
-        x, y = (
-            problem.anchors[i, 0] + position[2 * i],
-            problem.anchors[i, 1] + position[2 * i + 1],
-        )
+        x = problem.anchors[i, 0] + position[2 * i]
+        y = problem.anchors[i, 1] + position[2 * i + 1]
         dx, dy = 0.0, 0.0
         for k in range(problem.discs.shape[0]):
             ux, uy = x - problem.discs[k, 0], y - problem.discs[k, 1]
