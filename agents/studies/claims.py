@@ -86,6 +86,8 @@ class Claim:
         if self.metric not in study.margins or self.test in _AGREEMENT or self.low is not None:
             return None
         margin, printed = study.margins[self.metric], abs(self.printed_effect(study))
+        if self.test == "spread_below":
+            margin = evidence.SPREAD_MARGIN
         if math.isnan(printed):
             return margin
         return max(margin, printed) if self.test in ("level", "between") else min(margin, printed)

@@ -334,6 +334,9 @@ def median_interval(values: Array) -> tuple[float, float, float]:
     return float(np.median(ordered)), float(low), float(high)
 
 
+SPREAD_MARGIN = 0.05  # part of a scatter that counts as none
+
+
 def spread_below(a: Sample, b: Sample, negligible: float, text: str) -> Evidence:
     """Evidence for 'a scatters less than b': distances from medians of strata (Brown-Forsythe).
 
