@@ -93,7 +93,6 @@ docs: $(READY)
 
 films: $(READY)
 	$(BIN)/python docs/films.py
-	$(BIN)/python docs/skills.py
 
 emulator:
 	@command -v apt-get >/dev/null || { echo "make emulator knows Debian and its kin only;" \

@@ -4,7 +4,7 @@
 
 - fragments, which the page of the environment includes: actions, observations, rewards, info;
 - the reference of settings, from the function behind `wheelchair settings --markdown`;
-- the names in every registry, and the claims of the studies;
+- the names in every registry;
 - the reference of the public modules, from their docstrings (Google style, Markdown inside).
 """
 
@@ -24,6 +24,7 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
+import yaml
 from sphinx.util.inspect import stringify_signature
 
 from agents.assistance import ASSISTANTS
@@ -31,7 +32,6 @@ from agents.cli.lists import PARTS, all_settings, markdown, settings_rows
 from agents.control import FOLLOWERS
 from agents.evaluation.tables import markdown_table
 from agents.policies import POLICIES
-from agents.studies.runner import STUDIES
 from planners import OPTIMIZERS, PLANNERS
 from planners.registries import OBJECTIVES
 from wheelchair_gym.config import setting_docs
@@ -46,36 +46,7 @@ from wheelchair_gym.task.observations import OBSERVATION_KEYS
 from wheelchair_gym.task.rewards import RewardWeights
 
 # Public modules, by package.
-MODULES = {
-    "wheelchair_gym": """
-        envs types config registry geometry kinematics random maps scenes scenes.map_file
-        scenes.skill sensors.settings sensors.laser sensors.ultrasonic
-        physics.settings physics.chair physics.actors.records task.settings task.observations
-        task.rewards task.task
-        safety.shield safety.settings safety.stops tracking.tracker
-        localization.monte_carlo localization.slam localization.occupancy
-        localization.localized_chair hardware.registry hardware.settings hardware.chair
-        hardware.ros.settings hardware.twin.plant hardware.twin.lockstep
-        hardware.twin.inprocess hardware.twin.faults drivers drivers.settings drivers.people
-        recording.record recording.replay recording.sink rendering rendering.video
-        compiled.kernel compiled.address errors
-    """,
-    "planners": """
-        problem registries collision.space judge problem_files
-        rrt_star_woa.woa rrt_star_woa.control_generator rrt_star_woa.thesis swarm.path_cost
-    """,
-    "agents": """
-        assistance assistance.assistant policies policies.planned policies.learned
-        policies.explore control control.followers control.whales deploy watch
-        person person.stick person.drive person.replay person.recorded_stick person.fit_driver
-        person.fit_tremor
-        evaluation.evaluate evaluation.compare evaluation.metrics evaluation.report
-        evaluation.tuning learning.sb3 learning.settings learning.run
-        learning.weights learning.export studies.model studies.evidence participants
-        participants.protocol participants.session participants.report
-        benchmarks.environments benchmarks.planner_benchmark benchmarks.scene_statistics
-    """,
-}
+MODULES = yaml.safe_load(Path(__file__).with_name("modules.yaml").read_text(encoding="utf-8"))
 # Compiled functions are internal, but for those of these modules.
 KERNELS = ("wheelchair_gym.geometry", "wheelchair_gym.kinematics", "wheelchair_gym.random")
 
@@ -95,7 +66,6 @@ def write_pages(folder: Path) -> None:
         **{f"fragments/{name}.md": text for name, text in fragments().items()},
         **dict(settings_pages()),
         "fragments/names.md": names_page(),
-        "fragments/claims.md": claims_page(),
         **dict(module_pages()),
     }
     for path in folder.rglob("*.md"):
@@ -181,7 +151,7 @@ def _bound(values: Any) -> str:
     return ", ".join(distinct)
 
 
-# ---- settings, names, claims
+# ---- settings, names
 
 
 def settings_pages() -> Iterator[tuple[str, str]]:
@@ -225,23 +195,6 @@ def names_page() -> str:
     return text
 
 
-def claims_page() -> str:
-    """The studies and the claims that they test."""
-    text = (
-        "# Studies and their claims\n\n`wheelchair study NAME` repeats a study, prints our figures "
-        "beside the published ones, and prints a verdict on each of these claims.\n"
-    )
-    for study in STUDIES.values():
-        text += (
-            f"\n## `{study.name}`: {study.title}\n\nSource: {study.source}. {study.settings}\n\n"
-        )
-        text += markdown_table(
-            ("claim", "source"), [(claim.text, claim.source) for claim in study.claims]
-        )
-        text += "".join(f"\n{note}\n" for note in study.notes)
-    return text
-
-
 def first_line(thing: Any) -> str:
     """The first paragraph of a docstring in one line."""
     return " ".join((inspect.getdoc(thing) or "").partition("\n\n")[0].split())
@@ -253,7 +206,7 @@ def first_line(thing: Any) -> str:
 def module_pages() -> Iterator[tuple[str, str]]:
     """A page for each public module, and one for each package that lists them."""
     for package, names in MODULES.items():
-        modules = [importlib.import_module(f"{package}.{name}") for name in names.split()]
+        modules = [importlib.import_module(f"{package}.{name}") for name in names]
         rows = [(f"[{m.__name__}]({m.__name__}.md)", first_line(m)) for m in modules]
         tree = "\n".join(f"{m.__name__.partition('.')[2]} <{m.__name__}>" for m in modules)
         yield (

@@ -3,8 +3,9 @@
 A page holds `<!-- figures: NAME -->`, the table and `<!-- end -->`; a function here writes the
 table from result files, docs/results/data/*.json, and from the cards of the shipped weights.
 `python docs/tables.py take NAME FILE` makes such a file from the results.json of a comparison, the
-env.json of `wheelchair bench env` or the t1-agreement.json of `wheelchair study`: counts and means,
-from which intervals follow.
+env.json of `wheelchair bench env`, the t1-agreement.json or the t1-budget.json of `wheelchair
+study`: counts and means, from which intervals follow. `wheelchair study` itself writes the
+verdicts.csv of agents/data.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import json
 import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,13 +30,23 @@ from agents.evaluation.metrics import WIDE, wilson  # noqa: E402
 from agents.evaluation.provenance import without_outputs, write_text  # noqa: E402
 from agents.evaluation.tables import markdown_table  # noqa: E402
 from agents.learning.weights import load_weights  # noqa: E402
+from agents.studies.evidence import ClaimVerdict  # noqa: E402
+from agents.studies.report import claims_text, published_verdicts  # noqa: E402
+from agents.studies.runner import STUDIES  # noqa: E402
 from wheelchair_gym.config import InputError, read_json  # noqa: E402
 
 DATA = ROOT / "docs" / "results" / "data"
 WEIGHTS = ROOT / "agents" / "data" / "weights"
+# The pages of claims in docs/studies, and their studies.
+CHAPTERS = {
+    "claims_belalia_tables": " ".join(f"t1-3.{k}" for k in range(1, 14)),
+    "claims_belalia": "t1-budget t1-agreement t1-1.1 control",
+    "claims_saleh": "p1", "claims_larachi": "t2", "claims_al_nayar": "p2", "claims_singh": "r1",
+}  # fmt: skip
 PAGES = (
     "README.md", "docs/results/index.md", "docs/how_to/learning.md", "docs/studies/index.md",
-    "docs/concepts/assisted_driving.md",
+    "docs/concepts/assisted_driving.md", "docs/studies/claims.md", "docs/studies/thesis.md",
+    *(f"docs/studies/{name}.md" for name in CHAPTERS),
 )  # fmt: skip
 _PART = re.compile(r"(<!-- figures: (\w+) -->\n).*?(<!-- end -->\n)", re.S)
 
@@ -54,7 +66,7 @@ def condensed(content: Mapping[str, Any]) -> dict[str, Any]:
         "versions": source["versions"],
     }
     if "readings" in content:
-        return {**head, "runs": content["runs"], "rows": content["readings"]}
+        return {**head, "runs": content["runs"], "rows": content["readings"] or content["gains"]}
     if "records" not in content:
         return {**head, "rows": [row for row in content["rows"] if "rate" in row]}
     if "stick_effort" in content["records"][0]:
@@ -128,22 +140,36 @@ def _figure(statistic: Callable[[Any], Any], records: Sequence[Row], key: str) -
 
 
 def pairs(records: Sequence[Row], best: Sequence[Row]) -> dict[str, Any]:
-    """In how many episodes either alone succeeds, and the ratio of their times where both do.
-
-    The ratio is the geometric mean, with its 95 % interval (Student's t, of logarithms).
-    """
+    """In how many episodes either alone succeeds, and the ratio of their times where both do."""
     others = {(record["scene"], record["seed"]): record for record in best}
-    both = [(record, others[record["scene"], record["seed"]]) for record in records]
-    found: dict[str, Any] = {
-        "alone": sum(a["success"] and not b["success"] for a, b in both),
-        "best_alone": sum(b["success"] and not a["success"] for a, b in both),
-    }
-    ratios = np.log([a["time"] / b["time"] for a, b in both if a["success"] and b["success"]])
-    if len(ratios) > 1:
-        spread = stats.sem(ratios) * stats.t.ppf(0.975, len(ratios) - 1)
-        middle = ratios.mean() + spread * np.array([0.0, -1.0, 1.0])
-        found["time_ratio"] = [round(float(value), 3) for value in np.exp(middle)]
-    return found
+    alone, other, _, ratio = compared(
+        [record["time"] if record["success"] else None for record in records],
+        [of["time"] if of["success"] else None
+         for record in records for of in [others[record["scene"], record["seed"]]]],
+    )  # fmt: skip
+    found: dict[str, Any] = {"alone": alone, "best_alone": other}
+    return found | ({"time_ratio": ratio} if ratio else {})
+
+
+def compared(
+    ours: Sequence[float | None], theirs: Sequence[float | None]
+) -> tuple[int, int, float, list[float]]:
+    """Compare times drive by drive; None is a drive without success.
+
+    Returns:
+        Successes of either alone, McNemar's p, and the geometric mean of the ratios of times where
+        both succeed, with its 95 % interval (Student's t, of logarithms); empty with fewer than 2.
+    """
+    both = list(zip(ours, theirs, strict=True))
+    alone = sum(a is not None and b is None for a, b in both)
+    other = sum(b is not None and a is None for a, b in both)
+    p = float(stats.binomtest(alone, alone + other).pvalue) if alone + other else 1.0
+    ratios = np.log([a / b for a, b in both if a is not None and b is not None])
+    if len(ratios) < 2:
+        return alone, other, p, []
+    spread = stats.sem(ratios) * stats.t.ppf(0.975, len(ratios) - 1)
+    middle = np.exp(ratios.mean() + spread * np.array([0.0, -1.0, 1.0]))
+    return alone, other, p, [round(float(value), 3) for value in middle]
 
 
 def take(name: str, file: Path) -> Path:
@@ -326,14 +352,30 @@ def measured() -> str:
     ))  # fmt: skip
 
 
+def counts(rows: Sequence[Row]) -> list[int]:
+    """The number of claims that hold, that do not, and that cannot be decided."""
+    found = [row["verdict"] for row in rows]
+    return [found.count(verdict) for verdict in ClaimVerdict]
+
+
 def claims() -> str:
     """How many claims of the sources hold."""
-    count = results("studies")
-    total = sum(count[key] for key in ("hold", "fail", "open"))
+    hold, fail, undecided = counts(published_verdicts())
     return (
-        f"Of the {total} claims in the five publications that the planners come from, "
-        f"{count['hold']} hold, {count['fail']} do not, and {count['open']} cannot be decided.\n"
+        f"Of the {hold + fail + undecided} claims in the five publications that the planners come "
+        f"from, {hold} hold, {fail} do not, and {undecided} cannot be decided.\n"
     )
+
+
+def verdicts_by_study() -> str:
+    """The number of verdicts of each study, with a link to its claims."""
+    rows = [
+        (f"[`{name}`]({page}.md)", STUDIES[name].title, *counts(of))
+        for page, names in CHAPTERS.items()
+        for name in names.split()
+        for of in [[row for row in published_verdicts() if row["study"] == name]]
+    ]
+    return markdown_table(("study", "subject", *ClaimVerdict), rows, (False, False, *3 * (True,)))
 
 
 def agreement() -> str:
@@ -353,6 +395,23 @@ def agreement() -> str:
         "correlation, maps 1, 3, 5", "maps 2, 4", "without table 3.7",
     )  # fmt: skip
     return markdown_table(headings, rows)
+
+
+def gain() -> str:
+    """What the whale variants gain over RRT*, by swarm and map, and what they cost."""
+    found = results("gain")
+
+    def change(middle: float, low: float, high: float) -> str:
+        return f"{middle:+.1f} ({low:+.1f} to {high:+.1f})" if low < high else f"{middle:+.1f}"
+
+    rows = [
+        (row["row"], f"{1e3 * row['time_s']:,.1f}", change(*gains.pop("all maps")),
+         *(f"{of[0]:+.1f}" for of in gains.values()))
+        for row in found["rows"] for gains in [dict(row["gain"])]
+    ]  # fmt: skip
+    maps = [f"map {k}" for k in range(1, 6)]
+    headings = ("planner, whales x iterations", "CPU time [ms]", "length beside RRT*'s [%]", *maps)
+    return markdown_table(headings, rows, (False, True, False, *5 * (True,)))
 
 
 def learned() -> str:
@@ -423,29 +482,15 @@ def _names(rows: Sequence[Row], key: str) -> list[str]:
     return list(dict.fromkeys(row[key] for row in rows))
 
 
-def _driven(name: str, across: str, down: str) -> str:
+def _driven(name: str, down: str) -> str:
+    """Each person, or each course of driving skills, with each assistant."""
     rows = results(name)["rows"]
-    columns = _names(rows, across)
+    columns = _names(rows, "policy")
     table = [
-        (f"`{one}`", *(_succeed(_times(rows, **{down: one, across: other})) for other in columns))
+        (f"`{one}`", *(_succeed(_times(rows, **{down: one, "policy": other})) for other in columns))
         for one in _names(rows, down)
     ]
     return markdown_table((down, *(f"`{column}`" for column in columns)), table)
-
-
-def docking() -> str:
-    """Docking at a desk: each person with each assistant."""
-    return _driven("skills_dock", "policy", "driver")
-
-
-def skills_drivers() -> str:
-    """All courses of driving skills: each person with each assistant."""
-    return _driven("skills", "policy", "driver")
-
-
-def skills_courses() -> str:
-    """All persons together on each course, with each assistant."""
-    return _driven("skills", "policy", "scene")
 
 
 def skills_pairs() -> str:
@@ -454,14 +499,9 @@ def skills_pairs() -> str:
     base = _times(rows, policy="shield")
     for policy in _names(rows, "policy"):
         of = [row for row in rows if row["policy"] == policy]
-        both = list(zip(_times(of), base, strict=True))
-        alone = sum(a is not None and b is None for a, b in both)
-        other = sum(b is not None and a is None for a, b in both)
-        p = stats.binomtest(alone, alone + other).pvalue if alone + other else 1.0
-        ratios = np.log([a / b for a, b in both if a is not None and b is not None])
-        spread = stats.sem(ratios) * stats.t.ppf(0.975, len(ratios) - 1)
-        middle, low, high = np.exp(ratios.mean() + spread * np.array([0.0, -1.0, 1.0]))
-        hits = sum(a is not None for a, _ in both)
+        times = _times(of)
+        alone, other, p, (middle, low, high) = compared(times, base)
+        hits = sum(time is not None for time in times)
         means = [
             np.mean([row[key] for row in of if row[key] is not None])
             for key in ("agreement_angle", "intervention_share", "stick_effort")
@@ -470,7 +510,7 @@ def skills_pairs() -> str:
             f"{alone}; {other}", f"{p:.3f}", f"{middle:.2f} ({low:.2f} to {high:.2f})"
         )  # fmt: skip
         table.append(
-            (f"`{policy}`", percent(hits, len(both)), sum(row["at_fault"] for row in of), *beside,
+            (f"`{policy}`", percent(hits, len(times)), sum(row["at_fault"] for row in of), *beside,
              f"{np.degrees(means[0]):.1f}", f"{100 * means[1]:.0f}", f"{means[2]:.1f}")
         )  # fmt: skip
     headings = ("assistant", "success [%], 95 % interval", "at fault",
@@ -482,8 +522,14 @@ def skills_pairs() -> str:
 FIGURES: dict[str, Callable[[], str]] = {
     function.__name__: function
     for function in (planned, barn_60, league, league_pairs, speed, measured, claims, agreement,
-                     learned, docking, skills_drivers, skills_courses, skills_pairs, sources)
+                     learned, skills_pairs, sources,
+                     verdicts_by_study, gain)
 }  # fmt: skip
+FIGURES |= {name: partial(claims_text, names.split()) for name, names in CHAPTERS.items()} | {
+    "docking": partial(_driven, "skills_dock", "driver"),
+    "skills_drivers": partial(_driven, "skills", "driver"),
+    "skills_courses": partial(_driven, "skills", "scene"),
+}
 
 
 def filled(text: str, page: str) -> str:

@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw
 
-from agents.studies.thesis import controls_of, describe, draw, problem_of
+from agents.studies.plan_pictures import PlanPictures
+from agents.studies.thesis import controls_of, describe, problem_of
 from planners import make_planner
 from planners.rrt_star_woa.thesis import read_thesis
 from wheelchair_gym.rendering import write_png
@@ -43,5 +44,5 @@ planner = make_planner(settings.planner("rrt_star_woa_global"))
 plan = planner.plan(drawn.problem, np.random.default_rng(0))
 controls = controls_of(drawn, plan, seed=0)
 text = f"{plan.length:.2f} m; {describe(controls)}"
-write_png(folder / "plan.png", draw(drawn, plan, controls, text))
+write_png(folder / "plan.png", PlanPictures(drawn, planner, plan, 0, controls).draw(text))
 print(text)

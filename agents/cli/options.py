@@ -14,9 +14,6 @@ CHAIR_CONFIG = "configs/hardware.json"
 POSES = ("truth", "odometry", "modelled", "mcl", "slam")
 DEFAULT_POSE = "modelled"
 ALGORITHMS = ("ppo", "recurrent_ppo", "sac", "td3", "tqc", "bc")
-# Idle threads of torch sleep, and leave the cores to the simulation and to other programs; worlds
-# lie in huge pages, which need fewer entries of the translation buffer.
-TRAINING_ENVIRON = {"OMP_WAIT_POLICY": "PASSIVE", "GLIBC_TUNABLES": "glibc.malloc.hugetlb=1"}
 
 
 def number(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import FunctionType
@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 
 from agents.cli.arguments import changed, report, spec
-from agents.studies.thesis import RATE, Drawn, controls_of, describe, draw, film, growth
+from agents.studies.plan_pictures import RATE, SHORTENS, STEERS, PlanPictures
+from agents.studies.thesis import Drawn, controls_of, describe
 from agents.studies.thesis import problem_of as thesis_problem
-from planners import Plan, Problem, Space, Status, make_planner
+from planners import PLANNERS, Plan, Problem, Space, Status, make_planner
 from planners.graphs.visibility import Visibility, optima
 from planners.judge import plan_faults
 from planners.problem import check, checked_plan
@@ -25,14 +26,12 @@ from planners.rrt_star_woa.thesis import GLOBAL, PLANNERS_OF_FILE, ThesisFile, r
 from wheelchair_gym.compiled.linking import Kernel
 from wheelchair_gym.compiled.second_process import compile_beside
 from wheelchair_gym.config import InputError
-from wheelchair_gym.geometry import Footprint, to_world
 from wheelchair_gym.maps import read_any_map
-from wheelchair_gym.rendering import draw_plan, write_png
+from wheelchair_gym.rendering import write_png
 from wheelchair_gym.rendering.video import video_suffix, write_video
 
 CLEARANCE = 0.36  # m: the chair's half width of 0.31 m and a margin of 0.05 m
 INVALID = "invalid"  # a status that only the independent judge gives
-FOOTPRINT_SPACING = 0.8  # m between the footprints drawn along a path
 
 
 def run(given: argparse.Namespace) -> int:
@@ -167,10 +166,12 @@ def _run_map(
         _warm(Visibility(), clearance)
     _warm(planner, clearance)
     plan, answer = _answer(planner, problem, given.seed)
+    pictures = PlanPictures(drawn or Drawn.of(problem), planner, plan, given.seed)
     if answer["status"] == INVALID:
         if given.picture:
             finite = replace(plan, path=plan.path[np.isfinite(plan.path).all(axis=-1)])
-            _draw(problem, finite, planner, f"{INVALID}: {plan.note}", given.picture)
+            picture = replace(pictures, plan=finite).draw(f"{INVALID}: {plan.note}")
+            write_png(given.picture, picture)
         if given.json:
             report(given, answer, INVALID)
         why = f"{type(planner).__name__} says solved, but by an independent judge {plan.note}"
@@ -187,19 +188,17 @@ def _run_map(
                 f"; no path with {clearance:g} m clearance is shorter than {bounds.at_least:.3f} m"
                 f", none at all than {bounds.touching:.3f} m"
             )
-        if drawn is not None:
-            made = controls_of(drawn, plan, given.seed)
+        shown = given.picture or given.video
+        if drawn is not None or (shown and PLANNERS.name_of(planner) in (SHORTENS, STEERS)):
+            made = controls_of(pictures.drawn, plan, given.seed)
+            pictures = replace(pictures, made=made)
             text += f"; {describe(made)}"
             answer |= {"commands": made.commands.tolist(), "arrived": bool(made.arrived)}
             answer |= {"collision_free": bool(made.collision_free), "error": made.error}
-            if given.picture:
-                write_png(given.picture, draw(drawn, plan, made, text))
-            if given.video:
-                write_video(given.video, film(drawn, planner, plan, made, given.seed), RATE)
-        elif given.picture:
-            _draw(problem, plan, planner, text, given.picture)
-        if given.video and drawn is None:
-            write_video(given.video, _film(problem, plan, planner, given.seed), RATE)
+        if given.picture:
+            write_png(given.picture, pictures.draw(text))
+        if given.video:
+            write_video(given.video, pictures.film(), RATE)
         report(given, answer, text)
         return 0
     if given.json:
@@ -244,53 +243,3 @@ def _run_problems(given: argparse.Namespace, planner: Any) -> int:
         lines.append(f"{text}, {1e3 * answer['time_s']:.1f} ms{why}")
     report(given, answers, "\n".join(lines))
     return 0
-
-
-def _draw(problem: Problem, plan: Plan, planner: Any, caption: str, file: str) -> None:
-    best = make_planner("visibility").plan(problem, np.random.default_rng(0)).path
-    write_png(file, _picture(problem, plan, planner, caption, best, 960))
-
-
-def _film(problem: Problem, plan: Plan, planner: Any, seed: int) -> Iterator[Any]:
-    """Pictures (h, w, 3) of the tree as it grows; the last for a second."""
-    for part in growth(problem, planner, plan, seed):
-        image = _picture(problem, part, planner, f"{part.counters.get('iterations', 0)} iterations")
-        yield image
-    yield from [image] * round(RATE)
-
-
-def _picture(
-    problem: Problem, plan: Plan, planner: Any, caption: str, best: Any = None, size: int = 640
-) -> Any:
-    import shapely
-
-    rings = shapely.get_rings(shapely.get_parts(problem.space.solid))
-    return draw_plan(
-        problem.space.bounds, problem.start, problem.goal, plan.path, plan.tree,
-        polygons=[shapely.get_coordinates(ring)[:-1] for ring in rings],
-        optimum=None if best is None or not len(best) else best, swarm=getattr(plan, "swarm", ()),
-        outlines=_footprints(problem, plan, planner), size=size, caption=caption,
-        legend=best is not None,
-    )  # fmt: skip
-
-
-def _footprints(problem: Problem, plan: Plan, planner: Any) -> list[Any]:
-    """Footprints (k, 2) [m] at the path's ends and about every `FOOTPRINT_SPACING` between.
-
-    A path with headings has the planner's footprint, another one the disc of the clearance.
-    """
-    path = plan.path
-    if not len(path):
-        return []
-    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path[:, :2], axis=0).T))])
-    stops = np.linspace(0.0, way[-1], max(2, round(way[-1] / FOOTPRINT_SPACING) + 1))
-    if path.shape[1] == 3:
-        corners = getattr(planner, "footprint", Footprint()).corners
-        near = np.abs(way[:, None] - stops).argmin(axis=0)
-        return [to_world(corners, path[k]) for k in near]
-    if problem.clearance == 0.0:
-        return []
-    around = np.linspace(0.0, 2.0 * np.pi, 49)[:-1]
-    disc = problem.clearance * np.stack([np.cos(around), np.sin(around)], axis=-1)
-    places = np.stack([np.interp(stops, way, path[:, axis]) for axis in range(2)], axis=-1)
-    return [place + disc for place in places]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
@@ -12,7 +13,7 @@ from agents.studies import agreement, evidence
 from agents.studies.evidence import Evidence, Sample
 
 if TYPE_CHECKING:
-    from agents.studies.model import Metric, Results, Row
+    from agents.studies.model import Metric, Results, Row, Study
 
 _COMPARISONS: Final = {"below": evidence.below, "above": evidence.above}
 _PAIRED: Final = {"paired_below": 1.0, "paired_above": -1.0}
@@ -39,6 +40,57 @@ class Claim:
     by_series: bool = False  # rows of different series are different strata
     # The row of the shortest paths that there are: how much of the effect is possible at all.
     ceiling: str = ""
+    printed: float | None = None  # effect in the source, where no table of it has our rows
+    reading: str = ""  # of the source's text; empty: that of the study
+
+    def printed_effect(self, study: Study) -> float:
+        """Return the effect that the source prints, as a part; NaN where it prints no figure.
+
+        Of several comparisons it is the smallest; of a trend, the change of the line.
+        """
+        if self.printed is not None:
+            return self.printed
+        if self.test in _TRENDS:
+            rows = [row for row in _named(study, self.rows) if self.metric in row.published]
+            if len(rows) < 2:
+                return math.nan
+            values = [row.published[self.metric] for row in rows]
+            slope = np.polyfit([row.x for row in rows], values, 1)[0]
+            return float(slope * (rows[-1].x - rows[0].x) / np.mean(values))
+        effects = [self._printed_pair(study, *pair) for pair in self.pairs]
+        return min((e for e in effects if math.isfinite(e)), key=abs, default=math.nan)
+
+    def _printed_pair(self, study: Study, a: str, b: Any) -> float:
+        ours, theirs = (self._published(study, name) for name in (a, b))
+        common = ours.keys() & theirs.keys()
+        if not common:
+            return math.nan
+        first, second = (np.mean([of[key] for key in common]) for of in (ours, theirs))
+        return float(first / second - 1.0)
+
+    def _published(self, study: Study, name: Any) -> dict[tuple[str, ...], float]:
+        """The printed means of the rows of a name, by stratum."""
+        found: dict[tuple[str, ...], list[float]] = {}
+        for row in _named(study, [str(name)]):
+            if self.metric in row.published:
+                key = (row.series if self.by_series else "", *row.jobs)
+                found.setdefault(key, []).append(row.published[self.metric])
+        return {key: float(np.mean(values)) for key, values in found.items()}
+
+    def margin(self, study: Study) -> float | None:
+        """Return the relative difference that counts as none; None for a test without a margin.
+
+        An effect as large as the printed one never refutes a claim: the margin of a difference is
+        no larger than the printed effect, that of no difference no smaller.
+        """
+        if self.metric not in study.margins or self.test in _AGREEMENT or self.low is not None:
+            return None
+        margin, printed = study.margins[self.metric], abs(self.printed_effect(study))
+        if self.test == "spread_below":
+            margin = evidence.SPREAD_MARGIN
+        if math.isnan(printed):
+            return margin
+        return max(margin, printed) if self.test in ("level", "between") else min(margin, printed)
 
     def judge(self, r: Results) -> Evidence:
         """The evidence for the claim in the results of its study."""
@@ -46,10 +98,10 @@ class Claim:
             return self._share(r)
         if self.test in _AGREEMENT:
             return _AGREEMENT[self.test](self, r)
-        metric, margin = r.study.metric(self.metric), r.study.margins[self.metric]
+        metric, margin = r.study.metric(self.metric), self.margin(r.study) or 0.0
         paired = r.study.paired
         if self.test in _TRENDS:
-            rows = _named(r, self.rows)
+            rows = _named(r.study, self.rows)
             text = f"{metric.name} from {rows[0].label} to {rows[-1].label}"
             return _TRENDS[self.test](
                 _trend(r, rows, metric), [row.x for row in rows], margin, text, paired
@@ -74,7 +126,7 @@ class Claim:
             sign = _PAIRED[self.test]
             return evidence.paired_below(first[both], second[both], margin, text, sign)
         if self.test == "spread_below":
-            return evidence.spread_below(r.sample(a, metric), r.sample(b, metric), text)
+            return evidence.spread_below(r.sample(a, metric), r.sample(b, metric), margin, text)
         ours = self._sample(r, a, metric)
         if isinstance(b, str):
             theirs = self._sample(r, b, metric)
@@ -91,7 +143,7 @@ class Claim:
     def _sample(self, r: Results, name: str, metric: Metric) -> Sample:
         """The values of all rows of a name, by stratum; of paired rows, the mean of each run."""
         found: dict[str, list[np.ndarray]] = {}
-        for row in _named(r, [name]):
+        for row in _named(r.study, [name]):
             for stratum, values in r.sample(row.label, metric, r.study.paired).items():
                 key = f"{row.series}, {stratum}" if self.by_series else stratum
                 found.setdefault(key, []).append(values)
@@ -100,7 +152,7 @@ class Claim:
         return {key: np.concatenate(values) for key, values in found.items()}
 
     def _share(self, r: Results) -> Evidence:
-        labels = {row.label for row in _named(r, self.rows)}
+        labels = {row.label for row in _named(r.study, self.rows)}
         runs = [run for (label, _), of in r.runs.items() if label in labels for run in of]
         runs = [run for run in runs if run["solved"] or not self.of_solved]
         wanted = self.test == "share"
@@ -149,10 +201,9 @@ def _implied(claim: Claim, r: Results) -> Evidence:
 _AGREEMENT: Final = {"follows": _follows, "fits_better": _fits_better, "implied": _implied}
 
 
-def _named(r: Results, names: Sequence[str]) -> list[Row]:
+def _named(study: Study, names: Sequence[str]) -> list[Row]:
     """The rows with a label, group or series among the names; without names, all."""
-    rows = r.study.rows
-    return [row for row in rows if not names or {row.label, row.group, row.series} & {*names}]
+    return [r for r in study.rows if not names or {r.label, r.group, r.series} & {*names}]
 
 
 def _trend(r: Results, rows: Sequence[Row], metric: Metric) -> list[Sample]:

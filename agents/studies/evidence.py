@@ -334,7 +334,10 @@ def median_interval(values: Array) -> tuple[float, float, float]:
     return float(np.median(ordered)), float(low), float(high)
 
 
-def spread_below(a: Sample, b: Sample, text: str) -> Evidence:
+SPREAD_MARGIN = 0.05  # part of a scatter that counts as none
+
+
+def spread_below(a: Sample, b: Sample, negligible: float, text: str) -> Evidence:
     """Evidence for 'a scatters less than b': distances from medians of strata (Brown-Forsythe).
 
     The effect is the mean distance of a relative to that of b.
@@ -343,7 +346,7 @@ def spread_below(a: Sample, b: Sample, text: str) -> Evidence:
         np.concatenate([np.abs(values - np.median(values)) for values in sample.values()])
         for sample in (a, b)
     )
-    return below({"": near}, {"": far}, 0.05, text)
+    return below({"": near}, {"": far}, negligible, text)
 
 
 def share_above(successes: int, trials: int, least: float, text: str) -> Evidence:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from itertools import product
 from typing import Any, Final
 
 import numpy as np
+import shapely
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
@@ -92,7 +94,25 @@ def box_figures(r: Results) -> Figures:
     plot.set_xticks(range(len(rows)), list(rows), fontsize=7.5)
     plot.set(ylim=(len(rows) + 0.2, 0.8), ylabel="mean rank (1: best)")
     legend_above(table, plot)
-    return {"boxes": figure, "ranks": table}
+    return {"boxes": figure, "ranks": table, "paths": _smoothed_paths()}
+
+
+def _smoothed_paths() -> Figure:
+    """P1, figures 13 and 14: an RRT's path and the smoothed one, for three seeds of two paths."""
+    from agents.studies.experiments import problem_of
+    from planners import make_planner
+
+    planner: Any = make_planner("rrt_woa")
+    figure, panels = new_panels(7.4, 3, 2)
+    for axes, (seed, path) in zip(panels, product(range(3), (1, 2)), strict=True):
+        scene = {"name": "design_lab", "path": path}
+        _draw_scene(axes, scene)
+        for k, (label, of) in enumerate((("RRT", planner.tree), ("smoothed", planner))):
+            line = of.plan(problem_of(scene, 0.4), np.random.default_rng(seed)).path
+            axes.plot(*line[:, :2].T, DASHES[1 - k], color=COLOURS[k], label=label)
+        axes.set_title(f"path {path}, seed {seed}")
+    legend_above(figure, panels[0])
+    return figure
 
 
 def ladder_figures(r: Results) -> Figures:
@@ -119,7 +139,30 @@ def ladder_figures(r: Results) -> Figures:
         error_bars(plot, [row.x for row in rows], found, k, method)
     plot.set(xlabel="boxes in a room of 7 m x 5 m", ylabel="solved [%]", ylim=(-3, 103))
     legend_above(rungs, plot)
-    return {"labs": figure, "ladder": rungs}
+    return {"labs": figure, "ladder": rungs, "paths": _lab_paths(r, methods[:3])}
+
+
+def _lab_paths(r: Results, methods: Sequence[str]) -> Figure:
+    """T2, figures 3.7 and 3.19 to 3.27: trees and paths on the labs, one seed."""
+    from agents.studies.experiments import lab_problem
+    from planners import make_planner
+    from wheelchair_gym.scenes.published import LAB_SIZE
+
+    figure, panels = new_panels(4.6, 3, len(methods))
+    jobs = [row.jobs for method in methods for row in r.study.series(method)]
+    for k, of in enumerate(jobs):
+        ((lab, job),) = of.items()
+        axes, problem = panels[len(methods) * (k % 3) + k // 3], lab_problem(job["lab"])
+        plan = make_planner(job["planner"]).plan(problem, np.random.default_rng(0))
+        for box in shapely.get_parts(problem.space.solid):
+            axes.fill(*shapely.get_coordinates(box).T, color=_SOLID, linewidth=0)
+        axes.plot(*plan.tree.reshape(-1, 2, 2).T, color=COLOURS[5], linewidth=0.5)
+        axes.plot(*plan.path[:, :2].T, color=COLOURS[1], linewidth=1.5)
+        _ends(axes, problem.start, problem.goal)
+        axes.set(aspect="equal", xlim=(0, LAB_SIZE[0]), ylim=(0, LAB_SIZE[1]))
+        axes.set_title(f"{methods[k // 3]}, {lab}", fontsize=8)
+        axes.tick_params(labelsize=6)
+    return figure
 
 
 def method_figures(r: Results) -> Figures:
@@ -316,6 +359,34 @@ def agreement_figures(r: Results) -> Figures:
     return {"agreement": figure}
 
 
+def gain_figures(r: Results) -> Figures:
+    """T1: what more whales gain over RRT*, by map."""
+    from agents.studies.gains import gains
+
+    return {"gains": gain_figure(gains(r))}
+
+
+def gain_figure(rows: Sequence[Mapping[str, Any]]) -> Figure:
+    """Gains over RRT* on each map and on all, over the evaluations of a swarm, and the ceiling."""
+    from agents.studies.gains import SHORTEST
+
+    series = list(dict.fromkeys(row["series"] for row in rows if row["series"]))
+    best = next(row["gain"] for row in rows if row["row"] == SHORTEST)
+    figure, panels = new_panels(7.0, 3, 2)
+    for name, axes in zip(best, panels, strict=True):
+        for k, of in enumerate(series):
+            line = [row for row in rows if row["series"] == of]
+            error_bars(axes, [row["x"] for row in line], [row["gain"][name] for row in line], k, of)
+        axes.axhline(best[name][0], color=_GREY, linestyle=":", label="shortest path")
+        axes.set(
+            title=name.replace("thesis_", "map "), xscale="log", ylabel="length [%]", ylim=(-23, 8)
+        )
+    for axes in panels[-2:]:
+        axes.set_xlabel("evaluations of one swarm")
+    legend_above(figure, panels[0])
+    return figure
+
+
 FIGURES: Final[dict[str, Callable[..., Figures]]] = {
     "trend": trend_figures,
     "boxes": box_figures,
@@ -326,4 +397,5 @@ FIGURES: Final[dict[str, Callable[..., Figures]]] = {
     "discs": disc_figures,
     "rollouts": rollout_figures,
     "agreement": agreement_figures,
+    "gains": gain_figures,
 }

@@ -107,6 +107,7 @@ class Study:
     title: str
     source: str
     settings: str  # of our runs, with reasons
+    reading: str  # of the source, where its text is silent
     metrics: tuple[Metric, ...]
     margins: Mapping[str, float]  # by metric: less than this part counts as no difference
     rows: tuple[Row, ...]

@@ -19,6 +19,7 @@ from agents.studies.agreement import agreement
 from agents.studies.evidence import LEVEL, no_evidence
 from agents.studies.experiments import kernel_key, measure
 from agents.studies.figures import mean_interval
+from agents.studies.gains import gains
 from agents.studies.model import Metric, Results, Row, Study
 from agents.studies.read_studies import STUDIES
 from agents.studies.report import write_studies_page
@@ -43,6 +44,7 @@ def find_studies(name: str) -> list[Study]:
 
 
 STORE = "runs.jsonl"
+VERDICTS = "verdicts.csv"
 FORMAT = 1
 
 
@@ -73,8 +75,8 @@ def run_studies(
 
     Args:
         studies: what to run.
-        folder: for the store of runs, NAME.csv and NAME.json of each study, its figures, and one
-            page, `report.html`.
+        folder: for the store of runs, NAME.csv and NAME.json of each study, its figures, all
+            verdicts, and one page, `report.html`.
         runs: of each row and stratum; None: the study's number.
         quick: few runs, for a first look.
         jobs: worker processes.
@@ -125,6 +127,13 @@ def run_studies(
         })  # fmt: skip
         chapters[study.name] = chapter
         page.append((chapter, figures))
+    verdicts = [
+        {"study": name, "commit": source["commit"]}
+        | {k: float(f"{v:.5g}") if isinstance(v, float) else v for k, v in claim.items()}
+        for name, chapter in chapters.items()
+        for claim in chapter["claims"]
+    ]
+    write_text(folder / VERDICTS, csv_table(verdicts))
     source["wall_time_s"] = round(time.perf_counter() - started, 1)
     write_studies_page(
         folder / "report.html", title or "The experiments of the sources, repeated", page,
@@ -153,8 +162,8 @@ def _write_figures(study: Study, results: Results, folder: Path) -> dict[str, tu
     return found
 
 
-def _plain(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
+def _plain(value: float | None) -> float | None:
+    return float(value) if value is not None and np.isfinite(value) else None
 
 
 def cell_figures(results: Results, row: Row, metric: Metric) -> dict[str, Any]:
@@ -193,14 +202,20 @@ def summary(study: Study, results: Results, runs: int) -> dict[str, Any]:
             evidence = claim.judge(results)
         except (ValueError, ZeroDivisionError) as error:  # too few values to test
             evidence = no_evidence(f"not testable: {error}")
+        margin = claim.margin(study)
         claims.append({
             "claim": claim.text,
             "source": claim.source,
-            "verdict": str(evidence.verdict(CLAIMS)),
+            "reading": claim.reading or study.reading,
+            "printed": _plain(100.0 * claim.printed_effect(study)),
             **{key: _plain(getattr(evidence, key)) for key in ("effect", "low", "high")},
             "unit": evidence.unit,
+            "margin": None if margin is None else 100.0 * margin,
+            "verdict": str(evidence.verdict(CLAIMS)),
             "comparison": evidence.text,
             **{key: getattr(evidence, key) for key in ("test", "p_for", "p_against")},
+            "runs": runs,
+            "command": f"wheelchair study {study.name} --runs {runs}",
         })  # fmt: skip
     return {
         **{key: getattr(study, key) for key in ("name", "title", "source", "settings")},
@@ -210,4 +225,5 @@ def summary(study: Study, results: Results, runs: int) -> dict[str, Any]:
         "rows": rows,
         "claims": claims,
         "readings": agreement(results) if compared else [],
+        "gains": gains(results) if study.name == "t1-budget" else [],
     }

@@ -1,4 +1,4 @@
-"""The thesis's program: a map image becomes polygons, a plan, commands, a picture and a film.
+"""The thesis's program: a map image becomes polygons, a plan and commands.
 
 Its sections 3.2.1 and 3.2.2 and its figure 2.27, with the keys of its settings file (figure 3.1).
 The plan itself is that of any planner.
@@ -7,7 +7,6 @@ The plan itself is that of any planner.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -20,17 +19,12 @@ from planners.rrt_star_woa.control_generator import ControlGenerator, Controls
 from planners.rrt_star_woa.thesis import ThesisFile
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.errors import InputError, shorten
-from wheelchair_gym.geometry import Footprint, polygon_edges, to_world
+from wheelchair_gym.geometry import Footprint, polygon_edges
 from wheelchair_gym.kinematics import Limits
 from wheelchair_gym.maps import occupied_polygons, read_grid
-from wheelchair_gym.rendering import draw_plan
-from wheelchair_gym.rendering.video import Image
 from wheelchair_gym.scenes import make_scene
 
 OUR_MAPS: Final = ("1", "2", "3", "4", "5")  # drawn to the thesis's text
-RATE: Final = 15.0  # pictures of the film a second
-GROWTH, DRIVE = 60, 120  # pictures of the growth of the tree, and of the roll-out, at most
-_DISTANCE: Final = 1.0  # m between the footprints drawn along a roll-out
 
 
 class Drawn(NamedTuple):
@@ -39,6 +33,11 @@ class Drawn(NamedTuple):
     problem: Problem  # among the dilated polygons
     solid: list[Array]  # loops (k, 2) [m] round what is solid before the dilation
     kept_free: list[Array]  # loops round that and what the dilation adds; none without dilation
+
+    @classmethod
+    def of(cls, problem: Problem) -> Drawn:
+        """A problem without dilation."""
+        return cls(problem, _loops(problem.space.solid), [])
 
 
 def problem_of(
@@ -106,8 +105,13 @@ def problem_of(
     exact = occupied_polygons(grid, epsilon=epsilon)
     solid = [ring for region in exact for ring in (region.outer, *region.holes)]
     shut = shapely.difference(shapely.box(*grid.bounds), problem.free.free)
-    rings = shapely.get_rings(shapely.get_parts(shut)) if dilation or clearance else []
-    return Drawn(problem, solid, [shapely.get_coordinates(ring)[:-1] for ring in rings])
+    return Drawn(problem, solid, _loops(shut) if dilation or clearance else [])
+
+
+def _loops(area: Any) -> list[Array]:
+    """The rings (k, 2) [m] of an area."""
+    rings = shapely.get_rings(shapely.get_parts(area))
+    return [shapely.get_coordinates(ring)[:-1] for ring in rings]
 
 
 def controls_of(drawn: Drawn, plan: Plan, seed: int) -> Controls:
@@ -132,49 +136,3 @@ def describe(made: Controls) -> str:
         f"{len(made.commands)} commands end {made.error:.1f} m before the goal: the end of segment "
         f"{made.reached + 1} of {made.segments} is missed by {made.missed:.2f} m"
     )
-
-
-def draw(drawn: Drawn, plan: Plan, made: Controls, caption: str) -> Image:
-    """The thesis's figure 2.27: map, tree, path in red, and the roll-out in blue (h, w, 3)."""
-    way = np.cumsum(np.hypot(*np.diff(made.rollout[:, :2], axis=0, prepend=made.rollout[:1, :2]).T))
-    near = np.searchsorted(way, np.arange(0.0, way[-1], _DISTANCE))
-    return _picture(drawn, plan, made.rollout, made.rollout[[*near, -1]], caption, 960, legend=True)
-
-
-def film(drawn: Drawn, planner: Any, plan: Plan, made: Controls, seed: int) -> Iterator[Image]:
-    """Pictures (h, w, 3) at `RATE`: the tree grows, then the commands are rolled out."""
-    for part in growth(drawn.problem, planner, plan, seed):
-        grown = part.counters.get("iterations", 0)
-        yield _picture(drawn, part, made.rollout[:0], made.rollout[:0], f"{grown} samples")
-    count = min(len(made.rollout), DRIVE)
-    for k in np.linspace(0, len(made.rollout) - 1, count).round().astype(int):
-        said = f"{made.times[k]:.1f} s"
-        yield _picture(drawn, plan, made.rollout[: k + 1], made.rollout[k : k + 1], said)
-
-
-def growth(
-    problem: Problem, planner: Any, plan: Plan, seed: int, frames: int | None = None
-) -> Iterator[Plan]:
-    """Plans of ever more samples, the last the plan itself; equal seeds grow equal trees."""
-    limited = planner.tree if hasattr(planner, "tree") else planner
-    if len(plan.tree) and hasattr(limited, "iterations"):
-        made = plan.counters["iterations"]
-        counts = np.unique(np.linspace(1, max(1, made), frames or GROWTH).round().astype(int))
-        for k in counts[:-1].tolist():
-            fewer = replace(limited, iterations=k)
-            some = fewer if limited is planner else replace(planner, tree=fewer)
-            yield some.plan(problem, np.random.default_rng(seed))
-    yield plan
-
-
-def _picture(
-    drawn: Drawn, plan: Plan, rollout: Array, places: Array, caption: str,
-    size: int = 640, legend: bool = False,
-) -> Image:  # fmt: skip
-    problem = drawn.problem
-    return draw_plan(
-        problem.space.bounds, problem.start, problem.goal, plan.path, plan.tree,
-        polygons=drawn.solid, inflated=drawn.kept_free, rollout=rollout,
-        outlines=[to_world(Footprint().corners, pose) for pose in places],
-        size=size, caption=caption, legend=legend,
-    )  # fmt: skip

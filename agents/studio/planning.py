@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from agents.evaluation.metrics import path_figures
-from agents.studies.thesis import growth
+from agents.studies.plan_pictures import growth
 from planners import Plan, Problem, Space, make_planner
 from planners.judge import plan_faults
 from planners.problem import checked_plan

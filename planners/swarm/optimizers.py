@@ -192,11 +192,8 @@ def next_inertia(swarm: Swarm, moves: MoveParameters, progress: float) -> float:
     if moves.rule == VARIABLE:  # R1 (2.1), (2.2)
         return math.exp(-(progress * (math.log(high) - math.log(low)) - math.log(high)))
     if moves.rule == ADAPTIVE:  # R1 (2.5), (2.6)
-        gain = (
-            record.best_cost / record.previous_best_cost
-            if record.previous_best_cost < math.inf and record.previous_best_cost > 0.0
-            else 1.0
-        )
+        previous = record.previous_best_cost
+        gain = record.best_cost / previous if 0.0 < previous < math.inf else 1.0
         record.previous_best_cost = record.best_cost
         return (high + low) * gain - high * progress
     return high * float(moves.damping**record.move_count)

@@ -67,7 +67,17 @@ class Particles(Optimizer):
 
 
 @settings
-class Pso(Particles):
+class Acceleration:
+    """Acceleration of particles: P2's results have 2, its listings 1.5."""
+
+    c1: float = setting(default=2.0, low=0.0, source=_P2)
+    """Acceleration towards the personal best (c1)."""
+    c2: float = setting(default=2.0, low=0.0, source=_P2)
+    """Acceleration towards the best of the swarm (c2)."""
+
+
+@settings
+class Pso(Acceleration, Particles):
     """Particles whose inertia is damped: P2's PSO, or a fixed inertia at damping 1."""
 
     moves = MoveParameters(kinds.PARTICLES, rule=kinds.DAMPED)
@@ -76,23 +86,18 @@ class Pso(Particles):
     """Initial inertia."""
     damping: float = setting(default=0.98, low=0.0, high=1.0, source=_P2)
     """Factor of the inertia per move."""
-    c1: float = setting(default=2.0, low=0.0, source=_P2 + "; its listing has 1.5")
-    """Acceleration towards the personal best (c1)."""
-    c2: float = setting(default=2.0, low=0.0, source=_P2 + "; its listing has 1.5")
-    """Acceleration towards the best of the swarm (c2)."""
     max_step: float = setting(default=0.1, low=0.0, source=_YARPIZ)
     """Longest step of a coordinate, as a share of the width of its bounds."""
 
 
 @settings
-class PsoChaotic(Optimizer):
+class PsoChaotic(Acceleration, Optimizer):
     """Particles whose falling inertia is multiplied by a logistic map: P2 (13)-(17)."""
 
     # P2's values, except for the longest step, which is Yarpiz's.
     moves = MoveParameters(
-        kinds.PARTICLES, rule=kinds.CHAOTIC, inertia=0.9, min_inertia=0.3, c1=2.0, c2=2.0,
-        max_step=0.1,
-    )  # fmt: skip
+        kinds.PARTICLES, rule=kinds.CHAOTIC, inertia=0.9, min_inertia=0.3, max_step=0.1
+    )
 
 
 @settings

@@ -23,6 +23,7 @@ EXCEPTIONS = {
     "limits": "a whole chair's limits, of which a planner reads some",
     "lattice": "the settings of the planner lattice, which are varied there",
     "refinements": "of lattice and voronoi: only where a first round of search finds no path",
+    "pivot": "a chair that sees nothing behind itself turns more slowly than any of these",
     "first": "a name of another registry", "objective": "the same", "optimizer": "the same",
 }  # fmt: skip
 # Settings under which the others count; one setting must count under one of several.
@@ -110,7 +111,7 @@ def test_every_user_of_the_whales_has_all_their_parameters():
             users |= {name: {key.split(".")[-1] for key in keys}} if keys else {}
     assert users.keys() == {
         "rrt_star_woa_local", "rrt_star_woa_global", "se2_rrt_star_woa", "rrt_woa", "woa_modified",
-        "controls", "whales", "woa",
+        "controls", "thesis", "whales", "woa",
     }  # fmt: skip
     moves = {field.name for field in dataclasses.fields(WhaleMoves)}
     assert all(keys >= moves for keys in users.values())
@@ -154,6 +155,8 @@ def drives(config):
     yield driven(on, corridor(width=2.4), 1.5, follower, person).tobytes()
 
 
-@pytest.mark.parametrize("name", FOLLOWERS)
+@pytest.mark.parametrize(
+    "name", sorted(set(FOLLOWERS) - {"thesis"})
+)  # it is `controls` with others
 def test_each_setting_of_a_follower_changes_a_drive(name):
     assert idle_settings("", FOLLOWERS[name], drives) == set()

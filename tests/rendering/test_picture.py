@@ -223,12 +223,12 @@ def test_a_legend_names_what_is_drawn_and_nothing_else():
         "path": [(0.5, 0.5), (5.5, 0.5), (5.5, 3.5)],
         "tree": [(4.0, 2.0, 4.0, 3.0)],
         "optimum": [(0.5, 0.5), (5.5, 3.5)],
-        "swarm": [[(0.5, 0.5), (0.5, 3.5), (5.5, 3.5)]],
+        "swarm": [("whale", palette.ORANGE, [(0.5, 0.5), (0.5, 3.5), (5.5, 3.5)])],
         "outlines": [[(0.2, 0.2), (0.8, 0.2), (0.8, 0.8), (0.2, 0.8)]],
     }
     colours = {
         "path": palette.TRAIL, "tree": palette.TREE, "optimum": palette.OPTIMUM,
-        "swarm": palette.SWARM, "outlines": palette.OUTLINE,
+        "swarm": palette.ORANGE, "outlines": palette.OUTLINE,
     }  # fmt: skip
     plain = draw_plan(*ways, **drawn)
     full = draw_plan(*ways, **drawn, legend=True)
@@ -239,6 +239,19 @@ def test_a_legend_names_what_is_drawn_and_nothing_else():
         legend = draw_plan(*ways, **some, legend=True)[:rows]
         for name, colour in colours.items():
             assert (legend == colour).all(axis=-1).any() == (name != left_out), (name, left_out)
+
+
+@pytest.mark.parametrize("words", [1, 12, 60])
+def test_a_caption_above_a_picture_has_all_its_words(words):
+    """Each word changes the picture, which grows by rows; the drawing below stays."""
+    ways = (0.0, 0.0, 6.0, 4.0), (0.5, 0.5), (5.5, 3.5)
+    said = ["solved"] * words
+    whole, bare = (draw_plan(*ways, caption=c, legend=True) for c in (" ".join(said), ""))
+    assert len(whole) > len(bare)
+    np.testing.assert_array_equal(whole[len(whole) - len(bare) + 30 :], bare[30:])
+    for k in {0, words // 2, words - 1}:
+        other = " ".join([*said[:k], "failed", *said[k + 1 :]])
+        assert (draw_plan(*ways, caption=other, legend=True) != whole).any(), k
 
 
 @pytest.mark.parametrize("beam", [0, 135, 270])

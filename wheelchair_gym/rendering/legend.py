@@ -16,7 +16,7 @@ from wheelchair_gym.rendering.palette import Colour
 # Words, and what draws their mark between two points (2, 2).
 Entry = tuple[str, Callable[[Canvas, Array], None]]
 _SWATCH = 2.2  # length of a line, in heights of the letters
-_GAP = 1.4  # between two entries, likewise
+_GAP, _SPACE = 1.4, 0.5  # between two entries, and two words, likewise
 
 
 def line(words: str, colour: Colour, width: float = 3.0) -> Entry:
@@ -71,25 +71,31 @@ MAP_ENTRIES: list[Entry] = [
 ]
 
 
-def with_legend(picture: Image, entries: Sequence[Entry]) -> Image:
-    """A picture (h, w, 3) with rows of marks and words on top, as wide as it is."""
+def with_legend(picture: Image, entries: Sequence[Entry], caption: str = "") -> Image:
+    """A picture (h, w, 3) with rows of marks and words on top, as wide as it is.
+
+    The words of a caption follow on rows of their own.
+    """
     long_side = max(picture.shape[:2])
     width, row = floor.FINE * picture.shape[1], floor.FINE * floor.strip_height(long_side)
     if row == 0:
         return picture
     capital = 0.36 * row
     places, x, rows = [], capital, 1
-    for label, _ in entries:
-        needed = (_SWATCH + 0.6) * capital + text_width(label, capital)
-        if x + needed > width - capital and x > capital:
+    words = caption.split()
+    for k, label in enumerate([*(label for label, _ in entries), *words]):
+        swatch = (_SWATCH + 0.6) * capital if k < len(entries) else 0.0
+        needed = swatch + text_width(label, capital)
+        if (x + needed > width - capital or k == len(entries)) and x > capital:
             x, rows = capital, rows + 1
-        places.append((x, (rows - 0.5) * row))
-        x += needed + _GAP * capital
+        places.append((x + swatch, (rows - 0.5) * row))
+        x += needed + (_GAP if swatch else _SPACE) * capital
     # One metre is one pixel here, and y points up.
     image: Image = np.full((rows * row, width, 3), palette.PAPER, dtype=np.uint8)
     canvas = Canvas(image, Frame(1.0, 0.0, 0.0), floor.stroke_scale(long_side) * floor.FINE)
-    for (left, middle), (label, mark) in zip(places, entries, strict=True):
+    for (_, mark), (right, middle) in zip(entries, places, strict=False):
+        left = right - (_SWATCH + 0.6) * capital
         mark(canvas, np.array([(left, -middle), (left + _SWATCH * capital, -middle)]))
-        at = (left + (_SWATCH + 0.6) * capital, middle + 0.5 * capital)
-        write_text(image, label, at, capital, palette.INK)
+    for label, (left, middle) in zip([*(e[0] for e in entries), *words], places, strict=True):
+        write_text(image, label, (left, middle + 0.5 * capital), capital, palette.INK)
     return np.vstack([canvas.downsampled(floor.FINE).image, picture])

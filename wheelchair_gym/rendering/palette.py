@@ -36,7 +36,6 @@ LEAF: Colour = (140, 90, 40)  # of a door
 SUDDEN = VERMILION  # what has appeared
 LIGHT: Colour = (196, 164, 120)  # furniture that can be pushed
 TREE = SKY
-SWARM = ORANGE
 OUTLINE = PURPLE  # of what moves along a path
 OPTIMUM = BLACK
 

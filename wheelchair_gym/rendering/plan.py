@@ -10,10 +10,12 @@ from numpy.typing import ArrayLike
 from wheelchair_gym.geometry import polygon_edges
 from wheelchair_gym.rendering import floor, palette
 from wheelchair_gym.rendering.canvas import Canvas, Image
-from wheelchair_gym.rendering.legend import Entry, line, with_legend
+from wheelchair_gym.rendering.legend import Entry, disc, line, with_legend
 from wheelchair_gym.types import no_discs, no_walls
 
-_TREE, _SWARM, _OUTLINE, _PATH, _ROLLOUT, _OPTIMUM = 0.8, 0.9, 1.0, 4.0, 2.4, 1.6  # widths [pixels]
+# Widths [pixels]; the last is the radius of a swarm's point.
+_TREE, _SWARM, _OUTLINE, _PATH, _ROLLOUT, _OPTIMUM = 0.8, 0.9, 1.0, 4.0, 2.4, 1.6
+_RAW, _POINT = 3.0, 4.0
 
 
 def draw_plan(
@@ -27,7 +29,8 @@ def draw_plan(
     inflated: Sequence[ArrayLike] = (),
     rollout: ArrayLike | None = None,
     optimum: ArrayLike | None = None,
-    swarm: Sequence[ArrayLike] = (),
+    raw: ArrayLike | None = None,
+    swarm: Sequence[tuple[str, palette.Colour, ArrayLike]] = (),
     outlines: Sequence[ArrayLike] = (),
     size: int | tuple[int, int] = 640,
     caption: str = "",
@@ -45,10 +48,11 @@ def draw_plan(
         inflated: closed loops (k, 2) [m] of what is solid and kept free, filled likewise, paler.
         rollout: poses (n, 2 or 3) [m] that commands lead through; the path is then red, they blue.
         optimum: the best path known (n, 2 or 3) [m].
-        swarm: paths (n, 2 or 3) [m] that a swarm has tried.
+        raw: the tree's own path (n, 2) [m].
+        swarm: words, colour, and a path (n, 2) or a point (1, 2) [m] that a swarm has tried.
         outlines: closed loops (k, 2) [m] of what moves, at places along the path.
         size: height and width, or the long side alone [pixels]; a legend comes on top.
-        caption: one line below the picture, ASCII.
+        caption: one line below the picture, or with a legend as many above it as it takes; ASCII.
         legend: say above the picture what is what.
     """
     box = np.asarray(bounds, dtype=np.float64)
@@ -62,8 +66,12 @@ def draw_plan(
     floor.draw_obstacles(fine, np.concatenate(edges), no_discs())
     if tree is not None:
         fine.segments(tree, palette.TREE, _TREE)
-    for particle in swarm:
-        fine.line(particle, palette.SWARM, _SWARM)
+    for _, colour, member in swarm:
+        fine.line(member, colour, _SWARM)
+        if len(np.asarray(member)) == 1:
+            fine.dot(np.asarray(member)[0], _POINT, colour)
+    if raw is not None:
+        fine.line(raw, palette.TREE, _RAW)
     for outline in outlines:
         fine.line(outline, palette.OUTLINE, _OUTLINE, closed=True)
     path_colour = palette.TRAIL if rollout is None else palette.VERMILION
@@ -77,23 +85,33 @@ def draw_plan(
     floor.draw_start(fine, start)
     floor.draw_scale_bar(fine)
     picture = fine.downsampled(floor.FINE)
-    floor.write_caption(picture, caption)
     if not legend:
+        floor.write_caption(picture, caption)
         return picture.image
     dashes: Entry = ("shortest", lambda on, at: on.dashes(at, palette.OPTIMUM, _OPTIMUM))
     entries: list[tuple[object, Entry]] = [
         (True, ("start", lambda on, at: floor.draw_start(on, at.mean(axis=0)))),
         (True, ("goal", lambda on, at: _mark_goal(on, at.mean(axis=0)))),
-        (path is not None and len(np.asarray(path)), line("path", path_colour, _PATH)),
-        (rollout is not None, line("roll-out", palette.TRAIL, _ROLLOUT)),
+        (_any(path), line("path", path_colour, _PATH)),
+        (_any(rollout), line("roll-out", palette.TRAIL, _ROLLOUT)),
         (len(inflated), line("solid", palette.SOLID, 2 * _PATH)),
         (len(inflated), line("dilated", palette.MAPPED, 2 * _PATH)),
         (optimum is not None, dashes),
-        (tree is not None and len(np.asarray(tree)), line("tree", palette.TREE, 2 * _TREE)),
-        (len(swarm), line("swarm", palette.SWARM, 2 * _SWARM)),
+        (_any(tree), line("tree", palette.TREE, 2 * _TREE)),
+        (raw is not None, line("path of the tree", palette.TREE, _RAW)),
+        *((True, entry) for entry in {of[0]: _member(*of) for of in swarm}.values()),
         (len(outlines), line("footprint", palette.OUTLINE, 2 * _OUTLINE)),
     ]
-    return with_legend(picture.image, [entry for drawn, entry in entries if drawn])
+    return with_legend(picture.image, [entry for drawn, entry in entries if drawn], caption)
+
+
+def _any(drawn: ArrayLike | None) -> bool:
+    return drawn is not None and np.size(drawn) > 0
+
+
+def _member(words: str, colour: palette.Colour, where: ArrayLike) -> Entry:
+    is_point = len(np.asarray(where)) == 1
+    return disc(words, colour) if is_point else line(words, colour, 2 * _SWARM)
 
 
 def _mark_goal(canvas: Canvas, goal: ArrayLike) -> None:

@@ -14,9 +14,11 @@ obstacles inflated by 0.4 m. Verdicts on these maps can be on orders only, never
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any, Final, Literal
 
 import numpy as np
+import yaml
 
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import setting, settings
@@ -47,39 +49,20 @@ Box = tuple[float, float, float, float]  # m: xmin, ymin, xmax, ymax
 Disc = tuple[float, float, float]  # m: x, y, radius
 Point = tuple[float, float]  # m
 
-LAB_SIZE: Final = (7.0, 5.0)  # m
+
+def _tuples(value: Any) -> Any:
+    return tuple(map(_tuples, value)) if isinstance(value, list) else value
 
 
-# Few walls; a screen and a bench; three screens one behind the other: more clutter from 1 to 3.
-LABS: Final[tuple[tuple[tuple[Box, ...], Point, Point], ...]] = (  # m: walls, start, goal
-    (((2.3, 0.0, 2.4, 2.2), (4.4, 2.6, 4.5, 5.0)), (0.9, 1.2), (6.0, 3.8)),
-    (((3.2, 1.5, 3.3, 5.0), (4.3, 2.4, 5.4, 2.5), (0.8, 4.2, 2.0, 4.3)), (1.2, 3.2), (5.6, 3.4)),
-    (
-        ((1.9, 1.4, 2.0, 5.0), (3.6, 0.0, 3.7, 3.5), (5.3, 1.5, 5.4, 5.0), (0.0, 2.9, 0.7, 3.0)),
-        (0.9, 1.6),
-        (6.2, 2.4),
-    ),
-)
-
-DESIGN_LAB_SIZE: Final = (12.0, 14.0)  # m
-DESIGN_LAB: Final[tuple[Box, ...]] = (
-    # The wall between hall and lab, with a door of 1.6 m.
-    (0.0, 7.0, 6.6, 7.2),
-    (8.2, 7.0, 12.0, 7.2),
-    # The lab: a bench across the straight way of path 1, and benches along the walls.
-    (6.5, 10.4, 7.8, 11.1),
-    (2.6, 9.4, 3.4, 12.6),
-    (9.8, 8.4, 10.6, 11.0),
-    (4.4, 12.8, 7.0, 13.6),
-    # The hall: a table across the straight way of path 2, a screen, cupboards.
-    (4.8, 3.6, 6.9, 4.8),
-    (3.4, 0.0, 3.5, 3.0),
-    (8.8, 2.2, 10.4, 3.2),
-    (1.2, 3.8, 2.4, 5.6),
-)
-DESIGN_LAB_PATHS: Final = {
-    1: ((5.3, 9.0), (8.5, 12.0)),
-    2: ((6.0, 2.0), (6.3, 9.5)),
+_ROWS = yaml.safe_load(Path(__file__).with_name("published.yaml").read_text("utf-8"))
+_WORLDS = {name: _tuples(value) for name, value in _ROWS.items()}
+LAB_SIZE: Final[Point] = _WORLDS["LAB_SIZE"]
+LABS: Final[tuple[tuple[tuple[Box, ...], Point, Point], ...]] = _WORLDS["LABS"]
+CHAOTIC_PSO_DISCS: Final[tuple[Disc, ...]] = _WORLDS["CHAOTIC_PSO_DISCS"]
+GREY_WOLF_DISCS: Final[tuple[Disc, ...]] = _WORLDS["GREY_WOLF_DISCS"]
+GREY_WOLF_GOALS: Final = {
+    f"{x:g},{y:g}": (x, y)
+    for x, y in ((5.0, 20.0), (15.0, 5.0), (12.0, 12.0), (15.0, 22.0), (20.0, 20.0), (10.0, 2.5))
 }
 
 
@@ -106,28 +89,12 @@ class DesignLab:
 
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
         """The one world there is, whatever the footprint."""
-        arena = make_arena((0.0, 0.0, *DESIGN_LAB_SIZE), DESIGN_LAB)
-        return arena.episode(*poses_along(*DESIGN_LAB_PATHS[self.path]), "design_lab")
+        arena = make_arena((0.0, 0.0, *_WORLDS["DESIGN_LAB_SIZE"]), _WORLDS["DESIGN_LAB"])
+        path = _WORLDS["DESIGN_LAB_PATHS"][self.path - 1]
+        return arena.episode(*poses_along(*path), "design_lab")
 
 
 _define_maps(Lab, 3, "Laboratory of the thesis on limited tree expansion, no.")
-
-
-CHAOTIC_PSO_DISCS: Final = (
-    (1.0, 8.0, 0.32),
-    (1.5, 4.5, 0.62),
-    (3.0, 7.0, 0.32),
-    (4.0, 3.0, 0.32),
-    (9.0, 4.0, 0.82),
-    (8.0, 8.0, 0.32),
-    (6.0, 6.0, 0.52),
-    (9.0, 1.0, 0.62),
-)
-GREY_WOLF_DISCS: Final = ((6.5, 7.5, 5.5), (17.0, 13.0, 3.33), (11.0, 18.0, 3.0))
-GREY_WOLF_GOALS: Final = {
-    f"{x:g},{y:g}": (x, y)
-    for x, y in ((5.0, 20.0), (15.0, 5.0), (12.0, 12.0), (15.0, 22.0), (20.0, 20.0), (10.0, 2.5))
-}
 
 
 @settings

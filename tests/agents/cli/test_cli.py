@@ -7,9 +7,11 @@ import os
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from PIL import Image
 
 from agents.cli import COMMANDS, main, parser
@@ -76,77 +78,7 @@ def plan(hall, name, start="1,2", goal="4,2", planner="rrt_connect"):
 
 PLAN = "plan --map {hall}/hall.yaml --planner rrt_connect --start 1,2 --goal 4,2"
 BENCH = "bench planners --no-peers"
-WRONG = {
-    "end of a list": "compare --policies ,",
-    "unknown option": "scenes --fast",
-    "unknown planner": "{plan} --planner magic",
-    "missing map": "{plan} --map {hall}/nothing.yaml",
-    "broken yaml": "{plan} --map {hall}/broken.yaml",
-    "yaml without keys": "{plan} --map {hall}/keyless.yaml",
-    "missing image": "{plan} --map {hall}/noimage.yaml",
-    "corrupt image": "{plan} --map {hall}/corrupt.yaml",
-    "start is not a number": "{plan} --start nan,2",
-    "start is no pose": "{plan} --start 1;2",
-    "start in a wall": "{plan} --start 2.5,2",
-    "goal in a wall": "{plan} --goal 2.5,2",
-    "start outside": "{plan} --start -1,2",
-    "goal outside": "{plan} --goal 9,2",
-    "negative clearance": "{plan} --clearance -1",
-    "neither map nor problems": "plan --planner rrt",
-    "map without start": "plan --planner rrt --map {hall}/hall.yaml",
-    "unwritable json": "{plan} --json {hall}/hall.yaml/x",
-    "unwritable picture": "{plan} --picture {hall}/hall.yaml/x.png",
-    "missing problems": "plan --planner rrt --problems {hall}/no.json",
-    "broken problems": "plan --planner rrt --problems {hall}/broken.json",
-    "problems lack keys": "plan --planner rrt --problems {hall}/keyless.json",
-    "problems with NaN": "plan --planner rrt --problems {hall}/nan.json",
-    "problems are no list": "plan --planner rrt --problems {hall}/object.json",
-    "problems of wrong types": "plan --planner rrt --problems {hall}/typed.json",
-    "problems with a start": "plan --planner rrt --problems {hall}/problems.json --start 1,2",
-    "unknown setting": "{plan} --set wings=2",
-    "setting of a wrong type": "{plan} --set iterations=few",
-    "setting without value": "{plan} --set iterations",
-    "setting inside a number": "{plan} --set step=1 --set step.x=1",
-    "settings file lacks the name": "{plan} --planner {hall}/object.json:rrt",
-    "config of another kind": "plan --config {hall}/scenes.json",
-    "config without a map": "plan --config {hall}/mapless.json",
-    "map of no known kind": "{plan} --map {hall}/corrupt.pgm",
-    "broken octile map": "{plan} --map {hall}/broken.map",
-    "house without verts": "{plan} --map {hall}/object.json",
-    "picture of another kind": "{plan} --picture {hall}/x.svg",
-    "json is a folder": "{plan} --json {hall}",
-    "unknown policy": "simulate --policy nobody",
-    "unknown follower": "simulate --policy rrt+nobody",
-    "unknown scene": "simulate --policy random --scene moon",
-    "negative seed": "simulate --seed -1",
-    "missing config": "simulate --policy random --config {hall}/no.json",
-    "broken config": "simulate --config {hall}/broken.json",
-    "unknown key in a config": "simulate --config {hall}/unknown.json",
-    "config is a list": "simulate --config {hall}/list.json",
-    "unknown key of a scene": "simulate --policy random --scene {hall}/scenes.json:clutter",
-    "zero jobs": "compare --jobs 0",
-    "negative episodes": "compare --episodes -3",
-    "no episodes": "compare --episodes 0",
-    "unknown scene in a suite": "compare --scenes moon --out {hall}/r",
-    "folder is a file": "compare --out {hall}/hall.yaml",
-    "unwritable folder": "compare --out {hall}/hall.yaml/x",
-    "unknown pose": "compare --pose mcl,gps",
-    "worlds of no file": "compare --scenes {hall}/none.json",
-    "worlds that are none": "compare --scenes {hall}/object.json",
-    "unknown scene to describe": "scenes moon",
-    "no file of problems": "{bench} --problems {hall}/nothing.json",
-    "unknown problem": "{bench} --problems {hall}/problems.json --only cellar",
-    "unknown scene of problems": "{bench} --only cellar",
-    "unknown planner in a benchmark": "{bench} --planners magic",
-    "planners of no file of settings": "{bench} --planners {hall}/object.json:rrt",
-    "no seeds": "{bench} --seeds 0",
-    "no time": "{bench} --deadlines 0",
-    "deadline is no number": "{bench} --deadlines soon",
-    "no results to go on with": "{bench} --resume {hall}/object.json",
-    "missing results": "{bench} --problems {hall}/problems.json --resume {hall}/nothing.json",
-    "plot of another kind": "{bench} --problems {hall}/problems.json --plot {hall}/plot.svg",
-    "json below a file": "{bench} --planners rrt --json {hall}/object.json/x.json",
-}
+WRONG = yaml.safe_load(Path(__file__).with_name("wrong_words.yaml").read_text())["cases"]
 
 
 @pytest.mark.parametrize("case", sorted(WRONG))

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import re
 from dataclasses import replace
+from importlib.resources import files
 
+import numpy as np
 import pytest
 
 from agents.cli import main
 from agents.studies import runner as module
-from agents.studies.model import published
-from agents.studies.runner import CLAIMS, STORE, STUDIES, run_studies
+from agents.studies.evidence import Evidence
+from agents.studies.model import Results, published
+from agents.studies.runner import CLAIMS, STORE, STUDIES, VERDICTS, run_studies
 
 TABLES = [f"t1-3.{k}" for k in range(1, 14)]
 
@@ -45,6 +49,56 @@ def test_claims_name_rows_and_metrics_of_their_study():
             assert {name for name in named if isinstance(name, str)} <= names - {""}, claim.text
             assert claim.test.startswith("share") or claim.metric in study.margins, claim.text
         assert set(study.margins) <= {metric.key for metric in study.metrics}
+
+
+def test_an_effect_as_large_as_the_printed_one_never_refutes_a_claim():
+    """Law of all margins: none hides a difference that the source itself prints."""
+    capped = 0
+    for study in STUDIES.values():
+        for claim in study.claims:
+            printed, margin = claim.printed_effect(study), claim.margin(study)
+            if margin is None and claim.test == "between" and "Misprint" not in claim.text:
+                assert claim.low <= printed <= claim.high or np.isnan(printed), claim.text
+            elif margin is not None and np.isfinite(printed):
+                assert margin > 0.0
+                equal = claim.test in ("level", "between")
+                assert (margin >= abs(printed)) if equal else (margin <= abs(printed)), claim.text
+                capped += margin != study.margins[claim.metric]
+    assert capped  # P2's 0.025 % is less than half a per cent
+
+
+@pytest.mark.parametrize(
+    ("effect", "spread", "verdict"),
+    [
+        (-0.0004, 1e-4, "holds"),
+        (-0.0004, 4e-3, "cannot be decided"),  # although it is surely less than half a per cent
+        (0.0, 1e-4, "does not hold"),
+    ],
+)
+def test_a_difference_as_small_as_the_printed_one_is_not_taken_for_none(effect, spread, verdict):
+    """P2 prints -0.025 %: so small an effect may hold, and none at all does not."""
+    study = STUDIES["p2"]
+    noise = spread * np.random.default_rng(0).normal(size=(2, 400))
+    of = {"pso": 11.4 * (1.0 + noise[0]), "pso_chaotic": 11.4 * (1.0 + effect + noise[1])}
+    runs = [
+        (row, "eight discs", seed, {"solved": True, "length_m": length})
+        for row, lengths in of.items()
+        for seed, length in enumerate(lengths)
+    ]
+    assert study.claims[0].judge(Results(study, runs)).verdict(CLAIMS) == verdict
+
+
+def test_the_published_verdicts_are_those_of_all_claims():
+    path = files("agents") / "data" / VERDICTS
+    found = list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
+    claims = [(s.name, c.text, c.source) for s in STUDIES.values() for c in s.claims]
+    assert [(row["study"], row["claim"], row["source"]) for row in found] == claims
+    for row in found:
+        figures = [float(row[key] or "nan") for key in ("low", "effect", "high")]
+        assert figures == sorted(figures) or np.isnan(figures).any(), row["claim"]
+        p = float(row["p_for"]), float(row["p_against"])
+        assert Evidence(*p, *figures, "", "").verdict(CLAIMS) == row["verdict"]
+        assert re.fullmatch(r"[0-9a-f]{12}", row["commit"]), "measured with files that differ"
 
 
 def test_published_figures_are_those_of_the_sources(shared):
@@ -119,4 +173,4 @@ def test_a_page_says_its_verdicts_first_and_needs_no_other_file(tmp_path, capsys
     for row in result["rows"][:9]:
         assert row["figures"]["length_m"]["published"] > 0
     assert f"{CLAIMS} claims" in result["provenance"]["judged together"]
-    assert len(list((tmp_path / "figures").glob("t2-*.png"))) == 2
+    assert len(list((tmp_path / "figures").glob("t2-*.png"))) == 3

@@ -80,8 +80,8 @@ def shared_steps(slope, missing=np.nan, count=5):
         (evidence.falls(*shared_steps(0.2), 0.001, "", True), ClaimVerdict.FAILS),
         (evidence.rises(*shared_steps(0.2, 100.0), 0.001, ""), ClaimVerdict.OPEN),
         (evidence.level(*shared_steps(0.0), 0.005, "", True), ClaimVerdict.HOLDS),
-        (evidence.spread_below({"": 1 * NOISE}, {"": 2 * NOISE[::-1]}, ""), ClaimVerdict.HOLDS),
-        (evidence.spread_below({"": 2 * NOISE}, {"": 1 * NOISE[::-1]}, ""), ClaimVerdict.FAILS),
+        (evidence.spread_below({"": NOISE}, {"": 2 * NOISE[::-1]}, 0.05, ""), ClaimVerdict.HOLDS),
+        (evidence.spread_below({"": 2 * NOISE}, {"": NOISE[::-1]}, 0.05, ""), ClaimVerdict.FAILS),
         (evidence.share_above(495, 500, 0.95, ""), ClaimVerdict.HOLDS),
         (evidence.share_above(400, 500, 0.95, ""), ClaimVerdict.FAILS),
         # without chance

@@ -12,7 +12,8 @@ import shapely
 from PIL import Image, ImageDraw
 
 from agents.cli import main
-from agents.studies.thesis import controls_of, film, problem_of
+from agents.studies.plan_pictures import PlanPictures
+from agents.studies.thesis import controls_of, problem_of
 from planners import Status, make_planner
 from planners.judge import Judge
 from planners.rrt_star_woa.thesis import (
@@ -52,6 +53,13 @@ def folder(tmp_path, monkeypatch):
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
     return maps
+
+
+@pytest.fixture
+def short_films(monkeypatch):
+    """Few pictures of the tree, of the whales and of the roll-out."""
+    for name, pictures in (("GROWTH", 5), ("SWARM", 3), ("DRIVE", 4)):
+        monkeypatch.setattr(f"agents.studies.plan_pictures.{name}", pictures)
 
 
 def settings(folder, **changes):
@@ -175,34 +183,29 @@ def test_the_other_keys_draw_film_or_say_that_they_do_nothing(folder, capsys):
     assert main(["plan", "--config", str(path), *again]) == 0
 
 
-def test_a_film_grows_the_tree_and_drives_the_commands(folder, monkeypatch):
-    monkeypatch.setattr("agents.studies.thesis.GROWTH", 5)
-    monkeypatch.setattr("agents.studies.thesis.DRIVE", 4)
+def test_a_film_grows_the_tree_shows_whales_and_drives_the_commands(folder, short_films):
     file = read_thesis(settings(folder))
     drawn, planner = problem_of(file, **ENDS), make_planner(file.planner())
     found = planner.plan(drawn.problem, np.random.default_rng(1))
-    frames = [*film(drawn, planner, found, controls_of(drawn, found, 1), 1)]
+    frames = [*PlanPictures(drawn, planner, found, 1, controls_of(drawn, found, 1)).film()]
     assert len({frame.shape for frame in frames}) == 1
-    assert len(frames) == 9
-
-    def seen(colour):
-        return [int((frame == colour).all(axis=-1).sum()) for frame in frames]
-
-    tree, path, rollout = seen((86, 180, 233)), seen((213, 94, 0)), seen((0, 114, 178))
+    assert len(frames) == 5 + 3 + 4 + 15  # the last picture stays for a second
+    tree, path, rollout, best = (
+        [int((frame == colour).all(axis=-1).sum()) for frame in frames]
+        for colour in ((86, 180, 233), (213, 94, 0), (0, 114, 178), (0, 158, 115))
+    )
     assert tree[0] < tree[2] < tree[4]
     assert path[3] == 0 < path[4]  # it is there with the last sample
-    assert rollout[5] == 0
-    assert rollout[6] < rollout[7] < rollout[8]
+    assert best[4] < best[7]  # whales: the best free path, beside the goal
+    assert rollout[8] < rollout[9] < rollout[10] < rollout[11] == rollout[-1]
 
 
-def test_create_video_writes_a_film_once(folder, capsys, monkeypatch):
-    monkeypatch.setattr("agents.studies.thesis.GROWTH", 3)
-    monkeypatch.setattr("agents.studies.thesis.DRIVE", 3)
+def test_create_video_writes_a_film_once(folder, capsys, short_films, monkeypatch):
     monkeypatch.setattr("agents.cli.plan.video_suffix", lambda: ".gif")
     path = settings(folder, CreateVideo=True)
     assert main(["plan", "--config", str(path), *OPTIONS]) == 0
     with Image.open("figure.gif") as film:
-        assert film.n_frames == 6
+        assert film.n_frames == 5 + 3 + 4  # equal pictures are one
     assert main(["plan", "--config", str(path), *OPTIONS]) == 2
     assert "CreateVideo would overwrite figure.gif" in capsys.readouterr().err
 

@@ -1,0 +1,157 @@
+"""Pictures and films of a plan: the tree as it grows, the whales, the path and its roll-out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Final
+
+import numpy as np
+
+from agents.studies.thesis import Drawn
+from agents.studies.whales import Whale, paths_of_whales, points_of_whales
+from planners import PLANNERS, Plan, Problem, make_planner
+from planners.rrt_star_woa.control_generator import Controls
+from wheelchair_gym.arrays import Array
+from wheelchair_gym.geometry import Footprint, arc_lengths, to_world
+from wheelchair_gym.rendering import draw_plan
+from wheelchair_gym.rendering.video import Image
+
+RATE: Final = 15.0  # pictures of a film a second
+GROWTH, SWARM, DRIVE = 60, 60, 120  # pictures of the tree, of whales and of the roll-out, at most
+SPACING: Final = 0.9  # m between the footprints drawn along a path or a roll-out
+_SAMPLES = 40
+SHORTENS, STEERS = "rrt_star_woa_global", "rrt_star_woa_local"  # planners whose whales are drawn
+
+
+@dataclass(frozen=True)
+class PlanPictures:
+    """The pictures of a plan that a planner made with a seed."""
+
+    drawn: Drawn
+    planner: Any
+    plan: Plan
+    seed: int
+    made: Controls | None = None  # the commands that lead along the path
+
+    @cached_property
+    def _name(self) -> str | None:
+        rotated = self.drawn.problem.space.in_frame is not self.drawn.problem.space
+        return None if rotated else PLANNERS.name_of(self.planner)
+
+    @cached_property
+    def _shortening(self) -> tuple[Plan, list[list[Whale]]]:
+        """The plan of the tree alone, and the whales that shorten its path."""
+        if self._name != SHORTENS:
+            return self.plan, []
+        rng, problem = np.random.default_rng(self.seed), self.drawn.problem
+        raw = self.planner.tree.plan(problem, rng)
+        return raw, [*paths_of_whales(self.planner, problem, raw.path, rng)]
+
+    def _steering(self, part: Plan, number: int) -> list[Whale]:
+        """The whales of a local variant around the random sample of a number."""
+        if self._name != STEERS or not len(part.tree):
+            return []
+        problem, rng = self.drawn.problem, np.random.default_rng([self.seed, number])
+        x0, y0, x1, y1 = problem.space.bounds
+        sample, nodes = rng.uniform((x0, y0), (x1, y1)), part.tree.reshape(-1, 2)
+        node = nodes[np.hypot(*(nodes - sample).T).argmin()]
+        found = [*points_of_whales(self.planner, problem, node, sample, rng)]
+        return found[number % len(found)]
+
+    def draw(self, caption: str) -> Image:
+        """Map, tree, path and roll-out with a legend (h, w, 3); whales in a picture above it."""
+        raw, whales = self._shortening
+        best = None
+        if self.made is None:
+            best = make_planner("visibility").plan(self.drawn.problem, np.random.default_rng(0))
+        more: dict[str, Any] = {"legend": True, "raw": raw.path if whales else None}
+        swarm = whales[3 * len(whales) // 4] if whales else self._most_kinds()
+        panels = []
+        if swarm:
+            bare = replace(raw, path=raw.path[:0]) if whales else raw
+            panels = [self._picture(bare, "", 720, 0, swarm=swarm, **more)]
+        more["optimum"] = best.path if best is not None and len(best.path) else None
+        return np.vstack(
+            [*panels, self._picture(self.plan, caption, 720 if swarm else 960, **more)]
+        )
+
+    def _most_kinds(self) -> list[Whale]:
+        """Whales around the one of some random samples at which most kinds of whales are seen."""
+        swarms = (self._steering(self.plan, k) for k in range(_SAMPLES))
+        return max(swarms, key=lambda whales: len({words for words, _, _ in whales}))
+
+    def film(self) -> Iterator[Image]:
+        """Pictures (h, w, 3) at `RATE`: the tree, the whales, the roll-out; the last for 1 s."""
+        raw, whales = self._shortening
+        tree = self.planner.tree if whales else self.planner
+        for k, part in enumerate(growth(self.drawn.problem, tree, raw, self.seed)):
+            said = f"{part.counters.get('iterations', 0)} samples"
+            picture = self._picture(part, said, 640, 0, swarm=self._steering(part, k))
+            yield picture
+        bare = replace(raw, path=raw.path[:0])
+        for t in _frames(len(whales), SWARM):
+            said = f"whales, iteration {t}"
+            yield self._picture(bare, said, 640, 0, swarm=whales[t], raw=raw.path)
+        times = () if self.made is None else self.made.times
+        for k in _frames(len(times), DRIVE):
+            picture = self._picture(self.plan, f"{times[k]:.1f} s", 640, k + 1)
+            yield picture
+        yield from [picture] * round(RATE)
+
+    def _picture(
+        self, plan: Plan, caption: str, size: int, poses: int | None = None, **more: Any
+    ) -> Image:
+        """A plan with the first poses of the roll-out, or with all; then also all footprints."""
+        problem, rollout = self.drawn.problem, None
+        if self.made is not None:
+            rollout = self.made.rollout[:poses]
+        outlines = _footprints(problem, plan.path if rollout is None else rollout, self.planner)
+        if rollout is not None and poses is not None:
+            outlines = outlines[-1:]
+        return draw_plan(
+            problem.space.bounds, problem.start, problem.goal, plan.path, plan.tree,
+            polygons=self.drawn.solid, inflated=self.drawn.kept_free, rollout=rollout,
+            outlines=outlines, size=size, caption=caption, **more,
+        )  # fmt: skip
+
+
+def _frames(count: int, most: int) -> list[int]:
+    """Numbers below a count, evenly, at most so many."""
+    return [round(k) for k in np.linspace(0, count - 1, min(count, most)).tolist()]
+
+
+def growth(
+    problem: Problem, planner: Any, plan: Plan, seed: int, frames: int | None = None
+) -> Iterator[Plan]:
+    """Plans of ever more samples, the last the plan itself; equal seeds grow equal trees."""
+    limited = planner.tree if hasattr(planner, "tree") else planner
+    if len(plan.tree) and hasattr(limited, "iterations"):
+        made = plan.counters["iterations"]
+        counts = np.unique(np.linspace(1, max(1, made), frames or GROWTH).round().astype(int))
+        for k in counts[:-1].tolist():
+            fewer = replace(limited, iterations=k)
+            some = fewer if limited is planner else replace(planner, tree=fewer)
+            yield some.plan(problem, np.random.default_rng(seed))
+    yield plan
+
+
+def _footprints(problem: Problem, path: Array, planner: Any) -> list[Array]:
+    """Footprints (k, 2) [m] about every `SPACING` of a path or a roll-out, and at its ends.
+
+    A path with headings has the planner's footprint, another one the disc of the clearance.
+    """
+    if not len(path):
+        return []
+    way = arc_lengths(path)
+    stops = np.linspace(0.0, way[-1], max(2, round(way[-1] / SPACING) + 1))
+    if path.shape[1] == 3:
+        corners = getattr(planner, "footprint", Footprint()).corners
+        return [to_world(corners, path[k]) for k in np.abs(way[:, None] - stops).argmin(axis=0)]
+    if problem.clearance == 0.0:
+        return []
+    around = np.linspace(0.0, 2.0 * np.pi, 49)[:-1]
+    disc = problem.clearance * np.stack([np.cos(around), np.sin(around)], axis=-1)
+    places = np.stack([np.interp(stops, way, path[:, axis]) for axis in range(2)], axis=-1)
+    return [place + disc for place in places]
