@@ -398,7 +398,7 @@ def agreement() -> str:
 
 
 def gain() -> str:
-    """What the whale variants gain over RRT*, by swarm and map, and what they cost."""
+    """Return gain and cost of the whale variants beside RRT*, by swarm and map."""
     found = results("gain")
 
     def change(middle: float, low: float, high: float) -> str:

@@ -127,7 +127,7 @@ PIECE = np.dtype(
 
 
 class SteeringContext(NamedTuple):
-    """What the footprint can drive on a map, the cost of it, and workspace."""
+    """Limits and cost of driving a footprint on a map, and workspace."""
 
     near: Nearby
     motion: MotionCost

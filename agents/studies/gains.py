@@ -1,4 +1,4 @@
-"""What the whale variants gain over RRT* at which cost: by swarm size and map."""
+"""Gain of the whale variants over RRT*, and its cost, by swarm size and map."""
 
 from __future__ import annotations
 

@@ -483,7 +483,7 @@ def follow(
 
 
 def ahead(path: Array, position: Array, horizon: float | None) -> tuple[Array, bool]:
-    """What of a path (n, 2) lies ahead of a position (2,), that first, up to a horizon [m].
+    """Return a position (2,) and the path (n, 2) ahead of it, up to a horizon [m].
 
     Returns:
         The points, and whether the last of them is the path's own end.
