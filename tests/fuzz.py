@@ -757,7 +757,7 @@ READERS: dict[str, Reader] = {
         _problems, _use_problems, ("problem_files.read_problems",)
     ),
     "thesis settings": Reader(
-        _thesis, _use_thesis, ("thesis.read_thesis", "cli.arguments.spec")
+        _thesis, _use_thesis, ("rrt_star_woa.thesis.read_thesis", "cli.arguments.spec")
     ),
     "env settings": Reader(
         _env, _use_env,

@@ -119,14 +119,17 @@ def test_a_plan_needs_no_planner_and_is_filmed_by_any(hall, tmp_path, planner):
         assert pictures.n_frames >= (1 if planner else 10)
 
 
-def test_the_thesis_settings_are_a_planner_and_a_map(hall, capsys):
-    assert run("plan", "--config", hall / "figure.json", "--seed", 2, "--json", "-") == 0
-    answer = json.loads(capsys.readouterr().out)
+@pytest.mark.parametrize("seed, arrives", [(1, True), (2, False)])
+def test_the_thesis_settings_are_a_planner_and_a_map(hall, capsys, tmp_path, seed, arrives):
+    settings, result = hall / "figure.json", tmp_path / "plan.json"
+    assert run("plan", "--config", settings, "--seed", seed, "--json", result) == 0
+    says, answer = capsys.readouterr().out, json.loads(result.read_text())
     assert answer["name"] == "thesis_5"
     assert (answer["path"][0], answer["path"][-1]) == ([1.5, 1.5], [28.5, 18.5])
-    assert run(*plan(hall, "hall.yaml", planner=f"{hall / 'figure.json'}:rrt_star")) == 0
-    assert answer["arrived"]
     assert len(answer["commands"]) > 10
+    assert answer["arrived"] == arrives == (answer["error"] < 1.0)
+    assert ("arrive in" if arrives else "the end of segment") in says
+    assert run(*plan(hall, "hall.yaml", planner=f"{settings}:rrt_star")) == 0
 
 
 @pytest.mark.parametrize("poses", [False, True])
