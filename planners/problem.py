@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -20,6 +20,9 @@ from wheelchair_gym.geometry import path_length, to_frame, to_world
 
 if TYPE_CHECKING:
     from planners.collision.space import Space
+
+Options = TypeVar("Options", bound=tuple[Any, ...])
+CHUNK_PERIOD = 2e-3  # s of work between two looks at the clock
 
 
 class Status(StrEnum):
@@ -163,6 +166,35 @@ def checked_plan(planner: object, plan: Any) -> Plan:
 def remaining(end: float) -> float | None:
     """Seconds until `clock` shows `end`; None if that is infinite."""
     return max(0.0, end - clock()) if end < math.inf else None
+
+
+def chunks(total: int, end: float) -> Iterator[int]:
+    """Yield the number of iterations to reach next, until `total` or until `clock` shows `end` [s].
+
+    At least one chunk is made. Without an end it is the only one.
+    """
+    made, chunk = 0, total if end == math.inf else min(1, total)
+    before = clock()
+    while True:
+        made += chunk
+        yield made
+        now = clock()
+        if made >= total or now >= end:
+            return
+        # The first chunks may have prepared or compiled something.
+        most = int(min(CHUNK_PERIOD, end - now) * chunk / max(now - before, 1e-9))
+        chunk, before = min(max(1, min(2 * chunk, most)), total - made), now
+
+
+def with_settings(options: Options, settings: object) -> Options:
+    """Return a named tuple of options with the values of settings that have their names.
+
+    A setting that is null leaves the option unchanged.
+    """
+    given: Any = options
+    values = {name: getattr(settings, name, None) for name in given._fields}
+    changed: Options = given._replace(**{k: v for k, v in values.items() if v is not None})
+    return changed
 
 
 def begin(deadline: float | None) -> tuple[float, float]:

@@ -116,6 +116,6 @@ class RrtStarWoaGlobal(LengthFree, ShiftBounds, PlannerBase):
         problem = PathProblem(
             space, np.empty((0, 3)), path[0], path[-1], anchors, POLYLINE, False, 1
         )
-        workspace, free = new_workspace(n, 1), np.empty_like(path)
+        workspace, free = new_workspace(problem), np.empty_like(path)
         cost = shorten(problem, self.path_cost, whales, free, workspace, state)
         return free if cost < np.inf else path, workspace.points

@@ -31,13 +31,13 @@ class CurveWorkspace(NamedTuple):
 
 
 def new_curve_workspace(n: int) -> CurveWorkspace:
-    """Arrays for curves through n points."""
+    """Return arrays for curves through n points."""
     return CurveWorkspace(np.empty(n), np.empty((n, 2)), np.empty(n))
 
 
 @inlined
 def _end_slope(h: float, g: float, near: float, far: float) -> float:
-    """PCHIP's slope at an end: three points, within the data's shape (Moler 2004, section 3.6)."""
+    """Return PCHIP's slope at an end, from three points (Moler 2004, section 3.6)."""
     slope = ((2.0 * h + g) * near - h * far) / (h + g)
     if slope * near <= 0.0:
         slope = 0.0
@@ -47,8 +47,9 @@ def _end_slope(h: float, g: float, near: float, far: float) -> float:
 
 
 @borrowing_kernel
-def pchip_slopes(knots: Array, points: Array, n: int, slopes: Array) -> None:
-    """Slopes that keep the data's shape: weighted harmonic means (Fritsch and Butland 1984)."""
+def pchip_slopes(knots: Array, points: Array, slopes: Array) -> None:
+    """Write shape-preserving slopes: weighted harmonic means (Fritsch and Butland 1984)."""
+    n = points.shape[0]
     for c in range(2):
         if n == 2:
             slopes[0, c] = (points[1, c] - points[0, c]) / (knots[1] - knots[0])
@@ -72,12 +73,13 @@ def pchip_slopes(knots: Array, points: Array, n: int, slopes: Array) -> None:
 
 
 @borrowing_kernel
-def spline_slopes(knots: Array, points: Array, n: int, band: Array, slopes: Array) -> None:
-    """Slopes that make the second derivative continuous (de Boor 1978, chapter IV).
+def spline_slopes(knots: Array, points: Array, band: Array, slopes: Array) -> None:
+    """Write slopes that make the second derivative continuous (de Boor 1978, chapter IV).
 
-    Of n points, at least 2, at rising knots. The first two pieces are one cubic, and so are the
-    last two.
+    There are at least 2 points, at rising knots. The first two pieces are one cubic, and so are
+    the last two.
     """
+    n = points.shape[0]
     for c in range(2):
         first = (points[1, c] - points[0, c]) / (knots[1] - knots[0])
         if n == 2:
@@ -112,14 +114,14 @@ def spline_slopes(knots: Array, points: Array, n: int, band: Array, slopes: Arra
 
 @borrowing_kernel
 def sample_curve(
-    kind: int, chordal: bool, points: Array, n: int, pieces: int, work: CurveWorkspace, line: Array
-) -> int:
-    """Cut a curve through n points [m] into straight pieces; returns how many points are written.
+    kind: int, chordal: bool, points: Array, pieces: int, work: CurveWorkspace, line: Array
+) -> None:
+    """Cut a curve through points (n, 2) [m] into straight pieces.
 
     Knots are as far apart as the points (chordal), or 0, 1, 2 ... Each leg between two points gets
     `pieces`; the line ((n - 1) * pieces + 1, 2) holds the points themselves.
     """
-    knots, slopes = work.knots, work.slopes
+    n, knots, slopes = points.shape[0], work.knots, work.slopes
     if kind != POLYLINE and pieces > 1:
         knots[0] = 0.0
         for k in range(1, n):
@@ -129,9 +131,9 @@ def sample_curve(
                 gap = max(_APART, math.hypot(dx, dy))
             knots[k] = knots[k - 1] + gap
         if kind == PCHIP:
-            pchip_slopes(knots, points, n, slopes)
+            pchip_slopes(knots, points, slopes)
         else:
-            spline_slopes(knots, points, n, work.band, slopes)
+            spline_slopes(knots, points, work.band, slopes)
     count = 0
     for k in range(n - 1):
         if pieces == 1:
@@ -153,11 +155,10 @@ def sample_curve(
                     line[count, c] = y + s * (rise + (1.0 - s) * (p * (1.0 - s) - q * s))
             count += 1
     line[count, 0], line[count, 1] = points[n - 1, 0], points[n - 1, 1]
-    return count + 1
 
 
 def curve_kind(name: str) -> int:
-    """The number of a curve's name.
+    """Return the number of a curve's name.
 
     Raises:
         InputError: there is no such curve.
@@ -168,7 +169,7 @@ def curve_kind(name: str) -> int:
 
 
 def curve(points: ArrayLike, name: str = "pchip", pieces: int = 20, chordal: bool = True) -> Array:
-    """A curve through points, as a polyline that holds the points.
+    """Return a curve through points, as a polyline that holds the points.
 
     Args:
         points: (n, 2) m, n at least 2.
@@ -189,5 +190,5 @@ def curve(points: ArrayLike, name: str = "pchip", pieces: int = 20, chordal: boo
         raise InputError(f"pieces is {pieces}; expected at least 1")
     n = len(through)
     line = np.empty(((n - 1) * pieces + 1, 2))
-    sample_curve(curve_kind(name), chordal, through, n, pieces, new_curve_workspace(n), line)
+    sample_curve(curve_kind(name), chordal, through, pieces, new_curve_workspace(n), line)
     return line

@@ -17,16 +17,16 @@ from wheelchair_gym.config import InputError, setting, settings
 
 
 class Evaluator:
-    """The cost of a position (d,); it keeps the best position and the best exactly valid path."""
+    """Evaluates positions (d,), and keeps the best one and the best exactly valid path."""
 
     def __init__(self, start: InitialSwarm, path_cost: PathCost, end: float) -> None:
         self.problem, self.path_cost, self.end = start.path_problem, path_cost, end
-        self.workspace = new_workspace(len(self.problem.anchors), self.problem.pieces)
+        self.workspace = new_workspace(self.problem)
         self.calls, self.best, self.least = 0, start.population[0], np.inf
         self.line, self.valid_cost = np.empty((0, 2)), np.inf
 
     def __call__(self, position: Any) -> float:
-        """The cost of a position; TimeoutError once `clock` has shown `end` [s]."""
+        """Return the cost of a position; raise TimeoutError once `clock` has shown `end` [s]."""
         if clock() > self.end and self.calls > 0:
             raise TimeoutError
         at = np.array(position, dtype=np.float64)
@@ -57,7 +57,7 @@ class Mealpy:
         rng: np.random.Generator,
         deadline: float | None = None,
     ) -> SearchResult:
-        """The best of runs of `cycle` iterations, each scattered around the best of those before.
+        """Return the best of runs of `cycle` iterations, each scattered around the best so far.
 
         Args:
             start: the problem and the population of the first run.

@@ -16,16 +16,17 @@ from planners.registries import FIRST_PLANNERS, OBJECTIVES, SWARM_OPTIMIZERS
 from planners.rrt_star_woa.path_shortening import scatter_in_ellipses
 from planners.rrt_star_woa.woa import ShiftBounds
 from planners.smoothing.curves import POLYLINE, curve, curve_kind
-from planners.swarm.optimizers import MIN_POPULATION, new_swarm
+from planners.swarm.optimizers import MIN_POPULATION
 from planners.swarm.path_cost import PathProblem, Smooth
 from planners.swarm.peers import Mealpy
 from planners.swarm.search import (
     InitialSwarm,
     SearchResult,
     blocked_legs,
+    new_search,
+    run,
     sample_along,
     scatter_bowed,
-    search,
     split_legs,
 )
 from planners.swarm.settings import WoaModified
@@ -154,7 +155,7 @@ class SwarmPlanner(ShiftBounds, PlannerBase):
     def search(
         self, start: InitialSwarm, rng: np.random.Generator, deadline: float | None = None
     ) -> SearchResult:
-        """The result of a search from a start, which stays unchanged.
+        """Return the result of a search from a start, which stays unchanged.
 
         Args:
             start: the problem and the population.
@@ -165,16 +166,8 @@ class SwarmPlanner(ShiftBounds, PlannerBase):
         path_cost = OBJECTIVES.make(self.objective).path_cost
         if isinstance(optimizer, Mealpy):
             return optimizer.search(start, path_cost, self.iterations, self.cycle, rng, deadline)
-        return search(
-            start.path_problem,
-            path_cost,
-            optimizer.parameters,
-            new_swarm(start.population, start.lower, start.upper),
-            self.iterations,
-            self.cycle,
-            stream(rng),
-            deadline,
-        )
+        search = new_search(start, path_cost, optimizer.parameters)
+        return run(search, self.iterations, self.cycle, stream(rng), deadline)
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """The valid path of least cost of all that the swarm tried.

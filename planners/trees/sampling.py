@@ -21,19 +21,22 @@ MIN_GAIN = 1e-9
 CORNER_RADIUS = 1.0  # m: largest distance of a sample from its corner, about the width of a door
 
 
-class Growth(NamedTuple):
-    """The options that make the search one of the tree planners; by default a plain RRT."""
+class TreeOptions(NamedTuple):
+    """The options that make the search one of the tree planners; by default a plain RRT.
 
-    iterations: int  # samples at most
-    step: float  # m, longest edge towards a sample
-    goal_reach: float  # m, a node this near to the goal is connected to it, if the edge is free
-    max_nodes: int  # nodes of a tree
-    reserve: int = 16  # nodes that one iteration may add, without those of the joined goal tree
+    An option named as one of a planner's settings has the value of that setting.
+    """
+
+    iterations: int = 0  # largest number of samples
+    step: float = 0.0  # m, longest edge towards a sample
+    # m, a node this near to the goal is connected to it, if the edge is free
+    goal_reach: float = math.inf
+    nodes: int = 20_000  # largest number of nodes of a tree
     goal_bias: float = 0.0  # share of the samples that are the goal until it is reached
-    stop_at_first: bool = True  # stop at the first path
+    return_on_first_path: bool = True
     bidirectional: bool = False  # a second tree grows from the goal until they meet (RRT-Connect)
     rewiring: bool = False  # choose the best parent and rewire neighbours (RRT*)
-    radius: float = 0.0  # m, of the neighbourhood; 0 for the shrinking radius
+    search_radius: float = 0.0  # m, of the neighbourhood; 0 for the shrinking radius
     gamma: float = 0.0  # of the shrinking radius gamma sqrt(area log n / n)
     replace_leaves: bool = False  # at the limit a new node replaces a leaf (RRT*FN)
     shortcut_path: bool = False  # join vertices of the best path that see each other
@@ -106,7 +109,7 @@ class TreeSearch(NamedTuple):
     goal_tree: Tree
     start: Array  # (2,) m
     goal: Array  # (2,) m
-    growth: Growth
+    options: TreeOptions
     workspace: Workspace
 
 
@@ -145,7 +148,7 @@ def sample_beacon(search: TreeSearch, tree: Tree, state: Stream) -> tuple[float,
     The run records the vertex. Informed trees redraw points that do not shorten the path between
     the two neighbours of the vertex. The log-uniform radius finds gains at every scale.
     """
-    growth, workspace, nodes = search.growth, search.workspace, tree.nodes
+    options, workspace, nodes = search.options, search.workspace, tree.nodes
     run = workspace.run[0]
     n = write_ancestors(nodes, run.goal, workspace.chain)
     if n < 3:
@@ -157,15 +160,15 @@ def sample_beacon(search: TreeSearch, tree: Tree, state: Stream) -> tuple[float,
     ax, ay = nodes[workspace.chain[k + 1]].x, nodes[workspace.chain[k + 1]].y
     cx, cy = nodes[workspace.chain[k - 1]].x, nodes[workspace.chain[k - 1]].y
     before = math.hypot(ax - bx, ay - by) + math.hypot(cx - bx, cy - by)
-    radius = growth.beacon_radius
-    if growth.beacon_min_scale < 1.0:
-        radius *= growth.beacon_min_scale ** next_uniform(state)
+    radius = options.beacon_radius
+    if options.beacon_min_scale < 1.0:
+        radius *= options.beacon_min_scale ** next_uniform(state)
     x, y = bx, by
     for _ in range(_MAX_BEACON_DRAWS):
         u, v = next_in_disc(state)
         x, y = bx + radius * u, by + radius * v
         after = math.hypot(ax - x, ay - y) + math.hypot(cx - x, cy - y)
-        if not growth.informed or after < before:
+        if not options.informed or after < before:
             break
     return x, y
 
@@ -178,26 +181,26 @@ def sample(search: TreeSearch, tree: Tree, state: Stream) -> tuple[float, float]
     ellipse of points that can shorten it (Gammell et al. 2014). Or it is near an obstacle's corner,
     where narrow passages lie and paths bend (Amato et al. 1998), or near a beacon.
     """
-    space, start, goal, growth = search.space, search.start, search.goal, search.growth
+    space, start, goal, options = search.space, search.start, search.goal, search.options
     run, bounds = search.workspace.run[0], space.bounds
     run.beacon = NONE
     found, length = run.first_path != NONE, math.inf
     low, high, radius = bounds[0], bounds[2], 0.0
-    if growth.informed and found:
+    if options.informed and found:
         length = tree.nodes[run.goal].cost
-    if growth.corner_share > 0.0 and next_uniform(state) < growth.corner_share:
+    if options.corner_share > 0.0 and next_uniform(state) < options.corner_share:
         radius = CORNER_RADIUS
         if found:
-            radius *= growth.beacon_min_scale ** next_uniform(state)
+            radius *= options.beacon_min_scale ** next_uniform(state)
     elif found:
-        if growth.beacon_share > 0.0 and next_uniform(state) < growth.beacon_share:
+        if options.beacon_share > 0.0 and next_uniform(state) < options.beacon_share:
             x, y = sample_beacon(search, tree, state)
             if run.beacon != NONE:
                 return x, y
     else:
-        if growth.goal_bias > 0.0 and next_uniform(state) < growth.goal_bias:
+        if options.goal_bias > 0.0 and next_uniform(state) < options.goal_bias:
             return goal[0], goal[1]
-        if growth.in_strip:
+        if options.in_strip:
             low = max(low, min(start[0], goal[0]) - run.strip_margin)
             high = min(high, max(start[0], goal[0]) + run.strip_margin)
     # In an ellipse larger than the map, rejection sampling draws points of the map.

@@ -52,30 +52,20 @@ class Tree(NamedTuple):
 
 
 def new_tree(bounds: Array, capacity: int) -> Tree:
-    """An empty tree of at most `capacity` nodes within bounds (4,) [m]: xmin, ymin, xmax, ymax."""
+    """Return an empty tree of at most `capacity` nodes.
+
+    Its bounds (4,) [m] are xmin, ymin, xmax, ymax. `np.empty` touches no memory, so that capacity
+    costs no time.
+    """
     width, height = float(bounds[2] - bounds[0]), float(bounds[3] - bounds[1])
     cell = max(width, height) / 4.0
     grid = np.zeros(1, GRID)
     cols, rows = int(width / cell) + 1, int(height / cell) + 1
     grid[0] = (bounds[0], bounds[1], width, height, cell, cols, rows, 0)
-    heads = np.empty(_max_cells(cols, rows, capacity), np.int32)
+    # Cells are halved when nodes are six times as many.
+    heads = np.empty(4 * (cols + 1) * (rows + 1) + 8 * capacity, np.int32)
     heads[: cols * rows] = NONE
     return Tree(np.empty(capacity, NODE), heads, grid)
-
-
-def _max_cells(cols: int, rows: int, capacity: int) -> int:
-    """Upper bound of the number of cells: they are halved when nodes are six times as many."""
-    return 4 * (cols + 1) * (rows + 1) + 8 * capacity
-
-
-def tree_with_capacity(tree: Tree, capacity: int) -> Tree:
-    """The same tree in arrays for more nodes."""
-    count, cols, rows = (int(tree.grid[name][0]) for name in ("count", "cols", "rows"))
-    nodes = np.empty(capacity, NODE)
-    nodes[:count] = tree.nodes[:count]
-    heads = np.empty(_max_cells(cols, rows, capacity), np.int32)
-    heads[: cols * rows] = tree.heads[: cols * rows]
-    return Tree(nodes, heads, tree.grid)
 
 
 @borrowing_kernel
