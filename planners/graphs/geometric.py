@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from planners.collision.boundary import blocking_segments
 from planners.collision.polygon_tests import SpaceArrays, edge_free
 from planners.collision.space import Space
-from planners.problem import Plan, PlannerBase, Problem, Status, remaining
+from planners.problem import Plan, PlannerBase, Problem, Status, answer, remaining
 from planners.trees.settings import RrtStarLimited
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.clock import clock
@@ -160,12 +160,8 @@ class Geometric(PlannerBase):
             if code != GOES_ON or until == most:
                 note = ENDS[code]
                 break
-        return Plan(
-            Status.EXHAUSTED if note else Status.SOLVED,
-            np.empty((0, 2)) if note else path[: counts[0]].copy(),
-            counters={"turns": int(counts[2]), "edges_tested": int(counts[3])},
-            note=note,
-        )
+        path = np.empty((0, 2)) if note else path[: counts[0]].copy()
+        return answer(path, {"turns": int(counts[2]), "edges_tested": int(counts[3])}, note)
 
 
 @settings

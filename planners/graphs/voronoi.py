@@ -8,7 +8,7 @@ from scipy.spatial import Voronoi as Diagram
 
 from planners.collision.polygon_tests import SpaceArrays
 from planners.graphs.roadmap import Pairs, shortest
-from planners.problem import Plan, PlannerBase, Problem, Status
+from planners.problem import Plan, PlannerBase, Problem, answer
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.config import setting, settings
@@ -45,14 +45,14 @@ def _axis(samples: Array, ends: Array) -> tuple[Array, Pairs]:
 
 @settings
 class Voronoi(PlannerBase):
-    """The shortest way along the medial axis, from the Voronoi diagram of boundary samples.
+    """The shortest path along the medial axis, from the Voronoi diagram of boundary samples.
 
     Aurenhammer 1991; O'Dunlaing and Yap 1985. A passage is found once samples lie about as close as
     it is wide; where none is found, they lie twice as close.
     """
 
     refinements: int = setting(default=4, low=0, high=8, source="design choice")
-    """How often the spacing is halved where no path is found."""
+    """Number of times that the spacing is halved where no path is found."""
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Find a path; samples prove nothing, so failure is `exhausted`. No use of `rng`."""
@@ -77,9 +77,4 @@ class Voronoi(PlannerBase):
             if clock() >= end:
                 note = "out of time"
                 break
-        return Plan(
-            Status.SOLVED if len(path) else Status.EXHAUSTED,
-            path,
-            counters={"nodes": count, "halvings": halvings, "edges_tested": tested},
-            note="" if len(path) else note,
-        )
+        return answer(path, {"nodes": count, "halvings": halvings, "edges_tested": tested}, note)

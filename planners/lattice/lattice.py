@@ -26,6 +26,7 @@ from planners.collision.pose_tests import (
     start_and_goal,
 )
 from planners.collision.space import Space
+from planners.graphs.heap import enlarged, new_heap
 from planners.graphs.visibility import Visibility
 from planners.lattice.flood import is_cut_off
 from planners.lattice.heuristic import Field, distance_field, new_guide
@@ -185,8 +186,8 @@ class Lattice(FootprintPlanner):
         )  # fmt: skip
         tree = _new_tree(start, rows * columns * headings, len(lines.poses))
         return PoseSearch(Search(
-            near, motion, new_guide(seeds, map_data.gaps, low, motion), lines, grid,
-            np.array([goal[0], goal[1], join]), tree, sweeps(1), np.empty_like(near.segments),
+            near, motion, new_guide(seeds, map_data.gaps, low, motion), lines, grid, tree,
+            sweeps(1), np.empty_like(near.segments),
         ))  # fmt: skip
 
 
@@ -221,13 +222,12 @@ class PoseSearch:
         before = int(self.counts["expanded"])
         if weight != self.search.grid.heuristic_weight and not self.over:
             self._reopen(weight, self.search.grid.stop_ratio)
-        lines, moves = self.search.lines, self.search.grid.moves
-        most, most_made = min(most, before + left), len(moves.way) + 3 * (len(lines.poses) + 1)
+        most = min(most, before + left)
         while not self.over and self.counts["expanded"] < most and clock() < end:
-            tree = self.search.tree
-            if self.counts["nodes"] + most_made > len(tree.nodes):
-                self.search = self.search._replace(tree=_enlarged(tree, most_made))
-            self.over = expand(self.search, min(most, int(self.counts["expanded"]) + CHUNK))
+            until = min(most, int(self.counts["expanded"]) + CHUNK)
+            self.over = expand(self.search, until)
+            if not self.over and self.counts["expanded"] < until:
+                self.search = self.search._replace(tree=_enlarged(self.search.tree))
         return int(self.counts["expanded"]) - before
 
     def improve(self, left: int, end: float) -> int:
@@ -247,24 +247,22 @@ class PoseSearch:
 
 
 def _new_tree(start: Array, slots: int, anchors: int) -> Tree:
-    """A tree of the start alone, in the open list."""
+    """Return a tree of the start alone, in the open list."""
     nodes = np.zeros(INITIAL_NODES, NODE)
     nodes["x"][0], nodes["y"][0], nodes["yaw"][0] = start
     nodes["parent"], nodes["anchor"] = -1, -1
+    heap = new_heap(len(nodes))
+    heap.keys[0], heap.items[0], heap.size[0] = 0.0, 0, 1
     return Tree(
-        nodes, np.zeros(len(nodes)), np.zeros(len(nodes), np.int64), np.zeros(slots, np.float32),
-        np.full(anchors, -1.0), np.full(anchors + 1, np.inf), np.array([(1, 1, 0, -1)], COUNTS),
+        nodes, heap, np.zeros(slots, np.float32), np.full(anchors, -1.0),
+        np.full(anchors + 1, np.inf), np.array([(1, 0, -1)], COUNTS),
     )  # fmt: skip
 
 
-def _enlarged(tree: Tree, more: int) -> Tree:
-    """The tree with space for twice as many nodes, and so many more."""
-    extra = len(tree.nodes) + more
-    nodes, keys, items = (
-        np.concatenate([old, np.empty(extra, old.dtype)])
-        for old in (tree.nodes, tree.keys, tree.items)
-    )
-    return tree._replace(nodes=nodes, keys=keys, items=items)
+def _enlarged(tree: Tree) -> Tree:
+    """Return the tree with space for twice as many nodes."""
+    nodes = np.concatenate([tree.nodes, np.empty_like(tree.nodes)])
+    return tree._replace(nodes=nodes, heap=enlarged(tree.heap, len(nodes)))
 
 
 FILLETS = (1.0, 0.5, 0.0)  # m: tried in this order; 0 is a pivot

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from planners.collision.polygon_tests import SpaceArrays, clearance, edge_free
-from planners.problem import Plan, PlannerBase, Problem, Status
+from planners.problem import Plan, PlannerBase, Problem, Status, answer
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.compiled.kernel import borrowing_kernel
@@ -25,7 +25,7 @@ REPULSION = 0.05  # m^3: equals the attraction of the goal at 0.33 m
 
 @borrowing_kernel
 def potential(arrays: SpaceArrays, goal_x: float, goal_y: float, x: float, y: float) -> float:
-    """Potential [m] at a point: the distance to the goal, and more near what is solid.
+    """Return the potential [m] at a point: the distance to the goal, and more near obstacles.
 
     Repulsion as in Khatib 1986, (3.4), fading at the goal as in Ge and Cui 2000, so that the goal
     is the lowest point even beside a wall.
@@ -44,8 +44,8 @@ def descend(
 ) -> tuple[int, int]:
     """Take steps down from the last of `count` points of a path (n, 2) [m], up to `budget` points.
 
-    Where no heading leads down by a step of at least `MIN_STEP`, the walk is held. Returns how
-    many points there are, and WALKING, ARRIVED or HELD.
+    Where no heading leads down by a step of at least `MIN_STEP`, the walk is held. Returns the
+    number of points, and WALKING, ARRIVED or HELD.
     """
     while count < budget:
         x, y = path[count - 1, 0], path[count - 1, 1]
@@ -84,21 +84,14 @@ class PotentialField(PlannerBase):
         x, y = (float(v) for v in problem.goal[:2])
         walk = np.empty((self.iterations + 2, 2))
         walk[0] = problem.start[:2]
-        count, how, status, note = 1, WALKING, Status.EXHAUSTED, "steps or time ran out"
+        count, how, failure, note = 1, WALKING, Status.EXHAUSTED, "steps or time ran out"
         while how == WALKING and count <= self.iterations:
             budget = min(count + CHUNK, self.iterations + 1)
             count, how = descend(problem.free.arrays, x, y, walk, count, budget)
             if clock() >= end:
                 break
         if how == HELD:
-            status, note = Status.STUCK, f"a local minimum at {walk[count - 1].round(2).tolist()}"
-        elif how == ARRIVED:
-            status, note = Status.SOLVED, ""
+            failure, note = Status.STUCK, f"a local minimum at {walk[count - 1].round(2).tolist()}"
         walk = walk[:count]
-        return Plan(
-            status,
-            walk.copy() if how == ARRIVED else np.empty((0, 2)),
-            np.hstack([walk[:-1], walk[1:]]),
-            {"iterations": count - 1},
-            note=note,
-        )
+        path, tree = walk[: count if how == ARRIVED else 0].copy(), np.hstack([walk[:-1], walk[1:]])
+        return answer(path, {"iterations": count - 1}, note, failure, tree)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import ClassVar
 
 import numpy as np
 
@@ -28,7 +27,7 @@ MIN_GAMMA = 2.0 * math.sqrt(1.5 / math.pi)
 class TreePlanner(PlannerBase):
     """A planner that is one tree search."""
 
-    fixed: ClassVar[TreeOptions] = TreeOptions()  # the options that are no settings
+    fixed = TreeOptions()  # the options that are no settings
 
     @property
     def options(self) -> TreeOptions:
