@@ -95,7 +95,7 @@ def steer(
 @borrowing_kernel
 def grow(search: TreeSearch, until: int, state: Stream, steering: Steering) -> None:
     """Grow a tree to iteration `until`, or to an earlier end: RRT* with `steer` as its Steer."""
-    tree, run = search.start_tree, search.workspace.run[0]
+    tree, run = search.start_tree, search.run[0]
     begin(search)
     while run.iteration < until and not is_over(search):
         run.iteration += 1

@@ -1,4 +1,4 @@
-"""The state of a tree search, and where it samples."""
+"""The state of a tree search, and its samples."""
 
 from __future__ import annotations
 
@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.collision.polygon_tests import SpaceArrays, point_free, way_free
-from planners.trees.tree import NONE, Tree, write_ancestors
+from planners.problem import Problem
+from planners.trees.tree import NONE, Tree, new_tree, write_ancestors
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import absorbed_kernel, borrowing_kernel
 from wheelchair_gym.random import Stream, next_in_disc, next_uniform
 
-# Most neighbours of one new node; the shrinking radius keeps their number near 3 log n.
+# Largest number of neighbours of a new node; the shrinking radius keeps it near 3 log n.
 _NEIGHBOURS = 256
 # m: a smaller gain rewires nothing, so that rounding cannot form a loop.
 MIN_GAIN = 1e-9
@@ -69,9 +70,15 @@ RUN = np.dtype(
 )
 
 
-class Workspace(NamedTuple):
-    """The state of a search and its scratch arrays."""
+class TreeSearch(NamedTuple):
+    """All state of a search: the problem, the options, the trees, and scratch arrays."""
 
+    space: SpaceArrays
+    start_tree: Tree
+    goal_tree: Tree
+    start: Array  # (2,) m
+    goal: Array  # (2,) m
+    options: TreeOptions
     run: NDArray[Any]  # (1,) RUN
     found: NDArray[np.int32]  # neighbours of the new node
     distances: Array  # m, to these neighbours
@@ -80,18 +87,27 @@ class Workspace(NamedTuple):
     stack: NDArray[np.int32]  # nodes whose children's costs are not updated yet
 
 
-def new_run(bounds: Array) -> NDArray[Any]:
-    """The state (1,) of a new search on a map with bounds (4,) [m]."""
+def new_search(problem: Problem, options: TreeOptions) -> TreeSearch:
+    """Return a search with empty trees.
+
+    A tree may have its nodes and the goal; the branches of both trees may join in the first one.
+    """
+    arrays = problem.free.arrays
+    bounds = arrays.bounds.tolist()
+    capacity = min(options.nodes, options.iterations + 1) + 1
+    if options.bidirectional:
+        capacity = 2 * options.nodes + 1
     run = np.zeros(1, RUN)
     run["first_path"] = run["goal"] = run["beacon"] = NONE
     run["path_length"] = np.inf
     run["sample_area"] = (bounds[2] - bounds[0]) * (bounds[3] - bounds[1])
-    return run
-
-
-def new_workspace(run: NDArray[Any], capacity: int) -> Workspace:
-    """Scratch arrays for trees of at most `capacity` nodes, with the state of a search."""
-    return Workspace(
+    return TreeSearch(
+        arrays,
+        new_tree(bounds, capacity),
+        new_tree(bounds, options.nodes if options.bidirectional else 1),
+        np.array(problem.start[:2], dtype=np.float64),
+        np.array(problem.goal[:2], dtype=np.float64),
+        options,
         run,
         np.empty(_NEIGHBOURS, np.int32),
         np.empty(_NEIGHBOURS),
@@ -101,34 +117,22 @@ def new_workspace(run: NDArray[Any], capacity: int) -> Workspace:
     )
 
 
-class TreeSearch(NamedTuple):
-    """All state of a search: the problem, the options, and the trees."""
-
-    space: SpaceArrays
-    start_tree: Tree
-    goal_tree: Tree
-    start: Array  # (2,) m
-    goal: Array  # (2,) m
-    options: TreeOptions
-    workspace: Workspace
+@absorbed_kernel
+def edge_is_free(search: TreeSearch, ax: float, ay: float, bx: float, by: float) -> bool:
+    """Count a test, and return whether the edge from a free point a to b [m] is free."""
+    search.run[0].edges_tested += 1
+    return way_free(search.space, ax, ay, bx, by)
 
 
-@borrowing_kernel
-def edge_is_free(space: SpaceArrays, run: Any, ax: float, ay: float, bx: float, by: float) -> bool:
-    """Whether the edge from a free point a to b [m] is free; counts the test."""
-    run.edges_tested += 1
-    return way_free(space, ax, ay, bx, by)
-
-
-# Most draws of a sample; the last one is taken even if it is occupied or cannot help.
+# Largest number of draws of a sample; the last one is taken even if it is occupied or useless.
 _MAX_DRAWS = 100
-# The same near a beacon, where about half of the draws can help.
+# The same near a beacon, where about half of the draws are useful.
 _MAX_BEACON_DRAWS = 10
 
 
 @borrowing_kernel
 def sample_ellipse(start: Array, goal: Array, length: float, state: Stream) -> tuple[float, float]:
-    """A point uniform in the ellipse of all points on paths from start to goal up to a length [m].
+    """Draw a point uniform in the ellipse of the paths from start to goal up to a length [m].
 
     The length exceeds the distance from start to goal.
     """
@@ -143,22 +147,21 @@ def sample_ellipse(start: Array, goal: Array, length: float, state: Stream) -> t
 
 @borrowing_kernel
 def sample_beacon(search: TreeSearch, tree: Tree, state: Stream) -> tuple[float, float]:
-    """A point near a random vertex of the best path, a beacon (Nasir et al. 2013).
+    """Draw a point near a random vertex of the best path, a beacon (Nasir et al. 2013).
 
     The run records the vertex. Informed trees redraw points that do not shorten the path between
     the two neighbours of the vertex. The log-uniform radius finds gains at every scale.
     """
-    options, workspace, nodes = search.options, search.workspace, tree.nodes
-    run = workspace.run[0]
-    n = write_ancestors(nodes, run.goal, workspace.chain)
+    options, nodes, chain, run = search.options, tree.nodes, search.chain, search.run[0]
+    n = write_ancestors(nodes, run.goal, chain)
     if n < 3:
         run.beacon = NONE
         return nodes[run.goal].x, nodes[run.goal].y
     k = 1 + int(next_uniform(state) * (n - 2))
     run.beacon = k
-    bx, by = nodes[workspace.chain[k]].x, nodes[workspace.chain[k]].y
-    ax, ay = nodes[workspace.chain[k + 1]].x, nodes[workspace.chain[k + 1]].y
-    cx, cy = nodes[workspace.chain[k - 1]].x, nodes[workspace.chain[k - 1]].y
+    bx, by = nodes[chain[k]].x, nodes[chain[k]].y
+    ax, ay = nodes[chain[k + 1]].x, nodes[chain[k + 1]].y
+    cx, cy = nodes[chain[k - 1]].x, nodes[chain[k - 1]].y
     before = math.hypot(ax - bx, ay - by) + math.hypot(cx - bx, cy - by)
     radius = options.beacon_radius
     if options.beacon_min_scale < 1.0:
@@ -175,14 +178,14 @@ def sample_beacon(search: TreeSearch, tree: Tree, state: Stream) -> tuple[float,
 
 @absorbed_kernel
 def sample(search: TreeSearch, tree: Tree, state: Stream) -> tuple[float, float]:
-    """The next sample [m], as the options of the search say.
+    """Draw the next sample [m], by the options of the search.
 
     It is uniform in the map, in the strip between start and goal, or, once there is a path, in the
     ellipse of points that can shorten it (Gammell et al. 2014). Or it is near an obstacle's corner,
     where narrow passages lie and paths bend (Amato et al. 1998), or near a beacon.
     """
     space, start, goal, options = search.space, search.start, search.goal, search.options
-    run, bounds = search.workspace.run[0], space.bounds
+    run, bounds = search.run[0], space.bounds
     run.beacon = NONE
     found, length = run.first_path != NONE, math.inf
     low, high, radius = bounds[0], bounds[2], 0.0

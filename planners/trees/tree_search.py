@@ -18,8 +18,7 @@ from planners.trees.sampling import (
     TreeOptions,
     TreeSearch,
     edge_is_free,
-    new_run,
-    new_workspace,
+    new_search,
     sample,
 )
 from planners.trees.tree import (
@@ -29,7 +28,6 @@ from planners.trees.tree import (
     edges,
     insert,
     nearest,
-    new_tree,
     nodes_within,
     path_from_root,
     place_node,
@@ -51,10 +49,9 @@ def choose_parent(
 
     Neighbours are tried in order of cost, so that few edges are tested. `parent` sees the point.
     """
-    nodes, workspace = tree.nodes, search.workspace
-    through, run = workspace.through, workspace.run[0]
+    nodes, found, through = tree.nodes, search.found, search.through
     for k in range(n):
-        through[k] = nodes[workspace.found[k]].cost + workspace.distances[k]
+        through[k] = nodes[found[k]].cost + search.distances[k]
     while True:
         least, choice = nodes[parent].cost + edge, NONE
         for k in range(n):
@@ -63,9 +60,9 @@ def choose_parent(
         if choice == NONE:
             return parent, edge
         through[choice] = np.inf
-        j = workspace.found[choice]
-        if edge_is_free(search.space, run, nodes[j].x, nodes[j].y, x, y):
-            return as_int(j), workspace.distances[choice]
+        j = found[choice]
+        if edge_is_free(search, nodes[j].x, nodes[j].y, x, y):
+            return as_int(j), search.distances[choice]
 
 
 @absorbed_kernel
@@ -76,10 +73,10 @@ def best_ancestor(
 
     By the triangle inequality each ancestor is a better parent than its child (Jeong et al. 2019).
     """
-    nodes, run = tree.nodes, search.workspace.run[0]
+    nodes = tree.nodes
     while nodes[parent].parent != NONE:
         above = as_int(nodes[parent].parent)
-        if not edge_is_free(search.space, run, nodes[above].x, nodes[above].y, x, y):
+        if not edge_is_free(search, nodes[above].x, nodes[above].y, x, y):
             break
         parent = above
         edge = math.hypot(x - nodes[parent].x, y - nodes[parent].y)
@@ -89,7 +86,7 @@ def best_ancestor(
 @absorbed_kernel
 def connect_goal(search: TreeSearch, node: int) -> None:
     """Connect a node to the goal, if the goal is within reach and visible and its cost falls."""
-    tree, goal, run = search.start_tree, search.goal, search.workspace.run[0]
+    tree, goal, run = search.start_tree, search.goal, search.run[0]
     nodes = tree.nodes
     x, y = nodes[node].x, nodes[node].y
     gap = math.hypot(goal[0] - x, goal[1] - y)
@@ -98,10 +95,10 @@ def connect_goal(search: TreeSearch, node: int) -> None:
         reached and nodes[node].cost + gap >= nodes[run.goal].cost - MIN_GAIN
     ):
         return
-    if gap > 0.0 and not edge_is_free(search.space, run, x, y, goal[0], goal[1]):
+    if gap > 0.0 and not edge_is_free(search, x, y, goal[0], goal[1]):
         return
     if reached:
-        change_parent(tree, run.goal, as_int(node), gap, search.workspace.stack)
+        change_parent(tree, run.goal, as_int(node), gap, search.stack)
         return
     run.first_path = run.iteration
     run.goal = node if gap == 0.0 else insert(tree, goal[0], goal[1], node, gap)
@@ -111,29 +108,29 @@ def connect_goal(search: TreeSearch, node: int) -> None:
 def reconnect_goal(search: TreeSearch) -> None:
     """Connect a reached goal to its best node: costs may have fallen after nodes were connected."""
     for i in range(search.start_tree.grid[0].count):
-        if i != search.workspace.run[0].goal:
+        if i != search.run[0].goal:
             connect_goal(search, i)
 
 
 @borrowing_kernel
 def shortcut_path(search: TreeSearch) -> None:
     """Join vertices of the best path where that shortens it; edges are tested exactly."""
-    tree, workspace = search.start_tree, search.workspace
-    nodes, run = tree.nodes, workspace.run[0]
-    n = write_ancestors(nodes, run.goal, workspace.chain)
+    tree, chain, found = search.start_tree, search.chain, search.found
+    nodes = tree.nodes
+    n = write_ancestors(nodes, search.run[0].goal, chain)
     for k in range(n - 3, -1, -1):
-        i = workspace.chain[k]
+        i = chain[k]
         x, y = nodes[i].x, nodes[i].y
-        count = min(n - k - 2, len(workspace.found))
+        count = min(n - k - 2, len(found))
         for m in range(count):  # ancestors of the parent, as many as fit
-            j = workspace.chain[k + 2 + m]
-            workspace.found[m] = j
-            workspace.distances[m] = math.hypot(nodes[j].x - x, nodes[j].y - y)
+            j = chain[k + 2 + m]
+            found[m] = j
+            search.distances[m] = math.hypot(nodes[j].x - x, nodes[j].y - y)
         before = as_int(nodes[i].parent)
         parent, edge = choose_parent(search, tree, x, y, count, before, nodes[i].edge)
         parent, edge = best_ancestor(search, tree, x, y, parent, edge)  # drops collinear points
         if parent != before:
-            change_parent(tree, as_int(i), as_int(parent), edge, workspace.stack)
+            change_parent(tree, as_int(i), as_int(parent), edge, search.stack)
 
 
 @borrowing_kernel
@@ -171,7 +168,7 @@ def connect(search: TreeSearch, tree: Tree, x: float, y: float) -> tuple[int, bo
         to_x, to_y = x, y
         if part < 1.0:
             to_x, to_y = from_x + part * (x - from_x), from_y + part * (y - from_y)
-        if not edge_is_free(search.space, search.workspace.run[0], from_x, from_y, to_x, to_y):
+        if not edge_is_free(search, from_x, from_y, to_x, to_y):
             return i, False
         i = insert(tree, to_x, to_y, i, part * gap)
 
@@ -197,9 +194,8 @@ def add_node(
 
     At `nodes` the point replaces a random leaf, if the options say so.
     """
-    space, goal, options, workspace = search.space, search.goal, search.options, search.workspace
-    nodes, grid, run = tree.nodes, tree.grid[0], workspace.run[0]
-    found, distances = workspace.found, workspace.distances
+    goal, options, nodes, grid = search.goal, search.options, tree.nodes, tree.grid[0]
+    run, found, distances = search.run[0], search.found, search.distances
     parent, n = near, 0
     rewiring = options.rewiring and (run.first_path != NONE or not options.bidirectional)
     if rewiring:
@@ -209,7 +205,7 @@ def add_node(
             radius = options.gamma * math.sqrt(run.sample_area * math.log(count) / count)
         n = nodes_within(tree, x, y, radius, found, distances)
         if run.beacon != NONE and n < len(found):  # the path continues to the next vertex
-            found[n] = workspace.chain[run.beacon - 1]
+            found[n] = search.chain[run.beacon - 1]
             distances[n] = math.hypot(nodes[found[n]].x - x, nodes[found[n]].y - y)
             n += 1
         parent, edge = choose_parent(search, tree, x, y, n, near, edge)
@@ -230,19 +226,18 @@ def add_node(
     for k in range(n):
         j = found[k]
         if cost + distances[k] < nodes[j].cost - MIN_GAIN and edge_is_free(
-            space, run, x, y, nodes[j].x, nodes[j].y
+            search, x, y, nodes[j].x, nodes[j].y
         ):
-            change_parent(tree, as_int(j), as_int(new), distances[k], workspace.stack)
+            change_parent(tree, as_int(j), as_int(new), distances[k], search.stack)
     return int(new)
 
 
 @absorbed_kernel
 def extend(search: TreeSearch, tree: Tree, state: Stream) -> int:
     """Draw a sample and extend a tree to it; NONE if that is blocked or cannot help."""
-    workspace = search.workspace
     x, y = sample(search, tree, state)
-    beacon = workspace.run[0].beacon
-    near = nearest(tree, x, y) if beacon == NONE else as_int(workspace.chain[beacon + 1])
+    beacon = search.run[0].beacon
+    near = nearest(tree, x, y) if beacon == NONE else as_int(search.chain[beacon + 1])
     return extend_towards(search, tree, near, x, y, state)
 
 
@@ -251,7 +246,7 @@ def extend_towards(
     search: TreeSearch, tree: Tree, near: int, x: float, y: float, state: Stream
 ) -> int:
     """Add a node at a point [m], or a step from the node `near` to it; NONE as in `extend`."""
-    options, run = search.options, search.workspace.run[0]
+    options, run = search.options, search.run[0]
     near_x, near_y = tree.nodes[near].x, tree.nodes[near].y
     edge = math.hypot(x - near_x, y - near_y)
     if edge <= MIN_GAIN:
@@ -260,7 +255,7 @@ def extend_towards(
         x = near_x + (x - near_x) * options.step / edge
         y = near_y + (y - near_y) * options.step / edge
         edge = math.hypot(x - near_x, y - near_y)
-    if edge_is_free(search.space, run, near_x, near_y, x, y):
+    if edge_is_free(search, near_x, near_y, x, y):
         return add_node(search, tree, x, y, near, edge, state)
     if options.in_strip:
         run.blocked += 1
@@ -272,7 +267,7 @@ def extend_towards(
 @borrowing_kernel
 def update_best_path(search: TreeSearch) -> None:
     """Shortcut the best path if its cost fell, and update the area of the informed ellipse."""
-    start, goal, run = search.start, search.goal, search.workspace.run[0]
+    start, goal, run = search.start, search.goal, search.run[0]
     nodes = search.start_tree.nodes
     if nodes[run.goal].cost >= run.path_length - MIN_GAIN:
         return
@@ -288,7 +283,7 @@ def update_best_path(search: TreeSearch) -> None:
 @borrowing_kernel
 def begin(search: TreeSearch) -> None:
     """Plant the trees of a new search; the straight edge is the shortest path."""
-    start, goal, run = search.start, search.goal, search.workspace.run[0]
+    start, goal, run = search.start, search.goal, search.run[0]
     if run.iteration == 0:
         insert(search.start_tree, start[0], start[1], NONE, 0.0)
         insert(search.goal_tree, goal[0], goal[1], NONE, 0.0)
@@ -301,7 +296,7 @@ def is_over(search: TreeSearch) -> bool:
     """Return whether more iterations change nothing: the search is done, or a tree is full."""
     options, nodes = search.options, search.options.nodes
     full = max(search.start_tree.grid[0].count, search.goal_tree.grid[0].count) >= nodes
-    return search.workspace.run[0].done or (full and not options.replace_leaves)
+    return search.run[0].done or (full and not options.replace_leaves)
 
 
 @borrowing_kernel
@@ -311,7 +306,7 @@ def grow(search: TreeSearch, until: int, state: Stream) -> None:
     All state is in the search, so that chunks of iterations do not change the result.
     """
     start_tree, goal_tree, options = search.start_tree, search.goal_tree, search.options
-    run = search.workspace.run[0]
+    run = search.run[0]
     begin(search)
     while run.iteration < until and not is_over(search):
         tree, other = (goal_tree, start_tree) if run.from_goal else (start_tree, goal_tree)
@@ -341,38 +336,17 @@ def grow(search: TreeSearch, until: int, state: Stream) -> None:
 Grow = Callable[[TreeSearch, int, Stream], None]
 
 
-def new_search(problem: Problem, options: TreeOptions) -> TreeSearch:
-    """Return a search with empty trees.
-
-    A tree may have its nodes and the goal; the branches of both trees may join in the first one.
-    """
-    arrays = problem.free.arrays
-    bounds = arrays.bounds.tolist()
-    capacity = min(options.nodes, options.iterations + 1) + 1
-    if options.bidirectional:
-        capacity = 2 * options.nodes + 1
-    return TreeSearch(
-        arrays,
-        new_tree(bounds, capacity),
-        new_tree(bounds, options.nodes if options.bidirectional else 1),
-        np.array(problem.start[:2], dtype=np.float64),
-        np.array(problem.goal[:2], dtype=np.float64),
-        options,
-        new_workspace(new_run(bounds), capacity),
-    )
-
-
 def grow_until(trees: TreeSearch, end: float, state: Stream, grow: Grow) -> None:
     """Grow trees for all iterations, or until the time `end` [s], or until the search is over."""
     for until in chunks(trees.options.iterations, end):
         grow(trees, until, state)
-        if trees.workspace.run["iteration"][0] < until:
+        if trees.run["iteration"][0] < until:
             break
 
 
 def to_plan(trees: TreeSearch) -> Plan:
     """Return the plan of a finished search."""
-    run, start_tree = trees.workspace.run[0], trees.start_tree
+    run, start_tree = trees.run[0], trees.start_tree
     # Informed searches have tried each edge to the goal already.
     options = trees.options
     open_end = options.rewiring and not (options.return_on_first_path or options.informed)
