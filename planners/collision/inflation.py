@@ -18,8 +18,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from planners.collision.boundary import Index, build_space_arrays
-from planners.collision.polygon_tests import SpaceArrays, orient2d
+from planners.collision.boundary import build_space_arrays
+from planners.collision.polygon_tests import Index, SpaceArrays, orient2d
 from wheelchair_gym.arrays import Array, Mask
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 

@@ -12,7 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planners.collision.boundary import NONE, Boundary, Index, group_by_point, orientation
+from planners.collision.boundary import NONE, Boundary, group_by_point, orientation
+from planners.collision.polygon_tests import Index
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 

@@ -14,8 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planners.collision.boundary import NONE, Corners, Index, orientation
+from planners.collision.boundary import NONE, Corners, orientation
 from planners.collision.inflation import ARC, SHIFT
+from planners.collision.polygon_tests import Index
 from planners.collision.triangulation import Mesh
 from planners.graphs.heap import Heap, enlarged, new_heap, pop, push
 from planners.problem import Plan, PlannerBase, Problem, Status, answer

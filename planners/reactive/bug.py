@@ -13,7 +13,6 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from planners.collision.boundary import (
-    Index,
     blocking_segments,
     boundary_loop,
     fraction_along,
@@ -22,7 +21,7 @@ from planners.collision.boundary import (
     line_intersection,
     segment_links,
 )
-from planners.collision.polygon_tests import SpaceArrays, edge_free, orient2d
+from planners.collision.polygon_tests import Index, SpaceArrays, edge_free, orient2d
 from planners.problem import Plan, PlannerBase, Problem, Status, answer
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.clock import clock

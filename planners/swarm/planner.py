@@ -16,13 +16,13 @@ from planners.registries import FIRST_PLANNERS, OBJECTIVES, SWARM_OPTIMIZERS
 from planners.rrt_star_woa.path_shortening import scatter_in_ellipses
 from planners.rrt_star_woa.woa import ShiftBounds
 from planners.smoothing.curves import POLYLINE, curve, curve_kind
+from planners.smoothing.smooth import blocked_edges
 from planners.swarm.optimizers import MIN_POPULATION
 from planners.swarm.path_cost import PathProblem, Smooth
 from planners.swarm.peers import Mealpy
 from planners.swarm.search import (
     InitialSwarm,
     SearchResult,
-    blocked_legs,
     new_search,
     run,
     sample_along,
@@ -118,7 +118,8 @@ class SwarmPlanner(ShiftBounds, PlannerBase):
         if isinstance(self.first, str | Mapping) and self.first != "line" and kind != POLYLINE:
             for _ in range(_HALVINGS):
                 line = curve(path, self.curve, pieces, self.chordal)
-                blocked = blocked_legs(free.arrays, line, len(path) - 1)
+                edges = blocked_edges(free.arrays, line).reshape(len(path) - 1, -1)
+                blocked = np.asarray(edges.any(axis=1))
                 if not blocked.any():
                     break
                 # Neighbours, too: the slopes of a leg depend on them.

@@ -13,9 +13,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.collision.polygon_tests import SpaceArrays, point_free
+from planners.collision.polygon_tests import point_free
 from planners.problem import begin, chunks
-from planners.smoothing.smooth import blocked_edges
 from planners.swarm.optimizers import (
     WHALES,
     MoveParameters,
@@ -81,11 +80,6 @@ def split_legs(path: Array, legs: NDArray[np.bool_]) -> Array:
     """Return a path (n, 2) with a point in the middle of some legs (n - 1,)."""
     middles = 0.5 * (path[:-1] + path[1:])
     return np.insert(path, np.flatnonzero(legs) + 1, middles[legs], axis=0)
-
-
-def blocked_legs(arrays: SpaceArrays, line: Array, legs: int) -> NDArray[np.bool_]:
-    """Return which legs (legs,) of a curve's line (n, 2) are not free."""
-    return np.asarray(blocked_edges(arrays, line).reshape(legs, -1).any(axis=1))
 
 
 # Redraws of way points that fell into discs, in one move of a swarm that pushes them out.
