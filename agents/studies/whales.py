@@ -8,10 +8,10 @@ from typing import Any, Final
 import numpy as np
 
 from planners import Problem
+from planners.collision.polygon_tests import blocked_edges
 from planners.rrt_star_woa.local_steering import GOAL_HIDDEN_COST, NODE_HIDDEN_COST
 from planners.rrt_star_woa.path_shortening import scatter_in_ellipses
 from planners.rrt_star_woa.woa import WhaleParameters, move, new_whales, tell
-from planners.smoothing.smooth import blocked_edges
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.geometry import path_length
 from wheelchair_gym.random import Stream, stream

@@ -13,7 +13,7 @@ from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.geometry import point_segment_distance, wrap
 
-CELL = 0.25  # m: squares of position that share one list of what is near
+CELL = 0.25  # m: squares of positions that share one list of runs
 RUN = 0.2  # m: a run of segments is at most this wide and high
 OPPOSITE = -0.5  # cosine: the other side lies at least 120 deg from the nearest point
 

@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.arrays import Array
-from wheelchair_gym.compiled.kernel import as_int, borrowing_kernel
+from wheelchair_gym.arrays import Array, Mask
+from wheelchair_gym.compiled.kernel import as_int, borrowing_kernel, kernel
 from wheelchair_gym.geometry import point_segment_distance
 
 Index = NDArray[np.int64]
@@ -220,6 +220,16 @@ def way_free(arrays: SpaceArrays, ax: float, ay: float, bx: float, by: float) ->
 def edge_free(arrays: SpaceArrays, ax: float, ay: float, bx: float, by: float) -> bool:
     """Return whether the edge from a to b [m] is free; it may touch obstacles."""
     return point_free(arrays, ax, ay) and way_free(arrays, ax, ay, bx, by)
+
+
+@kernel
+def blocked_edges(arrays: SpaceArrays, path: Array) -> Mask:
+    """Return which edges (n - 1,) of a path (n, 2) [m] are not free."""
+    blocked = np.empty(path.shape[0] - 1, dtype=np.bool_)
+    for k in range(path.shape[0] - 1):
+        free = edge_free(arrays, path[k, 0], path[k, 1], path[k + 1, 0], path[k + 1, 1])
+        blocked[k] = not free
+    return blocked
 
 
 @borrowing_kernel

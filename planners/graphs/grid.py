@@ -96,7 +96,7 @@ def _settle(arrays: SpaceArrays, grid: Grid, frontier: Frontier, u: int) -> None
     best, found = math.inf, -1
     i, j = u // grid.columns, u % grid.columns
     for k in range(10):
-        w = n  # the start, too, where it is as near as it looks
+        w = n  # the start counts too, if it is near
         if k < 9:
             vi, vj = i + k // 3 - 1, j + k % 3 - 1
             if k == 4 or min(vi, vj) < 0 or vj >= grid.columns or vi >= n // grid.columns:

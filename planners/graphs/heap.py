@@ -21,7 +21,7 @@ class Heap(NamedTuple):
 
 @kernel
 def new_heap(capacity: int) -> Heap:
-    """Return an empty heap; what is never written takes no memory and no time."""
+    """Return an empty heap; unused capacity takes no memory and no time."""
     return Heap(np.empty(capacity), np.empty(capacity, np.int64), np.zeros(1, np.int64))
 
 

@@ -25,7 +25,7 @@ from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.compiled.kernel import absorbed_kernel, borrowing_kernel, kernel
 from wheelchair_gym.config import settings
 
-SLACK = 1e-12  # of an edge: a cone may see so much more, for rounding
+SLACK = 1e-12  # of an edge: a cone may see this part more, for rounding
 
 
 @absorbed_kernel
@@ -355,17 +355,17 @@ class Visibility(PlannerBase):
 class Optima(NamedTuple):
     """Lengths [m] of the shortest paths of a problem; infinite where there is none."""
 
-    touching: float  # of a point, which may touch what is solid
+    touching: float  # of a point, which may touch obstacles
     at_least: float  # the optimum with the clearance is no shorter
     constrained: float  # of a path that keeps the clearance
 
 
 def optima(problem: Problem) -> Optima:
-    """The optimum at the problem's clearance, within bounds, beside that of a touching point.
+    """Return the optimum at the problem's clearance, within bounds, and that of a touching point.
 
     A grown corner is a polygon whose sides touch the arc, so the path found keeps the clearance
-    and is no shorter than the optimum. Obstacles grown by so much less that their polygons lie
-    inside those arcs give a bound from below. Ends that are not free there give infinity.
+    and is no shorter than the optimum. Obstacles grown less, so that their polygons lie inside
+    those arcs, give a lower bound. Ends that are not free there give infinity.
     """
     inner = problem.clearance * math.cos(0.5 * ARC) / (1.0 + SHIFT) ** 2
     rng = np.random.default_rng(0)

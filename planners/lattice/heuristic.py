@@ -31,7 +31,7 @@ SEED_RADIUS = 0.15  # m: grid points this near to the ends of paths are free in 
 
 
 class Guide(NamedTuple):
-    """Seconds to the goal for the axle, as far as they have been computed."""
+    """Durations to the goal for the axle, as far as they have been computed."""
 
     gaps: Field  # (rows, columns) m: distance to obstacles, at most what matters
     origin: Array  # (2,) m
@@ -95,9 +95,9 @@ def _propagate_nearest(
 
 
 def distance_field(space: Space, most: float, spacing: float = SPACING) -> Field:
-    """Distance (rows, columns) [m] from grid points to what is not free, at most `most`.
+    """Return distances (rows, columns) [m] from grid points to obstacles, at most `most`.
 
-    Where three segments are about as near the one found may not be the nearest, by little.
+    If three segments have about the same distance, the one found may be slightly farther.
     """
     arrays = space.arrays
     low, high = arrays.bounds[:2].copy(), arrays.bounds[2:]
@@ -110,7 +110,7 @@ def distance_field(space: Space, most: float, spacing: float = SPACING) -> Field
 
 
 def new_guide(seeds: Array, gaps: Field, origin: Array, motion: MotionCost) -> Guide:
-    """A guide to where seeds (k, 3) are: x, y [m], and the duration left from there."""
+    """Return a guide to seeds (k, 3): x, y [m], and the duration left from there [s]."""
     more = len(seeds) * (2 * int(SEED_RADIUS / SPACING) + 3) ** 2
     guide = Guide(
         gaps, origin, np.full(gaps.shape, np.inf, np.float32), np.zeros(gaps.shape, np.bool_),
@@ -147,7 +147,7 @@ def _seed(guide: Guide, seeds: Array) -> None:
 
 @borrowing_kernel
 def cost_to_go(guide: Guide, x: float, y: float) -> float:
-    """Seconds [s] from a place to the goal, infinite where the disc does not pass."""
+    """Return the duration [s] from a place to the goal; infinite if the disc does not pass."""
     rows, columns = guide.gaps.shape
     row, column = _grid_point(guide, x, y)
     if row < 0 or column < 0 or row >= rows or column >= columns:
@@ -186,9 +186,9 @@ def cost_to_go(guide: Guide, x: float, y: float) -> float:
 
 @borrowing_kernel
 def heading_error(guide: Guide, x: float, y: float, yaw: float) -> float:
-    """By how much [rad] a heading differs from the way to the goal, a little ahead of a place.
+    """Return the difference [rad] of a heading from the direction of the path ahead of a place.
 
-    The duration left from there must be known. Near the goal 0.
+    The duration left from there must be known. Near the goal it is 0.
     """
     columns = guide.gaps.shape[1]
     row, column = _grid_point(guide, x, y)

@@ -85,7 +85,7 @@ _MAP_DATA: WeakKeyDictionary[Space, dict[tuple[float, ...], MapData]] = WeakKeyD
 
 
 def prepare_map(space: Space, footprint: Footprint, desired_clearance: float) -> MapData:
-    """The data of a map, computed once: nearby segments, distances, narrow passages."""
+    """Return the data of a map, computed once: nearby segments, distances, narrow passages."""
     radius = min(footprint.front, footprint.rear, footprint.half_width)
     key = (*footprint.array, desired_clearance)
     prepared = _MAP_DATA.setdefault(space, {})
@@ -109,7 +109,7 @@ class Lattice(FootprintPlanner):
     """
 
     refinements: int = setting(default=1, low=0, high=4, source="design choice")
-    """How often moves and cells are halved where no path is found soon."""
+    """Number of times that moves and cells are halved if no path is found soon."""
     improvement: int = setting(default=1000, low=0, source="tuned on training seeds")
     """Poses expanded after the first path, while the factor falls to 1, to find better paths."""
     iterations: int = setting(default=100_000, low=0, source="design choice: 50 MB of memory")
@@ -156,7 +156,7 @@ class Lattice(FootprintPlanner):
         )
 
     def moves(self, level: int) -> Sweeps:
-        """All moves, halved `level` times."""
+        """Return all moves, halved `level` times."""
         part = 0.5**level
         way, pivot = MOVE_LENGTH * part, PIVOT_ANGLE * part
         turns = [0.0, *(sign * bend * way for bend in CURVATURES for sign in (1, -1))]
@@ -172,7 +172,7 @@ class Lattice(FootprintPlanner):
     def _begin(
         self, map_data: MapData, motion: MotionCost, start: Array, goal: Array, level: int
     ) -> PoseSearch:
-        """The search at a resolution, with the start alone."""
+        """Return the search at a resolution, with the start alone."""
         near, part = map_data.near, 0.5**level
         low, join = near.box[:2].copy(), GOAL_CONNECTION_DISTANCE
         lines, seeds = make_lines(near, motion, map_data.narrows, goal, MOVE_LENGTH * part, join)
@@ -217,7 +217,7 @@ class PoseSearch:
         """Expand poses until they are `most` in all, or `left`, or `clock` shows `end`.
 
         Returns:
-            How many poses have been expanded.
+            The number of poses expanded.
         """
         before = int(self.counts["expanded"])
         if weight != self.search.grid.heuristic_weight and not self.over:
@@ -231,7 +231,7 @@ class PoseSearch:
         return int(self.counts["expanded"]) - before
 
     def improve(self, left: int, end: float) -> int:
-        """Look for better paths with a falling weight; how many poses have been expanded."""
+        """Search better paths with a falling weight; return the number of poses expanded."""
         before, weight = left, self.search.grid.heuristic_weight
         while left > 0 and weight > 1.0 and clock() < end:
             weight, self.over = max(1.0, 0.5 * weight), False
@@ -269,7 +269,7 @@ FILLETS = (1.0, 0.5, 0.0)  # m: tried in this order; 0 is a pivot
 
 
 def drive_path(path: Array, start: Array, goal: Array, fillet: float) -> Array:
-    """Poses (n, 3) along a path (k, 2): arcs at corners, pivots at the ends.
+    """Return poses (n, 3) along a path (k, 2): arcs at corners, pivots at the ends.
 
     Args:
         path: corners [m], the first one at the start.
@@ -319,7 +319,7 @@ class DiscThenLattice(PlannerBase):
         return self.lattice.footprint
 
     def trivial(self, problem: Problem) -> Plan | None:
-        """Nothing: the planners that this one asks know trivial problems."""
+        """Return None: the planners of the two parts know trivial problems."""
         return None
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:

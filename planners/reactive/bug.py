@@ -29,9 +29,9 @@ from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import path_length, without_repeats
 
-# m: how far rounding may move a point off a slanted side.
+# m: distances by which rounding may move a point off a slanted side.
 NUDGES = (0.0, *(10.0**k for k in range(-16, -5)))
-CLOSE = 1e-9  # of a way: segments met at one point but for rounding
+CLOSE = 1e-9  # of a path: segments met at one point within rounding
 
 
 class Hit(NamedTuple):
@@ -199,7 +199,7 @@ class Bug2(Bug):
 
     def detour(self, solids: Solids, hit: Hit, goal: Array) -> Array | None:
         """Walk along the boundary until the line to the goal is met nearer to it."""
-        forward = self.turn == "right"  # what is solid is then on the left hand
+        forward = self.turn == "right"  # the obstacle is then on the left hand
         loop = boundary_loop(hit.segment, solids.following if forward else solids.preceding)
         passed, x, y = _way_off(solids.arrays, loop, forward, hit.origin, goal, hit.part)
         if passed < 0:

@@ -7,13 +7,11 @@ import math
 import numpy as np
 
 from planners.collision.polygon_tests import SpaceArrays, clearance, edge_free
-from planners.problem import Plan, PlannerBase, Problem, Status, answer
+from planners.problem import Plan, PlannerBase, Problem, Status, answer, chunks
 from wheelchair_gym.arrays import Array
-from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.config import setting, settings
 
-CHUNK = 1000  # steps between two looks at the clock: some 10 ms
 WALKING, ARRIVED, HELD = 0, 1, 2
 # Design choices:
 STEP = 0.1  # m: a tenth of the width of a door
@@ -73,22 +71,21 @@ def descend(
 class PotentialField(PlannerBase):
     """An artificial potential field (Khatib 1986), followed downwards in free steps.
 
-    In a local minimum it ends `stuck`; the tree shows how far it came.
+    In a local minimum it ends `stuck`; the tree shows the walk up to there.
     """
 
     iterations: int = setting(default=20_000, low=1, source="design choice: 2 km")
     """Largest number of steps."""
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
-        """Walk down to the goal, or until nothing leads down; the generator is not used."""
+        """Walk down to the goal, or to a local minimum; the generator is not used."""
         x, y = (float(v) for v in problem.goal[:2])
         walk = np.empty((self.iterations + 2, 2))
         walk[0] = problem.start[:2]
         count, how, failure, note = 1, WALKING, Status.EXHAUSTED, "steps or time ran out"
-        while how == WALKING and count <= self.iterations:
-            budget = min(count + CHUNK, self.iterations + 1)
-            count, how = descend(problem.free.arrays, x, y, walk, count, budget)
-            if clock() >= end:
+        for until in chunks(self.iterations, end):
+            count, how = descend(problem.free.arrays, x, y, walk, count, until + 1)
+            if how != WALKING:
                 break
         if how == HELD:
             failure, note = Status.STUCK, f"a local minimum at {walk[count - 1].round(2).tolist()}"

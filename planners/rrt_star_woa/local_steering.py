@@ -124,7 +124,7 @@ class RrtStarWoaLocal(ShiftBounds, PlannerBase):
     """Cost of the distance from the goal, in multiples of that from the random sample."""
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
-        """The first path, or the best of all samples, as `tree` says."""
+        """Return the first path, or the best of all samples, as `tree` says."""
         upper = np.array([self.width_bound, self.height_bound])
         population = np.zeros((self.whales.population, 2))
         whales = new_whales(population, self.whales.parameters, -upper, upper)

@@ -1,6 +1,7 @@
 """Curves through points: polyline, PCHIP, cubic splines; cut into pieces for exact edge tests.
 
-Every curve is a cubic Hermite interpolant of x and of y over knots; only its slopes differ.
+Every curve is a cubic Hermite interpolant of x and of y over knots; only its slopes differ. The
+slopes of `hermite_path` are shortened until its curve is free.
 """
 
 from __future__ import annotations
@@ -11,8 +12,9 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from planners.collision.polygon_tests import SpaceArrays, blocked_edges
 from wheelchair_gym.arrays import Array
-from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
+from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined, kernel
 from wheelchair_gym.config import InputError
 
 POLYLINE, PCHIP, SPLINE = range(3)
@@ -20,6 +22,7 @@ POLYLINE, PCHIP, SPLINE = range(3)
 CURVES: Final = {"polyline": POLYLINE, "pchip": PCHIP, "spline": SPLINE}
 # Knots nearer than this are drawn apart: points may coincide [m, or knots].
 _APART = 1e-9
+HALVINGS = 8  # of a blocked curve's tangents before it is straight: those of 1/256 bend invisibly
 
 
 class CurveWorkspace(NamedTuple):
@@ -192,3 +195,58 @@ def curve(points: ArrayLike, name: str = "pchip", pieces: int = 20, chordal: boo
     line = np.empty(((n - 1) * pieces + 1, 2))
     sample_curve(curve_kind(name), chordal, through, pieces, new_curve_workspace(n), line)
     return line
+
+
+@kernel
+def _hermite_edge(start: Array, end: Array, u: Array, v: Array, tolerance: float) -> Array:
+    """Return points (n + 1, 2) [m] of a cubic Hermite curve over an edge, with tangents u and v.
+
+    A polyline of n equal pieces errs by at most |p''| / (8 n^2); p'' is linear, so that its ends
+    bound it.
+    """
+    step = end - start
+    first, last = 6.0 * step - 4.0 * u - 2.0 * v, 6.0 * step - 2.0 * u - 4.0 * v
+    bend = max(math.hypot(first[0], first[1]), math.hypot(last[0], last[1]))
+    n = max(math.ceil(math.sqrt(bend / (8.0 * tolerance))), 1)
+    points = np.empty((n + 1, 2))
+    points[0], points[n] = start, end
+    for k in range(1, n):
+        t = k / n
+        s = 1.0 - t
+        a, b, c = t * s * s, t * t * s, t * t * (3.0 - 2.0 * t)
+        for axis in range(2):
+            points[k, axis] = start[axis] + a * u[axis] - b * v[axis] + c * step[axis]
+    return points
+
+
+def hermite_path(arrays: SpaceArrays, path: Array, tolerance: float) -> tuple[Array, int]:
+    """Return a free polyline (k, 2) [m] along Hermite curves, and the number of straight edges.
+
+    The tangents of a curve that is not free are shortened, so that it approaches the path.
+
+    Args:
+        arrays: the free space.
+        path: points (n, 2) [m], each edge free, no two successive points the same.
+        tolerance: largest distance of the polyline from the curve [m].
+    """
+    steps = np.diff(path, axis=0)
+    lengths = np.hypot(*steps.T)
+    units = np.vstack([np.zeros(2), steps / lengths[:, None], np.zeros(2)])
+    bisectors = units[:-1] + units[1:]
+    sizes = np.hypot(*bisectors.T)[:, None]
+    # A path that turns straight back has no tangent there.
+    directions = np.divide(bisectors, sizes, out=np.zeros_like(path), where=sizes > 0.0)
+    pieces, straight = [path[:1]], 0
+    for i, length in enumerate(lengths):
+        piece, size = path[i : i + 2], length  # as Catmull and Rom 1974
+        for _ in range(HALVINGS if size > 0.0 else 0):
+            u, v = size * directions[i : i + 2]
+            curve = _hermite_edge(path[i], path[i + 1], u, v, tolerance)
+            if not blocked_edges(arrays, curve).any():
+                piece = curve
+                break
+            size *= 0.5
+        else:
+            straight += size > 0.0
+        pieces.append(piece[1:])
+    return np.concatenate(pieces), straight

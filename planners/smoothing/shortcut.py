@@ -90,7 +90,7 @@ def shortcut(path: ArrayLike, space: Space, weight: float = 0.0, comfort: float 
 
     Args:
         path: points (n, 2 or 3) of a path that is free; a heading (third column) is dropped.
-        space: what is free for a point.
+        space: the free space of a point.
         weight: additional cost of a metre at an obstacle; 0: length alone.
         comfort: clearance [m] from which on there is no additional cost.
 

@@ -1,4 +1,4 @@
-"""How swarms move: the memory of a swarm, and the update rule of every optimizer.
+"""Moves of swarms: the memory of a swarm, and the update rule of every optimizer.
 
 A swarm holds positions to be evaluated. `store` replaces a remembered position by a better one:
 the personal best of a particle, a food source of bees, or a parent of an evolution.
@@ -167,7 +167,7 @@ ABSORPTION = 1.0  # of light, gamma, per square of the distance in diagonals of 
 RANDOMNESS = 0.2  # initial factor alpha of a firefly's random step
 FIREFLY_STEP = 0.05  # random step, as a share of the width of the bounds
 CROSSOVER_SHARE = 0.73  # of children with two parents: 0.8 n by crossover, 0.3 n mutants
-EXTENSION = 0.4  # how far beyond its parents a child may lie, as a share of their distance (gamma)
+EXTENSION = 0.4  # distance of a child beyond its parents, as a share of theirs (gamma)
 MUTATION_RATE = 0.1  # probability that a coordinate of a mutant changes (mu)
 MUTATION_STEP = 0.1  # deviation of a mutation, as a share of the width of the bounds (sigma)
 SELECTION_PRESSURE = 8.0  # exponent beta of the roulette selection

@@ -22,7 +22,7 @@ from wheelchair_gym.geometry import point_segment_distance
 
 LENGTH, ENERGY, PRINTED_ENERGY = range(3)  # measures of a path's size
 NO_TURNING, MEAN_TURNING, PRINTED_TURNING = range(3)
-EDGES, WAY_POINTS, NOTHING = range(3)  # what is tested for collisions
+EDGES, WAY_POINTS, NOTHING = range(3)  # objects of the collision test
 
 _TINY = 1e-12  # m: keeps a leg without length from dividing by zero
 
@@ -30,7 +30,7 @@ _TINY = 1e-12  # m: keeps a leg without length from dividing by zero
 class PathProblem(NamedTuple):
     """A problem as a swarm of paths sees it."""
 
-    space: SpaceArrays  # what is free for a point
+    space: SpaceArrays  # the free space of a point
     discs: Array  # (m, 3) x, y, radius [m]: the round obstacles, exactly
     start: Array  # (2,) m
     goal: Array  # (2,) m

@@ -139,7 +139,7 @@ class PsoGwo(Optimizer):
     """Particles fly; then wolves hunt from where the particles ended (R1)."""
 
     inertia: Literal["fixed", "adaptive"] = setting(default="adaptive", source="R1's best")
-    """How the inertia of the particles changes."""
+    """The change of the inertia of the particles."""
     fixed: Pso = setting(
         default=Pso(inertia=0.9, damping=1.0, c1=2.05, c2=2.05, max_step=0.16), source=_R1
     )

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from planners.problem import Plan, PlannerBase, Problem, Status, with_settings
-from planners.smoothing.smooth import hermite_path
+from planners.smoothing.curves import hermite_path
 from planners.trees.sampling import TreeOptions
 from planners.trees.tree_search import search
 from wheelchair_gym.compiled.clock import clock
@@ -181,8 +181,8 @@ class RrtStarLimited(TreePlanner):
 
     Samples fall between the x of the start and of the goal, with any y; each blocked extension
     widens the strip, and the first path ends the search. The source tests only the end point of an
-    edge, so that edges may cross walls; here edges are exact, and the counter `walls_cut` is how
-    many of the `blocked` edges that test would accept.
+    edge, so that edges may cross walls; here edges are exact, and the counter `walls_cut` is the
+    number of `blocked` edges that the source's test would accept.
     """
 
     tree: RrtStar = setting(
@@ -192,7 +192,7 @@ class RrtStarLimited(TreePlanner):
     widening: float = setting(
         default=0.1, unit="m", low=0.0, source="design choice; the thesis gives no value"
     )
-    """By how much each blocked edge widens the strip on each side."""
+    """Widening of the strip on each side by each blocked edge."""
 
     @property
     def options(self) -> TreeOptions:
@@ -220,7 +220,7 @@ class SplineRrtStar(PlannerBase):
     """Largest distance of the polyline from the curve."""
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
-        """A smooth free path; the deadline is that of the tree."""
+        """Return a smooth free path; the deadline is that of the tree."""
         began = clock()
         plan = self.tree.solve(problem, rng, end)
         if plan.status != Status.SOLVED or plan.length == 0.0:

@@ -145,7 +145,7 @@ def random_leaf(tree: Tree, one: int, other: int, third: int, state: Stream) -> 
 
 # Iterations between two shortcuts of an improving best path.
 _SHORTCUT_PERIOD = 64
-# A path up to this factor longer than the straight line is straight but for rounding.
+# A path up to this factor longer than the straight line is straight within rounding.
 _STRAIGHT = 1.0 + 1e-12
 
 
@@ -153,7 +153,7 @@ _STRAIGHT = 1.0 + 1e-12
 def connect(search: TreeSearch, tree: Tree, x: float, y: float) -> tuple[int, bool]:
     """Extend a tree from its nearest node to a point step by step until blocked: CONNECT.
 
-    Returns the last node added, and whether it lies on the point.
+    Return the last node added, and whether it lies on the point.
     """
     options, nodes = search.options, tree.nodes
     i = nearest(tree, x, y)
@@ -175,7 +175,7 @@ def connect(search: TreeSearch, tree: Tree, x: float, y: float) -> tuple[int, bo
 
 @borrowing_kernel
 def join_trees(start_tree: Tree, goal_tree: Tree, node: int, twin: int) -> int:
-    """Copy the branch above `twin` in the goal tree to the start tree; returns the goal."""
+    """Copy the branch above `twin` in the goal tree to the start tree; return the goal."""
     nodes = goal_tree.nodes
     i = nodes[twin].parent
     edge = nodes[twin].edge
