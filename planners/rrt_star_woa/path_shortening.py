@@ -1,27 +1,34 @@
 """Path shortening: algorithm 5 of the thesis (section 2.8), and the planner `rrt_star_woa_global`.
 
-A whale is a path: the shifts of all inner points of the path of RRT*. It costs its weighted length
-and each blocked edge (`LengthFree`). Algorithm 5 is the first population here, then the search of
-the planner `swarm` (`planners.swarm.search.iterate`) with the moves of whales (`woa.move`).
+A whale is a path: the shifts of all inner points of the path of RRT*. From top to bottom: the first
+population, algorithm 5, and the planner. A whale costs its weighted length and each blocked edge:
+`LengthFree`.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 
 from planners.collision.polygon_tests import SpaceArrays
 from planners.problem import Plan, PlannerBase, Problem, Status
-from planners.rrt_star_woa.woa import ShiftBounds, WhaleSettings
+from planners.rrt_star_woa.woa import ShiftBounds, Whales, WhaleSettings, move, new_whales, tell
 from planners.smoothing.curves import POLYLINE
-from planners.swarm.optimizers import WHALES, MoveParameters
-from planners.swarm.path_cost import LengthFree, PathProblem
-from planners.swarm.search import InitialSwarm, new_search, run
+from planners.swarm.path_cost import (
+    LengthFree,
+    PathCost,
+    PathProblem,
+    Workspace,
+    evaluate,
+    new_workspace,
+    write_way_points,
+)
 from planners.trees.settings import RrtStar
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.clock import clock
-from wheelchair_gym.compiled.kernel import kernel
+from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.random import Stream, next_in_disc, stream
 
@@ -39,6 +46,34 @@ def scatter_in_ellipses(k: int, n: int, width: float, height: float, state: Stre
             population[i, 2 * j] = u * width
             population[i, 2 * j + 1] = v * height
     return population
+
+
+@borrowing_kernel
+def shorten(
+    problem: PathProblem, path_cost: PathCost, whales: Whales, free: Array, workspace: Workspace,
+    state: Stream,
+) -> float:  # fmt: skip
+    """Run algorithm 5; write the best free path to `free` and return its cost, or infinity.
+
+    The leader's path, which need not be free, is in the workspace's points afterwards.
+    """
+    parameters, line, best = whales.parameters, workspace.line, math.inf
+    for t in range(parameters.iterations + 1):  # line 3
+        if parameters.latest:
+            best = math.inf
+        for i in range(parameters.population):  # lines 2 and 14
+            cost, free_cost = evaluate(
+                problem, path_cost, whales.population[i], whales.leader_cost[0], best, workspace
+            )
+            if free_cost < best:
+                best = free_cost
+                for k in range(line.shape[0]):
+                    free[k, 0], free[k, 1] = line[k, 0], line[k, 1]
+            tell(whales, i, cost)
+        if t < parameters.iterations:
+            move(whales, t / parameters.iterations, state)  # lines 4 to 13
+    write_way_points(problem, whales.leader, workspace.points)
+    return best
 
 
 @settings
@@ -77,10 +112,10 @@ class RrtStarWoaGlobal(LengthFree, ShiftBounds, PlannerBase):
             return path, path
         anchors, upper = np.ascontiguousarray(path[1:-1]), np.tile(bounds, n)
         population = scatter_in_ellipses(self.whales.population, n, *bounds, state)
+        whales = new_whales(population, self.whales.parameters, -upper, upper)
         problem = PathProblem(
             space, np.empty((0, 3)), path[0], path[-1], anchors, POLYLINE, False, 1
         )
-        start = InitialSwarm(problem, population, -upper, upper)  # line 1
-        search = new_search(start, self.path_cost, MoveParameters(WHALES, self.whales.parameters))
-        found = run(search, self.whales.iterations, max(1, self.whales.iterations), state)
-        return found.line if len(found.line) else path, found.way_points
+        workspace, free = new_workspace(problem), np.empty_like(path)
+        cost = shorten(problem, self.path_cost, whales, free, workspace, state)
+        return free if cost < np.inf else path, workspace.points
