@@ -22,7 +22,7 @@ FINE_TURN = 0.002  # rad: pieces of a sweep; a corner's arc bulges 1 m x 0.002^2
 
 
 class Judge:
-    """Tells what is wrong with paths on one map.
+    """Finds faults of paths on one map.
 
     Args:
         solid: shapely geometry of all obstacles.
@@ -44,18 +44,18 @@ class Judge:
 
     @classmethod
     def of(cls, problem: Problem) -> Judge:
-        """The judge of a problem's map and clearance."""
+        """Return the judge of a problem's map and clearance."""
         return cls(problem.space.solid, problem.space.bounds, problem.clearance)
 
     def faults(
         self, path: ArrayLike, start: ArrayLike | None = None, goal: ArrayLike | None = None
     ) -> list[str]:
-        """What is wrong with a path (n, 2) or (n, 3), as text; empty if it is valid.
+        """Return the faults of a path (n, 2) or (n, 3), as text; empty if it is valid.
 
         Args:
             path: points [m]; headings are compared at the ends only.
-            start: where it is to start [m]; None: anywhere.
-            goal: where it is to end [m]; None: anywhere.
+            start: required start [m]; None: anywhere.
+            goal: required end [m]; None: anywhere.
         """
         points = np.asarray(path, dtype=np.float64)
         if not np.isfinite(points).all():
@@ -84,12 +84,12 @@ class Judge:
 
 
 def faults(path: ArrayLike, solid: Any, bounds: ArrayLike, clearance: float = 0.0) -> list[str]:
-    """What is wrong with one path (n, 2), as text; see `Judge`."""
+    """Return the faults of one path (n, 2), as text; see `Judge`."""
     return Judge(solid, bounds, clearance).faults(path)
 
 
 def _end_faults(path: Array, start: ArrayLike | None, goal: ArrayLike | None) -> list[str]:
-    """Return what is wrong with the ends of a path (n, 2) or (n, 3), headings included."""
+    """Return the faults of the ends of a path (n, 2) or (n, 3), headings included."""
     found = []
     for name, end, at in (("start", start, 0), ("end", goal, -1)):
         if end is None:
@@ -108,7 +108,7 @@ def _end_faults(path: Array, start: ArrayLike | None, goal: ArrayLike | None) ->
 def plan_faults(
     plan: Plan, problem: Problem, footprint: Footprint | None = None, judge: Judge | None = None
 ) -> list[str]:
-    """Return what is wrong with a planner's answer; empty if it is as every plan has to be.
+    """Return the faults of a planner's answer; empty if it is a valid plan.
 
     A plan is solved if and only if it has a path. The path goes from start to goal, headings
     included, and turns by at most `MAX_TURN` between two poses. A path of points is judged for a
@@ -134,10 +134,10 @@ def plan_faults(
 
 
 def _swept(footprint: Array, start: Array, turn: float, chord: float) -> NDArray[Any]:
-    """Polygons that cover what a rectangle sweeps on one stretch, to second order in `FINE_TURN`.
+    """Return polygons that cover a rectangle's sweep on a stretch, to 2nd order in `FINE_TURN`.
 
-    The rectangle is cut where it turns about: of each part the hull of two poses is what it sweeps
-    between them but for the bulge of its corners' arcs.
+    The rectangle is cut at its centre of rotation. The hull of two poses of a part is its sweep
+    between them, the bulge of its corners' arcs apart.
     """
     half = 0.5 * turn
     way = chord * half / np.sin(half) if abs(half) > 1e-9 else chord
@@ -164,7 +164,7 @@ def _swept(footprint: Array, start: Array, turn: float, chord: float) -> NDArray
 def sweep_faults(
     path: ArrayLike, footprint: Array, solid: Any, bounds: ArrayLike, margin: float = 0.0
 ) -> list[str]:
-    """What is wrong with a path of poses (n, 3) that a rectangle drives; empty if it is valid.
+    """Return the faults of a path of poses (n, 3) that a rectangle drives; empty if it is valid.
 
     From pose to pose the chair drives and turns at constant rates.
 

@@ -1,13 +1,13 @@
-"""What is asked and what is answered: problems, plans and their statuses."""
+"""Problems, plans and their statuses, and the base of planners."""
 
 from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -21,9 +21,12 @@ from wheelchair_gym.geometry import path_length, to_frame, to_world
 if TYPE_CHECKING:
     from planners.collision.space import Space
 
+Options = TypeVar("Options", bound=tuple[Any, ...])
+CHUNK_PERIOD = 2e-3  # s of work between two looks at the clock
+
 
 class Status(StrEnum):
-    """How planning ended: failure in the world is data with a name."""
+    """The end of planning; each failure has a name."""
 
     SOLVED = "solved"
     START_OUTSIDE = "start_outside"  # of the map
@@ -37,9 +40,9 @@ class Status(StrEnum):
 
 @dataclass(frozen=True)
 class Problem:
-    """A free space, a start and a goal, and how far from obstacles the path must stay.
+    """A free space, a start, a goal, and the clearance of the path.
 
-    A path may touch what is occupied at exactly the clearance; it may not leave the space's bounds.
+    A path may touch obstacles at exactly the clearance; it may not leave the space's bounds.
     """
 
     space: Space
@@ -54,7 +57,7 @@ class Problem:
         return self.space.inflated(self.clearance)
 
     def in_frame(self) -> Problem:
-        """The same problem in the frame of its map."""
+        """Return the same problem in the frame of its map."""
         start, goal = (_in_frame(end, self.space.frame) for end in (self.start, self.goal))
         return replace(self, space=self.space.in_frame, start=start, goal=goal)
 
@@ -63,15 +66,15 @@ class Problem:
 class Plan:
     """An answer: a status and, if solved, a path from the start to the goal itself.
 
-    Field and key names that end in `_s` are seconds, and exempt from 'same rng, same plan'.
+    Fields and keys that end in `_s` are seconds, and exempt from 'same rng, same plan'.
     """
 
     status: Status
     path: Array = field(default_factory=lambda: np.empty((0, 2)))  # (n, 2) or (n, 3)
-    tree: Array = field(default_factory=lambda: np.empty((0, 4)))  # (k, 4) edges, to look at
+    tree: Array = field(default_factory=lambda: np.empty((0, 4)))  # (k, 4) edges, for pictures
     counters: Mapping[str, int] = field(default_factory=dict)  # nodes, iterations, ...
     timings: Mapping[str, float] = field(default_factory=dict)  # time_s, first_path_s, ...
-    note: str = ""  # for a person: why there is no path
+    note: str = ""  # the reason of a failure, in words
 
     @property
     def length(self) -> float:
@@ -80,22 +83,22 @@ class Plan:
 
 
 class Planner(Protocol):
-    """A frozen settings object that plans: same problem, same rng state, same plan."""
+    """A frozen settings object that plans: same problem, same state of `rng`, same plan."""
 
     def plan(
         self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
     ) -> Plan:
-        """Answer a problem; what the world makes impossible is a status, not an exception.
+        """Answer a problem; an impossible problem has a status, it is no exception.
 
         Args:
-            problem: what is asked.
+            problem: the problem.
             rng: draws the numbers, if any.
-            deadline: seconds of wall time from the call, not counting those in which kernels are
-                compiled or loaded, after which the planner answers with its best path so far,
-                or, where it has none, with `Status.EXHAUSTED`; None: its own limits alone count.
+            deadline: seconds of wall time from the call, without those in which kernels are
+                compiled or loaded. Then the planner answers with its best path so far, or, if it
+                has none, with `Status.EXHAUSTED`. None: only its own limits count.
                 It looks at the clock between chunks of work, which change nothing else:
-                `counters["iterations"]`, given as the planner's iterations (its tree's, where it
-                has none), makes the very same plan without a clock.
+                `counters["iterations"]`, given as the planner's iterations (its tree's, if it
+                has none), makes the same plan without a clock.
 
         Raises:
             InputError: the deadline is negative or NaN, or the problem is not made of numbers.
@@ -104,7 +107,7 @@ class Planner(Protocol):
 
 
 class PlannerBase(ABC):
-    """The skeleton of a planner: the deadline, trivial problems and the time; `solve` searches."""
+    """Deadline, trivial problems and time of a planner; its `solve` searches."""
 
     def plan(
         self, problem: Problem, rng: np.random.Generator, deadline: float | None = None
@@ -120,8 +123,12 @@ class PlannerBase(ABC):
         return _from_frame(plan, problem) if rotated else plan
 
     def trivial(self, problem: Problem) -> Plan | None:
-        """The plan of a problem that needs no search, or None."""
-        return trivial(problem)
+        """Return the plan of a problem that needs no search, or None."""
+        status = check(problem)
+        if status is not None:
+            return Plan(status)
+        ends = np.array([problem.start[:2], problem.goal[:2]], dtype=np.float64)
+        return Plan(Status.SOLVED, ends) if (ends[0] == ends[1]).all() else None
 
     @abstractmethod
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
@@ -149,10 +156,10 @@ def _from_frame(plan: Plan, problem: Problem) -> Plan:
 
 
 def checked_plan(planner: object, plan: Any) -> Plan:
-    """What a planner gave, if it is a plan.
+    """Return the answer of a planner.
 
     Raises:
-        InputError: it is none.
+        InputError: it is no plan.
     """
     if not isinstance(plan, Plan):
         name = type(planner).__name__
@@ -160,13 +167,56 @@ def checked_plan(planner: object, plan: Any) -> Plan:
     return plan
 
 
+def answer(
+    path: Array,
+    counters: Mapping[str, int],
+    note: str = "",
+    failure: Status = Status.EXHAUSTED,
+    tree: Array | None = None,
+) -> Plan:
+    """Return the plan of a path; without points it is a failure, with a note that says why."""
+    edges = np.empty((0, 4)) if tree is None else tree
+    if len(path):
+        return Plan(Status.SOLVED, path, edges, counters)
+    return Plan(failure, np.empty((0, 2)), edges, counters, note=note)
+
+
 def remaining(end: float) -> float | None:
-    """Seconds until `clock` shows `end`; None if that is infinite."""
+    """Return the seconds until `clock` shows `end`; None if that is infinite."""
     return max(0.0, end - clock()) if end < math.inf else None
 
 
+def chunks(total: int, end: float) -> Iterator[int]:
+    """Yield the number of iterations to reach next, until `total` or until `clock` shows `end` [s].
+
+    At least one chunk is made. Without an end it is the only one.
+    """
+    made, chunk = 0, total if end == math.inf else min(1, total)
+    before = clock()
+    while True:
+        made += chunk
+        yield made
+        now = clock()
+        if made >= total or now >= end:
+            return
+        # The first chunks may have prepared or compiled something.
+        most = int(min(CHUNK_PERIOD, end - now) * chunk / max(now - before, 1e-9))
+        chunk, before = min(max(1, min(2 * chunk, most)), total - made), now
+
+
+def with_settings(options: Options, settings: object) -> Options:
+    """Return a named tuple of options with the values of settings that have their names.
+
+    A setting that is null leaves the option unchanged.
+    """
+    given: Any = options
+    values = {name: getattr(settings, name, None) for name in given._fields}
+    changed: Options = given._replace(**{k: v for k, v in values.items() if v is not None})
+    return changed
+
+
 def begin(deadline: float | None) -> tuple[float, float]:
-    """The clock now, and when a deadline [s] from now ends (infinite for None): `clock`.
+    """Return the time of `clock`, and the time a deadline [s] later (infinite for None).
 
     Raises:
         InputError: the deadline is negative or NaN.
@@ -180,7 +230,7 @@ def begin(deadline: float | None) -> tuple[float, float]:
 
 
 def check(problem: Problem) -> Status | None:
-    """Why no path can start or end where the problem says; None if nothing is wrong.
+    """Return why no path can start or end where the problem says; None if one can.
 
     Raises:
         InputError: the start, the goal or the clearance is not made of finite numbers.
@@ -200,15 +250,4 @@ def check(problem: Problem) -> Status | None:
             return Status(f"{name}_outside")
         if not point_free(arrays, float(x), float(y)):
             return Status(f"{name}_occupied")
-    return None
-
-
-def trivial(problem: Problem) -> Plan | None:
-    """The plan where there is nothing to search: a bad end, or a goal that is the start."""
-    status = check(problem)
-    if status is not None:
-        return Plan(status)
-    start, goal = problem.start, problem.goal
-    if start[0] == goal[0] and start[1] == goal[1]:
-        return Plan(Status.SOLVED, np.array([start[:2], goal[:2]], dtype=np.float64))
     return None

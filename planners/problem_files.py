@@ -60,7 +60,7 @@ def _problem(data: Any, where: str) -> tuple[Problem, float | None]:
 
 
 def read_problems(path: str | Path) -> list[tuple[Problem, float | None]]:
-    """Problems of a file, each with its known optimum [m] or None.
+    """Return the problems of a file, each with its known optimum [m] or None.
 
     Raises:
         InputError: the file cannot be read, or a problem's key is missing, unknown or wrong.

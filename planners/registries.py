@@ -11,12 +11,8 @@ from wheelchair_gym.registry import Registry, in_module
 PLANNERS: Final = Registry(
     "planner",
     {
-        "bug1": "planners.reactive.bug:Bug1",
-        "bug2": "planners.reactive.bug:Bug2",
         "cell_decomposition": "planners.graphs.cell_decomposition:CellDecomposition",
-        "disc_then_lattice": "planners.lattice.lattice:DiscThenLattice",
         **in_module("planners.graphs.geometric", "Geometric GeometricThenLimited"),
-        "lattice": "planners.lattice.lattice:Lattice",
         "potential_field": "planners.reactive.potential_field:PotentialField",
         "prm": "planners.graphs.roadmap:Prm",
         "rrt_star_woa_global": "planners.rrt_star_woa.path_shortening:RrtStarWoaGlobal",
@@ -26,6 +22,8 @@ PLANNERS: Final = Registry(
         "swarm": "planners.swarm.planner:SwarmPlanner",
         "visibility": "planners.graphs.visibility:Visibility",
         "voronoi": "planners.graphs.voronoi:Voronoi",
+        **in_module("planners.lattice.lattice", "DiscThenLattice Lattice"),
+        **in_module("planners.reactive.bug", "Bug1 Bug2"),
         **in_module("planners.graphs.grid", "AStar Bfs Dfs Dijkstra ThetaStar"),
         **in_module(
             "planners.trees.settings",
@@ -56,7 +54,7 @@ OBJECTIVES: Final = Registry(
 
 
 def make_planner(spec: str | Mapping[str, Any] | Planner) -> Planner:
-    """A planner by name, or by a mapping with its name and settings; a planner is itself.
+    """Return a planner by name, or by a mapping with its name and settings; or a planner itself.
 
     Raises:
         InputError: the name is unknown, or a setting is not one of the planner's.

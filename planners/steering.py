@@ -21,7 +21,7 @@ from wheelchair_gym.geometry import wrap
 from wheelchair_gym.kinematics import arc_step
 from wheelchair_gym.maps.driving_cost import STILL, MotionCost, duration, kind_of, stretch_cost
 
-CONNECTIONS = 4  # kinds of them: arcs ahead and back, pivots and a straight ahead and back
+CONNECTIONS = 4  # number of kinds: arcs ahead and back, pivots and a straight ahead and back
 # The stretches of a connection, each a distance [m] and a turn [rad].
 Parts = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
 NO_PARTS = ((0.0, 0.0), (0.0, 0.0), (0.0, 0.0))
@@ -33,8 +33,8 @@ def connection(
 ) -> tuple[bool, Parts]:
     """Return whether there is a connection of a kind to a target pose, and its three stretches.
 
-    Kinds 0 and 2 lead ahead, 1 and 3 back; 0 and 1 are arcs, 2 and 3 turn in place. A NaN heading
-    of the target is free. The third stretch is a turn in place.
+    Kinds 0 and 2 lead ahead, 1 and 3 back; 0 and 1 are arcs, 2 and 3 turn in place. A target
+    heading of NaN is free. The third stretch is a turn in place.
     """
     dx, dy = tx - x, ty - y
     far, towards = math.hypot(dx, dy), wrap(math.atan2(dy, dx) - yaw)
@@ -91,7 +91,7 @@ def switch(motion: MotionCost, before: int, after: int) -> float:
 def parts_time(
     motion: MotionCost, sharpest: float, parts: Parts, before: int, after: int, sign: float
 ) -> float:
-    """Return the least time [s] of a connection between two kinds of motion.
+    """Return the minimum time [s] of a connection between two kinds of motion.
 
     It is infinite where an arc's curvature is greater than `sharpest` [1/m]. With a sign of -1 the
     connection is driven from the target.
@@ -115,7 +115,7 @@ CAPACITY = 8192  # pieces of a path: 1.6 km
 
 PIECE = np.dtype(
     [
-        ("x", np.float64),  # m: where it begins
+        ("x", np.float64),  # m: the beginning
         ("y", np.float64),
         ("yaw", np.float64),  # rad
         ("way", np.float64),  # m
@@ -243,7 +243,7 @@ def write_times(
     context: SteeringContext, x: float, y: float, yaw: float, before: int,
     tx: float, ty: float, tyaw: float, after: int, sign: float,
 ) -> float:  # fmt: skip
-    """Write the time of each connection to `context.times`, and return the least of them."""
+    """Write the time of each connection to `context.times`, and return the minimum."""
     least = math.inf
     for kind in range(CONNECTIONS):
         possible, parts = connection(kind, x, y, yaw, tx, ty, tyaw)
@@ -255,7 +255,7 @@ def write_times(
 
 @borrowing_kernel
 def quickest(times: Array) -> int:
-    """Return the connection of least time, or -1 where no time is finite."""
+    """Return the quickest connection, or -1 if no time is finite."""
     best, found = math.inf, -1
     for kind in range(CONNECTIONS):
         if times[kind] < best:

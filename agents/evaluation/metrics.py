@@ -280,13 +280,13 @@ def summarise(records: Sequence[Record]) -> list[Record]:
 def turning(path: ArrayLike) -> float:
     """Mean absolute angle [rad] between successive legs of a path (n, 2); 0 for a single leg."""
     points = _apart(path)
-    return path_cost.mean_turning(points, len(points))
+    return path_cost.mean_turning(points)
 
 
 def printed_turning(path: ArrayLike) -> float:
     """Smoothness f1 as the paper on RRT-WOA prints it, its (1)-(5): less is called smoother."""
     points = _apart(path)
-    return path_cost.printed_turning(points, len(points)) if len(points) > 1 else 0.0
+    return path_cost.printed_turning(points) if len(points) > 1 else 0.0
 
 
 def backing(path: ArrayLike) -> float:

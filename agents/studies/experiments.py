@@ -309,26 +309,17 @@ def _keeps_off(line: Array, discs: Any, reach: float) -> bool:
 def _search(planner: Any, problem: Problem, rng: np.random.Generator) -> tuple[Any, Array]:
     """A swarm's search, and the least cost after each iteration (n,)."""
     from planners.registries import OBJECTIVES, OPTIMIZERS
-    from planners.swarm.optimizers import new_swarm
-    from planners.swarm.path_cost import new_workspace
-    from planners.swarm.search import BestValid, SearchResult, iterate
+    from planners.swarm.search import iterate, new_search, result_of
     from wheelchair_gym.random import stream
 
-    start = planner.start(problem, None, rng)
-    given, swarm = start.path_problem, new_swarm(start.population, start.lower, start.upper)
-    buffers = new_workspace(len(given.anchors), given.pieces)
-    valid = BestValid(np.empty_like(buffers.line), np.full(1, np.inf))
     cost = OBJECTIVES.make(planner.objective).path_cost
-    rule, cycle = OPTIMIZERS.make(planner.optimizer).parameters, planner.cycle
+    rule = OPTIMIZERS.make(planner.optimizer).parameters
+    search = new_search(planner.start(problem, None, rng), cost, rule)
     state, costs = stream(rng), np.empty(planner.iterations)
     for t in range(planner.iterations):  # equal to one call for all iterations
-        iterate(given, cost, rule, swarm, valid, t, t + 1, cycle, buffers, state)
-        costs[t] = swarm.record["best_cost"][0]
-    line = valid.line if valid.cost[0] < np.inf else np.empty((0, 2))
-    return SearchResult(
-        line, float(valid.cost[0]), buffers.line, float(costs[-1]), buffers.points,
-        planner.iterations,
-    ), costs  # fmt: skip
+        iterate(search, t, t + 1, planner.cycle, state)
+        costs[t] = search.swarm.best_cost[0]
+    return result_of(search, planner.iterations), costs
 
 
 def controls(job: Job, seed: int) -> Record:

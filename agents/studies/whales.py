@@ -8,10 +8,10 @@ from typing import Any, Final
 import numpy as np
 
 from planners import Problem
+from planners.collision.polygon_tests import blocked_edges
 from planners.rrt_star_woa.local_steering import GOAL_HIDDEN_COST, NODE_HIDDEN_COST
 from planners.rrt_star_woa.path_shortening import scatter_in_ellipses
-from planners.rrt_star_woa.woa import WhaleParameters, move_whales
-from planners.smoothing.smooth import blocked_edges
+from planners.rrt_star_woa.woa import WhaleParameters, move, new_whales, tell
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.geometry import path_length
 from wheelchair_gym.random import Stream, stream
@@ -96,15 +96,12 @@ def _swim(
     parameters: WhaleParameters, population: Array, upper: Array, state: Stream,
     costs_of: Callable[[Array], tuple[Array, list[Whale]]],
 ) -> Iterator[tuple[list[Whale], Array]]:  # fmt: skip
-    """Move a population as algorithm 3 does; yield what its costs tell, and the leader."""
-    leader, least = population[0], np.inf
+    """Move a population as algorithm 3 does; yield the whales with colours, and the leader."""
+    whales = new_whales(population, parameters, -upper, upper)
     for t in range(parameters.iterations + 1):
         costs, found = costs_of(population)
-        if costs.min() < least or parameters.latest:
-            leader, least = population[costs.argmin()].copy(), costs.min()
-        yield found, leader
+        for i, cost in enumerate(costs):
+            tell(whales, i, cost)
+        yield found, whales.leader
         if t < parameters.iterations:
-            move_whales(
-                population, leader, parameters, t / parameters.iterations,
-                np.full(len(upper), 2.0), -upper, upper, state,
-            )  # fmt: skip
+            move(whales, t / parameters.iterations, state)

@@ -14,10 +14,9 @@ from planners import Plan, Problem, Space, make_planner
 from planners.judge import plan_faults
 from planners.problem import checked_plan
 from planners.registries import FIRST_PLANNERS, OBJECTIVES, SWARM_OPTIMIZERS
-from planners.swarm.optimizers import new_swarm
 from planners.swarm.peers import Mealpy
 from planners.swarm.planner import SwarmPlanner
-from planners.swarm.search import search
+from planners.swarm.search import new_search, run
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.geometry import path_length
 from wheelchair_gym.maps import OccupancyGrid
@@ -108,16 +107,12 @@ def _swarm_frames(
                 return
             path, tree = first.path[:, :2], first.tree
         begun = planner.start(problem, path, rng)
-        members = new_swarm(begun.population, begun.lower, begun.upper)
         moves: Any = SWARM_OPTIMIZERS.make(planner.optimizer)
         cost: Any = OBJECTIVES.make(planner.objective)
-        found = search(
-            begun.path_problem, cost.path_cost, moves.parameters, members, k, planner.cycle,
-            stream(rng),
-        )  # fmt: skip
-        places = begun.path_problem.anchors + members.positions.reshape(
-            len(members.positions), -1, 2
-        )
+        search = new_search(begun, cost.path_cost, moves.parameters)
+        found = run(search, k, planner.cycle, stream(rng))
+        positions = search.swarm.positions
+        places = begun.path_problem.anchors + positions.reshape(len(positions), -1, 2)
         ends = np.array(problem.start[:2]), np.array(problem.goal[:2])
         line = found.line if len(found.line) else found.best
         yield {

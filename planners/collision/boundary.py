@@ -6,9 +6,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from planners.collision.polygon_tests import (
+    Index,
     SpaceArrays,
     blocks,
     enters_solid,
@@ -18,8 +19,6 @@ from planners.collision.polygon_tests import (
 )
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
-
-Index = NDArray[np.int64]
 
 NONE = -1
 MOST_BUCKETS = 200_000
@@ -35,7 +34,7 @@ class Boundary(NamedTuple):
 
     @property
     def segments(self) -> Array:
-        """From where to where (n, 4) [m]."""
+        """The segments (n, 4) [m], from begin to end."""
         return np.hstack([self.points[self.begins], self.points[self.ends]])
 
 
@@ -51,7 +50,7 @@ class Corners(NamedTuple):
 
 @borrowing_kernel
 def orientation(points: Array, a: int, b: int, c: int) -> float:
-    """`orient2d` of three points by index: positive if c lies left of the line from a to b."""
+    """Return `orient2d` of three points by index: positive if c is left of the line from a to b."""
     return orient2d(
         points[a, 0], points[a, 1], points[b, 0], points[b, 1], points[c, 0], points[c, 1]
     )
@@ -75,7 +74,7 @@ def group_by_point(which: Index, first: Index, members: Index) -> None:
 
 @kernel
 def _before(points: Array, begins: Index, ends: Index) -> Index:
-    """The point before the begin of each segment; NONE where no segment ends.
+    """Return the point before the begin of each segment; NONE where no segment ends.
 
     Where loops meet in a point, an outgoing segment follows the next incoming one,
     counter-clockwise.
@@ -102,7 +101,7 @@ def _before(points: Array, begins: Index, ends: Index) -> Index:
 
 
 def boundary(segments: ArrayLike) -> Boundary:
-    """The boundary made of segments (n, 4) [m]: closed loops with the solid on their left."""
+    """Return the boundary of segments (n, 4) [m]: closed loops with the solid on their left."""
     lines = np.asarray(segments, dtype=np.float64).reshape(-1, 4)
     ends = np.concatenate([lines[:, :2], lines[:, 2:]])
     order = np.lexsort((ends[:, 0], ends[:, 1]))
@@ -116,9 +115,9 @@ def boundary(segments: ArrayLike) -> Boundary:
 
 
 def edges_within_frame(walls: ArrayLike, bounds: tuple[float, float, float, float]) -> Array | None:
-    """Segments (n, 4) [m] around free space inside an axis-aligned frame, from walls around solids.
+    """Return segments (n, 4) [m] around free space inside a frame, from walls around obstacles.
 
-    None where a wall is not axis-aligned, or leaves the frame.
+    The result is None if a wall is not axis-aligned, or leaves the frame.
     """
     lines = np.asarray(walls, dtype=np.float64).reshape(-1, 4)
     xmin, ymin, xmax, ymax = bounds
@@ -150,9 +149,9 @@ def edges_within_frame(walls: ArrayLike, bounds: tuple[float, float, float, floa
 
 
 @kernel
-def _convex(
-    points: Array, begins: Index, ends: Index, before: Index
-) -> tuple[Index, Index, Index, Index, Index]:
+def convex_corners(around: Boundary) -> Corners:
+    """Return the convex corners of a boundary: a shortest path bends at these corners only."""
+    points, begins, ends, before = around
     kept, count = np.empty(len(begins), np.int64), 0
     for k in range(len(begins)):
         if before[k] != NONE and orientation(points, before[k], begins[k], ends[k]) > 0.0:
@@ -162,16 +161,11 @@ def _convex(
     first, members = np.empty(len(points) + 1, np.int64), np.empty(count, np.int64)
     place = begins[kept]
     group_by_point(place, first, members)
-    return place, before[kept], ends[kept], first, members
-
-
-def convex_corners(around: Boundary) -> Corners:
-    """The convex corners of a boundary: a shortest path bends at these corners only."""
-    return Corners(*_convex(*around))
+    return Corners(place, before[kept], ends[kept], first, members)
 
 
 def build_space_arrays(segments: Array, before: Array, bounds: Array) -> SpaceArrays:
-    """The arrays of a space: segments (n, 4), the corner before each (n, 2), bounds (4,) [m]."""
+    """Return a space's arrays from segments (n, 4), corners before them (n, 2), bounds (4,) [m]."""
     xmin, ymin, xmax, ymax = bounds
     width, height = max(xmax - xmin, 0.0), max(ymax - ymin, 0.0)
     # About two buckets for each segment: an edge passes few buckets, and each holds few segments.
@@ -192,7 +186,7 @@ def build_space_arrays(segments: Array, before: Array, bounds: Array) -> SpaceAr
 
 @borrowing_kernel
 def fraction_along(ax: float, ay: float, bx: float, by: float, x: float, y: float) -> float:
-    """The fraction of the segment from a to b [m] at the projection of a point."""
+    """Return the fraction of the segment from a to b [m] at the projection of a point."""
     ux, uy = bx - ax, by - ay
     return ((x - ax) * ux + (y - ay) * uy) / (ux * ux + uy * uy)
 
@@ -201,7 +195,7 @@ def fraction_along(ax: float, ay: float, bx: float, by: float, x: float, y: floa
 def line_intersection(
     segments: Array, k: int, ax: float, ay: float, bx: float, by: float
 ) -> tuple[float, float]:
-    """Where a segment meets the line from a to b [m]; exact at the ends of the segment."""
+    """Return the point of a segment on the line from a to b [m]; exact at the segment's ends."""
     cx, cy, dx, dy = segments[k, 0], segments[k, 1], segments[k, 2], segments[k, 3]
     c, d = orient2d(ax, ay, bx, by, cx, cy), orient2d(ax, ay, bx, by, dx, dy)
     if c == 0.0:
@@ -215,7 +209,7 @@ def line_intersection(
 def blocking_segments(
     arrays: SpaceArrays, ax: float, ay: float, bx: float, by: float
 ) -> tuple[Index, Array]:
-    """The segments (n,) that block the edge from a to b [m], and the fraction of it before each."""
+    """Return the segments (n,) that block the edge from a to b [m], and its fractions there."""
     found = np.empty(arrays.segments.shape[0], dtype=np.int64)
     parts = np.empty(arrays.segments.shape[0])
     count = 0
@@ -231,7 +225,7 @@ def blocking_segments(
 def last_corner_on_line(
     arrays: SpaceArrays, ax: float, ay: float, bx: float, by: float, part: float
 ) -> int:
-    """The segment that begins at the last corner exactly on the first part of an edge, or -1."""
+    """Return the segment from the last corner exactly on the first part of an edge, or -1."""
     last, found = 0.0, -1
     for k in range(arrays.segments.shape[0]):
         x, y = arrays.segments[k, 0], arrays.segments[k, 1]
@@ -245,7 +239,7 @@ def last_corner_on_line(
 
 @kernel
 def leads_into_solid(arrays: SpaceArrays, k: int, corner: bool, x: float, y: float) -> bool:
-    """Whether the line from a segment, or from its first corner, to a point enters the solid."""
+    """Return whether the line from a segment, or its first corner, to a point enters the solid."""
     ax, ay, bx, by = arrays.segments[k]
     if corner:
         return enters_solid(arrays.before[k, 0], arrays.before[k, 1], ax, ay, bx, by, x, y)
@@ -253,7 +247,7 @@ def leads_into_solid(arrays: SpaceArrays, k: int, corner: bool, x: float, y: flo
 
 
 def segment_links(arrays: SpaceArrays) -> tuple[Index, Index]:
-    """The next segment (n,) of each along its obstacle, and the previous one.
+    """Return the next segment (n,) of each along its obstacle, and the previous one.
 
     Where two obstacles meet in a point, a path may pass between them.
     """
@@ -267,7 +261,7 @@ def segment_links(arrays: SpaceArrays) -> tuple[Index, Index]:
 
 
 def boundary_loop(k: int, step: Index) -> Index:
-    """The segments of a loop (m,), beginning with one of them."""
+    """Return the segments of a loop (m,), beginning with one of them."""
     found = [k]
     while step[found[-1]] != k:
         found.append(int(step[found[-1]]))

@@ -1,4 +1,4 @@
-"""The exact least gap between a moving rectangular footprint and a map's boundary.
+"""The exact minimum gap between a moving rectangular footprint and a map's boundary.
 
 A stretch is a motion with a constant rate of turn: straight, an arc, or a pivot. In the chair's
 frame at its beginning the rectangle turns about one point (or moves along x). The gap to a segment
@@ -44,14 +44,14 @@ class Sweeps(NamedTuple):
 
 
 def sweeps(count: int) -> Sweeps:
-    """Arrays for so many stretches; `sweep` writes them."""
+    """Return arrays for `count` stretches; `sweep` writes them."""
     shapes = ((), (), (4,), (3,), (), (2,), (4, 2), (4, 2), (4,), (4, 4))
     return Sweeps(*(np.zeros((count, *shape)) for shape in shapes))
 
 
 @borrowing_kernel
 def _between(ax: float, ay: float, bx: float, by: float, wide: bool, dx: float, dy: float) -> bool:
-    """Whether a direction d lies on the turn from a to b, counter-clockwise; wide: beyond pi."""
+    """Return whether a direction d lies on the left turn from a to b; `wide`: beyond pi."""
     if wide:
         return bx * dy - by * dx <= 0.0 or dx * ay - dy * ax <= 0.0
     return ax * dy - ay * dx >= 0.0 and dx * by - dy * bx >= 0.0
@@ -95,7 +95,7 @@ def sweep(sweeps: Sweeps, m: int, way: float, turn: float, outline: Array) -> No
 
 @borrowing_kernel
 def _apart(box: Array, px: float, py: float, qx: float, qy: float, gap: float) -> bool:
-    """Whether the box of a segment is at least a gap away from another, along x or y."""
+    """Return whether the box of a segment is a gap or more away from another, along x or y."""
     return bool(
         min(px, qx) - box[2] >= gap
         or box[0] - max(px, qx) >= gap
@@ -106,10 +106,11 @@ def _apart(box: Array, px: float, py: float, qx: float, qy: float, gap: float) -
 
 @borrowing_kernel
 def _end_gap(sweeps: Sweeps, m: int, px: float, py: float, outline: Array, enough: float) -> float:
-    """Least gap between a rectangle that turns about a centre and a point, if below `enough`.
+    """Return the minimum gap between a rectangle that turns about a centre and a point.
 
-    Seen from the chair the point turns back. It comes nearest at the ends of its arc, in line with
-    a corner, or where it faces the side that faces the centre; or it crosses a side.
+    The gap is at most `enough`. Seen from the chair the point turns back. It comes nearest at the
+    ends of its arc, in line with a corner, or opposite the side towards the centre; or it crosses
+    a side.
     """
     front, rear, half = outline[0], outline[1], outline[2]
     cy, c, s = sweeps.centre[m], sweeps.rotation[m, 0], sweeps.rotation[m, 1]
@@ -149,7 +150,7 @@ def _end_gap(sweeps: Sweeps, m: int, px: float, py: float, outline: Array, enoug
 def _corner_gap(
     sweeps: Sweeps, m: int, k: int, px: float, py: float, qx: float, qy: float, enough: float
 ) -> float:
-    """Least gap between the arc of a corner k and a segment, if below `enough`."""
+    """Return the minimum gap between the arc of a corner k and a segment, at most `enough`."""
     cy, radius = sweeps.centre[m], sweeps.radius[m, k]
     ux, uy, vx, vy = px, py - cy, qx, qy - cy
     ex, ey = vx - ux, vy - uy
@@ -185,7 +186,7 @@ def _corner_gap(
 def stretch_gap(
     sweeps: Sweeps, m: int, outline: Array, segments: Array, count: int, enough: float, least: float
 ) -> float:
-    """Least gap [m] while stretch m is driven, at most `enough`; 0 where something is touched.
+    """Return the minimum gap [m] along stretch m, at most `enough`; 0 if something is touched.
 
     `segments` (n, 4) [m], `count` of them, are the boundary in the chair's frame at the beginning:
     each end of a segment that matters is the first end of one of them, or of one farther than
@@ -215,7 +216,7 @@ def stretch_gap(
 def stretch_between(
     x: float, y: float, yaw: float, ax: float, ay: float, ayaw: float
 ) -> tuple[float, float]:
-    """Way [m] and turn [rad] of the stretch from a pose to another that it leads to."""
+    """Return the distance [m] and the turn [rad] of the stretch from one pose to another."""
     turn = wrap(ayaw - yaw)
     half = 0.5 * turn
     chord = math.cos(yaw + half) * (ax - x) + math.sin(yaw + half) * (ay - y)
@@ -241,10 +242,10 @@ def _path_gap(segments: Array, path: Array, outline: Array, work: Sweeps, enough
 
 
 def path_gap(path: ArrayLike, space: Space, footprint: Footprint, enough: float = 1.0) -> float:
-    """Least gap [m] between a footprint and what is not free, all along a path of poses (n, 3).
+    """Return the minimum gap [m] between a footprint and obstacles along a path of poses (n, 3).
 
-    Between two poses the chair turns and drives at constant rates. It must stand in what is free
-    at the first pose; 0 where it touches anything later.
+    Between two poses the chair turns and drives at constant rates. The first pose must be free; the
+    gap is 0 if the footprint touches anything later.
     """
     poses = np.ascontiguousarray(path, dtype=np.float64)
     return float(_path_gap(space.arrays.segments, poses, footprint.array, sweeps(1), enough))

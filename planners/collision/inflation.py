@@ -18,8 +18,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from planners.collision.boundary import Index, build_space_arrays
-from planners.collision.polygon_tests import SpaceArrays, orient2d
+from planners.collision.boundary import build_space_arrays
+from planners.collision.polygon_tests import Index, SpaceArrays, orient2d
 from wheelchair_gym.arrays import Array, Mask
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 
@@ -28,7 +28,7 @@ ARC = math.pi / 8  # rad: at most this much of an arc per side of its polygon
 # circles of one radius meet in one point or just touch; of a radius like this, no three ever do.
 SHIFT = 7.310585e-7
 JOIN = 1e-9  # m: ends of pieces nearer than this are one point
-FINEST = 10  # times that the sides of an arc are halved where it would cross another
+FINEST = 10  # largest number of times that the sides of a crossing arc are halved
 MOST_GAPS = 64  # exposed intervals of one segment or arc
 
 
@@ -44,7 +44,7 @@ class Pieces(NamedTuple):
 
 @borrowing_kernel
 def _subtract_interval(exposed: Array, count: int, low: float, high: float) -> int:
-    """Subtract a covered interval from the exposed ones (count, 2); returns how many remain."""
+    """Subtract a covered interval from the exposed ones (count, 2); return the number left."""
     k = 0
     while k < count:
         a, b = exposed[k, 0], exposed[k, 1]
@@ -73,7 +73,7 @@ def _subtract_interval(exposed: Array, count: int, low: float, high: float) -> i
 def _covered_on_segment(
     segments: Array, k: int, j: int, radius: float, other: float
 ) -> tuple[float, float]:
-    """Where segment k, offset by a radius, is nearer to segment j than `other`, along k [m].
+    """Return the interval [m] of segment k, offset by a radius, nearer to segment j than `other`.
 
     The region that j covers is convex, so this is one interval; it is empty where low > high.
     """
@@ -123,7 +123,7 @@ def _wrapped(angle: float) -> float:
 def _covered_on_circle(
     segments: Array, x: float, y: float, j: int, radius: float, other: float
 ) -> tuple[float, float]:
-    """Where a circle of a radius around a point is nearer to segment j than `other` [rad].
+    """Return the arc [rad] of a circle around a point that is nearer to segment j than `other`.
 
     The discs around the points of j cover adjoining arcs, so this is one interval.
     """
@@ -166,14 +166,14 @@ def _covered_on_circle(
 
 @borrowing_kernel
 def _half_angle(far: float, radius: float, other: float) -> float:
-    """Half the angle of a circle that a disc of another radius covers [rad]."""
+    """Return half the angle [rad] of a circle that a disc of another radius covers."""
     turn = (radius * radius + far * far - other * other) / (2.0 * radius * far)
     return math.acos(min(max(turn, -1.0), 1.0))
 
 
 @kernel
 def exposed_pieces(arrays: SpaceArrays, radii: Array) -> tuple[Pieces, bool]:
-    """All exposed pieces of segments moved out by radii (n,) [m]; False: the arrays are full."""
+    """Return the exposed pieces of segments moved out by radii (n,) [m]; false: arrays are full."""
     segments, before, grid = arrays.segments, arrays.before, arrays.grid
     rows, columns = arrays.corner_free.shape
     n, widest = segments.shape[0], 0.0
@@ -276,7 +276,7 @@ def exposed_pieces(arrays: SpaceArrays, radii: Array) -> tuple[Pieces, bool]:
 def _offset_polygons(
     pieces: Pieces, follows: Index, segments: Array, radii: Array, halvings: Index
 ) -> tuple[Array, Index, Index]:
-    """Corners (v, 2) of the polygons that the pieces form, each one's successor and its piece.
+    """Return corners (v, 2) of the polygons of the pieces, each one's successor and its piece.
 
     Where a segment passes into the arc around its end there is no corner.
     """
@@ -317,7 +317,7 @@ def _offset_polygons(
 
 @kernel
 def _self_intersections(arrays: SpaceArrays, follows: Index) -> Mask:
-    """Which segments meet another that is not their neighbour; segment k begins at corner k."""
+    """Return which segments meet another one, neighbours apart; segment k begins at corner k."""
     segments, meets = arrays.segments, np.zeros(len(follows), np.bool_)
     for bucket in range(len(arrays.first) - 1):
         near = arrays.members[arrays.first[bucket] : arrays.first[bucket + 1]]
@@ -342,7 +342,7 @@ def _self_intersections(arrays: SpaceArrays, follows: Index) -> Mask:
 
 
 def _offset_boundary(arrays: SpaceArrays, radii: Array, bounds: Array) -> Array | None:
-    """Segments around what remains where each segment moves out by its radius, or None."""
+    """Return segments around the rest after each segment moved out by its radius, or None."""
     pieces, good = exposed_pieces(arrays, radii)
     if not good or not len(pieces.source):
         return np.empty((0, 4)) if good else None
@@ -367,7 +367,7 @@ def _offset_boundary(arrays: SpaceArrays, radii: Array, bounds: Array) -> Array 
 
 
 def inflated_boundary(arrays: SpaceArrays, radius: float) -> Array:
-    """Segments (n, 4) [m] around where a disc's centre may be; the rest is on their left.
+    """Return segments (n, 4) [m] around the places of a disc's centre; the rest is on their left.
 
     No point inside is nearer than the radius [m] to anything, and no point that keeps
     radius / cos(ARC / 2) is lost. The map's borders move in by exactly the radius, if possible.

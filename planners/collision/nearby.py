@@ -6,37 +6,37 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from planners.collision.polygon_tests import Index, Members
 from planners.collision.space import Space
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.geometry import point_segment_distance, wrap
 
-CELL = 0.25  # m: squares of position that share one list of what is near
+CELL = 0.25  # m: squares of positions that share one list of runs
 RUN = 0.2  # m: a run of segments is at most this wide and high
 OPPOSITE = -0.5  # cosine: the other side lies at least 120 deg from the nearest point
 
 
 class Nearby(NamedTuple):
-    """Which parts of a map's boundary lie near each cell of a coarse grid.
+    """The parts of a map's boundary near each cell of a coarse grid.
 
-    Runs of short segments that follow each other go together: discs have many.
+    Successive short segments form runs: discs have many.
     """
 
     segments: Array  # (n, 4) m
-    runs: NDArray[np.int32]  # (k + 1,): the segment with which each run begins
-    spines: Array  # (k, 5) m: a run lies within a distance of a line: its ends, the distance
+    runs: Members  # (k + 1,): the first segment of each run
+    spines: Array  # (k, 5) m: a line and the largest distance of a run from it
     box: Array  # (4,) m: xmin, ymin, xmax, ymax of the map
     origin: Array  # (2,) m: lower left corner of the cells
     columns: int
-    first: NDArray[np.int64]  # (cells + 1,): where each cell's members begin
-    members: NDArray[np.int32]  # indices of runs, cell by cell
+    first: Index  # (cells + 1,): begin of each cell's members
+    members: Members  # indices of runs, cell by cell
 
 
 @borrowing_kernel
-def _gather(segments: Array, runs: NDArray[np.int32], spines: Array) -> int:
-    """Write runs, and what each lies within; how many there are."""
+def _gather(segments: Array, runs: Members, spines: Array) -> int:
+    """Write runs and their spines; return their number."""
     count = 0
     low_x, low_y, high_x, high_y = 0.0, 0.0, 0.0, 0.0
     for k in range(segments.shape[0]):
@@ -62,14 +62,9 @@ def _gather(segments: Array, runs: NDArray[np.int32], spines: Array) -> int:
 
 @borrowing_kernel
 def _list_near(
-    spines: Array,
-    origin: Array,
-    rows: int,
-    columns: int,
-    reach: float,
-    first: NDArray[np.int64],
-    members: NDArray[np.int32],
-) -> None:
+    spines: Array, origin: Array, rows: int, columns: int, reach: float, first: Index,
+    members: Members,
+) -> None:  # fmt: skip
     """Count each cell's runs in `first`, or, if `members` is not empty, write them there."""
     for k in range(spines.shape[0]):
         ax, ay, bx, by = spines[k, 0], spines[k, 1], spines[k, 2], spines[k, 3]
@@ -88,7 +83,7 @@ def _list_near(
 
 
 def nearby(space: Space, reach: float) -> Nearby:
-    """The parts of a space's boundary within a reach [m] of each cell of its map."""
+    """Return the parts of a space's boundary within a reach [m] of each cell of its map."""
     arrays = space.arrays
     low, high = arrays.bounds[:2].copy(), arrays.bounds[2:]
     runs, spines = np.empty(len(arrays.segments) + 1, np.int32), np.empty((len(arrays.segments), 5))
@@ -110,7 +105,7 @@ def segments_in_view(
     """Write the segments within `enough` [m] of a box at a pose [m, m, rad] on the map.
 
     The box (xmin, ymin, xmax, ymax) and the segments (k, 4), written to `seen`, are in the chair's
-    frame. Returns how many there are.
+    frame. Returns their number.
     """
     cell = int((y - near.origin[1]) / CELL) * near.columns + int((x - near.origin[0]) / CELL)
     c, s = math.cos(yaw), math.sin(yaw)
@@ -146,9 +141,9 @@ def segments_in_view(
 def nearest_side(
     near: Nearby, x: float, y: float, ux: float, uy: float, most: float
 ) -> tuple[float, float, float]:
-    """The nearest boundary point (x, y) whose direction has a cosine to u below `OPPOSITE`.
+    """Return the nearest boundary point (x, y) in a direction of a cosine to u below `OPPOSITE`.
 
-    With u = 0 any will do. Third its distance, `most` where there is none nearer.
+    With u = 0 any direction counts. The third value is its distance, `most` if none is nearer.
     """
     cell = int((y - near.origin[1]) / CELL) * near.columns + int((x - near.origin[0]) / CELL)
     best, bx, by = most, x, y
@@ -172,12 +167,12 @@ def nearest_side(
 
 _SETTLED = 1e-3  # m
 _STEPS = 6  # to the middle of a passage
-_ASTRAY = 0.5  # m: a middle that is farther from the guide is of another passage
+_ASTRAY = 0.5  # m: a middle that is farther from the guide belongs to another passage
 
 
 @kernel
 def passage_poses(near: Nearby, guide: Array, widest: float) -> Array:
-    """Poses (k, 3) in the middle of what a guide (n, 3) passes, straight between both sides.
+    """Return poses (k, 3) in the middle of the passages of a guide (n, 3), at right angles to them.
 
     The passage is less than twice `widest` [m] wide.
     """

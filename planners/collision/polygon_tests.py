@@ -13,26 +13,29 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.arrays import Array
-from wheelchair_gym.compiled.kernel import as_int, borrowing_kernel
+from wheelchair_gym.arrays import Array, Mask
+from wheelchair_gym.compiled.kernel import as_int, borrowing_kernel, kernel
 from wheelchair_gym.geometry import point_segment_distance
+
+Index = NDArray[np.int64]
+Members = NDArray[np.int32]
 
 
 class SpaceArrays(NamedTuple):
     """A space as kernels take it."""
 
-    bounds: Array  # (4,) xmin, ymin, xmax, ymax [m] of what is free
-    segments: Array  # (n, 4) x0, y0, x1, y1 [m]: the boundary, what is solid on its left
+    bounds: Array  # (4,) xmin, ymin, xmax, ymax [m] of free space
+    segments: Array  # (n, 4) x0, y0, x1, y1 [m]: the boundary, the solid on its left
     before: Array  # (n, 2) m: the corner before (x0, y0)
     grid: Array  # (3,) m: lower left corner of the buckets, their side
-    first: NDArray[np.int64]  # (rows * columns + 1,): where each bucket's members begin
-    members: NDArray[np.int32]  # indices of segments, bucket by bucket
-    corner_free: NDArray[np.bool_]  # (rows, columns): is each bucket's lower left corner free
+    first: Index  # (rows * columns + 1,): begin of each bucket's members
+    members: Members  # indices of segments, bucket by bucket
+    corner_free: NDArray[np.bool_]  # (rows, columns): whether a bucket's lower left corner is free
 
 
 @borrowing_kernel
 def _two_product(a: float, b: float) -> tuple[float, float]:
-    """Product of a and b as the sum of two doubles, exactly (Dekker 1971)."""
+    """Return the product of a and b as the exact sum of two doubles (Dekker 1971)."""
     p = a * b
     t = 134217729.0 * a
     ah = t - (t - a)
@@ -44,7 +47,7 @@ def _two_product(a: float, b: float) -> tuple[float, float]:
 
 @borrowing_kernel
 def _two_diff(a: float, b: float) -> tuple[float, float]:
-    """Difference a - b as the sum of two doubles, exactly (Knuth)."""
+    """Return the difference a - b as the exact sum of two doubles (Knuth)."""
     d = a - b
     t = d - a
     return d, (a - (d - t)) - (b + t)
@@ -52,7 +55,7 @@ def _two_diff(a: float, b: float) -> tuple[float, float]:
 
 @borrowing_kernel
 def _orient2d_extended(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
-    """The predicate in double-double arithmetic."""
+    """Return `orient2d` in double-double arithmetic."""
     ux, ux_low = _two_diff(bx, ax)
     uy, uy_low = _two_diff(by, ay)
     vx, vx_low = _two_diff(cx, ax)
@@ -65,7 +68,7 @@ def _orient2d_extended(ax: float, ay: float, bx: float, by: float, cx: float, cy
 
 @borrowing_kernel
 def orient2d(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
-    """Positive if c lies left of the line from a to b, negative if right, 0 if exactly on it.
+    """Return a positive number if c is left of the line from a to b, a negative one if right, or 0.
 
     Double precision decides, or double-double where rounding could decide the sign.
     """
@@ -80,7 +83,7 @@ def orient2d(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -
 def enters_solid(
     px: float, py: float, cx: float, cy: float, dx: float, dy: float, tx: float, ty: float
 ) -> bool:
-    """Whether the line from a corner c (after p, before d) towards t enters the solid."""
+    """Return whether the line from a corner c (after p, before d) towards t enters the solid."""
     left = orient2d(cx, cy, dx, dy, tx, ty)
     if left > 0.0 and orient2d(cx, cy, px, py, tx, ty) < 0.0:
         return True
@@ -92,7 +95,7 @@ def enters_solid(
 
 @borrowing_kernel
 def _left_of(segments: Array, k: int, x: float, y: float) -> bool:
-    """Whether (x, y) lies left of a segment, moved right and, by far less, up: never on it."""
+    """Return whether (x, y), moved right and, by far less, up, is left of a segment."""
     ax, ay, bx, by = segments[k, 0], segments[k, 1], segments[k, 2], segments[k, 3]
     area = orient2d(ax, ay, bx, by, x, y)
     return area > 0.0 or (area == 0.0 and (by < ay or (by == ay and bx > ax)))
@@ -100,9 +103,9 @@ def _left_of(segments: Array, k: int, x: float, y: float) -> bool:
 
 @borrowing_kernel
 def _free_inside(
-    segments: Array, near: NDArray[np.int32], x0: float, y0: float, x: float, y: float, free: bool
+    segments: Array, near: Members, x0: float, y0: float, x: float, y: float, free: bool
 ) -> bool:
-    """Whether (x, y) of a bucket is free, from its lower left corner: up first, then right.
+    """Return whether (x, y) of a bucket is free, from its lower left corner: first up, then right.
 
     All points are moved right and, by far less, up, so that none lies on a boundary or in line
     with a corner; then the answer changes exactly where a leg crosses a segment.
@@ -116,7 +119,7 @@ def _free_inside(
 
 
 @borrowing_kernel
-def _on_boundary(segments: Array, near: NDArray[np.int32], x: float, y: float) -> bool:
+def _on_boundary(segments: Array, near: Members, x: float, y: float) -> bool:
     for k in near:
         ax, ay, bx, by = segments[k, 0], segments[k, 1], segments[k, 2], segments[k, 3]
         if (
@@ -130,7 +133,7 @@ def _on_boundary(segments: Array, near: NDArray[np.int32], x: float, y: float) -
 
 @borrowing_kernel
 def point_free(arrays: SpaceArrays, x: float, y: float) -> bool:
-    """Whether a point [m] is free; on a boundary it is. NaN is not."""
+    """Return whether a point [m] is free; on a boundary it is. NaN is not."""
     bounds, grid = arrays.bounds, arrays.grid
     if not (bounds[0] <= x <= bounds[2] and bounds[1] <= y <= bounds[3]):
         return False
@@ -149,7 +152,7 @@ def point_free(arrays: SpaceArrays, x: float, y: float) -> bool:
 def blocks(
     segments: Array, before: Array, k: int, ax: float, ay: float, bx: float, by: float
 ) -> bool:
-    """Whether segment k blocks the edge from a to b."""
+    """Return whether segment k blocks the edge from a to b."""
     low_x, high_x, low_y, high_y = min(ax, bx), max(ax, bx), min(ay, by), max(ay, by)
     cx, cy, dx, dy = segments[k, 0], segments[k, 1], segments[k, 2], segments[k, 3]
     if max(cx, dx) < low_x or min(cx, dx) > high_x:
@@ -172,9 +175,9 @@ def blocks(
 
 @borrowing_kernel
 def blocking_segment(arrays: SpaceArrays, ax: float, ay: float, bx: float, by: float) -> int:
-    """The segment that blocks the edge from a free point a to b [m].
+    """Return a segment that blocks the edge from a free point a to b [m].
 
-    -1 if the edge is free, -2 if b lies outside the map.
+    It is -1 if the edge is free, -2 if b lies outside the map.
     """
     bounds, grid = arrays.bounds, arrays.grid
     if not (bounds[0] <= bx <= bounds[2] and bounds[1] <= by <= bounds[3]):
@@ -209,19 +212,29 @@ def blocking_segment(arrays: SpaceArrays, ax: float, ay: float, bx: float, by: f
 
 @borrowing_kernel
 def way_free(arrays: SpaceArrays, ax: float, ay: float, bx: float, by: float) -> bool:
-    """Whether the edge from a free point a to b [m] is free."""
+    """Return whether the edge from a free point a to b [m] is free."""
     return blocking_segment(arrays, ax, ay, bx, by) == -1
 
 
 @borrowing_kernel
 def edge_free(arrays: SpaceArrays, ax: float, ay: float, bx: float, by: float) -> bool:
-    """Whether the edge from a to b [m] is free; it may touch obstacles."""
+    """Return whether the edge from a to b [m] is free; it may touch obstacles."""
     return point_free(arrays, ax, ay) and way_free(arrays, ax, ay, bx, by)
+
+
+@kernel
+def blocked_edges(arrays: SpaceArrays, path: Array) -> Mask:
+    """Return which edges (n - 1,) of a path (n, 2) [m] are not free."""
+    blocked = np.empty(path.shape[0] - 1, dtype=np.bool_)
+    for k in range(path.shape[0] - 1):
+        free = edge_free(arrays, path[k, 0], path[k, 1], path[k + 1, 0], path[k + 1, 1])
+        blocked[k] = not free
+    return blocked
 
 
 @borrowing_kernel
 def clearance(arrays: SpaceArrays, x: float, y: float) -> float:
-    """Distance [m] from a point to the nearest boundary, the map's border too; 0 if not free."""
+    """Return the distance [m] from a point to the boundary or the map's border; 0 if not free."""
     if not point_free(arrays, x, y):
         return 0.0
     segments, grid = arrays.segments, arrays.grid
@@ -250,12 +263,7 @@ def clearance(arrays: SpaceArrays, x: float, y: float) -> float:
 
 @borrowing_kernel
 def fill_buckets(
-    segments: Array,
-    grid: Array,
-    rows: int,
-    columns: int,
-    first: NDArray[np.int64],
-    members: NDArray[np.int32],
+    segments: Array, grid: Array, rows: int, columns: int, first: Index, members: Members
 ) -> None:
     """Count each bucket's segments in `first`, or, if `members` is not empty, write them there."""
     size, slack = grid[2], 1e-6 * grid[2]

@@ -26,7 +26,10 @@ def free_gap(
     near: Nearby, motion: MotionCost, x: float, y: float, yaw: float, way: float, turn: float,
     workspace: Sweeps, seen: Array,
 ) -> float:  # fmt: skip
-    """Least gap [m] of a stretch, at most the desired clearance; exact only above the margin."""
+    """Return the minimum gap [m] of a stretch, at most the desired clearance.
+
+    It is exact only above the margin.
+    """
     pieces = max(1, math.ceil(abs(way) / TESTED_LENGTH))
     gap = motion.desired_clearance
     part, bend = way / pieces, turn / pieces
@@ -44,7 +47,7 @@ def free_gap(
 
 @kernel
 def gaps_at(near: Nearby, motion: MotionCost, poses: Array, workspace: Sweeps) -> Array:
-    """Gaps (n,) [m] of the outline at poses (n, 3), at most the desired clearance."""
+    """Return gaps (n,) [m] of the outline at poses (n, 3), at most the desired clearance."""
     seen, gaps = np.empty_like(near.segments), np.empty(poses.shape[0])
     for k in range(poses.shape[0]):
         x, y, yaw = poses[k]
@@ -93,7 +96,7 @@ class FootprintPlanner(DrivingCost, PlannerBase):
     limits: Limits = Limits()
 
     def trivial(self, problem: Problem) -> Plan | None:
-        """The plan where the axle cannot stand at an end; the rectangle is tested later."""
+        """Return a plan if the axle cannot stand at an end; the rectangle is tested later."""
         status = check(replace(problem, clearance=0.0 * problem.clearance))  # NaN stays NaN
         return None if status is None else Plan(status)
 

@@ -25,7 +25,7 @@ DISC_SIDES = 32  # of the polygon around a disc: 0.5 % of the radius too large a
 
 
 def union(polygons: Iterable[ArrayLike]) -> Any:
-    """Union of simple polygons (k, 2) [m], which may overlap.
+    """Return the union of simple polygons (k, 2) [m], which may overlap.
 
     Raises:
         ValueError: a polygon with fewer than three corners, or a corner that is not finite.
@@ -42,7 +42,7 @@ def union(polygons: Iterable[ArrayLike]) -> Any:
 
 
 def with_holes(outlines: Iterable[tuple[Array, Sequence[Array]]]) -> Any:
-    """Union of polygons (k, 2) [m], each with the polygons of its holes; they may cross."""
+    """Return the union of polygons (k, 2) [m], each with polygons of its holes; they may cross."""
     pieces = [
         shapely.difference(shapely.make_valid(shapely.Polygon(outer)), union(holes))
         for outer, holes in outlines
@@ -51,7 +51,7 @@ def with_holes(outlines: Iterable[tuple[Array, Sequence[Array]]]) -> Any:
 
 
 def disc(x: float, y: float, radius: float) -> Array:
-    """The regular polygon (DISC_SIDES, 2) around a disc, whose sides touch it."""
+    """Return the regular polygon (DISC_SIDES, 2) around a disc, whose sides touch it."""
     angles = np.arange(DISC_SIDES) * (2 * math.pi / DISC_SIDES)
     reach = radius / math.cos(math.pi / DISC_SIDES)
     return np.stack([x + reach * np.cos(angles), y + reach * np.sin(angles)], axis=1)
@@ -86,7 +86,7 @@ def cells(grid: OccupancyGrid, solid: Mask) -> Any:
 
 
 def rings(geometry: Any, solid_inside: bool) -> list[Array]:
-    """Rings (k, 2) of a polygonal geometry, without the repeated end, the solid on their left."""
+    """Return rings (k, 2) of a geometry, without the repeated end, the solid on their left."""
     oriented = shapely.orient_polygons(geometry, exterior_cw=not solid_inside)
     polygons = [part for part in shapely.get_parts(oriented) if part.geom_type == "Polygon"]
     loops = [shapely.get_coordinates(r)[:-1] for p in polygons for r in shapely.get_rings(p)]
@@ -94,7 +94,7 @@ def rings(geometry: Any, solid_inside: bool) -> list[Array]:
 
 
 def polygonal(geometry: Any) -> Any:
-    """The polygons of a geometry, without the points and lines that an overlay may leave."""
+    """Return the polygons of a geometry, without the points and lines that an overlay leaves."""
     parts = shapely.get_parts(geometry)
     if any(part.geom_type == "GeometryCollection" for part in parts):
         parts = shapely.get_parts(parts)
@@ -102,7 +102,7 @@ def polygonal(geometry: Any) -> Any:
 
 
 def inflate(solid: Any, radius: float) -> Any:
-    """A geometry that holds every point nearer than the radius [m] to a solid.
+    """Return a geometry that holds every point nearer than the radius [m] to a solid.
 
     Straight sides move out by the radius; round corners become polygons whose sides touch the arc.
     See `inflation` for when this is used, and why shapely's buffer is not.

@@ -56,13 +56,13 @@ class Space:
     def __init__(
         self, solid: Any, bounds: ArrayLike, discs: ArrayLike = (), edges: Array | None = None
     ) -> None:
-        """Take what is solid, or the edges (n, 4) of what is free, and the map's bounds [m].
+        """Take the solid geometry, or the edges (n, 4) of free space, and the map's bounds [m].
 
         Args:
             solid: a shapely geometry, or None where edges are given.
             bounds: (xmin, ymin, xmax, ymax) [m].
-            discs: (m, 3) [m] that what is solid holds.
-            edges: (n, 4) [m] of what is free.
+            discs: (m, 3) [m] within the solid geometry.
+            edges: (n, 4) [m] of free space.
         """
         xmin, ymin, xmax, ymax = map(float, np.asarray(bounds, dtype=np.float64))
         if not all(map(math.isfinite, (xmin, ymin, xmax, ymax))):
@@ -80,23 +80,23 @@ class Space:
     def from_outlines(
         cls, outlines: Iterable[tuple[Array, Sequence[Array]]], bounds: ArrayLike
     ) -> Space:
-        """A map with solid outlines: a polygon (k, 2) [m], and the polygons of its holes."""
+        """Return a map with solid polygons (k, 2) [m], each with the polygons of its holes."""
         return cls(solids.with_holes(outlines), bounds)
 
     @classmethod
     def from_polygons(cls, polygons: Iterable[ArrayLike], bounds: ArrayLike) -> Space:
-        """A map with solid polygons (k, 2) [m]; they may overlap."""
+        """Return a map with solid polygons (k, 2) [m]; they may overlap."""
         return cls(solids.union(polygons), bounds)
 
     @classmethod
     def from_rectangles(cls, rectangles: ArrayLike, bounds: ArrayLike) -> Space:
-        """A map with solid rectangles (n, 4) [m]: xmin, ymin, xmax, ymax; they may overlap."""
+        """Return a map with solid rectangles (n, 4) [m]: xmin, ymin, xmax, ymax."""
         corners = np.asarray(rectangles, dtype=np.float64).reshape(-1, 4)
         return cls.from_polygons(corners[:, [0, 1, 2, 1, 2, 3, 0, 3]].reshape(-1, 4, 2), bounds)
 
     @classmethod
     def from_walls(cls, walls: ArrayLike, discs: ArrayLike, bounds: ArrayLike) -> Space:
-        """A map with walls (n, 4) [m], closed loops, and discs (m, 3) [m]: x, y, radius.
+        """Return a map with walls (n, 4) [m], closed loops, and discs (m, 3) [m]: x, y, radius.
 
         A point is solid where the loops wind around it (non-zero rule): loops that overlap are
         united, and a hole runs against the loop around it. A disc becomes a polygon around it.
@@ -107,7 +107,7 @@ class Space:
 
     @classmethod
     def from_map(cls, grid: OccupancyGrid, walls: ArrayLike, discs: ArrayLike = ()) -> Space:
-        """The map of a grid with walls (n, 4) and discs (m, 3) [m] that are finer than its cells.
+        """Return the map of a grid with walls (n, 4) and discs (m, 3) [m] finer than its cells.
 
         The border is the grid's own, rotated or not.
         """
@@ -121,7 +121,7 @@ class Space:
 
     @classmethod
     def from_grid(cls, grid: OccupancyGrid, unknown_is_solid: bool = False) -> Space:
-        """The map of an occupancy grid, whose border is the grid's own, rotated or not."""
+        """Return the map of an occupancy grid, whose border is the grid's own, rotated or not."""
         if grid.origin[2] != 0.0:
             upright = replace(grid, origin=(0.0, 0.0, 0.0))
             return cls.from_grid(upright, unknown_is_solid).placed(grid.origin)
@@ -141,10 +141,10 @@ class Space:
         return space
 
     def inflated(self, radius: float) -> Space:
-        """Where a disc of a radius [m] may have its centre: never nearer to anything than that.
+        """Return the space of the centres of a disc of a radius [m], never nearer to anything.
 
-        Too far from it by a millionth of the radius, and at convex corners by at most 2 %, where
-        polygons stand for arcs. So a gap exactly as wide as the disc is shut.
+        It keeps a millionth of the radius more, and up to 2 % more at convex corners, where
+        polygons replace arcs. So a gap exactly as wide as the disc is shut.
 
         Raises:
             ValueError: the radius is negative or not finite.
@@ -202,7 +202,7 @@ class Space:
 
     @cached_property
     def boundary(self) -> Boundary:
-        """The boundary of what is free; what is solid lies on the left of its segments."""
+        """The boundary of free space; the solid lies on the left of its segments."""
         if self._edges is not None:
             return boundary(self._edges)
         loops = solids.rings(self.free, solid_inside=False)
@@ -215,16 +215,16 @@ class Space:
 
     @cached_property
     def arrays(self) -> SpaceArrays:
-        """The boundary of what is free, as kernels take it."""
+        """The boundary of free space, as kernels take it."""
         edge = self.boundary
         return build_space_arrays(edge.segments, edge.points[edge.before], np.array(self.bounds))
 
     @cached_property
     def mesh(self) -> Mesh:
-        """What is free as triangles."""
+        """The triangles of free space."""
         return mesh(self.boundary)
 
     @cached_property
     def corners(self) -> Corners:
-        """The convex corners of what is solid."""
+        """The convex corners of obstacles."""
         return convex_corners(self.boundary)

@@ -12,7 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planners.collision.boundary import NONE, Boundary, Index, group_by_point, orientation
+from planners.collision.boundary import NONE, Boundary, group_by_point, orientation
+from planners.collision.polygon_tests import Index
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 
@@ -20,7 +21,7 @@ from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 class Mesh(NamedTuple):
     """Triangles that fill free space; where two free parts meet in a point, they share it."""
 
-    points: Array  # (m, 2) m: corners of what is solid, by y, then x
+    points: Array  # (m, 2) m: corners of obstacles, by y, then x
     corners: Index  # (t, 3) points, counter-clockwise
     across: Index  # (t, 3) 3 * triangle + side beyond the side from each corner on; NONE: solid
     boxes: Array  # (4, t) m: least and greatest x, least and greatest y of each triangle
@@ -44,7 +45,7 @@ class _Sweep(NamedTuple):
 
 @borrowing_kernel
 def _link(sweep: _Sweep, point: int) -> int:
-    """A new link, not yet in a chain."""
+    """Return a new link, not yet in a chain."""
     k = sweep.used[1]
     sweep.used[1] += 1
     sweep.place[k], sweep.left[k], sweep.right[k] = point, NONE, NONE
@@ -72,13 +73,13 @@ def _beside(sweep: _Sweep, edge: int, code: int) -> None:
 
 @borrowing_kernel
 def _seen(sweep: _Sweep, a: int, b: int, p: int) -> bool:
-    """Whether a point sees the edge from link a to link b from above."""
+    """Return whether a point sees the edge from link a to link b from above."""
     return orientation(sweep.points, sweep.place[a], sweep.place[b], p) > 0.0
 
 
 @borrowing_kernel
 def _fill(sweep: _Sweep, a: int, b: int, p: int, from_left: int, from_right: int) -> None:
-    """A triangle of links a, b and a point; its edges to a and to b are given."""
+    """Add the triangle of links a, b and a point; its edges to a and to b are given."""
     t = sweep.used[0]
     sweep.used[0] += 1
     sweep.corners[t, 0], sweep.corners[t, 1] = sweep.place[a], sweep.place[b]
@@ -91,7 +92,7 @@ def _fill(sweep: _Sweep, a: int, b: int, p: int, from_left: int, from_right: int
 
 @borrowing_kernel
 def _join_rightward(sweep: _Sweep, link: int, p: int, edge: int) -> int:
-    """Triangles from a point to a chain, from a link to the right; the point's link before it."""
+    """Add triangles from a point to a chain, rightward from a link; return the new left end."""
     b = sweep.right[link]
     while b != NONE and _seen(sweep, link, b, p):
         beyond = _edge(sweep)
@@ -105,7 +106,7 @@ def _join_rightward(sweep: _Sweep, link: int, p: int, edge: int) -> int:
 
 @borrowing_kernel
 def _join_leftward(sweep: _Sweep, link: int, p: int, edge: int) -> int:
-    """The same from a link to the left; the point's link comes behind it."""
+    """Add triangles from a point to a chain, leftward from a link; return the new right end."""
     a = sweep.left[link]
     while a != NONE and _seen(sweep, a, link, p):
         beyond = _edge(sweep)
@@ -119,7 +120,7 @@ def _join_leftward(sweep: _Sweep, link: int, p: int, edge: int) -> int:
 
 @borrowing_kernel
 def _where(points: Array, low: Index, high: Index, status: Index, count: int, p: int) -> int:
-    """How many of the sides on the sweep line lie left of a point."""
+    """Return the number of sides on the sweep line that lie left of a point."""
     first, last = 0, count
     while first < last:
         middle = (first + last) // 2
@@ -134,7 +135,7 @@ def _where(points: Array, low: Index, high: Index, status: Index, count: int, p:
 def triangulate(
     points: Array, begins: Index, ends: Index
 ) -> tuple[Index, Index, Index, Index, bool]:
-    """Triangles between closed loops of segments, from points (m, 2) sorted by y, then x.
+    """Return triangles between closed loops of segments; points (m, 2) are sorted by y, then x.
 
     Returns corners and neighbours (t, 3), the triangles around each point (see `Mesh`), and whether
     the loops are closed and never cross.
@@ -152,7 +153,7 @@ def triangulate(
         np.zeros(3, np.int64),
     )
     low, high = np.minimum(begins, ends), np.maximum(begins, ends)
-    up = begins < ends  # what is free lies on its right
+    up = begins < ends  # free space lies on its right
     arrive_first, arrive = np.empty(m + 1, np.int64), np.empty(n, np.int64)
     leave_first, leave = np.empty(m + 1, np.int64), np.empty(n, np.int64)
     group_by_point(high, arrive_first, arrive)
@@ -242,7 +243,7 @@ def triangulate(
 
 
 def mesh(boundary: Boundary) -> Mesh:
-    """The triangles of what is free.
+    """Return the triangles of free space.
 
     Raises:
         ValueError: the segments do not form loops, or they cross.

@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import connected_components
 
 from planners.collision.polygon_tests import SpaceArrays, orient2d
 from planners.graphs.roadmap import Pairs, shortest
-from planners.problem import Plan, PlannerBase, Problem, Status
+from planners.problem import Plan, PlannerBase, Problem, Status, answer
 from planners.smoothing.shortcut import shortcut
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
@@ -24,14 +24,14 @@ SLACK = 1e-9  # m: rounding may close windows; edges through them are tested exa
 
 @borrowing_kernel
 def _rightward(segments: Array, k: int) -> tuple[float, float, float, float]:
-    """A segment from its left end to its right end."""
+    """Return a segment from its left end to its right end."""
     ax, ay, bx, by = segments[k, 0], segments[k, 1], segments[k, 2], segments[k, 3]
     return (ax, ay, bx, by) if ax < bx else (bx, by, ax, ay)
 
 
 @borrowing_kernel
 def _height(segments: Array, k: int, x: float) -> float:
-    """Where a segment passes a vertical line [m]; exact at its ends."""
+    """Return the height at which a segment crosses a vertical line [m]; exact at its ends."""
     ax, ay, bx, by = _rightward(segments, k)
     if x <= ax:
         return ay
@@ -40,7 +40,7 @@ def _height(segments: Array, k: int, x: float) -> float:
 
 @borrowing_kernel
 def _above(segments: Array, k: int, other: int) -> bool:
-    """Whether a segment that begins on the sweep line lies above another that passes it."""
+    """Return whether a segment that begins on the sweep line lies above one that crosses it."""
     ax, ay, bx, by = _rightward(segments, k)
     cx, cy, dx, dy = _rightward(segments, other)
     at = orient2d(cx, cy, dx, dy, ax, ay)
@@ -55,13 +55,13 @@ def _above(segments: Array, k: int, other: int) -> bool:
 
 @borrowing_kernel
 def _free_between(segments: Array, low: int, high: int) -> bool:
-    """Whether the space between two neighbouring segments on the line is free."""
+    """Return whether the space between two neighbouring segments on the line is free."""
     return bool(segments[low, 0] > segments[low, 2] and segments[high, 0] < segments[high, 2])
 
 
 @kernel
 def _more(array: Array) -> Array:
-    """The same rows in an array of twice as many."""
+    """Return an array of twice as many rows, which begins with those of another."""
     wider = np.empty((2 * array.shape[0], array.shape[1]), array.dtype)
     wider[: array.shape[0]] = array
     return wider
@@ -166,7 +166,7 @@ def decompose(
 
 @kernel
 def cells_at(arrays: SpaceArrays, walls: Pairs, spans: Array, x: float, y: float) -> Pairs:
-    """The cells that hold a point [m]; several where they meet."""
+    """Return the cells that hold a point [m]; several where they meet."""
     found = np.empty(walls.shape[0], dtype=np.int64)
     count = 0
     for cell in range(walls.shape[0]):
@@ -181,7 +181,7 @@ def cells_at(arrays: SpaceArrays, walls: Pairs, spans: Array, x: float, y: float
 
 @kernel
 def _pairs(first: Pairs, members: Pairs) -> Pairs:
-    """Pairs (k, 2) of different members of a group; `first` (n + 1,) bounds the groups."""
+    """Return pairs (k, 2) of different members of a group; `first` (n + 1,) bounds the groups."""
     count = 0
     for cell in range(first.shape[0] - 1):
         size = first[cell + 1] - first[cell]
@@ -198,7 +198,7 @@ def _pairs(first: Pairs, members: Pairs) -> Pairs:
 
 
 def pairs_in_cells(sides: Pairs, cells: int, start_in: Pairs, goal_in: Pairs, per: int) -> Pairs:
-    """Pairs of nodes (k, 2) that lie in one cell: start, goal, then `per` nodes of each window."""
+    """Return the pairs of nodes (k, 2) in one cell: start, goal, then `per` of each window."""
     of_windows = 2 + np.arange(per * len(sides)).reshape(-1, 1, per)  # (windows, 1, per)
     nodes = np.concatenate([
         np.full(len(start_in), 0), np.full(len(goal_in), 1),
@@ -213,7 +213,7 @@ WINDOW_NODES = 3  # middle, low and high end: paths bend at corners, which are e
 
 
 def cut(arrays: SpaceArrays) -> tuple[Pairs, Array, Pairs, Array]:
-    """The vertical cells of a space and their windows, as `decompose` returns them."""
+    """Return the vertical cells of a space and their windows; see `decompose`."""
     segments = arrays.segments
     upright = segments[:, 0] == segments[:, 2]
     across = np.flatnonzero(~upright)
@@ -248,20 +248,14 @@ class CellDecomposition(PlannerBase):
         corners = np.stack([x, 0.5 * (low + high), x, low, x, high], axis=1).reshape(-1, 2)
         pairs = pairs_in_cells(sides, cells, start_in, goal_in, WINDOW_NODES)
         way = shortest(arrays, np.vstack([ends, corners]), pairs, end)
-        path, status, note = way.path, Status.SOLVED, ""
-        if not len(path):
+        path, failure, note = way.path, Status.EXHAUSTED, "out of time"
+        if len(path):
+            path = shortcut(path, problem.free) if self.shortcut else path
+        elif way.in_time:
             links = coo_array((np.ones(len(sides)), sides.T), shape=(cells, cells))
             _, part = connected_components(links, directed=False)
-            status, note = Status.NO_PATH, "start and goal lie in separate parts of free space"
-            if not way.in_time:
-                status, note = Status.EXHAUSTED, "out of time"
-            elif np.isin(part[start_in], part[goal_in]).any():
-                status, note = Status.EXHAUSTED, "too narrow for the precision of coordinates"
-        elif self.shortcut:
-            path = shortcut(path, problem.free)
-        return Plan(
-            status,
-            path,
-            counters={"cells": cells, "windows": len(sides), "edges_tested": way.tested},
-            note=note,
-        )
+            note = "too narrow for the precision of coordinates"
+            if not np.isin(part[start_in], part[goal_in]).any():
+                failure, note = Status.NO_PATH, "start and goal lie in separate parts of free space"
+        counters = {"cells": cells, "windows": len(sides), "edges_tested": way.tested}
+        return answer(path, counters, note, failure)

@@ -13,15 +13,14 @@ from numpy.typing import NDArray
 from planners.collision.boundary import blocking_segments
 from planners.collision.polygon_tests import SpaceArrays, edge_free
 from planners.collision.space import Space
-from planners.problem import Plan, PlannerBase, Problem, Status, remaining
+from planners.problem import Plan, PlannerBase, Problem, Status, answer, chunks, remaining
 from planners.trees.settings import RrtStarLimited
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.config import setting, settings
 
-CHUNK = 64  # turns between two readings of the clock
-MAX_TURNS = 200  # corners to go around at most: 20 are common on 50 m of clutter
+MAX_TURNS = 200  # largest number of corners to go around: 20 are common on 50 m of clutter
 ENDS = (
     "",
     "more turns than allowed",
@@ -35,13 +34,13 @@ class Obstacles(NamedTuple):
     """The connected obstacles of a space."""
 
     corners: Array  # (n, 2) m: those within the map
-    owner: NDArray[np.int64]  # (n,) whose corner each is
-    owner_of_segment: NDArray[np.int64]  # of each boundary segment; -1: of none
+    owner: NDArray[np.int64]  # (n,) obstacle of each corner
+    owner_of_segment: NDArray[np.int64]  # obstacle of each boundary segment; -1: none
     parts: int  # number of obstacles
 
 
 def _obstacles(space: Space) -> Obstacles:
-    """The obstacles; connected ones are one."""
+    """Return the obstacles; connected ones are one."""
     parts = shapely.get_parts(space.solid)
     corners, owner = shapely.get_coordinates(parts, return_index=True)
     xmin, ymin, xmax, ymax = space.bounds
@@ -63,10 +62,10 @@ def farthest_corner(
     obstacles: Obstacles, hit: NDArray[np.bool_], ax: float, ay: float, bx: float, by: float,
     side: float,
 ) -> tuple[int, float]:  # fmt: skip
-    """The corner of the obstacles hit that is farthest to one side of a line; -1: none is there.
+    """Return the corner of the obstacles hit that is farthest to one side of a line; -1: none.
 
-    Of corners that are equally far, it is the first: the way runs along the side between them.
-    Also returns how far it is, times the line's length [m2].
+    Of corners at the same distance, it is the first: the path runs along the side between them.
+    Also returns its distance times the line's length [m2].
     """
     corners, found, most, near = obstacles.corners, -1, 0.0, math.inf
     for exact in (False, True):
@@ -87,7 +86,7 @@ def bend(
     arrays: SpaceArrays, obstacles: Obstacles, path: Array, ahead: Array, asked: Array,
     counts: NDArray[np.int64], until: int,
 ) -> int:  # fmt: skip
-    """Go around corners until the path is whole, the method ends, or so many turns are made.
+    """Go around corners until the path is whole, the method ends, or `until` turns are made.
 
     Args:
         arrays: the space.
@@ -96,7 +95,7 @@ def bend(
         ahead: points (n, 2) [m] that follow, the next one last.
         asked: blocked lines (n, 4) [m] so far.
         counts: (4,) points of the path and ahead, turns, and edges tested.
-        until: turns.
+        until: number of turns.
 
     Returns:
         An index of `ENDS`.
@@ -146,26 +145,20 @@ class Geometric(PlannerBase):
     """
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
-        """A path, or why the method ends; the generator is not used."""
+        """Return a path, or why the method ends; the generator is not used."""
         space = problem.free
         obstacles = _obstacles(space)
         most = MAX_TURNS
         path, ahead, asked = np.empty((most + 2, 2)), np.empty((most + 1, 2)), np.empty((most, 4))
         path[0], ahead[0] = problem.start[:2], problem.goal[:2]
         counts, code = np.array([1, 1, 0, 0]), GOES_ON
-        note = "out of time"
-        while code == GOES_ON and clock() < end:
-            until = min(most, int(counts[2]) + CHUNK)
+        for until in chunks(most, end):
             code = bend(space.arrays, obstacles, path, ahead, asked, counts, until)
-            if code != GOES_ON or until == most:
-                note = ENDS[code]
+            if code != GOES_ON:
                 break
-        return Plan(
-            Status.EXHAUSTED if note else Status.SOLVED,
-            np.empty((0, 2)) if note else path[: counts[0]].copy(),
-            counters={"turns": int(counts[2]), "edges_tested": int(counts[3])},
-            note=note,
-        )
+        note = ENDS[code] if code != GOES_ON or counts[2] == most else "out of time"
+        path = np.empty((0, 2)) if note else path[: counts[0]].copy()
+        return answer(path, {"turns": int(counts[2]), "edges_tested": int(counts[3])}, note)
 
 
 @settings
@@ -182,13 +175,13 @@ class GeometricThenLimited(PlannerBase):
     """The tree that answers where the first method fails."""
 
     def trivial(self, problem: Problem) -> Plan | None:
-        """Nothing: the planners that this one asks know trivial problems."""
+        """Return None: the planners of the two parts know trivial problems."""
         return None
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
-        """The first path of the two; the counter `geometric` is 1 where it is the first method's.
+        """Return the first path of the two; the counter `geometric` tells whether it is geometric.
 
-        `edges_tested` counts those of both.
+        `edges_tested` counts the edges of both.
         """
         first = self.geometric.plan(problem, rng, remaining(end))
         if first.status is not Status.EXHAUSTED or clock() >= end:

@@ -11,15 +11,14 @@ is found. A grid cannot prove that there is no path: failure is `exhausted`.
 from __future__ import annotations
 
 import math
-from abc import abstractmethod
 from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from planners.collision.polygon_tests import SpaceArrays, clearance, edge_free, fill_buckets
-from planners.graphs.heap import pop, push
-from planners.problem import Plan, PlannerBase, Problem, Status
+from planners.graphs.heap import Heap, enlarged, new_heap, pop, push
+from planners.problem import Plan, PlannerBase, Problem, answer, with_settings
 from planners.smoothing.shortcut import edge_cost, shortcut
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.clock import clock
@@ -27,8 +26,8 @@ from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.config import setting, settings
 
 NEAR = 2  # grid steps within which the start and the goal are joined to the grid
-TIE = 1.0 + 1e-9  # on the way ahead: of paths that are equal but for rounding, the deepest first
-LENGTH, EDGES, DEPTH = 0, 1, 2  # what comes first: the shortest, the fewest edges, the latest met
+TIE = 1.0 + 1e-9  # factor of the distance left: of paths of equal length, the deepest comes first
+LENGTH, EDGES, DEPTH = 0, 1, 2  # first comes the shortest, the fewest edges, the latest node met
 MOST_PUSHES = 9  # by one node that is expanded: its neighbours and the goal
 START_PUSHES = (2 * NEAR + 2) ** 2 + 1  # by the start
 
@@ -45,14 +44,15 @@ class Grid(NamedTuple):
 
 
 class Order(NamedTuple):
-    """Which node is expanded next, and what may be its parent."""
+    """The order in which nodes are expanded, and their possible parents."""
 
-    by: int  # LENGTH, EDGES or DEPTH
-    ahead: float  # how much the way left counts beside the way made: 1 is A*, 0 Dijkstra
-    diagonal: bool
-    any_angle: bool  # the parent of a node may lie anywhere (Nash, Koenig and Tovey 2010)
-    weight: float  # of `edge_cost`
-    comfort: float  # m
+    by: int = LENGTH  # or EDGES or DEPTH
+    ahead: float = 1.0  # weight of the distance left: 1 is A*, 0 Dijkstra
+    diagonal: bool = True
+    any_angle: bool = False  # the parent of a node may lie anywhere (Nash, Koenig and Tovey 2010)
+    # The weight and the comfort of `edge_cost`.
+    obstacle_weight: float = 0.0
+    desired_clearance: float = 1.0  # m
 
 
 class Frontier(NamedTuple):
@@ -62,14 +62,13 @@ class Frontier(NamedTuple):
     crowding: Array  # (n,) or (1,): how near walls are, 0 to 1; -1: not looked at yet
     parent: NDArray[np.int64]  # (n + 2,)
     done: NDArray[np.bool_]  # (n + 2,)
-    keys: Array  # the heap
-    items: NDArray[np.int64]
-    counts: NDArray[np.int64]  # (3,): items in the heap, nodes expanded, nodes met
+    heap: Heap  # of nodes
+    counts: NDArray[np.int64]  # (2,): nodes expanded, nodes met
 
 
 @borrowing_kernel
 def _way_left(dx: float, dy: float, order: Order) -> float:
-    """Length of the shortest way where nothing is solid: octile, Manhattan or straight."""
+    """Return the length of the shortest path in open space: octile, Manhattan or straight."""
     if order.any_angle:
         return math.hypot(dx, dy)
     dx, dy = abs(dx), abs(dy)
@@ -78,7 +77,7 @@ def _way_left(dx: float, dy: float, order: Order) -> float:
 
 @borrowing_kernel
 def _place(grid: Grid, u: int) -> tuple[float, float]:
-    """Where a node is [m]."""
+    """Return the position of a node [m]."""
     n = grid.walls_near.shape[0]
     if u >= n:
         return grid.ends[u - n, 0], grid.ends[u - n, 1]
@@ -97,7 +96,7 @@ def _settle(arrays: SpaceArrays, grid: Grid, frontier: Frontier, u: int) -> None
     best, found = math.inf, -1
     i, j = u // grid.columns, u % grid.columns
     for k in range(10):
-        w = n  # the start, too, where it is as near as it looks
+        w = n  # the start counts too, if it is near
         if k < 9:
             vi, vj = i + k // 3 - 1, j + k % 3 - 1
             if k == 4 or min(vi, vj) < 0 or vj >= grid.columns or vi >= n // grid.columns:
@@ -115,16 +114,15 @@ def _settle(arrays: SpaceArrays, grid: Grid, frontier: Frontier, u: int) -> None
 def search_grid(
     arrays: SpaceArrays, grid: Grid, order: Order, frontier: Frontier, budget: int
 ) -> bool:
-    """Expand at most so many nodes; whether the goal is reached or nothing is left to expand."""
-    cost, crowding, parent, done, keys, items, counts = frontier
+    """Expand up to `budget` nodes; return whether the goal is reached or no node is left."""
+    cost, crowding, parent, done, heap, counts = frontier
     step, columns, n = grid.step, grid.columns, grid.walls_near.shape[0]
     rows = n // columns
     gx, gy = grid.ends[1, 0], grid.ends[1, 1]
     for _ in range(budget):
-        if counts[0] == 0:
+        if heap.size[0] == 0:
             return True
-        u = pop(keys, items, counts[0])
-        counts[0] -= 1
+        u = pop(heap)
         if done[u]:
             continue
         if order.any_angle and u < n:
@@ -132,7 +130,7 @@ def search_grid(
         done[u] = True
         if u == n + 1:
             return True
-        counts[1] += 1
+        counts[0] += 1
         x, y = _place(grid, u)
         i, j = int((y - grid.low) / step + 0.5), int((x - grid.left) / step + 0.5)
         if u == n:
@@ -160,30 +158,31 @@ def search_grid(
                     u == n or grid.walls_near[min(i, vi) * columns + min(j, vj)] > 0
                 ) and not edge_free(arrays, x, y, vx, vy):
                     continue
-                if order.weight > 0.0:
+                if order.obstacle_weight > 0.0:
                     if u == n:
-                        far = edge_cost(arrays, x, y, vx, vy, order.weight, order.comfort)
+                        far = edge_cost(
+                            arrays, x, y, vx, vy, order.obstacle_weight, order.desired_clearance
+                        )
                     else:
                         for w in (u, v):
                             if crowding[w] < 0.0:
                                 wx, wy = _place(grid, w)
-                                near = 1.0 - clearance(arrays, wx, wy) / order.comfort
+                                near = 1.0 - clearance(arrays, wx, wy) / order.desired_clearance
                                 crowding[w] = max(0.0, near)
-                        far *= 1.0 + 0.5 * order.weight * (crowding[u] + crowding[v])
-                counts[2] += 1
+                        far *= 1.0 + 0.5 * order.obstacle_weight * (crowding[u] + crowding[v])
+                counts[1] += 1
                 new_cost = cost[origin] + far
                 if order.by != LENGTH:
-                    new_cost = cost[u] + 1.0 if order.by == EDGES else -float(counts[2])
+                    new_cost = cost[u] + 1.0 if order.by == EDGES else -float(counts[1])
                 if new_cost < cost[v]:
                     cost[v], parent[v] = new_cost, origin
                     left = order.ahead * TIE * _way_left(gx - vx, gy - vy, order)
-                    push(keys, items, counts[0], new_cost + left, v)
-                    counts[0] += 1
+                    push(heap, new_cost + left, v)
         if (abs(gx - x) <= NEAR * step and abs(gy - y) <= NEAR * step) or u == n:
             seen = edge_free(arrays, x, y, gx, gy)
             if origin != u and edge_free(arrays, ox, oy, gx, gy):
                 seen, u, x, y = True, origin, ox, oy
-            far = edge_cost(arrays, x, y, gx, gy, order.weight, order.comfort)
+            far = edge_cost(arrays, x, y, gx, gy, order.obstacle_weight, order.desired_clearance)
             if u != n and far > 0.0:  # counted as by the grid, or the estimate were no bound
                 far *= _way_left(gx - x, gy - y, order) / math.hypot(gx - x, gy - y)
             new_cost = cost[u] + far
@@ -191,8 +190,7 @@ def search_grid(
                 new_cost = cost[u] + 1.0 if order.by == EDGES else -math.inf
             if seen and new_cost < cost[n + 1]:
                 cost[n + 1], parent[n + 1] = new_cost, u
-                push(keys, items, counts[0], new_cost, n + 1)
-                counts[0] += 1
+                push(heap, new_cost, n + 1)
     return False
 
 
@@ -201,29 +199,26 @@ CHUNK = 20_000  # nodes expanded between two looks at the clock: some 5 ms
 
 
 def _way(arrays: SpaceArrays, grid: Grid, order: Order, end: float) -> tuple[Array, int, bool]:
-    """The first path (n, 2) over a grid, or none; nodes expanded; was there time for it?"""
+    """Return the first path (n, 2) over a grid, or none; nodes expanded; whether time sufficed."""
     n = len(grid.walls_near)
     frontier = Frontier(
         cost=np.full(n + 2, math.inf),
-        crowding=np.full(n if order.weight > 0.0 else 1, -1.0),
+        crowding=np.full(n if order.obstacle_weight > 0.0 else 1, -1.0),
         parent=np.full(n + 2, -1, dtype=np.int64),
         done=np.zeros(n + 2, dtype=np.bool_),
-        keys=np.zeros(1),
-        items=np.full(1, n, dtype=np.int64),
-        counts=np.array([1, 0, 0]),
+        heap=new_heap(2 * MOST_PUSHES * CHUNK),
+        counts=np.zeros(2, np.int64),
     )
     frontier.cost[n] = 0.0
+    frontier.heap.keys[0], frontier.heap.items[0], frontier.heap.size[0] = 0.0, n, 1
     over = False
     while not over:
-        size = int(frontier.counts[0])
-        capacity = size + START_PUSHES + MOST_PUSHES * CHUNK
-        if len(frontier.keys) < capacity:  # np.empty touches no memory, so that more costs no time
-            keys, items = np.empty(2 * capacity), np.empty(2 * capacity, dtype=np.int64)
-            keys[:size], items[:size] = frontier.keys[:size], frontier.items[:size]
-            frontier = frontier._replace(keys=keys, items=items)
+        capacity = int(frontier.heap.size[0]) + START_PUSHES + MOST_PUSHES * CHUNK
+        if len(frontier.heap.keys) < capacity:
+            frontier = frontier._replace(heap=enlarged(frontier.heap, 2 * capacity))
         over = search_grid(arrays, grid, order, frontier, CHUNK)
         if not over and clock() >= end:
-            return np.empty((0, 2)), int(frontier.counts[1]), False
+            return np.empty((0, 2)), int(frontier.counts[0]), False
     nodes = [n + 1] if frontier.done[n + 1] else []
     while nodes and nodes[-1] != n:
         nodes.append(int(frontier.parent[nodes[-1]]))
@@ -232,14 +227,16 @@ def _way(arrays: SpaceArrays, grid: Grid, order: Order, end: float) -> tuple[Arr
     path = np.array([grid.left, grid.low]) + grid.step * places
     return (
         np.vstack([grid.ends[:1], path, grid.ends[1:]]) if nodes else np.empty((0, 2)),
-        int(frontier.counts[1]),
+        int(frontier.counts[0]),
         True,
     )
 
 
 @settings
 class GridPlanner(PlannerBase):
-    """What all planners on grids share."""
+    """A planner on grids."""
+
+    fixed = Order()  # the options that are no settings
 
     resolution: float = setting(
         default=0.1,
@@ -250,17 +247,17 @@ class GridPlanner(PlannerBase):
     )
     """Spacing of the grid points at first."""
     refinements: int = setting(default=2, low=0, high=6, source="design choice")
-    """How often the resolution is halved where no path is found."""
+    """Number of times that the resolution is halved where no path is found."""
     shortcut: bool = setting(default=True, source="design choice: no higher cost")
     """Whether the path is straightened, at no higher cost."""
 
     @property
-    @abstractmethod
     def order(self) -> Order:
         """The order of the search."""
+        return with_settings(self.fixed, self)
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
-        """The path over finer and finer grids; the generator is not used."""
+        """Return the path over finer and finer grids; the generator is not used."""
         arrays, order = problem.free.arrays, self.order
         ends = np.array([problem.start[:2], problem.goal[:2]], dtype=np.float64)
         xmin, ymin, xmax, ymax = problem.free.bounds
@@ -283,13 +280,8 @@ class GridPlanner(PlannerBase):
             if len(path):
                 break
         if len(path) and self.shortcut:
-            path = shortcut(path, problem.free, order.weight, order.comfort)
-        return Plan(
-            Status.SOLVED if len(path) else Status.EXHAUSTED,
-            path,
-            counters={"nodes": total, "halvings": halvings},
-            note="" if len(path) else note,
-        )
+            path = shortcut(path, problem.free, order.obstacle_weight, order.desired_clearance)
+        return answer(path, {"nodes": total, "halvings": halvings}, note)
 
 
 @settings
@@ -300,6 +292,11 @@ class NeighbourGrid(GridPlanner):
         default=8, source="design choice: fewer turns than with 4"
     )
     """Neighbours of a grid point."""
+
+    @property
+    def order(self) -> Order:
+        """The order of the search."""
+        return super().order._replace(diagonal=self.connectivity == 8)
 
 
 @settings
@@ -319,20 +316,6 @@ class WeightedGrid(NeighbourGrid):
     )
     """Clearance from which on a metre costs no more."""
 
-    heuristic_weight = 1.0
-
-    @property
-    def order(self) -> Order:
-        """The cheapest path first."""
-        return Order(
-            LENGTH,
-            self.heuristic_weight,
-            self.connectivity == 8,
-            False,
-            self.obstacle_weight,
-            self.desired_clearance,
-        )
-
 
 @settings
 class AStar(WeightedGrid):
@@ -346,27 +329,21 @@ class AStar(WeightedGrid):
 class Dijkstra(WeightedGrid):
     """A* without a heuristic: the same cost, more nodes (Dijkstra 1959)."""
 
-    heuristic_weight = 0.0
+    fixed = Order(ahead=0.0)
 
 
 @settings
 class Bfs(NeighbourGrid):
     """Breadth first: the grid path of fewest edges (Moore 1959), straightened."""
 
-    @property
-    def order(self) -> Order:
-        """The fewest edges first."""
-        return Order(EDGES, 0.0, self.connectivity == 8, False, 0.0, 1.0)
+    fixed = Order(EDGES, ahead=0.0)
 
 
 @settings
 class Dfs(NeighbourGrid):
     """Depth first: some grid path of any length (Tarjan 1972), straightened."""
 
-    @property
-    def order(self) -> Order:
-        """The latest node first."""
-        return Order(DEPTH, 0.0, self.connectivity == 8, False, 0.0, 1.0)
+    fixed = Order(DEPTH, ahead=0.0)
 
 
 @settings
@@ -376,7 +353,4 @@ class ThetaStar(GridPlanner):
     Short, but not always the shortest path over the grid's points.
     """
 
-    @property
-    def order(self) -> Order:
-        """The shortest path first, with edges of any angle."""
-        return Order(LENGTH, 1.0, True, True, 0.0, 1.0)
+    fixed = Order(any_angle=True)

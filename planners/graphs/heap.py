@@ -1,20 +1,43 @@
-"""A binary heap in two arrays, keys and items; the smallest key comes first, then item."""
+"""A binary heap in arrays; the smallest key comes first, of equal keys the smallest item."""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.arrays import Array
-from wheelchair_gym.compiled.kernel import borrowing_kernel
+from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 
-Items = NDArray[np.int64]
+
+class Heap(NamedTuple):
+    """Items that wait, by their keys."""
+
+    keys: Array  # (capacity,)
+    items: NDArray[np.int64]  # (capacity,)
+    size: NDArray[np.int64]  # (1,)
+
+
+@kernel
+def new_heap(capacity: int) -> Heap:
+    """Return an empty heap; unused capacity takes no memory and no time."""
+    return Heap(np.empty(capacity), np.empty(capacity, np.int64), np.zeros(1, np.int64))
+
+
+@kernel
+def enlarged(heap: Heap, capacity: int) -> Heap:
+    """Return a heap with the same items and another capacity."""
+    new, n = new_heap(capacity), heap.size[0]
+    new.keys[:n], new.items[:n], new.size[0] = heap.keys[:n], heap.items[:n], n
+    return new
 
 
 @borrowing_kernel
-def push(keys: Array, items: Items, size: int, key: float, item: int) -> None:
-    """Put an item into a heap of `size` items; the arrays must be longer than that."""
-    k = size
+def push(heap: Heap, key: float, item: int) -> None:
+    """Put an item into a heap, which must have space for it."""
+    keys, items, k = heap.keys, heap.items, heap.size[0]
+    heap.size[0] += 1
     while k > 0:
         up = (k - 1) // 2
         if keys[up] < key or (keys[up] == key and items[up] <= item):
@@ -25,10 +48,11 @@ def push(keys: Array, items: Items, size: int, key: float, item: int) -> None:
 
 
 @borrowing_kernel
-def pop(keys: Array, items: Items, size: int) -> int:
-    """Take the first item out of a heap of `size` items."""
-    first, last = items[0], size - 1
-    key, item = keys[last], items[last]
+def pop(heap: Heap) -> int:
+    """Take the first item out of a heap."""
+    keys, items, last = heap.keys, heap.items, heap.size[0] - 1
+    heap.size[0] = last
+    first, key, item = items[0], keys[last], items[last]
     k = 0
     while 2 * k + 1 < last:
         down = 2 * k + 1

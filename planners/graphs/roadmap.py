@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from planners.collision.polygon_tests import SpaceArrays, edge_free, point_free
-from planners.graphs.heap import pop, push
-from planners.problem import Plan, PlannerBase, Problem, Status
+from planners.graphs.heap import Heap, new_heap, pop, push
+from planners.problem import Plan, PlannerBase, Problem, answer
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
@@ -44,30 +44,27 @@ class Search(NamedTuple):
 
     cost: Array  # (n,) m
     parent: Pairs  # (n,), -1: not reached
-    keys: Array  # the heap; its items are edges, source * n + end
-    items: Pairs
-    counts: Pairs  # (3,): items in the heap, nodes reached, edges tested
+    heap: Heap  # of edges, source * n + end
+    tested: Pairs  # (1,): number of edges
 
 
 @borrowing_kernel
 def search_roadmap(arrays: SpaceArrays, roadmap: Roadmap, search: Search, budget: int) -> bool:
-    """Test at most so many edges; whether the goal is reached or nothing is left to test."""
+    """Test up to `budget` edges; return whether the goal is reached or nothing is left to test."""
     nodes, first, neighbours = roadmap
-    cost, parent, keys, items, counts = search
+    cost, parent, heap, tested = search
     n = nodes.shape[0]
     for _ in range(budget):
-        if counts[0] == 0:
+        if heap.size[0] == 0:
             return True
-        item = pop(keys, items, counts[0])
-        counts[0] -= 1
+        item = pop(heap)
         t, u = item // n, item % n
         if parent[u] >= 0:
             continue
         tx, ty, ux, uy = nodes[t, 0], nodes[t, 1], nodes[u, 0], nodes[u, 1]
-        counts[2] += 1
+        tested[0] += 1
         if not edge_free(arrays, tx, ty, ux, uy):
             continue
-        counts[1] += 1
         parent[u] = t
         cost[u] = cost[t] + math.hypot(ux - tx, uy - ty)
         if u == GOAL:
@@ -77,13 +74,12 @@ def search_roadmap(arrays: SpaceArrays, roadmap: Roadmap, search: Search, budget
             if parent[v] < 0:
                 far = math.hypot(nodes[v, 0] - ux, nodes[v, 1] - uy)
                 left = math.hypot(nodes[v, 0] - nodes[GOAL, 0], nodes[v, 1] - nodes[GOAL, 1])
-                push(keys, items, counts[0], cost[u] + far + left, u * n + v)
-                counts[0] += 1
+                push(heap, cost[u] + far + left, u * n + v)
     return False
 
 
 class Way(NamedTuple):
-    """What a roadmap answers."""
+    """The answer of a roadmap."""
 
     path: Array  # (k, 2) m; empty where there is none
     tested: int  # edges
@@ -91,7 +87,7 @@ class Way(NamedTuple):
 
 
 def shortest(arrays: SpaceArrays, nodes: Array, pairs: Pairs, end: float) -> Way:
-    """The shortest free path over a roadmap from its first node to its second.
+    """Return the shortest free path over a roadmap from its first node to its second.
 
     Pairs (m, 2) of nodes (n, 2) [m] may be joined by a straight edge, in both directions. The
     search gives up when `clock` shows `end` [s].
@@ -101,14 +97,9 @@ def shortest(arrays: SpaceArrays, nodes: Array, pairs: Pairs, end: float) -> Way
     order = np.argsort(both[:, 0], kind="stable")
     first = np.concatenate([[0], np.cumsum(np.bincount(both[:, 0], minlength=n))])
     roadmap = Roadmap(np.ascontiguousarray(nodes), first, both[order, 1].copy())
-    search = Search(
-        np.zeros(n),
-        np.full(n, -1, dtype=np.int64),
-        np.empty(len(both) + 1),
-        np.empty(len(both) + 1, dtype=np.int64),
-        np.array([1, 0, 0]),
-    )
-    search.keys[0], search.items[0] = 0.0, START  # from the start to itself
+    heap = new_heap(len(both) + 1)
+    search = Search(np.zeros(n), np.full(n, -1, dtype=np.int64), heap, np.zeros(1, np.int64))
+    heap.keys[0], heap.items[0], heap.size[0] = 0.0, START, 1  # from the start to itself
     over, in_time = False, True
     while not over and in_time:
         over = search_roadmap(arrays, roadmap, search, CHUNK)
@@ -117,12 +108,12 @@ def shortest(arrays: SpaceArrays, nodes: Array, pairs: Pairs, end: float) -> Way
     while chosen and chosen[-1] != START:
         chosen.append(int(search.parent[chosen[-1]]))
     path = without_repeats(nodes[chosen[::-1]])
-    return Way(path, int(search.counts[2]), in_time)
+    return Way(path, int(search.tested[0]), in_time)
 
 
 @kernel
 def _free_samples(arrays: SpaceArrays, count: int, state: Stream) -> Array:
-    """Those of so many points, uniform on the map, that are free (k, 2) [m]."""
+    """Draw points, uniform on the map, and return the free ones (k, 2) [m]."""
     bounds = arrays.bounds
     found = np.empty((count, 2))
     k = 0
@@ -171,10 +162,6 @@ class Prm(PlannerBase):
             path, tested = way.path, tested + way.tested
             if clock() >= end:
                 break
-        return Plan(
-            Status.SOLVED if len(path) else Status.EXHAUSTED,
-            path,
-            np.hstack([nodes[pairs[:, 0]], nodes[pairs[:, 1]]]) if len(path) else np.empty((0, 4)),
-            counters={"nodes": len(nodes), "iterations": drawn, "edges_tested": tested},
-            note="" if len(path) else f"{drawn} points do not join start and goal",
-        )
+        counters = {"nodes": len(nodes), "iterations": drawn, "edges_tested": tested}
+        tree = np.hstack([nodes[pairs[:, 0]], nodes[pairs[:, 1]]]) if len(path) else None
+        return answer(path, counters, f"{drawn} points do not join start and goal", tree=tree)

@@ -14,22 +14,23 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planners.collision.boundary import NONE, Corners, Index, orientation
+from planners.collision.boundary import NONE, Corners, orientation
 from planners.collision.inflation import ARC, SHIFT
+from planners.collision.polygon_tests import Index
 from planners.collision.triangulation import Mesh
-from planners.graphs.heap import pop, push
-from planners.problem import Plan, PlannerBase, Problem, Status
+from planners.graphs.heap import Heap, enlarged, new_heap, pop, push
+from planners.problem import Plan, PlannerBase, Problem, Status, answer
 from wheelchair_gym.arrays import Array, Mask
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.compiled.kernel import absorbed_kernel, borrowing_kernel, kernel
 from wheelchair_gym.config import settings
 
-SLACK = 1e-12  # of an edge: a cone may see so much more, for rounding
+SLACK = 1e-12  # of an edge: a cone may see this part more, for rounding
 
 
 @absorbed_kernel
 def side_of_bound(points: Array, root: int, bound: int, x: int) -> float:
-    """Side of a cone's bound on which a point lies: the line from the root through a point.
+    """Return the side of a cone's bound on which a point lies: a line from the root.
 
     A bound below 0 goes on from point -1 - bound through the root.
     """
@@ -40,7 +41,7 @@ def side_of_bound(points: Array, root: int, bound: int, x: int) -> float:
 
 @absorbed_kernel
 def _cross(points: Array, root: int, bound: int, x: int) -> float:
-    """The same in plain double."""
+    """Return the side of a cone's bound in plain double precision."""
     ux, uy = points[root, 0], points[root, 1]
     if bound < 0:
         bx, by = ux - points[-1 - bound, 0], uy - points[-1 - bound, 1]
@@ -51,7 +52,7 @@ def _cross(points: Array, root: int, bound: int, x: int) -> float:
 
 @absorbed_kernel
 def length_bound(points: Array, root: int, a: int, b: int, right: int, left: int) -> float:
-    """Shortest way [m] from a root to the goal through what a cone sees of an edge, at least.
+    """Return a lower bound [m] of paths from a root to the goal through a cone's part of an edge.
 
     Seen from the root, a is the edge's right end.
     """
@@ -89,7 +90,7 @@ def length_bound(points: Array, root: int, a: int, b: int, right: int, left: int
 
 @absorbed_kernel
 def passes(points: Array, u: int, v: int, before: int, after: int) -> bool:
-    """Whether the line through u and v leaves both sides of a corner at u or v on one side."""
+    """Return whether the line through u and v has both sides of a corner there on one side."""
     p, d = orientation(points, u, v, before), orientation(points, u, v, after)
     return not ((p < 0.0 and d > 0.0) or (p > 0.0 and d < 0.0))
 
@@ -106,17 +107,16 @@ class _Search(NamedTuple):
 
 
 class _Queue(NamedTuple):
-    """The open list: corners, as -1 - corner, and cones, by the least bound on their path."""
+    """The open list: corners, as -1 - corner, and cones, by the lower bound on their path."""
 
-    keys: Array  # (capacity,) m
-    items: Index  # (capacity,)
+    heap: Heap  # by bounds [m]
     cones: Index  # (capacity, 4) root; 3 * triangle + side it enters by; right and left bound
-    used: Index  # (2,) how many wait, and how many cones there are
+    made: Index  # (1,) number of cones
 
 
 @absorbed_kernel
 def _place(search: _Search, corner: int) -> int:
-    """The point at which a corner, the start or the goal lies."""
+    """Return the point at which a corner, the start or the goal lies."""
     n = search.corners.place.shape[0]
     if corner < n:
         return int(search.corners.place[corner])
@@ -140,8 +140,7 @@ def _relax(search: _Search, queue: _Queue, root: int, x: int) -> None:
             continue
         if goal or passes(points, u, x, corners.before[v], corners.after[v]):
             search.cost[v], search.parent[v] = cost, root
-            push(queue.keys, queue.items, queue.used[0], cost + ahead, -1 - v)
-            queue.used[0] += 1
+            push(queue.heap, cost + ahead, -1 - v)
 
 
 @absorbed_kernel
@@ -152,13 +151,12 @@ def _push_cone(
     enters = search.mesh.across[code // 3, code % 3]
     if enters == NONE:
         return
-    u, k = _place(search, root), queue.used[1]
+    u, k = _place(search, root), queue.made[0]
     cone = queue.cones[k]
     cone[0], cone[1], cone[2], cone[3] = root, enters, right, left
     key = search.cost[root] + length_bound(search.points, u, a, b, right, left)
-    push(queue.keys, queue.items, queue.used[0], key, k)
-    queue.used[0] += 1
-    queue.used[1] += 1
+    push(queue.heap, key, k)
+    queue.made[0] += 1
 
 
 @absorbed_kernel
@@ -255,17 +253,16 @@ def _mark_containing(mesh: Mesh, points: Array, p: int, inside: Mask) -> None:
 
 @borrowing_kernel
 def _advance(search: _Search, queue: _Queue, closed: Mask, spare: int, most: int) -> int:
-    """Expand what has the least bound while capacity lasts; returns how many corners are settled.
+    """Expand the smallest bound while capacity lasts; return the number of corners settled.
 
     It makes about `most` cones.
     """
     n, settled = search.corners.place.shape[0], 0
-    first, around, used = search.mesh.first, search.mesh.around, queue.used
-    capacity = queue.keys.shape[0] - spare
+    first, around, waiting = search.mesh.first, search.mesh.around, queue.heap.size
+    capacity = queue.cones.shape[0] - spare
     most = min(most, capacity)
-    while 0 < used[0] <= capacity and used[1] <= most and not closed[n + 1]:
-        item = pop(queue.keys, queue.items, used[0])
-        used[0] -= 1
+    while 0 < waiting[0] <= capacity and queue.made[0] <= most and not closed[n + 1]:
+        item = pop(queue.heap)
         root = -1 - item
         if item >= 0:
             _expand_cone(search, queue, queue.cones[item])
@@ -283,10 +280,10 @@ def _advance(search: _Search, queue: _Queue, closed: Mask, spare: int, most: int
 def shortest(
     mesh: Mesh, corners: Corners, start: Array, goal: Array, most: int
 ) -> tuple[Array, bool, int, int]:
-    """The shortest path (k, 2) [m] from a start to a goal (2,), both free; empty if none was found.
+    """Return the shortest path (k, 2) [m] from a start to a goal (2,), both free, or an empty one.
 
-    It gives up after `most` cones. Also returns whether the answer is proven, how many corners were
-    settled, and how many cones were made.
+    It gives up after `most` cones. Also returns whether the answer is proven, and the numbers of
+    corners settled and of cones made.
     """
     n, m, triangles = corners.place.shape[0], mesh.points.shape[0], mesh.corners.shape[0]
     points = np.empty((m + 2, 2))
@@ -296,12 +293,8 @@ def shortest(
     search = _Search(points, mesh, corners, cost, parent, there)
     spare = n + 3 * triangles + 8  # one step adds no more
     capacity = 2 * spare
-    queue = _Queue(
-        np.empty(capacity),
-        np.empty(capacity, np.int64),
-        np.empty((capacity, 4), np.int64),
-        np.zeros(2, np.int64),
-    )
+    made = np.zeros(1, np.int64)
+    queue = _Queue(new_heap(capacity), np.empty((capacity, 4), np.int64), made)
     _mark_containing(mesh, points, m, there)
     begin = np.flatnonzero(there)
     _mark_containing(mesh, points, m + 1, there)
@@ -311,17 +304,11 @@ def shortest(
     settled = 1
     while True:
         settled += _advance(search, queue, closed, spare, most)
-        if queue.used[0] == 0 or closed[n + 1] or queue.used[1] > most:
+        if queue.heap.size[0] == 0 or closed[n + 1] or made[0] > most:
             break
         old, capacity = queue, 2 * capacity
-        queue = _Queue(
-            np.empty(capacity),
-            np.empty(capacity, np.int64),
-            np.empty((capacity, 4), np.int64),
-            old.used,
-        )
-        queue.keys[: len(old.keys)], queue.items[: len(old.keys)] = old.keys, old.items
-        queue.cones[: len(old.keys)] = old.cones
+        queue = _Queue(enlarged(old.heap, capacity), np.empty((capacity, 4), np.int64), made)
+        queue.cones[: len(old.cones)] = old.cones
     count, v = 0, n + 1
     while closed[n + 1] and v != NONE:
         count, v = count + 1, parent[v]
@@ -329,8 +316,8 @@ def shortest(
     for k in range(count - 1, -1, -1):
         path[k] = points[_place(search, v)]
         v = parent[v]
-    proven = closed[n + 1] or queue.used[0] == 0
-    return path, proven, settled, queue.used[1]
+    proven = closed[n + 1] or queue.heap.size[0] == 0
+    return path, proven, settled, made[0]
 
 
 ALL = 2**62  # cones: no limit
@@ -360,28 +347,25 @@ class Visibility(PlannerBase):
             if proven or clock() >= end:
                 break
             most *= MORE
-        failed = Status.NO_PATH if proven else Status.EXHAUSTED
-        return Plan(
-            Status.SOLVED if len(path) else failed,
-            path,
-            counters={"nodes": settled, "corners": len(corners.place), "cones": cones},
-        )
+        failure = Status.NO_PATH if proven else Status.EXHAUSTED
+        counters = {"nodes": settled, "corners": len(corners.place), "cones": cones}
+        return answer(path, counters, failure=failure)
 
 
 class Optima(NamedTuple):
     """Lengths [m] of the shortest paths of a problem; infinite where there is none."""
 
-    touching: float  # of a point, which may touch what is solid
+    touching: float  # of a point, which may touch obstacles
     at_least: float  # the optimum with the clearance is no shorter
     constrained: float  # of a path that keeps the clearance
 
 
 def optima(problem: Problem) -> Optima:
-    """The optimum at the problem's clearance, within bounds, beside that of a touching point.
+    """Return the optimum at the problem's clearance, within bounds, and that of a touching point.
 
     A grown corner is a polygon whose sides touch the arc, so the path found keeps the clearance
-    and is no shorter than the optimum. Obstacles grown by so much less that their polygons lie
-    inside those arcs give a bound from below. Ends that are not free there give infinity.
+    and is no shorter than the optimum. Obstacles grown less, so that their polygons lie inside
+    those arcs, give a lower bound. Ends that are not free there give infinity.
     """
     inner = problem.clearance * math.cos(0.5 * ARC) / (1.0 + SHIFT) ** 2
     rng = np.random.default_rng(0)

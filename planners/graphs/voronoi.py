@@ -6,9 +6,9 @@ import numpy as np
 from scipy.spatial import QhullError, cKDTree
 from scipy.spatial import Voronoi as Diagram
 
-from planners.collision.polygon_tests import SpaceArrays
 from planners.graphs.roadmap import Pairs, shortest
-from planners.problem import Plan, PlannerBase, Problem, Status
+from planners.problem import Plan, PlannerBase, Problem, answer
+from planners.smoothing.shortcut import subdivided
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.config import setting, settings
@@ -17,19 +17,8 @@ MOST_SAMPLES = 200_000  # of the boundary: some seconds
 SPACING = 0.4  # m: distance of the boundary samples at first, half the width of a door
 
 
-def _boundary_samples(arrays: SpaceArrays, spacing: float) -> Array:
-    """Points (n, 2) [m] along the boundary, its corners among them, at most a spacing apart."""
-    segments = arrays.segments
-    lengths = np.hypot(*(segments[:, 2:] - segments[:, :2]).T)
-    parts = np.maximum(2, np.ceil(lengths / spacing)).astype(np.int64)
-    first = np.cumsum(parts) - parts
-    t = (np.arange(parts.sum()) - np.repeat(first, parts)) / np.repeat(parts, parts)
-    repeated = np.repeat(segments, parts, axis=0)
-    return np.unique(repeated[:, :2] + t[:, None] * (repeated[:, 2:] - repeated[:, :2]), axis=0)
-
-
 def _axis(samples: Array, ends: Array) -> tuple[Array, Pairs]:
-    """Nodes (n, 2): the ends, then the diagram's vertices; and pairs of them to be joined."""
+    """Return nodes (n, 2), the ends, then the diagram's vertices; and pairs of them to join."""
     diagram = Diagram(samples)
     ridges = np.array(diagram.ridge_vertices, dtype=np.int64)
     pairs = [ridges[(ridges >= 0).all(axis=1)] + 2]
@@ -45,14 +34,14 @@ def _axis(samples: Array, ends: Array) -> tuple[Array, Pairs]:
 
 @settings
 class Voronoi(PlannerBase):
-    """The shortest way along the medial axis, from the Voronoi diagram of boundary samples.
+    """The shortest path along the medial axis, from the Voronoi diagram of boundary samples.
 
     Aurenhammer 1991; O'Dunlaing and Yap 1985. A passage is found once samples lie about as close as
     it is wide; where none is found, they lie twice as close.
     """
 
     refinements: int = setting(default=4, low=0, high=8, source="design choice")
-    """How often the spacing is halved where no path is found."""
+    """Number of times that the spacing is halved where no path is found."""
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Find a path; samples prove nothing, so failure is `exhausted`. No use of `rng`."""
@@ -61,7 +50,7 @@ class Voronoi(PlannerBase):
         path, tested, halvings, note = np.empty((0, 2)), 0, 0, "no way along the finest axis"
         count = 0
         for halvings in range(self.refinements + 1):
-            samples = _boundary_samples(arrays, SPACING / 2**halvings)
+            samples = np.unique(subdivided(arrays.segments, SPACING / 2**halvings, 2), axis=0)
             if len(samples) > MOST_SAMPLES:
                 note = f"the boundary has more than {MOST_SAMPLES:,} samples"
                 break
@@ -77,9 +66,4 @@ class Voronoi(PlannerBase):
             if clock() >= end:
                 note = "out of time"
                 break
-        return Plan(
-            Status.SOLVED if len(path) else Status.EXHAUSTED,
-            path,
-            counters={"nodes": count, "halvings": halvings, "edges_tested": tested},
-            note="" if len(path) else note,
-        )
+        return answer(path, {"nodes": count, "halvings": halvings, "edges_tested": tested}, note)

@@ -1,4 +1,4 @@
-"""Proof that no way leads an outline from its start to its goal, by a flood through cells of poses.
+"""Proof that no path leads an outline from its start to its goal: a flood through cells of poses.
 
 A cell holds the poses nearest to a grid point and to one of some headings. It is shut if at each of
 these poses an obstacle lies in one of the discs within the outline. What a flood from the start
@@ -30,7 +30,7 @@ ONE, LAST, NONE = np.uint64(1), np.uint64(HEADINGS - 1), np.uint64(0)
 
 
 class Flood(NamedTuple):
-    """Cells reached, and what shuts a cell."""
+    """The cells reached, and the conditions of a shut cell."""
 
     gaps: Field  # (rows, columns) m: distance to obstacles
     places: Ints  # (discs, 2) rows and columns from the axle's grid point
@@ -47,7 +47,7 @@ class Flood(NamedTuple):
 
 @kernel
 def _discs(motion: MotionCost, spacing: float) -> tuple[Ints, Array, Ints]:
-    """Discs about grid points within the outline at each heading, the largest first."""
+    """Return discs about grid points within the outline at each heading, the largest first."""
     front, rear, half = motion.outline
     reach = int(math.hypot(max(front, rear), half) / spacing) + 1
     side = 2 * reach + 1
@@ -81,7 +81,7 @@ def _discs(motion: MotionCost, spacing: float) -> tuple[Ints, Array, Ints]:
 
 @borrowing_kernel
 def _look(flood: Flood, i: int, j: int) -> None:
-    """Find which cells at a grid point are shut."""
+    """Find the shut cells at a grid point."""
     gaps, places, least, first = flood.gaps, flood.places, flood.least, flood.first
     rows, columns = gaps.shape
     flood.known[i, j] = True
@@ -101,7 +101,7 @@ def _look(flood: Flood, i: int, j: int) -> None:
 
 @kernel
 def _spread(flood: Flood, most: int) -> int:
-    """Spread from so many grid points at most. 1: to the goal, 0: there are no more, -1: else."""
+    """Spread from up to `most` grid points; return 1 at the goal, 0 if none is left, else -1."""
     free, reached, fresh, goal = flood.free, flood.reached, flood.fresh, flood.goal
     rows, columns = free.shape
     for _ in range(most):
@@ -140,13 +140,13 @@ def _spread(flood: Flood, most: int) -> int:
 def is_cut_off(
     space: Space, motion: MotionCost, start: Array, goal: Array, spacing: float, end: float
 ) -> bool:
-    """Whether it is proven that no path leads from a start (3,) [m, m, rad] to a goal (2 or 3,).
+    """Return whether it is proven that no path leads from a start (3,) to a goal (2 or 3,).
 
     Args:
         space: the map.
         motion: the outline, and its least clearance.
         start: pose.
-        goal: pose; any heading will do where it has none.
+        goal: pose; without a heading any one counts.
         spacing: of the grid points [m]; a smaller one proves more, and takes longer.
         end: when `clock` shows it, nothing is proven.
     """

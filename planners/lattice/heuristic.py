@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.collision.space import Space
-from planners.graphs.heap import pop, push
+from planners.graphs.heap import Heap, new_heap, pop, push
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.geometry import point_segment_distance, wrap
@@ -31,16 +31,14 @@ SEED_RADIUS = 0.15  # m: grid points this near to the ends of paths are free in 
 
 
 class Guide(NamedTuple):
-    """Seconds to the goal for the axle, as far as they have been computed."""
+    """Durations to the goal for the axle, as far as they have been computed."""
 
     gaps: Field  # (rows, columns) m: distance to obstacles, at most what matters
     origin: Array  # (2,) m
     left: Field  # (rows, columns) s; inf where not computed, or no path
     settled: NDArray[np.bool_]  # (rows, columns)
     onward: NDArray[np.int32]  # (rows, columns): the next grid point, itself at the goal
-    keys: Array
-    items: NDArray[np.int64]
-    size: NDArray[np.int64]  # (1,): of the heap
+    heap: Heap  # of grid points, by their duration left
     radius: float  # m: of the disc about the axle
     motion: MotionCost
 
@@ -97,9 +95,9 @@ def _propagate_nearest(
 
 
 def distance_field(space: Space, most: float, spacing: float = SPACING) -> Field:
-    """Distance (rows, columns) [m] from grid points to what is not free, at most `most`.
+    """Return distances (rows, columns) [m] from grid points to obstacles, at most `most`.
 
-    Where three segments are about as near the one found may not be the nearest, by little.
+    If three segments have about the same distance, the one found may be slightly farther.
     """
     arrays = space.arrays
     low, high = arrays.bounds[:2].copy(), arrays.bounds[2:]
@@ -112,12 +110,12 @@ def distance_field(space: Space, most: float, spacing: float = SPACING) -> Field
 
 
 def new_guide(seeds: Array, gaps: Field, origin: Array, motion: MotionCost) -> Guide:
-    """A guide to where seeds (k, 3) are: x, y [m], and the duration left from there."""
-    n, more = gaps.size, len(seeds) * (2 * int(SEED_RADIUS / SPACING) + 3) ** 2
+    """Return a guide to seeds (k, 3): x, y [m], and the duration left from there [s]."""
+    more = len(seeds) * (2 * int(SEED_RADIUS / SPACING) + 3) ** 2
     guide = Guide(
         gaps, origin, np.full(gaps.shape, np.inf, np.float32), np.zeros(gaps.shape, np.bool_),
-        np.empty(gaps.shape, np.int32), np.empty(8 * n + more), np.empty(8 * n + more, np.int64),
-        np.zeros(1, np.int64), float(motion.outline.min()), motion,
+        np.empty(gaps.shape, np.int32), new_heap(8 * gaps.size + more),
+        float(motion.outline.min()), motion,
     )  # fmt: skip
     _seed(guide, seeds)
     return guide
@@ -144,13 +142,12 @@ def _seed(guide: Guide, seeds: Array) -> None:
                 if far <= SEED_RADIUS and key < guide.left[i, j]:
                     guide.left[i, j] = key
                     guide.onward[i, j] = i * columns + j
-                    push(guide.keys, guide.items, guide.size[0], float(key), i * columns + j)
-                    guide.size[0] += 1
+                    push(guide.heap, float(key), i * columns + j)
 
 
 @borrowing_kernel
 def cost_to_go(guide: Guide, x: float, y: float) -> float:
-    """Seconds [s] from a place to the goal, infinite where the disc does not pass."""
+    """Return the duration [s] from a place to the goal; infinite if the disc does not pass."""
     rows, columns = guide.gaps.shape
     row, column = _grid_point(guide, x, y)
     if row < 0 or column < 0 or row >= rows or column >= columns:
@@ -160,11 +157,9 @@ def cost_to_go(guide: Guide, x: float, y: float) -> float:
     least = guide.radius + guide.motion.margin - ROUNDING
     if guide.gaps[row, column] < least and guide.left[row, column] == math.inf:
         return math.inf
-    keys, items, left, settled = guide.keys, guide.items, guide.left, guide.settled
-    size, motion = guide.size[0], guide.motion
-    while size > 0 and not settled[row, column]:
-        item = pop(keys, items, size)
-        size -= 1
+    heap, left, settled, motion = guide.heap, guide.left, guide.settled, guide.motion
+    while heap.size[0] > 0 and not settled[row, column]:
+        item = pop(heap)
         i, j = item // columns, item % columns
         if settled[i, j]:
             continue
@@ -185,17 +180,15 @@ def cost_to_go(guide: Guide, x: float, y: float) -> float:
                 if key < left[r, c]:
                     left[r, c] = key
                     guide.onward[r, c] = item
-                    push(keys, items, size, float(key), r * columns + c)
-                    size += 1
-    guide.size[0] = size
+                    push(heap, float(key), r * columns + c)
     return float(left[row, column]) if settled[row, column] else math.inf
 
 
 @borrowing_kernel
 def heading_error(guide: Guide, x: float, y: float, yaw: float) -> float:
-    """By how much [rad] a heading differs from the way to the goal, a little ahead of a place.
+    """Return the difference [rad] of a heading from the direction of the path ahead of a place.
 
-    The duration left from there must be known. Near the goal 0.
+    The duration left from there must be known. Near the goal it is 0.
     """
     columns = guide.gaps.shape[1]
     row, column = _grid_point(guide, x, y)

@@ -26,6 +26,7 @@ from planners.collision.pose_tests import (
     start_and_goal,
 )
 from planners.collision.space import Space
+from planners.graphs.heap import enlarged, new_heap
 from planners.graphs.visibility import Visibility
 from planners.lattice.flood import is_cut_off
 from planners.lattice.heuristic import Field, distance_field, new_guide
@@ -84,7 +85,7 @@ _MAP_DATA: WeakKeyDictionary[Space, dict[tuple[float, ...], MapData]] = WeakKeyD
 
 
 def prepare_map(space: Space, footprint: Footprint, desired_clearance: float) -> MapData:
-    """The data of a map, computed once: nearby segments, distances, narrow passages."""
+    """Return the data of a map, computed once: nearby segments, distances, narrow passages."""
     radius = min(footprint.front, footprint.rear, footprint.half_width)
     key = (*footprint.array, desired_clearance)
     prepared = _MAP_DATA.setdefault(space, {})
@@ -108,7 +109,7 @@ class Lattice(FootprintPlanner):
     """
 
     refinements: int = setting(default=1, low=0, high=4, source="design choice")
-    """How often moves and cells are halved where no path is found soon."""
+    """Number of times that moves and cells are halved if no path is found soon."""
     improvement: int = setting(default=1000, low=0, source="tuned on training seeds")
     """Poses expanded after the first path, while the factor falls to 1, to find better paths."""
     iterations: int = setting(default=100_000, low=0, source="design choice: 50 MB of memory")
@@ -155,7 +156,7 @@ class Lattice(FootprintPlanner):
         )
 
     def moves(self, level: int) -> Sweeps:
-        """All moves, halved `level` times."""
+        """Return all moves, halved `level` times."""
         part = 0.5**level
         way, pivot = MOVE_LENGTH * part, PIVOT_ANGLE * part
         turns = [0.0, *(sign * bend * way for bend in CURVATURES for sign in (1, -1))]
@@ -171,7 +172,7 @@ class Lattice(FootprintPlanner):
     def _begin(
         self, map_data: MapData, motion: MotionCost, start: Array, goal: Array, level: int
     ) -> PoseSearch:
-        """The search at a resolution, with the start alone."""
+        """Return the search at a resolution, with the start alone."""
         near, part = map_data.near, 0.5**level
         low, join = near.box[:2].copy(), GOAL_CONNECTION_DISTANCE
         lines, seeds = make_lines(near, motion, map_data.narrows, goal, MOVE_LENGTH * part, join)
@@ -185,8 +186,8 @@ class Lattice(FootprintPlanner):
         )  # fmt: skip
         tree = _new_tree(start, rows * columns * headings, len(lines.poses))
         return PoseSearch(Search(
-            near, motion, new_guide(seeds, map_data.gaps, low, motion), lines, grid,
-            np.array([goal[0], goal[1], join]), tree, sweeps(1), np.empty_like(near.segments),
+            near, motion, new_guide(seeds, map_data.gaps, low, motion), lines, grid, tree,
+            sweeps(1), np.empty_like(near.segments),
         ))  # fmt: skip
 
 
@@ -216,22 +217,21 @@ class PoseSearch:
         """Expand poses until they are `most` in all, or `left`, or `clock` shows `end`.
 
         Returns:
-            How many poses have been expanded.
+            The number of poses expanded.
         """
         before = int(self.counts["expanded"])
         if weight != self.search.grid.heuristic_weight and not self.over:
             self._reopen(weight, self.search.grid.stop_ratio)
-        lines, moves = self.search.lines, self.search.grid.moves
-        most, most_made = min(most, before + left), len(moves.way) + 3 * (len(lines.poses) + 1)
+        most = min(most, before + left)
         while not self.over and self.counts["expanded"] < most and clock() < end:
-            tree = self.search.tree
-            if self.counts["nodes"] + most_made > len(tree.nodes):
-                self.search = self.search._replace(tree=_enlarged(tree, most_made))
-            self.over = expand(self.search, min(most, int(self.counts["expanded"]) + CHUNK))
+            until = min(most, int(self.counts["expanded"]) + CHUNK)
+            self.over = expand(self.search, until)
+            if not self.over and self.counts["expanded"] < until:
+                self.search = self.search._replace(tree=_enlarged(self.search.tree))
         return int(self.counts["expanded"]) - before
 
     def improve(self, left: int, end: float) -> int:
-        """Look for better paths with a falling weight; how many poses have been expanded."""
+        """Search better paths with a falling weight; return the number of poses expanded."""
         before, weight = left, self.search.grid.heuristic_weight
         while left > 0 and weight > 1.0 and clock() < end:
             weight, self.over = max(1.0, 0.5 * weight), False
@@ -247,31 +247,29 @@ class PoseSearch:
 
 
 def _new_tree(start: Array, slots: int, anchors: int) -> Tree:
-    """A tree of the start alone, in the open list."""
+    """Return a tree of the start alone, in the open list."""
     nodes = np.zeros(INITIAL_NODES, NODE)
     nodes["x"][0], nodes["y"][0], nodes["yaw"][0] = start
     nodes["parent"], nodes["anchor"] = -1, -1
+    heap = new_heap(len(nodes))
+    heap.keys[0], heap.items[0], heap.size[0] = 0.0, 0, 1
     return Tree(
-        nodes, np.zeros(len(nodes)), np.zeros(len(nodes), np.int64), np.zeros(slots, np.float32),
-        np.full(anchors, -1.0), np.full(anchors + 1, np.inf), np.array([(1, 1, 0, -1)], COUNTS),
+        nodes, heap, np.zeros(slots, np.float32), np.full(anchors, -1.0),
+        np.full(anchors + 1, np.inf), np.array([(1, 0, -1)], COUNTS),
     )  # fmt: skip
 
 
-def _enlarged(tree: Tree, more: int) -> Tree:
-    """The tree with space for twice as many nodes, and so many more."""
-    extra = len(tree.nodes) + more
-    nodes, keys, items = (
-        np.concatenate([old, np.empty(extra, old.dtype)])
-        for old in (tree.nodes, tree.keys, tree.items)
-    )
-    return tree._replace(nodes=nodes, keys=keys, items=items)
+def _enlarged(tree: Tree) -> Tree:
+    """Return the tree with space for twice as many nodes."""
+    nodes = np.concatenate([tree.nodes, np.empty_like(tree.nodes)])
+    return tree._replace(nodes=nodes, heap=enlarged(tree.heap, len(nodes)))
 
 
 FILLETS = (1.0, 0.5, 0.0)  # m: tried in this order; 0 is a pivot
 
 
 def drive_path(path: Array, start: Array, goal: Array, fillet: float) -> Array:
-    """Poses (n, 3) along a path (k, 2): arcs at corners, pivots at the ends.
+    """Return poses (n, 3) along a path (k, 2): arcs at corners, pivots at the ends.
 
     Args:
         path: corners [m], the first one at the start.
@@ -321,7 +319,7 @@ class DiscThenLattice(PlannerBase):
         return self.lattice.footprint
 
     def trivial(self, problem: Problem) -> Plan | None:
-        """Nothing: the planners that this one asks know trivial problems."""
+        """Return None: the planners of the two parts know trivial problems."""
         return None
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:

@@ -29,7 +29,7 @@ ALIGNED = math.radians(3.0)  # of places that are in line
 
 @borrowing_kernel
 def _is_found(places: Array, count: int, x: float, y: float, yaw: float) -> bool:
-    """Whether a place is in line with one of the first places, and near to it."""
+    """Return whether a place is in line with one of the first `count` places, and near to it."""
     for k in range(count):
         dx, dy = places[k, 0] - x, places[k, 1] - y
         aside = abs(math.cos(yaw) * dy - math.sin(yaw) * dx)
@@ -41,13 +41,13 @@ def _is_found(places: Array, count: int, x: float, y: float, yaw: float) -> bool
 
 @kernel
 def narrow_places(near: Nearby, gaps: Field, least: float, most: float) -> Array:
-    """Middles and directions through them (n, 3) [m, m, rad] of narrow places.
+    """Return the middles of narrow places and the directions through them (n, 3) [m, m, rad].
 
     Args:
-        near: what lies where, up to twice `most`.
+        near: the map's boundary, up to twice `most`.
         gaps: distances at the points of a grid.
-        least: half widths [m] of a gap, from...
-        most: ... to.
+        least: smallest half width [m] of a gap.
+        most: largest half width [m] of a gap.
     """
     rows, columns = gaps.shape
     found = np.empty((gaps.size, 3))
@@ -83,25 +83,25 @@ def narrow_places(near: Nearby, gaps: Field, least: float, most: float) -> Array
     return found[:n].copy()
 
 
-REACH = 4.0  # strides: distance from which a line is joined
-LONGEST = 3.0  # m: of a straight last stretch
-BESIDE = 0.5  # m: from so far beside its beginning it is tried
-TURNS = 0.5 * math.pi  # rad: a chair that can turn so far to both sides can come from anywhere
+REACH = 4.0  # strides: distance up to which a line is joined
+LONGEST = 3.0  # m: length of a straight last stretch
+BESIDE = 0.5  # m: distance beside its beginning up to which it is tried
+TURNS = 0.5 * math.pi  # rad: a chair that turns this far to both sides can come from anywhere
 YAWS = 24  # headings tried at a goal that has none
-HEADING_RANGE = 0.8  # rad: by how much the heading may differ there
+HEADING_RANGE = 0.8  # rad: difference of the headings up to which a line is joined
 
 
 @kernel
 def entries(
     near: Nearby, motion: MotionCost, goals: Array, step: float, workspace: Sweeps
 ) -> tuple[Array, Array]:
-    """Where the straight last stretch to each of some goal poses (n, 3) begins.
+    """Return the beginnings of the straight last stretches to some goal poses (n, 3).
 
-    That is the nearest place from which it is free, ahead or back, and where the chair can turn;
-    if there is none, the farthest from which it is free.
+    A stretch begins at the nearest place from which it is free, ahead or back, and where the chair
+    can turn; if there is none, at the farthest place from which it is free.
 
     Returns:
-        Places (k, 3): x, y and the duration left; and how far [m] the farther is from each goal.
+        Places (k, 3): x, y and the duration left; and the largest distance [m] from each goal.
     """
     n = goals.shape[0]
     seen = np.empty_like(near.segments)
@@ -135,21 +135,21 @@ def entries(
 def make_lines(
     near: Nearby, motion: MotionCost, narrows: Array, goal: Array, stride: float, join: float
 ) -> tuple[Lines, Array]:
-    """The lines through narrow places, both ways; and where the goal is reached.
+    """Return the lines through narrow places, both ways; and where paths to the goal end.
 
     A goal with a heading, (3,), has a line of its own. One without, where only some headings are
     free, is tried at each of these.
 
     Args:
-        near: what lies where.
+        near: the map's boundary.
         motion: the chair.
         narrows: middles and directions (n, 3) of narrow places.
         goal: (2,) or (3,).
-        stride: way [m] from pose to pose.
-        join: from how far [m] the goal is tried.
+        stride: distance [m] from pose to pose.
+        join: distance [m] up to which the goal is tried.
 
     Returns:
-        The lines; and places (k, 3) where ways to the goal end, with the duration left from there.
+        The lines; and places (k, 3): x, y and the duration left from there.
     """
     headed = len(goal) == 3
     at_goal = with_headings(goal, YAWS)
@@ -157,6 +157,7 @@ def make_lines(
         free = gaps_at(near, motion, at_goal, sweeps(1)) >= motion.margin
         at_goal = at_goal[free & (not free.all())]
     seeds, reach = np.array([[goal[0], goal[1], 0.0]]), np.zeros(0)
+    free_goal = np.empty((0, 3)) if headed else np.array([[goal[0], goal[1], math.nan]])
     if len(at_goal):
         seeds, reach = entries(near, motion, at_goal, stride, sweeps(1))
     count = math.ceil(float(motion.outline[0]) / stride) + 1
@@ -179,14 +180,14 @@ def make_lines(
     if headed:
         ahead, behind = index[0, [count + 2]], index[0, [count]]
         index[0, count + 1] = 0
-    many = np.count_nonzero(free)
+    counts, no_anchor = [len(at_goal), int(free.sum()), len(free_goal)], np.full(len(free_goal), -1)
     lines = Lines(
-        np.vstack([at_goal, poses[free]]),
-        np.concatenate([ahead, index[:, 2:][free]]),
-        np.concatenate([behind, index[:, :-2][free]]),
-        np.concatenate([np.maximum(join, reach + BESIDE), np.full(many, REACH * stride)]),
-        np.concatenate([np.full(len(at_goal), math.pi), np.full(many, HEADING_RANGE)]),
+        np.vstack([at_goal, poses[free], free_goal]),
+        np.concatenate([ahead, index[:, 2:][free], no_anchor]),
+        np.concatenate([behind, index[:, :-2][free], no_anchor]),
+        np.repeat([join, REACH * stride, join], counts),
+        np.repeat([math.pi, HEADING_RANGE, math.pi], counts),
         len(at_goal),
-        headed,
     )
+    lines.reach[: len(at_goal)] = np.maximum(join, reach + BESIDE)
     return lines, seeds

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from planners.collision.footprint import Sweeps, stretch_gap
 from planners.collision.nearby import Nearby, segments_in_view
 from planners.collision.pose_tests import free_gap
-from planners.graphs.heap import pop, push
+from planners.graphs.heap import Heap, pop, push
 from planners.lattice.heuristic import Guide, Ints, cost_to_go, heading_error
 from planners.steering import (
     CONNECTIONS,
@@ -39,13 +39,12 @@ FREE_HEADING_ERROR = 0.4  # rad: smaller errors cost nothing
 class Lines(NamedTuple):
     """Poses to reach exactly; those of one line are one straight move apart."""
 
-    poses: Array  # (n, 3)
+    poses: Array  # (n, 3); a goal without heading is the last one, of heading NaN
     ahead: Ints  # (n,) the anchor one straight move ahead, or -1
     behind: Ints  # (n,)
-    reach: Array  # (n,) m: from how far a connection is tried
-    turn: Array  # (n,) rad: by how much the heading may differ for that
-    goals: int  # so many, the first ones, are at the goal
-    headed: bool  # whether the goal has a heading; else any will do
+    reach: Array  # (n,) m: distance up to which a connection is tried
+    turn: Array  # (n,) rad: difference of the headings up to which it is tried
+    goals: int  # number of poses at the goal, the first ones
 
 
 class Grid(NamedTuple):
@@ -74,30 +73,28 @@ NODE = np.dtype(
         ("anchor", np.int64),  # the anchor it is at, -1: none
     ]
 )
-COUNTS = np.dtype([(name, np.int64) for name in ("nodes", "open", "expanded", "goal")])
+COUNTS = np.dtype([(name, np.int64) for name in ("nodes", "expanded", "goal")])
 
 
 class Tree(NamedTuple):
-    """Nodes: poses reached, how, and at what cost; and the open list."""
+    """Nodes: poses reached, with their stretch and cost; and the open list."""
 
     nodes: NDArray[Any]  # (n,) NODE
-    keys: Array  # (n,) of the heap
-    items: Ints  # (n,)
+    heap: Heap  # the open list
     best: NDArray[np.float32]  # (slots,) s: least cost of each state, 0: none
     left_anchor: Array  # (anchors,) s left from each, -1: not computed yet
     best_anchor: Array  # (anchors + 1,) s; the last one is that of the goal
-    counts: NDArray[Any]  # (1,) COUNTS: nodes, of them open, expanded; the node at the goal
+    counts: NDArray[Any]  # (1,) COUNTS: nodes, expanded ones; the node at the goal
 
 
 class Search(NamedTuple):
-    """All that a search has."""
+    """All state of a search."""
 
     near: Nearby
     motion: MotionCost
     guide: Guide
     lines: Lines
     grid: Grid
-    goal: Array  # (3,) x, y [m], from how far [m] it is reached where any heading will do
     tree: Tree
     workspace: Sweeps
     seen: Array  # (segments, 4): workspace
@@ -138,7 +135,7 @@ def connect(
 
 @borrowing_kernel
 def _add(tree: Tree, parent: int, way: float, turn: float, cost: float, anchor: int) -> int:
-    """Make a node at the end of a stretch."""
+    """Make a node at the end of a stretch, and return its index."""
     new, start, node = tree.counts[0].nodes, tree.nodes[parent], tree.nodes[tree.counts[0].nodes]
     x, y, yaw = arc_step(start.x, start.y, start.yaw, way, turn, 1.0)
     node.x, node.y, node.yaw = x, y, yaw
@@ -149,14 +146,8 @@ def _add(tree: Tree, parent: int, way: float, turn: float, cost: float, anchor: 
 
 
 @borrowing_kernel
-def _open(tree: Tree, node: int, key: float) -> None:
-    push(tree.keys, tree.items, tree.counts[0].open, key, node)
-    tree.counts[0].open += 1
-
-
-@borrowing_kernel
 def _estimate(search: Search, x: float, y: float, yaw: float) -> float:
-    """Estimated cost to the goal [s]: the heuristic."""
+    """Return the estimated cost to the goal [s]: the heuristic."""
     left = cost_to_go(search.guide, x, y)
     if not left < math.inf:
         return left
@@ -167,33 +158,23 @@ def _estimate(search: Search, x: float, y: float, yaw: float) -> float:
 @borrowing_kernel
 def _connect_anchors(search: Search, number: int) -> None:
     """Connect a node to every anchor in range that it reaches at least cost."""
-    motion, lines, goal, tree = search.motion, search.lines, search.goal, search.tree
+    motion, lines, tree = search.motion, search.lines, search.tree
     node = tree.nodes[number]
     x, y, yaw, cost_here = node.x, node.y, node.yaw, node.cost
     kind = kind_of(node.way, node.turn)
     many, here = lines.poses.shape[0], _estimate(search, x, y, yaw)
-    for a in range(many + 1):
-        free_heading = a == many
-        if free_heading:
-            if lines.headed:
-                continue
-            tx, ty, tyaw = goal[0], goal[1], math.nan
-            dx, dy = tx - x, ty - y
-            far = math.hypot(dx, dy)
-            if far > goal[2]:
-                continue
-            least = far / motion.forward
-        else:
-            tx, ty, tyaw = lines.poses[a, 0], lines.poses[a, 1], lines.poses[a, 2]
-            dx, dy = tx - x, ty - y
-            reach = lines.reach[a]
-            if abs(dx) > reach or abs(dy) > reach or a == node.anchor:
-                continue
-            far = math.hypot(dx, dy)
-            turn = abs(wrap(tyaw - yaw))
-            if far > reach or turn > lines.turn[a]:
-                continue
-            least = max(far / motion.forward, turn / motion.turn)
+    for a in range(many):
+        tx, ty, tyaw = lines.poses[a, 0], lines.poses[a, 1], lines.poses[a, 2]
+        free_heading = math.isnan(tyaw)
+        dx, dy = tx - x, ty - y
+        reach = lines.reach[a]
+        if abs(dx) > reach or abs(dy) > reach or a == node.anchor:
+            continue
+        far = math.hypot(dx, dy)
+        turn = 0.0 if free_heading else abs(wrap(tyaw - yaw))
+        if far > reach or turn > lines.turn[a]:
+            continue
+        least = max(far / motion.forward, turn / motion.turn)
         at_goal = free_heading or a < lines.goals
         entry = many if at_goal else a
         budget = tree.best_anchor[entry] - cost_here
@@ -225,14 +206,14 @@ def _connect_anchors(search: Search, number: int) -> None:
             end.yaw = tyaw
         if at_goal:
             tree.counts[0].goal = last
-            _open(tree, last, cost * search.grid.stop_ratio)
+            push(tree.heap, cost * search.grid.stop_ratio, last)
         else:
-            _open(tree, last, cost + left)
+            push(tree.heap, cost + left, last)
 
 
 @borrowing_kernel
 def _outdated(search: Search, number: int) -> bool:
-    """Whether a cheaper node has been found for the state of a node since it was opened."""
+    """Return whether a cheaper node has been found for a node's state since it was opened."""
     tree, node = search.tree, search.tree.nodes[number]
     if node.anchor >= 0:
         return bool(node.cost > tree.best_anchor[node.anchor])
@@ -242,7 +223,7 @@ def _outdated(search: Search, number: int) -> bool:
 
 @borrowing_kernel
 def _expand_moves(search: Search, number: int) -> None:
-    """Open the ends of all moves from a node that are free and cheaper than what was found."""
+    """Open the ends of all moves from a node that are free and cheaper than earlier nodes there."""
     near, motion, lines, grid, tree = (
         search.near, search.motion, search.lines, search.grid, search.tree,
     )  # fmt: skip
@@ -291,12 +272,12 @@ def _expand_moves(search: Search, number: int) -> None:
                 end.anchor = AT_GOAL
                 tree.counts[0].goal = new
                 left = (grid.stop_ratio - 1.0) * cost
-        _open(tree, new, cost + left)
+        push(tree.heap, cost + left, new)
 
 
 @borrowing_kernel
 def _is_cheaper(tree: Tree, entry: int, slot: int, cost: float) -> bool:
-    """Whether a cost is below the least one of an anchor, or where that is -1 of a state."""
+    """Return whether a cost is below the minimum of an anchor, or where that is -1 of a state."""
     if entry >= 0:
         return bool(cost < tree.best_anchor[entry])
     return bool(not tree.best[slot] > 0.0 or cost < tree.best[slot])
@@ -304,18 +285,17 @@ def _is_cheaper(tree: Tree, entry: int, slot: int, cost: float) -> bool:
 
 @borrowing_kernel
 def expand(search: Search, most: int) -> bool:
-    """Expand nodes until the goal is taken from the open list or the list is empty: True.
+    """Expand nodes; return True if the goal is taken from the open list or the list is empty.
 
-    False when `most` nodes are expanded in all, or when the tree may be too small for another.
+    Return False when `most` nodes are expanded in all, or when the tree may be too small for more.
     """
     tree, counts = search.tree, search.tree.counts[0]
-    largest = search.grid.moves.way.shape[0] + 3 * (search.lines.poses.shape[0] + 1)
+    largest = search.grid.moves.way.shape[0] + 3 * search.lines.poses.shape[0]
     capacity = tree.nodes.shape[0] - largest
-    while counts.open > 0:
+    while tree.heap.size[0] > 0:
         if counts.expanded >= most or counts.nodes > capacity:
             return False
-        number = pop(tree.keys, tree.items, counts.open)
-        counts.open -= 1
+        number = pop(tree.heap)
         if tree.nodes[number].anchor == AT_GOAL:
             if number == counts.goal:
                 return True
@@ -330,7 +310,7 @@ def expand(search: Search, most: int) -> bool:
 
 @kernel
 def start_estimate(search: Search) -> float:
-    """Estimated cost [s] from the root: infinite where no disc within the outline passes."""
+    """Return the estimated cost [s] from the root: infinite where no inscribed disc passes."""
     root = search.tree.nodes[0]
     return _estimate(search, root.x, root.y, root.yaw)
 
@@ -339,15 +319,15 @@ def start_estimate(search: Search) -> float:
 def reopen(search: Search) -> None:
     """Order the open list anew, for another weight of the heuristic (ARA*: Likhachev 2003)."""
     tree, counts = search.tree, search.tree.counts[0]
-    waiting, counts.open = counts.open, 0
+    waiting, tree.heap.size[0] = tree.heap.size[0], 0
     tree.left_anchor[:] = -1.0
     for k in range(waiting):  # the list never grows beyond what has been read of it
-        number = tree.items[k]
+        number = tree.heap.items[k]
         node = tree.nodes[number]
         if node.anchor != AT_GOAL and not _outdated(search, number):
-            _open(tree, number, node.cost + _estimate(search, node.x, node.y, node.yaw))
+            push(tree.heap, node.cost + _estimate(search, node.x, node.y, node.yaw), number)
     if counts.goal >= 0:
-        _open(tree, counts.goal, tree.nodes[counts.goal].cost * search.grid.stop_ratio)
+        push(tree.heap, tree.nodes[counts.goal].cost * search.grid.stop_ratio, counts.goal)
 
 
 @borrowing_kernel

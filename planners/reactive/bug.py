@@ -13,7 +13,6 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from planners.collision.boundary import (
-    Index,
     blocking_segments,
     boundary_loop,
     fraction_along,
@@ -22,21 +21,21 @@ from planners.collision.boundary import (
     line_intersection,
     segment_links,
 )
-from planners.collision.polygon_tests import SpaceArrays, edge_free, orient2d
-from planners.problem import Plan, PlannerBase, Problem, Status
+from planners.collision.polygon_tests import Index, SpaceArrays, edge_free, orient2d
+from planners.problem import Plan, PlannerBase, Problem, Status, answer
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import path_length, without_repeats
 
-# m: how far rounding may move a point off a slanted side.
+# m: distances by which rounding may move a point off a slanted side.
 NUDGES = (0.0, *(10.0**k for k in range(-16, -5)))
-CLOSE = 1e-9  # of a way: segments met at one point but for rounding
+CLOSE = 1e-9  # of a path: segments met at one point within rounding
 
 
 class Hit(NamedTuple):
-    """Where a straight way to the goal meets something solid."""
+    """The point where a straight path to the goal meets an obstacle."""
 
     origin: Array  # (2,) m: where the way began
     base: Array  # (2,) m: a point on it, from where the rest of it is straight to the last digit
@@ -46,7 +45,7 @@ class Hit(NamedTuple):
 
 
 class Solids(NamedTuple):
-    """What a bug may touch."""
+    """The boundary of obstacles, and its order."""
 
     arrays: SpaceArrays
     following: Index
@@ -58,7 +57,7 @@ class RoundingError(ArithmeticError):
 
 
 def _hit(solids: Solids, origin: Array, goal: Array) -> Hit | None:
-    """Where the straight way to the goal ends; None at the goal."""
+    """Return the end of the straight path to the goal; None if that is the goal."""
     arrays, way = solids.arrays, goal - origin
     if edge_free(arrays, *origin, *goal):
         return None
@@ -81,7 +80,7 @@ def _hit(solids: Solids, origin: Array, goal: Array) -> Hit | None:
 
 
 def _reached(solids: Solids, corners: Array, to: Array, goal: Array) -> Array:
-    """A walk over corners (n, 2) to a point, which lies off the boundary as far as it must."""
+    """Return a walk over corners (n, 2) to a point, moved off the boundary as far as needed."""
     for nudge in NUDGES:
         point = to + min(1.0, nudge / max(math.hypot(*(goal - to)), nudge, 1e-300)) * (goal - to)
         if edge_free(solids.arrays, *corners[-1], *point):
@@ -89,44 +88,15 @@ def _reached(solids: Solids, corners: Array, to: Array, goal: Array) -> Array:
     raise RoundingError
 
 
-def round_and_back(solids: Solids, hit: Hit, goal: Array) -> Array | None:
-    """Bug1: all the way around, then to the point nearest to the goal; None: no way on from there.
-
-    Returns:
-        The points walked (n, 2) [m], the hit point first.
-    """
-    segments = solids.arrays.segments
-    loop = boundary_loop(hit.segment, solids.following)
-    here, along = segments[loop, :2], segments[loop, 2:] - segments[loop, :2]
-    part = np.clip(((goal - here) * along).sum(axis=1) / (along**2).sum(axis=1), 0.0, 1.0)
-    nearest = here + part[:, None] * along
-    m = int(np.hypot(*(goal - nearest).T).argmin())
-    leave, corner = nearest[m], part[m] in (0.0, 1.0)
-    if part[m] == 1.0:
-        m = (m + 1) % len(loop)
-    if corner:
-        leave = segments[loop[m], :2]
-    elif orient2d(*segments[loop[m]], *goal) == 0.0:
-        leave = goal
-    if leads_into_solid(solids.arrays, loop[m], bool(corner), *goal):
-        return None
-    ends = segments[loop, 2:]
-    ahead = np.vstack([hit.point, ends[:m]])
-    back = np.vstack([hit.point, ends[m:][::-1]]) if m > 0 else ahead
-    walks = [np.vstack([corners, leave]) for corners in (ahead, back)]
-    shorter = ahead if path_length(walks[0]) <= path_length(walks[1]) else back
-    return np.vstack([hit.point, ends, _reached(solids, shorter, leave, goal)])
-
-
 @kernel
 def _way_off(
     arrays: SpaceArrays, loop: Index, forward: bool, origin: Array, goal: Array, part: float
 ) -> tuple[int, float, float]:
-    """Where a walk along segments `loop` (n,) meets the line from origin to goal (2,) [m] again.
+    """Return where a walk along segments `loop` (n,) leaves for the goal (2,) on the line to it.
 
     There, the rest of the line is shorter, and free at first. `forward`: each segment is walked
-    from its beginning; `part` is the fraction of the line before the hit. Returns how many corners
-    are passed before, -1 if the walk never meets the line so, and the point [m].
+    from its beginning; `part` is the fraction of the line before the hit. Returns the number of
+    corners passed before, -1 if the walk never meets such a point, and the point [m].
     """
     ox, oy, gx, gy = origin[0], origin[1], goal[0], goal[1]
     segments, n = arrays.segments, loop.shape[0]
@@ -150,48 +120,31 @@ def _way_off(
     return -1, 0.0, 0.0
 
 
-def round_to_the_line(
-    solids: Solids, hit: Hit, goal: Array, turn: Literal["left", "right"]
-) -> Array | None:
-    """Bug2: along the boundary until the line to the goal is met nearer to it; None: never.
-
-    Returns:
-        The points walked (n, 2) [m], the hit point first.
-    """
-    forward = turn == "right"  # what is solid is then on the left hand
-    loop = boundary_loop(hit.segment, solids.following if forward else solids.preceding)
-    passed, x, y = _way_off(solids.arrays, loop, forward, hit.origin, goal, hit.part)
-    if passed < 0:
-        return None
-    ends = solids.arrays.segments[loop[:passed]][:, [2, 3] if forward else [0, 1]]
-    return _reached(solids, np.vstack([hit.point, ends]), np.array([x, y]), goal)
-
-
 class Bug(PlannerBase):
-    """A bug that goes around obstacles in its own way."""
+    """A planner that walks straight to the goal, and along the boundary of obstacles."""
 
     @abstractmethod
     def detour(self, solids: Solids, hit: Hit, goal: Array) -> Array | None:
-        """The points walked (n, 2) [m] around an obstacle, the hit point first; None: no way on."""
+        """Return the points walked (n, 2) [m], the hit point first; None: nothing leads on."""
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
-        """The walk to the goal, circuits included; the generator is not used."""
+        """Return the walk to the goal, circuits included; the generator is not used."""
         solids = Solids(problem.free.arrays, *segment_links(problem.free.arrays))
         goal = np.array(problem.goal[:2], dtype=np.float64)
         path, hits = [np.array([problem.start[:2]], dtype=np.float64)], 0
-        status, note = Status.EXHAUSTED, "too narrow for the precision of coordinates"
+        failure, note = Status.EXHAUSTED, "too narrow for the precision of coordinates"
+        walk = np.empty((0, 2))
         try:
             # Each detour ends nearer to the goal, and no two begin in one place.
             while hits <= len(solids.following):
                 hit = _hit(solids, path[-1][-1], goal)
                 if hit is None:
-                    status, note = Status.SOLVED, ""
+                    walk = without_repeats(np.vstack([*path, goal]))
                     break
                 hits += 1
                 walked = self.detour(solids, hit, goal)
                 if walked is None:
-                    status = Status.NO_PATH
-                    note = "no way leads on from this obstacle to the goal"
+                    failure, note = Status.NO_PATH, "no path leads from this obstacle to the goal"
                     break
                 path += [hit.base[None], walked]
                 if clock() >= end:
@@ -199,13 +152,7 @@ class Bug(PlannerBase):
                     break
         except RoundingError:
             pass
-        walk = without_repeats(np.vstack([*path, goal]))
-        return Plan(
-            status,
-            walk if status == Status.SOLVED else np.empty((0, 2)),
-            counters={"hits": hits},
-            note=note,
-        )
+        return answer(walk, {"hits": hits}, note, failure)
 
 
 @settings
@@ -216,8 +163,28 @@ class Bug1(Bug):
     """
 
     def detour(self, solids: Solids, hit: Hit, goal: Array) -> Array | None:
-        """All the way around, then to the point nearest to the goal."""
-        return round_and_back(solids, hit, goal)
+        """Walk all the way around, then to the point nearest to the goal."""
+        segments = solids.arrays.segments
+        loop = boundary_loop(hit.segment, solids.following)
+        here, along = segments[loop, :2], segments[loop, 2:] - segments[loop, :2]
+        part = np.clip(((goal - here) * along).sum(axis=1) / (along**2).sum(axis=1), 0.0, 1.0)
+        nearest = here + part[:, None] * along
+        m = int(np.hypot(*(goal - nearest).T).argmin())
+        leave, corner = nearest[m], part[m] in (0.0, 1.0)
+        if part[m] == 1.0:
+            m = (m + 1) % len(loop)
+        if corner:
+            leave = segments[loop[m], :2]
+        elif orient2d(*segments[loop[m]], *goal) == 0.0:
+            leave = goal
+        if leads_into_solid(solids.arrays, loop[m], bool(corner), *goal):
+            return None
+        ends = segments[loop, 2:]
+        ahead = np.vstack([hit.point, ends[:m]])
+        back = np.vstack([hit.point, ends[m:][::-1]]) if m > 0 else ahead
+        walks = [np.vstack([corners, leave]) for corners in (ahead, back)]
+        shorter = ahead if path_length(walks[0]) <= path_length(walks[1]) else back
+        return np.vstack([hit.point, ends, _reached(solids, shorter, leave, goal)])
 
 
 @settings
@@ -231,5 +198,11 @@ class Bug2(Bug):
     """Side to which the robot turns at an obstacle."""
 
     def detour(self, solids: Solids, hit: Hit, goal: Array) -> Array | None:
-        """Along the boundary until the line to the goal goes on."""
-        return round_to_the_line(solids, hit, goal, self.turn)
+        """Walk along the boundary until the line to the goal is met nearer to it."""
+        forward = self.turn == "right"  # the obstacle is then on the left hand
+        loop = boundary_loop(hit.segment, solids.following if forward else solids.preceding)
+        passed, x, y = _way_off(solids.arrays, loop, forward, hit.origin, goal, hit.part)
+        if passed < 0:
+            return None
+        ends = solids.arrays.segments[loop[:passed]][:, [2, 3] if forward else [0, 1]]
+        return _reached(solids, np.vstack([hit.point, ends]), np.array([x, y]), goal)

@@ -7,13 +7,11 @@ import math
 import numpy as np
 
 from planners.collision.polygon_tests import SpaceArrays, clearance, edge_free
-from planners.problem import Plan, PlannerBase, Problem, Status
+from planners.problem import Plan, PlannerBase, Problem, Status, answer, chunks
 from wheelchair_gym.arrays import Array
-from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.config import setting, settings
 
-CHUNK = 1000  # steps between two looks at the clock: some 10 ms
 WALKING, ARRIVED, HELD = 0, 1, 2
 # Design choices:
 STEP = 0.1  # m: a tenth of the width of a door
@@ -25,7 +23,7 @@ REPULSION = 0.05  # m^3: equals the attraction of the goal at 0.33 m
 
 @borrowing_kernel
 def potential(arrays: SpaceArrays, goal_x: float, goal_y: float, x: float, y: float) -> float:
-    """Potential [m] at a point: the distance to the goal, and more near what is solid.
+    """Return the potential [m] at a point: the distance to the goal, and more near obstacles.
 
     Repulsion as in Khatib 1986, (3.4), fading at the goal as in Ge and Cui 2000, so that the goal
     is the lowest point even beside a wall.
@@ -44,8 +42,8 @@ def descend(
 ) -> tuple[int, int]:
     """Take steps down from the last of `count` points of a path (n, 2) [m], up to `budget` points.
 
-    Where no heading leads down by a step of at least `MIN_STEP`, the walk is held. Returns how
-    many points there are, and WALKING, ARRIVED or HELD.
+    Where no heading leads down by a step of at least `MIN_STEP`, the walk is held. Returns the
+    number of points, and WALKING, ARRIVED or HELD.
     """
     while count < budget:
         x, y = path[count - 1, 0], path[count - 1, 1]
@@ -73,32 +71,24 @@ def descend(
 class PotentialField(PlannerBase):
     """An artificial potential field (Khatib 1986), followed downwards in free steps.
 
-    In a local minimum it ends `stuck`; the tree shows how far it came.
+    In a local minimum it ends `stuck`; the tree shows the walk up to there.
     """
 
     iterations: int = setting(default=20_000, low=1, source="design choice: 2 km")
     """Largest number of steps."""
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
-        """Walk down to the goal, or until nothing leads down; the generator is not used."""
+        """Walk down to the goal, or to a local minimum; the generator is not used."""
         x, y = (float(v) for v in problem.goal[:2])
         walk = np.empty((self.iterations + 2, 2))
         walk[0] = problem.start[:2]
-        count, how, status, note = 1, WALKING, Status.EXHAUSTED, "steps or time ran out"
-        while how == WALKING and count <= self.iterations:
-            budget = min(count + CHUNK, self.iterations + 1)
-            count, how = descend(problem.free.arrays, x, y, walk, count, budget)
-            if clock() >= end:
+        count, how, failure, note = 1, WALKING, Status.EXHAUSTED, "steps or time ran out"
+        for until in chunks(self.iterations, end):
+            count, how = descend(problem.free.arrays, x, y, walk, count, until + 1)
+            if how != WALKING:
                 break
         if how == HELD:
-            status, note = Status.STUCK, f"a local minimum at {walk[count - 1].round(2).tolist()}"
-        elif how == ARRIVED:
-            status, note = Status.SOLVED, ""
+            failure, note = Status.STUCK, f"a local minimum at {walk[count - 1].round(2).tolist()}"
         walk = walk[:count]
-        return Plan(
-            status,
-            walk.copy() if how == ARRIVED else np.empty((0, 2)),
-            np.hstack([walk[:-1], walk[1:]]),
-            {"iterations": count - 1},
-            note=note,
-        )
+        path, tree = walk[: count if how == ARRIVED else 0].copy(), np.hstack([walk[:-1], walk[1:]])
+        return answer(path, {"iterations": count - 1}, note, failure, tree)

@@ -2,13 +2,13 @@
 
 Segment by segment a swarm searches the commands whose roll-out ends where the segment ends, turned
 towards the next one, soon, and away from obstacles (thesis, section 2.9.3 and algorithm 6). Each
-segment's commands leave space to come to rest, so that a chair that drives them is never trapped in
-motion: where nothing leads on, the commands end at rest. Between two segments the chair does not
-stop.
+segment's commands leave space to come to rest; if nothing leads on, the commands end at rest.
+Between two segments the chair does not stop.
 
-A particle is a list of at most `COMMANDS` commands and how many of them count. It is rolled out
-under the chair's limits. The swarm starts from maneuvers that can be written down and from the
-commands that are being driven, or at random.
+A particle is a list of at most `COMMANDS` commands and the number of those that are driven. The
+swarm starts from maneuvers and from the commands that are being driven, or at random. From top to
+bottom: the cost of a particle, the maneuvers, algorithm 6 for one segment and for all, and the
+settings.
 """
 
 from __future__ import annotations
@@ -41,57 +41,57 @@ from planners.rrt_star_woa.woa import WhaleParameters, WhaleSettings, move, new_
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.config import setting, settings
-from wheelchair_gym.geometry import Footprint, arc_lengths, wrap
+from wheelchair_gym.geometry import Footprint, arc_lengths, project, wrap
 from wheelchair_gym.kinematics import Limits
 from wheelchair_gym.random import Stream, next_uniform, stream
 
-COMMANDS = 6  # in a particle, at most
+COMMANDS = 6  # largest number of a particle
 V, W, T = range(3)  # columns of commands
-_COUNT = 3 * COMMANDS  # where a particle says how many of its commands count
+_COUNT = 3 * COMMANDS  # index of the number of driven commands in a particle
 _SIZE = _COUNT + 1
 _NO_COMMANDS = np.empty((0, 3))
-# Kinds of maneuvers, with which a swarm begins; see `write_maneuver`.
+# Kinds of maneuvers; see `write_maneuver`.
 _MANEUVERS = 9
 _ARC, _ARC_TO_REST, _TURN, _TURN_TO_REST, _BACK = range(5)
 _TWO_ARCS, _RETREAT, _PURSUIT, _FAST_PURSUIT = range(5, _MANEUVERS)
-_COLLISION = 1e3  # s: cost of a contact, above all else that can be wrong with a segment
-_MISSED = 1e2  # s: cost of an end that is not reached, above all but a contact
+_COLLISION = 1e3  # s: cost of a contact, above all other costs of a segment
+_MISSED = 1e2  # s: cost of an end that is not reached, above all costs except a contact
 # Design choices:
 SPACING = 0.1  # m between the points of the path that a pure pursuit follows
-ONWARD = 0.3  # m beyond a segment's end, towards which the chair shall head there
-SEARCH_RANGE = 1.0  # m: how far the commands of a segment may lead off it
+ONWARD = 0.3  # m beyond a segment's end: the point towards which the chair heads there
+SEARCH_RANGE = 1.0  # m: largest distance of the commands from the box of their segment
 RETREAT = 0.3  # m
-ABOUT_TURN = 0.5  # rad: a turn by nearly pi goes on in the direction in which it has begun
+ABOUT_TURN = 0.5  # rad below pi: larger turns keep the direction in which they have begun
 PIVOT = 0.9  # rad: heading error above which a pure pursuit turns in place
-DESIRED_CLEARANCE = 0.15  # m, from which on more costs no less
+DESIRED_CLEARANCE = 0.15  # m: larger clearances cost nothing
 END_WEIGHT = 10.0  # s/m: cost of the distance from the end of a segment; 5 cm cost 0.5 s
 LAST_END_COST = 5.0  # s: cost of the largest distance from the goal that counts as arrived
 MIDDLE_WEIGHT = 10.0  # s/m: cost of the distance from the middle of the segment's path,
 MIDDLE_REACH = 0.05  # m: beyond this distance
-RAMPS = 0.5  # s/rad: what the ramps of a turn in place add to its duration
-CLEARANCE_WEIGHT = 2.0  # s: cost of a lack of clearance
-REACHED = 0.35  # m from the end of a segment that counts as reached: the next one begins there
+RAMPS = 0.5  # s/rad: additional duration of a turn in place, for its ramps
+CLEARANCE_WEIGHT = 2.0  # s: cost of no clearance
+REACHED = 0.35  # m: largest distance from the end of a segment that counts as reached
 
 
 @dataclass(frozen=True)
 class Controls:
-    """Commands, and where they take the chair."""
+    """Commands and their roll-out."""
 
     commands: Array  # (k, 3) m/s, rad/s, s
-    rollout: Array  # (n, 3) m, m, rad: poses on the way, the start first
+    rollout: Array  # (n, 3) m, m, rad: poses, the start first
     twists: Array  # (n, 2) m/s, rad/s
     times: Array  # (n,) s
-    collision_free: bool  # the outline touches nothing on the way
-    arrived: bool  # at rest at the path's end, or led on as far as the horizon
-    error: float  # m, from that end: of the last pose, or of the nearest where a horizon ends it
-    segments: int  # of the path, up to the horizon
-    reached: int  # segments whose ends are reached, from the first one on
-    missed: float  # m between the best commands' end and that of the first segment not reached
+    collision_free: bool  # the footprint touches nothing
+    arrived: bool  # at rest at the path's end, or driven up to the horizon
+    error: float  # m: distance of the last pose from the path's end, of the nearest from a horizon
+    segments: int  # number of segments up to the horizon
+    reached: int  # number of segments, from the first one on, whose ends are reached
+    missed: float  # m: distance of the commands' end from that of the first segment not reached
 
     def twist_at(self, time: float) -> Array:
-        """The twist (2,) to ask for at a time [s] since the start; at rest after the end."""
-        k = int(np.searchsorted(np.cumsum(self.commands[:, 2]), time, side="right"))
-        return self.commands[k, :2].copy() if k < len(self.commands) else np.zeros(2)
+        """Return the target twist (2,) at a time [s] since the start; 0 after the end."""
+        left = self.after(time)
+        return left[0, :2] if len(left) else np.zeros(2)
 
     def after(self, time: float) -> Array:
         """Return the commands (k, 3) that are left at a time [s] since the start."""
@@ -109,16 +109,16 @@ SEGMENT = np.dtype(
         ("middle_x", np.float64),  # m: half-way along the path
         ("middle_y", np.float64),
         ("onward", np.float64),  # rad: heading of the path at the end
-        ("reach", np.float64),  # m: an end within this distance counts as reached
+        ("reach", np.float64),  # m: largest distance from the end that counts as reached
         ("last", np.bool_),  # the chair comes to rest here
-        ("first_point", np.int64),  # of the points of the path that lie on the segment,
-        ("end_point", np.int64),  # and the first one behind it
+        ("first_point", np.int64),  # the first point of the path on the segment
+        ("end_point", np.int64),  # the first one behind it
     ]
 )
 
 
 class Search(NamedTuple):
-    """How a segment's commands are searched."""
+    """Options of the search for a segment's commands."""
 
     swarm: WhaleParameters
     maneuvers: bool  # the swarm starts from maneuvers, not at random
@@ -152,7 +152,7 @@ def segment_cost(
         error = abs(wrap(leg.onward - motion.yaw))
         rate = turn_limit(motion.v, world.limits, world.pivot)
         cost += error * (1.0 / rate + RAMPS) * (1.0 + 2.0 * abs(motion.v))
-        brake(motion, world)  # whatever follows, the chair can come to rest without contact
+        brake(motion, world)  # the chair must be able to come to rest without contact
     if not motion.free:
         return _COLLISION + cost
     near: float = max(0.0, 1.0 - motion.least / DESIRED_CLEARANCE)
@@ -168,40 +168,40 @@ def arc(now: Any, x: float, y: float, limits: Any, rest: bool, commands: Array) 
     sine = math.sin(angle)
     bend = 2.0 * sine / gap
     speed = min(limits.forward, limits.turn / max(abs(bend), 1e-6))
-    way = gap * angle / sine if abs(sine) > 1e-3 else gap
+    length = gap * angle / sine if abs(sine) > 1e-3 else gap
     commands[0, V], commands[0, W] = speed, speed * bend
     gain = max(0.0, speed - now.v)
-    # The way [m] that is lost while speeding up.
+    # The distance [m] that is lost while speeding up.
     slow = 0.5 * gain * stopping_time(gain, limits.acceleration, limits.jerk)
     if rest:
         halt = stopping_time(speed, limits.deceleration, limits.jerk)
         slow -= 0.5 * speed * (halt - STEP)
         commands[1, T] = halt
-    commands[0, T] = max(0.0, (way + slow) / speed)
+    commands[0, T] = max(0.0, (length + slow) / speed)
     return 2 if rest else 1
 
 
 @borrowing_kernel
 def straight(now: Any, leg: Any, world: World, backward: bool, rest: bool, commands: Array) -> int:
-    """Write commands that turn to the segment's end, while they stop, and drive straight there.
+    """Write commands that stop and turn to the segment's end, then drive straight there.
 
-    A turn that has begun goes on. The chair drives backward, and comes to rest at the end, too, if
-    it shall. Returns the number of commands.
+    A turn that has begun goes on. With `backward` the chair drives backward, with `rest` it comes
+    to rest at the end. Returns the number of commands.
     """
     limits = world.limits
     rate, jerk = limits.turn_acceleration, limits.turn_jerk
     halt = stopping_time(now.v, limits.deceleration, limits.jerk)
-    # Where the chair will rest: speeds fall in curves that are symmetric in time.
+    # The chair will rest there: speeds fall in curves that are symmetric in time.
     run = 0.5 * now.v * max(0.0, halt - STEP)
     x, y = now.x + run * math.cos(now.yaw), now.y + run * math.sin(now.yaw)
-    way = math.hypot(leg.x - x, leg.y - y)
+    length = math.hypot(leg.x - x, leg.y - y)
     facing = math.atan2(leg.y - y, leg.x - x) + (math.pi if backward else 0.0)
     angle = wrap(facing - now.yaw)
     if abs(angle) > math.pi - ABOUT_TURN and now.w * angle < 0.0:
         angle += math.copysign(2.0 * math.pi, now.w)
     k = 0
     if abs(angle) > 2e-3 or abs(now.w) > REST:
-        # Small angles are turned slowly, so that the speed asked for is reached.
+        # Small angles are turned slowly, so that the target speed is reached.
         speed = min(world.pivot, limits.turn, math.sqrt(0.5 * max(abs(angle), 2e-3) * rate))
         begun = now.w * math.copysign(1.0, angle)
         commands[k, W] = math.copysign(speed, angle)
@@ -213,11 +213,11 @@ def straight(now: Any, leg: Any, world: World, backward: bool, rest: bool, comma
         commands[k, T] = halt
         k += 1
     limit = limits.backward if backward else limits.forward
-    if way > 5e-3 and limit > 0.0:
+    if length > 5e-3 and limit > 0.0:
         up, down, jerk = limits.acceleration, limits.deceleration, limits.jerk
-        speed = min(limit, math.sqrt(0.5 * way * up)) if rest else limit
+        speed = min(limit, math.sqrt(0.5 * length * up)) if rest else limit
         commands[k, V] = -speed if backward else speed
-        commands[k, T] = time_to_cover(way, speed, up, down, jerk, rest, 0.0)
+        commands[k, T] = time_to_cover(length, speed, up, down, jerk, rest, 0.0)
         k += 1
         if rest:
             commands[k, T] = stopping_time(speed, down, jerk)
@@ -227,7 +227,7 @@ def straight(now: Any, leg: Any, world: World, backward: bool, rest: bool, comma
 
 @borrowing_kernel
 def coast(motion: Any, v: float, w: float, t: float, world: World) -> None:
-    """Move on towards a twist for t seconds, whatever stands there."""
+    """Move on towards a twist for t seconds, without a test for obstacles."""
     while t > 1e-9:
         step = min(STEP, t)
         advance(motion, v, w, step, world.limits, world.pivot)
@@ -241,7 +241,7 @@ def pursue(
 ) -> int:  # fmt: skip
     """Write the commands of a pure pursuit (Coulter 1992) along points (n, 2) `SPACING` apart.
 
-    All commands last equally long, together as long as the points take at the speed [m/s].
+    All commands have the same duration, in all that of the points at the speed [m/s].
     """
     turn = world.limits.turn
     trial[0] = now[0]
@@ -271,10 +271,11 @@ def pursue(
 def write_maneuver(
     kind: int, now: Motion, leg: Any, world: World, line: Array, trial: Motion, commands: Array
 ) -> int:
-    """Write a maneuver that serves well in free space; return the number of its commands.
+    """Write a maneuver of a kind; return the number of its commands.
 
-    An arc to the end; a turn in place and straight on; the same backward; two arcs that meet in the
-    middle of the segment; a retreat, a turn and straight on; a pure pursuit of the path.
+    The kinds are an arc to the end; a turn in place and a straight to the end, forward or backward;
+    two arcs that meet in the middle of the segment; a retreat, then a turn and a straight; and a
+    pure pursuit of the path at two speeds.
     """
     commands[:] = 0.0
     limits = world.limits
@@ -303,13 +304,13 @@ def write_maneuver(
 def continue_commands(
     left: Array, now: Motion, leg: Any, world: World, particle: Array, trial: Motion
 ) -> int:
-    """Write commands (k, 3) that are being driven, up to where they come nearest to the end.
+    """Write driven commands (k, 3) to a particle, up to their point nearest to the segment's end.
 
-    Shortens `left` by what is written; returns the number of commands, 0 where none leads nearer.
+    Shortens `left` by these commands. Returns their number, 0 if none leads nearer to the end.
     """
     trial[0] = now[0]
     motion = trial[0]
-    least, count, duration = math.hypot(leg.x - motion.x, leg.y - motion.y), 0, 0.0
+    nearest, count, duration = math.hypot(leg.x - motion.x, leg.y - motion.y), 0, 0.0
     for k in range(min(COMMANDS, left.shape[0])):
         t = 0.0
         while t < left[k, T] - 1e-9:
@@ -317,8 +318,8 @@ def continue_commands(
             advance(motion, left[k, V], left[k, W], step, world.limits, world.pivot)
             t += step
             gap = math.hypot(leg.x - motion.x, leg.y - motion.y)
-            if gap < least:
-                least, count, duration = gap, k + 1, t
+            if gap < nearest:
+                nearest, count, duration = gap, k + 1, t
     for k in range(count):
         particle[3 * k + V], particle[3 * k + W] = left[k, V], left[k, W]
         particle[3 * k + T] = left[k, T] if k < count - 1 else duration
@@ -328,24 +329,24 @@ def continue_commands(
 
 
 @kernel
-def bridge(
+def optimise_segment(
     now: Motion, leg: Any, world: World, search: Search, driven: Array, line: Array, state: Stream
 ) -> tuple[Array, bool]:
-    """Search the commands (k, 3) for one segment (algorithm 6), and return whether they are free.
+    """Return the best commands (k, 3) for one segment (algorithm 6), and whether they are free.
 
     Args:
         now: the motion with which they begin.
         leg: a record of SEGMENT.
-        world: what is around the chair.
-        search: how they are searched.
-        driven: the particle of the commands that are being driven; one without commands is none.
+        world: the chair and the obstacles.
+        search: options of the search.
+        driven: the particle of the commands that are being driven; without commands there is none.
         line: points (n, 2) of the segment's path [m], `SPACING` apart.
         state: draws the numbers.
     """
     limits, swarm = world.limits, search.swarm
     gap = math.hypot(leg.x - now[0].x, leg.y - now[0].y)
-    # The segment's duration at the limits, with half a turn. Six random commands, on average half
-    # as long as the longest, last as long all together; one command of a maneuver may do so alone.
+    # The segment's duration at the limits, with half a turn. Six random commands take this long
+    # together, each on average half of the longest; one command of a maneuver may take it alone.
     whole = gap / limits.forward + math.pi / world.pivot
     longest = 2.0 * whole if search.maneuvers else 2.0 * whole / COMMANDS
     lower, upper = np.empty(_SIZE), np.empty(_SIZE)
@@ -387,7 +388,7 @@ def bridge(
 
 @kernel
 def around(walls: Array, box: Array) -> Array:
-    """The walls (k, 4) whose own boxes meet a box (4,) xmin, ymin, xmax, ymax [m]."""
+    """Return the walls (k, 4) whose boxes meet a box (4,) xmin, ymin, xmax, ymax [m]."""
     kept = np.empty_like(walls)
     n = 0
     for k in range(walls.shape[0]):
@@ -401,7 +402,7 @@ def around(walls: Array, box: Array) -> Array:
 
 @borrowing_kernel
 def append(found: Array, now: Motion, world: World, commands: Array, count: int) -> int:
-    """Drive commands (k, 3), and append them to others; return the number of all."""
+    """Drive commands (k, 3), append them to `count` others, and return the number of all."""
     for k in range(found.shape[0]):
         if found[k, T] > 1e-3:
             drive(now[0], found[k, V], found[k, W], found[k, T], world)
@@ -419,21 +420,22 @@ def follow(
     """Return commands (k, 3) along segments (n,) SEGMENT.
 
     The axle stays within `SEARCH_RANGE` of a segment. A segment whose end is not reached is left
-    out, since the next end may be reached without it; where none is, the commands lead as near to
-    the first of them as they can. As printed, each segment begins where the one before ended.
+    out, since the next end may be reached without it. If no later end is reached, the commands lead
+    as near as possible to the first missed end. As printed, each segment begins where the one
+    before ended.
 
     Args:
         legs: the segments.
         line: points (m, 2) of the path [m].
         start: the motion with which the commands begin.
-        everything: what is around the chair, everywhere.
-        search: how commands are searched.
+        everything: the chair and all obstacles.
+        search: options of the search.
         driven: (j, 3) commands that are being driven.
         state: draws the numbers.
 
     Returns:
         The commands; the number of the last segment whose end is reached, from 1 on; the distance
-        [m] from the next one's end; whether all is free.
+        [m] from the next segment's end; whether all is free.
     """
     n = legs.shape[0]
     commands, nearest = np.empty((8 * n + 1, 3)), np.empty((0, 3))
@@ -453,7 +455,7 @@ def follow(
         known = np.zeros(_SIZE)
         used = continue_commands(left, motion, leg, world, known, trial)
         points = line[leg.first_point : leg.end_point]
-        found, free = bridge(motion, leg, world, search, known, points, state)
+        found, free = optimise_segment(motion, leg, world, search, known, points, state)
         before = math.hypot(leg.x - now.x, leg.y - now.y)
         gap = before
         if free:
@@ -488,17 +490,13 @@ def ahead(path: Array, position: Array, horizon: float | None) -> tuple[Array, b
     Returns:
         The points, and whether the last of them is the path's own end.
     """
-    here, there = path[:-1], path[1:]
-    along = there - here
-    square = np.maximum((along**2).sum(axis=1), 1e-12)
-    part = np.clip(((position - here) * along).sum(axis=1) / square, 0.0, 1.0)
-    k = int(np.hypot(*(position - here - part[:, None] * along).T).argmin())
+    k, _, _ = project(path, position[0], position[1])
     rest = np.vstack([position, path[k + 1 :]])
-    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(rest, axis=0).T))])
-    if horizon is None or way[-1] <= horizon:
+    distances = arc_lengths(rest)
+    if horizon is None or distances[-1] <= horizon:
         return rest, True
-    end = [np.interp(horizon, way, rest[:, 0]), np.interp(horizon, way, rest[:, 1])]
-    return np.vstack([rest[way < horizon], end]), False
+    end = [np.interp(horizon, distances, rest[:, k]) for k in (0, 1)]
+    return np.vstack([rest[distances < horizon], end]), False
 
 
 @settings
@@ -512,7 +510,7 @@ class ControlGenerator:
     maneuvers: bool = setting(
         default=True, source="design choice; the thesis's swarm starts at random: false"
     )
-    """Whether the swarm starts from maneuvers that serve well in free space, or at random."""
+    """Whether the swarm starts from maneuvers, or at random."""
     printed: bool = setting(default=False, source="thesis, section 2.9.3 and algorithm 6: true")
     """Whether segments end at the path's own points and cost the distance from there alone."""
     horizon: float | None = setting(default=None, unit="m", low=0.1, source="design choice")
@@ -524,26 +522,26 @@ class ControlGenerator:
     arrival: float = setting(default=0.10, unit="m", low=0.01, source="below the task's 0.30 m")
     """Distance from the path's end that counts as arrived."""
     pivot: float | None = setting(default=None, unit="rad/s", low=0.01, source="design choice")
-    """Turn limit of a chair that stands; null for that of a chair that drives."""
+    """Turn limit of a chair at rest; null for that of a moving chair."""
 
     def segments(self, path: Array, start: Array) -> tuple[NDArray[Any], Array]:
         """Return the segments (n,) SEGMENT ahead of a start (3,), and points (m, 2) of the path."""
         points, to_rest = ahead(path, start[:2], self.horizon)
-        way = arc_lengths(points)
-        ends = way[1:]
+        distances = arc_lengths(points)
+        length, ends = distances[-1], distances[1:]
         if not self.printed:
-            count = max(1, math.ceil(way[-1] / self.segment))
-            ends = way[-1] * np.arange(1, count + 1) / count
+            count = max(1, math.ceil(length / self.segment))
+            ends = length * np.arange(1, count + 1) / count
         begins = np.concatenate([[0.0], ends[:-1]])
-        fine = np.linspace(0.0, way[-1], 1 + math.ceil(max(way[-1], SPACING) / SPACING))[1:]
+        fine = np.linspace(0.0, length, 1 + math.ceil(max(length, SPACING) / SPACING))[1:]
 
         def at(s: Array) -> Array:
-            return np.column_stack([np.interp(s, way, points[:, k]) for k in (0, 1)])
+            return np.column_stack([np.interp(s, distances, points[:, k]) for k in (0, 1)])
 
         legs = np.zeros(len(ends), SEGMENT)
         legs["x"], legs["y"] = at(ends).T
         legs["middle_x"], legs["middle_y"] = at(0.5 * (begins + ends)).T
-        beyond = at(np.minimum(ends + ONWARD, way[-1])) - at(np.minimum(ends, way[-1] - ONWARD))
+        beyond = at(np.minimum(ends + ONWARD, length)) - at(np.minimum(ends, length - ONWARD))
         legs["onward"] = np.arctan2(beyond[:, 1], beyond[:, 0])
         legs["reach"], legs["last"][-1] = REACHED, to_rest
         legs["reach"][-1] = self.arrival if to_rest else REACHED
@@ -563,23 +561,23 @@ class ControlGenerator:
         start_twist: ArrayLike = (0.0, 0.0),
         driven: Array = _NO_COMMANDS,
     ) -> Controls:
-        """Generate commands that drive a path from where the chair is.
+        """Generate commands that drive a path from the chair's pose on.
 
         Args:
-            path: points (n, 2 or 3) [m]; what lies behind the chair does not count.
+            path: points (n, 2 or 3) [m]; the part behind the chair does not count.
             start_pose: (3,) m, m, rad.
             walls: segments (k, 4) [m].
             discs: (m, 3) m: x, y, radius.
-            footprint: the chair's outline.
+            footprint: the chair's footprint.
             limits: bounds of twists, accelerations and jerks.
             rng: draws the numbers.
             start_twist: (2,) m/s, rad/s.
-            driven: (k, 3) commands that the chair is driving; the swarm starts from them, too.
+            driven: (k, 3) commands that the chair is driving; the swarm also starts from them.
 
         Raises:
             ValueError: the path has fewer than two points.
         """
-        points = np.asarray(path, dtype=np.float64)[:, :2]
+        points = np.ascontiguousarray(np.asarray(path, dtype=np.float64)[:, :2])
         if len(points) < 2:
             raise ValueError(f"path has {len(points)} points; expected at least two")
         pose, twist = (np.array(v, dtype=np.float64) for v in (start_pose, start_twist))
@@ -592,7 +590,7 @@ class ControlGenerator:
         )  # fmt: skip
         start = motion_at(pose, twist)
         measure_clearance(start[0], pose[0], pose[1], pose[2], world)
-        if 0.0 < start[0]["gap"] < self.margin:  # already nearer: at least no nearer than now
+        if 0.0 < start[0]["gap"] < self.margin:  # the chair already has less clearance
             world = world._replace(margin=float(start[0]["gap"]) * 0.999)
             measure_clearance(start[0], pose[0], pose[1], pose[2], world)
         legs, line = self.segments(points, pose)

@@ -17,7 +17,7 @@ from planners.rrt_star_woa.woa import ShiftBounds, Whales, WhaleSettings, move, 
 from planners.trees.sampling import TreeSearch, sample
 from planners.trees.settings import RrtStar
 from planners.trees.tree import NONE, nearest
-from planners.trees.tree_search import begin, connect_goal, extend_towards, has_room, search
+from planners.trees.tree_search import begin, connect_goal, extend_towards, is_over, search
 from wheelchair_gym.compiled.kernel import absorbed_kernel, borrowing_kernel
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.random import Stream, next_in_disc
@@ -95,9 +95,9 @@ def steer(
 @borrowing_kernel
 def grow(search: TreeSearch, until: int, state: Stream, steering: Steering) -> None:
     """Grow a tree to iteration `until`, or to an earlier end: RRT* with `steer` as its Steer."""
-    tree, run = search.start_tree, search.workspace.run[0]
+    tree, run = search.start_tree, search.run[0]
     begin(search)
-    while run.iteration < until and not run.done and has_room(search):
+    while run.iteration < until and not is_over(search):
         run.iteration += 1
         x, y = sample(search, tree, state)  # x_rand
         near = nearest(tree, x, y)  # x_near
@@ -105,7 +105,7 @@ def grow(search: TreeSearch, until: int, state: Stream, steering: Steering) -> N
         new = extend_towards(search, tree, near, x, y, state)  # line 16
         if new != NONE:
             connect_goal(search, new)
-        run.done |= search.growth.stop_at_first and run.first_path == run.iteration
+        run.done |= search.options.return_on_first_path and run.first_path == run.iteration
 
 
 @settings
@@ -124,9 +124,9 @@ class RrtStarWoaLocal(ShiftBounds, PlannerBase):
     """Cost of the distance from the goal, in multiples of that from the random sample."""
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
-        """The first path, or the best of all samples, as `tree` says."""
+        """Return the first path, or the best of all samples, as `tree` says."""
         upper = np.array([self.width_bound, self.height_bound])
         population = np.zeros((self.whales.population, 2))
         whales = new_whales(population, self.whales.parameters, -upper, upper)
         steering = Steering(whales, self.goal_weight)
-        return search(problem, rng, end, self.tree.growth, partial(grow, steering=steering))
+        return search(problem, rng, end, self.tree.options, partial(grow, steering=steering))

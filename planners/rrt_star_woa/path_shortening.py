@@ -57,23 +57,23 @@ def shorten(
 
     The leader's path, which need not be free, is in the workspace's points afterwards.
     """
-    parameters, line, least = whales.parameters, workspace.line, math.inf
+    parameters, line, best = whales.parameters, workspace.line, math.inf
     for t in range(parameters.iterations + 1):  # line 3
         if parameters.latest:
-            least = math.inf
+            best = math.inf
         for i in range(parameters.population):  # lines 2 and 14
             cost, free_cost = evaluate(
-                problem, path_cost, whales.population[i], whales.leader_cost[0], least, workspace
+                problem, path_cost, whales.population[i], whales.leader_cost[0], best, workspace
             )
-            if free_cost < least:
-                least = free_cost
+            if free_cost < best:
+                best = free_cost
                 for k in range(line.shape[0]):
                     free[k, 0], free[k, 1] = line[k, 0], line[k, 1]
             tell(whales, i, cost)
         if t < parameters.iterations:
             move(whales, t / parameters.iterations, state)  # lines 4 to 13
     write_way_points(problem, whales.leader, workspace.points)
-    return least
+    return best
 
 
 @settings
@@ -88,7 +88,7 @@ class RrtStarWoaGlobal(LengthFree, ShiftBounds, PlannerBase):
     """The tree search."""
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
-        """A free path, with the best leader never longer than that of the tree.
+        """Return a free path, with the best leader never longer than that of the tree.
 
         The deadline is that of the tree; the run of the swarm, some ms, follows in one piece.
         """
@@ -103,8 +103,8 @@ class RrtStarWoaGlobal(LengthFree, ShiftBounds, PlannerBase):
     def shorten(self, space: SpaceArrays, path: Array, state: Stream) -> tuple[Array, Array]:
         """Return the best free path and the leader's path near a free path (n, 2) [m].
 
-        Where the weights favour a path through a wall, the leader is not free. The best free path
-        is never longer than the given path; with the latest leader it is the best of the last
+        If the weights favour a path through a wall, the leader is not free. The best free path is
+        never longer than the given path; with the latest leader it is the best of the last
         population alone and may be longer.
         """
         n, bounds = len(path) - 2, (self.width_bound, self.height_bound)
@@ -116,6 +116,6 @@ class RrtStarWoaGlobal(LengthFree, ShiftBounds, PlannerBase):
         problem = PathProblem(
             space, np.empty((0, 3)), path[0], path[-1], anchors, POLYLINE, False, 1
         )
-        workspace, free = new_workspace(n, 1), np.empty_like(path)
+        workspace, free = new_workspace(problem), np.empty_like(path)
         cost = shorten(problem, self.path_cost, whales, free, workspace, state)
         return free if cost < np.inf else path, workspace.points

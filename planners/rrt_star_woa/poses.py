@@ -18,8 +18,7 @@ from planners.collision.nearby import Nearby, nearby, passage_poses
 from planners.collision.pose_tests import FootprintPlanner, goal_poses, start_and_goal
 from planners.problem import Plan, Problem, Status, remaining
 from planners.rrt_star_woa.woa import Whales, WhaleSettings, move, new_whales, tell
-from planners.smoothing.shortcut import resample
-from planners.smoothing.shortcut import shortcut as shortcut_points
+from planners.smoothing.shortcut import resample, shortcut
 from planners.steering import LONGEST_PIECE, SteeringContext, connect, new_context, poses_along
 from planners.trees.pose_tree import (
     MIN_GAIN,
@@ -40,15 +39,16 @@ from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.random import Stream, next_uniform, stream
 
-MAX_POSES = 64  # that whales move jointly
+MAX_POSES = 64  # largest number of poses that whales move jointly
 WINDOW: Final = 25  # pieces, 5 m: longest part of the path that local whales or a shortcut replace
-SHORTCUTS: Final = 16  # that a round tries
+SHORTCUTS: Final = 16  # tried in a round
 SPACING: Final = 6  # pieces, 1.2 m: about the distance of the poses that whales move jointly
-LEAST_SCALE, SHRINK, GROW = 0.02, 0.8, 1.3  # of the bounds, after a search without and with a gain
+MIN_SCALE = 0.02  # of the bounds
+SHRINK, GROW = 0.8, 1.3  # factors of the scale after a search without and with a gain
 GUIDE_SPACING = 0.1  # m
-ROOTS = 24  # about so many headings at a goal without one are roots of a tree
+ROOTS = 24  # approximate number of headings at a goal without heading that are roots of a tree
 CHUNK = 4  # iterations between two readings of the clock
-SHARPEST_TURN = 1.6  # 1/m: greatest curvature of arcs, as of `lattice`; sharper turns are pivots
+SHARPEST_TURN = 1.6  # 1/m: largest curvature of arcs, as of `lattice`; sharper turns are pivots
 SHIFT_BOUND = 0.4  # m: largest shift of a pose by whales; it shrinks while they find nothing
 TURN_BOUND = 0.5  # rad: largest turn of a pose by whales
 _DESIGN = "design choice"
@@ -56,13 +56,13 @@ _TUNED = "tuned on training seeds"
 
 
 class Refinement(NamedTuple):
-    """Whales that are shifts of poses of a path, in the frames of these, and shares of rounds."""
+    """Whales that shift poses of a path, in the frames of these poses, and shares of rounds."""
 
     whales: Whales  # (k, 3 MAX_POSES) m, m, rad
     bounds: Array  # (3,) largest shift ahead and aside [m], and turn [rad]
     scale: Array  # (1,) of the bounds
     tree: float  # share of the rounds of RRT*
-    shortcuts: float  # share of these and of the rounds of shortcuts; the others are of whales
+    shortcuts: float  # share of these and of the rounds of shortcuts; the rest are of whales
 
 
 @borrowing_kernel
@@ -105,14 +105,24 @@ def via_cost(
 
 
 @borrowing_kernel
+def replace_window(
+    context: SteeringContext, path: Path, i: int, j: int, shifts: Array, turned: float
+) -> bool:
+    """Replace a window by connections through shifted poses if that is cheaper; see `via_cost`."""
+    old = window_cost(context.motion, path, i, j)
+    count, cost = via_cost(context, path, i, j, shifts, turned, old - MIN_GAIN)
+    return cost < old and splice(path, context.motion, i, j, context.candidate, count)
+
+
+@borrowing_kernel
 def search_vias(
     context: SteeringContext, path: Path, refinement: Refinement, i: int, j: int, poses: int,
     turned: float, state: Stream,
 ) -> int:  # fmt: skip
-    """Let whales replace a window by connections through shifted poses; return the evaluations.
+    """Replace a window by connections through poses that whales shift; return the evaluations.
 
-    The leader at first is the path itself: all shifts are 0. Bounds shrink where nothing is found.
-    With the poses turned by pi, the chair turns round and drives ahead where it backed.
+    The first leader is the path itself: all shifts are 0. Bounds shrink if nothing is found. With
+    the poses turned by pi, the chair turns round and drives forward instead of backward.
     """
     every, scale, d = refinement.whales, refinement.scale[0], 3 * poses
     whales = Whales(
@@ -141,20 +151,11 @@ def search_vias(
             move(whales, t / parameters.iterations, state)
     found = whales.leader_cost[0] < old - MIN_GAIN
     if found:
-        count, cost = via_cost(context, path, i, j, whales.leader, turned, math.inf)
-        found = cost < old and splice(path, context.motion, i, j, context.candidate, count)
+        found = replace_window(context, path, i, j, whales.leader, turned)
     if turned == 0.0:
         factor = GROW if found else SHRINK
-        refinement.scale[0] = min(1.0, max(LEAST_SCALE, factor * scale))
+        refinement.scale[0] = min(1.0, max(MIN_SCALE, factor * scale))
     return made
-
-
-@borrowing_kernel
-def shortcut(context: SteeringContext, path: Path, none: Array, i: int, j: int) -> bool:
-    """Replace a window by one connection where that is cheaper; `none` are the shifts of none."""
-    old = window_cost(context.motion, path, i, j)
-    count, cost = via_cost(context, path, i, j, none, 0.0, old - MIN_GAIN)
-    return cost < old and splice(path, context.motion, i, j, context.candidate, count)
 
 
 @borrowing_kernel
@@ -170,7 +171,7 @@ def refine(search: Search, refinement: Refinement, state: Stream) -> None:
             n = int(path.size[0])
             i = int(next_uniform(state) * n)
             j = min(n, i + 1 + int(next_uniform(state) * WINDOW))
-            shortcut(search.context, path, refinement.whales.leader[:0], i, j)
+            replace_window(search.context, path, i, j, refinement.whales.leader[:0], 0.0)
     else:
         span = 2 + int(next_uniform(state) * (WINDOW - 1))
         i = int(next_uniform(state) * n)
@@ -237,7 +238,7 @@ class Se2RrtStarWoa(FootprintPlanner):
     """Share of the rounds of whales that move poses of a window of the path."""
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
-        """The cheapest path of all rounds; the counter `first_path` is its first iteration."""
+        """Return the cheapest path of all rounds; `first_path` counts up to the first path."""
         began = clock()
         start, goal = start_and_goal(problem)
         reach = self.footprint.reach + LONGEST_PIECE + self.desired_clearance
@@ -279,7 +280,7 @@ class Se2RrtStarWoa(FootprintPlanner):
     def _guide(
         self, problem: Problem, near: Nearby, margin: float, rng: np.random.Generator, end: float
     ) -> tuple[Array, int]:
-        """Poses (n, 3) along the path of the disc within the outline, if there is one."""
+        """Return poses (n, 3) along the path of the inscribed disc, if any, and iterations."""
         footprint = self.footprint
         radius = min(footprint.front, footprint.rear, footprint.half_width) + margin
         disc = replace(problem, start=problem.start[:2], goal=problem.goal[:2], clearance=radius)
@@ -287,13 +288,13 @@ class Se2RrtStarWoa(FootprintPlanner):
         iterations = plan.counters.get("iterations", 0)
         if plan.status is not Status.SOLVED or plan.length < GUIDE_SPACING:
             return np.empty((0, 3)), iterations
-        points = resample(shortcut_points(plan.path, disc.free), GUIDE_SPACING)
+        points = resample(shortcut(plan.path, disc.free), GUIDE_SPACING)
         steps = np.gradient(points, axis=0)
         guide = np.column_stack([points, np.arctan2(steps[:, 1], steps[:, 0])])
         return np.vstack([guide, passage_poses(near, guide, footprint.front)]), iterations
 
     def _refinement(self) -> Refinement:
-        """Whales and rounds that have not begun."""
+        """Return whales and shares of rounds, before the first round."""
         size, parameters = 3 * MAX_POSES, self.whales.parameters
         population = np.zeros((parameters.population, size))
         whales = new_whales(population, parameters, np.zeros(size), np.zeros(size))

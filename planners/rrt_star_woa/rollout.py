@@ -1,7 +1,7 @@
-"""Roll-out: where commands (v, w, t) take the chair, within its limits, and its clearance there.
+"""Roll-out of commands (v, w, t) within the chair's limits, and the clearance there.
 
-A command is a target twist for t seconds. The chair approaches it as its limits of acceleration and
-jerk allow, so what is rolled out is what a chair that keeps these limits drives.
+A command is a target twist for t seconds. The chair approaches it within its limits of acceleration
+and jerk.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from wheelchair_gym.kinematics import approach, approach_twist, odometric_step
 MAX_CLEARANCE = 0.5  # m: larger clearances are not told apart
 FINEST = 0.02  # m: near obstacles no point of the outline moves farther between two tests
 STEP = 0.05  # s: as a control loop of 20 Hz
-FREE_TURNS = 0.4  # m/s: the sides of a chair at this speed sweep floor that was ahead before
+FREE_TURNS = 0.4  # m/s: at this speed the sides of the chair sweep floor that was ahead before
 REST = 1e-5  # m/s, rad/s: slower is at rest; the last of a jerk-limited approach is rounding
 
 MOTION = np.dtype(
@@ -33,10 +33,10 @@ MOTION = np.dtype(
         ("v_rate", np.float64),  # m/s2
         ("w_rate", np.float64),  # rad/s2
         ("time", np.float64),  # s since the roll-out began
-        ("moved", np.float64),  # m: bound of how far the outline moved since the last test
+        ("moved", np.float64),  # m: bound of the outline's motion since the last test
         ("gap", np.float64),  # m: clearance at the last test
-        ("least", np.float64),  # m: least clearance so far
-        ("marked", np.float64),  # m: least distance from the marked point so far
+        ("least", np.float64),  # m: minimum clearance so far
+        ("marked", np.float64),  # m: minimum distance from the marked point so far
         ("free", np.bool_),  # false once the clearance fell below the margin
     ]
 )
@@ -48,17 +48,17 @@ class World(NamedTuple):
 
     walls: Array  # (n, 4) m
     discs: Array  # (m, 3) m: x, y, radius
-    box: Array  # (4,) m: xmin, ymin, xmax, ymax of where the axle may be; walls are known there
+    box: Array  # (4,) m: xmin, ymin, xmax, ymax of the axle's positions; walls are known there
     footprint: Array  # (3,) m: front, rear, half width
     limits: Any  # record, `Limits.record`
     margin: float  # m: a clearance below this is a collision
-    pivot: float  # rad/s: turn limit of a chair that stands
-    mark_x: float  # m: a point; a motion keeps how near it came to it
+    pivot: float  # rad/s: turn limit of a chair at rest
+    mark_x: float  # m: the marked point
     mark_y: float
 
 
 def motion_at(pose: Array, twist: Array) -> Motion:
-    """A motion that begins at a pose (3,) with a twist (2,), whose clearance is not tested yet."""
+    """Return a motion that begins at a pose (3,) with a twist (2,), not tested yet."""
     motion = np.zeros(1, MOTION)
     motion["x"], motion["y"], motion["yaw"] = pose
     motion["v"], motion["w"] = twist
@@ -68,7 +68,7 @@ def motion_at(pose: Array, twist: Array) -> Motion:
 
 @borrowing_kernel
 def turn_limit(v: float, limits: Any, pivot: float) -> float:
-    """Return the turn limit [rad/s] at a speed; it is `pivot` where the chair stands."""
+    """Return the turn limit [rad/s] at a speed; it is `pivot` for a chair at rest."""
     limit: float = min(limits.turn, pivot + limits.turn * abs(v) / FREE_TURNS)
     return limit
 
@@ -77,9 +77,9 @@ def turn_limit(v: float, limits: Any, pivot: float) -> float:
 def advance(
     motion: Any, v: float, w: float, dt: float, limits: Any, pivot: float
 ) -> tuple[float, float]:
-    """Move on for one step [s] towards a twist; returns the way [m] and the turn [rad] made.
+    """Move on for one step [s] towards a twist; return the distance [m] and the turn [rad].
 
-    The turn rate is at most `pivot` [rad/s] where the chair stands, and rises with its speed.
+    The turn limit is `pivot` [rad/s] for a chair at rest, and rises with its speed.
     """
     fastest = turn_limit(motion.v, limits, pivot)
     w = min(max(w, -fastest), fastest)
@@ -96,7 +96,7 @@ def advance(
 
 @borrowing_kernel
 def measure_clearance(motion: Any, x: float, y: float, yaw: float, world: World) -> None:
-    """Measure the clearance at a pose of the motion, and judge it."""
+    """Measure the clearance at a pose of the motion, and decide whether it is free."""
     box = world.box
     gap = footprint_clearance(x, y, yaw, world.footprint, world.walls, world.discs, MAX_CLEARANCE)
     inside = box[0] <= x <= box[2] and box[1] <= y <= box[3]
@@ -108,10 +108,10 @@ def measure_clearance(motion: Any, x: float, y: float, yaw: float, world: World)
 
 @borrowing_kernel
 def drive(motion: Any, v: float, w: float, t: float, world: World) -> None:
-    """Drive towards a twist for t seconds; stops where the motion is no longer free.
+    """Drive towards a twist for t seconds, or until the motion is no longer free.
 
-    The clearance is tested again before the outline can have moved that far, and at least every
-    `FINEST` metres where it is less.
+    The clearance is tested again before the outline can have moved by it, and at least every
+    `FINEST` metres if it is less.
     """
     footprint = world.footprint
     reach = math.hypot(max(footprint[0], footprint[1]), footprint[2])
@@ -138,7 +138,7 @@ def drive(motion: Any, v: float, w: float, t: float, world: World) -> None:
 
 @borrowing_kernel
 def brake(motion: Any, world: World) -> float:
-    """Brake until the chair rests, or is no longer free; returns the time that took [s]."""
+    """Brake until the chair rests, or is no longer free; return the duration [s]."""
     steps = 0
     while motion.free and max(abs(motion.v), abs(motion.w)) > REST:
         drive(motion, 0.0, 0.0, STEP, world)
@@ -151,10 +151,10 @@ def brake(motion: Any, world: World) -> float:
 def time_to_cover(
     amount: float, speed: float, up: float, down: float, jerk: float, rest: bool, begun: float
 ) -> float:
-    """Return the time [s] for which to ask for a speed, to cover an amount [m or rad].
+    """Return the duration [s] of a target speed that covers an amount [m or rad].
 
     The motion begins at the speed `begun`. `up`, `down` and `jerk` limit acceleration and
-    deceleration; `rest` tells whether the amount includes what is covered while coming to rest.
+    deceleration. With `rest` the amount includes the motion while coming to rest.
     """
     t, low, high = amount / speed, 0.0, np.inf
     for _ in range(16):  # Newton's method between bounds that are too short and too long
@@ -180,7 +180,7 @@ def time_to_cover(
 
 @borrowing_kernel
 def stopping_time(speed: float, rate: float, jerk: float) -> float:
-    """Time [s] to come to rest from a speed, within a deceleration and a jerk."""
+    """Return the time [s] to come to rest from a speed, within a deceleration and a jerk."""
     speed = abs(speed)
     if speed == 0.0:
         return 0.0
@@ -193,12 +193,12 @@ def stopping_time(speed: float, rate: float, jerk: float) -> float:
 def rollout(
     commands: Array, pose: Array, twist: Array, limits: Any, pivot: float
 ) -> tuple[Array, Array, Array]:
-    """Return where commands (k, 3) take the chair (thesis, (2.15)-(2.17), under limits).
+    """Return the roll-out of commands (k, 3) (thesis, (2.15)-(2.17), under limits).
 
-    `pivot` [rad/s] limits the turn rate of a chair that stands.
+    `pivot` [rad/s] limits the turn rate of a chair at rest.
 
     Returns:
-        Poses (n, 3), twists (n, 2) and times (n,) [s], the first ones those of the beginning.
+        Poses (n, 3), twists (n, 2) and times (n,) [s], those of the start first.
     """
     n = 1
     for k in range(commands.shape[0]):

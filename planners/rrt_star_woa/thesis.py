@@ -18,8 +18,8 @@ from wheelchair_gym.config import LARGEST
 from wheelchair_gym.errors import InputError, shorten
 from wheelchair_gym.files import parse_json, read_text
 
-# Each key of the file: its value in the figure, its least value, and where it goes in the
-# planner's settings.
+# Each key of the file: its value in the figure, its minimum, and its place in the planner's
+# settings.
 KEYS: Final[dict[str, tuple[Any, float, tuple[str, ...]]]] = {
     "ReturnOnFirstPath": (True, 0, ("tree", "return_on_first_path")),
     "RenderGraphics": (False, 0, ()),
@@ -47,22 +47,22 @@ GLOBAL: Final = "rrt_star_woa_global"
 
 
 class ThesisFile(NamedTuple):
-    """The content of such a file; missing keys keep our defaults."""
+    """The content of a settings file; missing keys keep our defaults."""
 
     path: Path
     settings: Mapping[str, Any]  # of the global variant
     values: Mapping[str, Any]  # of the keys that it has
 
     def value(self, key: str) -> Any:
-        """The value of a key that is no setting of a planner; false, 0 or '' if it is missing."""
+        """Return the value of a key that no planner has; false, 0 or '' if it is missing."""
         return self.values.get(key, type(KEYS[key][0])())
 
     def without_effect(self, planner: str, only_planner: bool = False) -> str:
-        """Which keys of the file change nothing, and why, in one line; '' if each has an effect.
+        """Return one line on the keys without effect, with the reasons; '' if each has an effect.
 
         Args:
-            planner: the one that plans.
-            only_planner: whether the map is given otherwise, and nothing is drawn.
+            planner: name of the planner.
+            only_planner: whether the file gives no map and nothing is drawn.
         """
         used = {"tree"} if planner == "rrt_star" else set()
         if planner in PLANNERS_OF_FILE[1:]:
@@ -79,7 +79,7 @@ class ThesisFile(NamedTuple):
         return f"{self.path}: without effect: {'; '.join(said)}" if said else ""
 
     def planner(self, name: str = GLOBAL) -> dict[str, Any]:
-        """The settings of one of the thesis's planners, as `make_planner` takes them.
+        """Return the settings of one of the thesis's planners, for `make_planner`.
 
         Raises:
             InputError: the thesis has no such planner.
@@ -93,10 +93,10 @@ class ThesisFile(NamedTuple):
 
 
 def _settings_of(values: Mapping[str, Any]) -> dict[str, Any]:
-    """The settings of the global variant for values of keys.
+    """Return the settings of the global variant for values of keys.
 
-    As the thesis's algorithms print them: no sample is the goal, of which its settings have no
-    share either, and the leader is overwritten in each iteration.
+    As the thesis prints its algorithms: no sample is the goal, and the leader is overwritten in
+    each iteration.
     """
     settings: dict[str, Any] = {"tree": {"goal_bias": 0.0}, "whales": {"leader": "latest"}}
     for key, value in values.items():
@@ -129,12 +129,12 @@ def _checked(key: str, value: Any, path: Path) -> Any:
 
 
 def is_thesis(data: Any) -> bool:
-    """Whether the content of a JSON file is settings of the thesis's kind."""
+    """Return whether the content of a JSON file is settings of the thesis's format."""
     return isinstance(data, Mapping) and any(key in KEYS for key in data)
 
 
 def read_thesis(path: str | Path) -> ThesisFile:
-    """The content of such a file.
+    """Return the content of a settings file of the thesis's format.
 
     Raises:
         InputError: the file cannot be read, or a key is unknown or has a wrong value.
@@ -152,5 +152,5 @@ def read_thesis(path: str | Path) -> ThesisFile:
 
 
 def without_trailing_commas(text: str) -> str:
-    """A JSON text without commas before a closing bracket; what is in quotes stays."""
+    """Return a JSON text without commas before a closing bracket; quoted text stays."""
     return re.sub(r'("(?:[^"\\]|\\.)*")|,(?=\s*[}\]])', lambda found: found[1] or "", text)

@@ -16,7 +16,7 @@ the followers run this one loop by ask and tell; they differ in what a whale mea
 from __future__ import annotations
 
 import math
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -72,37 +72,16 @@ def tell(whales: Whales, i: int, cost: float) -> None:
             whales.leader[j] = whales.population[i, j]
 
 
-@absorbed_kernel
-def move(whales: Whales, progress: float, state: Stream) -> None:
-    """Move all whales once: lines 4 to 13. The progress of the run rises from 0 to 1.
-
-    Where the leader is the latest, as the thesis lists it, the next best whale overwrites it.
-    """
-    move_whales(
-        whales.population, whales.leader, whales.parameters, progress, whales.c_range, whales.lower,
-        whales.upper, state,
-    )  # fmt: skip
-    if whales.parameters.latest:
-        whales.leader_cost[0] = math.inf
-
-
 @borrowing_kernel
-def move_whales(
-    population: Array,
-    leader: Array,
-    parameters: Any,
-    progress: float,
-    c_range: Array,
-    lower: Array,
-    upper: Array,
-    state: Stream,
-) -> None:
-    """Move every whale once, in place: equations (2.1) to (2.8), then clip to the bounds (d,).
+def move(whales: Whales, progress: float, state: Stream) -> None:
+    """Move all whales once, then clip them to the bounds: lines 4 to 13, equations (2.1) to (2.8).
 
-    A whale draws one A and one p, which choose its move, and one C per coordinate. A and C are
-    independent draws, as in the original paper. The parameters are `WhaleParameters` or
-    `MoveParameters`.
+    The progress of the run rises from 0 to 1. A whale draws one A and one p, which choose its move,
+    and one C per coordinate. A and C are independent draws, as in the original paper. Where the
+    leader is the latest, as the thesis lists it, the next best whale overwrites it.
     """
+    population, leader, parameters = whales.population, whales.leader, whales.parameters
+    lower, upper, c_range = whales.lower, whales.upper, whales.c_range
     k, d = population.shape
     a = parameters.a * (1.0 - progress)  # falls to 0: section 2.6.2 C
     b, mu, lam = parameters.b, parameters.mu, parameters.lam
@@ -125,6 +104,8 @@ def move_whales(
                 X[j] = abs(leader[j] - X[j]) * swirl + leader[j]  # (2.5), (2.6)
         for j in range(d):  # line 13
             X[j] = min(max(X[j], lower[j]), upper[j])
+    if parameters.latest:
+        whales.leader_cost[0] = math.inf
 
 
 @settings

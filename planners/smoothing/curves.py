@@ -1,6 +1,7 @@
 """Curves through points: polyline, PCHIP, cubic splines; cut into pieces for exact edge tests.
 
-Every curve is a cubic Hermite interpolant of x and of y over knots; only its slopes differ.
+Every curve is a cubic Hermite interpolant of x and of y over knots; only its slopes differ. The
+slopes of `hermite_path` are shortened until its curve is free.
 """
 
 from __future__ import annotations
@@ -11,8 +12,9 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from planners.collision.polygon_tests import SpaceArrays, blocked_edges
 from wheelchair_gym.arrays import Array
-from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
+from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined, kernel
 from wheelchair_gym.config import InputError
 
 POLYLINE, PCHIP, SPLINE = range(3)
@@ -20,6 +22,7 @@ POLYLINE, PCHIP, SPLINE = range(3)
 CURVES: Final = {"polyline": POLYLINE, "pchip": PCHIP, "spline": SPLINE}
 # Knots nearer than this are drawn apart: points may coincide [m, or knots].
 _APART = 1e-9
+HALVINGS = 8  # of a blocked curve's tangents before it is straight: those of 1/256 bend invisibly
 
 
 class CurveWorkspace(NamedTuple):
@@ -31,13 +34,13 @@ class CurveWorkspace(NamedTuple):
 
 
 def new_curve_workspace(n: int) -> CurveWorkspace:
-    """Arrays for curves through n points."""
+    """Return arrays for curves through n points."""
     return CurveWorkspace(np.empty(n), np.empty((n, 2)), np.empty(n))
 
 
 @inlined
 def _end_slope(h: float, g: float, near: float, far: float) -> float:
-    """PCHIP's slope at an end: three points, within the data's shape (Moler 2004, section 3.6)."""
+    """Return PCHIP's slope at an end, from three points (Moler 2004, section 3.6)."""
     slope = ((2.0 * h + g) * near - h * far) / (h + g)
     if slope * near <= 0.0:
         slope = 0.0
@@ -47,8 +50,9 @@ def _end_slope(h: float, g: float, near: float, far: float) -> float:
 
 
 @borrowing_kernel
-def pchip_slopes(knots: Array, points: Array, n: int, slopes: Array) -> None:
-    """Slopes that keep the data's shape: weighted harmonic means (Fritsch and Butland 1984)."""
+def pchip_slopes(knots: Array, points: Array, slopes: Array) -> None:
+    """Write shape-preserving slopes: weighted harmonic means (Fritsch and Butland 1984)."""
+    n = points.shape[0]
     for c in range(2):
         if n == 2:
             slopes[0, c] = (points[1, c] - points[0, c]) / (knots[1] - knots[0])
@@ -72,12 +76,13 @@ def pchip_slopes(knots: Array, points: Array, n: int, slopes: Array) -> None:
 
 
 @borrowing_kernel
-def spline_slopes(knots: Array, points: Array, n: int, band: Array, slopes: Array) -> None:
-    """Slopes that make the second derivative continuous (de Boor 1978, chapter IV).
+def spline_slopes(knots: Array, points: Array, band: Array, slopes: Array) -> None:
+    """Write slopes that make the second derivative continuous (de Boor 1978, chapter IV).
 
-    Of n points, at least 2, at rising knots. The first two pieces are one cubic, and so are the
-    last two.
+    There are at least 2 points, at rising knots. The first two pieces are one cubic, and so are
+    the last two.
     """
+    n = points.shape[0]
     for c in range(2):
         first = (points[1, c] - points[0, c]) / (knots[1] - knots[0])
         if n == 2:
@@ -112,14 +117,14 @@ def spline_slopes(knots: Array, points: Array, n: int, band: Array, slopes: Arra
 
 @borrowing_kernel
 def sample_curve(
-    kind: int, chordal: bool, points: Array, n: int, pieces: int, work: CurveWorkspace, line: Array
-) -> int:
-    """Cut a curve through n points [m] into straight pieces; returns how many points are written.
+    kind: int, chordal: bool, points: Array, pieces: int, work: CurveWorkspace, line: Array
+) -> None:
+    """Cut a curve through points (n, 2) [m] into straight pieces.
 
     Knots are as far apart as the points (chordal), or 0, 1, 2 ... Each leg between two points gets
     `pieces`; the line ((n - 1) * pieces + 1, 2) holds the points themselves.
     """
-    knots, slopes = work.knots, work.slopes
+    n, knots, slopes = points.shape[0], work.knots, work.slopes
     if kind != POLYLINE and pieces > 1:
         knots[0] = 0.0
         for k in range(1, n):
@@ -129,9 +134,9 @@ def sample_curve(
                 gap = max(_APART, math.hypot(dx, dy))
             knots[k] = knots[k - 1] + gap
         if kind == PCHIP:
-            pchip_slopes(knots, points, n, slopes)
+            pchip_slopes(knots, points, slopes)
         else:
-            spline_slopes(knots, points, n, work.band, slopes)
+            spline_slopes(knots, points, work.band, slopes)
     count = 0
     for k in range(n - 1):
         if pieces == 1:
@@ -153,11 +158,10 @@ def sample_curve(
                     line[count, c] = y + s * (rise + (1.0 - s) * (p * (1.0 - s) - q * s))
             count += 1
     line[count, 0], line[count, 1] = points[n - 1, 0], points[n - 1, 1]
-    return count + 1
 
 
 def curve_kind(name: str) -> int:
-    """The number of a curve's name.
+    """Return the number of a curve's name.
 
     Raises:
         InputError: there is no such curve.
@@ -168,7 +172,7 @@ def curve_kind(name: str) -> int:
 
 
 def curve(points: ArrayLike, name: str = "pchip", pieces: int = 20, chordal: bool = True) -> Array:
-    """A curve through points, as a polyline that holds the points.
+    """Return a curve through points, as a polyline that holds the points.
 
     Args:
         points: (n, 2) m, n at least 2.
@@ -189,5 +193,60 @@ def curve(points: ArrayLike, name: str = "pchip", pieces: int = 20, chordal: boo
         raise InputError(f"pieces is {pieces}; expected at least 1")
     n = len(through)
     line = np.empty(((n - 1) * pieces + 1, 2))
-    sample_curve(curve_kind(name), chordal, through, n, pieces, new_curve_workspace(n), line)
+    sample_curve(curve_kind(name), chordal, through, pieces, new_curve_workspace(n), line)
     return line
+
+
+@kernel
+def _hermite_edge(start: Array, end: Array, u: Array, v: Array, tolerance: float) -> Array:
+    """Return points (n + 1, 2) [m] of a cubic Hermite curve over an edge, with tangents u and v.
+
+    A polyline of n equal pieces errs by at most |p''| / (8 n^2); p'' is linear, so that its ends
+    bound it.
+    """
+    step = end - start
+    first, last = 6.0 * step - 4.0 * u - 2.0 * v, 6.0 * step - 2.0 * u - 4.0 * v
+    bend = max(math.hypot(first[0], first[1]), math.hypot(last[0], last[1]))
+    n = max(math.ceil(math.sqrt(bend / (8.0 * tolerance))), 1)
+    points = np.empty((n + 1, 2))
+    points[0], points[n] = start, end
+    for k in range(1, n):
+        t = k / n
+        s = 1.0 - t
+        a, b, c = t * s * s, t * t * s, t * t * (3.0 - 2.0 * t)
+        for axis in range(2):
+            points[k, axis] = start[axis] + a * u[axis] - b * v[axis] + c * step[axis]
+    return points
+
+
+def hermite_path(arrays: SpaceArrays, path: Array, tolerance: float) -> tuple[Array, int]:
+    """Return a free polyline (k, 2) [m] along Hermite curves, and the number of straight edges.
+
+    The tangents of a curve that is not free are shortened, so that it approaches the path.
+
+    Args:
+        arrays: the free space.
+        path: points (n, 2) [m], each edge free, no two successive points the same.
+        tolerance: largest distance of the polyline from the curve [m].
+    """
+    steps = np.diff(path, axis=0)
+    lengths = np.hypot(*steps.T)
+    units = np.vstack([np.zeros(2), steps / lengths[:, None], np.zeros(2)])
+    bisectors = units[:-1] + units[1:]
+    sizes = np.hypot(*bisectors.T)[:, None]
+    # A path that turns straight back has no tangent there.
+    directions = np.divide(bisectors, sizes, out=np.zeros_like(path), where=sizes > 0.0)
+    pieces, straight = [path[:1]], 0
+    for i, length in enumerate(lengths):
+        piece, size = path[i : i + 2], length  # as Catmull and Rom 1974
+        for _ in range(HALVINGS if size > 0.0 else 0):
+            u, v = size * directions[i : i + 2]
+            curve = _hermite_edge(path[i], path[i + 1], u, v, tolerance)
+            if not blocked_edges(arrays, curve).any():
+                piece = curve
+                break
+            size *= 0.5
+        else:
+            straight += size > 0.0
+        pieces.append(piece[1:])
+    return np.concatenate(pieces), straight

@@ -19,7 +19,7 @@ WINDOW = 250  # corners that one shortcut may skip at most: bounds the work on v
 def edge_cost(
     arrays: SpaceArrays, ax: float, ay: float, bx: float, by: float, weight: float, comfort: float
 ) -> float:
-    """Length [m] of the edge from a to b times 1 + weight max(0, 1 - clearance/comfort).
+    """Return the length [m] of the edge from a to b times 1 + weight max(0, 1 - clearance/comfort).
 
     The factor is averaged over points at most a quarter of the comfort apart.
     """
@@ -37,7 +37,7 @@ def edge_cost(
 
 @kernel
 def _straightened(arrays: SpaceArrays, path: Array) -> Array:
-    """The path (n, 2) without points between two that lie on one line with them."""
+    """Return the path (n, 2) without points between two that lie on one line with them."""
     kept = np.empty_like(path)
     kept[0] = path[0]
     count = 1
@@ -59,7 +59,7 @@ def _straightened(arrays: SpaceArrays, path: Array) -> Array:
 
 @kernel
 def _cheapest(arrays: SpaceArrays, path: Array, weight: float, comfort: float) -> Array:
-    """The cheapest path from the first point to the last over some of the points."""
+    """Return the cheapest path from the first point to the last over some of the points."""
     n = path.shape[0]
     cost = np.full(n, math.inf)
     parent = np.zeros(n, dtype=np.int64)
@@ -86,13 +86,13 @@ def _cheapest(arrays: SpaceArrays, path: Array, weight: float, comfort: float) -
 
 
 def shortcut(path: ArrayLike, space: Space, weight: float = 0.0, comfort: float = 1.0) -> Array:
-    """The cheapest path over some of a path's points, with exact edge tests.
+    """Return the cheapest path over some of a path's points, with exact edge tests.
 
     Args:
         path: points (n, 2 or 3) of a path that is free; a heading (third column) is dropped.
-        space: what is free for a point.
-        weight: how much more a metre costs at an obstacle than in the open; 0: length alone.
-        comfort: from this clearance [m] on a metre costs no more.
+        space: the free space of a point.
+        weight: additional cost of a metre at an obstacle; 0: length alone.
+        comfort: clearance [m] from which on there is no additional cost.
 
     Returns:
         (k, 2), k <= n, from the same start to the same goal; never costlier than the path.
@@ -104,24 +104,17 @@ def shortcut(path: ArrayLike, space: Space, weight: float = 0.0, comfort: float 
     return _cheapest(arrays, _straightened(arrays, points), weight, comfort)
 
 
-@kernel
-def resample(path: Array, spacing: float) -> Array:
-    """The same path with points at most a spacing [m] apart."""
-    n = path.shape[0]
-    count = 1
-    for k in range(n - 1):
-        length = math.hypot(path[k + 1, 0] - path[k, 0], path[k + 1, 1] - path[k, 1])
-        count += max(1, math.ceil(length / spacing))
-    points = np.empty((count, 2))
-    points[0] = path[0]
-    count = 1
-    for k in range(n - 1):
-        dx, dy = path[k + 1, 0] - path[k, 0], path[k + 1, 1] - path[k, 1]
-        parts = max(1, math.ceil(math.hypot(dx, dy) / spacing))
-        for m in range(1, parts):
-            points[count, 0] = path[k, 0] + m / parts * dx
-            points[count, 1] = path[k, 1] + m / parts * dy
-            count += 1
-        points[count] = path[k + 1]
-        count += 1
+def subdivided(segments: Array, spacing: float, min_parts: int = 1) -> Array:
+    """Cut segments (k, 4) [m] into parts of at most a spacing; return their beginnings (n, 2)."""
+    steps = segments[:, 2:] - segments[:, :2]
+    parts = np.maximum(min_parts, np.ceil(np.hypot(*steps.T) / spacing)).astype(np.int64)
+    first = np.cumsum(parts) - parts
+    t = (np.arange(parts.sum()) - np.repeat(first, parts)) / np.repeat(parts, parts)
+    starts, ways = np.repeat(segments[:, :2], parts, axis=0), np.repeat(steps, parts, axis=0)
+    points: Array = starts + t[:, None] * ways
     return points
+
+
+def resample(path: Array, spacing: float) -> Array:
+    """Return the same path with points at most a spacing [m] apart."""
+    return np.vstack([subdivided(np.hstack([path[:-1], path[1:]]), spacing), path[-1:]])

@@ -1,4 +1,4 @@
-"""How swarms move: the memory of a swarm, and the update rule of every optimizer.
+"""Moves of swarms: the memory of a swarm, and the update rule of every optimizer.
 
 A swarm holds positions to be evaluated. `store` replaces a remembered position by a better one:
 the personal best of a particle, a food source of bees, or a parent of an evolution.
@@ -12,7 +12,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planners.rrt_star_woa.woa import move_whales
+from planners.rrt_star_woa.woa import WhaleParameters, Whales, move
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.config import InputError
@@ -24,25 +24,25 @@ WORST = -1  # target of a position that competes with the worst remembered one
 RECORD: Final = np.dtype(
     [
         ("move_count", "i8"),  # moves made
-        ("best_cost", "f8"),  # cost of the best position
-        ("previous_best_cost", "f8"),  # the same, one move ago
+        ("previous_best_cost", "f8"),  # cost of the best position one move ago
         ("chaos", "f8"),  # state of the logistic map
     ]
 )
 
 
 class Swarm(NamedTuple):
-    """Positions to be valued next, and what the swarm remembers."""
+    """Positions to be evaluated next, and the memory of the swarm."""
 
     positions: Array  # (k, d)
-    costs: Array  # (k,) of the positions, as far as they were valued
+    costs: Array  # (k,) of the positions, as far as they were evaluated
     velocities: Array  # (k, d) per move
     personal_best: Array  # (k, d) remembered positions: personal bests, food sources, parents
     personal_best_costs: Array  # (k,)
     targets: NDArray[np.int64]  # (k,) which remembered position each competes with, or WORST
-    trials: NDArray[np.int64]  # (k,) vain ones since each was remembered
-    best: Array  # (d,) of all positions valued so far
-    c_range: Array  # (d,) of the whales' factor C
+    trials: NDArray[np.int64]  # (k,) failed ones since each was remembered
+    best: Array  # (d,) of all positions evaluated so far
+    best_cost: Array  # (1,)
+    c_range: Array  # (d,) bound of the whales' factor C
     lower: Array  # (d,) bounds of the positions
     upper: Array  # (d,)
     fixed: NDArray[np.bool_]  # (k, d) coordinates that particles leave where they are
@@ -50,7 +50,7 @@ class Swarm(NamedTuple):
 
 
 def new_swarm(population: ArrayLike, lower: ArrayLike, upper: ArrayLike) -> Swarm:
-    """A swarm at given positions, for any optimizer.
+    """Return a swarm at given positions, for any optimizer.
 
     Args:
         population: (k, d); copied. All optimizers but whales need `MIN_POPULATION`.
@@ -68,7 +68,7 @@ def new_swarm(population: ArrayLike, lower: ArrayLike, upper: ArrayLike) -> Swar
     if not (low <= high).all():
         raise InputError(f"bounds are {low.tolist()} and {high.tolist()}; expected lower <= upper")
     record = np.zeros(1, RECORD)
-    record["best_cost"] = record["previous_best_cost"] = np.inf
+    record["previous_best_cost"] = np.inf
     return Swarm(
         positions=positions,
         costs=np.full(k, np.inf),
@@ -78,7 +78,8 @@ def new_swarm(population: ArrayLike, lower: ArrayLike, upper: ArrayLike) -> Swar
         targets=np.arange(k),
         trials=np.zeros(k, np.int64),
         best=positions[0].copy(),
-        c_range=np.full(d, np.nan),  # until an optimizer sets it
+        best_cost=np.full(1, np.inf),
+        c_range=np.full(d, 2.0),
         lower=low,
         upper=high,
         fixed=np.zeros((k, d), np.bool_),
@@ -88,7 +89,7 @@ def new_swarm(population: ArrayLike, lower: ArrayLike, upper: ArrayLike) -> Swar
 
 @borrowing_kernel
 def competitor(swarm: Swarm, i: int) -> int:
-    """The remembered position that position i competes with."""
+    """Return the remembered position that position i competes with."""
     target = swarm.targets[i]
     if target != WORST:
         return int(target)
@@ -101,14 +102,14 @@ def competitor(swarm: Swarm, i: int) -> int:
 
 @borrowing_kernel
 def store(swarm: Swarm, i: int, j: int) -> None:
-    """Keep position i, which costs less, in place of the remembered one j; perhaps as the best."""
-    cost, record = swarm.costs[i], swarm.record[0]
+    """Replace the remembered position j, and perhaps the best, by position i, which costs less."""
+    cost = swarm.costs[i]
     swarm.personal_best_costs[j] = cost
     swarm.trials[j] = 0
     for c in range(swarm.positions.shape[1]):
         swarm.personal_best[j, c] = swarm.positions[i, c]
-    if cost < record.best_cost:
-        record.best_cost = cost
+    if cost < swarm.best_cost[0]:
+        swarm.best_cost[0] = cost
         for c in range(swarm.positions.shape[1]):
             swarm.best[c] = swarm.positions[i, c]
 
@@ -127,7 +128,7 @@ def clip_to_bounds(swarm: Swarm) -> None:
 
 @borrowing_kernel
 def bound_width(swarm: Swarm, c: int) -> float:
-    """How wide a coordinate's bounds lie apart; 1 where they are infinite."""
+    """Return the width of a coordinate's bounds; 1 where they are infinite."""
     width = swarm.upper[c] - swarm.lower[c]
     return width if width < math.inf else 1.0
 
@@ -139,15 +140,9 @@ DAMPED, CHAOTIC, VARIABLE, ADAPTIVE = range(4)
 class MoveParameters(NamedTuple):
     """An optimizer as kernels take it; fields named as one of its settings have its value."""
 
-    kind: int  # which rule moves the swarm: WHALES, PARTICLES, ...
-    # Whales, and wolves: see their equations.
-    a: float = 2.0
-    b: float = 1.0
-    mu: float = 0.5
-    lam: float = 1.0
-    c_range: float = 2.0  # of the whales' factor C
-    by_occupancy: bool = False  # C is 0 at way points of the best path that are not free
-    latest_leader: bool = False  # the best is that of the latest positions
+    kind: int  # the rule that moves the swarm: WHALES, PARTICLES, ...
+    whales: WhaleParameters = WhaleParameters(0, 0, 2.0, 1.0, 0.5, 1.0)
+    by_occupancy: bool = False  # C of the whales is in [0, 1], 0 where the best path is not free
     listed: bool = False  # wolves as R1's listing has them
     rule: int = DAMPED  # of the inertia: DAMPED, CHAOTIC, VARIABLE or ADAPTIVE
     inertia: float = 1.0
@@ -163,6 +158,7 @@ class MoveParameters(NamedTuple):
 # Of the logistic map: its initial state (P2 prints 3, outside the map's domain) and its parameter.
 CHAOS, CHAOS_RATE = 0.3, 4.0
 PARTICLE_SHARE = 0.5  # of a run, before wolves follow: 150 of 300 iterations (R1, section 5.4)
+WOLF_RANGE = 2.0  # initial bound of the wolves' factor A
 # The constants of the other optimizers are those of the program library Yarpiz.
 ACCELERATION = 1.0  # bound of a bee's step, in differences of two sources
 TRIAL_LIMIT = 0.6  # failed trials per coordinate and bee after which a source is left
@@ -171,7 +167,7 @@ ABSORPTION = 1.0  # of light, gamma, per square of the distance in diagonals of 
 RANDOMNESS = 0.2  # initial factor alpha of a firefly's random step
 FIREFLY_STEP = 0.05  # random step, as a share of the width of the bounds
 CROSSOVER_SHARE = 0.73  # of children with two parents: 0.8 n by crossover, 0.3 n mutants
-EXTENSION = 0.4  # how far beyond its parents a child may lie, as a share of their distance (gamma)
+EXTENSION = 0.4  # distance of a child beyond its parents, as a share of theirs (gamma)
 MUTATION_RATE = 0.1  # probability that a coordinate of a mutant changes (mu)
 MUTATION_STEP = 0.1  # deviation of a mutation, as a share of the width of the bounds (sigma)
 SELECTION_PRESSURE = 8.0  # exponent beta of the roulette selection
@@ -181,7 +177,7 @@ CROSSOVER_RATE = 0.2  # probability of a coordinate to come from the mutant (CR)
 
 @borrowing_kernel
 def next_inertia(swarm: Swarm, moves: MoveParameters, progress: float) -> float:
-    """The inertia of the next move."""
+    """Return the inertia of the next move."""
     record = swarm.record[0]
     high, low = moves.inertia, moves.min_inertia
     if moves.rule == CHAOTIC:
@@ -193,15 +189,15 @@ def next_inertia(swarm: Swarm, moves: MoveParameters, progress: float) -> float:
         return math.exp(-(progress * (math.log(high) - math.log(low)) - math.log(high)))
     if moves.rule == ADAPTIVE:  # R1 (2.5), (2.6)
         previous = record.previous_best_cost
-        gain = record.best_cost / previous if 0.0 < previous < math.inf else 1.0
-        record.previous_best_cost = record.best_cost
+        gain = swarm.best_cost[0] / previous if 0.0 < previous < math.inf else 1.0
+        record.previous_best_cost = swarm.best_cost[0]
         return (high + low) * gain - high * progress
     return high * float(moves.damping**record.move_count)
 
 
 @borrowing_kernel
 def move_particles(swarm: Swarm, moves: MoveParameters, inertia: float, state: Stream) -> None:
-    """Move every particle once, in place, but for its fixed coordinates: P2 (9)-(12)."""
+    """Move the coordinates of every particle that are not fixed once, in place: P2 (9)-(12)."""
     X, V = swarm.positions, swarm.velocities
     c1, c2 = moves.c1, moves.c2
     if moves.rule == VARIABLE:
@@ -264,14 +260,14 @@ def move_wolves(swarm: Swarm, a: float, listed: bool, state: Stream) -> None:
 
 @borrowing_kernel
 def other_index(i: int, k: int, state: Stream) -> int:
-    """A number below k, uniform, that is not i."""
+    """Draw a number below k, uniform, that is not i."""
     j = int(next_uniform(state) * (k - 1))
     return j + 1 if j >= i else j
 
 
 @borrowing_kernel
 def roulette(sums: Array, state: Stream) -> int:
-    """A number drawn by roulette, from the running sums (k,) of the weights."""
+    """Draw a number by roulette, from the running sums (k,) of the weights."""
     k = sums.shape[0]
     at = next_uniform(state) * sums[k - 1]
     i = 0
@@ -397,7 +393,7 @@ def move_differential(swarm: Swarm, state: Stream) -> None:
 
 @borrowing_kernel
 def is_particle_move(moves: MoveParameters, progress: float) -> bool:
-    """Whether the next move is one of particles."""
+    """Return whether the next move is one of particles."""
     return moves.kind == PARTICLES or (
         moves.kind == PARTICLES_THEN_WOLVES and progress < PARTICLE_SHARE
     )
@@ -405,26 +401,25 @@ def is_particle_move(moves: MoveParameters, progress: float) -> bool:
 
 @borrowing_kernel
 def move_swarm(swarm: Swarm, moves: MoveParameters, progress: float, state: Stream) -> float:
-    """Move an evaluated swarm once, in place; returns the inertia of particles, or 0.
+    """Move an evaluated swarm once, in place, and return the inertia of particles, or 0.
 
     `progress` is the finished part of the run, in [0, 1].
     """
     inertia, kind = 0.0, moves.kind
     if kind == WHALES:
-        if not swarm.c_range[0] >= 0.0:
-            swarm.c_range[:] = moves.c_range
-        move_whales(
-            swarm.positions, swarm.best, moves, progress, swarm.c_range, swarm.lower, swarm.upper,
-            state,
+        whales = Whales(
+            swarm.positions, swarm.best, swarm.best_cost, swarm.c_range, swarm.lower, swarm.upper,
+            moves.whales,
         )  # fmt: skip
+        move(whales, progress, state)
     elif is_particle_move(moves, progress):
         flown = progress / PARTICLE_SHARE if kind == PARTICLES_THEN_WOLVES else progress
         inertia = next_inertia(swarm, moves, flown)
         move_particles(swarm, moves, inertia, state)
     elif kind == WOLVES:
-        move_wolves(swarm, moves.a * (1.0 - progress), moves.listed, state)
+        move_wolves(swarm, WOLF_RANGE * (1.0 - progress), moves.listed, state)
     elif kind == PARTICLES_THEN_WOLVES:
-        a = moves.a * (1.0 - progress) / (1.0 - PARTICLE_SHARE)
+        a = WOLF_RANGE * (1.0 - progress) / (1.0 - PARTICLE_SHARE)
         move_wolves(swarm, a, moves.listed, state)
     elif kind == BEES:
         move_bees(swarm, state)

@@ -22,7 +22,7 @@ from wheelchair_gym.geometry import point_segment_distance
 
 LENGTH, ENERGY, PRINTED_ENERGY = range(3)  # measures of a path's size
 NO_TURNING, MEAN_TURNING, PRINTED_TURNING = range(3)
-EDGES, WAY_POINTS, NOTHING = range(3)  # what is tested for collisions
+EDGES, WAY_POINTS, NOTHING = range(3)  # objects of the collision test
 
 _TINY = 1e-12  # m: keeps a leg without length from dividing by zero
 
@@ -30,7 +30,7 @@ _TINY = 1e-12  # m: keeps a leg without length from dividing by zero
 class PathProblem(NamedTuple):
     """A problem as a swarm of paths sees it."""
 
-    space: SpaceArrays  # what is free for a point
+    space: SpaceArrays  # the free space of a point
     discs: Array  # (m, 3) x, y, radius [m]: the round obstacles, exactly
     start: Array  # (2,) m
     goal: Array  # (2,) m
@@ -72,47 +72,57 @@ class Workspace(NamedTuple):
     line: Array  # pieces of the curve
 
 
-def new_workspace(way_points: int, pieces: int) -> Workspace:
-    """Arrays for paths of so many way points."""
-    n = way_points + 2
-    return Workspace(np.empty((n, 2)), new_curve_workspace(n), np.empty(((n - 1) * pieces + 1, 2)))
+def new_workspace(problem: PathProblem) -> Workspace:
+    """Return arrays for paths of a problem."""
+    n = len(problem.anchors) + 2
+    line = np.empty(((n - 1) * problem.pieces + 1, 2))
+    return Workspace(np.empty((n, 2)), new_curve_workspace(n), line)
 
 
 @borrowing_kernel
-def write_way_points(problem: PathProblem, position: Array, points: Array) -> int:
-    """Write start, way points and goal (n + 2, 2) of a position (2 n,); returns how many."""
+def write_way_points(problem: PathProblem, position: Array, points: Array) -> None:
+    """Write start, way points and goal (n + 2, 2) of a position (2 n,)."""
     n = problem.anchors.shape[0]
     points[0, 0], points[0, 1] = problem.start[0], problem.start[1]
     for i in range(n):
         points[i + 1, 0] = problem.anchors[i, 0] + position[2 * i]
         points[i + 1, 1] = problem.anchors[i, 1] + position[2 * i + 1]
     points[n + 1, 0], points[n + 1, 1] = problem.goal[0], problem.goal[1]
-    return int(n) + 2
 
 
 @borrowing_kernel
-def polyline_length(points: Array, n: int) -> float:
-    """Length [m] of a polyline of n points."""
+def write_curve(problem: PathProblem, position: Array, workspace: Workspace) -> None:
+    """Write the way points and the line of a position (2 n,)."""
+    points = workspace.points
+    write_way_points(problem, position, points)
+    sample_curve(
+        problem.curve, problem.chordal, points, problem.pieces, workspace.curve, workspace.line
+    )
+
+
+@borrowing_kernel
+def polyline_length(points: Array) -> float:
+    """Return the length [m] of a polyline (n, 2)."""
     length = 0.0
-    for i in range(n - 1):
+    for i in range(points.shape[0] - 1):
         length += math.hypot(points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1])
     return length
 
 
 @borrowing_kernel
-def root_sum_of_squares(points: Array, n: int) -> float:
-    """Root of the sum of squared legs [m]: R1's loss."""
+def root_sum_of_squares(points: Array) -> float:
+    """Return the root of the sum of squared legs [m]: R1's loss."""
     total = 0.0
-    for i in range(n - 1):
+    for i in range(points.shape[0] - 1):
         dx, dy = points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1]
         total += dx * dx + dy * dy
     return math.sqrt(total)
 
 
 @borrowing_kernel
-def mean_turning(points: Array, n: int) -> float:
-    """Mean absolute angle [rad] between successive legs; 0 for a single leg."""
-    total = 0.0
+def mean_turning(points: Array) -> float:
+    """Return the mean absolute angle [rad] between successive legs; 0 for a single leg."""
+    total, n = 0.0, len(points)
     for i in range(n - 2):
         ux, uy = points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1]
         vx, vy = points[i + 2, 0] - points[i + 1, 0], points[i + 2, 1] - points[i + 1, 1]
@@ -121,12 +131,12 @@ def mean_turning(points: Array, n: int) -> float:
 
 
 @borrowing_kernel
-def printed_turning(points: Array, n: int) -> float:
-    """Smoothness as P1 (1)-(5) print it: A the next leg, B the way to the point after it.
+def printed_turning(points: Array) -> float:
+    """Return the smoothness of P1 (1)-(5) as printed; A is the next leg, B the distance beyond it.
 
     (A^2 + B^2) / (2 A B) lacks the third side of the law of cosines: it is no cosine of an angle.
     """
-    total = 0.0
+    total, n = 0.0, len(points)
     for i in range(n - 2):
         A = math.hypot(points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1])
         B = math.hypot(points[i + 2, 0] - points[i, 0], points[i + 2, 1] - points[i, 1])
@@ -135,12 +145,12 @@ def printed_turning(points: Array, n: int) -> float:
 
 
 @borrowing_kernel
-def intrusion(discs: Array, line: Array, n: int, reach: float, sampled: bool) -> float:
-    """Sum over discs of the mean of max(reach - D / R, 0): P2 (19)-(21).
+def intrusion(discs: Array, line: Array, reach: float, sampled: bool) -> float:
+    """Return the sum over discs of the mean of max(reach - D / R, 0): P2 (19)-(21).
 
     D is the distance [m] of a disc's centre from a point of the line, or from a piece of it.
     """
-    total, count = 0.0, n if sampled else n - 1
+    total, count = 0.0, len(line) if sampled else len(line) - 1
     for k in range(discs.shape[0]):
         x, y, radius = discs[k, 0], discs[k, 1], discs[k, 2]
         near = reach * radius
@@ -167,35 +177,33 @@ def evaluate(
     valid_limit: float,
     workspace: Workspace,
 ) -> tuple[float, float]:
-    """The cost of a position (2 n,), and its cost without penalties if its path is exactly valid.
+    """Return the cost of a position (2 n,), and its cost without penalties if its path is valid.
 
     The second is infinite for an invalid path. Tests end as soon as the cost reaches `limit` and
     the path cannot cost less than `valid_limit` without penalties; then the costs returned are
     bounds that are not below the limits. The workspace's line is the position's afterwards.
     """
     points, line = workspace.points, workspace.line
-    n = write_way_points(problem, position, points)
-    m = sample_curve(
-        problem.curve, problem.chordal, points, n, problem.pieces, workspace.curve, line
-    )
+    n, m = points.shape[0], line.shape[0]
+    write_curve(problem, position, workspace)
     if terms.length_measure == LENGTH:
-        size = polyline_length(line, m)
+        size = polyline_length(line)
     else:
-        size = root_sum_of_squares(points, n)
+        size = root_sum_of_squares(points)
         if terms.length_measure == ENERGY:
             size *= math.sqrt(n - 1.0)
     size *= terms.weight
     cost = size
     if terms.turning == MEAN_TURNING:
-        cost += mean_turning(points, n)
+        cost += mean_turning(points)
     elif terms.turning == PRINTED_TURNING:
-        cost += printed_turning(points, n)
+        cost += printed_turning(points)
     plain = cost
     if cost >= limit and plain >= valid_limit:
         return cost, math.inf
     valid = True
     if terms.violation_range > 0.0:
-        deep = intrusion(problem.discs, line, m, terms.violation_range, terms.points_only)
+        deep = intrusion(problem.discs, line, terms.violation_range, terms.points_only)
         cost += size * terms.violation * deep
         valid = deep == 0.0
     if terms.collision_test == WAY_POINTS:
@@ -222,7 +230,7 @@ def evaluate(
 def push_out_of_discs(
     problem: PathProblem, terms: PathCost, position: Array, fixed: NDArray[np.bool_]
 ) -> int:
-    """Push way points out of discs and mark the others fixed (2 n,); returns how many were inside.
+    """Push way points out of discs, mark the others fixed (2 n,), return the number inside.
 
     Each moves by its vector from the disc's centre, as R1 prints it.
     """
@@ -260,12 +268,12 @@ class FaithfulOption:
     """The choice between our exact tests and those of an objective's source."""
 
     faithful: bool = setting(default=False, source="exact tests; true: the source's own")
-    """Whether the source's own tests are used in place of exact ones."""
+    """Whether the source's own tests replace the exact ones."""
 
 
 @settings
 class LengthFree:
-    """Shortness and freedom from collisions, weighed: the thesis, section 2.8."""
+    """Weighted length and number of blocked edges: the thesis, section 2.8."""
 
     shortness_weight: float = setting(
         default=10.0, unit="1/m", low=0.0, source="thesis, figure 3.1"

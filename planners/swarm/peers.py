@@ -10,34 +10,32 @@ from typing import Any
 import numpy as np
 
 from planners.problem import begin
-from planners.swarm.path_cost import PathCost, evaluate, new_workspace
-from planners.swarm.search import InitialSwarm, SearchResult
+from planners.swarm.optimizers import WHALES, MoveParameters
+from planners.swarm.path_cost import PathCost, evaluate, write_curve
+from planners.swarm.search import InitialSwarm, SearchResult, SwarmSearch, new_search, result_of
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.config import InputError, setting, settings
 
 
 class Evaluator:
-    """The cost of a position (d,); it keeps the best position and the best exactly valid path."""
+    """Evaluates positions (d,); a search keeps the best one and the best exactly valid path."""
 
-    def __init__(self, start: InitialSwarm, path_cost: PathCost, end: float) -> None:
-        self.problem, self.path_cost, self.end = start.path_problem, path_cost, end
-        self.workspace = new_workspace(len(self.problem.anchors), self.problem.pieces)
-        self.calls, self.best, self.least = 0, start.population[0], np.inf
-        self.line, self.valid_cost = np.empty((0, 2)), np.inf
+    def __init__(self, search: SwarmSearch, end: float) -> None:
+        self.search, self.end, self.calls = search, end, 0
 
     def __call__(self, position: Any) -> float:
-        """The cost of a position; TimeoutError once `clock` has shown `end` [s]."""
+        """Return the cost of a position; raise TimeoutError once `clock` has shown `end` [s]."""
         if clock() > self.end and self.calls > 0:
             raise TimeoutError
-        at = np.array(position, dtype=np.float64)
-        cost, plain = evaluate(
-            self.problem, self.path_cost, at, np.inf, self.valid_cost, self.workspace
-        )
         self.calls += 1
-        if plain < self.valid_cost:
-            self.line, self.valid_cost = self.workspace.line.copy(), float(plain)
-        if cost < self.least:
-            self.best, self.least = at, float(cost)
+        search, swarm, at = self.search, self.search.swarm, np.array(position, dtype=np.float64)
+        cost, plain = evaluate(
+            search.problem, search.path_cost, at, np.inf, search.line_cost[0], search.workspace
+        )
+        if plain < search.line_cost[0]:
+            search.line[:], search.line_cost[0] = search.workspace.line, plain
+        if cost < swarm.best_cost[0]:
+            swarm.best[:], swarm.best_cost[0] = at, cost
         return float(cost)
 
 
@@ -57,7 +55,7 @@ class Mealpy:
         rng: np.random.Generator,
         deadline: float | None = None,
     ) -> SearchResult:
-        """The best of runs of `cycle` iterations, each scattered around the best of those before.
+        """Return the best of runs of `cycle` iterations, each scattered around the best so far.
 
         Args:
             start: the problem and the population of the first run.
@@ -73,24 +71,18 @@ class Mealpy:
         if importlib.util.find_spec("mealpy") is None:
             raise InputError("optimizer mealpy needs: pip install 'wheelchair_gym[peers]'")
         _, end = begin(deadline)
-        cost, scattered, made = Evaluator(start, path_cost, end), start, 0
+        # The optimizer moves its own swarm: of ours it needs the memory alone.
+        search = new_search(start, path_cost, MoveParameters(WHALES))
+        cost, scattered, made = Evaluator(search, end), start, 0
         while made == 0 or (made < iterations and clock() < end):
             count = max(1, min(cycle, iterations - made))
             with contextlib.suppress(TimeoutError):
                 self._run(cost, scattered, count, int(rng.integers(2**31)))
             made += count
-            population = cost.best + start.population - start.population[0]
+            population = search.swarm.best + start.population - start.population[0]
             scattered = start._replace(population=np.clip(population, start.lower, start.upper))
-        k, workspace = len(start.population), cost.workspace
-        evaluate(cost.problem, path_cost, cost.best, np.inf, np.inf, workspace)
-        return SearchResult(
-            cost.line,
-            cost.valid_cost,
-            workspace.line,
-            cost.least,
-            workspace.points,
-            max(0, cost.calls // k - 1),
-        )
+        write_curve(search.problem, search.swarm.best, search.workspace)
+        return result_of(search, max(0, cost.calls // len(start.population) - 1))
 
     def _run(self, cost: Evaluator, start: InitialSwarm, iterations: int, seed: int) -> None:
         """Search once; the evaluator keeps the best."""

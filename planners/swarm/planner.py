@@ -11,21 +11,22 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
+from planners.collision.polygon_tests import blocked_edges
 from planners.problem import Plan, PlannerBase, Problem, Status, remaining
 from planners.registries import FIRST_PLANNERS, OBJECTIVES, SWARM_OPTIMIZERS
 from planners.rrt_star_woa.path_shortening import scatter_in_ellipses
 from planners.rrt_star_woa.woa import ShiftBounds
 from planners.smoothing.curves import POLYLINE, curve, curve_kind
-from planners.swarm.optimizers import MIN_POPULATION, new_swarm
+from planners.swarm.optimizers import MIN_POPULATION
 from planners.swarm.path_cost import PathProblem, Smooth
 from planners.swarm.peers import Mealpy
 from planners.swarm.search import (
     InitialSwarm,
     SearchResult,
-    blocked_legs,
+    new_search,
+    run,
     sample_along,
     scatter_bowed,
-    search,
     split_legs,
 )
 from planners.swarm.settings import WoaModified
@@ -52,7 +53,7 @@ class SwarmPlanner(ShiftBounds, PlannerBase):
     """
 
     optimizer: Any = setting(default="pso", source="measured with the planner benchmark")
-    """How the swarm moves: a name or an object with a name."""
+    """The optimizer that moves the swarm: a name or an object with a name."""
     objective: Any = setting(default="length_free", source="thesis, section 2.8")
     """The path cost: a name or an object with a name."""
     curve: Literal["polyline", "pchip", "spline"] = setting(
@@ -64,7 +65,7 @@ class SwarmPlanner(ShiftBounds, PlannerBase):
     pieces: int | None = setting(default=None, low=1, source="design choice")
     """Straight pieces of each leg; null for 1 of a polyline and 20 of a curve."""
     way_points: int = setting(default=0, low=0, source="design choice")
-    """Least number of way points; a first path may have more."""
+    """Minimum number of way points; a first path may have more."""
     population: int = setting(
         default=30, low=MIN_POPULATION, source="design choice: as rrt_star_woa_global"
     )
@@ -78,7 +79,7 @@ class SwarmPlanner(ShiftBounds, PlannerBase):
     scatter: Literal["disc", "bow", "along", "uniform"] = setting(
         default="disc", source="thesis: disc; P1: along; P2 and R1: uniform"
     )
-    """How the population is drawn around the first path."""
+    """Distribution of the population around the first path."""
 
     def __post_init__(self) -> None:
         """Check the names and settings of the parts, and keep them as plain objects."""
@@ -97,10 +98,10 @@ class SwarmPlanner(ShiftBounds, PlannerBase):
             object.__setattr__(self, key, spec["name"] if len(spec) == 1 else spec)
 
     def start(self, problem: Problem, path: Array | None, rng: np.random.Generator) -> InitialSwarm:
-        """The problem and the population that a search begins with.
+        """Return the problem and the population that a search begins with.
 
         Args:
-            problem: what is asked.
+            problem: the problem.
             path: the first path (n, 2) [m], or None.
             rng: draws the population.
         """
@@ -117,7 +118,8 @@ class SwarmPlanner(ShiftBounds, PlannerBase):
         if isinstance(self.first, str | Mapping) and self.first != "line" and kind != POLYLINE:
             for _ in range(_HALVINGS):
                 line = curve(path, self.curve, pieces, self.chordal)
-                blocked = blocked_legs(free.arrays, line, len(path) - 1)
+                edges = blocked_edges(free.arrays, line).reshape(len(path) - 1, -1)
+                blocked = np.asarray(edges.any(axis=1))
                 if not blocked.any():
                     break
                 # Neighbours, too: the slopes of a leg depend on them.
@@ -154,7 +156,7 @@ class SwarmPlanner(ShiftBounds, PlannerBase):
     def search(
         self, start: InitialSwarm, rng: np.random.Generator, deadline: float | None = None
     ) -> SearchResult:
-        """The result of a search from a start, which stays unchanged.
+        """Return the result of a search from a start, which stays unchanged.
 
         Args:
             start: the problem and the population.
@@ -165,19 +167,11 @@ class SwarmPlanner(ShiftBounds, PlannerBase):
         path_cost = OBJECTIVES.make(self.objective).path_cost
         if isinstance(optimizer, Mealpy):
             return optimizer.search(start, path_cost, self.iterations, self.cycle, rng, deadline)
-        return search(
-            start.path_problem,
-            path_cost,
-            optimizer.parameters,
-            new_swarm(start.population, start.lower, start.upper),
-            self.iterations,
-            self.cycle,
-            stream(rng),
-            deadline,
-        )
+        search = new_search(start, path_cost, optimizer.parameters)
+        return run(search, self.iterations, self.cycle, stream(rng), deadline)
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
-        """The valid path of least cost of all that the swarm tried.
+        """Return the cheapest valid path of all candidates.
 
         The planner of the first path may use the full deadline; then the swarm makes one
         iteration. The counter `first_iterations` is its iterations, which replay a plan.
@@ -245,5 +239,5 @@ class RrtWoa(PlannerBase):
         )
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
-        """The valid curve of least cost of all that the whales tried."""
+        """Return the cheapest valid curve of all whales."""
         return self.swarm.solve(problem, rng, end)

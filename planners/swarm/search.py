@@ -13,10 +13,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.collision.polygon_tests import SpaceArrays, point_free
-from planners.problem import begin
-from planners.smoothing.curves import sample_curve
-from planners.smoothing.smooth import blocked_edges
+from planners.collision.polygon_tests import point_free
+from planners.problem import begin, chunks
 from planners.swarm.optimizers import (
     WHALES,
     MoveParameters,
@@ -26,6 +24,7 @@ from planners.swarm.optimizers import (
     is_particle_move,
     move_particles,
     move_swarm,
+    new_swarm,
     store,
 )
 from planners.swarm.path_cost import (
@@ -35,10 +34,10 @@ from planners.swarm.path_cost import (
     evaluate,
     new_workspace,
     push_out_of_discs,
+    write_curve,
     write_way_points,
 )
 from wheelchair_gym.arrays import Array
-from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.geometry import arc_lengths
 from wheelchair_gym.random import Stream
@@ -56,7 +55,7 @@ class InitialSwarm(NamedTuple):
 def scatter_bowed(
     k: int, n: int, width: float, height: float, modes: int, rng: np.random.Generator
 ) -> Array:
-    """Shifts (k, 2 n) [m] of n way points by waves along the path; the first path is not shifted.
+    """Return shifts (k, 2 n) [m] of n way points by waves along the path, 0 for the first path.
 
     Sine waves over the path's points, the m-th of an amplitude within 1 / m of the bounds, so that
     neighbours move together and a population passes obstacles on both sides.
@@ -70,7 +69,7 @@ def scatter_bowed(
 
 
 def sample_along(path: Array, count: int, among: int, rng: np.random.Generator) -> Array:
-    """Way points (count, 2) drawn, in order, from `among` points evenly along a path: P1."""
+    """Draw way points (count, 2), in order, from `among` points evenly along a path: P1."""
     way = arc_lengths(path)
     at = np.linspace(0.0, way[-1], among)
     drawn = np.sort(rng.choice(at, count, replace=count > among))
@@ -78,54 +77,55 @@ def sample_along(path: Array, count: int, among: int, rng: np.random.Generator) 
 
 
 def split_legs(path: Array, legs: NDArray[np.bool_]) -> Array:
-    """A path (n, 2) with a point in the middle of some legs (n - 1,)."""
+    """Return a path (n, 2) with a point in the middle of some legs (n - 1,)."""
     middles = 0.5 * (path[:-1] + path[1:])
     return np.insert(path, np.flatnonzero(legs) + 1, middles[legs], axis=0)
 
 
-def blocked_legs(arrays: SpaceArrays, line: Array, legs: int) -> NDArray[np.bool_]:
-    """Which legs (legs,) of a curve's line (n, 2) are not free."""
-    return np.asarray(blocked_edges(arrays, line).reshape(legs, -1).any(axis=1))
-
-
-# Between two looks at the clock pass about this many seconds.
-_CLOCK_PERIOD: Final = 2e-3
 # Redraws of way points that fell into discs, in one move of a swarm that pushes them out.
 _MAX_PUSHES: Final = 20
 
 
-class BestValid(NamedTuple):
-    """The best exactly valid path so far."""
+class SwarmSearch(NamedTuple):
+    """All state of a search: the problem, the optimizer, the swarm and the best path."""
 
-    line: Array  # (m, 2) m
-    cost: Array  # (1,) without penalties; infinite before there is one
+    problem: PathProblem
+    path_cost: PathCost
+    moves: MoveParameters
+    swarm: Swarm
+    line: Array  # (m, 2) m: the best exactly valid path so far
+    line_cost: Array  # (1,) its cost without penalties; infinite before there is one
+    workspace: Workspace
+
+
+def new_search(start: InitialSwarm, path_cost: PathCost, moves: MoveParameters) -> SwarmSearch:
+    """Return a search that has not begun; the start stays unchanged."""
+    problem, workspace = start.path_problem, new_workspace(start.path_problem)
+    swarm = new_swarm(start.population, start.lower, start.upper)
+    line, line_cost = np.empty_like(workspace.line), np.full(1, np.inf)
+    return SwarmSearch(problem, path_cost, moves, swarm, line, line_cost, workspace)
 
 
 @borrowing_kernel
-def evaluate_swarm(
-    problem: PathProblem,
-    path_cost: PathCost,
-    moves: MoveParameters,
-    swarm: Swarm,
-    valid: BestValid,
-    workspace: Workspace,
-) -> None:
+def evaluate_swarm(search: SwarmSearch) -> None:
     """Evaluate every position; store better positions and the best valid path."""
-    if moves.latest_leader:
-        swarm.record[0].best_cost, valid.cost[0] = math.inf, math.inf
+    moves, swarm, workspace = search.moves, search.swarm, search.workspace
+    if moves.whales.latest:
+        search.line_cost[0] = math.inf
     for i in range(swarm.positions.shape[0]):
         # Whales remember the best position only.
         j = 0 if moves.kind == WHALES else competitor(swarm, i)
-        limit = swarm.record[0].best_cost if moves.kind == WHALES else swarm.personal_best_costs[j]
+        limit = swarm.best_cost[0] if moves.kind == WHALES else swarm.personal_best_costs[j]
         exact = math.inf if moves.listed else limit  # listed wolves are ranked by all costs
         cost, plain = evaluate(
-            problem, path_cost, swarm.positions[i], exact, valid.cost[0], workspace
-        )
+            search.problem, search.path_cost, swarm.positions[i], exact, search.line_cost[0],
+            workspace,
+        )  # fmt: skip
         swarm.costs[i] = cost
-        if plain < valid.cost[0]:
-            valid.cost[0] = plain
+        if plain < search.line_cost[0]:
+            search.line_cost[0] = plain
             for k in range(workspace.line.shape[0]):
-                valid.line[k, 0], valid.line[k, 1] = workspace.line[k, 0], workspace.line[k, 1]
+                search.line[k, 0], search.line[k, 1] = workspace.line[k, 0], workspace.line[k, 1]
         if cost < limit:
             store(swarm, i, j)
         else:
@@ -133,56 +133,44 @@ def evaluate_swarm(
 
 
 @borrowing_kernel
-def iterate(
-    problem: PathProblem,
-    path_cost: PathCost,
-    moves: MoveParameters,
-    swarm: Swarm,
-    valid: BestValid,
-    first: int,
-    last: int,
-    cycle: int,
-    workspace: Workspace,
-    state: Stream,
-) -> None:
+def iterate(search: SwarmSearch, first: int, last: int, cycle: int, state: Stream) -> None:
     """Run iterations from `first` up to, but not including, `last`; 0 evaluates the start, too.
 
     Inertia and ranges fall over `cycle` iterations; then they start again. The workspace holds the
     best path afterwards.
     """
+    problem, moves, swarm, workspace = search.problem, search.moves, search.swarm, search.workspace
     if first == 0:
-        evaluate_swarm(problem, path_cost, moves, swarm, valid, workspace)
+        evaluate_swarm(search)
     for t in range(first, last):
         progress = (t % cycle) / cycle
         if moves.by_occupancy:  # P1 (17)-(19)
             write_way_points(problem, swarm.best, workspace.points)
             for i in range(problem.anchors.shape[0]):
                 x, y = workspace.points[i + 1, 0], workspace.points[i + 1, 1]
-                w = moves.c_range if point_free(problem.space, x, y) else 0.0
+                w = 1.0 if point_free(problem.space, x, y) else 0.0
                 swarm.c_range[2 * i], swarm.c_range[2 * i + 1] = w, w
         inertia = move_swarm(swarm, moves, progress, state)
-        if path_cost.push:
+        if search.path_cost.push:
             flew = is_particle_move(moves, progress)
             for k in range(_MAX_PUSHES):
                 inside = 0
                 for i in range(swarm.positions.shape[0]):
                     inside += push_out_of_discs(
-                        problem, path_cost, swarm.positions[i], swarm.fixed[i]
+                        problem, search.path_cost, swarm.positions[i], swarm.fixed[i]
                     )
                 if inside == 0 or not flew or k == _MAX_PUSHES - 1:
                     break
                 move_particles(swarm, moves, inertia, state)
                 clip_to_bounds(swarm)
             swarm.fixed[:] = False
-        evaluate_swarm(problem, path_cost, moves, swarm, valid, workspace)
-    n = write_way_points(problem, swarm.best, workspace.points)
-    curve, line = workspace.curve, workspace.line
-    sample_curve(problem.curve, problem.chordal, workspace.points, n, problem.pieces, curve, line)
+        evaluate_swarm(search)
+    write_curve(problem, swarm.best, workspace)
 
 
 @dataclass(frozen=True)
 class SearchResult:
-    """How a search ended."""
+    """The end of a search."""
 
     line: Array  # (m, 2) m: the best exactly valid path; (0, 2) if there was none
     cost: float  # of it, without penalties
@@ -192,47 +180,23 @@ class SearchResult:
     iterations: int
 
 
-def search(
-    problem: PathProblem,
-    path_cost: PathCost,
-    moves: MoveParameters,
-    swarm: Swarm,
-    iterations: int,
-    cycle: int,
-    state: Stream,
-    deadline: float | None = None,
-) -> SearchResult:
-    """The result of a swarm's search over `iterations`, or until a deadline [s] from now.
+def result_of(search: SwarmSearch, iterations: int) -> SearchResult:
+    """Return the result of a search after a number of iterations."""
+    cost, workspace = float(search.line_cost[0]), search.workspace
+    line = search.line if cost < np.inf else np.empty((0, 2))
+    best_cost = float(search.swarm.best_cost[0])
+    return SearchResult(line, cost, workspace.line, best_cost, workspace.points, iterations)
 
-    The swarm is changed in place; see `iterate`.
+
+def run(
+    search: SwarmSearch, iterations: int, cycle: int, state: Stream, deadline: float | None = None
+) -> SearchResult:
+    """Run a new search for a number of iterations, or until a deadline [s] from now; see `iterate`.
+
+    The search is changed in place.
     """
-    _, end = begin(deadline)
-    workspace = new_workspace(len(problem.anchors), problem.pieces)
-    valid = BestValid(np.empty_like(workspace.line), np.full(1, np.inf))
-    made, chunk = 0, iterations if deadline is None else min(1, iterations)
-    while True:
-        before = clock()
-        iterate(
-            problem, path_cost, moves, swarm, valid, made, made + chunk, cycle, workspace, state
-        )
-        made += chunk
-        if made >= iterations:
-            break
-        now = clock()
-        left = end - now
-        if left <= 0.0:
-            break
-        spent = (now - before) / max(chunk, 1)
-        # The first call evaluated a population, too, and may have been compiled.
-        chunk = max(1, min(2 * chunk, int(min(_CLOCK_PERIOD, left) / max(spent, 1e-9))))
-        chunk = min(chunk, iterations - made)
-    solved = valid.cost[0] < np.inf
-    line = valid.line if solved else np.empty((0, 2))
-    return SearchResult(
-        line,
-        float(valid.cost[0]),
-        workspace.line,
-        float(swarm.record["best_cost"][0]),
-        workspace.points,
-        made,
-    )
+    made = 0
+    for until in chunks(iterations, begin(deadline)[1]):
+        iterate(search, made, until, cycle, state)
+        made = until
+    return result_of(search, made)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
-from planners.rrt_star_woa.woa import WhaleMoves
+from planners.problem import with_settings
+from planners.rrt_star_woa.woa import WhaleMoves, WhaleParameters
 from planners.swarm import optimizers as kinds
 from planners.swarm.optimizers import MoveParameters
 from wheelchair_gym.config import setting, settings
@@ -17,15 +17,14 @@ _R1 = "R1: project report on PSO and GWO, section 5.4"
 
 
 class Optimizer:
-    """Settings that say how a swarm moves."""
+    """Settings of the moves of a swarm."""
 
     moves: ClassVar[MoveParameters]  # the kind of moves, before the settings
 
     @property
     def parameters(self) -> MoveParameters:
         """The settings as kernels take them."""
-        values: Any = {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]
-        return self.moves._replace(**values)
+        return with_settings(self.moves, self)
 
 
 @settings
@@ -35,8 +34,9 @@ class Woa(WhaleMoves, Optimizer):
     @property
     def parameters(self) -> MoveParameters:
         """The settings as kernels take them."""
-        latest, kind = self.leader == "latest", kinds.WHALES
-        return MoveParameters(kind, self.a, self.b, self.mu, self.lam, latest_leader=latest)
+        latest = self.leader == "latest"
+        whales = WhaleParameters(0, 0, self.a, self.b, self.mu, self.lam, latest)
+        return MoveParameters(kinds.WHALES, whales)
 
 
 @settings
@@ -48,17 +48,17 @@ class WoaModified(Optimizer):
     """
 
     whales: Woa = setting(default=Woa(), source="P1: as WOA")
-    """The whales, but for the factor C."""
+    """The moves of the whales, the factor C apart."""
 
     @property
     def parameters(self) -> MoveParameters:
         """The settings as kernels take them."""
-        return self.whales.parameters._replace(c_range=1.0, by_occupancy=True)
+        return self.whales.parameters._replace(by_occupancy=True)
 
 
 @settings
 class Particles(Optimizer):
-    """What the particle swarms of R1 and P2 share."""
+    """Settings that the particle swarms of R1 and P2 share."""
 
     neighbours: int = setting(default=0, low=0, source="design choice")
     """Neighbours on each side whose best a particle knows; 0 for the whole swarm."""
@@ -139,7 +139,7 @@ class PsoGwo(Optimizer):
     """Particles fly; then wolves hunt from where the particles ended (R1)."""
 
     inertia: Literal["fixed", "adaptive"] = setting(default="adaptive", source="R1's best")
-    """How the inertia of the particles changes."""
+    """The change of the inertia of the particles."""
     fixed: Pso = setting(
         default=Pso(inertia=0.9, damping=1.0, c1=2.05, c2=2.05, max_step=0.16), source=_R1
     )

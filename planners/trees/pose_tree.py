@@ -38,22 +38,22 @@ from wheelchair_gym.random import Stream, next_uniform
 
 MIN_GAIN = 1e-6  # s: smaller gains are rounding
 TURN_LENGTH = 0.5  # m per rad: distance of poses
-_BACK: Final = 1e6  # s: ways back are tried last
-_MOST_BACK: Final = 0.6  # m: longer ways back are tried in every third attempt only
+_BACK: Final = 1e6  # s: backward connections are tried last
+_MOST_BACK: Final = 0.6  # m: longer backward connections are tried in every third attempt only
 _ATTEMPT: Final = 1000  # iterations after which new trees are grown
 ATTEMPTS: Final = 3  # trees that are grown after those of the first path
 MIN_ADVANCE = 0.05  # m: a blocked extension that comes less near to its target makes no node
 # Design choices:
-NODES = 10_000  # of a tree at most
+NODES = 10_000  # largest number of nodes of a tree
 NEIGHBOURS: Final = 10  # nearest nodes that may become parents, or be rewired
-GUIDE_SHARE = 0.7  # of the samples, near the guide or near the path; the others are anywhere
+GUIDE_SHARE = 0.7  # of the samples, near the guide or near the path; the rest are anywhere
 SPREAD = 0.3  # m: deviation of their distance from it
 TURN_SPREAD = 0.6  # rad: deviation of their heading
 REVERSED_SHARE = 0.05  # of the samples at the guide, which look back
 
 
 class Path(NamedTuple):
-    """The best path so far: its pieces, then one of no length at its end."""
+    """The best path so far: its pieces, then a piece of no length at its end."""
 
     pieces: NDArray[Any]  # (CAPACITY,) PIECE
     size: NDArray[np.int64]  # (1,): without the one at the end; 0: there is no path
@@ -62,7 +62,7 @@ class Path(NamedTuple):
 
 
 def new_path(goal: Array) -> Path:
-    """No path yet, to a goal (2,) or (3,)."""
+    """Return an empty path to a goal (2,) or (3,)."""
     end = np.full(3, math.nan)
     end[: len(goal)] = goal
     return Path(np.zeros(CAPACITY, PIECE), np.zeros(1, np.int64), np.full(1, np.inf), end)
@@ -70,19 +70,19 @@ def new_path(goal: Array) -> Path:
 
 @borrowing_kernel
 def kind_before(path: Path, i: int) -> int:
-    """The kind of motion before piece i; 0 at the start."""
+    """Return the kind of motion before piece i; 0 at the start."""
     return int(path.pieces[i - 1].kind) if i > 0 else 0
 
 
 @borrowing_kernel
 def kind_after(path: Path, j: int) -> int:
-    """The kind of motion of piece j; 0 at the end."""
+    """Return the kind of motion of piece j; 0 at the end."""
     return int(path.pieces[j].kind) if j < path.size[0] else 0
 
 
 @borrowing_kernel
 def window_cost(motion: MotionCost, path: Path, i: int, j: int) -> float:
-    """Cost [s] of the pieces from i to j, with the changes of kind at both ends."""
+    """Return the cost [s] of the pieces from i to j, with the changes of kind at both ends."""
     cost, before = 0.0, kind_before(path, i)
     for k in range(i, j):
         cost += path.pieces[k].cost + switch(motion, before, path.pieces[k].kind)
@@ -92,7 +92,7 @@ def window_cost(motion: MotionCost, path: Path, i: int, j: int) -> float:
 
 @borrowing_kernel
 def splice(path: Path, motion: MotionCost, i: int, j: int, new: NDArray[Any], count: int) -> bool:
-    """Replace the pieces from i to j by so many new ones; false if there is no space for them."""
+    """Replace the pieces from i to j by `count` new ones; return false if there is no space."""
     pieces, n = path.pieces, path.size[0]
     more = count - (j - i)
     if n + more + 1 >= pieces.shape[0]:
@@ -146,7 +146,7 @@ class Tree(NamedTuple):
 
 @borrowing_kernel
 def add_pose(tree: Tree, x: float, y: float, yaw: float, parent: int) -> int:
-    """Add a pose; its connection is written by others. Returns its index."""
+    """Add a pose without its connection, and return its index."""
     new = int(tree.size[0])
     node = tree.nodes[new]
     node.x, node.y, node.yaw, node.cost, node.edge = x, y, yaw, 0.0, 0.0
@@ -162,14 +162,14 @@ def add_pose(tree: Tree, x: float, y: float, yaw: float, parent: int) -> int:
 
 @borrowing_kernel
 def pose_distance(node: Any, x: float, y: float, yaw: float) -> float:
-    """Distance [m] of a node to a pose, where turning counts, too."""
+    """Return the distance [m] of a node to a pose, its turn included."""
     dx, dy, turn = node.x - x, node.y - y, TURN_LENGTH * wrap(node.yaw - yaw)
     return math.sqrt(dx * dx + dy * dy + turn * turn)
 
 
 @borrowing_kernel
 def nearest(tree: Tree, x: float, y: float, yaw: float) -> int:
-    """The node nearest to a pose."""
+    """Return the node nearest to a pose."""
     best, found = math.inf, NONE
     for i in range(tree.size[0]):
         distance = pose_distance(tree.nodes[i], x, y, yaw)
@@ -188,9 +188,9 @@ def write_parts(node: Any, parts: Parts) -> None:
 def extend(
     context: SteeringContext, tree: Tree, i: int, x: float, y: float, yaw: float, most_back: float
 ) -> tuple[int, bool]:
-    """Extend a tree from a node towards a pose until blocked; the new node, and is it there?
+    """Extend a tree towards a pose until blocked; return the new node and whether it is there.
 
-    The quickest free connection is taken, one ahead if there is; where none is free, the one that
+    The quickest free connection is taken, a forward one if possible; if none is free, the one that
     comes nearest. No connection leads farther back than `most_back` [m].
     """
     node = tree.nodes[i]
@@ -250,7 +250,7 @@ RUN = np.dtype(
 
 
 class Search(NamedTuple):
-    """All that a search has."""
+    """All state of a search."""
 
     context: SteeringContext
     start_tree: Tree
@@ -258,7 +258,6 @@ class Search(NamedTuple):
     path: Path
     guide: Array  # (n, 3) poses along the path of a point; none: (0, 3)
     run: NDArray[Any]  # (1,) RUN
-    pose: Array  # (3,): the last sample
     found: NDArray[np.int64]  # (neighbours,)
     bounds: Array  # (neighbours,) s
     chain: NDArray[np.int64]  # (capacity,)
@@ -283,14 +282,13 @@ def new_search(
     run["synced"], run["goals"] = math.inf, len(goals)
     return Search(
         context, new_tree(start[None], 1.0), new_tree(goals, -1.0), new_path(goal), guide, run,
-        np.zeros(3), np.zeros(NEIGHBOURS, np.int64), np.zeros(NEIGHBOURS),
-        np.zeros(NODES + 1, np.int64),
+        np.zeros(NEIGHBOURS, np.int64), np.zeros(NEIGHBOURS), np.zeros(NODES + 1, np.int64),
     )  # fmt: skip
 
 
 @borrowing_kernel
 def next_normal(state: Stream) -> float:
-    """The next nearly normal number of a stream, of mean 0 and deviation 1 (Irwin-Hall, n = 4)."""
+    """Draw a nearly normal number of mean 0 and deviation 1 (Irwin-Hall, n = 4)."""
     total = next_uniform(state) + next_uniform(state) + next_uniform(state) + next_uniform(state)
     return (total - 2.0) * math.sqrt(3.0)
 
@@ -299,48 +297,47 @@ _TRIES: Final = 20  # poses drawn for a sample at most
 
 
 @borrowing_kernel
-def sample(search: Search, state: Stream) -> bool:
-    """Write a pose at which the outline is free to `search.pose`; false where none was drawn.
+def sample(search: Search, state: Stream) -> tuple[bool, float, float, float]:
+    """Draw a pose at which the outline is free; the first value is false if none was drawn.
 
-    Near the guide, later near the path, or anywhere.
+    It is near the guide, later near the path, or anywhere.
     """
-    context, path, pose = search.context, search.path, search.pose
-    box, guide = context.near.box, search.guide
+    context, path, box, guide = search.context, search.path, search.context.near.box, search.guide
+    x, y, yaw = 0.0, 0.0, 0.0
     for _ in range(_TRIES):
         near = next_uniform(state) < GUIDE_SHARE
         if near and path.size[0] > 0:
             piece = path.pieces[int(next_uniform(state) * path.size[0])]
             scale = math.exp(-3.0 * next_uniform(state))
-            pose[0], pose[1], pose[2] = piece.x, piece.y, piece.yaw
+            x, y, yaw = piece.x, piece.y, piece.yaw
         elif near and guide.shape[0] > 0:
             on = guide[int(next_uniform(state) * guide.shape[0])]
             scale = math.exp(-4.0 * next_uniform(state))
-            pose[0], pose[1], pose[2] = on[0], on[1], on[2]
+            x, y, yaw = on[0], on[1], on[2]
             if next_uniform(state) < REVERSED_SHARE:
-                pose[2] += math.pi
+                yaw += math.pi
         else:
             scale = 0.0
-            pose[0] = box[0] + (box[2] - box[0]) * next_uniform(state)
-            pose[1] = box[1] + (box[3] - box[1]) * next_uniform(state)
-            pose[2] = 2.0 * math.pi * next_uniform(state)
+            x = box[0] + (box[2] - box[0]) * next_uniform(state)
+            y = box[1] + (box[3] - box[1]) * next_uniform(state)
+            yaw = 2.0 * math.pi * next_uniform(state)
         if scale > 0.0:
-            pose[0] += scale * SPREAD * next_normal(state)
-            pose[1] += scale * SPREAD * next_normal(state)
-            pose[2] = wrap(pose[2] + scale * TURN_SPREAD * next_normal(state))
+            x += scale * SPREAD * next_normal(state)
+            y += scale * SPREAD * next_normal(state)
+            yaw = wrap(yaw + scale * TURN_SPREAD * next_normal(state))
         gap = free_gap(
-            context.near, context.motion, pose[0], pose[1], pose[2], 0.0, 0.0, context.workspace,
-            context.seen,
-        )  # fmt: skip
+            context.near, context.motion, x, y, yaw, 0.0, 0.0, context.workspace, context.seen
+        )
         if gap >= context.motion.margin:
-            return True
-    return False
+            return True, x, y, yaw
+    return False, x, y, yaw
 
 
 @borrowing_kernel
 def write_edge(
     search: Search, node: Any, backward: bool, x: float, y: float, yaw: float, count: int
 ) -> int:
-    """Append a node's connection, from a pose, to `context.candidate`; the count, -1 if blocked."""
+    """Append a node's connection from a pose to `context.candidate`; return the count or -1."""
     parts = (node.a, node.s), (node.b, node.t), (0.0, node.u)
     if backward:
         parts = (0.0, -node.u), (-node.b, -node.t), (-node.a, -node.s)
@@ -353,9 +350,9 @@ def write_edge(
 
 @borrowing_kernel
 def write_path(search: Search, node: int, twin: int) -> bool:
-    """Make the path to a node, and on from its twin in the goal's tree if there is one.
+    """Write the path to a node, and on from its twin in the goal's tree if there is one.
 
-    False, and nothing is changed, where rounding finds it blocked or it costs more than the path.
+    Return false, and change nothing, if rounding finds it blocked or it costs more than the path.
     """
     tree, path, chain = search.start_tree, search.path, search.chain
     n, count = write_ancestors(tree.nodes, node, chain), 0
@@ -390,7 +387,7 @@ def write_path(search: Search, node: int, twin: int) -> bool:
 
 @borrowing_kernel
 def start_anew(search: Search) -> None:
-    """Leave nothing of the trees but their roots."""
+    """Remove all nodes of both trees except their roots."""
     search.start_tree.size[0], search.goal_tree.size[0] = 1, search.run[0].goals
     search.start_tree.nodes[0].child = NONE
     for i in range(search.run[0].goals):
@@ -399,11 +396,11 @@ def start_anew(search: Search) -> None:
 
 @borrowing_kernel
 def grow(search: Search, state: Stream) -> None:
-    """Extend one tree towards a sample, and the other to where that came: RRT-Connect.
+    """Extend one tree towards a sample, and the other to the new node: RRT-Connect.
 
     Trees that do not meet soon are grown anew. Of the paths of some trees, the cheapest is refined.
     """
-    context, run, pose = search.context, search.run[0], search.pose
+    context, run = search.context, search.run[0]
     if run.iteration - run.attempt_began >= _ATTEMPT:
         run.attempt, run.attempt_began = run.attempt + 1, run.iteration
         start_anew(search)
@@ -414,14 +411,13 @@ def grow(search: Search, state: Stream) -> None:
     one, other = search.start_tree, search.goal_tree
     if not forward:
         one, other = other, one
-    if run.iteration == 0:
-        root = other.nodes[0]
-        pose[0], pose[1], pose[2] = root.x, root.y, root.yaw
-    elif not sample(search, state):
+    drawn, x, y, yaw = True, other.nodes[0].x, other.nodes[0].y, other.nodes[0].yaw
+    if run.iteration > 0:
+        drawn, x, y, yaw = sample(search, state)
+    if not drawn:
         return
     most_back = math.inf if run.attempt % 3 == 2 else _MOST_BACK
-    near = nearest(one, pose[0], pose[1], pose[2])
-    new, _ = extend(context, one, near, pose[0], pose[1], pose[2], most_back)
+    new, _ = extend(context, one, nearest(one, x, y, yaw), x, y, yaw, most_back)
     if new == NONE:
         return
     x, y, yaw = one.nodes[new].x, one.nodes[new].y, one.nodes[new].yaw
@@ -511,13 +507,15 @@ def add_path(search: Search) -> None:
 @borrowing_kernel
 def rewire(search: Search, state: Stream) -> None:
     """Add a sample to the tree below its best parent, and rewire its neighbours: RRT*."""
-    context, tree, path, pose = search.context, search.start_tree, search.path, search.pose
+    context, tree, path = search.context, search.start_tree, search.path
     nodes, motion, candidate = tree.nodes, context.motion, context.candidate
     if path.cost[0] < search.run[0].synced - MIN_GAIN:
         add_path(search)
-    if tree.size[0] + 2 >= nodes.shape[0] or not sample(search, state):
+    if tree.size[0] + 2 >= nodes.shape[0]:
         return
-    x, y, yaw = pose[0], pose[1], pose[2]
+    drawn, x, y, yaw = sample(search, state)
+    if not drawn:
+        return
     goal, root = path.goal, nodes[0]
     left = math.hypot(goal[0] - x, goal[1] - y) / motion.forward
     if math.hypot(root.x - x, root.y - y) / motion.forward + left >= path.cost[0]:

@@ -1,4 +1,4 @@
-"""The state of a tree search, and where it samples."""
+"""The state of a tree search, and its samples."""
 
 from __future__ import annotations
 
@@ -9,31 +9,35 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.collision.polygon_tests import SpaceArrays, point_free, way_free
-from planners.trees.tree import NONE, Tree, write_ancestors
+from planners.problem import Problem
+from planners.trees.tree import NONE, Tree, new_tree, write_ancestors
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import absorbed_kernel, borrowing_kernel
 from wheelchair_gym.random import Stream, next_in_disc, next_uniform
 
-# Most neighbours of one new node; the shrinking radius keeps their number near 3 log n.
+# Largest number of neighbours of a new node; the shrinking radius keeps it near 3 log n.
 _NEIGHBOURS = 256
 # m: a smaller gain rewires nothing, so that rounding cannot form a loop.
 MIN_GAIN = 1e-9
 CORNER_RADIUS = 1.0  # m: largest distance of a sample from its corner, about the width of a door
 
 
-class Growth(NamedTuple):
-    """The options that make the search one of the tree planners; by default a plain RRT."""
+class TreeOptions(NamedTuple):
+    """The options that make the search one of the tree planners; by default a plain RRT.
 
-    iterations: int  # samples at most
-    step: float  # m, longest edge towards a sample
-    goal_reach: float  # m, a node this near to the goal is connected to it, if the edge is free
-    max_nodes: int  # nodes of a tree
-    reserve: int = 16  # nodes that one iteration may add, without those of the joined goal tree
+    An option named as one of a planner's settings has the value of that setting.
+    """
+
+    iterations: int = 0  # largest number of samples
+    step: float = 0.0  # m, longest edge towards a sample
+    # m, a node this near to the goal is connected to it, if the edge is free
+    goal_reach: float = math.inf
+    nodes: int = 20_000  # largest number of nodes of a tree
     goal_bias: float = 0.0  # share of the samples that are the goal until it is reached
-    stop_at_first: bool = True  # stop at the first path
+    return_on_first_path: bool = True
     bidirectional: bool = False  # a second tree grows from the goal until they meet (RRT-Connect)
     rewiring: bool = False  # choose the best parent and rewire neighbours (RRT*)
-    radius: float = 0.0  # m, of the neighbourhood; 0 for the shrinking radius
+    search_radius: float = 0.0  # m, of the neighbourhood; 0 for the shrinking radius
     gamma: float = 0.0  # of the shrinking radius gamma sqrt(area log n / n)
     replace_leaves: bool = False  # at the limit a new node replaces a leaf (RRT*FN)
     shortcut_path: bool = False  # join vertices of the best path that see each other
@@ -66,9 +70,15 @@ RUN = np.dtype(
 )
 
 
-class Workspace(NamedTuple):
-    """The state of a search and its scratch arrays."""
+class TreeSearch(NamedTuple):
+    """All state of a search: the problem, the options, the trees, and scratch arrays."""
 
+    space: SpaceArrays
+    start_tree: Tree
+    goal_tree: Tree
+    start: Array  # (2,) m
+    goal: Array  # (2,) m
+    options: TreeOptions
     run: NDArray[Any]  # (1,) RUN
     found: NDArray[np.int32]  # neighbours of the new node
     distances: Array  # m, to these neighbours
@@ -77,18 +87,27 @@ class Workspace(NamedTuple):
     stack: NDArray[np.int32]  # nodes whose children's costs are not updated yet
 
 
-def new_run(bounds: Array) -> NDArray[Any]:
-    """The state (1,) of a new search on a map with bounds (4,) [m]."""
+def new_search(problem: Problem, options: TreeOptions) -> TreeSearch:
+    """Return a search with empty trees.
+
+    A tree may have its nodes and the goal; the branches of both trees may join in the first one.
+    """
+    arrays = problem.free.arrays
+    bounds = arrays.bounds.tolist()
+    capacity = min(options.nodes, options.iterations + 1) + 1
+    if options.bidirectional:
+        capacity = 2 * options.nodes + 1
     run = np.zeros(1, RUN)
     run["first_path"] = run["goal"] = run["beacon"] = NONE
     run["path_length"] = np.inf
     run["sample_area"] = (bounds[2] - bounds[0]) * (bounds[3] - bounds[1])
-    return run
-
-
-def new_workspace(run: NDArray[Any], capacity: int) -> Workspace:
-    """Scratch arrays for trees of at most `capacity` nodes, with the state of a search."""
-    return Workspace(
+    return TreeSearch(
+        arrays,
+        new_tree(bounds, capacity),
+        new_tree(bounds, options.nodes if options.bidirectional else 1),
+        np.array(problem.start[:2], dtype=np.float64),
+        np.array(problem.goal[:2], dtype=np.float64),
+        options,
         run,
         np.empty(_NEIGHBOURS, np.int32),
         np.empty(_NEIGHBOURS),
@@ -98,34 +117,22 @@ def new_workspace(run: NDArray[Any], capacity: int) -> Workspace:
     )
 
 
-class TreeSearch(NamedTuple):
-    """All state of a search: the problem, the options, and the trees."""
-
-    space: SpaceArrays
-    start_tree: Tree
-    goal_tree: Tree
-    start: Array  # (2,) m
-    goal: Array  # (2,) m
-    growth: Growth
-    workspace: Workspace
+@absorbed_kernel
+def edge_is_free(search: TreeSearch, ax: float, ay: float, bx: float, by: float) -> bool:
+    """Count a test, and return whether the edge from a free point a to b [m] is free."""
+    search.run[0].edges_tested += 1
+    return way_free(search.space, ax, ay, bx, by)
 
 
-@borrowing_kernel
-def edge_is_free(space: SpaceArrays, run: Any, ax: float, ay: float, bx: float, by: float) -> bool:
-    """Whether the edge from a free point a to b [m] is free; counts the test."""
-    run.edges_tested += 1
-    return way_free(space, ax, ay, bx, by)
-
-
-# Most draws of a sample; the last one is taken even if it is occupied or cannot help.
+# Largest number of draws of a sample; the last one is taken even if it is occupied or useless.
 _MAX_DRAWS = 100
-# The same near a beacon, where about half of the draws can help.
+# The same near a beacon, where about half of the draws are useful.
 _MAX_BEACON_DRAWS = 10
 
 
 @borrowing_kernel
 def sample_ellipse(start: Array, goal: Array, length: float, state: Stream) -> tuple[float, float]:
-    """A point uniform in the ellipse of all points on paths from start to goal up to a length [m].
+    """Draw a point uniform in the ellipse of the paths from start to goal up to a length [m].
 
     The length exceeds the distance from start to goal.
     """
@@ -140,64 +147,63 @@ def sample_ellipse(start: Array, goal: Array, length: float, state: Stream) -> t
 
 @borrowing_kernel
 def sample_beacon(search: TreeSearch, tree: Tree, state: Stream) -> tuple[float, float]:
-    """A point near a random vertex of the best path, a beacon (Nasir et al. 2013).
+    """Draw a point near a random vertex of the best path, a beacon (Nasir et al. 2013).
 
     The run records the vertex. Informed trees redraw points that do not shorten the path between
     the two neighbours of the vertex. The log-uniform radius finds gains at every scale.
     """
-    growth, workspace, nodes = search.growth, search.workspace, tree.nodes
-    run = workspace.run[0]
-    n = write_ancestors(nodes, run.goal, workspace.chain)
+    options, nodes, chain, run = search.options, tree.nodes, search.chain, search.run[0]
+    n = write_ancestors(nodes, run.goal, chain)
     if n < 3:
         run.beacon = NONE
         return nodes[run.goal].x, nodes[run.goal].y
     k = 1 + int(next_uniform(state) * (n - 2))
     run.beacon = k
-    bx, by = nodes[workspace.chain[k]].x, nodes[workspace.chain[k]].y
-    ax, ay = nodes[workspace.chain[k + 1]].x, nodes[workspace.chain[k + 1]].y
-    cx, cy = nodes[workspace.chain[k - 1]].x, nodes[workspace.chain[k - 1]].y
+    bx, by = nodes[chain[k]].x, nodes[chain[k]].y
+    ax, ay = nodes[chain[k + 1]].x, nodes[chain[k + 1]].y
+    cx, cy = nodes[chain[k - 1]].x, nodes[chain[k - 1]].y
     before = math.hypot(ax - bx, ay - by) + math.hypot(cx - bx, cy - by)
-    radius = growth.beacon_radius
-    if growth.beacon_min_scale < 1.0:
-        radius *= growth.beacon_min_scale ** next_uniform(state)
+    radius = options.beacon_radius
+    if options.beacon_min_scale < 1.0:
+        radius *= options.beacon_min_scale ** next_uniform(state)
     x, y = bx, by
     for _ in range(_MAX_BEACON_DRAWS):
         u, v = next_in_disc(state)
         x, y = bx + radius * u, by + radius * v
         after = math.hypot(ax - x, ay - y) + math.hypot(cx - x, cy - y)
-        if not growth.informed or after < before:
+        if not options.informed or after < before:
             break
     return x, y
 
 
 @absorbed_kernel
 def sample(search: TreeSearch, tree: Tree, state: Stream) -> tuple[float, float]:
-    """The next sample [m], as the options of the search say.
+    """Draw the next sample [m], by the options of the search.
 
     It is uniform in the map, in the strip between start and goal, or, once there is a path, in the
     ellipse of points that can shorten it (Gammell et al. 2014). Or it is near an obstacle's corner,
     where narrow passages lie and paths bend (Amato et al. 1998), or near a beacon.
     """
-    space, start, goal, growth = search.space, search.start, search.goal, search.growth
-    run, bounds = search.workspace.run[0], space.bounds
+    space, start, goal, options = search.space, search.start, search.goal, search.options
+    run, bounds = search.run[0], space.bounds
     run.beacon = NONE
     found, length = run.first_path != NONE, math.inf
     low, high, radius = bounds[0], bounds[2], 0.0
-    if growth.informed and found:
+    if options.informed and found:
         length = tree.nodes[run.goal].cost
-    if growth.corner_share > 0.0 and next_uniform(state) < growth.corner_share:
+    if options.corner_share > 0.0 and next_uniform(state) < options.corner_share:
         radius = CORNER_RADIUS
         if found:
-            radius *= growth.beacon_min_scale ** next_uniform(state)
+            radius *= options.beacon_min_scale ** next_uniform(state)
     elif found:
-        if growth.beacon_share > 0.0 and next_uniform(state) < growth.beacon_share:
+        if options.beacon_share > 0.0 and next_uniform(state) < options.beacon_share:
             x, y = sample_beacon(search, tree, state)
             if run.beacon != NONE:
                 return x, y
     else:
-        if growth.goal_bias > 0.0 and next_uniform(state) < growth.goal_bias:
+        if options.goal_bias > 0.0 and next_uniform(state) < options.goal_bias:
             return goal[0], goal[1]
-        if growth.in_strip:
+        if options.in_strip:
             low = max(low, min(start[0], goal[0]) - run.strip_margin)
             high = min(high, max(start[0], goal[0]) + run.strip_margin)
     # In an ellipse larger than the map, rejection sampling draws points of the map.

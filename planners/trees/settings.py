@@ -7,36 +7,36 @@ limited, spline). `planners.rrt_star_woa` has the variants of the thesis.
 from __future__ import annotations
 
 import math
-from abc import abstractmethod
 from dataclasses import replace
 
 import numpy as np
 
-from planners.problem import Plan, PlannerBase, Problem, Status
-from planners.smoothing.smooth import hermite_path
-from planners.trees.sampling import Growth
+from planners.problem import Plan, PlannerBase, Problem, Status, with_settings
+from planners.smoothing.curves import hermite_path
+from planners.trees.sampling import TreeOptions
 from planners.trees.tree_search import search
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.config import setting, settings
 
 _ROOMS = "design choice: rooms and doors of buildings"
 _MEASURED = "measured with the planner benchmark"
-_NODES = 20_000  # of a tree that ends with its first path, at most
-# Karaman and Frazzoli 2011, d = 2: 2 sqrt((1 + 1/d) area / pi) is gamma's least value.
+# Karaman and Frazzoli 2011, d = 2: 2 sqrt((1 + 1/d) area / pi) is gamma's minimum.
 MIN_GAMMA = 2.0 * math.sqrt(1.5 / math.pi)
 
 
 class TreePlanner(PlannerBase):
-    """A planner that is one tree search with the options `growth`."""
+    """A planner that is one tree search."""
+
+    fixed = TreeOptions()  # the options that are no settings
 
     @property
-    @abstractmethod
-    def growth(self) -> Growth:
+    def options(self) -> TreeOptions:
         """The options of the search."""
+        return with_settings(self.fixed, self)
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
-        """The best path of all samples, or the first path, as the options say."""
-        return search(problem, rng, end, self.growth)
+        """Return the best path of all samples, or the first path, as the options say."""
+        return search(problem, rng, end, self.options)
 
 
 @settings
@@ -62,11 +62,6 @@ class Rrt(TreePlanner):
     goal_reach: float = setting(default=2.0, unit="m", low=0.0, source="design choice: as the step")
     """Distance from which a node is connected to the goal."""
 
-    @property
-    def growth(self) -> Growth:
-        """The options of the search."""
-        return Growth(self.iterations, self.step, self.goal_reach, _NODES, goal_bias=self.goal_bias)
-
 
 @settings
 class RrtConnect(CornerSampling, TreePlanner):
@@ -75,24 +70,14 @@ class RrtConnect(CornerSampling, TreePlanner):
     It tries the straight line first.
     """
 
+    fixed = TreeOptions(bidirectional=True)
+
     iterations: int = setting(
         default=100_000, low=1, source="design choice: mazes take some thousands"
     )
     """Largest number of samples."""
     step: float = setting(default=4.0, unit="m", low=1e-3, source=_ROOMS)
     """Longest edge towards a sample."""
-
-    @property
-    def growth(self) -> Growth:
-        """The options of the search."""
-        return Growth(
-            self.iterations,
-            self.step,
-            math.inf,
-            _NODES,
-            bidirectional=True,
-            corner_share=self.corner_share,
-        )
 
 
 @settings
@@ -101,8 +86,10 @@ class RrtStar(TreePlanner):
 
     Neighbours lie within `search_radius`, or, where that is null, within the radius
     gamma sqrt(log n / n) that shrinks as the tree of n nodes fills the map; gamma is 1.2 times the
-    least value that makes the paths converge to the shortest, as measured with the benchmark.
+    minimum that makes the paths converge to the shortest, as measured with the benchmark.
     """
+
+    fixed = TreeOptions(rewiring=True, gamma=1.2 * MIN_GAMMA)
 
     iterations: int = setting(default=10_000, low=1, source="thesis, figure 3.1")
     """Number of samples."""
@@ -119,21 +106,6 @@ class RrtStar(TreePlanner):
     return_on_first_path: bool = setting(default=False, source="more samples, shorter paths")
     """Whether the search stops at the first path."""
 
-    @property
-    def growth(self) -> Growth:
-        """The options of the search."""
-        return Growth(
-            self.iterations,
-            self.step,
-            self.goal_reach,
-            self.nodes,
-            goal_bias=self.goal_bias,
-            stop_at_first=self.return_on_first_path,
-            rewiring=True,
-            radius=self.search_radius or 0.0,
-            gamma=1.2 * MIN_GAMMA,
-        )
-
 
 @settings
 class InformedRrtStar(CornerSampling, TreePlanner):
@@ -147,33 +119,25 @@ class InformedRrtStar(CornerSampling, TreePlanner):
     The search ends early where the path is the straight line.
     """
 
+    fixed = TreeOptions(
+        return_on_first_path=False,
+        bidirectional=True,
+        rewiring=True,
+        gamma=MIN_GAMMA,
+        replace_leaves=True,
+        shortcut_path=True,
+        informed=True,
+        beacon_share=0.3,  # measured with the planner benchmark
+        beacon_radius=4.0,  # m: as the step
+        beacon_min_scale=1e-5,
+    )
+
     iterations: int = setting(default=10_000, low=1, source="design choice: as rrt_star")
     """Largest number of samples."""
     nodes: int = setting(default=100_000, low=2, source="design choice")
     """Largest number of nodes of a tree."""
     step: float = setting(default=4.0, unit="m", low=1e-3, source=_ROOMS)
     """Longest edge towards a sample."""
-
-    @property
-    def growth(self) -> Growth:
-        """The options of the search."""
-        return Growth(
-            self.iterations,
-            self.step,
-            math.inf,
-            self.nodes,
-            stop_at_first=False,
-            bidirectional=True,
-            rewiring=True,
-            gamma=MIN_GAMMA,
-            replace_leaves=True,
-            shortcut_path=True,
-            informed=True,
-            beacon_share=0.3,  # measured with the planner benchmark
-            beacon_radius=4.0,  # m: as the step
-            beacon_min_scale=1e-5,
-            corner_share=self.corner_share,
-        )
 
 
 @settings
@@ -188,10 +152,10 @@ class RrtStarSmart(TreePlanner):
     """The tree search."""
 
     @property
-    def growth(self) -> Growth:
+    def options(self) -> TreeOptions:
         """The options of the search."""
         # Half of the samples (Nasir et al. 2013: biasing ratio 2) within about a door's width.
-        return self.tree.growth._replace(shortcut_path=True, beacon_share=0.5, beacon_radius=1.0)
+        return self.tree.options._replace(shortcut_path=True, beacon_share=0.5, beacon_radius=1.0)
 
 
 @settings
@@ -206,9 +170,9 @@ class RrtStarFn(TreePlanner):
     """The tree search."""
 
     @property
-    def growth(self) -> Growth:
+    def options(self) -> TreeOptions:
         """The options of the search."""
-        return self.tree.growth._replace(replace_leaves=True)
+        return self.tree.options._replace(replace_leaves=True)
 
 
 @settings
@@ -217,8 +181,8 @@ class RrtStarLimited(TreePlanner):
 
     Samples fall between the x of the start and of the goal, with any y; each blocked extension
     widens the strip, and the first path ends the search. The source tests only the end point of an
-    edge, so that edges may cross walls; here edges are exact, and the counter `walls_cut` is how
-    many of the `blocked` edges that test would accept.
+    edge, so that edges may cross walls; here edges are exact, and the counter `walls_cut` is the
+    number of `blocked` edges that the source's test would accept.
     """
 
     tree: RrtStar = setting(
@@ -228,12 +192,12 @@ class RrtStarLimited(TreePlanner):
     widening: float = setting(
         default=0.1, unit="m", low=0.0, source="design choice; the thesis gives no value"
     )
-    """By how much each blocked edge widens the strip on each side."""
+    """Widening of the strip on each side by each blocked edge."""
 
     @property
-    def growth(self) -> Growth:
+    def options(self) -> TreeOptions:
         """The options of the search."""
-        return self.tree.growth._replace(in_strip=True, widening=self.widening)
+        return self.tree.options._replace(in_strip=True, widening=self.widening)
 
 
 @settings
@@ -256,7 +220,7 @@ class SplineRrtStar(PlannerBase):
     """Largest distance of the polyline from the curve."""
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
-        """A smooth free path; the deadline is that of the tree."""
+        """Return a smooth free path; the deadline is that of the tree."""
         began = clock()
         plan = self.tree.solve(problem, rng, end)
         if plan.status != Status.SOLVED or plan.length == 0.0:

@@ -52,35 +52,25 @@ class Tree(NamedTuple):
 
 
 def new_tree(bounds: Array, capacity: int) -> Tree:
-    """An empty tree of at most `capacity` nodes within bounds (4,) [m]: xmin, ymin, xmax, ymax."""
+    """Return an empty tree of at most `capacity` nodes.
+
+    Its bounds (4,) [m] are xmin, ymin, xmax, ymax. `np.empty` touches no memory, so that capacity
+    costs no time.
+    """
     width, height = float(bounds[2] - bounds[0]), float(bounds[3] - bounds[1])
     cell = max(width, height) / 4.0
     grid = np.zeros(1, GRID)
     cols, rows = int(width / cell) + 1, int(height / cell) + 1
     grid[0] = (bounds[0], bounds[1], width, height, cell, cols, rows, 0)
-    heads = np.empty(_max_cells(cols, rows, capacity), np.int32)
+    # Cells are halved when nodes are six times as many.
+    heads = np.empty(4 * (cols + 1) * (rows + 1) + 8 * capacity, np.int32)
     heads[: cols * rows] = NONE
     return Tree(np.empty(capacity, NODE), heads, grid)
 
 
-def _max_cells(cols: int, rows: int, capacity: int) -> int:
-    """Upper bound of the number of cells: they are halved when nodes are six times as many."""
-    return 4 * (cols + 1) * (rows + 1) + 8 * capacity
-
-
-def tree_with_capacity(tree: Tree, capacity: int) -> Tree:
-    """The same tree in arrays for more nodes."""
-    count, cols, rows = (int(tree.grid[name][0]) for name in ("count", "cols", "rows"))
-    nodes = np.empty(capacity, NODE)
-    nodes[:count] = tree.nodes[:count]
-    heads = np.empty(_max_cells(cols, rows, capacity), np.int32)
-    heads[: cols * rows] = tree.heads[: cols * rows]
-    return Tree(nodes, heads, tree.grid)
-
-
 @borrowing_kernel
 def cell_of(grid: Any, x: float, y: float) -> tuple[int, int]:
-    """Column and row of a point's cell; a point outside belongs to the nearest border cell."""
+    """Return column and row of a point's cell; a point outside belongs to the nearest cell."""
     col = min(max(int((x - grid.x) / grid.cell), 0), grid.cols - 1)
     row = min(max(int((y - grid.y) / grid.cell), 0), grid.rows - 1)
     return col, row
@@ -133,7 +123,7 @@ def place_node(tree: Tree, i: int, x: float, y: float, parent: int, edge: float)
 
 @borrowing_kernel
 def insert(tree: Tree, x: float, y: float, parent: int, edge: float) -> int:
-    """Add a point [m] as the child of a parent (NONE for the root); returns its index."""
+    """Add a point [m] as the child of a parent (NONE for the root); return its index."""
     grid = tree.grid[0]
     if grid.count >= 6 * grid.cols * grid.rows:
         refine_grid(tree)
@@ -174,7 +164,7 @@ def remove_node(tree: Tree, i: int) -> None:
 
 @borrowing_kernel
 def nearest(tree: Tree, x: float, y: float) -> int:
-    """The node nearest to a point [m], found ring by ring of grid cells."""
+    """Return the node nearest to a point [m], found ring by ring of grid cells."""
     nodes, heads, grid = tree.nodes, tree.heads, tree.grid[0]
     cell, cols, rows = grid.cell, grid.cols, grid.rows
     col, row = cell_of(grid, x, y)
@@ -202,7 +192,7 @@ def nearest(tree: Tree, x: float, y: float) -> int:
 def nodes_within(
     tree: Tree, x: float, y: float, radius: float, found: NDArray[np.int32], distances: Array
 ) -> int:
-    """Write the nodes within a radius [m] of a point and their distances; returns their number.
+    """Write the nodes within a radius [m] of a point and their distances; return their number.
 
     At most `len(found)` nodes are written.
     """
@@ -247,7 +237,7 @@ def change_parent(tree: Tree, i: int, parent: int, edge: float, stack: NDArray[n
 
 @kernel
 def edges(tree: Tree) -> Array:
-    """The edges (k, 4) [m] of a tree: x and y of the parent, then of the child."""
+    """Return the edges (k, 4) [m] of a tree: x and y of the parent, then of the child."""
     nodes, count = tree.nodes, tree.grid[0].count
     out = np.empty((count, 4))
     k = 0
@@ -262,7 +252,7 @@ def edges(tree: Tree) -> Array:
 
 @borrowing_kernel
 def write_ancestors(nodes: NDArray[Any], i: int, out: NDArray[Any]) -> int:
-    """Write node i and its ancestors up to the root; returns their number, at most `len(out)`."""
+    """Write node i and its ancestors up to the root; return their number, at most `len(out)`."""
     n = 0
     while i != NONE and n < len(out):
         out[n] = i
@@ -273,15 +263,10 @@ def write_ancestors(nodes: NDArray[Any], i: int, out: NDArray[Any]) -> int:
 
 @kernel
 def path_from_root(tree: Tree, i: int) -> Array:
-    """The path (n, 2) [m] from the root to node i."""
-    nodes = tree.nodes
-    n, k = 0, i
-    while k != NONE:
-        n += 1
-        k = nodes[k].parent
+    """Return the path (n, 2) [m] from the root to node i."""
+    nodes, chain = tree.nodes, np.empty(tree.grid[0].count, np.int32)
+    n = write_ancestors(nodes, i, chain)
     out = np.empty((n, 2))
-    while i != NONE:
-        n -= 1
-        out[n, 0], out[n, 1] = nodes[i].x, nodes[i].y
-        i = nodes[i].parent
+    for k in range(n):
+        out[n - 1 - k, 0], out[n - 1 - k, 1] = nodes[chain[k]].x, nodes[chain[k]].y
     return out

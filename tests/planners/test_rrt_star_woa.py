@@ -11,7 +11,7 @@ from agents.studies.read_studies import STUDIES
 from planners import Problem, Space, make_planner
 from planners.rrt_star_woa.path_shortening import RrtStarWoaGlobal
 from planners.rrt_star_woa.thesis import FIGURE_3_1, GLOBAL
-from planners.rrt_star_woa.woa import WhaleParameters, move, move_whales, new_whales, tell
+from planners.rrt_star_woa.woa import WhaleParameters, move, new_whales, tell
 from tests.planners.test_trees import assert_free, walled
 from wheelchair_gym.random import next_uniform, stream
 
@@ -19,7 +19,6 @@ from wheelchair_gym.random import next_uniform, stream
 pytestmark = pytest.mark.filterwarnings("ignore:overflow encountered:RuntimeWarning")
 D = 4
 WIDE = np.full(D, 1e9)
-TWICE = np.full(D, 2.0)
 LATEST, LOCAL, TREE = (
     make_planner(FIGURE_3_1.planner(name)) for name in (GLOBAL, "rrt_star_woa_local", "rrt_star")
 )
@@ -31,8 +30,9 @@ def moved(population, best, a, mu, lam, seed=0):
     """A population moved once, and the numbers that were drawn for the first whale."""
     rng, again = np.random.default_rng(seed), np.random.default_rng(seed)
     after = population.copy()
-    moves = WhaleParameters(1, 1, a, 1.0, mu, lam)
-    move_whales(after, best, moves, 0.0, TWICE, -WIDE, WIDE, stream(rng))
+    whales = new_whales(after, WhaleParameters(1, 1, a, 1.0, mu, lam), -WIDE, WIDE)
+    whales.leader[:] = best
+    move(whales, 0.0, stream(rng))
     state = stream(again)
     return after, [next_uniform(state) for _ in range(2 + D + 1)]
 
@@ -78,8 +78,9 @@ def test_positions_stay_within_bounds(population):
     low, high = np.full(D, -0.1), np.full(D, 0.2)
     for seed in range(20):
         state = stream(np.random.default_rng(seed))
-        moves = WhaleParameters(1, 1, 4.0, 1.0, 0.5, 1.0)
-        move_whales(population, population[0].copy(), moves, 0.0, TWICE, low, high, state)
+        move(
+            new_whales(population, WhaleParameters(1, 1, 4.0, 1.0, 0.5, 1.0), low, high), 0.0, state
+        )
         assert (population >= low).all()
         assert (population <= high).all()
 

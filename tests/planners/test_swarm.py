@@ -22,7 +22,7 @@ from planners.swarm.optimizers import (
 )
 from planners.swarm.path_cost import evaluate, new_workspace
 from planners.swarm.planner import RrtWoa, SwarmPlanner
-from planners.swarm.search import sample_along, search
+from planners.swarm.search import new_search, run, sample_along
 from tests.planners.swarm_worlds import among_blocks, among_discs, nearest
 from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.config import InputError
@@ -60,7 +60,7 @@ def test_optimisers_find_the_minimum_of_a_bowl_within_bounds(name):
         store_and_move(swarm, moves, t / 200, state)
         assert bowl(swarm.best[None])[0] == least
         assert (abs(swarm.positions) <= 5.0).all()
-        assert swarm.record["best_cost"] == least
+        assert swarm.best_cost == least
     assert least < 0.02 * begun
 
 
@@ -70,15 +70,15 @@ def test_the_compiled_loop_is_ask_and_tell(name):
     planner = SwarmPlanner(population=12, way_points=3, first="line", optimizer=name)
     start = planner.start(among_blocks(), None, np.random.default_rng(2))
     worth, moves = OBJECTIVES.make("length_free").path_cost, OPTIMIZERS.make(name).parameters
-    fused, asked = (new_swarm(start.population, start.lower, start.upper) for _ in range(2))
-    search(start.path_problem, worth, moves, fused, 15, 20, stream(np.random.default_rng(4)))
-    state, room = stream(np.random.default_rng(4)), new_workspace(3, 1)
+    search, asked = new_search(start, worth, moves), new_swarm(*start[1:])
+    run(search, 15, 20, stream(np.random.default_rng(4)))
+    state, room = stream(np.random.default_rng(4)), new_workspace(start.path_problem)
     for t in range(16):
         for i, position in enumerate(asked.positions):
             asked.costs[i] = evaluate(start.path_problem, worth, position, np.inf, np.inf, room)[0]
         store_and_move(asked, moves, t / 20, state)
-    np.testing.assert_array_equal(fused.best, asked.best)
-    assert fused.record["best_cost"] == asked.record["best_cost"]
+    np.testing.assert_array_equal(search.swarm.best, asked.best)
+    assert search.swarm.best_cost == asked.best_cost
 
 
 def test_inertia_follows_its_equations():
@@ -94,7 +94,7 @@ def test_inertia_follows_its_equations():
     for p in (0.0, 0.5, 1.0):
         assert next_inertia(swarm, flight, p) == pytest.approx(0.9 * (0.4 / 0.9) ** p)
     flight = OPTIMIZERS.make("pso_adaptive").parameters
-    swarm.record["previous_best_cost"], swarm.record["best_cost"] = 8.0, 6.0
+    swarm.record["previous_best_cost"], swarm.best_cost[:] = 8.0, 6.0
     assert next_inertia(swarm, flight, 0.2) == pytest.approx(1.3 * 0.75 - 0.9 * 0.2)
     assert next_inertia(swarm, flight, 0.2) == pytest.approx(1.3 - 0.9 * 0.2)
 

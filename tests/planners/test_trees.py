@@ -26,7 +26,6 @@ from planners.trees.tree import (
     nodes_within,
     place_node,
     remove_node,
-    tree_with_capacity,
 )
 
 RECTANGLES = np.array([(4.0, 0.0, 5.0, 7.0), (7.0, 3.0, 8.0, 10.0), (1.0, 4.0, 3.0, 5.0)])
@@ -86,12 +85,12 @@ def test_costs_follow_rewiring(problem):
         assert node == tuple(point)
 
 
-def test_neighbours_are_those_of_brute_force_through_removal_and_more_room():
+def test_neighbours_are_those_of_brute_force_through_removal():
     """On a map that is no square, points in a heap among them, while it grows and after."""
     rng = np.random.default_rng(6)
     points = np.vstack([rng.uniform(0, 30, (300, 2)), rng.normal(5, 0.1, (100, 2))]) * (1, 0.4)
     rng.shuffle(points)
-    tree = new_tree(np.array([0.0, 0.0, 30.0, 12.0]), 200)
+    tree = new_tree(np.array([0.0, 0.0, 30.0, 12.0]), 400)
     found, distances = np.empty(400, np.int32), np.empty(400)
 
     def check(count):
@@ -102,7 +101,6 @@ def test_neighbours_are_those_of_brute_force_through_removal_and_more_room():
             assert sorted(found[:n]) == list(np.flatnonzero(gaps <= 3.0))
 
     for i, (x, y) in enumerate(points):
-        tree = tree_with_capacity(tree, 400) if i == 200 else tree
         assert insert(tree, x, y, NONE if i == 0 else 0, 1.0) == i
         if i % 50 == 0:
             check(i + 1)

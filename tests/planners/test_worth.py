@@ -21,7 +21,7 @@ def terms(objective, position, problem, **settings):
         objective=objective, way_points=len(way_points), scatter="uniform", first=None, **settings
     )
     start = planner.start(problem, None, np.random.default_rng(0))
-    room = new_workspace(len(way_points), start.path_problem.pieces)
+    room = new_workspace(start.path_problem)
     worth = OBJECTIVES.make(objective).path_cost
     cost, plain = evaluate(start.path_problem, worth, way_points.ravel(), np.inf, np.inf, room)
     return cost, plain, room.line
