@@ -367,6 +367,11 @@ class GeneratedControls:
         now.reference.turning = twist is not None and abs(twist[0]) < STILL < abs(twist[1])
         return twist
 
+    @property
+    def rollout(self) -> Array | None:
+        """Poses (n, 3) [m, m, rad] that the commands generated last lead through."""
+        return None if self._controls is None else self._controls.rollout
+
     def _drive(self, now: Situation) -> Array | None:
         """Return the twist in the middle of the coming period; None where the commands do not fit.
 
