@@ -1,8 +1,11 @@
-"""Films and figures of the documentation: `python docs/films.py` draws them to docs/images."""
+"""Films and figures of the documentation: `python docs/films.py [NAME ...]` draws docs/images."""
 
 from __future__ import annotations
 
+import contextlib
+import re
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,9 +20,11 @@ from agents.evaluation.evaluate import drive_episode, env_settings, make_env  # 
 from agents.evaluation.figures import LOOK  # noqa: E402
 from agents.policies import make_policy  # noqa: E402
 from agents.studies.figures import gain_figure  # noqa: E402
+from agents.studies.plan_pictures import PlanPictures  # noqa: E402
 from wheelchair_gym.config import read_json  # noqa: E402
 from wheelchair_gym.geometry import to_world  # noqa: E402
 from wheelchair_gym.maps import FREE  # noqa: E402
+from wheelchair_gym.rendering.legend import with_legend  # noqa: E402
 from wheelchair_gym.rendering.video import write_video  # noqa: E402
 from wheelchair_gym.scenes import make_scene  # noqa: E402
 from wheelchair_gym.scenes.poses import FOOTPRINT  # noqa: E402
@@ -27,36 +32,75 @@ from wheelchair_gym.scenes.skill import COURSES  # noqa: E402
 
 FOLDER = ROOT / "docs" / "images"
 COLUMNS = 7  # of the courses of driving skills
-SIZE = {"render_width": 400, "render_height": 320}
+PLANNED = 6  # every n-th picture of a plan is shown
+PAUSE = 5  # pictures before a film begins again
 
 
 class Film(NamedTuple):
-    """An episode, and how many control periods lie between two pictures."""
+    """An episode, and the number of control periods between two pictures."""
 
     scene: str
-    policy: str
+    policies: dict[str, str]  # that drive it side by side, each with its title
     seed: int
     periods: int
+    speed: int = 1  # times real time
+    size: tuple[int, int] = (320, 400)  # height and width of a policy's pictures
 
 
 FILMS = {
-    "drive": Film("floor_plan", "lattice+window", 4, 1),
-    "crowd": Film("crowd", "ppo_guided", 33, 2),
-    "people": Film("people", "lattice+window", 9, 3),
-}
+    "drive": Film(
+        "floor_plan",
+        {"rrt_star_woa_global+controls": "RRT*-WOA", "ppo_guided": "learned: ppo_guided"},
+        1, 4, 2, (400, 400),
+    ),
+    "crowd": Film("crowd", {"ppo_guided": ""}, 33, 2),
+    "people": Film("people", {"lattice+window": ""}, 9, 3),
+}  # fmt: skip
+
+
+def pictures_of(film: Film, name: str, title: str) -> tuple[list[Any], list[Any], float]:
+    """Pictures of a policy's plan, if whales shorten it, and of its drive; the period [s]."""
+    height, width = film.size
+    config = {"render_height": height, "render_width": width}
+    env = make_env(
+        film.scene, env_settings(pose_source="modelled", shield=True, config=config), "rgb_array"
+    )
+    policy, planned, driven = make_policy(name), [], []
+
+    def add(env: Any) -> None:
+        if not driven and name.startswith("rrt_star_woa"):
+            plan = PlanPictures.of_drive(policy, env.unwrapped.mission, size=film.size)
+            planned.extend([*plan.film()][::PLANNED])
+        driven.append(env.render())
+
+    drive_episode(env, policy, film.seed, add)
+    env.close()
+    titled = [[with_legend(one, [], title) if title else one for one in part]
+              for part in (planned, driven[:: film.periods])]  # fmt: skip
+    return titled[0], titled[1], env.unwrapped.task.period
 
 
 def draw(name: str) -> Path:
-    """Drive a film's episode behind the shield, and write it as NAME.gif."""
+    """Drive a film's episode with each policy behind the shield, and write it as NAME.gif."""
     film = FILMS[name]
-    settings = env_settings(pose_source="modelled", shield=True, config=SIZE)
-    env = make_env(film.scene, settings, "rgb_array")
-    pictures: list[Any] = []
-    drive_episode(env, make_policy(film.policy), film.seed, lambda e: pictures.append(e.render()))
+    parts = [pictures_of(film, *named) for named in film.policies.items()]
+    before, after = (max(len(part[k]) for part in parts) for k in range(2))
+    columns = [
+        (planned or driven[:1] * before) + driven + driven[-1:] * (after - len(driven) + PAUSE)
+        for planned, driven, _ in parts
+    ]
     path = FOLDER / f"{name}.gif"
-    write_video(path, pictures[:: film.periods], 1.0 / (film.periods * env.unwrapped.task.period))
-    env.close()
+    rows = [np.hstack(row) for row in zip(*columns, strict=True)]
+    write_video(path, rows, film.speed / (film.periods * parts[0][2]))
     return path
+
+
+def draw_tutorial() -> Path:
+    """Run the code of the tutorial on RRT*-WOA, which draws the page's pictures."""
+    page = ROOT / "docs" / "tutorials" / "rrt_star_woa.md"
+    with contextlib.chdir(FOLDER):
+        exec("\n".join(re.findall(r"^```python\n(.*?)^```", page.read_text(), re.M | re.S)), {})
+    return page
 
 
 def draw_skills() -> Path:
@@ -97,8 +141,9 @@ def draw_gain() -> Path:
     return FOLDER / "gain.png"
 
 
+DRAWN = {"gain": draw_gain, "skills": draw_skills, "tutorial": draw_tutorial}
+DRAWN |= {name: partial(draw, name) for name in FILMS}
+
 if __name__ == "__main__":
-    for path in (draw_gain(), draw_skills()):
-        print(path.relative_to(ROOT))
-    for each in FILMS:
-        print(f"{draw(each).relative_to(ROOT)}")
+    for each in sys.argv[1:] or DRAWN:
+        print(DRAWN[each]().relative_to(ROOT))
