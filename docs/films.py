@@ -7,7 +7,7 @@ import re
 import sys
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT)]
@@ -16,15 +16,13 @@ import matplotlib as mpl  # noqa: E402
 import matplotlib.pyplot as plt  # noqa: E402
 import numpy as np  # noqa: E402
 
-from agents.evaluation.evaluate import drive_episode, env_settings, make_env  # noqa: E402
+from agents.evaluation.compare import side_by_side  # noqa: E402
+from agents.evaluation.evaluate import Spec, env_settings  # noqa: E402
 from agents.evaluation.figures import LOOK  # noqa: E402
-from agents.policies import make_policy  # noqa: E402
 from agents.studies.figures import gain_figure  # noqa: E402
-from agents.studies.plan_pictures import PlanPictures  # noqa: E402
 from wheelchair_gym.config import read_json  # noqa: E402
 from wheelchair_gym.geometry import to_world  # noqa: E402
 from wheelchair_gym.maps import FREE  # noqa: E402
-from wheelchair_gym.rendering.legend import with_legend  # noqa: E402
 from wheelchair_gym.rendering.video import write_video  # noqa: E402
 from wheelchair_gym.scenes import make_scene  # noqa: E402
 from wheelchair_gym.scenes.poses import FOOTPRINT  # noqa: E402
@@ -32,66 +30,36 @@ from wheelchair_gym.scenes.skill import COURSES  # noqa: E402
 
 FOLDER = ROOT / "docs" / "images"
 COLUMNS = 7  # of the courses of driving skills
-PLANNED = 6  # every n-th picture of a plan is shown
-PAUSE = 5  # pictures before a film begins again
 
 
 class Film(NamedTuple):
     """An episode, and the number of control periods between two pictures."""
 
     scene: str
-    policies: dict[str, str]  # that drive it side by side, each with its title
+    policies: tuple[Spec, ...]  # that drive it side by side
     seed: int
     periods: int
     speed: int = 1  # times real time
-    size: tuple[int, int] = (320, 400)  # height and width of a policy's pictures
+    size: tuple[int, int] = (320, 400)  # height and width of the pictures of a drive [pixels]
 
 
+RRT_STAR_WOA = {"name": "rrt_star_woa_global+controls", "label": "RRT*-WOA"}
+LEARNED = {"name": "ppo_guided", "label": "learned: ppo_guided"}
 FILMS = {
-    "drive": Film(
-        "floor_plan",
-        {"rrt_star_woa_global+controls": "RRT*-WOA", "ppo_guided": "learned: ppo_guided"},
-        1, 4, 2, (400, 400),
-    ),
-    "crowd": Film("crowd", {"ppo_guided": ""}, 33, 2),
-    "people": Film("people", {"lattice+window": ""}, 9, 3),
-}  # fmt: skip
-
-
-def pictures_of(film: Film, name: str, title: str) -> tuple[list[Any], list[Any], float]:
-    """Pictures of a policy's plan, if whales shorten it, and of its drive; the period [s]."""
-    height, width = film.size
-    config = {"render_height": height, "render_width": width}
-    env = make_env(
-        film.scene, env_settings(pose_source="modelled", shield=True, config=config), "rgb_array"
-    )
-    policy, planned, driven = make_policy(name), [], []
-
-    def add(env: Any) -> None:
-        if not driven and name.startswith("rrt_star_woa"):
-            plan = PlanPictures.of_drive(policy, env.unwrapped.mission, size=film.size)
-            planned.extend([*plan.film()][::PLANNED])
-        driven.append(env.render())
-
-    drive_episode(env, policy, film.seed, add)
-    env.close()
-    titled = [[with_legend(one, [], title) if title else one for one in part]
-              for part in (planned, driven[:: film.periods])]  # fmt: skip
-    return titled[0], titled[1], env.unwrapped.task.period
+    "drive": Film("floor_plan", (RRT_STAR_WOA, LEARNED), 1, 4, 2, (400, 400)),
+    "crowd": Film("crowd", ("ppo_guided",), 33, 2),
+    "people": Film("people", ("lattice+window",), 9, 3),
+}
 
 
 def draw(name: str) -> Path:
     """Drive a film's episode with each policy behind the shield, and write it as NAME.gif."""
     film = FILMS[name]
-    parts = [pictures_of(film, *named) for named in film.policies.items()]
-    before, after = (max(len(part[k]) for part in parts) for k in range(2))
-    columns = [
-        (planned or driven[:1] * before) + driven + driven[-1:] * (after - len(driven) + PAUSE)
-        for planned, driven, _ in parts
-    ]
+    size = dict(zip(("render_height", "render_width"), film.size, strict=True))
+    settings = env_settings(pose_source="modelled", shield=True, config=size)
+    pictures, time = side_by_side(film.policies, film.scene, film.seed, settings, film.periods)
     path = FOLDER / f"{name}.gif"
-    rows = [np.hstack(row) for row in zip(*columns, strict=True)]
-    write_video(path, rows, film.speed / (film.periods * parts[0][2]))
+    write_video(path, pictures, film.speed / time)
     return path
 
 

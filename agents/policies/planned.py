@@ -195,8 +195,8 @@ class PlannedDriver:
     @property
     def shown(self) -> Shown:
         """The path that the chair follows, its status, and the roll-out of generated commands."""
-        rollout = getattr(self._follower, "rollout", None)
-        return Shown(self._path, self._report.status, self.plans, rollout)
+        controls = getattr(self._follower, "controls", None)
+        return Shown(self._path, self._report.status, self.plans, controls and controls.rollout)
 
     @property
     def state(self) -> str:

@@ -76,10 +76,6 @@ class PlanPictures:
 
     def draw(self, caption: str) -> Image:
         """Map, tree, path and roll-out with a legend (h, w, 3); whales in a picture above it."""
-        return np.vstack(self.panels(caption))
-
-    def panels(self, caption: str) -> list[Image]:
-        """The picture of the whales, if there are any, and that of the plan."""
         raw, whales = self._shortening
         best = None
         if self.made is None:
@@ -91,7 +87,9 @@ class PlanPictures:
             bare = replace(raw, path=raw.path[:0]) if whales else raw
             panels = [self._picture(bare, "", 720, 0, swarm=swarm, **more)]
         more["optimum"] = best.path if best is not None and len(best.path) else None
-        return [*panels, self._picture(self.plan, caption, 720 if swarm else 960, **more)]
+        return np.vstack(
+            [*panels, self._picture(self.plan, caption, 720 if swarm else 960, **more)]
+        )
 
     def _most_kinds(self) -> list[Whale]:
         """Whales around the one of some random samples at which most kinds of whales are seen."""
@@ -139,7 +137,7 @@ def _frames(count: int, most: int) -> list[int]:
 
 
 def growth(
-    problem: Problem, planner: Any, plan: Plan, seed: int, frames: int | None = None
+    problem: Problem, planner: Any, plan: Plan, seed: Any, frames: int | None = None
 ) -> Iterator[Plan]:
     """Plans of ever more samples, the last the plan itself; equal seeds grow equal trees."""
     limited = planner.tree if hasattr(planner, "tree") else planner

@@ -240,8 +240,8 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
             self._note = note
             self._out.send("/note", "policy", note or "-", False)
         shield, reading = self._env.shield, self._env.task.reading
-        for line in self._stops.update(stamp, active_stops(reading.halted, shield)):
-            self._out.send("/note", "chair", line, bool(self._stops.messages))
+        for message in self._stops.update(stamp, active_stops(reading.halted, shield)):
+            self._out.send("/note", "chair", message, bool(self._stops.messages))
 
 
 def _due(since: float, period: float) -> bool:

@@ -160,8 +160,8 @@ class TopView:
         at = np.asarray(pose, dtype=np.float64)
         if path is not None:
             canvas.line(path, palette.PATH, 2.5)
-        for line in filter(lambda line: line is not None, (trail, rollout)):
-            canvas.line(line, palette.TRAIL, 2.0)
+        for line in (trail, rollout):
+            canvas.line([] if line is None else line, palette.TRAIL, 2.0)
         if reading is not None:
             self._lasers(canvas, at, np.asarray(reading.laser, dtype=np.float64))
             self._ultrasonics(canvas, at, reading)
