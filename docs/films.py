@@ -1,10 +1,13 @@
-"""Films and figures of the documentation: `python docs/films.py` draws them to docs/images."""
+"""Films and figures of the documentation: `python docs/films.py [NAME ...]` draws docs/images."""
 
 from __future__ import annotations
 
+import contextlib
+import re
 import sys
+from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT)]
@@ -13,9 +16,9 @@ import matplotlib as mpl  # noqa: E402
 import matplotlib.pyplot as plt  # noqa: E402
 import numpy as np  # noqa: E402
 
-from agents.evaluation.evaluate import drive_episode, env_settings, make_env  # noqa: E402
+from agents.evaluation.compare import side_by_side  # noqa: E402
+from agents.evaluation.evaluate import Spec, env_settings  # noqa: E402
 from agents.evaluation.figures import LOOK  # noqa: E402
-from agents.policies import make_policy  # noqa: E402
 from agents.studies.figures import gain_figure  # noqa: E402
 from wheelchair_gym.config import read_json  # noqa: E402
 from wheelchair_gym.geometry import to_world  # noqa: E402
@@ -27,36 +30,45 @@ from wheelchair_gym.scenes.skill import COURSES  # noqa: E402
 
 FOLDER = ROOT / "docs" / "images"
 COLUMNS = 7  # of the courses of driving skills
-SIZE = {"render_width": 400, "render_height": 320}
 
 
 class Film(NamedTuple):
-    """An episode, and how many control periods lie between two pictures."""
+    """An episode, and the number of control periods between two pictures."""
 
     scene: str
-    policy: str
+    policies: tuple[Spec, ...]  # that drive it side by side
     seed: int
     periods: int
+    speed: int = 1  # times real time
+    size: tuple[int, int] = (320, 400)  # height and width of the pictures of a drive [pixels]
 
 
+RRT_STAR_WOA = {"name": "rrt_star_woa_global+controls", "label": "RRT*-WOA"}
+LEARNED = {"name": "ppo_guided", "label": "learned: ppo_guided"}
 FILMS = {
-    "drive": Film("floor_plan", "lattice+window", 4, 1),
-    "crowd": Film("crowd", "ppo_guided", 33, 2),
-    "people": Film("people", "lattice+window", 9, 3),
+    "drive": Film("floor_plan", (RRT_STAR_WOA, LEARNED), 1, 4, 2, (400, 400)),
+    "crowd": Film("crowd", ("ppo_guided",), 33, 2),
+    "people": Film("people", ("lattice+window",), 9, 3),
 }
 
 
 def draw(name: str) -> Path:
-    """Drive a film's episode behind the shield, and write it as NAME.gif."""
+    """Drive a film's episode with each policy behind the shield, and write it as NAME.gif."""
     film = FILMS[name]
-    settings = env_settings(pose_source="modelled", shield=True, config=SIZE)
-    env = make_env(film.scene, settings, "rgb_array")
-    pictures: list[Any] = []
-    drive_episode(env, make_policy(film.policy), film.seed, lambda e: pictures.append(e.render()))
+    size = dict(zip(("render_height", "render_width"), film.size, strict=True))
+    settings = env_settings(pose_source="modelled", shield=True, config=size)
+    pictures, time = side_by_side(film.policies, film.scene, film.seed, settings, film.periods)
     path = FOLDER / f"{name}.gif"
-    write_video(path, pictures[:: film.periods], 1.0 / (film.periods * env.unwrapped.task.period))
-    env.close()
+    write_video(path, pictures, film.speed / time)
     return path
+
+
+def draw_tutorial() -> Path:
+    """Run the code of the tutorial on RRT*-WOA, which draws the page's pictures."""
+    page = ROOT / "docs" / "tutorials" / "rrt_star_woa.md"
+    with contextlib.chdir(FOLDER):
+        exec("\n".join(re.findall(r"^```python\n(.*?)^```", page.read_text(), re.M | re.S)), {})
+    return page
 
 
 def draw_skills() -> Path:
@@ -97,8 +109,9 @@ def draw_gain() -> Path:
     return FOLDER / "gain.png"
 
 
+DRAWN = {"gain": draw_gain, "skills": draw_skills, "tutorial": draw_tutorial}
+DRAWN |= {name: partial(draw, name) for name in FILMS}
+
 if __name__ == "__main__":
-    for path in (draw_gain(), draw_skills()):
-        print(path.relative_to(ROOT))
-    for each in FILMS:
-        print(f"{draw(each).relative_to(ROOT)}")
+    for each in sys.argv[1:] or DRAWN:
+        print(DRAWN[each]().relative_to(ROOT))

@@ -13,7 +13,7 @@ from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / "examples" / "notebooks"
-PAGES = ("train", "own_map", "own_policy", "own_planner", "own_robot")
+PAGES = ("rrt_star_woa", "train", "own_map", "own_policy", "own_planner", "own_robot")
 _BLOCK = re.compile(r"((?:^<!-- [^\n]* -->\n+)*)^```python\n(.*?)^```\n", re.M | re.S)
 _LINK = re.compile(r"\]\(((?!https?:)[^)#]+)(#[^)]*)?\)")
 

@@ -10,6 +10,7 @@ verdicts.csv of agents/data.
 
 from __future__ import annotations
 
+import csv
 import json
 import re
 import sys
@@ -31,7 +32,7 @@ from agents.evaluation.provenance import without_outputs, write_text  # noqa: E4
 from agents.evaluation.tables import markdown_table  # noqa: E402
 from agents.learning.weights import load_weights  # noqa: E402
 from agents.studies.evidence import ClaimVerdict  # noqa: E402
-from agents.studies.report import claims_text, published_verdicts  # noqa: E402
+from agents.studies.report import effect_text  # noqa: E402
 from agents.studies.runner import STUDIES  # noqa: E402
 from wheelchair_gym.config import InputError, read_json  # noqa: E402
 
@@ -352,6 +353,17 @@ def measured() -> str:
     ))  # fmt: skip
 
 
+def published_verdicts() -> list[dict[str, Any]]:
+    """The verdicts of agents/data/verdicts.csv, with figures as numbers, None where there is none.
+
+    The file is that of a run of all studies.
+    """
+    figures = "printed", "effect", "low", "high", "margin"
+    text = (ROOT / "agents" / "data" / "verdicts.csv").read_text(encoding="utf-8")
+    rows = csv.DictReader(text.splitlines())
+    return [row | {k: float(row[k]) if row[k] else None for k in figures} for row in rows]
+
+
 def counts(rows: Sequence[Row]) -> list[int]:
     """The number of claims that hold, that do not, and that cannot be decided."""
     found = [row["verdict"] for row in rows]
@@ -517,6 +529,29 @@ def skills_pairs() -> str:
                 "only one succeeds: it; `shield`", "p (McNemar)", "time beside `shield`",
                 "off the stick [deg]", "intervention [% of time]", "effort [s/m]")  # fmt: skip
     return markdown_table(headings, table, (False, True, True, False, *5 * (True,)))
+
+
+def claims_text(names: Sequence[str]) -> str:
+    """The claims of studies with their published verdicts, in Markdown."""
+    headings = ("claim", "place", "other reading", "printed [%]", "margin [%]",
+                "ours (95 % interval)", "verdict")  # fmt: skip
+    text = ""
+    for name in names:
+        study = STUDIES[name]
+        rows = [row for row in published_verdicts() if row["study"] == name]
+        lines = [
+            (row["claim"], row["source"], row["reading"].replace(study.reading, ""),
+             *("" if row[k] is None else f"{row[k]:.3g}" for k in ("printed", "margin")),
+             effect_text(row), row["verdict"])
+            for row in rows
+        ]  # fmt: skip
+        text += (
+            f"\n## `{name}`: {study.title}\n\n{study.source}. {study.settings} Reading: "
+            f"{study.reading}.\n\n`{rows[0]['command']}`\n\n"
+            f"{markdown_table(headings, lines, (False,) * 3 + (True,) * 3 + (False,))}"
+        )
+        text += "".join(f"\n{note}\n" for note in study.notes)
+    return text
 
 
 FIGURES: dict[str, Callable[[], str]] = {

@@ -27,7 +27,6 @@ EXAMPLES = {
     "ros_pure_pursuit": ([], ""),  # which tests/hardware/test_robot.py runs with a robot
     "skills": ([], "dock: up to a desk"),
     "study": (["p1", "--out", "{folder}"], "report.html"),
-    "thesis_map": (["--out", "{folder}"], "free of contact"),
     "tracks": ([], "person "),
     "train_sb3": (["--steps", "1024", "--episodes", "1", "--out", "{folder}"], "of 1 arrived"),
 }

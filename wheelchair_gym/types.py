@@ -274,11 +274,13 @@ class Shown(NamedTuple):
         path: (n, 2) m: what it follows; None: the guidance is shown.
         status: what it is doing.
         plans: number of plans made in this episode.
+        rollout: (n, 3) m, m, rad: where its generated commands lead; None: it has none.
     """
 
     path: Array | None = None
     status: str = ""
     plans: int = 0
+    rollout: Array | None = None
 
 
 _NOTHING = Shown()

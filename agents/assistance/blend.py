@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agents.assistance.assistant import AssistInput, AssistMission, Freedom, SharedAssistant, Twist
+from agents.assistance.assistant import AssistInput, Freedom, SharedAssistant, Twist
 from agents.assistance.fan import cheapest, fan, nearest
 from agents.assistance.targets import Belief, Goals
 from wheelchair_gym.config import InputError, setting, settings
@@ -37,26 +37,18 @@ class Blend:
         return SharedAssistant(_Method(self), self.freedom)
 
 
-class _Method:
-    def __init__(self, config: Blend) -> None:
-        self._config, self._goals = config, Goals(config.belief)
-
-    def reset(self, mission: AssistMission) -> None:
-        self._mission = mission
-        self._goals.reset(mission)
-
+class _Method(Goals):
     def twist(self, now: AssistInput) -> Twist:
-        config, (v, w) = self._config, now.asked
+        config = self.config
         twists = fan(self._mission, now)
-        costs = self._goals.update(now, twists)
-        if v < 0.0:  # whoever backs is manoeuvring, not driving to a goal
+        costs = self.update(now, twists)
+        if now.asked[0] < 0.0:  # whoever backs is manoeuvring, not driving to a goal
             return nearest(twists, now.asked, self._mission)
-        likely = int(np.argmax(self._goals.belief))
-        ramp = (float(self._goals.belief[likely]) - config.timid) / (config.sure - config.timid)
+        likely = int(np.argmax(self.belief))
+        ramp = (float(self.belief[likely]) - config.timid) / (config.sure - config.timid)
         share = config.most * min(1.0, max(0.0, ramp))
         if share == 0.0 or not len(twists):
             return now.asked
         best = twists[cheapest(costs[:, likely])]
-        return (1.0 - share) * v + share * float(best[0]), (1.0 - share) * w + share * float(
-            best[1]
-        )
+        v, w = (1.0 - share) * np.array(now.asked) + share * best[:2]
+        return float(v), float(w)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agents.assistance.assistant import AssistInput, AssistMission, Freedom, SharedAssistant, Twist
+from agents.assistance.assistant import AssistInput, Freedom, SharedAssistant, Twist
 from agents.assistance.fan import cheapest, fan, nearest, scaled_distance
 from agents.assistance.targets import Belief, Goals
 from wheelchair_gym.config import setting, settings
@@ -33,22 +33,15 @@ class Hindsight:
         return SharedAssistant(_Method(self), self.freedom)
 
 
-class _Method:
-    def __init__(self, config: Hindsight) -> None:
-        self._config, self._goals = config, Goals(config.belief)
-
-    def reset(self, mission: AssistMission) -> None:
-        self._mission = mission
-        self._goals.reset(mission)
-
+class _Method(Goals):
     def twist(self, now: AssistInput) -> Twist:
-        config = self._config
+        config = self.config
         twists = fan(self._mission, now)
-        costs = self._goals.update(now, twists)
+        costs = self.update(now, twists)
         # Whoever backs is manoeuvring, not driving to a goal.
         if now.asked[0] < 0.0 or not len(twists):
             return nearest(twists, now.asked, self._mission)
-        expected = costs @ self._goals.belief
+        expected = costs @ self.belief
         expected += config.stick * scaled_distance(twists, now.asked, self._mission)
         enough = config.enough * min(1.0, now.margin / max(config.freedom.margin, 1e-6))
         expected += config.clearance * np.maximum(0.0, 1.0 - twists[:, 2] / max(enough, 1e-6))

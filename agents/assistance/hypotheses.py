@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from agents.assistance.assistant import AssistInput, AssistMission, Freedom, SharedAssistant, Twist
+from agents.assistance.assistant import AssistInput, Freedom, SharedAssistant, Twist
 from agents.assistance.fan import cheapest, fan, free_share, scaled_distance
 from agents.assistance.targets import Belief, Goals
 from wheelchair_gym.config import setting, settings
@@ -33,29 +33,20 @@ class Hypotheses:
         return SharedAssistant(_Method(self), self.freedom)
 
 
-class _Method:
-    def __init__(self, config: Hypotheses) -> None:
-        self._config, self._goals = config, Goals(config.belief)
-
-    def reset(self, mission: AssistMission) -> None:
-        self._mission = mission
-        self._goals.reset(mission)
-
+class _Method(Goals):
     def twist(self, now: AssistInput) -> Twist:
-        config, mission = self._config, self._mission
+        config, mission = self.config, self._mission
         twists = fan(mission, now)
-        costs = self._goals.update(now, twists)
+        costs = self.update(now, twists)
         hits = free_share(mission, now, now.asked, config.look_ahead) < 1.0
         if not len(twists):
             return 0.0, 0.0
-        likely, off = (
-            int(np.argmax(self._goals.belief)),
-            scaled_distance(twists, now.asked, mission),
-        )
+        likely = int(np.argmax(self.belief))
+        off = scaled_distance(twists, now.asked, mission)
         best = cheapest(costs[:, likely] + 0.1 * off)
         same = cheapest(off)  # the stick's, or the nearest that is safe
         misses = costs[same, likely] - costs[best, likely] > config.miss
-        sure = float(self._goals.belief[likely]) >= config.confidence
+        sure = float(self.belief[likely]) >= config.confidence
         if not (hits or (misses and sure)):
             return now.asked
         chosen = twists[best if sure else same]

@@ -9,6 +9,7 @@ Srinivasa 2013).
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -170,13 +171,14 @@ def distances(places: Array, others: Array) -> Array:
 
 
 class Goals:
-    """Goals that a person may have, and how far each is believed in.
+    """Goals that a person may have, and how far each is believed in: base of assistants' methods.
 
     Attributes:
+        config: settings of the assistant.
         belief: (k,) of each goal; they sum to 1.
     """
 
-    def __init__(self, config: Belief) -> None:
+    def __init__(self, config: Any) -> None:
         self.config = config
 
     def reset(self, mission: AssistMission) -> None:
@@ -188,7 +190,7 @@ class Goals:
 
     def update(self, now: AssistInput, twists: Array) -> Array:
         """Update the belief by the stick; the costs (n, k) [s] of twists (n, 2) to each goal."""
-        config, mission = self.config, self._mission
+        config, mission = self.config.belief, self._mission
         self._take_scan(now)
         asked = np.array([now.asked])
         every = self._costs(np.vstack([asked, np.zeros((1, 2)), twists[:, :2]]))
@@ -215,5 +217,5 @@ class Goals:
     def _costs(self, twists: Array) -> Array:
         """Seconds (n, k) from where twists (n, 2) lead to each goal."""
         ends = np.empty((len(twists), 2))
-        _ends(twists, self.config.horizon, AHEAD, ends)
+        _ends(twists, self.config.belief.horizon, AHEAD, ends)
         return np.asarray(distances(ends, self._targets) / self._mission.limits.forward)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from textwrap import shorten
 from typing import Any
 
 import matplotlib as mpl
@@ -69,16 +70,12 @@ def draw(
             _dress(left, right, problem, here)
         titles = {row["planner"]: entrant_title(row) for row in reversed(rows)}
         lines = [
-            mpl.lines.Line2D([], [], **looks[name], markersize=4, label=_short(titles[name]))
+            mpl.lines.Line2D([], [], **looks[name], markersize=4, label=shorten(titles[name], 60))
             for name in names
         ]
         figure.legend(handles=lines, loc="outside right upper", fontsize=7.5)
         with atomic_write(path) as part:
             figure.savefig(part, dpi=_DPI)
-
-
-def _short(name: str) -> str:
-    return name if len(name) <= 58 else name[:57] + "..."
 
 
 def _success(axes: Axes, records: Sequence[Record], look: Mapping[str, Any]) -> None:

@@ -352,7 +352,7 @@ class GeneratedControls:
     def __init__(self, config: ControlsFollower) -> None:
         self.config = config
         self._rng = np.random.default_rng(config.seed)
-        self._controls: Controls | None = None
+        self.controls: Controls | None = None  # generated last
         self._age = 0.0  # s since they were generated
         self._driven = 0.0  # s of them that have been driven
 
@@ -372,7 +372,7 @@ class GeneratedControls:
 
         A chair that may not drive as fast as it is asked to drives the commands more slowly.
         """
-        controls, local_map, chair, view = self._controls, now.local_map, now.chair, now.view
+        controls, local_map, chair, view = self.controls, now.local_map, now.chair, now.view
         if controls is None or self._driven >= controls.commands[:, 2].sum():
             return None
         if self.config.again is not None:
@@ -402,7 +402,7 @@ class GeneratedControls:
         if len(path) < 2:
             path = np.concatenate([local_map.pose[None, :2], reference.rows[-1:, :2]])
         twist = chair.body.state[[0, 2]]
-        left = np.empty((0, 3)) if self._controls is None else self._controls.after(self._driven)
+        left = np.empty((0, 3)) if self.controls is None else self.controls.after(self._driven)
         limits = chair.limits
         if not local_map.looks_back:  # unseen floor is entered slowly: in reverse, and in a turn
             back = 0.0 if local_map.blind else min(CREEP, limits.backward)
@@ -413,11 +413,11 @@ class GeneratedControls:
             for share in (1.0, 0.5) if generator.horizon is not None else (1.0,):
                 horizon = None if generator.horizon is None else share * generator.horizon
                 some = replace(generator, margin=margin, horizon=horizon)
-                self._controls = some.generate(
+                self.controls = some.generate(
                     path, local_map.pose, no_walls(), discs, chair.footprint, limits, self._rng,
                     twist, left,
                 )  # fmt: skip
-                if self._controls.reached:
+                if self.controls.reached:
                     self._age = self._driven = 0.0
                     return
         self._age = self._driven = 0.0

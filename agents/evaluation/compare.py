@@ -5,9 +5,12 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from agents import read_data
 from agents.evaluation import report
@@ -25,6 +28,7 @@ from agents.evaluation.evaluate import (
 from agents.evaluation.metrics import Record, summarise
 from agents.evaluation.provenance import command_line, now, provenance, write_json, write_text
 from agents.policies import kind_of, make_policy
+from agents.policies.planned import PlannedDriver
 from agents.watch import Watch
 from wheelchair_gym.config import InputError, dump, suggest
 from wheelchair_gym.scenes.arena import Doorway
@@ -33,6 +37,7 @@ Evaluation = dict[str, Any]
 BEST = "lattice+window"  # chosen on training seeds; test seeds are 0 to n-1
 FILM, FILMS = "episode", (".mp4", ".gif")
 RESULTS = "results.json"
+PLANNED, PAUSE = 6, 10  # a film shows every n-th picture of a plan, and stays at its end
 
 
 @dataclass(frozen=True)
@@ -40,11 +45,12 @@ class Suite:
     """The policies, scenes and episodes of a comparison."""
 
     title: str
-    policies: tuple[Spec, ...]
-    scenes: tuple[Spec, ...]
+    policies: Sequence[Spec]
+    scenes: Sequence[Spec]
     episodes: int  # test seeds 0 to episodes - 1
     env: Mapping[str, Any] = field(default_factory=lambda: {"pose_source": "modelled"})
     video: bool = True
+    film: Sequence[str] = ()  # names of the policies to film; none: the best one
 
 
 def _scene(spec: Spec) -> Spec:
@@ -57,9 +63,7 @@ def _scene(spec: Spec) -> Spec:
 
 
 SUITES = {
-    name: Suite(
-        one["title"], tuple(one["policies"]), tuple(map(_scene, one["scenes"])), one["episodes"]
-    )
+    name: Suite(**one | {"scenes": tuple(map(_scene, one["scenes"]))})
     for name, one in read_data("suites.yaml").items()
 }
 
@@ -124,8 +128,7 @@ def compare(
         for suffix in FILMS:
             (folder / f"{FILM}{suffix}").unlink(missing_ok=True)
     if what.video and records:
-        filmed = episode_to_film(summary, records)
-        evaluation["video"] = {"file": film(what, filmed, folder), **filmed}
+        evaluation["video"] = film(what, evaluation, folder)
     evaluation["provenance"]["wall_time_s"] = round(time.perf_counter() - begun, 2)
     write_json(folder / RESULTS, evaluation)
     write_text(folder / "table.md", report.markdown(evaluation))
@@ -133,28 +136,66 @@ def compare(
     return evaluation
 
 
-def episode_to_film(summary: Sequence[Record], records: Sequence[Record]) -> Record:
-    """Policy, scene and seed of the best policy's first success, or of its first episode."""
-    best = report.ranked(summary)[0]["policy"]
-    of = [record for record in records if record["policy"] == best]
-    chosen = next((record for record in of if record["success"]), of[0])
-    return {key: chosen[key] for key in ("policy", "scene", "seed")}
+def film(what: Suite, evaluation: Evaluation, folder: Path) -> Record:
+    """Film the suite's policies side by side, or the best policy's first success or episode.
 
-
-def film(what: Suite, episode: Record, folder: Path) -> str:
-    """Film an episode (policy, scene and seed by label); the video's name."""
+    Returns:
+        The file, the policies, the scene and the seed.
+    """
     from wheelchair_gym.rendering.video import video_suffix, write_video
 
-    policy = next(spec for spec in what.policies if label(spec) == episode["policy"])
-    scene = next(spec for spec in what.scenes if label(spec) == episode["scene"])
-    env = make_env(scene, env_settings(**what.env), policy=policy)
-    frames: list[Any] = []
-    try:
-        driver = make_policy(without_labels(policy))
-        drive_episode(env, driver, episode["seed"], lambda e: frames.append(e.render()))
-        period = env.unwrapped.task.period
-    finally:
-        env.close()
+    best = report.ranked(evaluation["summary"])[0]["policy"]
+    policies = [spec for spec in what.policies if label(spec) in what.film]
+    policies = policies or [spec for spec in what.policies if label(spec) == best]
+    of = [record for record in evaluation["records"] if record["policy"] == label(policies[0])]
+    chosen = next((record for record in of if record["success"]), of[0])
+    scene = next(spec for spec in what.scenes if label(spec) == chosen["scene"])
+    frames, period = side_by_side(policies, scene, chosen["seed"], env_settings(**what.env))
     path = folder / f"{FILM}{video_suffix()}"
     write_video(path, frames, 1.0 / period)
-    return path.name
+    names = ", ".join(map(label, policies))
+    return {"file": path.name, "policy": names, "scene": chosen["scene"], "seed": chosen["seed"]}
+
+
+def side_by_side(
+    policies: Sequence[Spec], scene: Spec, seed: int, env: Mapping[str, Any], periods: int = 1
+) -> tuple[list[Any], float]:
+    """Pictures of the policies' drives, every n-th control period, and the time between two [s].
+
+    The plan of a policy whose whales shorten a path comes first. Several drives have titles.
+    """
+    from wheelchair_gym.rendering.legend import with_legend
+
+    parts = [_pictures(policy, scene, seed, env) for policy in policies]
+    before = max(len(planned) for planned, _, _ in parts)
+    after = max(len(driven) for _, driven, _ in parts) + PAUSE
+    columns = []
+    for policy, (planned, driven, _) in zip(policies, parts, strict=True):
+        drive = driven + driven[-1:] * (after - len(driven))
+        pictures = (planned or driven[:1] * before) + drive[::periods]
+        titled = (with_legend(picture, [], label(policy)) for picture in pictures)
+        columns.append([*titled] if len(parts) > 1 else pictures)
+    return [np.hstack(row) for row in zip(*columns, strict=True)], periods * parts[0][2]
+
+
+def _pictures(
+    policy: Spec, scene: Spec, seed: int, settings: Mapping[str, Any]
+) -> tuple[list[Any], list[Any], float]:
+    """Pictures of a plan with whales, if there is one, and of the drive; the control period [s]."""
+    from agents.studies.plan_pictures import SHORTENS, PlanPictures
+
+    driver: Any = make_policy(without_labels(policy))
+    planned: list[Any] = []
+    driven: list[Any] = []
+
+    def add(env: Any) -> None:
+        driven.append(env.render())
+        planner = driver.config.planner["name"] if isinstance(driver, PlannedDriver) else ""
+        mission = env.unwrapped.mission
+        if len(driven) == 1 and planner == SHORTENS and mission.map is not None:
+            film = PlanPictures.of_drive(driver, mission, size=driven[0].shape[:2]).film()
+            planned.extend([*film][::PLANNED])
+
+    with closing(make_env(scene, settings, policy=policy)) as env:
+        drive_episode(env, driver, seed, add)
+        return planned, driven, env.unwrapped.task.period

@@ -106,25 +106,29 @@ def ranking_table(evaluation: Evaluation) -> Table | None:
     return Table("Who wins where", [POLICY, *columns], [body], RANKING_NOTE)
 
 
-def learned_beside_planned(evaluation: Evaluation) -> str:
-    """One sentence on how often each kind of policy succeeded; empty without both kinds."""
-    kinds = evaluation.get("kinds", {})  # older results have none
+def who_wins_where(evaluation: Evaluation) -> str:
+    """One sentence: the winner of each scene with counts, and the successes of each kind of policy.
+
+    Empty for a single policy.
+    """
+    records, kinds = evaluation["records"], evaluation.get("kinds", {})  # older results have none
+    if len(evaluation["policies"]) < 2 or not records:
+        return ""
+
+    def hits(policies: Sequence[str], scene: str | None = None) -> str:
+        of = [r for r in records if r["policy"] in policies and scene in (None, r["scene"])]
+        return f"{sum(record['success'] for record in of)} of {len(of)}"
+
     parts = []
-    for kind, text in (
-        ("learned", "Learned policies reached the goal in {} episodes"),
-        ("planned", "planned ones in {}"),
-    ):
-        ends = {
-            name: [r["success"] for r in evaluation["records"] if r["policy"] == name]
-            for name in evaluation["policies"]
-            if kinds.get(name) == kind
-        }
-        number = sum(map(len, ends.values()))
-        if number == 0:
-            return ""
-        each = ", ".join(f"{name} {sum(of)} of {len(of)}" for name, of in ends.items())
-        parts.append(text.format(f"{sum(map(sum, ends.values()))} of {number}") + f" ({each})")
-    return ", ".join(parts) + "."
+    for scene in evaluation["scenes"]:
+        best, *others = ranked(evaluation["summary"], scene)
+        level = sum(row["success"] == best["success"] for row in others)
+        more = f", level with {level} more" if level else ""
+        parts.append(f"{best['policy']} on {scene} ({hits([best['policy']], scene)}{more})")
+    for kind in ("planned", "learned"):
+        if names := [name for name in evaluation["policies"] if kinds.get(name) == kind]:
+            parts.append(f"all {kind} policies {hits(names)}")
+    return f"Winners by success, then by SPL: {', '.join(parts)}."
 
 
 def _more_columns(summary: Sequence[Record]) -> dict[str, tuple[Column, ...]]:
@@ -149,7 +153,7 @@ def markdown(evaluation: Evaluation) -> str:
     parts = [
         f"# {evaluation['title']}", f"`{evaluation['command']}`",
         "Shares carry their 95 % Wilson interval.",
-        learned_beside_planned(evaluation),
+        who_wins_where(evaluation),
         table.markdown() if table else "",
         make_table("", [POLICY, SCENE, *COLUMNS, *more], [rows]).markdown(),
     ]  # fmt: skip
@@ -212,7 +216,7 @@ def write_report(evaluation: Evaluation, folder: str | Path) -> Path:
     return write_page(
         folder / "report.html", "evaluation.html", title=evaluation["title"], source=evaluation,
         best=best[0] if some else None, second=best[1] if some and len(best) > 1 else None,
-        comparison=learned_beside_planned(evaluation), success=SUCCESS,
+        comparison=who_wins_where(evaluation), success=SUCCESS,
         columns=(*COLUMNS, *chain(*more.values())),
         ended=Counter(record["outcome"] for record in of), tables=tables,
         figures=drawn, video=_video(evaluation["video"], folder), legend=_LEGEND,

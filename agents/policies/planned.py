@@ -154,11 +154,12 @@ class PlannedDriver:
         self._peopled = False  # an actor has been seen on this drive
         self.plan: Plan | None = None
         self.plans = 0  # made
-        self._clearance = self.config.clearance  # m: asked for by the last plan
+        self.clearance = self.config.clearance  # m: asked for by the last plan
         self._reference: ReferencePath | None = None
         self._draws = mission.map is None  # the chair draws its own map
         self._looks_back = mission.sensors.looks_back
         self._report = StatusReport(mission.footprint)
+        self._follower: Any = None  # begins with the first plan
         self._path: Array | None = None
         self._ground = Ground(mission.footprint)
         self._map = self._map_at(mission.reading)
@@ -193,8 +194,9 @@ class PlannedDriver:
 
     @property
     def shown(self) -> Shown:
-        """The path that the chair follows, and its status."""
-        return Shown(self._path, self._report.status, self.plans)
+        """The path that the chair follows, its status, and the roll-out of generated commands."""
+        controls = getattr(self._follower, "controls", None)
+        return Shown(self._path, self._report.status, self.plans, controls and controls.rollout)
 
     @property
     def state(self) -> str:
@@ -238,7 +240,7 @@ class PlannedDriver:
         reference = self._received(then, answer)
         if reference is None:
             return
-        self.plan, self._clearance = answer.plan, answer.clearance
+        self.plan, self.clearance = answer.plan, answer.clearance
         if answer.walls is not None:  # the follower never reverses into unknown space
             self._local_map.set_walls(answer.walls)
             if answer.unseen and blind_behind(self._map, answer.start, self._mission.footprint):
@@ -308,13 +310,13 @@ class PlannedDriver:
         blocked = answer.plan.status is Status.GOAL_OCCUPIED
         self._detours.failed = 0 if answer.solved else self._detours.failed + 1
         if not answer.solved:
-            self.plan, self._clearance = answer.plan, answer.clearance
+            self.plan, self.clearance = answer.plan, answer.clearance
             why = "the goal is blocked" if blocked else "no way round"
             self._report.set("waits", why, self._detours.wait())
         elif self._detours.too_long(detour, before):
             self._report.set("waits", "the way round is long", self._detours.wait())
         else:
-            self.plan, self._clearance = answer.plan, answer.clearance
+            self.plan, self.clearance = answer.plan, answer.clearance
             self._take(detour)
             self._detours.taken = True
             self._report.set("goes round", held=HELD)
@@ -490,7 +492,7 @@ class PlannedDriver:
         return (
             held
             or reference is None
-            or self._blocks(reference, NEAR, self._clearance, self._reopens)
+            or self._blocks(reference, NEAR, self.clearance, self._reopens)
         )
 
     def _blocks(
@@ -509,7 +511,7 @@ class PlannedDriver:
         if not due or self._draws:
             return False
         assert self._reference is not None
-        return is_blocked(self._local_map.temporary, self._reference, self._clearance)
+        return is_blocked(self._local_map.temporary, self._reference, self.clearance)
 
     def _planned_in(self, reopens: bool) -> OccupancyGrid:
         """The newest map, or the one in which all is free that was free once."""
@@ -531,6 +533,6 @@ class PlannedDriver:
                 maps = assumed_maps(self._map, self._local_map.pose, self._mission.footprint)
                 self._local_map.set_walls(maps[1])
             ahead = self._reference.rows[self._reference.at :]
-            if walls_block(self._planned_in(self._reopens), ahead, self._clearance):
+            if walls_block(self._planned_in(self._reopens), ahead, self.clearance):
                 return True
         return self._detours.taken and not self._temporary

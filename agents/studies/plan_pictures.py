@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Final
 
 import numpy as np
 
-from agents.studies.thesis import Drawn
+from agents.policies.planned import PlannedDriver
+from agents.studies.thesis import Drawn, controls_of
 from agents.studies.whales import Whale, paths_of_whales, points_of_whales
-from planners import PLANNERS, Plan, Problem, make_planner
+from planners import PLANNERS, Plan, Problem, Space, make_planner
 from planners.rrt_star_woa.control_generator import Controls
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.geometry import Footprint, arc_lengths, to_world
 from wheelchair_gym.rendering import draw_plan
 from wheelchair_gym.rendering.video import Image
+from wheelchair_gym.types import Mission
 
 RATE: Final = 15.0  # pictures of a film a second
 GROWTH, SWARM, DRIVE = 60, 60, 120  # pictures of the tree, of whales and of the roll-out, at most
@@ -32,8 +34,19 @@ class PlanPictures:
     drawn: Drawn
     planner: Any
     plan: Plan
-    seed: int
+    seed: int | Sequence[int]
     made: Controls | None = None  # the commands that lead along the path
+    size: int | tuple[int, int] = 640  # of the pictures of a film, as `draw_plan` takes it
+
+    @classmethod
+    def of_drive(cls, driver: PlannedDriver, mission: Mission, **more: Any) -> PlanPictures:
+        """The pictures of the plan with which a policy begins an episode on a given map."""
+        assert mission.map is not None
+        space, start = Space.from_grid(mission.map), np.asarray(mission.reading.pose)
+        drawn = Drawn.of(Problem(space, start, driver.goal, driver.clearance))
+        seed, planner = (driver.config.seed, mission.key), make_planner(dict(driver.config.planner))
+        plan = planner.plan(drawn.problem, np.random.default_rng(seed))
+        return cls(drawn, planner, plan, seed, controls_of(drawn, plan, 0), **more)
 
     @cached_property
     def _name(self) -> str | None:
@@ -53,7 +66,8 @@ class PlanPictures:
         """The whales of a local variant around the random sample of a number."""
         if self._name != STEERS or not len(part.tree):
             return []
-        problem, rng = self.drawn.problem, np.random.default_rng([self.seed, number])
+        problem = self.drawn.problem
+        rng = np.random.default_rng([*np.atleast_1d(self.seed), number])
         x0, y0, x1, y1 = problem.space.bounds
         sample, nodes = rng.uniform((x0, y0), (x1, y1)), part.tree.reshape(-1, 2)
         node = nodes[np.hypot(*(nodes - sample).T).argmin()]
@@ -87,21 +101,21 @@ class PlanPictures:
         raw, whales = self._shortening
         tree = self.planner.tree if whales else self.planner
         for k, part in enumerate(growth(self.drawn.problem, tree, raw, self.seed)):
-            said = f"{part.counters.get('iterations', 0)} samples"
-            picture = self._picture(part, said, 640, 0, swarm=self._steering(part, k))
+            said = f"tree, {part.counters.get('iterations', 0)} samples"
+            picture = self._picture(part, said, self.size, 0, swarm=self._steering(part, k))
             yield picture
         bare = replace(raw, path=raw.path[:0])
         for t in _frames(len(whales), SWARM):
             said = f"whales, iteration {t}"
-            yield self._picture(bare, said, 640, 0, swarm=whales[t], raw=raw.path)
+            yield self._picture(bare, said, self.size, 0, swarm=whales[t], raw=raw.path)
         times = () if self.made is None else self.made.times
         for k in _frames(len(times), DRIVE):
-            picture = self._picture(self.plan, f"{times[k]:.1f} s", 640, k + 1)
+            picture = self._picture(self.plan, f"commands, {times[k]:.1f} s", self.size, k + 1)
             yield picture
         yield from [picture] * round(RATE)
 
     def _picture(
-        self, plan: Plan, caption: str, size: int, poses: int | None = None, **more: Any
+        self, plan: Plan, caption: str, size: Any, poses: int | None = None, **more: Any
     ) -> Image:
         """A plan with the first poses of the roll-out, or with all; then also all footprints."""
         problem, rollout = self.drawn.problem, None
@@ -123,7 +137,7 @@ def _frames(count: int, most: int) -> list[int]:
 
 
 def growth(
-    problem: Problem, planner: Any, plan: Plan, seed: int, frames: int | None = None
+    problem: Problem, planner: Any, plan: Plan, seed: Any, frames: int | None = None
 ) -> Iterator[Plan]:
     """Plans of ever more samples, the last the plan itself; equal seeds grow equal trees."""
     limited = planner.tree if hasattr(planner, "tree") else planner

@@ -1,18 +1,15 @@
-"""The page of studies, with all verdicts first, their text, and the published verdicts."""
+"""The page of studies, with all verdicts first, and their text."""
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Mapping, Sequence
-from importlib.resources import files
 from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 from agents.evaluation.pages import Figures, write_page
-from agents.evaluation.tables import Cell, Column, Table, exists, markdown_table
+from agents.evaluation.tables import Cell, Column, Table, exists
 from agents.studies.evidence import LEVEL, ClaimVerdict
-from agents.studies.read_studies import STUDIES
 
 Chapter = Mapping[str, Any]
 
@@ -57,40 +54,6 @@ def effect_text(claim: Mapping[str, Any]) -> str:
         for key in ("effect", "low", "high")
     )
     return f"{effect}{'' if low == high else f' ({low} to {high})'} {claim['unit']}"
-
-
-def published_verdicts() -> list[dict[str, Any]]:
-    """The verdicts of agents/data/verdicts.csv, with figures as numbers, None where there is none.
-
-    The file is that of a run of all studies.
-    """
-    figures = "printed", "effect", "low", "high", "margin"
-    text = (files("agents") / "data" / "verdicts.csv").read_text(encoding="utf-8")
-    rows = csv.DictReader(text.splitlines())
-    return [row | {k: float(row[k]) if row[k] else None for k in figures} for row in rows]
-
-
-def claims_text(names: Sequence[str]) -> str:
-    """The claims of studies with their published verdicts, in Markdown."""
-    headings = ("claim", "place", "other reading", "printed [%]", "margin [%]",
-                "ours (95 % interval)", "verdict")  # fmt: skip
-    text = ""
-    for name in names:
-        study = STUDIES[name]
-        rows = [row for row in published_verdicts() if row["study"] == name]
-        lines = [
-            (row["claim"], row["source"], row["reading"].replace(study.reading, ""),
-             *("" if row[k] is None else f"{row[k]:.3g}" for k in ("printed", "margin")),
-             effect_text(row), row["verdict"])
-            for row in rows
-        ]  # fmt: skip
-        text += (
-            f"\n## `{name}`: {study.title}\n\n{study.source}. {study.settings} Reading: "
-            f"{study.reading}.\n\n`{rows[0]['command']}`\n\n"
-            f"{markdown_table(headings, lines, (False,) * 3 + (True,) * 3 + (False,))}"
-        )
-        text += "".join(f"\n{note}\n" for note in study.notes)
-    return text
 
 
 def write_studies_page(

@@ -53,7 +53,6 @@ OWN = {
     "rendering.video.webp": "a picture that was just written",
     "evaluation.report._video": "a video that was just written",
     "studies.model.published": "comes with the package",
-    "studies.report.published_verdicts": "comes with the package",
     "benchmarks.environments.resident_bytes": "of the kernel",
     "evaluation.provenance.machine": "of the kernel",
     "cli.__init__._replace_closed_streams": "standard streams",

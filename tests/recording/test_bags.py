@@ -45,6 +45,7 @@ TYPES = {
     "/ground_truth": "geometry_msgs/msg/PoseStamped",
     "/particle_cloud": "geometry_msgs/msg/PoseArray",
     "/plan": "nav_msgs/msg/Path",
+    "/rollout": "nav_msgs/msg/Path",
     "/trail": "nav_msgs/msg/Path",
     "/footprint": "geometry_msgs/msg/PolygonStamped",
     "/rosout": "rcl_interfaces/msg/Log",
@@ -69,15 +70,16 @@ def drive(tmp_path_factory):
             shield=True, render_mode="rgb_array", split="test"
         )  # fmt: skip
         env = RecordEpisodes(env, folder / name, recording=settings)
-        policy = GymPolicy(make_policy("visibility+window"), env)
+        policy = GymPolicy(make_policy("visibility+controls"), env)
         observation, _ = env.reset(seed=5)
         policy.reset()
         seen = [(env.unwrapped.task.reading, env.unwrapped.chair.belief.odometry)]
         for _ in range(STEPS):
             observation, *_ = env.step(policy.act(observation))
+            rollout = env.unwrapped.shown.rollout
             seen.append((env.unwrapped.task.reading, env.unwrapped.chair.belief.odometry))
         env.close()
-    return folder / "own.mcap", folder / "bag", seen
+    return folder / "own.mcap", folder / "bag", seen, rollout
 
 
 def decoded(bag, *topics):
@@ -99,7 +101,7 @@ def stamped(content):
 
 
 def test_an_independent_reader_reads_every_type_and_stamp(drive):
-    _, bag, seen = drive
+    _, bag, seen, rollout = drive
     kinds = {}
     for kind, topic, log_time, content in decoded(bag):
         kinds[topic] = kind
@@ -113,6 +115,9 @@ def test_an_independent_reader_reads_every_type_and_stamp(drive):
     scans = [content for *_, content in decoded(bag, "/scan")]
     moves = [content for *_, content in decoded(bag, "/odom")]
     volts = [content.voltage for *_, content in decoded(bag, "/battery_state")]
+    *_, led = (content for *_, content in decoded(bag, "/rollout"))
+    places = [(one.pose.position.x, one.pose.position.y) for one in led.poses]
+    np.testing.assert_array_equal(places, rollout[:, :2])
     assert len(scans) == len(moves) == len(volts) == len(seen) == STEPS + 1
     for scan, move, voltage, (reading, odometry) in zip(scans, moves, volts, seen, strict=True):
         np.testing.assert_array_equal(np.array(scan.ranges, np.float32), reading.laser)
@@ -127,7 +132,7 @@ def test_an_independent_reader_reads_every_type_and_stamp(drive):
 
 
 def test_its_metadata_is_what_every_distribution_from_humble_on_reads(drive):
-    _, bag, _ = drive
+    _, bag, *_ = drive
     about = yaml.safe_load((bag / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
     assert about["version"] == 8
     assert about["storage_identifier"] == "mcap"
@@ -161,7 +166,7 @@ def as_sqlite(bag, folder):
 
 
 def test_the_map_of_a_drive_is_that_of_its_bag(drive, tmp_path, capsys):
-    own, bag, _ = drive
+    own, bag, *_ = drive
     old = as_sqlite(bag, tmp_path / "old")
     sources = [own, bag, bag / "bag.mcap", old, old / "old.db3"]
     found = [sensor_log(path) for path in sources]
@@ -180,7 +185,7 @@ def test_the_map_of_a_drive_is_that_of_its_bag(drive, tmp_path, capsys):
 
 
 def test_a_bag_is_judged_again_the_same(drive, tmp_path, capsys):
-    own, bag, _ = drive
+    own, bag, *_ = drive
     for path in (bag, as_sqlite(bag, tmp_path / "old")):
         assert main(["replay", str(path)]) == 0
         assert "the same rewards" in capsys.readouterr().out

@@ -187,10 +187,6 @@ def test_every_reader_opens_it(run):
     assert times == sorted(times)
 
 
-def yaw_of(turned):
-    return 2.0 * np.arctan2(turned.z, turned.w)
-
-
 def told(file, *topics):
     """Messages as another reader decodes them: topic, message."""
     with file.open("rb") as stream:
@@ -207,7 +203,8 @@ def test_the_tree_leads_from_the_map_to_the_sensors(run):
     for topic, _, message in told(file, "/tf", "/tf_static"):
         edges = {
             t.child_frame_id: (
-                t.parent_frame_id, (t.translation.x, t.translation.y, yaw_of(t.rotation))
+                t.parent_frame_id,
+                (t.translation.x, t.translation.y, 2.0 * np.arctan2(t.rotation.z, t.rotation.w)),
             )
             for t in message.transforms
         }  # fmt: skip

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.envs.settings import EnvSettings
 from wheelchair_gym.task.task import Task
-from wheelchair_gym.types import Episode, Truth
+from wheelchair_gym.types import Episode, Shown, Truth
 
 if TYPE_CHECKING:
     from wheelchair_gym.rendering.picture import TopView
@@ -48,18 +48,19 @@ class EpisodeRenderer:
         return np.array(self._trail).reshape(-1, 3)
 
     def picture(
-        self, episode: Episode, truth: Truth, task: Task, path: Array | None, ahead: Array | None
+        self, episode: Episode, truth: Truth, task: Task, shown: Shown, ahead: Array | None
     ) -> NDArray[np.uint8]:
         """An RGB picture of the size that is set.
 
-        It shows a path (n, 2) [m] and, ahead of the chair, points (n, 2) [m] of the guidance.
+        It shows path and roll-out and, ahead of the chair, points (n, 2) [m] of the guidance.
         """
         (v, w), rest = task.reading.twist, task.way_to_go(task.reading.pose)
         caption = f"{v:5.2f} m/s  {w:5.2f} rad/s   {rest:5.1f} m to go"
         return self.draw(
             episode, task.tolerance, truth.pose,
             reading=task.reading,
-            path=path,
+            path=shown.path,
+            rollout=shown.rollout,
             look_ahead=ahead,
             caption=f"{task.reading.stamp:6.1f} s   {caption}",
             actors=truth.actor_poses if len(truth.actor_poses) else None,

@@ -364,7 +364,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         if self.episode is None:
             raise gym.error.ResetNeeded("call reset() before render()")
         truth, ahead = self.chair.truth, self.points_ahead
-        frame = self._drawing.picture(self.episode, truth, self.task, self.shown.path, ahead)
+        frame = self._drawing.picture(self.episode, truth, self.task, self.shown, ahead)
         if self.render_mode == "rgb_array":
             return frame
         self._drawing.show(frame)
@@ -407,9 +407,10 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         if self.episode is None:
             return None
         view, out = EpisodeRenderer(self.settings), io.BytesIO()
-        truth, path = self.chair.truth, self.shown.path
+        truth = self.chair.truth
         view.follow(truth.pose)
-        Image.fromarray(view.picture(self.episode, truth, self.task, path, None)).save(out, "png")
+        picture = view.picture(self.episode, truth, self.task, self.shown, None)
+        Image.fromarray(picture).save(out, "png")
         return out.getvalue()
 
     @property

@@ -46,10 +46,6 @@ _POLL_PERIOD = 0.005  # s between two reads of the ports: a quarter of the odome
 _FINE = 0.001  # s between two checks for the next odometry
 
 
-def _warn(line: str) -> None:
-    _LOG.warning("%s", line)
-
-
 class HardwareChair(RealBase):
     """A chair behind its boards; see `Chair`. Readings hold dead-reckoned poses.
 
@@ -93,7 +89,7 @@ class HardwareChair(RealBase):
         self.person: Callable[[], str] = lambda: ""
         self.assisted = False
         self.waiting_for = ""
-        self.on_wait: Callable[[str], object] = _warn
+        self.on_wait: Callable[[str], object] = _LOG.warning
         self.on_rearm: list[Callable[[], object]] = []
         self._person_drives = False  # or has to re-arm it
         self._loop = ControlLoop(

@@ -45,6 +45,7 @@ def _image(now: int, *picture: Any) -> ros.Message:
 _TOPICS: Final = ros.TOPICS | {
     "/cmd_vel": ros.Topic("geometry_msgs/msg/TwistStamped", ros.twist_stamped),
     "/plan": ros.Topic("nav_msgs/msg/Path", ros.path),
+    "/rollout": ros.Topic("nav_msgs/msg/Path", ros.path),
     "/trail": ros.Topic("nav_msgs/msg/Path", ros.path),
     "/pose": ros.Topic("geometry_msgs/msg/PoseStamped", ros.pose_stamped),
     "/ground_truth": ros.Topic("geometry_msgs/msg/PoseStamped", ros.pose_stamped),

@@ -199,10 +199,10 @@ _KINDS: Final = {
     "/map": m.Grid, "/tf": m.FrameTransforms, "/tf_static": m.FrameTransforms,
     **{ros.scanner_name(k, "/scan"): m.LaserScan for k in range(SCANNERS)},
     "/ultrasonic": m.SceneUpdate, "/odometry": m.Odometry, "/path": m.PosesInFrame,
-    "/lookahead": m.PosesInFrame, "/goal": m.PoseInFrame, "/pose": m.PoseInFrame,
-    "/truth": m.PoseInFrame, "/particles": m.PointCloud, "/actors": m.SceneUpdate,
-    "/footprint": m.SceneUpdate, "/trail": m.SceneUpdate, "/note": m.Log,
-    "/image": m.CompressedImage,
+    "/rollout": m.PosesInFrame, "/lookahead": m.PosesInFrame, "/goal": m.PoseInFrame,
+    "/pose": m.PoseInFrame, "/truth": m.PoseInFrame, "/particles": m.PointCloud,
+    "/actors": m.SceneUpdate, "/footprint": m.SceneUpdate, "/trail": m.SceneUpdate,
+    "/note": m.Log, "/image": m.CompressedImage,
 }  # fmt: skip
 _MADE: Final[dict[str, Callable[..., Any]]] = {
     "/ultrasonic": _cones, "/particles": _particles, "/trail": _trail,

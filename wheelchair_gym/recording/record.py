@@ -24,7 +24,7 @@ from wheelchair_gym.physics.actors.records import actor_shapes
 from wheelchair_gym.recording import topics
 from wheelchair_gym.recording.sink import NANO, Sink
 from wheelchair_gym.safety.stops import StopMonitor, active_stops
-from wheelchair_gym.types import Belief, Stick
+from wheelchair_gym.types import Belief, Shown, Stick
 
 if TYPE_CHECKING:
     from wheelchair_gym.task.task import Observation
@@ -91,7 +91,7 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
         self._base = out.now = out.now + NANO if out.now else 0
         self._refreshed = self._image = -math.inf  # s: when both were last sent
         self._trail.clear()
-        self._path: Any = None
+        self._lines: dict[str, Any] = {}  # path and roll-out as last sent
         self._map: OccupancyGrid = self._env.episode.map
         self._note, self._stops = "", StopMonitor()
         self._log_episode()
@@ -170,7 +170,7 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
         self._out.send("/goal", env.episode.goal)
         self._out.send("/tf_static", sensors.lasers, sensors.ultrasonic)
         self._out.send("/footprint", env.settings.chair.footprint.corners)
-        self._path = None  # so that it is sent, too
+        self._lines = {}  # so that they are sent, too
 
     def _log_reading(self) -> None:
         env = self._env
@@ -205,7 +205,7 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
         report = getattr(unwrapped(env.chair), "report", None)
         if report is not None:
             self._out.write(topics.BOARD, {"wall": time.time(), **report})
-        self._log_changes(env.shown.path, reading.stamp)
+        self._log_changes(env.shown, reading.stamp)
 
     def _refresh(self, reading: Any, believed: Belief) -> bool:
         """Send trail, pictures and static content at their rates; returns if the map changed."""
@@ -229,18 +229,19 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
                 self._log_map(map_)
         return changed
 
-    def _log_changes(self, path: Any, stamp: float) -> None:
-        """Send path and notes when they change."""
-        if path is not None and path is not self._path:
-            self._out.send("/path", path)
-        self._path = path
-        note = self._env.shown.status
+    def _log_changes(self, shown: Shown, stamp: float) -> None:
+        """Send path, roll-out and notes when they change."""
+        for topic, line in (("/path", shown.path), ("/rollout", shown.rollout)):
+            if line is not None and line is not self._lines.get(topic):
+                self._out.send(topic, line)
+            self._lines[topic] = line
+        note = shown.status
         if note != self._note:
             self._note = note
             self._out.send("/note", "policy", note or "-", False)
         shield, reading = self._env.shield, self._env.task.reading
-        for line in self._stops.update(stamp, active_stops(reading.halted, shield)):
-            self._out.send("/note", "chair", line, bool(self._stops.messages))
+        for message in self._stops.update(stamp, active_stops(reading.halted, shield)):
+            self._out.send("/note", "chair", message, bool(self._stops.messages))
 
 
 def _due(since: float, period: float) -> bool:

@@ -139,6 +139,7 @@ class TopView:
         reading: Reading | None = None,
         trail: ArrayLike | None = None,
         path: ArrayLike | None = None,
+        rollout: ArrayLike | None = None,
         look_ahead: ArrayLike | None = None,
         caption: str = "",
         actors: Array | None = None,
@@ -150,6 +151,7 @@ class TopView:
             reading: laser, ultrasonics, and the pose where the chair believes it is.
             trail: where it has been (n, 2 or 3) [m].
             path: the guidance path (n, 2 or 3) [m].
+            rollout: where generated commands lead (n, 2 or 3) [m].
             look_ahead: points (n, 2) [m] of the path that the chair steers by.
             caption: one line below the picture, ASCII.
             actors: where the episode's actors are (k, 3) [m, m, rad]; NaN: not there.
@@ -158,8 +160,8 @@ class TopView:
         at = np.asarray(pose, dtype=np.float64)
         if path is not None:
             canvas.line(path, palette.PATH, 2.5)
-        if trail is not None:
-            canvas.line(trail, palette.TRAIL, 2.0)
+        for line in (trail, rollout):
+            canvas.line([] if line is None else line, palette.TRAIL, 2.0)
         if reading is not None:
             self._lasers(canvas, at, np.asarray(reading.laser, dtype=np.float64))
             self._ultrasonics(canvas, at, reading)

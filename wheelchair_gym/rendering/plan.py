@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from wheelchair_gym.geometry import polygon_edges
 from wheelchair_gym.rendering import floor, palette
-from wheelchair_gym.rendering.canvas import Canvas, Image
+from wheelchair_gym.rendering.canvas import Image
 from wheelchair_gym.rendering.legend import Entry, disc, line, with_legend
 from wheelchair_gym.types import no_discs, no_walls
 
@@ -81,7 +81,8 @@ def draw_plan(
         fine.line(rollout, palette.TRAIL, _ROLLOUT)
     if optimum is not None:
         fine.dashes(optimum, palette.OPTIMUM, _OPTIMUM)
-    _mark_goal(fine, goal)
+    mark = disc("goal", palette.GOAL, palette.FREE)
+    mark[1](fine, np.atleast_2d(goal))
     floor.draw_start(fine, start)
     floor.draw_scale_bar(fine)
     picture = fine.downsampled(floor.FINE)
@@ -91,7 +92,7 @@ def draw_plan(
     dashes: Entry = ("shortest", lambda on, at: on.dashes(at, palette.OPTIMUM, _OPTIMUM))
     entries: list[tuple[object, Entry]] = [
         (True, ("start", lambda on, at: floor.draw_start(on, at.mean(axis=0)))),
-        (True, ("goal", lambda on, at: _mark_goal(on, at.mean(axis=0)))),
+        (True, mark),
         (_any(path), line("path", path_colour, _PATH)),
         (_any(rollout), line("roll-out", palette.TRAIL, _ROLLOUT)),
         (len(inflated), line("solid", palette.SOLID, 2 * _PATH)),
@@ -112,8 +113,3 @@ def _any(drawn: ArrayLike | None) -> bool:
 def _member(words: str, colour: palette.Colour, where: ArrayLike) -> Entry:
     is_point = len(np.asarray(where)) == 1
     return disc(words, colour) if is_point else line(words, colour, 2 * _SWARM)
-
-
-def _mark_goal(canvas: Canvas, goal: ArrayLike) -> None:
-    canvas.dot(goal, 7.0, palette.FREE)
-    canvas.dot(goal, 5.5, palette.GOAL)

@@ -45,12 +45,15 @@ def driven(folder, seconds, change=lambda drive, k: None, by="gamepad", curve=wi
     return drive.file
 
 
-def test_an_assistant_answers_the_same_and_another_one_beside_it(tmp_path, capsys):
-    file = driven(tmp_path, 10.0)
+def replays_the_same(file, capsys):
     assert main(["replay", str(file), "--assist", "slide"]) == 0
     said = capsys.readouterr().out
-    assert "the same rewards" in said
-    assert "the same, to the bit" in said
+    assert all(part in said for part in ("the same rewards", "the same, to the bit"))
+
+
+def test_an_assistant_answers_the_same_and_another_one_beside_it(tmp_path, capsys):
+    file = driven(tmp_path, 10.0)
+    replays_the_same(file, capsys)
     (recorded,) = read_recording(file)
     assert recorded.labels == {"assistant": "slide", "interface": "gamepad"}
     assert recorded.changed == ()
@@ -153,10 +156,7 @@ def test_the_twin_is_driven_and_judged_the_same(tmp_path, capsys):
     assert 1e-6 < np.hypot(*(believed - true)[:2]) < 0.05
     (recorded,) = read_recording(file)
     assert np.abs(recorded.states[-1].truth.twist).max() < 0.02  # it was let go
-    assert main(["replay", str(file), "--assist", "slide"]) == 0
-    said = capsys.readouterr().out
-    assert "the same rewards" in said
-    assert "the same, to the bit" in said
+    replays_the_same(file, capsys)
 
 
 def test_the_twin_is_offered_where_nobody_moves():
@@ -181,10 +181,7 @@ def test_a_recording_that_was_cut_off_is_judged_as_far_as_it_goes(
 ):
     file, whole = tmp_path / "cut.mcap", circles.read_bytes()
     file.write_bytes(whole[: int(part * len(whole))])
-    assert main(["replay", str(file), "--assist", "slide"]) == 0
-    said = capsys.readouterr().out
-    assert "the same rewards" in said
-    assert "the same, to the bit" in said
+    replays_the_same(file, capsys)
     assert f"{file}: the recording was cut off; what it holds is used" in caplog.text
     driven = len(read_recording(circles)[0].actions)
     assert 0 < len(read_recording(file)[0].actions) <= driven == 12 * 40
