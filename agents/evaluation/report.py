@@ -51,8 +51,8 @@ RANKING_NOTE = (
 _LARGEST_VIDEO = 3e6
 _MOST_PICTURES = 3e6  # about 500 failures
 _LEGEND = (
-    "Blue: the chair and its trail, from the grey ring. Green: goal and path. Red: laser. Yellow: "
-    "ultrasonic echoes. Purple outline: the estimated pose."
+    "Blue: the chair, its trail and the roll-out of commands. Green: goal and path. Red: laser. "
+    "Yellow: ultrasonic echoes. Purple outline: the estimated pose."
 )
 
 
