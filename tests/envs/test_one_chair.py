@@ -20,8 +20,8 @@ def seen_by_others(env):
     """What policies, recordings and pictures read from an environment after a step."""
     task, chair = env.task, env.chair
     return (
-        env.reading._asdict(), task.verdict._asdict(), chair.truth._asdict(), task.observation,
-        task.action, task.shield_intervention, np.copy(chair.sensed), np.copy(task.judged["terms"]),
+        env.reading._asdict(), chair.truth._asdict(), task.observation,
+        task.action, task.shield_intervention, np.copy(chair.sensed), np.copy(task.judged),
     )  # fmt: skip
 
 

@@ -149,9 +149,7 @@ class BusyOracle(Oracle):
                 for a in (lent.chairs.states, lent.chairs.parameters, lent.chairs.world_rows)
             ]
             engine = lent.chairs.suite.record.view(np.recarray)[0]
-            period.drive_period.py_func(
-                *own, engine, v, w, False, lent.chairs.suite.rangers.order, None
-            )
+            period.drive_period.py_func(*own, engine, v, w, False, lent.chairs.suite.order, None)
 
 
 # What says who is in the Space, in which the oracle has all.

@@ -12,11 +12,11 @@ from tests.sensors.test_laser import brute_force, random_world
 from wheelchair_gym.physics.chair import SimulatedChair
 from wheelchair_gym.sensors.laser import WORKSPACE_ROWS
 from wheelchair_gym.sensors.settings import SensorSettings, UltrasonicSettings
-from wheelchair_gym.sensors.ultrasonic import UltrasonicArrays, first_echo, sense_ultrasonic
+from wheelchair_gym.sensors.ultrasonic import RANGER, first_echo, ranger_rows, sense_ultrasonic
 
 ROOM = np.empty((WORKSPACE_ROWS, 64), np.float32)
 NO_WALLS, NO_DISCS = np.empty((0, 4)), np.empty((0, 3))
-NEVER = (100.0, 200.0, 0.0)  # incidences from which echoes are lost, and a draw
+NEVER = (100.0, 200.0)  # incidences from which echoes are lost
 
 
 def wall(distance, slant=0.0, half=20.0):
@@ -25,9 +25,14 @@ def wall(distance, slant=0.0, half=20.0):
     return np.array([(distance - half * s, -half * c, distance + half * s, half * c)])
 
 
+def ranger(half, reach, losses):
+    """A ranger with a cone of half an angle, and incidences of losses."""
+    return np.array([(0, (0.0, 0.0, 0.0), math.tan(half), reach, 0.0, 0.0, *losses)], RANGER)[0]
+
+
 def heard(half, losses, draw, walls):
     """The first echo [m] in a cone of half an angle, with incidences of losses, and a draw."""
-    return first_echo(0.0, 0.0, 0.0, math.tan(half), 4.0, *losses, draw, walls, NO_DISCS, ROOM)
+    return first_echo(0.0, 0.0, 0.0, ranger(half, 4.0, losses), draw, walls, NO_DISCS, ROOM)
 
 
 @pytest.mark.parametrize("worlds", [150, pytest.param(500, marks=pytest.mark.long)])
@@ -40,7 +45,7 @@ def test_cone_equals_brute_force_on_random_worlds(half, worlds):
     for _ in range(worlds):
         walls, discs = random_world(rng)
         yaw = rng.uniform(-10, 10)
-        echo = first_echo(0.0, 0.0, yaw, math.tan(half), 6.0, *NEVER, walls, discs, ROOM)
+        echo = first_echo(0.0, 0.0, yaw, ranger(half, 6.0, NEVER), 0.0, walls, discs, ROOM)
         ends = np.arctan2(walls[:, 1::2], walls[:, ::2]).ravel() - yaw
         ends = (ends + math.pi) % (2 * math.pi) - math.pi
         ends = np.concatenate([ends - 1e-9, ends + 1e-9])
@@ -84,12 +89,11 @@ def test_a_lost_echo_does_not_let_the_sound_through_the_wall():
 
 
 def test_noise_ghosts_blind_zone_and_reach():
-    rangers = UltrasonicArrays.of(UltrasonicSettings(), True)
-    pose = np.zeros(3)
+    one, pose = ranger_rows(UltrasonicSettings(), True)[0], np.zeros(3)
     ahead = wall(0.70 + 2.0)
     readings = np.array(
         [
-            sense_ultrasonic(rangers, 0, pose, ahead, NO_DISCS, np.uint64(5), k, ROOM)
+            sense_ultrasonic(one, 0.010, pose, ahead, NO_DISCS, np.uint64(5), k, ROOM)
             for k in range(20000)
         ]
     )
@@ -100,12 +104,12 @@ def test_noise_ghosts_blind_zone_and_reach():
     assert ghosts == pytest.approx(0.01 * expected / 4.0, abs=0.0025)
     quiet = np.array(
         [
-            sense_ultrasonic(rangers, 0, pose, NO_WALLS, NO_DISCS, np.uint64(6), k, ROOM)
+            sense_ultrasonic(one, 0.010, pose, NO_WALLS, NO_DISCS, np.uint64(6), k, ROOM)
             for k in range(20000)
         ]
     )
     assert np.isfinite(quiet).mean() == pytest.approx(0.01, abs=0.003)
-    touching = sense_ultrasonic(rangers, 0, pose, wall(0.705), NO_DISCS, np.uint64(5), 3, ROOM)
+    touching = sense_ultrasonic(one, 0.010, pose, wall(0.705), NO_DISCS, np.uint64(5), 3, ROOM)
     assert touching == pytest.approx(0.02, abs=0.03)
     assert touching >= 0.02
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -84,23 +84,6 @@ def is_unshielded(key: np.uint64, share: float) -> bool:
 
 
 @borrowing_kernel
-def update_row_shield(i: int, shields: Rows, seen: Any, ranges: Floats) -> None:
-    """Update row i's shield with a reading."""
-    update_shield(
-        i,
-        shields,
-        seen.pose[:],
-        seen.twist[:],
-        ranges,
-        seen.ultrasonic[:],
-        seen.age[:],
-        seen.bumped,
-        False,
-        seen.stamp,
-    )
-
-
-@borrowing_kernel
 def update_row_assistant(i: int, assistants: Any, progress: Any, seen: Any, ranges: Floats) -> None:
     """Let row i's assistant see a reading, and the stick that it shall answer."""
     forward, left = progress.sticks[0, 0], progress.sticks[0, 1]
@@ -120,18 +103,8 @@ def begin_chair(i: int, batch: Any, rows: Columns, out: Floats) -> None:
     if drivers[0].n > 0:
         begin_driver(i, drivers, key)
     seen, shielded = rows.sensed[i], shields[0].n > 0
-    begin_task(
-        i,
-        task,
-        rows.verdicts,
-        seen.pose,
-        seen.twist,
-        ranges,
-        seen.ultrasonic,
-        seen.stamp,
-        shielded and not is_unshielded(key, batch.unshielded),
-        out[i],
-    )
+    is_shielded = shielded and not is_unshielded(key, batch.unshielded)
+    begin_task(i, task, rows.verdicts, seen, ranges, is_shielded, out[i])
     rows.success[i] = is_success(rule, prepared, seen)
     assistants = _assistants_at(batch.assistants, 1)
     if assistants[0].n > 0:
@@ -140,7 +113,7 @@ def begin_chair(i: int, batch: Any, rows: Columns, out: Floats) -> None:
     if shielded:
         reset_shield(i, shields)
         copy_decision(i, shields, rows.decisions[i])
-        update_row_shield(i, shields, seen, ranges)
+        update_shield(i, shields, seen, ranges)
 
 
 @borrowing_kernel
@@ -155,27 +128,27 @@ def begin_chairs(batches: Rows, chosen: Mask, block: Bytes, out: Floats) -> None
             begin_chair(i, batch, rows, out)
 
 
+class Driven(NamedTuple):
+    """How a chair is driven for one control period."""
+
+    action: tuple[float, float]  # as it was asked
+    twist: tuple[float, float]  # m/s, rad/s: that is driven
+    stop: bool  # protectively
+    less: tuple[float, float]  # m/s, rad/s: what a shield took from the twist of the action
+
+
 @borrowing_kernel
 def step_row(
-    i: int,
-    chairs: Any,
-    task: Any,
-    drivers: Any,
-    sensed: Rows,
-    verdicts: Rows,
-    ranges: Floats,
-    action: tuple[float, float],
-    twist: tuple[float, float],
-    stop: bool,
-    less: tuple[float, float],
-    out: Floats,
+    i: int, parts: Any, sensed: Rows, verdicts: Rows, ranges: Floats, driven: Driven, out: Floats
 ) -> bool:
-    """Drive row i's chair, and assess its step; `less` is what a shield took from the twist asked.
+    """Drive row i's chair, and assess its step; parts: a record of BATCH or of STEP.
 
     Returns:
         Whether it is at the goal by truth, and has touched nothing.
     """
-    step_chair(i, chairs, twist[0], twist[1], stop, ranges, sensed)
+    chairs, task = _chairs_at(parts.chairs, 1), _task_at(parts.task, 1)
+    drivers, (v, w) = _drivers_at(parts.drivers, 1), driven.twist
+    step_chair(i, chairs, v, w, driven.stop, ranges, sensed)
     seen = sensed[i]
     rule, prepared, progress = task_row(task, i)
     if drivers[0].n > 0:
@@ -184,21 +157,7 @@ def step_row(
         )
         arrived = has_arrived(rule, prepared, seen.true_pose, seen.true_twist, 0.0)
         take_stick(progress, forward, left, latched, arrived)
-    assess(
-        i,
-        task,
-        verdicts,
-        action,
-        seen.pose,
-        seen.twist,
-        ranges,
-        seen.ultrasonic,
-        seen.stamp,
-        seen.bumped,
-        less[0],
-        less[1],
-        out,
-    )
+    assess(i, task, verdicts, driven.action, driven.less, seen, ranges, out)
     return is_success(rule, prepared, seen)
 
 
@@ -230,20 +189,10 @@ def step_one(
 ) -> bool:
     """`step_row` of the record of STEP at an address: numbers reach it faster than arrays."""
     step = _steps_at(place, 1)[0]
-    return step_row(
-        0,
-        _chairs_at(step.chairs, 1),
-        _task_at(step.task, 1),
-        _drivers_at(step.drivers, 1),
-        _sensed_at(step.sensed, 1),
-        _verdicts_at(step.verdict, 1),
-        floats_at(step.ranges, step.beams),
-        (a_v, a_w),
-        (v, w),
-        stop,
-        (less_v, less_w),
-        floats_at(step.out, step.numbers),
-    )
+    ranges, out = floats_at(step.ranges, step.beams), floats_at(step.out, step.numbers)
+    sensed, verdicts = _sensed_at(step.sensed, 1), _verdicts_at(step.verdict, 1)
+    driven = Driven((a_v, a_w), (v, w), stop, (less_v, less_w))
+    return step_row(0, step, sensed, verdicts, ranges, driven, out)
 
 
 @borrowing_kernel
@@ -297,29 +246,15 @@ def step_chairs(
             if assistants[0].n > 0:
                 action = assisted_action(i, assistants, action[0], action[1])
             v, w = twist_of_action(action[0], action[1], rule.forward, rule.backward, rule.turn)
-            less = (v, w)
-            shielded = progress.is_shielded
+            asked, shielded = (v, w), progress.is_shielded
             if shielded:
                 v, w, stop = filter_twist(i, shields, v, w)
-            less = (less[0] - v, less[1] - w)
-            rows.success[i] = step_row(
-                i,
-                chairs,
-                task,
-                drivers,
-                sensed,
-                verdicts,
-                ranges,
-                action,
-                (v, w),
-                stop,
-                less,
-                out[i],
-            )
+            driven = Driven(action, (v, w), stop, (asked[0] - v, asked[1] - w))
+            rows.success[i] = step_row(i, batch, sensed, verdicts, ranges, driven, out[i])
             if shields[0].n > 0:
                 copy_decision(i, shields, rows.decisions[i])
             if shielded:
-                update_row_shield(i, shields, sensed[i], ranges)
+                update_shield(i, shields, sensed[i], ranges)
             if assistants[0].n > 0:
                 update_row_assistant(i, assistants, progress, sensed[i], ranges)
             is_over[i] = verdicts[i].terminated or verdicts[i].truncated

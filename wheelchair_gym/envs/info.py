@@ -2,62 +2,45 @@
 
 from __future__ import annotations
 
-from operator import itemgetter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from wheelchair_gym.arrays import Mask
-from wheelchair_gym.task.rewards import TERMS, Verdict
-from wheelchair_gym.types import Reading, Truth
+from wheelchair_gym.task.rewards import TERMS
 
 if TYPE_CHECKING:
     from wheelchair_gym.envs.results import Columns
     from wheelchair_gym.safety.shield import Decision
 
 
-SOURCES: dict[str, tuple[str, ...]] = {
-    "truth": Truth._fields,
-    "reading": Reading._fields,
-    "verdict": Verdict._fields,
-    "success": ("",),
-}
-
-
 class InfoKey(NamedTuple):
     """One key of `info`."""
 
     name: str
-    source: str  # one of SOURCES
-    field: str  # of Truth, Reading or Verdict
+    column: str  # a field of SENSED or VERDICT; empty: success
     meaning: str
 
-    @property
-    def column(self) -> str:
-        """Its field in a record of SENSED, where truth's pose and twist stand beside estimates."""
-        return f"true_{self.field}" if self.source == "truth" and self.name in TRUE else self.field
 
-
-TRUE = ("pose", "twist")
 INFO_KEYS = (
-    InfoKey("pose", "truth", "pose", "true pose (3,) [m, m, rad]"),
-    InfoKey("twist", "truth", "twist", "true twist (2,) [m/s, rad/s]"),
-    InfoKey("pose_estimate", "reading", "pose", "the chair's own estimate of its pose (3,)"),
-    InfoKey("is_success", "success", "", "at the goal by truth, and nothing was touched"),
-    InfoKey("arrived", "verdict", "arrived", "at the goal by the chair's own estimate"),
-    InfoKey("bumped", "reading", "bumped", "a bumper strip is pressed"),
-    InfoKey("contact", "truth", "contact", "touched anything during the last control period"),
+    InfoKey("pose", "true_pose", "true pose (3,) [m, m, rad]"),
+    InfoKey("twist", "true_twist", "true twist (2,) [m/s, rad/s]"),
+    InfoKey("pose_estimate", "pose", "the chair's own estimate of its pose (3,)"),
+    InfoKey("is_success", "", "at the goal by truth, and nothing was touched"),
+    InfoKey("arrived", "arrived", "at the goal by the chair's own estimate"),
+    InfoKey("bumped", "bumped", "a bumper strip is pressed"),
+    InfoKey("contact", "contact", "touched anything during the last control period"),
     InfoKey(
-        "at_fault", "truth", "at_fault",
+        "at_fault", "at_fault",
         "the chair approached at more than 0.05 m/s, and faster than what it touched approached it",
     ),
-    InfoKey("contact_with", "truth", "contact_with", "number of the actor touched; -1: none"),
-    InfoKey("approach_speed", "truth", "approach_speed", "of the chair at that contact [m/s]"),
-    InfoKey("other_approach_speed", "truth", "other_approach_speed", "of the other thing [m/s]"),
-    InfoKey("clearance", "truth", "clearance", "from the outline to the nearest obstacle [m]"),
-    InfoKey("energy", "truth", "energy", "drawn from the battery since reset [Wh]"),
-    InfoKey("distance", "truth", "distance", "driven since reset [m]"),
-    InfoKey("time", "reading", "stamp", "since reset [s]"),
-    InfoKey("valid_beams", "verdict", "valid_beams", "finite ranges of the scan"),
-    InfoKey("geodesic", "verdict", "geodesic", "shortest way from start to goal [m]"),
+    InfoKey("contact_with", "contact_with", "number of the actor touched; -1: none"),
+    InfoKey("approach_speed", "approach_speed", "of the chair at that contact [m/s]"),
+    InfoKey("other_approach_speed", "other_approach_speed", "of the other thing [m/s]"),
+    InfoKey("clearance", "clearance", "from the outline to the nearest obstacle [m]"),
+    InfoKey("energy", "energy", "drawn from the battery since reset [Wh]"),
+    InfoKey("distance", "distance", "driven since reset [m]"),
+    InfoKey("time", "stamp", "since reset [s]"),
+    InfoKey("valid_beams", "valid_beams", "finite ranges of the scan"),
+    InfoKey("geodesic", "geodesic", "shortest way from start to goal [m]"),
 )  # fmt: skip
 # Keys that tell which episode is driven.
 EPISODE_KEYS = {
@@ -65,17 +48,6 @@ EPISODE_KEYS = {
     "episode_number": "among those of its seed, from 0",
     "split": "stream of worlds that it is drawn from: train or test",
 }
-
-_FIELDS = [(source, field) for source, fields in SOURCES.items() for field in fields]
-_NAMES = tuple(key.name for key in INFO_KEYS)
-_VALUES = itemgetter(*(_FIELDS.index((key.source, key.field)) for key in INFO_KEYS))
-
-
-def info_of(truth: Truth, reading: Reading, verdict: Verdict, success: bool) -> dict[str, Any]:
-    """The info of one environment, but for its shield's."""
-    info = dict(zip(_NAMES, _VALUES((*truth, *reading, *verdict, success)), strict=True))
-    info["reward_terms"] = dict(zip(TERMS, verdict.terms, strict=True))
-    return info
 
 
 def info_of_shield(decision: Decision) -> dict[str, Any]:
@@ -86,12 +58,9 @@ def info_of_shield(decision: Decision) -> dict[str, Any]:
 def info_of_rows(columns: Columns, shielded: bool) -> dict[str, Any]:
     """The info of many environments, as arrays with their masks; of a reason, its number."""
     sensed, verdicts, decisions, success, _, mask = columns
-    values: dict[str, Any] = {
-        key.name: (verdicts if key.source == "verdict" else sensed)[key.column]
-        if key.field
-        else success
-        for key in INFO_KEYS
-    }
+    every = {name: rows[name] for rows in (sensed, verdicts) for name in rows.dtype.names or ()}
+    every[""] = success
+    values: dict[str, Any] = {key.name: every[key.column] for key in INFO_KEYS}
     terms = verdicts["terms"]
     values["reward_terms"] = _masked({name: terms[name] for name in TERMS}, mask)
     if shielded:

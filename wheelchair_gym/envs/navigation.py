@@ -20,8 +20,8 @@ from wheelchair_gym.drivers.step import Drivers
 from wheelchair_gym.envs.batch import is_unshielded
 from wheelchair_gym.envs.drawing import EpisodeRenderer
 from wheelchair_gym.envs.guidance import make_guidance
-from wheelchair_gym.envs.info import EPISODE_KEYS, info_of, info_of_shield, info_table
-from wheelchair_gym.envs.one_chair import Pair, SimulatedSteps
+from wheelchair_gym.envs.info import EPISODE_KEYS, info_of_shield, info_table
+from wheelchair_gym.envs.one_chair import Pair, SimulatedSteps, info_arrays, outcome_of
 from wheelchair_gym.envs.settings import (
     EnvSettings,
     check_options,
@@ -36,6 +36,7 @@ from wheelchair_gym.geometry import to_world
 from wheelchair_gym.kinematics import numbers_of
 from wheelchair_gym.localization.localized_chair import LocalizedChair, unwrapped
 from wheelchair_gym.physics.chair import SimulatedChair
+from wheelchair_gym.physics.state import sensed_of
 from wheelchair_gym.random import SEEDS, Split, episode_key
 from wheelchair_gym.safety.settings import ShieldSettings
 from wheelchair_gym.safety.shield import Shield
@@ -268,7 +269,8 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         self._running = True
         self._drawing.begin()
         self.show(Shown())
-        info = self._info() | self.episode_info
+        *_, info = self._outcome()
+        info |= self.episode_info
         if self.shield is not None:
             info["shield"] = info_of_shield(self.shield.decision)
         self._drawing.follow(info["pose"])
@@ -344,14 +346,14 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
                 stick = self.drivers.step(prepared, truth.pose, truth.twist, reading.laser)
             self.task.take_stick(stick, truth.pose, truth.twist)
         observation = self.task.assess(reading, action, less)
-        verdict = self.task.verdict
-        return observation, verdict.reward, verdict.terminated, verdict.truncated, self._info()
+        return observation, *self._outcome()
 
-    def _info(self) -> dict[str, Any]:
-        """The info of the latest reading, but for the shield's."""
+    def _outcome(self) -> tuple[float, bool, bool, dict[str, Any]]:
+        """Return `outcome_of` the latest reading."""
         truth, task = self.chair.truth, self.task
         success = not truth.touched and task.at_goal(truth.pose, truth.twist)
-        return info_of(truth, task.reading, task.verdict, success)
+        sensed = sensed_of(task.reading, truth)
+        return outcome_of(task.judged, sensed, success, info_arrays(sensed))
 
     def render(self) -> NDArray[np.uint8] | None:
         """The world from above: an RGB picture (render_height, render_width, 3).

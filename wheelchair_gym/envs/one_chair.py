@@ -12,6 +12,7 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
+from wheelchair_gym.arrays import Rows
 from wheelchair_gym.compiled.address import Pointers
 from wheelchair_gym.compiled.second_process import compile_beside
 from wheelchair_gym.drivers.step import Drivers
@@ -55,6 +56,30 @@ _INFO_NAMES = [key.name for key in INFO_KEYS if key.column in _NAMES]
 _info_of = itemgetter(*(_NAMES.index(key.column) for key in INFO_KEYS if key.column in _NAMES))
 
 
+def outcome_of(
+    verdict: Any, sensed: Any, success: bool, arrays: dict[str, Any]
+) -> tuple[float, bool, bool, dict[str, Any]]:
+    """Return reward, terminated and truncated of a step, and its info without the shield's.
+
+    Args:
+        verdict: memory of a record of VERDICT.
+        sensed: memory of one of SENSED.
+        success: the chair is at the goal by truth, and has touched nothing.
+        arrays: as of `info_arrays`.
+    """
+    numbers, info = (*_read_verdict(verdict), *_read_sensed(sensed), success), arrays.copy()
+    # Without the keyword `strict`, which takes two tenths of a microsecond.
+    info.update(zip(_INFO_NAMES, _info_of(numbers)))  # noqa: B905
+    info["reward_terms"] = dict(zip(TERMS, numbers))  # noqa: B905
+    return *_ends_of(numbers), info
+
+
+def info_arrays(sensed: Rows) -> dict[str, Any]:
+    """Return all keys of the info; values are the arrays of a record (1,) of SENSED, or None."""
+    columns = {key.name: key.column for key in INFO_KEYS}
+    return {name: None if of in _NAMES else sensed[of][0] for name, of in columns.items()}
+
+
 def _compile_step() -> None:
     """Compile a step, without a chair; for a helper process."""
     compiled: Any = step_one
@@ -70,7 +95,7 @@ class _Result:
         sensed: (1,) of SENSED.
         memory: of `sensed`.
         observation: by key.
-        info: all keys, with the arrays among their values.
+        info: of `info_arrays`.
     """
 
     def __init__(self, chair: SimulatedChair, task: Task, drivers: Drivers) -> None:
@@ -79,10 +104,7 @@ class _Result:
         self._out = np.zeros(task.observation_size, np.float32)
         self.memory = self.sensed.view(np.uint8).data
         self.observation = task.unpack(self._out)
-        self.info = {
-            key.name: None if key.column in _NAMES else self.sensed[key.column][0]
-            for key in INFO_KEYS
-        }
+        self.info = info_arrays(self.sensed)
         self._pointers = Pointers(np.zeros(1, STEP), STEP_TARGETS)
         self._pointers.record["beams"] = len(self.ranges)
         self._pointers.record["numbers"] = len(self._out)
@@ -139,11 +161,7 @@ class SimulatedSteps:
         chair.expect_drive()
         result = self._pool.take()
         success = step_one(result.address, *action, *twist, stop, *less)
-        observation, info = result.observation.copy(), result.info.copy()
+        observation = result.observation.copy()
         chair.take_step(result.ranges, result.sensed)
         self._task.take_step(chair.reading, observation, action, less)
-        numbers = *_read_verdict(self._verdict), *_read_sensed(result.memory), success
-        # Without the keyword `strict`, which takes two tenths of a microsecond.
-        info.update(zip(_INFO_NAMES, _info_of(numbers)))  # noqa: B905
-        info["reward_terms"] = dict(zip(TERMS, numbers))  # noqa: B905
-        return observation, *_ends_of(numbers), info
+        return observation, *outcome_of(self._verdict, result.memory, success, result.info)

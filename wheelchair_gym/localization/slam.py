@@ -10,7 +10,6 @@ particle is plain scan matching.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -314,12 +313,8 @@ class Slam:
             self._map = len(self._history), self.maps.to_grid(self.best)
         return self._map[1]
 
-    @property
-    def built_map(self) -> Callable[[], OccupancyGrid]:
-        """A function that returns the map as it is then."""
-        return self._current_map  # a method: unlike a lambda, it can be copied and pickled
-
-    def _current_map(self) -> OccupancyGrid:
+    def built_map(self) -> OccupancyGrid:
+        """Return the map as it is now; see `Localizer.built_map`."""
         return self.map
 
     @property

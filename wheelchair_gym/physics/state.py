@@ -165,30 +165,41 @@ FAULTS = (
     "odometry frozen",
 )
 
-# What a control period gives, in the order of the fields of Reading (but for the scan) and Truth.
-SENSED = np.dtype(
-    [
-        ("pose", "f8", (3,)),
-        ("twist", "f8", (2,)),
-        ("ultrasonic", "f4", (RANGERS,)),
-        ("age", "f4", (RANGERS,)),
-        ("bumped", "b1"),
-        ("battery", "f8"),
-        ("stamp", "f8"),
-        ("true_pose", "f8", (3,)),
-        ("true_twist", "f8", (2,)),
-        ("clearance", "f8"),
-        ("contact", "b1"),
-        ("touched", "b1"),
-        ("distance", "f8"),
-        ("energy", "f8"),
-        ("at_fault", "b1"),
-        ("contact_with", "i8"),
-        ("approach_speed", "f8"),  # a field with an axis takes half a microsecond more
-        ("other_approach_speed", "f8"),
-    ],
-    align=True,
-)
+# Fields of Reading, without the scan, and of Truth, without the actors' poses, in their orders.
+_READ: list[tuple[Any, ...]] = [
+    ("pose", "f8", (3,)),
+    ("twist", "f8", (2,)),
+    ("ultrasonic", "f4", (RANGERS,)),
+    ("age", "f4", (RANGERS,)),
+    ("bumped", "b1"),
+    ("battery", "f8"),
+    ("stamp", "f8"),
+]
+_TRUE: list[tuple[Any, ...]] = [
+    ("true_pose", "f8", (3,)),
+    ("true_twist", "f8", (2,)),
+    ("clearance", "f8"),
+    ("contact", "b1"),
+    ("touched", "b1"),
+    ("distance", "f8"),
+    ("energy", "f8"),
+    ("at_fault", "b1"),
+    ("contact_with", "i8"),
+    ("approach_speed", "f8"),  # a field with an axis takes half a microsecond more
+    ("other_approach_speed", "f8"),
+]
+SENSED = np.dtype([*_READ, *_TRUE], align=True)  # what a control period gives
+
+
+def sensed_of(reading: Any, truth: Any = None) -> NDArray[np.void]:
+    """Return a reading without its scan, and the truth if given, as a record (1,) of SENSED."""
+    sensed = np.zeros(1, SENSED)
+    row: Any = sensed[0]
+    for name, *_ in _READ:
+        row[name] = getattr(reading, name)
+    for name, *_ in _TRUE if truth is not None else ():
+        row[name] = getattr(truth, name.removeprefix("true_"))
+    return sensed
 
 
 _DECISION_PERIOD = 0.1  # s between two choices of a velocity by people

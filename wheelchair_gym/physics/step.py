@@ -45,7 +45,7 @@ from wheelchair_gym.physics.drive_train import (
 )
 from wheelchair_gym.physics.engine import ANGLE, BODY_DOUBLES, VX, VY, W, X, Y, body_view
 from wheelchair_gym.physics.fault_injection import apply_fault, draw_fault
-from wheelchair_gym.physics.sensor_suite import SUITE, rangers_of, scanner_of
+from wheelchair_gym.physics.sensor_suite import SUITE, ranger_of, scanner_of
 from wheelchair_gym.physics.state import PARAMETER, STATE, randomize_parameters
 from wheelchair_gym.physics.world import WORLD, enter_world, measure_clearance, touchable_space
 from wheelchair_gym.sensors.laser import WORKSPACE_ROWS, sense_laser
@@ -275,7 +275,6 @@ def sense(
     left at their present places.
     """
     walls, discs = shapes_of(world)
-    rangers = rangers_of(suite, p)
     for which in range(suite.rangers):
         fired = state.fired[which]
         if fired > fired_after:
@@ -283,8 +282,9 @@ def sense(
                 restore_actor_shapes(world, which)
             place = state.fire_pose[which]
             state.ranges[which] = sense_ultrasonic(
-                rangers, which, place, walls, discs, state.key, fired, workspace
-            )
+                ranger_of(suite, which), p.ranger_sigma[which], place, walls, discs, state.key,
+                fired, workspace,
+            )  # fmt: skip
     if world.n_actors > 0:
         write_actor_shapes(world)
     for k in range(suite.n_scanners):

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wheelchair_gym.arrays import Array
+from wheelchair_gym.geometry import arc_lengths
 from wheelchair_gym.rendering.palette import Colour
 
 Image = NDArray[np.uint8]
@@ -133,7 +134,7 @@ class Canvas:
         p = np.asarray(points, dtype=np.float64)[:, :2]
         if len(p) < 2:
             return
-        way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(p, axis=0).T))])
+        way = arc_lengths(p)
         step = 7.0 * self.stroke_scale / self.frame.scale
         for a in np.arange(0.0, way[-1], 2.0 * step):
             b = min(a + step, way[-1])

@@ -49,31 +49,20 @@ def reset_shield(i: int, shields: Any) -> None:
 
 
 @borrowing_kernel
-def update_shield(
-    i: int, shields: Any, pose: Array, twist: Array, laser: Floats, ultrasonic: Floats,
-    age: Floats, bumped: bool, halted: bool, stamp: float,
-) -> None:  # fmt: skip
-    """Give row i a reading."""
+def update_shield(i: int, shields: Any, seen: Any, laser: Floats) -> None:
+    """Update row i with a reading, a record of SENSED and its scans."""
     constants, shield = _shield_row(shields, i)
-    update(constants, shield, pose, twist, laser, ultrasonic, age, bumped, halted, stamp)
+    update(
+        constants, shield, seen.pose[:], seen.twist[:], laser, seen.ultrasonic[:], seen.age[:],
+        seen.bumped, False, seen.stamp,
+    )  # fmt: skip
 
 
 @borrowing_kernel
 def filter_twist(i: int, shields: Any, v: float, w: float) -> tuple[float, float, bool]:
-    """What may be driven of a twist [m/s, rad/s] behind row i; true: it is a protective stop."""
+    """Return the safe twist [m/s, rad/s] for row i and whether a protective stop is active."""
     constants, shield = _shield_row(shields, i)
     return decide(constants, shield, v, w)
-
-
-@borrowing_kernel
-def decide_row(
-    i: int, shields: Any, v: float, w: float
-) -> tuple[int, float, float, float, float, bool]:
-    """The numbers of row i's decision on a twist: reason, twist asked, twist given, protective."""
-    constants, shield = _shield_row(shields, i)
-    v, w, protective = decide(constants, shield, v, w)
-    decision = shield.decision
-    return decision.reason, decision.asked[0], decision.asked[1], v, w, protective
 
 
 @borrowing_kernel
@@ -83,13 +72,6 @@ def copy_decision(i: int, shields: Any, target: Any) -> None:
     target.reason, target.protective = decision.reason, decision.protective
     for k in range(2):
         target.asked[k], target.given[k] = decision.asked[k], decision.given[k]
-
-
-@borrowing_kernel
-def slow_row_for_unseen(i: int, shields: Any, motion: Array, twists: Array) -> None:
-    """Slow twists (n, 2) to what may last where nobody has seen, as row i remembers it."""
-    constants, shield = _shield_row(shields, i)
-    limit_for_unseen_space(constants, shield, motion, twists)
 
 
 def point_to_shields(constants: ShieldConstants, shields: NDArray[np.void]) -> Pointers:
@@ -136,10 +118,14 @@ class Shield:
         )
         self.state: NDArray[np.void] = np.zeros(1, SHIELD)
         self._beams = (sensors or SensorSettings()).beams
-        self._rows = point_to_shields(self._constants, self.state)
         self._asked = False
         self._warm()
         self.reset()
+
+    @property
+    def _records(self) -> tuple[Any, Any]:
+        """The records of what all shields share and of this one's state."""
+        return self._constants.record[0], self.state[0]
 
     def _warm(self) -> None:
         """Compile everything that a decision needs before a chair drives."""
@@ -151,7 +137,7 @@ class Shield:
         """Forget all readings and faults; the chair stands."""
         self._asked = False
         self.decision = Decision("", np.zeros(2), np.zeros(2), False)
-        reset_shield(0, self._rows.record)
+        reset(self.state[0])
 
     def filter(self, twist: Array, reading: Reading) -> Array:
         """The twist (2,) [m/s, rad/s] that may be driven until the next reading.
@@ -161,11 +147,10 @@ class Shield:
             reading: the latest; its stamps are the shield's only clock.
         """
         self.update(reading)
-        reason, asked_v, asked_w, v, w, protective = decide_row(
-            0, self._rows.record, float(twist[0]), float(twist[1])
-        )
-        given = np.array([v, w])
-        self.decision = Decision(REASONS[reason], np.array([asked_v, asked_w]), given, protective)
+        v, w, protective = decide(*self._records, float(twist[0]), float(twist[1]))
+        decision, given = self.state["decision"][0], np.array([v, w])
+        asked = decision["asked"].copy()
+        self.decision = Decision(REASONS[decision["reason"]], asked, given, protective)
         return given
 
     def update(self, reading: Reading) -> None:
@@ -175,8 +160,8 @@ class Shield:
             ValueError: an array has another shape; its lasers are not those in the settings.
         """
         check_reading(reading, self._beams)
-        update_shield(
-            0, self._rows.record, reading.pose, reading.twist, reading.laser, reading.ultrasonic,
+        update(
+            *self._records, reading.pose, reading.twist, reading.laser, reading.ultrasonic,
             reading.age, bool(reading.bumped), reading.halted != "", reading.stamp,
         )  # fmt: skip
 
@@ -190,7 +175,7 @@ class Shield:
             motion: speed, its slope, turn, its slope (4,) of the chair now.
         """
         slowed = np.array(twists, np.float64)
-        slow_row_for_unseen(0, self._rows.record, motion, slowed)
+        limit_for_unseen_space(*self._records, motion, slowed)
         return slowed
 
     def rearm(self) -> None:

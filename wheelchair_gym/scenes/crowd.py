@@ -10,7 +10,7 @@ import numpy as np
 
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import InputError, setting, settings
-from wheelchair_gym.geometry import Footprint
+from wheelchair_gym.geometry import Footprint, arc_lengths
 from wheelchair_gym.maps import OCCUPIED, OccupancyGrid, geodesic
 from wheelchair_gym.physics.actors.records import Actor, combine, door, furniture, obstacle
 from wheelchair_gym.scenes.arena import draw_pose, make_arena
@@ -317,7 +317,7 @@ class Temporary(Building):
         layout, episode = self.building.sample_building(rng, footprint)
         radius = passing_radius(footprint)
         path = geodesic(episode.map, episode.goal[:2], radius).path(episode.start[:2])
-        lengths = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
+        lengths = arc_lengths(path)
         obstacles: list[Actor] = []
         count = int(rng.integers(self.count[0], self.count[1] + 1))
         if lengths[-1] > 2.0 * _ENDS:

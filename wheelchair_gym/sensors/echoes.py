@@ -6,6 +6,7 @@ It holds an arc tangent that vectorises.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -77,27 +78,20 @@ def occluded_by_discs(qx: float, qy: float, discs: Array, x: float, y: float) ->
 
 
 @inlined
-def is_echo_lost(incidence: float, start: float, end: float, draw: float) -> bool:
-    """Whether an echo at this incidence is lost: never below start, always above end."""
-    return draw < (incidence - start) / (end - start)
+def is_echo_lost(incidence: float, ranger: Any, draw: float) -> bool:
+    """Return True if a ranger (of RANGER) loses an echo at this incidence.
+
+    It never does below `loss_from`, and always above `loss_at`.
+    """
+    return bool(draw < (incidence - ranger.loss_from) / (ranger.loss_at - ranger.loss_from))
 
 
 @borrowing_kernel
 def echo_of_discs(
-    x: float,
-    y: float,
-    c: float,
-    s: float,
-    slope: float,
-    reach: float,
-    loss_from: float,
-    loss_at: float,
-    draw: float,
-    walls: Array,
-    discs: Array,
+    x: float, y: float, c: float, s: float, ranger: Any, draw: float, walls: Array, discs: Array
 ) -> float:
-    """Distance [m] of the first echo of a disc, walls in between regarded; +inf if none."""
-    best = math.inf
+    """Compute the distance [m] of the first echo of a disc that no wall hides; +inf if none."""
+    slope, reach, best = ranger.slope, ranger.reach, math.inf
     half, edge = math.atan(slope), math.sqrt(1.0 + slope * slope)
     for k in range(discs.shape[0]):
         x0, y0, radius = discs[k, 0] - x, discs[k, 1] - y, discs[k, 2]
@@ -116,7 +110,7 @@ def echo_of_discs(
         if aside >= 0.5 * math.pi or off > radius:
             continue
         distance = far * math.cos(aside) - math.sqrt(radius * radius - off * off)
-        silent = is_echo_lost(math.asin(off / radius), loss_from, loss_at, draw)
+        silent = is_echo_lost(math.asin(off / radius), ranger, draw)
         if silent or distance >= min(best, reach):
             continue
         ahead, left = distance * math.cos(direction), distance * math.sin(direction)

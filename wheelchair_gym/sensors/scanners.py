@@ -32,7 +32,7 @@ SCANNER, _TARGETS = pointer_record(
     *((name, "f8") for name in _VALUES),
     *((name, "i8") for name in _NUMBERS),
 )
-_scanners_at = rows_of(SCANNER)
+scanners_at = rows_of(SCANNER)
 
 
 def scanner_pointers(sensors: SensorSettings, noise: bool) -> Pointers:
@@ -52,19 +52,25 @@ def scanner_pointers(sensors: SensorSettings, noise: bool) -> Pointers:
 @inlined
 def scanner_at(address: Any, count: int, k: int) -> LaserArrays:
     """Scanner k of `count` whose records lie at an address."""
-    one = _scanners_at(address, count)[k]
+    one = scanners_at(address, count)[k]
+    return laser_arrays(one, doubles_at(one.mount, 3), one.sigma, one.no_echo, one.bias)
+
+
+@inlined
+def laser_arrays(one: Any, mount: Any, sigma: float, no_echo: float, bias: float) -> LaserArrays:
+    """Return the arrays of a record of SCANNER with another mount and other errors."""
     return LaserArrays(
         floats_at(one.cosine, one.beams),
         floats_at(one.sine, one.beams),
         words_at(one.salt, one.beams),
         one.first,
         one.per_angle,
-        doubles_at(one.mount, 3),
+        mount,
         one.reach,
         one.nearest,
-        one.sigma,
-        one.no_echo,
-        one.bias,
+        sigma,
+        no_echo,
+        bias,
         one.number,
         one.start,
         one.shows_free,

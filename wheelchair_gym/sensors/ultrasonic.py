@@ -11,12 +11,12 @@ until one is heard.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from wheelchair_gym.arrays import Array, Floats
+from wheelchair_gym.arrays import Array, Floats, Rows
+from wheelchair_gym.compiled.address import rows_of
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.geometry import body_to_world, point_to_world, world_to_body
 from wheelchair_gym.random import ULTRASONIC, normal, uniform
@@ -35,36 +35,31 @@ _F = np.float32
 _ZERO, _ONE, _TINY, _NONE = _F(0.0), _F(1.0), _F(1e-30), _F(np.inf)
 
 
-class UltrasonicArrays(NamedTuple):
-    """What kernels need to know of the rangers; a row each."""
+# One ranger; its standard deviation is drawn for each episode.
+RANGER = np.dtype(
+    [
+        ("number", "i8"),  # among the chair's rangers
+        ("mount", "f8", (3,)),  # m, m, rad in the chair's frame
+        ("slope", "f8"),  # tangent of half of the cone
+        ("reach", "f8"),  # m
+        ("blind", "f8"),  # m
+        ("ghosts", "f8"),  # share of firings
+        ("loss_from", "f8"),  # rad
+        ("loss_at", "f8"),  # rad
+    ]
+)
+rangers_at = rows_of(RANGER)
 
-    mount: Array  # (n, 3) m, m, rad in the chair's frame
-    slope: Array  # (n,) tangent of half of the cone
-    reach: Array  # (n,) m
-    blind: Array  # (n,) m
-    sigma: Array  # (n,) m
-    ghosts: Array  # (n,)
-    loss_from: Array  # (n,) rad
-    loss_at: Array  # (n,) rad
-    order: NDArray[np.int64]  # (n,) ranger that fires k-th
 
-    @classmethod
-    def of(cls, rangers: UltrasonicSettings, noise: bool) -> UltrasonicArrays:
-        """Arrays of settings; without noise no echo is lost, added or shifted."""
-        share = 1.0 if noise else 0.0
-        models = rangers.models
-        never = 2.0 * math.pi  # an incidence that no echo reaches
-        return cls(
-            np.array([(m.x, m.y, m.yaw) for m in rangers.mounted], np.float64).reshape(-1, 3),
-            np.array([math.tan(m.field_of_view / 2) for m in models]),
-            np.array([m.reach for m in models]),
-            np.array([m.range_min for m in models]),
-            np.array([m.sigma * share for m in models]),
-            np.array([m.ghost_share * share for m in models]),
-            np.array([m.loss_from if noise else never for m in models]),
-            np.array([m.loss_at if noise else 2 * never for m in models]),
-            np.array(rangers.firing_order, dtype=np.int64),
-        )
+def ranger_rows(rangers: UltrasonicSettings, noise: bool) -> Rows:
+    """Return the mounted rangers (n,) of RANGER; without noise no echo is lost or added."""
+    never = 2.0 * math.pi  # an incidence that no echo reaches
+    rows = np.zeros(len(rangers.mounted), RANGER)
+    for k, (at, m) in enumerate(zip(rangers.mounted, rangers.models, strict=True)):
+        errors = (m.ghost_share, m.loss_from, m.loss_at) if noise else (0.0, never, 2.0 * never)
+        slope = math.tan(m.field_of_view / 2)
+        rows[k] = k, (at.x, at.y, at.yaw), slope, m.reach, m.range_min, *errors
+    return rows
 
 
 @borrowing_kernel
@@ -137,23 +132,14 @@ def _nearest_of_wall(
 
 @borrowing_kernel
 def first_echo(
-    x: float,
-    y: float,
-    yaw: float,
-    slope: float,
-    reach: float,
-    loss_from: float,
-    loss_at: float,
-    draw: float,
-    walls: Array,
-    discs: Array,
+    x: float, y: float, yaw: float, ranger: Any, draw: float, walls: Array, discs: Array,
     workspace: Floats,
-) -> float:
-    """Distance [m] of the first echo of one ranger at (x, y, yaw); +inf if none within reach."""
+) -> float:  # fmt: skip
+    """Compute the distance [m] of a ranger's first echo at (x, y, yaw); +inf if none in reach."""
     c, s = math.cos(yaw), math.sin(yaw)
-    best = math.inf
+    slope, reach, best = ranger.slope, ranger.reach, math.inf
     if discs.shape[0] > 0:
-        best = echo_of_discs(x, y, c, s, slope, reach, loss_from, loss_at, draw, walls, discs)
+        best = echo_of_discs(x, y, c, s, ranger, draw, walls, discs)
     n, width = walls.shape[0], workspace.shape[1]
     rows = workspace.reshape(workspace.size)
     ends, square, names = rows[: 4 * width], rows[4 * width : 5 * width], rows[5 * width :]
@@ -174,7 +160,7 @@ def first_echo(
         ax, ay = world_to_body(c, s, x0, y0)
         bx, by = world_to_body(c, s, x1, y1)
         ahead, left, distance, incidence = _nearest_of_wall(ax, ay, bx, by, slope)
-        if distance < min(best, reach) and not is_echo_lost(incidence, loss_from, loss_at, draw):
+        if distance < min(best, reach) and not is_echo_lost(incidence, ranger, draw):
             qx, qy = body_to_world(c, s, ahead, left)
             hidden = occluded_by_discs(qx, qy, discs, x, y)
             for j in range(near if visited else 0):
@@ -191,35 +177,19 @@ def first_echo(
 
 @borrowing_kernel
 def sense_ultrasonic(
-    rangers: UltrasonicArrays,
-    which: int,
-    pose: Array,
-    walls: Array,
-    discs: Array,
-    key: np.uint64,
-    tick: int,
+    ranger: Any, sigma: float, pose: Array, walls: Array, discs: Array, key: np.uint64, tick: int,
     workspace: Floats,
-) -> float:
-    """What one ranger reports [m] when it fires from a chair at a pose (3,) [m, m, rad]."""
+) -> float:  # fmt: skip
+    """Compute what a ranger reports [m] when it fires from a chair at a pose (3,) [m, m, rad].
+
+    Its noise has a standard deviation `sigma` [m].
+    """
     c, s = math.cos(pose[2]), math.sin(pose[2])
-    mount = rangers.mount[which]
+    mount, reach, draw = ranger.mount, ranger.reach, _DRAWS * ranger.number
     x, y = point_to_world(c, s, pose[0], pose[1], mount[0], mount[1])
-    reach, blind = rangers.reach[which], rangers.blind[which]
-    draw = _DRAWS * which
-    distance = first_echo(
-        x,
-        y,
-        pose[2] + mount[2],
-        rangers.slope[which],
-        reach,
-        rangers.loss_from[which],
-        rangers.loss_at[which],
-        uniform(key, tick, ULTRASONIC, draw),
-        walls,
-        discs,
-        workspace,
-    )
-    distance += rangers.sigma[which] * normal(key, tick, ULTRASONIC, draw + 1)
-    if uniform(key, tick, ULTRASONIC, draw + 2) < rangers.ghosts[which]:
+    loss = uniform(key, tick, ULTRASONIC, draw)
+    distance = first_echo(x, y, pose[2] + mount[2], ranger, loss, walls, discs, workspace)
+    distance += sigma * normal(key, tick, ULTRASONIC, draw + 1)
+    if uniform(key, tick, ULTRASONIC, draw + 2) < ranger.ghosts:
         distance = min(distance, reach * uniform(key, tick, ULTRASONIC, draw + 3))
-    return math.inf if distance > reach else float(max(distance, blind))
+    return math.inf if distance > reach else float(max(distance, ranger.blind))

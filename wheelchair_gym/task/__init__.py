@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from wheelchair_gym.task.rewards import TERMS, RewardWeights, Verdict
+from wheelchair_gym.task.rewards import TERMS, RewardWeights
 from wheelchair_gym.task.settings import TaskSettings
 from wheelchair_gym.task.task import Guidance, Observation, Task
 
-__all__ = ["TERMS", "Guidance", "Observation", "RewardWeights", "Task", "TaskSettings", "Verdict"]
+__all__ = ["TERMS", "Guidance", "Observation", "RewardWeights", "Task", "TaskSettings"]

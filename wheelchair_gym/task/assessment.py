@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from wheelchair_gym.arrays import Array, Floats
+from wheelchair_gym.arrays import Floats
 from wheelchair_gym.compiled.address import rows_of
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.task.observations import extend_trail, observe, reset_trail
@@ -16,6 +16,7 @@ from wheelchair_gym.tracking.tracker import TRACKERS, reset_tracker, update_trac
 
 _rules_at, _prepared_at, _progress_at = map(rows_of, (RULES, PREPARED, PROGRESS))
 _trackers_at = rows_of(TRACKERS)
+Pair = tuple[float, float]
 
 
 @inlined
@@ -30,34 +31,23 @@ def task_row(task: Any, i: int) -> Any:
 
 
 @borrowing_kernel
-def _observe(
-    i: int, task: Any, pose: Array, twist: Array, laser: Floats, ultrasonic: Floats, stamp: float,
-    out: Floats,
-) -> int:  # fmt: skip
-    """Write what row i's policy observes of a reading; returns how many beams are finite."""
+def _observe(i: int, task: Any, seen: Any, laser: Floats, out: Floats) -> int:
+    """Write what row i's policy observes of a reading; return the number of finite beams."""
     rule, prepared, progress = task_row(task, i)
     trackers = _trackers_at(task[0].trackers, 1)
     if rule.size.tracks > 0:
-        update_tracker(i, trackers, pose, twist, laser[: rule.laser_beams], stamp)
-    return observe(rule, prepared, progress, i, trackers, pose, twist, laser, ultrasonic, out)
+        scan = laser[: rule.laser_beams]
+        update_tracker(i, trackers, seen.pose[:], seen.twist[:], scan, seen.stamp)
+    return observe(rule, prepared, progress, i, trackers, seen, laser, out)
 
 
 @borrowing_kernel
 def begin_task(
-    i: int,
-    task: Any,
-    verdicts: Any,
-    pose: Array,
-    twist: Array,
-    laser: Floats,
-    ultrasonic: Floats,
-    stamp: float,
-    is_shielded: bool,
-    out: Floats,
+    i: int, task: Any, verdicts: Any, seen: Any, laser: Floats, is_shielded: bool, out: Floats
 ) -> None:
     """Begin row i's episode with its first reading; the other arguments are those of `assess`."""
     rule, prepared, progress = task_row(task, i)
-    verdict = verdicts[i]
+    verdict, pose = verdicts[i], seen.pose[:]
     way = geodesic_to_go(prepared, pose[0], pose[1])
     limit = rule.time_base + rule.time_factor * way / rule.forward
     if not math.isnan(prepared.time_limit):
@@ -76,30 +66,30 @@ def begin_task(
         reset_tracker(i, _trackers_at(task[0].trackers, 1))
     write_no_terms(verdict)
     verdict.terminated, verdict.truncated = False, False
-    verdict.arrived = has_arrived(rule, prepared, pose, twist, rule.arrival_margin)
+    verdict.arrived = has_arrived(rule, prepared, pose, seen.twist[:], rule.arrival_margin)
     verdict.geodesic = progress.geodesic
-    verdict.valid_beams = _observe(i, task, pose, twist, laser, ultrasonic, stamp, out)
+    verdict.valid_beams = _observe(i, task, seen, laser, out)
 
 
 @borrowing_kernel
 def assess(
-    i: int,
-    task: Any,
-    verdicts: Any,
-    action: tuple[float, float],
-    pose: Array,
-    twist: Array,
-    laser: Floats,
-    ultrasonic: Floats,
-    stamp: float,
-    bumped: bool,
-    less_v: float,
-    less_w: float,
+    i: int, task: Any, verdicts: Any, action: Pair, less: Pair, seen: Any, laser: Floats,
     out: Floats,
-) -> None:
-    """Assess the step of row i's action, and write the observation that follows."""
+) -> None:  # fmt: skip
+    """Assess the step of row i's action, and write the observation that follows.
+
+    Args:
+        i: the row.
+        task: (1,) of TASK.
+        verdicts: (n,) of VERDICT; that of the row is written.
+        action: in [-1, 1].
+        less: what a shield took from the action's twist [m/s, rad/s].
+        seen: the reading, a record of SENSED.
+        laser: its scans [m].
+        out: the observation.
+    """
     rule, prepared, progress = task_row(task, i)
-    verdict = verdicts[i]
+    verdict, pose, twist = verdicts[i], seen.pose[:], seen.twist[:]
     progress.steps_left -= 1
     progress.steps += 1
     for k in range(2):
@@ -107,8 +97,8 @@ def assess(
         progress.action[k] = min(1.0, max(-1.0, action[k]))
     if rule.size.trail > 0:
         extend_trail(progress, pose)
-    progress.shield_intervention[0] = less_v / rule.forward
-    progress.shield_intervention[1] = less_w / rule.turn
+    progress.shield_intervention[0] = less[0] / rule.forward
+    progress.shield_intervention[1] = less[1] / rule.turn
     rest = distance_to_go(prepared, rule.aim, pose[0], pose[1], pose[2])
     covered = 0.0
     if not math.isnan(rest):  # else what was covered counts when a way is known again
@@ -119,9 +109,9 @@ def assess(
     verdict.arrived = progress.person_arrived
     if not rule.has_driver:
         verdict.arrived = has_arrived(rule, prepared, pose, twist, rule.arrival_margin)
-    verdict.terminated = verdict.arrived or (bumped and rule.bump_ends)
+    verdict.terminated = verdict.arrived or (seen.bumped and rule.bump_ends)
     verdict.truncated = progress.steps_left <= 0 and not verdict.terminated
-    write_terms(rule, progress, verdict, covered, bumped, twist, laser)
+    write_terms(rule, progress, verdict, covered, seen.bumped, twist, laser)
     verdict.truncated = verdict.truncated or progress.steps >= rule.max_steps
     verdict.geodesic = progress.geodesic
-    verdict.valid_beams = _observe(i, task, pose, twist, laser, ultrasonic, stamp, out)
+    verdict.valid_beams = _observe(i, task, seen, laser, out)

@@ -1,8 +1,8 @@
 """Observations: one table of keys, and the functions that write each of them.
 
-A key is one row of `OBSERVATION_KEYS` and one line of `observe`, in the same order. The space, the
-place in a flat observation, a network's scale, the environment's documentation and the vector
-environment follow from the row.
+A key is one row of `OBSERVATION_KEYS` and one line of `observe`. The space, the place in a flat
+observation, a network's scale, the environment's documentation and the vector environment follow
+from the row.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from wheelchair_gym.compiled.address import (
     states_at,
     table_at,
 )
-from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
+from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined, kernel
 from wheelchair_gym.geometry import project, world_to_body
 from wheelchair_gym.maps.cost_to_go import poses_ahead, to_local
 from wheelchair_gym.task.prepared_episode import geodesic_to_go, seconds_to_go
@@ -69,11 +69,11 @@ class ObservationKey(NamedTuple):
 
     name: str
     size: Callable[[ObservationSource], int]  # how many numbers; 0: the key is absent
-    low: Callable[[ObservationSource], ArrayLike]
     high: Callable[[ObservationSource], ArrayLike]
     meaning: str  # shape, range and meaning, as the environment's documentation shows them
     scale: tuple[float, ...] = (1.0,)  # factors by which a network takes its numbers, in turn
     privileged: bool = False  # for critics and teachers; these keys are the last
+    low: Callable[[ObservationSource], ArrayLike] | None = None  # None: minus the highest
 
 
 def _path_size(source: ObservationSource) -> int:
@@ -83,10 +83,6 @@ def _path_size(source: ObservationSource) -> int:
 def _path_bound(source: ObservationSource) -> ArrayLike:
     each = [PATH_REACH, PATH_REACH, 1.0, 1.0][: source.per_point]
     return np.tile(np.array(each, np.float32), source.points)
-
-
-def _path_low(source: ObservationSource) -> ArrayLike:
-    return -np.asarray(_path_bound(source))
 
 
 def _clearance_size(source: ObservationSource) -> int:
@@ -101,43 +97,41 @@ def _hides_guidance(source: ObservationSource) -> bool:
 
 
 _TRACK_MOST = np.array([1.0, TRACK_REACH, TRACK_REACH, TRACK_SPEED, TRACK_SPEED])
-_SIGNED = np.array([0.0, 1.0, 1.0, 1.0, 1.0])  # of a track's numbers, those that may be negative
+_TRACK_LEAST = -_TRACK_MOST * [0.0, 1.0, 1.0, 1.0, 1.0]
 _POSES, _CLEARANCE = (0.5, 0.5, 1.0, 1.0), (4.0,)  # of x, y [m], cosine, sine; of a clearance [m]
 
 OBSERVATION_KEYS = (
     ObservationKey(
         "laser",
         lambda o: len(o.beam_reaches),
-        lambda o: 0.0,
         lambda o: o.beam_reaches,
         "(beams,) | 0 to 10 m | right to left; no echo is 10 m; pooled by minimum if fewer; "
         "further scanners follow",
+        low=lambda o: 0.0,
     ),
     ObservationKey(
         "ultrasonic",
         lambda o: len(o.reaches),
-        lambda o: 0.0,
         lambda o: o.reaches,
         "(8,) | 0 to 4 or 6 m | latest range of each that is mounted",
+        low=lambda o: 0.0,
     ),
     ObservationKey(
         "twist",
         lambda o: 2,
-        lambda o: -o.twist_most,
         lambda o: o.twist_most,
         "(2,) | 1.5 x the limits | speed [m/s] and turn [rad/s] by the encoders",
     ),
     ObservationKey(
         "goal",
         lambda o: 0 if o.has_driver else 5 if o.settings.heading else 3,
-        lambda o: [0.0, -1.0, -1.0, -1.0, -1.0][: 5 if o.settings.heading else 3],
         lambda o: [GOAL_REACH, 1.0, 1.0, 1.0, 1.0][: 5 if o.settings.heading else 3],
         "(3,) | 0 to 100 m, -1 to 1 | distance, cosine and sine of its bearing; not with a driver",
+        low=lambda o: [0.0, -1.0, -1.0, -1.0, -1.0][: 5 if o.settings.heading else 3],
     ),
     ObservationKey(
         "stick",
         lambda o: 3 + 2 * o.settings.stick_history if o.has_driver else 0,
-        lambda o: -1.0,
         lambda o: 1.0,
         "(11,) | -1 to 1 | with a driver only: deflections forward and to the left, now; whether "
         "they last by themselves (1 or 0); and those of earlier control periods, the latest first",
@@ -145,21 +139,19 @@ OBSERVATION_KEYS = (
     ObservationKey(
         "action",
         lambda o: 2 if o.settings.last_action else 0,
-        lambda o: -1.0,
         lambda o: 1.0,
         "(2,) | -1 to 1 | the last one; with `task.last_action`",
     ),
     ObservationKey(
         "shield",
         lambda o: 3 if o.settings.shield_state else 0,
-        lambda o: [0.0, -INTERVENTION_MAX, -INTERVENTION_MAX],
         lambda o: [1.0, INTERVENTION_MAX, INTERVENTION_MAX],
         "(3,) | 0 to 1, -2 to 2 | with `task.shield_state`: see there",
+        low=lambda o: [0.0, -INTERVENTION_MAX, -INTERVENTION_MAX],
     ),
     ObservationKey(
         "path",
         lambda o: 0 if o.settings.hide_guidance else _path_size(o),
-        _path_low,
         _path_bound,
         "(10,) | -10 to 10 m | guided only: x, y of points ahead, in the chair's frame",
         _POSES,
@@ -167,15 +159,14 @@ OBSERVATION_KEYS = (
     ObservationKey(
         "side_clearance",
         _clearance_size,
-        lambda o: -o.half_width,
         lambda o: CLEARANCE_MAX,
         "(30,) or (12,) | -0.31 to 0.5 m | with `task.side_clearance`: see there",
         _CLEARANCE,
+        low=lambda o: -o.half_width,
     ),
     ObservationKey(
         "trail",
         lambda o: 2 * len(o.settings.trail),
-        lambda o: -PATH_REACH,
         lambda o: PATH_REACH,
         "(2k,) | -10 to 10 m | with `task.trail`: x, y of where it was, in its frame",
         (0.5,),
@@ -183,25 +174,24 @@ OBSERVATION_KEYS = (
     ObservationKey(
         "tracks",
         lambda o: TRACK_NUMBERS * o.settings.tracks,
-        lambda o: -np.tile(_TRACK_MOST, o.settings.tracks) * np.tile(_SIGNED, o.settings.tracks),
         lambda o: np.tile(_TRACK_MOST, o.settings.tracks),
         "(5k,) | 0 or 1, -8 to 8 m, -3 to 3 m/s | with `task.tracks`, of each: 1 (0: there is "
         "none); x, y; velocity over ground along x and y",
         (1.0, 0.5, 0.5, 1.0, 1.0),
+        low=lambda o: np.tile(_TRACK_LEAST, o.settings.tracks),
     ),
     ObservationKey(
         "privileged",
         lambda o: 3 if o.settings.privileged else 0,
-        lambda o: 0.0,
         lambda o: PRIVILEGED_MAX,
         "(3,) | 0 to 256 | with `task.privileged`: time to go, time left [s], way to go [m]",
         (1.0 / 15.0, 1.0 / 60.0, 1.0 / 10.0),
         True,
+        low=lambda o: 0.0,
     ),
     ObservationKey(
         "privileged_path",
         lambda o: _path_size(o) if _hides_guidance(o) else 0,
-        _path_low,
         _path_bound,
         "as path | | with `task.privileged` and `task.hide_guidance`",
         _POSES,
@@ -210,11 +200,11 @@ OBSERVATION_KEYS = (
     ObservationKey(
         "privileged_side_clearance",
         lambda o: 2 + 2 * o.points if _hides_guidance(o) and o.settings.side_clearance else 0,
-        lambda o: -o.half_width,
         lambda o: CLEARANCE_MAX,
         "as side_clearance | | likewise",
         _CLEARANCE,
         True,
+        low=lambda o: -o.half_width,
     ),
 )
 PRIVILEGED = tuple(key.name for key in OBSERVATION_KEYS if key.privileged)
@@ -226,16 +216,14 @@ SIZES = np.dtype([(key.name, "i8") for key in OBSERVATION_KEYS])
 
 
 def spaces(source: ObservationSource) -> dict[str, Any]:
-    """The space of each key that is present, in the order in which `observe` writes them."""
+    """Return the space of each key that is present, in the order of `OBSERVATION_KEYS`."""
     found = {}
     for key in OBSERVATION_KEYS:
         size = key.size(source)
         if size:
-            low, high = (
-                np.broadcast_to(np.asarray(bound(source), np.float32), (size,)).copy()
-                for bound in (key.low, key.high)
-            )
-            found[key.name] = gym.spaces.Box(low, high)
+            high = np.broadcast_to(np.asarray(key.high(source), np.float32), (size,)).copy()
+            low = -high if key.low is None else np.asarray(key.low(source), np.float32)
+            found[key.name] = gym.spaces.Box(np.broadcast_to(low, (size,)).copy(), high)
     return found
 
 
@@ -470,6 +458,12 @@ def write_side_clearance(rules: Any, laser: Floats, poses: Floats, out: Floats) 
     side_clearance(scan, directions, rules.mount[:], rules.outline[:], poses, out)
 
 
+@inlined
+def _part(out: Floats, begin: int, size: int) -> Floats:
+    """Return the numbers of one key."""
+    return out[begin : begin + size]
+
+
 @borrowing_kernel
 def observe(
     rules: Any,
@@ -477,18 +471,17 @@ def observe(
     progress: Any,
     row: int,
     trackers: Any,
-    pose: Array,
-    twist: Array,
+    seen: Any,
     laser: Floats,
-    ultrasonic: Floats,
     out: Floats,
 ) -> int:
-    """Write what a policy observes of a reading; returns how many beams are finite.
+    """Write what a policy observes of a reading; return the number of finite beams.
 
-    Its tracks are those of a row of trackers, a record (1,) of TRACKERS.
+    The reading is a record of SENSED and its scans. The tracks are those of a row of trackers, a
+    record (1,) of TRACKERS.
     """
-    size = rules.size
-    at, valid, first = 0, 0, 0
+    size, place, pose, twist = rules.size, rules.place, seen.pose[:], seen.twist[:]
+    at, valid, first = place.laser, 0, 0
     pools = pools_at(rules.pools, rules.scanners)
     for k in range(rules.scanners):
         beams, observed = pools[k].beams, pools[k].observed
@@ -497,57 +490,45 @@ def observe(
         first, at = first + beams, at + observed
     reaches = doubles_at(rules.reaches, size.ultrasonic)
     for i in range(size.ultrasonic):
-        out[at + i] = observed_range(ultrasonic[i], reaches[i])
-    at += size.ultrasonic
+        out[place.ultrasonic + i] = observed_range(seen.ultrasonic[i], reaches[i])
     for i in range(2):
         most = rules.twist_most[i]
-        out[at + i] = min(most, max(-most, twist[i]))
-    at += size.twist
+        out[place.twist + i] = min(most, max(-most, twist[i]))
     if size.goal > 0:
-        write_goal(pose, prepared.goal, out[at : at + size.goal])
-    at += size.goal
+        write_goal(pose, prepared.goal, _part(out, place.goal, size.goal))
     if size.stick > 0:
-        write_sticks(progress, out[at : at + size.stick])
-    at += size.stick
+        write_sticks(progress, _part(out, place.stick, size.stick))
     if size.action > 0:
-        out[at], out[at + 1] = progress.action[0], progress.action[1]
-    at += size.action
+        out[place.action], out[place.action + 1] = progress.action[0], progress.action[1]
     if size.shield > 0:
-        out[at] = 1.0 if progress.is_shielded else 0.0
+        out[place.shield] = 1.0 if progress.is_shielded else 0.0
         for i in range(2):
             change = progress.shield_intervention[i]
-            out[at + 1 + i] = min(INTERVENTION_MAX, max(-INTERVENTION_MAX, change))
-    at += size.shield
-    path = out[at : at + size.path]
+            out[place.shield + 1 + i] = min(INTERVENTION_MAX, max(-INTERVENTION_MAX, change))
+    path = _part(out, place.path, size.path)
     if size.path > 0:
         write_guidance(rules, prepared, pose, path)
-    at += size.path
     if size.side_clearance > 0:
         poses = path
         if rules.uses_fan:
             poses = floats_at(rules.fan_poses, 2 * size.side_clearance - 4)
-        write_side_clearance(rules, laser, poses, out[at : at + size.side_clearance])
-    at += size.side_clearance
+        sides = _part(out, place.side_clearance, size.side_clearance)
+        write_side_clearance(rules, laser, poses, sides)
     if size.trail > 0:
         back = doubles_at(rules.back, size.trail // 2)
-        write_trail(progress, pose, back, out[at : at + size.trail])
-    at += size.trail
+        write_trail(progress, pose, back, _part(out, place.trail, size.trail))
     if size.tracks > 0:
-        write_tracks(tracker_row(row, trackers)[1], out[at : at + size.tracks])
-    at += size.tracks
+        write_tracks(tracker_row(row, trackers)[1], _part(out, place.tracks, size.tracks))
     if size.privileged > 0:
-        seconds = seconds_to_go(prepared, pose[0], pose[1], pose[2])
+        seconds, at = seconds_to_go(prepared, pose[0], pose[1], pose[2]), place.privileged
         known = seconds >= 0.0  # NaN: not known
         out[at] = min(seconds, PRIVILEGED_MAX) if known else PRIVILEGED_MAX
         out[at + 1] = min(max(0.0, progress.steps_left * rules.period), PRIVILEGED_MAX)
         out[at + 2] = min(geodesic_to_go(prepared, pose[0], pose[1]), PRIVILEGED_MAX)
-    at += size.privileged
     if size.privileged_path > 0:
-        hidden = out[at : at + size.privileged_path]
+        hidden = _part(out, place.privileged_path, size.privileged_path)
         write_guidance(rules, prepared, pose, hidden)
-        at += size.privileged_path
         if size.privileged_side_clearance > 0:
-            write_side_clearance(
-                rules, laser, hidden, out[at : at + size.privileged_side_clearance]
-            )
+            sides = _part(out, place.privileged_side_clearance, size.privileged_side_clearance)
+            write_side_clearance(rules, laser, hidden, sides)
     return valid

@@ -17,6 +17,7 @@ RULES, RULES_TARGETS = pointer_record(
     ("backward", "f8"),
     ("turn", "f8"),  # rad/s
     ("size", SIZES),  # numbers of each key of the observation
+    ("place", SIZES),  # where each begins
     ("scanners", "i8"),
     ("pools", Target(POOL, None)),  # of each scanner
     ("reaches", Target("f8", None)),  # m: of the ultrasonics

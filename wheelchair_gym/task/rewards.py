@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -53,28 +53,16 @@ TERM_VALUES = np.dtype([(name, "f8") for name in TERMS])
 
 VERDICT = np.dtype(
     [
-        ("terms", TERM_VALUES),
-        ("reward", "f8"),
+        ("terms", TERM_VALUES),  # weighted
+        ("reward", "f8"),  # their sum
         ("arrived", "b1"),  # by the chair's own estimate
-        ("terminated", "b1"),
-        ("truncated", "b1"),
-        ("valid_beams", "i8"),
-        ("geodesic", "f8"),  # m, from the start
+        ("terminated", "b1"),  # arrived or bumped
+        ("truncated", "b1"),  # out of time, and neither of the two
+        ("valid_beams", "i8"),  # of the reading's scan
+        ("geodesic", "f8"),  # m, from the episode's start
     ],
     align=True,
 )
-
-
-class Verdict(NamedTuple):
-    """The fields of VERDICT: named reward terms, weighted; the reward is their sum."""
-
-    terms: tuple[float, ...]  # in the order of TERMS
-    reward: float
-    arrived: bool  # by the chair's own estimate
-    terminated: bool  # arrived or bumped
-    truncated: bool  # out of time, and neither of the two
-    valid_beams: int  # of the reading's scan
-    geodesic: float  # m, from the episode's start
 
 
 def reward_table() -> str:

@@ -15,6 +15,7 @@ from wheelchair_gym.config import LARGEST_INTEGER, InputError
 from wheelchair_gym.maps import Geodesic, OccupancyGrid, geodesic
 from wheelchair_gym.maps.cost_to_go import CostToGo
 from wheelchair_gym.physics.settings import ChairSettings
+from wheelchair_gym.physics.state import sensed_of
 from wheelchair_gym.safety.settings import ShieldSettings
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.task import observations
@@ -22,7 +23,7 @@ from wheelchair_gym.task.assessment import assess, begin_task
 from wheelchair_gym.task.observations import ObservationSource
 from wheelchair_gym.task.prepared_episode import AIMS, PreparedEpisode, geodesic_to_go
 from wheelchair_gym.task.records import PROGRESS, RULES, RULES_TARGETS, TASK, TASK_TARGETS
-from wheelchair_gym.task.rewards import TERMS, VERDICT, Verdict, reached, reached_pose
+from wheelchair_gym.task.rewards import TERMS, VERDICT, reached, reached_pose
 from wheelchair_gym.task.settings import TaskSettings
 from wheelchair_gym.task.side_clearance import fan_poses
 from wheelchair_gym.tracking.state import TRACKER, TrackerConstants
@@ -152,7 +153,8 @@ class Task:
             4 if self.has_poses else 2,
             self.has_driver,
         )
-        r["size"] = tuple(key.size(source) for key in observations.OBSERVATION_KEYS)
+        sizes = [key.size(source) for key in observations.OBSERVATION_KEYS]
+        r["size"], r["place"] = tuple(sizes), (0, *np.cumsum(sizes[:-1]).tolist())
         r["uses_fan"] = source.uses_fan
         point("fan_poses", fan_poses())
         point("back", np.array(s.trail, np.float64))
@@ -233,18 +235,8 @@ class Task:
         self.replace_prepared(prepared)
         self.key, self.is_shielded = key, is_shielded
         out = np.empty(self.observation_size, np.float32)
-        begin_task(
-            0,
-            self.rows.record,
-            self.judged,
-            reading.pose,
-            reading.twist,
-            reading.laser,
-            reading.ultrasonic,
-            reading.stamp,
-            is_shielded,
-            out,
-        )
+        seen = sensed_of(reading)[0]
+        begin_task(0, self.rows.record, self.judged, seen, reading.laser, is_shielded, out)
         self.tolerance = float(prepared.record["tolerance"][0])
         self.time_limit = float(self._progress["time_limit"][0])
         self.take_step(reading, self.unpack(out), (0.0, 0.0), (0.0, 0.0))
@@ -266,23 +258,11 @@ class Task:
 
         `less` is what a shield took from the twist that was asked for [m/s, rad/s].
 
-        `verdict` then holds its reward, `reading` the new reading.
+        `judged` then holds its verdict, `reading` the new reading.
         """
         out = np.empty(self.observation_size, np.float32)
-        assess(
-            0,
-            self.rows.record,
-            self.judged,
-            action,
-            reading.pose,
-            reading.twist,
-            reading.laser,
-            reading.ultrasonic,
-            reading.stamp,
-            reading.bumped,
-            *less,
-            out,
-        )
+        seen = sensed_of(reading)[0]
+        assess(0, self.rows.record, self.judged, action, less, seen, reading.laser, out)
         self.take_step(reading, self.unpack(out), action, less)
         return self.observation
 
@@ -327,11 +307,6 @@ class Task:
         if "_reading" in state:
             state["_reading"] = self.reading
         return state
-
-    @property
-    def verdict(self) -> Verdict:
-        """The verdict of the latest reading."""
-        return Verdict._make(cast(Any, self.judged.item()))
 
     def unpack(self, out: Floats) -> Observation:
         """Observations (n, numbers) or one (numbers,), written in one piece, by key."""

@@ -19,7 +19,7 @@ from wheelchair_gym.physics.actors.separation import move_the_others
 from wheelchair_gym.physics.chair import SimulatedChair
 from wheelchair_gym.physics.drive_train import DriveConstants, drive_constants, physics_step
 from wheelchair_gym.physics.engine import VX, VY, W, X, Y, body_view
-from wheelchair_gym.physics.sensor_suite import rangers_of, scanner_of
+from wheelchair_gym.physics.sensor_suite import ranger_of, scanner_of
 from wheelchair_gym.physics.settings import GRAVITY, ChairSettings, PhysicsSettings
 from wheelchair_gym.physics.step import chair_row, prepare_step, read_true_state, workspace_of
 from wheelchair_gym.sensors.laser import sense_laser
@@ -152,15 +152,9 @@ def measure_ultrasonic(chairs: Any, which: int) -> float:
     """The range [m] of one ultrasonic at the chair's present pose; +inf without echo."""
     suite, p, state, world = chair_row(chairs, 0)
     walls, discs = present_shapes(world)
+    ranger, sigma, workspace = ranger_of(suite, which), p.ranger_sigma[which], workspace_of(chairs)
     return sense_ultrasonic(
-        rangers_of(suite, p),
-        which,
-        state.pose,
-        walls,
-        discs,
-        state.key,
-        state.tick,
-        workspace_of(chairs),
+        ranger, sigma, state.pose, walls, discs, state.key, state.tick, workspace
     )
 
 
@@ -169,16 +163,8 @@ def scan_laser(chairs: Any, turn: int, ranges: Any) -> None:
     """Write the ranges [m] of one turn of the laser at the chair's present pose."""
     suite, p, state, world = chair_row(chairs, 0)
     walls, discs = present_shapes(world)
-    sense_laser(
-        scanner_of(suite, p, 0),
-        state.pose,
-        walls,
-        discs,
-        state.key,
-        turn,
-        workspace_of(chairs),
-        ranges,
-    )
+    laser, workspace = scanner_of(suite, p, 0), workspace_of(chairs)
+    sense_laser(laser, state.pose, walls, discs, state.key, turn, workspace, ranges)
 
 
 class Plant:
