@@ -59,6 +59,7 @@ _DOUBT = 5.0  # s at rest or at creep speed after which a lost point is given up
 _DOUBT_MOVING = 60.0  # s in motion: the memory of static points
 _DARK = 1.0  # m and rad that points were lost on a beam which has had no echo since
 DARK_BEAMS = 6  # neighbouring key beams (9 degrees) that make a blind sector
+_OPEN = 50  # key beams (75 degrees): so many without an echo from the start look into a hall
 _GONE = np.float32(-1.0)  # s: of a point that has left
 _STATIC = 1.0  # s for which a point was seen that is missed when it is lost
 _INHERITS = 0.3  # m between a point of the key scan and the same one of the key scan before
@@ -401,6 +402,30 @@ def find_lost(
         doubtful = doubtful + 1 if s.dark[k] > 0.0 else 0
         s.n_dark = max(s.n_dark, run)
         s.n_lost += doubtful >= DARK_BEAMS
+
+
+@borrowing_kernel
+def distrust_unproven(s: Any, scan: Floats, least: Floats) -> None:
+    """Let sectors whose beams have never had an echo show no free space: a window may be dirty.
+
+    Args:
+        s: a record of SHIELD.
+        scan: (beams,).
+        least: (beams,) of `Scan.least`; is set to -inf in such sectors.
+    """
+    last, run, s.unproven = scan.shape[0] - 1, 0, False
+    for k in range(KEY_POINTS + 1):
+        at = k * last // (KEY_POINTS - 1)
+        if k < KEY_POINTS:
+            s.proven[k] |= np.int8(scan[at] < _INF)
+            if s.proven[k] == 0:
+                run += 1
+                continue
+        if DARK_BEAMS <= run <= _OPEN:
+            s.unproven = True
+            for i in range(max(0, (k - run - 1) * last // (KEY_POINTS - 1) + 1), min(at, last + 1)):
+                least[i] = -_INF
+        run = 0
 
 
 @borrowing_kernel

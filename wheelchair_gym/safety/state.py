@@ -211,6 +211,8 @@ SHIELD = np.dtype(
         ("tracker", TRACKER),
         ("dark", "f4", (KEY_POINTS,)),  # m and rad that points were lost on beams without echoes
         ("n_dark", "i8"),  # longest run of such beams
+        ("proven", "i1", (KEY_POINTS,)),  # 1: a beam has had an echo
+        ("unproven", "b1"),  # neighbouring beams have not
         ("travel", "f8"),  # m, and rad, that the wheels have turned through since reset
         ("deaf", "i8", (RANGERS,)),  # surfaces before a ranger that gave no echo, in a row
         ("deaf_at", "f8", (RANGERS,)),  # `travel` at the last of them
