@@ -236,7 +236,6 @@ def check_trajectory(g: Any, s: Any, near: Any, v: float, w: float) -> int:
     before static obstacles, at the protective limit before moving ones.
     """
     wary = s.n_lost > 0 or (v < 0.0 and s.stamp - s.marked < g.wary_time)
-    wary |= s.unproven and v > _PIVOT
     unseen = min(g.creep_speed, g.unseen_speed) if wary else g.unseen_speed
     reason = _sweep_static(g, s, near, v, w, g.stop_margin, g.time_headway, unseen)
     return _sweep_moving(g, s, near, v, w) if reason == NOTHING and near.n_moving > 0 else reason

@@ -18,7 +18,7 @@ from wheelchair_gym.compiled.address import floats_at, on_stack, rows_of
 from wheelchair_gym.compiled.kernel import as_int, borrowing_kernel, inlined
 from wheelchair_gym.geometry import point_to_world, world_to_body
 from wheelchair_gym.kinematics import arc_step
-from wheelchair_gym.safety.agreement import add_lost, distrust_unproven, find_lost, should_echo
+from wheelchair_gym.safety.agreement import add_lost, find_lost, should_echo
 from wheelchair_gym.safety.faults import check_sensors
 from wheelchair_gym.safety.further_scanners import update_others
 from wheelchair_gym.safety.grid import (
@@ -442,6 +442,8 @@ def reset(s: Any) -> None:
     for k in range(s.keys.shape[0]):
         key = s.keys[k]
         key.begun, key.astray, key.lag, key.square, key.product = False, 0.0, 0.0, 0.0, 0.0
+        key.drift[:], key.doubt, key.marked, key.valid = 0.0, 0.0, False, False
+        key.x[:] = math.nan  # no point
     s.odometry_silent, s.odometry_frozen, s.astray = 0.0, 0.0, 0.0
     s.pose[:] = s.read_pose[:] = 0.0
     s.read_twist[:] = decision.asked[:] = decision.given[:] = 0.0
@@ -450,7 +452,7 @@ def reset(s: Any) -> None:
     s.doubtful[:], s.n_arc[:] = math.nan, 0
     s.corner[:] = 1 << 40  # far away: all cells of the grid come in as never seen
     s.travel, s.deaf[:], s.deaf_at[:] = 0.0, 0, -1.0
-    s.dark[:], s.n_dark, s.proven[:], s.unproven = _F(0.0), 0, 0, False
+    s.dark[:], s.n_dark = _F(0.0), 0
     s.n_points, s.n_old, s.n_marks, s.n_hits, s.n_others, s.columns = 0, 0, 0, 0, 0, 0
     s.gap = FAR
     s.marked, s.tracker.begun = -math.inf, False
@@ -492,7 +494,8 @@ def update(
         first = scanner_at(g.scanners, g.n_scanners, 0)
         way = (abs(v) + abs(w)) * dt
         find_lost(s, s.keys[0], first, laser, scan.least, slow, way, dt)
-        distrust_unproven(s, laser, scan.least)
+        if s.keys[0].doubt > 0.0:  # it may repeat
+            scan.least[:] = -_INF
         update_points(g, s, scan, laser, dt)
         add_lost(s, s.keys[0])
         track(g, s, laser)
