@@ -10,7 +10,7 @@ import numpy as np
 from wheelchair_gym.arrays import Floats
 from wheelchair_gym.compiled.address import floats_at
 from wheelchair_gym.compiled.kernel import borrowing_kernel
-from wheelchair_gym.physics.state import FAULTS
+from wheelchair_gym.physics.state import DECEITS, FAULTS
 from wheelchair_gym.random import FAULTS as CHANNEL
 from wheelchair_gym.random import normal, uniform
 from wheelchair_gym.sensors.odometry import ODOMETRY
@@ -18,7 +18,7 @@ from wheelchair_gym.sensors.scanners import scanner_at
 
 _KINDS = len(FAULTS) - 1
 _NAN, _INF = np.float32(np.nan), np.float32(np.inf)
-_LASERS = 10  # kinds of the laser, which come first
+_LASERS = 2 + len(DECEITS)  # kinds of the laser, which come first
 (
     _SILENT, _FROZEN, _LATE, _REPEATS, _JITTERS, _STUCK, _BLIND, _MIRRORED, _TURNED, _MOVED,
     _SONAR, _SONAR_FROZEN, _ODOMETRY, _ODOMETRY_FROZEN,

@@ -155,10 +155,8 @@ STATE = np.dtype(
     align=True,
 )
 
-FAULTS = (
-    "",
-    "laser silent",
-    "laser frozen",
+# Faults of a laser whose scans look right.
+DECEITS = (
     "laser late",
     "laser repeats",
     "laser jitters",
@@ -167,6 +165,12 @@ FAULTS = (
     "laser mirrored",
     "laser turned",
     "laser moved",
+)
+FAULTS = (
+    "",
+    "laser silent",
+    "laser frozen",
+    *DECEITS,
     "ultrasonic silent",
     "ultrasonic frozen",
     "odometry silent",

@@ -47,7 +47,7 @@ _GAIN = 0.08  # minimum share of them that it explains and the wheels do not
 _OFF, _OFF_PER_METRE, _OFF_PER_RADIAN = 0.05, 0.05, 0.04  # m: bound of the fitted shift
 _TURNED, _TURNED_PER_RADIAN = 0.06, 0.10  # rad: bound of the fitted turn
 _DISAGREES = 0.15  # s
-_LEAST, _SHORT = 0.02, 0.03  # m and rad: a short motion, on which a scan that repeats shows
+_SHORTEST, _SHORT = 0.02, 0.03  # m and rad: a short motion, on which a scan that repeats shows
 _FOLLOWS = 0.5  # share of it that the fitted motion follows
 _DOUBTS = 0.25  # m and rad: a motion that the fitted one has followed so far is a fault
 _LAG_PRIOR = 0.01  # m2/s: squared change of speed times its duration that counts for no lag
@@ -285,7 +285,7 @@ def _doubt(key: Any, at: Frame, yaw: float) -> None:
             moved = place[k] - key.mark_at[k]
             square += moved * moved
             product += moved * (key.drift[k] + key.offset[k] - key.mark[k])
-        follows = square > _LEAST * _LEAST and product > _FOLLOWS * square
+        follows = square > _SHORTEST * _SHORTEST and product > _FOLLOWS * square
         key.doubt = math.sqrt(square) if follows else 0.0
         key.marked = follows or square < _SHORT * _SHORT
     if not key.marked:

@@ -119,7 +119,7 @@ def test_a_plan_needs_no_planner_and_is_filmed_by_any(hall, tmp_path, planner):
         assert pictures.n_frames >= (1 if planner else 10)
 
 
-@pytest.mark.parametrize("seed, arrives", [(1, True), (2, False)])
+@pytest.mark.parametrize(("seed", "arrives"), [(1, True), (2, False)])
 def test_the_thesis_settings_are_a_planner_and_a_map(hall, capsys, tmp_path, seed, arrives):
     settings, result = hall / "figure.json", tmp_path / "plan.json"
     assert run("plan", "--config", settings, "--seed", seed, "--json", result) == 0
