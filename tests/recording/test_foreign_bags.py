@@ -188,12 +188,16 @@ def test_others_bags_give_the_room(writer, tmp_path, capsys):
 def log_of(monkeypatch, tmp_path):
     """A function: the log and the laser of the drive's bag, each message changed by a function."""
 
-    def read(change, count=30):
+    def read(change, count=30, mount="/tf_static"):
         whole = drive
 
         def changed(*given):
             for now, topic, content in whole(*given):
-                yield now, topic, change(topic, content, round((now - ZERO) / (1e9 * PERIOD)))
+                yield (
+                    now,
+                    mount if topic == "/tf_static" else topic,
+                    change(topic, content, round((now - ZERO) / (1e9 * PERIOD))),
+                )
 
         with monkeypatch.context() as patch:
             patch.setitem(globals(), "drive", changed)
@@ -209,13 +213,17 @@ def mounted(content, **turn):
     return {"transforms": [transform | {"transform": moved}]}
 
 
-def test_a_laser_upside_down_gives_the_same_log(log_of):
+@pytest.mark.parametrize("mount", ["/tf_static", "/tf"])  # ROS 1 has no /tf_static
+def test_a_laser_upside_down_gives_the_same_log(mount, log_of):
     def hangs(topic, content, _):
         if topic == "/tf_static":
             return mounted(content, x=1.0)
         return content | {"ranges": content["ranges"][::-1]} if topic == "/scan" else content
 
-    (log, laser), (turned, same) = log_of(lambda _, content, __: content), log_of(hangs)
+    (log, laser), (turned, same) = (
+        log_of(lambda _, content, __: content),
+        log_of(hangs, mount=mount),
+    )
     assert same == laser
     np.testing.assert_array_equal(turned.ranges, log.ranges)
 

@@ -147,3 +147,23 @@ def test_every_configured_error_of_the_laser_widens_the_margin(change):
         given = shield.filter(np.array([0.8, 0.0]), reading._replace(laser=far))
         reading = chair.drive(given, shield.decision.protective)
         assert chair.truth.approach_speed * chair.truth.at_fault <= HARM
+
+
+def test_a_standing_mirror_is_found_before_the_chair_has_moved_far():
+    for thing in THINGS:
+        outcome = drive(Fault("", stuck), thing, SPEEDS[0], 1, 4.0)
+        assert outcome.reason == "laser frozen"
+        assert outcome.detected < ONSET + 0.5
+
+
+def test_a_hall_without_echoes_is_no_fault():
+    """The chair turns back to where it began, after another run among walls."""
+    chair, shield = SimulatedChair(), Shield()
+    for half, steps in ((3.0, 30), (60.0, 150)):
+        reading = chair.reset(box(half, (0.0, 0.0, 0.0)), 1)
+        shield.reset()
+        for k in range(steps):
+            twist = np.array([0.8, 0.0]) if k < 50 else np.array([0.0, 0.6])
+            reading = chair.drive(shield.filter(twist, reading), shield.decision.protective)
+            assert shield.latched == ""
+            assert half < 9.0 or k < 20 or k > 50 or chair.truth.twist[0] > 0.3

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.address import Pointers
+from wheelchair_gym.physics.fault_injection import PAST
 from wheelchair_gym.physics.sensor_suite import SensorSuite
 from wheelchair_gym.physics.settings import ChairSettings, PhysicsSettings
 from wheelchair_gym.physics.state import STATE, parameters
@@ -78,8 +79,8 @@ class SimulatedChairs:
         self.states = np.zeros(n, STATE)
         self.world_rows = np.zeros(n, WORLD)
         self.episodes: list[Episode | None] = [None] * n
-        freezes = n if sensors.faults.share > 0.0 else 1
-        self._frozen = np.zeros((freezes, sensors.beams), np.float32)
+        fail = n if sensors.faults.share > 0.0 else 1
+        self._past = np.zeros((fail, PAST * sensors.beams), np.float32)
         self._make_worlds()
 
     def _make_worlds(self) -> None:
@@ -89,8 +90,8 @@ class SimulatedChairs:
             World(self._chair.footprint, body.centre_of_mass, body.wall_friction, pointers, i)
             for i in range(len(self.world_rows))
         ]
-        for i, row in enumerate(self._frozen):
-            pointers.point("frozen_scan", row, i)
+        for i, row in enumerate(self._past):
+            pointers.point("past_scans", row, i)
         for world in self.worlds:
             world.reserve_drives(_DRIVES_RESERVED)
         self.drives_left = _DRIVES_RESERVED  # control periods for which every row has memory
@@ -157,10 +158,11 @@ class SimulatedChairs:
         self.enter(i, episode)
         self.worlds[i].reserve_drives(max(_DRIVES_RESERVED, 2 * len(drives)))
         self.pointers.array("drives", i)[: len(drives)] = drives
-        was = self.states[i : i + 1].copy()
+        was, parameters = self.states[i : i + 1].copy(), self.parameters[i].copy()
         rows = self.row_pointers()
         size_workspace(rows, columns_of(episode))
         replay_drives(i, rows.record, episode.start, was["key"][0], len(drives))
+        self.parameters[i] = parameters  # a scanner may have been moved
         now = self.states[i : i + 1]
         for name in _WRITTEN_BY_SENSING:
             now[name] = was[name]

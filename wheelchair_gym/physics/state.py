@@ -146,7 +146,7 @@ STATE = np.dtype(
         # what fails
         ("fault", "i8"),  # index into FAULTS
         ("fault_step", "i8"),  # the first reading that is wrong
-        ("fault_beams", "i8", (2,)),  # of the scanner that fails: the first, one past the last
+        ("fault_scanner", "i8"),  # the scanner that fails
         ("frozen_twist", "f8", (2,)),  # the last right values
         ("frozen_pose", "f8", (3,)),
         ("frozen_ranges", "f4", (RANGERS,)),
@@ -155,10 +155,22 @@ STATE = np.dtype(
     align=True,
 )
 
+# Faults of a laser whose scans look right.
+DECEITS = (
+    "laser late",
+    "laser repeats",
+    "laser jitters",
+    "laser stuck",
+    "laser blind",
+    "laser mirrored",
+    "laser turned",
+    "laser moved",
+)
 FAULTS = (
     "",
     "laser silent",
     "laser frozen",
+    *DECEITS,
     "ultrasonic silent",
     "ultrasonic frozen",
     "odometry silent",

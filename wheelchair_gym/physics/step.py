@@ -293,7 +293,7 @@ def sense(
         sense_laser(laser, state.pose, walls, discs, state.key, state.step, workspace, scan)
     measure_clearance(state, p, world, workspace)
     write_sensed(state, p, world, suite.rangers, sensed)
-    apply_fault(state, p, world.frozen_scan, ranges, sensed)
+    apply_fault(state, p, suite, world.past_scans, ranges, sensed)
 
 
 @borrowing_kernel

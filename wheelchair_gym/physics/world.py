@@ -104,7 +104,7 @@ WORLD, TARGETS = pointer_record(
     ("half_planes", Target("f8", 2 * HALF_PLANES, 4)),  # workspace
     ("drives", Target("f8", None, 3)),  # v, w, protective of each drive of this episode
     ("drives_capacity", "i8"),
-    ("frozen_scan", Target("f4", None)),  # (beams,) what a frozen laser repeats; 0: none ever is
+    ("past_scans", Target("f4", None)),  # of a laser that may fail; 0: none ever does
     ("friction", "f8"),  # of the outline on walls and things
 )
 

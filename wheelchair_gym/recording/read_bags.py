@@ -12,7 +12,7 @@ import shutil
 import sqlite3
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
@@ -34,6 +34,7 @@ from wheelchair_gym.sensors.settings import LaserSettings
 _LOG = logging.getLogger(__name__)
 _SCAN, _ODOMETRY = "sensor_msgs/msg/LaserScan", "nav_msgs/msg/Odometry"
 _TF, _TEXT = "tf2_msgs/msg/TFMessage", "std_msgs/msg/String"
+_STANDS = 1e-4  # m and of a rotation's matrix: less is no motion
 _PROFILE = slice(17, 25)  # of an MCAP file: the length and the text of its first record's profile
 _QUERY = """
     SELECT m.timestamp, t.name, t.type, m.data FROM messages m JOIN topics t ON m.topic_id = t.id
@@ -169,7 +170,7 @@ def bag_log(
     """
     found = bag_messages(path, lambda _, kind: kind in (_SCAN, _ODOMETRY, _TF))
     scans = _of_topic(path, found, _SCAN, scan, "/scan", "--scan-topic")
-    edges: dict[str, tuple[str, Array]] = {}
+    edges = _fixed(found)
     skipped: Counter[str] = Counter()
     with complete(path):
         for one in found:
@@ -212,6 +213,20 @@ def bag_log(
     there = np.stack([np.interp(at, of, column) for column in rows.T], axis=1)
     seconds = (at - at[0]) / 1e9
     return log_of_poses(seconds, there, np.stack(ranges), dict(skipped)), laser
+
+
+def _fixed(found: list[Recorded]) -> dict[str, tuple[str, Array]]:
+    """Parents and transforms by child of what never changes on /tf: ROS 1 tells mounts there."""
+    edges: dict[str, tuple[str, Array]] = {}
+    moving: set[str] = set()
+    for one in found:
+        if one.type == _TF and not one.topic.endswith("tf_static"):
+            with suppress(Exception):  # of readers, for damaged bytes
+                for parent, child, pose in ros.transforms(_message(one)):
+                    was, at = edges.setdefault(child, (parent, pose))
+                    if was != parent or np.abs(pose - at).max() > _STANDS:
+                        moving.add(child)
+    return {child: edge for child, edge in edges.items() if child not in moving}
 
 
 def _odometry(

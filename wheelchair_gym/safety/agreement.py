@@ -47,6 +47,9 @@ _GAIN = 0.08  # minimum share of them that it explains and the wheels do not
 _OFF, _OFF_PER_METRE, _OFF_PER_RADIAN = 0.05, 0.05, 0.04  # m: bound of the fitted shift
 _TURNED, _TURNED_PER_RADIAN = 0.06, 0.10  # rad: bound of the fitted turn
 _DISAGREES = 0.15  # s
+_SHORTEST, _SHORT = 0.02, 0.03  # m and rad: a short motion, on which a scan that repeats shows
+_FOLLOWS = 0.5  # share of it that the fitted motion follows
+_DOUBTS = 0.25  # m and rad: a motion that the fitted one has followed so far is a fault
 _LAG_PRIOR = 0.01  # m2/s: squared change of speed times its duration that counts for no lag
 _LAG_FADES = 60.0  # s
 _MAX_LAG = 0.3  # s
@@ -155,6 +158,7 @@ def _renew_key(key: Any, one: LaserArrays, at: Frame, scan: Floats) -> None:
     key.begun, key.way, key.turned, key.renewed = True, 0.0, 0.0, True
     key.at[0], key.at[1], key.at[2], key.at[3] = at.x, at.y, at.c, at.s
     for k in range(3):
+        key.drift[k] += key.offset[k]
         key.offset[k] = 0.0
 
 
@@ -234,6 +238,7 @@ def _fits_another_motion(key: Any, one: LaserArrays, at: Frame, scan: Floats) ->
     fit, offset = _fit_at(on_stack(_FIT_SIZE), 1)[0], key.offset[:]
     _fit(key, one, at, scan, key.still[:], fit)
     matched, plain = fit.n, fit.score
+    key.valid = matched >= _ENOUGH
     if key.renewed:
         key.matched, key.renewed = matched, False
     key.few = matched < max(_ENOUGH, as_int(_STAY * key.matched))
@@ -254,15 +259,39 @@ def _fits_another_motion(key: Any, one: LaserArrays, at: Frame, scan: Floats) ->
             best = fit.score
             offset[0], offset[1], offset[2] = other[0], other[1], other[2]
     _fit(key, one, at, scan, offset, fit)
+    key.valid &= fit.score >= _EXPLAINED * fit.n
     if fit.score < plain - _GAIN * fit.n:  # a wrong minimum
         for k in range(3):
             offset[k] = 0.0
+        key.valid = False
         return False
     explained = (fit.score - plain >= _GAIN * fit.n) & (fit.score >= _EXPLAINED * fit.n)
     off = math.sqrt(offset[0] * offset[0] + offset[1] * offset[1])
     shifted = off > _OFF + _OFF_PER_METRE * key.way + _OFF_PER_RADIAN * key.turned
     turned = abs(offset[2]) > _TURNED + _TURNED_PER_RADIAN * key.turned
     return bool((fit.n >= _MATCHED) & explained & (shifted | turned))
+
+
+@borrowing_kernel
+def _doubt(key: Any, at: Frame, yaw: float) -> None:
+    """Store how far the fitted motion has followed the chair: a scan that repeats does so."""
+    if not key.valid:
+        key.doubt, key.marked = 0.0, False
+        return
+    if key.marked:
+        place = at.x, at.y, yaw
+        square, product = 0.0, 0.0
+        for k in range(3):
+            moved = place[k] - key.mark_at[k]
+            square += moved * moved
+            product += moved * (key.drift[k] + key.offset[k] - key.mark[k])
+        follows = square > _SHORTEST * _SHORTEST and product > _FOLLOWS * square
+        key.doubt = math.sqrt(square) if follows else 0.0
+        key.marked = follows or square < _SHORT * _SHORT
+    if not key.marked:
+        key.marked, key.mark_at[0], key.mark_at[1], key.mark_at[2] = True, at.x, at.y, yaw
+        for k in range(3):
+            key.mark[k] = key.drift[k] + key.offset[k]
 
 
 @borrowing_kernel
@@ -296,15 +325,17 @@ def disagrees(
         return False
     key.way += abs(v) * dt
     key.turned += abs(w) * dt
-    moves = key.way + key.turned > _MOVED
-    another = (moves or key.renewed) and _fits_another_motion(key, one, at, scan)
+    another = False
+    if key.renewed or v != 0.0 or w != 0.0:
+        another = _fits_another_motion(key, one, at, scan) and key.way + key.turned > _MOVED
+        _doubt(key, at, pose[2])
     _estimate_lag(key, vx, vy, dt)
     key.astray = key.astray + dt if another else 0.0
     moved = key.way > _KEY_WAY or key.turned > _KEY_TURN
     if not another and (key.few or moved):
         _renew_key(key, one, at, scan)
         key.speed[0], key.speed[1] = vx, vy
-    return bool(key.astray > _DISAGREES)
+    return bool(key.astray > _DISAGREES or key.doubt > _DOUBTS)
 
 
 @borrowing_kernel

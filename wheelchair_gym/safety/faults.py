@@ -39,6 +39,7 @@ _OFF_V, _OFF_W = 0.25, 0.5  # m/s, rad/s: wheels so far from the set point are a
 _ASTRAY = 0.5  # s
 _VALID = 0.5  # least share of valid beams
 _ROUND = 1e-6  # s
+_NOISE, _ALIKE = np.float32(0.1), 0.98  # m, and the share of beams within that of one range
 _FEW = 0.02  # share of the predicted echoes: with fewer, the laser counts as blind
 _DEAF = 5  # places in a row at which a ranger did not hear a surface
 _LEAST = 6  # key points that must predict an echo before the laser can count as blind
@@ -79,6 +80,15 @@ def count_echoes(laser: Floats) -> int:
 
 
 @borrowing_kernel
+def _is_of_one_range(laser: Floats) -> bool:
+    """Whether a mirror stands: all beams measure one range, up to noise."""
+    alike, middle = 0, laser[laser.shape[0] // 2]
+    for k in range(np.uint64(laser.shape[0])):
+        alike += abs(laser[k] - middle) < _NOISE
+    return bool(alike >= _ALIKE * laser.shape[0])
+
+
+@borrowing_kernel
 def _laser_is_blind(g: Any, s: Any, one: LaserArrays, echoes: int, dt: float) -> bool:
     """Whether scans have lacked echoes, against the evidence, for too long."""
     beams, expected, heard = one.cosine.shape[0], 0, 0
@@ -102,6 +112,7 @@ def _check_laser(g: Any, s: Any, laser: Floats, moves: bool, dt: float) -> tuple
     now, echoes = hash_floats(laser, np.uint64(0)), count_echoes(laser)
     # Scans without echoes have no noise, and so are equal.
     fresh = not s.begun or now != s.laser_hash or echoes == 0
+    fresh &= not _is_of_one_range(laser)
     first = scanner_at(g.scanners, g.n_scanners, 0)
     blind = valid and _laser_is_blind(g, s, first, echoes, dt)
     if fresh or moves:

@@ -442,6 +442,8 @@ def reset(s: Any) -> None:
     for k in range(s.keys.shape[0]):
         key = s.keys[k]
         key.begun, key.astray, key.lag, key.square, key.product = False, 0.0, 0.0, 0.0, 0.0
+        key.drift[:], key.doubt, key.marked, key.valid = 0.0, 0.0, False, False
+        key.x[:] = math.nan  # no point
     s.odometry_silent, s.odometry_frozen, s.astray = 0.0, 0.0, 0.0
     s.pose[:] = s.read_pose[:] = 0.0
     s.read_twist[:] = decision.asked[:] = decision.given[:] = 0.0
@@ -492,6 +494,8 @@ def update(
         first = scanner_at(g.scanners, g.n_scanners, 0)
         way = (abs(v) + abs(w)) * dt
         find_lost(s, s.keys[0], first, laser, scan.least, slow, way, dt)
+        if s.keys[0].doubt > 0.0:  # it may repeat
+            scan.least[:] = -_INF
         update_points(g, s, scan, laser, dt)
         add_lost(s, s.keys[0])
         track(g, s, laser)

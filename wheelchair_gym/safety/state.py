@@ -142,6 +142,12 @@ KEY = np.dtype(
         ("way", "f8"),  # m since the key scan
         ("turned", "f8"),  # rad since the key scan
         ("astray", "f8"),  # s for which another motion than that of the wheels fits
+        ("drift", "f8", (3,)),  # sum of the offsets of earlier key scans
+        ("mark", "f8", (3,)),  # drift and offset a short way ago
+        ("mark_at", "f8", (3,)),  # place of the scanner at that time, and the chair's heading
+        ("doubt", "f8"),  # m and rad of motion since that they have followed
+        ("marked", "b1"),
+        ("valid", "b1"),  # the fit is of enough points
         ("matched", "i8"),  # points with a normal that the scan after it showed
         ("begun", "b1"),
         ("renewed", "b1"),  # `matched` is to be counted

@@ -234,9 +234,10 @@ class ModelledPose:
 
 @settings
 class FaultSettings:
-    """Sensors that fail: they fall silent, or repeat the same bytes for the rest of an episode.
+    """Sensors that fail at a time drawn evenly, for the rest of an episode.
 
-    One of laser, ultrasonics and wheel encoders, silent or frozen, at a time drawn evenly.
+    Laser, ultrasonics or wheel encoders are silent or frozen, or the laser deceives: late scans,
+    the last few again and again, a standing mirror, a blind sector, mirrored, turned or moved.
     """
 
     share: float = setting(default=0.0, low=0.0, high=1.0, source="design choice")
