@@ -99,16 +99,8 @@ def drawn():
     rooms = [(0.0, 0.0, 2.4, 3.0), (2.4, 1.11, 5.4, 1.89)]
     inside, outside = (4.5, 1.5, 0.0), (0.9, 0.6)
     cases.append(("dead_end", size, _outside(rooms, size), inside, outside, chair))
-    cases.append(
-        (
-            "dead_end_in_backwards",
-            size,
-            _outside(rooms, size),
-            (0.9, 0.6, 0.0),
-            (4.5, 1.5, LEFT),
-            chair,
-        )
-    )
+    ends = (0.9, 0.6, 0.0), (4.5, 1.5, LEFT)
+    cases.append(("dead_end_in_backwards", size, _outside(rooms, size), *ends, chair))
     desk = [(0.9, 2.7, 1.5, 3.6), (2.22, 2.7, 2.7, 3.6), (1.5, 3.2, 2.22, 3.6)]
     cases.append(("desk", (3.6, 3.6), desk, (0.9, 0.9, 0.0), (1.86, 2.4, UP), chair))
     bed = [(1.2, 1.5, 2.1, 3.6), (2.91, 2.4, 3.6, 3.6)]
@@ -123,16 +115,8 @@ def drawn():
     )
     size = (5.4, 2.4)
     rooms = [(0.0, 0.0, 5.4, 0.9), (2.1, 0.9, 3.0, 2.4)]
-    cases.append(
-        (
-            "three_point_turn",
-            size,
-            _outside(rooms, size),
-            (0.6, 0.45, 0.0),
-            (0.9, 0.45, LEFT),
-            chair,
-        )
-    )
+    ends = (0.6, 0.45, 0.0), (0.9, 0.45, LEFT)
+    cases.append(("three_point_turn", size, _outside(rooms, size), *ends, chair))
     half = 0.3
     walls = [(0.0, 1.2, 3.0 - half, 1.32), (3.0 + half, 1.2, 6.0, 1.32)]
     ends = (0.6, 0.6, 0.0), (3.0, 3.6)

@@ -193,11 +193,8 @@ def log_of(monkeypatch, tmp_path):
 
         def changed(*given):
             for now, topic, content in whole(*given):
-                yield (
-                    now,
-                    mount if topic == "/tf_static" else topic,
-                    change(topic, content, round((now - ZERO) / (1e9 * PERIOD))),
-                )
+                other = mount if topic == "/tf_static" else topic
+                yield now, other, change(topic, content, round((now - ZERO) / (1e9 * PERIOD)))
 
         with monkeypatch.context() as patch:
             patch.setitem(globals(), "drive", changed)
@@ -220,10 +217,8 @@ def test_a_laser_upside_down_gives_the_same_log(mount, log_of):
             return mounted(content, x=1.0)
         return content | {"ranges": content["ranges"][::-1]} if topic == "/scan" else content
 
-    (log, laser), (turned, same) = (
-        log_of(lambda _, content, __: content),
-        log_of(hangs, mount=mount),
-    )
+    log, laser = log_of(lambda _, content, __: content)
+    turned, same = log_of(hangs, mount=mount)
     assert same == laser
     np.testing.assert_array_equal(turned.ranges, log.ranges)
 

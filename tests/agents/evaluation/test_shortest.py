@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,8 +12,7 @@ import pytest
 from agents.evaluation.evaluate import drive_episode, make_env
 from agents.evaluation.shortest import OVERSPEED, shortest_path
 from agents.policies import make_policy
-from tests.benchmarks.rotated import rotated
-from wheelchair_gym.geometry import Footprint
+from wheelchair_gym.geometry import Footprint, to_world
 from wheelchair_gym.maps import FREE, OccupancyGrid
 from wheelchair_gym.types import Arrival, Episode
 
@@ -24,6 +24,23 @@ def task(tolerance=0.3, period=1e-6, **outline):
     return SimpleNamespace(
         footprint=Footprint(**outline), tolerance=tolerance, limits=limits, period=period
     )
+
+
+def rotated(episode, yaw):
+    """Turn a world about the origin by an angle [rad]."""
+    frame = (0.0, 0.0, yaw)
+    x, y, heading = episode.map.origin
+    discs = episode.discs.copy()
+    discs[:, :2] = to_world(discs[:, :2], frame)
+    start, goal = (
+        np.append(to_world(end[:2], frame), end[2] + yaw) for end in (episode.start, episode.goal)
+    )
+    return replace(
+        episode,
+        map=replace(episode.map, origin=(*to_world(np.array([x, y]), frame), heading + yaw)),
+        walls=to_world(episode.walls.reshape(-1, 2), frame).reshape(-1, 4),
+        discs=discs, start=start, goal=goal,
+    )  # fmt: skip
 
 
 def world(start, goal, walls=(), discs=(), **more):
