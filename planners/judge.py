@@ -83,11 +83,6 @@ class Judge:
         return found
 
 
-def faults(path: ArrayLike, solid: Any, bounds: ArrayLike, clearance: float = 0.0) -> list[str]:
-    """Return the faults of one path (n, 2), as text; see `Judge`."""
-    return Judge(solid, bounds, clearance).faults(path)
-
-
 def _end_faults(path: Array, start: ArrayLike | None, goal: ArrayLike | None) -> list[str]:
     """Return the faults of the ends of a path (n, 2) or (n, 3), headings included."""
     found = []

@@ -127,8 +127,10 @@ class PlannerBase(ABC):
         status = check(problem)
         if status is not None:
             return Plan(status)
-        ends = np.array([problem.start[:2], problem.goal[:2]], dtype=np.float64)
-        return Plan(Status.SOLVED, ends) if (ends[0] == ends[1]).all() else None
+        start, goal = problem.start, problem.goal
+        if start[0] == goal[0] and start[1] == goal[1]:
+            return Plan(Status.SOLVED, np.array([start[:2], goal[:2]], dtype=np.float64))
+        return None
 
     @abstractmethod
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:

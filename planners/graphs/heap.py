@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.arrays import Array
-from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
+from wheelchair_gym.compiled.kernel import absorbed_kernel, kernel
 
 
 class Heap(NamedTuple):
@@ -33,7 +33,7 @@ def enlarged(heap: Heap, capacity: int) -> Heap:
     return new
 
 
-@borrowing_kernel
+@absorbed_kernel
 def push(heap: Heap, key: float, item: int) -> None:
     """Put an item into a heap, which must have space for it."""
     keys, items, k = heap.keys, heap.items, heap.size[0]
@@ -47,7 +47,7 @@ def push(heap: Heap, key: float, item: int) -> None:
     keys[k], items[k] = key, item
 
 
-@borrowing_kernel
+@absorbed_kernel
 def pop(heap: Heap) -> int:
     """Take the first item out of a heap."""
     keys, items, last = heap.keys, heap.items, heap.size[0] - 1

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from planners import Problem, Space, Status, make_planner
 from planners.graphs.visibility import optima
-from planners.judge import faults
+from planners.judge import Judge
 from planners.smoothing.shortcut import edge_cost, shortcut
 from tests.planners.oracle import shortest_line
 from tests.planners.test_planners import on
@@ -66,7 +66,7 @@ def test_visibility_finds_the_optimum_of_the_oracle(seed, side, share):
         return
     assert plan.length == pytest.approx(optimum(problem), abs=1e-7)
     if plan.status == Status.SOLVED:
-        assert not faults(plan.path, space.solid, space.bounds)
+        assert not Judge(space.solid, space.bounds).faults(plan.path)
     else:
         assert plan.status == Status.NO_PATH
 
@@ -104,7 +104,7 @@ def test_lattice_paths_cost_what_the_lattice_says(connectivity):
     diagonal = math.sqrt(2)
     expected = {4: 3 + 8 + 1 + 8 + 3, 8: (3 * diagonal + 5) + 1 + (3 * diagonal + 5)}
     assert plan.length == pytest.approx(expected[connectivity], abs=0.25)
-    assert not faults(plan.path, problem.space.solid, problem.space.bounds)
+    assert not Judge.of(problem).faults(plan.path)
 
 
 def test_orders_of_one_search_keep_what_each_promises():
@@ -174,7 +174,7 @@ def test_shortcuts_never_cost_more(weight):
     path = make_planner(spec).plan(problem, np.random.default_rng(0)).path
     short = shortcut(path, problem.free, weight, 0.5)
     assert cost(short, problem, weight, 0.5) <= cost(path, problem, weight, 0.5) * 1.01
-    assert not faults(short, problem.space.solid, problem.space.bounds)
+    assert not Judge.of(problem).faults(short)
     np.testing.assert_array_equal(short[[0, -1]], path[[0, -1]])
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import shapely
 
-from planners.judge import faults, sweep_faults
+from planners.judge import Judge, sweep_faults
 from wheelchair_gym.geometry import Footprint
 
 BLOCK = shapely.box(4, 4, 6, 6)
@@ -29,7 +29,7 @@ BOUNDS = (0, 0, 10, 10)
 )
 def test_judge_knows_good_from_bad(path, clearance, valid):
     path = np.array(path, dtype=float)
-    assert (not faults(path, BLOCK, BOUNDS, clearance)) == valid
+    assert (not Judge(BLOCK, BOUNDS, clearance).faults(path)) == valid
 
 
 CHAIR = Footprint()

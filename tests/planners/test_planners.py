@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from planners import PLANNERS, Problem, Space, Status, make_planner
-from planners.judge import TOLERANCE, faults
+from planners.judge import TOLERANCE, Judge
 from planners.problem_files import read_problems
 from tests.planners.make_problems import FILE, problems
 from wheelchair_gym.config import InputError
@@ -39,7 +39,7 @@ def assert_valid(plan, problem):
     np.testing.assert_allclose(plan.path[0, :2], problem.start[:2], atol=1e-9)
     np.testing.assert_allclose(plan.path[-1, :2], problem.goal[:2], atol=1e-9)
     space = problem.space
-    assert not faults(plan.path[:, :2], space.solid, space.bounds, problem.clearance)
+    assert not Judge(space.solid, space.bounds, problem.clearance).faults(plan.path[:, :2])
 
 
 @pytest.mark.parametrize("name", PLANNERS)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from planners import OPTIMIZERS, Problem, Space, Status, make_planner
-from planners.judge import faults
+from planners.judge import Judge
 from planners.registries import OBJECTIVES
 from planners.smoothing.curves import CURVES
 from planners.swarm.optimizers import (
@@ -125,7 +125,7 @@ def test_every_objective_and_curve_gives_valid_paths(objective, curve):
     for problem, seed in itertools.product((among_blocks(), among_discs()), range(2)):
         plan = planner.plan(problem, np.random.default_rng(seed))
         assert plan.status == Status.SOLVED
-        assert not faults(plan.path, problem.space.solid, problem.space.bounds)
+        assert not Judge.of(problem).faults(plan.path)
         np.testing.assert_array_equal(plan.path[[0, -1]], [problem.start, problem.goal])
 
 
@@ -147,7 +147,7 @@ def test_without_a_first_path_a_swarm_may_fail_and_says_so():
     assert len(plan.path) == 0
     plan = planner.plan(among_blocks(), np.random.default_rng(0))
     assert plan.status == Status.SOLVED
-    assert not faults(plan.path, among_blocks().space.solid, among_blocks().space.bounds)
+    assert not Judge.of(among_blocks()).faults(plan.path)
 
 
 @pytest.mark.parametrize("curve", ["polyline", "pchip", "spline"])
@@ -190,7 +190,7 @@ def test_modified_whales_smooth_the_tree_path():
     gains = []
     for seed in range(5):
         plan = RrtWoa().plan(among_blocks(), np.random.default_rng(seed))
-        assert not faults(plan.path, among_blocks().space.solid, among_blocks().space.bounds)
+        assert not Judge.of(among_blocks()).faults(plan.path)
         tree = RrtWoa().tree.plan(among_blocks(), np.random.default_rng(seed))
         gains.append(1 - plan.length / tree.length)
     assert np.mean(gains) > 0.0
@@ -227,7 +227,7 @@ def test_any_optimiser_of_mealpy_takes_part():
         planner = replace(planner, optimizer={"name": "mealpy", "algorithm": name})
         plan = planner.plan(problem, np.random.default_rng(0))
         assert plan.status == Status.SOLVED
-        assert not faults(plan.path, problem.space.solid, problem.space.bounds)
+        assert not Judge.of(problem).faults(plan.path)
     with pytest.raises(InputError, match="mealpy: Ghosts"):
         replace(planner, optimizer={"name": "mealpy", "algorithm": "Ghosts"}).plan(
             problem, np.random.default_rng(0)

@@ -8,7 +8,7 @@ import shapely
 
 from planners import PLANNERS
 from planners.collision.space import Space
-from planners.judge import faults
+from planners.judge import Judge
 from planners.problem import Problem, Status
 from planners.trees.settings import (
     InformedRrtStar,
@@ -45,7 +45,7 @@ problem = pytest.fixture(walled, scope="module", name="problem")
 def assert_free(problem, path):
     space = problem.space
     np.testing.assert_array_equal(path[[0, -1]], [problem.start, problem.goal])
-    assert not faults(path, space.solid, space.bounds)
+    assert not Judge(space.solid, space.bounds).faults(path)
     assert (np.hypot(*np.diff(path, axis=0).T) > 0).all()
 
 

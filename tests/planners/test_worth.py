@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from planners.judge import faults
+from planners.judge import Judge
 from planners.registries import OBJECTIVES
 from planners.swarm.path_cost import evaluate, new_workspace, push_out_of_discs
 from planners.swarm.planner import SwarmPlanner
@@ -65,7 +65,7 @@ def test_violation_is_the_mean_over_the_curve():
         )
         assert cost == pytest.approx(path_length(line) * (1 + 100 * deep))
         exact, valid, line = terms("violation", way_points, problem, curve="spline", pieces=50)
-        fine = nearest(line) >= 1.2 and not faults(line, problem.space.solid, problem.space.bounds)
+        fine = nearest(line) >= 1.2 and not Judge.of(problem).faults(line)
         assert (valid < np.inf) == fine
         assert (exact == pytest.approx(valid)) == fine
 
