@@ -45,7 +45,7 @@ from wheelchair_gym.geometry import Footprint, arc_lengths, project, wrap
 from wheelchair_gym.kinematics import Limits
 from wheelchair_gym.random import Stream, next_uniform, stream
 
-COMMANDS = 6  # largest number of a particle
+COMMANDS = 6  # maximum number of commands in a particle
 V, W, T = range(3)  # columns of commands
 _COUNT = 3 * COMMANDS  # index of the number of driven commands in a particle
 _SIZE = _COUNT + 1
@@ -66,8 +66,8 @@ PIVOT = 0.9  # rad: heading error above which a pure pursuit turns in place
 DESIRED_CLEARANCE = 0.15  # m: larger clearances cost nothing
 END_WEIGHT = 10.0  # s/m: cost of the distance from the end of a segment; 5 cm cost 0.5 s
 LAST_END_COST = 5.0  # s: cost of the largest distance from the goal that counts as arrived
-MIDDLE_WEIGHT = 10.0  # s/m: cost of the distance from the middle of the segment's path,
-MIDDLE_REACH = 0.05  # m: beyond this distance
+MIDDLE_WEIGHT = 10.0  # s/m: cost of the distance from the middle of the segment's path
+MIDDLE_REACH = 0.05  # m: a smaller distance from there costs nothing
 RAMPS = 0.5  # s/rad: additional duration of a turn in place, for its ramps
 CLEARANCE_WEIGHT = 2.0  # s: cost of no clearance
 REACHED = 0.35  # m: largest distance from the end of a segment that counts as reached
@@ -112,7 +112,7 @@ SEGMENT = np.dtype(
         ("reach", np.float64),  # m: largest distance from the end that counts as reached
         ("last", np.bool_),  # the chair comes to rest here
         ("first_point", np.int64),  # the first point of the path on the segment
-        ("end_point", np.int64),  # the first one behind it
+        ("end_point", np.int64),  # the first point after the segment
     ]
 )
 

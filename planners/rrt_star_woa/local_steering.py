@@ -22,8 +22,8 @@ from wheelchair_gym.compiled.kernel import absorbed_kernel, borrowing_kernel
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.random import Stream, next_in_disc
 
-# The thesis gives no costs of hidden nodes, and their order: the node above the length of any path,
-# the goal below that.
+# The thesis gives neither the costs of hidden nodes nor their order. Here a hidden x_near costs
+# more than any path's length, a hidden goal less.
 NODE_HIDDEN_COST, GOAL_HIDDEN_COST = 1000.0, 10.0
 Point = tuple[float, float]  # m
 
@@ -32,12 +32,12 @@ class Steering(NamedTuple):
     """A swarm of points relative to the sample, so that the map's origin has no influence."""
 
     whales: Whales  # (k, 2) m
-    goal_weight: float  # cost per metre from the goal, where one from the sample costs 1
+    goal_weight: float  # cost per metre from the goal; a metre from the sample costs 1
 
 
 @borrowing_kernel
 def find_blocker(space: SpaceArrays, ax: float, ay: float, bx: float, by: float, last: int) -> int:
-    """Return the segment that hides b from a, or -1; the last one found is tested first."""
+    """Return the index of a segment that blocks the line from a to b, or -1; tests `last` first."""
     if last >= 0 and blocks(space.segments, space.before, last, ax, ay, bx, by):
         return last
     return blocking_segment(space, ax, ay, bx, by)

@@ -64,7 +64,7 @@ def new_whales(
 def tell(whales: Whales, i: int, cost: float) -> None:
     """Make whale i the leader if it costs less than the leader: lines 2 and 14.
 
-    A user may stop to compute a cost that has reached `leader_cost`.
+    A user may stop computing a cost once it has reached `leader_cost`.
     """
     if cost < whales.leader_cost[0]:
         whales.leader_cost[0] = cost
@@ -77,13 +77,13 @@ def move(whales: Whales, progress: float, state: Stream) -> None:
     """Move all whales once, then clip them to the bounds: lines 4 to 13, equations (2.1) to (2.8).
 
     The progress of the run rises from 0 to 1. A whale draws one A and one p, which choose its move,
-    and one C per coordinate. A and C are independent draws, as in the original paper. Where the
-    leader is the latest, as the thesis lists it, the next best whale overwrites it.
+    one l for its spiral and one C per coordinate. A and C are independent as in the original paper.
+    A latest leader, as the thesis lists it, is overwritten by the best whale of the next iteration.
     """
     population, leader, parameters = whales.population, whales.leader, whales.parameters
     lower, upper, c_range = whales.lower, whales.upper, whales.c_range
     k, d = population.shape
-    a = parameters.a * (1.0 - progress)  # falls to 0: section 2.6.2 C
+    a = parameters.a * (1.0 - progress)  # falls linearly towards 0: section 2.6.2 C
     b, mu, lam = parameters.b, parameters.mu, parameters.lam
     for i in range(k):
         X = population[i]
