@@ -105,14 +105,12 @@ def drawn():
     cases.append(("desk", (3.6, 3.6), desk, (0.9, 0.9, 0.0), (1.86, 2.4, UP), chair))
     bed = [(1.2, 1.5, 2.1, 3.6), (2.91, 2.4, 3.6, 3.6)]
     cases.append(("beside_bed", (3.6, 3.6), bed, (0.6, 0.9, 0.0), (2.49, 2.4, UP), chair))
-    cases.append(
-        ("beside_bed_backwards", (3.6, 3.6), bed, (0.6, 0.9, 0.0), (2.49, 2.7, DOWN), chair)
-    )
+    ends = (0.6, 0.9, 0.0), (2.49, 2.7, DOWN)
+    cases.append(("beside_bed_backwards", (3.6, 3.6), bed, *ends, chair))
     size = (4.8, 2.1)
     rooms = [(0.0, 0.0, 4.8, 1.2), (1.5, 1.2, 3.3, 2.1)]
-    cases.append(
-        ("parallel", size, _outside(rooms, size), (0.6, 0.6, 0.0), (2.1, 1.62, 0.0), chair)
-    )
+    ends = (0.6, 0.6, 0.0), (2.1, 1.62, 0.0)
+    cases.append(("parallel", size, _outside(rooms, size), *ends, chair))
     size = (5.4, 2.4)
     rooms = [(0.0, 0.0, 5.4, 0.9), (2.1, 0.9, 3.0, 2.4)]
     ends = (0.6, 0.45, 0.0), (0.9, 0.45, LEFT)

@@ -158,21 +158,21 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         self._prepared, self._next_prepared = np.zeros(n, PREPARED), np.zeros(n, PREPARED)
         self._keys = np.zeros(n, np.uint64)
         self._task_rows = self.task.row_pointers(self._progress, self._prepared, self._tracked)
-        shields: Any = np.zeros(1, SHIELDS)
+        self._shield_rows: Any = np.zeros(1, SHIELDS)
         if self._guard is not None:
-            shields = point_to_shields(self._guard, self._shields)
+            self._shield_rows = point_to_shields(self._guard, self._shields)
         self._rows = [chairs.row_pointers() for _ in range(self.num_threads)]
         self._columns = 0  # of the workspaces
         self._batches = [Pointers(np.zeros(1, BATCH), BATCH_TARGETS) for _ in self._rows]
         for rows, batch in zip(self._rows, self._batches, strict=True):
             batch.record["n"] = n
             batch.record["unshielded"] = self.settings.unshielded
-            ranges = np.zeros(self.settings.sensors.beams, np.float32)
-            batch.record["beams"] = len(ranges)
+            batch.record["beams"] = beams = self.settings.sensors.beams
             for name, to in {
-                "task": self._task_rows, "chairs": rows, "shields": shields, "ranges": ranges,
+                "task": self._task_rows, "chairs": rows, "shields": self._shield_rows,
                 "drivers": self.drivers.pointers, "assistants": self.assistants.pointers,
                 "next_prepared": self._next_prepared, "keys": self._keys, "is_over": self._over,
+                "ranges": np.zeros(beams, np.float32),
             }.items():  # fmt: skip
                 batch.point(name, to)
         self._pool: ThreadPoolExecutor | None = None

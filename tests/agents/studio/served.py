@@ -87,7 +87,7 @@ def looked_at(browser, url, script=""):
     page, wrong = browser.new_page(viewport={"width": 1280, "height": 900}), []
     page.on("console", lambda m: m.type in ("error", "warning") and wrong.append(m.text))
     page.on("pageerror", lambda error: wrong.append(str(error)))
-    page.set_default_timeout(60_000.0)
+    page.set_default_timeout(300_000.0)
     page.add_init_script(script)
     page.goto(url)
     yield page
