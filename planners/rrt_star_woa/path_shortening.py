@@ -20,7 +20,7 @@ from planners.swarm.path_cost import (
     LengthFree,
     PathCost,
     PathProblem,
-    Workspace,
+    PathWorkspace,
     evaluate,
     new_workspace,
     write_way_points,
@@ -50,8 +50,8 @@ def scatter_in_ellipses(k: int, n: int, width: float, height: float, state: Stre
 
 @borrowing_kernel
 def shorten(
-    problem: PathProblem, path_cost: PathCost, whales: Whales, free: Array, workspace: Workspace,
-    state: Stream,
+    problem: PathProblem, path_cost: PathCost, whales: Whales, free: Array,
+    workspace: PathWorkspace, state: Stream,
 ) -> float:  # fmt: skip
     """Run algorithm 5; write the best free path to `free` and return its cost, or infinity.
 

@@ -64,7 +64,7 @@ class PathCost(NamedTuple):
     slack: float = 0.0  # m^2, added to a disc's squared radius there
 
 
-class Workspace(NamedTuple):
+class PathWorkspace(NamedTuple):
     """Arrays for one path."""
 
     points: Array  # (n + 2, 2) way points and both ends
@@ -72,11 +72,11 @@ class Workspace(NamedTuple):
     line: Array  # pieces of the curve
 
 
-def new_workspace(problem: PathProblem) -> Workspace:
+def new_workspace(problem: PathProblem) -> PathWorkspace:
     """Return arrays for paths of a problem."""
     n = len(problem.anchors) + 2
     line = np.empty(((n - 1) * problem.pieces + 1, 2))
-    return Workspace(np.empty((n, 2)), new_curve_workspace(n), line)
+    return PathWorkspace(np.empty((n, 2)), new_curve_workspace(n), line)
 
 
 @borrowing_kernel
@@ -91,7 +91,7 @@ def write_way_points(problem: PathProblem, position: Array, points: Array) -> No
 
 
 @borrowing_kernel
-def write_curve(problem: PathProblem, position: Array, workspace: Workspace) -> None:
+def write_curve(problem: PathProblem, position: Array, workspace: PathWorkspace) -> None:
     """Write the way points and the line of a position (2 n,)."""
     points = workspace.points
     write_way_points(problem, position, points)
@@ -175,7 +175,7 @@ def evaluate(
     position: Array,
     limit: float,
     valid_limit: float,
-    workspace: Workspace,
+    workspace: PathWorkspace,
 ) -> tuple[float, float]:
     """Return the cost of a position (2 n,), and its cost without penalties if its path is valid.
 

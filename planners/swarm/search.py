@@ -30,7 +30,7 @@ from planners.swarm.optimizers import (
 from planners.swarm.path_cost import (
     PathCost,
     PathProblem,
-    Workspace,
+    PathWorkspace,
     evaluate,
     new_workspace,
     push_out_of_discs,
@@ -95,7 +95,7 @@ class SwarmSearch(NamedTuple):
     swarm: Swarm
     line: Array  # (m, 2) m: the best exactly valid path so far
     line_cost: Array  # (1,) its cost without penalties; infinite before there is one
-    workspace: Workspace
+    workspace: PathWorkspace
 
 
 def new_search(start: InitialSwarm, path_cost: PathCost, moves: MoveParameters) -> SwarmSearch:
