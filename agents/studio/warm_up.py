@@ -170,12 +170,12 @@ class WarmUp:
     def _run(self) -> None:
         try:
             from wheelchair_gym.compiled.progress import progress
-            from wheelchair_gym.compiled.second_process import are_compiled
             from wheelchair_gym.physics.step import step_chair
             from wheelchair_gym.task.assessment import assess
 
             progress.listener = self._count
-            if not are_compiled((step_chair, assess)):
+            kernels: tuple[Any, ...] = step_chair, assess
+            if not all(kernel.is_compiled for kernel in kernels):
                 self._compiling = True
                 self._follow(FIRST_DONE)
             first_drive()

@@ -16,7 +16,7 @@ import pickle
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import IO, Any
 
@@ -83,11 +83,6 @@ def _take(file: IO[bytes]) -> bool:
     except BlockingIOError:
         return False
     return True
-
-
-def are_compiled(kernels: Iterable[Any]) -> bool:
-    """Return whether kernels are compiled, in this process or in the folder of compiled kernels."""
-    return all(kernel.is_compiled for kernel in kernels)
 
 
 def compile_beside(kernel: Any, work: Callable[..., object], *arguments: Any) -> None:

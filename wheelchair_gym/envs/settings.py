@@ -201,37 +201,27 @@ def env_settings(
 
 def _warn_of_mounts(config: EnvSettings) -> None:
     """Warn of sensors outside the chair's outline, and of ultrasonics deep inside it."""
-    outline, sensors = config.chair.footprint, config.sensors
+    outline, sensors, outside, deep = config.chair.footprint, config.sensors, [], []
     mounts: list[tuple[str, Any]] = [
         (f"more_lasers[{k - 1}]" if k else "laser", laser) for k, laser in enumerate(sensors.lasers)
     ]
     mounts += [(f"ultrasonic {k}", mount) for k, mount in enumerate(sensors.ultrasonic.mounted)]
-    outside = [
-        f"{name} at ({mount.x:g}, {mount.y:g})"
-        for name, mount in mounts
-        if not -outline.rear - _ON_EDGE <= mount.x <= outline.front + _ON_EDGE
-        or abs(mount.y) > outline.half_width + _ON_EDGE
-    ]
-    deep = [
-        f"ultrasonic {k} at ({mount.x:g}, {mount.y:g})"
-        for k, mount in enumerate(sensors.ultrasonic.mounted)
-        if min(outline.front - mount.x, outline.rear + mount.x, outline.half_width - abs(mount.y))
-        > _DEEP
-    ]
-    if deep:
-        warnings.warn(
-            f"ultrasonics more than {_DEEP:g} m inside the chair's outline ({outline}): "
-            f"{', '.join(deep)}; they stay where they are when the outline grows: set "
-            "sensors.ultrasonic.mounted",
-            stacklevel=3,
-        )
-    if outside:
-        warnings.warn(
-            f"sensors outside the chair's outline ({outline}): {', '.join(outside)}; they may see "
-            "from inside a wall: set sensors.laser, sensors.more_lasers and "
-            "sensors.ultrasonic.mounted",
-            stacklevel=3,
-        )
+    for name, mount in mounts:
+        x, y = mount.x, mount.y
+        depth = min(outline.front - x, outline.rear + x, outline.half_width - abs(y))
+        if depth < -_ON_EDGE:
+            outside.append(f"{name} at ({x:g}, {y:g})")
+        elif depth > _DEEP and name.startswith("ultrasonic"):
+            deep.append(f"{name} at ({x:g}, {y:g})")
+    for found, what, advice in (
+        (deep, f"ultrasonics more than {_DEEP:g} m inside", "they stay where they are when the "
+         "outline grows: set sensors.ultrasonic.mounted"),
+        (outside, "sensors outside", "they may see from inside a wall: set sensors.laser, "
+         "sensors.more_lasers and sensors.ultrasonic.mounted"),
+    ):  # fmt: skip
+        if found:
+            text = f"{what} the chair's outline ({outline}): {', '.join(found)}; {advice}"
+            warnings.warn(text, stacklevel=3)
 
 
 def check_seed(seed: Any, name: str = "seed") -> int:

@@ -59,10 +59,36 @@ def update_shield(i: int, shields: Any, seen: Any, laser: Floats) -> None:
 
 
 @borrowing_kernel
+def _read_row(
+    shields: Any, pose: Array, twist: Array, laser: Floats, ultrasonic: Floats, age: Floats,
+    bumped: bool, halted: bool, stamp: float,
+) -> None:  # fmt: skip
+    """Update row 0 with the arrays of a reading."""
+    constants, shield = _shield_row(shields, 0)
+    update(constants, shield, pose, twist, laser, ultrasonic, age, bumped, halted, stamp)
+
+
+@borrowing_kernel
+def _slow_row(shields: Any, motion: Array, twists: Array) -> None:
+    """Scale twists (n, 2) in place to what row 0 allows in unseen space."""
+    constants, shield = _shield_row(shields, 0)
+    limit_for_unseen_space(constants, shield, motion, twists)
+
+
+@borrowing_kernel
 def filter_twist(i: int, shields: Any, v: float, w: float) -> tuple[float, float, bool]:
     """Return the safe twist [m/s, rad/s] for row i and whether a protective stop is active."""
     constants, shield = _shield_row(shields, i)
     return decide(constants, shield, v, w)
+
+
+@borrowing_kernel
+def _decide_row(shields: Any, v: float, w: float) -> tuple[int, float, float, float, float, bool]:
+    """Return row 0's decision on a twist: reason, twist asked, twist given, protective."""
+    constants, shield = _shield_row(shields, 0)
+    v, w, protective = decide(constants, shield, v, w)
+    decision = shield.decision
+    return decision.reason, decision.asked[0], decision.asked[1], v, w, protective
 
 
 @borrowing_kernel
@@ -118,14 +144,10 @@ class Shield:
         )
         self.state: NDArray[np.void] = np.zeros(1, SHIELD)
         self._beams = (sensors or SensorSettings()).beams
+        self._rows = point_to_shields(self._constants, self.state)  # as records, calls are slow
         self._asked = False
         self._warm()
         self.reset()
-
-    @property
-    def _records(self) -> tuple[Any, Any]:
-        """The records of what all shields share and of this one's state."""
-        return self._constants.record[0], self.state[0]
 
     def _warm(self) -> None:
         """Compile everything that a decision needs before a chair drives."""
@@ -137,7 +159,7 @@ class Shield:
         """Forget all readings and faults; the chair stands."""
         self._asked = False
         self.decision = Decision("", np.zeros(2), np.zeros(2), False)
-        reset(self.state[0])
+        reset_shield(0, self._rows.record)
 
     def filter(self, twist: Array, reading: Reading) -> Array:
         """The twist (2,) [m/s, rad/s] that may be driven until the next reading.
@@ -147,10 +169,11 @@ class Shield:
             reading: the latest; its stamps are the shield's only clock.
         """
         self.update(reading)
-        v, w, protective = decide(*self._records, float(twist[0]), float(twist[1]))
-        decision, given = self.state["decision"][0], np.array([v, w])
-        asked = decision["asked"].copy()
-        self.decision = Decision(REASONS[decision["reason"]], asked, given, protective)
+        reason, asked_v, asked_w, v, w, protective = _decide_row(
+            self._rows.record, float(twist[0]), float(twist[1])
+        )
+        given = np.array([v, w])
+        self.decision = Decision(REASONS[reason], np.array([asked_v, asked_w]), given, protective)
         return given
 
     def update(self, reading: Reading) -> None:
@@ -160,8 +183,8 @@ class Shield:
             ValueError: an array has another shape; its lasers are not those in the settings.
         """
         check_reading(reading, self._beams)
-        update(
-            *self._records, reading.pose, reading.twist, reading.laser, reading.ultrasonic,
+        _read_row(
+            self._rows.record, reading.pose, reading.twist, reading.laser, reading.ultrasonic,
             reading.age, bool(reading.bumped), reading.halted != "", reading.stamp,
         )  # fmt: skip
 
@@ -175,7 +198,7 @@ class Shield:
             motion: speed, its slope, turn, its slope (4,) of the chair now.
         """
         slowed = np.array(twists, np.float64)
-        limit_for_unseen_space(*self._records, motion, slowed)
+        _slow_row(self._rows.record, motion, slowed)
         return slowed
 
     def rearm(self) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -9,12 +10,7 @@ from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import InputError
 from wheelchair_gym.files import LIMITS, read_json
 from wheelchair_gym.maps.grid import OccupancyGrid
-from wheelchair_gym.maps.io.floor_plan import (
-    IMAGES,
-    is_polygons,
-    polygons_map,
-    read_floor_plan_image,
-)
+from wheelchair_gym.maps.io.floor_plan import IMAGES, polygons_map, read_floor_plan_image
 from wheelchair_gym.maps.io.house_expo import read_house
 from wheelchair_gym.maps.io.map_server import read_map
 from wheelchair_gym.maps.io.moving_ai import read_moving_ai_map
@@ -80,7 +76,7 @@ def _read(
         raise InputError(f"{path}: the resolution is for images; this file has its own scale")
     if ending == ".json":
         data = read_json(path)
-        if is_polygons(data):
+        if isinstance(data, Mapping) and "polygons" in data:
             return polygons_map(data, path)
         house = read_house(path)
         return house.grid(), house.walls

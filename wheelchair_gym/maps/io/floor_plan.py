@@ -67,11 +67,6 @@ def read_floor_plan_image(path: str | Path, resolution: float) -> OccupancyGrid:
     return grid
 
 
-def is_polygons(data: Any) -> bool:
-    """Whether the content of a JSON file is a floor plan of polygons."""
-    return isinstance(data, Mapping) and "polygons" in data
-
-
 def polygons_map(data: Mapping[str, Any], path: str | Path) -> tuple[OccupancyGrid, Array]:
     """Return the grid of a floor plan of polygons, and its exact walls (n, 4) [m].
 
