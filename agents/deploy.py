@@ -105,7 +105,7 @@ class EventLog:
             (v, w), (x, y, yaw) = chair.commanded, env.task.reading.pose
             command = f"v {v:6.3f} m/s  w {w:6.3f} rad/s  at ({x:.2f}, {y:.2f}, {yaw:.2f})"
             self._log(f"{now:7.1f} s  {command}")
-        if getattr(chair, "latched", ""):  # until a person re-arms the chair and it is reset
+        if chair.latched:  # until a person re-arms the chair and it is reset
             self.ended = stops.why
         elif stops.waited > self._config.patience:
             self.ended = f"{stops.why}, for {self._config.patience:g} s"
@@ -171,8 +171,7 @@ def narrow_gap() -> Episode:
 
 def late_steps(env: Any) -> Record:
     """How many control periods of a real chair ended late, and by how much at most."""
-    chair: Any = unwrapped(env.unwrapped.chair)
-    delays = [1e3 * delay for _, delay in getattr(chair, "late", [])]
+    delays = [1e3 * delay for _, delay in unwrapped(env.unwrapped.chair).late]
     return {"late_steps": len(delays), "late_ms_max": max(delays, default=0.0)}
 
 
@@ -247,14 +246,14 @@ def listen_for_rearm(driven: Any, shield: Any = None) -> None:
     """
     chair: Any = unwrapped(driven)
     terminal = sys.stdin is not None and sys.stdin.isatty()
-    if hasattr(chair, "on_wait"):
+    if chair.needs_rearm:
         chair.on_wait = lambda line: _LOG.warning("%s", _how_to_rearm(chair, line, terminal))
-    if not terminal or (shield is None and not hasattr(chair, "rearm")):
+    if not terminal or (shield is None and not chair.needs_rearm):
         return
 
     def listen() -> None:
         for _ in sys.stdin:
-            if getattr(chair, "waiting_for", "") or (shield is not None and shield.latched):
+            if chair.waiting_for or (shield is not None and shield.latched):
                 rearm(chair, shield)
 
     print("Enter re-arms the chair while it waits for a person", file=sys.stderr)
@@ -263,8 +262,7 @@ def listen_for_rearm(driven: Any, shield: Any = None) -> None:
 
 def rearm(chair: Any, shield: Any) -> None:
     """Re-arm a chair and its shield, as a person does."""
-    if hasattr(chair, "rearm"):
-        chair.rearm()
+    chair.rearm()
     if shield is not None:
         shield.rearm()
 

@@ -122,7 +122,7 @@ class Robot:
     def follow(self, env: Any) -> bool:
         """Take the odometry of the environment's chair; whether the episode is to end."""
         inner = env.unwrapped
-        self._odometry = getattr(inner.chair, "belief", Belief(inner.task.reading.pose)).odometry
+        self._odometry = (inner.chair.belief or Belief(inner.task.reading.pose)).odometry
         return bool(self.service) or self._end()
 
     def act(self, reading: Reading) -> Command:

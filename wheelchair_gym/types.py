@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Callable
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.address import as_array
@@ -99,10 +100,7 @@ def check_reading(reading: Reading, beams: int) -> None:
 
 
 class Belief(NamedTuple):
-    """What a pose source goes by: for viewers and logs, never for a policy.
-
-    A chair that has one offers it as its property `belief`; of others, only the pose is shown.
-    """
+    """What a pose source goes by: for viewers and logs, never for a policy."""
 
     odometry: Array  # (3,) m, m, rad: dead-reckoned, in the frame odom (REP-105)
     particles: Array | None = None  # (n, 3) m, m, rad: where on the map the chair may be
@@ -327,9 +325,25 @@ class NotCopyable:
         )
 
 
-class Chair(Protocol):
-    """Something that drives and senses. Time belongs to it: `drive` takes one control period."""
+class Chair(ABC):
+    """Something that drives and senses. Time belongs to it: `drive` takes one control period.
 
+    A chair implements `reset`, `drive` and `truth`. All other members have defaults: those of a
+    chair that runs in real time, holds no resources, and that no person has to re-arm.
+
+    Attributes:
+        real_time: time passes while a policy thinks.
+        needs_rearm: after some stops a person must re-arm it, see `rearm`.
+        latched: why it has stopped until it is re-armed and reset; empty: it has not.
+        waiting_for: what reset waits for a person to do; empty while it does not.
+    """
+
+    real_time = True
+    needs_rearm = False
+    latched = ""
+    waiting_for = ""
+
+    @abstractmethod
     def reset(self, episode: Episode, key: int) -> Reading:
         """Stand at the episode's start (a real chair stays where it is) and sense.
 
@@ -337,8 +351,8 @@ class Chair(Protocol):
             episode: the world, where the chair is simulated.
             key: seeds every random draw until the next reset.
         """
-        ...
 
+    @abstractmethod
     def drive(self, twist: Array, protective: bool = False) -> Reading:
         """Drive towards a target twist for one control period, then sense.
 
@@ -346,13 +360,39 @@ class Chair(Protocol):
             twist: (2,) [m/s, rad/s].
             protective: come to rest at the protective rate instead, exempt from jerk.
         """
-        ...
 
     @property
+    @abstractmethod
     def truth(self) -> Truth:
         """How things really are, as far as this chair knows."""
-        ...
 
-    def close(self) -> None:
-        """Stop, and let go of everything held."""
-        ...
+    def close(self) -> None:  # noqa: B027
+        """Stop, and release all resources."""
+
+    @property
+    def belief(self) -> Belief | None:
+        """What the pose source goes by; None: only the pose of the reading is known."""
+        return None
+
+    @property
+    def report(self) -> dict[str, float | str] | None:
+        """The state of a drive board, for recordings; None: there is no real chair."""
+        return None
+
+    @property
+    def late(self) -> Sequence[tuple[float, float]]:
+        """End [s since reset] and delay [s] of each control period that ended late."""
+        return ()
+
+    def set_localized_pose(self, pose: Array) -> None:  # noqa: B027
+        """Take the pose (3,) on the map that a localizer has estimated."""
+
+    def rearm(self) -> None:  # noqa: B027
+        """Re-arm the chair: called only for a person who has removed the cause of the stop."""
+
+    def add_rearm_callback(self, callback: Callable[[], object]) -> None:  # noqa: B027
+        """Call a function whenever a person has re-armed the chair."""
+
+    def episode(self, goal: ArrayLike, start: ArrayLike | None = None) -> Episode | None:
+        """Return an episode to a goal on the chair's own map; None: it has no map."""
+        return None

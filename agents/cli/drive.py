@@ -126,9 +126,10 @@ def _real(
         rehearse(spec(given.policy), settings)
     env, chair = real_chair_env(named, settings, scene=scene, render_mode=mode)
     try:
-        if given.goal is not None and not hasattr(chair, "episode"):
+        episode = None if given.goal is None else chair.episode(given.goal, given.start)
+        if given.goal is not None and episode is None:
             raise InputError(f"--goal: {given.chair} has no map of its own; expected --scene")
-        return env, None if given.goal is None else chair.episode(given.goal, given.start)
+        return env, episode
     except BaseException:
         env.close()
         raise

@@ -84,7 +84,7 @@ def drive_with_help(
             for line in monitor.update(reading.stamp, causes):
                 log(f"{reading.stamp:7.1f} s  {line}")
             stops += bool(monitor.messages) and not stood
-            if getattr(chair, "latched", ""):
+            if chair.latched:
                 ended = monitor.why
                 break
             action, now = driver.act(observation), world.task.stick

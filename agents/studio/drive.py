@@ -78,10 +78,11 @@ class Drive:
         if order.rate == _FINE:
             env["config"] = {**place.env.get("config", {}), "physics": {"step": _FINE_STEP}}
         if place.twin:
-            from wheelchair_gym.hardware.twin.episodes import episode_twin
+            from wheelchair_gym.hardware.registry import localized
+            from wheelchair_gym.hardware.twin.episodes import EpisodeTwin
 
             settings = env_settings(env.pop("config", None), scene=place.scene, **env)
-            env = {"config": settings, "chair": episode_twin(settings)}
+            env = {"config": settings, "chair": localized(EpisodeTwin(settings), settings)}
         else:
             env["scene"] = place.scene
         self._world: Any = NavigationEnv(split="test", person=lambda: self._stick, **env)

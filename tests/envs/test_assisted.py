@@ -160,11 +160,8 @@ def test_a_localized_chair_has_a_person_too():
 
 
 def test_a_person_needs_a_simulated_chair_and_no_unknown_map():
-    class Chair:
-        def reset(self, episode, key): ...
-
     with pytest.raises(InputError, match="needs the simulated chair"):
-        NavigationEnv(**SMALL, driver="expert", chair=Chair())
+        NavigationEnv(**SMALL, driver="expert", chair=object())
     with pytest.raises(InputError, match="with the pose source slam"):
         NavigationEnv(**SMALL, driver="expert", pose_source="slam")
     with pytest.raises(InputError, match="did you mean expert"):

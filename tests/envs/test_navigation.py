@@ -133,6 +133,8 @@ def test_an_estimated_pose_must_be_nearer_before_it_says_arrived():
             r"config.chair.body.mas is not a setting; it",
         ),
         ({"config": "missing.json"}, r"missing.json: cannot be read"),
+        ({"chair": object()}, r"chair is object; expected a wheelchair_gym Chair"),
+        ({"config": {"unshielded": 0.3}, "chair": object()}, r"unshielded is 0.3; expected 0"),
         pytest.param(
             {"render_mode": "ascii"},
             r"render_mode",
@@ -240,8 +242,3 @@ def test_a_policy_may_see_whether_it_is_shielded_and_what_was_withheld():
     env.close()
     assert seen[True] > 0.5
     assert seen[False] == 0.0
-
-
-def test_no_share_is_driven_without_the_shield_by_a_chair_that_is_given():
-    with pytest.raises(wheelchair_gym.InputError, match=r"unshielded is 0.3; expected 0"):
-        gym.make(IDS[0], config={"unshielded": 0.3}, chair=object())

@@ -1,4 +1,4 @@
-"""Laws of the simulated chair's compiled step: equal to the step in parts, never writing twice."""
+"""Laws of the compiled loop over one chair: equal to the loop in parts, never writing twice."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import pytest
 
 from tests.copies import differences
 from wheelchair_gym.envs import NavigationEnv
+from wheelchair_gym.envs.one_chair import LoopInParts, SimulatedLoop
 from wheelchair_gym.physics.chair import SimulatedChair
 
 BANK = {"size": 4, "turnover": 0.5}
@@ -32,13 +33,14 @@ def seen_by_others(env):
         {"scene": "crowd", "shield": True, "guidance": "geodesic"},
         {"scene": "clutter", "reward": gentle, "noise": False},
         {"scene": "clutter", "config": {"shield": {}, "unshielded": 0.5}},
+        {"scene": "clutter", "shield": True, "driver": "novice", "assistant": "slide"},
     ],
 )
-def test_a_compiled_step_is_the_step_in_parts(settings):
+def test_the_compiled_loop_is_the_loop_in_parts(settings):
     settings = {"beams": 32, "bank": BANK, "max_episode_steps": 60} | settings
     env, other = NavigationEnv(**settings), NavigationEnv(**settings)
-    assert env._steps is not None
-    other._steps = None
+    assert isinstance(env._loop, SimulatedLoop)
+    other._loop = LoopInParts(other._loop.parts, None)
     rng, ends = np.random.default_rng(0), 0
     assert not list(differences(env.reset(seed=3), other.reset(seed=3)))
     for k in range(200):

@@ -1,13 +1,13 @@
-"""The loop over many chairs: drive, sense, assess, observe and reset, without Python."""
+"""The loop over chairs, one or many: drive, sense, assess, observe and reset, without Python."""
 
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from wheelchair_gym.arrays import Array, Floats, Mask, Rows
+from wheelchair_gym.arrays import Floats, Mask
 from wheelchair_gym.assistance.step import (
     ASSISTANTS,
     assisted_action,
@@ -17,18 +17,19 @@ from wheelchair_gym.assistance.step import (
 )
 from wheelchair_gym.compiled.address import (
     Target,
+    field_at,
     flags_at,
     floats_at,
     keys_at,
     pointer_record,
     rows_of,
+    table_at,
 )
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined, kernel
 from wheelchair_gym.drivers.state import DRIVERS, prefetch_driver
 from wheelchair_gym.drivers.step import begin_driver, step_driver
-from wheelchair_gym.envs.results import Bytes, Columns, columns_of
+from wheelchair_gym.envs.results import RESULTS, Columns, columns_of
 from wheelchair_gym.kinematics import twist_of_action
-from wheelchair_gym.physics.state import SENSED
 from wheelchair_gym.physics.step import CHAIRS, chair_row, prefetch_chair, reset_chair, step_chair
 from wheelchair_gym.physics.world import enter_episode
 from wheelchair_gym.random import SHIELDS as UNSHIELDED
@@ -44,11 +45,12 @@ from wheelchair_gym.task.assessment import assess, begin_task, task_row
 from wheelchair_gym.task.observations import take_stick
 from wheelchair_gym.task.prepared_episode import PREPARED
 from wheelchair_gym.task.records import TASK
-from wheelchair_gym.task.rewards import VERDICT, has_arrived
+from wheelchair_gym.task.rewards import has_arrived
 
 # What one thread steps rows of a batch with: chairs, their worlds and their tasks.
 BATCH, BATCH_TARGETS = pointer_record(
     ("n", "i8"),  # rows of the batch
+    ("actions", Target("f8", None, 2)),  # (n, 2) in [-1, 1]; with assistants, residuals
     ("task", Target(TASK, 1)),
     ("chairs", Target(CHAIRS, 1)),  # with the workspace of the thread
     ("shields", Target(SHIELDS, 1)),  # of no rows where there are none
@@ -63,6 +65,7 @@ BATCH, BATCH_TARGETS = pointer_record(
 )
 _task_at, _chairs_at, _shields_at, _prepared_at = map(rows_of, (TASK, CHAIRS, SHIELDS, PREPARED))
 _drivers_at, _assistants_at = rows_of(DRIVERS), rows_of(ASSISTANTS)
+_batches_at, _results_at = rows_of(BATCH), rows_of(RESULTS)
 
 
 @inlined
@@ -117,10 +120,11 @@ def begin_chair(i: int, batch: Any, rows: Columns, out: Floats) -> None:
 
 
 @borrowing_kernel
-def begin_chairs(batches: Rows, chosen: Mask, block: Bytes, out: Floats) -> None:
+def begin_chairs(batch_at: int, chosen: Mask, results_at: int) -> None:
     """Begin the next episode of the chosen rows; see `step_chairs`."""
-    batch = batches[0]
-    rows = columns_of(block, batch.n)
+    batch, results = _batches_at(batch_at, 1)[0], _results_at(results_at, 1)[0]
+    rows = columns_of(results.block, batch.n)
+    out = field_at(results.out, batch.n, results.numbers)
     for i in range(batch.n):
         rows.mask[i] = chosen[i]
         if chosen[i]:
@@ -128,111 +132,36 @@ def begin_chairs(batches: Rows, chosen: Mask, block: Bytes, out: Floats) -> None
             begin_chair(i, batch, rows, out)
 
 
-class Driven(NamedTuple):
-    """How a chair is driven for one control period."""
-
-    action: tuple[float, float]  # as it was asked
-    twist: tuple[float, float]  # m/s, rad/s: that is driven
-    stop: bool  # protectively
-    less: tuple[float, float]  # m/s, rad/s: what a shield took from the twist of the action
-
-
-@borrowing_kernel
-def step_row(
-    i: int, parts: Any, sensed: Rows, verdicts: Rows, ranges: Floats, driven: Driven, out: Floats
-) -> bool:
-    """Drive row i's chair, and assess its step; parts: a record of BATCH or of STEP.
-
-    Returns:
-        Whether it is at the goal by truth, and has touched nothing.
-    """
-    chairs, task = _chairs_at(parts.chairs, 1), _task_at(parts.task, 1)
-    drivers, (v, w) = _drivers_at(parts.drivers, 1), driven.twist
-    step_chair(i, chairs, v, w, driven.stop, ranges, sensed)
-    seen = sensed[i]
-    rule, prepared, progress = task_row(task, i)
-    if drivers[0].n > 0:
-        forward, left, latched = step_driver(
-            i, drivers, prepared, seen.true_pose, seen.true_twist, ranges
-        )
-        arrived = has_arrived(rule, prepared, seen.true_pose, seen.true_twist, 0.0)
-        take_stick(progress, forward, left, latched, arrived)
-    assess(i, task, verdicts, driven.action, driven.less, seen, ranges, out)
-    return is_success(rule, prepared, seen)
-
-
-# What one chair's step is given, and what it writes, by address.
-STEP, STEP_TARGETS = pointer_record(
-    ("task", Target(TASK, 1)),
-    ("chairs", Target(CHAIRS, 1)),
-    ("drivers", Target(DRIVERS, 1)),
-    ("verdict", Target(VERDICT, 1)),
-    ("sensed", Target(SENSED, 1)),
-    ("ranges", Target("f4", None)),
-    ("beams", "i8"),
-    ("out", Target("f4", None)),
-    ("numbers", "i8"),  # of an observation
-)
-_steps_at, _sensed_at, _verdicts_at = map(rows_of, (STEP, SENSED, VERDICT))
-
-
-@borrowing_kernel
-def step_one(
-    place: int,
-    a_v: float,
-    a_w: float,
-    v: float,
-    w: float,
-    stop: bool,
-    less_v: float,
-    less_w: float,
-) -> bool:
-    """`step_row` of the record of STEP at an address: numbers reach it faster than arrays."""
-    step = _steps_at(place, 1)[0]
-    ranges, out = floats_at(step.ranges, step.beams), floats_at(step.out, step.numbers)
-    sensed, verdicts = _sensed_at(step.sensed, 1), _verdicts_at(step.verdict, 1)
-    driven = Driven((a_v, a_w), (v, w), stop, (less_v, less_w))
-    return step_row(0, step, sensed, verdicts, ranges, driven, out)
-
-
 @borrowing_kernel
 def step_chairs(
-    low: int,
-    high: int,
-    batches: Rows,
-    same_step: bool,
-    actions: Array,
-    block: Bytes,
-    out: Floats,
-    final_block: Bytes,
-    final_out: Floats,
+    low: int, high: int, batch_at: int, same_step: bool, results_at: int, finals_at: int
 ) -> int:
     """One control period of rows low to high.
 
     Args:
         low: the first row.
         high: one past the last.
-        batches: (1,) of BATCH.
+        batch_at: address of a record of BATCH.
         same_step: an episode's end begins the next one, and what its last step gave is written to
             other results.
-        actions: (n, 2) of the batch; with assistants, residuals.
-        block: of `Results` of the batch.
-        out: their observations.
-        final_block: of `Results` for last steps.
-        final_out: their observations.
+        results_at: address of a record of RESULTS, which are written.
+        finals_at: of another, for last steps.
 
     Returns:
         How many rows began an episode; -1, and nothing was done, if an action is not finite.
     """
-    batch = batches[0]
-    n = batch.n
+    batch, results = _batches_at(batch_at, 1)[0], _results_at(results_at, 1)[0]
+    final = _results_at(finals_at, 1)[0]
+    n, numbers = batch.n, results.numbers
+    actions = table_at(batch.actions, n, 2)
     for i in range(n):  # of all rows, so that none goes on alone
         if not (math.isfinite(actions[i, 0]) and math.isfinite(actions[i, 1])):
             return -1
     task, chairs, shields = _parts(batch)
     drivers, assistants = _drivers_at(batch.drivers, 1), _assistants_at(batch.assistants, 1)
     is_over, ranges = flags_at(batch.is_over, n), floats_at(batch.ranges, batch.beams)
-    rows, finals = columns_of(block, n), columns_of(final_block, n)
+    rows, finals = columns_of(results.block, n), columns_of(final.block, n)
+    out, final_out = field_at(results.out, n, numbers), field_at(final.out, n, numbers)
     sensed, verdicts, begun = rows.sensed, rows.verdicts, 0
     for i in range(low, high):
         if i + 1 < high:
@@ -241,7 +170,7 @@ def step_chairs(
             prefetch_assistant(i + 1, assistants)
         rows.begun[i], rows.mask[i] = is_over[i], True
         if not is_over[i]:
-            rule, _, progress = task_row(task, i)
+            rule, prepared, progress = task_row(task, i)
             action, stop = (actions[i, 0], actions[i, 1]), False
             if assistants[0].n > 0:
                 action = assisted_action(i, assistants, action[0], action[1])
@@ -249,14 +178,22 @@ def step_chairs(
             asked, shielded = (v, w), progress.is_shielded
             if shielded:
                 v, w, stop = filter_twist(i, shields, v, w)
-            driven = Driven(action, (v, w), stop, (asked[0] - v, asked[1] - w))
-            rows.success[i] = step_row(i, batch, sensed, verdicts, ranges, driven, out[i])
+            step_chair(i, chairs, v, w, stop, ranges, sensed)
+            seen, less = sensed[i], (asked[0] - v, asked[1] - w)
+            if drivers[0].n > 0:
+                forward, left, latched = step_driver(
+                    i, drivers, prepared, seen.true_pose, seen.true_twist, ranges
+                )
+                arrived = has_arrived(rule, prepared, seen.true_pose, seen.true_twist, 0.0)
+                take_stick(progress, forward, left, latched, arrived)
+            assess(i, task, verdicts, action, less, seen, ranges, out[i])
+            rows.success[i] = is_success(rule, prepared, seen)
             if shields[0].n > 0:
                 copy_decision(i, shields, rows.decisions[i])
             if shielded:
-                update_shield(i, shields, sensed[i], ranges)
+                update_shield(i, shields, seen, ranges)
             if assistants[0].n > 0:
-                update_row_assistant(i, assistants, progress, sensed[i], ranges)
+                update_row_assistant(i, assistants, progress, seen, ranges)
             is_over[i] = verdicts[i].terminated or verdicts[i].truncated
             if not (is_over[i] and same_step):
                 continue

@@ -17,11 +17,10 @@ from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import InputError
 from wheelchair_gym.drivers import make_drivers
 from wheelchair_gym.drivers.step import Drivers
-from wheelchair_gym.envs.batch import is_unshielded
 from wheelchair_gym.envs.drawing import EpisodeRenderer
 from wheelchair_gym.envs.guidance import make_guidance
-from wheelchair_gym.envs.info import EPISODE_KEYS, info_of_shield, info_table
-from wheelchair_gym.envs.one_chair import Pair, SimulatedSteps, info_arrays, outcome_of
+from wheelchair_gym.envs.info import EPISODE_KEYS, info_table
+from wheelchair_gym.envs.one_chair import LoopInParts, Parts, SimulatedLoop
 from wheelchair_gym.envs.settings import (
     EnvSettings,
     check_options,
@@ -36,7 +35,6 @@ from wheelchair_gym.geometry import to_world
 from wheelchair_gym.kinematics import numbers_of
 from wheelchair_gym.localization.localized_chair import LocalizedChair, unwrapped
 from wheelchair_gym.physics.chair import SimulatedChair
-from wheelchair_gym.physics.state import sensed_of
 from wheelchair_gym.random import SEEDS, Split, episode_key
 from wheelchair_gym.safety.settings import ShieldSettings
 from wheelchair_gym.safety.shield import Shield
@@ -45,7 +43,7 @@ from wheelchair_gym.task.observations import observation_table
 from wheelchair_gym.task.prepared_episode import PreparedEpisode
 from wheelchair_gym.task.rewards import reward_table
 from wheelchair_gym.task.task import Observation, Task
-from wheelchair_gym.types import Chair, Episode, Mission, Reading, Shown, Stick, check_reading
+from wheelchair_gym.types import Chair, Episode, Mission, Reading, Shown, Stick
 
 
 class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
@@ -187,7 +185,8 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
                 raise InputError("driver: a simulated person needs the simulated chair")
             if person is not None:
                 raise InputError("driver and person: expected one of them")
-        self._person = person
+        if not isinstance(unwrapped(self.chair), Chair):
+            raise InputError(f"chair is {type(chair).__name__}; expected a wheelchair_gym Chair")
         self.drivers = Drivers(people, s.chair, s.sensors, 1.0 / s.rate)
         has_person = bool(people) or person is not None
         self.assistants = make_assistants(s, 1, has_person)
@@ -198,7 +197,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         if s.shield is not None:
             self.shield = Shield(s.shield, s.chair, s.sensors, 1.0 / s.rate)
             # A person who re-arms a real chair re-arms its shield, too.
-            getattr(unwrapped(self.chair), "on_rearm", []).append(self.shield.rearm)
+            unwrapped(self.chair).add_rearm_callback(self.shield.rearm)
         self.split = check_split(split)
         self.worlds = WorldBank(s, self.task, self.split)
         self.observation_space = cast("gym.Space[Observation]", self.task.space)
@@ -212,9 +211,11 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         self._count = 0  # episodes of the present seed
         self.episode_info: dict[str, Any] = {}  # which episode is driven, by key of `info`
         self._running = False
-        self._steps: SimulatedSteps | None = None
-        if type(self.chair) is SimulatedChair and person is None:
-            self._steps = SimulatedSteps(self.chair, self.task, self.drivers)
+        parts = Parts(
+            self.chair, self.task, self.drivers, self.assistants, self.shield, s.unshielded
+        )
+        is_plain = type(self.chair) is SimulatedChair and person is None
+        self._loop = SimulatedLoop(parts) if is_plain else LoopInParts(parts, person)
         self._drawing = EpisodeRenderer(s)
         self.shown = Shown()  # what the policy shows; before it drives, the guidance
         # What recordings say of who drives, such as assistant and interface; set it before reset.
@@ -255,24 +256,12 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         self.episode_info, key = dict(zip(EPISODE_KEYS, told, strict=True)), episode_key(*told)
         if self.shield is not None:
             self.shield.reset()
-        reading = self.chair.reset(self.episode, key)
-        self.drivers.begin(key)
+        observation, info = self._loop.begin(self._prepared, key)
+        info |= self.episode_info
         self._label_interface()
-        if not self._simulated:
-            check_reading(reading, self.settings.sensors.beams)
-        is_shielded = self.shield is not None and not is_unshielded(
-            np.uint64(key), self.settings.unshielded
-        )
-        observation = self.task.begin(self._prepared, reading, key, is_shielded)
-        self.assistants.begin()
-        self._assist()
         self._running = True
         self._drawing.begin()
         self.show(Shown())
-        *_, info = self._outcome()
-        info |= self.episode_info
-        if self.shield is not None:
-            info["shield"] = info_of_shield(self.shield.decision)
         self._drawing.follow(info["pose"])
         if self.render_mode == "human":
             self.render()
@@ -292,30 +281,16 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         """
         if not self._running:
             raise gym.error.ResetNeeded("the episode is over; call reset() before step()")
-        task, shield = self.task, self.shield
-        given = a_v, a_w = numbers_of(action)
-        if len(self.assistants.states):
-            a_v, a_w = self.assistants.action(given)
-        v, w = asked_v, asked_w = task.limits.twist_of(a_v, a_w)
-        stop = False
-        if shield is not None and task.is_shielded:
-            v, w = shield.filter(np.array((v, w)), task.reading).tolist()
-            stop = shield.decision.protective
-        step = self._step if self._steps is None else self._steps.step
-        observation, reward, terminated, truncated, info = step(
-            (a_v, a_w), (v, w), stop, (asked_v - v, asked_w - w)
-        )
+        given = numbers_of(action)
+        observation, reward, terminated, truncated, info = self._loop.step(given)
         info |= self.episode_info
         self._running = not (terminated or truncated)
-        self._assist()
-        if shield is not None:
-            info["shield"] = info_of_shield(shield.decision)
         self._drawing.follow(info["pose"])
         if self.render_mode == "human":
             self.render()
         if self._reward is not None:
             simulated: Any = unwrapped(self.chair)
-            records = as_record(task.judged["terms"]), as_record(simulated.sensed)
+            records = as_record(self.task.judged["terms"]), as_record(simulated.sensed)
             reward = checked(self._reward(*records, np.array(given)))
         return observation, reward, terminated, truncated, info
 
@@ -323,37 +298,6 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         """Have recordings say through which interface a simulated person drives."""
         if self.drivers.driver is not None:
             self.labels["interface"] = self.drivers.driver.interface.kind
-
-    def _assist(self) -> None:
-        """Let an assistant see the latest reading, and the stick that it shall answer."""
-        stick = self.task.stick
-        if len(self.assistants.states) and stick is not None:
-            self.assistants.update(stick, self.task.reading)
-
-    def _step(
-        self, action: Pair, twist: Pair, stop: bool, less: Pair
-    ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """`SimulatedSteps.step` with any chair."""
-        reading = self.chair.drive(np.array(twist), stop)
-        if not self._simulated:
-            check_reading(reading, self.settings.sensors.beams)
-        if self.task.has_driver:
-            truth, prepared = self.chair.truth, self._prepared
-            assert prepared is not None
-            if self._person is not None:
-                stick = self._person()
-            else:
-                stick = self.drivers.step(prepared, truth.pose, truth.twist, reading.laser)
-            self.task.take_stick(stick, truth.pose, truth.twist)
-        observation = self.task.assess(reading, action, less)
-        return observation, *self._outcome()
-
-    def _outcome(self) -> tuple[float, bool, bool, dict[str, Any]]:
-        """Return `outcome_of` the latest reading."""
-        truth, task = self.chair.truth, self.task
-        success = not truth.touched and task.at_goal(truth.pose, truth.twist)
-        sensed = sensed_of(task.reading, truth)
-        return outcome_of(task.judged, sensed, success, info_arrays(sensed))
 
     def render(self) -> NDArray[np.uint8] | None:
         """The world from above: an RGB picture (render_height, render_width, 3).
@@ -388,7 +332,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             shield=task.shield,
             is_shielded=task.is_shielded,
             key=task.key,
-            real_time=getattr(unwrapped(self.chair), "real_time", not self._simulated),
+            real_time=unwrapped(self.chair).real_time,
         )
 
     @property
@@ -396,7 +340,10 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         """The latest reading as a policy gets it, with the last action and the map drawn so far."""
         task = self.task
         drawn = None if task.built_map is None else task.built_map()
-        return Reading(*task.reading[:-4], task.action, task.shield_intervention, drawn, task.stick)
+        return task.reading._replace(
+            action=task.action, shield_intervention=task.shield_intervention, map=drawn,
+            stick=task.stick,
+        )  # fmt: skip
 
     def show(self, shown: Shown) -> None:
         """Show people what a policy wants shown, until the next call or reset()."""

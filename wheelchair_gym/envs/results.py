@@ -1,4 +1,4 @@
-"""What a step of many chairs gives: memory that kernels write, and the arrays that show it.
+"""What a step gives: memory that kernels write, and the arrays that show it.
 
 Arrays that were handed out are never written again while anybody holds one of them, or a part.
 """
@@ -16,7 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.arrays import Floats, Mask, Rows
-from wheelchair_gym.compiled.address import data_of, flags_at, rows_of
+from wheelchair_gym.compiled.address import (
+    Pointers,
+    Target,
+    flags_at,
+    pointer_record,
+    rows_of,
+)
 from wheelchair_gym.compiled.kernel import inlined
 from wheelchair_gym.envs.info import info_of_rows
 from wheelchair_gym.physics.state import SENSED
@@ -24,16 +30,19 @@ from wheelchair_gym.safety.state import DECISION, REASONS
 from wheelchair_gym.task.rewards import VERDICT
 from wheelchair_gym.task.task import Observation, Task
 
-Bytes = NDArray[np.uint8]
-
+# Memory that a step writes, by address.
+RESULTS, RESULTS_TARGETS = pointer_record(
+    ("block", Target("u1", None)),  # (n * ROW_SIZE,)
+    ("out", Target("f4", None, None)),  # (n, numbers): observations
+    ("numbers", "i8"),  # of an observation
+)
 _REASONS = np.array(REASONS)
 _TRIED = 3  # results that are looked at before new ones are made
 _FEWEST, _MOST, _BYTES = 4, 256, 1 << 26  # results that are remembered, and their size
 _LARGE = 1 << 20  # bytes that are worth large pages
-_AFTER_SENSED = SENSED.itemsize
-_AFTER_VERDICTS = _AFTER_SENSED + VERDICT.itemsize
-_AFTER_DECISIONS = _AFTER_VERDICTS + DECISION.itemsize
-ROW_SIZE = _AFTER_DECISIONS + 4  # bytes of a row: three records, three flags, and one to align
+_KINDS = (SENSED, VERDICT, DECISION, *3 * [np.dtype(np.bool_)])  # of `Columns`
+_BEGIN = (0, *np.cumsum([kind.itemsize for kind in _KINDS]).tolist())  # bytes of a row before each
+ROW_SIZE = _BEGIN[-1] + 1  # bytes of a row: three records, three flags, and one to align
 
 
 class Columns(NamedTuple):
@@ -51,16 +60,16 @@ _sensed_at, _verdicts_at, _decisions_at = map(rows_of, (SENSED, VERDICT, DECISIO
 
 
 @inlined
-def columns_of(block: Bytes, n: int) -> Columns:
-    """The columns in a block (n * ROW_SIZE,) of `Results`."""
-    start = data_of(block)
+def columns_of(start: Any, n: int) -> Columns:
+    """The columns in a block (n * ROW_SIZE,) of `Memory` that begins at an address."""
+    start = np.int64(start)  # an unsigned one times a signed one is no integer
     return Columns(
         _sensed_at(start, n),
-        _verdicts_at(start + n * _AFTER_SENSED, n),
-        _decisions_at(start + n * _AFTER_VERDICTS, n),
-        flags_at(start + n * _AFTER_DECISIONS, n),
-        flags_at(start + n * (_AFTER_DECISIONS + 1), n),
-        flags_at(start + n * (_AFTER_DECISIONS + 2), n),
+        _verdicts_at(start + n * _BEGIN[1], n),
+        _decisions_at(start + n * _BEGIN[2], n),
+        flags_at(start + n * _BEGIN[3], n),
+        flags_at(start + n * _BEGIN[4], n),
+        flags_at(start + n * _BEGIN[5], n),
     )
 
 
@@ -73,30 +82,39 @@ def _fresh_memory(size: int) -> Any:
     return memory
 
 
-class Results:
-    """What a step gives, n rows each, with every array of it that is ever handed out.
+class Memory:
+    """What a step of n rows writes.
 
     Attributes:
         block: (n * ROW_SIZE,) the columns one after another.
         out: (n, numbers) observations.
         columns: in the block.
+        pointers: to both, a record (1,) of RESULTS.
     """
 
     def __init__(self, task: Task, n: int) -> None:
         shape = n, task.observation_size
         memory = _fresh_memory(n * ROW_SIZE + 4 * math.prod(shape))
-        self.block: Bytes = np.ndarray(n * ROW_SIZE, np.uint8, memory)
+        self.block: NDArray[np.uint8] = np.ndarray(n * ROW_SIZE, np.uint8, memory)
         self.out: Floats = np.ndarray(shape, np.float32, memory, n * ROW_SIZE)
-        self.columns = Columns(*self._views())
+        places = zip(_KINDS, _BEGIN, strict=False)
+        views = (np.ndarray(n, kind, self.block, n * begin) for kind, begin in places)
+        self.columns = Columns(*views)
+        self.pointers = Pointers(np.zeros(1, RESULTS), RESULTS_TARGETS)
+        self.pointers.record["numbers"] = task.observation_size
+        self.pointers.point("block", self.block)
+        self.pointers.point("out", self.out)
+        self.address = self.pointers.address
+
+
+class Results(Memory):
+    """What a step of many chairs gives, with every array of it that is ever handed out."""
+
+    def __init__(self, task: Task, n: int) -> None:
+        super().__init__(task, n)
         self._observation = task.unpack(self.out)
         self._info = info_of_rows(self.columns, task.shield is not None)
         self._nested = {k: each for k, each in self._info.items() if isinstance(each, dict)}
-
-    def _views(self) -> Iterator[NDArray[Any]]:
-        before, n = 0, len(self.out)
-        for kind in (SENSED, VERDICT, DECISION, *3 * [np.dtype(np.bool_)]):
-            yield np.ndarray(n, kind, self.block, n * before)
-            before += kind.itemsize
 
     def arrays(self) -> Iterator[NDArray[Any]]:
         """Each array that is handed out, and what others that show its memory refer to."""

@@ -156,7 +156,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         """Find the rows that kernels take, and make what they work in."""
         n, chairs = self.num_envs, self.chairs
         self._prepared, self._next_prepared = np.zeros(n, PREPARED), np.zeros(n, PREPARED)
-        self._keys = np.zeros(n, np.uint64)
+        self._keys, self._actions = np.zeros(n, np.uint64), np.zeros((n, 2))
         self._task_rows = self.task.row_pointers(self._progress, self._prepared, self._tracked)
         self._shield_rows: Any = np.zeros(1, SHIELDS)
         if self._guard is not None:
@@ -172,7 +172,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
                 "task": self._task_rows, "chairs": rows, "shields": self._shield_rows,
                 "drivers": self.drivers.pointers, "assistants": self.assistants.pointers,
                 "next_prepared": self._next_prepared, "keys": self._keys, "is_over": self._over,
-                "ranges": np.zeros(beams, np.float32),
+                "ranges": np.zeros(beams, np.float32), "actions": self._actions,
             }.items():  # fmt: skip
                 batch.point(name, to)
         self._pool: ThreadPoolExecutor | None = None
@@ -193,8 +193,8 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
     def __getstate__(self) -> dict[str, Any]:
         """Without threads, memory that is worked in, and what `_bind` makes."""
         made = {
-            "_batches", "_finals", "_keys", "_last", "_next_prepared", "_pool", "_prepared",
-            "_results", "_rows", "_spare", "_task_rows", "_write_rewards",
+            "_actions", "_batches", "_finals", "_keys", "_last", "_next_prepared", "_pool",
+            "_prepared", "_results", "_rows", "_spare", "_task_rows", "_write_rewards",
         }  # fmt: skip
         state = {name: value for name, value in self.__dict__.items() if name not in made}
         state["last"] = None if self._last is None else (self._last.block, self._last.out)
@@ -246,7 +246,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         if self._last is not None:  # the rows that go on keep what they saw
             results.block[:], results.out[:] = self._last.block, self._last.out
         self._check_filled(chosen)
-        begin_chairs(self._batches[0].record, chosen, results.block, results.out)
+        begin_chairs(self._batches[0].address, chosen, results.address)
         self._draw_next(np.flatnonzero(chosen))
         self._last = results
         if self._drawings:
@@ -301,9 +301,10 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         n = self.num_envs
         if self._last is None:
             raise gym.error.ResetNeeded("call reset() before step()")
-        chosen = np.array(actions, np.float64, order="C")
+        chosen = np.array(actions, np.float64)
         if chosen.shape != (n, 2):
             raise self._wrong(chosen)
+        self._actions[:] = chosen
         mode = self.autoreset_mode
         if mode is AutoresetMode.DISABLED and self._over.any():
             over = np.flatnonzero(self._over).tolist()
@@ -317,7 +318,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
                 self._spare.block[:] = 0
             finals = self._spare
         self.chairs.expect_drive()
-        begun = self._share(same_step, chosen, results.block, results.out, finals.block, finals.out)
+        begun = self._share(same_step, results.address, finals.address)
         if begun < 0:
             raise self._wrong(chosen)
         verdicts, rows = results.columns.verdicts, results.columns.begun
@@ -428,7 +429,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         blocks = iter(self._blocks)
 
         def work(batch: Pointers) -> int:
-            return sum(step_chairs(*block, batch.record, *arguments) for block in blocks)
+            return sum(step_chairs(*block, batch.address, *arguments) for block in blocks)
 
         first, *others = self._batches
         if others and self._pool is None:

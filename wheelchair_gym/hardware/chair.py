@@ -64,13 +64,13 @@ class HardwareChair(RealBase):
             or there is none.
         assisted: a person drives by the joystick of the drive board, which then goes before every
             command (`CommandFlag.ASSISTED`).
-        waiting_for: what reset waits for a person to do; empty while it does not.
         on_wait: called with a line when reset has to wait, for a person or for more than 1 s.
         on_rearm: each is called when a person re-arms the chair, by `rearm` or at the drive board,
             or has driven it by a joystick and returns it.
-        latched: why the drive board has stopped, until the next reset; empty: it has not.
         commanded: the last command (2,) within the limits, whether or not it was sent.
     """
+
+    needs_rearm = True
 
     def __init__(
         self,
@@ -88,7 +88,7 @@ class HardwareChair(RealBase):
         self.joystick: Callable[[float, Limits], Array | None] = lambda now, limits: None
         self.person: Callable[[], str] = lambda: ""
         self.assisted = False
-        self.waiting_for = ""
+        self.real_time = isinstance(self.clock, WallClock)
         self.on_wait: Callable[[str], object] = _LOG.warning
         self.on_rearm: list[Callable[[], object]] = []
         self._person_drives = False  # or has to re-arm it
@@ -98,7 +98,7 @@ class HardwareChair(RealBase):
         )  # fmt: skip
         self._lock = self._loop.lock
         self._target, self._sent_at = STOP, -math.inf
-        self.latched, self.commanded = "", np.zeros(2)
+        self.commanded = np.zeros(2)
         self._travel, self._read_at = np.zeros(2), 0.0  # of the last reading
         self._closed = False
         self._loop.start_guard(self._guard, _POLL_PERIOD, self.close)
@@ -185,12 +185,16 @@ class HardwareChair(RealBase):
             return why
 
     def rearm(self) -> None:
-        """Re-arm the chair: called only for a person who has removed the cause of the stop."""
+        """See `Chair.rearm`."""
         with self._lock:
             if self._is_stopped and not self.settings.dry_run:
                 self._send(_ZERO)  # the board requires a fresh command of zero
                 self.senses.drive.send(protocol.Rearm(self.senses.odometry.faults))
         self._notify_rearmed()
+
+    def add_rearm_callback(self, callback: Callable[[], object]) -> None:
+        """See `Chair.add_rearm_callback`."""
+        self.on_rearm.append(callback)
 
     def close(self) -> None:
         """Stop, and close the ports; may be called again."""
@@ -214,11 +218,6 @@ class HardwareChair(RealBase):
         why = why or (stops.NOT_HELD if not report.flags & protocol.JoystickFlag.HELD else "")
         why = why or (stops.OFF_CENTRE if report.flags & protocol.JoystickFlag.MUST_CENTRE else "")
         return Stick(report.forward, report.left, False), why
-
-    @property
-    def real_time(self) -> bool:
-        """Whether time passes while a policy thinks."""
-        return isinstance(self.clock, WallClock)
 
     @property
     def report(self) -> dict[str, float | str]:

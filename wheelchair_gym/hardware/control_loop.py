@@ -20,7 +20,7 @@ from wheelchair_gym.geometry import Footprint, relative_pose
 from wheelchair_gym.kinematics import Limits
 from wheelchair_gym.localization.occupancy import read_scan
 from wheelchair_gym.sensors.settings import LaserSettings
-from wheelchair_gym.types import Belief, NotCopyable, Reading, Truth
+from wheelchair_gym.types import Belief, Chair, NotCopyable, Reading, Truth
 
 POLL_PERIOD = 0.01  # s between two checks of what arrives in other threads
 QUIET = 1.0  # s of waiting before a person is informed
@@ -255,13 +255,13 @@ class ControlLoop:
         return float(np.hypot(ahead, aside).min(initial=_MAX_CLEARANCE))
 
 
-class RealBase(NotCopyable):
+class RealBase(NotCopyable, Chair):
     """Properties that all real chairs report from their control loop."""
 
     _loop: ControlLoop
 
-    def found(self, pose: Array) -> None:
-        """Take the pose (3,) on the map that a localizer has estimated."""
+    def set_localized_pose(self, pose: Array) -> None:
+        """See `Chair.set_localized_pose`; a real chair takes the estimate for its true pose."""
         self._loop.truth = self._loop.truth._replace(pose=pose)
 
     @property
@@ -276,5 +276,5 @@ class RealBase(NotCopyable):
 
     @property
     def late(self) -> list[tuple[float, float]]:
-        """When control periods ended late [s since reset], and by how much [s]."""
+        """See `Chair.late`."""
         return self._loop.late

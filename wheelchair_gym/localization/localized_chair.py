@@ -36,7 +36,7 @@ class Localizer(Protocol):
         ...
 
 
-class LocalizedChair:
+class LocalizedChair(Chair):
     """A chair whose readings hold the poses of a localizer, from the episode's start on.
 
     Args:
@@ -63,10 +63,7 @@ class LocalizedChair:
         increment = relative_pose(self._odometry, reading.pose)
         self._odometry = reading.pose
         pose = self.localizer.update(increment, reading.laser[: self._beams])
-        # A real chair takes the estimate for its true pose.
-        believe: Callable[[Array], object] | None = getattr(self.chair, "found", None)
-        if believe is not None:
-            believe(pose)
+        self.chair.set_localized_pose(pose)
         return reading._replace(pose=pose)
 
     @property

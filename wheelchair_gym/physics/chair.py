@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -16,9 +17,14 @@ from wheelchair_gym.physics.state import SENSED
 from wheelchair_gym.physics.step import reset_chair, step_chair
 from wheelchair_gym.physics.world import NO_POSES
 from wheelchair_gym.sensors.settings import SensorSettings
-from wheelchair_gym.types import Belief, Episode, Reading, Truth
+from wheelchair_gym.types import Belief, Chair, Episode, Reading, Truth
 
 _STORE = 64  # records made at once
+_COLUMNS = SENSED.names or ()
+# Fields of a reading and of the truth, and their columns of SENSED.
+_READ = {name: name for name in Reading._fields if name in _COLUMNS}
+_TRUE = {name: f"true_{name}" for name in ("pose", "twist")}
+_TRUE |= {name: name for name in Truth._fields if name in _COLUMNS and name not in _TRUE}
 
 
 def _stand_nowhere(*settings: Any) -> None:
@@ -27,7 +33,7 @@ def _stand_nowhere(*settings: Any) -> None:
     SimulatedChair(*settings).reset(Episode(nowhere, np.zeros(3), np.zeros(3)), 0)
 
 
-class SimulatedChair:
+class SimulatedChair(Chair):
     """A chair in a pymunk world; time passes only when it is driven.
 
     A copy, by `copy.deepcopy` or `pickle`, drives on as the original does, to the bit.
@@ -46,6 +52,8 @@ class SimulatedChair:
         InputError: the periods are not integer multiples of the physics step.
     """
 
+    real_time = False
+
     def __init__(
         self,
         chair: ChairSettings | None = None,
@@ -63,7 +71,11 @@ class SimulatedChair:
         self._moves = False  # anything beside it
         self._truth: Truth | None = None  # of the latest reading, once asked for
         self._bind()
-        compile_beside(reset_chair, _stand_nowhere, chair, sensors, self.physics, period)
+
+    def compile_beside(self) -> None:
+        """Compile a reset in a helper process, while this one does something else."""
+        settings = self.settings, self.sensors, self.physics, self.period
+        compile_beside(reset_chair, _stand_nowhere, *settings)
 
     def _bind(self) -> None:
         """Find the rows of the only chair."""
@@ -88,13 +100,17 @@ class SimulatedChair:
 
     def reset(self, episode: Episode, key: int) -> Reading:
         """Stand at the episode's start and sense; see `Chair.reset`."""
-        self.chairs.enter(0, episode)
-        self._episode, self._moves = episode, len(episode.actors) > 0
-        self._make_workspace()
+        self.enter(episode)
         ranges, sensed = self._blank_reading()
         reset_chair(0, self.pointers.record, episode.start, np.uint64(key), ranges, sensed)
         self.take_step(ranges, sensed)
         return self.reading()
+
+    def enter(self, episode: Episode) -> None:
+        """Take the world of an episode, which is begun next."""
+        self.chairs.enter(0, episode)
+        self._episode, self._moves = episode, len(episode.actors) > 0
+        self._make_workspace()
 
     def drive(self, twist: Array, protective: bool = False) -> Reading:
         """See `Chair.drive`.
@@ -139,15 +155,18 @@ class SimulatedChair:
         if self._episode is None:
             raise ValueError("the chair was never reset, or it was closed")
         if self._truth is None:
-            values: Any = self.sensed.item()
             actors = self._world.actor_poses() if self._moves else NO_POSES
-            self._truth = Truth._make((*values[7:], actors))
+            self._truth = Truth(**self._values(_TRUE), actor_poses=actors)
         return self._truth
 
     def reading(self) -> Reading:
         """The latest reading."""
-        values: Any = self.sensed.item()
-        return Reading(values[0], values[1], self._ranges, *values[2:7])
+        return Reading(**self._values(_READ), laser=self._ranges)
+
+    def _values(self, names: Mapping[str, str]) -> dict[str, Any]:
+        """Return fields of `sensed` under other names."""
+        values = dict(zip(_COLUMNS, self.sensed.item(), strict=True))
+        return {name: values[column] for name, column in names.items()}
 
     @property
     def belief(self) -> Belief:
@@ -164,11 +183,6 @@ class SimulatedChair:
     def parameters(self) -> Rows:
         """The parameters (1,) of this episode, a record; see `physics.state.PARAMETER`."""
         return np.array(self.chairs.parameters)
-
-    @property
-    def rows(self) -> Rows:
-        """Where its row lies (1,), a record of `physics.step.CHAIRS`, to move it by other means."""
-        return self.pointers.record
 
     def _blank_reading(self) -> tuple[NDArray[np.float32], Rows]:
         # Fresh memory for each reading: what was handed out is never written again. Small records

@@ -195,22 +195,23 @@ def _of(topic: str, kind: Any) -> Callable[..., Any]:
     return make
 
 
-_KINDS: Final = {
-    "/map": m.Grid, "/tf": m.FrameTransforms, "/tf_static": m.FrameTransforms,
-    **{ros.scanner_name(k, "/scan"): m.LaserScan for k in range(SCANNERS)},
-    "/ultrasonic": m.SceneUpdate, "/odometry": m.Odometry, "/path": m.PosesInFrame,
-    "/rollout": m.PosesInFrame, "/lookahead": m.PosesInFrame, "/goal": m.PoseInFrame,
-    "/pose": m.PoseInFrame, "/truth": m.PoseInFrame, "/particles": m.PointCloud,
-    "/actors": m.SceneUpdate, "/footprint": m.SceneUpdate, "/trail": m.SceneUpdate,
-    "/note": m.Log, "/image": m.CompressedImage,
-}  # fmt: skip
-_MADE: Final[dict[str, Callable[..., Any]]] = {
-    "/ultrasonic": _cones, "/particles": _particles, "/trail": _trail,
-    "/actors": _of("/actors", _actors), "/footprint": _of("/footprint", _footprint),
-    "/lookahead": _of("/path", m.PosesInFrame),
-}  # fmt: skip
+_MARKS, _POSE = channels.SceneUpdateChannel, channels.PoseInFrameChannel
+_POSES, _EDGES = channels.PosesInFrameChannel, channels.FrameTransformsChannel
+_SCANS = [ros.scanner_name(k, "/scan") for k in range(SCANNERS)]
 # Topic: its channel, and what makes its messages of an instant [ns] and content.
 TYPED: Final[dict[str, tuple[Any, Callable[..., Any]]]] = {
-    topic: (getattr(channels, f"{kind.__name__}Channel"), _MADE.get(topic) or _of(topic, kind))
-    for topic, kind in _KINDS.items()
+    "/map": (channels.GridChannel, _of("/map", m.Grid)),
+    **{topic: (_EDGES, _of(topic, m.FrameTransforms)) for topic in ("/tf", "/tf_static")},
+    **{topic: (channels.LaserScanChannel, _of(topic, m.LaserScan)) for topic in _SCANS},
+    "/ultrasonic": (_MARKS, _cones),
+    "/odometry": (channels.OdometryChannel, _of("/odometry", m.Odometry)),
+    **{topic: (_POSES, _of("/path", m.PosesInFrame)) for topic in ("/path", "/lookahead")},
+    "/rollout": (_POSES, _of("/rollout", m.PosesInFrame)),
+    **{topic: (_POSE, _of(topic, m.PoseInFrame)) for topic in ("/goal", "/pose", "/truth")},
+    "/particles": (channels.PointCloudChannel, _particles),
+    "/actors": (_MARKS, _of("/actors", _actors)),
+    "/footprint": (_MARKS, _of("/footprint", _footprint)),
+    "/trail": (_MARKS, _trail),
+    "/note": (channels.LogChannel, _of("/note", m.Log)),
+    "/image": (channels.CompressedImageChannel, _of("/image", m.CompressedImage)),
 }

@@ -175,7 +175,7 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
     def _log_reading(self) -> None:
         env = self._env
         reading, truth, sensors = env.task.reading, env.chair.truth, env.settings.sensors
-        believed: Belief = getattr(env.chair, "belief", Belief(reading.pose))
+        believed: Belief = env.chair.belief or Belief(reading.pose)
         self._out.now = self._base + round(reading.stamp * NANO)
         changed = self._refresh(reading, believed)
         values = reading._asdict() | {"odometry": believed.odometry, "truth": truth}
@@ -202,7 +202,7 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
         ahead = env.points_ahead
         if ahead is not None:
             self._out.send("/lookahead", ahead)
-        report = getattr(unwrapped(env.chair), "report", None)
+        report = unwrapped(env.chair).report
         if report is not None:
             self._out.write(topics.BOARD, {"wall": time.time(), **report})
         self._log_changes(env.shown, reading.stamp)

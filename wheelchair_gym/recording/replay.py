@@ -28,7 +28,7 @@ from wheelchair_gym.recording.mcap_file import complete, mcap_messages
 from wheelchair_gym.recording.read_bags import bag_log, bag_texts, is_bag
 from wheelchair_gym.recording.topics import EPISODE, SETTINGS, Content
 from wheelchair_gym.sensors.settings import RANGERS, LaserSettings, SensorSettings
-from wheelchair_gym.types import Belief, Episode, Reading, Stick, Truth
+from wheelchair_gym.types import Belief, Chair, Episode, Reading, Stick, Truth
 
 _TOPICS: Final = (EPISODE, topics.READING, topics.COMMAND, topics.VERDICT)
 
@@ -62,7 +62,7 @@ class RecordedEpisode(NamedTuple):
         return self.states[0].reading.stick is not None
 
 
-class ReplayedChair:
+class ReplayedChair(Chair):
     """A chair that returns recorded readings, whatever the command.
 
     Args:
@@ -116,9 +116,6 @@ class ReplayedChair:
     def belief(self) -> Belief:
         """The recorded belief."""
         return self._readings[self._at].belief
-
-    def close(self) -> None:
-        """Do nothing: no resource is held."""
 
 
 def read_recording(file: str | Path) -> list[RecordedEpisode]:

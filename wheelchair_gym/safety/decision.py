@@ -453,6 +453,7 @@ def decide(g: Any, s: Any, v: float, w: float) -> tuple[float, float, bool]:
     if s.rearmed and abs(setpoint.v) + abs(setpoint.w) < REST_SPEED:  # it stands one more period
         s.latched, s.rearmed = NOTHING, False
     if decision.protective:
+        decision.given[0] = decision.given[1] = 0.0
         slower = STOP_RAMP_FACTOR * limits.protective * g.period
         setpoint.v, setpoint.w = brake(setpoint.v, setpoint.w, slower, g.track)
         setpoint.v_slope, setpoint.w_slope = 0.0, 0.0

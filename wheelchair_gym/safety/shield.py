@@ -123,6 +123,7 @@ class Shield:
 
     Attributes:
         decision: how the last twist was changed.
+        pointers: to its row, a record (1,) of SHIELDS.
 
     Args:
         config: settings.
@@ -144,22 +145,22 @@ class Shield:
         )
         self.state: NDArray[np.void] = np.zeros(1, SHIELD)
         self._beams = (sensors or SensorSettings()).beams
-        self._rows = point_to_shields(self._constants, self.state)  # as records, calls are slow
+        self.pointers = point_to_shields(self._constants, self.state)
         self._asked = False
-        self._warm()
         self.reset()
 
-    def _warm(self) -> None:
-        """Compile everything that a decision needs before a chair drives."""
+    def compile(self) -> None:
+        """Compile everything that `filter` needs, before a chair drives; it begins anew."""
         dark, deaf = np.full(self._beams, np.nan, np.float32), np.full(RANGERS, np.nan, np.float32)
         blank = Reading(np.zeros(3), np.zeros(2), dark, deaf, deaf, False, math.nan, 0.0)
         self.filter(np.zeros(2), blank)
+        self.reset()
 
     def reset(self) -> None:
         """Forget all readings and faults; the chair stands."""
         self._asked = False
         self.decision = Decision("", np.zeros(2), np.zeros(2), False)
-        reset_shield(0, self._rows.record)
+        reset_shield(0, self.pointers.record)
 
     def filter(self, twist: Array, reading: Reading) -> Array:
         """The twist (2,) [m/s, rad/s] that may be driven until the next reading.
@@ -170,7 +171,7 @@ class Shield:
         """
         self.update(reading)
         reason, asked_v, asked_w, v, w, protective = _decide_row(
-            self._rows.record, float(twist[0]), float(twist[1])
+            self.pointers.record, float(twist[0]), float(twist[1])
         )
         given = np.array([v, w])
         self.decision = Decision(REASONS[reason], np.array([asked_v, asked_w]), given, protective)
@@ -184,7 +185,7 @@ class Shield:
         """
         check_reading(reading, self._beams)
         _read_row(
-            self._rows.record, reading.pose, reading.twist, reading.laser, reading.ultrasonic,
+            self.pointers.record, reading.pose, reading.twist, reading.laser, reading.ultrasonic,
             reading.age, bool(reading.bumped), reading.halted != "", reading.stamp,
         )  # fmt: skip
 
@@ -198,7 +199,7 @@ class Shield:
             motion: speed, its slope, turn, its slope (4,) of the chair now.
         """
         slowed = np.array(twists, np.float64)
-        _slow_row(self._rows.record, motion, slowed)
+        _slow_row(self.pointers.record, motion, slowed)
         return slowed
 
     def rearm(self) -> None:

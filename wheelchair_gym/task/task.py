@@ -23,7 +23,7 @@ from wheelchair_gym.task.assessment import assess, begin_task
 from wheelchair_gym.task.observations import ObservationSource
 from wheelchair_gym.task.prepared_episode import AIMS, PreparedEpisode, geodesic_to_go
 from wheelchair_gym.task.records import PROGRESS, RULES, RULES_TARGETS, TASK, TASK_TARGETS
-from wheelchair_gym.task.rewards import TERMS, VERDICT, reached, reached_pose
+from wheelchair_gym.task.rewards import TERMS, VERDICT, has_arrived
 from wheelchair_gym.task.settings import TaskSettings
 from wheelchair_gym.task.side_clearance import fan_poses
 from wheelchair_gym.tracking.state import TRACKER, TrackerConstants
@@ -226,21 +226,28 @@ class Task:
         self.start, self.goal = episode.start, episode.goal
         self.arrival = episode.arrival
         self.geodesic = distances
-        self._goal = tuple(episode.goal.tolist())
 
     def begin(
         self, prepared: PreparedEpisode, reading: Reading, key: int, is_shielded: bool = False
     ) -> Observation:
         """Begin an episode with its first reading; behind a shield if it is shielded."""
-        self.replace_prepared(prepared)
-        self.key, self.is_shielded = key, is_shielded
+        self.enter(prepared, key)
         out = np.empty(self.observation_size, np.float32)
         seen = sensed_of(reading)[0]
         begin_task(0, self.rows.record, self.judged, seen, reading.laser, is_shielded, out)
-        self.tolerance = float(prepared.record["tolerance"][0])
-        self.time_limit = float(self._progress["time_limit"][0])
+        self.take_limits()
         self.take_step(reading, self.unpack(out), (0.0, 0.0), (0.0, 0.0))
         return self.observation
+
+    def enter(self, prepared: PreparedEpisode, key: int) -> None:
+        """Take a prepared episode, with the key of its draws, which is begun next."""
+        self.replace_prepared(prepared)
+        self.key, self.tolerance = key, float(prepared.record["tolerance"][0])
+
+    def take_limits(self) -> None:
+        """Take what the beginning of an episode decided: its time limit, and its shield."""
+        self.time_limit = float(self._progress["time_limit"][0])
+        self.is_shielded = bool(self._progress["is_shielded"][0])
 
     def replace_prepared(self, prepared: PreparedEpisode) -> None:
         """Go on with another prepared episode, such as that of a map that has grown."""
@@ -319,12 +326,5 @@ class Task:
         return geodesic_to_go(self._prepared.record[0], float(pose[0]), float(pose[1]))
 
     def at_goal(self, pose: Array, twist: Array) -> bool:
-        """Whether a true pose (3,) is at the goal, with the true twist (2,) where that counts."""
-        s = self.settings
-        if self.arrival is not None:
-            region = self._prepared.record["arrival"][0]
-            return bool(reached_pose(pose, float(twist[0]), self.goal, region, 0.0))
-        plain: Any = reached  # as plain Python, which is faster than calling compiled code
-        x, y, yaw = pose.tolist()
-        at = plain.py_func((x, y, yaw), self._goal, self.tolerance, s.heading, s.heading_tolerance)
-        return bool(at)
+        """Return True if a true pose (3,) is at the goal, with the true twist (2,) if it counts."""
+        return bool(has_arrived(self.rules[0], self._prepared.record[0], pose, twist, 0.0))

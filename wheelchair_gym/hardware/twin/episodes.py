@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import InputError
-from wheelchair_gym.hardware.registry import check_extras, localized
+from wheelchair_gym.hardware.registry import check_extras
 from wheelchair_gym.hardware.twin.board import build_target
 from wheelchair_gym.hardware.twin.inprocess import TwinChair
 from wheelchair_gym.hardware.twin.lockstep import Twin
@@ -20,7 +20,7 @@ _TARGETS = ("libemulator.so", "drive.elf", "range.elf")
 _STANDS_BY = 0.05  # s between two looks whether the chair must be re-armed
 
 
-class EpisodeTwin(NotCopyable):
+class EpisodeTwin(NotCopyable, Chair):
     """A hardware chair over emulated boards; a reset carries it to an episode's start.
 
     A person stands by who re-arms the chair when a reset waits for it. Energy is not measured.
@@ -41,7 +41,6 @@ class EpisodeTwin(NotCopyable):
         self._chair, self.real_time = self._hosted.chair, False
         self._chair.on_wait = lambda line: None
         self._hosted.clock.call_every(self._stand_by, _STANDS_BY, "person")
-        self.found = self._chair.found
 
     def _stand_by(self) -> None:
         if self._chair.waiting_for:
@@ -62,6 +61,10 @@ class EpisodeTwin(NotCopyable):
         """See `Chair.drive`."""
         return self._chair.drive(twist, protective)
 
+    def set_localized_pose(self, pose: Array) -> None:
+        """See `Chair.set_localized_pose`."""
+        self._chair.set_localized_pose(pose)
+
     @property
     def truth(self) -> Truth:
         """Where the chair truly is, and for the rest the best that its sensors know."""
@@ -81,8 +84,3 @@ class EpisodeTwin(NotCopyable):
         """Stop the chair and free the boards; may be called again."""
         self._chair.close()
         self._twin.close()
-
-
-def episode_twin(settings: EnvSettings) -> Chair:
-    """A twin whose pose on the map comes from odometry, unless a localizer estimates it."""
-    return localized(EpisodeTwin(settings), settings)

@@ -176,7 +176,7 @@ class Plant:
         if sensors is not None:
             check_boards(sensors)
         self.chair = SimulatedChair(chair, sensors, PhysicsSettings(step=TIME_STEP))
-        self._rows = self.chair.rows
+        self._rows = self.chair.pointers.record
 
     def reset(self, episode: Episode, key: int) -> None:
         """Put the chair at the episode's start."""
