@@ -202,7 +202,7 @@ class Explorer:
             self.config, search, reading.pose, search.maps[0],
             mission.footprint, mission.goal, driver.goal[:2], over, self._given_up, self._seen,
         )  # fmt: skip
-        driver.planning.ask(chooser.choose, self._chosen)
+        driver.ask(chooser.choose, self._chosen)
 
     def _chosen(self, choice: Choice) -> None:
         self.state, answers, self._given_up, self._seen = choice

@@ -233,8 +233,14 @@ class PlannedDriver:
         self._ask([*painted, self._map], partial(self._replanned, then), held)
 
     def _ask(self, maps: list[OccupancyGrid], take: Callable[[Answer], object], held: bool) -> None:
+        self.ask(partial(self._search(maps).plan, self.goal), take, held)
+
+    def ask(
+        self, make: Callable[[float], Any], take: Callable[[Any], object], held: bool = False
+    ) -> None:
+        """Begin a plan, see `Planning.ask`; if the chair is held, it stands meanwhile."""
         self._held = held
-        self.planning.ask(partial(self._search(maps).plan, self.goal), take)
+        self.planning.ask(make, take)
 
     def _replanned(self, then: Then, answer: Answer) -> None:
         reference = self._received(then, answer)
@@ -449,9 +455,8 @@ class PlannedDriver:
         if not (away < ROOM).any():
             self._back_up()
             return
-        self._held = True
         search = self._search([self._local_map.temporary.painted()])
-        self.planning.ask(partial(search.plan_aside, blocking[away < ROOM]), self._make_room)
+        self.ask(partial(search.plan_aside, blocking[away < ROOM]), self._make_room, held=True)
 
     def _make_room(self, answer: Answer) -> None:
         if not answer.solved:
