@@ -247,11 +247,13 @@ class PlannedDriver:
         if reference is None:
             return
         self.plan, self.clearance = answer.plan, answer.clearance
+        looks = False
         if answer.walls is not None:  # the follower never reverses into unknown space
             self._local_map.set_walls(answer.walls)
-            if answer.unseen and blind_behind(self._map, answer.start, self._mission.footprint):
-                self._spin.begin(answer.start, self.goal)
-            else:
+            looks = answer.unseen and blind_behind(
+                self._map, answer.start, self._mission.footprint
+            )
+            if not looks:
                 self._spin.end()
         self._mapped = 0.0
         if self.solved:
@@ -264,6 +266,8 @@ class PlannedDriver:
             self._take(reference, answer.reopens)
         if then is not None:
             then()
+        if looks and not self._spin.on and self._backing <= 0.0:
+            self._spin.begin(answer.start, self.goal)
 
     def _received(self, then: Then, answer: Answer) -> ReferencePath | None:
         """The path of an answer, from where the chair is by now; None where it no longer fits.
