@@ -7,9 +7,9 @@ of everything (`stops_clear`). Four of them choose by rolled-out commands and sh
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -56,6 +56,21 @@ class Situation(NamedTuple):
         local_map = self.local_map
         reference = self.reference.ahead(local_map.pose)
         return LocalView(local_map.points, local_map.actors, reference)
+
+    def first_clear(
+        self, twists: Iterable[Any], margin: float, hold: float = HOLD, creeps: bool = False
+    ) -> Array | None:
+        """Return the first twist (2,) from which the chair can stop clear, at the widest margin.
+
+        A chair that creeps does so where little of the margin [m] is left. None: none is clear.
+        """
+        view, body, twists = self.view, self.chair.body, list(twists)
+        for less in self.local_map.margins(margin):
+            for v, w in twists:
+                fits = not creeps or less >= TIGHT * margin or abs(v) <= CREEP
+                if fits and stops_clear(v, w, body, view, hold, less):
+                    return np.array([v, w])
+        return None
 
 
 class Follower(Protocol):
@@ -457,16 +472,10 @@ class PurePursuitFollower:
 
     def twist(self, now: Situation) -> Array | None:
         """See `Follower.twist`."""
-        config = self.config
         v, w = self._steer(now.reference.ahead(now.local_map.pose, 4.0), now.chair)
-        view = now.view
-        for margin in now.local_map.margins(config.margin):
-            for share in (1.0, 0.7, 0.45, 0.25, 0.12):  # the same arc at the first clear speed
-                if margin < TIGHT * config.margin and abs(share * v) > CREEP:
-                    continue
-                if stops_clear(share * v, share * w, now.chair.body, view, HOLD, margin):
-                    return np.array([share * v, share * w])
-        return None
+        shares = (1.0, 0.7, 0.45, 0.25, 0.12)  # the same arc at the first clear speed
+        twists = ((share * v, share * w) for share in shares)
+        return now.first_clear(twists, self.config.margin, creeps=True)
 
     def _steer(self, rows: Array, chair: ChairState) -> tuple[float, float]:
         """The twist towards a point ahead on the next reference poses (n, 4)."""

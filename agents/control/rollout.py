@@ -299,9 +299,10 @@ class ReferencePath:
         held: the row where the chair is, if its follower knows; else None: the nearest is.
         blocked: its follower cannot drive it as it was planned.
         turning: its follower turns the chair in place, which takes long where it has not looked.
+        reopens: it leads through what was free once, and may be free again.
     """
 
-    def __init__(self, path: Array, pose: Array) -> None:
+    def __init__(self, path: Array, pose: Array, reopens: bool = False) -> None:
         path = np.asarray(path, dtype=np.float64)
         self.path = path[:, :2]
         self.planned_headings = path.shape[1] == 3 and len(path) > 1
@@ -315,7 +316,7 @@ class ReferencePath:
         self.at = 0
         self.held: int | None = None
         self.blocked = False
-        self.turning = False
+        self.turning, self.reopens = False, reopens
 
     def advance(self, pose: Array, most: float = 0.4) -> float:
         """Move along, at most so far [m], to where the pose is; the distance [m] between both."""

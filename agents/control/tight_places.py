@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agents.control.rollout import SPACING, YAW, ReferencePath, S, X, Y, match, stops_clear
+from agents.control.rollout import SPACING, YAW, ReferencePath, S, X, Y, match
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.geometry import clearance_to_points, wrap
 
@@ -112,17 +112,7 @@ class ManoeuvreTracker:
         )
         if v < 0.0 and local_map.blind:
             return None
-        return self._clear(now, np.array([v, w]))
-
-    def _clear(self, now: Situation, twist: Array) -> Array | None:
-        """The largest share of a twist (2,) from which the chair can stop clear; None: of none."""
-        view, body = now.view, now.chair.body
-        for margin in now.local_map.margins(self._margin):
-            for share in SHARES:
-                some: Array = share * twist
-                if stops_clear(some[0], some[1], body, view, HELD, margin):
-                    return some
-        return None
+        return now.first_clear(((share * v, share * w) for share in SHARES), self._margin, HELD)
 
     def _way_to_tight_turn(self, now: Situation) -> float | None:
         """How far [m] along the path turns begin; None where there is no tight one near."""

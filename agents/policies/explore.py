@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from agents.control.unknown_space import with_free_footprint
 from agents.policies.planned import Planned, PlannedDriver
-from agents.policies.planning import PlanningFigures
 from agents.policies.search import Answer, Search
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import setting, settings
-from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.localization.occupancy import Frontier, find_frontiers
-from wheelchair_gym.maps import UNKNOWN, OccupancyGrid, geodesic
+from wheelchair_gym.maps import UNKNOWN, geodesic
 from wheelchair_gym.types import Command, Mission, Reading
 
 SAME = 1.0  # m: a frontier that recedes is the same one so far away
@@ -86,69 +85,6 @@ class Choice(NamedTuple):
     seen: int  # explored cells when frontiers were last given up
 
 
-@dataclass(frozen=True)
-class Chooser:
-    """Everything that a choice is made of, so that it can be made beside the loop."""
-
-    config: Explore
-    search: Search
-    pose: Array  # (3,)
-    grid: OccupancyGrid
-    footprint: Footprint
-    goal: Array  # (3,)
-    aim: Array  # (2,) of the last choice
-    over: bool  # that one was reached, or led nowhere
-    given_up: list[Array]
-    seen: int
-
-    def choose(self, end: float) -> Choice:
-        """Aim at the goal if a path to it is explored, or else at the frontier of least cost."""
-        config, pose, answers = self.config, self.pose, list[tuple[Array, Answer]]()
-        grid = with_free_footprint(self.grid, pose, self.footprint)
-        goal, given_up, seen = self.goal, [*self.given_up], self.seen
-
-        def plan(to: Array) -> bool:
-            answers.append((to, self.search.plan(to, end)))
-            return answers[-1][1].solved
-
-        def chosen(state: str) -> Choice:
-            return Choice(state, answers, given_up, seen)
-
-        if config.seek and np.isfinite(geodesic(grid, goal[:2], CLEARANCE).at(pose[:2])):
-            plan(goal)
-            return chosen("drive")
-        if self.over:
-            given_up.append(self.aim)
-        found = find_frontiers(grid, pose, CLEARANCE, min(SHORTEST, config.least))
-        found = [one for one in found if not self._is_short(one) or one.beyond >= GAP]
-        for one in sorted(found, key=lambda one: (self._is_short(one), self._cost(one))):
-            away = [np.hypot(*(one.place - place)) for place in given_up]
-            if min(away, default=np.inf) < CLEARANCE:
-                continue
-            same = CLEARANCE if self._is_short(one) else SAME
-            if np.hypot(*(one.place - self.aim)) < same and not self.over:
-                return chosen("explore")  # on the way there
-            if plan(one.place):
-                return chosen("explore")
-            given_up.append(one.place)
-        explored = int((grid.cells != UNKNOWN).sum())
-        if found and explored > MORE * seen:  # much was seen since: a path may be open now
-            seen = explored
-            given_up.clear()
-            return chosen("explore")
-        plan(goal if config.seek else pose)
-        return chosen("drive" if config.seek else "done")
-
-    def _is_short(self, one: Frontier) -> bool:
-        """Whether it may be a gap between beams."""
-        return one.length < self.config.least
-
-    def _cost(self, one: Frontier) -> float:
-        """What a frontier costs [m]: the way there and on to the goal, less what it may show."""
-        rest = TOWARDS * float(np.hypot(*(one.place - self.goal[:2])))
-        return one.path_length + (rest if self.config.seek else 0.0) - GAIN * one.length
-
-
 class Explorer:
     """Drives to frontiers, then to the goal.
 
@@ -169,13 +105,9 @@ class Explorer:
         self.state = "explore"
         self._driver: PlannedDriver = self.config.planned().make()
         self._driver.reset(mission)
-        if not self._driver.planning.busy:
+        self.planning = self._driver.planning
+        if not self.planning.busy:
             self._choose(mission.reading)
-
-    @property
-    def planning_figures(self) -> PlanningFigures:
-        """What planning took in this episode."""
-        return self._driver.planning_figures
 
     def act(self, reading: Reading) -> Command:
         """See `Policy.act`; done one period after nothing was left to see."""
@@ -186,26 +118,80 @@ class Explorer:
         self._since += period
         self._spent += period
         due = self._since >= LOOK or driver.ended
-        if self.state == "explore" and due and not driver.thinks:
+        if self.state == "explore" and due and not self.planning.busy:
             self._choose(reading)
         if self.state == "done":
             return Command(np.zeros(2), driver.shown)
         return driver.act(reading)
 
     def _choose(self, reading: Reading) -> None:
-        """Choose where to drive, and plan there."""
-        driver, mission = self._driver, self._mission
-        over = driver.ended or not driver.solved or self._spent > PATIENCE
+        """Ask where to drive next, with plans to there."""
+        driver = self._driver
+        over = driver.ended or not driver.answer.solved or self._spent > PATIENCE
         self._since = 0.0
         search = replace(driver.search(reading), reopened=None)  # frontiers lie in the plain map
-        chooser = Chooser(
-            self.config, search, reading.pose, search.maps[0],
-            mission.footprint, mission.goal, driver.goal[:2], over, self._given_up, self._seen,
-        )  # fmt: skip
-        driver.ask(chooser.choose, self._chosen)
+        choose = partial(self._choice, search, reading.pose, driver.goal[:2], over)
+        self.planning.ask(choose, self._chosen)
 
     def _chosen(self, choice: Choice) -> None:
         self.state, answers, self._given_up, self._seen = choice
         for place, answer in answers:
             self._spent = 0.0
             self._driver.aim(place, answer)
+
+    def _choice(self, search: Search, pose: Array, aim: Array, over: bool, end: float) -> Choice:
+        """Choose the goal if a path to it is explored, or else the frontier of least cost.
+
+        This is made beside the loop, and changes nothing that the loop knows.
+
+        Args:
+            search: plans from a pose.
+            pose: (3,) [m, m, rad].
+            aim: place (2,) [m] of the last choice.
+            over: that one was reached, or led nowhere.
+            end: `clock` [s] by which planners end.
+        """
+        config, mission, answers = self.config, self._mission, list[tuple[Array, Answer]]()
+        grid = with_free_footprint(search.maps[0], pose, mission.footprint)
+        goal, given_up, seen = mission.goal, [*self._given_up], self._seen
+
+        def plan(to: Array) -> bool:
+            answers.append((to, search.plan(to, end)))
+            return answers[-1][1].solved
+
+        def chosen(state: str) -> Choice:
+            return Choice(state, answers, given_up, seen)
+
+        if config.seek and np.isfinite(geodesic(grid, goal[:2], CLEARANCE).at(pose[:2])):
+            plan(goal)
+            return chosen("drive")
+        if over:
+            given_up.append(aim)
+        found = find_frontiers(grid, pose, CLEARANCE, min(SHORTEST, config.least))
+        found = [one for one in found if not self._is_short(one) or one.beyond >= GAP]
+        for one in sorted(found, key=lambda one: (self._is_short(one), self._cost(one))):
+            away = [np.hypot(*(one.place - place)) for place in given_up]
+            if min(away, default=np.inf) < CLEARANCE:
+                continue
+            same = CLEARANCE if self._is_short(one) else SAME
+            if np.hypot(*(one.place - aim)) < same and not over:
+                return chosen("explore")  # on the way there
+            if plan(one.place):
+                return chosen("explore")
+            given_up.append(one.place)
+        explored = int((grid.cells != UNKNOWN).sum())
+        if found and explored > MORE * seen:  # much was seen since: a path may be open now
+            seen = explored
+            given_up.clear()
+            return chosen("explore")
+        plan(goal if config.seek else pose)
+        return chosen("drive" if config.seek else "done")
+
+    def _is_short(self, one: Frontier) -> bool:
+        """Whether it may be a gap between beams."""
+        return one.length < self.config.least
+
+    def _cost(self, one: Frontier) -> float:
+        """What a frontier costs [m]: the way there and on to the goal, less what it may show."""
+        rest = TOWARDS * float(np.hypot(*(one.place - self._mission.goal[:2])))
+        return one.path_length + (rest if self.config.seek else 0.0) - GAIN * one.length

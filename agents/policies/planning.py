@@ -2,8 +2,11 @@
 
 One plan is made at a time. It is asked for in one control period and taken in a later one:
 
-    ask(make, take)    idle -> busy    `make` begins
-    step()             busy -> idle    once a period: `take` gets what was made, when it is there
+    ask(make, take)    idle -> drives             `make` begins
+    stand()            drives -> stands           the chair has no path to drive on by
+    step()             drives, stands -> idle     once a period: `take` gets what was made
+    ask_at_rest(ask)   idle -> stops              what was made does not fit any more
+    step()             stops -> stands            as soon as the chair stands: `ask` is called
 
 In real time `make` runs in a thread beside the loop, which compiled planners hardly delay: they
 release Python's lock. In simulated time it is made at once, and taken when as many periods have
@@ -18,6 +21,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from enum import Enum
 from typing import Any
 
 import numpy as np
@@ -49,6 +53,9 @@ class PlanningFigures:
         }  # fmt: skip
 
 
+Thinking = Enum("Thinking", "IDLE DRIVES STANDS STOPS")  # what the chair does for a plan
+
+
 class Planning:
     """Makes one plan at a time while the chair drives.
 
@@ -59,7 +66,7 @@ class Planning:
         real_time: time passes while a plan is made.
 
     Attributes:
-        busy: a plan is being made.
+        state: what the chair does for a plan.
         periods: passed since the last plan was asked for.
         figures: of all plans so far.
     """
@@ -67,13 +74,18 @@ class Planning:
     def __init__(
         self, period: float, deadline: float, planning_time: float, real_time: bool
     ) -> None:
-        self.busy, self.periods, self.figures = False, 0, PlanningFigures()
+        self.state, self.periods, self.figures = Thinking.IDLE, 0, PlanningFigures()
         self._real_time, self._deadline = real_time, deadline
         if real_time:
             sys.setswitchinterval(min(SWITCH, sys.getswitchinterval()))
         self._most = math.ceil(deadline / period - 1e-9)  # periods
         self._delay = math.ceil(planning_time / period - 1e-9)  # periods
         self._made: list[tuple[Any, BaseException | None, float]] = []  # the plan, once it is there
+
+    @property
+    def busy(self) -> bool:
+        """Whether a plan is being made, or will be as soon as the chair stands."""
+        return self.state is not Thinking.IDLE
 
     def ask(self, make: Callable[[float], Any], take: Callable[[Any], object]) -> None:
         """Begin a plan, while none is being made.
@@ -83,7 +95,8 @@ class Planning:
             take: gets it in the loop.
         """
         assert not self.busy
-        self.busy, self.periods, self._take, self._made = True, 0, take, []
+        self.state = Thinking.DRIVES
+        self.periods, self._take, self._made = 0, take, []
         if self._real_time:
             work = make, clock() + SHARE * self._deadline, self._made
             threading.Thread(target=_make, args=work, name="planning", daemon=True).start()
@@ -91,21 +104,34 @@ class Planning:
             _make(make, math.inf, self._made)
             self._arrive()
 
-    def step(self) -> None:
-        """Begin a control period: take the plan if it is there.
+    def stand(self) -> None:
+        """Let the chair stand while a plan is being made, if one is."""
+        if self.busy:
+            self.state = Thinking.STANDS
+
+    def ask_at_rest(self, ask: Callable[[], object]) -> None:
+        """Stop the chair; `ask` is called once it stands."""
+        self.state, self._ask = Thinking.STOPS, ask
+
+    def step(self, at_rest: bool) -> None:
+        """Begin a control period: take the plan if it is there; ask for one if the chair stands.
 
         Raises:
             Exception: the one with which making it ended.
         """
-        if self.busy:
+        if self.state in (Thinking.DRIVES, Thinking.STANDS):
             self.periods += 1
             self.figures.late += self.periods == self._most + 1
             self._arrive()
+        if self.state is Thinking.STOPS and at_rest:
+            self.state = Thinking.IDLE
+            self._ask()
+            self.stand()
 
     def _arrive(self) -> None:
         if not self._made or (not self._real_time and self.periods < self._delay):
             return
-        (plan, error, seconds), self.busy = self._made[0], False
+        (plan, error, seconds), self.state = self._made[0], Thinking.IDLE
         self.figures.times.append(seconds)
         if error is not None:
             raise error
@@ -126,5 +152,5 @@ def figures_of(policy: Any) -> PlanningFigures:
     """The figures of a policy's planning in this episode."""
     while hasattr(policy, "policy"):  # as of one that is slowed
         policy = policy.policy
-    found: PlanningFigures = getattr(policy, "planning_figures", PlanningFigures())
-    return found
+    planning = getattr(policy, "planning", None)
+    return planning.figures if isinstance(planning, Planning) else PlanningFigures()

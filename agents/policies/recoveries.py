@@ -1,8 +1,8 @@
-"""When a chair gives up following its path, and its recoveries.
+"""How a chair that follows its path measures its progress, and its recoveries.
 
-`ProgressMonitor` tells when. The chair then backs up or turns in place (`back_up`), makes room for
-what blocks its path (`place_aside`), turns slowly to see what the laser has never seen (`Spin`),
-or plans around temporary obstacles (`DetourPolicy`).
+`ProgressMonitor` tells when there was none for too long. The chair then backs up or turns in place
+(`BackUp`), makes room for what blocks its path (`place_aside`), turns slowly to see what the laser
+has never seen (`Spin`), or plans around temporary obstacles (`DetourPolicy`).
 """
 
 from __future__ import annotations
@@ -11,12 +11,11 @@ import math
 
 import numpy as np
 
-from agents.control.followers import CREEP, HOLD, Situation
-from agents.control.local_map import TemporaryObstacles
-from agents.control.rollout import ReferencePath, stops_clear
+from agents.control.followers import CREEP, Situation
+from agents.control.rollout import ReferencePath
+from planners.problem import Plan, Status
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.geometry import Footprint, to_frame
-from wheelchair_gym.kinematics import corner_speed
 from wheelchair_gym.maps import OccupancyGrid
 
 PROGRESS = 0.1  # m of way that count as progress
@@ -31,26 +30,29 @@ class ProgressMonitor:
     """Measures the progress along a path, and tells when there has been none for too long.
 
     Attributes:
-        tries: plans made since there was progress.
+        tries: recoveries begun since there was progress.
         bold: m of way on which clearance costs nothing.
+        left: m that were left of the path when a new one was tried; infinite if none was.
     """
 
     def __init__(self, patience: float) -> None:
         self._patience = patience  # s
-        self.tries, self.bold = 0, 0.0
+        self.tries, self.bold, self.left = 0, 0.0, math.inf
         self.begin()
 
     def begin(self) -> None:
         """A new path begins."""
         self._best = self.stalled_time = 0.0  # m of way, s without progress
 
-    def update(self, way: float) -> bool:
-        """Whether the way [m] along the path is progress."""
-        if way <= self._best + PROGRESS:
-            return False
-        self.bold = max(0.0, self.bold - (way - self._best))
-        self._best, self.stalled_time, self.tries = way, 0.0, 0
-        return True
+    def update(self, path: ReferencePath, period: float, halts: bool) -> bool:
+        """Update from a control period [s] on a path; return True if there was progress."""
+        progress = path.way > self._best + PROGRESS
+        if progress:
+            self.bold = max(0.0, self.bold - (path.way - self._best))
+            self._best, self.stalled_time, self.tries = path.way, 0.0, 0
+        share = BLOCKED_SHARE if path.blocked else TURNING_SHARE if path.turning else 1.0
+        self.stalled_time += period * (HALT_SHARE if halts else share)
+        return progress
 
     def stalled(self, ended: bool) -> bool:
         """Whether there is no progress for too long, which is sooner where the path has ended."""
@@ -85,7 +87,12 @@ class StatusReport:
         self.status = ": ".join(filter(None, (state, reason)))
         self.held = self.held if held is None else held
 
-    def follow(self, twist: Array | None, actors: Array, reason: str) -> None:
+    def explain(self, plan: Plan) -> None:
+        """Tell why the chair follows a plan that is not the best, or leads nowhere."""
+        plain = plan.status is Status.SOLVED and not plan.note
+        self._reason = "" if plain else f"{plan.status.name} {plan.note}".strip()
+
+    def follow(self, twist: Array | None, actors: Array) -> None:
         """Set the state that a follower's twist (2,) means, among actors (m, 5)."""
         gap = np.hypot(actors[:, 0], actors[:, 1]).min(initial=np.inf)
         near = gap < ACTOR_RANGE + self._footprint.reach
@@ -97,9 +104,10 @@ class StatusReport:
         elif twist is None:
             self.set("waits")
         elif self.held <= 0.0:
-            self.set("follows", reason)
+            self.set("follows", self._reason)
 
 
+MARGIN = 0.05  # m that a manoeuvre must leave, as `Window` asks of a way ahead
 SPIN_RATE = 0.2  # rad/s: the rear corners enter unknown space slower than 0.1 m/s
 SPIN_DISTANCE = 0.5  # m from the last spin, from which on the chair may spin again
 
@@ -109,88 +117,59 @@ class Spin:
 
     def __init__(self) -> None:
         self._rate = 0.0  # rad/s
-        self._turned = 0.0  # rad
+        self.turned = 0.0  # rad
         self._reversed = False  # it was blocked on one side already
         self._place = np.full(2, np.inf)  # m: of the last one
 
-    @property
-    def on(self) -> bool:
-        """Whether the chair is spinning."""
-        return self._rate != 0.0
-
-    @property
-    def done(self) -> bool:
-        """Whether it has turned once around."""
-        return self._turned > 2.0 * math.pi
+    def is_new(self, pose: Array) -> bool:
+        """Whether there was no turn here yet."""
+        return bool(np.hypot(*(pose[:2] - self._place)) > SPIN_DISTANCE)
 
     def begin(self, pose: Array, goal: Array) -> None:
-        """Begin towards a goal (2 or 3,), unless there was a spin here."""
-        if np.hypot(*(pose[:2] - self._place)) > SPIN_DISTANCE:
-            self._rate = math.copysign(SPIN_RATE, to_frame(goal[:2], pose)[1])
-            self._place, self._turned, self._reversed = pose[:2].copy(), 0.0, False
-
-    def end(self) -> None:
-        """Stop: enough was seen."""
-        self._rate = 0.0
+        """Begin towards a goal (2 or 3,)."""
+        self._rate = math.copysign(SPIN_RATE, to_frame(goal[:2], pose)[1])
+        self._place, self.turned, self._reversed = pose[:2].copy(), 0.0, False
 
     def twist(self, now: Situation) -> Array | None:
-        """The next twist (2,); once, the other way around where one is blocked; None ends it."""
-        self._turned += SPIN_RATE * now.chair.period
-        twist = first_clear([(0.0, self._rate)], now)
+        """The next twist (2,); once, the other way around where one is blocked; None: both are."""
+        self.turned += SPIN_RATE * now.chair.period
+        twist = now.first_clear([(0.0, self._rate)], MARGIN)
         if twist is None and not self._reversed:
             self._rate, self._reversed = -self._rate, True
-            twist = first_clear([(0.0, self._rate)], now)
-        if twist is None:
-            self.end()
+            twist = now.first_clear([(0.0, self._rate)], MARGIN)
         return twist
 
 
 BACK = 0.15  # m/s in reverse: no sensor looks back
-CRAWL = 0.04  # m/s of any part in reverse among people: harmless to whom it hits
 SAME_PLACE = 1.0  # m: so near the last place it backs up farther, up to
 FARTHEST = 4  # times as far
 TURNS = (0.0, 0.3, -0.3, 0.7, -0.7)  # rad/s, in order of preference
-MARGIN = 0.05  # m that a way back must leave, as `Window` asks of a way ahead
 
 
 class BackUp:
-    """Where the chair backed up last, and how often: each time farther than did not help."""
+    """Slow driving back, and turns where that is blocked: each time farther than did not help.
 
-    def __init__(self) -> None:
-        self._place, self._count = np.full(2, np.inf), 0
+    Attributes:
+        left: s to go on.
+    """
 
-    def begin(self, place: Array) -> int:
-        """How many times as far as usual to back up from a place (2,) [m]."""
+    def __init__(self, duration: float) -> None:
+        self._duration, self.left = duration, 0.0  # s
+        self._place, self._count = np.full(2, np.inf), 0  # of the last one
+
+    def begin(self, place: Array, crawls: bool) -> None:
+        """Begin at a place (2,) [m]; a chair that crawls backs up as far as at first."""
         near = math.dist(place, self._place) < SAME_PLACE
         self._count = min(self._count + 1, FARTHEST) if near else 1
-        self._place = place.copy()
-        return self._count
+        self._place, self.left = place.copy(), self._duration * (1 if crawls else self._count)
 
-
-def crawled(twist: Array, footprint: Footprint) -> Array:
-    """A twist (2,) in reverse, slowed so that no rear corner moves faster than a crawl."""
-    speed = corner_speed(twist[0], twist[1], footprint.rear, footprint.half_width)
-    slowed: Array = twist * min(1.0, CRAWL / speed)
-    return slowed
-
-
-def first_clear(twists: list[tuple[float, float]], now: Situation) -> Array | None:
-    """The first twist (2,) from which the chair can stop clear, at the widest margin; or None."""
-    view = now.view
-    for margin in now.local_map.margins(MARGIN):
-        for v, w in twists:
-            if stops_clear(v, w, now.chair.body, view, HOLD, margin):
-                return np.array([v, w])
-    return None
-
-
-def back_up(now: Situation) -> Array | None:
-    """The straightest slow twist (2,) back that leaves space to stop; None where there is none."""
-    if now.local_map.blind:
-        return None
-    back = -min(BACK, now.chair.limits.backward)
-    twists = [(v, turn) for turn in TURNS for v in (back, 0.0) if v or turn]
-    return first_clear(twists, now)
+    def twist(self, now: Situation) -> Array | None:
+        """The straightest slow twist (2,) that leaves space to stop; None where there is none."""
+        if now.local_map.blind:
+            return None
+        back = -min(BACK, now.chair.limits.backward)
+        twists = ((v, turn) for turn in TURNS for v in (back, 0.0) if v or turn)
+        return now.first_clear(twists, MARGIN)
 
 
 ROOM = 2.0  # m from what blocks the path: a leaf's length, the chair's front and a margin
@@ -215,28 +194,25 @@ def place_aside(grid: OccupancyGrid, place: Array, blocking: Array) -> Array | N
     return places[best] if gaps[best] > gaps[0] + GAINED else None
 
 
-AHEAD = 3.0  # m of the path on which temporary obstacles count
 RETRY_TIME = 3.0  # s until a plan that found no way is tried again
 DETOUR = 2.0  # m by which a detour may be longer at once, and
 STROLL = 0.5  # m/s more the longer the chair waits: it waits as long as the detour would cost
-TOLERATED = 0.06  # m: obstacles are drawn as whole cells, and hits err
 
 
 class DetourPolicy:
     """Decides between a detour around temporary obstacles and waiting.
 
     Attributes:
-        taken: the path leads around temporary obstacles.
+        taken: the last plan leads around temporary obstacles.
         waited: s that the chair has waited rather than take a long detour.
         pause: s until a detour is planned again.
         failed: plans since one that led round them.
+        unchecked: s since the path was last checked.
     """
 
     def __init__(self) -> None:
-        self.taken = False
-        self.waited = self.pause = 0.0
-        self.failed = 0
-        self._checked = 0.0  # s since the path was last checked
+        self.taken, self.failed = False, 0
+        self.waited = self.pause = self.unchecked = 0.0
 
     def wait(self) -> float:
         """Take no detour for a time [s], which is returned."""
@@ -255,17 +231,9 @@ class DetourPolicy:
         return long
 
     def due(self, period: float, every: float) -> bool:
-        """Whether it is time to check the path for temporary obstacles."""
-        self._checked += period
-        if self._checked < every or self.pause > 0.0:
+        """Whether it is time to check the path again."""
+        self.unchecked += period
+        if self.unchecked < every or self.pause > 0.0:
             return False
-        self._checked = 0.0
+        self.unchecked = 0.0
         return True
-
-
-def is_blocked(
-    temporary: TemporaryObstacles, reference: ReferencePath, clearance: float, ahead: float = AHEAD
-) -> bool:
-    """Whether a temporary obstacle is on the next metres of the path."""
-    rows = reference.rows[reference.at :]
-    return temporary.blocks(rows[rows[:, 3] < reference.way + ahead], clearance - TOLERATED)

@@ -43,7 +43,7 @@ class PlanPictures:
         """The pictures of the plan with which a policy begins an episode on a given map."""
         assert mission.map is not None
         space, start = Space.from_grid(mission.map), np.asarray(mission.reading.pose)
-        drawn = Drawn.of(Problem(space, start, driver.goal, driver.clearance))
+        drawn = Drawn.of(Problem(space, start, driver.goal, driver.answer.clearance))
         seed, planner = (driver.config.seed, mission.key), make_planner(dict(driver.config.planner))
         plan = planner.plan(drawn.problem, np.random.default_rng(seed))
         return cls(drawn, planner, plan, seed, controls_of(drawn, plan, 0), **more)

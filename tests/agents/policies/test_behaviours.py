@@ -13,6 +13,7 @@ from agents.evaluation.compare import suite
 from agents.evaluation.evaluate import drive_episode, env_settings, make_env
 from agents.evaluation.metrics import backing
 from agents.policies import make_policy
+from agents.policies.planned import State
 from agents.policies.recoveries import RETRY_TIME, BackUp, place_aside
 from agents.policies.search import Answer, clearest_place
 from planners.problem import Plan, Status
@@ -123,7 +124,7 @@ def test_a_plan_that_leads_nowhere_does_not_put_off_backing_out():
     for status, stalled in ((Status.START_OCCUPIED, 3.0), (Status.SOLVED, 0.0)):
         policy._progress.stalled_time = 3.0
         plan = Plan(status, path=np.array([(2.0, 0.0), (9.0, 0.0)]))
-        policy._replanned(None, Answer(plan, 0.3, world.pose, 1))
+        policy._receive_plan(Answer(plan, 0.3, world.pose, 1))
         assert policy._progress.stalled_time == stalled
 
 
@@ -218,18 +219,21 @@ def test_the_place_beside_a_goal_is_near_it_and_has_the_clearance_asked_for_if_a
 
 
 def test_where_backing_out_did_not_help_it_is_done_for_longer():
-    backup, here = BackUp(), np.array([1.0, 0.0])
-    assert [backup.begin(here) for _ in range(5)] == [1, 2, 3, 4, 4]
-    assert backup.begin(here + 1.5) == 1
+    backup, here, durations = BackUp(1.0), np.array([1.0, 0.0]), []
+    for place in (here, here, here, here, here, here + 1.5):
+        backup.begin(place, crawls=False)
+        durations.append(backup.left)
+    assert durations == [1, 2, 3, 4, 4, 1]
 
 
 @pytest.mark.parametrize(("peopled", "most"), [(True, 0.042), (False, 0.1)])
 def test_no_part_backs_so_fast_among_people_that_it_harms_whom_it_hits(peopled, most, monkeypatch):
-    monkeypatch.setattr("agents.policies.planned.back_up", lambda *_: np.array([-0.15, 0.3]))
+    monkeypatch.setattr(BackUp, "twist", lambda *_: np.array([-0.15, 0.3]))
     policy = make_policy("a_star+window")
     world = Peopled(lambda t: None, corridor(10.0, 3.2), (5.0, 0.0, 0.0), (9.0, 0.0, 0.0))
     policy.reset(world.mission)
-    policy._peopled, policy._backing, corner = peopled, 2.5, policy._mission.footprint.corners
+    policy._surroundings._met_actors, corner = peopled, policy._mission.footprint.corners
+    policy.state, policy._backup.left = State.BACKS_OUT, 2.5
     fastest = []
     for _ in range(12):
         world.step(policy)
@@ -243,11 +247,10 @@ def test_no_long_way_round_is_taken_for_want_of_progress_before_it_has_backed_ou
     policy, start = make_policy("a_star+window"), np.array([1.0, 0.0, 0.0])
     world = Peopled(lambda t: None, corridor(10.0, 3.2), tuple(start), (9.0, 0.0, 0.0))
     policy.reset(world.mission)
-    way = np.array([(1.0, 0.0), (1.0 + policy._reference.left + longer, 0.0)])
-    answer = Answer(Plan(Status.SOLVED, way), 0.3, start, 1)
-    policy._replan = lambda then, held: policy._replanned(then, answer)
-    policy._recover()
-    assert (policy._backing > 0.0) == backs
+    policy._progress.left = policy._path.left
+    way = np.array([(1.0, 0.0), (1.0 + policy._path.left + longer, 0.0)])
+    policy._receive_plan(Answer(Plan(Status.SOLVED, way), 0.3, start, 1))
+    assert policy.state is (State.BACKS_OUT if backs else State.FOLLOWS)
 
 
 def test_where_nothing_is_left_to_go_round_the_straight_way_is_planned_again():
@@ -260,7 +263,7 @@ def test_where_nothing_is_left_to_go_round_the_straight_way_is_planned_again():
     longer = []  # than straight on
     for _ in range(80):
         world.step(policy)
-        x, y = policy._reference.rows[:, 0], policy._reference.rows[:, 1]
+        x, y = policy._path.rows[:, 0], policy._path.rows[:, 1]
         straight = math.hypot(x[-1] - x[0], y[-1] - y[0])
         longer.append(np.hypot(np.diff(x), np.diff(y)).sum() / straight - 1.0)
     assert max(longer) > 0.02  # planned round it
@@ -271,7 +274,7 @@ def test_a_plan_that_led_nowhere_is_tried_again_now_and_then(monkeypatch):
     policy = make_policy("a_star+window")
     world = Peopled(lambda t: None, corridor(10.0, 4.0), (1.0, -1.2, 0.0), (9.0, -1.2, 0.0))
     policy.reset(world.mission)
-    before, planned = policy._reference, []
+    before, planned = policy._path, []
 
     def nowhere(*_):
         planned.append(world.time)
@@ -285,7 +288,7 @@ def test_a_plan_that_led_nowhere_is_tried_again_now_and_then(monkeypatch):
         world.seen = world.reading()
     assert 2 <= len(planned) <= 3
     assert min(np.diff(planned)) > 0.9 * RETRY_TIME
-    assert policy._reference is before
+    assert policy._path is before
 
 
 def test_for_a_metre_after_no_progress_room_costs_nothing():
@@ -295,7 +298,7 @@ def test_for_a_metre_after_no_progress_room_costs_nothing():
     places, costs = [], []
     for k in range(90):
         if k == 15:
-            policy._recover()
+            policy.dare()
         world.step(policy)
         places.append(world.pose[0])
         costs.append(policy._follower._follower.config.objective.clearance)
@@ -311,8 +314,8 @@ def test_a_way_in_reverse_is_planned_once_more_with_less_clearance():
     env.reset(seed=1_000_002)
     policy = make_policy("lattice+window")
     policy.reset(env.unwrapped.mission)
-    assert policy.solved
-    assert backing(policy.plan.path) < 0.3
+    assert policy.answer.solved
+    assert backing(policy.answer.plan.path) < 0.3
     env.close()
 
 

@@ -36,7 +36,7 @@ def arrived(planning, taken):
     """Steps until a plan is taken."""
     for k in range(1, 1000):
         assert until(lambda: planning._made)  # beside the loop, in real time
-        planning.step()
+        planning.step(at_rest=True)
         if taken:
             return k
     return None
@@ -52,7 +52,7 @@ def test_one_plan_at_a_time_is_taken_once(real_time):
             planning.ask(lambda end: None, taken.append)
         assert arrived(planning, taken) is not None
         assert not planning.busy
-        planning.step()
+        planning.step(at_rest=True)
         assert taken == [number]
         taken.clear()
     assert len(planning.figures.times) == 3
@@ -92,28 +92,28 @@ def test_in_real_time_the_loop_goes_on_while_a_plan_is_made():
         command = world.step(policy)
         assert command.shown.status == "waits: for a plan"
         assert not command.twist.any()
-    assert policy.planning_figures.late == 1
+    assert policy.planning.figures.late == 1
     assert until(lambda: planner.deadlines)
     assert 0.0 <= planner.deadlines[0] <= 0.5
     planner.allowed.set()
     assert until(lambda: policy.planning._made)
     assert world.step(policy).shown.status == "follows"
-    assert policy.planning_figures.stood == pytest.approx(0.9)
+    assert policy.planning.figures.stood == pytest.approx(0.9)
     while world.pose[0] < 4.0:
         world.step(policy)
     planner.allowed.clear()
-    policy._replan()
-    before, begun = policy._reference, world.pose[0]
+    policy.replan()
+    before, begun = policy._path, world.pose[0]
     for _ in range(5):
         world.step(policy)
     assert policy.planning.busy
     assert world.pose[0] > begun + 0.02  # it goes on by the old path
-    assert policy._reference is before
+    assert policy._path is before
     planner.allowed.set()
     assert until(lambda: policy.planning._made)
     world.step(policy)
-    assert policy._reference is not before
-    assert policy.planning_figures.followed > 0.4
+    assert policy._path is not before
+    assert policy.planning.figures.followed > 0.4
 
 
 def thinking(planning_time, place=lambda t: None, length=12.0):
@@ -122,16 +122,16 @@ def thinking(planning_time, place=lambda t: None, length=12.0):
     world = Peopled(place, corridor(length, 3.2), (1.0, 0.0, 0.0), (length - 1.0, 0.0, 0.0))
     policy = make_policy(spec)
     policy.reset(world.mission)
-    while policy._reference is None:
+    while policy._follower is None:
         world.step(policy)
     return world, policy
 
 
 def test_what_stands_on_the_first_plan_is_planned_round_before_it_drives():
     world, policy = thinking(1.2, lambda t: (3.0, 0.2))
-    assert policy.planning_figures.discarded == 1
+    assert policy.planning.figures.discarded == 1
     assert world.pose[0] < 1.002  # the first step of the drive
-    assert np.hypot(*(policy._path - (3.0, 0.2)).T).min() > 0.5
+    assert np.hypot(*(policy._path.path - (3.0, 0.2)).T).min() > 0.5
 
 
 def test_a_plan_that_no_longer_fits_is_discarded_and_the_chair_stands_until_the_next():
@@ -139,18 +139,18 @@ def test_a_plan_that_no_longer_fits_is_discarded_and_the_chair_stands_until_the_
     world, policy = thinking(1.5, lambda t: (5.8, 0.2) if t >= appears[0] else None)
     while world.pose[0] < 3.0:
         world.step(policy)
-    policy._replan()
+    policy.replan()
     appears[0] = world.time  # on the way that is planned just now
     statuses, asked = [], None
     while "goes round" not in statuses:
         statuses.append(world.step(policy).shown.status)
-        if policy.planning_figures.discarded and policy.planning.busy and asked is None:
+        if policy.planning.figures.discarded and policy.planning.busy and asked is None:
             asked = world.pose.copy()
     first, last = statuses.index("waits: for a plan"), statuses.index("goes round")
     assert 10 <= first <= 15
     assert set(statuses[first:last]) == {"waits: for a plan"}
     assert np.hypot(*(world.pose - asked)[:2]) < 0.05  # the next is asked for at rest, and fits
-    assert policy.planning_figures.discarded == 1
+    assert policy.planning.figures.discarded == 1
 
 
 def test_it_stands_before_an_obstacle_while_it_plans_round_it():
@@ -167,9 +167,9 @@ def test_it_stands_before_an_obstacle_while_it_plans_round_it():
                 gaps.append(np.hypot(*(at - (5.0, 0.2)).T).min() - 0.25)
         assert world.time < 60.0
         assert min(gaps) > 0.0
-        assert (policy.planning_figures.stood > 0.0) == (planning_time > 0.0)
-        assert policy.planning_figures.late == (planning_time > 1.0) * len(
-            policy.planning_figures.times
+        assert (policy.planning.figures.stood > 0.0) == (planning_time > 0.0)
+        assert policy.planning.figures.late == (planning_time > 1.0) * len(
+            policy.planning.figures.times
         )
 
 

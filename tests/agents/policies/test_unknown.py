@@ -24,6 +24,7 @@ from agents.evaluation.evaluate import ENV, make_env
 from agents.evaluation.map_evaluation import map_by_driving, map_quality
 from agents.policies import GymPolicy, make_policy
 from agents.policies.manual import Manual
+from agents.policies.planned import State
 from agents.policies.recoveries import Spin
 from agents.policies.search import Search
 from planners import make_planner
@@ -276,7 +277,7 @@ def test_a_chair_waits_at_a_door_until_the_way_round_is_worth_it(planning_time):
         if world.time > 1.0:
             world.map = room(wall=np.s_[:130])  # the way round is 9 m longer
         world.step(policy)
-        reopens.append(policy._reopens)
+        reopens.append(policy._path.reopens)
         places.append(world.pose[:2])
     waits = np.flatnonzero(reopens)
     assert 50 < len(waits) == waits[-1] - waits[0] + 1  # without turning back once it has given up
@@ -299,7 +300,7 @@ def test_a_chair_looks_round_only_until_it_knows_a_way():
             seen[50:190, 56:82] = FREE  # to the left
             world.map = OccupancyGrid(seen, 0.05, (-3.0, -3.0, 0.0))
         world.step(policy)
-        turns += policy.state == "looks round"
+        turns += policy.state is State.LOOKS_ROUND
     assert 30 < turns < 60
     assert world.pose[1] > 1.0
 
@@ -324,9 +325,9 @@ def test_a_chair_that_cannot_turn_round_gives_up_after_both_sides():
     reference = ReferencePath(np.array([(3.0, 0.0), (5.0, 0.0)]), world.pose)
     spin, turns = Spin(), []
     spin.begin(world.pose, world.mission.goal)
-    while spin.on and world.time < 30.0:
-        twist = spin.twist(Situation(local_map, reference, chair))
-        turns.append(0.0 if twist is None else twist[1])
+    now = Situation(local_map, reference, chair)
+    while (twist := spin.twist(now)) is not None:
+        turns.append(twist[1])
         world.drive(Command(np.array([0.0, turns[-1]])).as_action(world.mission.limits))
         local_map.update(world.seen)
         chair.measured(world.seen.twist)
