@@ -32,6 +32,7 @@ from agents.cli.lists import PARTS, all_settings, markdown, settings_rows
 from agents.control import FOLLOWERS
 from agents.evaluation.tables import markdown_table
 from agents.policies import POLICIES
+from agents.policies.planned import TRANSITIONS
 from planners import OPTIMIZERS, PLANNERS
 from planners.registries import OBJECTIVES
 from wheelchair_gym.config import setting_docs
@@ -115,7 +116,22 @@ def fragments() -> dict[str, str]:
             ],
         ),
         "arguments": to_markdown(inspect.getdoc(env) or ""),
+        "states": _states(),
     }  # fmt: skip
+
+
+def _states() -> str:
+    """The state machine of planned policies: a drawing, and the table of its transitions."""
+    rows, arrows = [], dict[tuple[str, str], list[int]]()
+    for number, (event, state, condition, action, after, stands) in enumerate(TRANSITIONS, 1):
+        arrows.setdefault((state.value, after.value), []).append(number)
+        texts = [first_line(method).rstrip(".") if method else "" for method in (condition, action)]
+        texts = [text.removeprefix("Return True if ") for text in texts]
+        ending = ", and stands until it has the plan" if stands else ""
+        rows.append((number, state.value, event.value, *texts, f"{after.value}{ending}"))
+    drawn = [f"{a:12} --({', '.join(map(str, on))})--> {b}" for (a, b), on in arrows.items()]
+    head = ("", "state", "when", "if", "action", "next state")
+    return "\n".join(["```", *drawn, "```", "", markdown_table(head, rows)])
 
 
 def _observations() -> str:
