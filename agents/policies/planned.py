@@ -321,7 +321,7 @@ class PlannedDriver:
         return not unseen
 
     def must_look(self) -> bool:
-        """Return True if neither is so, and the chair has not looked round here."""
+        """Return True if the plan leads to where the chair has not looked, nor has it here."""
         return not self.is_seen() and self._spin.is_new(self.answer.start)
 
     def has_turned(self) -> bool:
@@ -434,7 +434,8 @@ class PlannedDriver:
         self._lost = 0.0 if answer.solved else RETRY_TIME  # a search that finds nothing is longest
         if answer.solved or self._follower is None:
             self._take_path(path)
-        self._fire_plan()
+        self._fire(Event.PLAN)
+        self._progress.left = math.inf
 
     def _receive_detour(self, answer: Answer) -> None:
         """Take a plan around temporary obstacles if it is short enough; or keep the path."""
@@ -442,21 +443,18 @@ class PlannedDriver:
         if path is None:
             return
         detours.failed = 0 if answer.solved else detours.failed + 1
-        if answer.solved and detours.too_long(path, self._path):
-            report.set("waits", "the way round is long", detours.wait())
-        else:
+        why = "the way round is long"
+        if not answer.solved or not detours.too_long(path, self._path):
             self.answer = answer
-            if answer.solved:
-                self._take_path(path)
-                detours.taken = True
-                report.set("goes round", held=HELD)
-            else:
-                blocked = answer.plan.status is Status.GOAL_OCCUPIED
-                why = "the goal is blocked" if blocked else "no way round"
-                report.set("waits", why, detours.wait())
-        self._fire_plan()
-
-    def _fire_plan(self) -> None:
+            blocked = answer.plan.status is Status.GOAL_OCCUPIED
+            why = "" if answer.solved else "the goal is blocked" if blocked else "no way round"
+        if why:
+            detours.pause = RETRY_TIME
+            report.set("waits", why, RETRY_TIME)
+        else:
+            self._take_path(path)
+            detours.taken = True
+            report.set("goes round", held=HELD)
         self._fire(Event.PLAN)
         self._progress.left = math.inf
 

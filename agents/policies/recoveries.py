@@ -214,11 +214,6 @@ class DetourPolicy:
         self.taken, self.failed = False, 0
         self.waited = self.pause = self.unchecked = 0.0
 
-    def wait(self) -> float:
-        """Take no detour for a time [s], which is returned."""
-        self.pause = RETRY_TIME
-        return RETRY_TIME
-
     @property
     def allowance(self) -> float:
         """By how much [m] a way round may be longer, by now."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +19,27 @@ from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.maps import FREE, UNKNOWN, OccupancyGrid, bottleneck
+
+FINER = 0.04  # m: a plan that finds no way is tried again with this much less clearance,
+REVERSE_WAY = 0.3  # m: and once more if it leads so far in reverse, where no sensor looks
+NEARER = 0.1  # m of clearance that a place nearer to the goal by a metre is worth
+
+
+def clearest_place(grid: OccupancyGrid, goal: Array, clearance: float, radius: float) -> Array:
+    """The place (2,) nearest to a goal (2,) [m] with a clearance [m], at most a radius [m] from it.
+
+    Or that of most clearance, where none has as much.
+    """
+    reach = np.arange(-(radius // grid.resolution), radius // grid.resolution + 1)
+    places = goal + grid.resolution * np.stack(np.meshgrid(reach, reach), axis=-1).reshape(-1, 2)
+    away = np.hypot(*(places - goal).T)
+    places = places[(away <= radius) & grid.inside(places)]
+    if len(places) == 0:
+        return goal
+    free = grid.distance()[tuple(grid.to_cell(places).T)]
+    score = np.minimum(free, clearance) - NEARER * np.hypot(*(places - goal).T)
+    best: Array = places[int(np.argmax(score))]
+    return best
 
 
 class Answer(NamedTuple):
@@ -88,16 +108,53 @@ class Search:
     def _first(self, maps: list[OccupancyGrid], goal: Array, end: float) -> Answer:
         """The plan in the first map in which one leads to the goal."""
         for k, grid in enumerate(maps):
-            plan = partial(widest_plan, self.planner, grid, self.start)
-            found = plan(goal, self.clearance, self.least, self.rng, end)
+            found = self.widest(grid, goal, end)
             if found[0].status is Status.GOAL_OCCUPIED and len(goal) == 2:
                 beside = clearest_place(grid, goal, self.clearance, self.around)
-                found = plan(beside, self.clearance, self.least, self.rng, end)
+                found = self.widest(grid, beside, end)
             last = self.drawn is not None and k == len(maps) - 1
             answer = Answer(*found, self.start, k + 1, k - last, last)
             if answer.solved:
                 break
         return answer
+
+    def widest(self, grid: OccupancyGrid, goal: Array, end: float) -> tuple[Plan, float]:
+        """Plan in a map at the widest clearance that leads to a goal; unknown space is free.
+
+        Returns:
+            The plan, the last one tried if none leads there, and its clearance [m].
+        """
+        space, clearance, least = Space.from_grid(grid), self.clearance, self.least
+        free = np.where(grid.cells == UNKNOWN, FREE, grid.cells)
+        assumed = OccupancyGrid(free, grid.resolution, grid.origin)
+        most = bottleneck(assumed, self.start[:2], goal[:2]) + 0.5 * grid.resolution
+        while clearance > most and clearance - FINER >= least:
+            clearance -= FINER  # where no disc passes a search is in vain
+
+        def planned(clearance: float) -> Plan:
+            problem = Problem(space, self.start, goal, clearance)
+            timed = {} if end == math.inf else {"deadline": remaining(end)}
+            return checked_plan(self.planner, self.planner.plan(problem, self.rng, **timed))
+
+        best = math.inf  # m in reverse
+        while True:
+            plan = planned(clearance)
+            found, reverse = plan.status is Status.SOLVED, backing(plan.path)
+            second = best < math.inf
+            if not second or (found and reverse < best - REVERSE_WAY):
+                chosen = plan, clearance
+            clearance -= FINER
+            if second or (found and reverse < REVERSE_WAY) or clearance < least:
+                break
+            best = reverse if found else best  # once more: with less clearance it may lead ahead
+        (plan, clearance), solved = chosen, chosen[0].status is Status.SOLVED
+        between = clearance + 0.5 * FINER
+        if solved and least + FINER < between < min(most, least + 2.0 * FINER):
+            wider = planned(between)  # where so little is left beside the chair, half a step counts
+            more = backing(wider.path) - backing(plan.path)
+            if wider.status is Status.SOLVED and more < REVERSE_WAY:
+                return wider, between
+        return chosen
 
     def plan_aside(self, blocking: Array, end: float) -> Answer:
         """Plan to where there is room to what blocks the path (n, 2) [m]; see `place_aside`."""
@@ -105,83 +162,3 @@ class Search:
         if place is None:
             return Answer(Plan(Status.EXHAUSTED), self.least, self.start)
         return self.plan(place, end)
-
-
-FINER = 0.04  # m: a plan that finds no way is tried again with this much less clearance,
-REVERSE_WAY = 0.3  # m: and once more if it leads so far in reverse, where no sensor looks
-NEARER = 0.1  # m of clearance that a place nearer to the goal by a metre is worth
-
-
-def clearest_place(grid: OccupancyGrid, goal: Array, clearance: float, radius: float) -> Array:
-    """The place (2,) nearest to a goal (2,) [m] with a clearance [m], at most a radius [m] from it.
-
-    Or that of most clearance, where none has as much.
-    """
-    reach = np.arange(-(radius // grid.resolution), radius // grid.resolution + 1)
-    places = goal + grid.resolution * np.stack(np.meshgrid(reach, reach), axis=-1).reshape(-1, 2)
-    away = np.hypot(*(places - goal).T)
-    places = places[(away <= radius) & grid.inside(places)]
-    if len(places) == 0:
-        return goal
-    free = grid.distance()[tuple(grid.to_cell(places).T)]
-    score = np.minimum(free, clearance) - NEARER * np.hypot(*(places - goal).T)
-    best: Array = places[int(np.argmax(score))]
-    return best
-
-
-def widest_plan(
-    planner: Planner,
-    grid: OccupancyGrid,
-    start: Array,
-    goal: Array,
-    clearance: float,
-    least: float,
-    rng: np.random.Generator,
-    end: float = math.inf,
-) -> tuple[Plan, float]:
-    """Plan in a map at the widest clearance that leads to the goal.
-
-    Args:
-        planner: makes the plans.
-        grid: the map; unknown space is taken for free.
-        start: pose (3,) [m, m, rad].
-        goal: (2 or 3,) [m, m, rad].
-        clearance: to begin with [m].
-        least: to end with [m].
-        rng: the planner's.
-        end: `clock` [s] by which the planner ends.
-
-    Returns:
-        The plan, the last one tried if none leads there, and its clearance [m].
-    """
-    space = Space.from_grid(grid)
-    free = np.where(grid.cells == UNKNOWN, FREE, grid.cells)
-    assumed = OccupancyGrid(free, grid.resolution, grid.origin)
-    most = bottleneck(assumed, start[:2], goal[:2]) + 0.5 * grid.resolution
-    while clearance > most and clearance - FINER >= least:
-        clearance -= FINER  # where no disc passes a search is in vain
-
-    def planned(clearance: float) -> Plan:
-        problem = Problem(space, start, goal, clearance)
-        timed = {} if end == math.inf else {"deadline": remaining(end)}
-        return checked_plan(planner, planner.plan(problem, rng, **timed))
-
-    best = math.inf  # m in reverse
-    while True:
-        plan = planned(clearance)
-        found, reverse = plan.status is Status.SOLVED, backing(plan.path)
-        second = best < math.inf
-        if not second or (found and reverse < best - REVERSE_WAY):
-            chosen = plan, clearance
-        clearance -= FINER
-        if second or (found and reverse < REVERSE_WAY) or clearance < least:
-            break
-        best = reverse if found else best  # once more: with less clearance it may lead ahead
-    (plan, clearance), solved = chosen, chosen[0].status is Status.SOLVED
-    between = clearance + 0.5 * FINER
-    if solved and least + FINER < between < min(most, least + 2.0 * FINER):
-        wider = planned(between)  # where so little is left beside the chair, half a step counts
-        more = backing(wider.path) - backing(plan.path)
-        if wider.status is Status.SOLVED and more < REVERSE_WAY:
-            return wider, between
-    return chosen

@@ -34,7 +34,7 @@ HOME = {"name": "floor_plan", "kind": "home", "door_width": [0.9, 1.1],
         "corridor_width": [1.1, 1.6]}  # fmt: skip
 DOORS = [{"name": "doorway", "door_width": door, "corridor_width": corridor}
          for door in (1.0, 0.95, 0.9, 0.85, 0.8) for corridor in (1.2, 1.05, 0.9)]  # fmt: skip
-ASKED = (0.40, 0.36, 0.32, 0.28)  # m: by `agents.policies.search.widest_plan`
+ASKED = (0.40, 0.36, 0.32, 0.28)  # m: by `agents.policies.search.Search.widest`
 
 
 def drawn(scenes, seeds):

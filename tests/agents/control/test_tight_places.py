@@ -9,7 +9,7 @@ from agents.control import make_follower
 from agents.control.followers import Situation
 from agents.control.local_map import LocalMap
 from agents.control.rollout import ChairState, ReferencePath
-from agents.policies.search import widest_plan
+from agents.policies.search import Search
 from planners.problem import Plan, Status
 from tests.agents.fakes import PaperWorld
 from wheelchair_gym.kinematics import arc_step
@@ -102,7 +102,6 @@ class UpTo:
 @pytest.mark.parametrize(("most", "got"), [(0.5, 0.40), (0.37, 0.36), (0.345, 0.34), (0.33, 0.32)])
 def test_the_widest_plan_is_sought_by_half_steps_where_little_is_left(most, got):
     planner, rng = UpTo(most), np.random.default_rng(0)
-    _, clearance = widest_plan(
-        planner, box(4.0, 2.0), np.zeros(3), np.array([1.0, 0.0]), 0.40, 0.28, rng
-    )
+    search = Search(planner, 0.40, 0.28, rng, np.zeros(3), [])
+    _, clearance = search.widest(box(4.0, 2.0), np.array([1.0, 0.0]), np.inf)
     assert clearance == pytest.approx(got)

@@ -11,7 +11,7 @@ import pytest
 
 from agents.evaluation.evaluate import drive_episode, make_env
 from agents.policies import make_policy
-from agents.policies.planning import SWITCH, Planning
+from agents.policies.planning import SWITCH, Planning, Thinking
 from planners import make_planner
 from tests.agents.fakes import PaperWorld, corridor
 from tests.agents.policies.test_behaviours import Peopled
@@ -144,8 +144,8 @@ def test_a_plan_that_no_longer_fits_is_discarded_and_the_chair_stands_until_the_
     statuses, asked = [], None
     while "goes round" not in statuses:
         statuses.append(world.step(policy).shown.status)
-        if policy.planning.figures.discarded and policy.planning.busy and asked is None:
-            asked = world.pose.copy()
+        if policy.planning.figures.discarded and policy.planning.state is Thinking.STANDS:
+            asked = world.pose.copy() if asked is None else asked
     first, last = statuses.index("waits: for a plan"), statuses.index("goes round")
     assert 10 <= first <= 15
     assert set(statuses[first:last]) == {"waits: for a plan"}

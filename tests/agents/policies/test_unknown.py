@@ -10,9 +10,6 @@ import pytest
 from scipy import ndimage
 
 from agents.cli import main
-from agents.control.followers import Situation
-from agents.control.local_map import LocalMap
-from agents.control.rollout import ChairState, ReferencePath
 from agents.control.unknown_space import (
     Ground,
     assumed_maps,
@@ -24,17 +21,14 @@ from agents.evaluation.evaluate import ENV, make_env
 from agents.evaluation.map_evaluation import map_by_driving, map_quality
 from agents.policies import GymPolicy, make_policy
 from agents.policies.manual import Manual
-from agents.policies.planned import State
-from agents.policies.recoveries import Spin
 from agents.policies.search import Search
 from planners import make_planner
-from tests.agents.fakes import PaperWorld, corridor
+from tests.agents.fakes import PaperWorld
 from tests.conftest import long_but
 from wheelchair_gym.config import InputError
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.geometry import Footprint, to_world
 from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
-from wheelchair_gym.types import Command
 
 ONE = {"slam": {"particles": 1}}
 
@@ -285,26 +279,6 @@ def test_a_chair_waits_at_a_door_until_the_way_round_is_worth_it(planning_time):
     assert world.time < 60.0
 
 
-def test_a_chair_looks_round_only_until_it_knows_a_way():
-    """What is behind it stays unseen; a whole turn would take 31 s."""
-    cells = np.full((200, 120), UNKNOWN, np.int8)
-    cells[46:73, 56:82] = FREE
-    cells[45:75, 82] = cells[45, 40:82] = OCCUPIED  # ahead and to the right
-    policy = make_policy("a_star+window")
-    world = Drawn(OccupancyGrid(cells, 0.05, (-3.0, -3.0, 0.0)), (0.0, 0.0, 0.0), (0.0, 5.0))
-    policy.reset(world.mission)
-    turns = 0
-    while world.time < 20.0 and world.pose[1] < 1.0:
-        if world.time > 3.0:
-            seen = cells.copy()
-            seen[50:190, 56:82] = FREE  # to the left
-            world.map = OccupancyGrid(seen, 0.05, (-3.0, -3.0, 0.0))
-        world.step(policy)
-        turns += policy.state is State.LOOKS_ROUND
-    assert 30 < turns < 60
-    assert world.pose[1] > 1.0
-
-
 def test_space_behind_a_wall_is_not_unseen_space_behind_the_chair():
     footprint = Footprint()
     cells = np.full((80, 80), UNKNOWN, np.int8)
@@ -316,24 +290,6 @@ def test_space_behind_a_wall_is_not_unseen_space_behind_the_chair():
     walled[20:60, 39] = OCCUPIED
     grid = OccupancyGrid(walled, 0.05, (-2.0, -2.0, 0.0))
     assert not blind_behind(grid, near, footprint)
-
-
-def test_a_chair_that_cannot_turn_round_gives_up_after_both_sides():
-    world = PaperWorld(corridor(6.0, 1.0), (3.0, 0.0, 0.0), (5.0, 0.0))
-    local_map = LocalMap(world.mission)
-    chair = ChairState(world.mission.limits, world.mission.footprint, world.mission.period)
-    reference = ReferencePath(np.array([(3.0, 0.0), (5.0, 0.0)]), world.pose)
-    spin, turns = Spin(), []
-    spin.begin(world.pose, world.mission.goal)
-    now = Situation(local_map, reference, chair)
-    while (twist := spin.twist(now)) is not None:
-        turns.append(twist[1])
-        world.drive(Command(np.array([0.0, turns[-1]])).as_action(world.mission.limits))
-        local_map.update(world.seen)
-        chair.measured(world.seen.twist)
-        chair.command(np.array([0.0, turns[-1]]))
-    assert min(turns) < 0.0 < max(turns)
-    assert world.time < 15.0
 
 
 def test_what_cannot_be_done_in_an_unknown_world_is_refused():
