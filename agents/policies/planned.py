@@ -321,7 +321,7 @@ class PlannedDriver:
         return not unseen
 
     def must_look(self) -> bool:
-        """Return True if the plan leads to where the chair has not looked, nor has it here."""
+        """Return True if the plan leads to the unseen, and the chair has not turned here yet."""
         return not self.is_seen() and self._spin.is_new(self.answer.start)
 
     def has_turned(self) -> bool:

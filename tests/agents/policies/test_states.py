@@ -17,8 +17,9 @@ from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 
 
 def name(row):
-    """A transition by its state, and its condition or event."""
-    return f"{row.state.name} {row.condition.__name__ if row.condition else row.event.name}"
+    """A transition by its state, its condition or event, and the next state."""
+    cause = row.condition.__name__ if row.condition else row.event.name
+    return f"{row.state.name} {cause} {row.next.name}"
 
 
 def blocked(width, until=np.inf):
@@ -73,27 +74,31 @@ def held():
 DRIVES = {  # world, what happens from the first second on, and transitions that are then taken
     "off its path": (
         lambda: PaperWorld(corridor(10.0, 4.0), (1.0, -1.2, 0.0), (9.0, -1.2)), shift,
-        {"FOLLOWS is_astray"},
+        {"FOLLOWS is_astray FOLLOWS"},
     ),
     "held": (
         held, hold,
-        {"FOLLOWS is_stalled", "FOLLOWS may_plan", "FOLLOWS STALL", "BACKS_OUT has_backed_out"},
+        {"FOLLOWS is_stalled FOLLOWS", "FOLLOWS may_plan FOLLOWS", "FOLLOWS STALL BACKS_OUT",
+         "BACKS_OUT has_backed_out FOLLOWS"},
     ),
-    "no shorter path": (held, lengthen, {"FOLLOWS is_longer"}),
+    "no shorter path": (held, lengthen, {"FOLLOWS is_longer FOLLOWS"}),
     "blocked for a while": (
         lambda: blocked(1.4, 24.0), None,
-        {"FOLLOWS is_blocked", "FOLLOWS is_by_obstacle", "FOLLOWS ROOM", "FOLLOWS is_clear_again",
-         "MAKES_ROOM has_made_room", "MAKES_ROOM PATH"},
+        {"FOLLOWS is_blocked FOLLOWS", "FOLLOWS is_by_obstacle FOLLOWS", "FOLLOWS ROOM MAKES_ROOM",
+         "MAKES_ROOM has_made_room MAKES_ROOM", "MAKES_ROOM PATH FOLLOWS",
+         "FOLLOWS is_clear_again FOLLOWS"},
     ),
-    "nowhere aside": (lambda: blocked(0.85), None, {"FOLLOWS NO_ROOM"}),
+    "nowhere aside": (lambda: blocked(0.85), None, {"FOLLOWS NO_ROOM BACKS_OUT"}),
     "shown": (
-        corner, show, {"FOLLOWS must_look", "LOOKS_ROUND is_plan_due", "LOOKS_ROUND is_seen"}
+        corner, show,
+        {"FOLLOWS must_look LOOKS_ROUND", "LOOKS_ROUND is_plan_due LOOKS_ROUND",
+         "LOOKS_ROUND is_seen FOLLOWS"},
     ),
-    "turned": (corner, turn, {"LOOKS_ROUND has_turned"}),
+    "turned": (corner, turn, {"LOOKS_ROUND has_turned FOLLOWS"}),
     "between walls": (
         lambda: drawn(
             np.s_[53:67, 56:82], (-3.0, 0.0), np.s_[45:75, 82], np.s_[52, 40:82], np.s_[67, 40:82]
-        ), None, {"LOOKS_ROUND BLOCKED"},
+        ), None, {"LOOKS_ROUND BLOCKED FOLLOWS"},
     ),
 }  # fmt: skip
 
