@@ -35,6 +35,7 @@ from wheelchair_gym.hardware.chair import HardwareChair
 from wheelchair_gym.hardware.control_loop import WallClock
 from wheelchair_gym.hardware.tools import distance_calibration, wheel_calibration
 from wheelchair_gym.hardware.tools.diagnostics import Diagnostics
+from wheelchair_gym.hardware.tools.orientation import Orientation
 from wheelchair_gym.hardware.tools.speed_tuning import GAINS, step_response
 from wheelchair_gym.physics.settings import MotorSettings
 
@@ -97,6 +98,11 @@ def check(given: argparse.Namespace) -> int:
     with _boards(settings) as (senses, clock):
         person = None if given.no_person else lambda what: _log(f"please {what}")
         found = Diagnostics(senses, clock, wanted).run(person)
+        if given.hands:
+            footprint = settings.chair.footprint
+            found += Orientation(
+                senses, clock, footprint, lambda what: _log(f"please {what}")
+            ).run()
     good = all(one.good for one in found)
     lines = [
         f"{'ok  ' if one.good else 'FAIL'}  {one.part:14}  {one.what:22}  {one.found}"

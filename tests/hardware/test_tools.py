@@ -23,6 +23,7 @@ from wheelchair_gym.hardware.tools.distance_calibration import (
     drive_run,
     fit_wall,
 )
+from wheelchair_gym.hardware.tools.orientation import Orientation
 from wheelchair_gym.hardware.tools.speed_tuning import step_response
 from wheelchair_gym.hardware.tools.wheel_calibration import (
     Square,
@@ -94,6 +95,85 @@ def test_what_is_broken_is_named(hosted, checker, name):
 def test_an_emergency_stop_that_is_not_wired_is_found(checker):
     found = checker.run(lambda what: None, patience=0.5)
     assert bad(found) == {"emergency stop: second contact"}
+
+
+class Helper:
+    """A person who holds a hand or a wall where asked, before a chair that stands in a room."""
+
+    def __init__(self, **real):
+        sensors = SensorSettings(noise=False)
+        self.hosted = Hosted(box(3.0), sensors=dataclasses.replace(sensors, **real))
+        self.hosted.clock.guards.clear()
+        self.senses, self.asked = self.hosted.chair.senses, []
+        self.senses.sensors = sensors  # what the config says
+
+    def hold(self, what):
+        self.asked.append(what)
+        episode, (x, y) = box(3.0), (9.0, 9.0)
+        if "ultrasonic" in what:
+            one = SensorSettings().ultrasonic.mounted[int(what.split("ultrasonic ")[1][0])]
+            x, y = one.x + 0.3 * math.cos(one.yaw), one.y + 0.3 * math.sin(one.yaw)
+        elif what.startswith("hold"):
+            x, y = 0.70, 0.61 if "left of" in what else -0.61
+        elif what.startswith("stand"):
+            episode = dataclasses.replace(
+                episode, walls=np.vstack([episode.walls, [(1.2, -1.0, 1.2, 1.0)]])
+            )
+        self.hosted.twin.reset(dataclasses.replace(episode, discs=np.array([(x, y, 0.04)])), 0)
+
+    def found(self):
+        """What is not good, with what was found."""
+        senses, clock, footprint = self.senses, self.hosted.clock, self.hosted.chair.chair.footprint
+        assert senses.wait_for(
+            clock, lambda: all(map(math.isfinite, senses.ages(clock.now()).values())), 3.0
+        )
+        found = Orientation(senses, clock, footprint, self.hold, 3.0).run()
+        self.hosted.close()
+        assert len(found) == 11
+        return {f"{one.part}: {one.what}": one.found for one in found if not one.good}
+
+
+SIDES = {"laser: hand on the left", "laser: hand on the right"}
+
+
+def test_hands_before_all_sensors_are_seen_where_they_are():
+    helper = Helper()
+    assert helper.found() == {}
+    assert len([what for what in helper.asked if what.startswith("hold")]) == 10
+
+
+MOUNTED = {
+    "upside down": ({}, SIDES),
+    "half a turn": ({"laser": LaserSettings(yaw=math.pi)}, SIDES | {"laser: wall ahead"}),
+    "20 cm back": ({"laser": LaserSettings(x=0.46)}, SIDES | {"laser: wall ahead"}),
+    "10 cm back": ({"laser": LaserSettings(x=0.56)}, {"laser: wall ahead"}),
+    "8 deg": ({"laser": LaserSettings(yaw=math.radians(8.0))}, {"laser: wall ahead"}),
+    "20 cm aside": ({"laser": LaserSettings(y=0.2)}, SIDES),
+}
+
+
+@pytest.mark.parametrize("name", MOUNTED)
+def test_a_laser_that_looks_elsewhere_is_found(name):
+    real, wanted = MOUNTED[name]
+    helper = Helper(**real)
+    if name == "upside down":
+        laser, scan = helper.hosted.twin.laser, helper.hosted.twin.laser._scan
+        laser._scan = lambda turn: np.ascontiguousarray(scan(turn)[::-1])
+    found = helper.found()
+    assert found.keys() == wanted
+    if name in ("upside down", "half a turn"):
+        assert "to the right; expected 0.70 m ahead, 0.61 m to the left" in found[min(SIDES)]
+
+
+def test_exchanged_and_covered_ultrasonics_are_found():
+    helper = Helper()
+    faults, ping = helper.hosted.twin.faults, helper.hosted.twin.plant.ping
+    helper.hosted.twin.plant.ping = lambda k: ping({2: 3, 3: 2}.get(k, k))
+    faults.stuck_ultrasonics[6] = 2.5
+    found = helper.found()
+    assert found.keys() == {f"ultrasonic {k}: hand" for k in (2, 3, 6)}
+    assert found["ultrasonic 2: hand"].startswith("heard by 3 at 0.2")
+    assert found["ultrasonic 6: hand"] == "not heard"
 
 
 def test_another_fan_and_other_parameters_are_found():

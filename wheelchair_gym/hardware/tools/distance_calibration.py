@@ -136,11 +136,11 @@ def measure_wall(senses: BoardSensors, clock: Clock, poll: Callable[[], object])
         poll()
         if (stamp := senses.stamp_of("scan")) > seen:
             seen = stamp
-            echoes.append(_ahead(senses, senses.ranges(clock.now())[0]))
+            echoes.append(echoes_ahead(senses, senses.ranges(clock.now())[0]))
     return fit_wall(np.concatenate(echoes))
 
 
-def _ahead(senses: BoardSensors, ranges: NDArray[np.float32]) -> Array:
+def echoes_ahead(senses: BoardSensors, ranges: NDArray[np.float32]) -> Array:
     """Echoes (n, 2) within a fan ahead, in the chair's frame."""
     laser = senses.sensors.laser
     echoes = read_scan(laser, ranges).echoes
@@ -246,7 +246,7 @@ def _gap(chair: HardwareChair, ranges: NDArray[np.float32]) -> float:
 
 def _nearest(senses: BoardSensors, ranges: NDArray[np.float32], wall: Wall) -> float:
     """The distance [m] of a wall from the axle's centre, roughly, by one scan."""
-    x, y = _ahead(senses, ranges).T
+    x, y = echoes_ahead(senses, ranges).T
     if len(x) == 0:
         return wall.distance
     return float(np.median(x * math.cos(wall.bearing) + y * math.sin(wall.bearing)))
