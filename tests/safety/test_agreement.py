@@ -47,6 +47,16 @@ def test_a_short_delay_is_added_to_the_reaction_time(delay):
     assert all(drive(Fault("", late(delay)), "room", v, 0, 25.0).contact <= HARM for v in SPEEDS)
 
 
+def test_a_delay_that_grows_is_followed():
+    """By 10 ms/s; the lag of the latest changes of speed counts."""
+    assert drive(Fault("", late(0.0, 0.01)), "room", 0.8, 1, 40.0).contact <= HARM
+
+
+@pytest.mark.parametrize("key", [0, 1])
+def test_a_sector_that_is_blind_from_the_start_is_entered_at_creep_speed(key):
+    assert drive(Fault("", blind(60, 0, 0.0)), "post", 0.8, key, 8.0).contact <= HARM
+
+
 @pytest.mark.parametrize("turned", [10.0, -20.0, 90.0, 180.0])
 def test_a_laser_that_was_turned_is_found_within_a_second_of_motion(turned):
     laser = LaserSettings(yaw=math.radians(turned))
@@ -118,21 +128,26 @@ def test_somebody_who_left_does_not_block_a_hall_for_ever():
     assert shield.latched == ""
 
 
-@pytest.mark.parametrize("ranger", [0, 1])
-def test_an_ultrasonic_that_hears_nothing_of_walls_is_found(ranger):
-    chair, shield, found = SimulatedChair(), Shield(), []
-    for deaf in (False, True):
+@pytest.mark.parametrize(
+    ("ranger", "told", "fault"),
+    [(0, np.inf, "deaf"), (1, np.inf, "deaf"), (1, 2.6, "deaf"), (0, 0.8, "frozen"),
+     (6, 0.3, "frozen")],
+)  # fmt: skip
+def test_an_ultrasonic_that_tells_nothing_of_walls_is_found(ranger, told, fault):
+    """It hears none, or repeats one range, up to its noise, wherever the chair is."""
+    chair, shield, found, noise = SimulatedChair(), Shield(), [], np.random.default_rng(0)
+    for fails in (False, True):
         shield.reset()
         reading = chair.reset(box(3.0, (1.0, 0.0, 0.0)), 2)
         for k in range(500):
             ultrasonic = reading.ultrasonic.copy()
-            if deaf and not math.isnan(ultrasonic[ranger]):
-                ultrasonic[ranger] = np.inf
-            twist = np.array([0.3 if k % 35 < 9 else -0.3, 0.0])
+            if fails and not math.isnan(ultrasonic[ranger]):
+                ultrasonic[ranger] = told + noise.normal(0.0, 0.01)
+            twist = np.array([0.3 if k % 35 < 9 else -0.3, 0.5 if k > 300 else 0.0])
             given = shield.filter(twist, reading._replace(ultrasonic=ultrasonic))
             reading = chair.drive(given, shield.decision.protective)
         found.append(shield.latched)
-    assert found == ["", "ultrasonic deaf"]
+    assert found == ["", f"ultrasonic {fault}"]
 
 
 @pytest.mark.parametrize("change", [{"bias": 0.02}, {"sigma": 0.06}, {"bias": 0.03, "sigma": 0.03}])

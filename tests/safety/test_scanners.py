@@ -102,6 +102,22 @@ def test_it_leaves_when_the_thing_behind_has_gone():
     assert chair.truth.twist[0] < -0.05
 
 
+@pytest.mark.parametrize("covered", [False, True])
+def test_a_rear_scanner_that_loses_its_echoes_forgets_nothing(covered):
+    """A sticker on its window, before a post behind the chair."""
+    sensors = with_more(BACK)
+    sector = np.arange(1081 + 60, 1081 + 121)
+
+    def change(k, reading):
+        laser = reading.laser.copy()
+        laser[sector] = np.where(covered and k > 15, np.inf, laser[sector])
+        return reading._replace(laser=laser)
+
+    chair, _, reasons = reverse(sensors, seconds=10.0, discs=(-4.3, 0.0, 0.05), change=change)
+    assert reasons[-1] == "obstacle"
+    assert not chair.truth.touched
+
+
 TURN = np.array([0.0, 0.8])
 
 

@@ -51,6 +51,7 @@ _SHORTEST, _SHORT = 0.02, 0.03  # m and rad: a short motion, on which a scan tha
 _FOLLOWS = 0.5  # share of it that the fitted motion follows
 _DOUBTS = 0.25  # m and rad: a motion that the fitted one has followed so far is a fault
 _LAG_PRIOR = 0.01  # m2/s: squared change of speed times its duration that counts for no lag
+_LAG_SUM = 0.2  # m2/s, and rad2/s: the same of the latest changes of speed that count
 _LAG_FADES = 60.0  # s
 _MAX_LAG = 0.3  # s
 _KEY_WAY, _KEY_TURN = 1.0, 1.2  # m, rad: motion after which the key scan is renewed
@@ -62,6 +63,9 @@ _DOUBT = 5.0  # s at rest or at creep speed after which a lost point is given up
 _DOUBT_MOVING = 60.0  # s in motion: the memory of static points
 _DARK = 1.0  # m and rad that points were lost on a beam which has had no echo since
 DARK_BEAMS = 6  # neighbouring key beams (9 degrees) that make a blind sector
+_BLANK = 14  # the same (20 degrees) of beams that have never had an echo,
+_IN_THE_WAY = 10  # of these from straight ahead (15 degrees),
+_WHOLE = 0.75  # while so large a share of all has one
 _GONE = np.float32(-1.0)  # s: of a point that has left
 _STATIC = 1.0  # s for which a point was seen that is missed when it is lost
 _INHERITS = 0.3  # m between a point of the key scan and the same one of the key scan before
@@ -132,7 +136,9 @@ def _find_normals(key: Any) -> None:
 
 
 @borrowing_kernel
-def _renew_key(key: Any, one: LaserArrays, at: Frame, scan: Floats) -> None:
+def _renew_key(
+    key: Any, one: LaserArrays, at: Frame, scan: Floats, velocity: tuple[float, float, float]
+) -> None:
     """Store a scan as the key; lost points stay where the scan lacks an echo."""
     beams, old = scan.shape[0], _old_at(on_stack(_OLD_SIZE), 1)[0]
     for k in range(KEY_POINTS):
@@ -159,7 +165,7 @@ def _renew_key(key: Any, one: LaserArrays, at: Frame, scan: Floats) -> None:
     key.at[0], key.at[1], key.at[2], key.at[3] = at.x, at.y, at.c, at.s
     for k in range(3):
         key.drift[k] += key.offset[k]
-        key.offset[k] = 0.0
+        key.offset[k], key.speed[k] = 0.0, velocity[k]
 
 
 @borrowing_kernel
@@ -295,11 +301,18 @@ def _doubt(key: Any, at: Frame, yaw: float) -> None:
 
 
 @borrowing_kernel
-def _estimate_lag(key: Any, vx: float, vy: float, dt: float) -> None:
-    """Estimate the age of scans [s]: a late scan is behind by the age times the change of speed."""
-    dx, dy, fades = vx - key.speed[0], vy - key.speed[1], math.exp(-dt / _LAG_FADES)
-    key.square = fades * key.square + dt * (dx * dx + dy * dy)
-    key.product = fades * key.product + dt * (dx * key.offset[0] + dy * key.offset[1])
+def _estimate_lag(key: Any, velocity: tuple[float, float, float], dt: float) -> None:
+    """Estimate the age of scans [s]: a late scan is behind by the age times the change of speed.
+
+    It is that of the latest changes: the sums are bounded.
+    """
+    keeps = math.exp(-dt / _LAG_FADES) * min(1.0, _LAG_SUM / max(key.square, 1e-9))
+    key.square *= keeps
+    key.product *= keeps
+    for k in range(3):
+        change = velocity[k] - key.speed[k]
+        key.square += dt * change * change
+        key.product += dt * change * key.offset[k]
     key.lag = min(max(key.product / (key.square + _LAG_PRIOR), 0.0), _MAX_LAG)
 
 
@@ -318,10 +331,9 @@ def disagrees(
         w: turn rate that they report [rad/s].
         dt: time since the scan before [s].
     """
-    at, vx, vy = scanner_frame(one.mount, pose), v * math.cos(pose[2]), v * math.sin(pose[2])
+    at, velocity = scanner_frame(one.mount, pose), (v * math.cos(pose[2]), v * math.sin(pose[2]), w)
     if not key.begun:
-        _renew_key(key, one, at, scan)
-        key.speed[0], key.speed[1] = vx, vy
+        _renew_key(key, one, at, scan, velocity)
         return False
     key.way += abs(v) * dt
     key.turned += abs(w) * dt
@@ -329,12 +341,11 @@ def disagrees(
     if key.renewed or v != 0.0 or w != 0.0:
         another = _fits_another_motion(key, one, at, scan) and key.way + key.turned > _MOVED
         _doubt(key, at, pose[2])
-    _estimate_lag(key, vx, vy, dt)
+    _estimate_lag(key, velocity, dt)
     key.astray = key.astray + dt if another else 0.0
     moved = key.way > _KEY_WAY or key.turned > _KEY_TURN
     if not another and (key.few or moved):
-        _renew_key(key, one, at, scan)
-        key.speed[0], key.speed[1] = vx, vy
+        _renew_key(key, one, at, scan, velocity)
     return bool(key.astray > _DISAGREES or key.doubt > _DOUBTS)
 
 
@@ -349,8 +360,8 @@ def count_expected(key: Any, one: LaserArrays, pose: Array) -> int:
 
 
 @borrowing_kernel
-def should_echo(key: Any, at: Frame, half: float, reach: float) -> bool:
-    """Return True if a ranger must hear a surface of the key scan.
+def expected_echo(key: Any, at: Frame, half: float, reach: float) -> float:
+    """Return the range [m] of a surface of the key scan that a ranger must hear; +inf: none.
 
     Args:
         key: a record of KEY.
@@ -358,12 +369,15 @@ def should_echo(key: Any, at: Frame, half: float, reach: float) -> bool:
         half: half of its cone [rad].
         reach: of the ranger [m].
     """
-    found, far = 0, min(_HEARD_SHARE * reach, _HEARD)
+    found, far, nearest = 0, min(_HEARD_SHARE * reach, _HEARD), math.inf
     for k in range(KEY_POINTS):
         ahead, left = world_to_body(at.c, at.s, key.x[k] - at.x, key.y[k] - at.y)
         facing = abs(at.c * key.normal_x[k] + at.s * key.normal_y[k])
-        found += (0.2 < ahead < far) & (abs(left) < 0.5 * half * ahead) & (facing > _SQUARE)
-    return found >= _HEARD_POINTS
+        heard = (0.2 < ahead) & (ahead < far) & (abs(left) < 0.5 * half * ahead)
+        heard &= facing > _SQUARE
+        found += heard
+        nearest = ahead if heard & (ahead < nearest) else nearest
+    return nearest if found >= _HEARD_POINTS else math.inf
 
 
 @borrowing_kernel
@@ -374,6 +388,30 @@ def _has_moved(s: Any, x: float, y: float) -> bool:
         if dx * dx + dy * dy < (2.0 * BODY) ** 2:
             return True
     return False
+
+
+@borrowing_kernel
+def _doubt_blank(s: Any, key: Any, one: LaserArrays, scan: Floats, least: Floats) -> None:
+    """Find a sector ahead in which no beam has ever had an echo, though most others have one.
+
+    A window that is covered from the start looks like open space: these beams show no free space.
+    """
+    beams, echoes, blank = scan.shape[0], 0, 0
+    ahead = -(one.first + one.mount[2]) * one.per_angle * (KEY_POINTS - 1) / (beams - 1)
+    for k in range(KEY_POINTS):
+        echo = scan[k * (beams - 1) // (KEY_POINTS - 1)] < _INF
+        echoes += echo
+        key.shown[k] |= echo
+    for k in range(KEY_POINTS if echoes >= _WHOLE * KEY_POINTS else 0):
+        if key.shown[k] == 0:
+            blank += 1
+            continue
+        # With echoes on both sides, and in the way of a chair that drives straight ahead.
+        if _BLANK <= blank < k and k - blank - _IN_THE_WAY < ahead < k + _IN_THE_WAY:
+            s.n_lost += 1
+            begin = (k - blank) * (beams - 1) // (KEY_POINTS - 1)
+            least[begin : k * (beams - 1) // (KEY_POINTS - 1)] = -_INF
+        blank = 0
 
 
 @borrowing_kernel
@@ -393,7 +431,7 @@ def find_lost(
         key: a record of KEY, of this scanner.
         one: the scanner.
         scan: (beams,).
-        least: (beams,) of `Scan.least`; is set to -inf at lost points.
+        least: (beams,) of `Scan.least`; is set to -inf at lost points, and for a doubtful scan.
         slow: the chair is at rest, or drives at creep speed.
         way: motion since the scan before [m and rad].
         dt: time since the scan before [s].
@@ -402,7 +440,6 @@ def find_lost(
     wide, heard = (beams - 1) // (KEY_POINTS - 1) + 1, False
     for k in range(s.n_arc.shape[0]):
         heard |= s.n_arc[k] > 0
-    s.n_lost = 0
     for k in range(KEY_POINTS):
         b, far = _expected(one, at, key.x[k], key.y[k])
         if b < 0:
@@ -422,21 +459,25 @@ def find_lost(
             key.lost[k] = _GONE
             continue
         s.n_lost += far < FAR
-        s.dark[(b * (KEY_POINTS - 1) + (beams - 1) // 2) // (beams - 1)] += _F(way)
+        key.dark[(b * (KEY_POINTS - 1) + (beams - 1) // 2) // (beams - 1)] += _F(way)
         for i in range(max(0, b - wide), min(beams, b + wide + 1)):
             least[i] = -_INF
-    run, doubtful, s.n_dark = 0, 0, 0
+    run, doubtful, dark = 0, 0, key.dark[:]
     for k in range(KEY_POINTS):
-        s.dark[k] = s.dark[k] if scan[k * (beams - 1) // (KEY_POINTS - 1)] == _INF else _F(0.0)
-        run = run + 1 if s.dark[k] > _DARK else 0
-        doubtful = doubtful + 1 if s.dark[k] > 0.0 else 0
+        dark[k] = dark[k] if scan[k * (beams - 1) // (KEY_POINTS - 1)] == _INF else _F(0.0)
+        run = run + 1 if dark[k] > _DARK else 0
+        doubtful = doubtful + 1 if dark[k] > 0.0 else 0
         s.n_dark = max(s.n_dark, run)
         s.n_lost += doubtful >= DARK_BEAMS
+    if one.number == 0:
+        _doubt_blank(s, key, one, scan, least)
+    if key.doubt > 0.0:  # it may repeat
+        least[:] = -_INF
 
 
 @borrowing_kernel
 def add_lost(s: Any, key: Any) -> None:
-    """Add the lost key points nearby as obstacles of this scan."""
+    """Add the lost key points nearby as obstacles of this reading."""
     points, n = s.points, s.n_points
     for k in range(KEY_POINTS if s.n_lost > 0 else 0):
         dx, dy = key.x[k] - s.pose[0], key.y[k] - s.pose[1]

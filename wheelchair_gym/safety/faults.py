@@ -166,7 +166,7 @@ def _check_ultrasonics(
     g: Any, s: Any, ultrasonic: Floats, age: Floats, moves: bool, dt: float
 ) -> int:
     """Update the timers of the ultrasonics; returns the reason of a fault, 0: none."""
-    mounted, reason = False, 0
+    mounted, reason, stuck = False, 0, False
     for k in range(age.shape[0]):
         if age[k] == math.inf:  # never heard
             continue
@@ -178,11 +178,12 @@ def _check_ultrasonics(
             reason = SONAR_SILENT
         if s.deaf[k] >= _DEAF:
             reason = SONAR_DEAF
+        stuck |= s.steady[k].stuck
     now = hash_floats(age, hash_floats(ultrasonic, np.uint64(0)))
     repeats = mounted and moves and s.begun and now == s.sonar_hash
     s.sonar_frozen = _lasting(repeats, s.sonar_frozen, dt)
     s.sonar_hash = now
-    return SONAR_FROZEN if s.sonar_frozen > g.stale_ultrasonic + _ROUND else reason
+    return SONAR_FROZEN if stuck or s.sonar_frozen > g.stale_ultrasonic + _ROUND else reason
 
 
 @borrowing_kernel

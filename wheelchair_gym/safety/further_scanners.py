@@ -1,5 +1,7 @@
 """What scanners but the first hit: each of their points is an obstacle, whatever the others see.
 
+Points whose echo is lost stay obstacles as those of the first scanner do.
+
 A scanner that shows what is free (`LaserSettings.shows_free`) is also taken in as the first one is:
 space that its beams cross has been seen, and what enters such space moves.
 """
@@ -15,6 +17,7 @@ from wheelchair_gym.arrays import Floats
 from wheelchair_gym.compiled.address import floats_at, on_stack
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.geometry import body_to_world, point_to_world, world_to_body
+from wheelchair_gym.safety.agreement import add_lost, find_lost
 from wheelchair_gym.safety.faults import count_echoes
 from wheelchair_gym.safety.grid import (
     Scan,
@@ -56,11 +59,11 @@ def _shows_free(s: Any, one: LaserArrays, scan: Floats) -> bool:
 
 
 @borrowing_kernel
-def _is_kept(g: Any, s: Any, ranges: Floats, k: int) -> bool:
+def _is_kept(g: Any, s: Any, ranges: Floats, least: Floats, k: int) -> bool:
     """Whether point k of a further scanner is remembered after a reading.
 
     It goes where its scanner hits its place again, which gives a new point, or sees beyond it in
-    two readings: a lost echo alone is no evidence.
+    two readings: a beam may miss a thin thing. `least` is -inf where a point is lost.
     """
     others = s.others
     dx, dy = others.x[k] - s.pose[0], others.y[k] - s.pose[1]
@@ -73,12 +76,12 @@ def _is_kept(g: Any, s: Any, ranges: Floats, k: int) -> bool:
     b = math.floor((math.atan2(left, ahead) - one.first) * one.per_angle)
     if b < 0 or b + 1 >= one.cosine.shape[0]:
         return True
-    far = math.sqrt(dx * dx + dy * dy)
-    least = min(ranges[one.start + b], ranges[one.start + b + 1])
-    if far > one.reach or not least >= far - SAME:
+    far, b = math.sqrt(dx * dx + dy * dy), one.start + b
+    nearest, lost = min(ranges[b], ranges[b + 1]), min(least[b], least[b + 1]) == -_F(np.inf)
+    if far > one.reach or lost or not nearest >= far - SAME:
         return True
     others.passed[k] += 1
-    return bool(least > far + SAME and others.passed[k] < _PASSED)
+    return bool(nearest > far + SAME and others.passed[k] < _PASSED)
 
 
 @borrowing_kernel
@@ -144,16 +147,27 @@ def _range_of_edge(g: Any, one: LaserArrays, b: int) -> float:
 
 
 @borrowing_kernel
-def update_others(g: Any, s: Any, ranges: Floats) -> None:
+def update_others(
+    g: Any, s: Any, ranges: Floats, fresh: bool, slow: bool, way: float, dt: float
+) -> None:
     """Add the hits of all scanners but the first: each is an obstacle, whatever the others see.
 
     Neighbouring beams whose ranges differ little become one point, the nearest of them: each of at
     most `SECTORS` groups of beams has one at least, and more where ranges jump within the group.
     What is too near to be measured (-inf) counts as at the outline: it may be anywhere up to there.
+    The last four are those of `find_lost`; `fresh`: the first scanner's lost points are of now.
     """
-    kept = 0
+    kept, leasts = 0, floats_at(on_stack(4 * ranges.shape[0]), ranges.shape[0])
+    for k in range(1, g.n_scanners):
+        one = scanner_at(g.scanners, g.n_scanners, k)
+        end = one.start + one.cosine.shape[0]
+        scan, least = ranges[one.start : end], leasts[one.start : end]
+        find_least(scan, one.reach, least)
+        if fresh:
+            find_lost(s, s.keys[k], one, scan, least, slow, way, dt)
+            add_lost(s, s.keys[k])
     for k in range(s.n_others):
-        if kept < OTHERS_KEPT and _is_kept(g, s, ranges, k):
+        if kept < OTHERS_KEPT and _is_kept(g, s, ranges, leasts, k):
             _move_other(s.others, k, kept)
             kept += 1
     for k in range(kept):  # new points come first, so that the oldest are lost
@@ -182,8 +196,7 @@ def update_others(g: Any, s: Any, ranges: Floats) -> None:
         if at >= 0:
             _add_other(g, s, one, frame, best, at, n_marks)
         if _shows_free(s, one, ranges[one.start : one.start + beams]):
-            least = floats_at(on_stack(4 * beams), beams)
-            find_least(ranges[one.start : one.start + beams], one.reach, least)
+            least = leasts[one.start : one.start + beams]
             scan = Scan(frame.x, frame.y, frame.c, frame.s, one.first, one.per_angle, least)
             _drop_marks(s, scan, n_marks)
             update_grid(g, s, scan, False)

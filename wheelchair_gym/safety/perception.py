@@ -18,7 +18,7 @@ from wheelchair_gym.compiled.address import floats_at, on_stack, rows_of
 from wheelchair_gym.compiled.kernel import as_int, borrowing_kernel, inlined
 from wheelchair_gym.geometry import point_to_world, world_to_body
 from wheelchair_gym.kinematics import arc_step
-from wheelchair_gym.safety.agreement import add_lost, find_lost, should_echo
+from wheelchair_gym.safety.agreement import add_lost, expected_echo, find_lost
 from wheelchair_gym.safety.faults import check_sensors
 from wheelchair_gym.safety.further_scanners import update_others
 from wheelchair_gym.safety.grid import (
@@ -27,7 +27,6 @@ from wheelchair_gym.safety.grid import (
     mark_motion,
     recenter_grid,
     scan_of,
-    scanner_frame,
     sees_beyond,
     update_grid,
 )
@@ -73,8 +72,12 @@ _SLACK = 0.04  # m: points of the laser stand for arcs of this length (`_FINE`)
 _ECHO = 2.5  # m: farther echoes do not matter yet
 _AGREE = 0.15  # m: laser and ultrasonic together err by less
 _KNOWN_LAG = 0.03  # s: of a scan that comes in time, which the reaction time includes
+_LOW = 1.3  # factor by which a scan may be older than estimated: the fit prefers no motion
 _ELSEWHERE = 0.3  # m or rad between two places at which a ranger is tried
 _FIRING = 5e-3  # s: stamps of two firings differ by more
+_MISSED = 0.3  # m: an echo that comes so far behind a surface is not of it
+_STEADY, _NEARER, _TURNED = 0.05, 0.3, 0.5  # m, m, rad: a range that stays, motions that change it
+_ALMOST = 1e-9
 
 
 @inlined
@@ -370,15 +373,34 @@ def _is_explained(x: Array, y: Array, n: int, at: Frame, slope: float, r: float)
 
 
 @borrowing_kernel
-def _listen(g: Any, s: Any, k: int, r: float) -> None:
-    """Count the places at which ranger k hears nothing of a surface that the laser shows."""
-    if r < math.inf:
-        s.deaf[k] = 0 if r == r else s.deaf[k]
-    elif s.travel - s.deaf_at[k] > _ELSEWHERE:
-        at = scanner_frame(g.ranger_mount[k], s.pose)
-        if should_echo(s.keys[0], at, g.ranger_half[k], g.ranger_reach[k]):
-            s.deaf[k] += 1
+def _listen(g: Any, s: Any, k: int, at: Frame, r: float) -> None:
+    """Count the places at which ranger k does not hear a surface that the laser shows."""
+    if r == r and s.travel - s.deaf_at[k] > _ELSEWHERE:
+        surface = expected_echo(s.keys[0], at, g.ranger_half[k], g.ranger_reach[k])
+        if surface < math.inf:
+            s.deaf[k] = s.deaf[k] + 1 if r > surface + _MISSED else 0
             s.deaf_at[k] = s.travel
+
+
+@borrowing_kernel
+def _watch_steady(g: Any, s: Any, k: int, at: Frame, yaw: float, r: float, explained: bool) -> None:
+    """Find an echo whose range stays the same while the chair's motion must change it.
+
+    A point or a plane within the cone comes nearer by at least the part of a motion along the edge
+    of the cone, and leaves the cone if the chair turns. A laser point that explains it moves so.
+    """
+    steady, half = s.steady[k], g.ranger_half[k]
+    if not abs(steady.range - r) < _STEADY:
+        steady.range, steady.stuck = math.nan, False
+    if explained:
+        return
+    if steady.range != steady.range:
+        steady.range, steady.x, steady.y, steady.yaw = r, at.x, at.y, yaw
+    dx, dy, turned = at.x - steady.x, at.y - steady.y, abs(yaw - steady.yaw)
+    way, along = math.sqrt(dx * dx + dy * dy), abs(at.c * dx + at.s * dy)
+    off = math.acos(min(1.0, along / max(way, _ALMOST))) + half + turned
+    nearer = way * math.cos(off) if off < 0.5 * math.pi else 0.0
+    steady.stuck = steady.stuck or nearer > _NEARER or turned > 2.0 * half + _TURNED
 
 
 @borrowing_kernel
@@ -396,11 +418,6 @@ def update_echoes(g: Any, s: Any, ultrasonic: Floats, age: Floats) -> None:
         if abs(fired - s.fired[k]) < _FIRING:
             continue
         since, s.fired[k] = fired - s.fired[k], fired
-        r = float(ultrasonic[k])
-        _listen(g, s, k, r)
-        if not (0.0 <= r <= min(g.ranger_reach[k], _ECHO)):
-            s.n_arc[k], s.doubtful[k] = 0, math.nan
-            continue
         # Where the chair was when the ranger fired: it has moved since as its wheels report.
         v, w = s.read_twist[0], s.read_twist[1]
         way, turn = v * old, w * old
@@ -411,10 +428,16 @@ def update_echoes(g: Any, s: Any, ultrasonic: Floats, age: Floats) -> None:
         x, y = point_to_world(math.cos(yaw), math.sin(yaw), bx, by, mount[0], mount[1])
         yaw += mount[2]
         at, slope = Frame(x, y, math.cos(yaw), math.sin(yaw)), g.ranger_slope[k]
+        r = float(ultrasonic[k])
+        _listen(g, s, k, at, r)
         points, others = s.points, s.others
-        if _is_explained(points.x[:], points.y[:], s.n_points, at, slope, r) or _is_explained(
-            others.x[:], others.y[:], s.n_others, at, slope, r
-        ):
+        explained = (
+            not 0.0 <= r <= min(g.ranger_reach[k], _ECHO)
+            or _is_explained(points.x[:], points.y[:], s.n_points, at, slope, r)
+            or _is_explained(others.x[:], others.y[:], s.n_others, at, slope, r)
+        )
+        _watch_steady(g, s, k, at, yaw, r, explained)
+        if explained:
             s.n_arc[k], s.doubtful[k] = 0, math.nan
             continue
         moved = abs(v) * since if math.isfinite(v) else 0.0
@@ -444,6 +467,7 @@ def reset(s: Any) -> None:
         key.begun, key.astray, key.lag, key.square, key.product = False, 0.0, 0.0, 0.0, 0.0
         key.drift[:], key.doubt, key.marked, key.valid = 0.0, 0.0, False, False
         key.x[:] = math.nan  # no point
+        key.dark[:], key.shown[:] = _F(0.0), 0
     s.odometry_silent, s.odometry_frozen, s.astray = 0.0, 0.0, 0.0
     s.pose[:] = s.read_pose[:] = 0.0
     s.read_twist[:] = decision.asked[:] = decision.given[:] = 0.0
@@ -452,7 +476,9 @@ def reset(s: Any) -> None:
     s.doubtful[:], s.n_arc[:] = math.nan, 0
     s.corner[:] = 1 << 40  # far away: all cells of the grid come in as never seen
     s.travel, s.deaf[:], s.deaf_at[:] = 0.0, 0, -1.0
-    s.dark[:], s.n_dark = _F(0.0), 0
+    s.n_dark = 0
+    for k in range(s.steady.shape[0]):
+        s.steady[k].range, s.steady[k].stuck = math.nan, False
     s.n_points, s.n_old, s.n_marks, s.n_hits, s.n_others, s.columns = 0, 0, 0, 0, 0, 0
     s.gap = FAR
     s.marked, s.tracker.begun = -math.inf, False
@@ -483,19 +509,16 @@ def update(
         s.travel += (abs(v) + abs(w)) * dt
     s.stamp = stamp
     fresh = check_sensors(g, s, pose, twist, ranges, ultrasonic, age, bumped, halted, dt)
-    s.reaction_time = g.reaction_time + max(0.0, s.keys[0].lag - _KNOWN_LAG)
-    laser = ranges[: g.beams]
+    s.reaction_time = g.reaction_time + max(0.0, _LOW * s.keys[0].lag - _KNOWN_LAG)
+    laser, way = ranges[: g.beams], (abs(v) + abs(w)) * dt
+    slow = abs(s.setpoint.v) + abs(s.setpoint.w) <= g.creep_speed
     if halted:
         set_motion(s, v, 0.0, w, 0.0)
     recenter_grid(s)
     if fresh:
         scan = scan_of(g, s.pose, laser, floats_at(on_stack(4 * g.beams), g.beams))
-        slow = abs(s.setpoint.v) + abs(s.setpoint.w) <= g.creep_speed
-        first = scanner_at(g.scanners, g.n_scanners, 0)
-        way = (abs(v) + abs(w)) * dt
+        first, s.n_lost, s.n_dark = scanner_at(g.scanners, g.n_scanners, 0), 0, 0
         find_lost(s, s.keys[0], first, laser, scan.least, slow, way, dt)
-        if s.keys[0].doubt > 0.0:  # it may repeat
-            scan.least[:] = -_INF
         update_points(g, s, scan, laser, dt)
         add_lost(s, s.keys[0])
         track(g, s, laser)
@@ -503,6 +526,6 @@ def update(
         if not s.begun:  # the other half of the columns, too
             update_grid(g, s, scan, True)
     if g.n_scanners > 1:
-        update_others(g, s, ranges)
+        update_others(g, s, ranges, fresh, slow, way, dt)
     update_echoes(g, s, ultrasonic, age)
     s.begun = True

@@ -132,10 +132,12 @@ KEY = np.dtype(
         *((name, "f4", (KEY_POINTS,)) for name in ("normal_x", "normal_y")),  # (0, 0): none
         ("lost", "f4", (KEY_POINTS,)),  # s without an echo; -1: no longer expected
         ("held", "f4", (KEY_POINTS,)),  # s for which it was seen
+        ("dark", "f4", (KEY_POINTS,)),  # m and rad that points were lost on beams without echoes
+        ("shown", "i1", (KEY_POINTS,)),  # 1: its beam has had an echo since reset
         ("offset", "f8", (3,)),  # fitted motion that the wheels do not report [m, m, rad]
         ("still", "f8", (3,)),  # zeros
         ("at", "f8", (4,)),  # frame of the scanner at the key scan: x, y, cosine, sine
-        ("speed", "f8", (2,)),  # velocity at the key scan [m/s]
+        ("speed", "f8", (3,)),  # velocity at the key scan [m/s, m/s, rad/s]
         ("square", "f8"),  # sums of a regression of the offset on the change of speed
         ("product", "f8"),
         ("lag", "f8"),  # s: estimated age of a scan
@@ -154,6 +156,11 @@ KEY = np.dtype(
         ("few", "b1"),  # most points are out of view
     ],
     align=True,
+)
+
+# An echo that no laser point explains, since when it has had one range, and the ranger's pose then.
+STEADY = np.dtype(
+    [*((name, _F8) for name in ("range", "x", "y", "yaw")), ("stuck", "b1")], align=True
 )
 
 # How the last twist was changed, and why: fields of `safety.shield.Decision`.
@@ -191,7 +198,7 @@ SHIELD = np.dtype(
         ("other_frozen", "f8", (SCANNERS,)),  # s with repeated ranges
         ("other_hash", "u8", (SCANNERS,)),
         ("keys", KEY, (SCANNERS,)),
-        ("n_lost", "i8"),  # nearby key points of the first scanner without an echo
+        ("n_lost", "i8"),  # nearby key points without an echo
         ("sonar_silent", "f8", (RANGERS,)),
         ("sonar_frozen", "f8"),
         ("odometry_silent", "f8"),
@@ -215,11 +222,11 @@ SHIELD = np.dtype(
         ("marks", MARK, (MARKS,)),  # points that may move
         ("marked", "f8"),  # s: when there was a mark last
         ("tracker", TRACKER),
-        ("dark", "f4", (KEY_POINTS,)),  # m and rad that points were lost on beams without echoes
-        ("n_dark", "i8"),  # longest run of such beams
+        ("n_dark", "i8"),  # longest run of beams of a scanner that stay dark
         ("travel", "f8"),  # m, and rad, that the wheels have turned through since reset
-        ("deaf", "i8", (RANGERS,)),  # surfaces before a ranger that gave no echo, in a row
-        ("deaf_at", "f8", (RANGERS,)),  # `travel` at the last of them
+        ("deaf", "i8", (RANGERS,)),  # surfaces before a ranger that it did not hear, in a row
+        ("deaf_at", "f8", (RANGERS,)),  # `travel` at the last surface
+        ("steady", STEADY, (RANGERS,)),
         # echoes that no laser point explains
         ("fired", "f8", (RANGERS,)),  # s: when each ranger fired
         ("doubtful", "f8", (RANGERS,)),  # m: an echo measured once, or NaN
