@@ -3,7 +3,8 @@
 `python -m tests.benchmarks.senses` prints, for each kind of fault, the contacts at more than
 0.05 m/s, the time until the chair says so, and the highest contact speed. The chair asks for full
 speed towards a wall, an oblique wall, a post of 5 cm and a column as wide as a person, or drives
-to and fro in a room for a minute. No policy plans: the shield alone is tested.
+to and fro in a room for a minute. No policy plans: the shield alone is tested. With `--boards`, the
+chair is the twin, at 10 Hz: its emulated boards and its laser's protocol are part of the drive.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.physics.worlds import box
+from wheelchair_gym.config import InputError
 from wheelchair_gym.physics.chair import SimulatedChair
 from wheelchair_gym.safety import Shield
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
@@ -39,6 +41,8 @@ class Fault(NamedTuple):
     name: str
     deceit: Callable[[np.random.Generator], Deceit]
     laser: LaserSettings = LaserSettings()
+    delay: float = 0.0  # s: of scans that come late, on the boards
+    growth: float = 0.0  # s/s
 
 
 def plain(rng: np.random.Generator) -> Deceit:
@@ -115,9 +119,9 @@ def faults() -> Iterator[Fault]:
     """All faults that are tried."""
     yield Fault("none", plain)
     for delay in (0.05, 0.1, 0.15, 0.19, 0.25, 0.3, 0.4, 0.5, 0.75, 1.0):
-        yield Fault(f"late {delay:g} s", late(delay))
+        yield Fault(f"late {delay:g} s", late(delay), delay=delay)
     for growth in (1, 2, 5, 10, 20):
-        yield Fault(f"late, growing {growth} ms/s", late(0.0, growth * 1e-3))
+        yield Fault(f"late, growing {growth} ms/s", late(0.0, growth * 1e-3), growth=growth * 1e-3)
     for scans in (2, 3, 4, 5):
         yield Fault(f"ring of {scans}", repeated(scans))
     for jitter in (1, 3, 5, 10):
@@ -190,24 +194,64 @@ def drive(fault: Fault, thing: str, speed: float, key: int, seconds: float) -> O
     return Outcome(contact, detected, reason, float(chair.truth.distance))
 
 
+def drive_boards(fault: Fault, thing: str, speed: float, key: int, seconds: float) -> Outcome:
+    """The same on the emulated boards; a message of the chair counts as a fault that was found."""
+    from tests.hardware.hosted import Hosted
+
+    sensors, limits = SensorSettings(), SensorSettings(laser=fault.laser)
+    hosted = Hosted(world(thing), sensors=limits)
+    chair, laser, deceit = hosted.chair, hosted.twin.laser, fault.deceit(np.random.default_rng(key))
+    chair.senses.sensors, scan, begun = sensors, laser._scan, hosted.clock.now()
+    late_only, said, speeds = fault.delay + fault.growth > 0.0, "", deque([0.0], 10)
+
+    def look(turn: int) -> Floats:
+        t = hosted.clock.now() - begun
+        laser.delay = round(1e3 * (fault.delay + fault.growth * max(0.0, t)))
+        return scan(turn) if late_only else deceit(scan(turn), t)
+
+    def watch() -> None:
+        if not hosted.twin.bumper_steps:
+            speeds.append(abs(hosted.twin.motion.speed))
+
+    hosted.clock.call_every(watch, 2e-3, "watch")
+    laser._scan, shield, detected = look, Shield(sensors=sensors), math.nan
+    try:
+        reading = chair.reset(None, 0)  # type: ignore[arg-type]
+        begun = hosted.clock.now()
+        while not said and hosted.clock.now() < begun + seconds:
+            given = shield.filter(np.array([speed, 0.0]), reading)
+            reading = chair.drive(given, shield.decision.protective)
+            said = shield.latched or reading.halted
+        detected = hosted.clock.now() - begun if said else math.nan
+        for _ in range(10):
+            chair.drive(np.zeros(2), bool(said))
+    except InputError as error:
+        said, detected = str(error), 0.0
+    contact = max(speeds) if hosted.twin.bumper_steps else 0.0
+    hosted.close()
+    return Outcome(contact, detected, said, float(chair.truth.distance))
+
+
 def main() -> None:
     """Drive with all faults, and print what came of it."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=3, metavar="N")
     parser.add_argument("--only", default="", metavar="TEXT", help="faults whose name holds it")
     parser.add_argument("--seconds", type=float, default=60.0, help="of a drive in a room")
+    parser.add_argument("--boards", action="store_true", help="the twin in place of simulation")
     given = parser.parse_args()
+    run = drive_boards if given.boards else drive
     print(f"{'fault':32} drives contacts  worst m/s  found  after s (median, most)  reasons")
     for fault in faults():
         if given.only not in fault.name:
             continue
         found = [
-            drive(fault, thing, speed, key, 12.0 if speed < 0.5 else 8.0)
+            run(fault, thing, speed, key, 12.0 if speed < 0.5 else 8.0)
             for thing, speed, key in itertools.product(THINGS, SPEEDS, range(given.seeds))
         ]
         found += [
             drive(fault, "room", speed, key, given.seconds)
-            for speed, key in itertools.product(SPEEDS, range(given.seeds))
+            for speed, key in itertools.product(SPEEDS, range(0 if given.boards else given.seeds))
         ]
         times = [one.detected for one in found if one.reason] or [math.nan]
         reasons = sorted({one.reason for one in found if one.reason})

@@ -373,7 +373,7 @@ def expected_echo(key: Any, at: Frame, half: float, reach: float) -> float:
     for k in range(KEY_POINTS):
         ahead, left = world_to_body(at.c, at.s, key.x[k] - at.x, key.y[k] - at.y)
         facing = abs(at.c * key.normal_x[k] + at.s * key.normal_y[k])
-        heard = (0.2 < ahead) & (ahead < far) & (abs(left) < 0.5 * half * ahead)
+        heard = (ahead > 0.2) & (ahead < far) & (abs(left) < 0.5 * half * ahead)
         heard &= facing > _SQUARE
         found += heard
         nearest = ahead if heard & (ahead < nearest) else nearest

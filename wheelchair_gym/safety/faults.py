@@ -27,6 +27,7 @@ from wheelchair_gym.safety.state import (
     SONAR_DEAF,
     SONAR_FROZEN,
     SONAR_SILENT,
+    outrun,
 )
 from wheelchair_gym.sensors.laser import LaserArrays
 from wheelchair_gym.sensors.scanners import scanner_at
@@ -198,6 +199,9 @@ def _check_odometry(g: Any, s: Any, pose: Array, twist: Array, halted: bool, dt:
     still = v == 0.0 and w == 0.0
     asked = abs(setpoint.v) > _ASKED_V or abs(setpoint.w) > _ASKED_W
     off = abs(v - setpoint.v) > _OFF_V or abs(w - setpoint.w) > _OFF_W
+    fast, turns = outrun(s, v, w)  # and the set point follows them
+    off = off or (fast and abs(v) >= abs(s.read_twist[0]))
+    off = off or (turns and abs(w) >= abs(s.read_twist[1]))
     s.odometry_silent = _lasting(not finite, s.odometry_silent, dt)
     frozen = (same and not still) or (finite and still and asked)
     s.odometry_frozen = _lasting(not halted and frozen, s.odometry_frozen, dt)

@@ -161,10 +161,10 @@ def update_others(
     for k in range(1, g.n_scanners):
         one = scanner_at(g.scanners, g.n_scanners, k)
         end = one.start + one.cosine.shape[0]
-        scan, least = ranges[one.start : end], leasts[one.start : end]
-        find_least(scan, one.reach, least)
+        of_one, least = ranges[one.start : end], leasts[one.start : end]
+        find_least(of_one, one.reach, least)
         if fresh:
-            find_lost(s, s.keys[k], one, scan, least, slow, way, dt)
+            find_lost(s, s.keys[k], one, of_one, least, slow, way, dt)
             add_lost(s, s.keys[k])
     for k in range(s.n_others):
         if kept < OTHERS_KEPT and _is_kept(g, s, ranges, leasts, k):

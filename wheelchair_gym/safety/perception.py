@@ -47,6 +47,7 @@ from wheelchair_gym.safety.state import (
     SAME,
     UPDATE,
     Frame,
+    follow_wheels,
     set_motion,
 )
 from wheelchair_gym.sensors.echoes import atan2_f32
@@ -514,6 +515,7 @@ def update(
     slow = abs(s.setpoint.v) + abs(s.setpoint.w) <= g.creep_speed
     if halted:
         set_motion(s, v, 0.0, w, 0.0)
+    follow_wheels(s, v, w)
     recenter_grid(s)
     if fresh:
         scan = scan_of(g, s.pose, laser, floats_at(on_stack(4 * g.beams), g.beams))

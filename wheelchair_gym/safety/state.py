@@ -57,6 +57,7 @@ RATES: Final = (4.0, 100.0)  # Hz: of control
 _SPARE = 1.2  # the chair must exceed its limits by this factor to follow its set point
 _ROUND = 1e-6
 REST_SPEED = 0.02  # m/s, rad/s: slower is at rest
+_AHEAD_V, _AHEAD_W = 0.03, 0.08  # m/s, rad/s: so much faster are wheels that outrun it
 KEY_POINTS = 181  # of a key scan, evenly spaced
 _ASIDE = math.radians(4.0)  # cones of ultrasonics have soft edges
 SAMPLES = 38  # points of the outline that are checked against unseen space
@@ -284,6 +285,29 @@ def set_motion(s: Any, v: float, v_slope: float, w: float, w_slope: float) -> No
     setpoint = s.setpoint
     setpoint.v, setpoint.v_slope, setpoint.w, setpoint.w_slope = v, v_slope, w, w_slope
     s.delayed_v, s.delayed_w = v, w
+
+
+@borrowing_kernel
+def outrun(s: Any, v: float, w: float) -> tuple[bool, bool]:
+    """Return whether the wheels are faster than the set point, in speed and in turn rate."""
+    most_v = max(abs(s.setpoint.v), abs(s.delayed_v))
+    most_w = max(abs(s.setpoint.w), abs(s.delayed_w))
+    return abs(v) > most_v + _AHEAD_V, abs(w) > most_w + _AHEAD_W
+
+
+@borrowing_kernel
+def follow_wheels(s: Any, v: float, w: float) -> None:
+    """Let the set point be no slower than the wheels: a board's ramp may differ from the model.
+
+    In a protective stop, wheels may be behind for a moment.
+    """
+    fast, turns = outrun(s, v, w)
+    if s.decision.protective:
+        return
+    if fast:
+        s.setpoint.v, s.setpoint.v_slope, s.delayed_v = v, 0.0, v
+    if turns:
+        s.setpoint.w, s.setpoint.w_slope, s.delayed_w = w, 0.0, w
 
 
 def check(chair: ChairSettings, period: float) -> None:
