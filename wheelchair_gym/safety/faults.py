@@ -37,6 +37,7 @@ _INF = np.float32(np.inf)
 _MOVED = 1e-3  # m or rad in a period: sensors of a chair that moves more report something new
 _ASKED_V, _ASKED_W = 0.1, 0.25  # m/s, rad/s: at such set points, wheels must report a motion
 _OFF_V, _OFF_W = 0.25, 0.5  # m/s, rad/s: wheels so far from the set point are astray
+_RUNAWAY_V, _RUNAWAY_W = 0.2, 0.4  # m/s2, rad/s2: wheels that outrun the set point get so faster
 _ASTRAY = 0.5  # s
 _VALID = 0.5  # least share of valid beams
 _ROUND = 1e-6  # s
@@ -199,9 +200,9 @@ def _check_odometry(g: Any, s: Any, pose: Array, twist: Array, halted: bool, dt:
     still = v == 0.0 and w == 0.0
     asked = abs(setpoint.v) > _ASKED_V or abs(setpoint.w) > _ASKED_W
     off = abs(v - setpoint.v) > _OFF_V or abs(w - setpoint.w) > _OFF_W
-    fast, turns = outrun(s, v, w)  # and the set point follows them
-    off = off or (fast and abs(v) >= abs(s.read_twist[0]))
-    off = off or (turns and abs(w) >= abs(s.read_twist[1]))
+    fast, turns = outrun(s, v, w)  # the set point follows them, so that they are not off
+    off = off or (fast and abs(v) > abs(s.read_twist[0]) + _RUNAWAY_V * dt)
+    off = off or (turns and abs(w) > abs(s.read_twist[1]) + _RUNAWAY_W * dt)
     s.odometry_silent = _lasting(not finite, s.odometry_silent, dt)
     frozen = (same and not still) or (finite and still and asked)
     s.odometry_frozen = _lasting(not halted and frozen, s.odometry_frozen, dt)
