@@ -469,7 +469,7 @@ def reset(s: Any) -> None:
         key.drift[:], key.doubt, key.marked, key.valid = 0.0, 0.0, False, False
         key.x[:] = math.nan  # no point
         key.dark[:], key.shown[:] = _F(0.0), 0
-    s.odometry_silent, s.odometry_frozen, s.astray = 0.0, 0.0, 0.0
+    s.odometry_silent, s.odometry_frozen, s.astray, s.ahead = 0.0, 0.0, 0.0, 0
     s.pose[:] = s.read_pose[:] = 0.0
     s.read_twist[:] = decision.asked[:] = decision.given[:] = 0.0
     set_motion(s, 0.0, 0.0, 0.0, 0.0)

@@ -57,7 +57,8 @@ RATES: Final = (4.0, 100.0)  # Hz: of control
 _SPARE = 1.2  # the chair must exceed its limits by this factor to follow its set point
 _ROUND = 1e-6
 REST_SPEED = 0.02  # m/s, rad/s: slower is at rest
-_AHEAD_V, _AHEAD_W = 0.03, 0.08  # m/s, rad/s: so much faster are wheels that outrun it
+_AHEAD_V, _AHEAD_W = 0.03, 0.08  # m/s, rad/s: so much faster are wheels that outrun it,
+_AHEAD_READINGS = 3  # in so many readings one after another
 KEY_POINTS = 181  # of a key scan, evenly spaced
 _ASIDE = math.radians(4.0)  # cones of ultrasonics have soft edges
 SAMPLES = 38  # points of the outline that are checked against unseen space
@@ -205,6 +206,7 @@ SHIELD = np.dtype(
         ("odometry_silent", "f8"),
         ("odometry_frozen", "f8"),
         ("astray", "f8"),  # s for which the wheels have not followed the set point
+        ("ahead", "i8"),  # latest readings in which they outrun it
         # grid
         ("corner", "i8", (2,)),  # cell of the grid's lower left corner
         ("columns", "i8"),  # 0 or 1: whether even or odd columns were updated last
@@ -299,10 +301,11 @@ def outrun(s: Any, v: float, w: float) -> tuple[bool, bool]:
 def follow_wheels(s: Any, v: float, w: float) -> None:
     """Let the set point be no slower than the wheels: a board's ramp may differ from the model.
 
-    In a protective stop, wheels may be behind for a moment.
+    They must be faster in several readings: wheels that change direction are behind for a moment.
     """
     fast, turns = outrun(s, v, w)
-    if s.decision.protective:
+    s.ahead = s.ahead + 1 if (fast or turns) and not s.decision.protective else 0
+    if s.ahead < _AHEAD_READINGS:
         return
     if fast:
         s.setpoint.v, s.setpoint.v_slope, s.delayed_v = v, 0.0, v
