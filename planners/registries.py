@@ -41,7 +41,7 @@ OPTIMIZERS: Final = Registry(
     "optimizer",
     in_module(
         "planners.swarm.settings",
-        "Abc De Firefly Ga Gwo Pso PsoAdaptive PsoChaotic PsoGwo PsoVariable Woa WoaModified",
+        "Abc Firefly Gwo Pso PsoAdaptive PsoChaotic PsoGwo PsoVariable Woa WoaModified",
     ),
 )
 # What moves the swarms of the planner `swarm`.

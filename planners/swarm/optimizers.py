@@ -1,7 +1,7 @@
 """Moves of swarms: the memory of a swarm, and the update rule of every optimizer.
 
 A swarm holds positions to be evaluated. `store` replaces a remembered position by a better one:
-the personal best of a particle, a food source of bees, or a parent of an evolution.
+the personal best of a particle, a food source of bees, or a firefly.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.config import InputError
 from wheelchair_gym.random import Stream, next_uniform
 
-MIN_POPULATION = 4  # positions: differential evolution draws three others
+MIN_POPULATION = 4  # positions: three wolves lead, and others follow
 WORST = -1  # target of a position that competes with the worst remembered one
 
 RECORD: Final = np.dtype(
@@ -133,7 +133,7 @@ def bound_width(swarm: Swarm, c: int) -> float:
     return width if width < math.inf else 1.0
 
 
-WHALES, PARTICLES, WOLVES, PARTICLES_THEN_WOLVES, BEES, FIREFLIES, GENES, DIFFERENCE = range(8)
+WHALES, PARTICLES, WOLVES, PARTICLES_THEN_WOLVES, BEES, FIREFLIES = range(6)
 DAMPED, CHAOTIC, VARIABLE, ADAPTIVE = range(4)
 
 
@@ -166,13 +166,6 @@ ATTRACTION = 2.0  # of fireflies, beta at distance 0
 ABSORPTION = 1.0  # of light, gamma, per square of the distance in diagonals of the bounds
 RANDOMNESS = 0.2  # initial factor alpha of a firefly's random step
 FIREFLY_STEP = 0.05  # random step, as a share of the width of the bounds
-CROSSOVER_SHARE = 0.73  # of children with two parents: 0.8 n by crossover, 0.3 n mutants
-EXTENSION = 0.4  # distance of a child beyond its parents, as a share of theirs (gamma)
-MUTATION_RATE = 0.1  # probability that a coordinate of a mutant changes (mu)
-MUTATION_STEP = 0.1  # deviation of a mutation, as a share of the width of the bounds (sigma)
-SELECTION_PRESSURE = 8.0  # exponent beta of the roulette selection
-MIN_FACTOR, MAX_FACTOR = 0.2, 0.8  # bounds of the differential weight F
-CROSSOVER_RATE = 0.2  # probability of a coordinate to come from the mutant (CR)
 
 
 @borrowing_kernel
@@ -338,60 +331,6 @@ def move_fireflies(swarm: Swarm, damping: float, state: Stream) -> None:
 
 
 @borrowing_kernel
-def move_genetic(swarm: Swarm, state: Stream) -> None:
-    """Make as many children as there are parents, in place; the best of both live on."""
-    X, parents, costs = swarm.positions, swarm.personal_best, swarm.personal_best_costs
-    k, d = X.shape
-    worst = 0.0
-    for i in range(k):
-        worst = max(worst, costs[i])
-    total = 0.0
-    for i in range(k):
-        total += math.exp(-SELECTION_PRESSURE * costs[i] / worst) if 0.0 < worst < math.inf else 1.0
-        swarm.costs[i] = total
-    for i in range(k):
-        swarm.targets[i] = WORST
-        if i < CROSSOVER_SHARE * k:
-            p, q = roulette(swarm.costs, state), roulette(swarm.costs, state)
-            for c in range(d):
-                share = (1.0 + 2.0 * EXTENSION) * next_uniform(state) - EXTENSION
-                X[i, c] = share * parents[p, c] + (1.0 - share) * parents[q, c]
-        else:
-            parent, sure = int(next_uniform(state) * k), int(next_uniform(state) * d)
-            for c in range(d):
-                X[i, c] = parents[parent, c]
-                if c == sure or next_uniform(state) < MUTATION_RATE:
-                    # Box and Muller 1958.
-                    radius = math.sqrt(-2.0 * math.log(1.0 - next_uniform(state)))
-                    normal = radius * math.cos(2.0 * math.pi * next_uniform(state))
-                    X[i, c] += MUTATION_STEP * bound_width(swarm, c) * normal
-
-
-@borrowing_kernel
-def move_differential(swarm: Swarm, state: Stream) -> None:
-    """Make a competitor of each position from three others, in place: DE/rand/1/bin.
-
-    F is drawn anew for each coordinate (Storn and Price 1997).
-    """
-    X, parents = swarm.positions, swarm.personal_best
-    k, d = X.shape
-    for i in range(k):
-        p = other_index(i, k, state)
-        q = other_index(i, k, state)
-        while q == p:
-            q = other_index(i, k, state)
-        r = other_index(i, k, state)
-        while r in (p, q):
-            r = other_index(i, k, state)
-        sure = int(next_uniform(state) * d)
-        for c in range(d):
-            X[i, c] = parents[i, c]
-            if c == sure or next_uniform(state) <= CROSSOVER_RATE:
-                F = MIN_FACTOR + next_uniform(state) * (MAX_FACTOR - MIN_FACTOR)
-                X[i, c] = parents[p, c] + F * (parents[q, c] - parents[r, c])
-
-
-@borrowing_kernel
 def is_particle_move(moves: MoveParameters, progress: float) -> bool:
     """Return whether the next move is one of particles."""
     return moves.kind == PARTICLES or (
@@ -423,12 +362,8 @@ def move_swarm(swarm: Swarm, moves: MoveParameters, progress: float, state: Stre
         move_wolves(swarm, a, moves.listed, state)
     elif kind == BEES:
         move_bees(swarm, state)
-    elif kind == FIREFLIES:
-        move_fireflies(swarm, moves.damping, state)
-    elif kind == GENES:
-        move_genetic(swarm, state)
     else:
-        move_differential(swarm, state)
+        move_fireflies(swarm, moves.damping, state)
     if kind != WHALES:  # whales stay within the bounds by themselves
         clip_to_bounds(swarm)
     swarm.record[0].move_count += 1

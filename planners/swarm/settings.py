@@ -170,17 +170,3 @@ class Firefly(Optimizer):
     """Fireflies that fly towards all brighter ones (Yang 2009), the best of old and new kept."""
 
     moves = MoveParameters(kinds.FIREFLIES, damping=0.98)
-
-
-@settings
-class Ga(Optimizer):
-    """A real-coded genetic algorithm with roulette, the best of parents and children kept."""
-
-    moves = MoveParameters(kinds.GENES)
-
-
-@settings
-class De(Optimizer):
-    """Differential evolution, DE/rand/1/bin (Storn and Price 1997)."""
-
-    moves = MoveParameters(kinds.DIFFERENCE)

@@ -198,7 +198,7 @@ def test_modified_whales_smooth_the_tree_path():
 
 def test_wrong_settings_are_input_errors():
     for settings, message in (
-        ({"optimizer": "ants"}, "optimizer 'ants' is unknown; there are abc, de,"),
+        ({"optimizer": "ants"}, "optimizer 'ants' is unknown; there are abc, firefly,"),
         ({"optimizer": {"name": "pso", "wings": 2}}, r"optimizer pso.wings is not a setting"),
         ({"optimizer": 3}, "optimizer is 3; expected a name"),
         ({"objective": "beauty"}, "objective 'beauty' is unknown"),
