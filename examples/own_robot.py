@@ -15,25 +15,18 @@ import gymnasium as gym
 from stable_baselines3 import PPO
 
 import wheelchair_gym  # noqa: F401 (registers the ids)
-from agents.policies import GymPolicy, make_policy
+from agents.evaluation.evaluate import drive_episode
+from agents.policies import make_policy
 
 ENV = "wheelchair_gym/Navigation-v1"
 
 
 def drive(config: str, episodes: int) -> float:
     """The share of episodes in which a planner with a local controller arrives safely."""
-    env = gym.make(ENV, config=config)
-    policy, arrived = GymPolicy(make_policy("lattice+window"), env), 0
-    for seed in range(episodes):
-        observation, info = env.reset(seed=seed)
-        policy.reset()
-        over = False
-        while not over:
-            observation, _, terminated, truncated, info = env.step(policy.act(observation))
-            over = terminated or truncated
-        arrived += info["is_success"]
+    env, policy = gym.make(ENV, config=config), make_policy("lattice+window")
+    drives = [drive_episode(env, policy, seed) for seed in range(episodes)]
     env.close()
-    return arrived / episodes
+    return sum(drive["success"] for drive in drives) / episodes
 
 
 def main() -> None:
