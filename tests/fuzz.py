@@ -22,7 +22,7 @@ import tempfile
 import time
 import zipfile
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple
@@ -35,6 +35,7 @@ TIMEOUT = 120.0  # s for one input, where a machine is busy
 READY = 300.0  # s until a worker has read its valid file: kernels may be compiled
 MEMORY = 3 * 2**30  # bytes that a worker may have beside what it has when ready
 LONGEST = 2000  # characters of a message
+SCENE_NAMES = ("empty", "clutter", "grey_wolf", "mixture", "doorway", "thesis_3")
 CLINIC = ROOT / "wheelchair_gym" / "maps" / "data" / "clinic.yaml"
 
 
@@ -143,6 +144,12 @@ def input_of(name: str, valid: bytes, number: int) -> bytes:
     return (READERS[name].mutate or mutated)(valid, rng)
 
 
+def _written(path: Path, content: Any) -> Path:
+    """Write a text, or anything else as JSON; return the path of its file."""
+    path.write_text(content if isinstance(content, str) else json.dumps(content))
+    return path
+
+
 # ---- maps
 
 
@@ -225,16 +232,13 @@ def _mutated_png(data: bytes, rng: np.random.Generator) -> bytes:
 
 def _octile(folder: Path) -> Path:
     rows = ["." * 40] * 12 + ["." * 15 + "@T" * 5 + "." * 15] * 8 + ["." * 20 + "GS" * 10] * 10
-    path = folder / "yard.map"
-    path.write_text("type octile\nheight 30\nwidth 40\nmap\n" + "\n".join(rows) + "\n")
-    return path
+    head = "type octile\nheight 30\nwidth 40\nmap\n"
+    return _written(folder / "yard.map", head + "\n".join(rows) + "\n")
 
 
 def _polygons(folder: Path) -> Path:
-    path = folder / "room.json"
     room = {"bounds": [0, 0, 8, 6], "polygons": [[[3, 0], [3.2, 0], [3.2, 3.5]]], "name": "room"}
-    path.write_text(json.dumps(room))
-    return path
+    return _written(folder / "room.json", room)
 
 
 def _sb3_model(folder: Path) -> Path:
@@ -255,25 +259,21 @@ def _read_sb3(path: Path) -> object:
 
 
 def _house(folder: Path) -> Path:
-    path = folder / "house.json"
     verts = [[0, 0], [8, 0], [8, 4], [5, 4], [4, 6.5], [0, 6]]
     rooms = {"Kitchen": [[0, 0, 3, 3]], "Hall": []}
-    path.write_text(json.dumps({"verts": verts, "room_category": rooms, "id": "abc"}))
-    return path
+    return _written(folder / "house.json", {"verts": verts, "room_category": rooms, "id": "abc"})
 
 
 # ---- worlds, problems, settings
 
 
 def _barn(folder: Path) -> Path:
-    path = folder / "barn.json"
     worlds = [
         {"world": k, "start": [0, 0, 0.3], "goal": [5, 0], "reference_path_length": 5.5,
          "circles": [[1.5, y, 0.075], [3.0, -y, 0.2]]}
         for k, y in ((3, 1.5), (8, 2.0))
     ]  # fmt: skip
-    path.write_text(json.dumps(worlds))
-    return path
+    return _written(folder / "barn.json", worlds)
 
 
 def _use_barn(path: Path) -> None:
@@ -288,13 +288,13 @@ def _use_barn(path: Path) -> None:
 
 
 def _problems(folder: Path) -> Path:
-    path = folder / "problem_files.json"
     problem = {
         "name": "hall", "size": 5, "rects": [[2.0, 1.5, 3.0, 2.5], [0, 4, 1, 4.5]],
         "start": [1, 2], "goal": [4, 2], "optimum": 3.2361,
     }  # fmt: skip
-    path.write_text(json.dumps([problem, problem | {"name": "again", "size": 6.5}]))
-    return path
+    return _written(
+        folder / "problem_files.json", [problem, problem | {"name": "again", "size": 6.5}]
+    )
 
 
 def _use_problems(path: Path) -> None:
@@ -336,11 +336,9 @@ def _env(folder: Path) -> Path:
     from wheelchair_gym.config import dump
     from wheelchair_gym.envs.settings import EnvSettings
 
-    path = folder / "env.json"
     content = {**dump(EnvSettings()), "scene": {"name": "empty", "size": [6.0, 5.0]}}
     del content["hardware"]
-    path.write_text(json.dumps(content))
-    return path
+    return _written(folder / "env.json", content)
 
 
 def _use_env(path: Path) -> None:
@@ -359,25 +357,28 @@ def _scenes(folder: Path) -> Path:
     from wheelchair_gym.config import dump
     from wheelchair_gym.scenes import SCENES
 
-    path = folder / "scenes.json"
-    names = ("empty", "clutter", "grey_wolf", "mixture", "doorway", "thesis_3")
-    path.write_text(json.dumps({name: dump(SCENES[name]()) for name in names}))
-    return path
+    return _written(folder / "scenes.json", {name: dump(SCENES[name]()) for name in SCENE_NAMES})
 
 
-def _use_scenes(path: Path) -> None:
+def _use_each(path: Path, names: Iterable[str], use: Callable[[Any], Any]) -> None:
+    """Use the settings of each name in a file; raise the last refusal."""
     from agents.cli.arguments import spec
     from wheelchair_gym.errors import InputError
-    from wheelchair_gym.scenes import make_scene
 
     refused = None
-    for name in ("empty", "clutter", "grey_wolf", "mixture", "doorway", "thesis_3"):
+    for name in names:
         try:
-            make_scene(spec(f"{path}:{name}")).sample(np.random.default_rng(1))
+            use(spec(f"{path}:{name}"))
         except InputError as error:
             refused = error
     if refused is not None:
         raise refused
+
+
+def _use_scenes(path: Path) -> None:
+    from wheelchair_gym.scenes import make_scene
+
+    _use_each(path, SCENE_NAMES, lambda one: make_scene(one).sample(np.random.default_rng(1)))
 
 
 def _planners(folder: Path) -> Path:
@@ -387,27 +388,16 @@ def _planners(folder: Path) -> Path:
 
 
 def _use_planners(path: Path) -> None:
-    from agents.cli.arguments import spec
     from planners import PLANNERS, make_planner
-    from wheelchair_gym.errors import InputError
 
-    refused = None
-    for name in PLANNERS:
-        try:
-            make_planner(spec(f"{path}:{name}"))
-        except InputError as error:
-            refused = error
-    if refused is not None:
-        raise refused
+    _use_each(path, PLANNERS, make_planner)
 
 
 def _protocol(folder: Path) -> Path:
-    path = folder / "protocol.json"
     condition = {"name": "with help", "assist": {"name": "slide", "turn_weight": 0.3}}
     tasks = [{"name": "home", "scene": "floor_plan", "seed": 1}]
     content = {"title": "a", "consent": "b", "conditions": [condition], "tasks": tasks}
-    path.write_text(json.dumps(content))
-    return path
+    return _written(folder / "protocol.json", content)
 
 
 def _use_protocol(path: Path) -> None:
@@ -435,10 +425,8 @@ def _use_training(path: Path) -> None:
 def _bench(folder: Path) -> Path:
     from agents.benchmarks.planner_benchmark import FORMAT
 
-    path = folder / "bench.json"
     record = {"key": "abc", "planner": "rrt", "seed": 0, "curve": [[0.1, 3.0]]}
-    path.write_text(json.dumps({"format": FORMAT, "records": [record]}))
-    return path
+    return _written(folder / "bench.json", {"format": FORMAT, "records": [record]})
 
 
 def _use_bench(path: Path) -> None:
@@ -448,14 +436,12 @@ def _use_bench(path: Path) -> None:
 
 
 def _comparison(folder: Path) -> Path:
-    path = folder / "results.json"
     row = {"policy": "mine.npz", "scene": "all"} | {key: 0.5 for key in _figures()}
     content = {
         "command": "wheelchair compare --policies mine.npz --out x", "title": "homes",
         "provenance": {"commit": "abc"}, "summary": [row],
     }  # fmt: skip
-    path.write_text(json.dumps(content))
-    return path
+    return _written(folder / "results.json", content)
 
 
 def _figures() -> tuple[str, ...]:
@@ -524,9 +510,7 @@ def _log(folder: Path) -> Path:
         head = [k * 100_000, 0, k * 20, k * 21, *([0] * 20)]
         ranges = rng.integers(100, 5000, LASER.beams).tolist()
         lines.append(" ".join(map(str, head + ranges)))
-    path = folder / "log.dat"
-    path.write_text("\n".join(lines) + "\n")
-    return path
+    return _written(folder / "log.dat", "\n".join(lines) + "\n")
 
 
 def _use_log(path: Path) -> None:
