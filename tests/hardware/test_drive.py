@@ -9,6 +9,7 @@ import subprocess
 import numpy as np
 import pytest
 
+from tests.benchmarks.drive_faults import outward
 from tests.hardware.bench import Bench, ibus
 from tests.hardware.conftest import build
 from tests.hardware.native import NativeDrive
@@ -489,17 +490,6 @@ def test_a_hosts_rearm_does_not_hand_over_a_moving_chair(bench):
     assert max(bench.speeds) < 0.4
     bench.run(3.0)
     assert max(map(abs, bench.speeds)) < 0.01
-
-
-def outward(strips, v, w):
-    """How fast a point of the pressed sides moves outwards at most [m/s]."""
-    points = {
-        Switch.FRONT: [v - w * y for y in (-0.31, 0.31)],
-        Switch.REAR: [-v + w * y for y in (-0.31, 0.31)],
-        Switch.LEFT: [w * x for x in (-0.3, 0.7)],
-        Switch.RIGHT: [-w * x for x in (-0.3, 0.7)],
-    }
-    return max(speed for strip, speeds in points.items() if strips & strip for speed in speeds)
 
 
 @pytest.mark.parametrize("strips", range(2, 32, 2))
