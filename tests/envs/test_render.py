@@ -96,13 +96,6 @@ def test_pixels_are_observations_across_resets():
         assert space.contains(world.step(STILL)[0])
 
 
-@pytest.mark.parametrize(
-    ("size", "message"),
-    [
-        ({"render_width": 8}, "render_width is 8; it must be at least 64 and at most 4096"),
-        ({"render_height": 333}, "render_height is 333; expected an even number"),
-    ],
-)
-def test_a_size_that_no_film_can_have_is_refused(size, message):
-    with pytest.raises(InputError, match=message):
-        gymnasium.make(ID, **size)
+def test_a_size_that_no_film_can_have_is_refused():
+    with pytest.raises(InputError, match="render_height is 333; expected an even number"):
+        gymnasium.make(ID, render_height=333)
