@@ -134,6 +134,8 @@ def wrong_values(cls):
     for name, hint in typing.get_type_hints(cls).items():
         if typing.get_origin(hint) is typing.Literal:
             yield name, "no such word", "it must be one of"
+        elif hint is str:
+            yield name, 3, "expected str"
         elif hint in (int, float):
             yield name, "fast", f"expected {hint.__name__}"
             yield name, math.nan, "expected int" if hint is int else "is NaN"
