@@ -9,7 +9,6 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from tests.benchmarks import senses
 from tests.hardware.bench import ibus
 from tests.hardware.hosted import Hosted
 from tests.physics.worlds import box
@@ -254,15 +253,6 @@ def test_a_laser_that_becomes_late_stops_it(hosted, growth):
     assert hosted.twin.laser.delay < 120
     hosted.twin.laser.delay = 0
     assert [chair.drive(AHEAD).halted for _ in range(30)][-1] == ""
-
-
-def test_the_boards_creep_where_the_shield_lets_a_chair_creep():
-    """Its commands change at each period there, and a ramp that differs must not add up."""
-    faults = {fault.name: fault for fault in senses.faults()}
-    fault = faults["blind 60 at 0 from the start"]
-    outcome = senses.drive_boards(fault, "post", 0.8, 0, 6.0)
-    assert outcome.reason == ""
-    assert outcome.way < 6.0 * 0.05 + 0.1
 
 
 def test_a_re_armed_chair_stands_until_it_is_reset(hosted):

@@ -258,14 +258,10 @@ def test_viewers_see_what_the_chair_was_told(run):
     assert len(corners) == 4
 
 
-class Surveyor:
+class Surveyor(SimulatedChair):
     """A chair that maps as it goes: cells become known one by one."""
 
-    def __init__(self, chair):
-        self._chair, self.built_maps = chair, 0
-
-    def __getattr__(self, name):
-        return getattr(self._chair, name)
+    built_maps = 0
 
     @property
     def belief(self):
@@ -275,11 +271,11 @@ class Surveyor:
             cells.flat[: self.built_maps] = 0
             return OccupancyGrid(cells, 0.5, (1.0, 2.0, 0.3))
 
-        return Belief(self._chair.belief.odometry, np.ones((3, 3)), built_map)
+        return Belief(super().belief.odometry, np.ones((3, 3)), built_map)
 
 
 def test_a_map_that_grows_is_sent_again_slowly_and_kept(tmp_path):
-    chair, file = Surveyor(SimulatedChair()), tmp_path / "grows.mcap"
+    chair, file = Surveyor(), tmp_path / "grows.mcap"
     env = RecordEpisodes(
         NavigationEnv("empty", chair=chair), file, recording=RecordingSettings(refresh_period=0.5)
     )

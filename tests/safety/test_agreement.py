@@ -26,6 +26,7 @@ from tests.benchmarks.senses import (
 from tests.physics.worlds import box
 from wheelchair_gym.physics.chair import SimulatedChair
 from wheelchair_gym.safety import Shield, ShieldSettings
+from wheelchair_gym.scenes.arena import EmptyRoom
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
 
 
@@ -52,9 +53,14 @@ def test_a_delay_that_grows_is_followed():
     assert drive(Fault("", late(0.0, 0.01)), "room", 0.8, 1, 40.0).contact <= HARM
 
 
-@pytest.mark.parametrize("key", [0, 1])
-def test_a_sector_that_is_blind_from_the_start_is_entered_at_creep_speed(key):
-    assert drive(Fault("", blind(60, 0, 0.0)), "post", 0.8, key, 8.0).contact <= HARM
+def test_the_set_point_follows_wheels_that_outrun_it_lastingly():
+    chair, shield = SimulatedChair(), Shield()
+    reading = chair.reset(EmptyRoom().sample(np.random.default_rng(0)), 0)
+    for k, followed in enumerate((False, False, True, True)):
+        wheels, laser = np.array([0.2 - 0.001 * k, 0.0]), reading.laser + np.float32(0.001 * k)
+        seen = reading._replace(twist=wheels, laser=laser, stamp=0.1 * k)
+        shield.filter(np.array([0.05, 0.0]), seen)
+        assert (shield.state["setpoint"]["v"][0] > 0.1) == followed
 
 
 @pytest.mark.parametrize("turned", [10.0, -20.0, 90.0, 180.0])

@@ -63,9 +63,6 @@ _DOUBT = 5.0  # s at rest or at creep speed after which a lost point is given up
 _DOUBT_MOVING = 60.0  # s in motion: the memory of static points
 _DARK = 1.0  # m and rad that points were lost on a beam which has had no echo since
 DARK_BEAMS = 6  # neighbouring key beams (9 degrees) that make a blind sector
-_BLANK = 14  # the same (20 degrees) of beams that have never had an echo,
-_IN_THE_WAY = 10  # of these from straight ahead (15 degrees),
-_WHOLE = 0.75  # while so large a share of all has one
 _GONE = np.float32(-1.0)  # s: of a point that has left
 _STATIC = 1.0  # s for which a point was seen that is missed when it is lost
 _INHERITS = 0.3  # m between a point of the key scan and the same one of the key scan before
@@ -391,30 +388,6 @@ def _has_moved(s: Any, x: float, y: float) -> bool:
 
 
 @borrowing_kernel
-def _doubt_blank(s: Any, key: Any, one: LaserArrays, scan: Floats, least: Floats) -> None:
-    """Find a sector ahead in which no beam has ever had an echo, though most others have one.
-
-    A window that is covered from the start looks like open space: these beams show no free space.
-    """
-    beams, echoes, blank = scan.shape[0], 0, 0
-    ahead = -(one.first + one.mount[2]) * one.per_angle * (KEY_POINTS - 1) / (beams - 1)
-    for k in range(KEY_POINTS):
-        echo = scan[k * (beams - 1) // (KEY_POINTS - 1)] < _INF
-        echoes += echo
-        key.shown[k] |= echo
-    for k in range(KEY_POINTS if echoes >= _WHOLE * KEY_POINTS else 0):
-        if key.shown[k] == 0:
-            blank += 1
-            continue
-        # With echoes on both sides, and in the way of a chair that drives straight ahead.
-        if _BLANK <= blank < k and k - blank - _IN_THE_WAY < ahead < k + _IN_THE_WAY:
-            s.n_lost += 1
-            begin = (k - blank) * (beams - 1) // (KEY_POINTS - 1)
-            least[begin : k * (beams - 1) // (KEY_POINTS - 1)] = -_INF
-        blank = 0
-
-
-@borrowing_kernel
 def find_lost(
     s: Any, key: Any, one: LaserArrays, scan: Floats, least: Floats, slow: bool, way: float,
     dt: float,
@@ -469,8 +442,6 @@ def find_lost(
         doubtful = doubtful + 1 if dark[k] > 0.0 else 0
         s.n_dark = max(s.n_dark, run)
         s.n_lost += doubtful >= DARK_BEAMS
-    if one.number == 0:
-        _doubt_blank(s, key, one, scan, least)
     if key.doubt > 0.0:  # it may repeat
         least[:] = -_INF
 

@@ -38,6 +38,7 @@ from wheelchair_gym.safety.state import (
     REST_SPEED,
     SIDES,
     UNSEEN,
+    follow_wheels,
     set_motion,
 )
 
@@ -437,6 +438,7 @@ def decide(g: Any, s: Any, v: float, w: float) -> tuple[float, float, bool]:
         a comfort stop is no longer enough.
     """
     limits, setpoint, decision = g.limits, s.setpoint, s.decision
+    follow_wheels(s, s.read_twist[0], s.read_twist[1])
     near = _nearby_at(on_stack(_SIZE), 1)[0]
     gather(g, s, near)
     v, w = clip_to_limits(v, w, limits)

@@ -47,7 +47,6 @@ from wheelchair_gym.safety.state import (
     SAME,
     UPDATE,
     Frame,
-    follow_wheels,
     set_motion,
 )
 from wheelchair_gym.sensors.echoes import atan2_f32
@@ -468,7 +467,7 @@ def reset(s: Any) -> None:
         key.begun, key.astray, key.lag, key.square, key.product = False, 0.0, 0.0, 0.0, 0.0
         key.drift[:], key.doubt, key.marked, key.valid = 0.0, 0.0, False, False
         key.x[:] = math.nan  # no point
-        key.dark[:], key.shown[:] = _F(0.0), 0
+        key.dark[:] = _F(0.0)
     s.odometry_silent, s.odometry_frozen, s.astray, s.ahead = 0.0, 0.0, 0.0, 0
     s.pose[:] = s.read_pose[:] = 0.0
     s.read_twist[:] = decision.asked[:] = decision.given[:] = 0.0
@@ -515,7 +514,6 @@ def update(
     slow = abs(s.setpoint.v) + abs(s.setpoint.w) <= g.creep_speed
     if halted:
         set_motion(s, v, 0.0, w, 0.0)
-    follow_wheels(s, v, w)
     recenter_grid(s)
     if fresh:
         scan = scan_of(g, s.pose, laser, floats_at(on_stack(4 * g.beams), g.beams))

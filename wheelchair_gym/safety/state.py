@@ -135,7 +135,6 @@ KEY = np.dtype(
         ("lost", "f4", (KEY_POINTS,)),  # s without an echo; -1: no longer expected
         ("held", "f4", (KEY_POINTS,)),  # s for which it was seen
         ("dark", "f4", (KEY_POINTS,)),  # m and rad that points were lost on beams without echoes
-        ("shown", "i1", (KEY_POINTS,)),  # 1: its beam has had an echo since reset
         ("offset", "f8", (3,)),  # fitted motion that the wheels do not report [m, m, rad]
         ("still", "f8", (3,)),  # zeros
         ("at", "f8", (4,)),  # frame of the scanner at the key scan: x, y, cosine, sine
