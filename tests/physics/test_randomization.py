@@ -156,6 +156,8 @@ def test_the_shield_stops_a_chair_whose_commands_are_late(delay):
 @pytest.mark.parametrize(
     ("row", "message"),
     [
+        ({"quantity": "laser.color"}, "it must be one of laser.sigma"),
+        ({"quantity": "laser.sigma", "distribution": "cauchy"}, "must be one of uniform, normal"),
         ({"quantity": "laser.sigma", "low": 0.2, "high": 0.1}, "low is 0.2, above high, 0.1"),
         ({"quantity": "laser.sigma", "mean": 0.1}, "mean and std are not of a uniform"),
         (

@@ -242,6 +242,34 @@ def test_no_part_backs_so_fast_among_people_that_it_harms_whom_it_hits(peopled, 
     assert 0.5 * most < max(fastest) <= most
 
 
+@pytest.mark.parametrize(("longer", "backs"), [(0.5, False), (5.0, True)])
+def test_no_long_way_round_is_taken_for_want_of_progress_before_it_has_backed_out(longer, backs):
+    policy, start = make_policy("a_star+window"), np.array([1.0, 0.0, 0.0])
+    world = Peopled(lambda t: None, corridor(10.0, 3.2), tuple(start), (9.0, 0.0, 0.0))
+    policy.reset(world.mission)
+    way = np.array([(1.0, 0.0), (1.0 + policy._path.left + longer, 0.0)])
+    policy.replan = lambda: policy._receive_plan(Answer(Plan(Status.SOLVED, way), 0.3, start, 1))
+    policy.dare()
+    assert (policy.state is State.BACKS_OUT) == backs
+
+
+def test_where_nothing_is_left_to_go_round_the_straight_way_is_planned_again():
+    policy = make_policy("a_star+window")
+    world = Peopled(
+        lambda t: (5.0, 0.3) if t < 5.0 else None, corridor(10.0, 3.2),
+        (1.0, 0.0, 0.0), (9.0, 0.0, 0.0),
+    )  # fmt: skip
+    policy.reset(world.mission)
+    longer = []  # than straight on
+    for _ in range(80):
+        world.step(policy)
+        x, y = policy._path.rows[:, 0], policy._path.rows[:, 1]
+        straight = math.hypot(x[-1] - x[0], y[-1] - y[0])
+        longer.append(np.hypot(np.diff(x), np.diff(y)).sum() / straight - 1.0)
+    assert max(longer) > 0.02  # planned round it
+    assert longer[-1] < 0.2 * max(longer)
+
+
 def test_a_plan_that_led_nowhere_is_tried_again_now_and_then(monkeypatch):
     policy = make_policy("a_star+window")
     world = Peopled(lambda t: None, corridor(10.0, 4.0), (1.0, -1.2, 0.0), (9.0, -1.2, 0.0))

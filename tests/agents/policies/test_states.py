@@ -8,12 +8,17 @@ import inspect
 import numpy as np
 import pytest
 
+from agents.control.followers import Situation
+from agents.control.local_map import LocalMap
+from agents.control.rollout import ChairState, ReferencePath
 from agents.policies import make_policy, planned
 from agents.policies.planned import TRANSITIONS, Event, PlannedDriver, State
+from agents.policies.recoveries import Spin
 from tests.agents.fakes import PaperWorld, corridor
 from tests.agents.policies.test_behaviours import Peopled
 from tests.agents.policies.test_unknown import Drawn
 from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+from wheelchair_gym.types import Command
 
 
 def name(row):
@@ -127,6 +132,36 @@ def test_a_transition_is_taken(case, monkeypatch):
             happens(world, policy)
             world.seen = world.reading()
     assert expected <= taken
+
+
+def test_a_chair_looks_round_only_until_it_knows_a_way():
+    """What is behind it stays unseen; a whole turn would take 31 s."""
+    policy, world, turns = make_policy("a_star+window"), corner(), 0
+    policy.reset(world.mission)
+    while world.time < 20.0 and world.pose[1] < 1.0:
+        if world.time > 3.0:
+            show(world, policy)
+        world.step(policy)
+        turns += policy.state is State.LOOKS_ROUND
+    assert 30 < turns < 60
+    assert world.pose[1] > 1.0
+
+
+def test_a_chair_that_cannot_turn_round_gives_up_after_both_sides():
+    world = PaperWorld(corridor(6.0, 1.0), (3.0, 0.0, 0.0), (5.0, 0.0))
+    local_map, footprint = LocalMap(world.mission), world.mission.footprint
+    chair = ChairState(world.mission.limits, footprint, world.mission.period)
+    path = ReferencePath(np.array([(3.0, 0.0), (5.0, 0.0)]), world.pose)
+    spin, turns = Spin(), []
+    spin.begin(world.pose, world.mission.goal)
+    while (twist := spin.twist(Situation(local_map, path, chair))) is not None:
+        turns.append(twist[1])
+        world.drive(Command(twist).as_action(world.mission.limits))
+        local_map.update(world.seen)
+        chair.measured(world.seen.twist)
+        chair.command(twist)
+        assert world.time < 15.0
+    assert min(turns) < 0.0 < max(turns)
 
 
 def test_every_transition_is_taken_by_a_drive_and_nothing_else_changes_the_state():
