@@ -21,6 +21,7 @@ from wheelchair_gym.hardware.registry import make_chair
 from wheelchair_gym.hardware.twin.lockstep import IBUS_BAUD
 from wheelchair_gym.kinematics import DriveGeometry
 from wheelchair_gym.physics.settings import ChairSettings
+from wheelchair_gym.safety import Shield
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
 
 pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
@@ -253,6 +254,28 @@ def test_a_laser_that_becomes_late_stops_it(hosted, growth):
     assert hosted.twin.laser.delay < 120
     hosted.twin.laser.delay = 0
     assert [chair.drive(AHEAD).halted for _ in range(30)][-1] == ""
+
+
+@pytest.mark.parametrize("seed", [1, 5])
+def test_the_boards_do_not_outrun_the_set_point_for_long(seed):
+    """Commands that change each period add up how the board's ramp differs from the shield's."""
+    hosted, shield, rng, run, longest = (
+        Hosted(box(6.0)),
+        Shield(),
+        np.random.default_rng(seed),
+        0,
+        0,
+    )
+    reading = hosted.chair.reset(None, 0)
+    for _ in range(60):
+        given = shield.filter(np.array([rng.choice((0.0, 0.4, 0.8)), 0.0]), reading)
+        set_point = shield.state["setpoint"]["v"][0]
+        reading = hosted.chair.drive(given, shield.decision.protective)
+        run = run + 1 if reading.twist[0] > set_point + 0.03 else 0
+        longest = max(longest, run)
+    hosted.close()
+    assert shield.latched == ""
+    assert longest <= 3
 
 
 def test_a_re_armed_chair_stands_until_it_is_reset(hosted):
