@@ -122,7 +122,7 @@ class Helper:
         self.hosted.twin.reset(dataclasses.replace(episode, discs=np.array([(x, y, 0.04)])), 0)
 
     def found(self):
-        """What is not good, with what was found."""
+        """Return the findings that are not good, with their texts."""
         senses, clock, footprint = self.senses, self.hosted.clock, self.hosted.chair.chair.footprint
         assert senses.wait_for(
             clock, lambda: all(map(math.isfinite, senses.ages(clock.now()).values())), 3.0
@@ -140,6 +140,15 @@ def test_hands_before_all_sensors_are_seen_where_they_are():
     helper = Helper()
     assert helper.found() == {}
     assert len([what for what in helper.asked if what.startswith("hold")]) == 10
+
+
+def test_what_stands_there_already_is_not_taken_for_a_hand():
+    helper = Helper()
+    helper.hold("hold a hand left of")
+    helper.hold = lambda what: None  # nobody clears the place, or holds anything
+    found = helper.found()
+    assert found["laser: hand on the left"] == "not seen"
+    assert len(found) == 11
 
 
 MOUNTED = {

@@ -24,7 +24,7 @@ CLEAR = 1.0  # m around the laser in which nothing but the hand stands
 _HEARD = 0.5  # m: nearer echoes of ultrasonics are of the hand
 _BY_EYE = 0.15  # m: a hand is held so exactly
 _WALL_OFF, _WALL_TURNED = 0.05, math.radians(6.0)  # a wall is placed so exactly, with a rule
-_HELD, _STILL = 1.0, 0.05  # s for which a hand is held within so many metres
+_HELD, _STILL = 1.0, 0.05  # s, m: a hand is held for this time within this distance
 
 
 class Orientation:
@@ -89,7 +89,8 @@ class Orientation:
         """Ask for something; return what was seen in one place for a while, None: nothing was."""
         if look != self._flat and look() is not None:
             self.ask(f"clear {CLEAR:g} m around the chair")
-            self._wait(lambda: look() is None)
+            if not self._wait(lambda: look() is None):
+                return None  # what stands there could be taken for the hand
         self.ask(what)
         place, since = None, math.inf
 
@@ -106,19 +107,19 @@ class Orientation:
         return self.senses.wait_for(self.clock, condition, self.patience)
 
     def _near(self) -> Array | None:
-        """The nearest echo (2,) [m] of the laser, in the chair's frame."""
+        """Return the laser's nearest echo (2,) [m], in the chair's frame, if it is near."""
         scan = read_scan(self.senses.sensors.laser, self.senses.ranges(self.clock.now())[0])
         far = np.hypot(*(scan.echoes - scan.origin).T)
         return np.array(scan.echoes[far.argmin()]) if far.min(initial=math.inf) < CLEAR else None
 
     def _loudest(self) -> Array | None:
-        """Number and range [m] of the ultrasonic with the nearest echo."""
+        """Return number and range [m] of the ultrasonic with the nearest echo, if it is near."""
         ranges = np.nan_to_num(self.senses.ranges(self.clock.now())[1], nan=math.inf)
         k = int(ranges.argmin())
         return np.array([k, ranges[k]]) if ranges[k] < _HEARD else None
 
     def _flat(self) -> Array | None:
-        """Distance [m] from the axle's centre and bearing of a wall that stands near."""
+        """Return distance [m] from the axle's centre and bearing [rad] of a near wall, if any."""
         try:
             wall = fit_wall(echoes_ahead(self.senses, self.senses.ranges(self.clock.now())[0]))
         except ValueError:
@@ -127,7 +128,7 @@ class Orientation:
 
 
 def _place(x: float, y: float) -> str:
-    """A place in the chair's frame, in words."""
+    """Describe a place in the chair's frame."""
     aside = f"{abs(y):.2f} m to the {'left' if y > 0.0 else 'right'}"
     return f"{abs(x):.2f} m {'ahead' if x >= 0.0 else 'behind'}, {aside}"
 
