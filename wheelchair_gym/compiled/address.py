@@ -267,12 +267,6 @@ def _on_stack(typingctx: Any, size: Any) -> Any:
     return types.uint64(types.int64), lower
 
 
-@inlined
-def data_of(array: Any) -> Any:
-    """The address of an array's first element, for as long as the caller of the kernel has it."""
-    return array.ctypes.data
-
-
 # The address of so many bytes that hold anything, until the kernel that asks for them returns.
 on_stack = cast("Callable[[int], Any]", _on_stack)
 
