@@ -140,7 +140,7 @@ class Explorer:
             self._driver.aim(place, answer)
 
     def _choice(self, search: Search, pose: Array, aim: Array, over: bool, end: float) -> Choice:
-        """Choose the goal if a path to it is explored, or else the frontier of least cost.
+        """Choose the goal if a path to it is explored, or else the cheapest frontier.
 
         This is made beside the loop, and changes nothing that the loop knows.
 
@@ -149,7 +149,7 @@ class Explorer:
             pose: (3,) [m, m, rad].
             aim: place (2,) [m] of the last choice.
             over: that one was reached, or led nowhere.
-            end: `clock` [s] by which planners end.
+            end: `clock` [s] at which planners end.
         """
         config, mission, answers = self.config, self._mission, list[tuple[Array, Answer]]()
         grid = with_free_footprint(search.maps[0], pose, mission.footprint)
@@ -188,10 +188,10 @@ class Explorer:
         return chosen("drive" if config.seek else "done")
 
     def _is_short(self, one: Frontier) -> bool:
-        """Whether it may be a gap between beams."""
+        """Return True if it may be a gap between beams."""
         return one.length < self.config.least
 
     def _cost(self, one: Frontier) -> float:
-        """What a frontier costs [m]: the way there and on to the goal, less what it may show."""
+        """Return a frontier's cost [m]: the way there and on to the goal, less its length."""
         rest = TOWARDS * float(np.hypot(*(one.place - self._mission.goal[:2])))
         return one.path_length + (rest if self.config.seek else 0.0) - GAIN * one.length

@@ -120,7 +120,7 @@ class Planned:
 
 
 class State(Enum):
-    """What the chair does, in the words that people see."""
+    """An activity of the chair, by the name that people see."""
 
     FOLLOWS = "follows"
     LOOKS_ROUND = "looks round"
@@ -246,7 +246,7 @@ class PlannedDriver:
         return self._follower is not None and self._path.ended
 
     def search(self, reading: Reading) -> Search:
-        """What a plan from where the chair is, in the map of a reading, is made of."""
+        """Return a search from the chair's place in the map of a reading."""
         self._surroundings.update_map(reading)
         return self._search([self._surroundings.map])
 

@@ -105,7 +105,7 @@ class Planning:
             self._arrive()
 
     def stand(self) -> None:
-        """Let the chair stand while a plan is being made, if one is."""
+        """Stop the chair until the plan is there, if one is being made."""
         if self.busy:
             self.state = Thinking.STANDS
 

@@ -1,4 +1,4 @@
-"""What a chair knows of the world around it when it plans, and how fast that lets it reverse."""
+"""The world around a chair as it knows it when it plans, and the limits that follow in reverse."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.types import Mission, Reading
 
 ACTOR_RANGE = 2.5  # m: with an actor nearer, the chair reverses slowly: no sensor looks back
-CRAWL = 0.04  # m/s of any part in reverse among people: harmless to whom it hits
+CRAWL = 0.04  # m/s of any part in reverse among people: a contact does no harm
 AHEAD = 3.0  # m of the path on which temporary obstacles count
 TOLERATED = 0.06  # m: obstacles are drawn as whole cells, and hits err
 

@@ -238,7 +238,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=3, metavar="N")
     parser.add_argument("--only", default="", metavar="TEXT", help="faults whose name holds it")
     parser.add_argument("--seconds", type=float, default=60.0, help="of a drive in a room")
-    parser.add_argument("--boards", action="store_true", help="the twin in place of simulation")
+    parser.add_argument("--boards", action="store_true", help="drive the twin")
     given = parser.parse_args()
     run = drive_boards if given.boards else drive
     print(f"{'fault':32} drives contacts  worst m/s  found  after s (median, most)  reasons")

@@ -101,8 +101,12 @@ def _compile_steps() -> None:
     compiled.compile(_SIGNATURE)
 
 
+def _bytes(rows: Rows) -> memoryview:
+    return rows.view(np.uint8).data
+
+
 class _Result(Memory):
-    """What a step of one chair gives, with every array of it that is ever handed out.
+    """Memory of a step of one chair, with all arrays that are handed out.
 
     Attributes:
         batch: address of the record of BATCH that writes it.
@@ -121,8 +125,8 @@ class _Result(Memory):
         self._pointers.point("ranges", self.ranges)
         self.batch = self._pointers.address
         self.observation, self.info = task.unpack(self.out[0]), info_arrays(self.columns.sensed)
-        views = (rows.view(np.uint8).data for rows in self.columns[:3])
-        self.sensed, self.verdict, self.decision = views
+        self.sensed, self.verdict = _bytes(self.columns.sensed), _bytes(self.columns.verdicts)
+        self.decision = _bytes(self.columns.decisions)
 
     def arrays(self) -> Iterator[NDArray[Any]]:
         """Each array that is handed out, and what others that show its memory refer to."""
@@ -132,7 +136,7 @@ class _Result(Memory):
 
 
 class Parts(NamedTuple):
-    """What a loop steps."""
+    """The parts that a loop steps."""
 
     chair: Any  # `Chair`
     task: Task
@@ -203,18 +207,18 @@ class SimulatedLoop:
         return self._take(result, action)
 
     def _take(self, result: _Result, action: Pair) -> Outcome:
-        """Let chair, task and shield take what came of an action, and return it."""
+        """Store the result of an action in chair, task and shield, and return it."""
         chair, task, shield = self.parts.chair, self.parts.task, self.parts.shield
         columns, observation, less = result.columns, result.observation.copy(), (0.0, 0.0)
         outcome = outcome_of(result.verdict, result.sensed, bool(columns.success[0]), result.info)
         if shield is not None:
-            reason, *twists, protective = _read_decision(result.decision)
-            asked, given = np.array(twists[:2]), np.array(twists[2:])
-            shield.decision = Decision(REASONS[reason], asked, given, protective)
+            reason, asked_v, asked_w, given_v, given_w, stops = _read_decision(result.decision)
+            asked, given = np.array((asked_v, asked_w)), np.array((given_v, given_w))
+            shield.decision = Decision(REASONS[reason], asked, given, stops)
             outcome[-1]["shield"] = info_of_shield(shield.decision)
             if task.is_shielded:
                 v, w = task.limits.twist_of(*action)
-                less = v - twists[2], w - twists[3]
+                less = v - given_v, w - given_w
         chair.take_step(result.ranges, columns.sensed)
         task.judged = columns.verdicts
         task.take_step(chair.reading, observation, action, less)
@@ -279,7 +283,7 @@ class LoopInParts:
             check_reading(reading, self.parts.task.sensors.beams)
 
     def _assist(self) -> None:
-        """Let an assistant see the latest reading, and the stick that it shall answer."""
+        """Show an assistant the latest reading, and the stick to which it responds."""
         task, assistants = self.parts.task, self.parts.assistants
         stick = task.stick
         if len(assistants.states) and stick is not None:

@@ -386,8 +386,8 @@ def _listen(g: Any, s: Any, k: int, at: Frame, r: float) -> None:
 def _watch_steady(g: Any, s: Any, k: int, at: Frame, yaw: float, r: float, explained: bool) -> None:
     """Find an echo whose range stays the same while the chair's motion must change it.
 
-    A point or a plane within the cone comes nearer by at least the part of a motion along the edge
-    of the cone, and leaves the cone if the chair turns. A laser point that explains it moves so.
+    A point or a plane within the cone comes nearer by the part of a motion along the cone's edge,
+    and leaves the cone if the chair turns. A laser point that explains the echo moves so.
     """
     steady, half = s.steady[k], g.ranger_half[k]
     if not abs(steady.range - r) < _STEADY:
