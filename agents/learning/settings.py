@@ -167,7 +167,9 @@ class Training:
         kickstarted = self.kickstarting.teacher is not None
         if kickstarted and (self.algorithm != "ppo" or self.on_policy.ent_coef == 0.0):
             raise InputError("kickstarting.teacher is for ppo, with on_policy.ent_coef above 0")
-        if self.curriculum.initial_time > 0.0 and not guided_by_poses(env):
+        spec = env.guidance
+        guidance = spec.get("call") if isinstance(spec, Mapping) else spec
+        if self.curriculum.initial_time > 0.0 and guidance != "poses":
             raise InputError("curriculum.initial_time needs env.guidance 'poses', or 0")
 
     def env_settings(self) -> EnvSettings:
@@ -190,12 +192,6 @@ def training_env_settings(spec: Any) -> EnvSettings:
     if isinstance(spec, EnvSettings):
         return spec
     return load(EnvSettings, _CONTENT[".env"] if spec is None else spec, "env")
-
-
-def guided_by_poses(env: EnvSettings) -> bool:
-    """Whether an environment's guidance is a path of poses, for the chair's footprint."""
-    spec = env.guidance
-    return (spec.get("call") if isinstance(spec, Mapping) else spec) == "poses"
 
 
 # Tuned settings by the name of their file in configs/.

@@ -163,10 +163,6 @@ class Effect:
         """P-value of 'the effect lies between', two one-sided tests."""
         return max(self.beyond(low).p_above(), self.beyond(high).p_below())
 
-    def p_outside(self, low: float, high: float) -> float:
-        """P-value of 'the effect lies outside'."""
-        return min(1.0, 2.0 * min(self.beyond(low).p_below(), self.beyond(high).p_above()))
-
     def evidence(self, p_for: float, p_against: float, test: str, text: str) -> Evidence:
         """The effect in per cent, with p-values for a claim and against it."""
         effect, low, high = (100.0 * v for v in self.relative)
@@ -218,7 +214,8 @@ def _within(effect: Effect | None, low: float, high: float, test: str, text: str
     """Evidence for 'the effect lies from low to high'."""
     if effect is None:
         return no_evidence("no runs to compare")
-    return effect.evidence(effect.p_within(low, high), effect.p_outside(low, high), test, text)
+    p_outside = min(1.0, 2.0 * min(effect.beyond(low).p_below(), effect.beyond(high).p_above()))
+    return effect.evidence(effect.p_within(low, high), p_outside, test, text)
 
 
 def _slope(samples: Sequence[Sample], x: Sequence[float], paired: bool) -> Effect | None:
