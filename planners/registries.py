@@ -14,22 +14,19 @@ PLANNERS: Final = Registry(
         "cell_decomposition": "planners.graphs.cell_decomposition:CellDecomposition",
         **in_module("planners.graphs.geometric", "Geometric GeometricThenLimited"),
         "potential_field": "planners.reactive.potential_field:PotentialField",
-        "prm": "planners.graphs.roadmap:Prm",
         "rrt_star_woa_global": "planners.rrt_star_woa.path_shortening:RrtStarWoaGlobal",
         "rrt_star_woa_local": "planners.rrt_star_woa.local_steering:RrtStarWoaLocal",
         "rrt_woa": "planners.swarm.planner:RrtWoa",
         "se2_rrt_star_woa": "planners.rrt_star_woa.poses:Se2RrtStarWoa",
         "swarm": "planners.swarm.planner:SwarmPlanner",
         "visibility": "planners.graphs.visibility:Visibility",
-        "voronoi": "planners.graphs.voronoi:Voronoi",
         **in_module("planners.lattice.lattice", "DiscThenLattice Lattice"),
         **in_module("planners.reactive.bug", "Bug1 Bug2"),
+        **in_module("planners.graphs.roadmap", "Prm Voronoi"),
         **in_module("planners.graphs.grid", "AStar Bfs Dfs Dijkstra ThetaStar"),
-        **in_module(
-            "planners.trees.settings",
-            "InformedRrtStar Rrt RrtConnect RrtStar RrtStarFn RrtStarLimited RrtStarSmart"
-            " SplineRrtStar",
-        ),
+        **in_module("planners.trees.rrt", "Rrt RrtConnect"),
+        **in_module("planners.trees.rrt_star", "RrtStar RrtStarFn RrtStarLimited"),
+        **in_module("planners.trees.rrt_star", "InformedRrtStar RrtStarSmart SplineRrtStar"),
     },
     group="wheelchair_gym.planners",
     needs=("plan",),
@@ -40,7 +37,7 @@ FIRST_PLANNERS: Final = Registry(
 OPTIMIZERS: Final = Registry(
     "optimizer",
     in_module(
-        "planners.swarm.settings",
+        "planners.swarm.optimizers",
         "Abc Firefly Gwo Pso PsoAdaptive PsoChaotic PsoGwo PsoVariable Woa WoaModified",
     ),
 )

@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.collision.footprint import Sweeps, stretch_gap, sweep, sweeps
-from planners.collision.nearby import Nearby, segments_in_view
+from planners.collision.footprint import Pose, Surroundings, surroundings, sweep, swept_gap
+from planners.collision.nearby import Nearby
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.geometry import wrap
@@ -28,15 +28,14 @@ NO_PARTS = ((0.0, 0.0), (0.0, 0.0), (0.0, 0.0))
 
 
 @borrowing_kernel
-def connection(
-    kind: int, x: float, y: float, yaw: float, tx: float, ty: float, tyaw: float
-) -> tuple[bool, Parts]:
+def connection(kind: int, pose: Pose, target: Pose) -> tuple[bool, Parts]:
     """Return whether there is a connection of a kind to a target pose, and its three stretches.
 
     Kinds 0 and 2 lead ahead, 1 and 3 back; 0 and 1 are arcs, 2 and 3 turn in place. A target
     heading of NaN is free. The third stretch is a turn in place.
     """
-    dx, dy = tx - x, ty - y
+    (x, y, yaw), tyaw = pose, target[2]
+    dx, dy = target[0] - x, target[1] - y
     far, towards = math.hypot(dx, dy), wrap(math.atan2(dy, dx) - yaw)
     back = kind % 2 == 1
     sign = -1.0 if back else 1.0
@@ -129,10 +128,7 @@ PIECE = np.dtype(
 class SteeringContext(NamedTuple):
     """Limits and cost of driving a footprint on a map, and workspace."""
 
-    near: Nearby
-    motion: MotionCost
-    workspace: Sweeps
-    seen: Array  # (segments, 4)
+    around: Surroundings
     trial: NDArray[Any]  # (CAPACITY,) PIECE: of one connection
     candidate: NDArray[Any]  # (CAPACITY,) PIECE: of several
     times: Array  # (CONNECTIONS,) s
@@ -144,10 +140,9 @@ def new_context(near: Nearby, motion: MotionCost, sharpest: float) -> SteeringCo
 
     `near` reaches `LONGEST_PIECE` beyond the footprint's reach and the desired clearance.
     """
-    return SteeringContext(
-        near, motion, sweeps(1), np.empty_like(near.segments), np.zeros(CAPACITY, PIECE),
-        np.zeros(CAPACITY, PIECE), np.zeros(CONNECTIONS), sharpest,
-    )  # fmt: skip
+    trial, candidate = np.zeros(CAPACITY, PIECE), np.zeros(CAPACITY, PIECE)
+    times = np.zeros(CONNECTIONS)
+    return SteeringContext(surroundings(near, motion), trial, candidate, times, sharpest)
 
 
 @borrowing_kernel
@@ -179,44 +174,41 @@ def first_pieces(parts: Parts, count: int) -> Parts:
 
 @borrowing_kernel
 def drive_stretch(
-    context: SteeringContext, x: float, y: float, yaw: float, way: float, turn: float,
-    pieces: NDArray[Any], first: int, budget: float,
+    around: Surroundings, pose: Pose, way: float, turn: float, pieces: NDArray[Any], first: int,
+    budget: float,
 ) -> tuple[int, float]:  # fmt: skip
     """Write a stretch's pieces from index `first` on while they are free and within a budget [s].
 
     Returns the number of pieces written, and their cost [s].
     """
-    near, motion, work = context.near, context.motion, context.workspace
+    motion, (x, y, yaw) = around.motion, pose
     count = piece_count(way, turn)
     if count == 0 or first + count >= pieces.shape[0]:
         return 0, 0.0
     part, bend, kind = way / count, turn / count, kind_of(way, turn)
     least = duration(motion, part, bend)
-    sweep(work, 0, part, bend, motion.outline)
+    sweep(around.sweeps, 0, part, bend, motion.outline)
     cost = 0.0
     for k in range(count):
-        ax, ay, ayaw = arc_step(x, y, yaw, way, turn, k / count)
-        if not (near.box[0] <= ax <= near.box[2] and near.box[1] <= ay <= near.box[3]):
-            return k, cost
         if cost + (count - k) * least >= budget:
             return k, cost
-        gap = motion.desired_clearance
-        seen = segments_in_view(near, ax, ay, ayaw, work.box[0], gap, context.seen)
-        gap = stretch_gap(work, 0, motion.outline, context.seen, seen, gap, motion.margin)
+        at = arc_step(x, y, yaw, way, turn, k / count)
+        gap = swept_gap(around, at, motion.desired_clearance)
         if gap < motion.margin:
             return k, cost
         piece = pieces[first + k]
-        piece.x, piece.y, piece.yaw, piece.way, piece.turn = ax, ay, ayaw, part, bend
-        piece.cost, piece.kind = stretch_cost(motion, part, bend, gap), kind
+        piece.x, piece.y, piece.yaw = at
+        piece.way, piece.turn, piece.kind = part, bend, kind
+        piece.cost = stretch_cost(motion, part, bend, gap)
         cost += piece.cost
     return count, cost
 
 
 @borrowing_kernel
 def drive_parts(
-    context: SteeringContext, x: float, y: float, yaw: float, before: int, parts: Parts,
-    pieces: NDArray[Any], first: int, budget: float,
-) -> tuple[int, float, bool, float, float, float]:  # fmt: skip
+    around: Surroundings, pose: Pose, before: int, parts: Parts, pieces: NDArray[Any], first: int,
+    budget: float,
+) -> tuple[int, float, bool, Pose]:  # fmt: skip
     """Write the pieces of a connection from index `first` on, as far as it can be driven.
 
     Returns the number of pieces written, their cost [s] with the changes of kind, whether the
@@ -227,27 +219,24 @@ def drive_parts(
         count, kind = piece_count(way, turn), kind_of(way, turn)
         if count == 0:
             continue
-        cost += switch(context.motion, before, kind)
-        new, more = drive_stretch(
-            context, x, y, yaw, way, turn, pieces, first + made, budget - cost
-        )
+        cost += switch(around.motion, before, kind)
+        new, more = drive_stretch(around, pose, way, turn, pieces, first + made, budget - cost)
         made, cost, before = made + new, cost + more, kind
-        x, y, yaw = arc_step(x, y, yaw, way, turn, new / count)
+        pose = arc_step(pose[0], pose[1], pose[2], way, turn, new / count)
         if new < count or cost >= budget:
-            return made, cost, False, x, y, yaw
-    return made, cost, True, x, y, yaw
+            return made, cost, False, pose
+    return made, cost, True, pose
 
 
 @borrowing_kernel
 def write_times(
-    context: SteeringContext, x: float, y: float, yaw: float, before: int,
-    tx: float, ty: float, tyaw: float, after: int, sign: float,
-) -> float:  # fmt: skip
+    context: SteeringContext, pose: Pose, before: int, target: Pose, after: int, sign: float
+) -> float:
     """Write the time of each connection to `context.times`, and return the minimum."""
     least = math.inf
     for kind in range(CONNECTIONS):
-        possible, parts = connection(kind, x, y, yaw, tx, ty, tyaw)
-        time = parts_time(context.motion, context.sharpest, parts, before, after, sign)
+        possible, parts = connection(kind, pose, target)
+        time = parts_time(context.around.motion, context.sharpest, parts, before, after, sign)
         context.times[kind] = time if possible else math.inf
         least = min(least, context.times[kind])
     return least
@@ -256,36 +245,31 @@ def write_times(
 @borrowing_kernel
 def quickest(times: Array) -> int:
     """Return the quickest connection, or -1 if no time is finite."""
-    best, found = math.inf, -1
-    for kind in range(CONNECTIONS):
-        if times[kind] < best:
-            best, found = times[kind], kind
-    return found
+    kind = int(np.argmin(times))
+    return kind if times[kind] < math.inf else -1
 
 
 @borrowing_kernel
 def connect(
-    context: SteeringContext, x: float, y: float, yaw: float, before: int,
-    tx: float, ty: float, tyaw: float, after: int, budget: float,
-    pieces: NDArray[Any], first: int,
+    context: SteeringContext, pose: Pose, before: int, target: Pose, after: int, budget: float,
+    first: int = 0,
 ) -> tuple[int, int, float]:  # fmt: skip
-    """Write the pieces of the cheapest free connection below a budget [s] from `first` on.
+    """Write the cheapest free connection below a budget [s] to `context.candidate` from `first` on.
 
     A NaN heading of the target is free. Returns the kind of connection, -1 if there is none, the
     number of its pieces, and its cost [s] with the changes from and to other kinds of motion.
     """
-    trial, times = context.trial, context.times
-    write_times(context, x, y, yaw, before, tx, ty, tyaw, after, 1.0)
+    around, trial, pieces, times = context.around, context.trial, context.candidate, context.times
+    write_times(context, pose, before, target, after, 1.0)
     best, found, length = budget, -1, 0
     while True:
         kind = quickest(times)
         if kind < 0 or times[kind] >= best:
             return found, length, best if found >= 0 else math.inf
         times[kind] = math.inf
-        _, parts = connection(kind, x, y, yaw, tx, ty, tyaw)
-        count, cost, free, _, _, _ = drive_parts(context, x, y, yaw, before, parts, trial, 0, best)
-        last = trial[count - 1].kind if count > 0 else before
-        cost += switch(context.motion, last, after)
+        _, parts = connection(kind, pose, target)
+        count, cost, free, _ = drive_parts(around, pose, before, parts, trial, 0, best)
+        cost += switch(around.motion, trial[count - 1].kind if count > 0 else before, after)
         if free and cost < best and first + count < pieces.shape[0]:
             best, found, length = cost, kind, count
             for k in range(count):

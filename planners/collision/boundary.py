@@ -56,20 +56,21 @@ def orientation(points: Array, a: int, b: int, c: int) -> float:
     )
 
 
-@borrowing_kernel
-def group_by_point(which: Index, first: Index, members: Index) -> None:
-    """Group indices by their point (counting sort): `first` bounds the group of each point."""
-    first[:] = 0
-    for k in range(which.shape[0]):
-        first[which[k] + 1] += 1
-    for p in range(first.shape[0] - 1):
-        first[p + 1] += first[p]
-    for k in range(which.shape[0] - 1, -1, -1):
-        first[which[k] + 1] -= 1
-        members[first[which[k] + 1]] = k
-    for p in range(first.shape[0] - 1):
-        first[p] = first[p + 1]
-    first[-1] = which.shape[0]
+@kernel
+def group_by_point(which: Index, points: int) -> tuple[Index, Index]:
+    """Return the bounds (points + 1,) of the group of each point, and indices (n,) by their point.
+
+    It is a counting sort.
+    """
+    first, members = np.zeros(points + 1, np.int64), np.empty(len(which), np.int64)
+    for p in which:
+        first[p + 1] += 1
+    first = np.cumsum(first)
+    place = first.copy()
+    for k in range(len(which)):
+        members[place[which[k]]] = k
+        place[which[k]] += 1
+    return first, members
 
 
 @kernel
@@ -79,8 +80,7 @@ def _before(points: Array, begins: Index, ends: Index) -> Index:
     Where loops meet in a point, an outgoing segment follows the next incoming one,
     counter-clockwise.
     """
-    first, arriving = np.empty(len(points) + 1, np.int64), np.empty(len(begins), np.int64)
-    group_by_point(ends, first, arriving)
+    first, arriving = group_by_point(ends, len(points))
     before = np.full(len(begins), NONE, np.int64)
     for k in range(len(begins)):
         p, least = begins[k], math.inf
@@ -158,9 +158,8 @@ def convex_corners(around: Boundary) -> Corners:
             kept[count] = k
             count += 1
     kept = kept[:count]
-    first, members = np.empty(len(points) + 1, np.int64), np.empty(count, np.int64)
     place = begins[kept]
-    group_by_point(place, first, members)
+    first, members = group_by_point(place, len(points))
     return Corners(place, before[kept], ends[kept], first, members)
 
 

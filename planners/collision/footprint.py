@@ -3,20 +3,26 @@
 A stretch is a motion with a constant rate of turn: straight, an arc, or a pivot. In the chair's
 frame at its beginning the rectangle turns about one point (or moves along x). The gap to a segment
 is least where a corner's arc comes nearest to it, or where one of its ends comes nearest to the
-rectangle; either happens at an end of the stretch or in one of a few directions.
+rectangle; either happens at an end of the stretch or in one of a few directions. From top to
+bottom: stretches, gaps at poses and along stretches on a map, and the base of planners of poses.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from planners.collision.nearby import Nearby, segments_in_view
+from planners.collision.polygon_tests import clearance
 from planners.collision.space import Space
+from planners.problem import Plan, PlannerBase, Problem, Status, check
 from wheelchair_gym.arrays import Array
-from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
+from wheelchair_gym.compiled.kernel import absorbed_kernel, borrowing_kernel, kernel
+from wheelchair_gym.config import settings
 from wheelchair_gym.geometry import (
     Footprint,
     point_segment_distance,
@@ -24,6 +30,8 @@ from wheelchair_gym.geometry import (
     rectangle_segment_gap,
     wrap,
 )
+from wheelchair_gym.kinematics import Limits, arc_step
+from wheelchair_gym.maps.driving_cost import DrivingCost, MotionCost
 
 STRAIGHT = 1e-6  # rad: a stretch that turns less counts as straight, and is within 1e-6 of it
 
@@ -249,3 +257,131 @@ def path_gap(path: ArrayLike, space: Space, footprint: Footprint, enough: float 
     """
     poses = np.ascontiguousarray(path, dtype=np.float64)
     return float(_path_gap(space.arrays.segments, poses, footprint.array, sweeps(1), enough))
+
+
+TESTED_LENGTH = 0.3  # m: longer stretches are tested in pieces, each from its own beginning
+
+
+Pose = tuple[float, float, float]  # x, y [m], yaw [rad]
+
+
+class Surroundings(NamedTuple):
+    """A footprint, the boundary near it, and workspace of its tests."""
+
+    near: Nearby
+    motion: MotionCost
+    sweeps: Sweeps  # one stretch
+    seen: Array  # (segments, 4)
+
+
+def surroundings(near: Nearby, motion: MotionCost) -> Surroundings:
+    """Return what tests of a footprint on a map need."""
+    return Surroundings(near, motion, sweeps(1), np.empty_like(near.segments))
+
+
+@absorbed_kernel
+def swept_gap(around: Surroundings, pose: Pose, enough: float) -> float:
+    """Return the minimum gap [m] along the stretch in `sweeps` from a pose on, at most `enough`.
+
+    It is exact only above the margin, and 0 at a pose outside of the map.
+    """
+    near, motion, swept = around.near, around.motion, around.sweeps
+    x, y, yaw = pose
+    if not (near.box[0] <= x <= near.box[2] and near.box[1] <= y <= near.box[3]):
+        return 0.0
+    count = segments_in_view(near, x, y, yaw, swept.box[0], enough, around.seen)
+    return stretch_gap(swept, 0, motion.outline, around.seen, count, enough, motion.margin)
+
+
+@borrowing_kernel
+def free_gap(around: Surroundings, pose: Pose, way: float, turn: float) -> float:
+    """Return the minimum gap [m] of a stretch, at most the desired clearance; see `swept_gap`."""
+    motion, (x, y, yaw) = around.motion, pose
+    pieces = max(1, math.ceil(abs(way) / TESTED_LENGTH))
+    gap = motion.desired_clearance
+    sweep(around.sweeps, 0, way / pieces, turn / pieces, motion.outline)
+    for k in range(pieces):
+        gap = swept_gap(around, arc_step(x, y, yaw, way, turn, k / pieces), gap)
+        if gap < motion.margin:
+            break
+    return gap
+
+
+@kernel
+def gaps_at(around: Surroundings, poses: Array) -> Array:
+    """Return gaps (n,) [m] of the outline at poses (n, 3), at most the desired clearance."""
+    gaps = np.empty(poses.shape[0])
+    for k in range(poses.shape[0]):
+        gaps[k] = free_gap(around, (poses[k, 0], poses[k, 1], poses[k, 2]), 0.0, 0.0)
+    return gaps
+
+
+def start_and_goal(problem: Problem) -> tuple[Array, Array]:
+    """Return the start (3,) and the goal (2,) or (3,); a start without heading has heading 0."""
+    start = np.zeros(3)
+    start[: len(problem.start)] = problem.start
+    return start, np.array(problem.goal, dtype=np.float64)
+
+
+def with_headings(goal: Array, count: int) -> Array:
+    """Return the pose (1, 3) at a goal (3,), or `count` headings (count, 3) at a goal (2,)."""
+    if len(goal) == 3:
+        return goal[None]
+    yaws = np.arange(count) * (2.0 * math.pi / count)
+    return np.column_stack([np.tile(goal, (count, 1)), yaws])
+
+
+MIN_GAP = 2e-6  # m: least gap of the outline, above rounding errors and those of tiny turns
+YAWS = 360  # headings tried at a goal without heading
+# Share of the gap to keep at a start that is nearer to a wall than the margin.
+START_GAP_SHARE = 0.98
+
+
+def goal_poses(around: Surroundings, goal: Array, most: int) -> Array:
+    """Return poses (n, 3) at a goal; without a heading, about `most` of those that fit."""
+    poses = with_headings(goal, YAWS)
+    if len(goal) == 2:
+        poses = poses[gaps_at(around, poses) >= around.motion.margin]
+    return poses[:: max(1, len(poses) // most)]
+
+
+@settings
+class FootprintPlanner(DrivingCost, PlannerBase):
+    """A planner of poses (n, 3) for the chair's rectangle.
+
+    The rectangle keeps the problem's clearance less half its width. A start without heading has
+    heading 0; a goal without heading allows any.
+    """
+
+    footprint: Footprint = Footprint()
+    limits: Limits = Limits()
+
+    def trivial(self, problem: Problem) -> Plan | None:
+        """Return a plan if the axle cannot stand at an end; the rectangle is tested later."""
+        status = check(replace(problem, clearance=0.0 * problem.clearance))  # NaN stays NaN
+        return None if status is None else Plan(status)
+
+    def fit(
+        self, problem: Problem, near: Nearby, curvature_weight: float = 0.0
+    ) -> tuple[Status | None, MotionCost]:
+        """Return why the rectangle does not fit at an end, or None, and the cost of its motion.
+
+        The cost has a margin that fits. The boundary `near` reaches beyond the rectangle.
+        """
+        margin = max(MIN_GAP, problem.clearance - self.footprint.half_width)
+        motion = self.motion_cost(self.footprint, self.limits, margin, curvature_weight)
+        start, goal = start_and_goal(problem)
+        if clearance(problem.space.arrays, *start[:2]) < margin:
+            return Status.START_OCCUPIED, motion  # at the axle already
+        around = surroundings(near, motion._replace(margin=MIN_GAP))
+        gap = float(gaps_at(around, start[None])[0])
+        if gap < MIN_GAP:
+            return Status.START_OCCUPIED, motion
+        if gap < margin:  # it may leave with the gap that it has
+            motion = motion._replace(margin=START_GAP_SHARE * gap)
+        smaller = motion
+        if len(goal) == 2:  # a smaller outline covers the headings between those tried
+            less = 2.0 * self.footprint.reach * math.sin(0.5 * math.pi / YAWS)
+            smaller = motion._replace(outline=motion.outline - less)
+        gaps = gaps_at(around._replace(motion=smaller), with_headings(goal, YAWS))
+        return Status.GOAL_OCCUPIED if (gaps < motion.margin).all() else None, motion

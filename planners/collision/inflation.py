@@ -21,7 +21,7 @@ from scipy.spatial import cKDTree
 from planners.collision.boundary import build_space_arrays
 from planners.collision.polygon_tests import Index, SpaceArrays, orient2d
 from wheelchair_gym.arrays import Array, Mask
-from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
+from wheelchair_gym.compiled.kernel import absorbed_kernel, borrowing_kernel, kernel
 
 ARC = math.pi / 8  # rad: at most this much of an arc per side of its polygon
 # Radii grow by this share: far below the precision of maps, far above rounding. On a raster many
@@ -48,24 +48,20 @@ def _subtract_interval(exposed: Array, count: int, low: float, high: float) -> i
     k = 0
     while k < count:
         a, b = exposed[k, 0], exposed[k, 1]
-        if high <= a or low >= b:
-            k += 1
-        elif low > a and high < b:
+        if low <= a and high >= b:
+            count -= 1
+            exposed[k, 0], exposed[k, 1] = exposed[count, 0], exposed[count, 1]
+            continue
+        if a < low < high < b:
             if count == exposed.shape[0]:
                 return -1
             exposed[count, 0], exposed[count, 1] = high, b
-            exposed[k, 1] = low
             count += 1
-            k += 1
-        elif low > a:
+        if a < low < b:
             exposed[k, 1] = low
-            k += 1
-        elif high < b:
+        elif a < high < b:
             exposed[k, 0] = high
-            k += 1
-        else:
-            count -= 1
-            exposed[k, 0], exposed[k, 1] = exposed[count, 0], exposed[count, 1]
+        k += 1
     return count
 
 
@@ -135,14 +131,12 @@ def _covered_on_circle(
     gap = math.hypot(sx, sy)
     if gap >= radius + other:
         return math.inf, -math.inf
-    low, high = math.inf, -math.inf
-    middle = math.atan2(sy, sx)
-    if (x == cx and y == cy) or (x == dx and y == dy):
-        middle = math.atan2(vy, vx) if x == cx and y == cy else math.atan2(-vy, -vx)
-        low, high = -0.5 * math.pi, 0.5 * math.pi
-    else:
-        half = _half_angle(gap, radius, other)
-        low, high = -half, half
+    half, middle = 0.5 * math.pi, math.atan2(vy, vx)
+    if x == dx and y == dy:
+        middle = math.atan2(-vy, -vx)
+    elif x != cx or y != cy:
+        half, middle = _half_angle(gap, radius, other), math.atan2(sy, sx)
+    low, high = -half, half
     for m in range(2):
         ex, ey = (cx - x, cy - y) if m == 0 else (dx - x, dy - y)
         far = math.hypot(ex, ey)
@@ -171,96 +165,135 @@ def _half_angle(far: float, radius: float, other: float) -> float:
     return math.acos(min(max(turn, -1.0), 1.0))
 
 
+class _Item(NamedTuple):
+    """A segment moved out by its radius, or the arc around its first corner, if that is convex."""
+
+    segment: int
+    arc: bool
+    exists: bool
+    begin: float  # m along the segment, or rad
+    end: float
+    normals: tuple[float, float, float, float]  # outward, at the begin and at the end
+    box: tuple[float, float, float, float]  # m: xmin, ymin, xmax, ymax around it
+
+
+@absorbed_kernel
+def _segment_item(segments: Array, k: int, radius: float) -> _Item:
+    """Return a segment moved out."""
+    ax, ay, bx, by = segments[k, 0], segments[k, 1], segments[k, 2], segments[k, 3]
+    length = math.hypot(bx - ax, by - ay)
+    ux, uy = (by - ay) / length, -((bx - ax) / length)
+    x0, x1 = min(ax, bx) + radius * ux, max(ax, bx) + radius * ux
+    y0, y1 = min(ay, by) + radius * uy, max(ay, by) + radius * uy
+    return _Item(k, False, True, 0.0, length, (ux, uy, ux, uy), (x0, y0, x1, y1))
+
+
+@absorbed_kernel
+def _arc_item(arrays: SpaceArrays, k: int, radius: float) -> _Item:
+    """Return the arc around a segment's first corner.
+
+    Its box holds both ends, and where the sides that touch the circle there meet.
+    """
+    segments, before = arrays.segments, arrays.before
+    ax, ay, bx, by = segments[k, 0], segments[k, 1], segments[k, 2], segments[k, 3]
+    length = math.hypot(bx - ax, by - ay)
+    ux, uy = (bx - ax) / length, (by - ay) / length
+    wx, wy = ax - before[k, 0], ay - before[k, 1]
+    turn = math.atan2(wx * uy - wy * ux, wx * ux + wy * uy)
+    begin = math.atan2(-wx, wy)
+    ux, uy, wx, wy = uy, -ux, wy / math.hypot(wx, wy), -wx / math.hypot(wx, wy)
+    far = radius / max(1.0 + ux * wx + uy * wy, 1e-3)
+    x0, x1 = min(ux, wx) * radius, max(ux, wx) * radius
+    y0, y1 = min(uy, wy) * radius, max(uy, wy) * radius
+    x0, x1 = ax + min(x0, (ux + wx) * far), ax + max(x1, (ux + wx) * far)
+    y0, y1 = ay + min(y0, (uy + wy) * far), ay + max(y1, (uy + wy) * far)
+    x0, x1 = max(x0, ax - radius), min(x1, ax + radius)
+    y0, y1 = max(y0, ay - radius), min(y1, ay + radius)
+    return _Item(k, True, turn > 0.0, begin, begin + turn, (ux, uy, wx, wy), (x0, y0, x1, y1))
+
+
+@absorbed_kernel
+def _cover(
+    arrays: SpaceArrays, radii: Array, item: _Item, j: int, exposed: Array, left: int
+) -> int:
+    """Subtract what segment j covers from the `left` exposed intervals; return the number left."""
+    segments, before, k = arrays.segments, arrays.before, item.segment
+    ax, ay, (ux, uy, wx, wy) = segments[k, 0], segments[k, 1], item.normals
+    cx, cy = segments[j, 0] - ax, segments[j, 1] - ay
+    dx, dy = segments[j, 2] - ax, segments[j, 3] - ay
+    if (
+        cx * ux + cy * uy <= 0.0
+        and cx * wx + cy * wy <= 0.0
+        and dx * ux + dy * uy <= 0.0
+        and dx * wx + dy * wy <= 0.0
+    ):  # behind: its points are no nearer than the corner or segment itself
+        return left
+    if not item.arc:
+        a, b = _covered_on_segment(segments, k, j, radii[k], radii[j])
+        return _subtract_interval(exposed, left, a, b) if a < b else left
+    meets = segments[j, 2] == ax and segments[j, 3] == ay
+    if meets and segments[j, 0] == before[k, 0] and segments[j, 1] == before[k, 1]:
+        return left
+    a, b = _covered_on_circle(segments, ax, ay, j, radii[k], radii[j])
+    if a < b:
+        for r in range(-1, 2):
+            shift = r * 2.0 * math.pi
+            if left > 0:
+                left = _subtract_interval(exposed, left, a + shift, b + shift)
+    return left
+
+
+@absorbed_kernel
+def _expose(
+    arrays: SpaceArrays, radii: Array, item: _Item, widest: float, seen: Index, exposed: Array
+) -> int:
+    """Write the exposed intervals of an item; return their number, -1 if there is no space."""
+    grid, (rows, columns), (x0, y0, x1, y1) = arrays.grid, arrays.corner_free.shape, item.box
+    number = 2 * item.segment + (not item.arc)
+    exposed[0, 0], exposed[0, 1] = item.begin, item.end
+    left = 1
+    i0 = max(0, int((y0 - widest - grid[1]) / grid[2]))
+    i1 = min(rows - 1, int((y1 + widest - grid[1]) / grid[2]))
+    j0 = max(0, int((x0 - widest - grid[0]) / grid[2]))
+    j1 = min(columns - 1, int((x1 + widest - grid[0]) / grid[2]))
+    middle = (i0 + i1) // 2
+    for step in range(i1 - i0 + 1):  # from the middle out: what lies near covers most
+        i = middle + (step + 1) // 2 * (1 if step % 2 == 1 else -1)
+        for m in range(arrays.first[i * columns + j0], arrays.first[i * columns + j1 + 1]):
+            j = arrays.members[m]
+            if j != item.segment and seen[j] != number:
+                seen[j] = number
+                left = _cover(arrays, radii, item, j, exposed, left)
+                if left <= 0:
+                    return left
+    return left
+
+
 @kernel
 def exposed_pieces(arrays: SpaceArrays, radii: Array) -> tuple[Pieces, bool]:
     """Return the exposed pieces of segments moved out by radii (n,) [m]; false: arrays are full."""
-    segments, before, grid = arrays.segments, arrays.before, arrays.grid
-    rows, columns = arrays.corner_free.shape
-    n, widest = segments.shape[0], 0.0
-    for k in range(n):
-        widest = max(widest, radii[k])
+    segments, n = arrays.segments, arrays.segments.shape[0]
+    widest = radii.max() if n > 0 else 0.0
     capacity = 4 * n + 64
     source, low, high = np.empty(capacity, np.int64), np.empty(capacity), np.empty(capacity)
     complete, ends = np.empty((capacity, 2), np.bool_), np.empty((capacity, 4))
     exposed, seen, count, good = np.empty((MOST_GAPS, 2)), np.full(n, -1, np.int64), 0, True
-    for item in range(2 * n):
-        k, arc = item // 2, item % 2 == 0
-        ax, ay, bx, by = segments[k, 0], segments[k, 1], segments[k, 2], segments[k, 3]
-        radius, length = radii[k], math.hypot(bx - ax, by - ay)
-        ux, uy = (bx - ax) / length, (by - ay) / length
-        # Outward at both ends: u at the segment's begin, w at the arc's.
-        if arc:
-            wx, wy = ax - before[k, 0], ay - before[k, 1]
-            turn = math.atan2(wx * uy - wy * ux, wx * ux + wy * uy)
-            if turn <= 0.0:
-                continue
-            begin = math.atan2(-wx, wy)
-            end = begin + turn
-            # The box of both ends and of where the sides that touch the circle there meet.
-            ux, uy, wx, wy = uy, -ux, wy / math.hypot(wx, wy), -wx / math.hypot(wx, wy)
-            far = radius / max(1.0 + ux * wx + uy * wy, 1e-3)
-            x0, x1 = min(ux, wx) * radius, max(ux, wx) * radius
-            y0, y1 = min(uy, wy) * radius, max(uy, wy) * radius
-            x0, x1 = ax + min(x0, (ux + wx) * far), ax + max(x1, (ux + wx) * far)
-            y0, y1 = ay + min(y0, (uy + wy) * far), ay + max(y1, (uy + wy) * far)
-            x0, x1 = max(x0, ax - radius), min(x1, ax + radius)
-            y0, y1 = max(y0, ay - radius), min(y1, ay + radius)
-        else:
-            begin, end = 0.0, length
-            ux, uy = uy, -ux
-            wx, wy = ux, uy
-            x0, x1 = min(ax, bx) + radius * ux, max(ax, bx) + radius * ux
-            y0, y1 = min(ay, by) + radius * uy, max(ay, by) + radius * uy
-        exposed[0, 0], exposed[0, 1] = begin, end
-        left = 1
-        i0 = max(0, int((y0 - widest - grid[1]) / grid[2]))
-        i1 = min(rows - 1, int((y1 + widest - grid[1]) / grid[2]))
-        j0 = max(0, int((x0 - widest - grid[0]) / grid[2]))
-        j1 = min(columns - 1, int((x1 + widest - grid[0]) / grid[2]))
-        middle = (i0 + i1) // 2
-        for step in range(i1 - i0 + 1):  # from the middle out: what lies near covers most
-            i = middle + (step + 1) // 2 * (1 if step % 2 == 1 else -1)
-            for m in range(arrays.first[i * columns + j0], arrays.first[i * columns + j1 + 1]):
-                j = arrays.members[m]
-                if j == k or seen[j] == item:
-                    continue
-                seen[j] = item
-                cx, cy = segments[j, 0] - ax, segments[j, 1] - ay
-                dx, dy = segments[j, 2] - ax, segments[j, 3] - ay
-                if (
-                    cx * ux + cy * uy <= 0.0
-                    and cx * wx + cy * wy <= 0.0
-                    and dx * ux + dy * uy <= 0.0
-                    and dx * wx + dy * wy <= 0.0
-                ):  # behind: its points are no nearer than the corner or segment itself
-                    continue
-                if arc:
-                    meets = segments[j, 2] == ax and segments[j, 3] == ay
-                    if meets and segments[j, 0] == before[k, 0] and segments[j, 1] == before[k, 1]:
-                        continue
-                    a, b = _covered_on_circle(segments, ax, ay, j, radius, radii[j])
-                    if a < b:
-                        for r in range(-1, 2):
-                            shift = r * 2.0 * math.pi
-                            if left > 0:
-                                left = _subtract_interval(exposed, left, a + shift, b + shift)
-                else:
-                    a, b = _covered_on_segment(segments, k, j, radius, radii[j])
-                    if a < b:
-                        left = _subtract_interval(exposed, left, a, b)
-                if left <= 0:
-                    break
-            if left <= 0:
-                break
+    for number in range(2 * n):
+        k, arc = number // 2, number % 2 == 0
+        item = _arc_item(arrays, k, radii[k]) if arc else _segment_item(segments, k, radii[k])
+        if not item.exists:
+            continue
+        left = _expose(arrays, radii, item, widest, seen, exposed)
         good = left >= 0 and count + left <= capacity
         if not good:
             break
+        ax, ay, radius = segments[k, 0], segments[k, 1], radii[k]
+        ux, uy = item.normals[0], item.normals[1]
         for g in range(left):
             a, b = exposed[g, 0], exposed[g, 1]
             source[count], low[count], high[count] = (-1 - k if arc else k), a, b
-            complete[count, 0], complete[count, 1] = a == begin, b == end
-            for m in range(2):
-                t = a if m == 0 else b
+            complete[count, 0], complete[count, 1] = a == item.begin, b == item.end
+            for m, t in enumerate((a, b)):
                 if arc:
                     ends[count, 2 * m] = ax + radius * math.cos(t)
                     ends[count, 2 * m + 1] = ay + radius * math.sin(t)

@@ -165,9 +165,30 @@ def nearest_side(
     return bx, by, best
 
 
-_SETTLED = 1e-3  # m
-_STEPS = 6  # to the middle of a passage
+_STEPS = 6  # to the middle of a passage at most
 _ASTRAY = 0.5  # m: a middle that is farther from the guide belongs to another passage
+
+
+@borrowing_kernel
+def passage_middle(
+    near: Nearby, x: float, y: float, widest: float, settled: float
+) -> tuple[float, tuple[float, float, float]]:
+    """Return half the width [m] of the passage at a point, and the pose in its middle [m, m, rad].
+
+    The heading is at right angles to the gap. The width is below 0 where the last step to the
+    middle is longer than `settled` [m], or the passage at least twice `widest` [m] wide.
+    """
+    for _ in range(_STEPS):
+        ax, ay, first = nearest_side(near, x, y, 0.0, 0.0, 2.0 * widest)
+        bx, by, second = nearest_side(near, x, y, ax - x, ay - y, 2.0 * widest)
+        if first <= 0.0 or second >= 2.0 * widest:
+            break
+        mx, my = 0.5 * (ax + bx), 0.5 * (ay + by)
+        moved = math.hypot(mx - x, my - y)
+        x, y = mx, my
+        if moved < settled:
+            return 0.5 * math.hypot(bx - ax, by - ay), (x, y, math.atan2(bx - ax, ay - by))
+    return -1.0, (x, y, 0.0)
 
 
 @kernel
@@ -179,24 +200,12 @@ def passage_poses(near: Nearby, guide: Array, widest: float) -> Array:
     poses = np.empty_like(guide)
     n = 0
     for k in range(guide.shape[0]):
-        x, y = guide[k, 0], guide[k, 1]
-        for _ in range(_STEPS):
-            ax, ay, first = nearest_side(near, x, y, 0.0, 0.0, 2.0 * widest)
-            bx, by, second = nearest_side(near, x, y, ax - x, ay - y, 2.0 * widest)
-            if first <= 0.0 or second >= 2.0 * widest:
-                break
-            mx, my = 0.5 * (ax + bx), 0.5 * (ay + by)
-            moved = math.hypot(mx - x, my - y)
-            if math.hypot(mx - guide[k, 0], my - guide[k, 1]) > _ASTRAY:
-                break
-            x, y = mx, my
-            if moved < _SETTLED:
-                yaw = math.atan2(bx - ax, ay - by)
-                if math.cos(yaw - guide[k, 2]) < 0.0:
-                    yaw += math.pi
-                new = n == 0 or math.hypot(poses[n - 1, 0] - x, poses[n - 1, 1] - y) > 0.05
-                if new:
-                    poses[n, 0], poses[n, 1], poses[n, 2] = x, y, wrap(yaw)
-                    n += 1
-                break
+        half, (x, y, yaw) = passage_middle(near, guide[k, 0], guide[k, 1], widest, 1e-3)
+        if half < 0.0 or math.hypot(x - guide[k, 0], y - guide[k, 1]) > _ASTRAY:
+            continue
+        if math.cos(yaw - guide[k, 2]) < 0.0:
+            yaw += math.pi
+        if n == 0 or math.hypot(poses[n - 1, 0] - x, poses[n - 1, 1] - y) > 0.05:
+            poses[n, 0], poses[n, 1], poses[n, 2] = x, y, wrap(yaw)
+            n += 1
     return poses[:n].copy()

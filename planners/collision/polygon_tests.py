@@ -292,19 +292,12 @@ def fill_buckets(
 @borrowing_kernel
 def mark_free_corners(arrays: SpaceArrays) -> None:
     """Set `corner_free`: the first corner lies outside the map, each other follows from one."""
-    free, grid, segments = arrays.corner_free, arrays.grid, arrays.segments
+    free, (left, low, size) = arrays.corner_free, arrays.grid
     rows, columns = free.shape
-    for i in range(rows):
-        y = grid[1] + i * grid[2]
-        for j in range(columns):
-            x = grid[0] + j * grid[2]
-            if j > 0:  # from the left
-                bucket, neighbour_free = i * columns + j - 1, free[i, j - 1]
-                x0, y0 = grid[0] + (j - 1) * grid[2], y
-            elif i > 0:  # from below
-                bucket, neighbour_free = (i - 1) * columns, free[i - 1, 0]
-                x0, y0 = x, grid[1] + (i - 1) * grid[2]
-            else:
-                continue
-            near = arrays.members[arrays.first[bucket] : arrays.first[bucket + 1]]
-            free[i, j] = _free_inside(segments, near, x0, y0, x, y, neighbour_free)
+    for k in range(1, rows * columns):
+        i, j = k // columns, k % columns
+        r, c = (i, j - 1) if j > 0 else (i - 1, 0)  # from the left, or from below
+        bucket = r * columns + c
+        near = arrays.members[arrays.first[bucket] : arrays.first[bucket + 1]]
+        x0, y0, x, y = left + c * size, low + r * size, left + j * size, low + i * size
+        free[i, j] = _free_inside(arrays.segments, near, x0, y0, x, y, free[r, c])

@@ -6,7 +6,7 @@ Used once per map, never in a loop of a planner.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -39,15 +39,6 @@ def union(polygons: Iterable[ArrayLike]) -> Any:
             raise ValueError(f"polygon {index} has a corner that is not finite")
         solids.append(shapely.make_valid(shapely.Polygon(corners)))
     return shapely.union_all(solids) if solids else shapely.MultiPolygon()
-
-
-def with_holes(outlines: Iterable[tuple[Array, Sequence[Array]]]) -> Any:
-    """Return the union of polygons (k, 2) [m], each with polygons of its holes; they may cross."""
-    pieces = [
-        shapely.difference(shapely.make_valid(shapely.Polygon(outer)), union(holes))
-        for outer, holes in outlines
-    ]
-    return polygonal(shapely.union_all(pieces)) if pieces else shapely.MultiPolygon()
 
 
 def disc(x: float, y: float, radius: float) -> Array:
@@ -120,19 +111,14 @@ def inflate(solid: Any, radius: float) -> Any:
             radius / np.hypot(out[:, 0], out[:, 1])[:, None]
         )
         for corner, end, normal, turn in zip(ring, ends, normals, turns, strict=True):
-            arc = []
+            arc = np.empty((0, 2))
             if turn > 0.0:
                 sides = math.ceil(turn / ARC)
-                angles = -turn + (np.arange(sides) + 0.5) * (turn / sides)
-                c, s = np.cos(angles), np.sin(angles)
-                round_corner = np.stack(
-                    [c * normal[0] - s * normal[1], s * normal[0] + c * normal[1]], axis=1
-                ) / math.cos(0.5 * turn / sides)
-                start = np.array([math.cos(-turn), math.sin(-turn)])
-                first = (
-                    start[0] * normal[0] - start[1] * normal[1],
-                    start[1] * normal[0] + start[0] * normal[1],
-                )
-                arc = [corner + first, *(corner + round_corner)]
+                half = 0.5 * turn / sides
+                angles = np.append(0.0, half * np.arange(1, 2 * sides, 2)) - turn
+                far = np.append(1.0, np.full(sides, 1.0 / math.cos(half)))
+                c, s = far * np.cos(angles), far * np.sin(angles)
+                x, y = normal
+                arc = corner + np.stack([c * x - s * y, s * x + c * y], axis=1)
             pieces.append(shapely.Polygon([corner, *arc, corner + normal, end + normal, end]))
     return polygonal(shapely.set_precision(shapely.union_all(pieces), GRID))

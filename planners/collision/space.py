@@ -81,7 +81,11 @@ class Space:
         cls, outlines: Iterable[tuple[Array, Sequence[Array]]], bounds: ArrayLike
     ) -> Space:
         """Return a map with solid polygons (k, 2) [m], each with the polygons of its holes."""
-        return cls(solids.with_holes(outlines), bounds)
+        pieces = [
+            shapely.difference(solids.union([outer]), solids.union(holes))
+            for outer, holes in outlines
+        ]
+        return cls(solids.polygonal(shapely.union_all(pieces)), bounds)
 
     @classmethod
     def from_polygons(cls, polygons: Iterable[ArrayLike], bounds: ArrayLike) -> Space:

@@ -15,7 +15,7 @@ import numpy as np
 from planners.collision.boundary import NONE, Boundary, group_by_point, orientation
 from planners.collision.polygon_tests import Index
 from wheelchair_gym.arrays import Array
-from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
+from wheelchair_gym.compiled.kernel import absorbed_kernel, borrowing_kernel, kernel
 
 
 class Mesh(NamedTuple):
@@ -72,12 +72,6 @@ def _beside(sweep: _Sweep, edge: int, code: int) -> None:
 
 
 @borrowing_kernel
-def _seen(sweep: _Sweep, a: int, b: int, p: int) -> bool:
-    """Return whether a point sees the edge from link a to link b from above."""
-    return orientation(sweep.points, sweep.place[a], sweep.place[b], p) > 0.0
-
-
-@borrowing_kernel
 def _fill(sweep: _Sweep, a: int, b: int, p: int, from_left: int, from_right: int) -> None:
     """Add the triangle of links a, b and a point; its edges to a and to b are given."""
     t = sweep.used[0]
@@ -91,30 +85,19 @@ def _fill(sweep: _Sweep, a: int, b: int, p: int, from_left: int, from_right: int
 
 
 @borrowing_kernel
-def _join_rightward(sweep: _Sweep, link: int, p: int, edge: int) -> int:
-    """Add triangles from a point to a chain, rightward from a link; return the new left end."""
-    b = sweep.right[link]
-    while b != NONE and _seen(sweep, link, b, p):
+def _join(sweep: _Sweep, link: int, p: int, edge: int, rightward: bool) -> int:
+    """Add triangles from a point to a chain, from a link on to one side; return its new end."""
+    ahead, back = (sweep.right, sweep.left) if rightward else (sweep.left, sweep.right)
+    while ahead[link] != NONE:
+        a, b = (link, ahead[link]) if rightward else (ahead[link], link)
+        if orientation(sweep.points, sweep.place[a], sweep.place[b], p) <= 0.0:
+            break  # the point does not see their edge from above
         beyond = _edge(sweep)
-        _fill(sweep, link, b, p, edge, beyond)
-        link, edge = b, beyond
-        b = sweep.right[link]
+        _fill(sweep, a, b, p, edge if rightward else beyond, beyond if rightward else edge)
+        link, edge = ahead[link], beyond
     new = _link(sweep, p)
-    sweep.right[new], sweep.edge[new], sweep.left[link] = link, edge, new
-    return new
-
-
-@borrowing_kernel
-def _join_leftward(sweep: _Sweep, link: int, p: int, edge: int) -> int:
-    """Add triangles from a point to a chain, leftward from a link; return the new right end."""
-    a = sweep.left[link]
-    while a != NONE and _seen(sweep, a, link, p):
-        beyond = _edge(sweep)
-        _fill(sweep, a, link, p, beyond, edge)
-        link, edge = a, beyond
-        a = sweep.left[link]
-    new = _link(sweep, p)
-    sweep.left[new], sweep.right[link], sweep.edge[link] = link, new, edge
+    ahead[new], back[link] = link, new
+    sweep.edge[new if rightward else link] = edge
     return new
 
 
@@ -129,6 +112,58 @@ def _where(points: Array, low: Index, high: Index, status: Index, count: int, p:
         else:
             last = middle
     return first
+
+
+class _Chains(NamedTuple):
+    """The chain of each free stretch of the line, by the side on its left."""
+
+    head: Index  # (n,) the left end
+    tail: Index  # (n,) the right end
+    last: Index  # (n,) the latest link
+
+
+@absorbed_kernel
+def _split_stretch(sweep: _Sweep, chains: _Chains, left: int, right: int, p: int) -> None:
+    """Split a free stretch at a point where something solid begins; `right` is its right side."""
+    head, tail, last = chains
+    q, edge = last[left], _edge(sweep)
+    rest = sweep.right[q]
+    twin = _link(sweep, sweep.place[q])  # the latest link belongs to both chains
+    sweep.right[twin], sweep.edge[twin] = rest, sweep.edge[q]
+    if rest != NONE:
+        sweep.left[rest] = twin
+    end = tail[left] if tail[left] != q else twin
+    tail[left] = last[left] = _join(sweep, q, p, edge, False)
+    head[right] = last[right] = _join(sweep, twin, p, edge, True)
+    tail[right] = end
+
+
+@absorbed_kernel
+def _join_stretches(
+    sweep: _Sweep, chains: _Chains, left: int, below: int, above: int, p: int
+) -> None:
+    """Join a point where sides end to the free stretches beside it.
+
+    They are given by the sides on their left: the stretch on the left of the point, and the one on
+    its right below and above it, or NONE. Without a side above, the two stretches become one.
+    """
+    head, tail, last = chains
+    mine = NONE
+    if left != NONE:
+        mine = _join(sweep, tail[left], p, _edge(sweep), False)
+        tail[left] = last[left] = mine
+    if below == NONE:
+        return
+    other = _join(sweep, head[below], p, _edge(sweep), True)
+    end = tail[below]
+    if above != NONE:
+        head[above] = last[above] = other
+        tail[above] = end
+    else:
+        rest = sweep.right[other]
+        sweep.right[mine], sweep.edge[mine] = rest, sweep.edge[other]
+        sweep.left[rest] = mine
+        tail[left] = end
 
 
 @kernel
@@ -154,12 +189,10 @@ def triangulate(
     )
     low, high = np.minimum(begins, ends), np.maximum(begins, ends)
     up = begins < ends  # free space lies on its right
-    arrive_first, arrive = np.empty(m + 1, np.int64), np.empty(n, np.int64)
-    leave_first, leave = np.empty(m + 1, np.int64), np.empty(n, np.int64)
-    group_by_point(high, arrive_first, arrive)
-    group_by_point(low, leave_first, leave)
-    # Of a free stretch, by the side on its left: the ends of its chain, and its latest link.
-    head, tail, last = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int64)
+    arrive_first, _ = group_by_point(high, m)
+    leave_first, leave = group_by_point(low, m)
+    chains = _Chains(np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int64))
+    head, tail, last = chains
     status, count, good = np.empty(n, np.int64), 0, True
     for p in range(m):
         below = arrive_first[p + 1] - arrive_first[p]
@@ -173,8 +206,7 @@ def triangulate(
             good &= high[status[k]] == p
         for i in range(1, above):  # from left to right
             for j in range(i, 0, -1):
-                a, b = high[new[j - 1]], high[new[j]]
-                if orientation(points, p, a, b) <= 0.0:
+                if orientation(points, p, high[new[j - 1]], high[new[j]]) <= 0.0:
                     break
                 new[j - 1], new[j] = new[j], new[j - 1]
         free_left = at > 0 and up[status[at - 1]]
@@ -188,57 +220,24 @@ def triangulate(
         if not good:
             break
         for k in range(at + begin, at + below - 1, 2):  # free stretches that end here
-            _join_rightward(sweep, head[status[k]], p, _edge(sweep))
-        mine = NONE
-        if below == 0 and free_left:  # something solid begins within a free stretch
-            stretch = status[at - 1]
-            q, edge = last[stretch], _edge(sweep)
-            rest = sweep.right[q]
-            twin = _link(sweep, sweep.place[q])  # the latest link belongs to both chains
-            sweep.right[twin], sweep.edge[twin] = rest, sweep.edge[q]
-            if rest != NONE:
-                sweep.left[rest] = twin
-            end = tail[stretch] if tail[stretch] != q else twin
-            mine = _join_leftward(sweep, q, p, edge)
-            other = _join_rightward(sweep, twin, p, edge)
-            tail[stretch] = last[stretch] = mine
-            right = new[above - 1]
-            head[right] = last[right] = other
-            tail[right] = end
-        elif below > 0:
-            if free_left:
-                stretch = status[at - 1]
-                mine = _join_leftward(sweep, tail[stretch], p, _edge(sweep))
-                tail[stretch] = last[stretch] = mine
-            if free_right:
-                stretch = status[at + below - 1]
-                other = _join_rightward(sweep, head[stretch], p, _edge(sweep))
-                end = tail[stretch]
-                if above > 0:
-                    right = new[above - 1]
-                    head[right] = last[right] = other
-                    tail[right] = end
-                else:  # two free stretches become one
-                    stretch = status[at - 1]
-                    rest = sweep.right[other]
-                    sweep.right[mine], sweep.edge[mine] = rest, sweep.edge[other]
-                    sweep.left[rest] = mine
-                    tail[stretch] = end
+            _join(sweep, head[status[k]], p, _edge(sweep), True)
+        if below > 0:
+            _join_stretches(
+                sweep, chains,
+                status[at - 1] if free_left else NONE,
+                status[at + below - 1] if free_right else NONE,
+                new[above - 1] if above > 0 else NONE, p,
+            )  # fmt: skip
+        elif free_left:
+            _split_stretch(sweep, chains, status[at - 1], new[above - 1], p)
         for k in range(begin, above - 1, 2):  # free stretches that begin here
             head[new[k]] = tail[new[k]] = last[new[k]] = _link(sweep, p)
-        if above > below:
-            for k in range(count - 1, at + below - 1, -1):
-                status[k + above - below] = status[k]
-        elif above < below:
-            for k in range(at + below, count):
-                status[k + above - below] = status[k]
+        status[at + above : count - below + above] = status[at + below : count]
+        status[at : at + above] = new
         count += above - below
-        for k in range(above):
-            status[at + k] = new[k]
     total = sweep.used[0]
     corners = sweep.corners[:total].copy()
-    first, around = np.empty(m + 1, np.int64), np.empty(3 * total, np.int64)
-    group_by_point(corners.ravel(), first, around)
+    first, around = group_by_point(corners.ravel(), m)
     return corners, sweep.across[:total].copy(), first, around, good and count == 0
 
 

@@ -16,7 +16,7 @@ from planners.graphs.roadmap import Pairs, shortest
 from planners.problem import Plan, PlannerBase, Problem, Status, answer
 from planners.smoothing.shortcut import shortcut
 from wheelchair_gym.arrays import Array
-from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
+from wheelchair_gym.compiled.kernel import absorbed_kernel, borrowing_kernel, kernel
 from wheelchair_gym.config import setting, settings
 
 SLACK = 1e-9  # m: rounding may close windows; edges through them are tested exactly
@@ -59,25 +59,29 @@ def _free_between(segments: Array, low: int, high: int) -> bool:
     return bool(segments[low, 0] > segments[low, 2] and segments[high, 0] < segments[high, 2])
 
 
-@kernel
-def _more(array: Array) -> Array:
-    """Return an array of twice as many rows, which begins with those of another."""
-    wider = np.empty((2 * array.shape[0], array.shape[1]), array.dtype)
-    wider[: array.shape[0]] = array
-    return wider
+@absorbed_kernel
+def _insert(segments: Array, active: Pairs, count: int, k: int) -> None:
+    """Insert a segment that begins on the sweep line among `count` others, upwards."""
+    low, high = 0, count
+    while low < high:
+        middle = (low + high) // 2
+        if _above(segments, k, active[middle]):
+            low = middle + 1
+        else:
+            high = middle
+    for m in range(count, low, -1):
+        active[m] = active[m - 1]
+    active[low] = k
 
 
 @kernel
-def decompose(
-    segments: Array, lines: Array, begin: Pairs, finish: Pairs
-) -> tuple[Pairs, Array, Pairs, Array]:
+def decompose(segments: Array, lines: Array, begin: Pairs) -> tuple[Pairs, Array, Pairs, Array]:
     """Sweep a line from left to right over the boundary (n, 4) [m], the solid on its left.
 
     Args:
         segments: the boundary.
         lines: x of all corners, ascending, once each [m].
         begin: segments that are not vertical, by their left ends.
-        finish: the same, by their right ends.
 
     Returns:
         Floor and ceiling of each cell (c, 2), the lines (c, 2) [m] that bound it, the cells (w, 2)
@@ -90,32 +94,18 @@ def decompose(
     cell_on = np.full(n, -1, dtype=np.int64)  # the open cell over each floor
     kept = np.full(n, -1, dtype=np.int64)  # the last line at which a floor kept its cell
     before, meeting = np.empty(many, dtype=np.int64), np.empty(2 * many, dtype=np.int64)
-    passing = opened_before = cells = found = next_begin = next_finish = 0
+    passing = opened_before = cells = found = next_begin = 0
     for event in range(lines.shape[0]):
         x = lines[event]
-        if next_finish < many and _rightward(segments, finish[next_finish])[2] == x:
-            left = 0
-            for m in range(passing):
-                if _rightward(segments, active[m])[2] != x:
-                    active[left] = active[m]
-                    left += 1
-            passing = left
-            while next_finish < many and _rightward(segments, finish[next_finish])[2] == x:
-                next_finish += 1
+        left = 0  # segments that do not end here
+        for m in range(passing):
+            if _rightward(segments, active[m])[2] != x:
+                active[left] = active[m]
+                left += 1
+        passing = left
         while next_begin < many and _rightward(segments, begin[next_begin])[0] == x:
-            k = begin[next_begin]
-            next_begin += 1
-            low, high = 0, passing
-            while low < high:
-                middle = (low + high) // 2
-                if _above(segments, k, active[middle]):
-                    low = middle + 1
-                else:
-                    high = middle
-            for m in range(passing, low, -1):
-                active[m] = active[m - 1]
-            active[low] = k
-            passing += 1
+            _insert(segments, active, passing, begin[next_begin])
+            passing, next_begin = passing + 1, next_begin + 1
         # Cells that go on, that end here, and that begin here, upwards.
         opened = ending = 0
         for m in range(passing - 1):
@@ -138,28 +128,27 @@ def decompose(
                 opened += 1
                 if kept[f] != event:
                     if cells == walls.shape[0]:
-                        walls, spans = _more(walls), _more(spans)
+                        walls = np.concatenate((walls, walls))
+                        spans = np.concatenate((spans, spans))
                     walls[cells, 0], walls[cells, 1] = f, c
                     spans[cells, 0] = spans[cells, 1] = x
                     cell_on[f] = meeting[count] = cells
-                    cells += 1
-                    count += 1
+                    cells, count = cells + 1, count + 1
         opened_before = opened
         for p in range(count):
-            a = meeting[p]
-            a_low, a_high = _height(segments, walls[a, 0], x), _height(segments, walls[a, 1], x)
             for q in range(p + 1, count):
-                b = meeting[q]
-                bottom = max(a_low, _height(segments, walls[b, 0], x))
-                top = min(a_high, _height(segments, walls[b, 1], x))
-                if bottom <= top + SLACK:
+                a, b = meeting[p], meeting[q]
+                top = _height(segments, walls[a, 1], x)
+                low = max(_height(segments, walls[a, 0], x), _height(segments, walls[b, 0], x))
+                high = min(top, _height(segments, walls[b, 1], x))
+                if low <= high + SLACK:
                     if found == sides.shape[0]:
-                        sides, windows = _more(sides), _more(windows)
+                        sides = np.concatenate((sides, sides))
+                        windows = np.concatenate((windows, windows))
                     sides[found, 0], sides[found, 1] = a, b
-                    windows[found, 0] = x
-                    windows[found, 1], windows[found, 2] = bottom, max(bottom, top)
+                    windows[found, 0], windows[found, 1], windows[found, 2] = x, low, max(low, high)
                     found += 1
-                elif q >= ending and bottom > a_high + SLACK:
+                elif q >= ending and low > top + SLACK:
                     break  # cells that begin here come from low to high
     return walls[:cells], spans[:cells], sides[:found], windows[:found]
 
@@ -179,25 +168,7 @@ def cells_at(arrays: SpaceArrays, walls: Pairs, spans: Array, x: float, y: float
     return found[:count]
 
 
-@kernel
-def _pairs(first: Pairs, members: Pairs) -> Pairs:
-    """Return pairs (k, 2) of different members of a group; `first` (n + 1,) bounds the groups."""
-    count = 0
-    for cell in range(first.shape[0] - 1):
-        size = first[cell + 1] - first[cell]
-        count += size * (size - 1) // 2
-    pairs = np.empty((count, 2), dtype=np.int64)
-    count = 0
-    for cell in range(first.shape[0] - 1):
-        for p in range(first[cell], first[cell + 1]):
-            for q in range(p + 1, first[cell + 1]):
-                if members[p] != members[q]:
-                    pairs[count, 0], pairs[count, 1] = members[p], members[q]
-                    count += 1
-    return pairs[:count]
-
-
-def pairs_in_cells(sides: Pairs, cells: int, start_in: Pairs, goal_in: Pairs, per: int) -> Pairs:
+def pairs_in_cells(sides: Pairs, start_in: Pairs, goal_in: Pairs, per: int) -> Pairs:
     """Return the pairs of nodes (k, 2) in one cell: start, goal, then `per` of each window."""
     of_windows = 2 + np.arange(per * len(sides)).reshape(-1, 1, per)  # (windows, 1, per)
     nodes = np.concatenate([
@@ -206,7 +177,12 @@ def pairs_in_cells(sides: Pairs, cells: int, start_in: Pairs, goal_in: Pairs, pe
     ])  # fmt: skip
     cell = np.concatenate([start_in, goal_in, np.repeat(sides.ravel(), per)])
     order = np.argsort(cell, kind="stable")
-    return _pairs(np.searchsorted(cell[order], np.arange(cells + 1)), nodes[order])
+    place = np.arange(len(order))
+    after = np.searchsorted(cell[order], cell[order], side="right") - place - 1  # in the same cell
+    p = np.repeat(place, after)
+    q = p + 1 + np.arange(len(p)) - np.repeat(np.cumsum(after) - after, after)
+    pairs: Pairs = nodes[order][np.stack([p, q], axis=1)]
+    return np.ascontiguousarray(pairs[pairs[:, 0] != pairs[:, 1]])
 
 
 WINDOW_NODES = 3  # middle, low and high end: paths bend at corners, which are ends of windows
@@ -215,15 +191,10 @@ WINDOW_NODES = 3  # middle, low and high end: paths bend at corners, which are e
 def cut(arrays: SpaceArrays) -> tuple[Pairs, Array, Pairs, Array]:
     """Return the vertical cells of a space and their windows; see `decompose`."""
     segments = arrays.segments
-    upright = segments[:, 0] == segments[:, 2]
-    across = np.flatnonzero(~upright)
-    lefts, rights = segments[across][:, [0, 2]].min(axis=1), segments[across][:, [0, 2]].max(axis=1)
-    return decompose(
-        segments,
-        np.unique(segments[:, [0, 2]]),
-        across[np.argsort(lefts, kind="stable")],
-        across[np.argsort(rights, kind="stable")],
-    )
+    across = np.flatnonzero(segments[:, 0] != segments[:, 2])
+    lefts = segments[across][:, [0, 2]].min(axis=1)
+    begin = across[np.argsort(lefts, kind="stable")]
+    return decompose(segments, np.unique(segments[:, [0, 2]]), begin)
 
 
 @settings
@@ -246,16 +217,16 @@ class CellDecomposition(PlannerBase):
         start_in, goal_in = (cells_at(arrays, walls, spans, *point) for point in ends)
         x, low, high = windows.T
         corners = np.stack([x, 0.5 * (low + high), x, low, x, high], axis=1).reshape(-1, 2)
-        pairs = pairs_in_cells(sides, cells, start_in, goal_in, WINDOW_NODES)
-        way = shortest(arrays, np.vstack([ends, corners]), pairs, end)
-        path, failure, note = way.path, Status.EXHAUSTED, "out of time"
+        pairs = pairs_in_cells(sides, start_in, goal_in, WINDOW_NODES)
+        path, tested, in_time = shortest(arrays, np.vstack([ends, corners]), pairs, end)
+        failure, note = Status.EXHAUSTED, "out of time"
         if len(path):
             path = shortcut(path, problem.free) if self.shortcut else path
-        elif way.in_time:
+        elif in_time:
             links = coo_array((np.ones(len(sides)), sides.T), shape=(cells, cells))
             _, part = connected_components(links, directed=False)
             note = "too narrow for the precision of coordinates"
             if not np.isin(part[start_in], part[goal_in]).any():
                 failure, note = Status.NO_PATH, "start and goal lie in separate parts of free space"
-        counters = {"cells": cells, "windows": len(sides), "edges_tested": way.tested}
+        counters = {"cells": cells, "windows": len(sides), "edges_tested": tested}
         return answer(path, counters, note, failure)

@@ -5,134 +5,85 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
-from planners.collision.boundary import blocking_segments
-from planners.collision.polygon_tests import SpaceArrays, edge_free
+from planners.collision.boundary import NONE, blocking_segments
+from planners.collision.polygon_tests import Index, SpaceArrays, edge_free
 from planners.collision.space import Space
-from planners.problem import Plan, PlannerBase, Problem, Status, answer, chunks, remaining
-from planners.trees.settings import RrtStarLimited
+from planners.problem import Plan, PlannerBase, Problem, Status, answer, remaining
+from planners.trees.rrt_star import RrtStarLimited
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.clock import clock
-from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
+from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.config import setting, settings
 
+Point = tuple[float, float]  # m
 MAX_TURNS = 200  # largest number of corners to go around: 20 are common on 50 m of clutter
-ENDS = (
-    "",
-    "more turns than allowed",
-    "no corner lies beside a line that is blocked",
-    "a line that is blocked leads back to itself",
-)
-WHOLE, GOES_ON, NO_CORNER, LOOP = range(len(ENDS))
 
 
 class Obstacles(NamedTuple):
     """The connected obstacles of a space."""
 
     corners: Array  # (n, 2) m: those within the map
-    owner: NDArray[np.int64]  # (n,) obstacle of each corner
-    owner_of_segment: NDArray[np.int64]  # obstacle of each boundary segment; -1: none
+    owner: Index  # (n,) obstacle of each corner
+    owner_of_segment: Index  # obstacle of each boundary segment; -1: none
     parts: int  # number of obstacles
 
 
-def _obstacles(space: Space) -> Obstacles:
-    """Return the obstacles; connected ones are one."""
-    parts = shapely.get_parts(space.solid)
-    corners, owner = shapely.get_coordinates(parts, return_index=True)
-    xmin, ymin, xmax, ymax = space.bounds
-    x, y = corners.T
-    within = (xmin < x) & (x < xmax) & (ymin < y) & (y < ymax)
-    segments = space.arrays.segments
-    middles = shapely.points(0.5 * (segments[:, :2] + segments[:, 2:]))
-    owner_of_segment = np.full(len(segments), -1, dtype=np.int64)
-    if len(parts):
-        which, nearest = shapely.STRtree(parts).query_nearest(
-            middles, max_distance=1e-6, all_matches=False
-        )
-        owner_of_segment[which] = nearest
-    return Obstacles(corners[within], owner[within].astype(np.int64), owner_of_segment, len(parts))
+_OBSTACLES: WeakKeyDictionary[Space, Obstacles] = WeakKeyDictionary()
 
 
-@borrowing_kernel
-def farthest_corner(
-    obstacles: Obstacles, hit: NDArray[np.bool_], ax: float, ay: float, bx: float, by: float,
-    side: float,
-) -> tuple[int, float]:  # fmt: skip
-    """Return the corner of the obstacles hit that is farthest to one side of a line; -1: none.
-
-    Of corners at the same distance, it is the first: the path runs along the side between them.
-    Also returns its distance times the line's length [m2].
-    """
-    corners, found, most, near = obstacles.corners, -1, 0.0, math.inf
-    for exact in (False, True):
-        for k in range(corners.shape[0]):
-            if not hit[obstacles.owner[k]]:
-                continue
-            x, y = corners[k, 0] - ax, corners[k, 1] - ay
-            off = side * ((bx - ax) * y - (by - ay) * x)
-            if not exact:
-                most = max(most, off)
-            elif most > 0.0 and off >= most * (1.0 - 1e-12) and math.hypot(x, y) < near:
-                found, near = k, math.hypot(x, y)
-    return found, most
+def obstacles_of(space: Space) -> Obstacles:
+    """Return the obstacles of a space, computed once; connected ones are one."""
+    if space not in _OBSTACLES:
+        parts = shapely.get_parts(space.solid)
+        corners, owner = shapely.get_coordinates(parts, return_index=True)
+        low, high = np.array(space.bounds).reshape(2, 2)
+        within = ((low < corners) & (corners < high)).all(axis=1)
+        segments = space.arrays.segments
+        middles = shapely.points(0.5 * (segments[:, :2] + segments[:, 2:]))
+        owner_of_segment = np.full(len(segments), -1, dtype=np.int64)
+        if len(parts):
+            which, nearest = shapely.STRtree(parts).query_nearest(
+                middles, max_distance=1e-6, all_matches=False
+            )
+            owner_of_segment[which] = nearest
+        owner = owner[within].astype(np.int64)
+        _OBSTACLES[space] = Obstacles(corners[within], owner, owner_of_segment, len(parts))
+    return _OBSTACLES[space]
 
 
 @kernel
-def bend(
-    arrays: SpaceArrays, obstacles: Obstacles, path: Array, ahead: Array, asked: Array,
-    counts: NDArray[np.int64], until: int,
-) -> int:  # fmt: skip
-    """Go around corners until the path is whole, the method ends, or `until` turns are made.
+def corner_beside(
+    arrays: SpaceArrays, obstacles: Obstacles, ax: float, ay: float, bx: float, by: float
+) -> int:
+    """Return the corner around which a blocked line [m] bends, or -1.
 
-    Args:
-        arrays: the space.
-        obstacles: its obstacles.
-        path: points (n, 2) [m] so far.
-        ahead: points (n, 2) [m] that follow, the next one last.
-        asked: blocked lines (n, 4) [m] so far.
-        counts: (4,) points of the path and ahead, turns, and edges tested.
-        until: number of turns.
-
-    Returns:
-        An index of `ENDS`.
+    Of the corners farthest to each side, of the obstacles hit, it is the one nearer to the line. Of
+    corners at the same distance, it is the first: the path runs along the side between them.
     """
-    hit = np.zeros(obstacles.parts + 1, np.bool_)
-    while counts[1] > 0:
-        ax, ay = path[counts[0] - 1]
-        bx, by = ahead[counts[1] - 1]
-        if edge_free(arrays, ax, ay, bx, by):
-            counts[3] += 1
-            path[counts[0]] = ahead[counts[1] - 1]
-            counts[0], counts[1] = counts[0] + 1, counts[1] - 1
-            continue
-        if counts[2] >= until:
-            return GOES_ON
-        counts[3] += 1
-        hit[:] = False
-        for segment in blocking_segments(arrays, ax, ay, bx, by)[0]:
-            owner = obstacles.owner_of_segment[segment]
-            hit[owner if owner >= 0 else obstacles.parts] = True
-        hit[obstacles.parts] = False
-        k, far = farthest_corner(obstacles, hit, ax, ay, bx, by, 1.0)
-        other, less = farthest_corner(obstacles, hit, ax, ay, bx, by, -1.0)
-        if k < 0 or (other >= 0 and less < far):
-            k = other
-        if k < 0:
-            return NO_CORNER
-        x, y = obstacles.corners[k]
-        if (x == ax and y == ay) or (x == bx and y == by):
-            return LOOP
-        for i in range(counts[2]):
-            if asked[i, 0] == ax and asked[i, 1] == ay and asked[i, 2] == bx and asked[i, 3] == by:
-                return LOOP
-        asked[counts[2]] = ax, ay, bx, by
-        ahead[counts[1]] = x, y
-        counts[1], counts[2] = counts[1] + 1, counts[2] + 1
-    return WHOLE
+    hit = np.zeros(obstacles.parts + 1, np.bool_)  # the last one stands for no obstacle
+    for segment in blocking_segments(arrays, ax, ay, bx, by)[0]:
+        hit[obstacles.owner_of_segment[segment]] = True
+    hit[-1] = False
+    corners, chosen, least = obstacles.corners, -1, math.inf
+    for side in (1.0, -1.0):
+        most, near, found = 0.0, math.inf, -1  # most: distance times the line's length [m2]
+        for exact in (False, True):
+            for k in range(len(corners)):
+                if hit[obstacles.owner[k]]:
+                    x, y = corners[k, 0] - ax, corners[k, 1] - ay
+                    off = side * ((bx - ax) * y - (by - ay) * x)
+                    if not exact:
+                        most = max(most, off)
+                    elif off >= most * (1.0 - 1e-12) and math.hypot(x, y) < near:
+                        found, near = k, math.hypot(x, y)
+        if 0.0 < most < least:
+            chosen, least = found, most
+    return chosen
 
 
 @settings
@@ -146,19 +97,32 @@ class Geometric(PlannerBase):
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Return a path, or why the method ends; the generator is not used."""
-        space = problem.free
-        obstacles = _obstacles(space)
-        most = MAX_TURNS
-        path, ahead, asked = np.empty((most + 2, 2)), np.empty((most + 1, 2)), np.empty((most, 4))
-        path[0], ahead[0] = problem.start[:2], problem.goal[:2]
-        counts, code = np.array([1, 1, 0, 0]), GOES_ON
-        for until in chunks(most, end):
-            code = bend(space.arrays, obstacles, path, ahead, asked, counts, until)
-            if code != GOES_ON:
+        arrays, obstacles = problem.free.arrays, obstacles_of(problem.free)
+        path, ahead = ([(float(at[0]), float(at[1]))] for at in (problem.start, problem.goal))
+        asked: set[tuple[Point, Point]] = set()  # blocked lines
+        note, tested = "", 0
+        while ahead:
+            a, b = path[-1], ahead[-1]
+            if edge_free(arrays, *a, *b):
+                tested += 1
+                path.append(ahead.pop())
+                continue
+            if len(asked) == MAX_TURNS or (asked and clock() >= end):
+                note = "more turns than allowed" if len(asked) == MAX_TURNS else "out of time"
                 break
-        note = ENDS[code] if code != GOES_ON or counts[2] == most else "out of time"
-        path = np.empty((0, 2)) if note else path[: counts[0]].copy()
-        return answer(path, {"turns": int(counts[2]), "edges_tested": int(counts[3])}, note)
+            tested += 1
+            k = corner_beside(arrays, obstacles, *a, *b)
+            if k == NONE:
+                note = "no corner lies beside a line that is blocked"
+                break
+            corner = float(obstacles.corners[k, 0]), float(obstacles.corners[k, 1])
+            if corner in (a, b) or (a, b) in asked:
+                note = "a line that is blocked leads back to itself"
+                break
+            asked.add((a, b))
+            ahead.append(corner)
+        found = np.empty((0, 2)) if note else np.array(path)
+        return answer(found, {"turns": len(asked), "edges_tested": tested}, note)
 
 
 @settings

@@ -17,12 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planners.collision.polygon_tests import SpaceArrays, clearance, edge_free, fill_buckets
-from planners.graphs.heap import Heap, enlarged, new_heap, pop, push
+from planners.graphs.heap import Heap, new_heap, nodes_to, pop, push
 from planners.problem import Plan, PlannerBase, Problem, answer, with_settings
 from planners.smoothing.shortcut import edge_cost, shortcut
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.clock import clock
-from wheelchair_gym.compiled.kernel import borrowing_kernel
+from wheelchair_gym.compiled.kernel import absorbed_kernel, borrowing_kernel
 from wheelchair_gym.config import setting, settings
 
 NEAR = 2  # grid steps within which the start and the goal are joined to the grid
@@ -110,19 +110,99 @@ def _settle(arrays: SpaceArrays, grid: Grid, frontier: Frontier, u: int) -> None
     cost[u], parent[u] = best, found
 
 
+@absorbed_kernel
+def _edge_length(
+    arrays: SpaceArrays, grid: Grid, order: Order, crowding: Array, u: int, v: int, far: float
+) -> float:
+    """Return the length [m] of an edge from u to v, increased near obstacles."""
+    weight, comfort = order.obstacle_weight, order.desired_clearance
+    if weight == 0.0:
+        return far
+    if u == grid.walls_near.shape[0]:
+        (x, y), (vx, vy) = _place(grid, u), _place(grid, v)
+        return edge_cost(arrays, x, y, vx, vy, weight, comfort)
+    for w in (u, v):
+        if crowding[w] < 0.0:
+            wx, wy = _place(grid, w)
+            crowding[w] = max(0.0, 1.0 - clearance(arrays, wx, wy) / comfort)
+    return far * float(1.0 + 0.5 * weight * (crowding[u] + crowding[v]))
+
+
+@absorbed_kernel
+def _expand(arrays: SpaceArrays, grid: Grid, order: Order, frontier: Frontier, u: int) -> None:
+    """Offer a node as the parent of the grid points around it."""
+    cost, crowding, parent, done, heap, counts = frontier
+    step, columns, n = grid.step, grid.columns, grid.walls_near.shape[0]
+    rows, gx, gy = n // columns, grid.ends[1, 0], grid.ends[1, 1]
+    x, y = _place(grid, u)
+    i, j = int((y - grid.low) / step + 0.5), int((x - grid.left) / step + 0.5)
+    if u == n:
+        i, j = int((y - grid.low) / step), int((x - grid.left) / step)
+    origin = parent[u] if order.any_angle and u != n else u
+    ox, oy = _place(grid, origin)
+    reach = NEAR if u == n else 1
+    for di in range(-reach, reach + 1 + (u == n)):
+        for dj in range(-reach, reach + 1 + (u == n)):
+            vi, vj = i + di, j + dj
+            if u != n and (not order.diagonal and di != 0 and dj != 0):
+                continue
+            if vi < 0 or vi >= rows or vj < 0 or vj >= columns:
+                continue
+            v = vi * columns + vj
+            if done[v]:
+                continue
+            vx, vy = _place(grid, v)
+            far = math.hypot(vx - ox, vy - oy)
+            if order.by == LENGTH and cost[origin] + far >= cost[v]:
+                continue
+            if order.by == EDGES and cost[u] + 1.0 >= cost[v]:
+                continue
+            walls = u == n or grid.walls_near[min(i, vi) * columns + min(j, vj)] > 0
+            if walls and not edge_free(arrays, x, y, vx, vy):
+                continue
+            counts[1] += 1
+            new_cost = cost[origin] + _edge_length(arrays, grid, order, crowding, u, v, far)
+            if order.by != LENGTH:
+                new_cost = cost[u] + 1.0 if order.by == EDGES else -float(counts[1])
+            if new_cost < cost[v]:
+                cost[v], parent[v] = new_cost, origin
+                left = order.ahead * TIE * _way_left(gx - vx, gy - vy, order)
+                push(heap, new_cost + left, v)
+
+
+@borrowing_kernel
+def _try_goal(arrays: SpaceArrays, grid: Grid, order: Order, frontier: Frontier, u: int) -> None:
+    """Join a node near the goal to it, or the node's parent if that sees the goal."""
+    cost, parent, n = frontier.cost, frontier.parent, grid.walls_near.shape[0]
+    gx, gy = grid.ends[1, 0], grid.ends[1, 1]
+    x, y = _place(grid, u)
+    seen = edge_free(arrays, x, y, gx, gy)
+    origin = parent[u] if order.any_angle and u != n else u
+    ox, oy = _place(grid, origin)
+    if origin != u and edge_free(arrays, ox, oy, gx, gy):
+        seen, u, x, y = True, origin, ox, oy
+    far = edge_cost(arrays, x, y, gx, gy, order.obstacle_weight, order.desired_clearance)
+    if u != n and far > 0.0:  # counted as by the grid, or the estimate were no bound
+        far *= _way_left(gx - x, gy - y, order) / math.hypot(gx - x, gy - y)
+    new_cost = cost[u] + far
+    if order.by != LENGTH:
+        new_cost = cost[u] + 1.0 if order.by == EDGES else -math.inf
+    if seen and new_cost < cost[n + 1]:
+        cost[n + 1], parent[n + 1] = new_cost, u
+        push(frontier.heap, new_cost, n + 1)
+
+
 @borrowing_kernel
 def search_grid(
     arrays: SpaceArrays, grid: Grid, order: Order, frontier: Frontier, budget: int
 ) -> bool:
     """Expand up to `budget` nodes; return whether the goal is reached or no node is left."""
-    cost, crowding, parent, done, heap, counts = frontier
-    step, columns, n = grid.step, grid.columns, grid.walls_near.shape[0]
-    rows = n // columns
+    done, n, reach = frontier.done, grid.walls_near.shape[0], NEAR * grid.step
     gx, gy = grid.ends[1, 0], grid.ends[1, 1]
     for _ in range(budget):
-        if heap.size[0] == 0:
+        if frontier.heap.size[0] == 0:
             return True
-        u = pop(heap)
+        u = pop(frontier.heap)
         if done[u]:
             continue
         if order.any_angle and u < n:
@@ -130,67 +210,11 @@ def search_grid(
         done[u] = True
         if u == n + 1:
             return True
-        counts[0] += 1
+        frontier.counts[0] += 1
+        _expand(arrays, grid, order, frontier, u)
         x, y = _place(grid, u)
-        i, j = int((y - grid.low) / step + 0.5), int((x - grid.left) / step + 0.5)
-        if u == n:
-            i, j = int((y - grid.low) / step), int((x - grid.left) / step)
-        origin = parent[u] if order.any_angle and u != n else u
-        ox, oy = _place(grid, origin)
-        reach = NEAR if u == n else 1
-        for di in range(-reach, reach + 1 + (u == n)):
-            for dj in range(-reach, reach + 1 + (u == n)):
-                vi, vj = i + di, j + dj
-                if u != n and (not order.diagonal and di != 0 and dj != 0):
-                    continue
-                if vi < 0 or vi >= rows or vj < 0 or vj >= columns:
-                    continue
-                v = vi * columns + vj
-                if done[v]:
-                    continue
-                vx, vy = _place(grid, v)
-                far = math.hypot(vx - ox, vy - oy)
-                if order.by == LENGTH and cost[origin] + far >= cost[v]:
-                    continue
-                if order.by == EDGES and cost[u] + 1.0 >= cost[v]:
-                    continue
-                if (
-                    u == n or grid.walls_near[min(i, vi) * columns + min(j, vj)] > 0
-                ) and not edge_free(arrays, x, y, vx, vy):
-                    continue
-                if order.obstacle_weight > 0.0:
-                    if u == n:
-                        far = edge_cost(
-                            arrays, x, y, vx, vy, order.obstacle_weight, order.desired_clearance
-                        )
-                    else:
-                        for w in (u, v):
-                            if crowding[w] < 0.0:
-                                wx, wy = _place(grid, w)
-                                near = 1.0 - clearance(arrays, wx, wy) / order.desired_clearance
-                                crowding[w] = max(0.0, near)
-                        far *= 1.0 + 0.5 * order.obstacle_weight * (crowding[u] + crowding[v])
-                counts[1] += 1
-                new_cost = cost[origin] + far
-                if order.by != LENGTH:
-                    new_cost = cost[u] + 1.0 if order.by == EDGES else -float(counts[1])
-                if new_cost < cost[v]:
-                    cost[v], parent[v] = new_cost, origin
-                    left = order.ahead * TIE * _way_left(gx - vx, gy - vy, order)
-                    push(heap, new_cost + left, v)
-        if (abs(gx - x) <= NEAR * step and abs(gy - y) <= NEAR * step) or u == n:
-            seen = edge_free(arrays, x, y, gx, gy)
-            if origin != u and edge_free(arrays, ox, oy, gx, gy):
-                seen, u, x, y = True, origin, ox, oy
-            far = edge_cost(arrays, x, y, gx, gy, order.obstacle_weight, order.desired_clearance)
-            if u != n and far > 0.0:  # counted as by the grid, or the estimate were no bound
-                far *= _way_left(gx - x, gy - y, order) / math.hypot(gx - x, gy - y)
-            new_cost = cost[u] + far
-            if order.by != LENGTH:
-                new_cost = cost[u] + 1.0 if order.by == EDGES else -math.inf
-            if seen and new_cost < cost[n + 1]:
-                cost[n + 1], parent[n + 1] = new_cost, u
-                push(heap, new_cost, n + 1)
+        if (abs(gx - x) <= reach and abs(gy - y) <= reach) or u == n:
+            _try_goal(arrays, grid, order, frontier, u)
     return False
 
 
@@ -206,30 +230,21 @@ def _way(arrays: SpaceArrays, grid: Grid, order: Order, end: float) -> tuple[Arr
         crowding=np.full(n if order.obstacle_weight > 0.0 else 1, -1.0),
         parent=np.full(n + 2, -1, dtype=np.int64),
         done=np.zeros(n + 2, dtype=np.bool_),
-        heap=new_heap(2 * MOST_PUSHES * CHUNK),
+        heap=new_heap(MOST_PUSHES * n + START_PUSHES),
         counts=np.zeros(2, np.int64),
     )
     frontier.cost[n] = 0.0
     frontier.heap.keys[0], frontier.heap.items[0], frontier.heap.size[0] = 0.0, n, 1
     over = False
-    while not over:
-        capacity = int(frontier.heap.size[0]) + START_PUSHES + MOST_PUSHES * CHUNK
-        if len(frontier.heap.keys) < capacity:
-            frontier = frontier._replace(heap=enlarged(frontier.heap, 2 * capacity))
+    while not over and not (frontier.counts[0] > 0 and clock() >= end):
         over = search_grid(arrays, grid, order, frontier, CHUNK)
-        if not over and clock() >= end:
-            return np.empty((0, 2)), int(frontier.counts[0]), False
-    nodes = [n + 1] if frontier.done[n + 1] else []
-    while nodes and nodes[-1] != n:
-        nodes.append(int(frontier.parent[nodes[-1]]))
-    inner = np.array(nodes[-2:0:-1], dtype=np.int64)
-    places = np.stack([inner % grid.columns, inner // grid.columns], axis=1)
-    path = np.array([grid.left, grid.low]) + grid.step * places
-    return (
-        np.vstack([grid.ends[:1], path, grid.ends[1:]]) if nodes else np.empty((0, 2)),
-        int(frontier.counts[0]),
-        True,
-    )
+    path = np.empty((0, 2))
+    if frontier.done[n + 1]:
+        inner = nodes_to(frontier.parent, n + 1)[1:-1]
+        places = np.stack([inner % grid.columns, inner // grid.columns], axis=1)
+        inner_points = np.array([grid.left, grid.low]) + grid.step * places
+        path = np.vstack([grid.ends[:1], inner_points, grid.ends[1:]])
+    return path, int(frontier.counts[0]), over
 
 
 @settings

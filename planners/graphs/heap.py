@@ -1,4 +1,7 @@
-"""A binary heap in arrays; the smallest key comes first, of equal keys the smallest item."""
+"""The open list of a search, and the path to one of its nodes.
+
+The list is a binary heap in arrays; the smallest key comes first, of equal keys the smallest item.
+"""
 
 from __future__ import annotations
 
@@ -67,3 +70,15 @@ def pop(heap: Heap) -> int:
         k = down
     keys[k], items[k] = key, item
     return int(first)
+
+
+@kernel
+def nodes_to(parent: NDArray[np.int64], i: int) -> NDArray[np.int64]:
+    """Return the nodes from the root to node i; the root's parent is below 0, or itself."""
+    count, k = 1, i
+    while 0 <= parent[k] != k:
+        count, k = count + 1, parent[k]
+    nodes = np.empty(count, np.int64)
+    for m in range(count - 1, -1, -1):
+        nodes[m], i = i, parent[i]
+    return nodes

@@ -1,7 +1,8 @@
 """Roadmaps: points and the straight edges that may join them, each tested only when its turn comes.
 
-The probabilistic roadmap (`Prm`) draws random free points; a Voronoi diagram and cells use the same
-search (lazy A*: Bohlin and Kavraki 2000): an edge that no short path needs is never tested.
+The probabilistic roadmap (`Prm`) draws random free points; `Voronoi` has points along the medial
+axis, as far from obstacles as possible. Cells use the same search (lazy A*: Bohlin and Kavraki
+2000): an edge that no short path needs is never tested.
 """
 
 from __future__ import annotations
@@ -11,11 +12,13 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+from scipy.spatial import QhullError, cKDTree
+from scipy.spatial import Voronoi as Diagram
 
 from planners.collision.polygon_tests import SpaceArrays, edge_free, point_free
-from planners.graphs.heap import Heap, new_heap, pop, push
+from planners.graphs.heap import Heap, new_heap, nodes_to, pop, push
 from planners.problem import Plan, PlannerBase, Problem, answer
+from planners.smoothing.shortcut import subdivided
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
@@ -78,19 +81,14 @@ def search_roadmap(arrays: SpaceArrays, roadmap: Roadmap, search: Search, budget
     return False
 
 
-class Way(NamedTuple):
-    """The answer of a roadmap."""
+def shortest(
+    arrays: SpaceArrays, nodes: Array, pairs: Pairs, end: float
+) -> tuple[Array, int, bool]:
+    """Return the shortest free path (k, 2) [m] over a roadmap from its first node to its second.
 
-    path: Array  # (k, 2) m; empty where there is none
-    tested: int  # edges
-    in_time: bool
-
-
-def shortest(arrays: SpaceArrays, nodes: Array, pairs: Pairs, end: float) -> Way:
-    """Return the shortest free path over a roadmap from its first node to its second.
-
-    Pairs (m, 2) of nodes (n, 2) [m] may be joined by a straight edge, in both directions. The
-    search gives up when `clock` shows `end` [s].
+    Pairs (m, 2) of nodes (n, 2) [m] may be joined by a straight edge, in both directions. The path
+    is empty where there is none. Also returns the number of edges tested, and whether the search
+    was over before `clock` showed `end` [s].
     """
     n = len(nodes)
     both = np.concatenate([pairs, pairs[:, ::-1]])
@@ -104,11 +102,10 @@ def shortest(arrays: SpaceArrays, nodes: Array, pairs: Pairs, end: float) -> Way
     while not over and in_time:
         over = search_roadmap(arrays, roadmap, search, CHUNK)
         in_time = over or clock() < end
-    chosen = [GOAL] if search.parent[GOAL] >= 0 else []
-    while chosen and chosen[-1] != START:
-        chosen.append(int(search.parent[chosen[-1]]))
-    path = without_repeats(nodes[chosen[::-1]])
-    return Way(path, int(search.tested[0]), in_time)
+    path = np.empty((0, 2))
+    if search.parent[GOAL] >= 0:
+        path = without_repeats(nodes[nodes_to(search.parent, GOAL)])
+    return path, int(search.tested[0]), in_time
 
 
 @kernel
@@ -158,10 +155,66 @@ class Prm(PlannerBase):
             drawn += more
             radius = RADIUS_FACTOR * least * math.sqrt(math.log(len(nodes)) / len(nodes))
             pairs = cKDTree(nodes).query_pairs(radius, output_type="ndarray").astype(np.int64)
-            way = shortest(arrays, nodes, pairs, end)
-            path, tested = way.path, tested + way.tested
+            path, more, _ = shortest(arrays, nodes, pairs, end)
+            tested += more
             if clock() >= end:
                 break
         counters = {"nodes": len(nodes), "iterations": drawn, "edges_tested": tested}
         tree = np.hstack([nodes[pairs[:, 0]], nodes[pairs[:, 1]]]) if len(path) else None
         return answer(path, counters, f"{drawn} points do not join start and goal", tree=tree)
+
+
+MOST_SAMPLES = 200_000  # of the boundary: some seconds
+SPACING = 0.4  # m: distance of the boundary samples at first, half the width of a door
+
+
+def _axis(samples: Array, ends: Array) -> tuple[Array, Pairs]:
+    """Return nodes (n, 2), the ends, then the diagram's vertices; and pairs of them to join."""
+    diagram = Diagram(samples)
+    ridges = np.array(diagram.ridge_vertices, dtype=np.int64)
+    pairs = [ridges[(ridges >= 0).all(axis=1)] + 2]
+    # An end lies in the cell of the sample nearest to it, from where a straight way leads to the
+    # cell's vertices: a cell is convex, and no other wall cuts it.
+    _, nearest = cKDTree(samples).query(ends)
+    for end, sample in enumerate(nearest):
+        cell = np.array(diagram.regions[diagram.point_region[sample]], dtype=np.int64)
+        cell = cell[cell >= 0] + 2
+        pairs.append(np.stack([np.full(len(cell), end), cell], axis=1))
+    return np.vstack([ends, diagram.vertices]), np.concatenate(pairs)
+
+
+@settings
+class Voronoi(PlannerBase):
+    """The shortest path along the medial axis, from the Voronoi diagram of boundary samples.
+
+    Aurenhammer 1991; O'Dunlaing and Yap 1985. A passage is found once samples lie about as close as
+    it is wide; where none is found, they lie twice as close.
+    """
+
+    refinements: int = setting(default=4, low=0, high=8, source="design choice")
+    """Number of times that the spacing is halved where no path is found."""
+
+    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
+        """Find a path; samples prove nothing, so failure is `exhausted`. No use of `rng`."""
+        arrays = problem.free.arrays
+        ends = np.array([problem.start[:2], problem.goal[:2]], dtype=np.float64)
+        path, tested, halvings, note = np.empty((0, 2)), 0, 0, "no way along the finest axis"
+        count = 0
+        for halvings in range(self.refinements + 1):
+            samples = np.unique(subdivided(arrays.segments, SPACING / 2**halvings, 2), axis=0)
+            if len(samples) > MOST_SAMPLES:
+                note = f"the boundary has more than {MOST_SAMPLES:,} samples"
+                break
+            try:
+                nodes, pairs = _axis(samples, ends)
+            except QhullError:  # a map too thin for the precision of coordinates
+                note = "the boundary is too thin for a diagram"
+                break
+            path, more, _ = shortest(arrays, nodes, pairs, end)
+            tested, count = tested + more, len(nodes)
+            if len(path):
+                break
+            if clock() >= end:
+                note = "out of time"
+                break
+        return answer(path, {"nodes": count, "halvings": halvings, "edges_tested": tested}, note)

@@ -18,7 +18,7 @@ from planners.collision.boundary import NONE, Corners, orientation
 from planners.collision.inflation import ARC, SHIFT
 from planners.collision.polygon_tests import Index
 from planners.collision.triangulation import Mesh
-from planners.graphs.heap import Heap, enlarged, new_heap, pop, push
+from planners.graphs.heap import Heap, enlarged, new_heap, nodes_to, pop, push
 from planners.problem import Plan, PlannerBase, Problem, Status, answer
 from wheelchair_gym.arrays import Array, Mask
 from wheelchair_gym.compiled.clock import clock
@@ -232,23 +232,19 @@ def _expand_corner(search: _Search, queue: _Queue, root: int, code: int) -> None
     _push_cone(search, queue, root, 3 * t + j, right, left, first, end)
 
 
-@borrowing_kernel
-def _mark_containing(mesh: Mesh, points: Array, p: int, inside: Mask) -> None:
-    """Mark the triangles that contain a point; their borders belong to them."""
+@kernel
+def _containing(mesh: Mesh, points: Array, p: int) -> Mask:
+    """Return which triangles (t,) contain a point; their borders belong to them."""
     x, y, boxes = points[p, 0], points[p, 1], mesh.boxes
-    for t in range(inside.shape[0]):
-        # Without `and`: a branch costs more than what it skips.
+    inside: Mask = (boxes[0] <= x) & (x <= boxes[1]) & (boxes[2] <= y) & (y <= boxes[3])
+    for t in np.flatnonzero(inside):
+        a, b, c = mesh.corners[t, 0], mesh.corners[t, 1], mesh.corners[t, 2]
         inside[t] = (
-            (boxes[0, t] <= x) & (x <= boxes[1, t]) & (boxes[2, t] <= y) & (y <= boxes[3, t])
+            orientation(points, a, b, p) >= 0.0
+            and orientation(points, b, c, p) >= 0.0
+            and orientation(points, c, a, p) >= 0.0
         )
-    for t in range(inside.shape[0]):
-        if inside[t]:
-            a, b, c = mesh.corners[t, 0], mesh.corners[t, 1], mesh.corners[t, 2]
-            inside[t] = (
-                orientation(points, a, b, p) >= 0.0
-                and orientation(points, b, c, p) >= 0.0
-                and orientation(points, c, a, p) >= 0.0
-            )
+    return inside
 
 
 @borrowing_kernel
@@ -285,21 +281,18 @@ def shortest(
     It gives up after `most` cones. Also returns whether the answer is proven, and the numbers of
     corners settled and of cones made.
     """
-    n, m, triangles = corners.place.shape[0], mesh.points.shape[0], mesh.corners.shape[0]
+    n, m = corners.place.shape[0], mesh.points.shape[0]
     points = np.empty((m + 2, 2))
     points[:m], points[m], points[m + 1] = mesh.points, start, goal
     cost, parent = np.full(n + 2, math.inf), np.full(n + 2, NONE, np.int64)
-    closed, there = np.zeros(n + 2, np.bool_), np.empty(triangles, np.bool_)
+    closed, there = np.zeros(n + 2, np.bool_), _containing(mesh, points, m + 1)
     search = _Search(points, mesh, corners, cost, parent, there)
-    spare = n + 3 * triangles + 8  # one step adds no more
+    spare = n + 3 * len(there) + 8  # one step adds no more
     capacity = 2 * spare
     made = np.zeros(1, np.int64)
     queue = _Queue(new_heap(capacity), np.empty((capacity, 4), np.int64), made)
-    _mark_containing(mesh, points, m, there)
-    begin = np.flatnonzero(there)
-    _mark_containing(mesh, points, m + 1, there)
     cost[n], closed[n] = 0.0, True
-    for t in begin:
+    for t in np.flatnonzero(_containing(mesh, points, m)):
         _expand_start(search, queue, int(t))
     settled = 1
     while True:
@@ -309,13 +302,10 @@ def shortest(
         old, capacity = queue, 2 * capacity
         queue = _Queue(enlarged(old.heap, capacity), np.empty((capacity, 4), np.int64), made)
         queue.cones[: len(old.cones)] = old.cones
-    count, v = 0, n + 1
-    while closed[n + 1] and v != NONE:
-        count, v = count + 1, parent[v]
-    path, v = np.empty((count, 2)), n + 1
-    for k in range(count - 1, -1, -1):
-        path[k] = points[_place(search, v)]
-        v = parent[v]
+    chosen = nodes_to(parent, n + 1) if closed[n + 1] else parent[:0]
+    path = np.empty((len(chosen), 2))
+    for k in range(len(chosen)):
+        path[k] = points[_place(search, chosen[k])]
     proven = closed[n + 1] or queue.heap.size[0] == 0
     return path, proven, settled, made[0]
 

@@ -17,14 +17,18 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from planners.collision.footprint import Sweeps, path_gap, sweep, sweeps
-from planners.collision.nearby import Nearby, nearby
-from planners.collision.pose_tests import (
+from planners.collision.footprint import (
     MIN_GAP,
     TESTED_LENGTH,
     FootprintPlanner,
+    Sweeps,
+    path_gap,
     start_and_goal,
+    surroundings,
+    sweep,
+    sweeps,
 )
+from planners.collision.nearby import Nearby, nearby
 from planners.collision.space import Space
 from planners.graphs.heap import enlarged, new_heap
 from planners.graphs.visibility import Visibility
@@ -37,9 +41,9 @@ from planners.lattice.pose_search import (
     Grid,
     Search,
     Tree,
+    estimate,
     expand,
     reopen,
-    start_estimate,
     trace_path,
 )
 from planners.problem import Plan, PlannerBase, Problem, Status, remaining
@@ -125,7 +129,7 @@ class Lattice(FootprintPlanner):
         begin = partial(self._begin, map_data, motion, start, goal)
         searches, left, status, note = [begin(0)], self.iterations, Status.EXHAUSTED, ""
         level, most, weight, spacing = 0, FIRST_ROUND, HEURISTIC_WEIGHT, FLOOD_SPACING
-        if not start_estimate(searches[0].search) < math.inf:
+        if not estimate(searches[0].search, *start) < math.inf:
             return Plan(Status.NO_PATH, note=DISC_NOTE)
         while status is Status.EXHAUSTED and left > 0 and clock() < end:
             for level in range(self.refinements + 1):
@@ -172,23 +176,30 @@ class Lattice(FootprintPlanner):
     def _begin(
         self, map_data: MapData, motion: MotionCost, start: Array, goal: Array, level: int
     ) -> PoseSearch:
-        """Return the search at a resolution, with the start alone."""
-        near, part = map_data.near, 0.5**level
-        low, join = near.box[:2].copy(), GOAL_CONNECTION_DISTANCE
-        lines, seeds = make_lines(near, motion, map_data.narrows, goal, MOVE_LENGTH * part, join)
+        """Return the search at a resolution, with the start alone in its tree and open list."""
+        around, part = surroundings(map_data.near, motion), 0.5**level
+        box, join = around.near.box, GOAL_CONNECTION_DISTANCE
+        low = box[:2].copy()
+        lines, seeds = make_lines(around, map_data.narrows, goal, MOVE_LENGTH * part, join)
         moves = self.moves(level)
         hull = np.concatenate([moves.box[:, :2].min(axis=0), moves.box[:, 2:].max(axis=0)])
         cell, headings = CELL_SIZE * part, HEADINGS * 2**level
-        columns, rows = (int(n) + 1 for n in (near.box[2:] - low) / cell)
+        columns, rows = (int(n) + 1 for n in (box[2:] - low) / cell)
         grid = Grid(
             low, cell, columns, headings, moves, hull, HEURISTIC_WEIGHT, STOP_RATIO,
             HEADING_WEIGHT / self.limits.turn,
         )  # fmt: skip
-        tree = _new_tree(start, rows * columns * headings, len(lines.poses))
-        return PoseSearch(Search(
-            near, motion, new_guide(seeds, map_data.gaps, low, motion), lines, grid, tree,
-            sweeps(1), np.empty_like(near.segments),
-        ))  # fmt: skip
+        nodes, anchors = np.zeros(INITIAL_NODES, NODE), len(lines.poses)
+        nodes["x"][0], nodes["y"][0], nodes["yaw"][0] = start
+        nodes["parent"], nodes["anchor"] = -1, -1
+        heap = new_heap(len(nodes))
+        heap.keys[0], heap.items[0], heap.size[0] = 0.0, 0, 1
+        tree = Tree(
+            nodes, heap, np.zeros(rows * columns * headings, np.float32), np.full(anchors, -1.0),
+            np.full(anchors + 1, np.inf), np.array([(1, 0, -1)], COUNTS),
+        )  # fmt: skip
+        guide = new_guide(seeds, map_data.gaps, low, motion)
+        return PoseSearch(Search(around, guide, lines, grid, tree))
 
 
 @dataclass
@@ -227,7 +238,10 @@ class PoseSearch:
             until = min(most, int(self.counts["expanded"]) + CHUNK)
             self.over = expand(self.search, until)
             if not self.over and self.counts["expanded"] < until:
-                self.search = self.search._replace(tree=_enlarged(self.search.tree))
+                tree = self.search.tree
+                nodes = np.concatenate([tree.nodes, np.empty_like(tree.nodes)])
+                tree = tree._replace(nodes=nodes, heap=enlarged(tree.heap, len(nodes)))
+                self.search = self.search._replace(tree=tree)
         return int(self.counts["expanded"]) - before
 
     def improve(self, left: int, end: float) -> int:
@@ -244,25 +258,6 @@ class PoseSearch:
         grid = self.search.grid._replace(heuristic_weight=weight, stop_ratio=stop_ratio)
         self.search = self.search._replace(grid=grid)
         reopen(self.search)
-
-
-def _new_tree(start: Array, slots: int, anchors: int) -> Tree:
-    """Return a tree of the start alone, in the open list."""
-    nodes = np.zeros(INITIAL_NODES, NODE)
-    nodes["x"][0], nodes["y"][0], nodes["yaw"][0] = start
-    nodes["parent"], nodes["anchor"] = -1, -1
-    heap = new_heap(len(nodes))
-    heap.keys[0], heap.items[0], heap.size[0] = 0.0, 0, 1
-    return Tree(
-        nodes, heap, np.zeros(slots, np.float32), np.full(anchors, -1.0),
-        np.full(anchors + 1, np.inf), np.array([(1, 0, -1)], COUNTS),
-    )  # fmt: skip
-
-
-def _enlarged(tree: Tree) -> Tree:
-    """Return the tree with space for twice as many nodes."""
-    nodes = np.concatenate([tree.nodes, np.empty_like(tree.nodes)])
-    return tree._replace(nodes=nodes, heap=enlarged(tree.heap, len(nodes)))
 
 
 FILLETS = (1.0, 0.5, 0.0)  # m: tried in this order; 0 is a pivot

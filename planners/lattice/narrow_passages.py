@@ -12,16 +12,14 @@ import math
 
 import numpy as np
 
-from planners.collision.footprint import Sweeps, sweeps
-from planners.collision.nearby import Nearby, nearest_side
-from planners.collision.pose_tests import free_gap, gaps_at, with_headings
+from planners.collision.footprint import Surroundings, free_gap, gaps_at, with_headings
+from planners.collision.nearby import Nearby, passage_middle
 from planners.lattice.heuristic import SPACING, Field
 from planners.lattice.pose_search import Lines
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
-from wheelchair_gym.maps.driving_cost import MotionCost, duration
+from wheelchair_gym.maps.driving_cost import duration
 
-STEPS = 6  # from a grid point to the saddle at most
 SETTLED = 1e-4  # m
 APART = 0.3  # m: narrow places in line that are nearer to each other are one
 ALIGNED = math.radians(3.0)  # of places that are in line
@@ -65,21 +63,11 @@ def narrow_places(near: Nearby, gaps: Field, least: float, most: float) -> Array
             if not saddle:
                 continue
             x, y = near.box[0] + j * SPACING, near.box[1] + i * SPACING
-            for _ in range(STEPS):
-                ax, ay, first = nearest_side(near, x, y, 0.0, 0.0, 2.0 * most)
-                bx, by, second = nearest_side(near, x, y, ax - x, ay - y, 2.0 * most)
-                if second >= 2.0 * most:
-                    break
-                mx, my = 0.5 * (ax + bx), 0.5 * (ay + by)
-                moved = math.hypot(mx - x, my - y)
-                x, y = mx, my
-                half = 0.5 * math.hypot(bx - ax, by - ay)
-                if moved < SETTLED or first <= 0.0:
-                    yaw = math.atan2(bx - ax, ay - by) % math.pi
-                    if least <= half <= most and not _is_found(found, n, x, y, yaw):
-                        found[n, 0], found[n, 1], found[n, 2] = x, y, yaw
-                        n += 1
-                    break
+            half, (x, y, yaw) = passage_middle(near, x, y, most, SETTLED)
+            yaw %= math.pi
+            if least <= half <= most and not _is_found(found, n, x, y, yaw):
+                found[n, 0], found[n, 1], found[n, 2] = x, y, yaw
+                n += 1
     return found[:n].copy()
 
 
@@ -92,9 +80,7 @@ HEADING_RANGE = 0.8  # rad: difference of the headings up to which a line is joi
 
 
 @kernel
-def entries(
-    near: Nearby, motion: MotionCost, goals: Array, step: float, workspace: Sweeps
-) -> tuple[Array, Array]:
+def entries(around: Surroundings, goals: Array, step: float) -> tuple[Array, Array]:
     """Return the beginnings of the straight last stretches to some goal poses (n, 3).
 
     A stretch begins at the nearest place from which it is free, ahead or back, and where the chair
@@ -103,8 +89,7 @@ def entries(
     Returns:
         Places (k, 3): x, y and the duration left; and the largest distance [m] from each goal.
     """
-    n = goals.shape[0]
-    seen = np.empty_like(near.segments)
+    n, motion = goals.shape[0], around.motion
     places, far = np.empty((2 * n, 3)), np.zeros(n)
     turnable = np.zeros(2 * n, np.bool_)
     for k in range(2 * n):
@@ -116,14 +101,12 @@ def entries(
             turns = True
             for turn in (TURNS, -TURNS):
                 if turns:
-                    gap = free_gap(near, motion, px, py, yaw, 0.0, turn, workspace, seen)
-                    turns = gap >= motion.margin
+                    turns = free_gap(around, (px, py, yaw), 0.0, turn) >= motion.margin
             if turns:
                 turnable[k] = True
                 break
             qx, qy = px - sign * step * math.cos(yaw), py - sign * step * math.sin(yaw)
-            gap = free_gap(near, motion, qx, qy, yaw, sign * step, 0.0, workspace, seen)
-            if gap < motion.margin:
+            if free_gap(around, (qx, qy, yaw), sign * step, 0.0) < motion.margin:
                 break
             d += step
         places[k, 0], places[k, 1] = x - sign * d * math.cos(yaw), y - sign * d * math.sin(yaw)
@@ -133,7 +116,7 @@ def entries(
 
 
 def make_lines(
-    near: Nearby, motion: MotionCost, narrows: Array, goal: Array, stride: float, join: float
+    around: Surroundings, narrows: Array, goal: Array, stride: float, join: float
 ) -> tuple[Lines, Array]:
     """Return the lines through narrow places, both ways; and where paths to the goal end.
 
@@ -141,8 +124,7 @@ def make_lines(
     free, is tried at each of these.
 
     Args:
-        near: the map's boundary.
-        motion: the chair.
+        around: the map and the chair.
         narrows: middles and directions (n, 3) of narrow places.
         goal: (2,) or (3,).
         stride: distance [m] from pose to pose.
@@ -151,15 +133,15 @@ def make_lines(
     Returns:
         The lines; and places (k, 3): x, y and the duration left from there.
     """
-    headed = len(goal) == 3
+    headed, motion = len(goal) == 3, around.motion
     at_goal = with_headings(goal, YAWS)
     if not headed:
-        free = gaps_at(near, motion, at_goal, sweeps(1)) >= motion.margin
+        free = gaps_at(around, at_goal) >= motion.margin
         at_goal = at_goal[free & (not free.all())]
     seeds, reach = np.array([[goal[0], goal[1], 0.0]]), np.zeros(0)
     free_goal = np.empty((0, 3)) if headed else np.array([[goal[0], goal[1], math.nan]])
     if len(at_goal):
-        seeds, reach = entries(near, motion, at_goal, stride, sweeps(1))
+        seeds, reach = entries(around, at_goal, stride)
     count = math.ceil(float(motion.outline[0]) / stride) + 1
     middles = np.vstack([narrows, narrows + np.array([0.0, 0.0, math.pi])])
     if headed:
@@ -168,7 +150,7 @@ def make_lines(
     poses = np.repeat(middles[:, None], len(along), axis=1)  # (lines, along, 3)
     poses[..., 0] += along * np.cos(middles[:, 2:])
     poses[..., 1] += along * np.sin(middles[:, 2:])
-    clear = gaps_at(near, motion, poses.reshape(-1, 3), sweeps(1)) >= motion.margin
+    clear = gaps_at(around, poses.reshape(-1, 3)) >= motion.margin
     free = clear.reshape(poses.shape[:2])
     # Anchors: where the goal is reached, then the rest; the goal's own place in its line is first.
     index = np.full((len(middles), len(along) + 2), -1)

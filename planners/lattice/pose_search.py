@@ -13,24 +13,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.collision.footprint import Sweeps, stretch_gap
-from planners.collision.nearby import Nearby, segments_in_view
-from planners.collision.pose_tests import free_gap
+from planners.collision.footprint import Pose, Surroundings, Sweeps, free_gap, stretch_gap
+from planners.collision.nearby import segments_in_view
 from planners.graphs.heap import Heap, pop, push
 from planners.lattice.heuristic import Guide, Ints, cost_to_go, heading_error
-from planners.steering import (
-    CONNECTIONS,
-    NO_PARTS,
-    PIECE,
-    Parts,
-    connection,
-    parts_time,
-)
+from planners.steering import CONNECTIONS, NO_PARTS, PIECE, Parts, connection, parts_time
+from planners.trees.tree import write_ancestors
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.geometry import wrap
 from wheelchair_gym.kinematics import arc_step
-from wheelchair_gym.maps.driving_cost import MotionCost, duration, kind_of, stretch_cost
+from wheelchair_gym.maps.driving_cost import duration, kind_of, stretch_cost
 
 AT_GOAL = -2  # the anchor of a node at the goal
 FREE_HEADING_ERROR = 0.4  # rad: smaller errors cost nothing
@@ -90,44 +83,40 @@ class Tree(NamedTuple):
 class Search(NamedTuple):
     """All state of a search."""
 
-    near: Nearby
-    motion: MotionCost
+    around: Surroundings
     guide: Guide
     lines: Lines
     grid: Grid
     tree: Tree
-    workspace: Sweeps
-    seen: Array  # (segments, 4): workspace
 
 
 @borrowing_kernel
 def connect(
-    search: Search, x: float, y: float, yaw: float, kind: int,
-    tx: float, ty: float, tyaw: float, budget: float,
-) -> tuple[float, Parts]:  # fmt: skip
+    around: Surroundings, pose: Pose, kind: int, target: Pose, budget: float
+) -> tuple[float, Parts]:
     """Return the cost [s] of the cheapest connection to a target pose, and its stretches.
 
     A NaN heading is free. The cost is infinite where none is free and below the budget.
     """
-    near, motion = search.near, search.motion
+    motion = around.motion
     best, found, best_parts = budget, False, NO_PARTS
     for option in range(CONNECTIONS):
-        possible, parts = connection(option, x, y, yaw, tx, ty, tyaw)
+        possible, parts = connection(option, pose, target)
         cost = parts_time(motion, math.inf, parts, kind, 0, 1.0)
         if not possible or cost >= best:
             continue
-        px, py, pyaw = x, y, yaw
+        at = pose
         for way, turn in parts:
             if kind_of(way, turn) == 0:
                 continue
-            gap = free_gap(near, motion, px, py, pyaw, way, turn, search.workspace, search.seen)
+            gap = free_gap(around, at, way, turn)
             if gap < motion.margin:
                 cost = math.inf
                 break
             cost += stretch_cost(motion, way, turn, gap) - duration(motion, way, turn)
             if cost >= best:
                 break
-            px, py, pyaw = arc_step(px, py, pyaw, way, turn, 1.0)
+            at = arc_step(at[0], at[1], at[2], way, turn, 1.0)
         if cost < best:
             best, found, best_parts = cost, True, parts
     return best if found else math.inf, best_parts
@@ -146,8 +135,8 @@ def _add(tree: Tree, parent: int, way: float, turn: float, cost: float, anchor: 
 
 
 @borrowing_kernel
-def _estimate(search: Search, x: float, y: float, yaw: float) -> float:
-    """Return the estimated cost to the goal [s]: the heuristic."""
+def estimate(search: Search, x: float, y: float, yaw: float) -> float:
+    """Return the estimated cost to the goal [s]: infinite where no inscribed disc passes."""
     left = cost_to_go(search.guide, x, y)
     if not left < math.inf:
         return left
@@ -158,11 +147,11 @@ def _estimate(search: Search, x: float, y: float, yaw: float) -> float:
 @borrowing_kernel
 def _connect_anchors(search: Search, number: int) -> None:
     """Connect a node to every anchor in range that it reaches at least cost."""
-    motion, lines, tree = search.motion, search.lines, search.tree
+    motion, lines, tree = search.around.motion, search.lines, search.tree
     node = tree.nodes[number]
     x, y, yaw, cost_here = node.x, node.y, node.yaw, node.cost
     kind = kind_of(node.way, node.turn)
-    many, here = lines.poses.shape[0], _estimate(search, x, y, yaw)
+    many, here = lines.poses.shape[0], estimate(search, x, y, yaw)
     for a in range(many):
         tx, ty, tyaw = lines.poses[a, 0], lines.poses[a, 1], lines.poses[a, 2]
         free_heading = math.isnan(tyaw)
@@ -183,11 +172,11 @@ def _connect_anchors(search: Search, number: int) -> None:
         left = 0.0
         if not at_goal:
             if tree.left_anchor[a] < 0.0:
-                tree.left_anchor[a] = _estimate(search, tx, ty, tyaw)
+                tree.left_anchor[a] = estimate(search, tx, ty, tyaw)
             left = tree.left_anchor[a]
             if not left < here:
                 continue
-        more, parts = connect(search, x, y, yaw, kind, tx, ty, tyaw, budget)
+        more, parts = connect(search.around, (x, y, yaw), kind, (tx, ty, tyaw), budget)
         if not more < budget:
             continue
         cost = cost_here + more
@@ -224,15 +213,14 @@ def _outdated(search: Search, number: int) -> bool:
 @borrowing_kernel
 def _expand_moves(search: Search, number: int) -> None:
     """Open the ends of all moves from a node that are free and cheaper than earlier nodes there."""
-    near, motion, lines, grid, tree = (
-        search.near, search.motion, search.lines, search.grid, search.tree,
-    )  # fmt: skip
+    lines, grid, tree, seen = search.lines, search.grid, search.tree, search.around.seen
+    near, motion = search.around.near, search.around.motion
     node = tree.nodes[number]
     x, y, yaw, anchor = node.x, node.y, node.yaw, node.anchor
     kind = kind_of(node.way, node.turn)
     bend = node.turn / node.way if abs(kind) == 1 else 0.0
     desired, margin = motion.desired_clearance, motion.margin
-    count = segments_in_view(near, x, y, yaw, grid.hull, desired, search.seen)
+    count = segments_in_view(near, x, y, yaw, grid.hull, desired, seen)
     for m in range(grid.moves.way.shape[0]):
         way, turn = grid.moves.way[m], grid.moves.turn[m]
         now = kind_of(way, turn)
@@ -251,10 +239,10 @@ def _expand_moves(search: Search, number: int) -> None:
         slot = _slot(grid, ax, ay, ayaw)
         if not _is_cheaper(tree, entry, slot, cost):
             continue
-        left = _estimate(search, ax, ay, ayaw)
+        left = estimate(search, ax, ay, ayaw)
         if not left < math.inf:
             continue
-        gap = stretch_gap(grid.moves, m, motion.outline, search.seen, count, desired, margin)
+        gap = stretch_gap(grid.moves, m, motion.outline, seen, count, desired, margin)
         if gap < margin:
             continue
         cost += stretch_cost(motion, way, turn, gap) - duration(motion, way, turn)
@@ -309,13 +297,6 @@ def expand(search: Search, most: int) -> bool:
 
 
 @kernel
-def start_estimate(search: Search) -> float:
-    """Return the estimated cost [s] from the root: infinite where no inscribed disc passes."""
-    root = search.tree.nodes[0]
-    return _estimate(search, root.x, root.y, root.yaw)
-
-
-@kernel
 def reopen(search: Search) -> None:
     """Order the open list anew, for another weight of the heuristic (ARA*: Likhachev 2003)."""
     tree, counts = search.tree, search.tree.counts[0]
@@ -325,7 +306,7 @@ def reopen(search: Search) -> None:
         number = tree.heap.items[k]
         node = tree.nodes[number]
         if node.anchor != AT_GOAL and not _outdated(search, number):
-            push(tree.heap, node.cost + _estimate(search, node.x, node.y, node.yaw), number)
+            push(tree.heap, node.cost + estimate(search, node.x, node.y, node.yaw), number)
     if counts.goal >= 0:
         push(tree.heap, tree.nodes[counts.goal].cost * search.grid.stop_ratio, counts.goal)
 
@@ -340,16 +321,12 @@ def _slot(grid: Grid, x: float, y: float, yaw: float) -> int:
 @kernel
 def trace_path(tree: Tree, number: int) -> NDArray[Any]:
     """Return the pieces (n,) PIECE from the root to a node, then one of no length there."""
-    nodes, count = tree.nodes, 1
-    node = nodes[number]
-    while node.parent >= 0:
-        node, count = nodes[node.parent], count + 1
+    chain = np.empty(tree.counts[0].nodes, np.int64)
+    count = write_ancestors(tree.nodes, number, chain)
     pieces = np.zeros(count, PIECE)
-    node = nodes[number]
-    for k in range(count - 1, -1, -1):
-        piece = pieces[k]
+    for k in range(count):
+        node, piece = tree.nodes[chain[count - 1 - k]], pieces[k]
         piece.x, piece.y, piece.yaw = node.x, node.y, node.yaw
         if k > 0:
             pieces[k - 1].way, pieces[k - 1].turn = node.way, node.turn
-            node = nodes[node.parent]
     return pieces

@@ -31,7 +31,6 @@ from planners.rrt_star_woa.rollout import (
     brake,
     drive,
     measure_clearance,
-    motion_at,
     rollout,
     stopping_time,
     time_to_cover,
@@ -389,15 +388,10 @@ def optimise_segment(
 @kernel
 def around(walls: Array, box: Array) -> Array:
     """Return the walls (k, 4) whose boxes meet a box (4,) xmin, ymin, xmax, ymax [m]."""
-    kept = np.empty_like(walls)
-    n = 0
-    for k in range(walls.shape[0]):
-        ax, ay, bx, by = walls[k]
-        in_x = max(ax, bx) >= box[0] and min(ax, bx) <= box[2]
-        if in_x and max(ay, by) >= box[1] and min(ay, by) <= box[3]:
-            kept[n] = walls[k]
-            n += 1
-    return kept[:n].copy()
+    low, high = np.minimum(walls[:, :2], walls[:, 2:]), np.maximum(walls[:, :2], walls[:, 2:])
+    in_x = (high[:, 0] >= box[0]) & (low[:, 0] <= box[2])
+    in_y = (high[:, 1] >= box[1]) & (low[:, 1] <= box[3])
+    return np.ascontiguousarray(walls[in_x & in_y])
 
 
 @borrowing_kernel
@@ -406,8 +400,8 @@ def append(found: Array, now: Motion, world: World, commands: Array, count: int)
     for k in range(found.shape[0]):
         if found[k, T] > 1e-3:
             drive(now[0], found[k, V], found[k, W], found[k, T], world)
-            for column in (V, W, T):
-                commands[count, column] = found[k, column]
+            commands[count, V], commands[count, W] = found[k, V], found[k, W]
+            commands[count, T] = found[k, T]
             count += 1
     return count
 
@@ -588,7 +582,10 @@ class ControlGenerator:
             np.array([-np.inf, -np.inf, np.inf, np.inf]),
             footprint.array, limits.record, self.margin, pivot, 0.0, 0.0,
         )  # fmt: skip
-        start = motion_at(pose, twist)
+        start = np.zeros(1, MOTION)
+        start["x"], start["y"], start["yaw"] = pose
+        start["v"], start["w"] = twist
+        start["least"], start["free"] = MAX_CLEARANCE, True
         measure_clearance(start[0], pose[0], pose[1], pose[2], world)
         if 0.0 < start[0]["gap"] < self.margin:  # the chair already has less clearance
             world = world._replace(margin=float(start[0]["gap"]) * 0.999)

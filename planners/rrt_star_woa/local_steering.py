@@ -14,10 +14,9 @@ import numpy as np
 from planners.collision.polygon_tests import SpaceArrays, blocking_segment, blocks
 from planners.problem import Plan, PlannerBase, Problem
 from planners.rrt_star_woa.woa import ShiftBounds, Whales, WhaleSettings, move, new_whales, tell
-from planners.trees.sampling import TreeSearch, sample
-from planners.trees.settings import RrtStar
-from planners.trees.tree import NONE, nearest
-from planners.trees.tree_search import begin, connect_goal, extend_towards, is_over, search
+from planners.trees.rrt import TreeSearch, extend, next_iteration, sample, solve
+from planners.trees.rrt_star import RrtStar, add_node
+from planners.trees.tree import nearest
 from wheelchair_gym.compiled.kernel import absorbed_kernel, borrowing_kernel
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.random import Stream, next_in_disc
@@ -45,16 +44,16 @@ def find_blocker(space: SpaceArrays, ax: float, ay: float, bx: float, by: float,
 
 @absorbed_kernel
 def whale_cost(
-    space: SpaceArrays, steering: Steering, goal: Point, near: Point, x: float, y: float,
-    u: float, v: float, blockers: tuple[int, int],
+    space: SpaceArrays, steering: Steering, goal: Point, near: Point, sample: Point,
+    whale: Point, blockers: tuple[int, int],
 ) -> tuple[float, tuple[int, int]]:  # fmt: skip
-    """Return the cost of a whale (u, v) [m] from a sample (x, y) [m]: CalculateFitness.
+    """Return the cost of a whale, relative to a sample: CalculateFitness.
 
     Its four terms: the distances to x_rand and x_goal, and the visibility of x_goal and x_near.
     Lines of sight are tested only while the whale can still lead. The goal comes first: the segment
     that hides it from one whale hides it from most. Also returns the segments that hid both last.
     """
-    from_goal, from_near = blockers
+    (x, y), (u, v), (from_goal, from_near) = sample, whale, blockers
     least = steering.whales.leader_cost[0]
     to_goal = math.sqrt((goal[0] - x - u) ** 2 + (goal[1] - y - v) ** 2)
     cost = math.sqrt(u * u + v * v) + steering.goal_weight * to_goal
@@ -74,7 +73,7 @@ def steer(
     search: TreeSearch, steering: Steering, near: int, x: float, y: float, state: Stream
 ) -> tuple[float, float]:
     """Return x*, the point that whales find around a sample (x, y) [m]: algorithm 4, to line 15."""
-    whales, node, space = steering.whales, search.start_tree.nodes[near], search.space
+    whales, node, space = steering.whales, search.tree.nodes[near], search.space
     x_goal, x_near = (search.goal[0], search.goal[1]), (node.x, node.y)
     population, leader, parameters = whales.population, whales.leader, whales.parameters
     for i in range(parameters.population):  # line 1
@@ -84,8 +83,8 @@ def steer(
     blockers = -1, -1
     for t in range(parameters.iterations + 1):  # line 3
         for i in range(parameters.population):  # lines 2 and 14
-            u, v = population[i, 0], population[i, 1]
-            cost, blockers = whale_cost(space, steering, x_goal, x_near, x, y, u, v, blockers)
+            whale = population[i, 0], population[i, 1]
+            cost, blockers = whale_cost(space, steering, x_goal, x_near, (x, y), whale, blockers)
             tell(whales, i, cost)
         if t < parameters.iterations:
             move(whales, t / parameters.iterations, state)  # lines 4 to 13
@@ -95,17 +94,14 @@ def steer(
 @borrowing_kernel
 def grow(search: TreeSearch, until: int, state: Stream, steering: Steering) -> None:
     """Grow a tree to iteration `until`, or to an earlier end: RRT* with `steer` as its Steer."""
-    tree, run = search.start_tree, search.run[0]
-    begin(search)
-    while run.iteration < until and not is_over(search):
-        run.iteration += 1
-        x, y = sample(search, tree, state)  # x_rand
+    tree = search.tree
+    while next_iteration(search, until):
+        x, y = sample(search, state)  # x_rand
         near = nearest(tree, x, y)  # x_near
         x, y = steer(search, steering, near, x, y, state)
-        new = extend_towards(search, tree, near, x, y, state)  # line 16
-        if new != NONE:
-            connect_goal(search, new)
-        run.done |= search.options.return_on_first_path and run.first_path == run.iteration
+        x, y, edge, free = extend(search, tree, near, x, y, search.options.step)  # line 16
+        if free:
+            add_node(search, near, x, y, edge, state)
 
 
 @settings
@@ -129,4 +125,4 @@ class RrtStarWoaLocal(ShiftBounds, PlannerBase):
         population = np.zeros((self.whales.population, 2))
         whales = new_whales(population, self.whales.parameters, -upper, upper)
         steering = Steering(whales, self.goal_weight)
-        return search(problem, rng, end, self.tree.options, partial(grow, steering=steering))
+        return solve(problem, rng, end, self.tree.options, partial(grow, steering=steering))

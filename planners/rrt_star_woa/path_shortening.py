@@ -25,7 +25,7 @@ from planners.swarm.path_cost import (
     new_workspace,
     write_way_points,
 )
-from planners.trees.settings import RrtStar
+from planners.trees.rrt_star import RrtStar
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel

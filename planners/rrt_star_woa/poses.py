@@ -14,8 +14,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from planners.collision.footprint import FootprintPlanner, goal_poses, start_and_goal
 from planners.collision.nearby import Nearby, nearby, passage_poses
-from planners.collision.pose_tests import FootprintPlanner, goal_poses, start_and_goal
 from planners.problem import Plan, Problem, Status, remaining
 from planners.rrt_star_woa.woa import Whales, WhaleSettings, move, new_whales, tell
 from planners.smoothing.shortcut import resample, shortcut
@@ -25,14 +25,14 @@ from planners.trees.pose_tree import (
     Path,
     Search,
     grow,
-    kind_after,
     kind_before,
     new_search,
+    pose_of,
     rewire,
     splice,
     window_cost,
 )
-from planners.trees.settings import InformedRrtStar
+from planners.trees.rrt_star import InformedRrtStar
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
@@ -77,30 +77,26 @@ def via_cost(
     the cost [s], which is infinite where the connections are not free below the budget.
     """
     pieces, poses = path.pieces, shifts.shape[0] // 3
-    at = pieces[i]
-    x, y, yaw, before = at.x, at.y, at.yaw, kind_before(path, i)
+    pose, before = pose_of(pieces[i]), kind_before(path, i)
     cost, count = 0.0, 0
     for k in range(poses + 1):
         if k < poses:
             on = pieces[i + ((k + 1) * (j - i)) // (poses + 1)]
             c, s = math.cos(on.yaw), math.sin(on.yaw)
             ahead, aside = shifts[3 * k], shifts[3 * k + 1]
-            tx, ty = on.x + c * ahead - s * aside, on.y + s * ahead + c * aside
-            tyaw, after = on.yaw + turned + shifts[3 * k + 2], 0
+            x, y = on.x + c * ahead - s * aside, on.y + s * ahead + c * aside
+            target, after = (x, y, on.yaw + turned + shifts[3 * k + 2]), 0
         else:
-            tx, ty, tyaw, after = pieces[j].x, pieces[j].y, pieces[j].yaw, kind_after(path, j)
-            if j == path.size[0]:
-                tyaw = path.goal[2]
-        kind, made, more = connect(
-            context, x, y, yaw, before, tx, ty, tyaw, after, budget - cost, context.candidate, count
-        )
+            yaw = path.goal[2] if j == path.size[0] else pieces[j].yaw
+            target, after = (pieces[j].x, pieces[j].y, yaw), int(pieces[j].kind)
+        kind, made, more = connect(context, pose, before, target, after, budget - cost, count)
         if kind < 0:
             return 0, math.inf
         cost += more
         count += made
         if count > 0:
             before = int(context.candidate[count - 1].kind)
-        x, y, yaw = tx, ty, tyaw
+        pose = target
     return count, cost
 
 
@@ -109,9 +105,9 @@ def replace_window(
     context: SteeringContext, path: Path, i: int, j: int, shifts: Array, turned: float
 ) -> bool:
     """Replace a window by connections through shifted poses if that is cheaper; see `via_cost`."""
-    old = window_cost(context.motion, path, i, j)
+    old = window_cost(context.around.motion, path, i, j)
     count, cost = via_cost(context, path, i, j, shifts, turned, old - MIN_GAIN)
-    return cost < old and splice(path, context.motion, i, j, context.candidate, count)
+    return cost < old and splice(path, context.around.motion, i, j, context.candidate, count)
 
 
 @borrowing_kernel
@@ -138,7 +134,7 @@ def search_vias(
             low, high = whales.lower[k], whales.upper[k]
             drawn = low + (high - low) * next_uniform(state)
             population[whale, k] = drawn if whale > 0 else 0.0
-    old = window_cost(context.motion, path, i, j)
+    old = window_cost(context.around.motion, path, i, j)
     whales.leader_cost[0] = old - MIN_GAIN
     for t in range(parameters.iterations + 1):
         for whale in range(parameters.population):
@@ -251,9 +247,17 @@ class Se2RrtStarWoa(FootprintPlanner):
         state = stream(rng)
         guide, guide_iterations = self._guide(problem, near, motion.margin, rng, end)
         guided_s = clock() - began
-        goals = goal_poses(near, motion, goal, ROOTS)
         context = new_context(near, motion, SHARPEST_TURN)
-        search, refinement = new_search(context, start, goal, goals, guide), self._refinement()
+        goals = goal_poses(context.around, goal, ROOTS)
+        search, parameters = new_search(context, start, goal, goals, guide), self.whales.parameters
+        whales = new_whales(
+            np.zeros((parameters.population, 3 * MAX_POSES)), parameters,
+            np.zeros(3 * MAX_POSES), np.zeros(3 * MAX_POSES),
+        )  # fmt: skip
+        shares = self.tree_share, self.shortcut_share, self.local_share
+        tree, shortcuts, _ = np.cumsum(shares) / max(sum(shares), 1e-9)
+        bounds = np.array([SHIFT_BOUND, SHIFT_BOUND, TURN_BOUND])
+        refinement = Refinement(whales, bounds, np.ones(1), float(tree), float(shortcuts))
         run, path = search.run[0], search.path
         first_s, most = math.inf, self.iterations if len(goals) else 0
         while run["iteration"] < most and clock() < end:
@@ -292,13 +296,3 @@ class Se2RrtStarWoa(FootprintPlanner):
         steps = np.gradient(points, axis=0)
         guide = np.column_stack([points, np.arctan2(steps[:, 1], steps[:, 0])])
         return np.vstack([guide, passage_poses(near, guide, footprint.front)]), iterations
-
-    def _refinement(self) -> Refinement:
-        """Return whales and shares of rounds, before the first round."""
-        size, parameters = 3 * MAX_POSES, self.whales.parameters
-        population = np.zeros((parameters.population, size))
-        whales = new_whales(population, parameters, np.zeros(size), np.zeros(size))
-        shares = self.tree_share, self.shortcut_share, self.local_share
-        tree, shortcuts, _ = np.cumsum(shares) / max(sum(shares), 1e-9)
-        bounds = np.array([SHIFT_BOUND, SHIFT_BOUND, TURN_BOUND])
-        return Refinement(whales, bounds, np.ones(1), float(tree), float(shortcuts))

@@ -57,15 +57,6 @@ class World(NamedTuple):
     mark_y: float
 
 
-def motion_at(pose: Array, twist: Array) -> Motion:
-    """Return a motion that begins at a pose (3,) with a twist (2,), not tested yet."""
-    motion = np.zeros(1, MOTION)
-    motion["x"], motion["y"], motion["yaw"] = pose
-    motion["v"], motion["w"] = twist
-    motion["gap"], motion["least"], motion["free"] = 0.0, MAX_CLEARANCE, True
-    return motion
-
-
 @borrowing_kernel
 def turn_limit(v: float, limits: Any, pivot: float) -> float:
     """Return the turn limit [rad/s] at a speed; it is `pivot` for a chair at rest."""

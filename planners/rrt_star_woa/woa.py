@@ -126,6 +126,11 @@ class WhaleMoves:
     lam: float = setting(default=1.0, low=0.0, source="Mirjalili and Lewis 2016")
     """Bound of |A| below which a whale encircles the best; 0 always searches."""
 
+    def whale_moves(self, population: int = 0, iterations: int = 0) -> WhaleParameters:
+        """Return the moves of a swarm as kernels take them."""
+        latest = self.leader == "latest"
+        return WhaleParameters(population, iterations, self.a, self.b, self.mu, self.lam, latest)
+
 
 @settings
 class WhaleSettings(WhaleMoves):
@@ -139,10 +144,7 @@ class WhaleSettings(WhaleMoves):
     @property
     def parameters(self) -> WhaleParameters:
         """The settings as kernels take them."""
-        return WhaleParameters(
-            self.population, self.iterations, self.a, self.b, self.mu, self.lam,
-            self.leader == "latest",
-        )  # fmt: skip
+        return self.whale_moves(self.population, self.iterations)
 
 
 @settings

@@ -51,13 +51,12 @@ def _end_slope(h: float, g: float, near: float, far: float) -> float:
 
 @borrowing_kernel
 def pchip_slopes(knots: Array, points: Array, slopes: Array) -> None:
-    """Write shape-preserving slopes: weighted harmonic means (Fritsch and Butland 1984)."""
+    """Write shape-preserving slopes: weighted harmonic means (Fritsch and Butland 1984).
+
+    There are at least 3 points, at rising knots.
+    """
     n = points.shape[0]
     for c in range(2):
-        if n == 2:
-            slopes[0, c] = (points[1, c] - points[0, c]) / (knots[1] - knots[0])
-            slopes[1, c] = slopes[0, c]
-            continue
         h = knots[1] - knots[0]
         before = (points[1, c] - points[0, c]) / h
         for k in range(1, n - 1):
@@ -79,15 +78,12 @@ def pchip_slopes(knots: Array, points: Array, slopes: Array) -> None:
 def spline_slopes(knots: Array, points: Array, band: Array, slopes: Array) -> None:
     """Write slopes that make the second derivative continuous (de Boor 1978, chapter IV).
 
-    There are at least 2 points, at rising knots. The first two pieces are one cubic, and so are
+    There are at least 3 points, at rising knots. The first two pieces are one cubic, and so are
     the last two.
     """
     n = points.shape[0]
     for c in range(2):
         first = (points[1, c] - points[0, c]) / (knots[1] - knots[0])
-        if n == 2:
-            slopes[0, c] = slopes[1, c] = first
-            continue
         h, g = knots[1] - knots[0], knots[2] - knots[1]
         second = (points[2, c] - points[1, c]) / g
         if n == 3:  # one parabola
@@ -125,6 +121,7 @@ def sample_curve(
     `pieces`; the line ((n - 1) * pieces + 1, 2) holds the points themselves.
     """
     n, knots, slopes = points.shape[0], work.knots, work.slopes
+    kind = kind if n > 2 else POLYLINE
     if kind != POLYLINE and pieces > 1:
         knots[0] = 0.0
         for k in range(1, n):

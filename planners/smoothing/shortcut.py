@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from planners.collision.polygon_tests import SpaceArrays, clearance, edge_free
 from planners.collision.space import Space
+from planners.graphs.heap import nodes_to
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 
@@ -74,15 +75,7 @@ def _cheapest(arrays: SpaceArrays, path: Array, weight: float, comfort: float) -
             through = cost[m] + edge_cost(arrays, ax, ay, bx, by, weight, comfort)
             if through < cost[k]:
                 cost[k], parent[k] = through, m
-    chosen = np.empty_like(path)
-    count, k = 0, n - 1
-    while True:
-        chosen[count] = path[k]
-        count += 1
-        if k == 0:
-            break
-        k = parent[k]
-    return chosen[:count][::-1].copy()
+    return path[nodes_to(parent, n - 1)]
 
 
 def shortcut(path: ArrayLike, space: Space, weight: float = 0.0, comfort: float = 1.0) -> Array:

@@ -1,21 +1,23 @@
-"""Moves of swarms: the memory of a swarm, and the update rule of every optimizer.
+"""Moves of swarms: the memory of a swarm, the update rule of every optimizer, and the settings.
 
 A swarm holds positions to be evaluated. `store` replaces a remembered position by a better one:
-the personal best of a particle, a food source of bees, or a firefly.
+the personal best of a particle, a food source of bees, or a firefly. The optimizers are at the
+end; `planners.registries.OPTIMIZERS` names them.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any, Final, NamedTuple
+from typing import Any, ClassVar, Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planners.rrt_star_woa.woa import WhaleParameters, Whales, move
+from planners.problem import with_settings
+from planners.rrt_star_woa.woa import WhaleMoves, WhaleParameters, Whales, move
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel
-from wheelchair_gym.config import InputError
+from wheelchair_gym.config import InputError, setting, settings
 from wheelchair_gym.random import Stream, next_uniform
 
 MIN_POPULATION = 4  # positions: three wolves lead, and others follow
@@ -93,11 +95,7 @@ def competitor(swarm: Swarm, i: int) -> int:
     target = swarm.targets[i]
     if target != WORST:
         return int(target)
-    worst = 0
-    for j in range(1, swarm.personal_best_costs.shape[0]):
-        if swarm.personal_best_costs[j] > swarm.personal_best_costs[worst]:
-            worst = j
-    return worst
+    return int(np.argmax(swarm.personal_best_costs))
 
 
 @borrowing_kernel
@@ -261,12 +259,7 @@ def other_index(i: int, k: int, state: Stream) -> int:
 @borrowing_kernel
 def roulette(sums: Array, state: Stream) -> int:
     """Draw a number by roulette, from the running sums (k,) of the weights."""
-    k = sums.shape[0]
-    at = next_uniform(state) * sums[k - 1]
-    i = 0
-    while i < k - 1 and sums[i] < at:
-        i += 1
-    return i
+    return int(np.searchsorted(sums[:-1], next_uniform(state) * sums[-1]))
 
 
 @borrowing_kernel
@@ -368,3 +361,157 @@ def move_swarm(swarm: Swarm, moves: MoveParameters, progress: float, state: Stre
         clip_to_bounds(swarm)
     swarm.record[0].move_count += 1
     return inertia
+
+
+_YARPIZ = "Yarpiz (program library)"
+_P2 = "P2: Al-Nayar, Dagher and Hadi, results"
+_NOT_GIVEN = "usual value, not given in R1"
+_R1 = "R1: project report on PSO and GWO, section 5.4"
+
+
+class Optimizer:
+    """Settings of the moves of a swarm."""
+
+    moves: ClassVar[MoveParameters]  # the kind of moves, before the settings
+
+    @property
+    def parameters(self) -> MoveParameters:
+        """The settings as kernels take them."""
+        return with_settings(self.moves, self)
+
+
+@settings
+class Woa(WhaleMoves, Optimizer):
+    """Whales (Mirjalili and Lewis 2016), with the thesis's thresholds mu and lambda."""
+
+    @property
+    def parameters(self) -> MoveParameters:
+        """The settings as kernels take them."""
+        return MoveParameters(WHALES, self.whale_moves())
+
+
+@settings
+class WoaModified(Optimizer):
+    """Whales whose factor C counts where the best path is free: P1 (17)-(19).
+
+    C lies in [0, w], w = 1 where a way point of the best path is free and 0 where it is occupied;
+    a map of free and solid has no third case.
+    """
+
+    whales: Woa = setting(default=Woa(), source="P1: as WOA")
+    """The moves of the whales, the factor C apart."""
+
+    @property
+    def parameters(self) -> MoveParameters:
+        """The settings as kernels take them."""
+        return self.whales.parameters._replace(by_occupancy=True)
+
+
+@settings
+class Particles(Optimizer):
+    """Settings that the particle swarms of R1 and P2 share."""
+
+    neighbours: int = setting(default=0, low=0, source="design choice")
+    """Neighbours on each side whose best a particle knows; 0 for the whole swarm."""
+    inertia_ramp: bool = setting(default=False, source="R1, section 5.7")
+    """Whether the inertia of way point j counts min(1, sqrt(j) / 4)."""
+
+
+@settings
+class Acceleration:
+    """Acceleration of particles: P2's results have 2, its listings 1.5."""
+
+    c1: float = setting(default=2.0, low=0.0, source=_P2)
+    """Acceleration towards the personal best (c1)."""
+    c2: float = setting(default=2.0, low=0.0, source=_P2)
+    """Acceleration towards the best of the swarm (c2)."""
+
+
+@settings
+class Pso(Acceleration, Particles):
+    """Particles whose inertia is damped: P2's PSO, or a fixed inertia at damping 1."""
+
+    moves = MoveParameters(PARTICLES, rule=DAMPED)
+
+    inertia: float = setting(default=1.0, low=0.0, source=_P2 + ", its listing")
+    """Initial inertia."""
+    damping: float = setting(default=0.98, low=0.0, high=1.0, source=_P2)
+    """Factor of the inertia per move."""
+    max_step: float = setting(default=0.1, low=0.0, source=_YARPIZ)
+    """Longest step of a coordinate, as a share of the width of its bounds."""
+
+
+@settings
+class PsoChaotic(Acceleration, Optimizer):
+    """Particles whose falling inertia is multiplied by a logistic map: P2 (13)-(17)."""
+
+    # P2's values, except for the longest step, which is Yarpiz's.
+    moves = MoveParameters(PARTICLES, rule=CHAOTIC, inertia=0.9, min_inertia=0.3, max_step=0.1)
+
+
+@settings
+class PsoVariable(Particles):
+    """Particles whose inertia falls by a constant factor; c1 and c2 follow it: R1 (2.1)-(2.4)."""
+
+    # The inertia's usual values, not given in R1; the longest step is R1's 4 m of 25 m.
+    moves = MoveParameters(PARTICLES, rule=VARIABLE, inertia=0.9, min_inertia=0.4, max_step=0.16)
+
+
+@settings
+class PsoAdaptive(Particles):
+    """Particles whose inertia follows the gain of the last move: R1 (2.5)-(2.6)."""
+
+    # R1, section 5.4; the longest step is 4 m of 25 m.
+    moves = MoveParameters(PARTICLES, rule=ADAPTIVE, c1=2.05, c2=2.05, max_step=0.16)
+
+    inertia: float = setting(default=0.9, low=0.0, source=_NOT_GIVEN)
+    """Initial inertia."""
+    min_inertia: float = setting(default=0.4, low=0.0, source=_NOT_GIVEN)
+    """Final inertia."""
+
+
+@settings
+class Gwo(Optimizer):
+    """Grey wolves (Mirjalili, Mirjalili and Lewis 2014)."""
+
+    moves = MoveParameters(WOLVES)
+
+    listed: bool = setting(default=False, source="Mirjalili et al. 2014; R1's listing: true")
+    """Whether the wolves move as R1's listing has it: the leaders are the three best of the current
+    positions, stay where they are, and share the factors A and C."""
+
+
+@settings
+class PsoGwo(Optimizer):
+    """Particles fly; then wolves hunt from where the particles ended (R1)."""
+
+    inertia: Literal["fixed", "adaptive"] = setting(default="adaptive", source="R1's best")
+    """The change of the inertia of the particles."""
+    fixed: Pso = setting(
+        default=Pso(inertia=0.9, damping=1.0, c1=2.05, c2=2.05, max_step=0.16), source=_R1
+    )
+    """Particles of a fixed inertia."""
+    adaptive: PsoAdaptive = setting(default=PsoAdaptive(), source=_R1)
+    """Particles of an adaptive inertia."""
+    wolves: Gwo = setting(default=Gwo(), source=_R1)
+    """The wolves."""
+
+    @property
+    def parameters(self) -> MoveParameters:
+        """The settings as kernels take them."""
+        particles: Optimizer = getattr(self, self.inertia)
+        return particles.parameters._replace(kind=PARTICLES_THEN_WOLVES, listed=self.wolves.listed)
+
+
+@settings
+class Abc(Optimizer):
+    """An artificial bee colony (Karaboga 2005); two moves are one cycle of it."""
+
+    moves = MoveParameters(BEES)
+
+
+@settings
+class Firefly(Optimizer):
+    """Fireflies that fly towards all brighter ones (Yang 2009), the best of old and new kept."""
+
+    moves = MoveParameters(FIREFLIES, damping=0.98)

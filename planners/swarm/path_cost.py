@@ -101,22 +101,13 @@ def write_curve(problem: PathProblem, position: Array, workspace: PathWorkspace)
 
 
 @borrowing_kernel
-def polyline_length(points: Array) -> float:
-    """Return the length [m] of a polyline (n, 2)."""
-    length = 0.0
-    for i in range(points.shape[0] - 1):
-        length += math.hypot(points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1])
-    return length
-
-
-@borrowing_kernel
-def root_sum_of_squares(points: Array) -> float:
-    """Return the root of the sum of squared legs [m]: R1's loss."""
-    total = 0.0
+def path_sizes(points: Array) -> tuple[float, float]:
+    """Return the length [m] of a polyline (n, 2), and the root of the sum of squares: R1's loss."""
+    length = squares = 0.0
     for i in range(points.shape[0] - 1):
         dx, dy = points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1]
-        total += dx * dx + dy * dy
-    return math.sqrt(total)
+        length, squares = length + math.hypot(dx, dy), squares + (dx * dx + dy * dy)
+    return length, math.sqrt(squares)
 
 
 @borrowing_kernel
@@ -187,9 +178,9 @@ def evaluate(
     n, m = points.shape[0], line.shape[0]
     write_curve(problem, position, workspace)
     if terms.length_measure == LENGTH:
-        size = polyline_length(line)
+        size, _ = path_sizes(line)
     else:
-        size = root_sum_of_squares(points)
+        _, size = path_sizes(points)
         if terms.length_measure == ENERGY:
             size *= math.sqrt(n - 1.0)
     size *= terms.weight

@@ -17,7 +17,7 @@ from planners.registries import FIRST_PLANNERS, OBJECTIVES, SWARM_OPTIMIZERS
 from planners.rrt_star_woa.path_shortening import scatter_in_ellipses
 from planners.rrt_star_woa.woa import ShiftBounds
 from planners.smoothing.curves import POLYLINE, curve, curve_kind
-from planners.swarm.optimizers import MIN_POPULATION
+from planners.swarm.optimizers import MIN_POPULATION, WoaModified
 from planners.swarm.path_cost import PathProblem, Smooth
 from planners.swarm.peers import Mealpy
 from planners.swarm.search import (
@@ -29,8 +29,7 @@ from planners.swarm.search import (
     scatter_bowed,
     split_legs,
 )
-from planners.swarm.settings import WoaModified
-from planners.trees.settings import Rrt
+from planners.trees.rrt import Rrt
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.config import InputError, setting, settings

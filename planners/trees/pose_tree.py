@@ -13,12 +13,11 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from planners.collision.pose_tests import free_gap
+from planners.collision.footprint import Pose, free_gap
 from planners.steering import (
     CAPACITY,
     CONNECTIONS,
     PIECE,
-    Parts,
     SteeringContext,
     connect,
     connection,
@@ -28,9 +27,9 @@ from planners.steering import (
     switch,
     write_times,
 )
-from planners.trees.tree import NONE, remove_child, write_ancestors
+from planners.trees.tree import NONE, append_child, remove_child, write_ancestors, write_descendants
 from wheelchair_gym.arrays import Array
-from wheelchair_gym.compiled.kernel import borrowing_kernel
+from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.geometry import wrap
 from wheelchair_gym.kinematics import arc_step
 from wheelchair_gym.maps.driving_cost import MotionCost
@@ -53,7 +52,7 @@ REVERSED_SHARE = 0.05  # of the samples at the guide, which look back
 
 
 class Path(NamedTuple):
-    """The best path so far: its pieces, then a piece of no length at its end."""
+    """The best path so far: its pieces, then a piece of no length and of kind 0 at its end."""
 
     pieces: NDArray[Any]  # (CAPACITY,) PIECE
     size: NDArray[np.int64]  # (1,): without the one at the end; 0: there is no path
@@ -75,19 +74,21 @@ def kind_before(path: Path, i: int) -> int:
 
 
 @borrowing_kernel
-def kind_after(path: Path, j: int) -> int:
-    """Return the kind of motion of piece j; 0 at the end."""
-    return int(path.pieces[j].kind) if j < path.size[0] else 0
+def pieces_cost(motion: MotionCost, pieces: NDArray[Any], i: int, j: int, before: int) -> float:
+    """Return the cost [s] of the pieces from i to j, with the changes from a kind and between."""
+    cost = 0.0
+    for k in range(i, j):
+        cost += pieces[k].cost + switch(motion, before, pieces[k].kind)
+        before = int(pieces[k].kind)
+    return cost
 
 
 @borrowing_kernel
 def window_cost(motion: MotionCost, path: Path, i: int, j: int) -> float:
     """Return the cost [s] of the pieces from i to j, with the changes of kind at both ends."""
-    cost, before = 0.0, kind_before(path, i)
-    for k in range(i, j):
-        cost += path.pieces[k].cost + switch(motion, before, path.pieces[k].kind)
-        before = int(path.pieces[k].kind)
-    return cost + switch(motion, before, kind_after(path, j))
+    before, last = kind_before(path, i), kind_before(path, j)
+    cost = pieces_cost(motion, path.pieces, i, j, before)
+    return cost + switch(motion, last, path.pieces[j].kind)
 
 
 @borrowing_kernel
@@ -145,93 +146,87 @@ class Tree(NamedTuple):
 
 
 @borrowing_kernel
-def add_pose(tree: Tree, x: float, y: float, yaw: float, parent: int) -> int:
+def add_pose(tree: Tree, pose: Pose, parent: int) -> int:
     """Add a pose without its connection, and return its index."""
     new = int(tree.size[0])
     node = tree.nodes[new]
-    node.x, node.y, node.yaw, node.cost, node.edge = x, y, yaw, 0.0, 0.0
+    node.x, node.y, node.yaw = pose
+    node.cost, node.edge = 0.0, 0.0
     node.a, node.s, node.b, node.t, node.u = 0.0, 0.0, 0.0, 0.0, 0.0
     node.first, node.last, node.at_goal = 0, 0, False
-    node.parent, node.child, node.sibling = parent, NONE, NONE
+    node.parent, node.child, node.sibling = NONE, NONE, NONE
     if parent != NONE:
-        node.sibling = tree.nodes[parent].child
-        tree.nodes[parent].child = new
+        append_child(tree.nodes, new, parent)
     tree.size[0] = new + 1
     return new
 
 
+@inlined
+def pose_of(record: Any) -> Pose:
+    """Return the pose of a node or a piece."""
+    return record.x, record.y, record.yaw
+
+
 @borrowing_kernel
-def pose_distance(node: Any, x: float, y: float, yaw: float) -> float:
-    """Return the distance [m] of a node to a pose, its turn included."""
-    dx, dy, turn = node.x - x, node.y - y, TURN_LENGTH * wrap(node.yaw - yaw)
+def pose_distance(one: Pose, other: Pose) -> float:
+    """Return the distance [m] of two poses, their turn included."""
+    dx, dy, turn = one[0] - other[0], one[1] - other[1], TURN_LENGTH * wrap(one[2] - other[2])
     return math.sqrt(dx * dx + dy * dy + turn * turn)
 
 
 @borrowing_kernel
-def nearest(tree: Tree, x: float, y: float, yaw: float) -> int:
+def nearest(tree: Tree, pose: Pose) -> int:
     """Return the node nearest to a pose."""
     best, found = math.inf, NONE
     for i in range(tree.size[0]):
-        distance = pose_distance(tree.nodes[i], x, y, yaw)
+        distance = pose_distance(pose_of(tree.nodes[i]), pose)
         if distance < best:
             best, found = distance, i
     return found
 
 
 @borrowing_kernel
-def write_parts(node: Any, parts: Parts) -> None:
-    """Write the connection of a node from its parent."""
-    (node.a, node.s), (node.b, node.t), (_, node.u) = parts
-
-
-@borrowing_kernel
 def extend(
-    context: SteeringContext, tree: Tree, i: int, x: float, y: float, yaw: float, most_back: float
+    context: SteeringContext, tree: Tree, i: int, target: Pose, most_back: float
 ) -> tuple[int, bool]:
     """Extend a tree towards a pose until blocked; return the new node and whether it is there.
 
     The quickest free connection is taken, a forward one if possible; if none is free, the one that
     comes nearest. No connection leads farther back than `most_back` [m].
     """
-    node = tree.nodes[i]
     if tree.size[0] >= tree.nodes.shape[0]:
         return NONE, False
-    write_times(context, node.x, node.y, node.yaw, 0, x, y, yaw, 0, tree.sign)
+    pose = pose_of(tree.nodes[i])
+    write_times(context, pose, 0, target, 0, tree.sign)
     for kind in range(1 if tree.sign > 0.0 else 0, CONNECTIONS, 2):
         context.times[kind] += _BACK
-    best, chosen, share = pose_distance(node, x, y, yaw) - MIN_ADVANCE, NONE, 0
+    best, chosen, share = pose_distance(pose, target) - MIN_ADVANCE, NONE, 0
     while chosen == NONE or share >= 0:
         kind = quickest(context.times)
         if kind < 0:
             break
         context.times[kind] = math.inf
-        _, parts = connection(kind, node.x, node.y, node.yaw, x, y, yaw)
+        _, parts = connection(kind, pose, target)
         if tree.sign * (parts[0][0] + parts[1][0]) < -most_back:
             continue
-        total, _, free, px, py, pyaw = drive_parts(
-            context, node.x, node.y, node.yaw, 0, parts, context.trial, 0, math.inf
+        total, _, free, reached = drive_parts(
+            context.around, pose, 0, parts, context.trial, 0, math.inf
         )
         if free:
             chosen, share = kind, -1
-        elif total > 0:
-            dx, dy, dyaw = px - x, py - y, TURN_LENGTH * wrap(pyaw - yaw)
-            gap = math.sqrt(dx * dx + dy * dy + dyaw * dyaw)
-            if gap < best:
-                best, chosen, share = gap, kind, total
+        elif total > 0 and pose_distance(reached, target) < best:
+            best, chosen, share = pose_distance(reached, target), kind, total
     if chosen == NONE:
         return NONE, False
-    _, parts = connection(chosen, node.x, node.y, node.yaw, x, y, yaw)
-    new = add_pose(tree, x, y, yaw, i)
-    end = tree.nodes[new]
-    if share < 0:
-        write_parts(end, parts)
-        return new, True
-    parts = first_pieces(parts, share)
-    write_parts(end, parts)
-    end.x, end.y, end.yaw = node.x, node.y, node.yaw
-    for way, turn in parts:
-        end.x, end.y, end.yaw = arc_step(end.x, end.y, end.yaw, way, turn, 1.0)
-    return new, False
+    _, parts = connection(chosen, pose, target)
+    if share >= 0:
+        parts, target = first_pieces(parts, share), pose
+        for way, turn in parts:
+            target = arc_step(target[0], target[1], target[2], way, turn, 1.0)
+    new = add_pose(tree, target, i)
+    node = tree.nodes[new]
+    (node.a, node.s), (node.b, node.t), (_, node.u) = parts
+    return new, share < 0
 
 
 RUN = np.dtype(
@@ -267,7 +262,7 @@ def new_tree(roots: Array, sign: float) -> Tree:
     """Return a tree of roots (n, 3)."""
     tree = Tree(np.zeros(NODES, NODE), np.zeros(1, np.int64), sign)
     for x, y, yaw in roots:
-        add_pose(tree, x, y, yaw, NONE)
+        add_pose(tree, (x, y, yaw), NONE)
     return tree
 
 
@@ -297,19 +292,18 @@ _TRIES: Final = 20  # poses drawn for a sample at most
 
 
 @borrowing_kernel
-def sample(search: Search, state: Stream) -> tuple[bool, float, float, float]:
+def sample(search: Search, state: Stream) -> tuple[bool, Pose]:
     """Draw a pose at which the outline is free; the first value is false if none was drawn.
 
     It is near the guide, later near the path, or anywhere.
     """
-    context, path, box, guide = search.context, search.path, search.context.near.box, search.guide
+    around, path, guide = search.context.around, search.path, search.guide
     x, y, yaw = 0.0, 0.0, 0.0
     for _ in range(_TRIES):
         near = next_uniform(state) < GUIDE_SHARE
         if near and path.size[0] > 0:
-            piece = path.pieces[int(next_uniform(state) * path.size[0])]
+            x, y, yaw = pose_of(path.pieces[int(next_uniform(state) * path.size[0])])
             scale = math.exp(-3.0 * next_uniform(state))
-            x, y, yaw = piece.x, piece.y, piece.yaw
         elif near and guide.shape[0] > 0:
             on = guide[int(next_uniform(state) * guide.shape[0])]
             scale = math.exp(-4.0 * next_uniform(state))
@@ -317,7 +311,7 @@ def sample(search: Search, state: Stream) -> tuple[bool, float, float, float]:
             if next_uniform(state) < REVERSED_SHARE:
                 yaw += math.pi
         else:
-            scale = 0.0
+            scale, box = 0.0, around.near.box
             x = box[0] + (box[2] - box[0]) * next_uniform(state)
             y = box[1] + (box[3] - box[1]) * next_uniform(state)
             yaw = 2.0 * math.pi * next_uniform(state)
@@ -325,25 +319,20 @@ def sample(search: Search, state: Stream) -> tuple[bool, float, float, float]:
             x += scale * SPREAD * next_normal(state)
             y += scale * SPREAD * next_normal(state)
             yaw = wrap(yaw + scale * TURN_SPREAD * next_normal(state))
-        gap = free_gap(
-            context.near, context.motion, x, y, yaw, 0.0, 0.0, context.workspace, context.seen
-        )
-        if gap >= context.motion.margin:
-            return True, x, y, yaw
-    return False, x, y, yaw
+        if free_gap(around, (x, y, yaw), 0.0, 0.0) >= around.motion.margin:
+            return True, (x, y, yaw)
+    return False, (x, y, yaw)
 
 
 @borrowing_kernel
-def write_edge(
-    search: Search, node: Any, backward: bool, x: float, y: float, yaw: float, count: int
-) -> int:
+def write_edge(search: Search, node: Any, backward: bool, pose: Pose, count: int) -> int:
     """Append a node's connection from a pose to `context.candidate`; return the count or -1."""
     parts = (node.a, node.s), (node.b, node.t), (0.0, node.u)
     if backward:
         parts = (0.0, -node.u), (-node.b, -node.t), (-node.a, -node.s)
     context = search.context
-    made, _, free, _, _, _ = drive_parts(
-        context, x, y, yaw, 0, parts, context.candidate, count, math.inf
+    made, _, free, _ = drive_parts(
+        context.around, pose, 0, parts, context.candidate, count, math.inf
     )
     return count + made if free else -1
 
@@ -357,8 +346,8 @@ def write_path(search: Search, node: int, twin: int) -> bool:
     tree, path, chain = search.start_tree, search.path, search.chain
     n, count = write_ancestors(tree.nodes, node, chain), 0
     for k in range(n - 2, -1, -1):
-        at = tree.nodes[chain[k + 1]]
-        count = write_edge(search, tree.nodes[chain[k]], False, at.x, at.y, at.yaw, count)
+        at = pose_of(tree.nodes[chain[k + 1]])
+        count = write_edge(search, tree.nodes[chain[k]], False, at, count)
         if count < 0:
             return False
     end = tree.nodes[node]
@@ -367,15 +356,12 @@ def write_path(search: Search, node: int, twin: int) -> bool:
         at = search.goal_tree.nodes[i]
         end = at
         if at.parent != NONE:
-            count = write_edge(search, at, True, at.x, at.y, at.yaw, count)
+            count = write_edge(search, at, True, pose_of(at), count)
             if count < 0:
                 return False
         i = int(at.parent)
-    pieces, motion = search.context.candidate, search.context.motion
-    cost, before = 0.0, 0
-    for k in range(count):
-        cost += pieces[k].cost + switch(motion, before, pieces[k].kind)
-        before = int(pieces[k].kind)
+    pieces, motion = search.context.candidate, search.context.around.motion
+    cost = pieces_cost(motion, pieces, 0, count, 0)
     if not cost < path.cost[0] - MIN_GAIN or count == 0:
         return False
     if path.size[0] == 0:
@@ -383,15 +369,6 @@ def write_path(search: Search, node: int, twin: int) -> bool:
         last.x, last.y, last.yaw = path.goal[0], path.goal[1], end.yaw
         last.way, last.turn, last.cost, last.kind = 0.0, 0.0, 0.0, 0
     return splice(path, motion, 0, int(path.size[0]), pieces, count)
-
-
-@borrowing_kernel
-def start_anew(search: Search) -> None:
-    """Remove all nodes of both trees except their roots."""
-    search.start_tree.size[0], search.goal_tree.size[0] = 1, search.run[0].goals
-    search.start_tree.nodes[0].child = NONE
-    for i in range(search.run[0].goals):
-        search.goal_tree.nodes[i].child = NONE
 
 
 @borrowing_kernel
@@ -403,7 +380,10 @@ def grow(search: Search, state: Stream) -> None:
     context, run = search.context, search.run[0]
     if run.iteration - run.attempt_began >= _ATTEMPT:
         run.attempt, run.attempt_began = run.attempt + 1, run.iteration
-        start_anew(search)
+        search.start_tree.size[0], search.goal_tree.size[0] = 1, run.goals  # the roots alone
+        search.start_tree.nodes[0].child = NONE
+        for i in range(run.goals):
+            search.goal_tree.nodes[i].child = NONE
         if run.first_path > 0 and run.attempt > run.last_attempt:
             run.refining = run.iteration
             return
@@ -411,19 +391,19 @@ def grow(search: Search, state: Stream) -> None:
     one, other = search.start_tree, search.goal_tree
     if not forward:
         one, other = other, one
-    drawn, x, y, yaw = True, other.nodes[0].x, other.nodes[0].y, other.nodes[0].yaw
+    drawn, pose = True, pose_of(other.nodes[0])
     if run.iteration > 0:
-        drawn, x, y, yaw = sample(search, state)
+        drawn, pose = sample(search, state)
     if not drawn:
         return
     most_back = math.inf if run.attempt % 3 == 2 else _MOST_BACK
-    new, _ = extend(context, one, nearest(one, x, y, yaw), x, y, yaw, most_back)
+    new, _ = extend(context, one, nearest(one, pose), pose, most_back)
     if new == NONE:
         return
-    x, y, yaw = one.nodes[new].x, one.nodes[new].y, one.nodes[new].yaw
-    twin = nearest(other, x, y, yaw)
+    pose = pose_of(one.nodes[new])
+    twin = nearest(other, pose)
     while True:
-        reached, there = extend(context, other, twin, x, y, yaw, most_back)
+        reached, there = extend(context, other, twin, pose, most_back)
         if there:
             if not forward:
                 new, reached = reached, new
@@ -440,43 +420,24 @@ def grow(search: Search, state: Stream) -> None:
 @borrowing_kernel
 def update_costs(search: Search, i: int) -> None:
     """Compute the costs of a node and of all below it from its parent's."""
-    tree, motion, stack = search.start_tree, search.context.motion, search.chain
-    nodes = tree.nodes
-    stack[0], height = i, 1
-    while height > 0:
-        height -= 1
-        k = stack[height]
-        node, above = nodes[k], nodes[nodes[k].parent]
+    nodes, motion, below = search.start_tree.nodes, search.context.around.motion, search.chain
+    for k in range(write_descendants(nodes, i, below)):
+        node = nodes[below[k]]
+        above = nodes[node.parent]
         node.cost = above.cost + node.edge + switch(motion, above.last, node.first)
-        child = node.child
-        while child != NONE:
-            stack[height] = child
-            height += 1
-            child = nodes[child].sibling
 
 
 @borrowing_kernel
 def write_connection(search: Search, i: int, kind: int, count: int, cost: float) -> None:
     """Write a node's connection from its parent, whose pieces are in `context.candidate`."""
-    tree, motion, pieces = search.start_tree, search.context.motion, search.context.candidate
+    tree, pieces, motion = search.start_tree, search.context.candidate, search.context.around.motion
     node = tree.nodes[i]
     above = tree.nodes[node.parent]
-    _, parts = connection(kind, above.x, above.y, above.yaw, node.x, node.y, node.yaw)
-    write_parts(node, parts)
+    _, parts = connection(kind, pose_of(above), pose_of(node))
+    (node.a, node.s), (node.b, node.t), (_, node.u) = parts
     node.first = pieces[0].kind if count > 0 else above.last
     node.last = pieces[count - 1].kind if count > 0 else above.last
     node.edge = cost - switch(motion, above.last, node.first)
-
-
-@borrowing_kernel
-def reconnect(search: Search, i: int, parent: int, kind: int, count: int, cost: float) -> None:
-    """Give a node another parent, by a connection whose pieces are in `context.candidate`."""
-    nodes = search.start_tree.nodes
-    remove_child(nodes, i)
-    nodes[i].parent, nodes[i].sibling = parent, nodes[parent].child
-    nodes[parent].child = i
-    write_connection(search, i, kind, count, cost)
-    update_costs(search, i)
 
 
 @borrowing_kernel
@@ -484,7 +445,7 @@ def add_path(search: Search) -> None:
     """Add the path to the tree, a node where its curvature changes, so that it can be rewired."""
     tree, path, run = search.start_tree, search.path, search.run[0]
     run.synced = path.cost[0]
-    pieces, motion = path.pieces, search.context.motion
+    pieces, motion = path.pieces, search.context.around.motion
     at, k, n = 0, 0, int(path.size[0])
     while k < n and tree.size[0] < tree.nodes.shape[0]:
         way, turn, edge, kind = 0.0, 0.0, 0.0, int(pieces[k].kind)
@@ -495,7 +456,7 @@ def add_path(search: Search) -> None:
         ):  # fmt: skip
             way, turn, edge = way + pieces[k].way, turn + pieces[k].turn, edge + pieces[k].cost
             k += 1
-        new = add_pose(tree, pieces[k].x, pieces[k].y, pieces[k].yaw, at)
+        new = add_pose(tree, pose_of(pieces[k]), at)
         node, above = tree.nodes[new], tree.nodes[at]
         node.a, node.s, node.edge, node.first, node.last = way, turn, edge, kind, kind
         node.cost = above.cost + edge + switch(motion, above.last, kind)
@@ -505,24 +466,11 @@ def add_path(search: Search) -> None:
 
 
 @borrowing_kernel
-def rewire(search: Search, state: Stream) -> None:
-    """Add a sample to the tree below its best parent, and rewire its neighbours: RRT*."""
-    context, tree, path = search.context, search.start_tree, search.path
-    nodes, motion, candidate = tree.nodes, context.motion, context.candidate
-    if path.cost[0] < search.run[0].synced - MIN_GAIN:
-        add_path(search)
-    if tree.size[0] + 2 >= nodes.shape[0]:
-        return
-    drawn, x, y, yaw = sample(search, state)
-    if not drawn:
-        return
-    goal, root = path.goal, nodes[0]
-    left = math.hypot(goal[0] - x, goal[1] - y) / motion.forward
-    if math.hypot(root.x - x, root.y - y) / motion.forward + left >= path.cost[0]:
-        return
-    found, bounds, n = search.found, search.bounds, 0
-    for i in range(tree.size[0]):  # the nearest ones, the farthest of them last
-        distance = pose_distance(nodes[i], x, y, yaw)
+def find_neighbours(search: Search, pose: Pose) -> int:
+    """Write the nearest nodes to `found`, and bounds of a pose's cost through them; Near."""
+    nodes, found, bounds, n = search.start_tree.nodes, search.found, search.bounds, 0
+    for i in range(search.start_tree.size[0]):  # the farthest of them last
+        distance = pose_distance(pose_of(nodes[i]), pose)
         if n == found.shape[0] and distance >= bounds[n - 1]:
             continue
         k = n if n < found.shape[0] else n - 1
@@ -533,11 +481,18 @@ def rewire(search: Search, state: Stream) -> None:
         found[k], bounds[k] = i, distance
     for k in range(n):
         near = nodes[found[k]]
-        bounds[k] = near.cost + write_times(
-            context, near.x, near.y, near.yaw, near.last, x, y, yaw, 0, 1.0
-        )
-    best, parent = path.cost[0] - left, NONE
-    new = add_pose(tree, x, y, yaw, NONE)
+        bounds[k] = near.cost + write_times(search.context, pose_of(near), near.last, pose, 0, 1.0)
+    return n
+
+
+@borrowing_kernel
+def choose_parent(search: Search, new: int, n: int, most: float) -> bool:
+    """Connect a node to its cheapest parent among n neighbours; false if none costs below `most`.
+
+    Neighbours are tried in order of their bounds.
+    """
+    nodes, found, bounds = search.start_tree.nodes, search.found, search.bounds
+    here, best = nodes[new], most
     while True:
         k = 0
         for m in range(1, n):
@@ -548,46 +503,70 @@ def rewire(search: Search, state: Stream) -> None:
         bounds[k] = math.inf
         near = nodes[found[k]]
         kind, count, cost = connect(
-            context, near.x, near.y, near.yaw, near.last, x, y, yaw, 0, best - near.cost,
-            candidate, 0,
-        )  # fmt: skip
+            search.context, pose_of(near), near.last, pose_of(here), 0, best - near.cost
+        )
         if kind >= 0:
-            best, parent = near.cost + cost, int(found[k])
-            nodes[new].parent = parent
+            best, here.parent = near.cost + cost, found[k]
             write_connection(search, new, kind, count, cost)
-    if parent == NONE:
+    if here.parent == NONE:
+        return False
+    append_child(nodes, new, here.parent)
+    update_costs(search, new)
+    return True
+
+
+@borrowing_kernel
+def connect_goal(search: Search, new: int) -> None:
+    """Add the goal below a node if that makes a cheaper path."""
+    tree, goal, pieces = search.start_tree, search.path.goal, search.context.candidate
+    here, target = tree.nodes[new], (goal[0], goal[1], goal[2])
+    budget = search.path.cost[0] - here.cost - MIN_GAIN
+    kind, count, cost = connect(search.context, pose_of(here), here.last, target, 0, budget)
+    if kind < 0:
+        return
+    yaw = here.yaw if count == 0 else pieces[count - 1].yaw + pieces[count - 1].turn
+    there = add_pose(tree, (goal[0], goal[1], yaw if math.isnan(goal[2]) else goal[2]), new)
+    write_connection(search, there, kind, count, cost)
+    update_costs(search, there)
+    tree.nodes[there].at_goal = True
+
+
+@borrowing_kernel
+def rewire(search: Search, state: Stream) -> None:
+    """Add a sample to the tree below its best parent, and rewire its neighbours: RRT*."""
+    tree, path, found, run = search.start_tree, search.path, search.found, search.run[0]
+    nodes, forward = tree.nodes, search.context.around.motion.forward
+    if path.cost[0] < run.synced - MIN_GAIN:
+        add_path(search)
+    if tree.size[0] + 2 >= nodes.shape[0]:
+        return
+    drawn, pose = sample(search, state)
+    if not drawn:
+        return
+    left = math.hypot(path.goal[0] - pose[0], path.goal[1] - pose[1]) / forward
+    if math.hypot(nodes[0].x - pose[0], nodes[0].y - pose[1]) / forward + left >= path.cost[0]:
+        return
+    n = find_neighbours(search, pose)
+    new = add_pose(tree, pose, NONE)
+    if not choose_parent(search, new, n, path.cost[0] - left):
         tree.size[0] = new
         return
     here = nodes[new]
-    here.sibling = nodes[parent].child
-    nodes[parent].child = new
-    here.cost = nodes[parent].cost + here.edge + switch(motion, nodes[parent].last, here.first)
     for k in range(n):
-        i = int(found[k])
-        if i == parent or i == 0:
-            continue
-        near = nodes[i]
+        near = nodes[found[k]]
         budget = near.cost - here.cost - MIN_GAIN
-        if budget <= 0.0:
-            continue
-        kind, count, cost = connect(
-            context, x, y, yaw, here.last, near.x, near.y, near.yaw, 0, budget, candidate, 0
-        )
-        if kind >= 0:
-            reconnect(search, i, new, kind, count, cost)
-    budget = path.cost[0] - here.cost - MIN_GAIN
-    kind, count, cost = connect(
-        context, x, y, yaw, here.last, goal[0], goal[1], goal[2], 0, budget, candidate, 0
-    )
-    if kind >= 0:
-        end = yaw if count == 0 else candidate[count - 1].yaw + candidate[count - 1].turn
-        there = add_pose(tree, goal[0], goal[1], end if math.isnan(goal[2]) else goal[2], new)
-        write_connection(search, there, kind, count, cost)
-        update_costs(search, there)
-        nodes[there].at_goal = True
-    cheapest, end_node = path.cost[0] - MIN_GAIN, NONE
+        if found[k] != here.parent and found[k] != 0 and budget > 0.0:
+            kind, count, cost = connect(search.context, pose, here.last, pose_of(near), 0, budget)
+            if kind >= 0:
+                i = int(found[k])
+                remove_child(nodes, i)
+                append_child(nodes, i, new)
+                write_connection(search, i, kind, count, cost)
+                update_costs(search, i)
+    connect_goal(search, new)
+    cheapest, end = path.cost[0] - MIN_GAIN, NONE
     for i in range(tree.size[0]):
         if nodes[i].at_goal and nodes[i].cost < cheapest:
-            cheapest, end_node = nodes[i].cost, i
-    if end_node != NONE and write_path(search, end_node, NONE):
-        search.run[0].synced = path.cost[0]
+            cheapest, end = nodes[i].cost, i
+    if end != NONE and write_path(search, end, NONE):
+        run.synced = path.cost[0]

@@ -92,14 +92,19 @@ def refine_grid(tree: Tree) -> None:
 
 
 @borrowing_kernel
-def add_child(tree: Tree, i: int, parent: int, edge: float) -> None:
-    """Make node i, which has no parent, the child of a node at a distance of `edge` [m]."""
-    nodes = tree.nodes
+def append_child(nodes: NDArray[Any], i: int, parent: int) -> None:
+    """Make node i, which has no parent, the child of a node, in a tree of any records."""
     nodes[i].parent = parent
-    nodes[i].edge = edge
-    nodes[i].cost = nodes[parent].cost + edge
     nodes[i].sibling = nodes[parent].child
     nodes[parent].child = i
+
+
+@borrowing_kernel
+def add_child(tree: Tree, i: int, parent: int, edge: float) -> None:
+    """Make node i, which has no parent, the child of a node at a distance of `edge` [m]."""
+    tree.nodes[i].edge = edge
+    tree.nodes[i].cost = tree.nodes[parent].cost + edge
+    append_child(tree.nodes, i, parent)
 
 
 @borrowing_kernel
@@ -122,15 +127,21 @@ def place_node(tree: Tree, i: int, x: float, y: float, parent: int, edge: float)
 
 
 @borrowing_kernel
-def insert(tree: Tree, x: float, y: float, parent: int, edge: float) -> int:
-    """Add a point [m] as the child of a parent (NONE for the root); return its index."""
+def add_slot(tree: Tree) -> int:
+    """Return the index of a new node, which `place_node` writes."""
     grid = tree.grid[0]
     if grid.count >= 6 * grid.cols * grid.rows:
         refine_grid(tree)
-    i = grid.count
-    grid.count = i + 1
+    grid.count += 1
+    return int(grid.count - 1)
+
+
+@borrowing_kernel
+def insert(tree: Tree, x: float, y: float, parent: int, edge: float) -> int:
+    """Add a point [m] as the child of a parent (NONE for the root); return its index."""
+    i = add_slot(tree)
     place_node(tree, i, x, y, parent, edge)
-    return int(i)
+    return i
 
 
 @borrowing_kernel
@@ -214,25 +225,31 @@ def nodes_within(
 
 
 @borrowing_kernel
-def change_parent(tree: Tree, i: int, parent: int, edge: float, stack: NDArray[np.int32]) -> None:
+def write_descendants(nodes: NDArray[Any], i: int, out: NDArray[Any]) -> int:
+    """Write node i and all nodes below it, parents first; return their number."""
+    out[0], n, k = i, 1, 0
+    while k < n:
+        child = nodes[out[k]].child
+        while child != NONE:
+            out[n], n = child, n + 1
+            child = nodes[child].sibling
+        k += 1
+    return n
+
+
+@borrowing_kernel
+def change_parent(tree: Tree, i: int, parent: int, edge: float, below: NDArray[np.int32]) -> None:
     """Give node i, not the root, another parent at distance `edge`; update descendants' costs.
 
     The caller has tested that the edge is free, that it is a gain, and that the parent is no
-    descendant of i. The stack is scratch memory for as many indices as the tree has nodes.
+    descendant of i. `below` is scratch memory for as many indices as the tree has nodes.
     """
     nodes = tree.nodes
     remove_child(nodes, i)
     add_child(tree, i, parent, edge)
-    stack[0], height = i, 1
-    while height > 0:
-        height -= 1
-        k = stack[height]
-        child = nodes[k].child
-        while child != NONE:
-            nodes[child].cost = nodes[k].cost + nodes[child].edge
-            stack[height] = child
-            height += 1
-            child = nodes[child].sibling
+    for k in range(1, write_descendants(nodes, i, below)):
+        node = nodes[below[k]]
+        node.cost = nodes[node.parent].cost + node.edge
 
 
 @kernel

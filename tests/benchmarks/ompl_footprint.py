@@ -8,9 +8,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from planners.collision.footprint import sweeps
+from planners.collision.footprint import FootprintPlanner, gaps_at, goal_poses, start_and_goal
 from planners.collision.nearby import nearby
-from planners.collision.pose_tests import FootprintPlanner, gaps_at, goal_poses, start_and_goal
 from planners.problem import Plan, Problem, Status
 from planners.steering import LONGEST_PIECE, SteeringContext, connect, new_context, poses_along
 from planners.trees.pose_tree import new_path
@@ -28,7 +27,7 @@ def connection_cost(
     context: SteeringContext, x: float, y: float, yaw: float, tx: float, ty: float, tyaw: float
 ) -> tuple[int, float]:
     """Write the cheapest free connection of two poses; the number of its pieces and cost [s]."""
-    _, count, cost = connect(context, x, y, yaw, 0, tx, ty, tyaw, 0, math.inf, context.candidate, 0)
+    _, count, cost = connect(context, (x, y, yaw), 0, (tx, ty, tyaw), 0, math.inf, 0)
     return count, cost
 
 
@@ -62,7 +61,7 @@ class OmplFootprint(FootprintPlanner):
         status, motion = self.fit(problem, near)
         if status is not None:
             return Plan(status)
-        context, work = new_context(near, motion, self.sharpest_turn), sweeps(1)
+        context = new_context(near, motion, self.sharpest_turn)
         known: dict[tuple[float, ...], float] = {}
 
         def cost(a: Any, b: Any) -> float:
@@ -100,7 +99,7 @@ class OmplFootprint(FootprintPlanner):
         information = base.SpaceInformation(space)
         information.setStateValidityChecker(
             lambda state: bool(
-                gaps_at(near, motion, np.array([_pose(state)]), work)[0] >= motion.margin
+                gaps_at(context.around, np.array([_pose(state)]))[0] >= motion.margin
             )
         )
         validator = Validator(information)  # OMPL does not keep it alive
@@ -110,7 +109,7 @@ class OmplFootprint(FootprintPlanner):
         start, goal = start_and_goal(problem)
         definition.addStartState(_state(space, start))
         ends = base.GoalStates(information)
-        for pose in goal_poses(near, motion, goal, self.goals):
+        for pose in goal_poses(context.around, goal, self.goals):
             ends.addState(_state(space, pose))
         definition.setGoal(ends)
         objective = Objective(information)

@@ -10,7 +10,7 @@ from planners import PLANNERS
 from planners.collision.space import Space
 from planners.judge import Judge
 from planners.problem import Problem, Status
-from planners.trees.settings import (
+from planners.trees.rrt_star import (
     InformedRrtStar,
     RrtStar,
     RrtStarFn,
