@@ -69,7 +69,7 @@ class Watch:
             yield lambda slam: None
             return
         from wheelchair_gym.recording.record import RecordingSettings
-        from wheelchair_gym.recording.sink import NANO, Sink
+        from wheelchair_gym.recording.sink import Sink
 
         out, odometry = Sink(self.record, self.live, self.format), log.odometry
         if out.port is not None:
@@ -81,7 +81,7 @@ class Watch:
             stamp = float(log.stamps[k] - log.stamps[0])
             if out.port is not None:
                 time.sleep(max(0.0, begun + stamp - time.perf_counter()))
-            out.now = round(stamp * NANO)
+            out.now = round(1e9 * stamp)  # ns
             period = stamp - float(log.stamps[k - 1] - log.stamps[0]) if k else 0.0
             twist = log.increments[k][[0, 2]] / period if period > 0.0 else np.zeros(2)
             if stamp - drawn >= RecordingSettings().refresh_period:

@@ -16,12 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.edges import POSTS, SCREEN, SLABS, Edges
-from wheelchair_gym.compiled.address import table_at
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.envs import NavigationVectorEnv
 from wheelchair_gym.geometry import footprint_clearance
 from wheelchair_gym.kinematics import Limits, approach_twist, arc_step
-from wheelchair_gym.physics.actors.bodies import actors_of
+from wheelchair_gym.physics.actors.bodies import actors_of, shapes_of
 from wheelchair_gym.physics.state import FAULTS
 from wheelchair_gym.random import episode_key, uniform
 from wheelchair_gym.safety.grid import place_of_cell
@@ -74,8 +73,7 @@ _FAN = ((1.0, 0.0), (1.0, 0.4), (1.0, -0.4), (1.0, 1.0), (1.0, -1.0), (-1.0, 0.0
 @borrowing_kernel
 def _edge(world: Any, key: np.uint64, kind: int, x: float, y: float) -> tuple[float, float]:
     """Where an attack on something narrow drives at: its end, or as far aside as the outline is."""
-    walls = table_at(world.walls, world.n_walls, 4)
-    discs = table_at(world.discs, world.n_discs, 3)
+    walls, discs = shapes_of(world)
     which, aside = uniform(key, 0, 5, 0), 0.020 * uniform(key, 0, 5, 1) - 0.010
     if uniform(key, 0, 5, 2) < 0.4:
         aside *= 33.0  # up to the corners of the outline
@@ -134,8 +132,7 @@ def aim(
         x, y, yaw = pose[i, 0], pose[i, 1], pose[i, 2]
         held = step // (3 + int(12 * uniform(key, 0, 0, 0)))
         u, v = uniform(key, held, 1, 0), uniform(key, held, 1, 1)
-        walls = table_at(world.walls, world.n_walls, 4)
-        discs = table_at(world.discs, world.n_discs, 3)
+        walls, discs = shapes_of(world)
         if kind == RANDOM:
             out[i, 0], out[i, 1] = 2.0 * u - 1.0, 2.0 * v - 1.0
             continue
@@ -371,14 +368,13 @@ def blank() -> Report:
 @borrowing_kernel
 def shown(world: Any, walls: Array, discs: Array) -> None:
     """Copy what sensors could see now: walls (n, 4) and discs (m, 3), actors among them."""
-    source = table_at(world.walls, world.n_walls, 4)
+    own_walls, own_discs = shapes_of(world)
     for k in range(world.n_walls):
         for i in range(4):
-            walls[k, i] = source[k, i]
-    source = table_at(world.discs, world.n_discs, 3)
+            walls[k, i] = own_walls[k, i]
     for k in range(world.n_discs):
         for i in range(3):
-            discs[k, i] = source[k, i]
+            discs[k, i] = own_discs[k, i]
 
 
 @borrowing_kernel

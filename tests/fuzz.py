@@ -29,7 +29,40 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from agents.benchmarks.cases import stored_cases
+from agents.benchmarks.planner_benchmark import FORMAT, check_result
+from agents.cli.arguments import spec
+from agents.evaluation.evaluate import env_settings as checked
+from agents.evaluation.map_evaluation import by_odometry
+from agents.evaluation.runs import compute, stored_line
+from agents.learning.checkpoint import NAME, load_checkpoint, save_checkpoint
+from agents.learning.curves import read_curve, write_curve
+from agents.learning.export import export_onnx
+from agents.learning.settings import read_training
+from agents.learning.weights import _digest, save_weights
+from agents.participants.session import read_protocol
+from agents.policies import make_policy
+from agents.policies.sb3 import _algorithm
+from agents.studies.thesis import problem_of
+from agents.studio.drawing import loaded
+from planners import PLANNERS, Problem, Space, make_planner
+from planners.problem_files import read_problems
+from planners.rrt_star_woa.thesis import read_thesis
+from tests.agents.learning.tiny_runs import random_weights
 from tests.conftest import ROOT
+from wheelchair_gym.config import dump
+from wheelchair_gym.envs.settings import EnvSettings, env_settings
+from wheelchair_gym.errors import InputError
+from wheelchair_gym.files import read_json
+from wheelchair_gym.hardware.ros.cdr import typestore
+from wheelchair_gym.localization.logs import LASER, read_log
+from wheelchair_gym.localization.slam import SlamSettings
+from wheelchair_gym.maps import OCCUPIED, OccupancyGrid, read_any_map, write_map
+from wheelchair_gym.recording.read_bags import bag_messages
+from wheelchair_gym.recording.record import RecordEpisodes, RecordingSettings
+from wheelchair_gym.recording.replay import read_recording, replay_env, sensor_log
+from wheelchair_gym.scenes import SCENES, make_scene
+from wheelchair_gym.scenes.barn import world_numbers
 
 TIMEOUT = 120.0  # s for one input, where a machine is busy
 READY = 300.0  # s until a worker has read its valid file: kernels may be compiled
@@ -144,6 +177,11 @@ def input_of(name: str, valid: bytes, number: int) -> bytes:
     return (READERS[name].mutate or mutated)(valid, rng)
 
 
+def _shipped(name: str) -> Callable[[Path], Path]:
+    """Return a function that copies a file of `configs/` into a folder."""
+    return lambda folder: Path(shutil.copy(ROOT / "configs" / name, folder))
+
+
 def _written(path: Path, content: Any) -> Path:
     """Write a text, or anything else as JSON; return the path of its file."""
     path.write_text(content if isinstance(content, str) else json.dumps(content))
@@ -161,11 +199,6 @@ def _copy_map(folder: Path) -> Path:
 
 def _use_map(path: Path) -> None:
     """A map as `plan` and an environment take it."""
-    from agents.studio.drawing import loaded
-    from planners import Problem, Space, make_planner
-    from wheelchair_gym.maps import read_any_map
-    from wheelchair_gym.scenes import make_scene
-
     if path.suffix == ".yaml":
         loaded(path, 0.05)  # as it is loaded in the browser
     grid, _ = read_any_map(path)
@@ -178,18 +211,11 @@ def _use_map(path: Path) -> None:
 
 
 def _small_map(folder: Path) -> Path:
-    from wheelchair_gym.maps import OCCUPIED, OccupancyGrid, write_map
-
     cells = np.zeros((40, 60), np.int8)
     cells[:2] = cells[-2:] = OCCUPIED
     cells[:, :2] = cells[:, -2:] = cells[15:25, 20:30] = OCCUPIED
     write_map(OccupancyGrid(cells, 0.1), folder / "hall.yaml", suffix=".png")
     return folder / "hall.yaml"
-
-
-def _png(folder: Path) -> Path:
-    _small_map(folder)
-    return folder / "hall.png"
 
 
 def _pgm(folder: Path) -> Path:
@@ -252,12 +278,6 @@ def _sb3_model(folder: Path) -> Path:
     return path
 
 
-def _read_sb3(path: Path) -> object:
-    from agents.policies.sb3 import _algorithm
-
-    return _algorithm(path)
-
-
 def _house(folder: Path) -> Path:
     verts = [[0, 0], [8, 0], [8, 4], [5, 4], [4, 6.5], [0, 6]]
     rooms = {"Kitchen": [[0, 0, 3, 3]], "Hall": []}
@@ -277,9 +297,6 @@ def _barn(folder: Path) -> Path:
 
 
 def _use_barn(path: Path) -> None:
-    from wheelchair_gym.scenes import make_scene
-    from wheelchair_gym.scenes.barn import world_numbers
-
     for world in world_numbers(path)[:2]:
         scene = make_scene({"name": "barn", "path": str(path), "world": world})
         episode = scene.sample(np.random.default_rng(0))
@@ -298,10 +315,6 @@ def _problems(folder: Path) -> Path:
 
 
 def _use_problems(path: Path) -> None:
-    from agents.benchmarks.cases import stored_cases
-    from planners import make_planner
-    from planners.problem_files import read_problems
-
     for problem, _ in read_problems(path)[:2]:
         for planner in ({"name": "rrt_connect", "iterations": 200}, {"name": "visibility"}):
             make_planner(planner).plan(problem, np.random.default_rng(0), deadline=1.0)
@@ -320,11 +333,6 @@ def _thesis(folder: Path) -> Path:
 
 
 def _use_thesis(path: Path) -> None:
-    from agents.cli.arguments import spec
-    from agents.studies.thesis import problem_of
-    from planners import make_planner
-    from planners.rrt_star_woa.thesis import read_thesis
-
     file = read_thesis(path)
     make_planner(file.planner())
     problem_of(file)
@@ -333,9 +341,6 @@ def _use_thesis(path: Path) -> None:
 
 
 def _env(folder: Path) -> Path:
-    from wheelchair_gym.config import dump
-    from wheelchair_gym.envs.settings import EnvSettings
-
     content = {**dump(EnvSettings()), "scene": {"name": "empty", "size": [6.0, 5.0]}}
     del content["hardware"]
     return _written(folder / "env.json", content)
@@ -343,10 +348,6 @@ def _env(folder: Path) -> Path:
 
 def _use_env(path: Path) -> None:
     """Settings, and the world that they name; stepping is for who chose the settings."""
-    from agents.evaluation.evaluate import env_settings as checked
-    from wheelchair_gym.envs.settings import env_settings
-    from wheelchair_gym.scenes import make_scene
-
     checked(config=path)
     own = env_settings(path)
     if own.scene != "crowd":
@@ -354,17 +355,11 @@ def _use_env(path: Path) -> None:
 
 
 def _scenes(folder: Path) -> Path:
-    from wheelchair_gym.config import dump
-    from wheelchair_gym.scenes import SCENES
-
     return _written(folder / "scenes.json", {name: dump(SCENES[name]()) for name in SCENE_NAMES})
 
 
 def _use_each(path: Path, names: Iterable[str], use: Callable[[Any], Any]) -> None:
     """Use the settings of each name in a file; raise the last refusal."""
-    from agents.cli.arguments import spec
-    from wheelchair_gym.errors import InputError
-
     refused = None
     for name in names:
         try:
@@ -375,24 +370,6 @@ def _use_each(path: Path, names: Iterable[str], use: Callable[[Any], Any]) -> No
         raise refused
 
 
-def _use_scenes(path: Path) -> None:
-    from wheelchair_gym.scenes import make_scene
-
-    _use_each(path, SCENE_NAMES, lambda one: make_scene(one).sample(np.random.default_rng(1)))
-
-
-def _planners(folder: Path) -> Path:
-    path = folder / "planners.json"
-    shutil.copy(ROOT / "configs" / "planners.json", path)
-    return path
-
-
-def _use_planners(path: Path) -> None:
-    from planners import PLANNERS, make_planner
-
-    _use_each(path, PLANNERS, make_planner)
-
-
 def _protocol(folder: Path) -> Path:
     condition = {"name": "with help", "assist": {"name": "slide", "turn_weight": 0.3}}
     tasks = [{"name": "home", "scene": "floor_plan", "seed": 1}]
@@ -400,43 +377,18 @@ def _protocol(folder: Path) -> Path:
     return _written(folder / "protocol.json", content)
 
 
-def _use_protocol(path: Path) -> None:
-    from agents.participants.session import read_protocol
-
-    read_protocol(path)
-
-
-def _training(folder: Path) -> Path:
-    path = folder / "ppo.json"
-    shutil.copy(ROOT / "configs" / "ppo_guided.json", path)
-    return path
-
-
-def _use_training(path: Path) -> None:
-    from agents.learning.settings import read_training
-    from wheelchair_gym.files import read_json
-
-    read_training(read_json(path), path.name, "ppo")
-
-
 # ---- results
 
 
 def _bench(folder: Path) -> Path:
-    from agents.benchmarks.planner_benchmark import FORMAT
-
     record = {"key": "abc", "planner": "rrt", "seed": 0, "curve": [[0.1, 3.0]]}
     return _written(folder / "bench.json", {"format": FORMAT, "records": [record]})
 
 
-def _use_bench(path: Path) -> None:
-    from agents.benchmarks.planner_benchmark import check_result
-
-    check_result(path)
-
-
 def _comparison(folder: Path) -> Path:
-    row = {"policy": "mine.npz", "scene": "all"} | {key: 0.5 for key in _figures()}
+    from agents.learning.publish import RESULT_KEYS
+
+    row = {"policy": "mine.npz", "scene": "all"} | dict.fromkeys(RESULT_KEYS, 0.5)
     content = {
         "command": "wheelchair compare --policies mine.npz --out x", "title": "homes",
         "provenance": {"commit": "abc"}, "summary": [row],
@@ -444,16 +396,9 @@ def _comparison(folder: Path) -> Path:
     return _written(folder / "results.json", content)
 
 
-def _figures() -> tuple[str, ...]:
-    from agents.learning.publish import RESULT_KEYS
-
-    return tuple(RESULT_KEYS)
-
-
 def _use_comparison(path: Path) -> None:
     from agents.learning.publish import _results
     from agents.studio.compare_session import CompareSession
-    from wheelchair_gym.errors import InputError
 
     with contextlib.suppress(InputError):  # which the card's minimal results are for it
         CompareSession._results(SimpleNamespace(_runs={"mine": path}), "mine")
@@ -461,23 +406,12 @@ def _use_comparison(path: Path) -> None:
 
 
 def _curve(folder: Path) -> Path:
-    from agents.learning.curves import write_curve
-
     rows = [{"frames": k * 100, "success": 0.1 * k, "eval_success": 0.5} for k in range(5)]
     write_curve(folder, rows)
     return folder / "curve.csv"
 
 
-def _use_curve(path: Path) -> None:
-    from agents.learning.curves import read_curve, write_curve
-
-    rows = read_curve(path.parent)
-    write_curve(path.parent / "again", rows)
-
-
 def _store(folder: Path) -> Path:
-    from agents.evaluation.runs import stored_line
-
     path = folder / "episodes.jsonl"
     records = [{"outcome": "success", "time": 3.5 + k, "names": ["a", None]} for k in range(6)]
     path.write_text("".join(stored_line(f"{k}", record) for k, record in enumerate(records)))
@@ -490,8 +424,6 @@ def _work(job: int) -> dict[str, Any]:
 
 def _use_store(path: Path) -> None:
     """The resume never stops, and what is stored is what was computed or is computed again."""
-    from agents.evaluation.runs import compute
-
     jobs = {f"{k}": k for k in range(6)}
     with contextlib.redirect_stderr(io.StringIO()):
         found = compute(jobs, _work, path, progress=False)
@@ -502,8 +434,6 @@ def _use_store(path: Path) -> None:
 
 
 def _log(folder: Path) -> Path:
-    from wheelchair_gym.localization.logs import LASER
-
     rng = np.random.default_rng(0)
     lines = []
     for k in range(6):
@@ -513,18 +443,8 @@ def _log(folder: Path) -> Path:
     return _written(folder / "log.dat", "\n".join(lines) + "\n")
 
 
-def _use_log(path: Path) -> None:
-    from agents.evaluation.map_evaluation import by_odometry
-    from wheelchair_gym.localization.logs import LASER, read_log
-    from wheelchair_gym.localization.slam import SlamSettings
-
-    by_odometry(read_log(path), LASER, SlamSettings().mapping)
-
-
 def _recording(folder: Path, format: Any = "foxglove") -> Path:
     import gymnasium as gym
-
-    from wheelchair_gym.recording.record import RecordEpisodes, RecordingSettings
 
     config = {"sensors": {"laser": {"beams": 31}}, "task": {"beams": 16}, "shield": {}}
     scene = {"name": "empty", "size": [5.0, 4.0]}
@@ -569,8 +489,6 @@ def _mutated_mcap(data: bytes, rng: np.random.Generator) -> bytes:
 
 
 def _use_recording(path: Path) -> None:
-    from wheelchair_gym.recording.replay import read_recording, replay_env, sensor_log
-
     for chapter in read_recording(path)[:2]:
         env = replay_env(chapter)
         env.reset(options={"episode": chapter.episode})
@@ -585,17 +503,12 @@ def _bag(folder: Path) -> Path:
 
 
 def _use_bag(path: Path) -> None:
-    from wheelchair_gym.recording.replay import sensor_log
-
     sensor_log(path)
     _use_recording(path)
 
 
 def _sqlite_bag(folder: Path) -> Path:
     from rosbags.rosbag2 import StoragePlugin, Writer
-
-    from wheelchair_gym.hardware.ros.cdr import typestore
-    from wheelchair_gym.recording.read_bags import bag_messages
 
     path = folder / "old"
     with Writer(path, version=8, storage_plugin=StoragePlugin.SQLITE3) as bag:
@@ -611,9 +524,6 @@ def _sqlite_bag(folder: Path) -> Path:
 
 
 def _weights(folder: Path) -> Path:
-    from agents.learning.weights import save_weights
-    from tests.agents.learning.tiny_runs import random_weights
-
     save_weights(folder / "mine.npz", random_weights(memory=4))
     return folder / "mine.npz"
 
@@ -648,11 +558,7 @@ def _mutated_weights(data: bytes, rng: np.random.Generator) -> bytes:
                 arrays[f"dense{int(rng.integers(3, 9))}.w"] = array
             case _:
                 arrays[name] = np.float32(3.0) * np.ones(())
-    digest = hashlib.sha256(card)
-    for name in sorted(arrays):
-        digest.update(f"{name}{arrays[name].shape}".encode())
-        digest.update(arrays[name].tobytes())
-    extra = {"card": card, "digest": digest.hexdigest().encode()}
+    extra = {"card": card, "digest": _digest(arrays, card.decode()).encode()}
     out = io.BytesIO()
     save = np.savez_compressed if rng.random() < 0.5 else np.savez
     save(out, **arrays, **{key: np.frombuffer(text, np.uint8) for key, text in extra.items()})
@@ -660,17 +566,12 @@ def _mutated_weights(data: bytes, rng: np.random.Generator) -> bytes:
 
 
 def _use_weights(path: Path) -> None:
-    from agents.policies import make_policy
-
     policy: Any = make_policy({"name": str(path)})
     policy.network.reset(1)
     policy.network(np.ones((1, policy.layout.size), np.float32))
 
 
 def _onnx(folder: Path) -> Path:
-    from agents.learning.export import export_onnx
-    from tests.agents.learning.tiny_runs import random_weights
-
     export_onnx(random_weights(memory=4), folder / "mine.onnx")
     return folder / "mine.onnx"
 
@@ -684,18 +585,8 @@ def _use_onnx(path: Path) -> None:
     _use_weights(path)
 
 
-def _sidecar(folder: Path) -> Path:
-    return Path(f"{_onnx(folder)}.json")
-
-
-def _use_sidecar(path: Path) -> None:
-    _use_weights(path.with_suffix(""))
-
-
 def _checkpoint(folder: Path) -> Path:
     import torch
-
-    from agents.learning.checkpoint import NAME, save_checkpoint
 
     content = {"identity": "x", "number": 2, "model": {"modules": {"a": {"w": torch.ones(3, 4)}}}}
     save_checkpoint(folder, content)
@@ -711,19 +602,14 @@ def _mutated_checkpoint(data: bytes, rng: np.random.Generator) -> bytes:
     return data[:head] + hashlib.sha256(body).hexdigest().encode() + b"\n" + body
 
 
-def _use_checkpoint(path: Path) -> None:
-    from agents.learning.checkpoint import load_checkpoint
-
-    load_checkpoint(path.parent)
-
-
 READERS: dict[str, Reader] = {
     "map yaml": Reader(
         _small_map, _use_map, ("maps.io.map_server._description", "studio.drawing.loaded"), retold
     ),
     "map yaml bytes": Reader(_copy_map, _use_map, ("maps.io.map_server._description",), flipped),
     "map png": Reader(
-        _png, lambda path: _use_map(path.with_suffix(".yaml")),
+        lambda folder: _small_map(folder).with_suffix(".png"),
+        lambda path: _use_map(path.with_suffix(".yaml")),
         ("maps.io.image.read_picture",), _mutated_png,
     ),
     "map pgm": Reader(
@@ -733,7 +619,7 @@ READERS: dict[str, Reader] = {
     "octile map": Reader(_octile, _use_map, ("maps.io.moving_ai.read_moving_ai_map",)),
     "polygons": Reader(_polygons, _use_map, ("maps.io.__init__._read",)),
     "model of stable-baselines3": Reader(
-        _sb3_model, _read_sb3, ("policies.sb3._algorithm",), flipped
+        _sb3_model, _algorithm, ("policies.sb3._algorithm",), flipped
     ),
     "house": Reader(_house, _use_map, ("maps.io.house_expo.read_house",)),
     "barn worlds": Reader(_barn, _use_barn, ("scenes.barn._worlds",)),
@@ -748,18 +634,36 @@ READERS: dict[str, Reader] = {
         ("config.read", "evaluation.evaluate.env_settings", "cli.arguments.shield_of",
          "cli.hardware._write_drive", "cli.compare.trained_in"),
     ),
-    "scene settings": Reader(_scenes, _use_scenes, ("cli.arguments.spec",)),
-    "planner settings": Reader(_planners, _use_planners, ("cli.arguments.spec",)),
-    "protocol": Reader(_protocol, _use_protocol, ("participants.session.read_protocol",)),
-    "training settings": Reader(_training, _use_training, ("cli.train.run",)),
-    "planner results": Reader(_bench, _use_bench, ("benchmarks.planner_benchmark.check_result",)),
+    "scene settings": Reader(
+        _scenes,
+        lambda path: _use_each(
+            path, SCENE_NAMES, lambda one: make_scene(one).sample(np.random.default_rng(1))
+        ),
+        ("cli.arguments.spec",),
+    ),
+    "planner settings": Reader(
+        _shipped("planners.json"), lambda path: _use_each(path, PLANNERS, make_planner),
+        ("cli.arguments.spec",),
+    ),
+    "protocol": Reader(_protocol, read_protocol, ("participants.session.read_protocol",)),
+    "training settings": Reader(
+        _shipped("ppo_guided.json"),
+        lambda path: read_training(read_json(path), path.name, "ppo"), ("cli.train.run",),
+    ),
+    "planner results": Reader(_bench, check_result, ("benchmarks.planner_benchmark.check_result",)),
     "comparison": Reader(
         _comparison, _use_comparison,
         ("learning.publish._results", "studio.compare_session._results"),
     ),
-    "curve": Reader(_curve, _use_curve, ("learning.curves.read_curve",)),
+    "curve": Reader(
+        _curve, lambda path: write_curve(path.parent / "again", read_curve(path.parent)),
+        ("learning.curves.read_curve",),
+    ),
     "store": Reader(_store, _use_store, ("evaluation.runs.read_store",)),
-    "log": Reader(_log, _use_log, ("localization.logs.read_log",)),
+    "log": Reader(
+        _log, lambda path: by_odometry(read_log(path), LASER, SlamSettings().mapping),
+        ("localization.logs.read_log",),
+    ),
     "recording": Reader(
         _recording, _use_recording, ("recording.mcap_file.mcap_messages",), _mutated_mcap
     ),
@@ -775,9 +679,13 @@ READERS: dict[str, Reader] = {
         _mutated_weights,
     ),
     "onnx": Reader(_onnx, _use_onnx, ("learning.export.__init__",), flipped),
-    "onnx card": Reader(_sidecar, _use_sidecar, ("learning.export.__init__",)),
+    "onnx card": Reader(
+        lambda folder: Path(f"{_onnx(folder)}.json"),
+        lambda path: _use_weights(path.with_suffix("")), ("learning.export.__init__",),
+    ),
     "checkpoint": Reader(
-        _checkpoint, _use_checkpoint, ("learning.checkpoint.load_checkpoint",), _mutated_checkpoint
+        _checkpoint, lambda path: load_checkpoint(path.parent),
+        ("learning.checkpoint.load_checkpoint",), _mutated_checkpoint,
     ),
 }  # fmt: skip
 
@@ -787,8 +695,6 @@ READERS: dict[str, Reader] = {
 
 def judged(name: str, path: Path) -> str:
     """Read a file: '' if it was read, 'refused', or what went wrong."""
-    from wheelchair_gym.errors import InputError
-
     try:
         READERS[name].read(path)
     except InputError as error:

@@ -141,10 +141,9 @@ def test_no_block_is_overlooked():
 def test_a_pages_python_runs(chain, page_files):
     page_files(chain[0].page)
     if "needs emulator" in chain[0].marks:
-        from tests.hardware.conftest import build
+        from tests.hardware.conftest import build_twin
 
-        for target in ("libemulator.so", "drive.elf", "range.elf"):
-            build(target)
+        build_twin()
     run: dict[str, object] = {}
     for block in chain:
         # Errors name the page's own line.

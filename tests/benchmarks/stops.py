@@ -37,41 +37,25 @@ def kill(hosted):
     hosted.clock.guards[:] = [g for g in hosted.clock.guards if g.call.__name__ == "look_on"]
 
 
-def unplug(hosted):
-    hosted.drive.plugged = False
-
-
-def silence_laser(hosted):
-    hosted.twin.laser.silent = True
-
-
-def silence_range(hosted):
-    hosted.range.plugged = False
-
-
 def blind(hosted):
     hosted.twin.faults.disconnected_encoders[hosted.twin.steps % 2] = True
-
-
-def press(hosted):
-    hosted.twin.faults.switches = Switch.STOP_PRESSED
-
-
-def hang(hosted):
-    hosted.twin.drive.hang()
 
 
 # What happens, and within how long [s] it must be noticed.
 CAUSES = {
     "host killed": (kill, 0.205 + SEEN),
-    "USB unplugged": (unplug, 0.205 + SEEN),
-    "laser silent": (silence_laser, LIMITS.scan + PERIOD),
-    "range board silent": (silence_range, LIMITS.ultrasonic + PERIOD),
+    "USB unplugged": (lambda h: setattr(h.drive, "plugged", False), 0.205 + SEEN),
+    "laser silent": (lambda h: setattr(h.twin.laser, "silent", True), LIMITS.scan + PERIOD),
+    "range board silent": (
+        lambda h: setattr(h.range, "plugged", False), LIMITS.ultrasonic + PERIOD
+    ),
     # `missing`: 10 mm behind half of the aim, then the next run
     "encoder lost": (blind, 0.010 / (0.5 * TOP) + 3 * RUN),
-    "emergency stop": (press, 2 * RUN),
-    "drive board hung": (hang, 0.08),  # its watchdog timer: 60 ms, on a clock of its own
-}
+    "emergency stop": (
+        lambda h: setattr(h.twin.faults, "switches", Switch.STOP_PRESSED), 2 * RUN
+    ),
+    "drive board hung": (lambda h: h.twin.drive.hang(), 0.08),  # watchdog: 60 ms, its own clock
+}  # fmt: skip
 
 
 @dataclass

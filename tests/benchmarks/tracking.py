@@ -9,6 +9,7 @@ counts once only, in the tracker. Each row prints its seeds.
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import itertools
 import math
 import platform
@@ -21,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.benchmarks.equality import SHARED
+from tests.physics.worlds import box
 from wheelchair_gym.geometry import to_frame, to_world
 from wheelchair_gym.localization.logs import LASER, read_log
 from wheelchair_gym.maps import OccupancyGrid
@@ -264,8 +266,7 @@ def walkers(speed: float, crosses: bool, count: int = 1) -> Callable[[int], Epis
     """People abreast who walk up and down in a hall with columns, across the view or along it."""
 
     def make(seed: int) -> Episode:
-        h, rng = 8.0, np.random.default_rng((seed, 2))
-        walls = np.array([(-h, -h, h, -h), (h, -h, h, h), (h, h, -h, h), (-h, h, -h, -h)])
+        rng = np.random.default_rng((seed, 2))
         places = rng.uniform(-7.5, 7.5, (40, 2))
         discs = [(x, y, rng.uniform(0.05, 0.25)) for x, y in places if abs(y) > 5.5]
         x = rng.uniform(-3.0, 3.0)
@@ -274,10 +275,8 @@ def walkers(speed: float, crosses: bool, count: int = 1) -> Callable[[int], Epis
             across = [(x + aside, -4.8), (x + aside, 4.8)]
             along = [(-4.5, 0.3 + aside), (6.5, 0.3 + aside)]
             people.append(person(across if crosses else along, speed, avoids=NOBODY))
-        start = np.array([-6.5, 0.0, 0.0])
-        nowhere: Any = None
-        actors = combine(people)
-        return Episode(nowhere, start, start, walls, np.array(discs), actors=actors)
+        hall = box(8.0, (-6.5, 0.0, 0.0))
+        return dataclasses.replace(hall, discs=np.array(discs), actors=combine(people))
 
     return make
 
@@ -365,8 +364,7 @@ def step_response(legs: bool, rate: float) -> dict[str, float]:
     """
     laser = LaserSettings()
     arrays = LaserArrays.of(laser, True)
-    h = 6.0
-    walls = np.array([(-h, -h, h, -h), (h, -h, h, h), (h, h, -h, h), (-h, h, -h, -h)])
+    walls = box(6.0).walls
     workspace, scan = np.empty((WORKSPACE_ROWS, 16), np.float32), np.empty(1081, np.float32)
     chair = np.array([-4.0, 0.0, 0.0])
     speeds, delays, first = [], {name: [] for name in ("start", "turn", "stop")}, []

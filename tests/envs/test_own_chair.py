@@ -13,7 +13,6 @@ from tests.conftest import ROOT
 from tests.envs.test_vector import NEXT, SAME, compare
 from wheelchair_gym.config import InputError, dump, read
 from wheelchair_gym.envs import EnvSettings, NavigationEnv
-from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.hardware.settings import check_boards
 from wheelchair_gym.rendering.picture import TopView
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings, UltrasonicSettings
@@ -87,12 +86,6 @@ def test_it_drives_behind_its_shield():
     for seed in (0, 1):
         record = drive_episode(env, make_policy("lattice+window"), seed)
         assert record["success"]
-
-
-def test_ultrasonics_that_stay_behind_when_the_outline_grows_are_warned_of():
-    wider = {"chair": {"footprint": {"front": 0.7, "rear": 0.3, "half_width": 0.4}}}
-    with pytest.warns(UserWarning, match=r"ultrasonic 7 at \(0.4, -0.31\)"):
-        env_settings(wider)
 
 
 def test_a_picture_shows_each_scan_from_its_own_place():

@@ -2,23 +2,15 @@
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
-
 import numpy as np
 import pytest
 
+from agents.benchmarks.environments import resident_bytes
 from wheelchair_gym.envs import NavigationVectorEnv
 from wheelchair_gym.geometry import footprint_clearance
 
 N, MILLION = 1000, 1_000_000
 DEPTH = 0.02  # m: how far a wall may reach into the outline
-
-
-def resident():
-    """Bytes of this process that lie in memory."""
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * os.sysconf("SC_PAGE_SIZE")
 
 
 @pytest.mark.long
@@ -57,7 +49,7 @@ def test_twenty_million_steps():
             assert gap > 0.0, (i, k, pose)
             contacts += 1
         if (k + 1) % (MILLION // N) == 0:
-            memory.append(resident())
+            memory.append(resident_bytes())
             if (k + 1) % (5 * MILLION // N) == 0:
                 assert (way > 0.1).all()  # each chair has moved in the last five million
                 way[:] = 0.0

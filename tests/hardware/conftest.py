@@ -6,7 +6,7 @@ import os
 
 import pytest
 
-from wheelchair_gym.hardware.twin.board import build_target, missing_tools
+from wheelchair_gym.hardware.twin.board import TARGETS, build_target, missing_tools
 
 
 def build(target):
@@ -17,6 +17,12 @@ def build(target):
             pytest.fail(reason)
         pytest.skip(reason)
     return build_target(target)
+
+
+def build_twin():
+    """Build the emulator and the firmware of both boards, as `build` does."""
+    for target in TARGETS:
+        build(target)
 
 
 @pytest.fixture(scope="session")

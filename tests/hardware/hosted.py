@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tests.hardware.conftest import build
+from tests.hardware.conftest import build_twin
 from tests.physics.worlds import box
 from wheelchair_gym.hardware.settings import HardwareSettings
 from wheelchair_gym.hardware.twin.inprocess import TwinChair
@@ -16,8 +16,7 @@ class Hosted(TwinChair):
     """A person stands by: re-arms when reset waits for it, as long as `minds`."""
 
     def __init__(self, episode=None, chair=None, sensors=None, period=0.1, **settings):
-        for target in ("libemulator.so", "drive.elf", "range.elf"):
-            build(target)
+        build_twin()
         sensors = sensors or SensorSettings(noise=False)
         twin = Twin(Plant(chair or ChairSettings(), sensors))
         twin.reset(episode or box(3.0), 0)

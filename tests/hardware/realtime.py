@@ -10,7 +10,7 @@ import threading
 import numpy as np
 
 from tests.conftest import ROOT, need_pty
-from tests.hardware.conftest import build
+from tests.hardware.conftest import build_twin
 from wheelchair_gym.config import dump
 from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.hardware.twin.lockstep import Twin
@@ -29,8 +29,7 @@ EPISODE = dataclasses.replace(ROOM, start=START, goal=GOAL)
 @contextlib.contextmanager
 def serving(folder):
     """A twin in real time, with the files of its config and its map."""
-    for target in ("libemulator.so", "drive.elf", "range.elf"):
-        build(target)
+    build_twin()
     need_pty()
     settings = env_settings(
         str(ROOT / "configs" / "hardware.json"), pose_source="odometry", noise=False, beams=181

@@ -1,4 +1,4 @@
-"""`wheelchair robot` in a process of its own, for tests."""
+"""`wheelchair` in a process of its own, for tests."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ def hear_interrupts():
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-class Served:
-    """`wheelchair robot` in a process of its own, from when it is ready until it is closed."""
+class Program:
+    """`wheelchair` with arguments in a process of its own, and what it says."""
 
     def __init__(self, *arguments, cwd=None, **more):
-        command = [sys.executable, "-m", "wheelchair_gym", "robot", "--port", "0", *arguments]
+        command = [sys.executable, "-m", "wheelchair_gym", *arguments]
         environ = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path]), **more}
         hear_interrupts()
         self.process = subprocess.Popen(
@@ -50,8 +50,6 @@ class Served:
         ]  # fmt: skip
         for thread in self._threads:
             thread.start()
-        assert until(lambda: any("goal" in line for line in self.said)), self.errors
-        self.url = re.search(r"(wss?|dds)://\S+", "".join(self.said))[0]
 
     def _read(self, stream, lines):
         for line in stream:
@@ -65,3 +63,12 @@ class Served:
         for thread in self._threads:
             thread.join()
         return code
+
+
+class Served(Program):
+    """`wheelchair robot`, from when it is ready until it is closed."""
+
+    def __init__(self, *arguments, **more):
+        super().__init__("robot", "--port", "0", *arguments, **more)
+        assert until(lambda: any("goal" in line for line in self.said)), self.errors
+        self.url = re.search(r"(wss?|dds)://\S+", "".join(self.said))[0]

@@ -115,41 +115,19 @@ def test_without_commands_the_set_point_falls_within_205_ms_and_the_brake_follow
     assert off(bench)
 
 
-def press(switch):
-    def cause(bench):
-        bench.switches |= switch
-
-    return cause
-
-
-def blind(wheel):
-    def cause(bench):
-        bench.seen[wheel] = False
-
-    return cause
-
-
-def sag(bench):
-    bench.battery = 28.0
-
-
-def noise(bench):
-    bench.illegal += 30
-
-
-def race(bench):
-    bench.ways[0] += 0.1
-
-
+# What happens at the bench, the fault, and within how many seconds it is told
 CAUSES = {
-    "emergency stop": (press(Switch.STOP_PRESSED), Fault.EMERGENCY_STOP, 0.005),
-    "driver": (press(Switch.DRIVER_LEFT), Fault.DRIVER, 0.005),
-    "left encoder": (blind(0), Fault.STALL, 0.1),
-    "right encoder": (blind(1), Fault.STALL, 0.1),
-    "encoder noise": (noise, Fault.ENCODER, 0.105),
-    "over-speed": (race, Fault.OVER_SPEED, 0.005),
-    "battery": (sag, Fault.UNDER_VOLTAGE, 0.9),
-}
+    "emergency stop": (
+        lambda b: setattr(b, "switches", Switch.STOP_PRESSED), Fault.EMERGENCY_STOP, 0.005
+    ),
+    "driver": (lambda b: setattr(b, "switches", Switch.DRIVER_LEFT), Fault.DRIVER, 0.005),
+    "left encoder": (lambda b: setattr(b, "seen", [False, True]), Fault.STALL, 0.1),
+    "right encoder": (lambda b: setattr(b, "seen", [True, False]), Fault.STALL, 0.1),
+    "encoder noise": (lambda b: setattr(b, "illegal", b.illegal + 30), Fault.ENCODER, 0.105),
+    "over-speed": (lambda b: setattr(b, "ways", [b.ways[0] + 0.1, b.ways[1]]), Fault.OVER_SPEED,
+                   0.005),
+    "battery": (lambda b: setattr(b, "battery", 28.0), Fault.UNDER_VOLTAGE, 0.9),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", CAUSES)

@@ -78,11 +78,8 @@ def test_no_damaged_scan_is_believed(name):
     for at in range(start, len(data)):
         broken = bytearray(data[start:])
         broken[at - start] ^= 1 << int(rng.integers(6))
-        for reply in ScipParser().feed(bytes(broken)):
-            scan = scan_of(reply, 30.0)
-            assert scan is None or np.array_equal(scan.ranges, good.ranges)
         short = data[start:at] + data[at + 1 :]
-        for reply in ScipParser().feed(short):
+        for reply in ScipParser().feed(bytes(broken)) + ScipParser().feed(short):
             scan = scan_of(reply, 30.0)
             assert scan is None or np.array_equal(scan.ranges, good.ranges)
 

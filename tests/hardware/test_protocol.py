@@ -13,6 +13,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from tests.conftest import long_but
 from tests.hardware.native import NativeReceiver
 from wheelchair_gym.hardware.boards import parameters, protocol
 from wheelchair_gym.hardware.boards.protocol import (
@@ -171,24 +172,15 @@ def damaged(rng, frames):
     return bytes(stream)
 
 
-def fuzz(firmware, inputs, seed):
-    rng = np.random.default_rng(seed)
+@pytest.mark.parametrize("inputs", long_but([1000, 1_000_000], [1000]))
+def test_both_ends_agree_on_damaged_streams(firmware, inputs):
+    rng = np.random.default_rng(inputs)
     good = bad = 0
     for _ in range(inputs):
         heard, refused = agree(firmware, damaged(rng, 4), [])
         good, bad = good + len(heard), bad + refused
-    return good, bad
-
-
-def test_both_ends_agree_on_damaged_streams(firmware):
-    good, bad = fuzz(firmware, 1000, 1)
-    assert good > 1000
-    assert bad > 500
-
-
-@pytest.mark.long
-def test_both_ends_agree_on_a_million_damaged_streams(firmware):
-    fuzz(firmware, 1_000_000, 2)
+    assert good > inputs
+    assert bad > 0.5 * inputs
 
 
 def test_every_flip_of_one_or_two_bits_is_seen():

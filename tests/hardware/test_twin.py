@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.benchmarks import drive_faults
-from tests.hardware.conftest import build
+from tests.hardware.conftest import build, build_twin
 from tests.hardware.pilot import PERIOD, Pilot
 from tests.physics.worlds import box, exact_chair
 from wheelchair_gym.config import InputError
@@ -51,8 +51,7 @@ COUNTS = 4346.0  # 1/m
 
 @pytest.fixture
 def pilot():
-    for target in ("libemulator.so", "drive.elf", "range.elf"):
-        build(target)
+    build_twin()
     pilot = Pilot()
     yield pilot
     pilot.twin.close()
@@ -330,8 +329,7 @@ def test_odometry_is_as_old_when_it_comes_whatever_the_board_does(pilot):
     ],
 )
 def test_the_hardest_trials_of_the_benchmark_keep_their_bounds(case, number):
-    for target in ("libemulator.so", "drive.elf", "range.elf"):
-        build(target)
+    build_twin()
     for figure, (worst, bound) in drive_faults.trial(case, number).items():
         assert bound is None or worst <= bound, figure
 

@@ -70,10 +70,14 @@ def test_a_start_in_a_wall_and_a_way_through_one_are_refused():
         worlds("chaotic_pso", Footprint(1.4, 1.1, 0.4)).episode(0, 0)
 
 
-def test_sensors_outside_the_outline_are_warned_of():
-    short = {"chair": {"footprint": {"front": 0.5, "rear": 0.3, "half_width": 0.31}}}
-    with pytest.warns(UserWarning, match=r"laser at \(0\.66, 0\), ultrasonic 0 at \(0\.7, 0\.12\)"):
-        env_settings(short)
+def test_sensors_outside_the_outline_and_ultrasonics_behind_it_are_warned_of():
+    for front, half_width, told in (
+        (0.5, 0.31, r"laser at \(0\.66, 0\), ultrasonic 0 at \(0\.7, 0\.12\)"),
+        (0.7, 0.4, r"ultrasonic 7 at \(0\.4, -0\.31\)"),
+    ):
+        footprint = {"front": front, "rear": 0.3, "half_width": half_width}
+        with pytest.warns(UserWarning, match=told):
+            env_settings({"chair": {"footprint": footprint}})
     lasers = [{"x": -0.5, "beams": 181}]
     with pytest.warns(UserWarning, match=r"more_lasers\[0\] at \(-0.5, 0\)") as caught:
         env_settings({"sensors": {"more_lasers": lasers}})

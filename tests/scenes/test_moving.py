@@ -309,7 +309,10 @@ def test_the_margin_round_a_corner_is_what_a_flood_of_poses_finds(door, corridor
     assert not turns(door, corridor, margin + 0.015)
 
 
-def test_distributions_tell_what_moves():
+def test_distributions_tell_how_wide_the_ways_are_and_what_moves():
+    figures = scene_statistics(make_scene("floor_plan"), range(3))
+    assert {"door width [m]", "corridor width [m]", "density"} <= figures.keys()
+    assert min(figures["bottleneck margin [m]"]) > 0.1
     figures = scene_statistics(make_scene("crowd"), range(6))
     for name in ("people", "people per free m2", "walking speed [m/s]", "density"):
         assert len(figures[name]) >= 6

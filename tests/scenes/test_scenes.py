@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from agents.benchmarks.scene_statistics import scene_statistics
 from tests.copies import same_fields
 from wheelchair_gym.config import InputError
 from wheelchair_gym.geometry import footprint_clearance
@@ -326,11 +325,3 @@ def test_given_poses_are_taken(worlds):
     assert make_scene(room).sample(np.random.default_rng(0)).start.tolist() == [1.0, 1.0, 0.0]
     with pytest.raises(InputError, match=r"EmptyRoom\.start"):
         make_scene(room | {"start": (0.1, 1.0, 0.0)}).sample(np.random.default_rng(0))
-
-
-def test_description_covers_doors_corridors_and_margins():
-    table = scene_statistics(make_scene("floor_plan"), range(3))
-    assert {"door width [m]", "corridor width [m]", "bottleneck margin [m]", "density"} <= set(
-        table
-    )
-    assert min(table["bottleneck margin [m]"]) > 0.1

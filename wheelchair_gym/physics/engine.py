@@ -12,7 +12,7 @@ import ctypes
 import math
 from collections import namedtuple
 from collections.abc import Callable
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pymunk
@@ -151,53 +151,42 @@ UNIT_BOX = ((-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5))  # m, as `set_bo
 TINY = 2.2250738585072014e-308  # what Munk2D adds to a length before it divides by it
 
 
-@intrinsic
-def _call(typingctx: Any, function: Any, space: Any, dt: Any) -> Any:
-    """Call void f(void*, double) at an address: an argument, not a global, so that numba caches."""
+_ADDRESS, _NUMBER = types.uint64, types.float64
+_IN_C = {_ADDRESS: cgutils.voidptr_t, _NUMBER: ir.DoubleType(), types.void: ir.VoidType()}
+
+
+def _call_in_c(result: Any, *arguments: Any) -> Any:
+    """How a call of a C function at an address is typed and made.
+
+    The address is an argument, not a global, so that numba caches. A pair of doubles by value is
+    two of them.
+    """
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        kind = ir.FunctionType(ir.VoidType(), [cgutils.voidptr_t, ir.DoubleType()])
-        target = builder.inttoptr(args[0], kind.as_pointer())
-        builder.call(target, [builder.inttoptr(args[1], cgutils.voidptr_t), args[2]])
-        return context.get_dummy_value()
-
-    return types.void(types.uint64, types.uint64, types.float64), codegen
-
-
-@intrinsic
-def _call_with(typingctx: Any, function: Any, one: Any, other: Any) -> Any:
-    """Call f(void*, void*) at an address; what it returns is dropped."""
-
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        kind = ir.FunctionType(ir.VoidType(), [cgutils.voidptr_t, cgutils.voidptr_t])
-        target = builder.inttoptr(args[0], kind.as_pointer())
-        things = [builder.inttoptr(arg, cgutils.voidptr_t) for arg in args[1:]]
-        builder.call(target, things)
-        return context.get_dummy_value()
-
-    return types.void(types.uint64, types.uint64, types.uint64), codegen
-
-
-@intrinsic
-def _call_maker(
-    typingctx: Any, function: Any, body: Any, a: Any, b: Any, c: Any, d: Any, e: Any
-) -> Any:
-    """Call void *f(void*, double, ...) at an address; a pair of doubles by value is two of them."""
-
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        kind = ir.FunctionType(cgutils.voidptr_t, [cgutils.voidptr_t] + 5 * [ir.DoubleType()])
-        target = builder.inttoptr(args[0], kind.as_pointer())
-        made = builder.call(target, [builder.inttoptr(args[1], cgutils.voidptr_t), *args[2:]])
+        kind = ir.FunctionType(_IN_C[result], [_IN_C[each] for each in arguments])
+        given = [
+            builder.inttoptr(value, cgutils.voidptr_t) if each is _ADDRESS else value
+            for each, value in zip(arguments, args[1:], strict=True)
+        ]
+        made = builder.call(builder.inttoptr(args[0], kind.as_pointer()), given)
+        if result is types.void:
+            return context.get_dummy_value()
         return builder.ptrtoint(made, ir.IntType(64))
 
-    address, number = types.uint64, types.float64
-    return address(address, address, number, number, number, number, number), codegen
+    return result(_ADDRESS, *arguments), codegen
 
 
-# numba gives these the arguments that their callers see; mypy knows only how they are declared.
-_call_double = cast("Callable[..., None]", _call)
-_call_pair = cast("Callable[..., None]", _call_with)
-_make = cast("Callable[..., np.uint64]", _call_maker)
+# Calls of void f(void*, double), of f(void*, void*), and of void *f(void*, double, ...). numba
+# gives these the arguments that their callers see; mypy knows only how they are declared.
+_call_double: Callable[..., None] = intrinsic(
+    lambda typingctx, function, space, dt: _call_in_c(types.void, _ADDRESS, _NUMBER)
+)
+_call_pair: Callable[..., None] = intrinsic(
+    lambda typingctx, function, one, other: _call_in_c(types.void, _ADDRESS, _ADDRESS)
+)
+_make: Callable[..., np.uint64] = intrinsic(
+    lambda typingctx, function, body, a, b, c, d, e: _call_in_c(_ADDRESS, _ADDRESS, *5 * [_NUMBER])
+)
 
 _FUNCTIONS = {
     "step": "cpSpaceStep",

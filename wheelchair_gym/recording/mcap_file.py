@@ -14,7 +14,7 @@ from wheelchair_gym.errors import InputError, shorten
 from wheelchair_gym.files import LIMITS, read_bytes
 
 _LOG = logging.getLogger(__name__)
-_MAGIC = b"\x89MCAP0\r\n"
+MAGIC = b"\x89MCAP0\r\n"
 
 
 @contextmanager
@@ -58,7 +58,7 @@ def mcap_messages(file: str | Path, wanted: Callable[[str, str], bool]) -> list[
     content = read_bytes(file, "recording")
     with complete(file):
         found = _messages(content, wanted)
-        if not content.endswith(_MAGIC):
+        if not content.endswith(MAGIC):
             if not found:
                 raise ValueError("it was cut off before its first whole chunk of messages")
             _LOG.warning("%s: the recording was cut off; what it holds is used", file)
@@ -102,7 +102,7 @@ def _records(content: bytes) -> Iterator[Any]:
     try:
         yield from StreamReader(io.BytesIO(content), emit_chunks=True, validate_crcs=True).records
     except (EndOfFile, struct.error):
-        if content.endswith(_MAGIC):
+        if content.endswith(MAGIC):
             raise
 
 

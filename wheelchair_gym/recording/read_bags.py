@@ -181,7 +181,7 @@ def bag_log(
     for one in scans:
         with _skipping(skipped, "scan"):
             message = _message(one)
-            mount = _mount(edges, _frame(message), base)
+            mount = _mount(edges, ros.frame(message), base)
             messages.append(ros.upright(message, mount is not None and ros.on_floor(mount)[1]))
     if not messages:
         raise _unusable(path, scans, skipped)
@@ -194,8 +194,9 @@ def bag_log(
     for message in messages:
         with _skipping(skipped, "scan"):
             stamp = _stamp(message)
-            if _frame(message) != _frame(of_laser):
-                raise ValueError(f"in another frame than {_frame(of_laser)}: {_frame(message)}")
+            frame, wanted = ros.frame(message), ros.frame(of_laser)
+            if frame != wanted:
+                raise ValueError(f"in another frame than {wanted}: {frame}")
             if not poses or not min(poses) <= stamp <= max(poses):
                 raise ValueError("without odometry")
             if times and stamp <= times[-1]:
@@ -300,14 +301,10 @@ def _unusable(path: str | Path, scans: list[Recorded], skipped: Mapping[str, int
     return InputError(f"{path}: no scan of {scans[0].topic} can be used ({why})")
 
 
-def _frame(message: Mapping[str, Any]) -> str:
-    return str(message["header"]["frame_id"]).lstrip("/")
-
-
 def _fan(message: Mapping[str, Any]) -> tuple[str, int, float, float]:
     """Return what makes two scans those of one laser: frame, beams, first angle and step [rad]."""
     first, step = float(message["angle_min"]), float(message["angle_increment"])
-    return _frame(message), len(message["ranges"]), round(first, 4), round(step, 6)
+    return ros.frame(message), len(message["ranges"]), round(first, 4), round(step, 6)
 
 
 def _laser(
@@ -315,7 +312,7 @@ def _laser(
 ) -> tuple[LaserSettings, float]:
     """Return the laser of a scan, mounted as the static transforms say, and its middle [rad]."""
     beams, step = len(message["ranges"]), float(message["angle_increment"])
-    frame = _frame(message)
+    frame = ros.frame(message)
     matrix = _mount(edges, frame, base)
     mount = np.zeros(3) if matrix is None else ros.on_floor(matrix)[0]
     if matrix is None:

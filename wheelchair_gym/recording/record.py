@@ -18,11 +18,12 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.config import dump, setting, settings
 from wheelchair_gym.drivers import driver_spec
+from wheelchair_gym.hardware.ros.make_messages import NANO, scanner_name
 from wheelchair_gym.localization.localized_chair import unwrapped
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.physics.actors.records import actor_shapes
 from wheelchair_gym.recording import topics
-from wheelchair_gym.recording.sink import NANO, Sink
+from wheelchair_gym.recording.sink import Sink
 from wheelchair_gym.safety.stops import StopMonitor, active_stops
 from wheelchair_gym.types import Belief, Shown, Stick
 
@@ -191,7 +192,7 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
         self._out.write(topics.READING, values)
         self._out.write(topics.BATTERY, {"voltage": reading.battery})
         for k, (laser, at) in enumerate(zip(sensors.lasers, sensors.slices, strict=True)):
-            self._out.send("/scan" + (f"_{k}" if k else ""), laser, reading.laser[at], k)
+            self._out.send(scanner_name(k, "/scan"), laser, reading.laser[at], k)
         self._out.send("/ultrasonic", sensors.ultrasonic, reading.ultrasonic, reading.age)
         self._out.send("/tf", reading.pose, believed.odometry)
         self._out.send("/odometry", believed.odometry, reading.twist)

@@ -15,13 +15,13 @@ from typing import Any
 from wheelchair_gym.config import InputError
 from wheelchair_gym.files import write_error
 from wheelchair_gym.recording.bags import RosBag
+from wheelchair_gym.recording.mcap_file import MAGIC
 from wheelchair_gym.recording.topics import FIELDS, json_schema, write_fields
 
-_MAGIC = b"\x89MCAP0\r\n"
 _HEAD = struct.Struct("<BQ")  # of a record: opcode, length
 _DATA_END = 0x0F
 # Ends a file without a summary: DataEnd and Footer of zeros (https://mcap.dev/spec).
-_TAIL = _HEAD.pack(_DATA_END, 4) + bytes(4) + _HEAD.pack(0x02, 20) + bytes(20) + _MAGIC
+_TAIL = _HEAD.pack(_DATA_END, 4) + bytes(4) + _HEAD.pack(0x02, 20) + bytes(20) + MAGIC
 
 
 class McapFile:
@@ -60,7 +60,7 @@ class McapFile:
         if self.path != first:
             _LOG.warning("%s exists; the recording is %s", first, self.path)
         self._at = self._end = 0  # where the next byte goes, and where an end can be written
-        self._left, self._head = len(_MAGIC), b""  # of the present record: bytes to come, header
+        self._left, self._head = len(MAGIC), b""  # of the present record: bytes to come, header
         self._ending = False
 
     def write(self, data: bytes | bytearray) -> int:
@@ -117,7 +117,6 @@ class McapFile:
         self._file.close()
 
 
-NANO = 1_000_000_000
 _NAME = "wheelchair_gym"
 _CHUNK = 1 << 18  # bytes: a full disk loses no more than this
 _LOG = logging.getLogger(__name__)

@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
-import subprocess
-import sys
-import threading
 import time
 
 import numpy as np
 import pytest
 
 from agents.person.recorded_stick import schedule
-from tests.conftest import PATIENCE, ROOT, until
+from tests.conftest import PATIENCE, until
 from tests.hardware.realtime import serving
-from tests.hardware.served import hear_interrupts
+from tests.hardware.served import Program
 from wheelchair_gym.hardware.twin.lockstep import JoystickState
 from wheelchair_gym.recording.replay import read_recording
 
@@ -26,33 +22,13 @@ CENTRED = JoystickState(dead_man=True)
 PUSHED = JoystickState(forward=1.0, turn=0.2, dead_man=True)
 
 
-class Program:
-    """`wheelchair drive` in a process of its own, with what it says."""
+def drive(served):
+    """The words of a command that drives what is served."""
+    return "drive", "--config", str(served.config), "--deadline", "5"
 
-    def __init__(self, served, *arguments):
-        command = [sys.executable, "-m", "wheelchair_gym", "drive", "--config", str(served.config)]
-        environ = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path])}
-        hear_interrupts()
-        self.process = subprocess.Popen(
-            [*command, *arguments], env=environ, text=True, stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-        )  # fmt: skip
-        self.said = []
-        self._thread = threading.Thread(target=self._read, daemon=True)
-        self._thread.start()
 
-    def _read(self):
-        for line in self.process.stderr:
-            self.said.append(line)
-
-    def says(self, text):
-        return any(text in line for line in self.said)
-
-    def end(self):
-        if self.process.poll() is None:
-            self.process.kill()
-        self.process.wait()
-        self._thread.join()
+def says(program, text):
+    return any(text in line for line in program.errors)
 
 
 def rearm_by_hand(faults, after=CENTRED):
@@ -68,12 +44,12 @@ def test_a_person_drives_with_help_until_ctrl_c(tmp_path):
     with serving(tmp_path) as served:
         faults, place = served.twin.faults, served.twin.plant.pose.copy()
         faults.joystick = CENTRED
-        program = Program(served, "--deadline", "5", "--json", str(file))
+        program = Program(*drive(served), "--json", str(file))
         try:
-            assert until(lambda: program.says("must re-arm")), program.said
+            assert until(lambda: says(program, "must re-arm")), program.errors
             end = time.monotonic() + PATIENCE
             while not np.hypot(*(served.twin.plant.pose - place)[:2]) > 0.3:
-                assert time.monotonic() < end, program.said
+                assert time.monotonic() < end, program.errors
                 if abs(served.twin.motion.speed) < 0.01:
                     rearm_by_hand(faults)  # a busy machine is late, and its shield latches
                 faults.joystick = PUSHED
@@ -81,7 +57,7 @@ def test_a_person_drives_with_help_until_ctrl_c(tmp_path):
             program.process.send_signal(signal.SIGINT)
             assert program.process.wait(PATIENCE) == 0
         finally:
-            program.end()
+            program.close()
     record = json.loads(file.read_text())
     assert record["length"] > 0.2
     assert (record["assistant"], record["input"]) == ("slide", "board")
@@ -94,15 +70,15 @@ def test_prompts_are_asked_for_and_recorded(tmp_path):
     file = tmp_path / "session.mcap"
     with serving(tmp_path) as served:
         served.twin.faults.joystick = CENTRED
-        words = "--deadline", "5", "--prompts", "--seconds", "4", "--record", str(file)
-        program = Program(served, *words)
+        words = "--prompts", "--seconds", "4", "--record", str(file)
+        program = Program(*drive(served), *words)
         try:
-            assert until(lambda: program.says("must re-arm")), program.said
+            assert until(lambda: says(program, "must re-arm")), program.errors
             rearm_by_hand(served.twin.faults)
-            assert program.process.wait(PATIENCE) == 0, program.said
+            assert program.process.wait(PATIENCE) == 0, program.errors
         finally:
-            program.end()
-    assert program.says("push ")
+            program.close()
+    assert says(program, "push ")
     recorded = read_recording(file)[0]
     assert recorded.labels["prompts"] == schedule(0)
     assert not np.any([action for action in recorded.actions])

@@ -9,7 +9,7 @@ import subprocess
 import sys
 
 from tests.conftest import ROOT, need_pty
-from tests.hardware.conftest import build
+from tests.hardware.conftest import build_twin
 from tests.hardware.served import hear_interrupts
 from wheelchair_gym.hardware.boards.protocol import Switch
 from wheelchair_gym.hardware.twin.faults import COMMANDS, run_command
@@ -17,8 +17,6 @@ from wheelchair_gym.hardware.twin.lockstep import Faults, JoystickState, Twin
 from wheelchair_gym.hardware.twin.plant import Slope
 from wheelchair_gym.hardware.twin.serve import ServedTwin
 from wheelchair_gym.maps import read_map
-
-TARGETS = ("libemulator.so", "drive.elf", "range.elf")
 
 SAID = {
     "press stop": lambda served: served.twin.faults.switches == Switch.STOP_PRESSED,
@@ -49,8 +47,7 @@ SAID = {
 
 
 def test_words_break_it_and_mend_it():
-    for target in TARGETS:
-        build(target)
+    build_twin()
     need_pty()
     twin = Twin()
     served = ServedTwin(twin)
@@ -86,8 +83,7 @@ def test_words_break_it_and_mend_it():
 
 
 def test_it_serves_until_it_is_told_to_end(tmp_path, request):
-    for target in TARGETS:
-        build(target)
+    build_twin()
     need_pty()
     picture = tmp_path / "end.png"
     command = [sys.executable, "-m", "wheelchair_gym", "twin", "--scene", "clutter"]

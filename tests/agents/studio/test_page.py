@@ -11,7 +11,7 @@ from agents.cli import main
 from agents.studio.catalogue import NO_HAND, NO_SIGHT
 from agents.studio.server import PAGE
 from tests.agents.studio.served import axe, browsing, looked_at, serving, until
-from tests.hardware.conftest import build
+from tests.hardware.conftest import build_twin
 from wheelchair_gym.drivers.impairment import IMPAIRMENTS, SIGHTS
 
 GAMEPAD = "navigator.getGamepads = () => [{ axes: [0, window.pushed ?? 0] }]"
@@ -59,8 +59,7 @@ def test_keys_drive_to_the_goal_and_the_drive_is_judged_the_same(opened, capsys)
 
 def test_the_twin_drives_to_the_goal(opened):
     pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
-    for target in ("libemulator.so", "drive.elf", "range.elf"):
-        build(target)
+    build_twin()
     _, page = opened
     page.select_option("#place", "twin:map")
     begin(page)

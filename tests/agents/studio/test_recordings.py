@@ -14,7 +14,7 @@ from agents.person.replay import open_loop
 from agents.studio.catalogue import places
 from agents.studio.drive import Drive, Order
 from tests.conftest import long_but
-from tests.hardware.conftest import build
+from tests.hardware.conftest import build_twin
 from wheelchair_gym.config import InputError
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.recording.replay import read_recording
@@ -144,8 +144,7 @@ def test_a_drive_that_was_never_begun_leaves_no_file(tmp_path):
 def test_the_twin_is_driven_and_judged_the_same(tmp_path, capsys):
     """The boards' own firmware drives; it stands until the stick is pushed, and follows it."""
     pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
-    for target in ("libemulator.so", "drive.elf", "range.elf"):
-        build(target)
+    build_twin()
     heads = []
     watch = lambda drive, k: heads.append(drive.picture()[0])  # noqa: E731
     file = driven(tmp_path, 5.0, watch, place="twin:scene:clutter", rate=20)

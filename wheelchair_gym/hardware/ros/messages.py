@@ -29,6 +29,11 @@ def stamp(header: Mapping[str, Any]) -> float:
     return seconds(header["stamp"]) or math.nan
 
 
+def frame(message: Mapping[str, Any]) -> str:
+    """Return the frame of a message with a header, without the slash that ROS 1 allows."""
+    return str(message["header"]["frame_id"]).lstrip("/")
+
+
 def seconds(time: Mapping[str, Any]) -> float:
     """A builtin_interfaces/Time [s]."""
     second = time["secs"] if "secs" in time else time["sec"]  # ROS 1 and 2

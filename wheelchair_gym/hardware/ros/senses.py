@@ -217,7 +217,7 @@ class RosSensors:
         Raises:
             ValueError: the frame of the scan is not where the settings have the laser.
         """
-        frame = self._frames[topic] = str(message["header"]["frame_id"]).lstrip("/")
+        frame = self._frames[topic] = ros.frame(message)
         wrong, upside_down = self._mount(topic, frame)
         if wrong:
             raise ValueError(f"is of frame {frame}: {wrong}")

@@ -42,18 +42,16 @@ _NEEDS = {
     "libfirmware.so": ("make", "cc"),
     "fuzz": ("make", "cc"),
 }
-
-
-def _sources() -> list[Path]:
-    twin = Path(__file__).resolve().parent
-    files = [path for folder in (FIRMWARE, twin) for path in folder.glob("*.[ch]")]
-    return [*sorted(files), FIRMWARE / "Makefile"]
+TARGETS = ("libemulator.so", "drive.elf", "range.elf")  # of a twin
 
 
 @cache
 def _folder() -> Path:
     """Where these sources are built: each state of the sources has a folder of its own."""
-    digest = hashlib.sha256(b"\0".join(path.read_bytes() for path in _sources())).hexdigest()[:16]
+    folders = FIRMWARE, Path(__file__).resolve().parent
+    files = sorted(path for folder in folders for path in folder.glob("*.[ch]"))
+    content = b"\0".join(path.read_bytes() for path in [*files, FIRMWARE / "Makefile"])
+    digest = hashlib.sha256(content).hexdigest()[:16]
     cache_home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     return cache_home / "wheelchair_gym" / f"firmware-{digest}"
 

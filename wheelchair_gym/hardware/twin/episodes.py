@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import InputError
 from wheelchair_gym.hardware.registry import check_extras
-from wheelchair_gym.hardware.twin.board import build_target
+from wheelchair_gym.hardware.twin.board import TARGETS, build_target
 from wheelchair_gym.hardware.twin.inprocess import TwinChair
 from wheelchair_gym.hardware.twin.lockstep import Twin
 from wheelchair_gym.hardware.twin.plant import Plant
@@ -16,7 +16,6 @@ from wheelchair_gym.types import Belief, Chair, Episode, NotCopyable, Reading, T
 if TYPE_CHECKING:
     from wheelchair_gym.envs.settings import EnvSettings
 
-_TARGETS = ("libemulator.so", "drive.elf", "range.elf")
 _STANDS_BY = 0.05  # s between two looks whether the chair must be re-armed
 
 
@@ -34,7 +33,7 @@ class EpisodeTwin(NotCopyable, Chair):
 
     def __init__(self, settings: EnvSettings) -> None:
         check_extras("hardware")
-        for target in _TARGETS:
+        for target in TARGETS:
             build_target(target)
         self._twin = Twin(Plant(settings.chair, settings.sensors))
         self._hosted = TwinChair(self._twin, 1.0 / settings.rate, settings.hardware)

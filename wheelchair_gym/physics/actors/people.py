@@ -120,20 +120,7 @@ def _static_half_planes(world: Any, state: Any, radius: float, sight: float, wal
     lines = table_at(world.half_planes, 2 * HALF_PLANES, 4)
     discs = table_at(world.discs, world.n_fixed_discs, 3)
     x, y, n = state.pose[0], state.pose[1], 0
-    nearest = sight * sight
-    for k in range(walls.shape[0]):
-        ax, ay, bx, by = walls[k, 0], walls[k, 1], walls[k, 2], walls[k, 3]
-        if (ax < x - sight and bx < x - sight) or (ax > x + sight and bx > x + sight):
-            continue
-        ex, ey = bx - ax, by - ay
-        along, square = (x - ax) * ex + (y - ay) * ey, ex * ex + ey * ey
-        t = 0.0 if along <= 0.0 else (along / square if along < square else 1.0)
-        dx, dy = x - ax - t * ex, y - ay - t * ey
-        far = dx * dx + dy * dy
-        nearest = min(nearest, far)
-        if far < sight * sight and far > 0.0 and n < _WALLS:
-            d = math.sqrt(far)
-            n = avoid_wall(lines, n, dx / d, dy / d, d - radius, _WALL_HORIZON)
+    n, nearest = _avoid_walls(x, y, radius, sight, walls, lines, n)
     state.clear = math.sqrt(nearest) - radius - ROUNDING
     rows, actor_states = actors_of(world)
     for k in range(world.n_fixed_discs):
@@ -161,21 +148,25 @@ def _avoid_static_disc(
 
 
 @borrowing_kernel
-def _trolley_half_planes(
-    state: Any, radius: float, sight: float, walls: Array, lines: Array, n: int
-) -> int:
-    """Lines of walls (m, 4) near a trolley, behind n others; returns how many there are."""
-    x, y = state.pose[0], state.pose[1]
+def _avoid_walls(
+    x: float, y: float, radius: float, sight: float, walls: Array, lines: Array, n: int
+) -> tuple[int, float]:
+    """Lines of near walls (m, 4) behind n others; how many there are, and the least square [m2]."""
+    nearest = sight * sight
     for k in range(walls.shape[0]):
-        ax, ay = walls[k, 0], walls[k, 1]
-        ex, ey = walls[k, 2] - ax, walls[k, 3] - ay
+        ax, ay, bx, by = walls[k, 0], walls[k, 1], walls[k, 2], walls[k, 3]
+        if (ax < x - sight and bx < x - sight) or (ax > x + sight and bx > x + sight):
+            continue
+        ex, ey = bx - ax, by - ay
         along, square = (x - ax) * ex + (y - ay) * ey, ex * ex + ey * ey
         t = 0.0 if along <= 0.0 else (along / square if along < square else 1.0)
         dx, dy = x - ax - t * ex, y - ay - t * ey
-        d = math.sqrt(dx * dx + dy * dy)
-        if 0.0 < d < sight and n < _WALLS:
+        far = dx * dx + dy * dy
+        nearest = min(nearest, far)
+        if far < sight * sight and far > 0.0 and n < _WALLS:
+            d = math.sqrt(far)
             n = avoid_wall(lines, n, dx / d, dy / d, d - radius, _WALL_HORIZON)
-    return n
+    return n, nearest
 
 
 @borrowing_kernel
@@ -270,7 +261,8 @@ def _choose_velocity(
     if trolley >= 0:
         cart, cart_radius = actor_states[trolley], extent(rows[trolley])
         sight = cart_radius + row.speed * _WALL_HORIZON
-        hard = _trolley_half_planes(cart, cart_radius, sight, walls, lines, hard)
+        x, y = cart.pose[0], cart.pose[1]
+        hard, _ = _avoid_walls(x, y, cart_radius, sight, walls, lines, hard)
         hard = _avoid_outline(p, cart, row, cart_radius, hard, lines, pose)
     n = _moving_half_planes(world, p, k, state, radius, walls, hard, lines, pose, twist)
     if trolley >= 0:
