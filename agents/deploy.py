@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from agents.evaluation.evaluate import drive_episode, make_env
+from agents.evaluation.evaluate import drive_episode, drive_on, make_env
 from agents.evaluation.metrics import Record
-from agents.policies import GymPolicy, Policy, make_policy
+from agents.policies import Policy, make_policy
 from agents.start_fit import start_fit
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import InputError, setting, settings
@@ -192,12 +192,7 @@ def rehearse(policy: Any, settings: Mapping[str, Any]) -> None:
         env = make_env("temporary", settings)
         observation, _ = env.reset(seed=seed, options=options)
         check_start(env, env.unwrapped.episode.start, True, lambda _: None)
-        driver = GymPolicy(make_policy(policy), env)
-        driver.reset()
-        for _ in range(REHEARSED):
-            observation, _, terminated, truncated, _ = env.step(driver.act(observation))
-            if terminated or truncated:
-                break
+        drive_on(env, make_policy(policy), observation, REHEARSED)
         env.close()
 
 

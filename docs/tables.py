@@ -20,15 +20,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy import stats
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT)]
 
 from agents.evaluation.compare import BEST  # noqa: E402
 from agents.evaluation.evaluate import label  # noqa: E402
-from agents.evaluation.metrics import WIDE, wilson  # noqa: E402
+from agents.evaluation.metrics import WIDE  # noqa: E402
 from agents.evaluation.provenance import without_outputs, write_text  # noqa: E402
+from agents.evaluation.statistics import mcnemar, mcnemar_p, ratio_interval, wilson  # noqa: E402
 from agents.evaluation.tables import markdown_table  # noqa: E402
 from agents.learning.weights import load_weights  # noqa: E402
 from agents.studies.evidence import ClaimVerdict  # noqa: E402
@@ -161,16 +161,13 @@ def compared(
         Successes of either alone, McNemar's p, and the geometric mean of the ratios of times where
         both succeed, with its 95 % interval (Student's t, of logarithms); empty with fewer than 2.
     """
-    both = list(zip(ours, theirs, strict=True))
-    alone = sum(a is not None and b is None for a, b in both)
-    other = sum(b is not None and a is None for a, b in both)
-    p = float(stats.binomtest(alone, alone + other).pvalue) if alone + other else 1.0
-    ratios = np.log([a / b for a, b in both if a is not None and b is not None])
-    if len(ratios) < 2:
+    alone, other, p = mcnemar(*([one is not None for one in each] for each in (ours, theirs)))
+    pairs = zip(ours, theirs, strict=True)
+    both = [(a, b) for a, b in pairs if a is not None and b is not None]
+    if len(both) < 2:
         return alone, other, p, []
-    spread = stats.sem(ratios) * stats.t.ppf(0.975, len(ratios) - 1)
-    middle = np.exp(ratios.mean() + spread * np.array([0.0, -1.0, 1.0]))
-    return alone, other, p, [round(float(value), 3) for value in middle]
+    found = ratio_interval(*zip(*both, strict=True))
+    return alone, other, p, [round(value, 3) for value in found]
 
 
 def take(name: str, file: Path) -> Path:
@@ -302,7 +299,7 @@ def league_pairs() -> str:
         row, best = (row_of("league", policy, pose) for policy in ("ppo_guided", BEST))
         middle, low, high = row["beside_best"]["time_ratio"]
         alone, other = (row["beside_best"][key] for key in ("alone", "best_alone"))
-        p = stats.binomtest(alone, alone + other).pvalue if alone + other else 1.0
+        p = mcnemar_p(alone, other)
         people = [sum(of["scenes"][k] for k in ("building", "hall")) for of in (row, best)]
         episodes = 2 * row["episodes"] // len(row["scenes"])
         rows.append(

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 ROOT = Path(__file__).resolve().parents[1]
+SHARED = Path(os.environ.get("WHEELCHAIR_SHARED", ROOT.parent / "shared"))
 # Where nothing is compiled yet, a worker must not wait for what another compiles: one begins with
 # the environment's kernels, the other with tests of no kernels, and goes on to the planners'.
 # What takes long comes next, so that no worker has a long file to do when the other is ready.
@@ -84,7 +85,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 @pytest.fixture(scope="session")
 def shared() -> Path:
     """The folder of maps, problems and logs that lies beside the project, or a skip."""
-    folder = Path(os.environ.get("WHEELCHAIR_SHARED", ROOT.parent / "shared"))
-    if not folder.is_dir():
-        pytest.skip(f"{folder} is absent; set WHEELCHAIR_SHARED to the folder of maps and problems")
-    return folder
+    if not SHARED.is_dir():
+        pytest.skip(f"{SHARED} is absent; set WHEELCHAIR_SHARED to the folder of maps and problems")
+    return SHARED

@@ -12,8 +12,7 @@ import pytest
 
 from agents import cli
 from agents.cli import parser
-from agents.cli.commands import COMMANDS, GROUPS
-from agents.cli.options import OneOf
+from agents.cli.commands import COMMANDS, GROUPS, OneOf
 from tests.conftest import ROOT
 from wheelchair_gym.physics.state import SENSED
 from wheelchair_gym.registry import imported

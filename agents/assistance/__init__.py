@@ -18,9 +18,9 @@ ASSISTANTS: Final = Registry(
     "assistant",
     {
         **COMPILED.built_in,
-        "blend": "agents.assistance.blend:Blend",
-        "hindsight": "agents.assistance.hindsight:Hindsight",
-        "hypotheses": "agents.assistance.hypotheses:Hypotheses",
+        "blend": "agents.assistance.goals:Blend",
+        "hindsight": "agents.assistance.goals:Hindsight",
+        "hypotheses": "agents.assistance.goals:Hypotheses",
         "manoeuvre": "agents.assistance.manoeuvre:Manoeuvre",
         "ppo_assist": "agents.assistance.learned:PpoAssist",
         "residual": "agents.assistance.learned:Residual",

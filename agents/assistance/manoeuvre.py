@@ -22,7 +22,7 @@ from planners.lattice.lattice import Lattice
 from planners.problem import Problem, Status
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import settings
-from wheelchair_gym.geometry import compose, relative_pose, wrap
+from wheelchair_gym.geometry import arc_lengths, compose, relative_pose, wrap
 from wheelchair_gym.kinematics import arc_step
 
 SQUARE = 0.01  # m: half the side of the square that stands for a point of an obstacle
@@ -132,8 +132,7 @@ class _Method:
         plan = self._planner.plan(problem, np.random.default_rng(0))
         if plan.status is Status.SOLVED and len(plan.path) > 1:
             path = compose(self._pose, plan.path)
-            steps = np.hypot(*np.diff(path[:, :2], axis=0).T)
-            self._plan = _Plan(path, np.append(0.0, np.cumsum(steps)), goal[1])
+            self._plan = _Plan(path, arc_lengths(path), goal[1])
 
     def _next(self, now: AssistInput) -> Twist | None:
         """The twist on the plan; None where it is over or the chair has left it."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from agents import read_data
 from agents.benchmarks.entrants import Entrant
-from agents.evaluation.metrics import share
+from agents.evaluation.statistics import share
 from agents.evaluation.tables import Cell, Column, Table
 
 Row = dict[str, Any]

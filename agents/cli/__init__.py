@@ -12,12 +12,11 @@ import os
 import re
 import sys
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NoReturn
 
 from agents import StoppedError, is_interrupt
-from agents.cli.commands import COMMANDS, GROUPS, Command
-from agents.cli.options import OneOf
+from agents.cli.commands import COMMANDS, GROUPS, Command, OneOf
 
 LONGEST_ERROR = 1000  # characters
 
@@ -27,17 +26,21 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Print the error in one line and exit with code 2."""
+        from wheelchair_gym.config import suggest  # imported late, so that --help is fast
+
         if unknown := re.match(r".*invalid choice: '(.*?)' \(choose from (.*)\)", message):
-            message += suggestion(unknown[1], re.findall(r"[\w-]+", unknown[2]))
+            message += suggest(unknown[1], re.findall(r"[\w-]+", unknown[2]))
         self.exit(2, f"wheelchair: {message} (see {self.prog} --help)\n")
 
     def parse_all(self, arguments: Sequence[str]) -> argparse.Namespace:
         """The parsed arguments; an unknown option is an error of its command."""
         given, unknown = self.parse_known_args(arguments)
         if unknown:
+            from wheelchair_gym.config import suggest
+
             command: Parser = getattr(given, "parser", self)
             options = [name for action in command._actions for name in action.option_strings]
-            near = suggestion(unknown[0].partition("=")[0], options)
+            near = suggest(unknown[0].partition("=")[0], options)
             command.error(f"unrecognized arguments: {' '.join(unknown)}{near}")
         return given
 
@@ -45,14 +48,6 @@ class Parser(argparse.ArgumentParser):
         # As in argparse, but an error of writing is raised.
         if message:
             (file or sys.stderr).write(message)
-
-
-def suggestion(name: str, known: Iterable[str]) -> str:
-    """The end of an error message: the nearest known name, if there is one."""
-    import difflib
-
-    near = difflib.get_close_matches(name, list(known), 1)
-    return f"; did you mean {near[0]}?" if near else ""
 
 
 class Print(argparse.Action):

@@ -79,6 +79,30 @@ def map_scenes(given: argparse.Namespace) -> list[dict[str, Any]]:
     ]
 
 
+def scene_of(given: argparse.Namespace, default: Any = "floor_plan") -> Any:
+    """Return the scene of --scene or of --map.
+
+    Raises:
+        InputError: both are given, or an option needs --map.
+    """
+    maps = map_scenes(given)
+    if maps and given.scene is not None:
+        raise InputError("--map and --scene: expected one of them")
+    if maps:
+        return maps[0]
+    return default if given.scene is None else spec(given.scene)
+
+
+def check_assist(given: argparse.Namespace) -> None:
+    """Refuse --assist without --driver.
+
+    Raises:
+        InputError: nobody holds the stick.
+    """
+    if given.assist is not None and given.driver is None:
+        raise InputError("--assist needs --driver: a person whose stick is assisted")
+
+
 def chair_spec(text: str) -> Any:
     """A real chair: as `spec`, or an address such as ros://HOST:PORT."""
     return text if "://" in text else spec(text)

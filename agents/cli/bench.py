@@ -9,7 +9,14 @@ from pathlib import Path
 from typing import Any
 
 from agents import StoppedError
-from agents.cli.arguments import check_picture, labelled, map_scenes, report, stopped
+from agents.cli.arguments import (
+    check_assist,
+    check_picture,
+    labelled,
+    map_scenes,
+    report,
+    stopped,
+)
 from agents.evaluation.provenance import command_line, write_json, write_text
 from wheelchair_gym.assistance import make_compiled
 from wheelchair_gym.config import InputError
@@ -20,6 +27,7 @@ def env(given: argparse.Namespace) -> int:
     """Measure the speed of environments; print each figure at once, and write all of them."""
     from agents.benchmarks.environments import measure, measure_driver, provenance
 
+    check_assist(given)
     if given.seconds <= 0.0:
         raise InputError(f"--seconds is {given.seconds:g}; expected more than 0")
     peer = not given.no_peers and importlib.util.find_spec("irsim") is not None
@@ -27,8 +35,6 @@ def env(given: argparse.Namespace) -> int:
     more = {"bank": given.bank, "seconds": given.seconds}
     source = provenance(**sizes, **more)
     rows = []
-    if given.driver is None and given.assist is not None:
-        raise InputError("--assist: expected --driver, too: an assistant helps a person")
     if given.driver is None:
         found = measure(*sizes.values(), **more, peer=peer, start=not given.no_startup)
     else:

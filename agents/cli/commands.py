@@ -14,14 +14,27 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from agents.cli import options
-from agents.cli.options import OneOf, Option, map_options, number, option, record, seed
 
-# Shared lists of options, and words in help and examples.
-_LISTS = {"MAP": map_options(), "MAPS": map_options(options.names), "RECORD": options.RECORD}
+_TABLE = tomllib.loads((files("agents") / "data" / "commands.toml").read_text("utf-8"))
 _WORDS = {
-    **{name: getattr(options, name) for name in ("CHAIR", "CHAIR_CONFIG", "MAP_FILES", "OTHERS")},
-    "POLICY_HELP": options.POLICY_HELP, "POSES": ", ".join(options.POSES),
-}  # fmt: skip
+    **_TABLE["words"],
+    "DEFAULT_POSE": options.DEFAULT_POSE,
+    "POSES": ", ".join(options.POSES),
+}
+
+
+class Option(NamedTuple):
+    """An argument of `argparse.ArgumentParser.add_argument`."""
+
+    name: str
+    arguments: dict[str, Any]
+
+
+class OneOf(NamedTuple):
+    """Options of which at most one may be given, or exactly one."""
+
+    options: Sequence[Option]
+    required: bool = False
 
 
 class Command(NamedTuple):
@@ -37,17 +50,15 @@ class Command(NamedTuple):
 
 
 def _options(rows: Sequence[str | dict[str, Any]]) -> Iterator[Option | OneOf]:
-    """The options of rows: the name of a shared one, or a table of an option's own."""
+    """The options of rows: the name of shared ones, or a table of an option's own."""
     for row in rows:
         if isinstance(row, str):
-            yield from _LISTS[row] if row in _LISTS else [getattr(options, row)]
+            yield from _options(_TABLE["shared"][row])
         elif "one_of" in row:
             parts = [part for part in _options(row["one_of"]) if isinstance(part, Option)]
             yield OneOf(parts, row.get("required", False))
         elif "seed" in row:
-            yield seed(row["seed"])
-        elif "record" in row:
-            yield from record(*row["record"])
+            yield _option(f"seed of {row['seed']}", "--seed", type="parse_int", default=0)
         else:
             yield _option(**row)
 
@@ -56,18 +67,24 @@ def _option(
     help: str, name: str = "", flag: str = "", type: str = "", between: Sequence[Any] = (),
     metavar: str = "", **more: Any,
 ) -> Option:  # fmt: skip
-    """An option of its own."""
+    """A positional argument, or an option if the name begins with `--`; help names the default."""
     help = help.format(**_WORDS)
     if flag:
-        return options.flag(flag, help)
+        return Option(flag, {"help": help, "action": "store_true"})
     parse = getattr(options, type) if type else None
     if between:
-        parse = number({"int": int, "float": float}[between[0]], *between[1:])
+        parse = options.number({"int": int, "float": float}[between[0]], *between[1:])
     if more.get("action") == "boolean":
         more["action"] = argparse.BooleanOptionalAction
     if isinstance(more.get("choices"), str):
         more["choices"] = getattr(options, more["choices"])
-    return option(name, help, parse, metavar, **more)
+    default = more.get("default")
+    if default is not None and default != []:
+        text = ",".join(map(str, default)) if isinstance(default, list) else f"{default}"
+        help += f" (default {text.removesuffix('.0')})"
+    if "choices" not in more and more.get("action", "append") == "append":
+        more["metavar"] = metavar or (options.METAVARS[parse] if name.startswith("-") else name)
+    return Option(name, {"help": help} | ({"type": parse} if parse else {}) | more)
 
 
 def _command(**row: Any) -> Command:
@@ -77,7 +94,6 @@ def _command(**row: Any) -> Command:
     return Command(**row)
 
 
-_TABLE = tomllib.loads((files("agents") / "data" / "commands.toml").read_text("utf-8"))
 GROUPS = {
     name: (group["help"], group["example"].format(**_WORDS))
     for name, group in _TABLE["groups"].items()

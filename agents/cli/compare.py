@@ -10,10 +10,18 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from agents.cli.arguments import labelled, map_scenes, report, shield_of, spec, watch
+from agents.cli.arguments import (
+    check_assist,
+    labelled,
+    map_scenes,
+    report,
+    shield_of,
+    spec,
+    watch,
+)
 from agents.cli.options import DEFAULT_POSE
 from agents.evaluation import compare as comparison
-from agents.evaluation.evaluate import Spec, label
+from agents.evaluation.evaluate import Spec, label, labelled_with
 from agents.evaluation.provenance import cores
 from agents.evaluation.report import BRIEF, terminal_table
 from wheelchair_gym.config import InputError, read_json
@@ -43,6 +51,7 @@ def scenes_of(names: Sequence[str] | None) -> list[str | dict[str, Any]]:
 
 def compare(given: argparse.Namespace) -> int:
     """Compare policies, and write everything to the folder."""
+    check_assist(given)
     columns = [*given.columns]
     if given.driver is not None and columns == list(BRIEF):
         columns += STICK_COLUMNS
@@ -54,20 +63,12 @@ def compare(given: argparse.Namespace) -> int:
         env["pose_source"] = given.pose[0]
     elif given.pose is not None:
         scenes = [
-            {
-                **({"name": scene} if isinstance(scene, str) else scene),
-                "label": f"{label(scene)}, {pose}",
-                "env": {"pose_source": pose},
-            }
-            for pose in given.pose
-            for scene in scenes
+            labelled_with(scene, pose, pose_source=pose) for pose in given.pose for scene in scenes
         ]
     env |= {"shield": shield_of(given), "split": "train" if given.training_seeds else "test"}
     policies: Sequence[Spec] = tuple(map(labelled, given.policies or ())) or suite.policies
     if given.trained_in is not None:
         policies = trained_in(policies, given.trained_in)
-    if given.driver is None and given.assist is not None:
-        raise InputError("--assist needs --driver: a person whose stick is assisted")
     if given.driver is not None:
         if given.policies is not None:
             raise InputError("--policies and --driver: expected one of them; see --assist")
@@ -132,10 +133,7 @@ def with_drivers(scenes: Sequence[Spec], names: Sequence[str]) -> list[dict[str,
     for driver in names:
         make_driver(spec(driver))  # which refuses what is wrong
         for scene in scenes:
-            plain: dict[str, Any] = {"name": scene} if isinstance(scene, str) else dict(scene)
-            name = Path(driver).name
-            env = {**plain.get("env", {}), "driver": spec(driver)}
-            found.append({**plain, "label": f"{label(scene)}, {name}", "env": env})
+            found.append(labelled_with(scene, Path(driver).name, driver=spec(driver)))
     return found
 
 

@@ -14,7 +14,16 @@ from typing import Any
 import numpy as np
 
 from agents.assistance import is_shielded
-from agents.cli.arguments import chair_spec, env_of, map_scenes, real_chair_env, report, spec, watch
+from agents.cli.arguments import (
+    chair_spec,
+    check_assist,
+    env_of,
+    real_chair_env,
+    report,
+    scene_of,
+    spec,
+    watch,
+)
 from agents.deploy import (
     Deployment,
     EventLog,
@@ -45,6 +54,7 @@ def simulate(given: argparse.Namespace) -> int:
     from wheelchair_gym.rendering.legend import scene_entries, with_legend
     from wheelchair_gym.rendering.video import write_png, write_video
 
+    check_assist(given)
     settings, name = env_of(given), given.policy
     labels: dict[str, Any] = {"policy": spec(name)}
     policy = make_policy(spec(name))
@@ -55,19 +65,13 @@ def simulate(given: argparse.Namespace) -> int:
         labels = {"assistant": spec(name)}
         if given.shield is None:
             settings["shield"] = settings.get("shield") and is_shielded(spec(name))
-    elif given.assist is not None:
-        raise InputError("--assist needs --driver: a person whose stick is assisted")
     scene = settings.get("config", {}).get("scene", "floor_plan")
-    if given.scene is not None:
-        scene = spec(given.scene)
-    if given.chair is None and (maps := map_scenes(given)):
-        if given.scene is not None:
-            raise InputError("--map and --scene: expected one of them")
-        (scene,) = maps
     mode, episode = "human" if given.window else "rgb_array", None
     if given.chair is not None:
+        scene = scene if given.scene is None else spec(given.scene)
         env, episode = _real(given, settings, scene, mode)
     else:
+        scene = scene_of(given, scene)
         env = make_env(scene, settings, mode)
     env.unwrapped.labels |= labels
     frames: list[Any] = []

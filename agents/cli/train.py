@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from agents import is_interrupt
-from agents.cli.arguments import changed, env_of, map_scenes, report, spec
+from agents.cli.arguments import changed, env_of, report, scene_of, spec
 from agents.cli.options import parse_int
 from wheelchair_gym.config import InputError, read_json
 
@@ -261,14 +261,10 @@ def export(given: argparse.Namespace) -> int:
 
 def dataset(given: argparse.Namespace) -> int:
     """Drive the episodes, and write the data set."""
+    from agents.evaluation.evaluate import without_labels
     from agents.learning.dataset import write_dataset
 
-    scene = spec(given.scene or "floor_plan")
-    if maps := map_scenes(given):
-        if given.scene is not None:
-            raise InputError("--map and --scene: expected one of them")
-        (scene,) = maps
-        del scene["label"]
+    scene = without_labels(scene_of(given))
     seeds = range(given.first_seed, given.first_seed + given.episodes)
     found = write_dataset(
         given.name, spec(given.policy), scene, env_of(given), seeds, given.out, not given.quiet

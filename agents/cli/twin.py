@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.cli.arguments import chair_spec, env_of, map_scenes, report, spec, watch
+from agents.cli.arguments import chair_spec, env_of, report, scene_of, spec, watch
 from wheelchair_gym.config import InputError
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.envs.settings import env_settings
@@ -79,10 +79,7 @@ def robot(given: argparse.Namespace) -> int:
         scan_rate=given.scan_rate, speed=given.sim_time, localized=not given.no_map, imu=given.imu,
         namespace=given.namespace or "",
     )  # fmt: skip
-    maps = map_scenes(given)
-    if maps and given.scene is not None:
-        raise InputError("--map and --scene: expected one of them")
-    scene = maps[0] if maps else spec(given.scene or "floor_plan")
+    scene = scene_of(given)
     env = make_env(scene, settings, "human" if given.window else None)
     world, judged = env.unwrapped, given.episodes is not None
     if world.settings.sensors.pose_source == "slam":

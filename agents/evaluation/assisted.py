@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from wheelchair_gym.arrays import Array
+from wheelchair_gym.geometry import wrap_angle
 from wheelchair_gym.kinematics import Limits
 from wheelchair_gym.types import Stick
 
@@ -20,6 +21,11 @@ CENTRE = 0.10  # deflection within which a stick is centred, for counting moveme
 DIRECTION = math.radians(30.0)  # a larger change of direction that is held is another movement
 HELD = 0.1  # s
 COASTING = 1.5  # s after the stick was let go in which the chair may still come to rest
+
+
+def angles_between(twists: Array, others: Array) -> Array:
+    """Return the angles (n,) [rad] between twists (n, 2), both in full speeds."""
+    return np.abs(wrap_angle(np.arctan2(*others.T[::-1]) - np.arctan2(*twists.T[::-1])))
 
 
 class StickTrace:
@@ -51,8 +57,7 @@ class StickTrace:
         size, off = np.hypot(*asked.T), np.hypot(*(given - asked).T)
         active = size > ACTIVE
         both = active & (np.hypot(*given.T) > ACTIVE)
-        turn = np.arctan2(*given.T[::-1]) - np.arctan2(*asked.T[::-1])
-        angles = np.abs(np.remainder(turn + math.pi, 2 * math.pi) - math.pi)
+        angles = angles_between(asked, given)
         driven = float(size.sum() + off.sum())
         travel = float(np.hypot(*np.diff(sticks, axis=0, prepend=np.zeros((1, 2))).T).sum())
         minutes = len(sticks) * self._period / 60.0

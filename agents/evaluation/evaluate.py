@@ -46,6 +46,17 @@ def label(spec: Spec) -> str:
     return str(spec.get("label", spec.get("name", spec)))
 
 
+def named(spec: Spec) -> dict[str, Any]:
+    """Return a spec as a mapping with a name."""
+    return {"name": spec} if isinstance(spec, str) else dict(spec)
+
+
+def labelled_with(spec: Spec, words: str, **env: Any) -> dict[str, Any]:
+    """Return a scene with more words in its label and more settings of its environment."""
+    of = named(spec)
+    return {**of, "label": f"{label(spec)}, {words}", "env": {**of.get("env", {}), **env}}
+
+
 def without_labels(spec: Spec) -> Spec:
     """A spec without the keys that only an evaluation reads."""
     if not isinstance(spec, Mapping):
@@ -192,16 +203,21 @@ def drive_episode(
     return measure(trace, info, truncated and not ended)
 
 
+def drive_on(env: Any, policy: Policy, observation: Any, steps: int) -> None:
+    """Begin an episode that was just reset, and drive this number of steps at most."""
+    driver = GymPolicy(policy, env)
+    driver.reset()
+    for _ in range(steps):
+        observation, _, ended, truncated, _ = env.step(driver.act(observation))
+        if ended or truncated:
+            return
+
+
 def warm(policy: Spec, scene: Spec, env: Mapping[str, Any]) -> None:
     """Compile (or load from the cache) all that an episode needs, outside its timings."""
     world = make_env(scene, env, policy=policy)
     observation, _ = world.reset(seed=0)
-    driver = GymPolicy(make_policy(without_labels(policy)), world)
-    driver.reset()
-    for _ in range(3):
-        observation, _, ended, truncated, _ = world.step(driver.act(observation))
-        if ended or truncated:
-            break
+    drive_on(world, make_policy(without_labels(policy)), observation, 3)
     world.close()
 
 

@@ -83,6 +83,29 @@ def new_axes(height: float) -> tuple[Figure, Axes]:
     return figure, axes
 
 
+def error_bars(
+    axes: Axes, at: Any, found: Sequence[Sequence[float]], k: int, label: str, line: str = "",
+    across: bool = False,
+) -> None:  # fmt: skip
+    """Draw the k-th series: rows of value, low and high, as one line where `line` is not empty.
+
+    Values are up the page, or `across` it.
+    """
+    value, low, high = np.reshape(np.array(found, dtype=float), (-1, 3)).T
+    # Rounding may put a bound a hair beyond its value.
+    error = np.nan_to_num([np.maximum(value - low, 0.0), np.maximum(high - value, 0.0)])
+    places, bars = ((value, at), "xerr") if across else ((at, value), "yerr")
+    axes.errorbar(
+        *places, **{bars: error}, fmt=MARKS[k % 8] + line, color=COLOURS[(k + k // 8) % 8],
+        label=label, markersize=4 if line else 5, capsize=2.5, linewidth=1.3,
+    )  # fmt: skip
+
+
+def with_interval(row: Record, key: str, factor: float = 1.0) -> list[float]:
+    """Return a figure of a row and the ends of its interval."""
+    return [factor * row[name] for name in (key, f"{key}_low", f"{key}_high")]
+
+
 def legend_above(figure: Figure, axes: Axes) -> None:
     """One legend above the axes, where it hides no data."""
     handles, labels = axes.get_legend_handles_labels()
@@ -102,17 +125,8 @@ def _success(policies: Sequence[str], scenes: Sequence[str], summary: Sequence[R
         ]
         rows = [(k, row) for k, row in rows if exists(row["success"])]
         y = [k + (i - 0.5 * (len(policies) - 1)) * step for k, _ in rows]
-        share = 100.0 * np.array([row["success"] for _, row in rows], dtype=float)
-        low, high = (
-            100.0 * np.array([row[f"success_{end}"] for _, row in rows], dtype=float)
-            for end in ("low", "high")
-        )
-        # Rounding may put a bound a hair inside the share.
-        error = np.maximum([share - low, high - share], 0.0)
-        axes.errorbar(
-            share, y, xerr=error, fmt=MARKS[i % 8], color=COLOURS[i % 8], label=policy,
-            markersize=5, capsize=2.5, linewidth=1.3,
-        )  # fmt: skip
+        shares = [with_interval(row, "success", 100.0) for _, row in rows]
+        error_bars(axes, y, shares, i, policy, across=True)
     axes.set_yticks(range(len(places)), ["all scenes" if p == "all" else p for p in places])
     axes.set_ylim(len(places) - 0.5, -0.5)
     for edge in range(1, len(places)):
@@ -146,13 +160,9 @@ def _help(policies: Sequence[str], summary: Sequence[Record]) -> Figure:
     figure, axes = new_axes(3.3)
     front = np.array([points[i] for i in unbeaten(points)])
     axes.plot(*front.T, color="#8a9299", linewidth=0.8, zorder=0)
-    for policy, (x, y) in zip(named, points, strict=True):
-        i, row = policies.index(policy), rows[policy]
-        ends = np.array([[y - 100.0 * row["success_low"]], [100.0 * row["success_high"] - y]])
-        axes.errorbar(
-            x, y, yerr=np.maximum(ends, 0.0), fmt=MARKS[i % 8], color=COLOURS[(i + i // 8) % 8],
-            label=policy, markersize=5, capsize=2.5, linewidth=1.3,
-        )  # fmt: skip
+    for policy, (x, _) in zip(named, points, strict=True):
+        share = with_interval(rows[policy], "success", 100.0)
+        error_bars(axes, [x], [share], policies.index(policy), policy)
     axes.set(xlabel="authority of the assistant [%]", ylabel="success [% of episodes]")
     axes.set_xlim(left=min(0.0, axes.get_xlim()[0]))
     legend_above(figure, axes)

@@ -23,7 +23,7 @@ from agents.policies import GymPolicy, Policy
 from planners.collision.space import Space
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import InputError
-from wheelchair_gym.geometry import to_world
+from wheelchair_gym.geometry import to_world, wrap_angle
 from wheelchair_gym.localization.logs import SensorLog
 from wheelchair_gym.localization.occupancy import MappingSettings, OccupancyMap, read_scan
 from wheelchair_gym.localization.slam import Slam, SlamSettings
@@ -105,7 +105,7 @@ class DrivenMap:
         if self.quality is None:
             return drive
         off = self.estimated - self.true
-        turn = np.remainder(off[:, 2] + np.pi, 2 * np.pi) - np.pi
+        turn = wrap_angle(off[:, 2])
         return {
             **drive,
             "pose_rms_m": float(np.sqrt((off[:, :2] ** 2).sum(axis=1).mean())),

@@ -15,6 +15,8 @@ from numpy.typing import ArrayLike
 from agents.evaluation.assisted import MEASURES, StickTrace
 from agents.evaluation.shortest import NO_SHORTEST, Shortest
 from agents.evaluation.social import PeopleTrace
+from agents.evaluation.statistics import share
+from agents.evaluation.tables import json_value
 from agents.policies.planning import PlanningFigures
 from planners.collision.polygon_tests import SpaceArrays, clearance
 from planners.problem import Problem
@@ -31,7 +33,6 @@ WIDE = 0.05  # m of margin; success with at least this margin is reported separa
 STILL = 0.02  # m/s and rad/s: a slower chair stands still
 HALT = 0.5  # s: standing still for this long on the way is a halt
 ROUGH = 0.9  # m/s2: standing passengers of public transport begin to complain about here
-Z95 = 1.959963984540054  # two-sided 95 % quantile of the normal distribution
 SPACING = 0.1  # m between the points of a path whose clearances are averaged
 MEANS = (
     "spl", "spl_grid", "sct", "barn", "barn_own", "halts", "replans", "clearance_mean", "accel_rms",
@@ -49,23 +50,6 @@ EFFICIENCIES = ("path_efficiency", "time_efficiency")
 TIMING = (
     "plan_ms", "act_ms_p50", "act_ms_p95", "plans_ms_p50", "plans_ms_p95", "plans_ms_max",
 )  # fmt: skip
-
-
-def wilson(successes: int, trials: int) -> tuple[float, float]:
-    """Wilson's 95 % interval of a share (Wilson 1927); (0, 1) without any trial.
-
-    Raises:
-        ValueError: the counts are impossible.
-    """
-    if not 0 <= successes <= trials:
-        raise ValueError(f"{successes} successes of {trials} trials")
-    if trials == 0:
-        return 0.0, 1.0
-    share, square = successes / trials, Z95 * Z95
-    centre = (share + square / (2 * trials)) / (1 + square / trials)
-    spread = math.sqrt(share * (1 - share) / trials + square / (4 * trials * trials))
-    spread *= Z95 / (1 + square / trials)
-    return max(0.0, centre - spread), min(1.0, centre + spread)
 
 
 def jerk_rms(speeds: Array, period: float) -> float:
@@ -144,6 +128,19 @@ class Trace:
         self.touched_actor = self.touched_actor or int(info["contact_with"]) >= 0
 
 
+def outcome_of(
+    info: Mapping[str, Any], contact: bool, truncated: bool, left_map: bool = False
+) -> str:
+    """Return how an episode ended, by its last info and what happened in it."""
+    if contact:
+        return "collision"
+    if left_map:
+        return "left_map"
+    if info["is_success"]:
+        return "success"
+    return "timeout" if truncated else "missed"
+
+
 def measure(trace: Trace, info: Mapping[str, Any], truncated: bool) -> Record:
     """The figures of a finished episode.
 
@@ -164,16 +161,9 @@ def measure(trace: Trace, info: Mapping[str, Any], truncated: bool) -> Record:
     """
     poses, twists = np.array(trace.poses), np.array(trace.twists)
     left = trace.given_map is not None and not trace.given_map.inside(poses[:, :2]).all()
-    success = bool(info["is_success"]) and not trace.contact and not left
-    if success:
-        outcome = "success"
-    elif trace.contact:
-        outcome = "collision"
-    elif left:
-        outcome = "left_map"
-    else:
-        outcome = "timeout" if truncated else "missed"
-    length = float(np.hypot(*np.diff(poses[:, :2], axis=0).T).sum())
+    outcome = outcome_of(info, trace.contact, truncated, left)
+    success = outcome == "success"
+    length = path_length(poses)
     geodesic, shortest = float(info["geodesic"]), trace.shortest.length
     spl, spl_grid = (
         (1.0 if length <= least else least / max(length, 1e-9)) if success else 0.0
@@ -218,16 +208,7 @@ def measure(trace: Trace, info: Mapping[str, Any], truncated: bool) -> Record:
         record |= social | dict(zip(EFFICIENCIES, (way, least), strict=True))
     if trace.sticks is not None:
         record |= trace.sticks.figures(twists, length)
-    for key, value in record.items():  # JSON knows no infinity
-        if isinstance(value, float) and not math.isfinite(value):
-            record[key] = None
-    return record
-
-
-def share(name: str, hits: int, trials: int) -> Record:
-    """A share with its Wilson interval, under the keys NAME, NAME_low and NAME_high."""
-    low, high = wilson(hits, trials)
-    return {name: hits / trials if trials else None, f"{name}_low": low, f"{name}_high": high}
+    return {key: json_value(value) for key, value in record.items()}
 
 
 def _mean(records: Sequence[Record], key: str) -> float | None:
@@ -329,4 +310,4 @@ def path_figures(path: ArrayLike, problem: Problem) -> dict[str, float | None]:
         "clearance_min_m": float(shapely.distance(line, shapely.boundary(problem.space.free))),
         "clearance_mean_m": float(distances.mean()),
     }
-    return {key: value if math.isfinite(value) else None for key, value in figures.items()}
+    return {key: json_value(value) for key, value in figures.items()}

@@ -13,8 +13,8 @@ from agents import read_data
 from agents.evaluation import assisted, metrics, social
 from agents.evaluation.figures import figures
 from agents.evaluation.metrics import EFFICIENCIES, SOCIAL_MEANS
-from agents.evaluation.pages import data_uri, write_page
-from agents.evaluation.tables import Column, Table, make_table
+from agents.evaluation.statistics import mcnemar
+from agents.evaluation.tables import Column, Table, data_uri, make_table, write_page
 from wheelchair_gym.config import InputError, suggest
 from wheelchair_gym.files import atomic_write
 from wheelchair_gym.rendering.video import webp
@@ -64,12 +64,9 @@ def ranked(summary: Sequence[Record], scene: str = "all") -> list[Record]:
 
 def level_with(successes: Mapping[int, bool], others: Mapping[int, bool]) -> bool:
     """Whether two policies' successes by seed do not differ significantly, on common seeds."""
-    from scipy.stats import binomtest
-
     both = successes.keys() & others.keys()
-    ahead = sum(successes[seed] and not others[seed] for seed in both)
-    behind = sum(others[seed] and not successes[seed] for seed in both)
-    return ahead + behind == 0 or binomtest(ahead, ahead + behind).pvalue >= LEVEL
+    *_, p = mcnemar([successes[seed] for seed in both], [others[seed] for seed in both])
+    return p >= LEVEL
 
 
 def winners(evaluation: Evaluation) -> dict[str, list[str]]:

@@ -1,14 +1,28 @@
-"""Tables of results: columns, cells, and the same table as Markdown, HTML and CSV."""
+"""Tables of results, the same as Markdown, HTML and CSV, and the pages that hold them (Jinja2)."""
 
 from __future__ import annotations
 
+import base64
 import csv
 import io
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from agents import read_data
+from wheelchair_gym.files import atomic_write
+
+if TYPE_CHECKING:
+    import jinja2
+    from markupsafe import Markup
 
 Row = Mapping[str, Any]
+Figures = Mapping[str, tuple[str, bytes]]  # name: caption and SVG
+_TYPES = {
+    ".gif": "image/gif", ".svg": "image/svg+xml", ".mp4": "video/mp4", ".webp": "image/webp",
+}  # fmt: skip
 
 
 class Column(NamedTuple):
@@ -66,8 +80,6 @@ class Table(NamedTuple):
 
     def html(self) -> str:
         """The table as HTML, sorted by the heading that is clicked; empty without rows."""
-        from agents.evaluation.pages import macro
-
         return macro("table", self) if any(self.groups) else ""
 
     def text(self) -> str:
@@ -99,6 +111,11 @@ class Table(NamedTuple):
         )
 
 
+def columns_of(table: str) -> list[Column]:
+    """Return the columns of a table of agents/data/tables.yaml."""
+    return [Column(**column) for column in read_data("tables.yaml")[table]]
+
+
 def make_table(caption: str, columns: Sequence[Column], groups: Iterable[Sequence[Row]]) -> Table:
     """A table of groups of rows."""
     cells = [[[column.cell(row) for column in columns] for row in rows] for rows in groups]
@@ -108,6 +125,11 @@ def make_table(caption: str, columns: Sequence[Column], groups: Iterable[Sequenc
 def exists(value: Any) -> bool:
     """Whether a figure exists: neither null nor NaN nor infinite."""
     return value is not None and math.isfinite(value)
+
+
+def json_value(value: Any) -> Any:
+    """Return a value for JSON, which knows neither infinity nor NaN: they become null."""
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def markdown_table(
@@ -147,3 +169,64 @@ def csv_table(rows: Sequence[Row], columns: Iterable[str] = ()) -> str:
         quoting=csv.QUOTE_NONNUMERIC if returns else csv.QUOTE_MINIMAL,
     ).writerows(lines)  # fmt: skip
     return text.getvalue()
+
+
+@cache
+def templates() -> jinja2.Environment:
+    """The environment of the templates in agents/templates; values in HTML are escaped."""
+    import jinja2  # loaded only for pages
+
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("agents", "templates"),
+        autoescape=jinja2.select_autoescape(),
+        undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True,
+    )  # fmt: skip
+    environment.filters |= {
+        "flat": flat,
+        "data_uri": data_uri,
+        "count": count,
+        "sort_key": lambda value: f"{value:.9g}" if exists(value) else "",
+    }
+    environment.tests |= {"figure": exists}
+    return environment
+
+
+def macro(name: str, *arguments: Any) -> Markup:
+    """The HTML of a macro of macros.html."""
+    from markupsafe import Markup
+
+    return Markup(getattr(templates().get_template("macros.html").module, name)(*arguments))
+
+
+def write_page(path: Path, template: str, **context: Any) -> Path:
+    """Write a page that needs no other file; its path."""
+    page = templates().get_template(template).render(context)
+    with atomic_write(path) as part:
+        part.write_text(page, encoding="utf-8")
+    return path
+
+
+def data_uri(data: bytes, suffix: str) -> str:
+    """Data embedded in a page."""
+    return f"data:{_TYPES[suffix]};base64,{base64.b64encode(data).decode()}"
+
+
+def count(number: int, singular: str, plural: str | None = None) -> str:
+    """A number with its noun."""
+    return f"{number} {singular if number == 1 else plural or singular + 's'}"
+
+
+def flat(value: Any, name: str = "") -> Iterator[tuple[str, str]]:
+    """Nested values as (dotted name, text); a list of plain values is one line."""
+    if isinstance(value, Mapping) and value:
+        for key, item in value.items():
+            yield from flat(item, f"{name}.{key}" if name else str(key))
+    elif isinstance(value, list | tuple) and any(isinstance(v, Mapping | list) for v in value):
+        for k, item in enumerate(value):
+            yield from flat(item, f"{name}[{k}]")
+    elif isinstance(value, list | tuple):
+        integers = all(isinstance(v, int) for v in value) and len(value) > 3
+        run = integers and list(value) == list(range(value[0], value[0] + len(value)))
+        yield name, f"{value[0]} to {value[-1]}" if run else ", ".join(map(str, value))
+    else:
+        yield name, "-" if value is None or value == {} else str(value)

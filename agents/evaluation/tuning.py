@@ -16,11 +16,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from agents.evaluation.evaluate import Spec, evaluate
+from agents.evaluation.evaluate import Spec, evaluate, named
 from agents.evaluation.provenance import write_json, write_text
 from agents.evaluation.runs import run_key, source_digest, stopped_by_ctrl_c
+from agents.evaluation.statistics import mean_interval
 from agents.evaluation.tables import csv_table
-from agents.studies.evidence import estimate
 from wheelchair_gym.config import InputError, dump, value_of, with_values
 
 if TYPE_CHECKING:
@@ -100,10 +100,6 @@ def value_at(everything: Mapping[str, Any], key: str) -> Any:
     if isinstance(place, Mapping):
         raise InputError(f"--vary {key}: holds several settings: {', '.join(sorted(place))}")
     return place
-
-
-def _named(spec: Spec) -> Mapping[str, Any]:
-    return {"name": spec} if isinstance(spec, str) else spec
 
 
 def all_settings(spec: Spec) -> dict[str, Any]:
@@ -191,7 +187,7 @@ def tune(
             for number, values in _drawn(study, ranges, trials, seed):
                 if values is not None:
                     try:
-                        score = float(np.mean(judge(with_values(_named(spec), values), seeds)))
+                        score = float(np.mean(judge(with_values(named(spec), values), seeds)))
                         study.tell(number, score)
                     except InputError as error:  # settings that do not fit together
                         study.tell(number, state=optuna.trial.TrialState.FAIL)
@@ -267,10 +263,10 @@ def _result(
     if not done:
         raise InputError("no trial could be judged: no settings fit together")
     best = max(done, key=lambda trial: (trial.value or 0.0, -trial.number))
-    tuned = with_values(_named(spec), best.params)
+    tuned = with_values(named(spec), best.params)
     name = str(tuned.pop("name"))
     new, old = (np.array(judge(s, others)) for s in ({"name": name, **tuned}, spec))
-    gain = estimate([{"": new - old}], [1.0])
+    gain, *gain_interval = mean_interval(new - old)
     write_json(folder / "best.json", {name: tuned})
     rows = [
         {"trial": trial.number, "score": trial.value, "state": trial.state.name.lower()}
@@ -287,7 +283,7 @@ def _result(
             "episodes": len(new),
             "before": float(old.mean()),
             "best": float(new.mean()),
-            "gain": gain.value,
-            "gain_interval": gain.interval,
+            "gain": gain,
+            "gain_interval": gain_interval,
         },
     }

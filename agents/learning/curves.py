@@ -97,7 +97,7 @@ def write_sweep(key: str, runs: Sequence[tuple[str, Path]], out: Path) -> str:
     import matplotlib as mpl
 
     from agents.evaluation.figures import LOOK, as_svg
-    from agents.evaluation.metrics import share
+    from agents.evaluation.statistics import share
     from agents.learning.run import POLICY
     from agents.learning.weights import load_weights
 

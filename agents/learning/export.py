@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.evaluation.pages import templates
 from agents.evaluation.provenance import write_json
+from agents.evaluation.tables import templates
 from agents.learning.features import (
     GOAL_PROXIMITY_WEIGHT,
     GOAL_RANGE,

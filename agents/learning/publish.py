@@ -9,8 +9,8 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from agents.evaluation.pages import templates
 from agents.evaluation.provenance import without_outputs, write_text
+from agents.evaluation.tables import templates
 from agents.learning.curves import read_curve
 from agents.learning.run import POLICY
 from agents.learning.weights import Weights, load_weights, save_weights

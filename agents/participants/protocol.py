@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Any, Literal, NamedTuple
 
 from agents.assistance import make_assistant
@@ -171,10 +171,7 @@ class Protocol:
         for condition in self.conditions:
             make_assistant(condition.assist)
         for task in (*self.practice, *self.tasks):
-            bare = without_labels(task.scene)
-            make_scene(
-                {k: v for k, v in bare.items() if k != "env"} if isinstance(bare, Mapping) else bare
-            )
+            make_scene(without_labels(task.scene))
 
     def conditions_of(self, participant: int) -> tuple[Condition, ...]:
         """The conditions in the order of a participant (a number from 1)."""

@@ -12,13 +12,12 @@ import numpy as np
 
 from agents.evaluation.assisted import MEASURES
 from agents.evaluation.metrics import Record
-from agents.evaluation.pages import write_page
 from agents.evaluation.provenance import provenance
 from agents.evaluation.report import COLUMN_OF
-from agents.evaluation.tables import Column, Table, make_table
+from agents.evaluation.statistics import holm, median_interval, wilcoxon_p
+from agents.evaluation.tables import Table, columns_of, make_table, write_page
 from agents.participants.protocol import NASA_TLX, Protocol
 from agents.participants.session import DATA, read_folder, tidy, write_data
-from agents.studies.evidence import median_interval, wilcoxon_p
 from wheelchair_gym.config import InputError
 
 DRIVE_MEASURES = (
@@ -27,21 +26,6 @@ DRIVE_MEASURES = (
 ONLY_OF_SUCCESSES = ("time", "length")
 TOTAL = "total"  # of NASA-TLX: the mean of its scales
 PAGE = "report.html"
-
-_MEANS = (
-    Column("measure", "measure", None), Column("condition", "condition", None),
-    Column("participants", "participants", digits=0), Column("mean", "mean", digits=".4g"),
-    Column("sd", "SD", digits=".3g", meaning="standard deviation between participants"),
-)  # fmt: skip
-_TESTS = (
-    Column("measure", "measure", None), Column("pair", "difference", None),
-    Column("participants", "participants", digits=0),
-    Column("median", "median", digits=".3g", meaning="of the participants' differences"),
-    Column("low", "from", digits=".3g", meaning="beginning of its 95 % interval"),
-    Column("high", "to", digits=".3g", meaning="end of the interval"),
-    Column("p", "p", digits=".2g", meaning="Wilcoxon's signed-rank test, two-sided"),
-    Column("p_holm", "p (Holm)", digits=".2g", meaning="adjusted for the pairs of one measure"),
-)  # fmt: skip
 
 
 def _with_totals(rows: Sequence[Record]) -> list[Record]:
@@ -88,15 +72,6 @@ def _differences(a: Mapping[tuple[int, str], float], b: Mapping[tuple[int, str],
     return np.array(_means_of(both))
 
 
-def _holm(p: Sequence[float]) -> list[float]:
-    """Holm's adjusted p values (Holm 1979)."""
-    adjusted, most = [0.0] * len(p), 0.0
-    for rank, k in enumerate(np.argsort(p)):
-        most = max(most, min(1.0, (len(p) - rank) * p[k]))
-        adjusted[int(k)] = most
-    return adjusted
-
-
 def _names(protocol: Protocol, source: str) -> dict[str, tuple[str, float]]:
     """The measures of a source: what each is called, and what its values are multiplied by."""
     if source == "drive":
@@ -138,12 +113,13 @@ def _tables(
                 group.append({"measure": title, "pair": f"{b} - {a}", "participants": len(off),
                               "median": median, "low": low, "high": high,
                               "p": wilcoxon_p(off)})  # fmt: skip
-        for row, p in zip(group, _holm([float(row["p"]) for row in group]), strict=True):
+        for row, p in zip(group, holm([float(row["p"]) for row in group]), strict=True):
             row["p_holm"] = p
         tests.append(group)
     what = "Drives" if source == "drive" else source
-    return [make_table(f"{what}: conditions", _MEANS, means),
-            make_table(f"{what}: differences within participants", _TESTS, tests)]  # fmt: skip
+    columns = columns_of("differences")
+    return [make_table(f"{what}: conditions", columns_of("conditions"), means),
+            make_table(f"{what}: differences within participants", columns, tests)]  # fmt: skip
 
 
 def tables(protocol: Protocol, rows: Sequence[Record]) -> list[Table]:

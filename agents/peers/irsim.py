@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from agents.evaluation.pages import templates
+from agents.evaluation.tables import templates
 from wheelchair_gym.envs import EnvSettings
 from wheelchair_gym.types import Episode
 

@@ -23,9 +23,9 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
+from agents.evaluation.statistics import median_interval
 from agents.person.fit_tremor import TICK, TREMOR, FittedSetting, estimate, fit_tremor
 from agents.person.recorded_stick import StickSession
-from agents.studies.evidence import median_interval
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.config import InputError, dump

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.evaluation.assisted import ACTIVE, StickTrace
+from agents.evaluation.assisted import ACTIVE, StickTrace, angles_between
 from agents.policies import GymPolicy, make_policy
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import InputError
@@ -78,10 +78,8 @@ def _differences(answers: list[tuple[Array, Array]], period: float) -> dict[str,
     """Figures of two assistants' answers (n, 2) to the same sticks, in full speeds."""
     ours, others = np.array(answers).reshape(-1, 2, 2).transpose(1, 0, 2)
     off = np.hypot(*(others - ours).T)
-    active = (np.hypot(*ours.T) > ACTIVE) | (np.hypot(*others.T) > ACTIVE)
-    both = (np.hypot(*ours.T) > ACTIVE) & (np.hypot(*others.T) > ACTIVE)
-    turn = np.arctan2(*others.T[::-1]) - np.arctan2(*ours.T[::-1])
-    angles = np.abs(np.remainder(turn + math.pi, 2 * math.pi) - math.pi)[both]
+    moves = np.hypot(*ours.T) > ACTIVE, np.hypot(*others.T) > ACTIVE
+    active, angles = moves[0] | moves[1], angles_between(ours, others)[moves[0] & moves[1]]
     edges = np.flatnonzero(np.diff(np.concatenate(([0], off > ACTIVE, [0]))))
     spans = edges.reshape(-1, 2)
     longest = spans[np.argmax(spans[:, 1] - spans[:, 0])] * period if len(spans) else None

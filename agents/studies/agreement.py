@@ -13,7 +13,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from scipy import stats
 
-from agents.studies.evidence import Estimate
+from agents.evaluation.statistics import Estimate
 from agents.studies.model import RATIO, Results
 from wheelchair_gym.arrays import Array
 

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from agents.evaluation.statistics import Sample
 from agents.studies import agreement, evidence
-from agents.studies.evidence import Evidence, Sample
+from agents.studies.evidence import Evidence
 
 if TYPE_CHECKING:
     from agents.studies.model import Metric, Results, Row, Study

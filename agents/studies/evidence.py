@@ -1,16 +1,15 @@
 """Statistical tests of claims: effects with intervals, and p-values for and against a claim.
 
-A sample has strata (a map, a goal): {stratum: values (n,)}. Strata are fixed and runs are random:
-means are over strata with equal weights. Rows of a study whose runs share their seeds are compared
-run by run. A claim is tested twice, for confirmation and for refutation; if neither test is
-significant, it cannot be decided. A claim of 'no effect' is confirmed by equivalence: the effect
-lies within a margin (two one-sided tests, Schuirmann 1987).
+Rows of a study whose runs share their seeds are compared run by run. A claim is tested twice, for
+confirmation and for refutation; if neither test is significant, it cannot be decided. A claim of
+'no effect' is confirmed by equivalence: the effect lies within a margin (two one-sided tests,
+Schuirmann 1987).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
@@ -18,71 +17,15 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from agents.evaluation.metrics import wilson
+from agents.evaluation.statistics import (
+    Estimate,
+    Sample,
+    estimate,
+    median_interval,
+    wilcoxon_p,
+    wilson,
+)
 from wheelchair_gym.arrays import Array
-
-Sample = Mapping[str, Array]  # by stratum, such as a map: values (n,)
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """A sum of means with its standard error and degrees of freedom (Welch and Satterthwaite)."""
-
-    value: float
-    error: float
-    freedom: float
-
-    def p_above(self, least: float = 0.0) -> float:
-        """One-sided p-value of 'the true value is above'."""
-        gap = self.value - least
-        if not math.isfinite(gap):
-            return 1.0
-        if self.error == 0.0:  # a deterministic method
-            return 0.0 if gap > 0.0 else 1.0
-        return float(stats.t.sf(gap / self.error, self.freedom))
-
-    def p_below(self, most: float = 0.0) -> float:
-        """One-sided p-value of 'the true value is below'."""
-        return Estimate(-self.value, self.error, self.freedom).p_above(-most)
-
-    @property
-    def interval(self) -> tuple[float, float]:
-        """95 %, two-sided."""
-        quantile = float(stats.t.ppf(0.975, self.freedom)) if self.error > 0.0 else 0.0
-        return self.value - quantile * self.error, self.value + quantile * self.error
-
-
-def estimate(samples: Sequence[Sample], weights: Sequence[float], paired: bool = False) -> Estimate:
-    """The weighted sum of samples' means; NaN where a stratum has fewer than two values.
-
-    Paired samples have the same runs in the same order, NaN where a run has no value: the sum is
-    that of each run, so that what runs share cancels.
-    """
-    if paired:
-        samples, weights = [_sums(samples, weights)], [1.0]
-    value, parts = 0.0, []
-    for sample, weight in zip(samples, weights, strict=True):
-        for values in sample.values():
-            n = len(values)
-            if n < 2:
-                return Estimate(math.nan, math.nan, math.nan)
-            share = weight / len(sample)
-            value += share * float(np.mean(values))
-            parts.append((share**2 * float(np.var(values, ddof=1)) / n, n - 1))
-    square = sum(part for part, _ in parts)
-    below = sum(part**2 / n for part, n in parts)
-    freedom = square**2 / below if below > 0.0 else math.inf
-    return Estimate(value, math.sqrt(square), freedom)
-
-
-def _sums(samples: Sequence[Sample], weights: Sequence[float]) -> dict[str, Array]:
-    """The weighted sum of paired samples, of the runs that have all values."""
-    found = {}
-    for stratum in samples[0]:
-        sums = np.tensordot(weights, [sample[stratum] for sample in samples], 1)
-        found[stratum] = sums[np.isfinite(sums)]
-    return found
-
 
 LEVEL = 0.05  # of all claims together
 
@@ -310,25 +253,6 @@ def paired_below(a: Array, b: Array, negligible: float, text: str, sign: float =
     effect, low, high = (100.0 * v / scale for v in median_interval(a - b))
     both = _directional_p(sign * (p_high - p_low) > 0.0, p, none)
     return Evidence(*both, effect, low, high, "%", "Wilcoxon, paired", text)
-
-
-def wilcoxon_p(values: Array, alternative: str = "two-sided") -> float:
-    """The p value of Wilcoxon's signed-rank test of differences; 1 where all are 0."""
-    if not np.any(values):
-        return 1.0
-    return float(stats.wilcoxon(values, alternative=alternative).pvalue)
-
-
-def median_interval(values: Array) -> tuple[float, float, float]:
-    """Return a median and its 95 % interval: the k-th smallest and k-th largest of n values.
-
-    The number of values below the true median is binomial (n, 1/2). For fewer than six values no k
-    gives 95 %, and the ends are NaN.
-    """
-    ordered, n = np.sort(values), len(values)
-    k = int(stats.binom.ppf(0.025, n, 0.5))
-    low, high = (ordered[k - 1], ordered[n - k]) if k else (math.nan, math.nan)
-    return float(np.median(ordered)), float(low), float(high)
 
 
 SPREAD_MARGIN = 0.05  # part of a scatter that counts as none

@@ -19,12 +19,13 @@ from scipy.interpolate import CubicSpline
 
 from agents.evaluation.metrics import printed_turning, turning
 from agents.evaluation.runs import Record
+from agents.evaluation.tables import json_value
 from agents.studies.model import SEED_STRIDE
 from planners import Problem, Space, make_planner
 from planners.problem import Plan, Status
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import InputError, load
-from wheelchair_gym.geometry import path_length, polygon_edges, to_world
+from wheelchair_gym.geometry import path_length, polygon_edges, to_world, wrap_angle
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.scenes.published import (
     CHAOTIC_PSO_DISCS,
@@ -119,7 +120,7 @@ def measure(job: Job) -> Record:
         run(job, 0)
         _compiled.add(needed)
     record = run(job, int(job["seed"]))
-    return {key: _plain(value) for key, value in record.items()}
+    return {key: json_value(value) for key, value in record.items()}
 
 
 _compiled: set[str] = set()
@@ -133,11 +134,6 @@ def kernel_key(job: Job) -> str:
     return json.dumps(
         [job["kind"], planner.get("name"), name, job.get("scene"), job.get("lab"), job.get("goal")]
     )
-
-
-def _plain(value: Any) -> Any:
-    """A value for JSON, which has no infinity."""
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _timed_plan(job: Job, problem: Problem, seed: int) -> tuple[Plan, Record]:
@@ -254,7 +250,7 @@ def peak_curvature(line: Array) -> float:
     length = np.hypot(*steps.T)
     steps, length = steps[length > 1e-9], length[length > 1e-9]
     angle = np.arctan2(steps[:, 1], steps[:, 0])
-    turn = np.abs((np.diff(angle) + math.pi) % (2.0 * math.pi) - math.pi)
+    turn = np.abs(wrap_angle(np.diff(angle)))
     return float((turn / (0.5 * (length[1:] + length[:-1]))).max(initial=0.0))
 
 

@@ -13,8 +13,16 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from agents.evaluation.figures import COLOURS, DASHES, MARKS, legend_above, new_axes, new_panels
-from agents.studies.evidence import estimate
+from agents.evaluation.figures import (
+    COLOURS,
+    DASHES,
+    MARKS,
+    error_bars,
+    legend_above,
+    new_axes,
+    new_panels,
+)
+from agents.evaluation.statistics import estimate, wilson
 from agents.studies.model import LENGTH, NODES, RATIO, Metric, Results, Row
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.rendering import palette
@@ -29,17 +37,6 @@ def mean_interval(r: Results, row: str, metric: Metric) -> tuple[float, float, f
         return math.nan, math.nan, math.nan
     found = estimate([sample], [1.0])
     return found.value, *found.interval
-
-
-def error_bars(
-    axes: Axes, x: Any, found: Sequence[tuple[float, float, float]], k: int, label: str,
-    line: str = "-",
-) -> None:  # fmt: skip
-    """Draw means with their intervals, as one line where `line` is not empty."""
-    mean, low, high = (np.array(v) for v in zip(*found, strict=True))
-    error = np.nan_to_num([np.maximum(mean - low, 0.0), np.maximum(high - mean, 0.0)])
-    axes.errorbar(x, mean, yerr=error, fmt=MARKS[k % 8] + line, color=COLOURS[k % 8],
-                  markersize=4 if line else 5, capsize=2.5, linewidth=1.3, label=label)  # fmt: skip
 
 
 def mean_bars(
@@ -117,8 +114,6 @@ def _smoothed_paths() -> Figure:
 
 def ladder_figures(r: Results) -> Figures:
     """T2: lengths and times on the labs, and how often each method solves as clutter grows."""
-    from agents.evaluation.metrics import wilson
-
     methods = list(dict.fromkeys(row.series.partition(",")[0] for row in r.study.rows))
     figure, panels = new_panels(4.0, 2)
     for axes, metric in zip(panels, r.study.metrics[:2], strict=True):
@@ -136,7 +131,7 @@ def ladder_figures(r: Results) -> Figures:
             hits, runs = r.solved(row.label)
             low, high = wilson(hits, runs)
             found.append((100.0 * hits / max(runs, 1), 100.0 * low, 100.0 * high))
-        error_bars(plot, [row.x for row in rows], found, k, method)
+        error_bars(plot, [row.x for row in rows], found, k, method, "-")
     plot.set(xlabel="boxes in a room of 7 m x 5 m", ylabel="solved [%]", ylim=(-3, 103))
     legend_above(rungs, plot)
     return {"labs": figure, "ladder": rungs, "paths": _lab_paths(r, methods[:3])}
@@ -219,7 +214,7 @@ def map_figures(r: Results, rows: Sequence[str], best: str, scene: str) -> Figur
     for k, row in enumerate([*rows, best]):
         ones = [estimate([{s: v}], [1.0]) for s, v in r.sample(row, LENGTH).items()]
         x = np.arange(len(strata)) + (k - 1.5) * 0.12
-        error_bars(axes, x, [(one.value, *one.interval) for one in ones], k, row, "")
+        error_bars(axes, x, [(one.value, *one.interval) for one in ones], k, row)
     axes.set_xticks(range(len(strata)), [f"map {s[-1]}" for s in strata])
     axes.set_ylabel(LENGTH.heading)
     legend_above(figure, axes)
@@ -376,7 +371,8 @@ def gain_figure(rows: Sequence[Mapping[str, Any]]) -> Figure:
     for name, axes in zip(best, panels, strict=True):
         for k, of in enumerate(series):
             line = [row for row in rows if row["series"] == of]
-            error_bars(axes, [row["x"] for row in line], [row["gain"][name] for row in line], k, of)
+            gains_at = [row["gain"][name] for row in line]
+            error_bars(axes, [row["x"] for row in line], gains_at, k, of, "-")
         axes.axhline(best[name][0], color=_GREY, linestyle=":", label="shortest path")
         axes.set(
             title=name.replace("thesis_", "map "), xscale="log", ylabel="length [%]", ylim=(-23, 8)

@@ -7,8 +7,16 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from agents.evaluation.pages import Figures, write_page
-from agents.evaluation.tables import Cell, Column, Table, exists
+from agents.evaluation.tables import (
+    Cell,
+    Column,
+    Figures,
+    Table,
+    columns_of,
+    exists,
+    make_table,
+    write_page,
+)
 from agents.studies.evidence import LEVEL, ClaimVerdict
 
 Chapter = Mapping[str, Any]
@@ -92,19 +100,8 @@ def _contents(chapters: Sequence[Chapter]) -> Table:
 
 def _fits(readings: Sequence[Mapping[str, Any]]) -> Table:
     """The readings of an algorithm, by how well they predict the printed lengths."""
-    columns = [
-        Column("reading", "reading", None),
-        Column("correlation", "correlation", "", 2, interval=True),
-        Column("r2", "R2", "", 2, interval=True),
-        Column("rms", "RMS residual", "m", 2, interval=True),
-        Column("length", "RRT*'s length that is implied", "m", 2, interval=True),
-        Column("odd", "correlation, maps 1, 3, 5", "", 2),
-        Column("even", "correlation, maps 2, 4", "", 2),
-        Column("without", "correlation without table 3.7", "", 2),
-    ]
-    rows = [[column.cell(row) for column in columns] for row in readings]
     caption = f"{readings[0]['rows']} printed mean lengths; intervals by bootstrap over them"
-    return Table(caption, columns, [rows])
+    return make_table(caption, columns_of("readings"), [readings])
 
 
 def _table(chapter: Chapter) -> Table:

@@ -11,10 +11,10 @@ import matplotlib as mpl
 import numpy as np
 
 from agents.evaluation.figures import LOOK, as_svg
-from agents.evaluation.metrics import wilson
 from agents.evaluation.provenance import command_line, now, provenance, write_json, write_text
 from agents.evaluation.runs import compute, run_key, source_digest
-from agents.evaluation.tables import csv_table
+from agents.evaluation.statistics import wilson
+from agents.evaluation.tables import csv_table, json_value
 from agents.studies.agreement import agreement
 from agents.studies.evidence import LEVEL, no_evidence
 from agents.studies.experiments import kernel_key, measure
@@ -162,10 +162,6 @@ def _write_figures(study: Study, results: Results, folder: Path) -> dict[str, tu
     return found
 
 
-def _plain(value: float | None) -> float | None:
-    return float(value) if value is not None and np.isfinite(value) else None
-
-
 def cell_figures(results: Results, row: Row, metric: Metric) -> dict[str, Any]:
     """One cell: mean with its 95 % interval, runs, the published value and the ratio to it."""
     values = results.pooled(row.label, metric)
@@ -179,12 +175,12 @@ def cell_figures(results: Results, row: Row, metric: Metric) -> dict[str, Any]:
         mean = low = high = float(values.mean()) if len(values) else np.nan
     given = row.published.get(metric.key)
     return {
-        "mean": _plain(mean),
-        "low": _plain(low),
-        "high": _plain(high),
+        "mean": json_value(mean),
+        "low": json_value(low),
+        "high": json_value(high),
         "runs": len(values),
         "published": given,
-        "ratio": _plain(mean / given) if given else None,
+        "ratio": json_value(mean / given) if given else None,
     }
 
 
@@ -207,8 +203,8 @@ def summary(study: Study, results: Results, runs: int) -> dict[str, Any]:
             "claim": claim.text,
             "source": claim.source,
             "reading": claim.reading or study.reading,
-            "printed": _plain(100.0 * claim.printed_effect(study)),
-            **{key: _plain(getattr(evidence, key)) for key in ("effect", "low", "high")},
+            "printed": json_value(100.0 * claim.printed_effect(study)),
+            **{key: json_value(getattr(evidence, key)) for key in ("effect", "low", "high")},
             "unit": evidence.unit,
             "margin": None if margin is None else 100.0 * margin,
             "verdict": str(evidence.verdict(CLAIMS)),

@@ -45,7 +45,7 @@ def places(own_map: Mapping[str, Any] | None = None) -> dict[str, Place]:
         own_map: settings of the scene `map_file`, with a label.
     """
     from agents.evaluation.compare import SUITES
-    from agents.evaluation.evaluate import label, without_labels
+    from agents.evaluation.evaluate import episode_env, label, without_labels
 
     plain = {"pose_source": "modelled"}
     found: dict[str, Place] = {}
@@ -62,12 +62,9 @@ def places(own_map: Mapping[str, Any] | None = None) -> dict[str, Place]:
             found[f"twin:{key}"] = place._replace(group="twin", env=measured, twin=True)
     for name, suite in SUITES.items():
         for k, scene in enumerate(suite.scenes):
-            its = dict(scene.get("env", {})) if isinstance(scene, Mapping) else {}
-            bare = without_labels(scene)
-            if isinstance(bare, Mapping):
-                bare = {key: value for key, value in bare.items() if key != "env"}
+            env = episode_env(scene, suite.env)
             found[f"suite:{name}:{k}"] = Place(
-                "suite", f"{name}: {label(scene)}", bare, {**suite.env, **its}, timed=True
+                "suite", f"{name}: {label(scene)}", without_labels(scene), env, timed=True
             )
     return found
 

@@ -13,7 +13,7 @@ from agents.evaluation.compare import RESULTS
 from agents.evaluation.evaluate import drive_episode, env_settings, label, make_env, without_labels
 from agents.policies import make_policy
 from agents.studio.catalogue import Place
-from agents.studio.messages import Fields, Message, Number, OneOf, Outbox, PageSession, Text
+from agents.studio.messages import Fields, Message, Outbox, PageSession, entry, number, one_of, text
 from agents.studio.tracks import Track, recorded_track
 from wheelchair_gym.config import InputError
 from wheelchair_gym.drivers import DRIVERS
@@ -30,14 +30,14 @@ _MOST_SEEN: Final = 20_000  # files that are looked at for them
 _SIDES: Final = ("left", "right")
 FIELDS: Final[Fields] = {
     "pair": {
-        "place": Text(), "seed": Number(0, 2**31, whole=True), "driver": Text(), "left": Text(),
-        "right": Text(),
+        "place": text(), "seed": number(0, 2**31, whole=True), "driver": text(), "left": text(),
+        "right": text(),
     },
-    "open": {"side": OneOf(_SIDES), "name": Text(400), "episode": Number(0, 1e6, whole=True)},
-    "choose": {"run": Text(400)},
+    "open": {"side": one_of(_SIDES), "name": text(400), "episode": number(0, 1e6, whole=True)},
+    "choose": {"run": text(400)},
     "run": {
-        "run": Text(400), "scene": Text(), "seed": Number(0, 2**40, whole=True), "left": Text(),
-        "right": Text(),
+        "run": text(400), "scene": text(), "seed": number(0, 2**40, whole=True), "left": text(),
+        "right": text(),
     },
 }  # fmt: skip
 
@@ -64,14 +64,12 @@ class CompareSession(PageSession):
 
     def on_pair(self, message: Message) -> None:
         """Let two policies drive, or a simulated person with two assistants."""
-        place = self._places.get(message["place"])
-        if place is None:
-            raise InputError(f"pair.place is {message['place']!r}; expected one of the list")
+        place = entry(self._places, message["place"], "pair.place")
         driver = message["driver"]
-        OneOf((NOBODY, *DRIVERS.built_in)).check(driver, "pair.driver")
+        one_of((NOBODY, *DRIVERS.built_in)).check(driver, "pair.driver")
         known = POLICIES if driver == NOBODY else (*ASSISTANTS,)
         for side in _SIDES:
-            OneOf(known).check(message[side], f"pair.{side}")
+            one_of(known).check(message[side], f"pair.{side}")
         for side in _SIDES:
             name, env = message[side], {"shield": True, **place.env}
             policy: Any = name
@@ -94,9 +92,7 @@ class CompareSession(PageSession):
     def on_open(self, message: Message) -> None:
         """Show a recording on one side."""
         name = message["name"]
-        if name not in self._recordings:
-            raise InputError(f"open.name is {name!r}; expected one of the list")
-        path = self._recordings[name]
+        path = entry(self._recordings, name, "open.name")
         self._out.send("driving", side=message["side"], name=name)
         found = recorded_track(path, message["episode"], name, self._closing.is_set)
         self._out.send("track", side=message["side"], **found)
@@ -128,9 +124,7 @@ class CompareSession(PageSession):
         Raises:
             InputError: there is no such folder, or its file is broken.
         """
-        if name not in self._runs:
-            raise InputError(f"run is {name!r}; expected one of the list")
-        results = read_json(self._runs[name])
+        results = read_json(entry(self._runs, name, "run"))
         try:
             config = results["provenance"]["config"]
             fine = all(key in config for key in ("policies", "scenes", "env"))

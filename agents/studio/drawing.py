@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
+import shapely
 
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import InputError
@@ -52,22 +53,13 @@ def drawn(grid: OccupancyGrid, shapes: list[list[float]]) -> OccupancyGrid:
         rows, cols = np.indices(part.shape)
         centres = np.stack([cols, rows], axis=-1) + low + 0.5
         if width:
-            within = _distance(centres, a, b) <= 0.5 * width + 1e-9
+            line = shapely.LineString([a, b])
+            within = shapely.distance(shapely.points(centres), line) <= 0.5 * width + 1e-9
         else:
             within = (centres >= np.minimum(a, b)) & (centres <= np.maximum(a, b))
             within = within.all(axis=-1)
         part[within] = OCCUPIED if name in ("wall", "furniture") else FREE
     return OccupancyGrid(cells, grid.resolution, grid.origin)
-
-
-def _distance(points: Array, a: Array, b: Array) -> Array:
-    """Distances (...) of points (..., 2) from a segment."""
-    along = b - a
-    size = max(float(along @ along), 1e-12)
-    share = np.clip((points - a) @ along / size, 0.0, 1.0)
-    away = points - a - share[..., None] * along
-    distances: Array = np.hypot(away[..., 0], away[..., 1])
-    return distances
 
 
 def loaded(path: Path, resolution: float) -> OccupancyGrid:

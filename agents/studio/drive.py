@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from agents.assistance import is_shielded, make_assistant
 from agents.assistance.assistant import AssistMission
+from agents.evaluation.metrics import outcome_of
 from agents.evaluation.shortest import Shortest, shortest_path
 from agents.studio.catalogue import ANY_TIME, NO_HAND, NO_SIGHT, Place
 from wheelchair_gym.config import InputError, dump
@@ -331,15 +332,6 @@ def world_of(world: Any) -> dict[str, Any]:
         "path": world.shown.path, "limits": [limits.forward, limits.backward, limits.turn],
         "shielded": bool(world.task.is_shielded),
     }  # fmt: skip
-
-
-def outcome_of(info: Any, contact: bool, truncated: bool) -> str:
-    """How an episode that is over ended, in the words of `compare`."""
-    if contact:
-        return "collision"
-    if info["is_success"]:
-        return "success"
-    return "timeout" if truncated else "missed"
 
 
 def _millimetres(ranges: NDArray[np.float32]) -> bytes:

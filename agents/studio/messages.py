@@ -13,8 +13,8 @@ import math
 import queue
 import threading
 from collections import deque
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -23,118 +23,100 @@ from wheelchair_gym.errors import shorten
 from wheelchair_gym.files import parse_json
 
 Message = dict[str, Any]
+Entry = TypeVar("Entry")
 _LOG = logging.getLogger(__name__)
 IDLE = 0.1  # s between two looks whether a page is closed
 _WAITING = 500  # messages that may wait for a page that does not take them; then it is cut off
 
 
-class Number(NamedTuple):
-    """A finite number within bounds."""
+class Field(NamedTuple):
+    """What a field of a message may hold: a test, what it asks for in words, and a conversion."""
 
-    low: float
-    high: float
-    whole: bool = False
+    fits: Callable[[Any], bool]
+    expected: str
+    read: Callable[[Any], Any] = lambda value: value
 
     def check(self, value: Any, where: str) -> Any:
-        """The value.
+        """Return the value, converted.
 
         Raises:
-            InputError: it is none.
+            InputError: it does not fit.
         """
-        fine = isinstance(value, int if self.whole else int | float) and not isinstance(value, bool)
-        if not (fine and math.isfinite(value) and self.low <= value <= self.high):
-            what = "a whole number" if self.whole else "a number"
-            raise InputError(
-                f"{where} is {shorten(value)}; expected {what} from {self.low:g} to {self.high:g}"
-            )
-        return value if self.whole else float(value)
+        if not self.fits(value):
+            raise InputError(f"{where} is {shorten(value)}; expected {self.expected}")
+        return self.read(value)
 
 
-class Text(NamedTuple):
-    """A text of limited length."""
-
-    longest: int = 200
-
-    def check(self, value: Any, where: str) -> Any:
-        """See `Number.check`."""
-        if not isinstance(value, str) or len(value) > self.longest:
-            raise InputError(
-                f"{where} is {shorten(value)}; expected a text of {self.longest} characters at most"
-            )
-        return value
+def _is_number(value: Any, low: float, high: float, whole: bool = False) -> bool:
+    fine = isinstance(value, int if whole else int | float) and not isinstance(value, bool)
+    return fine and low <= value <= high
 
 
-class OneOf(NamedTuple):
-    """One of some texts."""
-
-    known: tuple[str, ...]
-
-    def check(self, value: Any, where: str) -> Any:
-        """See `Number.check`."""
-        if value not in self.known:
-            raise InputError(f"{where} is {shorten(value)}; expected {', '.join(self.known)}")
-        return value
+def number(low: float, high: float, whole: bool = False) -> Field:
+    """Accept a number within finite bounds."""
+    expected = f"a {'whole ' if whole else ''}number from {low:g} to {high:g}"
+    return Field(lambda x: _is_number(x, low, high, whole), expected, int if whole else float)
 
 
-class Flag(NamedTuple):
-    """True or false."""
-
-    def check(self, value: Any, where: str) -> Any:
-        """See `Number.check`."""
-        if not isinstance(value, bool):
-            raise InputError(f"{where} is {shorten(value)}; expected true or false")
-        return value
+def text(longest: int = 200) -> Field:
+    """Accept a text of limited length."""
+    expected = f"a text of {longest} characters at most"
+    return Field(lambda x: isinstance(x, str) and len(x) <= longest, expected)
 
 
-class Points(NamedTuple):
-    """A list of lists of so many finite numbers, as points, poses or segments."""
-
-    width: int
-    most: int
-    far: float = 1e4
-
-    def check(self, value: Any, where: str) -> Any:
-        """See `Number.check`."""
-        fine = isinstance(value, list) and len(value) <= self.most
-        for row in value if fine else ():
-            fine = fine and isinstance(row, list) and len(row) == self.width
-            for x in row if fine else ():
-                fine = fine and isinstance(x, int | float) and not isinstance(x, bool)
-                fine = fine and math.isfinite(x) and abs(x) <= self.far
-        if not fine:
-            raise InputError(
-                f"{where}: expected at most {self.most} rows of {self.width} numbers up to "
-                f"{self.far:g}"
-            )
-        return [[float(x) for x in row] for row in value]
+def one_of(known: Iterable[str]) -> Field:
+    """Accept one of some texts."""
+    texts = tuple(known)
+    return Field(lambda x: x in texts, ", ".join(texts))
 
 
-class Whole(NamedTuple):
-    """A list of at most so many whole numbers."""
-
-    most: int
-
-    def check(self, value: Any, where: str) -> Any:
-        """See `Number.check`."""
-        fine = isinstance(value, list) and len(value) <= self.most
-        if not fine or not all(isinstance(x, int) and not isinstance(x, bool) for x in value):
-            raise InputError(f"{where}: expected at most {self.most} whole numbers")
-        return value
+def _list(most: int, item: Callable[[Any], bool], of: str, read: Any = list) -> Field:
+    """Accept a list of a limited number of items."""
+    return Field(
+        lambda x: isinstance(x, list) and len(x) <= most and all(map(item, x)),
+        f"at most {most} {of}", read,
+    )  # fmt: skip
 
 
-class Names(NamedTuple):
-    """A list of some of the known texts, each once, one at least."""
+def points(width: int, most: int, far: float = 1e4) -> Field:
+    """Accept a list of rows of numbers, such as points, poses or segments."""
 
-    known: tuple[str, ...]
+    def fits(row: Any) -> bool:
+        fine = isinstance(row, list) and len(row) == width
+        return fine and all(_is_number(x, -far, far) for x in row)
 
-    def check(self, value: Any, where: str) -> Any:
-        """See `Number.check`."""
-        if not isinstance(value, list) or not 0 < len(value) <= len(self.known):
-            raise InputError(f"{where} is {shorten(value)}; expected a list of names")
-        return [OneOf(self.known).check(one, where) for one in value]
+    of = f"rows of {width} numbers up to {far:g}"
+    return _list(most, fits, of, lambda rows: [list(map(float, row)) for row in rows])
 
 
-Fields = Mapping[str, Mapping[str, Any]]
+def whole_numbers(most: int) -> Field:
+    """Accept a list of whole numbers."""
+    return _list(most, lambda x: _is_number(x, -math.inf, math.inf, True), "whole numbers")
+
+
+def names(known: Iterable[str]) -> Field:
+    """Accept a list of known texts, one at least."""
+    texts = tuple(known)
+    of = f"names, one at least, of {', '.join(texts)}"
+    found = _list(len(texts), texts.__contains__, of)
+    return found._replace(fits=lambda x: bool(x) and found.fits(x))
+
+
+FLAG = Field(lambda x: isinstance(x, bool), "true or false")
+
+
+def entry(table: Mapping[str, Entry], name: str, where: str) -> Entry:
+    """Return the entry of a name in a table whose names the page was sent.
+
+    Raises:
+        InputError: there is none.
+    """
+    if name not in table:
+        raise InputError(f"{where} is {name!r}; expected one of the list")
+    return table[name]
+
+
+Fields = Mapping[str, Mapping[str, Field]]
 
 
 def read_message(text: str, fields: Fields) -> Message:
@@ -142,7 +124,7 @@ def read_message(text: str, fields: Fields) -> Message:
 
     Args:
         text: that the page sent.
-        fields: what each type holds, by name: something with `check`.
+        fields: what each type holds, by name.
 
     Raises:
         InputError: it is no JSON object, or its type or a field is not in the table.

@@ -13,13 +13,14 @@ from agents.studio.drawing import SHAPES, UPLOADS, blank, drawn, loaded, save_ma
 from agents.studio.messages import (
     Fields,
     Message,
-    Names,
-    Number,
-    OneOf,
     Outbox,
     PageSession,
-    Points,
-    Text,
+    entry,
+    names,
+    number,
+    one_of,
+    points,
+    text,
 )
 from agents.studio.planning import answer, frames_of, problem_of
 from planners import Plan, Problem
@@ -30,22 +31,22 @@ from wheelchair_gym.maps import OccupancyGrid
 
 _MOST_SHAPES: Final = 500
 _NAME: Final = re.compile(r"\w[\w-]{0,59}")
-_PLACE: Final = Points(2, 1)
-_CLEARANCE: Final = Number(0.0, 2.0)
-_SEED: Final = Number(0, 2**31, whole=True)
+_PLACE: Final = points(2, 1)
+_CLEARANCE: Final = number(0.0, 2.0)
+_SEED: Final = number(0, 2**31, whole=True)
 FIRST: Final = ("visibility", "a_star", "rrt_star", "rrt_star_woa_global", "swarm", "lattice")
 FIELDS: Final[Fields] = {
-    "blank": {"width": Number(1.0, 50.0), "height": Number(1.0, 50.0)},
-    "place": {"place": Text(), "seed": _SEED},
-    "load": {"name": Text(), "resolution": Number(0.001, 1.0)},
-    "draw": {"shapes": Points(5, _MOST_SHAPES)},
+    "blank": {"width": number(1.0, 50.0), "height": number(1.0, 50.0)},
+    "place": {"place": text(), "seed": _SEED},
+    "load": {"name": text(), "resolution": number(0.001, 1.0)},
+    "draw": {"shapes": points(5, _MOST_SHAPES)},
     "plan": {
-        "planners": Names((*PLANNERS.built_in,)), "start": _PLACE, "goal": _PLACE,
-        "clearance": _CLEARANCE, "deadline": Number(0.01, 10.0), "seed": _SEED,
+        "planners": names(PLANNERS.built_in), "start": _PLACE, "goal": _PLACE,
+        "clearance": _CLEARANCE, "deadline": number(0.01, 10.0), "seed": _SEED,
     },
-    "growth": {"planner": OneOf((*PLANNERS.built_in,))},
+    "growth": {"planner": one_of(PLANNERS.built_in)},
     "save": {
-        "what": OneOf(("map", "problem")), "name": Text(60), "start": _PLACE, "goal": _PLACE
+        "what": one_of(("map", "problem")), "name": text(60), "start": _PLACE, "goal": _PLACE
     },
 }  # fmt: skip
 
@@ -91,9 +92,7 @@ class PlanSession(PageSession):
 
     def on_place(self, message: Message) -> None:
         """Begin with the map of a place, which does not show who moves."""
-        place = self._places.get(message["place"])
-        if place is None:
-            raise InputError(f"place.place is {message['place']!r}; expected one of the list")
+        place = entry(self._places, message["place"], "place.place")
         env = NavigationEnv(place.scene, split="test", **place.env)
         env.reset(seed=message["seed"])
         episode = env.episode

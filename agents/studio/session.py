@@ -18,15 +18,16 @@ from agents.studio.catalogue import NO_HAND, NO_SIGHT, RATES, Place
 from agents.studio.drive import Drive, Order
 from agents.studio.films import film
 from agents.studio.messages import (
+    FLAG,
     IDLE,
     Fields,
-    Flag,
     Message,
-    Number,
-    OneOf,
     Outbox,
     PageSession,
-    Text,
+    entry,
+    number,
+    one_of,
+    text,
 )
 from wheelchair_gym.config import InputError
 from wheelchair_gym.drivers.impairment import IMPAIRMENTS, SIGHTS
@@ -35,21 +36,21 @@ _LOG = logging.getLogger(__name__)
 DEAD_MAN: Final = 0.4  # s for which a deflection counts; the page confirms it every 0.05 s
 _LATE: Final = 0.25  # s: a drive that is later gives up catching up with real time
 
-_DEFLECTION = Number(-1.0, 1.0)
+_DEFLECTION = number(-1.0, 1.0)
 FIELDS: Final[Fields] = {
     "start": {
-        "place": Text(), "seed": Number(0, 2**31, whole=True), "assist": Text(), "hand": Text(),
-        "sight": Text(), "rate": Number(RATES[0], RATES[-1], whole=True),
+        "place": text(), "seed": number(0, 2**31, whole=True), "assist": text(), "hand": text(),
+        "sight": text(), "rate": number(RATES[0], RATES[-1], whole=True),
     },
     "stick": {
-        "forward": _DEFLECTION, "left": _DEFLECTION, "by": OneOf(("keyboard", "gamepad", "touch")),
+        "forward": _DEFLECTION, "left": _DEFLECTION, "by": one_of(("keyboard", "gamepad", "touch")),
     },
     "press": {},
-    "device": {"name": OneOf(("stick", "switch")), "scan_period": Number(0.1, 10.0)},
-    "assist": {"name": Text()},
-    "hand": {"name": Text()},
-    "sight": {"name": Text()},
-    "pause": {"on": Flag()},
+    "device": {"name": one_of(("stick", "switch")), "scan_period": number(0.1, 10.0)},
+    "assist": {"name": text()},
+    "hand": {"name": text()},
+    "sight": {"name": text()},
+    "pause": {"on": FLAG},
     "stop": {},
     "film": {},
 }  # fmt: skip
@@ -126,12 +127,10 @@ class DriveSession(PageSession):
 
     def on_start(self, message: Message) -> None:
         """Begin a drive."""
-        place = self._places.get(message["place"])
-        if place is None:
-            raise InputError(f"start.place is {message['place']!r}; expected one of the list")
-        OneOf((*ASSISTANTS,)).check(message["assist"], "start.assist")
-        OneOf((NO_HAND, *IMPAIRMENTS)).check(message["hand"], "start.hand")
-        OneOf((NO_SIGHT, *SIGHTS)).check(message["sight"], "start.sight")
+        place = entry(self._places, message["place"], "start.place")
+        one_of(ASSISTANTS).check(message["assist"], "start.assist")
+        one_of((NO_HAND, *IMPAIRMENTS)).check(message["hand"], "start.hand")
+        one_of((NO_SIGHT, *SIGHTS)).check(message["sight"], "start.sight")
         self._end()
         order = Order(
             message["place"], place, message["seed"], message["assist"], message["hand"],
@@ -170,7 +169,7 @@ class DriveSession(PageSession):
     def on_assist(self, message: Message) -> None:
         """Take another assistant."""
         name = message["name"]
-        OneOf((*ASSISTANTS,)).check(name, "assist.name")
+        one_of(ASSISTANTS).check(name, "assist.name")
         drive = self._drive
         if drive is None or drive.over:
             return
@@ -185,13 +184,13 @@ class DriveSession(PageSession):
 
     def on_hand(self, message: Message) -> None:
         """Take another hand."""
-        OneOf((NO_HAND, *IMPAIRMENTS)).check(message["name"], "hand.name")
+        one_of((NO_HAND, *IMPAIRMENTS)).check(message["name"], "hand.name")
         if self._drive is not None:
             self._drive.set_hand(message["name"])
 
     def on_sight(self, message: Message) -> None:
         """Take another sight."""
-        OneOf((NO_SIGHT, *SIGHTS)).check(message["name"], "sight.name")
+        one_of((NO_SIGHT, *SIGHTS)).check(message["name"], "sight.name")
         if self._drive is not None:
             self._drive.set_sight(message["name"])
 

@@ -9,13 +9,13 @@ from typing import Any, Final
 import numpy as np
 
 from agents.evaluation.assisted import StickTrace
-from agents.evaluation.evaluate import label, without_labels
+from agents.evaluation.evaluate import episode_env, label, without_labels
 from agents.evaluation.metrics import Record, Trace, measure
 from agents.participants.protocol import DEVICES, LEAST_SCAN, Protocol, Step
 from agents.participants.session import LARGEST, Session
 from agents.studio.catalogue import NO_HAND, NO_SIGHT, Place
 from agents.studio.drive import Drive, Order
-from agents.studio.messages import Fields, Message, Number, OneOf, Outbox, Whole
+from agents.studio.messages import Fields, Message, Outbox, number, one_of, whole_numbers
 from agents.studio.session import FIELDS, DriveSession
 from wheelchair_gym.config import InputError, dump
 from wheelchair_gym.drivers.settings import Hand, Perception
@@ -28,9 +28,9 @@ _ITEMS = 100  # of a questionnaire, at most
 
 STUDY_FIELDS: Final[Fields] = {
     **{kind: FIELDS[kind] for kind in ("stick", "press", "stop")},
-    "device": {"name": OneOf(DEVICES), "scan_period": Number(LEAST_SCAN, 10.0)},
-    "participant": {"number": Number(1, LARGEST, whole=True)},
-    "consent": {}, "begin": {}, "give_up": {}, "answer": {"values": Whole(_ITEMS)},
+    "device": {"name": one_of(DEVICES), "scan_period": number(LEAST_SCAN, 10.0)},
+    "participant": {"number": number(1, LARGEST, whole=True)},
+    "consent": {}, "begin": {}, "give_up": {}, "answer": {"values": whole_numbers(_ITEMS)},
 }  # fmt: skip
 
 
@@ -152,7 +152,7 @@ class StudySession(DriveSession):
         protocol, name = self._of().protocol, message["name"]
         if self._drive is not None:
             raise InputError(f"device: expected {self._device} until this drive has ended")
-        OneOf(protocol.devices).check(name, "device.name")
+        one_of(protocol.devices).check(name, "device.name")
         period = protocol.scan_period or message["scan_period"]
         self._device, self._scan_period = name, period if name == "switch" else 0.0
 
@@ -174,10 +174,8 @@ class StudySession(DriveSession):
             raise InputError("begin: expected a device first")
         self._end()
         task, condition = self._task(step), self._condition(step)
-        bare = without_labels(task.scene)
-        more = dict(bare.pop("env", {})) if isinstance(bare, dict) else {}
-        env = {"pose_source": "modelled", "config": PATIENCE, **more}
-        place = Place("study", label(task.scene), bare, env, timed=True)
+        env = episode_env(task.scene, {"pose_source": "modelled", "config": PATIENCE})
+        place = Place("study", label(task.scene), without_labels(task.scene), env, timed=True)
         hand: Any = NO_HAND
         if condition.hand != Hand():
             hand = {"name": "expert", "hand": dump(condition.hand)}

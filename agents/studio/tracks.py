@@ -7,7 +7,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from agents.studio.drive import HELP, outcome_of, world_of
+from agents.evaluation.metrics import outcome_of
+from agents.studio.drive import HELP, world_of
 from wheelchair_gym.config import InputError
 from wheelchair_gym.recording.replay import read_recording, replay_env
 

@@ -2,10 +2,10 @@
 
 `python -m tests.benchmarks.assisted_drives [--drivers A,B] [--scenes A,B] [--assist A,B] [--drives
 N]`: each driver drives N times in each scene with each assistant, with all noise of sensors, and
-chairs drawn anew. A scene is one of `SCENES` or a course of driving skills. Every drive is a line
-of `--out`, and one that stands there is not driven again, so that a run that was ended goes on.
-Then tables: success, contacts that the chair caused at more than 0.05 m/s, and times by driver; a
-line for each such contact; and assistants side by side.
+chairs drawn anew. A scene is one of `SCENES` or a course of driving skills. Each batch is a line of
+`--out`, and one that stands there is not driven again, so that a run that was ended goes on. Then
+tables: success, contacts that the chair caused at more than 0.05 m/s, and times by driver; a line
+for each such contact; and assistants side by side.
 
 `direct` is driven without the shield. The time limit is 60 s and ten times the time of the shortest
 way; success within four times the time of `expert` through the same interface in the same world is
@@ -19,19 +19,20 @@ import json
 import math
 import os
 import sys
-from collections import defaultdict
+from collections import Counter
 from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import binomtest
 
 from agents.assistance import ASSISTANTS, make_assistant
 from agents.assistance.assistant import AssistMission
 from agents.evaluation.assisted import StickTrace
-from agents.evaluation.metrics import wilson
+from agents.evaluation.runs import compute, run_key, source_digest
+from agents.evaluation.statistics import mcnemar, ratio_interval, wilson
+from agents.evaluation.tables import exists, markdown_table
 from tests.attacks import REAR
 from wheelchair_gym.assistance import COMPILED
 from wheelchair_gym.config import dump
@@ -119,23 +120,16 @@ class Helpers:
         return actions
 
 
-def measures(trace: StickTrace, steps: int, distance: float) -> dict[str, float]:
+def measures(trace: StickTrace, steps: int, distance: float) -> dict[str, float | None]:
     """Measures of a drive of so many steps and so long a way [m]; no direction is an angle of 0."""
     found = trace.figures(np.zeros((steps + 1, 2)), distance)
     angle = found["agreement_angle"]
     return {
         "angle": angle if math.isfinite(angle) else 0.0,
         "intervention": found["intervention_share"],
-        "authority": found["authority"],
+        "authority": found["authority"] if math.isfinite(found["authority"]) else None,
         "effort": found["stick_effort"],
     }
-
-
-def interval(values: Any) -> tuple[float, float, float]:
-    """A mean and its 95 % interval."""
-    values = np.asarray(values, float)
-    mean, half = values.mean(), 1.96 * values.std(ddof=1) / math.sqrt(len(values))
-    return float(mean), float(mean - half), float(mean + half)
 
 
 def scene_of(name: str) -> Any:
@@ -206,73 +200,68 @@ def drive(driver: str, scene: str, assistant: str, given: Any) -> list[Any]:
 
 
 def run(given: argparse.Namespace) -> dict[Any, Any]:
-    """Drive what the file lacks; all drives of the file that are asked for, by their keys."""
+    """Drive what the file lacks; all drives that are asked for, by their keys."""
     os.makedirs(given.cache, exist_ok=True)
-    path = Path(given.out)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    stored: dict[Any, Any] = {}
-    if path.exists():
-        for line in path.read_text().splitlines():
-            one = json.loads(line)
-            stored[tuple(one[name] for name in KEY)] = one
     names = list(given.drivers)
     if not given.no_expert:
         names = list(dict.fromkeys([*(with_expert(name) for name in names), *names]))
-    asked: dict[Any, Any] = {}
-    for scene, assistant, driver in product(given.scenes, given.assist, names):
-        rows = product(range(given.rows), range(given.drives // given.rows))
-        keys = [(driver, scene, assistant, *row) for row in rows]
-        if not all(key in stored for key in keys):
-            made = drive(driver, scene, assistant, given)
-            with path.open("a") as file:
-                file.writelines(f"{json.dumps(one)}\n" for one in made)
-            stored |= {tuple(one[name] for name in KEY): one for one in made}
-        driven = {key: stored[key] for key in keys}
-        asked |= driven
-        arrived = sum(one["success"] for one in driven.values())
-        hits = sum(bool(one["contacts"]) for one in driven.values())
-        line = f"{scene:<17}{assistant:<11}{driver:<24}{arrived:>5} of {len(driven)}"
-        print(f"{line}, caused contacts in {hits}", file=sys.stderr, flush=True)
-    return asked
+    of = [given.drives, given.rows, given.worlds, given.limit, given.rear]
+    batches = [(d, scene, a) for scene, a, d in product(given.scenes, given.assist, names)]
+    found = compute(
+        {run_key(source_digest(), *batch, *of): batch for batch in batches},
+        lambda batch: {"drives": drive(*batch, given)}, Path(given.out), unit="batch",
+    )  # fmt: skip
+    drives = [one for batch in found.values() for one in batch["drives"]]
+    return {tuple(one[name] for name in KEY): one for one in drives}
+
+
+def hits(drives: Any) -> int:
+    """Count drives with a contact that the chair caused."""
+    return sum(bool(one["contacts"]) for one in drives)
+
+
+def percent(drives: Any) -> str:
+    """Return successes of drives [%] with their 95 % interval."""
+    well = sum(one["success"] for one in drives)
+    low, high = wilson(well, len(drives))
+    return f"{100 * well / len(drives):.0f} ({100 * low:.0f} to {100 * high:.0f})"
+
+
+def by_driver(drives: dict[Any, Any], driver: str, assistant: str) -> list[Any]:
+    """Return a driver's row of the table of an assistant."""
+    every = [
+        (drives[key], drives.get((with_expert(driver), *key[1:])))
+        for key in drives
+        if key[0] == driver and key[2] == assistant
+    ]
+    mine = [one for one, _ in every]
+    experts = [(one, of) for one, of in every if of is not None and of["success"]]
+    timely = [one["success"] and one["time"] <= TIMES * of["time"] for one, of in experts]
+    ratios = [math.log(one["time"] / of["time"]) for one, of in experts if one["success"]]
+    return [
+        f"`{driver}`", len(mine), hits(mine), percent(mine),
+        f"{100 * np.mean(timely):.0f} of {len(timely)}" if timely else "-",
+        f"{math.exp(float(np.mean(ratios))):.2f}" if ratios else "-",
+        f"{math.degrees(float(np.median([one['angle'] for one in mine]))):.1f}",
+    ]  # fmt: skip
 
 
 def tables(drives: dict[Any, Any], given: argparse.Namespace) -> str:
     """Tables by driver, and a line for each contact that the chair caused."""
     lines = []
+    heads = (
+        "driver", "drives", "caused a contact", "success [%] (95 %)", "in time [%]",
+        "time beside `expert`", "off the stick, median [deg]",
+    )  # fmt: skip
     for assistant in given.assist:
+        rows = [by_driver(drives, driver, assistant) for driver in given.drivers]
+        its = {key: one for key, one in drives.items() if key[2] == assistant}
+        hits_by = dict(Counter(key[1] for key, one in its.items() if one["contacts"]))
         lines += [
             "", f"{assistant}: {given.drives} drives of each driver in each of",
-            ", ".join(given.scenes),
-            "", "| driver | drives | caused a contact | success [%] (95 %) | in time [%] | "
-            "time beside `expert` | off the stick, median [deg] |",
-            "| --- | ---: | ---: | ---: | ---: | ---: | ---: |",
+            ", ".join(given.scenes), "", markdown_table(heads, rows, [False] + [True] * 6),
+            f"{len(its)} drives; drives with a caused contact: {hits_by}",
         ]  # fmt: skip
-        for driver in given.drivers:
-            every = [
-                (drives[key], drives.get((with_expert(driver), *key[1:])))
-                for key in drives
-                if key[0] == driver and key[2] == assistant
-            ]
-            well = [one["success"] for one, _ in every]
-            hits = sum(bool(one["contacts"]) for one, _ in every)
-            low, high = wilson(sum(well), len(well))
-            experts = [(one, of) for one, of in every if of is not None and of["success"]]
-            timely = [one["success"] and one["time"] <= TIMES * of["time"] for one, of in experts]
-            ratios = [math.log(one["time"] / of["time"]) for one, of in experts if one["success"]]
-            angle = math.degrees(float(np.median([one["angle"] for one, _ in every])))
-            beside = f"{math.exp(float(np.mean(ratios))):.2f}" if ratios else "-"
-            share = f"{100 * np.mean(timely):.0f} of {len(timely)}" if timely else "-"
-            lines.append(
-                f"| `{driver}` | {len(well)} | {hits} | {100 * np.mean(well):.0f} ({100 * low:.0f}"
-                f" to {100 * high:.0f}) | {share} | {beside} | {angle:.1f} |"
-            )
-        hits_by: defaultdict[str, int] = defaultdict(int)
-        count = 0
-        for key, one in drives.items():
-            if key[2] == assistant:
-                count += 1
-                hits_by[key[1]] += bool(one["contacts"])
-        lines += ["", f"{count} drives; drives with a caused contact: {dict(hits_by)}"]
     lines += ["", "Contacts that the chair caused:"]
     for key, one in drives.items():
         if key[2] != "direct":
@@ -289,46 +278,42 @@ def side_by_side(drives: dict[Any, Any], given: argparse.Namespace) -> str:
     if len(given.assist) < 2:
         return ""
     mine = [k for k in drives if k[2] == first and k[0] in given.drivers]
-    keys = [(k[0], k[1], *k[3:]) for k in mine]
-    of = {name: [drives[(k[0], k[1], name, *k[2:])] for k in keys] for name in given.assist}
+    of = {name: [drives[(k[0], k[1], name, *k[3:])] for k in mine] for name in given.assist}
     lines = ["", "Successes [%], and drives with a contact that the chair caused"]
-    for place, head, rows in (0, "driver", given.drivers), (1, "scene", given.scenes):
-        lines += ["", f"| {head} | {' | '.join(f'`{name}`' for name in given.assist)} |"]
-        lines += ["| --- |" + " ---: |" * len(given.assist)]
-        for row in rows:
-            cells = []
-            for name in given.assist:
-                some = [one for key, one in zip(keys, of[name], strict=True) if key[place] == row]
-                share = 100 * np.mean([one["success"] for one in some])
-                cells.append(f"{share:.0f}, {sum(bool(one['contacts']) for one in some)}")
-            lines.append(f"| `{row}` | {' | '.join(cells)} |")
-    lines += ["", f"All drivers, in pairs with `{first}`", ""]
-    lines += [
-        f"| assistant | success [%] (95 %) | contacts | only one succeeds: it; `{first}` | "
-        f"p (McNemar) | time beside `{first}` | off the stick [deg] | intervention [% of time] | "
-        "authority | effort [s/m] |",
-        "| --- |" + " ---: |" * 9,
-    ]
+    for place, head, groups in (0, "driver", given.drivers), (1, "scene", given.scenes):
+        rows = []
+        for group in groups:
+            some = [k for k, key in enumerate(mine) if key[place] == group]
+            its = ([of[name][k] for k in some] for name in given.assist)
+            rows.append([f"`{group}`", *(
+                f"{100 * np.mean([one['success'] for one in each]):.0f}, {hits(each)}"
+                for each in its
+            )])  # fmt: skip
+        heads = [head, *(f"`{name}`" for name in given.assist)]
+        lines += ["", markdown_table(heads, rows, [False] + [True] * len(given.assist)).rstrip()]
+    heads = [
+        "assistant", "success [%] (95 %)", "contacts", f"only one succeeds: it; `{first}`",
+        "p (McNemar)", f"time beside `{first}`", "off the stick [deg]",
+        "intervention [% of time]", "authority", "effort [s/m]",
+    ]  # fmt: skip
+    rows = []
     for name in given.assist:
         both = list(zip(of[name], of[first], strict=True))
-        well = sum(one["success"] for one in of[name])
-        low, high = wilson(well, len(both))
-        alone = sum(a["success"] and not b["success"] for a, b in both)
-        other = sum(b["success"] and not a["success"] for a, b in both)
-        p = binomtest(alone, alone + other).pvalue if alone + other else 1.0
-        logs = np.log([a["time"] / b["time"] for a, b in both if a["success"] and b["success"]])
-        ratio, least, most = np.exp(interval(logs))
-        means = [  # of drives that have the measure: without any deflection there is no authority
-            np.mean([one[key] for one in of[name] if math.isfinite(one[key])])
+        successes = [[one["success"] for one in each] for each in zip(*both, strict=True)]
+        alone, other, p = mcnemar(*successes)
+        times = [(a["time"], b["time"]) for a, b in both if a["success"] and b["success"]]
+        ratio, low, high = ratio_interval(*zip(*times, strict=True))
+        angle, intervention, authority, effort = (  # of drives that have the measure
+            np.mean([one[key] for one in of[name] if exists(one[key])])
             for key in ("angle", "intervention", "authority", "effort")
-        ]
-        lines.append(
-            f"| `{name}` | {100 * well / len(both):.0f} ({100 * low:.0f} to {100 * high:.0f}) | "
-            f"{sum(bool(one['contacts']) for one in of[name])} | {alone}; {other} | {p:.3f} | "
-            f"{ratio:.2f} ({least:.2f} to {most:.2f}) | {math.degrees(means[0]):.1f} | "
-            f"{100 * means[1]:.0f} | {means[2]:.2f} | {means[3]:.1f} |"
         )
-    return "\n".join(lines)
+        rows.append([
+            f"`{name}`", percent(of[name]), hits(of[name]), f"{alone}; {other}", f"{p:.3f}",
+            f"{ratio:.2f} ({low:.2f} to {high:.2f})", f"{math.degrees(angle):.1f}",
+            f"{100 * intervention:.0f}", f"{authority:.2f}", f"{effort:.1f}",
+        ])  # fmt: skip
+    table = markdown_table(heads, rows, [False] + [True] * 9)
+    return "\n".join([*lines, "", f"All drivers, in pairs with `{first}`", "", table])
 
 
 def names(text: str) -> list[str]:
@@ -343,10 +328,9 @@ def parse(parser: argparse.ArgumentParser, drives: int, out: str) -> argparse.Na
     parser.add_argument("--rows", type=int, default=25, help="of a batch")
     parser.add_argument("--worlds", type=int, default=120, help="of a scene, which drives share")
     parser.add_argument("--cache", default="runs/assisted_drives/worlds", help="folder of worlds")
-    text = "of the time limit, for slow interfaces; use another --out"
-    parser.add_argument("--limit", type=float, default=1.0, help=f"times {text}")
-    text = "a second scanner looks back; use another --out"
-    parser.add_argument("--rear", action="store_true", help=text)
+    text = "times of the time limit, for slow interfaces"
+    parser.add_argument("--limit", type=float, default=1.0, help=text)
+    parser.add_argument("--rear", action="store_true", help="a second scanner looks back")
     parser.add_argument("--out", default=out, help="file of drives")
     given = parser.parse_args()
     if given.rows < 1 or given.drives < given.rows or given.drives % given.rows:

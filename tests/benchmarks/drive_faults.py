@@ -9,9 +9,7 @@ passed.
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
-import json
 import math
 import sys
 from collections.abc import Callable
@@ -19,6 +17,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from tests.benchmarks.bounds import measure
 from tests.hardware.pilot import Pilot
 from wheelchair_gym.hardware.boards.protocol import (
     Answer,
@@ -410,56 +409,5 @@ def trial(name, number):
         ride.twin.close()
 
 
-def summary(trials):
-    """The worst of each figure beside its bound, and whether all kept to them."""
-    rows = {}
-    for key in dict.fromkeys(key for figures in trials for key in figures):
-        worst = max(figures[key][0] for figures in trials if key in figures)
-        bound = next(figures[key][1] for figures in trials if key in figures)
-        kept = bound is None or worst <= bound
-        rows[key] = {"worst": round(worst, 3), "bound": bound and round(bound, 3), "kept": kept}
-    return rows
-
-
-def tried(name, number):
-    """`trial` in floats; one that ends in an error passes a bound, and the others go on."""
-    try:
-        figures = trial(name, number)
-    except (AssertionError, RuntimeError) as error:
-        print(f"{name}, trial {number}: {error!r}", file=sys.stderr, flush=True)
-        figures = {"errors": (1, 0)}
-    return {
-        key: (float(measured), None if bound is None else float(bound))
-        for key, (measured, bound) in figures.items()
-    }
-
-
-def measure(count, names):
-    """All trials of these cases; says by the result whether they kept their bounds."""
-    report = {}
-    print("| case | figure | worst | bound |\n| --- | --- | --- | --- |", flush=True)
-    for name in names:
-        print(f"case {len(report) + 1} of {len(names)}: {name}", file=sys.stderr, flush=True)
-        report[name] = summary([tried(name, number) for number in range(count)])
-        for key, row in report[name].items():
-            mark = "" if row["kept"] else " **passed**"
-            print(f"| {name} | {key} | {row['worst']:g} | {row['bound']}{mark} |", flush=True)
-    print(json.dumps({"trials": count, "cases": report}, indent=1))
-    return all(row["kept"] for rows in report.values() for row in rows.values())
-
-
-def main():
-    parser, names = argparse.ArgumentParser(description=__doc__), ", ".join(map(repr, CASES))
-    parser.add_argument("trials", type=int, nargs="?", default=100)
-    parser.add_argument("cases", nargs="*", metavar="case", help=names.replace("%", "%%"))
-    given = parser.parse_intermixed_args()
-    for name in given.cases:
-        if name not in CASES:
-            parser.error(f"{name!r} is no case; expected any of {names}")
-    if given.trials < 1:
-        parser.error(f"{given.trials} trials; expected at least 1")
-    sys.exit(0 if measure(given.trials, given.cases or list(CASES)) else 1)
-
-
 if __name__ == "__main__":
-    main()
+    sys.exit(measure(CASES, trial, __doc__))

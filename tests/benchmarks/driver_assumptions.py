@@ -15,6 +15,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from agents.evaluation.statistics import mean_interval
+from agents.evaluation.tables import markdown_table
 from tests.benchmarks.assisted_drives import parse, run
 
 # A driver, a setting of it, and the ends of the range that counts as plausible.
@@ -38,9 +40,8 @@ ASSUMED = [
 
 def difference(helped: Sequence[bool], alone: Sequence[bool]) -> str:
     """Points of success that help brings, over pairs, with a 95 % interval."""
-    each = 100.0 * (np.array(helped, float) - np.array(alone, float))
-    half = 1.96 * each.std(ddof=1) / np.sqrt(len(each))
-    return f"{each.mean():+.0f} ({each.mean() - half:+.0f} to {each.mean() + half:+.0f})"
+    mean, low, high = mean_interval(100.0 * (np.array(helped, float) - np.array(alone, float)))
+    return f"{mean:+.0f} ({low:+.0f} to {high:+.0f})"
 
 
 def main() -> int:
@@ -54,8 +55,9 @@ def main() -> int:
     ]
     given.drivers = list(dict.fromkeys(name for *_, three in values for name in three))
     found = run(given)
-    print("| driver | setting | value | `shield` [%] | `shared_dwa` [%] | help [points] (95 %) |")
-    print("| --- | --- | --- | ---: | ---: | ---: |")
+    heads = ("driver", "setting", "value", "`shield` [%]", "`shared_dwa` [%]",
+             "help [points] (95 %)")  # fmt: skip
+    rows = []
     for driver, setting, three in values:
         for name in three:
             alone, helped = (
@@ -63,10 +65,11 @@ def main() -> int:
                 for how in given.assist
             )
             value = name.partition("=")[2] or "default"
-            print(
-                f"| `{driver}` | `{setting}` | {value} | {100 * np.mean(alone):.0f} | "
-                f"{100 * np.mean(helped):.0f} | {difference(helped, alone)} |"
-            )
+            shares = (f"{100 * np.mean(each):.0f}" for each in (alone, helped))
+            rows.append([
+                f"`{driver}`", f"`{setting}`", value, *shares, difference(helped, alone),
+            ])  # fmt: skip
+    print(markdown_table(heads, rows, [False] * 3 + [True] * 3))
     return 0
 
 

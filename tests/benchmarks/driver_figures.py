@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.evaluation.assisted import StickTrace
-from agents.evaluation.metrics import wilson
-from tests.benchmarks.assisted_drives import interval
+from agents.evaluation.statistics import mean_interval, ratio_interval, wilson
+from agents.evaluation.tables import markdown_table
 from wheelchair_gym.envs import NavigationVectorEnv
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.types import Stick
@@ -118,7 +118,7 @@ def drives(driver: str, place: str, n: int) -> list[Drive]:
 
 def centimetres(metres: list[float]) -> str:
     """A mean [cm] with its 95 % interval."""
-    mean, low, high = (100.0 * value for value in interval(metres))
+    mean, low, high = (100.0 * value for value in mean_interval(metres))
     return f"{mean:.1f} ({low:.1f} to {high:.1f})"
 
 
@@ -131,7 +131,7 @@ def ratio(one: str, other: str, place: str, n: int, field: str = "time") -> str:
     ]
     if len(pairs) < 3:
         return f"only {len(pairs)} pairs arrive"
-    mean, low, high = np.exp(interval([math.log(a / b) for a, b in pairs]))
+    mean, low, high = ratio_interval(*zip(*pairs, strict=True))
     return f"{mean:.2f} ({low:.2f} to {high:.2f}; {len(pairs)} pairs)"
 
 
@@ -219,10 +219,7 @@ def main() -> int:
     given = parser.parse_args()
     if given.drives < 3:
         parser.error(f"--drives is {given.drives}; expected 3 or more")
-    print("| published | by | simulated |")
-    print("| --- | --- | --- |")
-    for row in rows(given.drives):
-        print(f"| {' | '.join(row)} |")
+    print(markdown_table(("published", "by", "simulated"), rows(given.drives)))
     return 0
 
 

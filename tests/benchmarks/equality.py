@@ -23,7 +23,8 @@ from typing import Any
 
 import numpy as np
 
-SHARED = Path(os.environ.get("WHEELCHAIR_SHARED", Path(__file__).resolve().parents[3] / "shared"))
+from tests.conftest import SHARED
+
 POLICIES = "lattice+window,visibility+mppi,visibility+pure_pursuit,straight,ppo_guided,td3_guided"
 SCENES = "floor_plan,clutter,crowd,temporary,doorway"
 # Keys of results that say when, where, how fast and by what code they were made.

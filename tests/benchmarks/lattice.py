@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import time
 from pathlib import Path
 
@@ -20,14 +19,13 @@ import numpy as np
 import wheelchair_gym.compiled.clock
 from planners import Problem, Space, make_planner
 from planners.collision.footprint import path_gap
-from tests.conftest import ROOT
+from tests.conftest import SHARED
 from tests.planners.footprints import path_cost, read
 from wheelchair_gym.config import dump
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.maps import bottleneck
 from wheelchair_gym.scenes import make_scene
 
-SHARED = Path(os.environ.get("WHEELCHAIR_SHARED", ROOT.parent / "shared"))
 DEADLINES = (0.05, 0.1, 1.0)  # s
 FIRST = 1_000_000  # far from the seeds that are reported
 HOME = {"name": "floor_plan", "kind": "home", "door_width": [0.9, 1.1],
@@ -70,6 +68,13 @@ def seconds(path, planner):
     return path_cost(path, motion)
 
 
+def unseen(problem, clearance):
+    """Return the problem in a map that no planner has seen, with a clearance [m]."""
+    space = Space(problem.space._solid, problem.space.bounds, (), problem.space._edges)
+    space.arrays  # noqa: B018  every planner needs them
+    return Problem(space, problem.start, problem.goal, clearance, problem.name)
+
+
 def planned(problem, footprint):
     """One row: the plan without a deadline, and what there is at each deadline."""
     planner = make_planner({"name": "lattice", "footprint": dump(footprint)})
@@ -77,9 +82,7 @@ def planned(problem, footprint):
     clearance = max(problem.clearance, footprint.half_width)
 
     def once(deadline=None):
-        space = Space(problem.space._solid, problem.space.bounds, (), problem.space._edges)
-        space.arrays  # noqa: B018  every planner needs them
-        fresh = Problem(space, problem.start, problem.goal, clearance, problem.name)
+        fresh = unseen(problem, clearance)
         begun = time.process_time()
         plan = planner.plan(fresh, rng, deadline)
         took = time.process_time() - begun

@@ -1,6 +1,6 @@
 """Planners for the chair's outline under the same deadlines: first path, cost, success, validity.
 
-`python -m tests.benchmarks.outline --out FILE.jsonl [--worlds 30] [--sets ...] [--only ...]`: the
+`python -m tests.benchmarks.outline --out FILE.jsonl [--worlds 30] [--sets ...]`: the
 lattice, RRT*-WOA in SE(2) with and without whales, and OMPL's planners (extra `peers`) with the
 same connections, exact test and cost. Every path is judged by shapely. Problems are those of
 `python -m tests.benchmarks.lattice`. Seconds are those of the process, deadlines too: others
@@ -10,18 +10,19 @@ do not count. Rows that the file has already are kept, and what is missing is ru
 from __future__ import annotations
 
 import argparse
-import json
 import time
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 
 import wheelchair_gym.compiled.clock
-from agents.evaluation.metrics import wilson
-from planners import Problem, Space, make_planner
+from agents.evaluation.runs import compute, run_key, source_digest
+from agents.evaluation.statistics import wilson
+from planners import make_planner
 from planners.collision.footprint import path_gap
 from planners.judge import sweep_faults
-from tests.benchmarks.lattice import FIRST, HOME, drawn, sets
+from tests.benchmarks.lattice import FIRST, HOME, drawn, sets, unseen
 from tests.planners.footprints import path_cost
 from wheelchair_gym.config import dump
 
@@ -49,9 +50,7 @@ def planned(problem, footprint, settings):
         if deadline is None and "algorithm" not in settings:  # OMPL ends at its first path anyway
             first = {"improvement": 0}
         planner = make_planner({**settings, "footprint": dump(footprint), **first})
-        space = Space(problem.space._solid, problem.space.bounds, (), problem.space._edges)
-        space.arrays  # noqa: B018  every planner needs them
-        fresh = Problem(space, problem.start, problem.goal, clearance, problem.name)
+        fresh = unseen(problem, clearance)
         begun = time.process_time()
         plan = planner.plan(fresh, np.random.default_rng(0), LONGEST if first else deadline)
         took = time.process_time() - begun
@@ -100,29 +99,20 @@ def main():
     parser.add_argument("--sets", default="homes,barn_60,problems")
     parser.add_argument("--out", type=Path, required=True, help="where rows are kept")
     given = parser.parse_args()
-    names = list(ENTRANTS)
     wheelchair_gym.compiled.clock.perf_counter = time.process_time  # the planners' clock
-    rows = {}
-    if given.out.exists():
-        for line in given.out.read_text().splitlines():
-            one = json.loads(line)
-            rows[one["set"], one["case"], one["planner"]] = one["row"]
-    for name in names:  # compiles
-        planned(*next(drawn([HOME], [FIRST])), ENTRANTS[name])
-    with given.out.open("a") as file:
-        for chosen, problems in sets(given.worlds):
-            if chosen not in given.sets.split(","):
-                continue
-            for problem, footprint in problems:
-                case = f"{problem.name} {problem.clearance:.3f}"
-                for name in names:
-                    if (chosen, case, name) in rows:
-                        continue
-                    row = rows[chosen, case, name] = planned(problem, footprint, ENTRANTS[name])
-                    one = {"set": chosen, "case": case, "planner": name, "row": row}
-                    print(json.dumps(one), file=file, flush=True)
-            print(f"{chosen}: first path (median, 90 %), solved and cost at each deadline, invalid")
-            summary({key[1:]: row for key, row in rows.items() if key[0] == chosen}, names)
+    for settings in ENTRANTS.values():  # compiles
+        planned(*next(drawn([HOME], [FIRST])), settings)
+    for chosen, problems in sets(given.worlds):
+        if chosen not in given.sets.split(","):
+            continue
+        jobs, places = {}, {}
+        for (problem, footprint), (name, settings) in product(problems, ENTRANTS.items()):
+            case = f"{problem.name} {problem.clearance:.3f}"
+            key = run_key(source_digest(), chosen, case, settings)
+            jobs[key], places[key] = (problem, footprint, settings), (case, name)
+        rows = compute(jobs, lambda job: planned(*job), given.out)
+        print(f"{chosen}: first path (median, 90 %), solved and cost at each deadline, invalid")
+        summary({places[key]: row for key, row in rows.items()}, list(ENTRANTS))
 
 
 if __name__ == "__main__":

@@ -14,13 +14,17 @@ import contextlib
 import io
 import math
 import statistics
-import time
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from agents.benchmarks.environments import bench_settings, single_env_rate, vector_env_rate
+from agents.benchmarks.environments import (
+    bench_settings,
+    measure_rate,
+    single_env_rate,
+    vector_env_rate,
+)
 from agents.evaluation.provenance import provenance
 from agents.peers.irsim import irsim_rate
 from wheelchair_gym.envs import NavigationEnv
@@ -32,12 +36,12 @@ OURS = "drive train, rigid contact, laser and eight ultrasonics with noise, path
 
 def rate(step: Callable[[], Any], n: int, seconds: float) -> float:
     """Steps per second of calls that make n steps each."""
-    step()
-    done, begun = 0, time.perf_counter()
-    while time.perf_counter() - begun < seconds:
+
+    def steps(_: int) -> int:
         step()
-        done += n
-    return done / (time.perf_counter() - begun)
+        return n
+
+    return measure_rate(steps, seconds)
 
 
 def vmas_stepper(episode: Episode, beams: int, n: int) -> Callable[[], Any]:

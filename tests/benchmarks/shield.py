@@ -12,15 +12,15 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import json
 import math
 import sys
-import time
+from functools import lru_cache
 from pathlib import Path
 
-from agents.evaluation.evaluate import source_digest
-from agents.evaluation.metrics import wilson
+from agents import StoppedError
 from agents.evaluation.provenance import commit, machine, write_json
+from agents.evaluation.runs import compute, run_key, source_digest
+from agents.evaluation.statistics import wilson
 from tests.attacks import APART, HARM, SCENES, SLOW, Attack, Event, Report, blank
 
 ROWS, EACH = 256, 4  # attacks of a chunk: rows times so many
@@ -43,55 +43,36 @@ def main() -> int:
     given = parser.parse_args()
     scenes, rates = given.scenes.split(","), [float(rate) for rate in given.rates.split(",")]
     folder = Path(given.out)
-    folder.mkdir(parents=True, exist_ok=True)
-    store = folder / f"attacks-{given.shield}.jsonl"
-    stored = {}
-    if store.exists():
-        for line in filter(None, store.read_text().splitlines()):
-            try:
-                chunk = json.loads(line)
-            except ValueError:  # half a line, of a run that was killed: its chunk is run again
-                continue
-            stored[chunk["key"]] = chunk["report"]
     weights = {scene: WEIGHTS.get(scene, 3) for scene in scenes}
     share = sum(weight for scene, weight in weights.items() if scene not in APART) or 1
     unit = given.attacks / (ROWS * EACH * len(rates) * share)  # chunks of a weight of 1
-    whole, begun = blank(), time.monotonic()
-    apart: dict[str, Report] = {}
-    per_scene = {}
-    digest = source_digest()
-    for scene, weight in weights.items():
-        own = blank()
-        for rate in rates:
-            attack = None
-            for k in range(max(1, math.ceil(unit * weight - 1e-9))):
-                seed = given.first_seed + k * ROWS
-                key = f"{digest} {scene} {rate:g} {seed} {given.shield} {given.faults}"
-                key += " rear" * given.rear
-                if key not in stored:
-                    if attack is None:
-                        on = given.shield == "on"
-                        attack = Attack(
-                            scene, ROWS, on, given.faults, threads=given.threads, rate=rate,
-                            rear=given.rear,
-                        )  # fmt: skip
-                    report = attack.run(seed, EACH)
-                    stored[key] = dataclasses.asdict(report) | {"events": list(report.events)}
-                    with store.open("a") as file:
-                        file.write("\n" + json.dumps({"key": key, "report": stored[key]}) + "\n")
-                told = stored[key]
-                own.add(Report(**(told | {"events": [Event(*event) for event in told["events"]]})))
-                bad = sum(event.seen for event in own.events)
-                spent = time.monotonic() - begun
-                print(
-                    f"{scene}, {rate:g} Hz: {own.attacks} attacks of the scene, {bad} harmful, "
-                    f"{spent:.0f} s", file=sys.stderr, flush=True,
-                )  # fmt: skip
-        per_scene[scene] = summary(own)
-        if scene in APART:
-            apart[scene] = own
-        else:
-            whole.add(own)
+    chunks = [
+        (scene, rate, given.first_seed + k * ROWS)
+        for scene, weight in weights.items()
+        for rate in rates
+        for k in range(max(1, math.ceil(unit * weight - 1e-9)))
+    ]
+    options = {"faults": given.faults, "threads": given.threads, "rear": given.rear}
+
+    @lru_cache(1)
+    def attack(scene: str, rate: float) -> Attack:
+        return Attack(scene, ROWS, given.shield == "on", rate=rate, **options)
+
+    def run(chunk: tuple[str, float, int]) -> dict[str, object]:
+        scene, rate, seed = chunk
+        report = attack(scene, rate).run(seed, EACH)
+        return dataclasses.asdict(report) | {"events": list(report.events)}
+
+    asked = [given.shield, given.faults, given.rear]
+    jobs = {run_key(source_digest(), *chunk, *asked): chunk for chunk in chunks}
+    found = compute(jobs, run, folder / f"attacks-{given.shield}.jsonl", unit="chunk")
+    whole, own = blank(), {scene: blank() for scene in scenes}
+    for (scene, *_), told in zip(chunks, found.values(), strict=True):
+        report = Report(**(told | {"events": [Event(*event) for event in told["events"]]}))
+        for total in (own[scene], *([] if scene in APART else [whole])):
+            total.add(report)
+    per_scene = {scene: summary(report) for scene, report in own.items()}
+    apart = {scene: report for scene, report in own.items() if scene in APART}
     result = summary(whole) | {"scenes": per_scene}
     result["provenance"] = {
         "commit": commit(), "machine": machine(), "first_seed": given.first_seed,
@@ -175,6 +156,6 @@ def _natural(name: str) -> list[tuple[str, float]]:
 if __name__ == "__main__":
     try:
         sys.exit(main())
-    except KeyboardInterrupt:
-        print("stopped; the same command goes on", file=sys.stderr)
+    except StoppedError as error:
+        print(f"stopped; {error}; the same command goes on", file=sys.stderr)
         sys.exit(130)

@@ -21,9 +21,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tests.benchmarks.equality import SHARED
+from tests.conftest import SHARED
 from tests.physics.worlds import box
-from wheelchair_gym.geometry import to_frame, to_world
+from wheelchair_gym.geometry import to_frame, to_world, wrap_angle
 from wheelchair_gym.localization.logs import LASER, read_log
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.physics.actors.records import DOOR, NOBODY, PERSON, combine, person
@@ -78,7 +78,7 @@ def shares_seen(episode: Episode, poses: Array, origin: Array, scan: Array, lase
             continue
         x, y = to_frame(pose[:2], origin)
         far, radius = math.hypot(x, y), row["size"][0]
-        off = np.remainder(laser.angles - math.atan2(y, x) + math.pi, 2 * math.pi) - math.pi
+        off = wrap_angle(laser.angles - math.atan2(y, x))
         towards = np.abs(off) < math.asin(min(1.0, radius / far))
         full = 2 * math.asin(min(1.0, radius / far)) * (laser.beams - 1) / laser.fov
         hit = towards & (np.abs(scan - far) < radius + 0.1)

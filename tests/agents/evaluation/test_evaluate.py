@@ -7,7 +7,6 @@ import json
 import numpy as np
 import pytest
 
-from agents import StoppedError
 from agents.evaluation import evaluate as module
 from agents.evaluation.compare import Suite, compare
 from agents.evaluation.evaluate import STORE, evaluate, picture_name
@@ -43,44 +42,13 @@ def test_records_come_in_order_with_pictures_of_failures(whole):
         assert (folder / record["picture"]).read_bytes()[:4] == b"\x89PNG"
 
 
-def ctrl_c():
-    raise KeyboardInterrupt
-
-
-def ctrl_c_in_compiled_code():
-    raise SystemError("returned a result with an exception set") from KeyboardInterrupt()
-
-
-@pytest.mark.parametrize("stop", [ctrl_c, ctrl_c_in_compiled_code])
-@pytest.mark.parametrize("finished", [0, 3])
-def test_only_what_is_missing_is_computed(whole, tmp_path, monkeypatch, finished, stop):
-    calls = []
-    real = module.run_episode
-
-    def counted(job, **options):
-        if len(calls) == finished:
-            stop()
-        calls.append(job)
-        return real(job, **options)
-
-    monkeypatch.setattr(module, "run_episode", counted)
-    with pytest.raises(StoppedError, match=f"{finished} of 4"):
-        evaluate(*WHAT, env=SHORT, folder=tmp_path, progress=False)
-    with (tmp_path / STORE).open("a") as store:
-        store.write('{"key": "cut sho')
-    monkeypatch.setattr(module, "run_episode", lambda job, **o: calls.append(job) or real(job, **o))
-    records = evaluate(*WHAT, env=SHORT, folder=tmp_path, progress=False)
-    assert len(calls) == 4
-    assert timeless(records) == timeless(whole[1])
-    assert len(read_store(tmp_path / STORE)) == 4
-
-
-def test_other_settings_are_other_episodes(whole, monkeypatch):
-    folder, _ = whole
+def test_only_what_is_missing_is_driven_and_other_settings_are_other_episodes(whole, monkeypatch):
+    """That runs go on where they were stopped is a law of all stores: see test_runs.py."""
+    folder, records = whole
     calls = []
     empty = {"policy": "x", "picture": None}
     monkeypatch.setattr(module, "run_episode", lambda job, **o: calls.append(job) or empty)
-    evaluate(*WHAT, env=SHORT, folder=folder, progress=False)
+    assert evaluate(*WHAT, env=SHORT, folder=folder, progress=False) == records
     assert not calls
     evaluate(*WHAT, env=SHORT | {"pose_source": "odometry"}, folder=folder, progress=False)
     assert len(calls) == 4

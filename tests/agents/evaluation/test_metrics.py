@@ -16,31 +16,9 @@ from agents.evaluation.metrics import (
     measure,
     rough_share,
     summarise,
-    wilson,
 )
 from agents.evaluation.shortest import Shortest
 from wheelchair_gym.maps import OccupancyGrid
-
-
-@pytest.mark.parametrize(
-    ("hits", "trials", "low", "high"),
-    [
-        (0, 10, 0.0, 0.27753),  # Wilson 1927, and Agresti and Coull 1998
-        (10, 10, 0.72247, 1.0),
-        (5, 10, 0.23659, 0.76341),
-        (81, 263, 0.25527, 0.36621),  # Newcombe 1998, method 3
-        (15, 148, 0.06243, 0.16054),
-        (0, 0, 0.0, 1.0),
-    ],
-)
-def test_wilson_intervals_are_the_published_ones(hits, trials, low, high):
-    assert wilson(hits, trials) == pytest.approx((low, high), abs=6e-5)
-
-
-@pytest.mark.parametrize(("hits", "trials"), [(-1, 3), (4, 3)])
-def test_impossible_counts_are_refused(hits, trials):
-    with pytest.raises(ValueError, match="trials"):
-        wilson(hits, trials)
 
 
 def test_jerk_of_a_cubic_is_its_third_derivative():

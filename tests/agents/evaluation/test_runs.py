@@ -78,11 +78,12 @@ def test_a_run_that_kills_every_worker_ends_in_one_line_with_the_rest_kept(tmp_p
     assert "k3" not in kept
 
 
+@pytest.mark.parametrize("how", ["", "in compiled code"])
 @pytest.mark.parametrize("stop", [0, 5, 11])
-def test_what_was_stopped_goes_on_where_it_was(tmp_path, stop):
+def test_what_was_stopped_goes_on_where_it_was(tmp_path, stop, how):
     jobs = {key: (seed, str(tmp_path)) for key, (seed, _) in JOBS.items()}
     store = tmp_path / "runs.jsonl"
-    (tmp_path / f"stop {stop}").touch()
+    (tmp_path / f"stop {stop}").write_text(how)
     with pytest.raises(StoppedError, match=f"{stop} of 12 runs"):
         compute(jobs, work.counted, store, progress=False)
     (tmp_path / f"stop {stop}").unlink()

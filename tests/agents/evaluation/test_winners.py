@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from agents.evaluation.metrics import wilson
 from agents.evaluation.report import level_with, ranking_table, winners
+from agents.evaluation.statistics import wilson
 
 
 def evaluation(successes):

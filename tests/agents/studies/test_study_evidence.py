@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy import stats
 
 from agents.studies import evidence
-from agents.studies.evidence import ClaimVerdict, estimate
+from agents.studies.evidence import ClaimVerdict
 
 CLAIMS = 100
 
@@ -114,36 +113,6 @@ def test_what_is_not_plain_cannot_be_told(judge):
 def test_trends_of_noise_cannot_be_told():
     for judge in (evidence.falls, evidence.rises, evidence.level):
         assert of(judge(*steps(0.2, 40.0, 6), 0.01, "")) == ClaimVerdict.OPEN
-
-
-def test_one_stratum_is_welch_as_scipy_has_it():
-    a, b = sample(3.0, 2.0, 17, 1, strata=1), sample(3.5, 1.0, 40, 2, strata=1)
-    theirs = stats.ttest_ind(a["map 0"], b["map 0"], equal_var=False)
-    found = estimate([a, b], [1.0, -1.0])
-    assert found.freedom == pytest.approx(theirs.df)
-    assert 2 * min(found.p_above(), found.p_below()) == pytest.approx(theirs.pvalue)
-    assert found.interval == pytest.approx(theirs.confidence_interval(0.95))
-
-
-def test_intervals_cover_the_truth_as_often_as_they_say():
-    hits = 0
-    for seed in range(400):
-        found = estimate([sample(5.0, 2.0, 8, seed)], [1.0])
-        low, high = found.interval
-        hits += low <= 15.0 <= high  # mean of 5, 15 and 25
-    assert 0.92 <= hits / 400 <= 0.98
-
-
-@pytest.mark.parametrize("n", range(1, 31))
-def test_intervals_of_medians_cover_the_median_as_often_as_they_say(n):
-    """Of a skewed and of a discrete distribution; none is given where none can be."""
-    rng = np.random.default_rng(n)
-    for median, drawn in ((np.log(2.0), rng.exponential(size=(2000, n))),
-                          (2.0, rng.binomial(4, 0.5, (2000, n)))):  # fmt: skip
-        found, low, high = np.array([evidence.median_interval(values) for values in drawn]).T
-        assert (found == np.median(drawn, axis=1)).all()
-        assert np.isnan(low).all() == np.isnan(high).all() == (n < 6)
-        assert n < 6 or np.mean((low <= median) & (median <= high)) > 0.942  # 0.95, and 1.6 sigma
 
 
 def test_true_nothing_is_seldom_called_something():

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import csv
+import threading
+from types import SimpleNamespace
 
 import pytest
 
 from agents.cli import main
 from agents.participants.protocol import Condition, Protocol, Questionnaire, Task
 from agents.participants.session import read_folder
-from agents.studio.study import STUDY_FIELDS
+from agents.studio.study import PATIENCE, STUDY_FIELDS, StudySession
 from tests.agents.studio.served import (
     axe,
     browsing,
@@ -230,3 +232,24 @@ def test_a_page_that_is_closed_in_a_drive_leaves_the_step_open(opened):
     with served.socket("study") as socket:
         send(socket, "participant", number=9)
         assert messages(socket, "step")["task"] == "hall"
+
+
+def test_the_environment_of_a_task_is_set_in_its_scene(tmp_path):
+    """As in a suite of `wheelchair compare`; the rest is the same for all."""
+    scene = {"name": "empty", "env": {"pose_source": "truth", "beams": 64}}
+    plan, ordered = Protocol("Rooms", "Yes.", (Condition("help"),), (Task("room", scene),)), []
+
+    class Asked(StudySession):
+        def _begin_when_ready(self, order):
+            ordered.append(order)
+
+    box = SimpleNamespace(send=lambda *_, **__: None)
+    session = Asked(plan, tmp_path, box, threading.Event())
+    session.on_participant({"number": 1})
+    session.on_consent({})
+    session.on_device({"name": "keyboard", "scan_period": 1.0})
+    session.on_begin({})
+    session.close()
+    (order,) = ordered
+    assert order.place.scene == {"name": "empty"}
+    assert order.place.env == {"pose_source": "truth", "beams": 64, "config": PATIENCE}
