@@ -46,7 +46,7 @@ CHAPTERS = {
 }  # fmt: skip
 PAGES = (
     "README.md", "docs/results/index.md", "docs/how_to/learning.md", "docs/studies/index.md",
-    "docs/concepts/assisted_driving.md", "docs/studies/claims.md", "docs/studies/thesis.md",
+    "docs/results/skills.md", "docs/studies/claims.md", "docs/studies/thesis.md",
     *(f"docs/studies/{name}.md" for name in CHAPTERS),
 )  # fmt: skip
 _PART = re.compile(r"(<!-- figures: (\w+) -->\n).*?(<!-- end -->\n)", re.S)

@@ -1,6 +1,6 @@
 """A new assistant, beside three of the project's, for a person with a tremor.
 
-It halves every turn of the stick, which is no good idea. `docs/concepts/assisted_driving.md`
+It halves every turn of the stick, which is no good idea. `docs/concepts/assistants.md`
 explains drivers, assistants and measures.
 """
 

@@ -2,7 +2,7 @@
 
 The other assistant gets the recorded sticks and readings, and answers beside the recorded one;
 nothing moves differently. People change their driving with what helps them
-(`docs/concepts/assisted_driving.md`): this open loop is a first look. `wheelchair compare --driver`
+(`docs/concepts/drivers.md`): this open loop is a first look. `wheelchair compare --driver`
 lets a simulated person drive the same episode with several assistants.
 """
 
