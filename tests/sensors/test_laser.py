@@ -141,6 +141,17 @@ def test_reports_follow_rep_117():
     assert out.tolist() == pytest.approx([math.inf, -math.inf, 9.9, 0.06])
 
 
+@pytest.mark.parametrize("noise", [False, True])
+def test_where_nothing_is_no_beam_has_an_echo_at_any_reach(noise):
+    """1 / (1 / reach) is below the reach for 74 of these: each was a ring of echoes."""
+    out = np.empty(8, np.float32)
+    for reach in np.arange(5, 1000) / 10.0:
+        arrays = LaserArrays.of(LaserSettings(beams=8, reach=reach), noise)
+        exact_scan(arrays, 0.0, 0.0, 0.0, np.empty((0, 4)), NO_DISCS, ROOM, out)
+        add_laser_noise(arrays, np.uint64(1), 0, out)
+        assert np.isposinf(out).all(), reach
+
+
 @pytest.mark.parametrize("depth", [-5e-5, 0.0, 1e-7, 1e-4, 4e-3])
 @pytest.mark.parametrize("round_", [False, True])
 @pytest.mark.parametrize("mount", [(0.7, 0.0), (0.7, 0.31), (0.2, -0.31), (-0.3, 0.0)])

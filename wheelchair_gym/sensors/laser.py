@@ -213,7 +213,9 @@ def exact_scan(
     _lines_of_segments(n, ends, at, c, s, laser, lines)
     seen = _keep_visible(n, lines)
     beams, turn = out.shape[0], _TURN * _F(laser.per_angle)
-    out[:] = _ONE / _F(laser.reach)
+    reach = _F(laser.reach)
+    farthest = _ONE / reach
+    out[:] = farthest
     for k in range(seen):
         a, b, low, high = lines[4 * k], lines[4 * k + 1], lines[4 * k + 2], lines[4 * k + 3]
         while high >= _ZERO:  # twice if across the seam behind the sensor
@@ -221,8 +223,8 @@ def exact_scan(
             rasterize_line(out, laser.cosine, laser.sine, a, b, i0, i1)
             low, high = _ZERO, high - turn
     _rasterize_discs(laser, x, y, yaw, discs, out)
-    for i in range(np.uint64(beams)):
-        out[i] = _ONE / out[i]
+    for i in range(np.uint64(beams)):  # 1 / (1 / reach) may be rounded below the reach
+        out[i] = _ONE / out[i] if out[i] > farthest else reach
 
 
 @borrowing_kernel
