@@ -134,9 +134,8 @@ class Event(Enum):
     PERIOD = "a control period, while no plan is being made"
     STALL = "no progress, and the path is no use"
     PLAN = "a plan to the goal is there"
-    PATH = "a new path is taken"
-    ROOM = "a path to a place aside is taken"
-    NO_ROOM = "there is no place aside"
+    ASIDE = "a path to a place aside is taken"
+    NO_ASIDE = "there is no place aside"
     BLOCKED = "the state's own motion is blocked"
 
 
@@ -290,7 +289,7 @@ class PlannedDriver:
         return self._lost <= 0.0 and gone
 
     def is_blocked(self) -> bool:
-        """Return True if a check of the path, once every `redraw`, shows something new on it."""
+        """Let a period pass; return True if a check, each `redraw`, shows the path blocked."""
         if self._surroundings.draws and self._lost > 0.0:
             return False
         due = self._detours.due(self._mission.period, self.config.redraw)
@@ -301,7 +300,7 @@ class PlannedDriver:
         return self._progress.stalled(self._path.ended)
 
     def may_plan(self) -> bool:
-        """Return True if the last recovery was no plan, nor were the last 5 detours in vain."""
+        """Return True on every second try, if none is under way and fewer than 5 detours failed."""
         progress = self._progress
         due = progress.tries % 2 == 1 and progress.left == math.inf
         return due and self._detours.failed < LASTING
@@ -329,7 +328,7 @@ class PlannedDriver:
         return self._spin.turned > 2.0 * math.pi
 
     def is_plan_due(self) -> bool:
-        """Return True if the last plan was made 2 s ago."""
+        """Let a period pass; return True if the last plan was made 2 s ago."""
         return self._detours.due(self._mission.period, LOOK)
 
     def has_made_room(self) -> bool:
@@ -337,7 +336,7 @@ class PlannedDriver:
         return self._path.ended or self._progress.stalled(True)
 
     def has_backed_out(self) -> bool:
-        """Return True if `backing` is over, or a multiple of it in the same place again."""
+        """Let a period pass; return True if `backing`, longer in one place, is over."""
         crawls = self._surroundings.crawls
         self._backup.left -= self._mission.period * (CRAWL / BACK if crawls else 1.0)
         return self._backup.left <= 0.0
@@ -461,10 +460,10 @@ class PlannedDriver:
     def _receive_aside(self, answer: Answer) -> None:
         """Take a plan to a place aside, if there is one."""
         if not answer.solved:
-            self._fire(Event.NO_ROOM)
+            self._fire(Event.NO_ASIDE)
         elif (path := self._path_of(answer)) is not None:
             self._take_path(path)
-            self._fire(Event.ROOM)
+            self._fire(Event.ASIDE)
 
     def _take_path(self, path: ReferencePath) -> None:
         """Follow a path from now on."""
@@ -473,7 +472,6 @@ class PlannedDriver:
         self._path = path
         self._begin_to_follow()
         self._progress.begin()
-        self._fire(Event.PATH)
 
     def _begin_to_follow(self) -> None:
         """Make a follower, which is bold for a while where there was no progress."""
@@ -481,7 +479,7 @@ class PlannedDriver:
         self._follower = (self._boldly if bold else self._follower_settings).make()
 
 
-_FOLLOWS, _LOOKS, _ROOM, _BACKS = State
+_FOLLOWS, _LOOKS, _MAKES, _BACKS = State
 _Row, _Event, _Driver = Transition, Event, PlannedDriver
 
 TRANSITIONS = (
@@ -492,15 +490,14 @@ TRANSITIONS = (
     _Row(_Event.STALL, _FOLLOWS, _Driver.may_plan, _Driver.try_plan, _FOLLOWS),
     _Row(_Event.STALL, _FOLLOWS, _Driver.is_by_obstacle, _Driver.plan_aside, _FOLLOWS, True),
     _Row(_Event.STALL, _FOLLOWS, None, _Driver.back_up, _BACKS),
-    _Row(_Event.ROOM, _FOLLOWS, None, None, _ROOM),
-    _Row(_Event.NO_ROOM, _FOLLOWS, None, _Driver.back_up, _BACKS),
+    _Row(_Event.ASIDE, _FOLLOWS, None, None, _MAKES),
+    _Row(_Event.NO_ASIDE, _FOLLOWS, None, _Driver.back_up, _BACKS),
     _Row(_Event.PLAN, _FOLLOWS, _Driver.is_longer, _Driver.give_up, _FOLLOWS),
     _Row(_Event.PLAN, _FOLLOWS, _Driver.must_look, _Driver.turn, _LOOKS),
     _Row(_Event.PLAN, _LOOKS, _Driver.is_seen, None, _FOLLOWS),
     _Row(_Event.PERIOD, _LOOKS, _Driver.has_turned, _Driver.replan, _FOLLOWS, True),
     _Row(_Event.PERIOD, _LOOKS, _Driver.is_plan_due, _Driver.replan, _LOOKS),
     _Row(_Event.BLOCKED, _LOOKS, None, None, _FOLLOWS),
-    _Row(_Event.PERIOD, _ROOM, _Driver.has_made_room, _Driver.replan, _ROOM, True),
-    _Row(_Event.PATH, _ROOM, None, None, _FOLLOWS),
+    _Row(_Event.PERIOD, _MAKES, _Driver.has_made_room, _Driver.replan, _FOLLOWS, True),
     _Row(_Event.PERIOD, _BACKS, _Driver.has_backed_out, _Driver.plan_anew, _FOLLOWS, True),
 )

@@ -89,11 +89,10 @@ DRIVES = {  # world, what happens from the first second on, and transitions that
     "no shorter path": (held, lengthen, {"FOLLOWS is_longer FOLLOWS"}),
     "blocked for a while": (
         lambda: blocked(1.4, 24.0), None,
-        {"FOLLOWS is_blocked FOLLOWS", "FOLLOWS is_by_obstacle FOLLOWS", "FOLLOWS ROOM MAKES_ROOM",
-         "MAKES_ROOM has_made_room MAKES_ROOM", "MAKES_ROOM PATH FOLLOWS",
-         "FOLLOWS is_clear_again FOLLOWS"},
+        {"FOLLOWS is_blocked FOLLOWS", "FOLLOWS is_by_obstacle FOLLOWS", "FOLLOWS ASIDE MAKES_ROOM",
+         "MAKES_ROOM has_made_room FOLLOWS", "FOLLOWS is_clear_again FOLLOWS"},
     ),
-    "nowhere aside": (lambda: blocked(0.85), None, {"FOLLOWS NO_ROOM BACKS_OUT"}),
+    "nowhere aside": (lambda: blocked(0.85), None, {"FOLLOWS NO_ASIDE BACKS_OUT"}),
     "shown": (
         corner, show,
         {"FOLLOWS must_look LOOKS_ROUND", "LOOKS_ROUND is_plan_due LOOKS_ROUND",
