@@ -116,10 +116,11 @@ def called_planners(planner: Any) -> tuple[str, ...]:
     return tuple(seen)
 
 
-def small_problem() -> Problem:
-    """A hall with a block between start and goal, to compile on."""
+def small_problem(clearance: float = 0.0) -> Problem:
+    """A hall with a block between start and goal, to compile on; it has 1.5 m on either side."""
     space = Space.from_rectangles([(2.0, 1.5, 3.0, 2.5)], (0.0, 0.0, 5.0, 4.0))
-    return Problem(space, np.array([1.0, 2.0]), np.array([4.0, 2.0]), name="small")
+    ends = np.array([1.0, 2.0]), np.array([4.0, 2.0])
+    return Problem(space, *ends, clearance, "small")
 
 
 def make_entrants(specs: Sequence[Any], peers: Sequence[str]) -> list[Entrant]:

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from agents.benchmarks.entrants import small_problem
 from agents.cli.arguments import changed, report, spec
 from agents.studies.plan_pictures import RATE, SHORTENS, STEERS, PlanPictures
 from agents.studies.thesis import Drawn, controls_of, describe
@@ -90,15 +91,9 @@ def _problem(given: argparse.Namespace) -> Problem:
     return Problem(space, np.array(given.start), np.array(given.goal), clearance, given.map)
 
 
-def _small_problem(clearance: float) -> Problem:
-    space = Space.from_rectangles([(2.0, 1.5, 3.0, 2.5)], (0.0, 0.0, 5.0, 4.0))
-    ends = np.array([1.0, 2.0]), np.array([4.0, 2.0])
-    return Problem(space, *ends, min(clearance, CLEARANCE))
-
-
 def _warm(planner: Any, clearance: float) -> None:
     """Compile, or load compiled code, before times are measured."""
-    _answer(planner, _small_problem(clearance), 0)
+    _answer(planner, small_problem(min(clearance, CLEARANCE)), 0)
 
 
 def _compile_beside(planner: Any) -> None:
@@ -132,7 +127,7 @@ def _longest_kernel(function: Callable[..., Any]) -> Kernel | None:
 def _grow_obstacles(planner: Any, clearance: float) -> None:
     """Compile the inflation of obstacles, which the second process does last, or not at all."""
     if clearance > 0.0 and not hasattr(planner, "footprint"):
-        assert _small_problem(clearance).free.mesh is not None
+        assert small_problem(min(clearance, CLEARANCE)).free.mesh is not None
 
 
 def _answer(planner: Any, problem: Problem, seed: int) -> tuple[Plan, dict[str, Any]]:

@@ -348,3 +348,12 @@ def test_training_starts_anew_in_its_environment_once(monkeypatch, capsys):
     assert main() == 2
     assert len(started) == 1
     assert capsys.readouterr().err.count("none.json") == 2
+
+
+def test_warm_up_names_everything_that_it_has_compiled(capsys):
+    assert main(["warm-up", "--jobs", "1"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    said = {line.split(": ", 1)[1] for line in lines}
+    assert said >= {f"planner {name}" for name in PLANNERS.built_in}
+    assert said >= {f"follower {name}" for name in FOLLOWERS.built_in}
+    assert len(said) == len(lines) == int(lines[0].split()[2].rstrip(","))
