@@ -43,6 +43,7 @@ from wheelchair_gym.hardware.registry import CHAIRS
 from wheelchair_gym.kinematics import Limits
 from wheelchair_gym.scenes import SCENES
 from wheelchair_gym.scenes.skill import COURSES
+from wheelchair_gym.signals import READING, TRUTH, Signal
 from wheelchair_gym.task.observations import OBSERVATION_KEYS
 from wheelchair_gym.task.rewards import RewardWeights
 
@@ -86,7 +87,6 @@ def fragments() -> dict[str, str]:
     """Tables of the page of the environment, by name."""
     limits, weights = Limits(), dataclasses.fields(RewardWeights)
     docs = setting_docs(RewardWeights)
-    env = NavigationEnv.__init__
     return {
         "actions": markdown_table(
             ("index", "meaning", "at -1", "at 0", "at 1"),
@@ -108,6 +108,9 @@ def fragments() -> dict[str, str]:
         "info": markdown_table(
             ("key", "meaning"), [(f"`{key.name}`", key.meaning) for key in INFO_KEYS]
         ),
+        "signals": markdown_table(
+            Signal._fields, [(f"`{name}`", *map(str, rest)) for name, *rest in (*READING, *TRUTH)]
+        ),
         "skills": markdown_table(
             ("course", "what is to be done", "dimensions", "goal reached within", "source"),
             [
@@ -115,7 +118,7 @@ def fragments() -> dict[str, str]:
                 for name, course in COURSES.items()
             ],
         ),
-        "arguments": to_markdown(inspect.getdoc(env) or ""),
+        "arguments": to_markdown(inspect.getdoc(NavigationEnv.__init__) or ""),
         "states": _states(),
     }  # fmt: skip
 

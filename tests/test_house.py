@@ -37,7 +37,6 @@ FOR_PLANNERS = {
     "compiled",
     "errors",
     "files",
-    "migration",
     "registry",
     "random",
 }

@@ -112,6 +112,25 @@ def settings(cls: type[T]) -> type[T]:
     return dataclasses.dataclass(frozen=True)(cls)
 
 
+def numbers_of(*classes: Any) -> np.dtype[Any]:
+    """Return a record of all numbers in classes of settings, each name once, for kernels."""
+    names = [f.name for cls in classes for f in dataclasses.fields(cls) if f.type == "float"]
+    return np.dtype([(name, np.float64) for name in dict.fromkeys(names)])
+
+
+def copy_numbers(record: Any, values: object) -> None:
+    """Copy the numbers of a settings object into the fields of their names in a record."""
+    for name in numbers_of(type(values)).names or ():
+        record[name] = getattr(values, name)
+
+
+def record_of(values: object) -> Any:
+    """Return the numbers of a settings object as a record."""
+    record = np.zeros(1, numbers_of(type(values)))[0]
+    copy_numbers(record, values)
+    return record
+
+
 def _bounded(value: Any, metadata: Mapping[str, Any], where: str) -> None:
     for number in value if isinstance(value, tuple) else (value,):
         if isinstance(number, bool) or not isinstance(number, int | float):

@@ -27,8 +27,7 @@ from agents.control.tight_places import ManoeuvreTracker
 from planners.rrt_star_woa.control_generator import ControlGenerator, Controls
 from planners.rrt_star_woa.woa import WhaleSettings
 from wheelchair_gym.arrays import Array
-from wheelchair_gym.compiled.kernel import record_of
-from wheelchair_gym.config import setting, settings
+from wheelchair_gym.config import record_of, setting, settings
 from wheelchair_gym.geometry import to_world, wrap
 from wheelchair_gym.kinematics import Limits
 from wheelchair_gym.types import no_walls

@@ -34,8 +34,8 @@ from agents.control.rollout import (
 from agents.control.tight_places import ManoeuvreTracker
 from planners.rrt_star_woa.woa import WhaleParameters, WhaleSettings, move, new_whales, tell
 from wheelchair_gym.arrays import Array
-from wheelchair_gym.compiled.kernel import kernel, record_of
-from wheelchair_gym.config import setting, settings
+from wheelchair_gym.compiled.kernel import kernel
+from wheelchair_gym.config import record_of, setting, settings
 from wheelchair_gym.kinematics import Limits
 from wheelchair_gym.random import Stream, stream
 

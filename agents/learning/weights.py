@@ -20,7 +20,6 @@ from wheelchair_gym.config import dump
 from wheelchair_gym.envs.guidance import is_built_in
 from wheelchair_gym.errors import InputError, shorten
 from wheelchair_gym.files import LIMITS, atomic_write, parse_json, read_bytes
-from wheelchair_gym.migration import migrated
 from wheelchair_gym.registry import places_in
 from wheelchair_gym.task.observations import SIZES
 
@@ -182,7 +181,6 @@ def load_weights(path: str | Path) -> Weights:
         readable = weights.card.get("format") == FORMAT
         if readable:
             check_card(weights.card)
-            weights.card["env"] = migrated(weights.card["env"])
             _check_arrays(weights)
     except Exception as error:  # readers document no errors for damaged bytes
         why = " ".join(str(error).split()) or type(error).__name__

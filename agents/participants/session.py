@@ -18,7 +18,6 @@ from agents.evaluation.tables import csv_table, exists
 from agents.participants.protocol import Protocol, Step
 from wheelchair_gym.config import InputError, dump, load, read_json
 from wheelchair_gym.errors import shorten
-from wheelchair_gym.migration import migrated
 
 PROTOCOL = "protocol.json"
 STEPS = "steps.jsonl"
@@ -119,14 +118,12 @@ class Session:
 
 
 def read_protocol(path: str | Path) -> Protocol:
-    """The protocol of a file, also of one that an earlier release wrote.
+    """The protocol of a file.
 
     Raises:
         InputError: the file cannot be read, or a setting in it is wrong.
     """
-    content = read_json(path)
-    content = migrated(content, "protocol") if isinstance(content, dict) else content
-    return load(Protocol, content, Path(path).name)
+    return load(Protocol, read_json(path), Path(path).name)
 
 
 def claim(folder: Path, protocol: Protocol) -> None:

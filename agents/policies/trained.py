@@ -14,7 +14,6 @@ from agents.learning.weights import Network, load_weights
 from wheelchair_gym.arrays import Array, Floats
 from wheelchair_gym.config import InputError, load
 from wheelchair_gym.envs.settings import EnvSettings
-from wheelchair_gym.migration import migrated
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.task.task import Task
 from wheelchair_gym.types import Reading
@@ -56,7 +55,7 @@ class Trained:
     ) -> None:
         self.network: Any = network
         self.remembers = remembers
-        self.env = load(EnvSettings, migrated(card["env"]), "weights: env")
+        self.env = load(EnvSettings, card["env"], "weights: env")
         self.layout = Layout.of_card(card)
         self.card = card
 

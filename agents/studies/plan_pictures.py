@@ -16,7 +16,7 @@ from planners import PLANNERS, Plan, Problem, Space, make_planner
 from planners.rrt_star_woa.control_generator import Controls
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.geometry import Footprint, arc_lengths, to_world
-from wheelchair_gym.rendering import draw_plan
+from wheelchair_gym.rendering import PlanPicture
 from wheelchair_gym.rendering.video import Image
 from wheelchair_gym.types import Mission
 
@@ -36,7 +36,7 @@ class PlanPictures:
     plan: Plan
     seed: int | Sequence[int]
     made: Controls | None = None  # the commands that lead along the path
-    size: int | tuple[int, int] = 640  # of the pictures of a film, as `draw_plan` takes it
+    size: int | tuple[int, int] = 640  # of the pictures of a film, as `PlanPicture.draw` takes it
 
     @classmethod
     def of_drive(cls, driver: PlannedDriver, mission: Mission, **more: Any) -> PlanPictures:
@@ -80,16 +80,15 @@ class PlanPictures:
         best = None
         if self.made is None:
             best = make_planner("visibility").plan(self.drawn.problem, np.random.default_rng(0))
-        more: dict[str, Any] = {"legend": True, "raw": raw.path if whales else None}
+        more: dict[str, Any] = {"raw": raw.path if whales else None}
         swarm = whales[3 * len(whales) // 4] if whales else self._most_kinds()
         panels = []
         if swarm:
             bare = replace(raw, path=raw.path[:0]) if whales else raw
-            panels = [self._picture(bare, "", 720, 0, swarm=swarm, **more)]
+            panels = [self._shown(bare, 0, swarm=swarm, **more).draw(720, legend=True)]
         more["optimum"] = best.path if best is not None and len(best.path) else None
-        return np.vstack(
-            [*panels, self._picture(self.plan, caption, 720 if swarm else 960, **more)]
-        )
+        last = self._shown(self.plan, **more).draw(720 if swarm else 960, caption, legend=True)
+        return np.vstack([*panels, last])
 
     def _most_kinds(self) -> list[Whale]:
         """Whales around the one of some random samples at which most kinds of whales are seen."""
@@ -102,21 +101,18 @@ class PlanPictures:
         tree = self.planner.tree if whales else self.planner
         for k, part in enumerate(growth(self.drawn.problem, tree, raw, self.seed)):
             said = f"tree, {part.counters.get('iterations', 0)} samples"
-            picture = self._picture(part, said, self.size, 0, swarm=self._steering(part, k))
-            yield picture
+            yield self._shown(part, 0, swarm=self._steering(part, k)).draw(self.size, said)
         bare = replace(raw, path=raw.path[:0])
         for t in _frames(len(whales), SWARM):
             said = f"whales, iteration {t}"
-            yield self._picture(bare, said, self.size, 0, swarm=whales[t], raw=raw.path)
+            yield self._shown(bare, 0, swarm=whales[t], raw=raw.path).draw(self.size, said)
         times = () if self.made is None else self.made.times
         for k in _frames(len(times), DRIVE):
-            picture = self._picture(self.plan, f"commands, {times[k]:.1f} s", self.size, k + 1)
+            picture = self._shown(self.plan, k + 1).draw(self.size, f"commands, {times[k]:.1f} s")
             yield picture
         yield from [picture] * round(RATE)
 
-    def _picture(
-        self, plan: Plan, caption: str, size: Any, poses: int | None = None, **more: Any
-    ) -> Image:
+    def _shown(self, plan: Plan, poses: int | None = None, **more: Any) -> PlanPicture:
         """A plan with the first poses of the roll-out, or with all; then also all footprints."""
         problem, rollout = self.drawn.problem, None
         if self.made is not None:
@@ -124,10 +120,10 @@ class PlanPictures:
         outlines = _footprints(problem, plan.path if rollout is None else rollout, self.planner)
         if rollout is not None and poses is not None:
             outlines = outlines[-1:]
-        return draw_plan(
+        return PlanPicture(
             problem.space.bounds, problem.start, problem.goal, plan.path, plan.tree,
             polygons=self.drawn.solid, inflated=self.drawn.kept_free, rollout=rollout,
-            outlines=outlines, size=size, caption=caption, **more,
+            outlines=outlines, **more,
         )  # fmt: skip
 
 

@@ -181,8 +181,9 @@ def pairs_in_cells(sides: Pairs, start_in: Pairs, goal_in: Pairs, per: int) -> P
     after = np.searchsorted(cell[order], cell[order], side="right") - place - 1  # in the same cell
     p = np.repeat(place, after)
     q = p + 1 + np.arange(len(p)) - np.repeat(np.cumsum(after) - after, after)
-    pairs: Pairs = nodes[order][np.stack([p, q], axis=1)]
-    return np.ascontiguousarray(pairs[pairs[:, 0] != pairs[:, 1]])
+    pairs = nodes[order][np.stack([p, q], axis=1)]
+    different: Pairs = pairs[pairs[:, 0] != pairs[:, 1]]
+    return different
 
 
 WINDOW_NODES = 3  # middle, low and high end: paths bend at corners, which are ends of windows

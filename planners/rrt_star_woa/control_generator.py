@@ -390,8 +390,8 @@ def around(walls: Array, box: Array) -> Array:
     """Return the walls (k, 4) whose boxes meet a box (4,) xmin, ymin, xmax, ymax [m]."""
     low, high = np.minimum(walls[:, :2], walls[:, 2:]), np.maximum(walls[:, :2], walls[:, 2:])
     in_x = (high[:, 0] >= box[0]) & (low[:, 0] <= box[2])
-    in_y = (high[:, 1] >= box[1]) & (low[:, 1] <= box[3])
-    return np.ascontiguousarray(walls[in_x & in_y])
+    near: Array = walls[in_x & (high[:, 1] >= box[1]) & (low[:, 1] <= box[3])]
+    return near
 
 
 @borrowing_kernel

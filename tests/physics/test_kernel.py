@@ -37,7 +37,7 @@ class Oracle:
 
     def __init__(self, chair, episode, fixed=None):
         p = chair.parameters[0]
-        centre, friction = p["centre_of_mass"], chair.settings.body.wall_friction
+        centre, friction = p["body"]["centre_of_mass"], chair.settings.body.wall_friction
         self.space = pymunk.Space()
         self.space.collision_slop = self.space.collision_bias = 1e-4
         static = self.space.static_body
@@ -111,7 +111,7 @@ def test_kernel_equals_the_plain_api(seed, monkeypatch):
             duty = rng.uniform(0.5, 0.9) + rng.uniform(-0.1, 0.1, 2)
         chair.chairs.states["duty"][0] = oracle.state["duty"][0] = duty
         yaw = fields[ANGLE]
-        centre = p["centre_of_mass"] * np.array([math.cos(yaw), math.sin(yaw)])
+        centre = p["body"]["centre_of_mass"] * np.array([math.cos(yaw), math.sin(yaw)])
         chair.chairs.states["pose"][0] = *(fields[[X, Y]] - centre), yaw
         oracle.state["pose"][0] = chair.chairs.states["pose"][0]
         measure_clearance(chair.chairs.states[0], p, place, workspace)

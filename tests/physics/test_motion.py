@@ -155,9 +155,8 @@ def test_no_energy_from_nothing():
         for _ in range(5):
             chair.drive(twist)
             v, w = chair.truth.twist
-            kinetic = (
-                0.5 * p["mass"] * (v**2 + (p["centre_of_mass"] * w) ** 2) + 0.5 * p["moment"] * w**2
-            )
+            aside = p["body"]["centre_of_mass"] * w
+            kinetic = 0.5 * p["mass"] * (v**2 + aside**2) + 0.5 * p["moment"] * w**2
             assert chair.state["energy"][0] >= kinetic
     charge = chair.state["charge"][0]
     assert charge < 0.9 * free.capacity * 3600

@@ -19,7 +19,6 @@ from websockets.sync.client import connect
 
 from agents.cli import main
 from tests.conftest import PATIENCE
-from tests.recording.test_record import OLD
 from wheelchair_gym.localization.monte_carlo import LocalizationSettings
 from wheelchair_gym.recording.record import RecordEpisodes, RecordingSettings
 
@@ -130,9 +129,12 @@ def test_it_is_driven_in_real_time(capsys, slept):
     assert sum(slept) == pytest.approx(3.9, abs=0.5 / RATE)
 
 
-def test_a_replay_is_shown_in_real_time(capsys, slept):
-    assert main(["replay", str(OLD), "--live", "0"]) == 0
-    assert sum(slept) > 7.5 / RATE  # eight steps
+def test_a_replay_is_shown_in_real_time(capsys, slept, tmp_path):
+    file = str(tmp_path / "drive.mcap")
+    drive = ["simulate", "--scene", "empty", "--policy", "straight", "--record", file]
+    assert main(drive) == 0
+    assert main(["replay", file, "--live", "0"]) == 0
+    assert sum(slept) == pytest.approx(3.8, abs=0.5 / RATE)  # no frame after the last step
     said = capsys.readouterr()
     assert "ws://127.0.0.1:" in said.err
-    assert said.out.count("the same rewards") == 2
+    assert "the same rewards" in said.out

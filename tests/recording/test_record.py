@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import errno
 import json
 import resource
@@ -20,23 +19,18 @@ from agents.cli import main
 from agents.policies import GymPolicy, make_policy
 from tests.conftest import ROOT
 from tests.copies import same_fields
-from tests.physics.worlds import busy
 from wheelchair_gym import InputError
-from wheelchair_gym.config import load
-from wheelchair_gym.envs import EnvSettings, NavigationEnv
+from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.geometry import compose
 from wheelchair_gym.maps import OccupancyGrid
-from wheelchair_gym.migration import DROPPED, migrated
-from wheelchair_gym.physics.actors.records import FORMER_ACTOR
 from wheelchair_gym.physics.chair import SimulatedChair
 from wheelchair_gym.recording.record import RecordEpisodes, RecordingSettings
 from wheelchair_gym.recording.replay import read_recording, replay_env, sensor_log
 from wheelchair_gym.recording.sink import McapFile
-from wheelchair_gym.recording.topics import EPISODE, FIELDS, widened_actors
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.types import Belief
 
-OLD = Path(__file__).parent / "data" / "first.mcap"  # as the first version wrote it
+OLD = Path(__file__).parent / "data" / "first.mcap"  # as the first release wrote it
 NAMES = [
     name
     for name, spec in gym.registry.items()
@@ -306,60 +300,12 @@ def test_the_command_records_and_replays(tmp_path, capsys):
     assert picture.read_bytes()[:4] == b"\x89PNG"
 
 
-def test_the_first_recordings_are_still_read(tmp_path, capsys):
-    """They know of no odometry and no particles; what they hold is judged the same."""
-    again = tmp_path / "again.mcap"
-    assert main(["replay", str(OLD), "--record", str(again)]) == 0
-    assert capsys.readouterr().out.count("the same rewards") == 2
-    assert main(["replay", str(again)]) == 0
-    for old, new in zip(read_recording(OLD), read_recording(again), strict=True):
-        assert old.split == new.split == "test"
-        for was, is_ in zip(old.states, new.states, strict=True):
-            np.testing.assert_equal(is_.reading, was.reading)
-            np.testing.assert_equal(is_.truth, was.truth)
-
-
-def test_actors_of_earlier_recordings_only_walk():
-    """Until release 0.2 a recorded actor had no motion model, behaviour or reaction."""
-    episode = busy(1)
-    rows = episode.actors.rows
-    former = np.zeros(len(rows), FORMER_ACTOR)
-    for name in FORMER_ACTOR.names:
-        former[name] = rows[name]
-    text = base64.b64encode(former.tobytes()).decode()
-    assert (FIELDS[EPISODE]["actors"].read(widened_actors(text)) == rows).all()
-    assert FORMER_ACTOR.itemsize == 160
-
-
-@pytest.mark.parametrize("section", DROPPED)
-def test_settings_that_are_constants_now_are_left_out(section):
-    """As releases up to 0.2 wrote them into recordings and weights."""
-    given = dict(DROPPED[section])
-    for part in reversed(section.split(".")):
-        given = {part: given}
-    found = migrated(given)
-    for part in section.split("."):
-        found = found[part]
-    assert found == {}
-
-
-def test_a_setting_that_had_another_value_than_the_constant_is_reported():
-    with pytest.warns(UserWarning, match=r"starts.min_time is 2.0 in .* it is 1.0 now"):
-        assert migrated({"starts": {"max_time": 3.0, "min_time": 2.0}}) == {
-            "starts": {"max_time": 3.0}
-        }
-
-
-def test_people_and_mixed_scenes_of_earlier_releases_are_read():
-    doorway = {"name": "doorway", "door_width": 1.0, "room_depth": 3.5}
-    given = {
-        "scene": {"name": "mixture", "scenes": ["empty", doorway], "weights": [0.5, 0.5]},
-        "assistant": {"name": "vfh", "reach": 1.0, "widen": 0.05},
-        "starts": {"max_time": 0.0, "min_time": 1.0},
-    }
-    read = load(EnvSettings, migrated(given), "old")
-    assert read.scene["scenes"] == ["empty", {"name": "doorway", "door_width": 1.0}]
-    assert read.assistant["reach"] == 1.0
+def test_a_recording_of_another_release_is_refused(capsys):
+    """The first release wrote no size of actors; the line says what to do."""
+    assert main(["replay", str(OLD)]) == 2
+    told = capsys.readouterr().err
+    assert "another release wrote it (actor_size is None, expected" in told
+    assert "read it with that one" in told
 
 
 @pytest.mark.parametrize("damage", ["flipped", "empty", "text", "missing", "other"])

@@ -11,7 +11,7 @@ import pytest
 from wheelchair_gym.geometry import Footprint, polygon_edges, to_world
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.physics.actors.records import combine, door, furniture, obstacle, person
-from wheelchair_gym.rendering import TopView, draw_plan, palette
+from wheelchair_gym.rendering import PlanPicture, TopView, palette
 from wheelchair_gym.rendering.floor import (
     FINE,
     closed_loops,
@@ -202,10 +202,11 @@ def test_plan_shows_solids_holes_path_and_tree():
     hole = [(1.5, 1.5), (2.5, 1.5), (2.5, 2.5), (1.5, 2.5)]
     square = [(1, 1), (3, 1), (3, 3), (1, 3)]
     bounds = (0.0, 0.0, 6.0, 4.0)
-    image = draw_plan(
+    picture = PlanPicture(
         bounds, (0.5, 0.5), (5.5, 3.5), [(0.5, 0.5), (5.0, 0.5), (5.5, 3.5)],
         [(4.0, 2.0, 4.0, 3.0)], polygons=[square, hole],
     )  # fmt: skip
+    image = picture.draw()
     scale = 640 / 6.12
 
     def at(x, y):
@@ -230,13 +231,13 @@ def test_a_legend_names_what_is_drawn_and_nothing_else():
         "path": palette.TRAIL, "tree": palette.TREE, "optimum": palette.OPTIMUM,
         "swarm": palette.ORANGE, "outlines": palette.OUTLINE,
     }  # fmt: skip
-    plain = draw_plan(*ways, **drawn)
-    full = draw_plan(*ways, **drawn, legend=True)
+    plain = PlanPicture(*ways, **drawn).draw()
+    full = PlanPicture(*ways, **drawn).draw(legend=True)
     rows = len(full) - len(plain)
     np.testing.assert_array_equal(full[rows:], plain)
     for left_out in drawn:
         some = {name: what for name, what in drawn.items() if name != left_out}
-        legend = draw_plan(*ways, **some, legend=True)[:rows]
+        legend = PlanPicture(*ways, **some).draw(legend=True)[:rows]
         for name, colour in colours.items():
             assert (legend == colour).all(axis=-1).any() == (name != left_out), (name, left_out)
 
@@ -246,12 +247,13 @@ def test_a_caption_above_a_picture_has_all_its_words(words):
     """Each word changes the picture, which grows by rows; the drawing below stays."""
     ways = (0.0, 0.0, 6.0, 4.0), (0.5, 0.5), (5.5, 3.5)
     said = ["solved"] * words
-    whole, bare = (draw_plan(*ways, caption=c, legend=True) for c in (" ".join(said), ""))
+    picture = PlanPicture(*ways)
+    whole, bare = (picture.draw(caption=c, legend=True) for c in (" ".join(said), ""))
     assert len(whole) > len(bare)
     np.testing.assert_array_equal(whole[len(whole) - len(bare) + 30 :], bare[30:])
     for k in {0, words // 2, words - 1}:
         other = " ".join([*said[:k], "failed", *said[k + 1 :]])
-        assert (draw_plan(*ways, caption=other, legend=True) != whole).any(), k
+        assert (picture.draw(caption=other, legend=True) != whole).any(), k
 
 
 @pytest.mark.parametrize("beam", [0, 135, 270])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any
 
 import numpy as np
@@ -10,7 +9,7 @@ import numpy as np
 from wheelchair_gym.assistance.freedom import Freedom
 from wheelchair_gym.compiled.address import Pointers, Target, pointer_record, rows_of
 from wheelchair_gym.compiled.kernel import inlined
-from wheelchair_gym.drivers.state import numbers_of_settings
+from wheelchair_gym.config import copy_numbers, numbers_of
 from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.sensors.settings import SensorSettings
 
@@ -40,8 +39,8 @@ def constants_record(*methods: type) -> tuple[np.dtype[Any], dict[str, Target]]:
     """The dtype of the constants of assistants with settings of these classes, and its targets."""
     return pointer_record(
         ("kind", "i8"),  # of the method
-        ("method", numbers_of_settings(*methods)),  # zero: the method has no such number
-        ("freedom", numbers_of_settings(Freedom)),
+        ("method", numbers_of(*methods)),  # zero: the method has no such number
+        ("freedom", numbers_of(Freedom)),
         ("period", "f8"),  # s: of control
         ("forward", "f8"),  # m/s
         ("backward", "f8"),
@@ -65,10 +64,8 @@ def constants_of(
     pointers = Pointers(np.zeros(1, dtype), targets, constant=True)
     p: Any = pointers.record[0]
     p["kind"], p["period"] = kind, period
-    for part, source in (("method", method), ("freedom", freedom)):
-        for field in dataclasses.fields(source):
-            if field.type == "float":
-                p[part][field.name] = getattr(source, field.name)
+    copy_numbers(p["method"], method)
+    copy_numbers(p["freedom"], freedom)
     for name in ("forward", "backward", "turn", "deceleration"):
         p[name] = getattr(chair.limits, name)
     outline, laser = chair.footprint, sensors.laser

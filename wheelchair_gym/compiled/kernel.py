@@ -7,9 +7,8 @@ function's file imports, and what those depend on.
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import cache
 from pathlib import Path
 from types import ModuleType
@@ -106,8 +105,12 @@ def compile_part(function: Any, *values: Any) -> None:
     function.get_call_template(tuple(type_of(value) for value in values), {})
 
 
-def record_of(config: Any) -> Any:
-    """The fields of type float of a settings object as a record, which kernels read by name."""
-    names = [field.name for field in dataclasses.fields(config) if field.type == "float"]
-    values = tuple(getattr(config, name) for name in names)
-    return np.array([values], [(name, np.float64) for name in names])[0]
+def check_written(what: str, names: Iterable[str], function: Any) -> None:
+    """Refuse fields of a table that the kernel which shall write them does not name.
+
+    Raises:
+        TypeError: the first such field.
+    """
+    for name in names:
+        if name not in function.py_func.__code__.co_names:
+            raise TypeError(f"{what} {name!r} is declared, and {function.__name__} never writes it")

@@ -6,7 +6,6 @@ single environment hold the same rows (`Drivers`), and step them by the same com
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,7 @@ import numpy as np
 from wheelchair_gym.arrays import Array, Rows
 from wheelchair_gym.compiled.address import Target, pointer_record, prefetch, rows_of
 from wheelchair_gym.compiled.kernel import inlined
-from wheelchair_gym.config import InputError
+from wheelchair_gym.config import InputError, copy_numbers, numbers_of
 from wheelchair_gym.drivers.settings import INTERFACES, Driver, Hand, Intention, Perception
 from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.sensors.settings import SensorSettings
@@ -29,14 +28,8 @@ WAYS = ("outline", "route", "obstacle")
 GO, LOOK, ELSEWHERE, RETREAT = range(4)  # what a person is about
 
 
-def numbers_of_settings(*classes: Any) -> np.dtype[Any]:
-    """A record of all numbers in classes of settings, each name once."""
-    names = [f.name for cls in classes for f in dataclasses.fields(cls) if f.type == "float"]
-    return np.dtype([(name, "f8") for name in dict.fromkeys(names)])
-
-
-INTENTION, PERCEPTION, HAND = map(numbers_of_settings, (Intention, Perception, Hand))
-INTERFACE = numbers_of_settings(*INTERFACES.values())
+INTENTION, PERCEPTION, HAND = map(numbers_of, (Intention, Perception, Hand))
+INTERFACE = numbers_of(*INTERFACES.values())
 
 CONSTANTS = np.dtype(
     [
@@ -189,8 +182,7 @@ def constants_of(
         ("intention", driver.intention), ("perception", driver.perception), ("hand", driver.hand),
         ("interface", device),
     ):  # fmt: skip
-        for name in CONSTANTS[part].names or ():
-            p[part][name] = getattr(source, name, 0.0)
+        copy_numbers(p[part], source)
     p["kind"], p["way"] = list(INTERFACES).index(device.kind), WAYS.index(driver.intention.way)
     p["latched"] = getattr(device, "latched", device.kind != "stick")
     signals = signals_of(driver)

@@ -1,10 +1,11 @@
-"""The keys of `info`, one row each: the single and the vector environment fill them from it."""
+"""The keys of `info`: signals, and what a task adds; single and vector environment fill them."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from wheelchair_gym.arrays import Mask
+from wheelchair_gym.signals import READING, TRUTH
 from wheelchair_gym.task.rewards import TERMS
 
 if TYPE_CHECKING:
@@ -21,27 +22,16 @@ class InfoKey(NamedTuple):
 
 
 INFO_KEYS = (
-    InfoKey("pose", "true_pose", "true pose (3,) [m, m, rad]"),
-    InfoKey("twist", "true_twist", "true twist (2,) [m/s, rad/s]"),
-    InfoKey("pose_estimate", "pose", "the chair's own estimate of its pose (3,)"),
+    *(
+        InfoKey(s.info, s.column, f"{s.meaning} [{s.unit}]" if s.unit else s.meaning)
+        for s in (*TRUTH, *READING)
+        if s.info
+    ),
     InfoKey("is_success", "", "at the goal by truth, and nothing was touched"),
     InfoKey("arrived", "arrived", "at the goal by the chair's own estimate"),
-    InfoKey("bumped", "bumped", "a bumper strip is pressed"),
-    InfoKey("contact", "contact", "touched anything during the last control period"),
-    InfoKey(
-        "at_fault", "at_fault",
-        "the chair approached at more than 0.05 m/s, and faster than what it touched approached it",
-    ),
-    InfoKey("contact_with", "contact_with", "number of the actor touched; -1: none"),
-    InfoKey("approach_speed", "approach_speed", "of the chair at that contact [m/s]"),
-    InfoKey("other_approach_speed", "other_approach_speed", "of the other thing [m/s]"),
-    InfoKey("clearance", "clearance", "from the outline to the nearest obstacle [m]"),
-    InfoKey("energy", "energy", "drawn from the battery since reset [Wh]"),
-    InfoKey("distance", "distance", "driven since reset [m]"),
-    InfoKey("time", "stamp", "since reset [s]"),
     InfoKey("valid_beams", "valid_beams", "finite ranges of the scan"),
     InfoKey("geodesic", "geodesic", "shortest way from start to goal [m]"),
-)  # fmt: skip
+)
 # Keys that tell which episode is driven.
 EPISODE_KEYS = {
     "seed": "of the sequence of episodes: `reset(seed=...)` begins it again",

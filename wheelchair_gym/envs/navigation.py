@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import InputError
 from wheelchair_gym.drivers import make_drivers
+from wheelchair_gym.drivers.settings import Driver
 from wheelchair_gym.drivers.step import Drivers
 from wheelchair_gym.envs.drawing import EpisodeRenderer
 from wheelchair_gym.envs.guidance import make_guidance
@@ -98,6 +99,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
     - v0: worlds were those of the test split.
     """
 
+    chair: Chair  # simulated or given, and with a localizer where the pose source is one
     metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 10}  # noqa: RUF012
 
     def __init__(
@@ -160,38 +162,17 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             raise InputError(f"render_mode is {render_mode!r}; expected human, rgb_array or None")
         also = "split", "chair", "person", "render_mode"
         self.settings = s = env_settings(config, also=also, scene=scene, **settings)
-        if chair is not None and s.unshielded > 0.0:
-            raise InputError(
-                f"unshielded is {s.unshielded:g}; expected 0 for a chair that is given"
-            )
-        if isinstance(chair, str | Mapping):
-            from wheelchair_gym.hardware.registry import make_chair
-
-            if settings.get("shield") is False:
-                raise InputError("shield is False; expected one: a real chair has it always")
-            s = self.settings = dataclasses.replace(s, shield=s.shield or ShieldSettings())
-            chair = make_chair(chair, s)
-        self.chair: Chair = chair or SimulatedChair(s.chair, s.sensors, s.physics, 1.0 / s.rate)
-        self._simulated = isinstance(self.chair, SimulatedChair)
-        self._reward = make_reward(s.reward)
-        if self._reward is not None and not self._simulated:
-            raise InputError("reward: a function of one's own needs the simulated chair")
-        if s.sensors.localizes:
-            localizer = make_localizer(s)
-            self.chair = LocalizedChair(self.chair, localizer, s.sensors.laser.beams)
-        guided, people = make_guidance(s.guidance), make_drivers(s.driver)
-        if people:
-            if not self._simulated:
-                raise InputError("driver: a simulated person needs the simulated chair")
-            if person is not None:
-                raise InputError("driver and person: expected one of them")
-        if not isinstance(unwrapped(self.chair), Chair):
-            raise InputError(f"chair is {type(chair).__name__}; expected a wheelchair_gym Chair")
+        self._take_chair(chair, settings.get("shield") is not False)
+        s = self.settings
+        people = self._people(person)
         self.drivers = Drivers(people, s.chair, s.sensors, 1.0 / s.rate)
         has_person = bool(people) or person is not None
         self.assistants = make_assistants(s, 1, has_person)
+        guided = make_guidance(s.guidance)
         self.task = Task(s.task, s.chair, s.sensors, 1.0 / s.rate, guided, s.shield, has_person)
         if s.sensors.localizes:
+            localizer = make_localizer(s)
+            self.chair = LocalizedChair(self.chair, localizer, s.sensors.laser.beams)
             self.task.built_map = localizer.built_map
         self.shield: Shield | None = None
         if s.shield is not None:
@@ -221,6 +202,37 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         # What recordings say of who drives, such as assistant and interface; set it before reset.
         self.labels: dict[str, Any] = {}
         self._label_interface()
+
+    def _take_chair(self, chair: Chair | str | Mapping[str, Any] | None, may_shield: bool) -> None:
+        """Take or make the chair that drives. A real one by name always has a shield."""
+        s = self.settings
+        if chair is not None and s.unshielded > 0.0:
+            raise InputError(
+                f"unshielded is {s.unshielded:g}; expected 0 for a chair that is given"
+            )
+        if isinstance(chair, str | Mapping):
+            from wheelchair_gym.hardware.registry import make_chair
+
+            if not may_shield:
+                raise InputError("shield is False; expected one: a real chair has it always")
+            s = self.settings = dataclasses.replace(s, shield=s.shield or ShieldSettings())
+            chair = make_chair(chair, s)
+        if not isinstance(chair, Chair | None):
+            raise InputError(f"chair is {type(chair).__name__}; expected a wheelchair_gym Chair")
+        self.chair = chair or SimulatedChair(s.chair, s.sensors, s.physics, 1.0 / s.rate)
+        self._simulated = isinstance(self.chair, SimulatedChair)
+        self._reward = make_reward(s.reward)
+        if self._reward is not None and not self._simulated:
+            raise InputError("reward: a function of one's own needs the simulated chair")
+
+    def _people(self, person: Callable[[], Stick] | None) -> tuple[Driver, ...]:
+        """The simulated people who drive, if no living person does."""
+        people = make_drivers(self.settings.driver)
+        if people and not self._simulated:
+            raise InputError("driver: a simulated person needs the simulated chair")
+        if people and person is not None:
+            raise InputError("driver and person: expected one of them")
+        return people
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -17,14 +17,11 @@ from wheelchair_gym.physics.state import SENSED
 from wheelchair_gym.physics.step import reset_chair, step_chair
 from wheelchair_gym.physics.world import NO_POSES
 from wheelchair_gym.sensors.settings import SensorSettings
+from wheelchair_gym.signals import SENSED_READING, SENSED_TRUTH, Signal
 from wheelchair_gym.types import Belief, Chair, Episode, Reading, Truth
 
 _STORE = 64  # records made at once
 _COLUMNS = SENSED.names or ()
-# Fields of a reading and of the truth, and their columns of SENSED.
-_READ = {name: name for name in Reading._fields if name in _COLUMNS}
-_TRUE = {name: f"true_{name}" for name in ("pose", "twist")}
-_TRUE |= {name: name for name in Truth._fields if name in _COLUMNS and name not in _TRUE}
 
 
 def _stand_nowhere(*settings: Any) -> None:
@@ -156,17 +153,17 @@ class SimulatedChair(Chair):
             raise ValueError("the chair was never reset, or it was closed")
         if self._truth is None:
             actors = self._world.actor_poses() if self._moves else NO_POSES
-            self._truth = Truth(**self._values(_TRUE), actor_poses=actors)
+            self._truth = Truth(**self._values(SENSED_TRUTH), actor_poses=actors)
         return self._truth
 
     def reading(self) -> Reading:
         """The latest reading."""
-        return Reading(**self._values(_READ), laser=self._ranges)
+        return Reading(**self._values(SENSED_READING), laser=self._ranges)
 
-    def _values(self, names: Mapping[str, str]) -> dict[str, Any]:
-        """Return fields of `sensed` under other names."""
+    def _values(self, signals: Sequence[Signal]) -> dict[str, Any]:
+        """Return signals of `sensed` by their names."""
         values = dict(zip(_COLUMNS, self.sensed.item(), strict=True))
-        return {name: values[column] for name, column in names.items()}
+        return {signal.name: values[signal.column] for signal in signals}
 
     @property
     def belief(self) -> Belief:

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from wheelchair_gym.compiled.kernel import borrowing_kernel
+from wheelchair_gym.compiled.kernel import absorbed_kernel, borrowing_kernel
 from wheelchair_gym.geometry import body_to_world, world_to_body
 from wheelchair_gym.kinematics import (
     STOP_RAMP_FACTOR,
@@ -65,21 +65,22 @@ def drive_constants(p: Any) -> DriveConstants:
     """The constants of one control period of a chair with parameters p."""
     run = p.dt * p.speed_every
     load = p.mass * GRAVITY
-    on_casters = load * p.centre_of_mass / p.wheelbase
+    ahead = p.body.centre_of_mass
+    on_casters = load * ahead / p.body.wheelbase
     grip = 0.5 * (load - on_casters)
     half = 0.5 * p.track
     gl = p.wheel_inertia / (p.radius_left * p.radius_left)
     gr = p.wheel_inertia / (p.radius_right * p.radius_right)
     a11, a12 = p.mass + gl + gr, half * (gr - gl)
-    a22 = p.moment + p.mass * p.centre_of_mass * p.centre_of_mass + half * half * (gl + gr)
+    a22 = p.moment + p.mass * ahead * ahead + half * half * (gl + gr)
     return DriveConstants(
         run,
-        run / (p.filter_time + run),
+        run / (p.motor.filter_time + run),
         p.nominal_radius * p.counts_per_metre,
         1.0 / (p.counts_per_metre * run),
-        p.torque_constant / p.nominal_radius,
-        0.5 * p.caster_drag * on_casters * p.dt,
-        p.rolling_resistance * grip,
+        p.motor.torque_constant / p.nominal_radius,
+        0.5 * p.body.caster_drag * on_casters * p.dt,
+        p.body.rolling_resistance * grip,
         p.friction * grip * p.dt,
         (p.radius_left, p.radius_right),
         (1.0 / p.radius_left, 1.0 / p.radius_right),
@@ -114,7 +115,7 @@ def update_explained_motion(state: Any, p: Any, k: DriveConstants) -> None:
 
     It brakes no faster than comfort, tyres and motors let it, and a little slower.
     """
-    motors = 2.0 * p.gain * p.torque_constant * p.current_limit / p.nominal_radius
+    motors = 2.0 * p.gain * p.motor.torque_constant * p.motor.current_limit / p.nominal_radius
     force = min(motors, 2.0 * k.bound / p.dt)
     slower = _BRAKING_SHARE * k.run * min(p.limits.deceleration, force / p.mass)
     a22 = k.matrix[2]
@@ -141,14 +142,101 @@ def control_speed(state: Any, p: Any, k: DriveConstants) -> None:
         slope = (error - state.error[i]) / k.run
         state.error[i] = error
         rate = state.v_rate + (i - 0.5) * p.nominal_track * state.w_rate
-        forward = k.feed * target + p.ka * rate
-        volts = forward + p.kp * error + state.integral[i] + p.kd * slope
+        forward = k.feed * target + p.motor.ka * rate
+        volts = forward + p.motor.kp * error + state.integral[i] + p.motor.kd * slope
         if target == 0.0 and abs(state.speed[i]) < 0.5 * k.metres_per_run:
             # At rest both ends of the motor are joined: it holds without drawing current.
             state.integral[i], volts = 0.0, 0.0
         elif abs(volts) < state.voltage:
-            state.integral[i] += p.ki * error * k.run
+            state.integral[i] += p.motor.ki * error * k.run
         state.duty[i] = min(1.0, max(-1.0, volts / state.voltage))
+
+
+@absorbed_kernel
+def _drag_of_casters(
+    p: Any, k: DriveConstants, ahead: float, aside: float, turning: float
+) -> tuple[float, float, float]:
+    """Return the impulse along and across [N s] and its moment [N m s] of two dragged casters."""
+    push, shove, twist = 0.0, 0.0, 0.0
+    lever = p.body.wheelbase - p.body.centre_of_mass
+    for side in range(2):
+        across = (0.5 - side) * p.body.caster_track
+        vx, vy = ahead - turning * across, aside + turning * lever
+        drag = -k.drag / math.sqrt(vx * vx + vy * vy + _CREEP * _CREEP)
+        push += drag * vx
+        shove += drag * vy
+        twist += lever * drag * vy - across * drag * vx
+    return push, shove, twist
+
+
+@absorbed_kernel
+def _turn_wheel(state: Any, p: Any, k: DriveConstants, i: int) -> tuple[float, float]:
+    """Return what a wheel brings along [N s], and what its motor driver draws [A]."""
+    motor, spin = p.motor, state.spin[i]
+    state.turned[i] += spin * p.dt  # as the body moves in this step: by its velocity before
+    amperes = (state.duty[i] * state.voltage - motor.torque_constant * spin) / motor.resistance
+    amperes = min(motor.current_limit, max(-motor.current_limit, amperes))
+    rim = spin * k.radii[i]
+    # The sign of the speed, smooth about rest.
+    rolling = k.rolling * k.radii[i] * (rim / math.sqrt(rim * rim + _CREEP * _CREEP))
+    torque = p.gain * motor.torque_constant * amperes - rolling
+    impulse = (torque * p.dt + p.wheel_inertia * spin) * k.per_radius[i]
+    return impulse, state.duty[i] * amperes
+
+
+@absorbed_kernel
+def _slide(
+    p: Any,
+    k: DriveConstants,
+    brings: tuple[float, float],
+    ahead: float,
+    aside: float,
+    turning: float,
+) -> tuple[float, float, float]:
+    """Return the impulses [N s] of the left and right tyre along, and of both across, that slide.
+
+    The velocities are those without them; Gauss-Seidel sweeps within the bounds of friction.
+    """
+    mass, moment, arm, half, bound = p.mass, p.moment, p.body.centre_of_mass, 0.5 * p.track, k.bound
+    u, w, side_speed = ahead, turning, aside
+    sl = (brings[0] * k.radii[0]) / p.wheel_inertia
+    sr = (brings[1] * k.radii[1]) / p.wheel_inertia
+    jl, jr, jy = 0.0, 0.0, 0.0
+    gl, gr = k.inertia
+    ease_l = 1.0 / (1.0 / mass + half * half / moment + 1.0 / gl)
+    ease_r = 1.0 / (1.0 / mass + half * half / moment + 1.0 / gr)
+    ease_y = 1.0 / (1.0 / mass + arm * arm / moment)
+    for _ in range(_SWEEPS):
+        change = -(u - half * w - k.radii[0] * sl) * ease_l
+        change = min(bound, max(-bound, jl + change)) - jl
+        jl += change
+        u, w = u + change / mass, w - half * change / moment
+        sl -= k.radii[0] * change / p.wheel_inertia
+        change = -(u + half * w - k.radii[1] * sr) * ease_r
+        change = min(bound, max(-bound, jr + change)) - jr
+        jr += change
+        u, w = u + change / mass, w + half * change / moment
+        sr -= k.radii[1] * change / p.wheel_inertia
+        left = max(0.0, bound * bound - jl * jl)
+        right = max(0.0, bound * bound - jr * jr)
+        most = math.sqrt(left) + math.sqrt(right)
+        change = -(side_speed - arm * w) * ease_y
+        change = min(most, max(-most, jy + change)) - jy
+        jy += change
+        side_speed, w = side_speed + change / mass, w - arm * change / moment
+    return jl, jr, jy
+
+
+@absorbed_kernel
+def _drain_battery(state: Any, p: Any, drawn: float) -> None:
+    """Take what drivers draw [A] from the battery: ideal choppers; braking gives a share back."""
+    battery, power = p.battery, drawn * state.voltage
+    power = (power if power > 0.0 else power * battery.regeneration) + battery.idle_power
+    state.energy += power * p.dt
+    state.charge = min(p.capacity, max(0.0, state.charge - power * p.dt))
+    empty, full = battery.empty_voltage, battery.full_voltage
+    rest = empty + (full - empty) * state.charge / p.capacity
+    state.voltage = rest - battery.resistance * power / rest
 
 
 @borrowing_kernel
@@ -163,76 +251,31 @@ def physics_step(
         The impulse of contact [N s]; 0 but for rounding where nothing is touched.
     """
     fields = body_view(body)
-    dt, mass, moment, arm = p.dt, p.mass, p.moment, p.centre_of_mass
+    dt, mass, moment, arm = p.dt, p.mass, p.moment, p.body.centre_of_mass
     turning = fields[W]
     middle = fields[ANGLE] + 1.5 * turning * dt  # heading half-way through the next step
     c, s = math.cos(middle), math.sin(middle)
     ahead, aside = world_to_body(c, s, fields[VX], fields[VY])
-
-    # Drag of two casters, at their places.
-    push, shove, twist = 0.0, 0.0, 0.0
-    lever = p.wheelbase - arm
-    for side in range(2):
-        across = (0.5 - side) * p.caster_track
-        vx, vy = ahead - turning * across, aside + turning * lever
-        drag = -k.drag / math.sqrt(vx * vx + vy * vy + _CREEP * _CREEP)
-        push += drag * vx
-        shove += drag * vy
-        twist += lever * drag * vy - across * drag * vx
-
-    # Motors: what each wheel brings along, and what its driver draws.
-    drawn = 0.0
-    radii, per_radius = k.radii, k.per_radius
-    bring = (0.0, 0.0)
-    for i in range(2):
-        spin = state.spin[i]
-        state.turned[i] += spin * dt  # as the body moves in this step: by its velocity before
-        amperes = (state.duty[i] * state.voltage - p.torque_constant * spin) / p.resistance
-        amperes = min(p.current_limit, max(-p.current_limit, amperes))
-        drawn += state.duty[i] * amperes
-        rim = spin * radii[i]
-        # The sign of the speed, smooth about rest.
-        rolling = k.rolling * radii[i] * (rim / math.sqrt(rim * rim + _CREEP * _CREEP))
-        torque = p.gain * p.torque_constant * amperes - rolling
-        impulse = (torque * dt + p.wheel_inertia * spin) * per_radius[i]
-        bring = (impulse, bring[1]) if i == 0 else (bring[0], impulse)
+    push, shove, twist = _drag_of_casters(p, k, ahead, aside, turning)
+    bring_left, drawn_left = _turn_wheel(state, p, k, 0)
+    bring_right, drawn_right = _turn_wheel(state, p, k, 1)
+    brings = (bring_left, bring_right)
 
     # Both wheels roll, the axle does not slide: two equations for speed and turn.
     half, bound = 0.5 * p.track, k.bound
     gl, gr = k.inertia
     a11, a12, a22 = k.matrix
-    b1 = mass * ahead + bring[0] + bring[1] + push
-    b2 = moment * turning + mass * arm * aside + half * (bring[1] - bring[0]) + arm * shove + twist
+    b1 = mass * ahead + bring_left + bring_right + push
+    turned = half * (bring_right - bring_left)
+    b2 = moment * turning + mass * arm * aside + turned + arm * shove + twist
     u, w = (b1 * a22 - a12 * b2) * k.per_det, (a11 * b2 - a12 * b1) * k.per_det
-    jl = bring[0] - gl * (u - half * w)
-    jr = bring[1] - gr * (u + half * w)
+    jl = bring_left - gl * (u - half * w)
+    jr = bring_right - gr * (u + half * w)
     jy = mass * (arm * w - aside) - shove
     if max(jl * jl, jr * jr) + 0.25 * jy * jy > bound * bound:
-        u, w, side_speed = ahead + push / mass, turning + twist / moment, aside + shove / mass
-        sl = (bring[0] * radii[0]) / p.wheel_inertia
-        sr = (bring[1] * radii[1]) / p.wheel_inertia
-        jl, jr, jy = 0.0, 0.0, 0.0
-        ease_l = 1.0 / (1.0 / mass + half * half / moment + 1.0 / gl)
-        ease_r = 1.0 / (1.0 / mass + half * half / moment + 1.0 / gr)
-        ease_y = 1.0 / (1.0 / mass + arm * arm / moment)
-        for _ in range(_SWEEPS):
-            change = -(u - half * w - radii[0] * sl) * ease_l
-            change = min(bound, max(-bound, jl + change)) - jl
-            jl += change
-            u, w = u + change / mass, w - half * change / moment
-            sl -= radii[0] * change / p.wheel_inertia
-            change = -(u + half * w - radii[1] * sr) * ease_r
-            change = min(bound, max(-bound, jr + change)) - jr
-            jr += change
-            u, w = u + change / mass, w + half * change / moment
-            sr -= radii[1] * change / p.wheel_inertia
-            left = max(0.0, bound * bound - jl * jl)
-            right = max(0.0, bound * bound - jr * jr)
-            most = math.sqrt(left) + math.sqrt(right)
-            change = -(side_speed - arm * w) * ease_y
-            change = min(most, max(-most, jy + change)) - jy
-            jy += change
-            side_speed, w = side_speed + change / mass, w - arm * change / moment
+        jl, jr, jy = _slide(
+            p, k, brings, ahead + push / mass, aside + shove / mass, turning + twist / moment
+        )
 
     px, py = jl + jr + push, jy + shove
     fx, fy = body_to_world(c, s, px, py)
@@ -253,15 +296,8 @@ def physics_step(
     state.distance += abs(ahead) * dt
     for i in range(2):
         ground = ahead + (2 * i - 1) * half * fields[W]
-        hold = bring[i] - k.inertia[i] * ground
+        hold = brings[i] - k.inertia[i] * ground
         hold = min(bound, max(-bound, hold))
-        state.spin[i] = (bring[i] - hold) * radii[i] / p.wheel_inertia
-
-    # Battery: the drivers are ideal choppers; braking gives a share back.
-    power = drawn * state.voltage
-    power = (power if power > 0.0 else power * p.regeneration) + p.idle_power
-    state.energy += power * dt
-    state.charge = min(p.capacity, max(0.0, state.charge - power * dt))
-    rest = p.empty_voltage + (p.full_voltage - p.empty_voltage) * state.charge / p.capacity
-    state.voltage = rest - p.battery_resistance * power / rest
-    return float(math.sqrt(hit_x * hit_x + hit_y * hit_y) + abs(hit_w) / p.wheelbase)
+        state.spin[i] = (brings[i] - hold) * k.radii[i] / p.wheel_inertia
+    _drain_battery(state, p, drawn_left + drawn_right)
+    return float(math.sqrt(hit_x * hit_x + hit_y * hit_y) + abs(hit_w) / p.body.wheelbase)

@@ -8,9 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.kernel import borrowing_kernel
+from wheelchair_gym.config import copy_numbers, numbers_of
 from wheelchair_gym.kinematics import LIMITS
 from wheelchair_gym.physics.randomization import DRAW, RANDOMIZED, draws_of, randomize_sensors
-from wheelchair_gym.physics.settings import ChairSettings, PhysicsSettings, integer_ratio
+from wheelchair_gym.physics.settings import (
+    BatterySettings,
+    BodySettings,
+    ChairSettings,
+    MotorSettings,
+    PhysicsSettings,
+    integer_ratio,
+)
 from wheelchair_gym.random import PARAMETERS, uniform
 from wheelchair_gym.sensors.settings import (
     POSE_MAX,
@@ -19,47 +27,32 @@ from wheelchair_gym.sensors.settings import (
     SCANNERS,
     SensorSettings,
 )
+from wheelchair_gym.signals import SENSED_READING, SENSED_TRUTH
 
 PARAMETER = np.dtype(
     [
+        # settings
+        ("body", numbers_of(BodySettings)),
+        ("motor", numbers_of(MotorSettings)),
+        ("battery", numbers_of(BatterySettings)),
         # the body, as it truly is this episode
         ("mass", "f8"),  # kg
         ("moment", "f8"),  # kg m2, about the centre of mass
-        ("radius_of_gyration", "f8"),  # m
-        ("centre_of_mass", "f8"),  # m, of mass, ahead of the axle
         ("friction", "f8"),
-        ("rolling_resistance", "f8"),
-        ("wheelbase", "f8"),  # m
-        ("caster_track", "f8"),  # m
-        ("caster_drag", "f8"),
-        ("bumper_force", "f8"),  # N
         # wheels, true
         ("track", "f8"),  # m
         ("radius_left", "f8"),  # m
         ("radius_right", "f8"),  # m
         ("wheel_inertia", "f8"),  # kg m2
         # motors
-        ("torque_constant", "f8"),  # V s/rad = N m/A
         ("gain", "f8"),
-        ("resistance", "f8"),  # ohm
-        ("current_limit", "f8"),  # A
         # control, with the geometry the chair believes in
         ("nominal_track", "f8"),  # m
         ("nominal_radius", "f8"),  # m
         ("counts_per_metre", "f8"),
-        ("kp", "f8"),
-        ("ki", "f8"),
-        ("kd", "f8"),
-        ("ka", "f8"),
-        ("filter_time", "f8"),  # s
         ("limits", LIMITS),
         # battery
         ("capacity", "f8"),  # J
-        ("full_voltage", "f8"),  # V
-        ("empty_voltage", "f8"),  # V
-        ("battery_resistance", "f8"),  # ohm
-        ("idle_power", "f8"),  # W
-        ("regeneration", "f8"),
         # what is drawn anew each episode, uniform from, to; errors from minus to plus
         ("mass_range", "f8", (2,)),  # kg
         ("friction_range", "f8", (2,)),
@@ -69,7 +62,6 @@ PARAMETER = np.dtype(
         # outline, and how it is hurt
         ("outline", "f8", (3,)),  # front, rear, half width [m]
         # sensing
-        ("initial_charge", "f8"),  # share at reset
         ("wheel_variance", "f8"),  # m2/m
         ("pose_source", "i8"),  # index into POSE_SOURCES
         ("pose_sigma", "f8", (3,)),  # m, m, rad
@@ -177,59 +169,25 @@ FAULTS = (
     "odometry frozen",
 )
 
-# Fields of Reading, without the scan, and of Truth, without the actors' poses, in their orders.
-_READ: list[tuple[Any, ...]] = [
-    ("pose", "f8", (3,)),
-    ("twist", "f8", (2,)),
-    ("ultrasonic", "f4", (RANGERS,)),
-    ("age", "f4", (RANGERS,)),
-    ("bumped", "b1"),
-    ("battery", "f8"),
-    ("stamp", "f8"),
-]
-_TRUE: list[tuple[Any, ...]] = [
-    ("true_pose", "f8", (3,)),
-    ("true_twist", "f8", (2,)),
-    ("clearance", "f8"),
-    ("contact", "b1"),
-    ("touched", "b1"),
-    ("distance", "f8"),
-    ("energy", "f8"),
-    ("at_fault", "b1"),
-    ("contact_with", "i8"),
-    ("approach_speed", "f8"),  # a field with an axis takes half a microsecond more
-    ("other_approach_speed", "f8"),
-]
-SENSED = np.dtype([*_READ, *_TRUE], align=True)  # what a control period gives
+# What a control period gives, without the scans and the actors' poses.
+SENSED = np.dtype(
+    [(signal.column, signal.kind, signal.shape) for signal in (*SENSED_READING, *SENSED_TRUTH)],
+    align=True,
+)
 
 
 def sensed_of(reading: Any, truth: Any = None) -> NDArray[np.void]:
     """Return a reading without its scan, and the truth if given, as a record (1,) of SENSED."""
     sensed = np.zeros(1, SENSED)
     row: Any = sensed[0]
-    for name, *_ in _READ:
-        row[name] = getattr(reading, name)
-    for name, *_ in _TRUE if truth is not None else ():
-        row[name] = getattr(truth, name.removeprefix("true_"))
+    for source, signals in ((reading, SENSED_READING), (truth, SENSED_TRUTH)):
+        for signal in signals if source is not None else ():
+            row[signal.column] = getattr(source, signal.name)
     return sensed
 
 
 _DECISION_PERIOD = 0.1  # s between two choices of a velocity by people
 _NEVER = 2**62  # physics steps: more than there are
-
-# Parameters that are settings of the same name, by the section of the settings.
-_COPIED = {
-    "body": (
-        "centre_of_mass", "rolling_resistance", "wheelbase", "caster_track", "caster_drag",
-        "bumper_force", "radius_of_gyration",
-    ),
-    "motor": (
-        "torque_constant", "resistance", "current_limit", "kp", "ki", "kd", "ka", "filter_time",
-    ),
-    "battery": (
-        "full_voltage", "empty_voltage", "idle_power", "regeneration", "initial_charge",
-    ),
-}  # fmt: skip
 
 
 def parameters(
@@ -245,10 +203,8 @@ def parameters(
     body, motor, battery = chair.body, chair.motor, chair.battery
     drive, odometry = chair.drive, sensors.odometry
     random, errors = chair.random, 1.0 if sensors.noise else 0.0
-    sections: dict[str, Any] = {"body": body, "motor": motor, "battery": battery}
-    for section, names in _COPIED.items():
-        for name in names:
-            p[name] = getattr(sections[section], name)
+    for section in ("body", "motor", "battery"):
+        copy_numbers(p[section], getattr(chair, section))
     p["mass_range"] = random.mass if chair.randomize else (body.mass, body.mass)
     p["friction_range"] = random.friction if chair.randomize else (body.friction, body.friction)
     p["gain_range"] = random.gain if chair.randomize else (1.0, 1.0)
@@ -259,7 +215,7 @@ def parameters(
     p["nominal_track"], p["nominal_radius"] = drive.track, drive.wheel_radius
     p["counts_per_metre"] = drive.counts_per_metre
     p["limits"] = chair.limits.record
-    p["capacity"], p["battery_resistance"] = battery.capacity * 3600.0, battery.resistance
+    p["capacity"] = battery.capacity * 3600.0
     p["wheel_variance"] = errors * odometry.variance
     # A localizer gets the dead-reckoned pose of the chair.
     source = "odometry" if sensors.localizes else sensors.pose_source
@@ -304,7 +260,7 @@ def randomize_parameters(p: Any, key: np.uint64) -> None:
     p.mass = _uniform_between(p.mass_range[0], p.mass_range[1], key, 0)
     p.friction = _uniform_between(p.friction_range[0], p.friction_range[1], key, 1)
     p.gain = _uniform_between(p.gain_range[0], p.gain_range[1], key, 2)
-    p.moment = p.mass * p.radius_of_gyration**2
+    p.moment = p.mass * p.body.radius_of_gyration**2
     e_d = p.diameter_error * _uniform_between(-1.0, 1.0, key, 3)
     e_b = p.track_error * _uniform_between(-1.0, 1.0, key, 4)
     p.track = p.nominal_track * (1.0 + e_b)

@@ -1,4 +1,4 @@
-"""One control period of one chair: physics steps of all that moves, then sensing (`advance`).
+"""One control period of one chair (`step_chair`): physics steps of all that moves, then sensing.
 
 A batch of chairs loops over it.
 """
@@ -21,7 +21,7 @@ from wheelchair_gym.compiled.address import (
     rows_of,
     table_at,
 )
-from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
+from wheelchair_gym.compiled.kernel import borrowing_kernel, check_written, inlined
 from wheelchair_gym.geometry import wrap
 from wheelchair_gym.physics.actors.bodies import (
     apply_forces,
@@ -46,7 +46,7 @@ from wheelchair_gym.physics.drive_train import (
 from wheelchair_gym.physics.engine import ANGLE, BODY_DOUBLES, VX, VY, W, X, Y, body_view
 from wheelchair_gym.physics.fault_injection import apply_fault, draw_fault
 from wheelchair_gym.physics.sensor_suite import SUITE, ranger_of, scanner_of
-from wheelchair_gym.physics.state import PARAMETER, STATE, randomize_parameters
+from wheelchair_gym.physics.state import PARAMETER, SENSED, STATE, randomize_parameters
 from wheelchair_gym.physics.world import WORLD, enter_world, measure_clearance, touchable_space
 from wheelchair_gym.sensors.laser import WORKSPACE_ROWS, sense_laser
 from wheelchair_gym.sensors.odometry import update_odometry, update_pose_estimate
@@ -60,8 +60,8 @@ def read_true_state(state: Any, p: Any, fields: Any) -> None:
     """Read the true pose and twist of the axle's centre from the body."""
     angle = fields[ANGLE]
     c, s = math.cos(angle), math.sin(angle)
-    state.pose[0] = fields[X] - c * p.centre_of_mass
-    state.pose[1] = fields[Y] - s * p.centre_of_mass
+    state.pose[0] = fields[X] - c * p.body.centre_of_mass
+    state.pose[1] = fields[Y] - s * p.body.centre_of_mass
     state.pose[2] = angle
     state.twist[0] = c * fields[VX] + s * fields[VY]
     state.twist[1] = fields[W]
@@ -159,10 +159,10 @@ def drive_period(
             move_the_others(world, p.dt)
         if bump > _TOUCH:
             state.contact = True
-            state.bumped |= bump > p.bumper_force * p.dt
+            state.bumped |= bump > p.body.bumper_force * p.dt
         if hit > _TOUCH:
             state.contact = True
-            state.bumped |= hit > p.bumper_force * p.dt
+            state.bumped |= hit > p.body.bumper_force * p.dt
             read_true_state(state, p, fields)
             write_actor_shapes(world)
             now = (fields[X], fields[Y], before[2], before[3], before[4])
@@ -257,6 +257,9 @@ def write_sensed(state: Any, p: Any, world: Any, rangers: int, sensed: Any) -> N
     sensed.clearance = world.clearance
 
 
+check_written("signal", SENSED.names or (), write_sensed)
+
+
 @borrowing_kernel
 def sense(
     suite: Any,
@@ -307,8 +310,8 @@ def place_chair(i: int, chairs: Any, start: Array, key: np.uint64) -> None:
     enter_world(suite, world, p, start[0], start[1], start[2], workspace_of(chairs))
     state.key, state.contact_with = key, -1
     draw_fault(state, p, suite)
-    state.charge = p.initial_charge * p.capacity
-    state.voltage = p.empty_voltage + (p.full_voltage - p.empty_voltage) * p.initial_charge
+    empty, full, charge = p.battery.empty_voltage, p.battery.full_voltage, p.battery.initial_charge
+    state.charge, state.voltage = charge * p.capacity, empty + (full - empty) * charge
     read_true_state(state, p, doubles_at(world.body, BODY_DOUBLES))
     for k in range(3):
         state.odometry[k] = state.pose[k]

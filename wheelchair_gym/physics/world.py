@@ -198,8 +198,8 @@ def _furnish(engine: Any, world: Any, p: Any, reach: float, workspace: Floats) -
     """Let a Space hold the walls and discs within a reach [m] of the chair's outline."""
     fields = body_view(world.body)
     yaw = fields[ANGLE]
-    x = fields[X] - math.cos(yaw) * p.centre_of_mass
-    y = fields[Y] - math.sin(yaw) * p.centre_of_mass
+    x = fields[X] - math.cos(yaw) * p.body.centre_of_mass
+    y = fields[Y] - math.sin(yaw) * p.body.centre_of_mass
     n, m, outline = world.n_fixed_walls, world.n_fixed_discs, p.outline[:]
     walls, discs = table_at(world.walls, n, 4), table_at(world.discs, m, 3)
     near = distances_in(workspace)
@@ -221,7 +221,7 @@ def touchable_space(engine: Any, world: Any, p: Any, workspace: Floats) -> np.ui
 
     0: that is nothing, so that the chair needs no Space.
     """
-    fields, arm = body_view(world.body), p.centre_of_mass
+    fields, arm = body_view(world.body), p.body.centre_of_mass
     far = max(p.outline[0] - arm, p.outline[1] + arm)
     corner = math.sqrt(far * far + p.outline[2] * p.outline[2])
     speed = math.sqrt(fields[VX] * fields[VX] + fields[VY] * fields[VY])
@@ -265,9 +265,8 @@ def enter_world(
         add_actors(engine, world)
     step_space(engine.step, world.space, p.dt)
     c, s = math.cos(yaw), math.sin(yaw)
-    place_body(
-        engine, world.space, world.body, x + p.centre_of_mass * c, y + p.centre_of_mass * s, yaw
-    )
+    ahead = p.body.centre_of_mass
+    place_body(engine, world.space, world.body, x + ahead * c, y + ahead * s, yaw)
     if world.n_actors > 0:
         reset_actors(engine, world)
         write_actor_shapes(world)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.arrays import Array
-from wheelchair_gym.config import load
+from wheelchair_gym.config import UnknownKeyError, load
 from wheelchair_gym.drivers import DRIVERS
 from wheelchair_gym.envs import EnvSettings, NavigationEnv
 from wheelchair_gym.envs.guidance import is_built_in
@@ -20,14 +20,13 @@ from wheelchair_gym.errors import InputError, shorten
 from wheelchair_gym.files import parse_json
 from wheelchair_gym.localization.logs import SensorLog, log_of_poses
 from wheelchair_gym.maps import OccupancyGrid
-from wheelchair_gym.migration import migrated
 from wheelchair_gym.physics.actors.records import ACTOR, Actors
 from wheelchair_gym.random import Split
 from wheelchair_gym.recording import topics
 from wheelchair_gym.recording.mcap_file import complete, mcap_messages
 from wheelchair_gym.recording.read_bags import bag_log, bag_texts, is_bag
 from wheelchair_gym.recording.topics import EPISODE, SETTINGS, Content
-from wheelchair_gym.sensors.settings import RANGERS, LaserSettings, SensorSettings
+from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
 from wheelchair_gym.types import Belief, Chair, Episode, Reading, Stick, Truth
 
 _TOPICS: Final = (EPISODE, topics.READING, topics.COMMAND, topics.VERDICT)
@@ -48,9 +47,9 @@ class RecordedEpisode(NamedTuple):
     episode: Episode
     path: Any  # guidance (n, 2) [m], or its settings, or None
     labels: Content  # who drove, by `NavigationEnv.labels`, at the beginning
-    seed: int | None  # None: recorded before release 0.3
+    seed: int
     number: int  # of the episode, of that seed
-    split: Split  # "test": also where a recording of an earlier release names none
+    split: Split
     states: list[RecordedState]  # (n + 1,)
     actions: list[NDArray[Any]]  # (n,) of (2,)
     verdicts: list[Content]  # (n,) of reward, terms, terminated, truncated
@@ -187,21 +186,15 @@ def _take_command(recorded: RecordedEpisode, content: Content) -> RecordedEpisod
 
 
 def _read_episode(content: Content) -> RecordedEpisode:
-    if "movers" in content:  # until release 0.1
-        content["actors"] = content.pop("movers")
-    if "actors" in content and "actor_size" not in content:  # until release 0.2
-        content["actors"] = topics.widened_actors(content["actors"])
-    # Recordings of the first release have no actors.
-    older = "actors", "routes", "actor_size", "seed", "number", "split", "labels", "arrival"
-    values = topics.read_fields(topics.FIELDS[EPISODE], content, *older)
-    seed, number = values.pop("seed", None), values.pop("number", 0)
-    split, labels = check_split(values.pop("split", "test")), values.pop("labels", {})
-    given, routes = values.pop("settings"), values.pop("routes", None)
-    size = values.pop("actor_size", ACTOR.itemsize)
-    if size != ACTOR.itemsize:
-        raise ValueError(f"actor_size is {size}; expected {ACTOR.itemsize}")
-    if "actors" in values:
-        values["actors"] = Actors(values["actors"], routes)
+    if content.get("actor_size") != ACTOR.itemsize:
+        raise ValueError(
+            f"another release wrote it (actor_size is {shorten(content.get('actor_size'))}, "
+            f"expected {ACTOR.itemsize}): read it with that one"
+        )
+    values = topics.read_fields(topics.FIELDS[EPISODE], content)
+    names = "settings", "seed", "number", "split", "labels", "routes", "actor_size"
+    given, seed, number, split, labels, routes, _ = map(values.pop, names)
+    values["actors"] = Actors(values["actors"], routes)
     path = content["path"]
     if isinstance(path, list):
         path = topics.numbers(-1, 3 if path and np.size(path[0]) == 3 else 2).read(path)
@@ -214,25 +207,27 @@ def _read_episode(content: Content) -> RecordedEpisode:
         not isinstance(driver, dict) or driver.get("name") not in DRIVERS.built_in
     ):  # a name may stand for code
         raise ValueError(f"driver is {shorten(driver)}")
-    settings = load(EnvSettings, migrated(given), EPISODE)
+    try:
+        settings = load(EnvSettings, given, EPISODE)
+    except UnknownKeyError as error:
+        raise ValueError(f"another release wrote it ({error}): read it with that one") from None
+    episode = Episode(**values)
     return RecordedEpisode(
-        settings, Episode(**values), path, labels, seed, number, split, [], [], []
+        settings, episode, path, labels, seed, number, check_split(split), [], [], []
     )
 
 
 def _read_state(content: Content, before: Belief | None, sensors: SensorSettings) -> RecordedState:
-    """A recorded instant; fields that older recordings lack count as unknown."""
-    fields = topics.reading_fields(sensors.beams, RANGERS)
-    optional = "halted", "odometry", "particles", "map", "stick"
-    values = topics.read_fields(fields, content, *optional)
+    """A recorded instant."""
+    fields = topics.reading_fields(sensors.beams)
+    values = topics.read_fields(fields, content, "particles", "map", "stick")
     built_map = before.built_map if before else None
     if "map" in values:
         grid = values.pop("map")
         built_map = lambda: grid  # noqa: E731
-    odometry = values.pop("odometry", values["pose"])
-    belief = Belief(odometry, values.pop("particles", None), built_map)
+    belief = Belief(values.pop("odometry"), values.pop("particles", None), built_map)
     truth = values.pop("truth")
-    return RecordedState(Reading(**{"halted": "", **values}), truth, belief)
+    return RecordedState(Reading(**values), truth, belief)
 
 
 def sensor_log(

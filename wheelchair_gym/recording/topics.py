@@ -8,7 +8,7 @@ from __future__ import annotations
 import base64
 import math
 from collections.abc import Callable, Mapping
-from typing import Any, Final, NamedTuple, get_type_hints
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
@@ -16,8 +16,9 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from wheelchair_gym.errors import shorten
 from wheelchair_gym.files import LIMITS, check_cells, is_coordinate
 from wheelchair_gym.maps import OccupancyGrid
-from wheelchair_gym.migration import migrated
-from wheelchair_gym.physics.actors.records import ACTOR, FORMER_ACTOR
+from wheelchair_gym.physics.actors.records import ACTOR
+from wheelchair_gym.signals import READING as READ
+from wheelchair_gym.signals import TRUTH, Signal
 from wheelchair_gym.types import Stick, Truth
 
 Content = dict[str, Any]
@@ -116,6 +117,7 @@ def _nullable(missing: float | None) -> Kind:
 NUMBER: Final = Kind({"type": "number"}, _number)
 TEXT: Final = Kind({"type": "string"}, _text)
 FLAG: Final = Kind({"type": "boolean"}, _exactly(bool))
+INTEGER: Final = Kind({"type": "integer"}, _exactly(int))
 OBJECT: Final = Kind({"type": "object"}, _object)
 
 
@@ -169,55 +171,43 @@ MAP: Final = _made(
     _grid,
     {"cells": _packed("<i1"), "shape": numbers(2), "resolution": NUMBER, "origin": numbers(3)},
 )
-_SCALARS = {float: NUMBER, bool: FLAG, int: Kind({"type": "integer"}, _exactly(int))}
-_TRUTH_FIELDS: Final = {
-    name: {"pose": numbers(3), "twist": numbers(2), "actor_poses": _poses("<f8")}.get(name)
-    or _SCALARS[hint]
-    for name, hint in get_type_hints(Truth).items()
-}
+_SCALARS: Final = {"f8": NUMBER, "b1": FLAG, "i8": INTEGER}
 
 
-def _read_truth(value: Any) -> Truth:
-    content = migrated(_object(value), "truth")
-    return Truth(**content | read_fields(_TRUTH_FIELDS, content, *Truth._field_defaults))
+def _kind(signal: Signal) -> Kind:
+    """How a signal is recorded: ranges and the poses of actors are packed."""
+    if signal.kind == "f4":
+        (size,) = signal.shape
+        return _packed("<f4", size if isinstance(size, int) else -1)
+    if not signal.is_fixed:
+        return _poses("<f8")
+    sides = [side for side in signal.shape if isinstance(side, int)]
+    return numbers(*sides) if sides else _SCALARS[signal.kind]
 
 
-_STICK = _made(Stick, {name: _SCALARS[hint] for name, hint in get_type_hints(Stick).items()})
+_TRUTH_FIELDS: Final = {signal.name: _kind(signal) for signal in TRUTH}
+
+
+_STICK = _made(Stick, {"forward": NUMBER, "left": NUMBER, "latched": FLAG})
 
 
 def _read_terms(value: Any) -> dict[str, float]:
-    terms = {name: _number(term) for name, term in _object(value).items()}
-    return migrated(terms, "task.reward")
+    return {name: _number(term) for name, term in _object(value).items()}
 
 
-def reading_fields(beams: int = -1, rangers: int = -1) -> dict[str, Kind]:
-    """The fields of a reading with so many beams and ultrasonics; -1: any number."""
+def reading_fields(beams: int = -1) -> dict[str, Kind]:
+    """The fields of a reading with so many beams; -1: any number."""
     return {
-        "pose": numbers(3),
-        "twist": numbers(2),
+        **{signal.name: _kind(signal) for signal in READ},
         "laser": _packed("<f4", beams),
-        "ultrasonic": _packed("<f4", rangers),
-        "age": _packed("<f4", rangers),
-        "bumped": FLAG,
         "battery": _nullable(math.nan),
-        "stamp": NUMBER,
         "halted": TEXT,
         "odometry": numbers(3),
-        "truth": _made(Truth, _TRUTH_FIELDS)._replace(read=_read_truth),
+        "truth": _made(Truth, _TRUTH_FIELDS),
         "particles": _poses("<f4"),
         "map": MAP,
         "stick": _STICK,
     }
-
-
-def widened_actors(text: Any) -> str:
-    """Packed actors of a recording until release 0.2 as those of today, who only walk."""
-    former = _packed(FORMER_ACTOR).read(text)
-    rows = np.zeros(len(former), ACTOR)
-    for name in FORMER_ACTOR.names or ():
-        rows[name] = former[name]
-    written: str = _packed(ACTOR).write(rows)
-    return written
 
 
 FIELDS: Final[dict[str, dict[str, Kind]]] = {
@@ -237,10 +227,10 @@ FIELDS: Final[dict[str, dict[str, Kind]]] = {
         ),
         "name": TEXT,
         "actors": _packed(ACTOR),
-        "actor_size": _SCALARS[int],  # bytes of one of them
+        "actor_size": INTEGER,  # bytes of one of them
         "routes": numbers(-1, 2),
-        "seed": _SCALARS[int],
-        "number": _SCALARS[int],  # of the episode, of that seed
+        "seed": INTEGER,
+        "number": INTEGER,  # of the episode, of that seed
         "split": TEXT,
         "labels": OBJECT,  # `NavigationEnv.labels`
     },

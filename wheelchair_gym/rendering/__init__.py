@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from wheelchair_gym.rendering.picture import TopView, draw_map
-from wheelchair_gym.rendering.plan import draw_plan
+from wheelchair_gym.rendering.plan import PlanPicture
 from wheelchair_gym.rendering.video import Window, video_suffix, webp, write_png, write_video
 
 __all__ = [
+    "PlanPicture",
     "TopView",
     "Window",
     "draw_map",
-    "draw_plan",
     "video_suffix",
     "webp",
     "write_png",

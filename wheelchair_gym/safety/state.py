@@ -8,7 +8,6 @@ of uncorrected dead reckoning, so that near objects keep their place.
 from __future__ import annotations
 
 import math
-from dataclasses import fields
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -16,7 +15,7 @@ import numpy as np
 from wheelchair_gym.arrays import Rows
 from wheelchair_gym.compiled.address import Pointers, Target
 from wheelchair_gym.compiled.kernel import borrowing_kernel
-from wheelchair_gym.config import InputError
+from wheelchair_gym.config import InputError, copy_numbers, numbers_of
 from wheelchair_gym.kinematics import LIMITS
 from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.safety.settings import ShieldSettings
@@ -64,7 +63,6 @@ _ASIDE = math.radians(4.0)  # cones of ultrasonics have soft edges
 SAMPLES = 38  # points of the outline that are checked against unseen space
 SIDES: Final = ((2, 8), (9, 15), (16, 26), (27, 37))  # the first and last of each side
 
-COPIED = [field.name for field in fields(ShieldSettings) if field.name != "stale"]
 _F8 = "f8"
 SETPOINT = np.dtype([(name, _F8) for name in ("v", "v_slope", "w", "w_slope")])
 SAMPLE = np.dtype([(name, _F8) for name in ("x", "y", "normal_x", "normal_y")])
@@ -104,7 +102,8 @@ CONSTANTS = np.dtype(
         ("samples", OUTLINE),  # outward normals; 0, 0 at the rear corners
         ("period", "f8"),  # s
         ("track", "f8"),  # m
-        *((name, "f8") for name in COPIED),
+        *numbers_of(ShieldSettings).descr,
+        ("tracks", "b1"),
         ("stale_laser", "f8"),
         ("stale_ultrasonic", "f8"),
         ("stale_odometry", "f8"),
@@ -389,8 +388,8 @@ class ShieldConstants:
         for name in SAMPLE.names or ():
             g["samples"][name] = samples[name]
         g["period"], g["track"] = period, chair.drive.track
-        for name in COPIED:
-            g[name] = getattr(config, name)
+        copy_numbers(g, config)
+        g["tracks"] = config.tracks
         g["reaction_time"] += chair.following_lag + chair.longest_delay
         g["stop_margin"] += range_error(sensors)
         for name in ("laser", "ultrasonic", "odometry"):

@@ -91,6 +91,30 @@ def _mirror(rects: Rects, width: int, height: int, swap: int, flip_x: int, flip_
         put(rects, k, x0, y0, x1, y1)
 
 
+@borrowing_kernel
+def _doors_of_room(source: NumpyStream, below: bool, above: bool) -> tuple[int, int]:
+    """Draw the first and the last side with a door: 0 towards a corridor below, 1 above."""
+    first, last = (0 if below else 1), (1 if above else 0)
+    if first < last and numpy_uniform(source, 0.0, 1.0) >= 0.3:
+        first = last = numpy_integer(source, as_int(2))
+    return first, last
+
+
+@kernel
+def _zones(openings: Rects, along_x: Flags) -> Rects:
+    """The floor in front of openings and behind them, which stays free."""
+    zones = np.empty(len(openings), RECT)
+    for k in range(len(openings)):
+        x0, y0, x1, y1 = openings[k].x0, openings[k].y0, openings[k].x1, openings[k].y1
+        if along_x[k]:
+            wide = max(0, ZONE - (x1 - x0) + 1) // 2
+            put(zones, k, x0 - wide, y0 - ZONE, x1 + wide, y1 + ZONE)
+        else:
+            wide = max(0, ZONE - (y1 - y0) + 1) // 2
+            put(zones, k, x0 - ZONE, y0 - wide, x1 + ZONE, y1 + wide)
+    return zones
+
+
 @kernel
 def generate_layout(
     source: NumpyStream,
@@ -121,7 +145,7 @@ def generate_layout(
         widths[k] = cell_count(numpy_uniform(source, corridor_width[0], corridor_width[1]))
         depth -= widths[k]
     row_depths = _split(source, depth, count + 1, _ROOM_LEAST)
-    y = outer
+    y = y0 = outer
     for k in range(count):
         y += row_depths[k] + INNER
         put(corridors, k, left, y, right, y + widths[k])
@@ -133,7 +157,6 @@ def generate_layout(
         across = right - cell_count(numpy_uniform(source, corridor_width[0], corridor_width[1]))
         corridor_count = put(corridors, two, across, corridors[0].y1, right, corridors[1].y0)
         end_1 = across - INNER
-    y0 = outer
     for k in range(count + 1):
         y1 = y0 + row_depths[k]
         end = end_1 if k == 1 else right
@@ -144,10 +167,7 @@ def generate_layout(
         for number in range(parts):
             size = sizes[number]
             n = put(rooms, n, x, y0, x + size, y1)
-            # Towards the corridor below, the one above, or both.
-            first, last = (0 if k > 0 else 1), (1 if k < count else 0)
-            if first < last and numpy_uniform(source, 0.0, 1.0) >= 0.3:
-                first = last = numpy_integer(source, two)
+            first, last = _doors_of_room(source, k > 0, k < count)
             for side in range(first, last + 1):
                 wide = cell_count(numpy_uniform(source, door_width[0], door_width[1]))
                 nook = not home and numpy_uniform(source, 0.0, 1.0) < 0.1
@@ -167,15 +187,7 @@ def generate_layout(
         if k < count:
             y0 = corridors[k].y1 + INNER
     rooms, corridors, openings = rooms[:n], corridors[:corridor_count], openings[:d]
-    zones = np.empty(d, RECT)
-    for k in range(d):
-        x0, bottom, x1, top = openings[k].x0, openings[k].y0, openings[k].x1, openings[k].y1
-        if along_x[k]:
-            wide = max(0, ZONE - (x1 - x0) + 1) // 2
-            put(zones, k, x0 - wide, bottom - ZONE, x1 + wide, top + ZONE)
-        else:
-            wide = max(0, ZONE - (top - bottom) + 1) // 2
-            put(zones, k, x0 - ZONE, bottom - wide, x1 + ZONE, top + wide)
+    zones = _zones(openings, along_x)
     swap, flip_x = numpy_integer(source, two), numpy_integer(source, two)
     flip_y = numpy_integer(source, two)
     for rects in (rooms, corridors, openings, zones):

@@ -24,7 +24,7 @@ from wheelchair_gym.compiled.address import (
     states_at,
     table_at,
 )
-from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined, kernel
+from wheelchair_gym.compiled.kernel import borrowing_kernel, check_written, inlined, kernel
 from wheelchair_gym.geometry import project, world_to_body
 from wheelchair_gym.maps.cost_to_go import poses_ahead, to_local
 from wheelchair_gym.task.prepared_episode import geodesic_to_go, seconds_to_go
@@ -260,7 +260,7 @@ def pool_beams(scan: Floats, reach: float, out: Floats) -> int:
         for i in range(beams):
             value = scan[i]
             valid = np.uint32(valid + np.uint32(abs(value) < none))
-            value = value if value > _ZERO else _ZERO  # as `see`, but without a branch
+            value = value if value > _ZERO else _ZERO  # as `observed_range`, but without a branch
             out[i] = value if value < far else far
         return int(valid)
     for i in range(beams):
@@ -532,3 +532,6 @@ def observe(
             sides = _part(out, place.privileged_side_clearance, size.privileged_side_clearance)
             write_side_clearance(rules, laser, hidden, sides)
     return valid
+
+
+check_written("observation key", [key.name for key in OBSERVATION_KEYS], observe)

@@ -1,6 +1,6 @@
 """Rewards: named terms with their weights, and whether a step ended the episode.
 
-A term is one field of `RewardWeights`, one line of `write_terms`, and its name in the sum there.
+A term is one field of `RewardWeights` and one line of `write_terms`.
 """
 
 from __future__ import annotations
@@ -10,10 +10,11 @@ import math
 from typing import Any
 
 import numpy as np
+from numba import literal_unroll
 
 from wheelchair_gym.arrays import Array, Floats
 from wheelchair_gym.compiled.address import table_at
-from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
+from wheelchair_gym.compiled.kernel import borrowing_kernel, check_written, kernel
 from wheelchair_gym.config import setting, setting_docs, settings
 from wheelchair_gym.geometry import wrap
 from wheelchair_gym.kinematics import twist_of_action
@@ -37,7 +38,7 @@ class RewardWeights:
     timeout: float = setting(default=-0.5, source=_TUNED)
     """1 at the time limit."""
     action_rate: float = setting(default=-0.003, source=_TUNED)
-    """Squared change of the action."""
+    """Squared change of the action, before the shield; the first is compared with 0."""
     shield_intervention: float = setting(default=0.0, source=_CHOICE)
     """What the shield took off the twist that was asked for, in full speeds."""
     proximity_speed: float = setting(default=0.0, unit="s/m2", source=_CHOICE)
@@ -57,7 +58,7 @@ VERDICT = np.dtype(
         ("reward", "f8"),  # their sum
         ("arrived", "b1"),  # by the chair's own estimate
         ("terminated", "b1"),  # arrived or bumped
-        ("truncated", "b1"),  # out of time, and neither of the two
+        ("truncated", "b1"),  # out of time; with both only at `max_episode_steps`
         ("valid_beams", "i8"),  # of the reading's scan
         ("geodesic", "f8"),  # m, from the episode's start
     ],
@@ -119,9 +120,9 @@ def has_arrived(rules: Any, prepared: Any, pose: Array, twist: Array, less: floa
 @borrowing_kernel
 def write_no_terms(verdict: Any) -> None:
     """Set all reward terms of a record of VERDICT to zero."""
-    t = verdict.terms
-    t.progress = t.time = t.arrived = t.bumped = t.timeout = 0.0
-    t.action_rate = t.shield_intervention = t.proximity_speed = t.disagreement = 0.0
+    terms = verdict.terms
+    for name in literal_unroll(TERMS):
+        terms[name] = 0.0
     verdict.reward = 0.0
 
 
@@ -164,7 +165,10 @@ def write_terms(
     t.disagreement = 0.0
     if rule.has_driver:
         t.disagreement = w.disagreement * disagreement(rule, progress) * rule.period
-    verdict.reward = (
-        0.0 + t.progress + t.time + t.arrived + t.bumped + t.timeout + t.action_rate
-        + t.shield_intervention + t.proximity_speed + t.disagreement
-    )  # fmt: skip
+    reward = 0.0
+    for name in literal_unroll(TERMS):
+        reward += t[name]
+    verdict.reward = reward
+
+
+check_written("reward term", TERMS, write_terms)

@@ -282,7 +282,8 @@ class Task:
     ) -> None:
         """Take what an assessed step gave; the reading may be one that is made when asked for."""
         self._reading, self.observation = reading, observation
-        self.action, self.shield_intervention = action, less
+        self.action = min(1.0, max(-1.0, action[0])), min(1.0, max(-1.0, action[1]))
+        self.shield_intervention = less
 
     def take_stick(self, stick: Stick, true_pose: Array, true_twist: Array) -> None:
         """Take what a person's interface gives where the chair truly is, before the assessment."""

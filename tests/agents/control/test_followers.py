@@ -20,8 +20,7 @@ from agents.control.rollout import (
 )
 from agents.policies import make_policy
 from tests.agents.fakes import PaperWorld, corridor
-from wheelchair_gym.compiled.kernel import record_of
-from wheelchair_gym.config import InputError
+from wheelchair_gym.config import InputError, record_of
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.geometry import Footprint, clearance_to_points, footprint_clearance
 from wheelchair_gym.kinematics import Limits

@@ -71,7 +71,7 @@ def brake_impulses(
     left = k.inertia[0] * k.radii[0] * state.spin[0]
     right = k.inertia[1] * k.radii[1] * state.spin[1]
     along = p.mass * forward + left + right
-    about = p.moment * turn + p.mass * p.centre_of_mass * aside + half * (right - left)
+    about = p.moment * turn + p.mass * p.body.centre_of_mass * aside + half * (right - left)
     left, right = 0.5 * (along - about / half), 0.5 * (along + about / half)
     return min(most, max(-most, left)), min(most, max(-most, right))
 
@@ -117,7 +117,7 @@ def step_plant(
         state.turned[i] += slower * p.dt
         # An open motor draws no current: its voltage is its own back-EMF. Nor does a shorted one
         # that its brake holds.
-        free = p.torque_constant * state.spin[i] / state.voltage
+        free = p.motor.torque_constant * state.spin[i] / state.voltage
         duty = left if i == 0 else right
         rests = duty == 0.0 and abs(taken[i]) < most
         state.duty[i] = duty if closed[i] and not rests else free
@@ -135,7 +135,7 @@ def step_plant(
         state.voltage,
         state.twist[0],
         state.twist[1],
-        max(hit, bump) > p.bumper_force * p.dt,
+        max(hit, bump) > p.body.bumper_force * p.dt,
     )
 
 

@@ -88,11 +88,6 @@ ACTOR = np.dtype(
 )
 
 
-# Those of recordings until release 0.2: people only walk, by ORCA.
-_FORMER = (ACTOR.names or ())[: (ACTOR.names or ()).index("model")]
-FORMER_ACTOR = np.dtype([(name, ACTOR[name]) for name in _FORMER], align=True)
-
-
 class Actors(NamedTuple):
     """All actors of an episode."""
 
