@@ -371,7 +371,7 @@ def _use_each(path: Path, names: Iterable[str], use: Callable[[Any], Any]) -> No
 
 
 def _protocol(folder: Path) -> Path:
-    condition = {"name": "with help", "assist": {"name": "slide", "turn_weight": 0.3}}
+    condition = {"name": "with help", "assist": {"name": "slide", "latency": 0.1}}
     tasks = [{"name": "home", "scene": "floor_plan", "seed": 1}]
     content = {"title": "a", "consent": "b", "conditions": [condition], "tasks": tasks}
     return _written(folder / "protocol.json", content)

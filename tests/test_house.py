@@ -90,13 +90,6 @@ def test_each_engine_lives_in_its_room():
             assert rooms is None or where.startswith(rooms), f"{where} imports {name}"
 
 
-def test_no_folder_is_a_heap():
-    """A reader finds a thing by the names of folders and files: at most fifteen in one."""
-    for package in PACKAGES:
-        for folder in {path.parent for path in (ROOT / package).rglob("*.py")}:
-            assert len(list(folder.glob("*.py"))) <= 15, folder
-
-
 def test_importing_the_env_loads_neither_torch_nor_planners():
     code = (
         "import sys, gymnasium, wheelchair_gym; "

@@ -27,7 +27,6 @@ ENVIRONMENTS: dict[str, dict[str, Any]] = {
     "localization": {"scene": "clutter", "pose_source": "mcl"},
     "mapping": {"scene": "clutter", "pose_source": "slam"},
 }  # fmt: skip
-STEPS = 3
 
 
 def warm_up(given: argparse.Namespace) -> int:
@@ -58,7 +57,7 @@ def _compile(what: str, work: Callable[[str], None], name: str) -> str:
 def _drive(name: str) -> None:
     env = NavigationEnv(**ENVIRONMENTS[name])
     env.reset(seed=0)
-    for _ in range(STEPS):
+    for _ in range(3):
         env.step(np.zeros(2, np.float32))
     env.close()
 
@@ -79,6 +78,6 @@ def _follow(name: str) -> None:
     env.reset(seed=0)
     policy = make_policy(f"a_star+{name}")
     policy.reset(env.mission)
-    for _ in range(STEPS):
+    for _ in range(3):
         env.step(policy.act(env.reading).as_action(env.task.limits).astype(np.float32))
     env.close()

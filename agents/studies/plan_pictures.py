@@ -101,15 +101,16 @@ class PlanPictures:
         tree = self.planner.tree if whales else self.planner
         for k, part in enumerate(growth(self.drawn.problem, tree, raw, self.seed)):
             said = f"tree, {part.counters.get('iterations', 0)} samples"
-            yield self._shown(part, 0, swarm=self._steering(part, k)).draw(self.size, said)
+            shown = self._shown(part, 0, swarm=self._steering(part, k))
+            yield (picture := shown.draw(self.size, said))
         bare = replace(raw, path=raw.path[:0])
         for t in _frames(len(whales), SWARM):
-            said = f"whales, iteration {t}"
-            yield self._shown(bare, 0, swarm=whales[t], raw=raw.path).draw(self.size, said)
+            shown = self._shown(bare, 0, swarm=whales[t], raw=raw.path)
+            yield (picture := shown.draw(self.size, f"whales, iteration {t}"))
         times = () if self.made is None else self.made.times
         for k in _frames(len(times), DRIVE):
-            picture = self._shown(self.plan, k + 1).draw(self.size, f"commands, {times[k]:.1f} s")
-            yield picture
+            shown = self._shown(self.plan, k + 1)
+            yield (picture := shown.draw(self.size, f"commands, {times[k]:.1f} s"))
         yield from [picture] * round(RATE)
 
     def _shown(self, plan: Plan, poses: int | None = None, **more: Any) -> PlanPicture:

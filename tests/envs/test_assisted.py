@@ -10,6 +10,7 @@ from agents.policies import GymPolicy, make_policy
 from tests.conftest import long_but
 from tests.copies import differences
 from tests.envs.test_vector import NEXT, SAME, compare
+from tests.laws.test_addresses import Told
 from wheelchair_gym.assistance import COMPILED
 from wheelchair_gym.config import InputError, dump, load
 from wheelchair_gym.drivers import DRIVERS
@@ -161,7 +162,7 @@ def test_a_localized_chair_has_a_person_too():
 
 def test_a_person_needs_a_simulated_chair_and_no_unknown_map():
     with pytest.raises(InputError, match="needs the simulated chair"):
-        NavigationEnv(**SMALL, driver="expert", chair=object())
+        NavigationEnv(**SMALL, driver="expert", chair=Told(None, None))
     with pytest.raises(InputError, match="with the pose source slam"):
         NavigationEnv(**SMALL, driver="expert", pose_source="slam")
     with pytest.raises(InputError, match="did you mean expert"):

@@ -147,7 +147,8 @@ class Record:
         object.__setattr__(self, "_row", rows[0])
 
     def __getattr__(self, name):
-        return self._row[name]
+        value = self._row[name]
+        return Record([value]) if value.dtype.names else value
 
     def __setattr__(self, name, value):
         self._row[name] = value

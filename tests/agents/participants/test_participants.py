@@ -1,7 +1,6 @@
 """Experiments with participants: orders, sessions that go on, answers, paired tests."""
 
 import itertools
-import json
 from collections import Counter
 
 import numpy as np
@@ -11,7 +10,7 @@ from scipy import stats
 from agents.cli import main
 from agents.participants.protocol import NASA_TLX, Condition, Protocol, Questionnaire, Task
 from agents.participants.report import tables, write_report
-from agents.participants.session import PROTOCOL, Session, read_folder, tidy, write_data
+from agents.participants.session import Session, read_folder, tidy, write_data
 from tests.conftest import ROOT
 from wheelchair_gym.config import InputError, dump, load, read
 
@@ -105,17 +104,6 @@ def test_another_protocol_does_not_enter_the_folder(tmp_path):
     for number in (0, -1, 10_000):
         with pytest.raises(InputError, match="expected a number from 1 to 9999"):
             Session(tmp_path, protocol(), number)
-
-
-def test_a_folder_of_an_earlier_release_is_read(tmp_path):
-    """Its hands held how long a spasm lasts, and its assistants what is a constant now."""
-    slide = {"name": "slide", "turn_weight": 0.3, "latency": 0.1}
-    first = {"name": "a", "hand": {"bursts": 1.0, "burst_time": 1.0}, "assist": slide}
-    text = json.dumps(dump(protocol()) | {"conditions": [first]})
-    (tmp_path / PROTOCOL).write_text(text)
-    read_back, _ = read_folder(tmp_path)
-    assert read_back.conditions[0].hand.bursts == 1.0
-    assert read_back.conditions[0].assist == {"name": "slide", "latency": 0.1}
 
 
 @pytest.mark.parametrize("last", [[], [51], [True], [105], ["50"], [None]])
