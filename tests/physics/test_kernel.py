@@ -29,6 +29,12 @@ from wheelchair_gym.physics.engine import (
 from wheelchair_gym.physics.world import measure_clearance, touchable_space
 
 
+def run_as_python(patch):
+    """Have the steps of a physics step run as plain Python."""
+    for name in ("_drag_of_casters", "_turn_wheel", "_slide", "_drain_battery"):
+        patch.setattr(drive_train, name, getattr(drive_train, name).py_func)
+
+
 class Oracle:
     """A chair in a Space of its own, made and entered by pymunk's plain API alone.
 
@@ -75,6 +81,7 @@ class Oracle:
         with monkeypatch.context() as patch:
             patch.setattr(drive_train, "body_view", lambda address: fields)
             patch.setattr(drive_train, "step_space", step_space)
+            run_as_python(patch)
             state, parameters = Record(self.state), Record(self.parameters)
             return drive_train.physics_step.py_func(state, parameters, k, 1, 0, 0)
 

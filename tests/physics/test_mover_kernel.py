@@ -8,7 +8,7 @@ import numpy as np
 import pymunk
 import pytest
 
-from tests.physics.test_kernel import Oracle, Record
+from tests.physics.test_kernel import Oracle, Record, run_as_python
 from tests.physics.worlds import busy, exact_chair
 from wheelchair_gym.compiled.address import address_of
 from wheelchair_gym.physics import drive_train
@@ -120,6 +120,7 @@ class BusyOracle(Oracle):
         with self.monkeypatch.context() as patch:
             patch.setattr(drive_train, "body_view", lambda address: self.fields[0])
             patch.setattr(drive_train, "step_space", step_space)
+            run_as_python(patch)
             return STEP_ONCE(
                 Record(self.lent.chairs.states), Record(self.lent.chairs.parameters), k, 1, 0, 0
             )
