@@ -46,11 +46,14 @@ print("all there")
 
 @pytest.mark.parametrize("what", RECIPES)
 def test_the_page_names_every_file_that_a_recipe_edits(what):
-    """Of a file in a folder that the row names, its own name is free."""
+    """Of a file in a folder that the row names, its own name is free. Each edit has its place."""
     (row,) = re.findall(rf"^\| {re.escape(what)} \|.*$", PAGE, re.M)
     for path in RECIPES[what]:
         folder, name = path.rsplit("/", 1)
         assert f"{name}`" in row or f"`{folder}/`" in row, path
+        text = (ROOT / path).read_text() if (ROOT / path).exists() else ""
+        for edit in RECIPES[what][path]:
+            assert edit.get("before", edit.get("replace", "")) in text, edit
 
 
 @pytest.mark.long
