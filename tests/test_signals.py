@@ -13,9 +13,8 @@ def test_the_classes_have_the_fields_of_the_table(owner, signals):
     """What a reading holds beyond its signals, the environment fills in for a policy."""
     names = owner._fields[: len(signals)]
     assert {signal.name for signal in signals} == set(names)
-    assert set(owner._fields[len(signals) :]) <= {
-        "halted", "action", "shield_intervention", "map", "stick",
-    }  # fmt: skip
+    more = {"halted", "action", "shield_intervention", "map", "stick"}
+    assert set(owner._fields[len(signals) :]) <= more
 
 
 def test_what_no_kernel_writes_is_refused():

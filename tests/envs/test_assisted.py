@@ -126,7 +126,9 @@ def test_a_drive_is_that_of_the_policy(assistant):
         seen[1] = theirs[0]
         if theirs[2] or theirs[3]:
             break
-    assert np.abs(held.reading.action).max() >= 0.0
+    other.reset(seed=0)
+    other.step(np.array([5.0, -3.0]))
+    assert other.reading.action == (1.0, -1.0)
 
 
 def test_a_residual_is_added_to_the_assistant_and_rest_stays_rest():

@@ -131,8 +131,7 @@ def test_it_is_driven_in_real_time(capsys, slept):
 
 def test_a_replay_is_shown_in_real_time(capsys, slept, tmp_path):
     file = str(tmp_path / "drive.mcap")
-    drive = ["simulate", "--scene", "empty", "--policy", "straight", "--record", file]
-    assert main(drive) == 0
+    assert main(["simulate", "--scene", "empty", "--policy", "straight", "--record", file]) == 0
     assert main(["replay", file, "--live", "0"]) == 0
     assert sum(slept) == pytest.approx(3.8, abs=0.5 / RATE)  # no frame after the last step
     said = capsys.readouterr()

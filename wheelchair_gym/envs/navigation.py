@@ -352,8 +352,9 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         """The latest reading as a policy gets it, with the last action and the map drawn so far."""
         task = self.task
         drawn = None if task.built_map is None else task.built_map()
+        share, turn = (min(1.0, max(-1.0, each)) for each in task.action)
         return task.reading._replace(
-            action=task.action, shield_intervention=task.shield_intervention, map=drawn,
+            action=(share, turn), shield_intervention=task.shield_intervention, map=drawn,
             stick=task.stick,
         )  # fmt: skip
 

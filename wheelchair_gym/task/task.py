@@ -49,7 +49,7 @@ class Task:
     key: int  # of the episode's randomness; seeds what a policy draws
     is_shielded: bool  # a shield filters the commands
     observation: Observation  # of the latest reading
-    action: tuple[float, float]  # the last one, in [-1, 1]
+    action: tuple[float, float]  # the last one, as it was given
     shield_intervention: tuple[float, float]  # taken from the last twist [m/s, rad/s]
 
     def __init__(
@@ -282,8 +282,7 @@ class Task:
     ) -> None:
         """Take what an assessed step gave; the reading may be one that is made when asked for."""
         self._reading, self.observation = reading, observation
-        self.action = min(1.0, max(-1.0, action[0])), min(1.0, max(-1.0, action[1]))
-        self.shield_intervention = less
+        self.action, self.shield_intervention = action, less
 
     def take_stick(self, stick: Stick, true_pose: Array, true_twist: Array) -> None:
         """Take what a person's interface gives where the chair truly is, before the assessment."""
