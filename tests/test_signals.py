@@ -10,7 +10,7 @@ from wheelchair_gym.types import Reading, Truth
 
 @pytest.mark.parametrize(("owner", "signals"), [(Reading, READING), (Truth, TRUTH)])
 def test_the_classes_have_the_fields_of_the_table(owner, signals):
-    """What a reading holds beyond its signals, the environment fills in for a policy."""
+    """The environment fills in the further fields of a reading for a policy."""
     names = owner._fields[: len(signals)]
     assert {signal.name for signal in signals} == set(names)
     more = {"halted", "action", "shield_intervention", "map", "stick"}

@@ -39,7 +39,7 @@ class Belief:
 
 @borrowing_kernel
 def _ends(twists: Array, horizon: float, ahead: float, out: Array) -> None:
-    """Where a point ahead of the axle is after twists (n, 2 or more)."""
+    """Compute the position of a point ahead of the axle after twists (n, 2 or more)."""
     for k in range(twists.shape[0]):
         x, y, yaw = arc_step(0.0, 0.0, 0.0, twists[k, 0], twists[k, 1], horizon)
         out[k, 0], out[k, 1] = x + ahead * math.cos(yaw), y + ahead * math.sin(yaw)

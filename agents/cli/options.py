@@ -1,4 +1,4 @@
-"""What parses the values of options, and the values that some may have.
+"""Parsers of option values, and the values that some options may have.
 
 Nothing here imports more than the standard library, so that `--help` answers at once.
 """

@@ -289,7 +289,7 @@ class PlannedDriver:
         return self._lost <= 0.0 and gone
 
     def is_blocked(self) -> bool:
-        """Let a period pass; return True if a check, each `redraw`, shows the path blocked."""
+        """Advance the timer; return True if a check, each `redraw`, shows the path blocked."""
         if self._surroundings.draws and self._lost > 0.0:
             return False
         due = self._detours.due(self._mission.period, self.config.redraw)
@@ -328,7 +328,7 @@ class PlannedDriver:
         return self._spin.turned > 2.0 * math.pi
 
     def is_plan_due(self) -> bool:
-        """Let a period pass; return True if the last plan was made 2 s ago."""
+        """Advance the timer; return True if the last plan was made 2 s ago."""
         return self._detours.due(self._mission.period, LOOK)
 
     def has_made_room(self) -> bool:
@@ -336,7 +336,7 @@ class PlannedDriver:
         return self._path.ended or self._progress.stalled(True)
 
     def has_backed_out(self) -> bool:
-        """Let a period pass; return True if `backing`, longer in one place, is over."""
+        """Advance the timer; return True if `backing`, longer in one place, is over."""
         crawls = self._surroundings.crawls
         self._backup.left -= self._mission.period * (CRAWL / BACK if crawls else 1.0)
         return self._backup.left <= 0.0

@@ -30,7 +30,7 @@ _WAITING = 500  # messages that may wait for a page that does not take them; the
 
 
 class Field(NamedTuple):
-    """What a field of a message may hold: a test, what it asks for in words, and a conversion."""
+    """A field of a message: its test, what it expects in words, and a conversion."""
 
     fits: Callable[[Any], bool]
     expected: str

@@ -99,7 +99,7 @@ class Onlooker:
 
 
 def stop(name, number):
-    """What one trial of a cause shows: figure -> (measured, bound)."""
+    """Figures of one trial of a cause: name -> (measured, bound)."""
     cause, noticed = CAUSES[name]
     rng = np.random.default_rng([list(CAUSES).index(name), number])
     chair = ChairSettings(body=BodySettings(mass=float(rng.uniform(*MASSES))))

@@ -30,7 +30,7 @@ from wheelchair_gym.physics.world import measure_clearance, touchable_space
 
 
 def run_as_python(patch):
-    """Have the steps of a physics step run as plain Python."""
+    """Run the parts of a physics step as plain Python."""
     for name in ("_drag_of_casters", "_turn_wheel", "_slide", "_drain_battery"):
         patch.setattr(drive_train, name, getattr(drive_train, name).py_func)
 

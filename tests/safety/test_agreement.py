@@ -63,6 +63,20 @@ def test_the_set_point_follows_wheels_that_outrun_it_lastingly():
         assert (shield.state["setpoint"]["v"][0] > 0.1) == followed
 
 
+@pytest.mark.parametrize("command", [0.0, 0.05, 0.1, 0.2, 0.4])
+@pytest.mark.parametrize("wheels", [-0.3, 0.8])
+def test_wheels_that_do_not_do_what_is_asked_are_a_fault(command, wheels):
+    """The set point follows wheels that outrun it, also the wrong way round: that hides nothing."""
+    chair, shield, room = SimulatedChair(), Shield(), EmptyRoom(size=(40.0, 20.0))
+    reading = chair.reset(room.sample(np.random.default_rng(0)), 0)
+    for _ in range(20):
+        shield.filter(np.array([command, 0.0]), reading)
+        if shield.latched:
+            break
+        reading = chair.drive(np.array([wheels, 0.0]))
+    assert shield.latched == "odometry frozen"
+
+
 @pytest.mark.parametrize("turned", [10.0, -20.0, 90.0, 180.0])
 def test_a_laser_that_was_turned_is_found_within_a_second_of_motion(turned):
     laser = LaserSettings(yaw=math.radians(turned))

@@ -186,13 +186,9 @@ def _turn_wheel(state: Any, p: Any, k: DriveConstants, i: int) -> tuple[float, f
 
 @absorbed_kernel
 def _slide(
-    p: Any,
-    k: DriveConstants,
-    brings: tuple[float, float],
-    ahead: float,
-    aside: float,
+    p: Any, k: DriveConstants, brings: tuple[float, float], ahead: float, aside: float,
     turning: float,
-) -> tuple[float, float, float]:
+) -> tuple[float, float, float]:  # fmt: skip
     """Return the impulses [N s] of the left and right tyre along, and of both across, that slide.
 
     The velocities are those without them; Gauss-Seidel sweeps within the bounds of friction.

@@ -13,12 +13,11 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
+from wheelchair_gym import signals
 from wheelchair_gym.errors import shorten
 from wheelchair_gym.files import LIMITS, check_cells, is_coordinate
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.physics.actors.records import ACTOR
-from wheelchair_gym.signals import READING as READ
-from wheelchair_gym.signals import TRUTH, Signal
 from wheelchair_gym.types import Stick, Truth
 
 Content = dict[str, Any]
@@ -174,7 +173,7 @@ MAP: Final = _made(
 _SCALARS: Final = {"f8": NUMBER, "b1": FLAG, "i8": INTEGER}
 
 
-def _kind(signal: Signal) -> Kind:
+def _kind(signal: signals.Signal) -> Kind:
     """How a signal is recorded: ranges and the poses of actors are packed."""
     if signal.kind == "f4":
         (size,) = signal.shape
@@ -185,7 +184,7 @@ def _kind(signal: Signal) -> Kind:
     return numbers(*sides) if sides else _SCALARS[signal.kind]
 
 
-_TRUTH_FIELDS: Final = {signal.name: _kind(signal) for signal in TRUTH}
+_TRUTH_FIELDS: Final = {signal.name: _kind(signal) for signal in signals.TRUTH}
 
 
 _STICK = _made(Stick, {"forward": NUMBER, "left": NUMBER, "latched": FLAG})
@@ -198,7 +197,7 @@ def _read_terms(value: Any) -> dict[str, float]:
 def reading_fields(beams: int = -1) -> dict[str, Kind]:
     """The fields of a reading with so many beams; -1: any number."""
     return {
-        **{signal.name: _kind(signal) for signal in READ},
+        **{signal.name: _kind(signal) for signal in signals.READING},
         "laser": _packed("<f4", beams),
         "battery": _nullable(math.nan),
         "halted": TEXT,

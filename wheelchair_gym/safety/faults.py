@@ -37,7 +37,7 @@ _INF = np.float32(np.inf)
 _MOVED = 1e-3  # m or rad in a period: sensors of a chair that moves more report something new
 _ASKED_V, _ASKED_W = 0.1, 0.25  # m/s, rad/s: at such set points, wheels must report a motion
 _OFF_V, _OFF_W = 0.25, 0.5  # m/s, rad/s: wheels so far from the set point are astray
-_RUNAWAY_V, _RUNAWAY_W = 0.2, 0.4  # m/s2, rad/s2: against the command, wheels get so faster
+_RUNAWAY_V, _RUNAWAY_W = 0.2, 0.4  # m/s2, rad/s2: least change of speed that counts
 _ASTRAY = 0.5  # s
 _VALID = 0.5  # least share of valid beams
 _ROUND = 1e-6  # s
@@ -189,6 +189,15 @@ def _check_ultrasonics(
 
 
 @borrowing_kernel
+def _runs_away(now: float, before: float, given: float, far: float, change: float) -> bool:
+    """Return whether wheels depart from their command, or do not come nearer though they are far.
+
+    All are speeds or turn rates; `change` is the least change in a period that counts.
+    """
+    return abs(now - given) > abs(before - given) + (-change if abs(now - given) > far else change)
+
+
+@borrowing_kernel
 def _check_odometry(g: Any, s: Any, pose: Array, twist: Array, halted: bool, dt: float) -> int:
     """Update the odometry's timers; returns the reason of a fault, 0: none."""
     v, w, setpoint = twist[0], twist[1], s.setpoint
@@ -201,8 +210,9 @@ def _check_odometry(g: Any, s: Any, pose: Array, twist: Array, halted: bool, dt:
     asked = abs(setpoint.v) > _ASKED_V or abs(setpoint.w) > _ASKED_W
     off = abs(v - setpoint.v) > _OFF_V or abs(w - setpoint.w) > _OFF_W
     fast, turns = outrun(s, v, w)  # the set point follows them, so that they are not off
-    off |= fast and abs(v) > max(abs(s.decision.given[0]), abs(s.read_twist[0]) + _RUNAWAY_V * dt)
-    off |= turns and abs(w) > max(abs(s.decision.given[1]), abs(s.read_twist[1]) + _RUNAWAY_W * dt)
+    given, before = s.decision.given, s.read_twist
+    off |= fast and _runs_away(v, before[0], given[0], _OFF_V, _RUNAWAY_V * dt)
+    off |= turns and _runs_away(w, before[1], given[1], _OFF_W, _RUNAWAY_W * dt)
     s.odometry_silent = _lasting(not finite, s.odometry_silent, dt)
     frozen = (same and not still) or (finite and still and asked)
     s.odometry_frozen = _lasting(not halted and frozen, s.odometry_frozen, dt)

@@ -134,7 +134,7 @@ def test_a_transition_is_taken(case, monkeypatch):
 
 
 def test_a_chair_looks_round_only_until_it_knows_a_way():
-    """What is behind it stays unseen; a whole turn would take 31 s."""
+    """The space behind the chair stays unseen; a whole turn would take 31 s."""
     policy, world, turns = make_policy("a_star+window"), corner(), 0
     policy.reset(world.mission)
     while world.time < 20.0 and world.pose[1] < 1.0:
