@@ -43,6 +43,8 @@ _MATCHED, _ENOUGH = 90, 40  # minimum points of a fit that counts, and to keep t
 _MOVED = 0.05  # m and rad since the key scan: at rest, only the world can have moved
 _AGREES = 0.85  # share that the wheels explain from which one step from zero fits
 _EXPLAINED = 0.6  # minimum share of them that the fitted motion explains
+_TELLS = 0.03  # m along the normal: points that move so far tell a motion from none
+_TOLD = 0.72  # minimum share of those that it explains: a trolley ahead is not the whole scene
 _GAIN = 0.08  # minimum share of them that it explains and the wheels do not
 _OFF, _OFF_PER_METRE, _OFF_PER_RADIAN = 0.05, 0.05, 0.04  # m: bound of the fitted shift
 _TURNED, _TURNED_PER_RADIAN = 0.06, 0.10  # rad: bound of the fitted turn
@@ -71,9 +73,13 @@ _SEEN, _LEFT, _LOST, _UNCLEAR = range(4)
 _HEARD, _HEARD_SHARE, _HEARD_POINTS = 1.5, 0.5, 2  # m, of the reach: a surface surely heard
 _SQUARE = math.cos(math.radians(8.0))  # of the angle between its normal and the ranger's axis
 
-# Normal equations of a fit, number of points in it, and of points that it explains.
+# Normal equations of a fit, number of points in it, and of points that it explains; the same of
+# those points that tell it from no motion.
 _FIT = np.dtype(
-    [("h", "f8", (3, 3)), ("g", "f8", (3,)), ("other", "f8", (3,)), ("score", "f8"), ("n", "i8")]
+    [
+        *(("h", "f8", (3, 3)), ("g", "f8", (3,)), ("other", "f8", (3,))),
+        *(("score", "f8"), ("n", "i8"), ("told", "f8"), ("telling", "i8")),
+    ]
 )
 _fit_at, _FIT_SIZE = rows_of(_FIT), _FIT.itemsize
 _OLD = np.dtype([(name, "f4", (KEY_POINTS,)) for name in ("x", "y", "lost", "held")])
@@ -167,13 +173,13 @@ def _renew_key(
 
 @borrowing_kernel
 def _fit(key: Any, one: LaserArrays, at: Frame, scan: Floats, offset: Array, fit: Any) -> None:
-    """Write the normal equations of the motion left over at an offset (3,), and its score.
+    """Write the normal equations of the motion left over at an offset (3,), and its scores.
 
-    The score counts the points that the offset explains, each by 1 / (1 + (residual / scale)^2).
+    A score counts the points that the offset explains, each by 1 / (1 + (residual / scale)^2).
     """
     beams = scan.shape[0]
     dx, dy, c, s = offset[0], offset[1], math.cos(offset[2]), math.sin(offset[2])
-    fit.score, fit.n = 0.0, 0
+    fit.score, fit.n, fit.told, fit.telling = 0.0, 0, 0.0, 0
     for i in range(3):
         fit.g[i] = 0.0
         for j in range(3):
@@ -191,6 +197,8 @@ def _fit(key: Any, one: LaserArrays, at: Frame, scan: Floats, offset: Array, fit
         if b < 0 or b >= beams or not one.nearest <= scan[b] < _INF:  # nor too near, which is -inf
             continue
         fit.n += 1
+        tells = abs(nx * (ex - ax) + ny * (ey - ay)) > _TELLS
+        fit.telling += tells
         r = np.float64(scan[b])
         qx, qy = point_to_world(at.c, at.s, 0.0, 0.0, r * one.cosine[b], r * one.sine[b])
         e = nx * (qx - ex) + ny * (qy - ey)
@@ -198,6 +206,7 @@ def _fit(key: Any, one: LaserArrays, at: Frame, scan: Floats, offset: Array, fit
             continue
         share = 1.0 / (1.0 + (e / _SCALE) * (e / _SCALE))
         fit.score += share
+        fit.told += share if tells else 0.0
         row = nx, ny, ny * (ex - dx) - nx * (ey - dy)
         for i in range(3):
             fit.g[i] += share * row[i] * e
@@ -269,6 +278,7 @@ def _fits_another_motion(key: Any, one: LaserArrays, at: Frame, scan: Floats) ->
         key.valid = False
         return False
     explained = (fit.score - plain >= _GAIN * fit.n) & (fit.score >= _EXPLAINED * fit.n)
+    explained &= fit.told >= _TOLD * fit.telling
     off = math.sqrt(offset[0] * offset[0] + offset[1] * offset[1])
     shifted = off > _OFF + _OFF_PER_METRE * key.way + _OFF_PER_RADIAN * key.turned
     turned = abs(offset[2]) > _TURNED + _TURNED_PER_RADIAN * key.turned
