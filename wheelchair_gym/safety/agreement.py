@@ -58,6 +58,8 @@ _LAG_FADES = 60.0  # s
 _MAX_LAG = 0.3  # s
 _KEY_WAY, _KEY_TURN = 1.0, 1.2  # m, rad: motion after which the key scan is renewed
 _STAY = 0.5  # share of its points: with fewer matched, it is renewed
+_STRANGE, _UNEXPLAINED = 0.4, 42  # maximum share explained, and minimum points that are not
+_RENEWS = 1.0  # s of strange scans: then people stand around, and the key scan is renewed
 _SPREAD = 2  # beams on each side of the expected one that may show the echo as well
 _REACH_MARGIN = 0.5  # m: a point so near the reach may be out of it in the next scan
 _EDGE = 0.1  # rad: the same for the ends of the fan
@@ -164,7 +166,7 @@ def _renew_key(
         elif old.lost[k] > 0.0:
             key.x[to], key.y[to], key.lost[to] = old.x[k], old.y[k], old.lost[k]
     _find_normals(key)
-    key.begun, key.way, key.turned, key.renewed = True, 0.0, 0.0, True
+    key.begun, key.way, key.turned, key.renewed, key.strange = True, 0.0, 0.0, True, 0.0
     key.at[0], key.at[1], key.at[2], key.at[3] = at.x, at.y, at.c, at.s
     for k in range(3):
         key.drift[k] += key.offset[k]
@@ -245,7 +247,7 @@ def _refine(key: Any, one: LaserArrays, at: Frame, scan: Floats, offset: Array, 
 
 
 @borrowing_kernel
-def _fits_another_motion(key: Any, one: LaserArrays, at: Frame, scan: Floats) -> bool:
+def _fits_another_motion(key: Any, one: LaserArrays, at: Frame, scan: Floats, dt: float) -> bool:
     """Fit the motion of a scan that the wheels do not report; return True if it is large."""
     fit, offset = _fit_at(on_stack(_FIT_SIZE), 1)[0], key.offset[:]
     _fit(key, one, at, scan, key.still[:], fit)
@@ -254,6 +256,8 @@ def _fits_another_motion(key: Any, one: LaserArrays, at: Frame, scan: Floats) ->
     if key.renewed:
         key.matched, key.renewed = matched, False
     key.few = matched < max(_ENOUGH, as_int(_STAY * key.matched))
+    strange = (plain < _STRANGE * matched) & (matched - plain > _UNEXPLAINED)
+    key.strange = key.strange + dt if strange else 0.0
     if plain >= _AGREES * matched:
         offset[0] = offset[1] = offset[2] = 0.0
         _improve(fit, offset)
@@ -307,6 +311,12 @@ def _doubt(key: Any, at: Frame, yaw: float) -> None:
             key.mark[k] = key.drift[k] + key.offset[k]
 
 
+@inlined
+def is_doubted(key: Any) -> bool:
+    """Whether the latest scan may have moved with the chair, or otherwise than the wheels."""
+    return bool((key.doubt > 0.0) | (key.astray > 0.0) | (key.strange > 0.0))
+
+
 @borrowing_kernel
 def _estimate_lag(key: Any, velocity: tuple[float, float, float], dt: float) -> None:
     """Estimate the age of scans [s]: a late scan is behind by the age times the change of speed.
@@ -346,12 +356,12 @@ def disagrees(
     key.turned += abs(w) * dt
     another = False
     if key.renewed or v != 0.0 or w != 0.0:
-        another = _fits_another_motion(key, one, at, scan) and key.way + key.turned > _MOVED
+        another = _fits_another_motion(key, one, at, scan, dt) and key.way + key.turned > _MOVED
         _doubt(key, at, pose[2])
     _estimate_lag(key, velocity, dt)
     key.astray = key.astray + dt if another else 0.0
-    moved = key.way > _KEY_WAY or key.turned > _KEY_TURN
-    if not another and (key.few or moved):
+    moved = key.few or key.way > _KEY_WAY or key.turned > _KEY_TURN
+    if not another and (key.strange > _RENEWS or (moved and key.strange == 0.0)):
         _renew_key(key, one, at, scan, velocity)
     return bool(key.astray > _DISAGREES or key.doubt > _DOUBTS)
 

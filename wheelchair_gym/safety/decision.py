@@ -25,6 +25,7 @@ from wheelchair_gym.kinematics import (
     odometric_step,
     peak_speed,
 )
+from wheelchair_gym.safety.agreement import is_doubted
 from wheelchair_gym.safety.grid import was_seen
 from wheelchair_gym.safety.moving import may_reach_point, place_moving, spread_tracked
 from wheelchair_gym.safety.state import (
@@ -236,6 +237,8 @@ def check_trajectory(g: Any, s: Any, near: Any, v: float, w: float) -> int:
     Without a better option the next decision brakes in the same way: within the comfort limits
     before static obstacles, at the protective limit before moving ones.
     """
+    if is_doubted(s.keys[0]) and max(abs(v), 0.5 * g.track * abs(w)) > g.creep_speed:
+        return UNSEEN
     wary = s.n_lost > 0 or (v < 0.0 and s.stamp - s.marked < g.wary_time)
     unseen = min(g.creep_speed, g.unseen_speed) if wary else g.unseen_speed
     reason = _sweep_static(g, s, near, v, w, g.stop_margin, g.time_headway, unseen)

@@ -18,7 +18,7 @@ from wheelchair_gym.compiled.address import floats_at, on_stack, rows_of
 from wheelchair_gym.compiled.kernel import as_int, borrowing_kernel, inlined
 from wheelchair_gym.geometry import point_to_world, world_to_body
 from wheelchair_gym.kinematics import arc_step
-from wheelchair_gym.safety.agreement import add_lost, expected_echo, find_lost
+from wheelchair_gym.safety.agreement import add_lost, expected_echo, find_lost, is_doubted
 from wheelchair_gym.safety.faults import check_sensors
 from wheelchair_gym.safety.further_scanners import update_others
 from wheelchair_gym.safety.grid import (
@@ -110,7 +110,11 @@ def _compact(points: Any, kept: Bytes, begin: int, end: int, to: int) -> int:
 
 @borrowing_kernel
 def _find_kept(s: Any, scan: Scan, work: Any) -> None:
-    """Store 1 for each point that is neither too old, nor too far, nor its place seen again."""
+    """Store 1 for each point that is neither too old, nor too far, nor its place seen again.
+
+    A scan that may move with the chair shows no place again: it would take obstacles along.
+    """
+    trusted = not is_doubted(s.keys[0])
     x, y, stamp, now = s.points.x[:], s.points.y[:], s.points.stamp[:], s.stamp
     kept, far, beam, n, last = (
         work.kept[:],
@@ -126,7 +130,7 @@ def _find_kept(s: Any, scan: Scan, work: Any) -> None:
         far[k] = math.sqrt(dx * dx + dy * dy)
     for k in range(np.uint64(n)):
         again = scan.least[np.uint64(beam[k])] >= far[k] - SAME
-        kept[k] = (now <= stamp[k]) & (far[k] <= FAR) & (not again)
+        kept[k] = (now <= stamp[k]) & (far[k] <= FAR) & (not (again and trusted))
 
 
 @borrowing_kernel
@@ -185,9 +189,14 @@ def _keep_marks(g: Any, s: Any, scan: Scan) -> None:
 
 @borrowing_kernel
 def _add_points(g: Any, s: Any, work: Any, scan: Scan, marks: int, end: int) -> None:
-    """Add points in the laser's frame; one moves if its cell was empty or marks beside it moved."""
+    """Add points in the laser's frame; one moves if its cell was empty or marks beside it moved.
+
+    Those of a doubted scan stay for this scan alone.
+    """
     x, y, stamp = s.points.x[:], s.points.y[:], s.points.stamp[:]
     near, far, begin = s.stamp + g.static_memory_time, s.stamp + g.memory_time, s.n_points
+    if is_doubted(s.keys[0]):
+        near = far = -math.inf
     for k in range(np.uint64(begin), np.uint64(end)):
         ahead, left = work.x[k], work.y[k]
         x[k], y[k] = point_to_world(scan.c, scan.s, scan.x, scan.y, ahead, left)
@@ -522,7 +531,8 @@ def update(
         update_points(g, s, scan, laser, dt)
         add_lost(s, s.keys[0])
         track(g, s, laser)
-        update_grid(g, s, scan, True)
+        if not is_doubted(s.keys[0]):
+            update_grid(g, s, scan, True)
         if not s.begun:  # the other half of the columns, too
             update_grid(g, s, scan, True)
     if g.n_scanners > 1:

@@ -144,6 +144,7 @@ KEY = np.dtype(
         ("way", "f8"),  # m since the key scan
         ("turned", "f8"),  # rad since the key scan
         ("astray", "f8"),  # s for which another motion than that of the wheels fits
+        ("strange", "f8"),  # s for which scans have shown little of what the key scan shows
         ("drift", "f8", (3,)),  # sum of the offsets of earlier key scans
         ("mark", "f8", (3,)),  # drift and offset a short way ago
         ("mark_at", "f8", (3,)),  # place of the scanner at that time, and the chair's heading
