@@ -53,8 +53,8 @@ _NO_COMMANDS = np.empty((0, 3))
 _MANEUVERS = 9
 _ARC, _ARC_TO_REST, _TURN, _TURN_TO_REST, _BACK = range(5)
 _TWO_ARCS, _RETREAT, _PURSUIT, _FAST_PURSUIT = range(5, _MANEUVERS)
-_COLLISION = 1e3  # s: cost of a contact, above all other costs of a segment
-_MISSED = 1e2  # s: cost of an end that is not reached, above all costs except a contact
+_COLLISION = 1e5  # s: cost of a contact, above all other costs of a segment
+_MISSED = 1e4  # s: cost of an end that is not reached, above all costs except a contact
 # Design choices:
 SPACING = 0.1  # m between the points of the path that a pure pursuit follows
 ONWARD = 0.3  # m beyond a segment's end: the point towards which the chair heads there
@@ -134,6 +134,7 @@ def segment_cost(
     """
     trial[0] = now[0]
     motion = trial[0]
+    motion.least = MAX_CLEARANCE
     motion.marked = math.hypot(leg.middle_x - motion.x, leg.middle_y - motion.y)
     for k in range(int(particle[_COUNT])):
         drive(motion, particle[3 * k + V], particle[3 * k + W], particle[3 * k + T], world)
@@ -305,7 +306,7 @@ def continue_commands(
 ) -> int:
     """Write driven commands (k, 3) to a particle, up to their point nearest to the segment's end.
 
-    Shortens `left` by these commands. Returns their number, 0 if none leads nearer to the end.
+    Returns their number, 0 if none leads nearer to the end.
     """
     trial[0] = now[0]
     motion = trial[0]
@@ -322,7 +323,6 @@ def continue_commands(
     for k in range(count):
         particle[3 * k + V], particle[3 * k + W] = left[k, V], left[k, W]
         particle[3 * k + T] = left[k, T] if k < count - 1 else duration
-        left[k, T] -= particle[3 * k + T]
     particle[_COUNT] = count
     return count
 
@@ -462,6 +462,7 @@ def follow(
         there = free and gap <= leg.reach
         if there or (free and search.printed):
             left = left[max(0, used - 1) :]
+            left[:1, T] -= known[3 * max(0, used - 1) + T]
             count = append(found, motion, world, commands, count)
         if there and (missed == 0.0 or not search.printed):
             reached, missed = k + 1, 0.0
@@ -540,7 +541,9 @@ class ControlGenerator:
         legs["reach"], legs["last"][-1] = REACHED, to_rest
         legs["reach"][-1] = self.arrival if to_rest else REACHED
         legs["first_point"] = np.minimum(np.searchsorted(fine, begins), len(fine) - 1)
-        legs["end_point"] = np.maximum(np.searchsorted(fine, ends), legs["first_point"] + 1)
+        legs["end_point"] = np.maximum(
+            np.searchsorted(fine, ends, side="right"), legs["first_point"] + 1
+        )
         return legs, at(fine)
 
     def generate(

@@ -101,8 +101,8 @@ def measure_clearance(motion: Any, x: float, y: float, yaw: float, world: World)
 def drive(motion: Any, v: float, w: float, t: float, world: World) -> None:
     """Drive towards a twist for t seconds, or until the motion is no longer free.
 
-    The clearance is tested again before the outline can have moved by it, and at least every
-    `FINEST` metres if it is less.
+    The clearance is tested again before it can have fallen below the margin, or every `FINEST`
+    metres if that is more.
     """
     footprint = world.footprint
     reach = math.hypot(max(footprint[0], footprint[1]), footprint[2])
@@ -115,13 +115,13 @@ def drive(motion: Any, v: float, w: float, t: float, world: World) -> None:
             motion.marked, math.hypot(world.mark_x - motion.x, world.mark_y - motion.y)
         )
         moved = abs(way) + abs(turn) * reach
-        if motion.moved + moved <= motion.gap:
+        if motion.moved + moved <= motion.gap - world.margin:
             motion.moved += moved
             continue
         parts = math.ceil(moved / FINEST)
         for k in range(1, parts + 1):
             motion.moved += moved / parts
-            if motion.free and motion.moved + moved / parts > motion.gap:
+            if motion.free and motion.moved + moved / parts > motion.gap - world.margin:
                 part = k / parts
                 px, py, pyaw = odometric_step(x, y, yaw, part * way, part * turn)
                 measure_clearance(motion, px, py, pyaw, world)
