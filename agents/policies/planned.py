@@ -185,7 +185,7 @@ class PlannedDriver:
         self._path = ReferencePath(pose[None, :2], pose)  # it stands there until it has a plan
         self._follower: Any = None  # begins with the first plan
         self._offset = 0.0  # m between the chair and its path
-        self._lost = 0.0  # s until a plan to the goal is made again after one that led nowhere
+        self._retry_in = 0.0  # s until a plan to the goal is made again after one that led nowhere
         self.planning = Planning(
             mission.period, config.deadline, config.planning_time, mission.real_time
         )
@@ -194,7 +194,7 @@ class PlannedDriver:
 
     def act(self, reading: Reading) -> Command:
         """See `Policy.act`."""
-        self._surroundings.update(reading, dares=self._progress.tries > 0)
+        self._surroundings.update(reading, may_reverse_blind=self._progress.tries > 0)
         self._chair.measured(reading.twist)
         motion = self._chair.body.state
         if reading.stamp > self._mission.reading.stamp:  # a plan that reset asked for is of step 0
@@ -230,7 +230,7 @@ class PlannedDriver:
             self._detours.waited += period
         self._detours.pause -= period
         self._report.held -= period
-        self._lost -= period
+        self._retry_in -= period
 
     @property
     def shown(self) -> Shown:
@@ -281,16 +281,16 @@ class PlannedDriver:
 
     def is_astray(self) -> bool:
         """Return True if the chair is more than `astray` off its path."""
-        return self._lost <= 0.0 and self._offset > self.config.astray
+        return self._retry_in <= 0.0 and self._offset > self.config.astray
 
     def is_clear_again(self) -> bool:
         """Return True if all temporary obstacles are gone that the path leads around."""
         gone = self._detours.taken and not self._surroundings.has_obstacles
-        return self._lost <= 0.0 and gone
+        return self._retry_in <= 0.0 and gone
 
     def is_blocked(self) -> bool:
         """Advance the timer; return True if a check, each `redraw`, shows the path blocked."""
-        if self._surroundings.draws and self._lost > 0.0:
+        if self._surroundings.draws and self._retry_in > 0.0:
             return False
         due = self._detours.due(self._mission.period, self.config.redraw)
         return due and self._surroundings.blocks_now(self._path, self.answer.clearance)
@@ -302,18 +302,18 @@ class PlannedDriver:
     def may_plan(self) -> bool:
         """Return True on every second try, if none is under way and fewer than 5 detours failed."""
         progress = self._progress
-        due = progress.tries % 2 == 1 and progress.left == math.inf
+        due = progress.tries % 2 == 1 and progress.left_before == math.inf
         return due and self._detours.failed < LASTING
 
     def is_by_obstacle(self) -> bool:
         """Return True if a temporary obstacle is within 2 m."""
         return len(self._surroundings.obstacles_within(ROOM)) > 0
 
-    def is_longer(self) -> bool:
+    def is_plan_longer(self) -> bool:
         """Return True if a path planned for want of progress is 2 m longer than the last one."""
-        return self._path.left >= self._progress.left + DETOUR
+        return self._path.left >= self._progress.left_before + DETOUR
 
-    def is_seen(self) -> bool:
+    def is_plan_in_view(self) -> bool:
         """Return True if the plan leads through known space, or it is seen behind the chair."""
         start, around = self.answer.start, self._surroundings
         unseen = self.answer.unseen and blind_behind(around.map, start, self._mission.footprint)
@@ -321,7 +321,7 @@ class PlannedDriver:
 
     def must_look(self) -> bool:
         """Return True if the plan leads to the unseen, and the chair has not turned here yet."""
-        return not self.is_seen() and self._spin.is_new(self.answer.start)
+        return not self.is_plan_in_view() and self._spin.is_new(self.answer.start)
 
     def has_turned(self) -> bool:
         """Return True if the chair has turned once around."""
@@ -370,8 +370,8 @@ class PlannedDriver:
 
     def try_plan(self) -> None:
         """Plan around temporary obstacles, if there are any, or to the goal: not much longer."""
-        # Around obstacles, `DetourPolicy` decides.
-        self._progress.left = math.inf if self._surroundings.has_obstacles else self._path.left
+        around = self._surroundings.has_obstacles  # then `DetourPolicy` decides
+        self._progress.left_before = math.inf if around else self._path.left
         self.plan_anew()
 
     def plan_aside(self) -> None:
@@ -430,11 +430,11 @@ class PlannedDriver:
         if answer.solved:
             self._progress.stalled_time = 0.0
         self._report.explain(answer.plan)
-        self._lost = 0.0 if answer.solved else RETRY_TIME  # a search that finds nothing is longest
+        self._retry_in = 0.0 if answer.solved else RETRY_TIME  # finding nothing takes longest
         if answer.solved or self._follower is None:
             self._take_path(path)
         self._fire(Event.PLAN)
-        self._progress.left = math.inf
+        self._progress.left_before = math.inf
 
     def _receive_detour(self, answer: Answer) -> None:
         """Take a plan around temporary obstacles if it is short enough; or keep the path."""
@@ -455,7 +455,7 @@ class PlannedDriver:
             detours.taken = True
             report.set("goes round", held=HELD)
         self._fire(Event.PLAN)
-        self._progress.left = math.inf
+        self._progress.left_before = math.inf
 
     def _receive_aside(self, answer: Answer) -> None:
         """Take a plan to a place aside, if there is one."""
@@ -492,9 +492,9 @@ TRANSITIONS = (
     _Row(_Event.STALL, _FOLLOWS, None, _Driver.back_up, _BACKS),
     _Row(_Event.ASIDE, _FOLLOWS, None, None, _MAKES),
     _Row(_Event.NO_ASIDE, _FOLLOWS, None, _Driver.back_up, _BACKS),
-    _Row(_Event.PLAN, _FOLLOWS, _Driver.is_longer, _Driver.give_up, _FOLLOWS),
+    _Row(_Event.PLAN, _FOLLOWS, _Driver.is_plan_longer, _Driver.give_up, _FOLLOWS),
     _Row(_Event.PLAN, _FOLLOWS, _Driver.must_look, _Driver.turn, _LOOKS),
-    _Row(_Event.PLAN, _LOOKS, _Driver.is_seen, None, _FOLLOWS),
+    _Row(_Event.PLAN, _LOOKS, _Driver.is_plan_in_view, None, _FOLLOWS),
     _Row(_Event.PERIOD, _LOOKS, _Driver.has_turned, _Driver.replan, _FOLLOWS, True),
     _Row(_Event.PERIOD, _LOOKS, _Driver.is_plan_due, _Driver.replan, _LOOKS),
     _Row(_Event.BLOCKED, _LOOKS, None, None, _FOLLOWS),

@@ -32,12 +32,12 @@ class ProgressMonitor:
     Attributes:
         tries: recoveries begun since there was progress.
         bold: m of way on which clearance costs nothing.
-        left: m that were left of the path when a new one was tried; infinite if none was.
+        left_before: m that were left of the path when a new one was tried; infinite if none was.
     """
 
     def __init__(self, patience: float) -> None:
         self._patience = patience  # s
-        self.tries, self.bold, self.left = 0, 0.0, math.inf
+        self.tries, self.bold, self.left_before = 0, 0.0, math.inf
         self.begin()
 
     def begin(self) -> None:

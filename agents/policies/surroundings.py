@@ -44,8 +44,8 @@ class Surroundings:
         if self.draws:
             self.map = self.ground.marked(self.map, np.asarray(reading.pose))
 
-    def update(self, reading: Reading, dares: bool) -> None:
-        """Update everything from the next reading; a chair that dares may reverse unseeing."""
+    def update(self, reading: Reading, may_reverse_blind: bool) -> None:
+        """Update everything from the next reading; the chair may reverse without a view, or not."""
         self.update_map(reading)
         local_map = self.local_map
         local_map.update(reading)
@@ -55,7 +55,7 @@ class Surroundings:
         else:  # an actor so near may be behind the chair the next moment
             distances = np.hypot(local_map.actors[:, 0], local_map.actors[:, 1])
             unseen = not local_map.looks_back and bool((distances < ACTOR_RANGE).any())
-        self._unseen_behind, local_map.blind = unseen, unseen and not dares
+        self._unseen_behind, local_map.blind = unseen, unseen and not may_reverse_blind
 
     @property
     def has_obstacles(self) -> bool:

@@ -59,7 +59,7 @@ def begin_task(
     progress.is_shielded = is_shielded
     reset_trail(progress, pose)
     for k in range(2):
-        progress.action[k] = progress.shield_intervention[k] = 0.0
+        progress.action[k] = progress.shield_share[k] = 0.0
     progress.sticks[:, :] = 0.0
     progress.latched = progress.person_arrived = False
     if rule.size.tracks > 0:
@@ -97,8 +97,8 @@ def assess(
         progress.action[k] = min(1.0, max(-1.0, action[k]))
     if rule.size.trail > 0:
         extend_trail(progress, pose)
-    progress.shield_intervention[0] = less[0] / rule.forward
-    progress.shield_intervention[1] = less[1] / rule.turn
+    progress.shield_share[0] = less[0] / rule.forward
+    progress.shield_share[1] = less[1] / rule.turn
     rest = distance_to_go(prepared, rule.aim, pose[0], pose[1], pose[2])
     covered = 0.0
     if not math.isnan(rest):  # else what was covered counts when a way is known again

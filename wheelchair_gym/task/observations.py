@@ -503,7 +503,7 @@ def observe(
     if size.shield > 0:
         out[place.shield] = 1.0 if progress.is_shielded else 0.0
         for i in range(2):
-            change = progress.shield_intervention[i]
+            change = progress.shield_share[i]
             out[place.shield + 1 + i] = min(INTERVENTION_MAX, max(-INTERVENTION_MAX, change))
     path = _part(out, place.path, size.path)
     if size.path > 0:

@@ -53,7 +53,7 @@ PROGRESS = np.dtype(
         ("action", "f8", (2,)),  # the last one, clipped
         ("previous", "f8", (2,)),  # the one before
         ("is_shielded", "b1"),  # a shield filters
-        ("shield_intervention", "f8", (2,)),  # taken off the last twist, in full speeds
+        ("shield_share", "f8", (2,)),  # taken off the last twist, in shares of full speeds
         # the person who drives: deflections forward and to the left, the latest first; the second
         # is that which the last action answered
         ("sticks", "f8", (STICKS, 2)),

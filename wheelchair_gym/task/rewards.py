@@ -148,7 +148,7 @@ def write_terms(
     """Write the weighted reward terms of one step and their sum into a record of VERDICT."""
     w, t = rule.weights, verdict.terms
     now, before = progress.action, progress.previous
-    shield_v, shield_w = progress.shield_intervention[0], progress.shield_intervention[1]
+    shield_v, shield_w = progress.shield_share[0], progress.shield_share[1]
     near = 0.0
     if w.proximity_speed != 0.0:
         directions = table_at(rule.directions, rule.laser_beams, 2)

@@ -68,7 +68,7 @@ def turn(world, policy):
 def lengthen(world, policy):
     """No progress, and what was left of the path was shorter than any that is planned now."""
     if policy.planning.state is planned.Thinking.DRIVES:
-        policy._progress.left = min(policy._progress.left, 3.0)
+        policy._progress.left_before = min(policy._progress.left_before, 3.0)
     hold(world, policy)
 
 
@@ -86,7 +86,7 @@ DRIVES = {  # world, what happens from the first second on, and transitions that
         {"FOLLOWS is_stalled FOLLOWS", "FOLLOWS may_plan FOLLOWS", "FOLLOWS STALL BACKS_OUT",
          "BACKS_OUT has_backed_out FOLLOWS"},
     ),
-    "no shorter path": (held, lengthen, {"FOLLOWS is_longer FOLLOWS"}),
+    "no shorter path": (held, lengthen, {"FOLLOWS is_plan_longer FOLLOWS"}),
     "blocked for a while": (
         lambda: blocked(1.4, 24.0), None,
         {"FOLLOWS is_blocked FOLLOWS", "FOLLOWS is_by_obstacle FOLLOWS", "FOLLOWS ASIDE MAKES_ROOM",
@@ -96,7 +96,7 @@ DRIVES = {  # world, what happens from the first second on, and transitions that
     "shown": (
         corner, show,
         {"FOLLOWS must_look LOOKS_ROUND", "LOOKS_ROUND is_plan_due LOOKS_ROUND",
-         "LOOKS_ROUND is_seen FOLLOWS"},
+         "LOOKS_ROUND is_plan_in_view FOLLOWS"},
     ),
     "turned": (corner, turn, {"LOOKS_ROUND has_turned FOLLOWS"}),
     "between walls": (
