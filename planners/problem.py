@@ -57,9 +57,12 @@ class Problem:
         return self.space.inflated(self.clearance)
 
     def in_frame(self) -> Problem:
-        """Return the same problem in the frame of its map."""
-        start, goal = (_in_frame(end, self.space.frame) for end in (self.start, self.goal))
-        return replace(self, space=self.space.in_frame, start=start, goal=goal)
+        """Return the same problem in the frame of its map; `check` refuses ends that are none."""
+        frame, ends = self.space.frame, [self.start, self.goal]
+        for k, end in enumerate(ends):
+            if np.shape(end) in ((2,), (3,)) and np.isfinite(end).all():
+                ends[k] = np.append(to_frame(end[:2], frame), end[2:] - frame[2])
+        return replace(self, space=self.space.in_frame, start=ends[0], goal=ends[1])
 
 
 @dataclass(frozen=True)
@@ -135,13 +138,6 @@ class PlannerBase(ABC):
     @abstractmethod
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Search a path until `clock` shows `end` [s], which may be infinite."""
-
-
-def _in_frame(end: Array, frame: tuple[float, float, float]) -> Array:
-    """Return a point or pose in a frame; values that are no point are left to `check`."""
-    if np.shape(end) not in ((2,), (3,)) or not np.isfinite(end).all():
-        return end
-    return np.append(to_frame(end[:2], frame), end[2:] - frame[2])
 
 
 def _from_frame(plan: Plan, problem: Problem) -> Plan:

@@ -18,7 +18,6 @@ FOLLOWERS: Final = Registry(
         "thesis": f"{_PLACE}:ThesisFollower",
         "whales": "agents.control.whales:RefinedWindow",
         "window": f"{_PLACE}:Window",
-        "woa": "agents.control.whales:WhaleFollower",
     },
     group="wheelchair_gym.followers",
     needs=("make", "twist"),

@@ -23,7 +23,7 @@ from agents.control.rollout import (
     rollout_costs,
     stops_clear,
 )
-from agents.control.tight_places import ManoeuvreTracker
+from agents.control.tight_places import SHARES, ManoeuvreTracker
 from planners.rrt_star_woa.control_generator import ControlGenerator, Controls
 from planners.rrt_star_woa.woa import WhaleSettings
 from wheelchair_gym.arrays import Array
@@ -34,7 +34,6 @@ from wheelchair_gym.types import no_walls
 
 TIGHT = 0.5  # share of the margin: where less of it is left, the chair creeps
 CREEP = 0.1  # m/s: walking-stick speed
-SHARES = (1.0, 0.6, 0.35)  # of a generated twist, the first that is clear
 STILL = 0.03  # m/s, rad/s: slower is at rest
 OFF, TURNED_OFF = 0.10, 0.15  # m and rad off the roll-out: new commands are generated
 HOLD = 0.4  # s for which a twist is held before the stop that must be clear
@@ -150,11 +149,7 @@ def relax_clearance(
 def allowed(candidates: Array, local_map: LocalMap, slow: bool) -> Array:
     """Commands (c, k, 3) that neither reverse into unknown space nor, if slow, exceed creeping."""
     v = candidates[:, 0, 0]
-    good = np.ones(len(v), bool)
-    if local_map.blind:
-        good &= v >= 0.0
-    if slow:
-        good &= np.abs(v) <= CREEP
+    good = ((v >= 0.0) | (not local_map.blind)) & ((np.abs(v) <= CREEP) | (not slow))
     return candidates[good]
 
 
@@ -386,7 +381,7 @@ class GeneratedControls:
 
         A chair that may not drive as fast as it is asked to drives the commands more slowly.
         """
-        controls, local_map, chair, view = self.controls, now.local_map, now.chair, now.view
+        controls, local_map, chair = self.controls, now.local_map, now.chair
         if controls is None or self._driven >= controls.commands[:, 2].sum():
             return None
         if self.config.again is not None:
@@ -397,14 +392,11 @@ class GeneratedControls:
         asked = controls.twist_at(self._driven + 0.5 * chair.period)
         v, w = local_map.limit_for_unseen_space(asked[None], chair.body.state)[0]
         part = max(abs(v), abs(w)) / max(abs(asked[0]), abs(asked[1]), 1e-9) if asked.any() else 1.0
-        for margin in local_map.margins(self.config.margin):
-            for share in SHARES:
-                if margin < TIGHT * self.config.margin and abs(share * v) > CREEP:
-                    continue
-                if stops_clear(share * v, share * w, chair.body, view, 2 * chair.period, margin):
-                    self._driven += share * part * chair.period
-                    return np.array([share * v, share * w])
-        return None
+        twists = [(share * v, share * w) for share in SHARES]
+        twist = now.first_clear(twists, self.config.margin, 2 * chair.period, creeps=True)
+        if twist is not None:
+            self._driven += SHARES[twists.index(tuple(twist))] * part * chair.period
+        return twist
 
     def _generate(self, now: Situation) -> None:
         """Generate commands; with less margin, or for a shorter path, where none lead on."""

@@ -17,7 +17,7 @@ import math
 import numpy as np
 
 from wheelchair_gym.arrays import Array, Mask
-from wheelchair_gym.geometry import clearance_to_points, to_frame, to_world
+from wheelchair_gym.geometry import clearance_to_points, to_frame, to_world, wrap_angle
 from wheelchair_gym.kinematics import odometric_step
 from wheelchair_gym.maps import OCCUPIED, OccupancyGrid
 from wheelchair_gym.safety import Shield, ShieldSettings
@@ -61,8 +61,7 @@ def voxel_means(points: Array, size: float) -> Array:
 def bearings(points: Array, laser: LaserSettings) -> Array:
     """Angles (n,) [rad] in [-pi, pi) off the laser's axis to points (n, 2) of the chair's frame."""
     bearing = np.arctan2(points[:, 1] - laser.y, points[:, 0] - laser.x) - laser.yaw
-    wrapped: Array = np.remainder(bearing + math.pi, 2 * math.pi) - math.pi
-    return wrapped
+    return wrap_angle(bearing)
 
 
 def near_discs(points: Array, actors: Array) -> Mask:

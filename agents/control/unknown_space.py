@@ -140,18 +140,15 @@ class Ground:
 
     def _reach(self, begin: NDArray[np.int64], end: NDArray[np.int64]) -> None:
         """Let the rasters hold the cells from begin to end."""
-        shape = np.array(self._stood.shape)
-        last = self._first + shape
-        if (begin >= self._first).all() and (end <= last).all():
-            return
         if not self._stood.size:
-            self._first = last = begin
-        first = np.where(begin < self._first, begin - RESERVE, self._first)
-        last = np.where(end > last, end + RESERVE, last)
-        row, column = self._first - first
-        rasters = np.zeros((2, *(last - first)), np.bool_)
-        rasters[:, row : row + shape[0], column : column + shape[1]] = self._stood, self._open
-        (self._stood, self._open), self._first = rasters, first
+            self._first = begin
+        last = self._first + self._stood.shape
+        before = np.where(begin < self._first, self._first - begin + RESERVE, 0)
+        after = np.where(end > last, end - last + RESERVE, 0)
+        if before.any() or after.any():
+            around = np.stack([before, after], axis=-1)
+            self._stood, self._open = np.pad(self._stood, around), np.pad(self._open, around)
+            self._first = self._first - before
 
 
 def _first_cell(grid: OccupancyGrid) -> NDArray[np.int64]:

@@ -1,15 +1,13 @@
-"""Followers whose commands (v, w, t) a swarm of whales searches, period by period.
+"""The follower `whales`, whose commands (v, w, t) a swarm of whales searches, period by period.
 
 A particle is a list of commands and how many of them count (thesis, section 2.9.3 and algorithm
-6), as in `control_generator`; it costs what all followers' roll-outs cost. `woa` begins
-with part of a fan of twists. `whales` begins with all that is known: the commands that the plan
-itself asks for, the best ones of the period before, and the whole fan of `window`.
+6), as in `control_generator`; it costs what all followers' roll-outs cost. The first particles are
+the whole fan of `window`, the plan's own commands and the best ones of the period before.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -17,10 +15,8 @@ import numpy as np
 from agents.control.followers import (
     CREEP,
     Follower,
-    RolloutSettings,
     Situation,
     Window,
-    full_fan,
     relax_clearance,
 )
 from agents.control.rollout import (
@@ -41,26 +37,9 @@ from wheelchair_gym.random import Stream, stream
 
 COMMANDS = 3  # in a particle, at most
 SIZE = 3 * COMMANDS + 1  # (v, w, t) of each, then how many count
-STRIDE = 7  # every so manieth twist of the fan is in the first swarm
 
 
-@settings
-class WhaleFollower(RolloutSettings):
-    """Whales search the commands of the next moments, from the last best ones on."""
-
-    whales: WhaleSettings = setting(
-        default=WhaleSettings(population=24, iterations=4), source="10 ms on one core"
-    )
-    """The swarm."""
-    seed: int = setting(default=0, low=0, source="design choice")
-    """Seed of the swarm, anew for every path."""
-
-    def make(self) -> Follower:
-        """A follower at rest."""
-        return WhaleCommands(self, _part_of_fan, np.clip, refine=False)
-
-
-def _bounds(config: RolloutSettings, now: Situation, slow: bool) -> tuple[Array, Array]:
+def _bounds(config: RefinedWindow, now: Situation, slow: bool) -> tuple[Array, Array]:
     """Least and largest values (SIZE,) of a particle."""
     limits, horizon = now.chair.limits, config.objective.horizon
     back = 0.0 if now.local_map.blind else min(config.backward, limits.backward)
@@ -85,12 +64,12 @@ def _one_period_later(best: Array, period: float) -> Array:
 @kernel
 def search(
     first: Array, lower: Array, upper: Array, body: Body, view: LocalView, margin: float,
-    objective: Any, swarm: WhaleParameters, refine: bool, state: Stream,
+    objective: Any, swarm: WhaleParameters, state: Stream,
 ) -> tuple[Array, Array]:  # fmt: skip
     """All particles (n, SIZE) that were tried and their costs (n,): the given ones, then whales.
 
-    The whales begin as the given particles, or, to refine them, as the cheapest ones, with all
-    commands: whales may change a twist after a while.
+    The whales begin as the cheapest of the given particles, with all commands: whales may change a
+    twist after a while.
     """
     n, start = first.shape[0], start_row(view)
     k = min(swarm.population, n)
@@ -105,7 +84,7 @@ def search(
             tried[m] = particle
             tell(whales, i, costs[m])
             m += 1
-        if t == 0 and refine:
+        if t == 0:
             order = np.argsort(costs[:n])
             whales = new_whales(first[order[:k]], swarm, lower, upper)
             tell(whales, 0, costs[order[0]])
@@ -116,41 +95,26 @@ def search(
 
 
 class WhaleCommands:
-    """Carries the best commands from one period to the next.
+    """Carries the best commands from one period to the next."""
 
-    Args:
-        config: of the follower.
-        first: particles (n, SIZE) to begin with, of the settings, the situation and the best
-            particle of the period before, if there was one.
-        within: of these, those for bounds (SIZE,) of particles.
-        refine: whether whales begin with the cheapest of them; see `search`.
-    """
-
-    def __init__(
-        self,
-        config: Any,
-        first: Callable[[Any, Situation, Array | None], Array],
-        within: Callable[[Array, Array, Array], Array],
-        refine: bool,
-    ) -> None:
+    def __init__(self, config: RefinedWindow) -> None:
         self.config, self._objective = config, record_of(config.objective)
-        self._first, self._within, self._refine = first, within, refine
         self._state = stream(np.random.default_rng(config.seed))
         self._best: Array | None = None  # (SIZE,)
 
     def twist(self, now: Situation) -> Array | None:
         """See `Follower.twist`."""
         config, view, body = self.config, now.view, now.chair.body
-        first = self._first(config, now, self._best)
+        first = _fan_and_plan(config, now, self._best)
 
         def pick(margin: float, slow: bool) -> Array | None:
             lower, upper = _bounds(config, now, slow)
-            some = self._within(first, lower, upper)
+            some = _within(first, lower, upper)
             if len(some) == 0:
                 return None
             tried, costs = search(
                 some, lower, upper, body, view, margin, self._objective,
-                config.whales.parameters, self._refine, self._state,
+                config.whales.parameters, self._state,
             )  # fmt: skip
             best = cheapest(tried, costs, body, view, config.hold, margin)
             if best < 0:
@@ -162,22 +126,6 @@ class WhaleCommands:
         if twist is None:
             self._best = None
         return twist
-
-
-def _part_of_fan(config: WhaleFollower, now: Situation, best: Array | None) -> Array:
-    """Particles (n, SIZE): what was best, what is driven now, rest, and part of a fan."""
-    chair, count = now.chair, config.whales.population
-    fan = full_fan(chair.limits, config.backward)
-    fan = fan[(np.arange(max(0, count - 3)) * STRIDE) % len(fan)]
-    first = np.zeros((count, SIZE))
-    first[:, 2:-1:3], first[:, -1] = 0.5 * config.objective.horizon, 1.0
-    for k in range(COMMANDS):
-        first[3:, 3 * k : 3 * k + 2] = fan
-    if count > 1:
-        first[1, :2] = chair.body.last
-    if best is not None:
-        first[0] = _one_period_later(best, chair.period)
-    return first
 
 
 @settings
@@ -196,8 +144,7 @@ class RefinedWindow(Window):
 
     def make(self) -> Follower:
         """A follower at rest."""
-        whales = WhaleCommands(self, _fan_and_plan, _within, refine=True)
-        return ManoeuvreTracker(whales, self.tight, self.margin)
+        return ManoeuvreTracker(WhaleCommands(self), self.tight, self.margin)
 
 
 SHARES = (0.3, 0.6, 1.0)  # of the limits, at which the plan's commands are driven

@@ -34,9 +34,6 @@ PEERS: Final[dict[str, Peer]] = {
     "ompl_rrt_connect": Peer("ompl", Ompl("RRTConnect")),
     "ompl_informed_rrt_star": Peer("ompl", Ompl("InformedRRTstar")),
     "ompl_bit_star": Peer("ompl", Ompl("BITstar")),
-    "ompl_rrt_connect_sampled": Peer("ompl", Ompl("RRTConnect", exact=False)),
-    "ompl_informed_rrt_star_sampled": Peer("ompl", Ompl("InformedRRTstar", exact=False)),
-    "ompl_bit_star_sampled": Peer("ompl", Ompl("BITstar", exact=False)),
     "mealpy_woa": Peer("mealpy", _mealpy("OriginalWOA")),
     "mealpy_pso": Peer("mealpy", _mealpy("OriginalPSO")),
 }

@@ -1,4 +1,4 @@
-"""OMPL's planners on our maps, with our exact tests or its own."""
+"""OMPL's planners on our maps, with our exact tests."""
 
 from __future__ import annotations
 
@@ -50,9 +50,6 @@ class Ompl:
     """
 
     algorithm: Literal["RRTConnect", "InformedRRTstar", "BITstar"]
-    exact: bool = setting(default=True)
-    """Test edges by our exact test, which is faster, or by OMPL's own, which samples edges and lets
-    paths through walls."""
     limit: float = setting(default=10.0, unit="s", low=0.0, source="design choice")
     """Time limit of a call without a deadline."""
 
@@ -70,15 +67,13 @@ class Ompl:
         space.setBounds(bounds)
         information = base.SpaceInformation(space)
         information.setStateValidityChecker(lambda state: point_free(state[0], state[1]))
-        validator = None
-        if self.exact:
 
-            class ExactMotionValidator(base.MotionValidator):  # type: ignore[misc, name-defined]
-                def checkMotion(self, a: Any, b: Any) -> bool:  # noqa: N802
-                    return edge_free(a[0], a[1], b[0], b[1])
+        class ExactMotionValidator(base.MotionValidator):  # type: ignore[misc, name-defined]
+            def checkMotion(self, a: Any, b: Any) -> bool:  # noqa: N802
+                return edge_free(a[0], a[1], b[0], b[1])
 
-            validator = ExactMotionValidator(information)
-            information.setMotionValidator(validator)
+        validator = ExactMotionValidator(information)
+        information.setMotionValidator(validator)
         information.setup()
         # OMPL does not keep the validator alive.
         return SimpleNamespace(plan=partial(self.plan, information), validator=validator)

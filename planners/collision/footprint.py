@@ -14,11 +14,9 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from planners.collision.nearby import Nearby, segments_in_view
 from planners.collision.polygon_tests import clearance
-from planners.collision.space import Space
 from planners.problem import Plan, PlannerBase, Problem, Status, check
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import absorbed_kernel, borrowing_kernel, kernel
@@ -28,7 +26,6 @@ from wheelchair_gym.geometry import (
     point_segment_distance,
     rectangle_point_gap,
     rectangle_segment_gap,
-    wrap,
 )
 from wheelchair_gym.kinematics import Limits, arc_step
 from wheelchair_gym.maps.driving_cost import DrivingCost, MotionCost
@@ -218,45 +215,6 @@ def stretch_gap(
         if gap < least or gap <= 0.0:
             return gap
     return gap
-
-
-@borrowing_kernel
-def stretch_between(
-    x: float, y: float, yaw: float, ax: float, ay: float, ayaw: float
-) -> tuple[float, float]:
-    """Return the distance [m] and the turn [rad] of the stretch from one pose to another."""
-    turn = wrap(ayaw - yaw)
-    half = 0.5 * turn
-    chord = math.cos(yaw + half) * (ax - x) + math.sin(yaw + half) * (ay - y)
-    return (chord * half / math.sin(half) if abs(half) > STRAIGHT else chord), turn
-
-
-@kernel
-def _path_gap(segments: Array, path: Array, outline: Array, work: Sweeps, enough: float) -> float:
-    seen = np.empty_like(segments)
-    gap = enough
-    for m in range(max(1, path.shape[0] - 1)):
-        x, y, yaw = path[m, 0], path[m, 1], path[m, 2]
-        after = min(m + 1, path.shape[0] - 1)
-        way, turn = stretch_between(x, y, yaw, path[after, 0], path[after, 1], path[after, 2])
-        c, s = math.cos(yaw), math.sin(yaw)
-        for k in range(segments.shape[0]):
-            for e in range(2):
-                ax, ay = segments[k, 2 * e] - x, segments[k, 2 * e + 1] - y
-                seen[k, 2 * e], seen[k, 2 * e + 1] = c * ax + s * ay, c * ay - s * ax
-        sweep(work, 0, way, turn, outline)
-        gap = stretch_gap(work, 0, outline, seen, segments.shape[0], gap, 0.0)
-    return gap
-
-
-def path_gap(path: ArrayLike, space: Space, footprint: Footprint, enough: float = 1.0) -> float:
-    """Return the minimum gap [m] between a footprint and obstacles along a path of poses (n, 3).
-
-    Between two poses the chair turns and drives at constant rates. The first pose must be free; the
-    gap is 0 if the footprint touches anything later.
-    """
-    poses = np.ascontiguousarray(path, dtype=np.float64)
-    return float(_path_gap(space.arrays.segments, poses, footprint.array, sweeps(1), enough))
 
 
 TESTED_LENGTH = 0.3  # m: longer stretches are tested in pieces, each from its own beginning

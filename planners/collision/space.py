@@ -88,15 +88,11 @@ class Space:
         return cls(solids.polygonal(shapely.union_all(pieces)), bounds)
 
     @classmethod
-    def from_polygons(cls, polygons: Iterable[ArrayLike], bounds: ArrayLike) -> Space:
-        """Return a map with solid polygons (k, 2) [m]; they may overlap."""
-        return cls(solids.union(polygons), bounds)
-
-    @classmethod
     def from_rectangles(cls, rectangles: ArrayLike, bounds: ArrayLike) -> Space:
-        """Return a map with solid rectangles (n, 4) [m]: xmin, ymin, xmax, ymax."""
-        corners = np.asarray(rectangles, dtype=np.float64).reshape(-1, 4)
-        return cls.from_polygons(corners[:, [0, 1, 2, 1, 2, 3, 0, 3]].reshape(-1, 4, 2), bounds)
+        """Return a map with solid rectangles (n, 4) [m]: xmin, ymin, xmax, ymax; may overlap."""
+        sides = np.asarray(rectangles, dtype=np.float64).reshape(-1, 4)
+        corners = sides[:, [0, 1, 2, 1, 2, 3, 0, 3]].reshape(-1, 4, 2)
+        return cls(solids.union(corners), bounds)
 
     @classmethod
     def from_walls(cls, walls: ArrayLike, discs: ArrayLike, bounds: ArrayLike) -> Space:

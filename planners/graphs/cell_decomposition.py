@@ -189,15 +189,6 @@ def pairs_in_cells(sides: Pairs, start_in: Pairs, goal_in: Pairs, per: int) -> P
 WINDOW_NODES = 3  # middle, low and high end: paths bend at corners, which are ends of windows
 
 
-def cut(arrays: SpaceArrays) -> tuple[Pairs, Array, Pairs, Array]:
-    """Return the vertical cells of a space and their windows; see `decompose`."""
-    segments = arrays.segments
-    across = np.flatnonzero(segments[:, 0] != segments[:, 2])
-    lefts = segments[across][:, [0, 2]].min(axis=1)
-    begin = across[np.argsort(lefts, kind="stable")]
-    return decompose(segments, np.unique(segments[:, [0, 2]]), begin)
-
-
 @settings
 class CellDecomposition(PlannerBase):
     """Vertical cell decomposition (Chazelle 1987; Latombe 1991): complete and quick.
@@ -211,9 +202,11 @@ class CellDecomposition(PlannerBase):
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Find a path, within a deadline [s] if there is one; the generator is not used."""
-        arrays = problem.free.arrays
+        arrays, segments = problem.free.arrays, problem.free.arrays.segments
         ends = np.array([problem.start[:2], problem.goal[:2]], dtype=np.float64)
-        walls, spans, sides, windows = cut(arrays)
+        across = np.flatnonzero(segments[:, 0] != segments[:, 2])
+        begin = across[np.argsort(segments[across][:, [0, 2]].min(axis=1), kind="stable")]
+        walls, spans, sides, windows = decompose(segments, np.unique(segments[:, [0, 2]]), begin)
         cells = len(walls)
         start_in, goal_in = (cells_at(arrays, walls, spans, *point) for point in ends)
         x, low, high = windows.T

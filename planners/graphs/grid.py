@@ -1,7 +1,7 @@
 """Planners on a square grid whose every edge is tested exactly, then straightened.
 
-A*, Dijkstra, breadth-first, depth-first and any-angle search are values of one search. Edges are
-tested against the polygons themselves: a cell that no wall comes near needs no test.
+A*, Dijkstra, breadth-first and depth-first search are values of one search. Edges are tested
+against the polygons themselves: a cell that no wall comes near needs no test.
 
 Each finds a path whenever one exists that stays farther than step / sqrt(2) from everything solid,
 its ends included; the step is the resolution, halved up to `refinements` times where no path
@@ -49,7 +49,6 @@ class Order(NamedTuple):
     by: int = LENGTH  # or EDGES or DEPTH
     ahead: float = 1.0  # weight of the distance left: 1 is A*, 0 Dijkstra
     diagonal: bool = True
-    any_angle: bool = False  # the parent of a node may lie anywhere (Nash, Koenig and Tovey 2010)
     # The weight and the comfort of `edge_cost`.
     obstacle_weight: float = 0.0
     desired_clearance: float = 1.0  # m
@@ -68,9 +67,7 @@ class Frontier(NamedTuple):
 
 @borrowing_kernel
 def _way_left(dx: float, dy: float, order: Order) -> float:
-    """Return the length of the shortest path in open space: octile, Manhattan or straight."""
-    if order.any_angle:
-        return math.hypot(dx, dy)
+    """Return the length of the shortest path in open space: octile or Manhattan."""
     dx, dy = abs(dx), abs(dy)
     return max(dx, dy) + (math.sqrt(2.0) - 1.0 if order.diagonal else 1.0) * min(dx, dy)
 
@@ -82,32 +79,6 @@ def _place(grid: Grid, u: int) -> tuple[float, float]:
     if u >= n:
         return grid.ends[u - n, 0], grid.ends[u - n, 1]
     return grid.left + (u % grid.columns) * grid.step, grid.low + (u // grid.columns) * grid.step
-
-
-@borrowing_kernel
-def _settle(arrays: SpaceArrays, grid: Grid, frontier: Frontier, u: int) -> None:
-    """Give a node whose parent does not see it the best parent among its neighbours."""
-    cost, parent, done = frontier.cost, frontier.parent, frontier.done
-    n = grid.walls_near.shape[0]
-    x, y = _place(grid, u)
-    px, py = _place(grid, parent[u])
-    if edge_free(arrays, px, py, x, y):
-        return
-    best, found = math.inf, -1
-    i, j = u // grid.columns, u % grid.columns
-    for k in range(10):
-        w = n  # the start counts too, if it is near
-        if k < 9:
-            vi, vj = i + k // 3 - 1, j + k % 3 - 1
-            if k == 4 or min(vi, vj) < 0 or vj >= grid.columns or vi >= n // grid.columns:
-                continue
-            w = vi * grid.columns + vj
-        wx, wy = _place(grid, w)
-        far = math.hypot(wx - x, wy - y)
-        near = k < 9 or far <= (NEAR + 2) * grid.step
-        if near and done[w] and cost[w] + far < best and edge_free(arrays, wx, wy, x, y):
-            best, found = float(cost[w]) + far, w
-    cost[u], parent[u] = best, found
 
 
 @absorbed_kernel
@@ -138,8 +109,6 @@ def _expand(arrays: SpaceArrays, grid: Grid, order: Order, frontier: Frontier, u
     i, j = int((y - grid.low) / step + 0.5), int((x - grid.left) / step + 0.5)
     if u == n:
         i, j = int((y - grid.low) / step), int((x - grid.left) / step)
-    origin = parent[u] if order.any_angle and u != n else u
-    ox, oy = _place(grid, origin)
     reach = NEAR if u == n else 1
     for di in range(-reach, reach + 1 + (u == n)):
         for dj in range(-reach, reach + 1 + (u == n)):
@@ -152,8 +121,8 @@ def _expand(arrays: SpaceArrays, grid: Grid, order: Order, frontier: Frontier, u
             if done[v]:
                 continue
             vx, vy = _place(grid, v)
-            far = math.hypot(vx - ox, vy - oy)
-            if order.by == LENGTH and cost[origin] + far >= cost[v]:
+            far = math.hypot(vx - x, vy - y)
+            if order.by == LENGTH and cost[u] + far >= cost[v]:
                 continue
             if order.by == EDGES and cost[u] + 1.0 >= cost[v]:
                 continue
@@ -161,33 +130,28 @@ def _expand(arrays: SpaceArrays, grid: Grid, order: Order, frontier: Frontier, u
             if walls and not edge_free(arrays, x, y, vx, vy):
                 continue
             counts[1] += 1
-            new_cost = cost[origin] + _edge_length(arrays, grid, order, crowding, u, v, far)
+            new_cost = cost[u] + _edge_length(arrays, grid, order, crowding, u, v, far)
             if order.by != LENGTH:
                 new_cost = cost[u] + 1.0 if order.by == EDGES else -float(counts[1])
             if new_cost < cost[v]:
-                cost[v], parent[v] = new_cost, origin
+                cost[v], parent[v] = new_cost, u
                 left = order.ahead * TIE * _way_left(gx - vx, gy - vy, order)
                 push(heap, new_cost + left, v)
 
 
 @borrowing_kernel
 def _try_goal(arrays: SpaceArrays, grid: Grid, order: Order, frontier: Frontier, u: int) -> None:
-    """Join a node near the goal to it, or the node's parent if that sees the goal."""
+    """Join a node near the goal to it, if it sees the goal."""
     cost, parent, n = frontier.cost, frontier.parent, grid.walls_near.shape[0]
     gx, gy = grid.ends[1, 0], grid.ends[1, 1]
     x, y = _place(grid, u)
-    seen = edge_free(arrays, x, y, gx, gy)
-    origin = parent[u] if order.any_angle and u != n else u
-    ox, oy = _place(grid, origin)
-    if origin != u and edge_free(arrays, ox, oy, gx, gy):
-        seen, u, x, y = True, origin, ox, oy
     far = edge_cost(arrays, x, y, gx, gy, order.obstacle_weight, order.desired_clearance)
     if u != n and far > 0.0:  # counted as by the grid, or the estimate were no bound
         far *= _way_left(gx - x, gy - y, order) / math.hypot(gx - x, gy - y)
     new_cost = cost[u] + far
     if order.by != LENGTH:
         new_cost = cost[u] + 1.0 if order.by == EDGES else -math.inf
-    if seen and new_cost < cost[n + 1]:
+    if new_cost < cost[n + 1] and edge_free(arrays, x, y, gx, gy):
         cost[n + 1], parent[n + 1] = new_cost, u
         push(frontier.heap, new_cost, n + 1)
 
@@ -205,8 +169,6 @@ def search_grid(
         u = pop(frontier.heap)
         if done[u]:
             continue
-        if order.any_angle and u < n:
-            _settle(arrays, grid, frontier, u)
         done[u] = True
         if u == n + 1:
             return True
@@ -249,7 +211,7 @@ def _way(arrays: SpaceArrays, grid: Grid, order: Order, end: float) -> tuple[Arr
 
 @settings
 class GridPlanner(PlannerBase):
-    """A planner on grids."""
+    """A planner on grids whose points are joined to their neighbours."""
 
     fixed = Order()  # the options that are no settings
 
@@ -265,11 +227,15 @@ class GridPlanner(PlannerBase):
     """Number of times that the resolution is halved where no path is found."""
     shortcut: bool = setting(default=True, source="design choice: no higher cost")
     """Whether the path is straightened, at no higher cost."""
+    connectivity: Literal[4, 8] = setting(
+        default=8, source="design choice: fewer turns than with 4"
+    )
+    """Neighbours of a grid point."""
 
     @property
     def order(self) -> Order:
         """The order of the search."""
-        return with_settings(self.fixed, self)
+        return with_settings(self.fixed, self)._replace(diagonal=self.connectivity == 8)
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Return the path over finer and finer grids; the generator is not used."""
@@ -300,23 +266,11 @@ class GridPlanner(PlannerBase):
 
 
 @settings
-class NeighbourGrid(GridPlanner):
-    """Grids whose points are joined to their neighbours."""
+class AStar(GridPlanner):
+    """The cheapest path over the grid (Hart, Nilsson and Raphael 1968), straightened.
 
-    connectivity: Literal[4, 8] = setting(
-        default=8, source="design choice: fewer turns than with 4"
-    )
-    """Neighbours of a grid point."""
-
-    @property
-    def order(self) -> Order:
-        """The order of the search."""
-        return super().order._replace(diagonal=self.connectivity == 8)
-
-
-@settings
-class WeightedGrid(NeighbourGrid):
-    """Grids on which a metre near an obstacle costs more."""
+    With a weight it keeps a comfortable distance where there is space.
+    """
 
     obstacle_weight: float = setting(
         default=0.0, low=0.0, high=1000.0, source="design choice: length alone"
@@ -333,39 +287,21 @@ class WeightedGrid(NeighbourGrid):
 
 
 @settings
-class AStar(WeightedGrid):
-    """The cheapest path over the grid (Hart, Nilsson and Raphael 1968), straightened.
-
-    With a weight it keeps a comfortable distance where there is space.
-    """
-
-
-@settings
-class Dijkstra(WeightedGrid):
+class Dijkstra(AStar):
     """A* without a heuristic: the same cost, more nodes (Dijkstra 1959)."""
 
     fixed = Order(ahead=0.0)
 
 
 @settings
-class Bfs(NeighbourGrid):
+class Bfs(GridPlanner):
     """Breadth first: the grid path of fewest edges (Moore 1959), straightened."""
 
     fixed = Order(EDGES, ahead=0.0)
 
 
 @settings
-class Dfs(NeighbourGrid):
+class Dfs(GridPlanner):
     """Depth first: some grid path of any length (Tarjan 1972), straightened."""
 
     fixed = Order(DEPTH, ahead=0.0)
-
-
-@settings
-class ThetaStar(GridPlanner):
-    """Lazy Theta* (Nash, Koenig and Tovey 2010): grid points joined by edges of any angle.
-
-    Short, but not always the shortest path over the grid's points.
-    """
-
-    fixed = Order(any_angle=True)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import sys
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
@@ -18,11 +18,9 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from planners.collision.footprint import (
-    MIN_GAP,
     TESTED_LENGTH,
     FootprintPlanner,
     Sweeps,
-    path_gap,
     start_and_goal,
     surroundings,
     sweep,
@@ -31,7 +29,6 @@ from planners.collision.footprint import (
 from planners.collision.nearby import Nearby, nearby
 from planners.collision.space import Space
 from planners.graphs.heap import enlarged, new_heap
-from planners.graphs.visibility import Visibility
 from planners.lattice.flood import is_cut_off
 from planners.lattice.heuristic import Field, distance_field, new_guide
 from planners.lattice.narrow_passages import make_lines, narrow_places
@@ -46,12 +43,12 @@ from planners.lattice.pose_search import (
     reopen,
     trace_path,
 )
-from planners.problem import Plan, PlannerBase, Problem, Status, remaining
-from planners.steering import POSE_SPACING, poses_along
+from planners.problem import Plan, Problem, Status
+from planners.steering import poses_along
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.config import setting, settings
-from wheelchair_gym.geometry import Footprint, wrap
+from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.maps.driving_cost import MotionCost
 
 CHUNK = 128  # expansions between two readings of the clock
@@ -74,7 +71,6 @@ HEURISTIC_WEIGHT = 3.0
 STOP_RATIO = 0.8  # the first path is good enough when none can cost less than this share of it
 HEADING_WEIGHT = 0.5  # share of the time to turn to the path ahead that the heuristic counts
 GOAL_CONNECTION_DISTANCE = 1.5  # m, from which exact connections to the goal are tried
-LATERAL_MARGIN = 0.10  # m: extra radius of the disc that is tried first, because arcs cut corners
 
 
 class MapData(NamedTuple):
@@ -258,82 +254,3 @@ class PoseSearch:
         grid = self.search.grid._replace(heuristic_weight=weight, stop_ratio=stop_ratio)
         self.search = self.search._replace(grid=grid)
         reopen(self.search)
-
-
-FILLETS = (1.0, 0.5, 0.0)  # m: tried in this order; 0 is a pivot
-
-
-def drive_path(path: Array, start: Array, goal: Array, fillet: float) -> Array:
-    """Return poses (n, 3) along a path (k, 2): arcs at corners, pivots at the ends.
-
-    Args:
-        path: corners [m], the first one at the start.
-        start: (3,).
-        goal: (2,) or (3,).
-        fillet: distance of an arc's ends from its corner [m], at most half an edge.
-    """
-    poses = [start]
-    path = path[np.append(True, np.hypot(*np.diff(path, axis=0).T) > 0.0)]
-    steps = np.diff(path, axis=0)
-    ways, yaws = np.hypot(*steps.T), np.arctan2(steps[:, 1], steps[:, 0])
-    for k, (corner, yaw) in enumerate(zip(path[:-1], yaws, strict=True)):
-        turn = float(wrap(yaw - poses[-1][2]))
-        cut = min(fillet, 0.5 * ways[k - 1], 0.5 * ways[k]) if k > 0 else 0.0
-        back = cut * np.array([math.cos(poses[-1][2]), math.sin(poses[-1][2]), 0.0])
-        begin = np.array([*corner, poses[-1][2]]) - back
-        poses.append(begin)
-        parts = max(1, math.ceil(abs(turn) / (2.0 * POSE_SPACING)))
-        bend = math.tan(0.5 * turn) / cut if cut > 0.0 else 0.0  # 1/m
-        for part in range(1, parts + 1):
-            angle = turn * part / parts
-            chord = 2.0 * math.sin(0.5 * angle) / bend if bend != 0.0 else 2.0 * cut * part / parts
-            along = begin[2] + 0.5 * angle
-            x, y = begin[0] + chord * math.cos(along), begin[1] + chord * math.sin(along)
-            poses.append(np.array([x, y, begin[2] + angle]))
-    poses.append(np.array([*path[-1], poses[-1][2]]))
-    if len(goal) == 3:
-        last, turn = poses[-1], float(wrap(goal[2] - poses[-1][2]))
-        parts = max(1, math.ceil(abs(turn) / (2.0 * POSE_SPACING)))
-        poses.extend(last + np.array([0.0, 0.0, turn * k / parts]) for k in range(1, parts + 1))
-    return np.array(poses)
-
-
-@settings
-class DiscThenLattice(PlannerBase):
-    """The shortest path of a disc as wide as the chair, if the rectangle fits; or the lattice's.
-
-    It is faster than the lattice on a map that was planned in before, and slower on a new map,
-    whose obstacles must be inflated first. The disc's path is driven forward only.
-    """
-
-    lattice: Lattice = Lattice()
-
-    @property
-    def footprint(self) -> Footprint:
-        """The footprint that its paths are for."""
-        return self.lattice.footprint
-
-    def trivial(self, problem: Problem) -> Plan | None:
-        """Return None: the planners of the two parts know trivial problems."""
-        return None
-
-    def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
-        """Plan without random numbers; the counter `tight` is 1 where the lattice answered."""
-        footprint = self.lattice.footprint
-        margin = max(MIN_GAP, problem.clearance - footprint.half_width)
-        wide = replace(
-            problem, clearance=max(problem.clearance, footprint.half_width) + LATERAL_MARGIN
-        )
-        disc = Visibility().plan(wide, rng, remaining(end))
-        start, goal = start_and_goal(problem)
-        path, solved = disc.path, False
-        if disc.status is Status.SOLVED:
-            for fillet in FILLETS:
-                path = drive_path(disc.path, start, goal, fillet)
-                solved = path_gap(path, problem.space, footprint, 2.0 * margin) >= margin
-                if solved:
-                    break
-        if solved:
-            return Plan(disc.status, path, counters={**disc.counters, "iterations": 0, "tight": 0})
-        plan = self.lattice.plan(problem, rng, remaining(end))
-        return replace(plan, counters={**plan.counters, "tight": 1})

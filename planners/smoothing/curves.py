@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike
 from planners.collision.polygon_tests import SpaceArrays, blocked_edges
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined, kernel
-from wheelchair_gym.config import InputError
 
 POLYLINE, PCHIP, SPLINE = range(3)
 # `spline` is not-a-knot, as MATLAB's spline and scipy's CubicSpline are.
@@ -157,17 +156,6 @@ def sample_curve(
     line[count, 0], line[count, 1] = points[n - 1, 0], points[n - 1, 1]
 
 
-def curve_kind(name: str) -> int:
-    """Return the number of a curve's name.
-
-    Raises:
-        InputError: there is no such curve.
-    """
-    if name not in CURVES:
-        raise InputError(f"curve {name!r} is unknown; there are {', '.join(CURVES)}")
-    return CURVES[name]
-
-
 def curve(points: ArrayLike, name: str = "pchip", pieces: int = 20, chordal: bool = True) -> Array:
     """Return a curve through points, as a polyline that holds the points.
 
@@ -179,18 +167,11 @@ def curve(points: ArrayLike, name: str = "pchip", pieces: int = 20, chordal: boo
 
     Returns:
         ((n - 1) * pieces + 1, 2) m. It may meet obstacles: test its edges.
-
-    Raises:
-        InputError: the name is unknown, or there are too few points or pieces.
     """
     through = np.ascontiguousarray(points, dtype=np.float64)
-    if through.ndim != 2 or through.shape[1] != 2 or len(through) < 2:
-        raise InputError(f"points have shape {through.shape}; expected (2 or more, 2)")
-    if pieces < 1:
-        raise InputError(f"pieces is {pieces}; expected at least 1")
     n = len(through)
     line = np.empty(((n - 1) * pieces + 1, 2))
-    sample_curve(curve_kind(name), chordal, through, pieces, new_curve_workspace(n), line)
+    sample_curve(CURVES[name], chordal, through, pieces, new_curve_workspace(n), line)
     return line
 
 

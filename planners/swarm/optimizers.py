@@ -17,7 +17,7 @@ from planners.problem import with_settings
 from planners.rrt_star_woa.woa import WhaleMoves, WhaleParameters, Whales, move
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel
-from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.config import setting, settings
 from wheelchair_gym.random import Stream, next_uniform
 
 MIN_POPULATION = 4  # positions: three wolves lead, and others follow
@@ -58,17 +58,10 @@ def new_swarm(population: ArrayLike, lower: ArrayLike, upper: ArrayLike) -> Swar
         population: (k, d); copied. All optimizers but whales need `MIN_POPULATION`.
         lower: lower bounds of the positions, a number or (d,); may be infinite.
         upper: upper bounds, likewise.
-
-    Raises:
-        InputError: no positions, or bounds that are crossed.
     """
     positions = np.array(population, dtype=np.float64)
-    if positions.ndim != 2 or len(positions) < 1:
-        raise InputError(f"population has shape {positions.shape}; expected (1 or more, d)")
     k, d = positions.shape
     low, high = (np.array(np.broadcast_to(np.asarray(b, np.float64), d)) for b in (lower, upper))
-    if not (low <= high).all():
-        raise InputError(f"bounds are {low.tolist()} and {high.tolist()}; expected lower <= upper")
     record = np.zeros(1, RECORD)
     record["previous_best_cost"] = np.inf
     return Swarm(
@@ -250,19 +243,6 @@ def move_wolves(swarm: Swarm, a: float, listed: bool, state: Stream) -> None:
 
 
 @borrowing_kernel
-def other_index(i: int, k: int, state: Stream) -> int:
-    """Draw a number below k, uniform, that is not i."""
-    j = int(next_uniform(state) * (k - 1))
-    return j + 1 if j >= i else j
-
-
-@borrowing_kernel
-def roulette(sums: Array, state: Stream) -> int:
-    """Draw a number by roulette, from the running sums (k,) of the weights."""
-    return int(np.searchsorted(sums[:-1], next_uniform(state) * sums[-1]))
-
-
-@borrowing_kernel
 def move_bees(swarm: Swarm, state: Stream) -> None:
     """Send the bees out once, in place: employed bees and onlookers in turn (Karaboga 2005).
 
@@ -282,7 +262,9 @@ def move_bees(swarm: Swarm, state: Stream) -> None:
             total += math.exp(-swarm.personal_best_costs[i] / mean) if mean > 0.0 else 1.0
             swarm.costs[i] = total
     for i in range(k):
-        source = roulette(swarm.costs, state) if onlookers else i
+        source = i
+        if onlookers:  # by roulette
+            source = int(np.searchsorted(swarm.costs[:-1], next_uniform(state) * swarm.costs[-1]))
         swarm.targets[i] = source
         if not onlookers and bounded and swarm.trials[i] >= TRIAL_LIMIT * k * d:
             swarm.personal_best_costs[i] = math.inf
@@ -290,7 +272,8 @@ def move_bees(swarm: Swarm, state: Stream) -> None:
                 width = swarm.upper[c] - swarm.lower[c]
                 swarm.positions[i, c] = swarm.lower[c] + next_uniform(state) * width
             continue
-        j = other_index(source, k, state)
+        j = int(next_uniform(state) * (k - 1))  # another source
+        j += j >= source
         for c in range(d):
             phi = ACCELERATION * (2.0 * next_uniform(state) - 1.0)
             x = swarm.personal_best[source, c]

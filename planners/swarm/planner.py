@@ -16,7 +16,7 @@ from planners.problem import Plan, PlannerBase, Problem, Status, remaining
 from planners.registries import FIRST_PLANNERS, OBJECTIVES, SWARM_OPTIMIZERS
 from planners.rrt_star_woa.path_shortening import scatter_in_ellipses
 from planners.rrt_star_woa.woa import ShiftBounds
-from planners.smoothing.curves import POLYLINE, curve, curve_kind
+from planners.smoothing.curves import CURVES, POLYLINE, curve
 from planners.swarm.optimizers import MIN_POPULATION, WoaModified
 from planners.swarm.path_cost import PathProblem, Smooth
 from planners.swarm.peers import Mealpy
@@ -106,7 +106,7 @@ class SwarmPlanner(ShiftBounds, PlannerBase):
         """
         free = problem.free
         start, goal = (np.array(end[:2], dtype=np.float64) for end in (problem.start, problem.goal))
-        kind, pieces = curve_kind(self.curve), self.pieces
+        kind, pieces = CURVES[self.curve], self.pieces
         if pieces is None:
             pieces = 1 if kind == POLYLINE else _CURVED
         if path is None:

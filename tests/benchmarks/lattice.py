@@ -18,9 +18,8 @@ import numpy as np
 
 import wheelchair_gym.compiled.clock
 from planners import Problem, Space, make_planner
-from planners.collision.footprint import path_gap
 from tests.conftest import SHARED
-from tests.planners.footprints import path_cost, read
+from tests.planners.footprints import path_cost, path_gaps, read
 from wheelchair_gym.config import dump
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.maps import bottleneck
@@ -97,7 +96,7 @@ def planned(problem, footprint):
            "poses": plan.counters.get("iterations", 0)}  # fmt: skip
     if len(plan.path):
         margin = max(0.0, clearance - footprint.half_width)
-        gap = path_gap(plan.path, problem.space, footprint, 1.0)
+        gap = path_gaps(plan.path, problem.space, footprint).min()
         row |= {"s": seconds(plan.path, planner), "short": max(0.0, margin - gap)}
     for deadline in DEADLINES:
         plan, took, _ = once(deadline)

@@ -20,10 +20,9 @@ import wheelchair_gym.compiled.clock
 from agents.evaluation.runs import compute, run_key, source_digest
 from agents.evaluation.statistics import wilson
 from planners import make_planner
-from planners.collision.footprint import path_gap
 from planners.judge import sweep_faults
 from tests.benchmarks.lattice import FIRST, HOME, drawn, sets, unseen
-from tests.planners.footprints import path_cost
+from tests.planners.footprints import path_cost, path_gaps
 from wheelchair_gym.config import dump
 
 DEADLINES = (0.05, 0.2, 1.0)  # s
@@ -60,7 +59,7 @@ def planned(problem, footprint, settings):
             faults = sweep_faults(
                 plan.path, footprint.corners, problem.space.solid, problem.space.bounds
             )
-            gap = path_gap(plan.path, problem.space, footprint, 1.0)
+            gap = path_gaps(plan.path, problem.space, footprint).min()
             motion = planner.motion_cost(footprint, planner.limits, 0.0)
             found |= {"cost": path_cost(plan.path, motion, problem.space, footprint),
                       "faults": len(faults), "short": max(0.0, margin - gap)}  # fmt: skip

@@ -21,7 +21,6 @@ from wheelchair_gym.config import InputError, dump, load, with_values
 # Names of settings, or of their ends, that need not change a plan or a command, and why.
 EXCEPTIONS = {
     "limits": "a whole chair's limits, of which a planner reads some",
-    "lattice": "the settings of the planner lattice, which are varied there",
     "refinements": "of lattice and voronoi: only where a first round of search finds no path",
     "pivot": "a chair that sees nothing behind itself turns more slowly than any of these",
     "first": "a name of another registry", "objective": "the same", "optimizer": "the same",
@@ -32,7 +31,7 @@ SMALL = {"iterations": 300}
 WHALES = {"whales": {"iterations": 10}, "tree": SMALL}
 NEEDS = {
     "a_star": [COARSE | {"obstacle_weight": 2.0}], "dijkstra": [COARSE | {"obstacle_weight": 2.0}],
-    "bfs": [COARSE], "dfs": [COARSE], "theta_star": [COARSE],
+    "bfs": [COARSE], "dfs": [COARSE],
     "se2_rrt_star_woa": [SMALL | {"iterations": 3000, "improvement": 40}],
     "swarm": [
         {"optimizer": "woa", "curve": "pchip", "iterations": 10, "cycle": 5, "way_points": 2}
@@ -111,7 +110,7 @@ def test_every_user_of_the_whales_has_all_their_parameters():
             users |= {name: {key.split(".")[-1] for key in keys}} if keys else {}
     assert users.keys() == {
         "rrt_star_woa_local", "rrt_star_woa_global", "se2_rrt_star_woa", "rrt_woa", "woa_modified",
-        "controls", "thesis", "whales", "woa",
+        "controls", "thesis", "whales",
     }  # fmt: skip
     moves = {field.name for field in dataclasses.fields(WhaleMoves)}
     assert all(keys >= moves for keys in users.values())

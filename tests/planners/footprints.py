@@ -17,11 +17,14 @@ import numpy as np
 import shapely
 
 from planners import Problem, Space
-from planners.collision.footprint import path_gap, stretch_between
+from planners.collision.footprint import STRAIGHT, TESTED_LENGTH, free_gap, surroundings
+from planners.collision.nearby import nearby
+from planners.lattice.lattice import Lattice
 from tests.planners.oracle import Oracle, Verdict
 from tests.planners.pose_grid import LONGEST, STEP, WIDEST
 from wheelchair_gym.config import dump, load
-from wheelchair_gym.geometry import Footprint, polygon_edges
+from wheelchair_gym.geometry import Footprint, polygon_edges, wrap
+from wheelchair_gym.kinematics import Limits
 from wheelchair_gym.maps.driving_cost import STILL, kind_of, stretch_cost
 
 FILE = Path(__file__).with_name("footprint.json")
@@ -39,18 +42,32 @@ class Case(NamedTuple):
     verdict: Verdict
 
 
+def stretches_of(path):
+    """The way [m] and the turn [rad] of each stretch between poses (n, 3)."""
+    for (x, y, yaw), (to_x, to_y, to_yaw) in itertools.pairwise(path):
+        half = 0.5 * wrap(to_yaw - yaw)
+        chord = math.cos(yaw + half) * (to_x - x) + math.sin(yaw + half) * (to_y - y)
+        yield (chord * half / math.sin(half) if abs(half) > STRAIGHT else chord), 2.0 * half
+
+
+def path_gaps(path, space, footprint, enough=1.0):
+    """The gaps (n - 1,) [m] along the stretches between poses (n, 3), at most `enough`."""
+    motion = Lattice().motion_cost(footprint, Limits(), 0.0)._replace(desired_clearance=enough)
+    around = surroundings(nearby(space, footprint.reach + TESTED_LENGTH + enough), motion)
+    pairs = zip(path, stretches_of(path), strict=False)
+    return np.array([free_gap(around, tuple(pose), *stretch) for pose, stretch in pairs])
+
+
 def path_cost(path, motion, space=None, footprint=None):
     """Cost [s] of poses (n, 3): time, stops to change the direction, and clearance in a space."""
-    spent, before = 0.0, 0
-    for k in range(len(path) - 1):
-        way, turn = stretch_between(*path[k], *path[k + 1])
+    spent, before, gaps = 0.0, 0, np.full(len(path), motion.desired_clearance)
+    if space is not None:
+        gaps = path_gaps(path, space, footprint, motion.desired_clearance)
+    for (way, turn), gap in zip(stretches_of(path), gaps, strict=False):
         way = way if abs(way) > 1e-7 else 0.0
         kind = kind_of(way, turn)
         if max(abs(way), abs(turn)) < STILL:
             continue
-        gap = motion.desired_clearance
-        if space is not None:
-            gap = path_gap(path[k : k + 2], space, footprint, gap)
         spent += stretch_cost(motion, way, turn, gap)
         spent += motion.switch_time if before not in (0, kind) else 0.0
         before = kind

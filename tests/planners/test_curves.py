@@ -7,7 +7,6 @@ import pytest
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from planners.smoothing.curves import CURVES, curve
-from wheelchair_gym.config import InputError
 
 ORACLES = {
     "pchip": PchipInterpolator,
@@ -47,12 +46,3 @@ def test_pchip_stays_between_its_points():
             low, high = points[k : k + 2].min(axis=0), points[k : k + 2].max(axis=0)
             assert (leg >= low - 1e-9).all()
             assert (leg <= high + 1e-9).all()
-
-
-def test_wrong_curves_are_input_errors():
-    with pytest.raises(InputError, match="curve 'bezier' is unknown; there are polyline"):
-        curve([(0, 0), (1, 1)], "bezier")
-    with pytest.raises(InputError, match="points have shape"):
-        curve([(0, 0)])
-    with pytest.raises(InputError, match="pieces is 0"):
-        curve([(0, 0), (1, 1)], pieces=0)

@@ -46,7 +46,7 @@ def test_grids_are_complete_at_their_resolution(rectangles, resolution):
     room = dataclasses.replace(problem, clearance=resolution / math.sqrt(2) * 1.001)
     if make_planner("visibility").plan(room, np.random.default_rng(0)).status != Status.SOLVED:
         return
-    for name in ("a_star", "bfs", "dfs", "dijkstra", "theta_star"):
+    for name in ("a_star", "bfs", "dfs", "dijkstra"):
         planner = make_planner({"name": name, "resolution": resolution, "refinements": 0})
         assert planner.plan(problem, np.random.default_rng(0)).status == Status.SOLVED
     planner = make_planner({"name": "a_star", "resolution": resolution, "refinements": 0,
@@ -108,10 +108,10 @@ def test_lattice_paths_cost_what_the_lattice_says(connectivity):
 
 
 def test_orders_of_one_search_keep_what_each_promises():
-    """Dijkstra finds A*'s cost with more nodes, breadth no more edges; any angle is no longer."""
+    """Dijkstra finds A*'s cost with more nodes, and breadth no more edges."""
     problem = on([(2, 3, 6, 5), (5, 6, 8, 7.5), (4, 0, 5, 2)])
     plans = {}
-    for name in ("a_star", "dijkstra", "bfs", "dfs", "theta_star"):
+    for name in ("a_star", "dijkstra", "bfs", "dfs"):
         planner = make_planner({"name": name, "shortcut": False})
         plans[name] = planner.plan(problem, np.random.default_rng(0))
     a_star = plans["a_star"]
@@ -119,9 +119,6 @@ def test_orders_of_one_search_keep_what_each_promises():
     assert plans["dijkstra"].length == pytest.approx(a_star.length, abs=0.2)
     assert plans["dijkstra"].counters["nodes"] > a_star.counters["nodes"]
     assert all(len(plans["bfs"].path) <= len(plans[k].path) for k in ("a_star", "dijkstra", "dfs"))
-    best = make_planner("visibility").plan(problem, np.random.default_rng(0)).length
-    assert best <= plans["theta_star"].length + 1e-9 < a_star.length
-    assert plans["theta_star"].length < 1.01 * best
 
 
 def test_prm_falls_with_points_to_the_optimum():

@@ -11,13 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from planners import Problem, Space, Status, make_planner
-from planners.collision.footprint import path_gap
+from planners.collision.footprint import MIN_GAP
 from planners.collision.solids import union
 from planners.judge import plan_faults, sweep_faults
 from planners.lattice.flood import is_cut_off
-from planners.lattice.lattice import MIN_GAP, Lattice
+from planners.lattice.lattice import Lattice
 from tests.benchmarks.lattice import seconds
-from tests.planners.footprints import read
+from tests.planners.footprints import path_gaps, read
 from wheelchair_gym.config import dump
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.kinematics import arc_step
@@ -51,11 +51,10 @@ def faults(answer, problem, footprint, margin=0.0):
     return sweep_faults(answer.path, footprint.corners, space.solid, space.bounds, margin)
 
 
-def check_case(name, planner):
+def check_case(name):
     problem, footprint, verdict = CASES[name]
-    own = {"footprint": dump(footprint)}
-    spec = {"name": planner} | (own if planner == "lattice" else {"lattice": own})
-    answer = make_planner(spec).plan(problem, np.random.default_rng(0))
+    planner = make_planner({"name": "lattice", "footprint": dump(footprint)})
+    answer = planner.plan(problem, np.random.default_rng(0))
     if not verdict.feasible:
         assert verdict.feasible is None or answer.status is not Status.SOLVED
         return
@@ -64,28 +63,15 @@ def check_case(name, planner):
     assert verdict.lower <= answer.length <= FACTOR * verdict.upper
 
 
-@pytest.mark.parametrize("planner", ["disc_then_lattice", "lattice"])
 @pytest.mark.parametrize("name", QUICK)
-def test_problems_are_solved_within_the_oracles_bounds(name, planner):
-    check_case(name, planner)
-
-
-def test_the_lattice_is_asked_where_it_is_tight():
-    planner = make_planner("disc_then_lattice")
-    tight = {}
-    for door in (DOOR, 1.8):
-        _, problem = plan((0.6, 0.6, 0.0), (5.0, 4.0, 2.0), 0.36, door)
-        answer = planner.plan(problem, np.random.default_rng(0))
-        assert answer.status is Status.SOLVED
-        assert not faults(answer, problem, Footprint(), 0.36 - 0.31)
-        tight[door] = answer.counters["tight"]
-    assert tight == {DOOR: 1, 1.8: 0}
+def test_problems_are_solved_within_the_oracles_bounds(name):
+    check_case(name)
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", sorted(HARD))
 def test_hard_problems_are_solved_within_the_oracles_bounds(name):
-    check_case(name, "lattice")
+    check_case(name)
 
 
 @pytest.mark.parametrize(
@@ -202,7 +188,7 @@ def test_the_gap_of_a_stretch_is_that_of_all_its_poses(corners, way, turn, outli
     if gaps[0] == 0.0:
         return
     space = Space(triangle, (-5.0, -5.0, 5.0, 5.0))
-    gap = path_gap(poses[[0, -1]], space, footprint)
+    gap = path_gaps(poses[[0, -1]], space, footprint)[0]
     between = (abs(way) + abs(turn) * footprint.reach) / len(times)
     least = min(float(gaps.min()), 1.0)
     assert least - between - 2e-6 <= gap <= least + 2e-6  # less turn than 1e-6 counts as none

@@ -16,7 +16,7 @@ from wheelchair_gym.config import InputError
 
 # Planners that prove it where there is no path, and those that always find one on these maps.
 PROVE = {"bug1", "bug2", "cell_decomposition", "visibility"}
-COMPLETE = PROVE | {"a_star", "bfs", "dfs", "dijkstra", "theta_star", "voronoi"}
+COMPLETE = PROVE | {"a_star", "bfs", "dfs", "dijkstra", "voronoi"}
 GIVEN_UP = {Status.EXHAUSTED, Status.STUCK}  # what may be said without a proof
 WAYS = [(1.0, 1.0), (9.0, 9.0)]
 BOX = [(6, 6, 6.5, 10), (6, 6, 10, 6.5)]  # closes a corner of the map round (9, 9)

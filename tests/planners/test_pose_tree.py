@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 import pytest
 
 from planners import Status, make_planner
-from planners.collision.footprint import path_gap, stretch_between
 from planners.judge import plan_faults, sweep_faults
 from planners.rrt_star_woa.poses import Se2RrtStarWoa
 from tests.benchmarks.lattice import seconds
-from tests.planners.footprints import read
+from tests.planners.footprints import path_gaps, read, stretches_of
 from wheelchair_gym.config import dump
 
 CASES = {case.problem.name: case for case in read()}
@@ -53,7 +50,7 @@ def test_the_margin_is_kept_where_one_is_asked_for():
     assert answer.status is Status.SOLVED
     space = problem.space
     assert not sweep_faults(answer.path, footprint.corners, space.solid, space.bounds, 0.05)
-    assert path_gap(answer.path, problem.space, footprint) >= 0.05 - 1e-9
+    assert path_gaps(answer.path, problem.space, footprint).min() >= 0.05 - 1e-9
 
 
 @pytest.mark.parametrize("share", ["tree", "shortcut", "local"])
@@ -86,5 +83,4 @@ def test_the_iterations_of_a_plan_under_a_deadline_replay_it(deadline):
 def test_a_chair_that_cannot_go_back_does_not():
     answer = plan(ROOM, limits={"backward": 0.0})
     assert answer.status is Status.SOLVED
-    ways = [stretch_between(*a, *b)[0] for a, b in itertools.pairwise(answer.path)]
-    assert min(ways) > -1e-9
+    assert min(way for way, _ in stretches_of(answer.path)) > -1e-9

@@ -208,8 +208,6 @@ def test_wrong_settings_are_input_errors():
     ):
         with pytest.raises(InputError, match=message):
             SwarmPlanner(**settings)
-    with pytest.raises(InputError, match="lower <= upper"):
-        new_swarm(np.zeros((4, 2)), 1.0, 0.0)
     planner = SwarmPlanner(optimizer=OPTIMIZERS.make({"name": "pso", "neighbours": 2}))
     assert planner.optimizer["neighbours"] == 2
 

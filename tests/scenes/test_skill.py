@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from planners import make_planner
-from planners.collision.footprint import path_gap
 from planners.collision.space import Space
+from planners.judge import plan_faults
 from planners.problem import Problem, Status
 from tests.envs.test_vector import NEXT, compare
 from tests.scenes.test_footprints import CHAIRS
@@ -43,7 +43,7 @@ def test_the_chair_can_drive_each_course(course):
         problem = Problem(space, episode.start, episode.goal, FOOTPRINT.half_width)
         plan = make_planner("lattice").plan(problem, np.random.default_rng(0))
         assert plan.status is Status.SOLVED
-        assert path_gap(plan.path, space, FOOTPRINT) >= 0.0
+        assert not plan_faults(plan, problem, FOOTPRINT)
         assert plan.path[-1] == pytest.approx(episode.goal, abs=1e-6) or math.isclose(
             math.remainder(plan.path[-1][2] - episode.goal[2], 2 * math.pi), 0.0, abs_tol=1e-6
         )
