@@ -19,8 +19,8 @@ SHARED = Path(os.environ.get("WHEELCHAIR_SHARED", ROOT.parent / "shared"))
 FIRST = (
     "laws/test_copies", "agents/policies/test_planning",
     "test_compiling", "agents/evaluation/test_runs", "hardware/test_drive",
-    "hardware/test_protocol", "hardware/test_link", "hardware/test_joystick",
-    "planners/test_random_maps", "planners/test_planners", "planners/test_trees",
+    "hardware/test_protocol", "hardware/test_link", "hardware/test_tools",
+    "planners/test_random_maps", "planners/test_planners", "hardware/test_robot",
     "planners/test_lattice", "agents/evaluation/test_tuning", "agents/policies/test_unknown",
     "agents/cli/test_cli", "hardware/test_ros", "recording/test_record",
     "agents/learning/test_learning",

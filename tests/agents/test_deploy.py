@@ -16,10 +16,8 @@ import pytest
 from mcap.reader import make_reader
 
 from agents.cli import main
-from agents.cli.drive import _timing
 from agents.deploy import Capped, Deployment, deploy, listen_for_rearm, rearm, rehearse
 from agents.policies import make_policy
-from agents.policies.planning import PlanningFigures
 from tests.agents.cli.test_drive_command import rearm_by_hand
 from tests.agents.fakes import PaperWorld, corridor
 from tests.conftest import ROOT, long_but, until
@@ -412,12 +410,3 @@ def test_rehearsals_compile_what_only_a_closed_way_needs():
 
     rehearse("lattice+window", {"beams": 64})
     assert flood._spread.signatures
-
-
-def test_it_reports_what_plans_took_and_late_steps():
-    record = PlanningFigures([0.02, 0.5], 1, 2, 0.7, 0.3).record()
-    text = _timing({**record, "late_steps": 3, "late_ms_max": 41.0})
-    assert "longest: 500), 1 came late and 2 were discarded" in text
-    assert "drove on for 0.7 s and stood for 0.3 s" in text
-    assert "late steps: 3, by 41 ms at most" in text
-    assert _timing(PlanningFigures().record() | {"late_steps": 0}) == ""

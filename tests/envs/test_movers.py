@@ -28,14 +28,6 @@ def test_each_row_is_a_single_env_among_movers(mode, threads):
     assert ends >= 25
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("threads", [1, 2, 3])
-def test_many_steps_among_movers_are_those_of_single_envs(threads):
-    """Forty thousand steps with every sensor's noise and worlds of their own."""
-    settings = {"scene": CROWDED["scene"], "pose_source": "modelled", "randomize": True}
-    assert compare(NEXT, threads, n=8, steps=1_700, seed=5, config=SHORT, **settings) >= 150
-
-
 def test_each_row_is_a_single_env_where_things_appear():
     settings = {"scene": {"name": "temporary", "count": (3, 6)}, "pose_source": "modelled"}
     assert compare(NEXT, 2, n=3, steps=80, config=SHORT, **settings) >= 3

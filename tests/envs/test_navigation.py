@@ -63,19 +63,6 @@ def test_same_seed_same_run_bit_for_bit_in_a_second_process_too():
     assert len({digest for digests in here for digest in digests}) == 6
 
 
-def test_an_unseeded_reset_continues_with_the_next_episode_of_the_same_seed():
-    env = gym.make(IDS[0])
-    starts = []
-    for _ in range(2):
-        env.reset(seed=4)
-        starts.append([env.unwrapped.episode.start])
-        for _ in range(2):
-            env.reset()
-            starts[-1].append(env.unwrapped.episode.start)
-    assert np.array_equal(starts[0], starts[1])
-    assert not np.array_equal(starts[0][0], starts[0][1])
-
-
 def test_arriving_bumping_and_running_out_of_time_end_an_episode():
     env = gym.make(IDS[0], noise=False).unwrapped
     ends = {}

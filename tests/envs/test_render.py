@@ -86,16 +86,6 @@ def test_every_frame_of_every_scene_has_the_size_that_was_set(scene):
         assert len(np.unique(frame[::4, ::4].reshape(-1, 3), axis=0)) > 4  # a world, not a blank
 
 
-def test_pixels_are_observations_across_resets():
-    plain = gymnasium.make(ID, scene="floor_plan", render_mode="rgb_array")
-    world = gymnasium.wrappers.AddRenderObservation(plain)
-    space = world.observation_space
-    assert space.shape == (640, 640, 3)
-    for seed in range(3):  # worlds of three shapes
-        assert space.contains(world.reset(seed=seed)[0])
-        assert space.contains(world.step(STILL)[0])
-
-
 def test_a_size_that_no_film_can_have_is_refused():
     with pytest.raises(InputError, match="render_height is 333; expected an even number"):
         gymnasium.make(ID, render_height=333)

@@ -109,32 +109,6 @@ def test_each_row_with_a_shield_is_a_single_env_with_one(mode):
     assert compare(mode, 2, n=4, steps=120, config=half, randomize=True, **settings) >= 8
 
 
-@pytest.mark.parametrize("mode", [NEXT, SAME])
-def test_what_was_handed_out_is_never_written_again(mode):
-    """Everything kept over many ends of episodes is as it was, and in its space."""
-    env = NavigationVectorEnv(4, config=SHORT, autoreset_mode=mode, **QUICK)
-    rng = np.random.default_rng(0)
-
-    def numbers(told):
-        for value in told.values():
-            if isinstance(value, dict):
-                yield from numbers(value)
-            else:
-                yield value
-
-    kept, ended = [], 0
-    env.reset(seed=0)
-    for _ in range(120):
-        result = env.step(rng.uniform(-1, 1, (4, 2)))
-        assert env.observation_space.contains(result[0])
-        ended += (result[2] | result[3]).sum()
-        for array in (*numbers(result[0]), *result[1:4], *numbers(result[4])):
-            kept.append((array, array.copy()))
-    assert ended >= 8
-    for array, copy in kept:
-        assert np.array_equal(array, copy)
-
-
 PARTS = {
     "array": lambda array: array,
     "part": lambda array: array[1:],

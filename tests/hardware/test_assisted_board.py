@@ -84,9 +84,9 @@ class History:
 
 @pytest.mark.parametrize("manual", [True, False])
 def test_nothing_moves_before_the_centre_was_seen_with_the_switch_held(firmware, manual):
-    """The interlock, against its model: 100 random histories of stick, switches and radio."""
+    """The interlock, against its model: 40 random histories of stick, switches and radio."""
     moved, stood = 0, 0
-    for seed in range(100):
+    for seed in range(40):
         rng, bench, model = np.random.default_rng(seed), Bench(firmware), History()
         bench.start(seconds=0.02).target = (0.5, 0.0, HELPED)
         for _ in range(15):
@@ -106,7 +106,7 @@ def test_nothing_moves_before_the_centre_was_seen_with_the_switch_held(firmware,
             ):
                 moved += free and fast
                 stood += not free and ahead != 0.0 and held
-    assert min(moved, stood) > 2500, (moved, stood)
+    assert min(moved, stood) > 1000, (moved, stood)
 
 
 def hold(bench, model, seconds, heard, ahead, held, manual):

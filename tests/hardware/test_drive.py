@@ -154,18 +154,6 @@ def test_faults_stop_the_chair_and_stay_until_a_person_has_seen_to_them(bench, n
     assert min(bench.speeds) == pytest.approx(0.3, abs=0.01)
 
 
-def test_a_blind_wheel_at_the_start_never_winds_up(bench):
-    """Without counts the integral would rise to full power."""
-    bench.start()
-    bench.seen[0], bench.target = False, (0.8, 0.0)
-    bench.run(1.0)
-    assert bench.odometry().faults == Fault.STALL
-    assert off(bench)
-    assert bench.ways[0] < 0.15
-    bench.run(1.0)
-    assert bench.speeds == [0.0, 0.0]
-
-
 @pytest.mark.parametrize("switch", [Switch.STOP_PRESSED, Switch.FREEWHEEL, Switch.DRIVER_RIGHT])
 def test_what_still_stands_refuses_the_re_arm(bench, switch):
     bench.target, bench.switches = (0.0, 0.0), switch

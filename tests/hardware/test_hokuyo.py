@@ -220,18 +220,6 @@ def test_a_laser_that_is_off_is_switched_on_again():
     assert sensor.streaming
 
 
-def test_a_lost_connection_is_made_again():
-    laser, sensor, ports, clock = begin()
-    ports[0].open = False
-    assert laser.poll() == []
-    assert laser.error == "x: gone"
-    clock.now += RETRY
-    laser.poll()
-    ports[1].said += sensor.scan(some_scan(UST_10LX), 0)
-    assert len(laser.poll()) == 1
-    assert laser.statistics.opened == 2
-
-
 def test_real_scans_are_read_back(shared):
     """The ranges of a real URG-04LX, said again and read, cut at random."""
     rows = (shared / "logs" / "mines_exp1.dat").read_text().splitlines()[::40]

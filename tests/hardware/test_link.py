@@ -322,23 +322,3 @@ def test_other_harm_is_not_believed_either(harm):
     assert all(frame in said for frame in chair.frames)
     assert abs(chair.twin.motion.speed) < 0.33
     chair.twin.close()
-
-
-def test_an_unplugged_cable_stops_the_chair_and_heals():
-    chair = NoisyChair(4)
-    chair.rearm()
-    chair.run(2.0, 0.5)
-    chair.wire.plugged = False
-    chair.run(0.2 + 0.5 / 1.5 + 0.05, 0.5)
-    assert abs(chair.twin.motion.speed) < 1e-3
-    assert not chair.link.connected
-    chair.run(1.0, 0.5)
-    chair.wire.plugged = True
-    chair.run(0.6, 0.5)
-    assert chair.link.connected
-    assert chair.now.mode == Mode.STOPPED  # latched: a person must re-arm
-    assert chair.twin.braked
-    chair.rearm()
-    chair.run(1.0, 0.3)
-    assert chair.twin.motion.speed > 0.2
-    chair.twin.close()

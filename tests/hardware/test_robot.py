@@ -320,29 +320,6 @@ def test_a_stranger_drives_and_is_scored(scene, seed, episodes, tmp_path):
     assert len(read_recording(bag)) == episodes
 
 
-@pytest.mark.parametrize(
-    "way", [signal.SIGKILL, pytest.param(signal.SIGSTOP, marks=pytest.mark.long)]
-)
-def test_a_controller_that_is_killed_or_frozen_leaves_it_standing(way, tmp_path):
-    served = Served("--scene", "floor_plan", "--seed", "3", "--episodes", "1", "--rate", "20")
-    try:
-        with Client(served.url, "/odom") as watcher:
-            controller = subprocess.Popen([sys.executable, str(CONTROLLER), served.url])
-            try:
-                assert until(lambda: "/odom" in watcher.newest and watcher.moving)
-                controller.send_signal(way)
-                assert until(lambda: watcher.still)
-                count = watcher.counts["/odom"]
-                assert until(lambda: watcher.counts["/odom"] > count + 5)
-                assert watcher.still
-            finally:
-                controller.kill()
-                controller.wait()
-        assert any("the chair stops" in line for line in served.errors)
-    finally:
-        served.close()
-
-
 def test_a_token_is_needed_where_one_is_set():
     taken = []
     server = RosbridgeServer("127.0.0.1", 0, lambda *given: taken.append(given) or "", token="abc")

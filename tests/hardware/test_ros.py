@@ -730,13 +730,6 @@ def test_a_fan_that_is_off_by_part_of_a_beam_is_read_at_its_true_angles(shift):
     np.testing.assert_array_equal(found, ranges[nearest].astype(np.float32))
 
 
-def test_a_fan_that_is_too_small_is_refused():
-    message = of_a_circle(360)
-    message["ranges"] = message["ranges"][:200]
-    with pytest.raises(ValueError, match=r"expected -135.0 over 270.0 \(laser.fov\), or more"):
-        ros.scan(message, SENSORS.laser, math.inf)
-
-
 def test_two_lasers_have_topics_and_mounts_of_their_own(bridge):
     rear = LaserSettings(x=-0.1, yaw=math.pi, beams=91, fov=math.pi)
     sensors = dataclasses.replace(SENSORS, more_lasers=(rear,))

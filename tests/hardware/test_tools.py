@@ -127,7 +127,7 @@ class Helper:
         assert senses.wait_for(
             clock, lambda: all(map(math.isfinite, senses.ages(clock.now()).values())), 3.0
         )
-        found = Orientation(senses, clock, footprint, self.hold, 3.0).run()
+        found = Orientation(senses, clock, footprint, self.hold, 1.6).run()
         self.hosted.close()
         assert len(found) == 11
         return {f"{one.part}: {one.what}": one.found for one in found if not one.good}

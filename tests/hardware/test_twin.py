@@ -13,10 +13,8 @@ from tests.hardware.conftest import build, build_twin
 from tests.hardware.pilot import PERIOD, Pilot
 from tests.physics.worlds import box, exact_chair
 from wheelchair_gym.config import InputError
-from wheelchair_gym.hardware.boards.parameters import DRIVE_PARAMETERS
 from wheelchair_gym.hardware.boards.protocol import (
     BAUD,
-    Answer,
     Command,
     Fault,
     Get,
@@ -25,7 +23,6 @@ from wheelchair_gym.hardware.boards.protocol import (
     RangeStatus,
     Save,
     Set,
-    Status,
     Switch,
     Unknown,
     encode,
@@ -109,19 +106,6 @@ def test_the_emergency_stop_cuts_the_power_without_any_board(pilot):
     assert 0.8 / pilot.until_rest() >= 1.5
 
 
-@pytest.mark.parametrize("held", [(True, False), (True, True)])
-def test_a_blocked_wheel_cuts_the_motors(pilot, held):
-    pilot.start(0.4, 0.0, 2.0)
-    pilot.twin.faults.blocked_wheels = held
-    pilot.run(0.2)
-    assert pilot.now.faults & Fault.STALL
-    assert not pilot.twin.enabled
-    pilot.twin.faults.blocked_wheels = (False, False)
-    pilot.run(1.0)
-    assert abs(pilot.twin.motion.speed) < 1e-3
-    assert not pilot.twin.enabled
-
-
 def test_a_swapped_encoder_stops_the_chair(pilot):
     """A wheel that is controlled the wrong way round would run away."""
     pilot.start(0.0, 0.0, 0.2)
@@ -150,21 +134,6 @@ def test_a_hung_drive_board_is_reset_and_stays_stopped(pilot):
     assert abs(pilot.twin.motion.speed) < 1e-6  # though the host goes on asking for 0.8 m/s
     pilot.start(0.3, 0.0, 2.0)
     assert pilot.twin.motion.speed == pytest.approx(0.3, abs=0.01)
-
-
-def test_parameters_outlive_power_off():
-    build("drive.elf")
-    pilot = Pilot(new=True)
-    kp = DRIVE_PARAMETERS.index("kp")
-    pilot.run(0.1)
-    assert pilot.now.faults == Fault.RESET | Fault.STORE  # a new chip
-    assert pilot.ask(Set(kp, 55.0)).status == Status.DONE
-    assert pilot.ask(Save(), Answer).status == Status.DONE
-    pilot.run(1.0)
-    pilot.twin.drive.reset()
-    pilot.run(0.1)
-    assert pilot.now.faults == Fault.RESET
-    assert pilot.ask(Get(kp)).value == 55.0
 
 
 def test_baud_rates_are_those_of_the_wire(pilot):

@@ -87,11 +87,12 @@ def vector(settings, **more):
     return NavigationVectorEnv(3, **settings_of(settings), **more)
 
 
+@pytest.mark.parametrize("copies", [6, pytest.param(700, marks=pytest.mark.long)])
 @pytest.mark.parametrize("name", SINGLE)
-def test_a_copy_of_an_env_steps_on_as_the_original(name):
+def test_a_copy_of_an_env_steps_on_as_the_original(name, copies):
     env = NavigationEnv(**settings_of(SINGLE[name]))
     env.reset(seed=5)
-    drive_copies(begin, step_single, env, 6, seed=5)
+    drive_copies(begin, step_single, env, copies, seed=5)
 
 
 @pytest.mark.parametrize("name", SIMULATED)
@@ -102,12 +103,13 @@ def test_a_copy_of_every_registered_env_steps_on_as_the_original(name):
     drive_copies(begin, step_single, env, 3, seed=2)
 
 
+@pytest.mark.parametrize("copies", [3, pytest.param(370, marks=pytest.mark.long)])
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
 @pytest.mark.parametrize("name", MANY)
-def test_a_copy_of_many_chairs_steps_on_as_the_original(name, mode):
+def test_a_copy_of_many_chairs_steps_on_as_the_original(name, mode, copies):
     env = vector(MANY[name], autoreset_mode=mode, num_threads=2)
     env.reset(seed=5)
-    drive_copies(begin, step_many, env, 3, seed=5, steps=12)
+    drive_copies(begin, step_many, env, copies, seed=5, steps=12)
 
 
 @pytest.mark.parametrize("flat", [False, True])
@@ -157,19 +159,6 @@ def test_a_copy_in_another_process_steps_on_as_the_original(tmp_path):
 def drive_on(env, many):
     rng = np.random.default_rng(1)
     return [(step_single(env, rng), step_many(many, rng)) for _ in range(20)]
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("name", SINGLE)
-def test_ten_thousand_copies_step_on_as_their_originals(name):
-    """Half of them of single envs, half of many at once; for a run with MALLOC_PERTURB_ set."""
-    env = NavigationEnv(**settings_of(SINGLE[name]))
-    env.reset(seed=11)
-    drive_copies(begin, step_single, env, 700, seed=11)
-    if name in MANY:
-        many = vector(MANY[name], autoreset_mode="SameStep", num_threads=2)
-        many.reset(seed=11)
-        drive_copies(begin, step_many, many, 740, seed=11)
 
 
 def step_policy(driven, rng):

@@ -84,13 +84,6 @@ def test_distance_on_a_large_map_stays_within_half_a_cell_of_the_centre_distance
     assert (centres - gap <= math.sqrt(0.5) + 1e-4).all()
 
 
-@pytest.mark.parametrize("radius", [0.0, 0.3, 0.36, 1.1])
-def test_traversable_is_the_distance_with_a_threshold(radius):
-    grid = random_grid(4, 0.1)
-    expected = (grid.cells == FREE) & (grid.distance() >= radius - 1e-5)
-    assert (grid.traversable(radius) == expected).all()
-
-
 def test_unknown_is_solid_only_if_asked_and_never_traversable():
     cells = np.array([[FREE, UNKNOWN, 50, OCCUPIED]])
     grid = OccupancyGrid(cells, 1.0)
@@ -111,14 +104,6 @@ def test_cells_and_points_are_inverse(yaw):
     assert (grid.to_world(cells) < (x1, y1)).all()
     if yaw == 0.0:
         assert grid.bounds == pytest.approx((-3.0, 2.0, -2.55, 2.35))
-
-
-@pytest.mark.parametrize(
-    ("cells", "resolution"), [(np.zeros(3), 0.1), (np.zeros((0, 3)), 0.1), (np.zeros((2, 2)), 0.0)]
-)
-def test_nonsense_is_refused(cells, resolution):
-    with pytest.raises(ValueError, match="expected"):
-        OccupancyGrid(cells, resolution)
 
 
 def test_the_extent_of_a_turned_grid_is_not_its_bounding_box():

@@ -16,8 +16,6 @@ from wheelchair_gym.physics.engine import (
     BODY_DOUBLES,
     FX,
     FY,
-    OFFSETS,
-    SHAPE,
     TORQUE,
     VX,
     VY,
@@ -159,10 +157,3 @@ class Record:
 
     def __setattr__(self, name, value):
         self._row[name] = value
-
-
-def test_offsets_are_all_different():
-    assert len(set(OFFSETS)) == len(OFFSETS)
-    assert len(set(SHAPE[:6])) == 6
-    assert len(set(SHAPE[6:9])) == 3
-    assert len(set(SHAPE[9:])) == 3

@@ -136,12 +136,6 @@ def test_ends_that_are_no_numbers_are_input_errors(name, bad):
         quick(name).plan(on([], clearance=np.nan), np.random.default_rng(0))
 
 
-@pytest.mark.parametrize("name", PLANNERS)
-def test_a_heading_at_an_end_is_no_obstacle(name):
-    plan = quick(name).plan(on([], (1, 1, 0.5), (9, 8, 2.0)), np.random.default_rng(0))
-    assert plan.status == Status.SOLVED
-
-
 def test_unknown_planners_are_named():
     with pytest.raises(InputError, match=r"'teleport' is unknown; there are a_star, .*visibility"):
         make_planner("teleport")

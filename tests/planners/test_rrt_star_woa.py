@@ -74,17 +74,6 @@ def test_whales_gather_at_the_best_once_a_is_zero(population):
     np.testing.assert_array_equal(after, np.tile(best, (len(population), 1)))
 
 
-def test_positions_stay_within_bounds(population):
-    low, high = np.full(D, -0.1), np.full(D, 0.2)
-    for seed in range(20):
-        state = stream(np.random.default_rng(seed))
-        move(
-            new_whales(population, WhaleParameters(1, 1, 4.0, 1.0, 0.5, 1.0), low, high), 0.0, state
-        )
-        assert (population >= low).all()
-        assert (population <= high).all()
-
-
 @pytest.mark.parametrize("latest", [False, True])
 def test_the_leader_is_the_best_whale_of_all_or_of_the_latest_population(population, latest):
     """The loop by ask and tell; costs are recorded beside it."""

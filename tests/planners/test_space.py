@@ -138,36 +138,6 @@ def test_what_kernels_cannot_fit_together_is_united(monkeypatch):
 SQUARES = [[(2, 2), (4, 2), (4, 4), (2, 4)], [(4, 4), (6, 4), (6, 6), (4, 6)]]
 
 
-@pytest.mark.parametrize(
-    ("a", "b", "free"),
-    [
-        ((1, 2), (7, 2), True),  # along a side
-        ((2, 6), (6, 2), True),  # through the point where two squares meet
-        ((1, 1), (7, 7), False),  # through four corners, along both diagonals
-        ((2, 2), (4, 4), False),  # from corner to corner of one square
-        ((2, 2), (2, 4), True),  # its side
-        ((2, 3), (1, 3), True),  # away from a side
-        ((2, 3), (3, 3), False),  # into it
-        ((1, 3), (2, 3), True),  # up to it
-        ((3, 3), (3.5, 3.5), False),  # inside
-        ((0, 0), (8, 0), True),  # along the free border
-        ((1, 1), (1, 8.5), False),  # out of the map
-        ((4, 4), (4, 4), True),
-        ((3, 3), (3, 3), False),
-    ],
-)
-def test_touching_is_allowed_and_entering_is_not(a, b, free):
-    arrays = Space(union(SQUARES), BOUNDS).arrays
-    assert edge_free(arrays, *map(float, a + b)) == free
-    assert edge_free(arrays, *map(float, b + a)) == free
-
-
-def test_what_touches_the_border_closes_it():
-    arrays = Space.from_rectangles([(0, 3, 7, 5)], BOUNDS).arrays
-    assert not edge_free(arrays, 0.0, 2.0, 0.0, 6.0)
-    assert edge_free(arrays, 8.0, 2.0, 8.0, 6.0)
-
-
 def test_nan_is_not_free():
     arrays = Space(union(SQUARES), BOUNDS).arrays
     assert not point_free(arrays, math.nan, 1.0)

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from tests.physics.worlds import box
-from wheelchair_gym.config import InputError
 from wheelchair_gym.physics.chair import SimulatedChair
 from wheelchair_gym.safety import Shield
 from wheelchair_gym.safety.grid import place_of_cell
@@ -207,12 +206,6 @@ def test_unmounted_ultrasonics_raise_no_fault(mounted):
     chair, shield, _ = reverse(SensorSettings(ultrasonic=ultrasonic), np.array([0.4, 0.1]), 8.0)
     assert shield.latched == ""
     assert chair.truth.distance > 1.0
-
-
-def test_without_a_laser_there_is_no_shield():
-    with pytest.raises(InputError, match="shield: it needs a laser") as caught:
-        Shield(sensors=SensorSettings(laser=LaserSettings(beams=0)))
-    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("key", range(6))

@@ -50,12 +50,7 @@ def test_the_chair_can_drive_each_course(course):
 
 
 @pytest.mark.parametrize("course", COURSES)
-def test_the_same_seed_gives_the_same_course_and_others_differ(course):
-    one, same = drawn(course, 3), drawn(course, 3)
-    for name in ("start", "goal", "walls"):
-        assert (getattr(one, name) == getattr(same, name)).all()
-    assert (one.map.cells == same.map.cells).all()
-    assert (one.actors.rows == same.actors.rows).all()
+def test_other_seeds_give_other_courses(course):
     starts = np.array([drawn(course, seed).start for seed in range(8)])
     assert len(np.unique(starts, axis=0)) == 8
     # Whatever is drawn, the start lies within the stated offsets, on either side.

@@ -58,17 +58,6 @@ def random_world(rng):
     return walls, discs[far]
 
 
-def test_square_in_closed_form():
-    """In the middle of a 2 x 2 m square, range is 1 over the larger of cosine and sine."""
-    laser = LaserSettings()
-    square = np.array([(-1, -1, 1, -1), (1, -1, 1, 1), (1, 1, -1, 1), (-1, 1, -1, -1)], float)
-    out = np.empty(laser.beams, np.float32)
-    exact_scan(LaserArrays.of(laser, False), 0.0, 0.0, 0.0, square, NO_DISCS, ROOM, out)
-    angles = np.linspace(-laser.fov / 2, laser.fov / 2, laser.beams)
-    expected = 1 / np.maximum(np.abs(np.cos(angles)), np.abs(np.sin(angles)))
-    assert out == pytest.approx(expected, rel=1e-6)
-
-
 @pytest.mark.parametrize("fov", [math.radians(270), 2 * math.pi])
 def test_equals_brute_force_on_random_worlds(fov):
     """1,000 worlds in all; beams that graze an end or a rim are a coin toss and exempt."""

@@ -23,14 +23,6 @@ from wheelchair_gym.config import dump
 
 HALL = {"name": "hall", "size": 5, "rects": [[2, 1.5, 3, 2.5]], "start": [1, 2], "goal": [4, 2]}
 OPEN = {"name": "open", "size": 5, "rects": [], "start": [1, 2], "goal": [4, 2]}
-KEYS = {
-    "format", "command", "provenance", "problems", "rows", "anytime", "records",
-}  # fmt: skip
-ROW = {
-    "planner", "problem", "runs", "paths", "invalid", "crashed", "success", "success_low",
-    "success_high", "cold_s", "first_path_s", "time_s", "ratio", "nodes", "turning_rad",
-    "printed_turning", "clearance_min_m", "clearance_mean_m", "success_60s", "ratio_60s",
-}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -89,7 +81,6 @@ def test_results_say_all_and_resume_computes_nothing_twice(problems, ghost, tmp_
     assert "of it computing [ms]" in every
     assert plot.read_bytes()[:4] == b"\x89PNG"
     result = json.loads((out / "planners.json").read_text())
-    assert set(result) == KEYS
     assert {"settings", "commit", "machine", "versions"} <= set(result["provenance"])
     assert result["provenance"]["settings"]["seeds"] == [0]
     optima = {problem["name"]: problem["optimum_m"] for problem in result["problems"]}
@@ -100,7 +91,6 @@ def test_results_say_all_and_resume_computes_nothing_twice(problems, ghost, tmp_
         for planner in ("rrt_connect", "visibility", "ghost")
         for problem in ("all", "hall", "open")
     }
-    assert all(set(row) >= ROW for row in rows.values())
     # Who goes through the wall has no path there, and no place among the others.
     assert rows["ghost", "hall"]["success"] == 0.0
     assert rows["ghost", "hall"]["invalid"] == 3

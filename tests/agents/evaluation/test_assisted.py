@@ -14,10 +14,9 @@ from agents.evaluation.assisted import MEASURES, StickTrace
 from agents.evaluation.evaluate import episode_env
 from agents.evaluation.figures import unbeaten
 from agents.evaluation.report import terminal_table
-from tests.benchmarks.assisted_drives import Helpers, driver_of, with_expert
+from tests.benchmarks.assisted_drives import driver_of, with_expert
 from wheelchair_gym.config import read_json
 from wheelchair_gym.drivers import make_driver
-from wheelchair_gym.envs import NavigationVectorEnv
 from wheelchair_gym.kinematics import Limits
 from wheelchair_gym.types import Stick
 
@@ -135,21 +134,6 @@ def poses_of(env, act, steps=60):
         found.append(info["pose"].copy())
     env.close()
     return np.array(found)
-
-
-def test_a_batch_is_driven_the_same_by_an_assistant_outside_of_it():
-    """As the benchmark of assisted drives does for assistants that are not compiled."""
-
-    def poses(assistant):
-        env = NavigationVectorEnv(
-            2, scene="floor_plan", driver="novice", assistant=assistant, shield=True, num_threads=1,
-            pose_source="modelled", bank={"size": 2, "turnover": 0.0}, split="test"
-        )  # fmt: skip
-        nothing = lambda seen, info, begin: np.zeros((2, 2))  # noqa: E731
-        return poses_of(env, nothing if assistant else Helpers("slide", env).actions)
-
-    # Observations are rounded.
-    np.testing.assert_allclose(poses(None), poses("slide"), rtol=0.0, atol=1e-4)
 
 
 def test_benchmarks_change_one_setting_of_a_driver_and_keep_the_rest():

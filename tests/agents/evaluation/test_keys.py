@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import ast
-
 import pytest
 
 from agents.evaluation.compare import Suite, compare
@@ -11,14 +9,7 @@ from agents.evaluation.metrics import TIMING
 from agents.evaluation.report import COLUMNS, markdown, write_report
 from agents.evaluation.tuning import METRICS
 from agents.learning.publish import RESULT_KEYS, _results
-from tests.conftest import ROOT
 
-# Names of variables that hold records, rows of a summary or an evaluation, in these files.
-NAMES = {"record", "r", "row", "best", "chosen", "episode", "video", "evaluation"}
-FILES = (
-    "evaluation/metrics.py", "evaluation/report.py", "evaluation/figures.py",
-    "evaluation/compare.py", "cli/drive.py", "deploy.py",
-)  # fmt: skip
 OPTIONAL = {"kinds", "authority"}  # older results have none; drives without a person have none
 
 
@@ -40,33 +31,6 @@ def evaluated(tmp_path_factory):
     folder = tmp_path_factory.mktemp("keys")
     suite = Suite("Keys", ("straight", "random"), ("empty", "temporary"), 1)
     return folder, compare(suite, folder, progress=False)
-
-
-def keys_read(path):
-    """Constant keys of subscripts and of `get`, of variables with one of the names."""
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.Subscript):
-            base, key = node.value, node.slice
-        elif (isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute)
-              and node.func.attr == "get" and node.args):  # fmt: skip
-            base, key = node.func.value, node.args[0]
-        else:
-            continue
-        named = isinstance(base, ast.Name) and base.id in NAMES
-        if named and isinstance(key, ast.Constant) and isinstance(key.value, str):
-            yield key.value
-
-
-def test_every_key_that_code_reads_is_written(evaluated):
-    _, evaluation = evaluated
-    drive = {"stands", "ended", "late_steps", "late_ms_max"}  # written by `simulate` and `deploy`
-    drive |= {"stops", "intervention_share"}  # and by `drive`
-    drive |= {"authority"}  # where a person drives
-    written = {*evaluation, *evaluation["records"][0], *evaluation["summary"][0],
-               *evaluation["video"], *drive}  # fmt: skip
-    read = {key for file in FILES for key in keys_read(ROOT / "agents" / file)}
-    assert len(read) > 20
-    assert read <= written
 
 
 def test_columns_metrics_and_cards_read_what_is_written(evaluated):

@@ -104,7 +104,7 @@ def test_exploring_leaves_a_room_whose_door_is_seen_edge_on():
     """In a door of 1.0 m the frontier on which a disc of 0.36 m can stand is 0.28 m long."""
     wide = {"door_width": (1.0, 1.4), "corridor_width": (1.5, 2.4), "building_size": (13.9, 14.0)}
     env = unknown({"name": "floor_plan", "kind": "clinic", "path_length": (5.0, 300.0), **wide})
-    made = map_by_driving(env, make_policy({"name": "explore", "seek": False}), 0, 40.0)
+    made = map_by_driving(env, make_policy({"name": "explore", "seek": False}), 0, 32.0)
     assert made.ended == "time"
     assert made.true[-1, 0] < 10.0  # the wall with the door is at 10.9 m
 
