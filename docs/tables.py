@@ -532,9 +532,12 @@ def claims_text(names: Sequence[str]) -> str:
     """The claims of studies with their published verdicts, in Markdown."""
     headings = ("claim", "place", "other reading", "printed [%]", "margin [%]",
                 "ours (95 % interval)", "verdict")  # fmt: skip
-    text = ""
-    for name in names:
-        study = STUDIES[name]
+    studies = [STUDIES[name] for name in names]
+    of_all = [
+        note for note in studies[0].notes if all(note in s.notes for s in studies) and studies[1:]
+    ]
+    text = "".join(f"\n{note}\n" for note in of_all)
+    for name, study in zip(names, studies, strict=True):
         rows = [row for row in published_verdicts() if row["study"] == name]
         lines = [
             (row["claim"], row["source"], row["reading"].replace(study.reading, ""),
@@ -547,7 +550,7 @@ def claims_text(names: Sequence[str]) -> str:
             f"{study.reading}.\n\n`{rows[0]['command']}`\n\n"
             f"{markdown_table(headings, lines, (False,) * 3 + (True,) * 3 + (False,))}"
         )
-        text += "".join(f"\n{note}\n" for note in study.notes)
+        text += "".join(f"\n{note}\n" for note in study.notes if note not in of_all)
     return text
 
 
