@@ -32,15 +32,13 @@ _LOG = logging.getLogger(__name__)
 class Deployment:
     """How fast a policy may drive, and how long it may be halted."""
 
-    first: float = setting(default=0.2, unit="m/s", low=0.02, source="design choice")
+    first: float = setting(default=0.2, unit="m/s", low=0.02)
     """Cap of the speed at the start and after each halt."""
-    rise: float = setting(
-        default=0.05, unit="m/s2", low=0.0, source="design choice; 0.8 m/s after 12 s"
-    )
+    rise: float = setting(default=0.05, unit="m/s2", low=0.0, source="0.8 m/s after 12 s")
     """Rate at which the cap rises while the chair drives."""
-    most: float = setting(default=2.0, unit="m/s", low=0.02, high=2.0, source="design choice")
+    most: float = setting(default=2.0, unit="m/s", low=0.02, high=2.0)
     """Highest cap; the limits of the chair hold besides."""
-    patience: float = setting(default=20.0, unit="s", low=0.0, source="design choice")
+    patience: float = setting(default=20.0, unit="s", low=0.0)
     """Time after which an episode ends if sensors or a latched shield halt the chair."""
 
     def __post_init__(self) -> None:

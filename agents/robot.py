@@ -20,8 +20,8 @@ import numpy as np
 
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.hardware.ros import make_messages as ros
-from wheelchair_gym.hardware.ros.covariance import OdometryCovariance
 from wheelchair_gym.hardware.ros.messages import seconds
+from wheelchair_gym.sensors.odometry import OdometryCovariance
 from wheelchair_gym.types import Belief, Command, Mission, Reading
 
 COMMAND: Final = "/cmd_vel"
@@ -43,12 +43,12 @@ class RobotSettings:
         default=0.5, unit="s", low=0.0, source="twist_mux (ROS), which uses 0.5 s"
     )
     """How long the last command is driven."""
-    speed: float = setting(default=0.0, low=0.0, high=1000.0, source="design choice")
+    speed: float = setting(default=0.0, low=0.0, high=1000.0)
     """Simulated time, times real time, published on /clock; 0: stamps are of real time, and there
     is no /clock."""
-    localized: bool = setting(default=True, source="design choice")
+    localized: bool = setting(default=True)
     """Publish /map, /goal_pose and the transform map -> odom; false: amcl or slam_toolbox does."""
-    imu: bool = setting(default=False, source="design choice")
+    imu: bool = setting(default=False)
     """Publish the turn rate on /imu."""
     namespace: str = setting(default="", source="ROS")
     """Prefix of topics, services and frames, see `Namespace`; empty: none."""

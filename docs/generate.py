@@ -38,7 +38,7 @@ from planners.registries import OBJECTIVES
 from wheelchair_gym.config import setting_docs
 from wheelchair_gym.drivers import DRIVERS
 from wheelchair_gym.envs import NavigationEnv
-from wheelchair_gym.envs.info import INFO_KEYS
+from wheelchair_gym.envs.results import INFO_KEYS
 from wheelchair_gym.hardware.registry import CHAIRS
 from wheelchair_gym.kinematics import Limits
 from wheelchair_gym.scenes import SCENES

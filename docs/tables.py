@@ -32,8 +32,7 @@ from agents.evaluation.statistics import mcnemar, mcnemar_p, ratio_interval, wil
 from agents.evaluation.tables import markdown_table  # noqa: E402
 from agents.learning.weights import load_weights  # noqa: E402
 from agents.studies.evidence import ClaimVerdict  # noqa: E402
-from agents.studies.report import effect_text  # noqa: E402
-from agents.studies.runner import STUDIES  # noqa: E402
+from agents.studies.runner import STUDIES, effect_text  # noqa: E402
 from wheelchair_gym.config import InputError, read_json  # noqa: E402
 
 DATA = ROOT / "docs" / "results" / "data"
@@ -533,9 +532,7 @@ def claims_text(names: Sequence[str]) -> str:
     headings = ("claim", "place", "other reading", "printed [%]", "margin [%]",
                 "ours (95 % interval)", "verdict")  # fmt: skip
     studies = [STUDIES[name] for name in names]
-    of_all = [
-        note for note in studies[0].notes if all(note in s.notes for s in studies) and studies[1:]
-    ]
+    of_all = [n for n in studies[0].notes if studies[1:] and all(n in s.notes for s in studies)]
     text = "".join(f"\n{note}\n" for note in of_all)
     for name, study in zip(names, studies, strict=True):
         rows = [row for row in published_verdicts() if row["study"] == name]

@@ -11,8 +11,7 @@ from typing import NamedTuple
 import pytest
 
 from agents import cli
-from agents.cli import parser
-from agents.cli.commands import COMMANDS, GROUPS, OneOf
+from agents.cli import COMMANDS, GROUPS, OneOf, parser
 from tests.conftest import ROOT
 from wheelchair_gym.physics.state import SENSED
 from wheelchair_gym.registry import imported

@@ -18,7 +18,7 @@ import types
 import typing
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final, Literal, TypeVar, dataclass_transform
+from typing import Annotated, Any, Final, Literal, TypeVar, dataclass_transform
 
 import numpy as np
 
@@ -30,6 +30,7 @@ from wheelchair_gym.files import read_json as read_json
 from wheelchair_gym.files import read_text as read_text
 
 T = TypeVar("T")
+Range = Annotated[tuple[T, T], "a least and a greatest value"]  # others are refused
 
 FARTHEST: Final = float(LIMITS["coordinate"].most)  # m: northings of UTM end here
 
@@ -50,7 +51,7 @@ def setting(
     unit: str = "",
     low: float | None = None,
     high: float | None = None,
-    source: str = "",
+    source: str = "design choice",
     holds: type | None = None,
 ) -> Any:
     """A field of a settings class; the string below the field says what the setting does.
@@ -60,7 +61,8 @@ def setting(
         unit: SI unit; empty for a number without unit.
         low: the least value that is accepted.
         high: the greatest value that is accepted.
-        source: where the default comes from: a publication, a data sheet, a measurement, a choice.
+        source: where the default comes from: a publication, a data sheet, a measurement; by
+            default, it is a choice of the design.
         holds: the class of the settings that a value of another type stands for, where a message
             about an unknown key should look for it.
     """
@@ -96,7 +98,7 @@ def settings(cls: type[T]) -> type[T]:
     rule = getattr(rule, "rule", rule)  # of an inherited check only the rule between settings
 
     def check(self: Any) -> None:
-        hints = typing.get_type_hints(type(self))
+        hints = typing.get_type_hints(type(self), include_extras=True)
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
             where = f"{type(self).__name__}.{field.name}"
@@ -158,6 +160,11 @@ def _convert(value: Any, hint: Any, where: str) -> Any:
     if isinstance(value, os.PathLike) and hint is str:
         value = os.fspath(value)
     origin, args = typing.get_origin(hint), typing.get_args(hint)
+    if origin is Annotated:
+        low, high = pair = _convert(value, hint.__origin__, where)
+        if low > high:
+            raise InputError(f"{where} is {low:g}, {high:g}; expected from, to")
+        return pair
     if origin is Literal:
         if value not in args:
             raise InputError(
@@ -255,7 +262,7 @@ def load(cls: type[T], data: Mapping[str, Any], where: str, base: T | None = Non
             known = ", ".join(sorted(fields))
             text = f"{where}.{named} is not a setting; it has {known}"
             raise UnknownKeyError(text, key, suggest(key, fields)).seen_from(cls)
-    hints = typing.get_type_hints(cls)
+    hints = typing.get_type_hints(cls, include_extras=True)
     values = {}
     for key, value in data.items():
         default = fields[key].default if base is None else getattr(base, key)

@@ -22,13 +22,10 @@ class Footprint:
     """The chair's outline: a rectangle; the origin of its frame is the drive axle's centre."""
 
     front: float = setting(
-        default=0.70,
-        unit="m",
-        low=0.01,
-        source="1.00 m long in all; powered chairs are 0.81 to 1.02 m",
+        default=0.70, unit="m", low=0.01, source="1.00 m in all; powered chairs: 0.81 to 1.02 m"
     )
     """Distance from the drive axle to the front edge."""
-    rear: float = setting(default=0.30, unit="m", low=0.01, source="design choice")
+    rear: float = setting(default=0.30, unit="m", low=0.01)
     """Distance from the drive axle to the rear edge."""
     half_width: float = setting(
         default=0.31, unit="m", low=0.01, source="powered chairs are 0.61 to 0.65 m wide"

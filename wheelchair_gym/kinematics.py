@@ -68,11 +68,7 @@ class Limits:
     """What the chair may be asked to do; protective braking is exempt from comfort limits."""
 
     forward: float = setting(
-        default=0.8,
-        unit="m/s",
-        low=0.05,
-        high=2.0,
-        source="design choice: indoors people drive far below the maximum",
+        default=0.8, unit="m/s", low=0.05, high=2.0, source="indoors people drive far below maximum"
     )
     """Largest speed forward."""
     backward: float = setting(
@@ -83,40 +79,24 @@ class Limits:
         default=1.0, unit="rad/s", low=0.05, high=4.0, source="common indoor powered chairs"
     )
     """Largest turn rate."""
-    acceleration: float = setting(
-        default=0.5, unit="m/s2", low=0.05, high=5.0, source="design choice: comfort"
-    )
+    acceleration: float = setting(default=0.5, unit="m/s2", low=0.05, high=5.0, source="comfort")
     """Largest acceleration away from rest."""
-    deceleration: float = setting(
-        default=0.8, unit="m/s2", low=0.05, high=5.0, source="design choice: comfort"
-    )
+    deceleration: float = setting(default=0.8, unit="m/s2", low=0.05, high=5.0, source="comfort")
     """Largest deceleration towards rest."""
     protective: float = setting(
-        default=1.5,
-        unit="m/s2",
-        low=0.05,
-        high=5.0,
-        source="design choice: above comfort, within the grip of the tyres",
+        default=1.5, unit="m/s2", low=0.05, high=5.0, source="above comfort, within the tyres' grip"
     )
     """Deceleration of a protective stop, which is exempt from jerk."""
     turn_acceleration: float = setting(
-        default=1.5, unit="rad/s2", low=0.05, high=10.0, source="design choice: comfort"
+        default=1.5, unit="rad/s2", low=0.05, high=10.0, source="comfort"
     )
     """Largest turn acceleration."""
     jerk: float = setting(
-        default=1.0,
-        unit="m/s3",
-        low=0.1,
-        high=100.0,
-        source="design choice: comfort grows worse with jerk",
+        default=1.0, unit="m/s3", low=0.1, high=100.0, source="comfort grows worse with jerk"
     )
     """Largest change of acceleration per second."""
     turn_jerk: float = setting(
-        default=6.0,
-        unit="rad/s3",
-        low=0.1,
-        high=100.0,
-        source="design choice: full turn acceleration in 0.25 s",
+        default=6.0, unit="rad/s3", low=0.1, high=100.0, source="full turn acceleration in 0.25 s"
     )
     """Largest change of turn acceleration per second."""
 

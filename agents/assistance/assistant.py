@@ -12,9 +12,9 @@ from typing import Protocol
 import numpy as np
 
 from wheelchair_gym.arrays import Array
-from wheelchair_gym.assistance.direct import Shielded
 from wheelchair_gym.assistance.freedom import AssistMission, Freedom, Twist
 from wheelchair_gym.assistance.step import Assistants
+from wheelchair_gym.assistance.teleop import Shielded
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.types import Reading, Stick
 

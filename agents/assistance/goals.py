@@ -24,16 +24,15 @@ from wheelchair_gym.kinematics import arc_step
 SAME = 0.6  # m: a target so near one of before is the same
 FORGET = 0.2  # 1/s, a choice: the belief returns to an even one, as people change their minds
 AHEAD = 0.4  # m before the axle, where distances are measured, so that headings count
-_CHOICE = "design choice"
 
 
 @settings
 class Belief:
     """How an assistant finds goals, and how fast it believes in one."""
 
-    rate: float = setting(default=6.0, low=0.0, high=100.0, source=_CHOICE)
+    rate: float = setting(default=6.0, low=0.0, high=100.0)
     """Evidence for each second of a stick that costs a second more than the best twist."""
-    horizon: float = setting(default=1.0, unit="s", low=0.1, high=10.0, source=_CHOICE)
+    horizon: float = setting(default=1.0, unit="s", low=0.1, high=10.0)
     """Time for which a twist is followed to see what it costs."""
 
 
@@ -106,9 +105,9 @@ class Goals:
 class Blend:
     """Mixes the stick with a safe twist towards the likeliest goal."""
 
-    timid: float = setting(default=0.3, low=0.0, high=1.0, source=_CHOICE)
+    timid: float = setting(default=0.3, low=0.0, high=1.0)
     """Belief up to which the stick alone counts."""
-    sure: float = setting(default=0.8, low=0.0, high=1.0, source=_CHOICE)
+    sure: float = setting(default=0.8, low=0.0, high=1.0)
     """Belief from which on the robot's share is largest."""
     most: float = setting(default=0.6, low=0.0, high=1.0, source="Dragan 2013: timid to aggressive")
     """Largest share of the robot."""
@@ -152,11 +151,11 @@ class _Blend(Goals):
 class Hindsight:
     """Minimises the expected cost to go over the goals, and the distance from the stick."""
 
-    stick: float = setting(default=4.0, unit="s", low=0.0, high=100.0, source=_CHOICE)
+    stick: float = setting(default=4.0, unit="s", low=0.0, high=100.0)
     """Seconds that a twist off the stick's by full speed costs."""
-    clearance: float = setting(default=0.3, unit="s", low=0.0, high=100.0, source=_CHOICE)
+    clearance: float = setting(default=0.3, unit="s", low=0.0, high=100.0)
     """Seconds that a twist costs on whose way the chair touches something."""
-    enough: float = setting(default=0.10, unit="m", low=0.01, high=0.5, source=_CHOICE)
+    enough: float = setting(default=0.10, unit="m", low=0.01, high=0.5)
     """Clearance that costs nothing; less in proportion to the margin while somebody docks."""
     belief: Belief = Belief()
     freedom: Freedom = Freedom()
@@ -193,11 +192,11 @@ class _Hindsight(Goals):
 class Hypotheses:
     """Takes over towards the likely target when the stick is predicted to miss it."""
 
-    confidence: float = setting(default=0.4, low=0.0, high=1.0, source=_CHOICE)
+    confidence: float = setting(default=0.4, low=0.0, high=1.0)
     """Belief in a target from which on it helps."""
-    miss: float = setting(default=0.4, unit="s", low=0.0, high=10.0, source=_CHOICE)
+    miss: float = setting(default=0.4, unit="s", low=0.0, high=10.0)
     """Seconds that the stick may cost more than the best twist before it counts as missing."""
-    look_ahead: float = setting(default=1.5, unit="s", low=0.1, high=5.0, source=_CHOICE)
+    look_ahead: float = setting(default=1.5, unit="s", low=0.1, high=5.0)
     """Time for which a collision is predicted."""
     belief: Belief = Belief()
     freedom: Freedom = Freedom()

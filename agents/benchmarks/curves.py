@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from agents.benchmarks.summary import (
+from agents.benchmarks.planner_benchmark import (
     FREE,
     LATE_FACTOR,
     Record,

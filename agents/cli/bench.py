@@ -67,8 +67,7 @@ def planners(given: argparse.Namespace) -> int:
     """Make the missing runs of planners, write the results, and print tables."""
     from agents.benchmarks.curves import draw
     from agents.benchmarks.entrants import select_peers
-    from agents.benchmarks.planner_benchmark import PlannerBenchmark, one_core
-    from agents.benchmarks.summary import markdown
+    from agents.benchmarks.planner_benchmark import PlannerBenchmark, markdown, one_core
     from agents.peers import PEERS
     from planners import PLANNERS
 

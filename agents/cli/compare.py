@@ -157,8 +157,7 @@ def comparison_name(given: argparse.Namespace) -> str:
 
 def study(given: argparse.Namespace) -> int:
     """Run studies, and write everything to the folder."""
-    from agents.studies.report import summary_text
-    from agents.studies.runner import find_studies, run_studies
+    from agents.studies.runner import find_studies, run_studies, summary_text
 
     studies = find_studies(given.name)
     chapters = run_studies(

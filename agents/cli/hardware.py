@@ -23,7 +23,6 @@ from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.files import atomic_write
 from wheelchair_gym.geometry import relative_pose
 from wheelchair_gym.hardware import joystick
-from wheelchair_gym.hardware.boards.monitor import status_rows
 from wheelchair_gym.hardware.boards.parameters import (
     board_parameters,
     save_parameters,
@@ -34,8 +33,7 @@ from wheelchair_gym.hardware.boards.senses import POLL_PERIOD, BoardSensors
 from wheelchair_gym.hardware.chair import HardwareChair
 from wheelchair_gym.hardware.control_loop import WallClock
 from wheelchair_gym.hardware.tools import distance_calibration, wheel_calibration
-from wheelchair_gym.hardware.tools.diagnostics import Diagnostics
-from wheelchair_gym.hardware.tools.orientation import Orientation
+from wheelchair_gym.hardware.tools.diagnostics import Diagnostics, Orientation, status_rows
 from wheelchair_gym.hardware.tools.speed_tuning import GAINS, step_response
 from wheelchair_gym.physics.settings import MotorSettings
 

@@ -190,11 +190,11 @@ class DynamicWindow(RolloutSettings):
     it takes the best that it can still stop from. Objective and outline are those of the others.
     """
 
-    reach: float = setting(default=0.5, unit="s", low=0.05, source="design choice")
+    reach: float = setting(default=0.5, unit="s", low=0.05)
     """Time within which the candidates are reached."""
-    speeds: int = setting(default=7, low=2, high=50, source="design choice")
+    speeds: int = setting(default=7, low=2, high=50)
     """Number of speeds in the grid."""
-    turns: int = setting(default=15, low=3, high=99, source="design choice")
+    turns: int = setting(default=15, low=3, high=99)
     """Number of turn rates in the grid."""
 
     def fan(self, chair: ChairState) -> Array:
@@ -245,7 +245,7 @@ class PathIntegral(RolloutSettings):
 
     samples: int = setting(default=72, low=4, high=10_000, source="10 ms on one core")
     """Number of noisy roll-outs."""
-    pieces: int = setting(default=4, low=1, high=50, source="design choice")
+    pieces: int = setting(default=4, low=1, high=50)
     """Number of twists within the horizon."""
     spread_v: float = setting(default=0.20, unit="m/s", low=0.0, source="tuned")
     """Standard deviation of the speeds."""
@@ -253,7 +253,7 @@ class PathIntegral(RolloutSettings):
     """Standard deviation of the turn rates."""
     temperature: float = setting(default=0.03, unit="m", low=1e-6, source="tuned")
     """Difference of cost at which a weight falls to 1/e."""
-    seed: int = setting(default=0, low=0, source="design choice")
+    seed: int = setting(default=0, low=0)
     """Seed of the noise, anew for every path."""
 
     def make(self) -> Follower:
@@ -325,7 +325,7 @@ class ControlsFollower:
         arrival=0.2,
     )  # fmt: skip
     """How commands are searched."""
-    seed: int = setting(default=0, low=0, source="design choice")
+    seed: int = setting(default=0, low=0)
     """Seed of the swarm, anew for every path."""
     again: float | None = setting(
         default=0.4, unit="s", low=0.1, source="measured on training homes"
@@ -438,11 +438,11 @@ class PurePursuit:
 
     lookahead: float = setting(default=0.45, unit="m", low=0.05, source="about half a chair")
     """Least distance of the point that is steered for."""
-    lookahead_time: float = setting(default=0.7, unit="s", low=0.0, source="design choice")
+    lookahead_time: float = setting(default=0.7, unit="s", low=0.0)
     """Time by whose way the point is farther ahead in motion."""
     lateral: float = setting(default=0.35, unit="m/s2", low=0.01, source="comfort")
     """Greatest lateral acceleration in curves."""
-    pivot: float = setting(default=0.9, unit="rad", low=0.1, high=3.1, source="design choice")
+    pivot: float = setting(default=0.9, unit="rad", low=0.1, high=3.1)
     """Heading error above which the chair turns in place."""
     margin: float = setting(default=0.05, unit="m", low=0.0, source="laser sigma 15 mm, 3 sigma")
     """Clearance that the outline keeps where it can."""

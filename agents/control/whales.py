@@ -139,7 +139,7 @@ class RefinedWindow(Window):
         default=WhaleSettings(population=16, iterations=4, a=1.0), source="10 ms on one core"
     )
     """The swarm, the best candidates at first."""
-    seed: int = setting(default=0, low=0, source="design choice")
+    seed: int = setting(default=0, low=0)
     """Seed of the swarm, anew for every path."""
 
     def make(self) -> Follower:

@@ -16,9 +16,8 @@ from typing import Any
 import numpy as np
 
 from agents.evaluation.assisted import StickTrace
-from agents.evaluation.metrics import Record, Trace, measure
+from agents.evaluation.metrics import Record, Trace, measure, shortest_path
 from agents.evaluation.runs import compute, run_key, source_digest
-from agents.evaluation.shortest import shortest_path
 from agents.evaluation.social import PeopleTrace
 from agents.policies import GymPolicy, Policy, make_policy, spec_of
 from agents.policies.learned import weights_digest

@@ -21,7 +21,7 @@ TUNED = "tuned on training worlds"
 class OnPolicy:
     """Parameters of PPO (Schulman et al. 2017) and recurrent PPO, named as in stable-baselines3."""
 
-    n_steps: int = setting(default=64, low=2, source="design choice")
+    n_steps: int = setting(default=64, low=2)
     """Steps of each environment between two updates."""
     batch_size: int = setting(
         default=4096, low=2, source="measured: the fastest on a processor without a GPU"
@@ -45,7 +45,7 @@ class OnPolicy:
     """Weight of the critic's loss."""
     max_grad_norm: float = setting(default=0.5, low=0.0, source=SB3)
     """Norm to which gradients are clipped."""
-    lstm_hidden_size: int = setting(default=128, low=1, source="design choice")
+    lstm_hidden_size: int = setting(default=128, low=1)
     """Units of the recurrent layer of recurrent_ppo."""
     precision: Literal["auto", "float32", "bfloat16"] = setting(
         default="auto",
@@ -59,11 +59,11 @@ class OnPolicy:
 class OffPolicy:
     """Parameters of SAC, TD3 and TQC, named as in stable-baselines3."""
 
-    buffer_size: int = setting(default=500_000, low=100, source="design choice")
+    buffer_size: int = setting(default=500_000, low=100)
     """Steps in the replay buffer."""
-    batch_size: int = setting(default=1024, low=2, source="design choice")
+    batch_size: int = setting(default=1024, low=2)
     """Steps in a minibatch."""
-    learning_starts: int = setting(default=20_000, low=0, source="design choice")
+    learning_starts: int = setting(default=20_000, low=0)
     """Steps of random actions before the first update."""
     gradient_steps: int = setting(default=4, low=1, source=TUNED)
     """Gradient steps after each step of all environments."""
@@ -92,7 +92,7 @@ class Curriculum:
     """Factor by which the travel time grows at each advance."""
     success_threshold: float = setting(default=0.75, low=0.0, high=1.0, source=TUNED)
     """Success rate above which the curriculum advances."""
-    episodes: int = setting(default=1024, low=1, source="design choice")
+    episodes: int = setting(default=1024, low=1)
     """Episodes over which the success rate is measured."""
     max_time: float = setting(
         default=120.0, unit="s", low=0.0, source="longer than any plan in the training worlds"
@@ -104,13 +104,11 @@ class Curriculum:
 class Evaluation:
     """Evaluation during training, on a fixed bank of training worlds that nothing is trained on."""
 
-    episodes: int = setting(default=128, low=0, source="design choice")
+    episodes: int = setting(default=128, low=0)
     """Episodes; 0 disables evaluation."""
-    frequency: int = setting(default=2, low=1, source="design choice")
+    frequency: int = setting(default=2, low=1)
     """Checkpoints between two evaluations."""
-    seed: int = setting(
-        default=1_000_003, low=0, source="design choice: apart from the seeds of training"
-    )
+    seed: int = setting(default=1_000_003, low=0, source="apart from the seeds of training")
     """Seed of the bank of worlds, and of the first episode."""
 
 
@@ -142,15 +140,15 @@ class Training:
         source="default: those of ppo_guided without the critic's privileged observation",
     )
     """Settings of the environment, as in a file for `--config` of `wheelchair simulate`."""
-    n_envs: int = setting(default=512, low=1, source="design choice")
+    n_envs: int = setting(default=512, low=1)
     """Environments stepped at once."""
     frames: int = setting(default=24_000_000, low=1, source="measured: success no longer grows")
     """Environment steps of the run, over all environments."""
-    checkpoint_frequency: int = setting(default=10, low=1, source="design choice")
+    checkpoint_frequency: int = setting(default=10, low=1)
     """Updates between two checkpoints; all environments reset at a checkpoint."""
-    net_arch: tuple[int, ...] = setting(default=(256, 256), low=1, source="design choice")
+    net_arch: tuple[int, ...] = setting(default=(256, 256), low=1)
     """Units of each hidden layer of actor and critic."""
-    threads: int = setting(default=2, low=1, source="design choice")
+    threads: int = setting(default=2, low=1)
     """Threads of torch and of the environments."""
     warm_start: str | None = setting(default=None)
     """Initial weights of the actor: a file or a shipped name."""
@@ -235,17 +233,17 @@ class Imitation:
     """The policy that is imitated: a name or an object of settings."""
     env: Any = setting(default=None, holds=EnvSettings)
     """Settings of the environment, as those of a training run."""
-    episodes: int = setting(default=200, low=1, source="design choice")
+    episodes: int = setting(default=200, low=1)
     """Episodes in each round."""
-    rounds: int = setting(default=3, low=1, source="design choice")
+    rounds: int = setting(default=3, low=1)
     """Rounds; the expert drives in the first one, the student in the others."""
-    n_epochs: int = setting(default=20, low=1, source="design choice")
+    n_epochs: int = setting(default=20, low=1)
     """Passes over all collected steps after each round."""
-    batch_size: int = setting(default=1024, low=1, source="design choice")
+    batch_size: int = setting(default=1024, low=1)
     """Steps in a minibatch."""
     learning_rate: float = setting(default=1e-3, low=0.0, source="Kingma and Ba 2015")
     """Learning rate of Adam."""
-    net_arch: tuple[int, ...] = setting(default=(256, 256), low=1, source="design choice")
+    net_arch: tuple[int, ...] = setting(default=(256, 256), low=1)
     """Units of each hidden layer."""
-    jobs: int = setting(default=1, low=1, source="design choice")
+    jobs: int = setting(default=1, low=1)
     """Processes that drive."""

@@ -50,7 +50,7 @@ class Ompl:
     """
 
     algorithm: Literal["RRTConnect", "InformedRRTstar", "BITstar"]
-    limit: float = setting(default=10.0, unit="s", low=0.0, source="design choice")
+    limit: float = setting(default=10.0, unit="s", low=0.0)
     """Time limit of a call without a deadline."""
 
     def prepare(self, case: Any) -> SimpleNamespace:

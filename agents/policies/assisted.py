@@ -16,7 +16,7 @@ from wheelchair_gym.types import Command, Mission, Reading
 class Assisted:
     """Drives as an assistant makes of a person's stick; without a person the chair stands."""
 
-    assist: Any = setting(default="slide", source="design choice")
+    assist: Any = setting(default="slide")
     """The assistant: a name of `agents.assistance`, module:Class, or a mapping with a name."""
 
     def __post_init__(self) -> None:

@@ -48,14 +48,14 @@ class Explore:
     """Name and settings of the follower."""
     seek: bool = setting(default=True)
     """Drive to the goal; false: map all there is."""
-    least: float = setting(default=0.4, unit="m", low=0.0, source="design choice")
+    least: float = setting(default=0.4, unit="m", low=0.0)
     """Least length of a frontier; shorter ones count where no others are left, and no gap between
     beams explains them."""
-    seed: int = setting(default=0, low=0, source="design choice")
+    seed: int = setting(default=0, low=0)
     """Seed of the planner, with the episode's key."""
-    deadline: float = setting(default=1.0, unit="s", low=0.05, source="design choice")
+    deadline: float = setting(default=1.0, unit="s", low=0.05)
     """Time within which a choice with its plans has to be there, as in `Planned`."""
-    planning_time: float = setting(default=0.0, unit="s", low=0.0, source="design choice")
+    planning_time: float = setting(default=0.0, unit="s", low=0.0)
     """Time that it takes in simulation; 0: none, the chair follows it at once."""
 
     def __post_init__(self) -> None:

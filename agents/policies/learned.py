@@ -40,7 +40,7 @@ class Learned:
     """Name of weights that come with the package, or a file of them."""
     digest: str | None = setting(default=None)
     """SHA-256 that the file of weights must have; None: any."""
-    patience: float = setting(default=0.0, unit="s", low=0.0, source="design choice")
+    patience: float = setting(default=0.0, unit="s", low=0.0)
     """Time at one place after which the chair backs out slowly, and drives on; 0: it never does."""
 
     def __post_init__(self) -> None:

@@ -80,7 +80,7 @@ class Planned:
         default_factory=lambda: {"name": "window"}, metadata={"source": "league: most arrivals"}
     )
     """Name and settings of the follower."""
-    seed: int = setting(default=0, low=0, source="design choice")
+    seed: int = setting(default=0, low=0)
     """Seed of the planner, with the episode's key."""
     clearance: float = setting(
         default=0.40,
@@ -93,21 +93,19 @@ class Planned:
         default=0.28, unit="m", low=0.0, source="a cell under half the chair's width"
     )
     """Least clearance that a plan is asked for."""
-    astray: float = setting(default=0.8, unit="m", low=0.05, source="design choice")
+    astray: float = setting(default=0.8, unit="m", low=0.05)
     """Distance from the path above which a new one is planned."""
-    beyond: float = setting(default=BEYOND, unit="m", low=0.5, source="design choice")
+    beyond: float = setting(default=BEYOND, unit="m", low=0.5)
     """Distance beyond the known map that paths through the unknown may use."""
-    redraw: float = setting(default=0.5, unit="s", low=0.0, source="design choice")
+    redraw: float = setting(default=0.5, unit="s", low=0.0)
     """Time between two looks at a map that grows."""
-    patience: float = setting(default=4.0, unit="s", low=0.5, source="design choice")
+    patience: float = setting(default=4.0, unit="s", low=0.5)
     """Time without progress after which a recovery begins."""
-    backing: float = setting(
-        default=2.5, unit="s", low=0.1, source="design choice; about half the chair's length"
-    )
+    backing: float = setting(default=2.5, unit="s", low=0.1, source="about half the chair's length")
     """Time for which the chair backs out."""
-    deadline: float = setting(default=1.0, unit="s", low=0.05, source="design choice")
+    deadline: float = setting(default=1.0, unit="s", low=0.05)
     """Time within which a plan has to be there; planners of a real chair end before."""
-    planning_time: float = setting(default=0.0, unit="s", low=0.0, source="design choice")
+    planning_time: float = setting(default=0.0, unit="s", low=0.0)
     """Time that a plan takes in simulation; 0: none, the chair follows it at once."""
 
     def __post_init__(self) -> None:

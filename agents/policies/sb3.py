@@ -51,9 +51,9 @@ _ALGORITHMS = {
 class Sb3Model:
     """A model of stable-baselines3 (.zip); loading it runs code that is in the file."""
 
-    file: str = setting(default="", source="")
+    file: str = setting(default="")
     """The file that `agents.learning.sb3.save_model` or `model.save` wrote."""
-    trained_in: Mapping[str, Any] | None = setting(default=None, source="design choice")
+    trained_in: Mapping[str, Any] | None = setting(default=None)
     """Settings of the environment that it was trained in, where the file does not hold them; the
     number of laser beams follows from the model."""
 

@@ -19,9 +19,9 @@ def episode_rng(mission: Mission, seed: int) -> np.random.Generator:
 class RandomPolicy:
     """Twists drawn evenly, each held for a while."""
 
-    seed: int = setting(default=0, low=0, source="design choice")
+    seed: int = setting(default=0, low=0)
     """Seed of the actions, with the episode's key."""
-    hold: float = setting(default=0.5, unit="s", low=0.0, source="design choice")
+    hold: float = setting(default=0.5, unit="s", low=0.0)
     """Time for which each action is held; inertia averages out shorter ones."""
 
     def make(self) -> RandomDriver:

@@ -1,20 +1,129 @@
-"""Claims of the sources, and how each is tested on the runs of a study."""
+"""Claims of the sources, and how each is tested on the runs of a study.
+
+One claim is that the thesis agrees with itself. Each row of its tuning tables of the global
+variant has a printed mean length. A reading of the algorithm predicts how long that row's paths are
+relative to those of RRT*. One number is free: the mean length of RRT*'s own paths on the thesis's
+maps, which table 3.1 prints, too.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
+from scipy import stats
 
-from agents.evaluation.statistics import Sample
-from agents.studies import agreement, evidence
+from agents.evaluation.statistics import Estimate, Sample
+from agents.studies import evidence
 from agents.studies.evidence import Evidence
+from agents.studies.model import RATIO, Metric, Results, Row, Study
+from wheelchair_gym.arrays import Array
 
-if TYPE_CHECKING:
-    from agents.studies.model import Metric, Results, Row, Study
+PRINTED_RRT_STAR: Final = 35.268  # m: mean length of RRT*, table 3.1
+_DRAWS: Final = 2000  # of the bootstrap over the rows of the tables
+
+
+class Fit(NamedTuple):
+    """How well a reading predicts the printed lengths."""
+
+    correlation: float
+    r2: float  # share of the printed variance that is explained
+    rms: float  # m, of the residuals
+    length: Estimate  # m: RRT*'s mean length that is implied
+    predicted: Array  # (n,) m
+    printed: Array  # (n,) m
+
+
+def fit(ratios: Array, printed: Array) -> Fit:
+    """The fit of printed lengths (n,) [m] by a multiple of predicted ratios (n,)."""
+    square = float((ratios**2).sum())
+    length = float((ratios * printed).sum()) / square
+    off = printed - length * ratios
+    spread = float(((printed - printed.mean()) ** 2).sum())
+    error = float(np.sqrt((off**2).sum() / (len(off) - 1) / square))
+    return Fit(
+        float(np.corrcoef(ratios, printed)[0, 1]), 1.0 - float((off**2).sum()) / spread,
+        float(np.sqrt((off**2).mean())), Estimate(length, error, len(off) - 1.0),
+        length * ratios, printed,
+    )  # fmt: skip
+
+
+def ratios_of(r: Results, reading: str, strata: Sequence[str] = (), without: str = "") -> Array:
+    """Columns (n, 2) of a reading: mean ratio of each row over the maps, and printed length [m]."""
+    rows = [row for row in r.study.series(reading) if row.group != without]
+    found = []
+    for row in rows:
+        sample = r.sample(row.label, RATIO)
+        means = [values.mean() for s, values in sample.items() if not strata or s in strata]
+        found.append((float(np.mean(means)), row.x))
+    return np.array(found)
+
+
+def fit_reading(r: Results, reading: str, strata: Sequence[str] = (), without: str = "") -> Fit:
+    """The fit of a reading, of all maps or some, perhaps without one table."""
+    return fit(*ratios_of(r, reading, strata, without).T)
+
+
+def _bootstrap(columns: Array, figure: Callable[[Fit], float]) -> tuple[float, float]:
+    """The 95 % interval of a figure of the fit, by drawing rows with replacement; one seed."""
+    rng = np.random.default_rng(0)
+    drawn = [
+        figure(fit(*columns[rng.integers(len(columns), size=len(columns))].T))
+        for _ in range(_DRAWS)
+    ]
+    low, high = np.percentile(drawn, [2.5, 97.5])
+    return float(low), float(high)
+
+
+FIGURES_OF_FIT: Final[Mapping[str, Callable[[Fit], float]]] = {
+    "correlation": lambda found: found.correlation,
+    "r2": lambda found: found.r2,
+    "rms": lambda found: found.rms,
+    "length": lambda found: found.length.value,
+}
+WITHOUT: Final = "t1-3.7"  # the table of mu, after which its exchange was chosen
+
+
+def agreement(r: Results) -> list[dict[str, Any]]:
+    """A row for each reading: the figures of its fit with intervals, and of parts held out."""
+    readings = list(dict.fromkeys(row.series for row in r.study.rows))
+    maps = list(next(iter(r.study.rows)).jobs)
+    parts = {"odd": maps[::2], "even": maps[1::2]}
+    found = []
+    for reading in readings:
+        columns = ratios_of(r, reading)
+        whole = fit(*columns.T)
+        row: dict[str, Any] = {"reading": reading, "rows": len(columns)}
+        for key, figure in FIGURES_OF_FIT.items():
+            row[key] = figure(whole)
+            row[f"{key}_low"], row[f"{key}_high"] = _bootstrap(columns, figure)
+        for part, strata in parts.items():
+            row[part] = fit_reading(r, reading, strata).correlation
+        row["without"] = fit_reading(r, reading, without=WITHOUT).correlation
+        found.append(row)
+    return found
+
+
+def residuals(r: Results, reading: str) -> Array:
+    """Absolute differences (n,) [m] of the printed lengths from the fit of a reading."""
+    found = fit_reading(r, reading)
+    return np.abs(found.printed - found.predicted)
+
+
+def p_within(length: Estimate, low: float, high: float) -> tuple[float, float]:
+    """P-values of 'the true length lies between', and of 'outside' [m]."""
+    inside = max(length.p_above(low), length.p_below(high))
+    return inside, min(1.0, 2.0 * min(length.p_below(low), length.p_above(high)))
+
+
+def correlation_p(found: Fit, least: float) -> tuple[float, float]:
+    """P-values of 'the correlation is above', and of 'below' (Fisher's z)."""
+    z = (np.arctanh(found.correlation) - np.arctanh(least)) * np.sqrt(len(found.printed) - 3.0)
+    return float(stats.norm.sf(z)), float(stats.norm.cdf(z))
+
 
 _COMPARISONS: Final = {"below": evidence.below, "above": evidence.above}
 _PAIRED: Final = {"paired_below": 1.0, "paired_above": -1.0}
@@ -166,8 +275,8 @@ class Claim:
 def _follows(claim: Claim, r: Results) -> Evidence:
     """Evidence for 'the printed lengths follow a reading': their correlation is above `low`."""
     (reading,), least = claim.rows, claim.low or 0.0
-    found = agreement.fit_reading(r, reading)
-    p_for, p_against = agreement.correlation_p(found, least)
+    found = fit_reading(r, reading)
+    p_for, p_against = correlation_p(found, least)
     half = 1.96 / np.sqrt(len(found.printed) - 3.0)
     low, high = np.tanh(np.arctanh(found.correlation) + np.array([-half, half]))
     text = f"{len(found.printed)} printed lengths and those predicted"
@@ -181,19 +290,15 @@ def _fits_better(claim: Claim, r: Results) -> Evidence:
     """Evidence for 'one reading's residuals are smaller than another's', row by row."""
     ((a, b),) = claim.pairs
     text = f"residual of {a} against {b}"
-    return evidence.paired_below(
-        agreement.residuals(r, a), agreement.residuals(r, b), 0.05, text, 1.0
-    )
+    return evidence.paired_below(residuals(r, a), residuals(r, b), 0.05, text, 1.0)
 
 
 def _implied(claim: Claim, r: Results) -> Evidence:
     """Evidence for 'the printed length of RRT* is that which the tables imply', within bounds."""
     (reading,) = claim.rows
-    printed, length = agreement.PRINTED_RRT_STAR, agreement.fit_reading(r, reading).length
+    printed, length = PRINTED_RRT_STAR, fit_reading(r, reading).length
     margin = claim.high or 0.0
-    p_for, p_against = agreement.p_within(
-        length, printed * (1.0 - margin), printed * (1.0 + margin)
-    )
+    p_for, p_against = p_within(length, printed * (1.0 - margin), printed * (1.0 + margin))
     effect, low, high = (100.0 * (v / printed - 1.0) for v in (length.value, *length.interval))
     test = f"two one-sided t of the fit, within {100 * margin:g} %"
     return Evidence(p_for, p_against, effect, low, high, "%", test, "implied against printed")

@@ -23,9 +23,38 @@ from agents.evaluation.figures import (
     new_panels,
 )
 from agents.evaluation.statistics import estimate, wilson
+from agents.studies import evidence
 from agents.studies.model import LENGTH, NODES, RATIO, Metric, Results, Row
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.rendering import palette
+
+BASELINE: Final = "rrt_star"
+SHORTEST: Final = "visibility (shortest)"
+ALL: Final = "all maps"
+
+
+def gains(r: Results) -> list[dict[str, Any]]:
+    """Return a row for each row of the study, with its gains over RRT* and its CPU time.
+
+    A gain is the relative difference of mean lengths [%] over equal seeds, with its 95 % interval:
+    [gain, low, high] for each map, and for all.
+    """
+    theirs, found = r.sample(BASELINE, LENGTH, True), []
+    for row in r.study.rows:
+        ours = r.sample(row.label, LENGTH, True)
+        change = {}
+        for name in (*ours, ALL):
+            a, b = (of if name == ALL else {name: of[name]} for of in (ours, theirs))
+            got = evidence.between(a, b, -1.0, 1.0, "", True)
+            change[name] = [round(value, 2) for value in (got.effect, got.low, got.high)]
+        times = np.concatenate([*r.sample(row.label, r.study.metric("time_s")).values()])
+        solved, runs = r.solved(row.label)
+        found.append({
+            "row": row.label, "series": row.series, "x": row.x if row.series else None,
+            "solved": solved, "runs": runs, "time_s": float(f"{times.mean():.3g}"), "gain": change,
+        })  # fmt: skip
+    return found
+
 
 Figures = dict[str, Figure]
 
@@ -339,7 +368,7 @@ def rollout_figures(r: Results, scenes: Sequence[str]) -> Figures:
 
 def agreement_figures(r: Results) -> Figures:
     """Printed lengths over those that each reading predicts."""
-    from agents.studies.agreement import fit_reading
+    from agents.studies.claims import fit_reading
 
     readings = list(dict.fromkeys(row.series for row in r.study.rows))
     figure, axes = new_axes(4.2)
@@ -356,15 +385,11 @@ def agreement_figures(r: Results) -> Figures:
 
 def gain_figures(r: Results) -> Figures:
     """T1: what more whales gain over RRT*, by map."""
-    from agents.studies.gains import gains
-
     return {"gains": gain_figure(gains(r))}
 
 
 def gain_figure(rows: Sequence[Mapping[str, Any]]) -> Figure:
     """Gains over RRT* on each map and on all, over the evaluations of a swarm, and the ceiling."""
-    from agents.studies.gains import SHORTEST
-
     series = list(dict.fromkeys(row["series"] for row in rows if row["series"]))
     best = next(row["gain"] for row in rows if row["row"] == SHORTEST)
     figure, panels = new_panels(7.0, 3, 2)

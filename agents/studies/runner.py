@@ -1,30 +1,248 @@
-"""All studies: their runs, the tests of their claims, and the files that are written."""
+"""All studies of agents/data/studies.yaml: their runs, tests of claims, and written files."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
+from itertools import groupby, product
 from pathlib import Path
 from typing import Any, Final
 
 import matplotlib as mpl
 import numpy as np
 
+from agents import read_data
 from agents.evaluation.figures import LOOK, as_svg
 from agents.evaluation.provenance import command_line, now, provenance, write_json, write_text
 from agents.evaluation.runs import compute, run_key, source_digest
 from agents.evaluation.statistics import wilson
-from agents.evaluation.tables import csv_table, json_value
-from agents.studies.agreement import agreement
-from agents.studies.evidence import LEVEL, no_evidence
+from agents.evaluation.tables import (
+    Cell,
+    Column,
+    Figures,
+    Table,
+    columns_of,
+    csv_table,
+    exists,
+    json_value,
+    make_table,
+    write_page,
+)
+from agents.studies.claims import Claim, agreement
+from agents.studies.evidence import LEVEL, ClaimVerdict, no_evidence
 from agents.studies.experiments import kernel_key, measure
-from agents.studies.figures import mean_interval
-from agents.studies.gains import gains
-from agents.studies.model import Metric, Results, Row, Study
-from agents.studies.read_studies import STUDIES
-from agents.studies.report import write_studies_page
+from agents.studies.figures import FIGURES, gains, mean_interval
+from agents.studies.model import Metric, Results, Row, Study, published
+from planners.rrt_star_woa.thesis import FIGURE_3_1
 from wheelchair_gym.config import InputError
 from wheelchair_gym.files import atomic_write
+
+Chapter = Mapping[str, Any]
+
+_CLASSES = {
+    ClaimVerdict.FAILS: "fails",
+    ClaimVerdict.OPEN: "open",
+    ClaimVerdict.HOLDS: "holds",
+}  # worst first
+
+
+def count_verdicts(chapters: Sequence[Chapter]) -> dict[ClaimVerdict, int]:
+    """The number of claims with each verdict."""
+    verdicts = [claim["verdict"] for chapter in chapters for claim in chapter["claims"]]
+    return {verdict: verdicts.count(verdict) for verdict in ClaimVerdict}
+
+
+def _totals(chapters: Sequence[Chapter]) -> str:
+    count = count_verdicts(chapters)
+    kinds = ClaimVerdict.HOLDS, ClaimVerdict.FAILS, ClaimVerdict.OPEN
+    hold, fail, undecided = (count[kind] for kind in kinds)
+    total = sum(count.values())
+    return f"Of {total} claims {hold} hold, {fail} do not, {undecided} cannot be decided"
+
+
+def summary_text(chapters: Sequence[Chapter]) -> str:
+    """The verdicts as lines of text."""
+    lines = []
+    for chapter in chapters:
+        lines.append(f"{chapter['name']}: {chapter['title']} ({chapter['runs']} runs)")
+        for claim in chapter["claims"]:
+            lines.append(f"  {claim['verdict']:14s} {claim['claim']}: {effect_text(claim)}")
+    return "\n".join([*lines, _totals(chapters)])
+
+
+def effect_text(claim: Mapping[str, Any]) -> str:
+    """The effect with its interval; a share has no sign."""
+    if not exists(claim["effect"]):
+        return str(claim["test"])
+    sign = "" if claim["test"].startswith("binomial") else "+"
+    effect, low, high = (
+        f"{round(claim[key], 6):{sign}.3g}" if exists(claim[key]) else "?"
+        for key in ("effect", "low", "high")
+    )
+    return f"{effect}{'' if low == high else f' ({low} to {high})'} {claim['unit']}"
+
+
+def write_studies_page(
+    path: Path, title: str, chapters: Sequence[tuple[Chapter, Figures]], source: Mapping[str, Any]
+) -> Path:
+    """Write one page of all chapters, which needs no other file."""
+    found = []
+    for chapter, drawn in chapters:
+        claims = [
+            {**claim, "effect": effect_text(claim), "study": chapter["name"],
+             "class": _CLASSES[ClaimVerdict(claim["verdict"])]}
+            for claim in sorted(
+                chapter["claims"], key=lambda claim: list(_CLASSES).index(claim["verdict"])
+            )
+        ]  # fmt: skip
+        fits = _fits(chapter["readings"]) if chapter["readings"] else None
+        table = None if fits else _table(chapter)
+        found.append({**chapter, "claims": claims, "table": table, "fits": fits, "drawn": drawn})
+    return write_page(
+        path, "studies.html", title=title, source=source, totals=_totals(found),
+        failed=[c for of in found for c in of["claims"] if c["verdict"] == ClaimVerdict.FAILS],
+        level=f"{LEVEL:g}", contents=_contents(found), chapters=found,
+    )  # fmt: skip
+
+
+def _contents(chapters: Sequence[Chapter]) -> Table:
+    texts = [Column("", name, None) for name in ("study", "subject")]
+    rows = [
+        [Cell(chapter["name"], link=f"#{chapter['name']}"), Cell(chapter["title"]),
+         *(Cell(str(n), key=n) for n in count_verdicts([chapter]).values())]
+        for chapter in chapters
+    ]  # fmt: skip
+    columns = [*texts, *(Column("", str(verdict), "claims") for verdict in ClaimVerdict)]
+    return Table("Verdicts by study", columns, [rows])
+
+
+def _fits(readings: Sequence[Mapping[str, Any]]) -> Table:
+    """The readings of an algorithm, by how well they predict the printed lengths."""
+    caption = f"{readings[0]['rows']} printed mean lengths; intervals by bootstrap over them"
+    return make_table(caption, columns_of("readings"), [readings])
+
+
+def _table(chapter: Chapter) -> Table:
+    """Each row: our mean with its interval, the published value, the ratio, and the runs."""
+    columns = [Column("row", "row", None)]
+    for m in chapter["metrics"]:
+        key, unit, of = m["key"], m["unit"], "mean and 95 % interval"
+        columns.append(Column(key, m["name"], unit, m["digits"], interval=True, meaning=of))
+        if any(exists(row["figures"][key]["published"]) for row in chapter["rows"]):
+            columns.append(Column(f"{key}_published", "published", unit, "g", meaning="as printed"))
+            columns.append(Column(f"{key}_ratio", "ratio", "", ".3g", meaning="ours / published"))
+
+    def cells(row: Mapping[str, Any]) -> list[Cell]:
+        flat = {"row": row["row"]}
+        for key, figures in row["figures"].items():
+            flat |= {key: figures["mean"], **{f"{key}_{part}": v for part, v in figures.items()}}
+        solved = Cell(f"{row['solved']}/{row['runs']}", key=row["solved"] / max(row["runs"], 1))
+        return [*(column.cell(flat) for column in columns), solved]
+
+    def group(row: Mapping[str, Any]) -> str:
+        return str(row["row"]).split(" lambda")[0] if " lambda" in row["row"] else ""
+
+    groups = [[cells(row) for row in of] for _, of in groupby(chapter["rows"], group)]
+    caption = f"{chapter['runs']} runs of each row and map or goal"
+    return Table(caption, [*columns, Column("", "solved", "of runs")], groups)
+
+
+def _combinations(axes: Sequence[Any]) -> Iterator[dict[str, Any]]:
+    """Every choice of one item from each axis: {name: values}, or a list of {name: value}."""
+    lists = [
+        [{name: value} for name, values in axis.items() for value in values]
+        if isinstance(axis, Mapping)
+        else axis
+        for axis in axes
+    ]
+    for chosen in product(*lists):
+        yield {name: value for values in chosen for name, value in values.items()}
+
+
+def _filled(value: Any, names: Mapping[str, Any]) -> Any:
+    """A part of a job with the values of names for each `$name`, and a part of figure 3.1."""
+    if isinstance(value, Mapping):
+        filled = {key: _filled(item, names) for key, item in value.items()}
+        return {**FIGURE_3_1.settings.get(filled.pop("figure_3_1", ""), {}), **filled}
+    if isinstance(value, list):
+        return [_filled(item, names) for item in value]
+    named = isinstance(value, str) and value.startswith("$")
+    return _filled(names[value[1:]], names) if named else value
+
+
+def _rows(
+    study: str, *, vary: Sequence[Any], label: str, stratum: str, job: Mapping[str, Any],
+    over: Sequence[Any] = (), x: str | float = float("nan"), series: str = "", group: str = "",
+) -> Iterator[Row]:  # fmt: skip
+    """A row for each combination of the values in `vary`, a job for each of those in `over`."""
+    for names in _combinations(vary):
+        places = [names | more for more in _combinations(over)]
+        jobs = {stratum.format(**of): _filled(job, of) for of in places}
+        title = label.format(**names)
+        yield Row(
+            title, jobs, float(_filled(x, names)), series.format(**names), group.format(**names),
+            published(study).get(title, {}),
+        )  # fmt: skip
+
+
+def _readings(
+    *, readings: Sequence[Mapping[str, Any]], of: Sequence[str], known: Mapping[str, Study]
+) -> Iterator[Row]:
+    """The rows of studies of the global variant, once for each reading; x is the printed length.
+
+    A reading has a name, a `leader`, the `goal_bias` of the tree, and whether mu's branches are
+    exchanged: below mu a whale spirals, which is the same as a mu of 1 - mu.
+    """
+    for reading, name in product(readings, of):
+        for row in known[name].rows:
+            jobs = {}
+            for stratum, job in row.jobs.items():
+                planner = dict(job["planner"])
+                tree = {"name": "rrt_star", **planner["tree"], "goal_bias": reading["goal_bias"]}
+                whales = {**planner["whales"], "leader": reading["leader"]}
+                if reading["exchanged"]:
+                    whales["mu"] = 1.0 - whales.get("mu", 0.5)
+                planner = {**planner, "whales": whales}
+                jobs[stratum] = {"kind": "shortened", "scene": job["scene"], "tree": tree,
+                                 "planner": planner}  # fmt: skip
+            yield Row(
+                f"{reading['name']}: {name}, {row.label}", jobs, row.published["length_m"],
+                reading["name"], name,
+            )  # fmt: skip
+
+
+def _study(name: str, values: dict[str, Any], known: Mapping[str, Study]) -> Study:
+    figure, *arguments = values.pop("figures")
+    groups = values.pop("rows")
+    parts = {
+        "rows": [
+            row
+            for group in groups
+            for row in (
+                _readings(**group, known=known) if "readings" in group else _rows(name, **group)
+            )
+        ],
+        "metrics": [Metric(**metric) for metric in values.pop("metrics")],
+        "claims": [Claim(**claim) for claim in values.pop("claims")],
+        "notes": values.pop("notes"),
+    }
+    tuples: dict[str, Any] = {key: tuple(part) for key, part in parts.items()}
+    draw = partial(FIGURES[figure], **arguments[0] if arguments else {})
+    return Study(name=name, figures=draw, **tuples, **values)
+
+
+def _read() -> dict[str, Study]:
+    content = read_data("studies.yaml")
+    found: dict[str, Study] = {}
+    for name, of in content.items():
+        if not name.startswith("."):
+            found[name] = _study(name, of, found)
+    return found
+
+
+STUDIES: Final[dict[str, Study]] = _read()
+
 
 # Verdicts are corrected for all claims, so that they do not depend on which studies run.
 CLAIMS: Final = sum(len(study.claims) for study in STUDIES.values())

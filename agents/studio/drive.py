@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from agents.assistance import is_shielded, make_assistant
 from agents.assistance.assistant import AssistMission
-from agents.evaluation.metrics import outcome_of
-from agents.evaluation.shortest import Shortest, shortest_path
+from agents.evaluation.metrics import Shortest, outcome_of, shortest_path
 from agents.studio.catalogue import ANY_TIME, NO_HAND, NO_SIGHT, Place
 from wheelchair_gym.config import InputError, dump
 from wheelchair_gym.drivers import make_driver
@@ -80,7 +79,7 @@ class Drive:
             env["config"] = {**place.env.get("config", {}), "physics": {"step": _FINE_STEP}}
         if place.twin:
             from wheelchair_gym.hardware.registry import localized
-            from wheelchair_gym.hardware.twin.episodes import EpisodeTwin
+            from wheelchair_gym.hardware.twin.inprocess import EpisodeTwin
 
             settings = env_settings(env.pop("config", None), scene=place.scene, **env)
             env = {"config": settings, "chair": localized(EpisodeTwin(settings), settings)}

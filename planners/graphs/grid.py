@@ -220,16 +220,14 @@ class GridPlanner(PlannerBase):
         unit="m",
         low=0.005,
         high=10.0,
-        source="design choice: a tenth of the width of a door",
+        source="a tenth of the width of a door",
     )
     """Spacing of the grid points at first."""
-    refinements: int = setting(default=2, low=0, high=6, source="design choice")
+    refinements: int = setting(default=2, low=0, high=6)
     """Number of times that the resolution is halved where no path is found."""
-    shortcut: bool = setting(default=True, source="design choice: no higher cost")
+    shortcut: bool = setting(default=True, source="no higher cost")
     """Whether the path is straightened, at no higher cost."""
-    connectivity: Literal[4, 8] = setting(
-        default=8, source="design choice: fewer turns than with 4"
-    )
+    connectivity: Literal[4, 8] = setting(default=8, source="fewer turns than with 4")
     """Neighbours of a grid point."""
 
     @property
@@ -272,16 +270,14 @@ class AStar(GridPlanner):
     With a weight it keeps a comfortable distance where there is space.
     """
 
-    obstacle_weight: float = setting(
-        default=0.0, low=0.0, high=1000.0, source="design choice: length alone"
-    )
+    obstacle_weight: float = setting(default=0.0, low=0.0, high=1000.0, source="length alone")
     """Extra cost of a metre at an obstacle, in metres in the open; 0 for length alone."""
     desired_clearance: float = setting(
         default=0.5,
         unit="m",
         low=0.01,
         high=100.0,
-        source="design choice: half the width of a door",
+        source="half the width of a door",
     )
     """Clearance from which on a metre costs no more."""
 

@@ -132,11 +132,9 @@ class Prm(PlannerBase):
     the points do not join start and goal, there will be twice as many.
     """
 
-    iterations: int = setting(
-        default=40_000, low=1, source="design choice: enough for doors of 1 m"
-    )
+    iterations: int = setting(default=40_000, low=1, source="enough for doors of 1 m")
     """Largest number of samples."""
-    initial_samples: int = setting(default=500, low=1, source="design choice")
+    initial_samples: int = setting(default=500, low=1)
     """Samples of the first roadmap."""
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
@@ -191,7 +189,7 @@ class Voronoi(PlannerBase):
     it is wide; where none is found, they lie twice as close.
     """
 
-    refinements: int = setting(default=4, low=0, high=8, source="design choice")
+    refinements: int = setting(default=4, low=0, high=8)
     """Number of times that the spacing is halved where no path is found."""
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:

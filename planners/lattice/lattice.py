@@ -108,11 +108,11 @@ class Lattice(FootprintPlanner):
     Likhachev et al. 2003). As many as `iterations`, and a deadline, make an anytime planner.
     """
 
-    refinements: int = setting(default=1, low=0, high=4, source="design choice")
+    refinements: int = setting(default=1, low=0, high=4)
     """Number of times that moves and cells are halved if no path is found soon."""
     improvement: int = setting(default=1000, low=0, source="tuned on training seeds")
     """Poses expanded after the first path, while the factor falls to 1, to find better paths."""
-    iterations: int = setting(default=100_000, low=0, source="design choice: 50 MB of memory")
+    iterations: int = setting(default=100_000, low=0, source="50 MB of memory")
     """Largest number of expanded poses."""
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:

@@ -506,25 +506,21 @@ def ahead(path: Array, position: Array, horizon: float | None) -> tuple[Array, b
 class ControlGenerator:
     """Settings of the search for commands."""
 
-    whales: WhaleSettings = setting(
-        default=WhaleSettings(population=12, iterations=10), source="design choice"
-    )
+    whales: WhaleSettings = setting(default=WhaleSettings(population=12, iterations=10))
     """The swarm that searches the commands of a segment."""
-    maneuvers: bool = setting(
-        default=True, source="design choice; the thesis's swarm starts at random: false"
-    )
+    maneuvers: bool = setting(default=True, source="the thesis's swarm starts at random: false")
     """Whether the swarm starts from maneuvers, or at random."""
     printed: bool = setting(default=False, source="thesis, section 2.9.3 and algorithm 6: true")
     """Whether segments end at the path's own points and cost the distance from there alone."""
-    horizon: float | None = setting(default=None, unit="m", low=0.1, source="design choice")
+    horizon: float | None = setting(default=None, unit="m", low=0.1)
     """Length of the path to follow; null for the whole path."""
     segment: float = setting(default=1.0, unit="m", low=0.1, source="measured on training homes")
     """Maximum length of a segment."""
-    margin: float = setting(default=0.02, unit="m", low=0.0, source="design choice")
+    margin: float = setting(default=0.02, unit="m", low=0.0)
     """Minimum clearance to obstacles."""
     arrival: float = setting(default=0.10, unit="m", low=0.01, source="below the task's 0.30 m")
     """Distance from the path's end that counts as arrived."""
-    pivot: float | None = setting(default=None, unit="rad/s", low=0.01, source="design choice")
+    pivot: float | None = setting(default=None, unit="rad/s", low=0.01)
     """Turn limit of a chair at rest; null for that of a moving chair."""
 
     def segments(self, path: Array, start: Array) -> tuple[NDArray[Any], Array]:

@@ -116,7 +116,7 @@ class RrtStarWoaLocal(ShiftBounds, PlannerBase):
     """The tree search."""
     whales: WhaleSettings = setting(default=WhaleSettings(), source="thesis, figure 3.1")
     """The swarm."""
-    goal_weight: float = setting(default=1.0, low=0.0, source="design choice")
+    goal_weight: float = setting(default=1.0, low=0.0)
     """Cost of the distance from the goal, in multiples of that from the random sample."""
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:

@@ -394,7 +394,7 @@ class WoaModified(Optimizer):
 class Particles(Optimizer):
     """Settings that the particle swarms of R1 and P2 share."""
 
-    neighbours: int = setting(default=0, low=0, source="design choice")
+    neighbours: int = setting(default=0, low=0)
     """Neighbours on each side whose best a particle knows; 0 for the whole swarm."""
     inertia_ramp: bool = setting(default=False, source="R1, section 5.7")
     """Whether the inertia of way point j counts min(1, sqrt(j) / 4)."""

@@ -56,24 +56,22 @@ class SwarmPlanner(ShiftBounds, PlannerBase):
     objective: Any = setting(default="length_free", source="thesis, section 2.8")
     """The path cost: a name or an object with a name."""
     curve: Literal["polyline", "pchip", "spline"] = setting(
-        default="polyline", source="design choice: exact edges"
+        default="polyline", source="exact edges"
     )
     """The curve through the way points."""
-    chordal: bool = setting(default=True, source="design choice; the papers space them evenly")
+    chordal: bool = setting(default=True, source="the papers space them evenly")
     """Whether knots are spaced by the distance of the way points."""
-    pieces: int | None = setting(default=None, low=1, source="design choice")
+    pieces: int | None = setting(default=None, low=1)
     """Straight pieces of each leg; null for 1 of a polyline and 20 of a curve."""
-    way_points: int = setting(default=0, low=0, source="design choice")
+    way_points: int = setting(default=0, low=0)
     """Minimum number of way points; a first path may have more."""
-    population: int = setting(
-        default=30, low=MIN_POPULATION, source="design choice: as rrt_star_woa_global"
-    )
+    population: int = setting(default=30, low=MIN_POPULATION, source="as rrt_star_woa_global")
     """Number of paths."""
-    iterations: int = setting(default=100, low=0, source="design choice: as rrt_star_woa_global")
+    iterations: int = setting(default=100, low=0, source="as rrt_star_woa_global")
     """Largest number of moves."""
-    cycle: int = setting(default=100, low=1, source="design choice: as iterations")
+    cycle: int = setting(default=100, low=1, source="as iterations")
     """Moves after which the decreasing factors start again."""
-    first: Any = setting(default="rrt_connect", source="design choice")
+    first: Any = setting(default="rrt_connect")
     """Planner of the first path, 'line' for the straight line, or null for none."""
     scatter: Literal["disc", "bow", "along", "uniform"] = setting(
         default="disc", source="thesis: disc; P1: along; P2 and R1: uniform"
@@ -216,9 +214,7 @@ class RrtWoa(PlannerBase):
     """The whales."""
     objective: Smooth = setting(default=Smooth(), source=_P1 + " (1)-(8)")
     """The path cost."""
-    population: int = setting(
-        default=30, low=MIN_POPULATION, source="design choice: as swarm; not given in P1"
-    )
+    population: int = setting(default=30, low=MIN_POPULATION, source="as swarm; not given in P1")
     """Number of whales."""
     iterations: int = setting(default=20, low=0, source=_P1)
     """Moves of the swarm."""

@@ -306,14 +306,14 @@ class Rrt(PlannerBase):
     """A rapidly exploring random tree (LaValle 1998); it ends with its first path."""
 
     iterations: int = setting(
-        default=20_000, low=1, source="design choice: enough for doors of 1 m on maps of 50 m"
+        default=20_000, low=1, source="enough for doors of 1 m on maps of 50 m"
     )
     """Largest number of samples."""
     step: float = setting(default=2.0, unit="m", low=1e-3, source=ROOMS)
     """Longest edge towards a sample."""
     goal_bias: float = setting(default=0.05, low=0.0, high=1.0, source="LaValle and Kuffner 2001")
     """Share of the samples that are the goal."""
-    goal_reach: float = setting(default=2.0, unit="m", low=0.0, source="design choice: as the step")
+    goal_reach: float = setting(default=2.0, unit="m", low=0.0, source="as the step")
     """Distance from which a node is connected to the goal."""
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
@@ -426,9 +426,7 @@ class RrtConnect(CornerSampling, PlannerBase):
     It tries the straight line first.
     """
 
-    iterations: int = setting(
-        default=100_000, low=1, source="design choice: mazes take some thousands"
-    )
+    iterations: int = setting(default=100_000, low=1, source="mazes take some thousands")
     """Largest number of samples."""
     step: float = setting(default=4.0, unit="m", low=1e-3, source=ROOMS)
     """Longest edge towards a sample."""

@@ -163,7 +163,7 @@ class RrtStar(PlannerBase):
 
     iterations: int = setting(default=10_000, low=1, source="thesis, figure 3.1")
     """Number of samples."""
-    nodes: int = setting(default=100_000, low=2, source="design choice")
+    nodes: int = setting(default=100_000, low=2)
     """Largest number of nodes of a tree."""
     step: float = setting(default=4.0, unit="m", low=1e-3, source=ROOMS)
     """Longest edge towards a sample."""
@@ -171,7 +171,7 @@ class RrtStar(PlannerBase):
     """Radius of the neighbourhood; null for the shrinking radius."""
     goal_bias: float = setting(default=0.05, low=0.0, high=1.0, source="LaValle and Kuffner 2001")
     """Share of the samples that are the goal."""
-    goal_reach: float = setting(default=4.0, unit="m", low=0.0, source="design choice: as the step")
+    goal_reach: float = setting(default=4.0, unit="m", low=0.0, source="as the step")
     """Distance from which a node is connected to the goal."""
     return_on_first_path: bool = setting(default=False, source="more samples, shorter paths")
     """Whether the search stops at the first path."""
@@ -194,7 +194,7 @@ class RrtStarFn(PlannerBase):
     bounded and paths still improve.
     """
 
-    tree: RrtStar = setting(default=RrtStar(nodes=1_000), source="design choice")
+    tree: RrtStar = setting(default=RrtStar(nodes=1_000))
     """The tree search."""
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
@@ -260,9 +260,7 @@ class RrtStarLimited(PlannerBase):
         default=RrtStar(return_on_first_path=True), source="thesis, section 3.2"
     )
     """The tree search."""
-    widening: float = setting(
-        default=0.1, unit="m", low=0.0, source="design choice; the thesis gives no value"
-    )
+    widening: float = setting(default=0.1, unit="m", low=0.0, source="the thesis gives no value")
     """Widening of the strip on each side by each blocked edge."""
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
@@ -392,7 +390,7 @@ class RrtStarSmart(PlannerBase):
     the remaining vertices are beacons, around which a share of the samples falls.
     """
 
-    tree: RrtStar = setting(default=RrtStar(), source="design choice")
+    tree: RrtStar = setting(default=RrtStar())
     """The tree search."""
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
@@ -511,9 +509,9 @@ class InformedRrtStar(CornerSampling, PlannerBase):
     The search ends early where the path is the straight line.
     """
 
-    iterations: int = setting(default=10_000, low=1, source="design choice: as rrt_star")
+    iterations: int = setting(default=10_000, low=1, source="as rrt_star")
     """Largest number of samples."""
-    nodes: int = setting(default=100_000, low=2, source="design choice")
+    nodes: int = setting(default=100_000, low=2)
     """Largest number of nodes of a tree."""
     step: float = setting(default=4.0, unit="m", low=1e-3, source=ROOMS)
     """Longest edge towards a sample."""
@@ -535,12 +533,10 @@ class SplineRrtStar(PlannerBase):
     The path is the curve's polyline, within `tolerance`; each of its edges is tested exactly.
     """
 
-    tree: InformedRrtStar = setting(
-        default=InformedRrtStar(iterations=2_000), source="design choice"
-    )
+    tree: InformedRrtStar = setting(default=InformedRrtStar(iterations=2_000))
     """The tree search."""
     tolerance: float = setting(
-        default=1e-3, unit="m", low=1e-9, source="design choice: below the noise of sensors"
+        default=1e-3, unit="m", low=1e-9, source="below the noise of sensors"
     )
     """Largest distance of the polyline from the curve."""
 

@@ -14,8 +14,8 @@ from tests.physics.worlds import box
 from wheelchair_gym import InputError
 from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.geometry import footprint_clearance
-from wheelchair_gym.hardware.boards.dead_reckoning import WheelOdometry
 from wheelchair_gym.hardware.boards.protocol import Mode, Odometry, Switch
+from wheelchair_gym.hardware.boards.senses import WheelOdometry
 from wheelchair_gym.hardware.registry import make_chair
 from wheelchair_gym.hardware.twin.lockstep import IBUS_BAUD
 from wheelchair_gym.kinematics import DriveGeometry

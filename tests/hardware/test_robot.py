@@ -28,7 +28,6 @@ from tests.hardware.served import Served
 from wheelchair_gym import InputError
 from wheelchair_gym.hardware.ros import make_messages
 from wheelchair_gym.hardware.ros import messages as ros
-from wheelchair_gym.hardware.ros.covariance import OdometryCovariance
 from wheelchair_gym.hardware.ros.rosbridge import Rosbridge
 from wheelchair_gym.hardware.ros.server import RosbridgeServer, strict
 from wheelchair_gym.hardware.ros.settings import RosbridgeSettings
@@ -36,6 +35,7 @@ from wheelchair_gym.kinematics import DriveGeometry
 from wheelchair_gym.physics.chair import SimulatedChair
 from wheelchair_gym.recording.replay import read_recording
 from wheelchair_gym.scenes import make_scene
+from wheelchair_gym.sensors.odometry import OdometryCovariance
 from wheelchair_gym.sensors.settings import SensorSettings
 
 CONTROLLER = ROOT / "examples" / "ros_pure_pursuit.py"

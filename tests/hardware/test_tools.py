@@ -10,11 +10,10 @@ import pytest
 
 from tests.hardware.hosted import Hosted
 from tests.physics.worlds import box
-from wheelchair_gym.hardware.boards.dead_reckoning import WheelOdometry
-from wheelchair_gym.hardware.boards.monitor import status_rows
 from wheelchair_gym.hardware.boards.parameters import save_parameters, set_parameters
 from wheelchair_gym.hardware.boards.protocol import Switch
-from wheelchair_gym.hardware.tools.diagnostics import Diagnostics
+from wheelchair_gym.hardware.boards.senses import WheelOdometry
+from wheelchair_gym.hardware.tools.diagnostics import Diagnostics, Orientation, status_rows
 from wheelchair_gym.hardware.tools.distance_calibration import (
     Run,
     calibrate_distance,
@@ -23,7 +22,6 @@ from wheelchair_gym.hardware.tools.distance_calibration import (
     drive_run,
     fit_wall,
 )
-from wheelchair_gym.hardware.tools.orientation import Orientation
 from wheelchair_gym.hardware.tools.speed_tuning import step_response
 from wheelchair_gym.hardware.tools.wheel_calibration import (
     Square,

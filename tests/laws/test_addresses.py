@@ -29,7 +29,7 @@ TABLES = {
     "wheelchair_gym.safety.state": ("CONSTANTS",),
     "wheelchair_gym.physics.chairs": ("WORLD", "CHAIRS"),
     "wheelchair_gym.physics.sensor_suite": ("SUITE",),
-    "wheelchair_gym.sensors.scanners": ("SCANNER",),
+    "wheelchair_gym.sensors.laser": ("SCANNER",),
     "wheelchair_gym.task.prepared_episode": ("PREPARED",),
     "wheelchair_gym.task.task": ("RULES", "TASK"),
     "wheelchair_gym.assistance.step": ("ASSISTANTS",),

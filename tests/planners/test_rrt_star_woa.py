@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from agents.studies.read_studies import STUDIES
+from agents.studies.runner import STUDIES
 from planners import Problem, Space, make_planner
 from planners.rrt_star_woa.path_shortening import RrtStarWoaGlobal
 from planners.rrt_star_woa.thesis import FIGURE_3_1, GLOBAL

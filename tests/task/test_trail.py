@@ -7,8 +7,8 @@ import pytest
 
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.geometry import to_frame
+from wheelchair_gym.task.assessment import PROGRESS, TRAIL_POINTS
 from wheelchair_gym.task.observations import TRAIL_SPACING, extend_trail, reset_trail, write_trail
-from wheelchair_gym.task.records import PROGRESS, TRAIL_POINTS
 
 OPEN = {"name": "empty", "size": (12.0, 12.0), "start": (6.0, 6.0, 0.0), "goal": (1.0, 1.0, 0.0)}
 

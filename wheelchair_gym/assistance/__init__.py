@@ -20,9 +20,9 @@ __all__ = ["COMPILED", "make_compiled"]
 COMPILED: Final = Registry(
     "assistant",
     {
-        "direct": "wheelchair_gym.assistance.direct:Direct",
+        "direct": "wheelchair_gym.assistance.teleop:Direct",
         "shared_dwa": "wheelchair_gym.assistance.shared_dwa:SharedDwa",
-        "shield": "wheelchair_gym.assistance.direct:Shielded",
+        "shield": "wheelchair_gym.assistance.teleop:Shielded",
         "slide": "wheelchair_gym.assistance.slide:Slide",
         "teleop": "wheelchair_gym.assistance.teleop:Teleop",
         "vfh": "wheelchair_gym.assistance.vfh:Vfh",

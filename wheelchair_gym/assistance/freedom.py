@@ -22,14 +22,13 @@ Twist = tuple[float, float]
 STEADY = 0.1  # deflection by which a steady stick may change
 # Largest deflection forward of a low stick, and s for which it must be low and steady: assumed.
 _DOCKING_STICK, _DOCKING_TIME = 0.35, 1.0
-_CHOICE = "design choice"
 
 
 @settings
 class Freedom:
     """How far an assistant may go, and how near obstacles it lets the chair come."""
 
-    turn: float = setting(default=0.5, unit="rad/s", low=0.0, high=4.0, source=_CHOICE)
+    turn: float = setting(default=0.5, unit="rad/s", low=0.0, high=4.0)
     """How far the turn rate may lie beyond rest's and the stick's, at full deflection."""
     backward: float = setting(
         default=0.045, unit="m/s", low=0.0, high=2.0,

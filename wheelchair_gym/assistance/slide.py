@@ -38,7 +38,7 @@ class Slide:
         default=0.6, unit="m/s2", low=0.05, high=5.0, source="below the chair's 0.8: design choice"
     )
     """Deceleration that the speed towards an obstacle counts on."""
-    latency: float = setting(default=0.2, unit="s", low=0.0, high=2.0, source="design choice")
+    latency: float = setting(default=0.2, unit="s", low=0.0, high=2.0)
     """Time before the chair begins to brake."""
     freedom: Freedom = Freedom()
 

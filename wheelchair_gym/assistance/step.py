@@ -12,7 +12,6 @@ from typing import Any, Final
 import numpy as np
 
 from wheelchair_gym.arrays import Array, Floats
-from wheelchair_gym.assistance.direct import Direct, Shielded
 from wheelchair_gym.assistance.freedom import (
     AssistMission,
     Freedom,
@@ -22,9 +21,14 @@ from wheelchair_gym.assistance.freedom import (
 )
 from wheelchair_gym.assistance.shared_dwa import SharedDwa, shared_dwa
 from wheelchair_gym.assistance.slide import Slide, slide
-from wheelchair_gym.assistance.state import ASSISTANT, assistant_at, constants_of, constants_record
-from wheelchair_gym.assistance.surround import look
-from wheelchair_gym.assistance.teleop import Teleop, teleop
+from wheelchair_gym.assistance.state import (
+    ASSISTANT,
+    assistant_at,
+    constants_of,
+    constants_record,
+    look,
+)
+from wheelchair_gym.assistance.teleop import Direct, Shielded, Teleop, teleop
 from wheelchair_gym.assistance.vfh import Vfh, vfh
 from wheelchair_gym.compiled.address import Pointers, Target, pointer_record, prefetch, rows_of
 from wheelchair_gym.compiled.kernel import borrowing_kernel

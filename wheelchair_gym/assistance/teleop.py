@@ -1,18 +1,34 @@
-"""Assisted teleop, after nav2's behaviour: the twist shrinks with the time to a collision.
+"""The stick itself, with or without the shield behind it, and nav2's assisted teleop.
 
-Source: nav2_behaviors, AssistedTeleop (main, August 2026): the twist is projected in steps; a
-collision at the first of them gives rest, one at time t scales all components by t over the whole
-time, so that the arc is kept. It never steers.
+Source of the teleop: nav2_behaviors, AssistedTeleop (main, August 2026): the twist is projected in
+steps; a collision at the first of them gives rest, one at time t scales all components by t over
+the whole time, so that the arc is kept. It never steers.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 from wheelchair_gym.assistance.arcs import free_share
 from wheelchair_gym.assistance.freedom import Freedom, Twist
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.config import settings
+
+
+@settings
+class Direct:
+    """The stick is the twist; nothing is filtered."""
+
+    shielded: ClassVar[bool] = False
+    freedom: Freedom = Freedom(backward=2.0)
+
+
+@settings
+class Shielded:
+    """The stick is the twist, behind the shield."""
+
+    freedom: Freedom = Freedom(backward=2.0)
+
 
 _TIME, _STEP = 1.0, 0.1  # s that the twist is projected, and between its poses: nav2 AssistedTeleop
 

@@ -29,9 +29,9 @@ _TURN_PER_ANGLE = 1.0  # 1/s: turn rate per angle between the stick's direction 
 class Vfh:
     """Turns towards the free direction nearest to the stick's, and slows with the room there."""
 
-    reach: float = setting(default=1.5, unit="m", low=0.1, high=10.0, source="design choice")
+    reach: float = setting(default=1.5, unit="m", low=0.1, high=10.0)
     """Distance within which obstacles count."""
-    look_ahead: float = setting(default=1.2, unit="s", low=0.1, high=10.0, source="design choice")
+    look_ahead: float = setting(default=1.2, unit="s", low=0.1, high=10.0)
     """Time to a collision from which on it slows."""
     freedom: Freedom = Freedom()
 

@@ -55,6 +55,10 @@ PIVOT = 0.6  # of the turn rate, for turns in place
 MANOEUVRE_TIME = (1.2, 2.4)  # s that it then looks ahead, at least and at most
 ARRIVAL, CREEP = 1.5, 0.1  # s to go, at least, there with a stick; m/s that is always allowed
 MOST_SURPLUS = 0.4  # rad/s that a person learns to expect beside what it asks for
+CAUTION = 3.0  # s that a person would spend for each second without the clearance that it likes
+MIND_CHANGE_TIME = 4.0  # s for which it keeps to another direction: assumed
+LOOK_DISTANCE = 0.10  # m at which it stops to look at something; docking: 0.05 to 0.15, assumed
+LOOK_SPEED, LOOK_TIME = 0.25, 3.0  # deflection with which it comes near; s that it stays: assumed
 RESPONSE = 0.4  # s: time constant with which chairs follow a change of turn
 DECELERATION = 0.8  # m/s2: as chairs brake
 
@@ -267,10 +271,10 @@ def _cost(
         spare: seconds that obstacles may cost at the arc's end; from there on the cost may be
             infinite, if only the end counts.
     """
-    plan, horizon = p.intention, d.horizon
+    horizon = d.horizon
     v, w = _motion(p, d, k)
     to_stop, only_end = _time_to_stop(p, d, v), _only_end(p, d, v, w)
-    touch = 0.5 * plan.look_distance if d.mode == LOOK else TOUCH
+    touch = 0.5 * LOOK_DISTANCE if d.mode == LOOK else TOUCH
     costs = doubles_at(on_stack(8 * POSES), POSES)
     cost, free = 0.0, POSES
     for j in range(POSES):
@@ -281,7 +285,7 @@ def _cost(
             free = j
             break
         short = max(0.0, (d.clearance - gap) / max(d.clearance, 1e-6))
-        cost += plan.caution * min(4.0, short * short) * horizon / POSES
+        cost += CAUTION * min(4.0, short * short) * horizon / POSES
         before = gap
         if only_end and cost > spare:
             return math.inf
@@ -326,7 +330,7 @@ def _change_mode(p: Any, d: Any, pose: Array) -> None:
         if found >= 0:
             wx, wy = body_to_world(c, s, 0.7 * d.points[found, 0], 0.7 * d.points[found, 1])
             d.target[0], d.target[1] = pose[0] + wx, pose[1] + wy
-            d.mode, d.mode_until = ELSEWHERE, d.clock + plan.mind_change_time
+            d.mode, d.mode_until = ELSEWHERE, d.clock + MIND_CHANGE_TIME
             return
     if uniform(d.key, d.decisions, DRIVERS, LOOKS) < plan.looks * each:
         x, y = _nearest(d, 1.0)
@@ -343,7 +347,7 @@ def _may_choose(p: Any, d: Any, k: int) -> bool:
     if d.mode == RETREAT:
         return bool(x <= 0.0)
     if d.mode == LOOK:
-        return bool(0.0 <= x <= p.intention.look_speed)
+        return bool(0.0 <= x <= LOOK_SPEED)
     return bool(p.kind != STICK or abs(_motion(p, d, k)[0]) <= d.fastest)
 
 
@@ -400,8 +404,8 @@ def _choose(p: Any, d: Any, prepared: Any, pose: Array, twist: Array) -> int:
     """The signal that costs least from where the chair will be."""
     if d.mode == LOOK and d.n_points > 0:
         x, y = _nearest(d, 1.0)
-        if signed_clearance(x, y, p.outline[:]) <= p.intention.look_distance:  # NaN: never
-            d.mode_until = min(d.mode_until, d.clock + p.intention.look_time)
+        if signed_clearance(x, y, p.outline[:]) <= LOOK_DISTANCE:  # NaN: never
+            d.mode_until = min(d.mode_until, d.clock + LOOK_TIME)
             return 0
     best, least = 0, math.inf
     if d.mode == RETREAT:  # back, as far from everything as possible

@@ -13,13 +13,15 @@ from typing import Any
 import numpy as np
 
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
-from wheelchair_gym.drivers.state import BRAIN_COMPUTER, SCANNING, STICK, SWITCHES
+from wheelchair_gym.drivers.state import BRAIN_COMPUTER, COMMAND_DELAY, SCANNING, STICK, SWITCHES
 from wheelchair_gym.geometry import body_to_world, wrap
 from wheelchair_gym.random import DRIVERS, normal, uniform
 
 # Indices of draws in the channel DRIVERS; those of a tick and of a decision differ.
 TREMOR, BURST, BURST_X, BURST_Y, ERROR, OTHER, LATE = 0, 2, 3, 4, 5, 6, 7
 STOP, AHEAD = 0, 1  # the signal at rest, and that of imagery without any turn
+BURST_TIME = 1.0  # s that a spasm lasts: 0.5 to 2 s, assumed
+COMMAND_ANGLE = math.radians(30.0)  # rad that a command of imagery turns: Leeb 2015
 LONGEST_TURN = 5.0  # s: a command that turns nothing ends then
 
 
@@ -86,7 +88,7 @@ def _move_hand(
     x, y = push_through(x, y, device.dead_zone)
     if h.bursts > 0.0:
         if d.clock >= d.burst_until and _draw(d, BURST) < h.bursts / 60.0 * tick:
-            d.burst_until = d.clock + h.burst_time
+            d.burst_until = d.clock + BURST_TIME
             d.burst[0] = 1.0 if _draw(d, BURST_X) < 0.5 else -1.0
             d.burst[1] = 1.0 if _draw(d, BURST_Y) < 0.5 else -1.0
         if d.clock < d.burst_until:
@@ -159,7 +161,7 @@ def _step_brain_computer(p: Any, d: Any, yaw: float) -> None:
     """A switch starts and stops; imagery turns the chair by an angle, late and not always right."""
     device, turns = p.interface, d.active > AHEAD
     if turns and (
-        abs(wrap(yaw - d.turn_from)) >= device.command_angle or d.clock > d.commanded + LONGEST_TURN
+        abs(wrap(yaw - d.turn_from)) >= COMMAND_ANGLE or d.clock > d.commanded + LONGEST_TURN
     ):
         d.active = d.resumed
         return
@@ -171,7 +173,7 @@ def _step_brain_computer(p: Any, d: Any, yaw: float) -> None:
     elif d.switch_to != to:
         late = device.delay
         if to > AHEAD:
-            late = device.delay_least + (device.delay_most - device.delay_least) * _draw(d, LATE)
+            late = COMMAND_DELAY[0] + (COMMAND_DELAY[1] - COMMAND_DELAY[0]) * _draw(d, LATE)
         d.switch_to, d.switch_at = to, d.clock + late
     elif d.clock >= d.switch_at:
         if to > AHEAD:

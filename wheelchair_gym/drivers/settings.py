@@ -12,7 +12,6 @@ from typing import Any, Final, Literal
 from wheelchair_gym.config import InputError, load, setting, settings, suggest
 from wheelchair_gym.errors import shorten
 
-_CHOICE = "design choice"
 _ASSUMED = "assumed: no published value found"
 _REACTION = "0.25 to 0.3 s, with impairments 0.5 to 1.0 s: assumed"
 
@@ -21,39 +20,25 @@ _REACTION = "0.25 to 0.3 s, with impairments 0.5 to 1.0 s: assumed"
 class Intention:
     """Where a person wants to drive, and how it chooses the next signal."""
 
-    way: Literal["outline", "route", "obstacle"] = setting(default="outline", source=_CHOICE)
+    way: Literal["outline", "route", "obstacle"] = setting(default="outline")
     """What it follows: the quickest way of the chair's outline, the shortest route of a disc (a
     person who does not think of the chair's corners), or the nearest obstacle (a hostile one)."""
-    speed: float = setting(default=1.0, low=0.05, high=1.0, source=_CHOICE)
+    speed: float = setting(default=1.0, low=0.05, high=1.0)
     """Largest deflection that it uses, as a share."""
-    period: float = setting(
-        default=0.4, unit="s", low=0.05, high=5.0, source="0.3 to 0.5 s: assumed"
-    )
+    period: float = setting(default=0.4, unit="s", low=0.05, high=5.0, source="0.3 to 0.5: assumed")
     """Time between two decisions."""
-    horizon: float = setting(default=1.6, unit="s", low=0.2, high=6.0, source=_CHOICE)
+    horizon: float = setting(default=1.6, unit="s", low=0.2, high=6.0)
     """Time that it looks ahead along the arc of a signal."""
-    clearance: float = setting(default=0.25, unit="m", low=0.0, high=2.0, source=_CHOICE)
+    clearance: float = setting(default=0.25, unit="m", low=0.0, high=2.0)
     """Distance to obstacles that it likes to keep."""
-    caution: float = setting(default=3.0, low=0.0, high=100.0, source=_CHOICE)
-    """Seconds that it would spend for each second without any of that distance."""
-    steadiness: float = setting(default=0.15, unit="s", low=0.0, high=10.0, source=_CHOICE)
+    steadiness: float = setting(default=0.15, unit="s", low=0.0, high=10.0)
     """Seconds that a full change of the signal is worth: more makes fewer movements."""
     indecision: float = setting(default=0.0, unit="s", low=0.0, high=10.0, source=_ASSUMED)
     """Standard deviation of the error of a signal's judged worth: more makes more movements."""
     mind_changes: float = setting(default=0.0, unit="1/min", low=0.0, high=60.0, source=_ASSUMED)
     """How often it turns to another free direction for a while."""
-    mind_change_time: float = setting(default=4.0, unit="s", low=0.1, high=60.0, source=_ASSUMED)
-    """How long it keeps to that direction."""
     looks: float = setting(default=0.0, unit="1/min", low=0.0, high=60.0, source=_ASSUMED)
     """How often it drives slowly up to something ahead, such as a desk, to look at it."""
-    look_distance: float = setting(
-        default=0.10, unit="m", low=0.0, high=1.0, source="docking: 0.05 to 0.15 m, assumed"
-    )
-    """Distance at which it stops there."""
-    look_speed: float = setting(default=0.25, low=0.05, high=1.0, source=_CHOICE)
-    """Deflection with which it comes near, as a share."""
-    look_time: float = setting(default=3.0, unit="s", low=0.0, high=600.0, source=_ASSUMED)
-    """How long it stays there."""
     patience: float = setting(default=3.0, unit="s", low=0.1, high=600.0, source=_ASSUMED)
     """How long it pushes without any motion before it backs off; and how long it hesitates before
     it likes to keep half the distance."""
@@ -74,9 +59,9 @@ class Perception:
     """Time from seeing to acting."""
     anticipation: float = setting(default=1.0, low=0.0, high=1.5, source=_ASSUMED)
     """Share of its delays and the interface's for which it foresees where the chair will be."""
-    left: float = setting(default=math.pi, unit="rad", low=0.0, high=math.pi, source=_CHOICE)
+    left: float = setting(default=math.pi, unit="rad", low=0.0, high=math.pi)
     """Obstacles farther to the left are not seen."""
-    right: float = setting(default=math.pi, unit="rad", low=0.0, high=math.pi, source=_CHOICE)
+    right: float = setting(default=math.pi, unit="rad", low=0.0, high=math.pi)
     """Obstacles farther to the right are not seen."""
     neglect: float = setting(
         default=math.pi, unit="rad", low=-math.pi, high=math.pi, source="neglect: 10 deg, assumed"
@@ -85,11 +70,7 @@ class Perception:
     noticed: float = setting(default=1.0, low=0.0, high=1.0, source="neglect: 0.2, assumed")
     """Probability that one of these directions is noticed, drawn anew each second."""
     drift: float = setting(
-        default=0.0,
-        unit="m",
-        low=-1.0,
-        high=1.0,
-        source="Turton 2009: left of the centre; 0.1 m assumed",
+        default=0.0, unit="m", low=-1.0, high=1.0, source="Turton 2009: to the left; 0.1 m assumed"
     )
     """How far it keeps to the left of its way."""
     lapses: float = setting(default=0.0, unit="1/min", low=0.0, high=60.0, source="1 to 3, assumed")
@@ -126,10 +107,6 @@ class Hand:
         default=0.0, unit="1/min", low=0.0, high=60.0, source="spasticity 0.5 to 2: assumed"
     )
     """How often a spasm pushes the hand to a corner."""
-    burst_time: float = setting(
-        default=1.0, unit="s", low=0.05, high=10.0, source="0.5 to 2 s: assumed"
-    )
-    """How long a spasm lasts."""
     forward: float = setting(default=1.0, low=0.0, high=1.0, source="weakness 0.3 to 0.7: assumed")
     """Share of a deflection forward that the hand brings about."""
     backward: float = setting(default=1.0, low=0.0, high=1.0, source="weakness 0.3 to 0.7: assumed")
@@ -158,7 +135,7 @@ class Hand:
 class ProportionalStick:
     """A proportional stick, for hand or chin, or an isometric one, which has no throw."""
 
-    kind: Literal["stick"] = setting(default="stick", source=_CHOICE)
+    kind: Literal["stick"] = setting(default="stick")
     """Which interface these are settings of."""
     gain: float = setting(default=1.0, low=0.05, high=1.0, source="chin 0.5: assumed")
     """Share of full speed at full deflection."""
@@ -170,16 +147,10 @@ class ProportionalStick:
     )
     """Radius of the dead zone, as a share of full deflection."""
     rate: float = setting(
-        default=100.0,
-        unit="Hz",
-        low=1.0,
-        high=100.0,
-        source="a public R-net bridge sends each 10 ms",
+        default=100.0, unit="Hz", low=1.0, high=100.0, source="a public R-net bridge: each 10 ms"
     )
     """Frequency at which the deflection is sampled."""
-    levels: float = setting(
-        default=127.0, low=1.0, high=1e6, source="R-net: one signed byte an axis"
-    )
+    levels: float = setting(default=127.0, low=1.0, high=1e6, source="R-net: a signed byte an axis")
     """Steps from the centre to full deflection."""
     smoothing: float = setting(default=0.05, unit="s", low=0.0, high=5.0, source=_ASSUMED)
     """Time constant of the filter before the sampling."""
@@ -191,7 +162,7 @@ class ProportionalStick:
 class Switches:
     """Switches that give directions, on or off: head array, sip-and-puff, keyboard."""
 
-    kind: Literal["switches"] = setting(default="switches", source=_CHOICE)
+    kind: Literal["switches"] = setting(default="switches")
     """Which interface these are settings of."""
     directions: Literal[4, 8] = setting(
         default=8, source="head array: 8 directions (argallab/interface_assessments)"
@@ -200,9 +171,9 @@ class Switches:
     latched: bool = setting(default=False)
     """True: forward and back go on after the switch is let go, and an opposite signal stops them;
     turns are held (R-net Omni manual: sip-and-puff)."""
-    speed: float = setting(default=0.6, low=0.05, high=1.0, source=_CHOICE)
+    speed: float = setting(default=0.6, low=0.05, high=1.0)
     """Deflection forward that a switch stands for."""
-    turn: float = setting(default=0.5, low=0.05, high=1.0, source=_CHOICE)
+    turn: float = setting(default=0.5, low=0.05, high=1.0)
     """Deflection to a side that a switch stands for."""
     delay: float = setting(default=0.3, unit="s", low=0.0, high=5.0, source="head array: assumed")
     """Time to bring about another signal."""
@@ -216,7 +187,7 @@ class Switches:
 class Scanning:
     """A single switch: it picks the command that is lit, and a press while driving stops."""
 
-    kind: Literal["scanning"] = setting(default="scanning", source=_CHOICE)
+    kind: Literal["scanning"] = setting(default="scanning")
     """Which interface these are settings of."""
     scan_period: float = setting(
         default=1.25,
@@ -226,9 +197,9 @@ class Scanning:
         source="Simpson 2007: reaction time / 0.65; 1.0 to 1.5 s assumed",
     )
     """Time for which each of the four commands is lit."""
-    speed: float = setting(default=0.4, low=0.05, high=1.0, source=_CHOICE)
+    speed: float = setting(default=0.4, low=0.05, high=1.0)
     """Deflection forward of a command."""
-    turn: float = setting(default=0.3, low=0.05, high=1.0, source=_CHOICE)
+    turn: float = setting(default=0.3, low=0.05, high=1.0)
     """Deflection to a side of a command."""
     delay: float = setting(default=0.1, unit="s", low=0.0, high=5.0, source=_ASSUMED)
     """Time of a press."""
@@ -240,7 +211,7 @@ class Scanning:
 class BrainComputer:
     """Motor imagery, left or right, and none: straight on. A switch starts and stops the chair."""
 
-    kind: Literal["brain_computer"] = setting(default="brain_computer", source=_CHOICE)
+    kind: Literal["brain_computer"] = setting(default="brain_computer")
     """Which interface these are settings of."""
     accuracy: float = setting(
         default=0.85, low=0.0, high=1.0, source="Leeb 2015: more than 70 % to take part; Tonin 2022"
@@ -250,21 +221,9 @@ class BrainComputer:
         default=10.0, unit="s", low=0.1, high=600.0, source="3 to 6 commands a minute: assumed"
     )
     """Least time between two commands."""
-    delay_least: float = setting(
-        default=1.0, unit="s", low=0.0, high=60.0, source="1 to 4 s: assumed"
-    )
-    """Shortest time to a command."""
-    delay_most: float = setting(
-        default=4.0, unit="s", low=0.0, high=60.0, source="1 to 4 s: assumed"
-    )
-    """Longest time to a command."""
-    command_angle: float = setting(
-        default=math.radians(30.0), unit="rad", low=0.01, high=math.pi, source="Leeb 2015: 30 deg"
-    )
-    """Change of heading that a command brings about."""
-    speed: float = setting(default=0.3, low=0.05, high=1.0, source=_CHOICE)
+    speed: float = setting(default=0.3, low=0.05, high=1.0)
     """Deflection forward while the chair drives."""
-    turn: float = setting(default=0.4, low=0.05, high=1.0, source=_CHOICE)
+    turn: float = setting(default=0.4, low=0.05, high=1.0)
     """Deflection to a side of a command."""
     delay: float = setting(default=0.5, unit="s", low=0.0, high=5.0, source=_ASSUMED)
     """Time to start or stop by the switch."""
@@ -285,7 +244,7 @@ class Driver:
     intention: Intention = Intention()
     perception: Perception = Perception()
     hand: Hand = Hand()
-    interface: Any = setting(default=None, source=_CHOICE)
+    interface: Any = setting(default=None)
     """What it holds: settings of a stick, switches, scanning or a brain-computer interface, which
     their `kind` tells apart; none: a stick."""
 
@@ -293,8 +252,6 @@ class Driver:
         object.__setattr__(self, "interface", interface_of(self.interface))
         if self.perception.lapse_most < self.perception.lapse_least:
             raise InputError("perception.lapse_most must not lie below perception.lapse_least")
-        if getattr(self.interface, "delay_most", 0.0) < getattr(self.interface, "delay_least", 0.0):
-            raise InputError("interface.delay_most must not lie below interface.delay_least")
 
 
 def interface_of(value: Any) -> Any:

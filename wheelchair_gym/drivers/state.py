@@ -26,6 +26,7 @@ STICK, SWITCHES, SCANNING, BRAIN_COMPUTER = range(4)  # kinds, in the order of I
 OUTLINE, ROUTE, OBSTACLE = range(3)  # ways of `Intention.way`
 WAYS = ("outline", "route", "obstacle")
 GO, LOOK, ELSEWHERE, RETREAT = range(4)  # what a person is about
+COMMAND_DELAY = (1.0, 4.0)  # s from intention to a brain-computer interface's command: assumed
 
 
 INTENTION, PERCEPTION, HAND = map(numbers_of, (Intention, Perception, Hand))
@@ -200,7 +201,7 @@ def constants_of(
         # A tenth: a myopic horizon would not think a drive worth its wait.
         wait[1 : len(signals)] = 0.1 * device.scan_period * np.arange(1, len(signals))
     elif device.kind == "brain_computer":
-        late[2:] = driver.perception.reaction + 0.5 * (device.delay_least + device.delay_most)
+        late[2:] = driver.perception.reaction + 0.5 * sum(COMMAND_DELAY)
     p["period"], p["ticks"] = period, max(1, round(period * TICK_RATE))
     tick = period / p["ticks"]
     if device.kind == "stick":

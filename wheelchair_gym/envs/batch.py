@@ -41,10 +41,9 @@ from wheelchair_gym.safety.shield import (
     reset_shield,
     update_shield,
 )
-from wheelchair_gym.task.assessment import assess, begin_task, task_row
+from wheelchair_gym.task.assessment import TASK, assess, begin_task, task_row
 from wheelchair_gym.task.observations import take_stick
 from wheelchair_gym.task.prepared_episode import PREPARED
-from wheelchair_gym.task.records import TASK
 from wheelchair_gym.task.rewards import has_arrived
 
 # What one thread steps rows of a batch with: chairs, their worlds and their tasks.

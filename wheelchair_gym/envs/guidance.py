@@ -36,12 +36,12 @@ class PoseGuidance:
 
     poses = True  # what `Task` asks a guidance for
     ways: CostToGoSettings = CostToGoSettings()
-    max_detour: float | None = setting(default=None, unit="s", low=0.0, source="design choice")
+    max_detour: float | None = setting(default=None, unit="s", low=0.0)
     """Only states whose cost exceeds that of the direct way by less than this are searched;
     none: all."""
-    degraded_share: float = setting(default=0.0, low=0.0, high=1.0, source="design choice")
+    degraded_share: float = setting(default=0.0, low=0.0, high=1.0)
     """Share of worlds whose map is degraded."""
-    patch_density: float = setting(default=0.02, unit="1/m2", low=0.0, source="design choice")
+    patch_density: float = setting(default=0.02, unit="1/m2", low=0.0)
     """Forgotten patches per area of a degraded map."""
 
     def __call__(self, task: Task) -> CostToGo:

@@ -20,8 +20,8 @@ from wheelchair_gym.drivers.settings import Driver
 from wheelchair_gym.drivers.step import Drivers
 from wheelchair_gym.envs.drawing import EpisodeRenderer
 from wheelchair_gym.envs.guidance import make_guidance
-from wheelchair_gym.envs.info import EPISODE_KEYS, info_table
 from wheelchair_gym.envs.one_chair import LoopInParts, Parts, SimulatedLoop
+from wheelchair_gym.envs.results import EPISODE_KEYS, info_table
 from wheelchair_gym.envs.settings import (
     EnvSettings,
     check_options,

@@ -24,8 +24,7 @@ from wheelchair_gym.envs.batch import (
     is_unshielded,
     step_chairs,
 )
-from wheelchair_gym.envs.info import INFO_KEYS, info_of_shield
-from wheelchair_gym.envs.results import ROW_SIZE, Memory, ResultPool
+from wheelchair_gym.envs.results import INFO_KEYS, ROW_SIZE, Memory, ResultPool, info_of_shield
 from wheelchair_gym.localization.localized_chair import unwrapped
 from wheelchair_gym.physics.chair import SimulatedChair
 from wheelchair_gym.physics.state import SENSED, sensed_of

@@ -32,13 +32,13 @@ from wheelchair_gym.task.settings import TaskSettings
 class BankSettings:
     """A bank of worlds that episodes share; off by default."""
 
-    size: int = setting(default=0, low=0, high=10_000_000, source="design choice")
+    size: int = setting(default=0, low=0, high=10_000_000)
     """Number of worlds that an episode draws from; 0: every episode has its own world."""
-    turnover: float = setting(default=0.1, low=0.0, high=1000.0, source="design choice")
+    turnover: float = setting(default=0.1, low=0.0, high=1000.0)
     """Worlds that are replaced per episode of an environment."""
-    seed: int = setting(default=0, low=0, high=SEEDS - 1, source="design choice")
+    seed: int = setting(default=0, low=0, high=SEEDS - 1)
     """Seed of the worlds."""
-    cache: str | None = setting(default=None, source="design choice")
+    cache: str | None = setting(default=None)
     """Folder that keeps worlds with their guidance from run to run; none: nothing is kept."""
 
 
@@ -46,7 +46,7 @@ class BankSettings:
 class StartSettings:
     """Where episodes begin: at the scene's start, or anywhere not too far from the goal."""
 
-    max_time: float = setting(default=0.0, unit="s", low=0.0, source="design choice")
+    max_time: float = setting(default=0.0, unit="s", low=0.0)
     """Largest plan time from the start to the goal; 0: episodes begin at the scene's start."""
 
 
@@ -54,15 +54,15 @@ class StartSettings:
 class EnvSettings:
     """Everything that makes an environment."""
 
-    scene: Any = setting(default="floor_plan", source="design choice")
+    scene: Any = setting(default="floor_plan")
     """Scene that episodes are drawn from: a name, module:Class, a mapping with a name, the Path of
     a map file, or a list of such files."""
-    rate: float = setting(default=10.0, unit="Hz", low=0.5, high=200.0, source="design choice")
+    rate: float = setting(default=10.0, unit="Hz", low=0.5, high=200.0)
     """Frequency of control."""
-    guidance: Any = setting(default=None, source="design choice")
+    guidance: Any = setting(default=None)
     """What shows the way: none, 'geodesic', 'poses', 'module:function', or a mapping with
     'call'."""
-    reward: Any = setting(default=None, source="design choice")
+    reward: Any = setting(default=None)
     """What gives the reward: none (the weighted terms of task.reward), or 'module:function' or a
     callable, see `wheelchair_gym.task.custom_reward`. Recordings and reports keep the terms."""
     bank: BankSettings = BankSettings()
@@ -73,28 +73,24 @@ class EnvSettings:
     slam: SlamSettings = SlamSettings()
     physics: PhysicsSettings = PhysicsSettings()
     task: TaskSettings = TaskSettings()
-    shield: ShieldSettings | None = setting(default=None, source="design choice")
+    shield: ShieldSettings | None = setting(default=None)
     """Settings of the shield; none: the chair drives what a policy asks for. A real chair always
     has a shield."""
-    driver: Any = setting(default=None, source="design choice")
+    driver: Any = setting(default=None)
     """Simulated person who drives: none, a name of `wheelchair_gym.drivers`, module:function, a
     mapping with a name, or a list of those: each episode draws one. Actions are then those of an
     assistant, which sees the person's stick and neither its goal nor its way; the guidance 'poses'
     is the person's."""
-    assistant: Any = setting(default=None, source="design choice")
+    assistant: Any = setting(default=None)
     """Compiled assistant that drives with the person: none, a name of `wheelchair_gym.assistance`,
     or a mapping with a name. Actions are then residuals: an action's twist is added to the
     assistant's, within the assistant's freedom, and zero lets the assistant drive alone."""
-    unshielded: float = setting(default=0.0, low=0.0, high=1.0, source="design choice")
+    unshielded: float = setting(default=0.0, low=0.0, high=1.0)
     """Share of simulated episodes that are driven without the shield; for training only."""
     hardware: HardwareSettings = HardwareSettings()
-    render_width: int = setting(
-        default=640, unit="pixels", low=64, high=4096, source="design choice"
-    )
+    render_width: int = setting(default=640, unit="pixels", low=64, high=4096)
     """Width of every frame, whatever the shape of the world."""
-    render_height: int = setting(
-        default=640, unit="pixels", low=64, high=4096, source="design choice"
-    )
+    render_height: int = setting(default=640, unit="pixels", low=64, high=4096)
     """Height of every frame, whatever the shape of the world."""
 
     def __post_init__(self) -> None:

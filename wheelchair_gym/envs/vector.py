@@ -30,8 +30,7 @@ from wheelchair_gym.drivers.step import Drivers
 from wheelchair_gym.envs.batch import BATCH, BATCH_TARGETS, begin_chairs, step_chairs
 from wheelchair_gym.envs.drawing import EpisodeRenderer
 from wheelchair_gym.envs.guidance import make_guidance
-from wheelchair_gym.envs.info import EPISODE_KEYS
-from wheelchair_gym.envs.results import ROW_SIZE, ResultPool, Results
+from wheelchair_gym.envs.results import EPISODE_KEYS, ROW_SIZE, ResultPool, Results
 from wheelchair_gym.envs.settings import (
     EnvSettings,
     check_options,
@@ -46,9 +45,9 @@ from wheelchair_gym.physics.chairs import SimulatedChairs, size_workspace
 from wheelchair_gym.random import Split, episode_key
 from wheelchair_gym.safety.shield import SHIELDS, point_to_shields
 from wheelchair_gym.safety.state import SHIELD, ShieldConstants
+from wheelchair_gym.task.assessment import PROGRESS
 from wheelchair_gym.task.custom_reward import compiled_rewards, make_reward
 from wheelchair_gym.task.prepared_episode import PREPARED, PreparedEpisode
-from wheelchair_gym.task.records import PROGRESS
 from wheelchair_gym.task.task import Observation, Task
 from wheelchair_gym.tracking.state import TRACKER
 

@@ -45,9 +45,9 @@ class JoystickSettings:
     """Button that returns control to the program."""
     rearm_button: int = setting(default=314, low=256, high=767, source="BTN_SELECT")
     """Button that re-arms the chair, with centred sticks."""
-    dead_zone: float = setting(default=0.08, low=0.0, high=0.9, source="design choice")
+    dead_zone: float = setting(default=0.08, low=0.0, high=0.9)
     """Fraction of the stick's travel around its centre that counts as centred."""
-    speed_fraction: float = setting(default=0.6, low=0.0, high=1.0, source="design choice")
+    speed_fraction: float = setting(default=0.6, low=0.0, high=1.0)
     """Speed and turn at full deflection, as a fraction of the chair's limits."""
 
     def __post_init__(self) -> None:

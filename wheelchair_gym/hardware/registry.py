@@ -113,7 +113,7 @@ def localized(chair: Chair, settings: EnvSettings) -> Chair:
     """The chair, with its pose from odometry where no localizer estimates one."""
     if settings.sensors.localizes:
         return chair
-    from wheelchair_gym.hardware.boards.dead_reckoning import OdometryLocalizer
+    from wheelchair_gym.hardware.boards.senses import OdometryLocalizer
     from wheelchair_gym.localization.localized_chair import LocalizedChair
 
     return LocalizedChair(chair, OdometryLocalizer())

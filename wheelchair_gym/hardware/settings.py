@@ -8,6 +8,7 @@ from wheelchair_gym.safety.settings import StaleSettings
 from wheelchair_gym.sensors.settings import RANGERS, SensorSettings
 
 REST_SPEED = 0.05  # m/s, rad/s below which the chair is at rest
+_SHIELD = "the shield's limit"
 _STALE = StaleSettings()  # of the shield: the host's limits are the same by default
 
 
@@ -15,29 +16,23 @@ _STALE = StaleSettings()  # of the shield: the host's limits are the same by def
 class HostLimits:
     """Limits of age, delay and clock drift, beyond which the chair is stopped."""
 
-    scan: float = setting(default=_STALE.laser, unit="s", low=0.01, source="the shield's limit")
+    scan: float = setting(default=_STALE.laser, unit="s", low=0.01, source=_SHIELD)
     """Maximum age of a laser scan."""
-    odometry: float = setting(
-        default=_STALE.odometry, unit="s", low=0.01, source="the shield's limit"
-    )
+    odometry: float = setting(default=_STALE.odometry, unit="s", low=0.01, source=_SHIELD)
     """Maximum age of the odometry."""
-    latency: float = setting(default=0.1, unit="s", low=0.01, source="design choice")
+    latency: float = setting(default=0.1, unit="s", low=0.01)
     """Maximum time that scans and odometry may be under way, by round trips and time stamps."""
-    pose: float = setting(default=0.5, unit="s", low=0.01, source="design choice")
+    pose: float = setting(default=0.5, unit="s", low=0.01)
     """Maximum age of a pose on the map."""
-    ultrasonic: float = setting(
-        default=_STALE.ultrasonic, unit="s", low=0.01, source="the shield's limit"
-    )
+    ultrasonic: float = setting(default=_STALE.ultrasonic, unit="s", low=0.01, source=_SHIELD)
     """Maximum age of an ultrasonic range."""
-    command_timeout: float = setting(
-        default=0.5, unit="s", low=0.0, source="twist_mux (ROS), which uses 0.5 s"
-    )
+    command_timeout: float = setting(default=0.5, unit="s", low=0.0, source="twist_mux (ROS)")
     """How long a command stays valid beyond its control period."""
     clock_drift: float = setting(
         default=2e-4, unit="s/s", low=0.0, high=0.1, source="two quartz clocks, 100 ppm each"
     )
     """Maximum drift between the host's clock and that of a board or another computer."""
-    ready_timeout: float = setting(default=5.0, unit="s", low=0.1, source="design choice")
+    ready_timeout: float = setting(default=5.0, unit="s", low=0.1)
     """How long a reset waits for fresh data and for the chair to come to rest."""
 
 
@@ -49,31 +44,22 @@ class HardwareSettings:
     parameters and the laser's own specification must agree with it.
     """
 
-    drive_port: str = setting(
-        default="/dev/ttyACM0", source="Linux's name of the first USB serial port"
-    )
+    drive_port: str = setting(default="/dev/ttyACM0", source="Linux: the first USB serial port")
     """Serial port of the drive board, or any URL of pyserial."""
-    range_port: str = setting(
-        default="/dev/ttyACM1", source="Linux's name of the second USB serial port"
-    )
+    range_port: str = setting(default="/dev/ttyACM1", source="Linux: the second USB serial port")
     """Serial port of the range board; empty: there is none."""
-    laser_port: str = setting(
-        default="tcp://192.168.0.10:10940", source="Hokuyo UST-10LX as delivered"
-    )
+    laser_port: str = setting(default="tcp://192.168.0.10:10940", source="UST-10LX as delivered")
     """Address or serial port of the laser."""
     dry_run: bool = setting(default=False)
     """Send no command, and only read what boards and laser send."""
-    rearm_timeout: float = setting(default=120.0, unit="s", low=0.0, source="design choice")
+    rearm_timeout: float = setting(default=120.0, unit="s", low=0.0)
     """How long a reset waits for a person to re-arm the chair."""
     battery_full: float = setting(
         default=60.0, unit="V", low=5.0, high=100.0, source="measured with a multimeter"
     )
     """Battery voltage at the full scale of the drive board's converter (docs/chair/build.md)."""
     duty_limit: float = setting(
-        default=0.95,
-        low=0.5,
-        high=1.0,
-        source="design choice: 2.5 us of each 50 us recharge bootstrapped drivers",
+        default=0.95, low=0.5, high=1.0, source="2.5 us of each 50 us recharge bootstrapped drivers"
     )
     """Maximum duty cycle of the motors; 1 for drivers with a charge pump."""
     # The resonator of an Arduino Mega drifts by 0.5 %.

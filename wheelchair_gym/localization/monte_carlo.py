@@ -182,11 +182,11 @@ class LocalizationSettings:
         default=0.06, unit="m", low=0.001, source="the laser's noise and a map of 5 cm cells"
     )
     """Standard deviation of the gap between a beam's end and the surface."""
-    outlier_share: float = setting(default=0.1, low=1e-6, high=0.9, source="design choice")
+    outlier_share: float = setting(default=0.1, low=1e-6, high=0.9)
     """Share of beams that hit what the map does not show."""
-    min_particles: int = setting(default=300, low=10, high=16_000, source="design choice")
+    min_particles: int = setting(default=300, low=10, high=16_000)
     """Least number of particles."""
-    max_particles: int = setting(default=5000, low=10, high=16_000, source="design choice")
+    max_particles: int = setting(default=5000, low=10, high=16_000)
     """Greatest number of particles."""
 
     def __post_init__(self) -> None:

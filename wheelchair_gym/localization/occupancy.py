@@ -270,11 +270,7 @@ class MappingSettings:
     """How beams become a map."""
 
     resolution: float = setting(
-        default=0.04,
-        unit="m",
-        low=0.005,
-        high=1.0,
-        source="measured: gmapping's 0.05 errs a quarter more",
+        default=0.04, unit="m", low=0.005, high=1.0, source="gmapping's 0.05 errs a quarter more"
     )
     """Side of a cell."""
     reserve: float = setting(

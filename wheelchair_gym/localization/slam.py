@@ -162,10 +162,7 @@ class SlamSettings:
     """Number of particles, update rule and maps of SLAM."""
 
     particles: int = setting(
-        default=8,
-        low=1,
-        high=10000,
-        source="measured: gmapping's 30 are no better in 24 floor plans",
+        default=8, low=1, high=10000, source="measured: gmapping's 30 are no better in 24 plans"
     )
     """Number of particles; 1 is plain scan matching."""
     mapping: MappingSettings = MappingSettings()

@@ -56,7 +56,7 @@ class CostToGoSettings(DrivingCost):
     """Side of a lattice cell."""
     headings: int = setting(default=32, low=8, high=128, source="11 deg, the least turn of a move")
     """Number of headings of the lattice."""
-    margin: float = setting(default=0.02, unit="m", low=0.0, source="design choice")
+    margin: float = setting(default=0.02, unit="m", low=0.0)
     """Clearance that the outline keeps."""
 
 

@@ -45,17 +45,13 @@ class DrivingCost:
     """Clearance beyond which more brings no lower cost."""
     obstacle_weight: float = setting(default=3.0, low=0.0, source="tuned on training seeds")
     """Additional cost of a move without clearance, as a multiple of its time."""
-    lateral_acceleration: float = setting(
-        default=0.35, unit="m/s2", low=0.01, source="comfort, as in the followers"
-    )
+    lateral_acceleration: float = setting(default=0.35, unit="m/s2", low=0.01, source="comfort")
     """Greatest lateral acceleration in curves."""
     pivot_speed_ratio: float = setting(
         default=0.6, low=0.05, high=1.0, source="speed of the followers turning in place"
     )
     """Turn rate of pivots as a share of the limit."""
-    reverse_factor: float = setting(
-        default=2.0, low=1.0, source="design choice: no sensor looks back"
-    )
+    reverse_factor: float = setting(default=2.0, low=1.0, source="no sensor looks back")
     """Cost of reversing as a multiple of its time."""
 
     def motion_cost(

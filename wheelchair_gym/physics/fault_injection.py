@@ -13,8 +13,8 @@ from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.physics.state import DECEITS, FAULTS
 from wheelchair_gym.random import FAULTS as CHANNEL
 from wheelchair_gym.random import normal, uniform
+from wheelchair_gym.sensors.laser import scanner_at
 from wheelchair_gym.sensors.odometry import ODOMETRY
-from wheelchair_gym.sensors.scanners import scanner_at
 
 _KINDS = len(FAULTS) - 1
 _NAN, _INF = np.float32(np.nan), np.float32(np.inf)

@@ -58,18 +58,18 @@ class Randomization:
     scanner is mounted from where its settings say, which is what the chair believes.
     """
 
-    quantity: RandomizedName = setting(default="laser.sigma", source="design choice")
+    quantity: RandomizedName = setting(default="laser.sigma")
     """The quantity that is drawn."""
-    distribution: Literal["uniform", "normal"] = setting(default="uniform", source="design choice")
+    distribution: Literal["uniform", "normal"] = setting(default="uniform")
     """uniform: between low and high; normal: of a mean and a standard deviation, cut at 3.46
     deviations and at the bounds of the quantity."""
-    low: float = setting(default=0.0, unit="of the quantity", source="design choice")
+    low: float = setting(default=0.0, unit="of the quantity")
     """Lower bound of a uniform distribution."""
-    high: float = setting(default=0.0, unit="of the quantity", source="design choice")
+    high: float = setting(default=0.0, unit="of the quantity")
     """Upper bound of a uniform distribution."""
-    mean: float = setting(default=0.0, unit="of the quantity", source="design choice")
+    mean: float = setting(default=0.0, unit="of the quantity")
     """Mean of a normal distribution."""
-    std: float = setting(default=0.0, unit="of the quantity", low=0.0, source="design choice")
+    std: float = setting(default=0.0, unit="of the quantity", low=0.0)
     """Standard deviation of a normal distribution."""
 
     def __post_init__(self) -> None:

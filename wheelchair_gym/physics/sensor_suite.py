@@ -10,8 +10,13 @@ from numpy.typing import NDArray
 from wheelchair_gym.compiled.address import Pointers, Target, pointer_record
 from wheelchair_gym.compiled.kernel import inlined
 from wheelchair_gym.physics.engine import ENGINE, engine_record
-from wheelchair_gym.sensors.laser import LaserArrays
-from wheelchair_gym.sensors.scanners import SCANNER, laser_arrays, scanner_pointers, scanners_at
+from wheelchair_gym.sensors.laser import (
+    SCANNER,
+    LaserArrays,
+    laser_arrays,
+    scanner_pointers,
+    scanners_at,
+)
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.sensors.ultrasonic import RANGER, ranger_rows, rangers_at
 

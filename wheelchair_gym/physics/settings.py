@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.config import InputError, Range, setting, settings
 from wheelchair_gym.geometry import Footprint
 from wheelchair_gym.kinematics import DriveGeometry, Limits
 from wheelchair_gym.physics.randomization import Randomization, check_randomization
@@ -19,28 +19,24 @@ class BodySettings:
     )
     """Mass of chair and person."""
     centre_of_mass: float = setting(
-        default=0.15,
-        unit="m",
-        low=0.0,
-        high=0.5,
-        source="design choice: most of the weight rests on the drive wheels",
+        default=0.15, unit="m", low=0.0, high=0.5, source="most weight rests on the drive wheels"
     )
     """Distance of the centre of mass ahead of the drive axle."""
     radius_of_gyration: float = setting(
         default=0.33, unit="m", low=0.05, high=1.0, source="a plate of 1.00 m x 0.62 m"
     )
     """Radius of gyration about the centre of mass."""
-    wheelbase: float = setting(default=0.48, unit="m", low=0.1, high=1.5, source="design choice")
+    wheelbase: float = setting(default=0.48, unit="m", low=0.1, high=1.5)
     """Distance of the casters ahead of the drive axle."""
-    caster_track: float = setting(default=0.46, unit="m", low=0.0, high=1.0, source="design choice")
+    caster_track: float = setting(default=0.46, unit="m", low=0.0, high=1.0)
     """Distance between the two casters."""
-    caster_drag: float = setting(default=0.03, low=0.0, high=1.0, source="design choice")
+    caster_drag: float = setting(default=0.03, low=0.0, high=1.0)
     """Resistance of the casters to rolling and swivelling, as a share of their load."""
     rolling_resistance: float = setting(default=0.015, low=0.0, high=1.0, source="pneumatic tyres")
     """Rolling resistance of the drive wheels, as a share of their load."""
     friction: float = setting(default=0.7, low=0.05, high=2.0, source="tyre on floor")
     """Coefficient of friction between tyre and floor."""
-    wall_friction: float = setting(default=0.3, low=0.0, high=2.0, source="design choice")
+    wall_friction: float = setting(default=0.3, low=0.0, high=2.0)
     """Coefficient of friction between the outline and what it touches."""
     bumper_force: float = setting(default=20.0, unit="N", low=0.0, source="strip switches")
     """Force from which a bumper strip counts as pressed."""
@@ -58,31 +54,25 @@ class MotorSettings:
         default=3.7, unit="V s/rad", low=0.01, source="1.6 m/s at 36 V without load"
     )
     """Torque constant at the wheel, and back electromotive force per turn rate."""
-    resistance: float = setting(default=1.0, unit="ohm", low=0.01, source="design choice")
+    resistance: float = setting(default=1.0, unit="ohm", low=0.01)
     """Resistance of a motor with its driver."""
     current_limit: float = setting(
         default=12.0, unit="A", low=0.1, source="driver of the prototype: 44 N m"
     )
     """Largest current of a motor."""
-    inertia: float = setting(
-        default=0.15, unit="kg m2", low=0.001, source="rotor and wheel of a hub motor"
-    )
+    inertia: float = setting(default=0.15, unit="kg m2", low=0.001, source="rotor and wheel")
     """Moment of inertia of rotor and wheel."""
-    kp: float = setting(
-        default=40.0, unit="V s/m", low=0.0, source="tuned: closed loop of about 50 ms"
-    )
+    kp: float = setting(default=40.0, unit="V s/m", low=0.0, source="tuned: loop of about 50 ms")
     """Proportional gain of the speed control."""
-    ki: float = setting(default=120.0, unit="V/m", low=0.0, source="design choice")
+    ki: float = setting(default=120.0, unit="V/m", low=0.0)
     """Integral gain of the speed control."""
-    kd: float = setting(default=0.0, unit="V s2/m", low=0.0, source="design choice")
+    kd: float = setting(default=0.0, unit="V s2/m", low=0.0)
     """Derivative gain of the speed control."""
     ka: float = setting(default=3.0, unit="V s2/m", low=0.0, source="computed for 135 kg")
     """Feed-forward of the acceleration."""
-    filter_time: float = setting(default=0.02, unit="s", low=0.0, high=1.0, source="design choice")
+    filter_time: float = setting(default=0.02, unit="s", low=0.0, high=1.0)
     """Time constant of the low-pass on the measured wheel speed."""
-    control_rate: float = setting(
-        default=100.0, unit="Hz", low=10.0, high=2000.0, source="design choice"
-    )
+    control_rate: float = setting(default=100.0, unit="Hz", low=10.0, high=2000.0)
     """Frequency of the speed control."""
 
 
@@ -90,25 +80,19 @@ class MotorSettings:
 class BatterySettings:
     """Two 36 V, 4 Ah packs in parallel."""
 
-    capacity: float = setting(
-        default=288.0, unit="Wh", low=1.0, source="two packs of 36 V and 4 Ah"
-    )
+    capacity: float = setting(default=288.0, unit="Wh", low=1.0, source="two packs of 36 V, 4 Ah")
     """Energy of the full battery."""
-    full_voltage: float = setting(
-        default=42.0, unit="V", low=1.0, source="10 lithium cells at 4.2 V"
-    )
+    full_voltage: float = setting(default=42.0, unit="V", low=1.0, source="10 Li cells of 4.2 V")
     """Open-circuit voltage of the full battery."""
-    empty_voltage: float = setting(
-        default=30.0, unit="V", low=1.0, source="10 lithium cells at 3.0 V"
-    )
+    empty_voltage: float = setting(default=30.0, unit="V", low=1.0, source="10 Li cells of 3.0 V")
     """Open-circuit voltage of the empty battery."""
-    initial_charge: float = setting(default=0.9, low=0.0, high=1.0, source="design choice")
+    initial_charge: float = setting(default=0.9, low=0.0, high=1.0)
     """Share of the capacity that is left at reset."""
-    resistance: float = setting(default=0.1, unit="ohm", low=0.0, source="design choice")
+    resistance: float = setting(default=0.1, unit="ohm", low=0.0)
     """Internal resistance."""
-    idle_power: float = setting(default=15.0, unit="W", low=0.0, source="design choice")
+    idle_power: float = setting(default=15.0, unit="W", low=0.0)
     """Power of computer and sensors."""
-    regeneration: float = setting(default=0.5, low=0.0, high=0.95, source="design choice")
+    regeneration: float = setting(default=0.5, low=0.0, high=0.95)
     """Share of the braking energy that is stored."""
 
 
@@ -116,15 +100,13 @@ class BatterySettings:
 class RandomSettings:
     """Chair parameters drawn for each episode, uniform within these bounds."""
 
-    mass: tuple[float, float] = setting(
+    mass: Range[float] = setting(
         default=(100.0, 180.0), unit="kg", low=20.0, source="ISO 7176-11 dummies"
     )
     """Bounds of the mass."""
-    friction: tuple[float, float] = setting(
-        default=(0.5, 0.9), low=0.05, source="wet floor to dry rubber"
-    )
+    friction: Range[float] = setting(default=(0.5, 0.9), low=0.05, source="wet floor to dry rubber")
     """Bounds of the friction between tyre and floor."""
-    gain: tuple[float, float] = setting(default=(0.9, 1.1), low=0.1, source="design choice")
+    gain: Range[float] = setting(default=(0.9, 1.1), low=0.1)
     """Bounds of the motors' gain."""
 
 
@@ -139,11 +121,11 @@ class ChairSettings:
     motor: MotorSettings = MotorSettings()
     battery: BatterySettings = BatterySettings()
     random: RandomSettings = RandomSettings()
-    randomize: bool = setting(default=False, source="design choice")
+    randomize: bool = setting(default=False)
     """True: mass, friction and motor gain are drawn for each episode."""
-    randomization: tuple[Randomization, ...] = setting(default=(), source="design choice")
+    randomization: tuple[Randomization, ...] = setting(default=())
     """Sensor errors and delays that are drawn for each episode, whatever `randomize` is."""
-    command_delay: float = setting(default=0.0, unit="s", low=0.0, high=1.0, source="design choice")
+    command_delay: float = setting(default=0.0, unit="s", low=0.0, high=1.0)
     """Delay from a command to its effect in simulation, rounded to whole physics steps."""
 
     def __post_init__(self) -> None:
@@ -196,11 +178,7 @@ class PhysicsSettings:
     """How finely time is cut."""
 
     step: float = setting(
-        default=0.01,
-        unit="s",
-        low=0.0005,
-        high=0.05,
-        source="design choice: ten in a control period",
+        default=0.01, unit="s", low=0.0005, high=0.05, source="ten in a control period"
     )
     """Physics step."""
 

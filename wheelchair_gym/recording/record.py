@@ -40,9 +40,9 @@ _LONGEST_TRAIL = 2000  # points: of a longer drive, the trail is thinned out
 class RecordingSettings:
     """Rates of messages that are not sent with every reading."""
 
-    refresh_period: float = setting(default=1.0, unit="s", low=0.01, source="design choice")
+    refresh_period: float = setting(default=1.0, unit="s", low=0.01)
     """Period of what changes seldom: map, path, mounts, outline and trail."""
-    image_rate: float = setting(default=0.0, unit="Hz", low=0.0, high=60.0, source="design choice")
+    image_rate: float = setting(default=0.0, unit="Hz", low=0.0, high=60.0)
     """Rate of rendered pictures; 0 records none."""
     when_full: Literal["go-on", "end"] = setting(default="go-on")
     """Whether the run goes on when the disk is full; the recording ends in any case."""

@@ -23,8 +23,7 @@ from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.physics.actors.records import ACTOR, Actors
 from wheelchair_gym.random import Split
 from wheelchair_gym.recording import topics
-from wheelchair_gym.recording.mcap_file import complete, mcap_messages
-from wheelchair_gym.recording.read_bags import bag_log, bag_texts, is_bag
+from wheelchair_gym.recording.read_bags import bag_log, bag_texts, complete, is_bag, mcap_messages
 from wheelchair_gym.recording.topics import EPISODE, SETTINGS, Content
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
 from wheelchair_gym.types import Belief, Chair, Episode, Reading, Stick, Truth

@@ -15,7 +15,7 @@ from typing import Any
 from wheelchair_gym.config import InputError
 from wheelchair_gym.files import write_error
 from wheelchair_gym.recording.bags import RosBag
-from wheelchair_gym.recording.mcap_file import MAGIC
+from wheelchair_gym.recording.read_bags import MAGIC
 from wheelchair_gym.recording.topics import FIELDS, json_schema, write_fields
 
 _HEAD = struct.Struct("<BQ")  # of a record: opcode, length

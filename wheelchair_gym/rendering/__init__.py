@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from wheelchair_gym.rendering.picture import TopView, draw_map
-from wheelchair_gym.rendering.plan import PlanPicture
+from wheelchair_gym.rendering.picture import PlanPicture, TopView, draw_map
 from wheelchair_gym.rendering.video import Window, video_suffix, webp, write_png, write_video
 
 __all__ = [

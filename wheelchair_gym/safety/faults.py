@@ -29,8 +29,7 @@ from wheelchair_gym.safety.state import (
     SONAR_SILENT,
     outrun,
 )
-from wheelchair_gym.sensors.laser import LaserArrays
-from wheelchair_gym.sensors.scanners import scanner_at
+from wheelchair_gym.sensors.laser import LaserArrays, scanner_at
 
 _FACTOR, _KEY = np.uint64(0x9E3779B97F4A7C15), np.uint32(0x9E3779B1)
 _INF = np.float32(np.inf)

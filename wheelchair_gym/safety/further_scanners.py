@@ -41,8 +41,7 @@ from wheelchair_gym.safety.state import (
     SECTORS,
     Frame,
 )
-from wheelchair_gym.sensors.laser import LaserArrays
-from wheelchair_gym.sensors.scanners import scanner_at
+from wheelchair_gym.sensors.laser import LaserArrays, scanner_at
 from wheelchair_gym.sensors.settings import SCANNERS
 
 _F = np.float32

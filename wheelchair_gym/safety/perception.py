@@ -50,8 +50,7 @@ from wheelchair_gym.safety.state import (
     set_motion,
 )
 from wheelchair_gym.sensors.echoes import atan2_f32
-from wheelchair_gym.sensors.laser import median3
-from wheelchair_gym.sensors.scanners import scanner_at
+from wheelchair_gym.sensors.laser import median3, scanner_at
 
 Bytes = NDArray[np.int8]
 

@@ -31,42 +31,38 @@ class ShieldSettings:
     )
     """Clearance that the outline always keeps, beyond the error of the lasers by their settings
     (9 mm by default: twice `bias`, and a third of `sigma`)."""
-    time_headway: float = setting(default=0.08, unit="s", low=0.0, source="design choice")
+    time_headway: float = setting(default=0.08, unit="s", low=0.0)
     """Slow zone: clearance beside the outline per speed of the outline."""
     reaction_time: float = setting(
         default=0.05, unit="s", low=0.0, high=2.0, source="links and motors"
     )
     """Delay from a reading to the motion that answers it."""
-    creep_speed: float = setting(default=0.05, unit="m/s", low=0.0, source="design choice")
+    creep_speed: float = setting(default=0.05, unit="m/s", low=0.0)
     """Speed up to which the chair may move inside the stop zone."""
-    memory_time: float = setting(default=3.0, unit="s", low=0.1, high=60.0, source="design choice")
+    memory_time: float = setting(default=3.0, unit="s", low=0.1, high=60.0)
     """How long free space and objects that may move are remembered."""
-    static_memory_time: float = setting(
-        default=60.0, unit="s", low=0.1, high=3600.0, source="design choice"
-    )
+    static_memory_time: float = setting(default=60.0, unit="s", low=0.1, high=3600.0)
     """How long an unobserved static obstacle is remembered."""
     vacated_time: float = setting(
         default=1.5, unit="s", low=0.1, high=60.0, source="a door may fall shut behind it"
     )
     """How long space that the chair has left counts as free."""
-    unseen_speed: float = setting(default=0.1, unit="m/s", low=0.08, source="design choice")
+    unseen_speed: float = setting(default=0.1, unit="m/s", low=0.08)
     """Greatest speed of the outline into space that no sensor has seen. Below the lower bound a
     chair hardly starts: all around it is unseen, and its rear corners count whichever way they
     move."""
-    person_speed: float = setting(default=1.5, unit="m/s", low=0.0, source="design choice")
+    person_speed: float = setting(default=1.5, unit="m/s", low=0.0)
     """Greatest speed that a person is expected to reach in any direction."""
     person_acceleration: float = setting(
         default=2.7, unit="m/s2", low=0.0, source="0 to 1.34 m/s in 0.5 s"
     )
     """Acceleration expected of a person who stands."""
-    moving_memory_time: float = setting(
-        default=3.0, unit="s", low=0.0, high=60.0, source="design choice"
-    )
+    moving_memory_time: float = setting(default=3.0, unit="s", low=0.0, high=60.0)
     """How long an object that moved is expected to move again."""
-    wary_time: float = setting(default=10.0, unit="s", low=0.0, high=3600.0, source="design choice")
+    wary_time: float = setting(default=10.0, unit="s", low=0.0, high=3600.0)
     """How long after something moved nearby the chair backs into unseen space no faster than
     `creep_speed`."""
-    tracks: bool = setting(default=True, source="design choice")
+    tracks: bool = setting(default=True)
     """Whether a person who is tracked is expected near where their velocity takes them, rather than
     anywhere that `person_speed` reaches."""
     track_sigmas: float = setting(

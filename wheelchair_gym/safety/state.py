@@ -20,8 +20,7 @@ from wheelchair_gym.kinematics import LIMITS
 from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.safety.settings import ShieldSettings
 from wheelchair_gym.safety.stops import SHIELD_FAULTS
-from wheelchair_gym.sensors.laser import LaserArrays
-from wheelchair_gym.sensors.scanners import SCANNER, scanner_pointers
+from wheelchair_gym.sensors.laser import SCANNER, LaserArrays, scanner_pointers
 from wheelchair_gym.sensors.settings import RANGERS, SCANNERS, SensorSettings
 from wheelchair_gym.tracking.state import CONSTANTS as TRACKER_CONSTANTS
 from wheelchair_gym.tracking.state import TRACKER, TRACKS, TrackerConstants

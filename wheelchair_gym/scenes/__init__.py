@@ -55,9 +55,9 @@ class Scene(Protocol):
 class Mixture:
     """Worlds of several scenes, each drawn with its share."""
 
-    scenes: tuple[Any, ...] = setting(default=("floor_plan", "clutter"), source="design choice")
+    scenes: tuple[Any, ...] = setting(default=("floor_plan", "clutter"))
     """Scenes, as names or as objects with a name."""
-    weights: tuple[float, ...] = setting(default=(0.6, 0.4), low=0.0, source="design choice")
+    weights: tuple[float, ...] = setting(default=(0.6, 0.4), low=0.0)
     """Relative frequency of each scene; their sum is not restricted."""
 
     def __post_init__(self) -> None:

@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from wheelchair_gym.arrays import Array
-from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.config import InputError, Range, setting, settings
 from wheelchair_gym.files import check_cells
 from wheelchair_gym.geometry import Footprint, polygon_edges
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, geodesic
-from wheelchair_gym.scenes.poses import FOOTPRINT, check_ranges, is_free_pose
+from wheelchair_gym.scenes.poses import FOOTPRINT, is_free_pose
 from wheelchair_gym.scenes.raster import CELL, paint_discs, paint_polygon, to_cells
 from wheelchair_gym.types import Episode
 
@@ -97,15 +97,13 @@ _CLEARANCE = 0.15  # m round the footprint where drawn, as in the other scenes
 class EmptyRoom:
     """An empty rectangular room, its lower-left corner at (0, 0): for first steps and physics."""
 
-    size: tuple[float, float] = setting(
-        default=(8.0, 6.0), unit="m", low=2.0, high=200.0, source="design choice"
-    )
+    size: tuple[float, float] = setting(default=(8.0, 6.0), unit="m", low=2.0, high=200.0)
     """Length along x and y of the room."""
     start: Pose | None = setting(default=None, unit="m, m, rad")
     """Start pose; null draws it at random."""
     goal: Pose | None = setting(default=None, unit="m, m, rad")
     """Goal pose; null draws it at random."""
-    min_distance: float = setting(default=2.0, unit="m", low=0.0, source="design choice")
+    min_distance: float = setting(default=2.0, unit="m", low=0.0)
     """Least distance from start to goal."""
 
     def __post_init__(self) -> None:
@@ -147,6 +145,7 @@ class EmptyRoom:
         )
 
 
+_BARN = "BARN benchmark (Perille et al. 2020)"
 _CLUTTER_TRIES = 50  # corridors drawn before the settings are called impossible
 _PLACES = 10  # drawn for one cylinder before it is left out
 _CLUSTERED = 0.4  # share of cylinders beside another: clusters block more than single ones
@@ -162,29 +161,20 @@ class Clutter:
     Solvable for a disc of the chair's inscribed radius and a margin.
     """
 
-    length: float = setting(
-        default=10.0, unit="m", low=4.0, high=50.0, source="BARN benchmark (Perille et al. 2020)"
-    )
+    length: float = setting(default=10.0, unit="m", low=4.0, high=50.0, source=_BARN)
     """Distance from start to goal."""
-    width: float = setting(
-        default=4.5, unit="m", low=1.5, high=30.0, source="BARN benchmark (Perille et al. 2020)"
-    )
+    width: float = setting(default=4.5, unit="m", low=1.5, high=30.0, source=_BARN)
     """Width of the corridor."""
-    density: float = setting(default=0.4, unit="1/m2", low=0.0, high=5.0, source="design choice")
+    density: float = setting(default=0.4, unit="1/m2", low=0.0, high=5.0)
     """Cylinders per area."""
-    radius: tuple[float, float] = setting(
+    radius: Range[float] = setting(
         default=(0.075, 0.25), unit="m", low=0.03, high=1.0, source="BARN's cylinders upwards"
     )
     """Smallest and largest radius of a cylinder."""
-    min_gap: float = setting(default=0.9, unit="m", low=0.0, high=3.0, source="design choice")
+    min_gap: float = setting(default=0.9, unit="m", low=0.0, high=3.0)
     """Least gap between cylinders that do not overlap."""
-    passage_margin: float = setting(
-        default=0.10, unit="m", low=0.0, high=0.5, source="design choice"
-    )
+    passage_margin: float = setting(default=0.10, unit="m", low=0.0, high=0.5)
     """Clearance on each side of the chair that a solvable corridor leaves."""
-
-    def __post_init__(self) -> None:
-        check_ranges(self, "radius")
 
     def _draw_discs(self, rng: np.random.Generator) -> Array:
         """Cylinders (m, 3), each alone or overlapping others, with gaps as set."""
@@ -238,11 +228,9 @@ class Doorway:
     The start is in the corridor, along it; the goal in the room.
     """
 
-    door_width: float = setting(default=0.90, unit="m", low=0.65, high=2.0, source="design choice")
+    door_width: float = setting(default=0.90, unit="m", low=0.65, high=2.0)
     """Clear width of the door."""
-    corridor_width: float = setting(
-        default=1.20, unit="m", low=0.75, high=4.0, source="design choice"
-    )
+    corridor_width: float = setting(default=1.20, unit="m", low=0.75, high=4.0)
     """Clear width of the corridor."""
 
     @property

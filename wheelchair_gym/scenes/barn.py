@@ -119,9 +119,7 @@ class Barn:
     """JSON file of worlds, [{world, start, goal, circles}, ...]; empty draws new worlds."""
     world: int | None = setting(default=None)
     """Number of one world of the file; null draws any of them."""
-    passage_margin: float = setting(
-        default=0.05, unit="m", low=0.0, high=0.5, source="design choice"
-    )
+    passage_margin: float = setting(default=0.05, unit="m", low=0.0, high=0.5)
     """Clearance on each side of the chair at the narrowest spot of drawn worlds."""
 
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:

@@ -9,7 +9,7 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from wheelchair_gym.arrays import Array
-from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.config import InputError, Range, setting, settings
 from wheelchair_gym.geometry import Footprint, arc_lengths
 from wheelchair_gym.maps import OCCUPIED, OccupancyGrid, geodesic
 from wheelchair_gym.physics.actors.records import Actor, combine, door, furniture, obstacle
@@ -27,7 +27,7 @@ from wheelchair_gym.scenes.people import (
     sample_people,
     with_open_doors,
 )
-from wheelchair_gym.scenes.poses import FOOTPRINT, check_ranges, passing_radius
+from wheelchair_gym.scenes.poses import FOOTPRINT, passing_radius
 from wheelchair_gym.scenes.raster import CELL
 from wheelchair_gym.types import Episode
 
@@ -37,6 +37,8 @@ _PIECES = (((0.45, 0.45), 5.0), ((0.20, 0.0), 3.0), ((0.60, 0.40), 9.0), ((0.25,
 # chair, stool, serving trolley, waste bin: size [m], mass [kg]
 
 
+Place = Literal["any", "building", "hall", "corridor", "crossing", "lift"]
+_OPENS_AT = 2.0  # m of somebody from a leaf: EN 16005, sensors of powered doors
 _SLIDING_SHARE = 0.5  # of leaves, where the wall has room; the others swing
 
 
@@ -44,12 +46,8 @@ _SLIDING_SHARE = 0.5  # of leaves, where the wall has room; the others swing
 class DoorSettings:
     """Powered leaves of doors."""
 
-    leaf_share: float = setting(default=0.4, low=0.0, high=1.0, source="design choice")
+    leaf_share: float = setting(default=0.4, low=0.0, high=1.0)
     """Share of doors that have a powered leaf."""
-    trigger_distance: float = setting(
-        default=2.0, unit="m", low=0.5, source="EN 16005, sensors of powered doors"
-    )
-    """Distance at which a leaf opens for somebody."""
 
 
 def sample_doors(
@@ -76,7 +74,7 @@ def sample_doors(
         if slides or turns:
             travel = -width if slides else float(turns[0])
             # Whoever comes near a leaf that swings must find it open: it starts its length sooner.
-            near = settings_.trigger_distance + (0.0 if slides else width)
+            near = _OPENS_AT + (0.0 if slides else width)
             found.append(door(hinge, heading, width, travel, swings=not slides, near=near))
     return found
 
@@ -161,28 +159,17 @@ class Crowd(Building):
 
     name: ClassVar[str] = "crowd"  # of its episodes
 
-    place: Literal["any", "building", "hall", "corridor", "crossing", "lift"] = setting(
-        default="any", source="design choice"
-    )
+    place: Place = setting(default="any")
     """Where people walk; any draws a building or a hall."""
     people: PeopleSettings = PeopleSettings()
     doors: DoorSettings = DoorSettings()
-    furniture_density: float = setting(
-        default=0.01, unit="1/m2", low=0.0, high=1.0, source="design choice"
-    )
+    furniture_density: float = setting(default=0.01, unit="1/m2", low=0.0, high=1.0)
     """Movable pieces of furniture per free area."""
     building: FloorPlan = FloorPlan()
-    hall_size: tuple[float, float] = setting(
-        default=(9.0, 14.0), unit="m", low=5.0, high=60.0, source="design choice"
-    )
+    hall_size: Range[float] = setting(default=(9.0, 14.0), unit="m", low=5.0, high=60.0)
     """Least and greatest side of a hall."""
-    corridor_width: tuple[float, float] = setting(
-        default=(2.0, 3.0), unit="m", low=1.2, high=10.0, source="design choice"
-    )
+    corridor_width: Range[float] = setting(default=(2.0, 3.0), unit="m", low=1.2, high=10.0)
     """Least and greatest width of a corridor, a crossing's corridors and the landing of a lift."""
-
-    def __post_init__(self) -> None:
-        check_ranges(self, "hall_size", "corridor_width")
 
     def sample_building(
         self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT
@@ -249,10 +236,7 @@ class People(Crowd):
 
     name: ClassVar[str] = "people"
 
-    place: Literal["any", "building", "hall", "corridor", "crossing", "lift"] = setting(
-        default="hall", source="design choice"
-    )
-    """Where people walk; any draws a building or a hall."""
+    place: Place = setting(default="hall")
     people: PeopleSettings = PeopleSettings(
         density=(0.12, 0.14),
         behaviours=BehaviourShares(
@@ -261,14 +245,8 @@ class People(Crowd):
         ),
         reactions=ReactionShares(curious=0.2, wary=0.2, surprised=0.2, indifferent=0.2),
     )  # fmt: skip
-    furniture_density: float = setting(
-        default=0.0, unit="1/m2", low=0.0, high=1.0, source="design choice"
-    )
-    """Movable pieces of furniture per free area."""
-    hall_size: tuple[float, float] = setting(
-        default=(10.0, 12.0), unit="m", low=5.0, high=60.0, source="design choice"
-    )
-    """Least and greatest side of a hall."""
+    furniture_density: float = setting(default=0.0, unit="1/m2", low=0.0, high=1.0)
+    hall_size: Range[float] = setting(default=(10.0, 12.0), unit="m", low=5.0, high=60.0)
 
 
 _LATERAL_OFFSET = 0.15  # m: largest of an obstacle from the path, along x and y
@@ -282,28 +260,21 @@ class Temporary(Building):
     The chair plans a new path round them or waits until they are gone (Belalia 2023).
     """
 
-    count: tuple[int, int] = setting(default=(1, 3), low=0, high=20, source="design choice")
+    count: Range[int] = setting(default=(1, 3), low=0, high=20)
     """Least and greatest number of obstacles."""
-    radius: tuple[float, float] = setting(
+    radius: Range[float] = setting(
         default=(0.15, 0.35), unit="m", low=0.05, high=1.0, source="from a bag to a trolley"
     )
     """Least and greatest radius of an obstacle."""
-    trigger_distance: tuple[float, float] = setting(
-        default=(1.5, 3.0), unit="m", low=0.1, source="design choice"
-    )
+    trigger_distance: Range[float] = setting(default=(1.5, 3.0), unit="m", low=0.1)
     """Least and greatest distance of the chair at which an obstacle appears."""
-    min_distance: float = setting(
-        default=1.2, unit="m", low=0.9, source="a stop from 0.8 m/s takes 0.88 m"
-    )
+    min_distance: float = setting(default=1.2, unit="m", low=0.9, source="0.8 m/s stops in 0.88 m")
     """Distance of the chair below which no obstacle appears."""
-    duration: tuple[float, float] = setting(
-        default=(5.0, 20.0), unit="s", low=0.1, high=600.0, source="design choice"
-    )
+    duration: Range[float] = setting(default=(5.0, 20.0), unit="s", low=0.1, high=600.0)
     """Shortest and longest time for which an obstacle stays."""
     building: FloorPlan = FloorPlan()
 
     def __post_init__(self) -> None:
-        check_ranges(self, "count", "radius", "trigger_distance", "duration")
         if self.trigger_distance[0] <= self.min_distance:
             raise InputError(
                 f"Temporary.trigger_distance is {self.trigger_distance}; expected more than "

@@ -10,14 +10,13 @@ from numpy.typing import NDArray
 
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import as_int, borrowing_kernel, kernel
-from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.config import InputError, Range, setting, settings
 from wheelchair_gym.geometry import Footprint, footprint_clearance
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, geodesic, interpolate
 from wheelchair_gym.maps.grid import boundary
 from wheelchair_gym.random import NumpyStream, numpy_integer, numpy_stream, numpy_uniform
-from wheelchair_gym.scenes.furniture import furnish
-from wheelchair_gym.scenes.layout import FloorLayout, generate_layout
-from wheelchair_gym.scenes.poses import FOOTPRINT, check_ranges, passing_radius
+from wheelchair_gym.scenes.layout import FloorLayout, furnish, generate_layout
+from wheelchair_gym.scenes.poses import FOOTPRINT, passing_radius
 from wheelchair_gym.scenes.raster import CELL, Rects, paint_discs, paint_polygon, paint_rects
 from wheelchair_gym.types import Episode
 
@@ -63,33 +62,20 @@ class FloorPlan(Building):
     are kept clear on both sides) and is checked.
     """
 
-    kind: Literal["any", "home", "clinic"] = setting(default="any", source="design choice")
+    kind: Literal["any", "home", "clinic"] = setting(default="any")
     """Kind of building; any draws one of the two."""
-    door_width: tuple[float, float] = setting(
-        default=(1.0, 1.2), unit="m", low=0.7, high=2.0, source="design choice"
-    )
+    door_width: Range[float] = setting(default=(1.0, 1.2), unit="m", low=0.7, high=2.0)
     """Least and greatest clear width of doors."""
-    corridor_width: tuple[float, float] = setting(
-        default=(1.2, 1.8), unit="m", low=0.8, high=4.0, source="design choice"
-    )
+    corridor_width: Range[float] = setting(default=(1.2, 1.8), unit="m", low=0.8, high=4.0)
     """Least and greatest clear width of corridors."""
-    building_size: tuple[float, float] = setting(
-        default=(10.0, 18.0), unit="m", low=9.0, high=60.0, source="design choice"
-    )
+    building_size: Range[float] = setting(default=(10.0, 18.0), unit="m", low=9.0, high=60.0)
     """Least and greatest side of the building."""
-    furniture_density: float = setting(
-        default=0.25, unit="1/m2", low=0.0, high=2.0, source="design choice"
-    )
+    furniture_density: float = setting(default=0.25, unit="1/m2", low=0.0, high=2.0)
     """Pieces of furniture that are tried per area of a room."""
-    path_length: tuple[float, float] = setting(
-        default=(5.0, 30.0), unit="m", low=0.0, source="design choice"
-    )
+    path_length: Range[float] = setting(default=(5.0, 30.0), unit="m", low=0.0)
     """Least and greatest length of the shortest path from start to goal."""
-    clearance: float = setting(default=0.15, unit="m", low=0.0, high=0.5, source="design choice")
+    clearance: float = setting(default=0.15, unit="m", low=0.0, high=0.5)
     """Clearance of the footprint at start and goal."""
-
-    def __post_init__(self) -> None:
-        check_ranges(self, "door_width", "corridor_width", "building_size", "path_length")
 
     def storey(self, source: NumpyStream, home: bool, width: float, height: float) -> Storey:
         """One storey of a given kind and size [m]; which side is which is drawn."""
@@ -134,8 +120,8 @@ def _draw_storey(
     home: bool,
     width: float,
     height: float,
-    door_width: tuple[float, float],
-    corridor_width: tuple[float, float],
+    door_width: Range[float],
+    corridor_width: Range[float],
     furniture_density: float,
 ) -> Storey:
     """Lay out and furnish a storey; write its map and its walls."""
@@ -194,7 +180,7 @@ def _draw_start(
     outline: Array,
     clearance: float,
     lengths: Field,
-    path_length: tuple[float, float],
+    path_length: Range[float],
     start: Array,
 ) -> bool:
     """Whether a start in another room was found, with a path of the required length."""

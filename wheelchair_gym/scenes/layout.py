@@ -1,19 +1,22 @@
-"""Rooms, corridors and doors of one storey, as rectangles of cells.
+"""Rooms, corridors, doors and furniture of one storey, as rectangles of cells.
 
 Corridors run side by side through the building, rooms lie in rows between them, and a lobby (a
 home's living room) may close one end: in a home of one corridor, in a clinic of up to two joined
 by a cross corridor. Everything is laid out with corridors along x, then perhaps mirrored.
+Furniture is placed so that the chair can still pass.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import math
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import as_int, borrowing_kernel, kernel
+from wheelchair_gym.geometry import body_to_world
 from wheelchair_gym.random import NumpyStream, numpy_integer, numpy_uniform
 from wheelchair_gym.scenes.raster import CELL, RECT, Rects, cell_count, put, to_cells
 
@@ -196,3 +199,217 @@ def generate_layout(
         w, h = h, w
         along_x = ~along_x
     return FloorLayout(w, h, lobby, rooms, corridors, openings, along_x[:d], is_door[:d], zones)
+
+
+WALL, FREE, ROUND = range(3)  # where a piece stands: at a wall, or free in the room
+
+
+class Piece(NamedTuple):
+    """A kind of furniture: its extent along the wall and away from it [m]."""
+
+    name: str
+    along: tuple[float, float]  # m, from, to; of a round piece its diameter
+    deep: tuple[float, float]
+    stance: int = WALL
+
+
+Catalogue = tuple[Piece, ...]
+
+BED = Piece("bed", (0.9, 1.6), (2.0, 2.1))
+TABLE = Piece("table", (1.2, 1.8), (0.75, 0.9), FREE)
+ROUND_TABLE = Piece("round table", (0.8, 1.2), (0.0, 0.0), ROUND)
+COLUMN = Piece("column", (0.3, 0.5), (0.0, 0.0), ROUND)
+DESK = Piece("desk", (1.2, 1.6), (0.6, 0.8))
+SHELF = Piece("shelf", (0.8, 1.8), (0.3, 0.45))
+WARDROBE = Piece("wardrobe", (1.0, 2.0), (0.55, 0.65))
+
+LIVING_ROOM: Catalogue = (
+    Piece("sofa", (1.6, 2.3), (0.85, 0.95)),
+    Piece("armchair", (0.8, 0.9), (0.8, 0.9), FREE),
+    SHELF,
+    TABLE,
+    ROUND_TABLE,
+    Piece("kitchen unit", (1.8, 3.0), (0.6, 0.65)),
+)
+HOME_ROOMS: tuple[Catalogue, ...] = (
+    (BED, WARDROBE, Piece("bedside table", (0.45, 0.5), (0.4, 0.45)), DESK),
+    (Piece("kitchen unit", (1.8, 3.0), (0.6, 0.65)), SHELF, ROUND_TABLE, TABLE),
+    (Piece("bath", (1.6, 1.7), (0.7, 0.8)), Piece("basin", (0.6, 0.9), (0.5, 0.5)), SHELF),
+    (DESK, SHELF, Piece("armchair", (0.8, 0.9), (0.8, 0.9), FREE), SHELF),
+)
+LOBBY: Catalogue = (
+    Piece("row of chairs", (1.65, 2.75), (0.55, 0.6)),
+    Piece("counter", (2.0, 3.0), (0.7, 0.9)),
+    COLUMN,
+    ROUND_TABLE,
+    Piece("bench", (1.2, 1.6), (0.45, 0.5), FREE),
+)
+CLINIC_ROOMS: tuple[Catalogue, ...] = (
+    (BED, BED, Piece("cabinet", (0.5, 0.6), (0.45, 0.5)), WARDROBE),
+    (
+        DESK,
+        Piece("couch", (0.65, 0.75), (1.85, 1.95)),
+        Piece("sink", (0.6, 0.8), (0.5, 0.55)),
+        SHELF,
+    ),
+    (TABLE, SHELF, DESK, Piece("row of chairs", (1.1, 2.2), (0.55, 0.6))),
+)
+
+
+# For kernels: where each catalogue begins, and the pieces of all, one after another.
+_CATALOGUES: Final = (LIVING_ROOM, *HOME_ROOMS, LOBBY, *CLINIC_ROOMS)
+_BEGIN: Final = np.cumsum([0, *map(len, _CATALOGUES)])
+_SIDES: Final = ("along_least", "along_most", "deep_least", "deep_most")
+_PIECES: Final = np.array(
+    [(*piece.along, *piece.deep, piece.stance) for pieces in _CATALOGUES for piece in pieces],
+    dtype=[*((side, np.float64) for side in _SIDES), ("stance", np.int64)],
+)
+_HOME_ROOMS, _LOBBY = 1, 1 + len(HOME_ROOMS)  # indices of catalogues
+_CLINIC_ROOMS = _LOBBY + 1
+_HOMES, _CLINICS = len(HOME_ROOMS), len(CLINIC_ROOMS)
+
+
+class Furniture(NamedTuple):
+    """The furniture of one floor."""
+
+    rects: Rects  # (k,) upright
+    polygons: Array  # (k, 4, 2) [m]: turned rectangles, counter-clockwise
+    discs: Array  # (k, 3) [m]: x, y, radius
+
+
+@borrowing_kernel
+def _meet(a: Rects, i: int, b: Rects, j: int, apart: int) -> bool:
+    """Whether two rectangles are less than `apart` cells from each other, in both directions."""
+    return bool(
+        a[i].x0 - apart < b[j].x1
+        and b[j].x0 < a[i].x1 + apart
+        and a[i].y0 - apart < b[j].y1
+        and b[j].y0 < a[i].y1 + apart
+    )
+
+
+@borrowing_kernel
+def _place_free(source: NumpyStream, room: Rects, half: int, gap: int, box: Rects) -> bool:
+    """A square of 2 x half cells in the room, a gap from its walls; false if it does not fit."""
+    apart = gap + half
+    wide, high = room[0].x1 - room[0].x0 - 2 * apart, room[0].y1 - room[0].y0 - 2 * apart
+    if wide < 1 or high < 1:
+        return False
+    x = room[0].x0 + apart + numpy_integer(source, wide)
+    y = room[0].y0 + apart + numpy_integer(source, high)
+    put(box, as_int(0), x - half, y - half, x + half, y + half)
+    return True
+
+
+@borrowing_kernel
+def _place_at_wall(
+    source: NumpyStream,
+    room: Rects,
+    side: int,
+    along: int,
+    deep: int,
+    gap: int,
+    neighbour: Rects,
+    box: Rects,
+) -> bool:
+    """A place along one wall (0 and 1 along x, 2 and 3 along y): a corner, a neighbour or free."""
+    begin, end, low, high = room[0].x0, room[0].x1, room[0].y0, room[0].y1  # along it, across it
+    if side > 1:
+        begin, end, low, high = low, high, begin, end
+    if deep + gap > high - low or along > end - begin:
+        return False
+    choice = numpy_integer(source, as_int(4))
+    if len(neighbour) > 0:
+        first, last = neighbour[0].x0, neighbour[0].x1
+        if side > 1:
+            first, last = neighbour[0].y0, neighbour[0].y1
+        x = last if choice % 2 else first - along
+        first, last = min(x, first), max(x + along, last)  # of both together
+        if first < begin or last > end:
+            return False
+    else:
+        if choice < 2:
+            x = begin if choice else end - along
+        elif end - begin >= along + 2 * gap:
+            x = begin + gap + numpy_integer(source, end - begin - 2 * gap - along + 1)
+        else:
+            return False
+        first, last = x, x + along
+    if 0 < first - begin < gap or 0 < end - last < gap:
+        return False
+    y = low if side % 2 == 0 else high - deep
+    if side > 1:
+        put(box, as_int(0), y, x, y + deep, x + along)
+    else:
+        put(box, as_int(0), x, y, x + along, y + deep)
+    return True
+
+
+@kernel
+def furnish(
+    source: NumpyStream, plan: FloorLayout, home: bool, density: float, passage: float
+) -> Furniture:
+    """Put furniture into every room; a piece that finds no place is left out.
+
+    A piece stands against a wall or against its neighbour there, without a gap, or at least
+    `passage` [m] from everything else: so the rest of the room stays connected and passable at that
+    width. The zones of doors are kept clear. `density` is the pieces tried per area [1/m2].
+    """
+    gap, nil, four = cell_count(passage), as_int(0), as_int(4)
+    most = int(density * plan.width * plan.height * CELL**2) + len(plan.rooms)
+    rects, polygons, discs = np.empty(most, RECT), np.empty((most, 4, 2)), np.empty((most, 3))
+    n_rects, n_polygons, n_discs = nil, nil, nil
+    placed, box, latest = np.empty(most, RECT), np.empty(1, RECT), np.empty(4, np.int64)
+    for r in range(len(plan.rooms)):
+        room = plan.rooms[r : r + 1]
+        if r == 0 and plan.lobby:
+            page = 0 if home else _LOBBY
+        elif home:
+            page = _HOME_ROOMS + numpy_integer(source, as_int(_HOMES))
+        else:
+            page = _CLINIC_ROOMS + numpy_integer(source, as_int(_CLINICS))
+        count = nil  # placed in this room
+        latest[:] = -1  # the last piece on each side
+        wide, high = room[0].x1 - room[0].x0, room[0].y1 - room[0].y0
+        for _ in range(int(np.rint(density * wide * high * CELL**2))):
+            piece = _PIECES[_BEGIN[page] + numpy_integer(source, _BEGIN[page + 1] - _BEGIN[page])]
+            along = cell_count(numpy_uniform(source, piece.along_least, piece.along_most))
+            deep = cell_count(numpy_uniform(source, piece.deep_least, piece.deep_most))
+            for _ in range(4):
+                side = numpy_integer(source, four)
+                neighbour = latest[side] if piece.stance == WALL else -1
+                if piece.stance == WALL:
+                    beside = placed[max(neighbour, nil) : neighbour + 1]
+                    fits = _place_at_wall(source, room, side, along, deep, gap, beside, box)
+                else:
+                    across = float(along) if piece.stance == ROUND else math.hypot(along, deep)
+                    half = math.ceil(across / 2) + 1
+                    fits = _place_free(source, room, half, gap, box)
+                for k in range(len(plan.zones)):
+                    near = _meet(plan.zones, k, room, nil, nil)
+                    fits = fits and not (near and _meet(box, nil, plan.zones, k, nil))
+                for k in range(count):
+                    fits = fits and (k == neighbour or not _meet(box, nil, placed, k, gap))
+                if not fits:
+                    continue
+                placed[count] = box[0]
+                x, y = (box[0].x0 + box[0].x1) / 2 * CELL, (box[0].y0 + box[0].y1) / 2 * CELL
+                if piece.stance == WALL:
+                    latest[side] = count
+                    rects[n_rects] = box[0]
+                    n_rects += 1
+                elif piece.stance == ROUND:
+                    discs[n_discs] = x, y, along / 2 * CELL
+                    n_discs += 1
+                else:
+                    yaw = numpy_uniform(source, 0.0, math.pi)
+                    c, s = math.cos(yaw), math.sin(yaw)
+                    for k in range(4):  # corners, counter-clockwise
+                        forth = along * CELL / 2 * (1.0 if k in (1, 2) else -1.0)
+                        left = deep * CELL / 2 * (1.0 if k > 1 else -1.0)
+                        dx, dy = body_to_world(c, s, forth, left)
+                        polygons[n_polygons, k] = dx + x, dy + y
+                    n_polygons += 1
+                count += 1
+                break
+    return Furniture(rects[:n_rects], polygons[:n_polygons], discs[:n_discs])

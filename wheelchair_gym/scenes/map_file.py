@@ -50,10 +50,10 @@ class MapFile:
     """Start pose; null draws it at random."""
     goal: Pose | None = setting(default=None, unit="m, m, rad")
     """Goal pose; null draws it at random."""
-    min_path_length: float = setting(default=3.0, unit="m", low=0.0, source="design choice")
+    min_path_length: float = setting(default=3.0, unit="m", low=0.0)
     """Least length of the path from start to goal where one is drawn or both are; half the longest
     possible one where one is given and the map is smaller."""
-    clearance: float = setting(default=0.15, unit="m", low=0.0, high=0.5, source="design choice")
+    clearance: float = setting(default=0.15, unit="m", low=0.0, high=0.5)
     """Clearance of the footprint at drawn poses."""
     unknown_is_solid: bool = setting(default=True)
     """Unknown cells are solid in this world and on its map; otherwise they are free."""

@@ -9,13 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.arrays import Array
-from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.config import InputError, Range, setting, settings
 from wheelchair_gym.geometry import to_world
 from wheelchair_gym.maps import FREE, OCCUPIED, Geodesic, OccupancyGrid, geodesic
 from wheelchair_gym.physics.actors import records
 from wheelchair_gym.physics.actors.records import Actor, person
 from wheelchair_gym.scenes.passages import Passage
-from wheelchair_gym.scenes.poses import check_ranges
 
 WALKING_RADIUS = records.RADIUS + 0.10  # m: people's routes keep this from walls
 _PLACES = 8  # where people are going to: each costs one geodesic
@@ -62,21 +61,19 @@ class _Shares:
 class BehaviourShares(_Shares):
     """Shares of people who do more than walk along their routes."""
 
-    groups: float = setting(
-        default=0.0, low=0.0, high=1.0, source="Moussaid et al. 2010: up to 0.7"
-    )
+    groups: float = setting(default=0.0, low=0.0, high=1.0, source="Moussaid 2010: up to 0.7")
     """Who walk in groups of two to four."""
-    pauses: float = setting(default=0.0, low=0.0, high=1.0, source="design choice")
+    pauses: float = setting(default=0.0, low=0.0, high=1.0)
     """Who stop for a while, again and again."""
-    cuts_in: float = setting(default=0.0, low=0.0, high=1.0, source="design choice")
+    cuts_in: float = setting(default=0.0, low=0.0, high=1.0)
     """Who step before the chair and walk there for a while."""
-    reads_phone: float = setting(default=0.0, low=0.0, high=1.0, source="design choice")
+    reads_phone: float = setting(default=0.0, low=0.0, high=1.0)
     """Who look at their phone: slower, and they notice others when these are a step away."""
-    walks_beside: float = setting(default=0.0, low=0.0, high=1.0, source="design choice")
+    walks_beside: float = setting(default=0.0, low=0.0, high=1.0)
     """Who walk beside the chair; two at most."""
-    children: float = setting(default=0.0, low=0.0, high=1.0, source="design choice")
+    children: float = setting(default=0.0, low=0.0, high=1.0)
     """Children who run."""
-    trolleys: float = setting(default=0.0, low=0.0, high=1.0, source="design choice")
+    trolleys: float = setting(default=0.0, low=0.0, high=1.0)
     """Who push a trolley, or pull it."""
 
 
@@ -93,9 +90,7 @@ class ReactionShares(_Shares):
     """Who keep wide of it, and slow down."""
     surprised: float = setting(default=0.0, low=0.0, high=1.0, source="HuNavSim's reaction")
     """Who stop and look."""
-    indifferent: float = setting(
-        default=0.0, low=0.0, high=1.0, source="HuNavSim's reaction: impassive"
-    )
+    indifferent: float = setting(default=0.0, low=0.0, high=1.0, source="HuNavSim: impassive")
     """Who treat it as a thing that stands."""
 
 
@@ -108,26 +103,21 @@ _START_DISTANCE = 2.0  # m: least of people from the chair's start
 class PeopleSettings:
     """Number and behaviour of people."""
 
-    density: tuple[float, float] = setting(
-        default=(0.03, 0.08), unit="1/m2", low=0.0, high=1.0, source="design choice"
-    )
+    density: Range[float] = setting(default=(0.03, 0.08), unit="1/m2", low=0.0, high=1.0)
     """Least and greatest number of people per free area; of a lift, per area of its cabin."""
     speed: float = setting(default=records.SPEED, unit="m/s", low=0.1, source="Weidmann 1993")
     """Mean preferred walking speed."""
-    inattentive_share: float = setting(default=0.1, low=0.0, high=1.0, source="design choice")
+    inattentive_share: float = setting(default=0.1, low=0.0, high=1.0)
     """Share of people who do not see the chair."""
     crossing_share: float = setting(default=0.0, low=0.0, high=1.0, source="DynaBARN")
     """Share of moving cylinders that avoid nobody."""
-    patience: float = setting(default=4.0, unit="s", low=0.5, source="design choice")
+    patience: float = setting(default=4.0, unit="s", low=0.5)
     """Time without progress after which a person turns back."""
-    model: Literal["orca", "social_force"] = setting(default="orca", source="design choice")
+    model: Literal["orca", "social_force"] = setting(default="orca")
     """How people avoid others: optimal reciprocal collision avoidance, or the headed social force
     model."""
     behaviours: BehaviourShares = BehaviourShares()
     reactions: ReactionShares = ReactionShares()
-
-    def __post_init__(self) -> None:
-        check_ranges(self, "density")
 
     @property
     def only_walk(self) -> bool:

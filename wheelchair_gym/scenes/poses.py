@@ -28,18 +28,6 @@ def is_free_pose(
     return bool(gap >= clearance and gap > 0.0)
 
 
-def check_ranges(scene: object, *names: str) -> None:
-    """Check settings that are a least and a greatest value.
-
-    Raises:
-        InputError: the least is above the greatest.
-    """
-    for name in names:
-        low, high = getattr(scene, name)
-        if low > high:
-            raise InputError(f"{type(scene).__name__}.{name} is {low}, {high}; expected from, to")
-
-
 def check_start(episode: Episode, footprint: Footprint) -> None:
     """Check that a chair can stand at an episode's start.
 

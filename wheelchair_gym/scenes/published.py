@@ -121,9 +121,7 @@ class GreyWolf:
         default="20,20", source="beyond all obstacles"
     )
     """Which of the report's six goals."""
-    margin: float = setting(
-        default=2.0, unit="m", low=1.0, source="room for the chair at the start"
-    )
+    margin: float = setting(default=2.0, unit="m", low=1.0, source="room for the chair at start")
     """Width of the ground beyond the report's square."""
 
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
@@ -214,11 +212,9 @@ class ThesisMap:
 
     number: int = setting(default=1, low=1, high=5, source="the first one")
     """Which of the five maps."""
-    gap: float = setting(
-        default=1.2, unit="m", low=0.7, high=3.0, source="wide enough for the chair"
-    )
+    gap: float = setting(default=1.2, unit="m", low=0.7, high=3.0, source="enough for the chair")
     """Width of the narrow passages."""
-    seed: int = setting(default=5, low=0, source="design choice")
+    seed: int = setting(default=5, low=0)
     """Seed of the clutter of map 5."""
     scale: float = setting(
         default=1.0, low=0.5, high=2.0, source="RRT* paths of the thesis are 35.27 m: 0.872"

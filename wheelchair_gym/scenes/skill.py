@@ -203,7 +203,7 @@ COURSES: Final[dict[str, Course]] = {
 class Skill:
     """A course of one driving skill: a doorway, a corner, docking at a desk and others."""
 
-    course: str = setting(default="forward", source="design choice")
+    course: str = setting(default="forward")
     """Which course: a name in `wheelchair_gym.scenes.skill.COURSES`."""
 
     def __post_init__(self) -> None:

@@ -12,18 +12,27 @@ count from the end; selects, not branches. The sensor's position is subtracted i
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.arrays import Array, Floats
+from wheelchair_gym.compiled.address import (
+    Pointers,
+    Target,
+    doubles_at,
+    floats_at,
+    pointer_record,
+    rows_of,
+    words_at,
+)
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.compiled.simd import rasterize_line
 from wheelchair_gym.geometry import point_to_world, world_to_body
 from wheelchair_gym.random import LASER, LASER_BIAS, bits, mix, normal
 from wheelchair_gym.sensors.echoes import atan2_f32, relative_endpoints
-from wheelchair_gym.sensors.settings import LaserSettings
+from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
 
 WORKSPACE_ROWS = 10  # rows of workspace: 4 for ends, 2 for angles, 4 for lines
 
@@ -305,3 +314,61 @@ def sense_laser(
         x, y = pose[0] + share * (x - pose[0]), pose[1] + share * (y - pose[1])
     exact_scan(laser, x, y, pose[2] + laser.mount[2], walls, discs, workspace, out)
     add_laser_noise(laser, key, step, out)
+
+
+_ARRAYS = ("cosine", "sine", "salt", "mount")
+_VALUES = ("first", "per_angle", "reach", "nearest", "sigma", "no_echo", "bias")
+_NUMBERS = ("number", "start", "shows_free")
+
+SCANNER, _TARGETS = pointer_record(
+    ("beams", "i8"),
+    ("cosine", Target("f4", None)),
+    ("sine", Target("f4", None)),
+    ("salt", Target("u4", None)),
+    ("mount", Target("f8", 3)),
+    *((name, "f8") for name in _VALUES),
+    *((name, "i8") for name in _NUMBERS),
+)
+scanners_at = rows_of(SCANNER)
+
+
+def scanner_pointers(sensors: SensorSettings, noise: bool) -> Pointers:
+    """The scanners of a chair, a record (n,) of SCANNER; without noise all errors are zero."""
+    lasers = sensors.lasers
+    pointers = Pointers(np.zeros(len(lasers), SCANNER), _TARGETS, constant=True)
+    for k, (laser, at) in enumerate(zip(lasers, sensors.slices, strict=True)):
+        arrays, row = LaserArrays.of(laser, noise, k, at.start), pointers.record[k]
+        row["beams"] = laser.beams
+        for name in _ARRAYS:
+            pointers.point(name, getattr(arrays, name), k)
+        for name in (*_VALUES, *_NUMBERS):
+            row[name] = getattr(arrays, name)
+    return pointers
+
+
+@inlined
+def scanner_at(address: Any, count: int, k: int) -> LaserArrays:
+    """Scanner k of `count` whose records lie at an address."""
+    one = scanners_at(address, count)[k]
+    return laser_arrays(one, doubles_at(one.mount, 3), one.sigma, one.no_echo, one.bias)
+
+
+@inlined
+def laser_arrays(one: Any, mount: Any, sigma: float, no_echo: float, bias: float) -> LaserArrays:
+    """Return the arrays of a record of SCANNER with another mount and other errors."""
+    return LaserArrays(
+        floats_at(one.cosine, one.beams),
+        floats_at(one.sine, one.beams),
+        words_at(one.salt, one.beams),
+        one.first,
+        one.per_angle,
+        mount,
+        one.reach,
+        one.nearest,
+        sigma,
+        no_echo,
+        bias,
+        one.number,
+        one.start,
+        one.shows_free,
+    )

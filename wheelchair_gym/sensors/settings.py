@@ -9,12 +9,15 @@ from typing import Final, Literal, get_args
 import numpy as np
 
 from wheelchair_gym.arrays import Array
-from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.config import InputError, Range, setting, settings
 
 RANGERS = 8  # most ultrasonics of a chair, and the width of what readings hold of them
 SCANNERS = 4  # most planar scanners of a chair
 PoseSource = Literal["truth", "odometry", "modelled", "mcl", "slam"]
 POSE_SOURCES: Final = get_args(PoseSource)
+
+
+_MEASURED = "measured by tests.benchmarks.poses"
 
 
 @settings
@@ -27,41 +30,25 @@ class LaserSettings:
     """Place to the left of the middle."""
     yaw: float = setting(default=0.0, unit="rad", source="design choice: straight ahead")
     """Heading of the middle beam."""
-    beams: int = setting(
-        default=1081, low=0, high=20000, source="data sheet: Hokuyo UST-10LX, 0.25 deg apart"
-    )
+    beams: int = setting(default=1081, low=0, high=20000, source="Hokuyo UST-10LX: 0.25 deg apart")
     """Number of beams: 2 or more; 0: the chair has no such scanner."""
     fov: float = setting(
-        default=math.radians(270.0),
-        unit="rad",
-        low=0.1,
-        high=2 * math.pi,
-        source="data sheet: Hokuyo UST-10LX",
+        default=math.radians(270.0), unit="rad", low=0.1, high=2 * math.pi, source="Hokuyo UST-10LX"
     )
     """Angle between the first and the last beam."""
     reach: float = setting(
-        default=10.0,
-        unit="m",
-        low=0.5,
-        high=100.0,
-        source="data sheet: Hokuyo UST-10LX, specified up to 10 m",
+        default=10.0, unit="m", low=0.5, high=100.0, source="Hokuyo UST-10LX: specified up to 10 m"
     )
     """Largest range; farther is no echo."""
-    range_min: float = setting(
-        default=0.06, unit="m", low=0.0, source="data sheet: Hokuyo UST-10LX"
-    )
+    range_min: float = setting(default=0.06, unit="m", low=0.0, source="Hokuyo UST-10LX")
     """Least range; nearer is invalid."""
     sigma: float = setting(
-        default=0.015,
-        unit="m",
-        low=0.0,
-        high=1.0,
-        source="data sheet: Hokuyo UST-10LX, 0.5 to 2 cm at 10 m",
+        default=0.015, unit="m", low=0.0, high=1.0, source="Hokuyo UST-10LX: 0.5 to 2 cm at 10 m"
     )
     """Standard deviation of a range."""
-    dropout: float = setting(default=0.005, low=0.0, high=1.0, source="design choice")
+    dropout: float = setting(default=0.005, low=0.0, high=1.0)
     """Share of beams without an echo."""
-    bias: float = setting(default=0.002, unit="m", low=0.0, high=1.0, source="design choice")
+    bias: float = setting(default=0.002, unit="m", low=0.0, high=1.0)
     """Standard deviation of the offset that all ranges of an episode share."""
     shows_free: bool = setting(default=False, source="a camera may look over what is low")
     """Of a further scanner: space that its beams cross counts as seen by the shield, and what
@@ -95,17 +82,13 @@ class UltrasonicModel:
     """Largest range."""
     range_min: float = setting(default=0.02, unit="m", low=0.0, source="data sheet: HC-SR04")
     """Least range; nearer echoes read as this."""
-    sigma: float = setting(default=0.010, unit="m", low=0.0, high=1.0, source="design choice")
+    sigma: float = setting(default=0.010, unit="m", low=0.0, high=1.0)
     """Standard deviation of a range."""
-    ghost_share: float = setting(default=0.01, low=0.0, high=1.0, source="design choice")
+    ghost_share: float = setting(default=0.01, low=0.0, high=1.0)
     """Share of readings that show an echo of nothing."""
-    loss_from: float = setting(
-        default=math.radians(15.0), unit="rad", low=0.0, source="design choice"
-    )
+    loss_from: float = setting(default=math.radians(15.0), unit="rad", low=0.0)
     """Angle of incidence from which echoes are lost at random."""
-    loss_at: float = setting(
-        default=math.radians(25.0), unit="rad", low=0.0, source="design choice"
-    )
+    loss_at: float = setting(default=math.radians(25.0), unit="rad", low=0.0)
     """Angle of incidence from which all echoes are lost."""
 
     def __post_init__(self) -> None:
@@ -117,11 +100,11 @@ class UltrasonicModel:
 class Ultrasonic:
     """Where one ranger sits and of which model it is."""
 
-    x: float = setting(default=0.0, unit="m", source="design choice")
+    x: float = setting(default=0.0, unit="m")
     """Place ahead of the drive axle."""
-    y: float = setting(default=0.0, unit="m", source="design choice")
+    y: float = setting(default=0.0, unit="m")
     """Place to the left of the middle."""
-    yaw: float = setting(default=0.0, unit="rad", source="design choice")
+    yaw: float = setting(default=0.0, unit="rad")
     """Heading of the cone."""
     model: Literal["narrow", "wide"] = "narrow"
 
@@ -145,8 +128,7 @@ class UltrasonicSettings:
     """Up to eight rangers of two models, fired one after another."""
 
     mounted: tuple[Ultrasonic, ...] = setting(
-        default=_mounted(),
-        source="design choice: narrow ones look ahead, wide ones to corners and sides",
+        default=_mounted(), source="narrow ones look ahead, wide ones to corners and sides"
     )
     """Place and model of each ranger: 0 to 8 of them."""
     narrow: UltrasonicModel = setting(default=UltrasonicModel(), source="data sheet: HC-SR04")
@@ -165,8 +147,7 @@ class UltrasonicSettings:
     )
     """Model of the wide rangers."""
     order: tuple[int, ...] = setting(
-        default=(0, 4, 1, 5, 2, 6, 3, 7),
-        source="design choice: opposite sides in turn, against cross-talk",
+        default=(0, 4, 1, 5, 2, 6, 3, 7), source="opposite sides in turn, against cross-talk"
     )
     """Order of firing; numbers of rangers that are not mounted are skipped."""
     interval: float = setting(
@@ -200,11 +181,11 @@ class UltrasonicSettings:
 class OdometrySettings:
     """Errors of dead reckoning: some drawn for each episode, one that grows with the distance."""
 
-    diameter_error: float = setting(default=0.005, low=0.0, high=0.2, source="design choice")
+    diameter_error: float = setting(default=0.005, low=0.0, high=0.2)
     """Largest relative difference of wheel diameters; uniform (E_d of Borenstein and Feng 1996)."""
-    track_error: float = setting(default=0.01, low=0.0, high=0.2, source="design choice")
+    track_error: float = setting(default=0.01, low=0.0, high=0.2)
     """Largest relative error of the track; uniform (E_b of Borenstein and Feng 1996)."""
-    variance: float = setting(default=1e-6, unit="m2/m", low=0.0, high=1.0, source="design choice")
+    variance: float = setting(default=1e-6, unit="m2/m", low=0.0, high=1.0)
     """Variance of each wheel's path per metre."""
 
 
@@ -218,17 +199,11 @@ class ModelledPose:
     Defaults are those of `mcl` on maps that `slam` drew: python -m tests.benchmarks.poses.
     """
 
-    position: float = setting(
-        default=0.02, unit="m", low=0.0, source="measured by tests.benchmarks.poses"
-    )
+    position: float = setting(default=0.02, unit="m", low=0.0, source=_MEASURED)
     """Standard deviation of x and of y."""
-    heading: float = setting(
-        default=math.radians(0.4), unit="rad", low=0.0, source="measured by tests.benchmarks.poses"
-    )
+    heading: float = setting(default=math.radians(0.4), unit="rad", low=0.0, source=_MEASURED)
     """Standard deviation of the heading."""
-    time: float = setting(
-        default=10.0, unit="s", low=0.01, source="measured by tests.benchmarks.poses"
-    )
+    time: float = setting(default=10.0, unit="s", low=0.01, source=_MEASURED)
     """Correlation time of the errors."""
 
 
@@ -240,16 +215,10 @@ class FaultSettings:
     the last few again and again, a standing mirror, a blind sector, mirrored, turned or moved.
     """
 
-    share: float = setting(default=0.0, low=0.0, high=1.0, source="design choice")
+    share: float = setting(default=0.0, low=0.0, high=1.0)
     """Share of episodes with a fault."""
-    onset: tuple[float, float] = setting(
-        default=(1.0, 5.0), unit="s", low=0.0, source="design choice"
-    )
+    onset: Range[float] = setting(default=(1.0, 5.0), unit="s", low=0.0)
     """Bounds of the time at which a fault begins."""
-
-    def __post_init__(self) -> None:
-        if self.onset[0] > self.onset[1]:
-            raise InputError(f"FaultSettings.onset is {self.onset}; expected from, to")
 
 
 @settings
@@ -257,17 +226,17 @@ class SensorSettings:
     """Every sensor of the chair."""
 
     laser: LaserSettings = LaserSettings()
-    more_lasers: tuple[LaserSettings, ...] = setting(default=(), source="design choice")
+    more_lasers: tuple[LaserSettings, ...] = setting(default=())
     """Further planar scanners, such as one at the back, or a depth camera's fan of few beams.
     Readings hold their ranges after those of `laser`."""
     ultrasonic: UltrasonicSettings = UltrasonicSettings()
     odometry: OdometrySettings = OdometrySettings()
     modelled: ModelledPose = ModelledPose()
     faults: FaultSettings = FaultSettings()
-    pose_source: PoseSource = setting(default="truth", source="design choice")
+    pose_source: PoseSource = setting(default="truth")
     """What the chair takes for its pose: the truth, dead reckoning, a model of a localizer,
     Monte Carlo localization or SLAM."""
-    noise: bool = setting(default=True, source="design choice")
+    noise: bool = setting(default=True)
     """False: exact ranges, no lost echoes, no ghosts, exact parameters of odometry."""
 
     def __post_init__(self) -> None:

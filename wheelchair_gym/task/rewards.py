@@ -20,7 +20,7 @@ from wheelchair_gym.geometry import wrap
 from wheelchair_gym.kinematics import twist_of_action
 from wheelchair_gym.task.side_clearance import proximity_speed
 
-_TUNED, _CHOICE = "tuned on training seeds", "design choice"
+_TUNED = "tuned on training seeds"
 
 
 @settings
@@ -31,7 +31,7 @@ class RewardWeights:
     """Way to go that was covered [m]; seconds to go where the aim is time."""
     time: float = setting(default=-0.05, unit="1/s", source=_TUNED)
     """Time that passed [s]."""
-    arrived: float = setting(default=1.0, source=_CHOICE)
+    arrived: float = setting(default=1.0)
     """1 at the goal, by the chair's own estimate."""
     bumped: float = setting(default=-2.0, source=_TUNED)
     """1 if a bumper strip is pressed."""
@@ -39,12 +39,12 @@ class RewardWeights:
     """1 at the time limit."""
     action_rate: float = setting(default=-0.003, source=_TUNED)
     """Squared change of the action, before the shield; the first is compared with 0."""
-    shield_intervention: float = setting(default=0.0, source=_CHOICE)
+    shield_intervention: float = setting(default=0.0)
     """What the shield took off the twist that was asked for, in full speeds."""
-    proximity_speed: float = setting(default=0.0, unit="s/m2", source=_CHOICE)
+    proximity_speed: float = setting(default=0.0, unit="s/m2")
     """Squared speed of the outline's fastest corner within 0.2 m of what the first scanner shows,
     more the nearer [m2/s2], times the period [s]."""
-    disagreement: float = setting(default=-0.02, unit="1/s", source=_CHOICE)
+    disagreement: float = setting(default=-0.02, unit="1/s")
     """Distance of the twist that was asked for from that of the stick, in full speeds, times the
     period [s]; 0 where nobody drives."""
 

@@ -11,8 +11,6 @@ from wheelchair_gym.task.rewards import RewardWeights
 if TYPE_CHECKING:
     from wheelchair_gym.sensors.settings import SensorSettings
 
-_CHOICE = "design choice"
-
 
 @settings
 class TaskSettings:
@@ -21,36 +19,29 @@ class TaskSettings:
     beams: int = setting(default=1081, low=1, source="data sheet: Hokuyo UST-10LX")
     """Observed beams of the laser; fewer than it has are pooled by their minimum. The beams of each
     further scanner (`sensors.more_lasers`) follow, pooled in the same proportion."""
-    tolerance: float = setting(default=0.30, unit="m", low=0.01, source=_CHOICE)
+    tolerance: float = setting(default=0.30, unit="m", low=0.01)
     """Distance at which the goal counts as reached."""
     arrival_margin: float = setting(
-        default=0.10,
-        unit="m",
-        low=0.0,
-        source="largest error of an estimated pose (`modelled`)",
+        default=0.10, unit="m", low=0.0, source="largest error of an estimated pose (`modelled`)"
     )
     """How much nearer than the tolerance an estimated pose must be to count as arrived."""
     heading: bool = setting(default=False)
     """True: the goal's heading counts, too."""
-    heading_tolerance: float = setting(
-        default=math.radians(15.0), unit="rad", low=0.01, source=_CHOICE
-    )
+    heading_tolerance: float = setting(default=math.radians(15.0), unit="rad", low=0.01)
     """Error of heading at which the goal counts as reached, where the heading counts."""
-    time_base: float = setting(default=30.0, unit="s", low=0.1, source=_CHOICE)
+    time_base: float = setting(default=30.0, unit="s", low=0.1)
     """Time limit of an episode without a way to go."""
-    time_factor: float = setting(default=3.0, low=0.0, source=_CHOICE)
+    time_factor: float = setting(default=3.0, low=0.0)
     """Time limit added for each second at full speed along the geodesic."""
     max_episode_steps: int | None = setting(default=None, low=1, source="Gymnasium's TimeLimit")
     """Steps after which an episode is truncated, whatever its time limit, and without the reward
     term of a timeout; null: none."""
     bump_ends: bool = setting(default=True)
     """Whether a pressed bumper strip ends an episode; false where a person drives on by hand."""
-    look_ahead: tuple[float, ...] = setting(
-        default=(0.5, 1.0, 1.5, 2.0, 3.0), unit="m", low=0.0, source=_CHOICE
-    )
+    look_ahead: tuple[float, ...] = setting(default=(0.5, 1.0, 1.5, 2.0, 3.0), unit="m", low=0.0)
     """Distances along the guidance path at which its points are observed."""
     look_ahead_time: tuple[float, ...] = setting(
-        default=(0.5, 1.0, 2.0, 3.5, 5.0), unit="s", low=0.0, source=_CHOICE
+        default=(0.5, 1.0, 2.0, 3.5, 5.0), unit="s", low=0.0
     )
     """Plan times at which poses of the guidance are observed, where it gives poses."""
     last_action: bool = setting(default=False)
@@ -65,10 +56,10 @@ class TaskSettings:
     trail: tuple[float, ...] = setting(default=(), unit="m", low=0.0, high=15.0)
     """Distances back along its own way at which the chair's places are observed; before it has come
     so far, its start."""
-    tracks: int = setting(default=0, low=0, high=20, source=_CHOICE)
+    tracks: int = setting(default=0, low=0, high=20)
     """How many of the nearest moving things are observed, as the tracker finds them in the scans of
     the first laser, without a map, at 1 Hz at least; 0: none, and no tracker runs."""
-    stick_history: int = setting(default=4, low=0, high=16, source=_CHOICE)
+    stick_history: int = setting(default=4, low=0, high=16)
     """Earlier control periods of which the stick is observed, where a person drives."""
     hide_guidance: bool = setting(default=False)
     """True: poses ahead and the side clearances there are shown to critics and teachers alone,
@@ -78,7 +69,7 @@ class TaskSettings:
     aim: Literal["goal", "path", "field", "time"] = setting(default="field")
     """What progress is measured along: the straight line to the goal, the path, the geodesic, or
     seconds to go by the guidance 'poses'."""
-    margin: float = setting(default=0.05, unit="m", low=0.0, source=_CHOICE)
+    margin: float = setting(default=0.05, unit="m", low=0.0)
     """Clearance that the geodesic keeps beyond half the chair's width."""
     reward: RewardWeights = RewardWeights()
 

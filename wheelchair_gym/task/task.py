@@ -19,10 +19,17 @@ from wheelchair_gym.physics.state import sensed_of
 from wheelchair_gym.safety.settings import ShieldSettings
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.task import observations
-from wheelchair_gym.task.assessment import assess, begin_task
+from wheelchair_gym.task.assessment import (
+    PROGRESS,
+    RULES,
+    RULES_TARGETS,
+    TASK,
+    TASK_TARGETS,
+    assess,
+    begin_task,
+)
 from wheelchair_gym.task.observations import ObservationSource
 from wheelchair_gym.task.prepared_episode import AIMS, PreparedEpisode, geodesic_to_go
-from wheelchair_gym.task.records import PROGRESS, RULES, RULES_TARGETS, TASK, TASK_TARGETS
 from wheelchair_gym.task.rewards import TERMS, VERDICT, has_arrived
 from wheelchair_gym.task.settings import TaskSettings
 from wheelchair_gym.task.side_clearance import fan_poses

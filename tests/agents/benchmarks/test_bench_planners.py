@@ -14,7 +14,7 @@ from agents import cli
 from agents.benchmarks import entrants, planner_benchmark
 from agents.benchmarks.cases import MARGIN, scene_cases, stored_cases
 from agents.benchmarks.entrants import UNLIMITED, Entrant, called_planners, with_iterations
-from agents.benchmarks.summary import COLD, FREE, ranking, summarise
+from agents.benchmarks.planner_benchmark import COLD, FREE, ranking, summarise
 from agents.evaluation.metrics import path_figures, printed_turning, turning
 from agents.peers import PEERS, Peer, installed, prepare
 from agents.studies import experiments

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from agents.evaluation.metrics import (
+    Shortest,
     Trace,
     accel_rms,
     barn_score,
@@ -17,7 +18,6 @@ from agents.evaluation.metrics import (
     rough_share,
     summarise,
 )
-from agents.evaluation.shortest import Shortest
 from wheelchair_gym.maps import OccupancyGrid
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from agents.evaluation.evaluate import drive_episode, make_env
-from agents.evaluation.shortest import OVERSPEED, shortest_path
+from agents.evaluation.metrics import OVERSPEED, shortest_path
 from agents.policies import make_policy
 from wheelchair_gym.geometry import Footprint, to_world
 from wheelchair_gym.maps import FREE, OccupancyGrid

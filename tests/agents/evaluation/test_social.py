@@ -7,10 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from agents.evaluation import report
+from agents.evaluation import metrics, report
 from agents.evaluation.evaluate import drive_episode, make_env
 from agents.evaluation.metrics import EFFICIENCIES, SOCIAL_MEANS, Trace, measure, summarise
-from agents.evaluation.shortest import Shortest
 from agents.evaluation.social import PeopleTrace, time_to_collision
 from agents.policies import make_policy
 from tests.agents.evaluation.test_metrics import info
@@ -168,7 +167,7 @@ def test_efficiencies_are_those_of_successes():
         def figures(self, *_):
             return dict.fromkeys(SOCIAL_MEANS, 1.0) | {"ttc_min": math.inf}
 
-    trace = Trace(0.5, shortest=Shortest(1.0, True), people=Met())
+    trace = Trace(0.5, shortest=metrics.Shortest(1.0, True), people=Met())
     steps = [info(0.0), info(1.25, is_success=True, arrived=True)]
     for step in steps:
         trace.add(step)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from agents.studies import agreement
+from agents.studies import claims
 from agents.studies.claims import Claim
 from agents.studies.model import Results, Row
 from agents.studies.runner import STUDIES
@@ -37,7 +37,7 @@ def results():
 
 
 def test_the_fit_finds_the_length_that_made_the_figures(results):
-    right, wrong = (agreement.fit_reading(results, name) for name in ("right", "wrong"))
+    right, wrong = (claims.fit_reading(results, name) for name in ("right", "wrong"))
     assert right.correlation > 0.98 > 0.5 > abs(wrong.correlation)
     assert right.length.value == pytest.approx(LENGTH, abs=0.05)
     low, high = right.length.interval
@@ -46,11 +46,11 @@ def test_the_fit_finds_the_length_that_made_the_figures(results):
 
 
 def test_parts_are_fitted_alone(results):
-    table = agreement.agreement(results)
+    table = claims.agreement(results)
     assert [row["reading"] for row in table] == ["right", "wrong"]
     assert table[0]["correlation_low"] < table[0]["correlation"] < table[0]["correlation_high"]
     assert min(table[0][part] for part in ("odd", "even", "without")) > 0.98
-    assert len(agreement.ratios_of(results, "right", without="table 1")) == 40
+    assert len(claims.ratios_of(results, "right", without="table 1")) == 40
 
 
 @pytest.mark.parametrize(

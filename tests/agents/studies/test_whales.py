@@ -7,7 +7,7 @@ import pytest
 import shapely
 
 from agents.studies.experiments import problem_of
-from agents.studies.whales import paths_of_whales, points_of_whales
+from agents.studies.plan_pictures import paths_of_whales, points_of_whales
 from planners import make_planner
 from wheelchair_gym.rendering import palette
 

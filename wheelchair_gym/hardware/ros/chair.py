@@ -23,10 +23,9 @@ from wheelchair_gym.arrays import Array
 from wheelchair_gym.config import InputError
 from wheelchair_gym.geometry import best_clearance_heading
 from wheelchair_gym.hardware.control_loop import POLL_PERIOD, ControlLoop, RealBase, WallClock
-from wheelchair_gym.hardware.ros.clock import SimulatedClock
 from wheelchair_gym.hardware.ros.make_messages import twist, twist_stamped
 from wheelchair_gym.hardware.ros.rosbridge import Rosbridge
-from wheelchair_gym.hardware.ros.senses import RosSensors
+from wheelchair_gym.hardware.ros.senses import RosSensors, SimulatedClock
 from wheelchair_gym.hardware.ros.settings import RosSettings
 from wheelchair_gym.kinematics import approach_twist
 from wheelchair_gym.maps import FREE, OccupancyGrid

@@ -15,7 +15,7 @@ _THESIS = "the thesis's ROS graph"
 class RosbridgeSettings:
     """The WebSocket connection to rosbridge_server."""
 
-    connect_timeout: float = setting(default=3.0, unit="s", low=0.1, source="design choice")
+    connect_timeout: float = setting(default=3.0, unit="s", low=0.1)
     """How long to wait for the connection."""
     tls: bool = setting(default=False)
     """Encrypt the connection (wss), and check the other side's certificate."""
@@ -61,14 +61,14 @@ class RosSettings:
     null_range: Literal["invalid", "no echo"] = setting(default="no echo", source="REP-117")
     """What a null range means: rosbridge writes null for +inf and for NaN. Drivers that send NaN
     often (urg_node) need 'invalid'."""
-    clock_error: float = setting(default=0.0, unit="s", low=0.0, source="design choice")
+    clock_error: float = setting(default=0.0, unit="s", low=0.0)
     """Maximum difference of the robot's clock and this computer's, where both are synchronized
     (NTP, PTP): time stamps then show a constant latency of the network. 0: they are not."""
     clock: str = setting(default="/clock", source="ROS")
     """Topic of the simulated time."""
     use_sim_time: bool = setting(default=False, source="ROS")
     """Measure ages and control periods by the simulated time."""
-    clock_timeout: float = setting(default=2.0, unit="s", low=0.1, source="design choice")
+    clock_timeout: float = setting(default=2.0, unit="s", low=0.1)
     """How long the simulated time may stand still, in real time."""
     limits: HostLimits = HostLimits()
     link: RosbridgeSettings = RosbridgeSettings()
