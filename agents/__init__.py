@@ -1,4 +1,4 @@
-"""Who drives: policies, their evaluation and comparison, and the command line."""
+"""Policies, their evaluation and comparison, and the command line."""
 
 from importlib.resources import files
 from typing import Any

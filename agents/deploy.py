@@ -233,9 +233,9 @@ def end_as_by_ctrl_c() -> None:
 
 
 def listen_for_rearm(driven: Any, shield: Any = None) -> None:
-    """Let a person at the terminal re-arm a chair that waits for it, or its shield, by Enter.
+    """Listen for Enter at the terminal: it re-arms a chair that waits for a person, or its shield.
 
-    From now on, what the chair waits for at reset is logged with the ways to re-arm it.
+    From now on, the log names what the chair waits for at reset and how to re-arm it.
     """
     chair: Any = unwrapped(driven)
     terminal = sys.stdin is not None and sys.stdin.isatty()

@@ -4,8 +4,8 @@
           ▲               │                                                          │
           └── shield ◀────┘ the last twist, zero after a silence ◀── /cmd_vel ◀──────┘
 
-`Robot` is a policy, so that `agents.evaluation.evaluate.drive_episode` drives and scores whoever
-commands it as it does every other policy.
+`Robot` is a policy, so that `agents.evaluation.evaluate.drive_episode` runs and scores the program
+that commands it like every other policy.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _LATE = 1.0  # s: later periods are not made up for
 
 @settings
 class RobotSettings:
-    """What the robot publishes, how often, and when it stops."""
+    """Settings of the robot: topics that it publishes, their rates, and when it stops."""
 
     scan_rate: float = setting(
         default=10.0, unit="Hz", low=0.1, high=1000.0, source="nav2_loopback_sim"
@@ -42,7 +42,7 @@ class RobotSettings:
     command_timeout: float = setting(
         default=0.5, unit="s", low=0.0, source="twist_mux (ROS), which uses 0.5 s"
     )
-    """How long the last command is driven."""
+    """Duration for which the last command is driven."""
     speed: float = setting(default=0.0, low=0.0, high=1000.0)
     """Simulated time, times real time, published on /clock; 0: stamps are of real time, and there
     is no /clock."""
@@ -126,7 +126,7 @@ class Robot:
         return bool(self.service) or self._end()
 
     def act(self, reading: Reading) -> Command:
-        """Let a control period pass, and return the last command; zero after a silence."""
+        """Wait for a control period, and return the last command; zero after a silence."""
         self._publish(reading)
         if self._awaits:
             self._awaits = False

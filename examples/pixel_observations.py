@@ -1,6 +1,6 @@
 """Learn from pictures: the policy sees the chair and its world from above, and nothing else.
 
-`render_width` and `render_height` set the size of every frame, whatever the shape of its world, so
+`render_width` and `render_height` set the size of every frame, for every shape of its world, so
 that a frame can be an observation. Under 200 pixels a frame has no caption.
 
     python examples/pixel_observations.py --steps 200000 --film films

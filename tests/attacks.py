@@ -72,7 +72,7 @@ _FAN = ((1.0, 0.0), (1.0, 0.4), (1.0, -0.4), (1.0, 1.0), (1.0, -1.0), (-1.0, 0.0
 
 @borrowing_kernel
 def _edge(world: Any, key: np.uint64, kind: int, x: float, y: float) -> tuple[float, float]:
-    """Where an attack on something narrow drives at: its end, or as far aside as the outline is."""
+    """Return an attack's aim at something narrow: its end, or up to the outline's size aside."""
     walls, discs = shapes_of(world)
     which, aside = uniform(key, 0, 5, 0), 0.020 * uniform(key, 0, 5, 1) - 0.010
     if uniform(key, 0, 5, 2) < 0.4:
@@ -212,7 +212,7 @@ _place_of_cell: Any = place_of_cell
 
 
 def entering(shields: Any, twist: Array, outline: Array, memory: float) -> Array:
-    """How fast [m/s] (n,) the outlines go at most into cells that no shield has seen of late.
+    """Return maximum speeds [m/s] (n,) of outlines into cells that no shield has seen of late.
 
     Args:
         shields: (n,) of SHIELD.
@@ -237,7 +237,7 @@ def entering(shields: Any, twist: Array, outline: Array, memory: float) -> Array
 
 
 def stopping_time(v: float, w: float, limits: Limits) -> float:
-    """How long a chair needs to rest from a twist, within the limits of comfort [s]."""
+    """Return the stopping time from a twist within the limits of comfort [s]."""
     t, sv, av, sw, aw = 0.0, v, 0.0, w, 0.0
     while max(abs(sv), abs(sw)) > 1e-3 and t < 10.0:
         sv, av, sw, aw = approach_twist(sv, av, sw, aw, 0.0, 0.0, limits.record, 0.05)
@@ -246,7 +246,7 @@ def stopping_time(v: float, w: float, limits: Limits) -> float:
 
 
 def _crosses(a: Array, b: Array, walls: Array, discs: Array) -> bool:
-    """Whether anything stands between a and b (2,)."""
+    """Return True if an object stands between a and b (2,)."""
     e = b - a
     if len(walls):
         p, q = walls[:, :2], walls[:, 2:] - walls[:, :2]
@@ -266,7 +266,7 @@ def _crosses(a: Array, b: Array, walls: Array, discs: Array) -> bool:
 def in_sight(
     pose: Array, point: Array, walls: Array, discs: Array, sensors: SensorSettings
 ) -> bool:
-    """Whether a point (2,) lies unoccluded in the field of a laser or of an ultrasonic."""
+    """Return True if a point (2,) lies unoccluded in the field of a laser or an ultrasonic."""
     x, y, yaw = pose
     c, s = math.cos(yaw), math.sin(yaw)
     rangers = sensors.ultrasonic
@@ -309,10 +309,10 @@ def touching_point(pose: Array, outline: Array, walls: Array, discs: Array) -> A
 
 @dataclass
 class Report:
-    """What came of attacks."""
+    """Result of attacks."""
 
     attacks: int
-    contacts: int  # of any kind, whoever caused them
+    contacts: int  # of any kind and cause
     events: list[Event]
     reasons: dict[str, int]  # periods in which a shield let a twist pass ("") or changed it
     cells: dict[str, list[int]]  # by kind, rate and mass: attacks, and contacts of any kind
@@ -432,7 +432,7 @@ class Attack:
         self._sensors = self.env.settings.sensors
 
     def run(self, seed: int, each: int) -> Report:
-        """Let every row make so many attacks; row i is the single environment of seed + i."""
+        """Run `each` attacks in every row; row i is the single environment of seed + i."""
         env, n = self.env, self.env.num_envs
         outline = env.settings.chair.footprint.array
         _, info = env.reset(seed=seed)
@@ -494,7 +494,7 @@ class Attack:
         return keys, self._kinds[(keys >> np.uint64(40)) % np.uint64(len(self._kinds))]
 
     def _could_be_seen(self, i: int, met: int, trace: tuple[Array, Array, Array]) -> bool:
-        """Whether what row i touches was in sight, a stopping time before, in the last 3 s."""
+        """Return True if row i's contact was in sight, a stopping time before, in the last 3 s."""
         settings, world = self.env.settings, self.env.chairs.world_rows[i]
         walls, discs = np.empty((world["n_walls"], 4)), np.empty((world["n_discs"], 3))
         shown(self.env.chairs.world_rows[i], walls, discs)

@@ -1,4 +1,4 @@
-"""What each shipped config file must equal; run as a program, it writes them."""
+"""Expected content of each shipped config file; run as a program, it writes them."""
 
 from __future__ import annotations
 

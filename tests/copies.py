@@ -41,7 +41,7 @@ def differences(one: Any, other: Any, where: str = "") -> Iterator[str]:
 
 
 def same_fields(one: Any, other: Any) -> bool:
-    """Whether two arrays or records hold the same bits in every field; padding may differ."""
+    """Return True if arrays or records have equal bits in every field; padding may differ."""
     return not list(differences(one, other))
 
 

@@ -73,7 +73,7 @@ CLINIC = ROOT / "wheelchair_gym" / "maps" / "data" / "clinic.yaml"
 
 
 class Reader(NamedTuple):
-    """How a kind of file is made, mutated and read."""
+    """Functions that make, mutate and read a kind of file."""
 
     make: Callable[[Path], Path]  # writes a valid file into a folder
     read: Callable[[Path], Any]  # reads it, and uses what was read
@@ -772,7 +772,7 @@ class Watched:
         self._stop()
 
     def ask(self, name: str, number: int) -> dict[str, Any]:
-        """What became of an input: said, s, bytes; a hang or a crash has its own words."""
+        """Return the result of an input: said, s, bytes; a hang or a crash has its own words."""
         if self._running is None:
             self._start()
         if name not in self._ready:

@@ -200,7 +200,7 @@ def test_a_user_of_numba_sees_no_difference(tmp_path):
 
 
 def test_a_function_of_a_user_calls_kernels_that_were_loaded(tmp_path):
-    """And a kernel is pickled by its name."""
+    """A kernel is pickled by its name."""
     code = (
         "import numba, pickle\n"
         "@numba.njit\n"

@@ -8,7 +8,7 @@ from wheelchair_gym.kinematics import approach
 
 
 def test_an_approach_ends_on_its_target_and_stays():
-    """Whatever the start and the target: exactly, since at rest means zero to all who ask."""
+    """From any start to any target, exactly, since all callers take zero for rest."""
     rng = np.random.default_rng(0)
     for _ in range(500):
         speed, slope, target = rng.uniform(-1, 1), 0.0, rng.choice([0.0, rng.uniform(-1, 1)])

@@ -1,4 +1,4 @@
-"""Laws of the table of stops: whatever a part can say is in it, and nothing goes on by mistake."""
+"""Laws of the table of stops: it has every message of a part, and nothing goes on by mistake."""
 
 from __future__ import annotations
 

@@ -71,7 +71,7 @@ def setting(
 
 
 def setting_docs(cls: type) -> dict[str, str]:
-    """What each setting of a class does: the strings below its fields, inherited ones too."""
+    """Return the description of each setting: the strings below fields, inherited ones too."""
     docs: dict[str, str] = {}
     for base in reversed(cls.__mro__):
         if not dataclasses.is_dataclass(base):
@@ -319,7 +319,7 @@ def dump(value: Any) -> Any:
 
 
 def value_of(word: str) -> Any:
-    """What a person typed: JSON, or else the word itself (also what is JSON beyond its limits)."""
+    """Return a typed word's value: JSON, or else the word itself (also if beyond JSON's limits)."""
     try:
         return parse_json(word, "a value")
     except InputError:

@@ -292,7 +292,7 @@ def coordinates(value: Any, counts: tuple[int, ...], where: str) -> list[float]:
     """A list from a file as coordinates [m]; `counts` are the lengths that it may have.
 
     Raises:
-        InputError: it is no list of so many coordinates.
+        InputError: it is no list of coordinates, or has another length.
     """
     good = isinstance(value, list) and len(value) in counts
     if not good or not all(map(is_coordinate, value)):

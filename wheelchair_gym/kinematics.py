@@ -65,7 +65,7 @@ _action_in_python: _InPython = _kernels[1].py_func
 
 @settings
 class Limits:
-    """What the chair may be asked to do; protective braking is exempt from comfort limits."""
+    """Limits of the chair's motion; protective braking is exempt from comfort limits."""
 
     forward: float = setting(
         default=0.8, unit="m/s", low=0.05, high=2.0, source="indoors people drive far below maximum"

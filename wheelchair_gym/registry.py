@@ -39,7 +39,7 @@ def is_place(name: object) -> bool:
 
 @cache
 def imported(place: str) -> Any:
-    """What `module:attribute` names; modules are looked for in the working folder, too.
+    """Import what `module:attribute` names; modules are looked for in the working folder, too.
 
     Raises:
         InputError: the module cannot be imported, or has no such attribute.
@@ -111,7 +111,7 @@ class Registry(Mapping[str, Any]):
     Args:
         kind: what the entries are, such as `planner`; error messages begin with it.
         places: `module:attribute` of each name.
-        group: of entry points by which other packages add names.
+        group: of entry points with which other packages add names.
         needs: the methods of which a class of other people has to have one.
     """
 

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 class Stick(NamedTuple):
-    """What a person's interface asks of the chair.
+    """Signal of a person's interface to the chair.
 
     Attributes:
         forward: deflection in [-1, 1]; of the full speed forward or backward.
@@ -42,7 +42,7 @@ class Stick(NamedTuple):
 
 
 class Reading(NamedTuple):
-    """All that a chair can know at one instant; never changed in place.
+    """Data that a chair can know at one instant; never changed in place.
 
     No echo is +inf, too near -inf, invalid NaN (REP-117). The environment fills in the last four
     for a policy (`NavigationEnv.reading`).
@@ -100,7 +100,7 @@ def check_reading(reading: Reading, beams: int) -> None:
 
 
 class Belief(NamedTuple):
-    """What a pose source goes by: for viewers and logs, never for a policy."""
+    """Evidence that a pose source uses: for viewers and logs, never for a policy."""
 
     odometry: Array  # (3,) m, m, rad: dead-reckoned, in the frame odom (REP-105)
     particles: Array | None = None  # (n, 3) m, m, rad: where on the map the chair may be
@@ -155,7 +155,7 @@ class Arrival(NamedTuple):
 
 @dataclass(frozen=True)
 class Episode:
-    """Where and what: a world, a start and a goal.
+    """A world, a start and a goal.
 
     Walls form closed loops with the solid on their left: a point is inside something solid exactly
     if they wind around it. Loops may overlap; a hole runs against the loop around it. The map is
@@ -175,7 +175,7 @@ class Episode:
     time_limit: float | None = None  # s: where the world says so
     name: str = ""
     actors: Actors = field(default_factory=no_actors)  # which the map does not show
-    reference_length: float | None = None  # m: the path length by which its source measures speed
+    reference_length: float | None = None  # m: the path length that its source measures speed with
     arrival: Arrival | None = None  # where the goal is a pose; the task's tolerances otherwise
 
     def __post_init__(self) -> None:
@@ -213,7 +213,7 @@ class Episode:
 
 @dataclass(frozen=True, eq=False)
 class Mission:
-    """What a policy may know before it drives. Policies may share one; none changes it.
+    """Information for a policy before it drives. Policies may share one; none changes it.
 
     Attributes:
         map: of the world, unknown cells occupied; None: the chair draws its own (`Reading.map`).
@@ -245,7 +245,7 @@ class Mission:
 
     @property
     def start(self) -> Array:
-        """Where the chair believes that it starts (3,) [m, m, rad]."""
+        """Pose at which the chair believes that it starts (3,) [m, m, rad]."""
         return self.reading.pose
 
     @property
@@ -266,7 +266,7 @@ class Mission:
 
 
 class Shown(NamedTuple):
-    """What a policy wants people to see in pictures, recordings and logs.
+    """Overlay of a policy for pictures, recordings and logs.
 
     Attributes:
         path: (n, 2) m: what it follows; None: the guidance is shown.
@@ -371,7 +371,7 @@ class Chair(ABC):
 
     @property
     def belief(self) -> Belief | None:
-        """What the pose source goes by; None: only the pose of the reading is known."""
+        """Evidence of the pose source; None: only the pose of the reading is known."""
         return None
 
     @property

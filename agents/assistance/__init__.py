@@ -47,7 +47,7 @@ def make_assistant(spec: str | Mapping[str, Any] | Any) -> Any:
 
 
 def is_shielded(spec: str | Mapping[str, Any] | Any) -> bool:
-    """Whether an assistant is driven behind the shield: all are, but for the bare stick."""
+    """Whether an assistant is driven behind the shield: all are, except the bare stick."""
     return bool(getattr(_settings(spec), "shielded", True))
 
 

@@ -25,7 +25,7 @@ __all__ = [
 
 @dataclass(frozen=True)
 class AssistInput:
-    """What an assistant decides by.
+    """Input of an assistant's decision.
 
     Attributes:
         asked: the stick's twist [m/s, rad/s], slowed backward as the freedom says.

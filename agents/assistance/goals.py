@@ -135,7 +135,7 @@ class _Blend(Goals):
         config = self.config
         twists = fan(self._mission, now)
         costs = self.update(now, twists)
-        if now.asked[0] < 0.0:  # whoever backs is manoeuvring, not driving to a goal
+        if now.asked[0] < 0.0:  # a person who backs is manoeuvring, not driving to a goal
             return nearest(twists, now.asked, self._mission)
         likely = int(np.argmax(self.belief))
         ramp = (float(self.belief[likely]) - config.timid) / (config.sure - config.timid)
@@ -177,7 +177,7 @@ class _Hindsight(Goals):
         config = self.config
         twists = fan(self._mission, now)
         costs = self.update(now, twists)
-        # Whoever backs is manoeuvring, not driving to a goal.
+        # A person who backs is manoeuvring, not driving to a goal.
         if now.asked[0] < 0.0 or not len(twists):
             return nearest(twists, now.asked, self._mission)
         expected = costs @ self.belief

@@ -122,7 +122,7 @@ def driver_rates(
 ) -> dict[str, float]:
     """Steps per second of a vector environment without and with a shield, and with a person.
 
-    All of them drive the same actions, the person's stick, in turn, each for so many seconds. With
+    All of them drive the same actions, the person's stick, in turn, each for `seconds`. With
     an assistant, the person drives with it, too, in an environment of its own. No world is made
     meanwhile: those of people take longer to make. Time is that of the processor, all threads
     together: other programs make the clock on the wall pass faster, and at any moment.

@@ -144,7 +144,7 @@ def _joined(names: Iterable[str]) -> str:
 
 
 def comparison_name(given: argparse.Namespace) -> str:
-    """What a comparison is called: its scenes and maps, or its suite where it has that one's."""
+    """Return a comparison's name: its scenes and maps, or its suite where none are given."""
     names = [
         Path(name).stem if name.endswith(".json") else Path(name).name
         for name in given.scenes or ()

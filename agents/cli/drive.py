@@ -180,7 +180,7 @@ def deploy(given: argparse.Namespace) -> int:
 
 
 def assisted(given: argparse.Namespace) -> int:
-    """Let a person drive a real chair with an assistant; 1 when the chair has stopped for good."""
+    """Run a person's drive of a real chair with an assistant; 1 if the chair stopped for good."""
     from agents.person.drive import drive_with_help, open_space, without_goal
     from agents.person.recorded_stick import REST, prompt_text, schedule
     from agents.person.stick import Keyboard, PersonsStick, Stand, TimedAssistant
@@ -321,7 +321,7 @@ def _check_free(grid: Any, name: str, place: Any, file: str) -> None:
 
 
 def _timing(record: dict[str, Any]) -> str:
-    """What planning and the loop's periods took, as a person reads it."""
+    """Return the times of planning and of late steps as text; empty where there are none."""
     text = ""
     if record.get("plans_ms_max", 0.0) > 0.0:
         text += (

@@ -68,7 +68,7 @@ def run(given: argparse.Namespace) -> int:
 
 
 def robot(given: argparse.Namespace) -> int:
-    """Let whoever publishes /cmd_vel drive the simulated chair; the figures of its episodes."""
+    """Drive the simulated chair by /cmd_vel; report the figures of its episodes."""
     from agents.evaluation.evaluate import drive_episode, label, make_env
     from agents.evaluation.map_evaluation import NO_TOLERANCE
     from agents.evaluation.metrics import TIMING, summarise
@@ -129,7 +129,7 @@ def robot(given: argparse.Namespace) -> int:
         if driver.late:
             _log(f"{driver.late} control periods ended over a second late")
     rows = summarise(records)[-1:]
-    for row in (*records, *rows):  # Robot waits in act: its times are not those of whoever drives
+    for row in (*records, *rows):  # Robot waits in act: its times are not the commander's
         for key in {*TIMING, "act_ms_p50", "plan_ms_p50", "plan_ms_p95"}:
             row.pop(key, None)
     found = sum(record["success"] for record in records)
@@ -143,7 +143,7 @@ def _log(line: str) -> None:
 
 
 def _link(given: argparse.Namespace, driver: Any) -> Any:
-    """A rosbridge server, the link to one, or DDS, by which the chair is commanded."""
+    """Return the link that commands the chair: a rosbridge server, a client of one, or DDS."""
     from agents.robot import COMMAND, COMMAND_TYPES, SERVICES
     from wheelchair_gym.hardware.registry import chair_settings
     from wheelchair_gym.hardware.ros.dds import DdsLink, domain_number

@@ -25,7 +25,7 @@ FOLLOWERS: Final = Registry(
 
 
 def make_follower(spec: Mapping[str, Any]) -> Any:
-    """What makes a follower, from `{"name": name, **settings}`.
+    """Return a follower's settings, whose `make` builds it, from `{"name": name, **settings}`.
 
     Raises:
         InputError: the name is unknown or a setting is wrong.

@@ -42,7 +42,7 @@ TURNS = np.array([0.06, 0.14, 0.25, 0.4, 0.6, 0.8, 1.0])  # shares of the turn l
 
 
 class Situation(NamedTuple):
-    """What a follower decides by."""
+    """Input of a follower: local map, reference path and state of the chair."""
 
     local_map: LocalMap
     reference: ReferencePath
@@ -50,7 +50,7 @@ class Situation(NamedTuple):
 
     @property
     def view(self) -> LocalView:
-        """What kernels need to know of what is around the chair."""
+        """Obstacle points, actors and the path ahead, as kernels take them."""
         local_map = self.local_map
         reference = self.reference.ahead(local_map.pose)
         return LocalView(local_map.points, local_map.actors, reference)
@@ -117,7 +117,7 @@ class Objective:
 
 @settings
 class RolloutSettings:
-    """What the followers that choose by roll-outs have in common."""
+    """Settings common to the followers that choose by roll-outs."""
 
     hold: float = setting(default=HOLD, unit="s", low=0.1, source="four periods at 10 Hz")
     """Time for which a twist is held before the stop that must be clear."""

@@ -218,7 +218,7 @@ class LocalMap:
         self.actors, self._standing = rows[lively & moves], rows[lively & ~moves]
 
     def _more_hits(self, reading: Reading, laser: LaserSettings, at: slice) -> Array:
-        """What a further scanner hits (k, 2) [m], without what the first one knows to move."""
+        """Return hits (k, 2) [m] of a further scanner, except on actors that the first tracks."""
         ranges = np.asarray(reading.laser[at], dtype=np.float64)
         ranges = np.where(np.isneginf(ranges), laser.range_min, ranges)
         origin = np.array([laser.x, laser.y])
@@ -253,7 +253,7 @@ class TemporaryObstacles:
         self._memory = np.empty(0)  # s for which each is remembered
 
     def explains(self, hits: Array, ranges: Array, pose: Array) -> Mask:
-        """Which hits (n, 2) at so many metres (n,) a mapped wall explains, or lie off the map."""
+        """Mask of hits (n, 2) at ranges (n,) [m]: explained by a mapped wall, or off the map."""
         cells = self._grid.to_cell(to_world(hits, pose))
         explained = np.ones(len(hits), bool)
         on = ((cells >= 0) & (cells < self._grid.shape)).all(axis=1)

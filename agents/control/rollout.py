@@ -31,7 +31,7 @@ SPEED_CLEARANCE = 0.06  # s: the outline keeps this share of its speed clear, as
 SLOW = 0.1  # m/s: and only above this speed
 GENTLE = 0.4  # m/s: slower, people have the time to step back
 AT_REST = 0.03  # m/s: slower, a chair stands
-SPREAD = 0.25  # standard deviations of a predicted place by which an actor is wider,
+SPREAD = 0.25  # standard deviations of a predicted place added to an actor's radius,
 MOST_SPREAD = 0.1  # m: up to this
 ACTOR_CAUTION = 0.35  # s: of own speed, kept as distance from actors, which may turn any moment
 X, Y, YAW, S = range(4)  # columns of a reference path
@@ -72,7 +72,7 @@ class ChairState:
 
 
 class LocalView(NamedTuple):
-    """What is around the chair, in its own frame, as kernels take it."""
+    """Surroundings of the chair, in its own frame, as kernels take them."""
 
     points: Array  # (k, 3) x, y and the distance from the origin [m], which rises
     actors: Array  # (m, 8): see `LocalMap.actors`

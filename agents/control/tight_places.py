@@ -139,7 +139,7 @@ class ManoeuvreTracker:
         return row + int(other[0]) if len(other) else len(self._kinds)
 
     def _place(self, pose: Array, row: int, end: int) -> tuple[int, float, float, float]:
-        """Where a pose is on the stretch from a row to its end.
+        """Locate a pose on the stretch from a row to its end.
 
         Returns:
             The row, how far the pose is to the left of the plan [m] and turned [rad], and how far

@@ -1,4 +1,4 @@
-"""What a chair assumes of a world that it has seen only a part of."""
+"""Assumptions of a chair about a world that it has seen only a part of."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ BLIND = 1.5  # m: an unseen obstacle so near the chair may be hit before it is s
 BESIDE = 0.10  # m round the chair, where the space is taken to be free
 BEHIND = 0.25  # m: backing at 0.2 m/s comes to rest within
 FINE = 0.025  # m between places on the floor that the chair stands on
-RESERVE = 128  # cells by which the rasters of the ground grow
+RESERVE = 128  # extra cells of the ground's rasters when they grow
 FLOOR = 0.2  # m: side of a free square that is open floor, and no error of a wall's place
 TURN = 0.05  # rad after which it stands on other places
-JITTER = 2.0  # cells by which a wall that is seen anew may come nearer
+JITTER = 2.0  # cells that a wall seen anew may come nearer
 
 
 def assumed_maps(grid: OccupancyGrid, pose: Array, footprint: Footprint) -> list[OccupancyGrid]:
@@ -72,7 +72,7 @@ def _fill(
 
 
 class Ground:
-    """What a chair that draws its map itself knows of the floor, beyond the newest map.
+    """Knowledge of the floor beyond the newest map, for a chair that draws its map itself.
 
     Where the chair has stood it is free, though the laser may never have seen it. What was open
     floor before may be so again: a door opens, a person goes on.
@@ -139,7 +139,7 @@ class Ground:
         return OccupancyGrid(cells, grid.resolution, grid.origin)
 
     def _reach(self, begin: NDArray[np.int64], end: NDArray[np.int64]) -> None:
-        """Let the rasters hold the cells from begin to end."""
+        """Grow the rasters until they hold the cells from begin to end."""
         if not self._stood.size:
             self._first = begin
         last = self._first + self._stood.shape

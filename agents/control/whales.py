@@ -52,7 +52,7 @@ def _bounds(config: RefinedWindow, now: Situation, slow: bool) -> tuple[Array, A
 
 
 def _one_period_later(best: Array, period: float) -> Array:
-    """What is left of a particle (SIZE,) after one control period [s]."""
+    """Return the rest of a particle (SIZE,) after one control period [s]."""
     left = best.copy()
     left[2] -= period
     if left[2] < period and left[-1] >= 2.0:

@@ -29,7 +29,7 @@ def angles_between(twists: Array, others: Array) -> Array:
 
 
 class StickTrace:
-    """What a person asked for and what the chair was then asked for: one entry a step."""
+    """Deflections of the stick and twists after assistant and shield: one entry a step."""
 
     def __init__(self, limits: Limits, period: float) -> None:
         self._limits, self._period = limits, period

@@ -123,9 +123,9 @@ def map_by_driving(
     *,
     real: bool = False,
 ) -> DrivenMap:
-    """Let a policy drive through a world of which the chair builds a map.
+    """Drive by a policy through a world while the chair builds a map of it.
 
-    It ends when the policy is done, when time is up, at a contact or at Ctrl-C.
+    The drive ends when the policy is done, when time is up, at a contact or at Ctrl-C.
 
     Args:
         env: with the pose source `slam`.

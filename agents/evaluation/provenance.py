@@ -1,4 +1,4 @@
-"""Where a result comes from: command, code, machine and versions; and atomic writing of files."""
+"""Origin of a result: command, code, machine and versions; and atomic writing of files."""
 
 from __future__ import annotations
 

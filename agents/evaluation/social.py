@@ -24,9 +24,9 @@ INTIMATE = 0.45  # m: nearer is somebody's intimate space (Hall 1966)
 
 
 class PeopleTrace:
-    """Where people were in one episode: one entry for reset and each step.
+    """Positions of people in one episode: one entry for reset and each step.
 
-    Who walks beside the chair is left out.
+    A person who walks beside the chair is left out.
     """
 
     def __init__(self, world: Episode, footprint: Footprint) -> None:

@@ -61,7 +61,7 @@ class Column(NamedTuple):
 
 
 class Cell(NamedTuple):
-    """A cell: its text, small print below it, and the number by which it is sorted."""
+    """A cell: its text, small print below it, and its sort key."""
 
     text: str
     small: str = ""

@@ -89,7 +89,7 @@ class Curriculum:
     initial_time: float = setting(default=12.0, unit="s", low=0.0, source=TUNED)
     """Longest planned travel time from the first starts to the goal; 0 disables the curriculum."""
     growth: float = setting(default=1.15, low=1.0, source=TUNED)
-    """Factor by which the travel time grows at each advance."""
+    """Growth factor of the travel time at each advance."""
     success_threshold: float = setting(default=0.75, low=0.0, high=1.0, source=TUNED)
     """Success rate above which the curriculum advances."""
     episodes: int = setting(default=1024, low=1)

@@ -24,30 +24,30 @@ class Task:
     """A drive that every participant makes in every condition."""
 
     name: str
-    """What it is called; part of the names of recordings."""
+    """Name of the task; part of the names of recordings."""
     scene: Any = setting(default="floor_plan", source=_OWN)
     """A scene: its name, or a mapping with its settings."""
     seed: int = setting(default=0, low=0, source=_OWN)
     """Seed of the episode: start, goal and people are the same for all."""
     text: str = setting(default="", source=_OWN)
-    """What the participant is asked to do."""
+    """Instruction that the participant reads."""
 
 
 @settings
 class Condition:
-    """What is compared: the help that a participant has."""
+    """One of the compared conditions: the help that a participant has."""
 
     name: str
-    """What it is called in tables."""
+    """Name in tables."""
     assist: Any = setting(default="shield", source=_OWN)
     """An assistant: its name, or a mapping with its settings."""
     hand: Hand = setting(default=Hand(), source=_OWN)
     """An impairment that is simulated at the stick: settings of a driver's hand."""
     perception: Perception = setting(default=Perception(), source=_OWN)
-    """What is hidden from the participant: `left`, `right`, `neglect` and `noticed` of a driver's
-    perception."""
+    """Parts of the scene hidden from the participant: `left`, `right`, `neglect` and `noticed` of a
+    driver's perception."""
     text: str = setting(default="", source=_OWN)
-    """What the participant reads about it."""
+    """Text about the condition that the participant reads."""
 
     def __post_init__(self) -> None:
         """Refuse what nobody can hide: reactions, attention and habits are the participant's."""
@@ -63,15 +63,15 @@ class Questionnaire:
     """Statements that a participant rates on one scale (Likert)."""
 
     name: str
-    """What it is called in tables."""
+    """Name in tables."""
     statements: tuple[str, ...]
-    """What is rated, one statement after another."""
+    """Statements to rate, in order."""
     points: int = setting(default=7, low=2, high=11, source="common for a Likert scale")
     """Steps of the scale; the answers are 1 to `points`."""
     low: str = setting(default="strongly disagree", source="common for a Likert scale")
-    """What 1 means."""
+    """Meaning of 1."""
     high: str = setting(default="strongly agree", source="common for a Likert scale")
-    """What the last step means."""
+    """Meaning of the last step."""
     after: Literal["condition", "experiment"] = "condition"
     """Whether it is asked after every condition, or once at the end."""
 
@@ -121,13 +121,13 @@ class Protocol:
     """
 
     title: str
-    """What the experiment is called."""
+    """Title of the experiment."""
     consent: str
-    """What a participant agrees to before anything else."""
+    """Text that a participant agrees to before anything else."""
     conditions: tuple[Condition, ...]
-    """What is compared."""
+    """Conditions that are compared."""
     tasks: tuple[Task, ...]
-    """What everybody drives in every condition."""
+    """Drives that every participant makes in every condition."""
     practice: tuple[Task, ...] = ()
     """Drives before the tasks of each condition, which are not evaluated."""
     order: Literal["balanced", "listed"] = "balanced"
@@ -135,12 +135,12 @@ class Protocol:
     nasa_tlx: bool = True
     """Whether the NASA-TLX is asked after each condition."""
     questionnaires: tuple[Questionnaire, ...] = ()
-    """What else is asked."""
+    """Further questionnaires."""
     devices: tuple[Device, ...] = setting(default=DEVICES, source=_OWN)
-    """By what a participant may drive. With more than one, it is chosen before each drive; in a
-    drive it stays."""
+    """Input devices that a participant may use. With more than one, the device is chosen before
+    each drive; in a drive it stays."""
     scan_period: float = setting(default=0.0, unit="s", low=0.0, high=10.0, source=_OWN)
-    """For which a single switch lights each command, at least 0.3; 0: chosen before each drive."""
+    """Time for which a single switch lights each command, min 0.3; 0: chosen before each drive."""
 
     def __post_init__(self) -> None:
         """Refuse what is empty, and names that are not distinct."""

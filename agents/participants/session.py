@@ -1,7 +1,7 @@
-"""What a participant has done, kept in a folder: one line a step, and recordings of the drives.
+"""Record of a participant's session in a folder: one line a step, and recordings of the drives.
 
 A folder belongs to one protocol. Participants have numbers and no names. A line is never written
-again: who has stopped in the middle goes on with the first step that is missing.
+again: after an interruption, a participant goes on with the first step that is missing.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ class Session:
             step: which drive.
             figures: its numbers, named as `wheelchair compare` does.
             recording: the file's name.
-            device: by which the participant drove, one of the protocol's.
+            device: that the participant used, one of the protocol's.
             scan_period: of a single switch [s].
         """
         numbers = {

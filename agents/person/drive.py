@@ -49,9 +49,9 @@ def drive_with_help(
     log: Log,
     each: Callable[[Any], bool],
 ) -> dict[str, Any]:
-    """Let a person drive with an assistant, until `each` returns true or the chair has stopped.
+    """Run a person's drive with an assistant, until `each` returns true or the chair has stopped.
 
-    Ctrl-C ends it, too.
+    Ctrl-C ends the drive, too.
 
     After a touch the shield holds the chair until the person has driven it free by hand, or has
     re-armed it.

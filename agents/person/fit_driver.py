@@ -51,16 +51,16 @@ _NAMES = {
 _LOW = np.array([0.0, 0.005, 0.005, 0.05, 0.05, 0.05, 0.05, -0.8, -0.5, -0.5])
 _HIGH = np.array([2.5, 1.5, 1.5, 1.0, 1.0, 1.0, 1.0, 0.8, 0.5, 0.5])
 _STEADY = np.zeros((0, 2))  # no tremor
-_CORRECTIONS = 10  # simulated sessions by which a bias is found
+_CORRECTIONS = 10  # simulated sessions that estimate a bias
 _START = np.array([0.4, 0.1, 0.1, 0.8, 0.8, 0.8, 0.8, 0.0, 0.0, 0.0])
 
 
 class Fit(NamedTuple):
-    """What was fitted.
+    """Result of a fit.
 
     Attributes:
-        driver: settings that `make_driver` takes; what was not identified is that of the person to
-            begin with.
+        driver: settings that `make_driver` takes. A setting that was not identified has the
+            value of `base` (see `fit_driver`).
         estimates: by the setting's name.
         unidentified: why a setting was not fitted, by its name.
         figures: other figures of the sessions.

@@ -25,7 +25,7 @@ LEAST_RATE = 25.0  # Hz: sessions recorded more slowly show a tremor at wrong fr
 STRETCH = 2.56  # s of an uninterrupted deflection that give one periodogram
 LEAST_STRETCHES = 6
 TREMOR = "hand.tremor", "hand.tremor_frequency", "hand.tremor_band"
-_EVIDENCE = 10.0  # by which a tremor must raise the log-likelihood: of three parameters, P < 1e-3
+_EVIDENCE = 10.0  # min gain of log-likelihood by a tremor: for three parameters, P < 1e-3
 _FULL = 0.92  # deflection from which on the stick's end cuts a tremor off
 
 

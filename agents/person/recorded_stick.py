@@ -58,7 +58,7 @@ def schedule(
 
 
 def prompt_text(forward: float, left: float) -> str:
-    """What a person is asked for."""
+    """Return the prompt that asks a person for a deflection."""
     if forward == left == 0.0:
         return "let go: centre"
     ways = [("forward", forward), ("backward", -forward), ("left", left), ("right", -left)]

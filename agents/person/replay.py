@@ -22,9 +22,9 @@ from wheelchair_gym.recording.replay import RecordedEpisode, replay_env
 
 
 def open_loop(recorded: RecordedEpisode, assist: Any) -> dict[str, Any]:
-    """What another assistant would have answered, beside what the recorded one did.
+    """Compare the answers of another assistant with the recorded ones.
 
-    Both are compared before the shield, in full speeds.
+    Both are taken before the shield, as shares of full speed.
 
     Args:
         recorded: an episode that a person drove.

@@ -40,7 +40,7 @@ _KEYS = (
 
 
 class StickSource(Protocol):
-    """What reads a person's stick: a gamepad, a chair with its own joystick, or a keyboard."""
+    """A reader of a person's stick: a gamepad, a chair with its own joystick, or a keyboard."""
 
     def stick(self, now: float) -> tuple[Stick, str]:
         """The stick at a time [s], and why it may not drive; empty: it may."""
@@ -79,7 +79,7 @@ class PersonsStick:
         self._must_centre = True
 
     def must_centre(self) -> None:
-        """Let nothing be driven before the stick was at its centre."""
+        """Require that the stick returns to its centre before the chair drives."""
         with self._lock:
             self._must_centre = True
 

@@ -110,7 +110,7 @@ class GymPolicy:
 
 
 def policy_names() -> str:
-    """What `make_policy` takes, as one line for a person."""
+    """Return the names and files that `make_policy` takes, as one line of text."""
     from agents.learning.weights import shipped
 
     simple = [name for name in POLICIES if name not in ("learned", "planned", "sb3")]
@@ -156,7 +156,7 @@ def settings_of(spec: str | Mapping[str, Any] | Any) -> Any:
 
 
 def spec_of(policy: str | Mapping[str, Any] | Any) -> str | Mapping[str, Any] | Any:
-    """What a policy is compared as: names and mappings as they are, our settings as a mapping.
+    """Return a policy's spec for comparison: a name or mapping as it is, our settings as mapping.
 
     Settings of other packages stay as they are; their class and their values identify them.
 

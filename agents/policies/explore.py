@@ -62,7 +62,7 @@ class Explore:
         self.planned()
 
     def planned(self) -> Planned:
-        """What drives to each place."""
+        """Return the settings of the policy that drives to each place."""
         return Planned(
             planner=self.planner,
             follower=self.follower,
@@ -77,7 +77,7 @@ class Explore:
 
 
 class Choice(NamedTuple):
-    """Where to drive next."""
+    """The next place to drive to, and the search's state after it."""
 
     state: str
     answers: list[tuple[Array, Answer]]  # places (2 or 3,) planned to, of which the last is taken

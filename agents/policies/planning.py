@@ -34,7 +34,7 @@ SWITCH = 0.0005  # s after which a planner written in Python lets the loop run
 
 @dataclass
 class PlanningFigures:
-    """What planning took in an episode, and what the chair did meanwhile."""
+    """Times of planning in an episode, and times that the chair followed or stood meanwhile."""
 
     times: list[float] = field(default_factory=list)  # s of wall time that each plan took
     late: int = 0  # plans that were not there by their deadline

@@ -182,7 +182,7 @@ EVERY = 3  # cells between two places
 def place_aside(grid: OccupancyGrid, place: Array, blocking: Array) -> Array | None:
     """The place (2,) near the chair's that leaves most room to what blocks its path (n, 2) [m].
 
-    A leaf that the chair holds can then swing, and whoever stands before it can pass. None where no
+    A leaf that the chair holds can then swing, and a person in front of it can pass. None where no
     place leaves more than the chair does now.
     """
     cells = np.argwhere(grid.traversable(BREADTH)[::EVERY, ::EVERY]) * EVERY
@@ -195,7 +195,7 @@ def place_aside(grid: OccupancyGrid, place: Array, blocking: Array) -> Array | N
 
 
 RETRY_TIME = 3.0  # s until a plan that found no way is tried again
-DETOUR = 2.0  # m by which a detour may be longer at once, and
+DETOUR = 2.0  # m that a detour may be longer at once, and
 STROLL = 0.5  # m/s more the longer the chair waits: it waits as long as the detour would cost
 
 

@@ -79,7 +79,7 @@ class Search:
     drawn: Footprint | None = None  # the chair's, where it draws the only map itself; then also
     beyond: float = BEYOND  # m: how far beyond what is known paths may lead
     reopened: OccupancyGrid | None = None  # the map with all free that was free once
-    detour: float = 0.0  # m by which a path may be longer than one in that map
+    detour: float = 0.0  # m that a path may be longer than one in that map
 
     def plan(self, goal: Array, end: float) -> Answer:
         """Plan to a goal (2 or 3,), until `clock` shows `end` [s], in one map after another.

@@ -89,7 +89,7 @@ class Trained:
         return self._hold * period
 
     def observe_by(self, task: Task) -> None:
-        """Let a task make the observations.
+        """Set the task that makes the observations.
 
         Raises:
             InputError: its observations have other sizes than those of training.

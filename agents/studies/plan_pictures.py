@@ -224,7 +224,7 @@ class PlanPictures:
 
 
 def _frames(count: int, most: int) -> list[int]:
-    """Numbers below a count, evenly, at most so many."""
+    """Return numbers below a count, evenly spaced, at most `most` of them."""
     return [round(k) for k in np.linspace(0, count - 1, min(count, most)).tolist()]
 
 

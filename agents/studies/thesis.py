@@ -129,7 +129,7 @@ def controls_of(drawn: Drawn, plan: Plan, seed: int) -> Controls:
 
 
 def describe(made: Controls) -> str:
-    """What becomes of the commands, in a few words."""
+    """Return a summary: when the commands arrive, or the segment whose end they miss."""
     if made.collision_free and made.arrived:
         return f"{len(made.commands)} commands arrive in {made.times[-1]:.1f} s, free of contact"
     return (

@@ -1,4 +1,4 @@
-"""Who may talk to the studio: a token, the page's own origin, and not too often.
+"""Access to the studio: a token, the page's own origin, and a limit of the request rate.
 
 A browser lets any page of the web send requests to this machine. So every request must name this
 server as its host, come from no other page, and carry the token that only the person who started
@@ -32,7 +32,7 @@ _HEADERS: Final = (
 
 
 class Bucket:
-    """Allows so many events a second, and more of them at once after a pause."""
+    """Allows `per_second` events a second, and up to `burst` at once after a pause."""
 
     def __init__(self, per_second: float, burst: float) -> None:
         self._rate, self._burst = per_second, burst
@@ -50,7 +50,7 @@ class Bucket:
 
 
 class Access:
-    """What is refused, and why.
+    """Rules that refuse connections, with a reason.
 
     Args:
         token: that clients must know; empty: a new one is made.

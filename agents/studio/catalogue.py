@@ -1,4 +1,4 @@
-"""What a person may choose: places to drive in, assistants, and hands."""
+"""Choices of a person: places to drive in, assistants, and hands."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ANY_TIME: Final = 3600.0  # s: limit of a drive that no suite limits
 
 
 class Place(NamedTuple):
-    """Where episodes are drawn from.
+    """Source of episodes: a scene, a scene of a suite, or a map.
 
     Attributes:
         group: scene, suite or map.
@@ -70,7 +70,7 @@ def places(own_map: Mapping[str, Any] | None = None) -> dict[str, Place]:
 
 
 def choices(found: Mapping[str, Place]) -> dict[str, Any]:
-    """What the page offers, as JSON holds it."""
+    """Return the choices that the page offers, as JSON holds them."""
     return {
         "places": [[key, place.group, place.label] for key, place in found.items()],
         "first": MAP if MAP in found else f"scene:{FIRST}",

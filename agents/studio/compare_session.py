@@ -63,7 +63,7 @@ class CompareSession(PageSession):
         super().__init__(outbox)
 
     def on_pair(self, message: Message) -> None:
-        """Let two policies drive, or a simulated person with two assistants."""
+        """Run two policies, or a simulated person with two assistants."""
         place = entry(self._places, message["place"], "pair.place")
         driver = message["driver"]
         one_of((NOBODY, *DRIVERS.built_in)).check(driver, "pair.driver")

@@ -96,7 +96,7 @@ def loaded(path: Path, resolution: float) -> OccupancyGrid:
 
 
 def rectangles(grid: OccupancyGrid) -> Array:
-    """What is solid, as rectangles (n, 4) [m]: x0, y0, x1, y1 from the lower left corner.
+    """Return solid cells as rectangles (n, 4) [m]: x0, y0, x1, y1 from the lower left corner.
 
     Runs of cells of one row are joined with equal runs of the rows above.
     """

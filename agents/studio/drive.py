@@ -40,7 +40,7 @@ _NOTHING: Final = Stick(0.0, 0.0, False)
 
 @dataclass(frozen=True)
 class Order:
-    """What a person wants to drive."""
+    """Order of a drive: place, seed, assistant, hand, rate, recording and sight."""
 
     key: str  # of the place
     place: Place
@@ -128,11 +128,11 @@ class Drive:
         return truth
 
     def set_assistant(self, name: Any) -> None:
-        """Let another assistant help from now on.
+        """Change the assistant from now on.
 
         Raises:
             InputError: it is driven with a shield and this one is not, or the other way round; or
-                it does not fit the chair. The assistant of before goes on.
+                it does not fit the chair. The previous assistant goes on.
         """
         if is_shielded(name) != is_shielded(self.order.assist):
             raise InputError(f"assistant {name}: expected a new drive, since the shield changes")
@@ -146,7 +146,7 @@ class Drive:
         self.order = dataclasses.replace(self.order, assist=name)
 
     def set_hand(self, name: str) -> None:
-        """Let the stick be moved by the hand of a simulated person from now on."""
+        """Put the hand of a simulated person on the stick from now on."""
         self.order = dataclasses.replace(self.order, hand=name)
         self.set_device(self._scan_period)
 
@@ -176,7 +176,7 @@ class Drive:
             self._hand.press()
 
     def step(self, forward: float, left: float, by: str = "") -> None:
-        """Let one control period pass with a deflection; before the first one, time stands.
+        """Advance one control period with a deflection; before the first one, time stands.
 
         Args:
             forward: deflection, in [-1, 1].
@@ -223,7 +223,7 @@ class Drive:
             self._track()
 
     def _labels(self) -> dict[str, Any]:
-        """Who drives, for the recording: what differs from a healthy person at a stick, too."""
+        """Labels of the driver for the recording; also how they differ from a healthy person."""
         order, by = self.order, self._by
         labels = {"assistant": order.assist}
         if self._hand is not None:  # what is recorded is what it makes of the person's
@@ -245,7 +245,7 @@ class Drive:
         ]
 
     def rest(self) -> None:
-        """Let go of the stick until the chair stands; simulated time runs as fast as it can."""
+        """Release the stick until the chair stands; simulated time runs as fast as it can."""
         period = self._world.task.period
         for _ in range(math.ceil(_LONGEST_STOP / period)):
             if self.over or not self.steps or np.abs(self.truth.twist).max() < _REST:
@@ -278,7 +278,7 @@ class Drive:
         }  # fmt: skip
 
     def world(self) -> dict[str, Any]:
-        """What stands still, once a drive: walls, sensors, the chair, who moves."""
+        """Return the constants of a drive: walls, sensors, the chair, kinds of actors, order."""
         return {
             **world_of(self._world), "order": {
                 "place": self.order.key, "seed": self.order.seed, "assist": self.order.assist,
@@ -287,7 +287,7 @@ class Drive:
         }  # fmt: skip
 
     def picture(self) -> tuple[dict[str, Any], bytes]:
-        """What changes: a head, and the ranges of the first scanner in mm, 0 where it has none."""
+        """Return what changes: a head, and ranges [mm] of the first scanner, 0 without an echo."""
         world, truth, info = self._world, self.truth, self._info
         reading, shield = world.task.reading, world.shield
         sensors, sight = world.settings.sensors, self._sight
@@ -314,7 +314,7 @@ class Drive:
 
 
 def world_of(world: Any) -> dict[str, Any]:
-    """What stands still in an episode: walls, sensors, the chair, who moves."""
+    """Return the constants of an episode: walls, sensors, the chair, kinds and sizes of actors."""
     episode, settings = world.episode, world.settings
     laser, sonar = settings.sensors.laser, settings.sensors.ultrasonic
     models = zip(sonar.mounted, sonar.models, strict=True)

@@ -160,9 +160,9 @@ def plain(value: Any) -> Any:
 
 
 class Outbox:
-    """What waits to be sent to one page; filled from any thread, emptied by the server's loop.
+    """Queue of messages to one page; filled from any thread, emptied by the server's loop.
 
-    Of pictures the latest one waits only: a slow page sees fewer of them, and no old ones.
+    Only the latest picture is kept: a slow page sees fewer pictures, and no old ones.
     """
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
@@ -172,7 +172,7 @@ class Outbox:
         self.overflown = False
 
     def send(self, kind: str, /, **content: Any) -> None:
-        """Let a message of a type wait."""
+        """Queue a message of a type."""
         if len(self._messages) >= _WAITING:
             self.overflown = True
             return
@@ -180,7 +180,7 @@ class Outbox:
         self._wake()
 
     def show(self, head: Message, ranges: bytes) -> None:
-        """Let a picture wait, in place of one that waits: length of the head, head, ranges."""
+        """Queue a picture, and drop one that waits: length of the head, head, ranges."""
         text = json.dumps(plain(head), separators=(",", ":")).encode()
         text += b" " * (-len(text) % 4)  # so that the ranges are aligned
         self._picture = len(text).to_bytes(4, "little") + text + ranges

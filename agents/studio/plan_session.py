@@ -122,7 +122,7 @@ class PlanSession(PageSession):
         self._show("")
 
     def on_plan(self, message: Message) -> None:
-        """Let planners answer, one after another."""
+        """Run planners, one after another."""
         start, goal = _point(message, "start"), _point(message, "goal")
         self._problem = problem_of(self._grid, start, goal, message["clearance"])
         self._plans, self._seed = {}, message["seed"]

@@ -1,4 +1,4 @@
-"""What planners answer on a drawn map, with figures, and how trees and swarms grew."""
+"""Plans on a drawn map, with figures and the growth of trees and swarms."""
 
 from __future__ import annotations
 

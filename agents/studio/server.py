@@ -75,7 +75,7 @@ class Studio:
         return Guard(Starlette(routes=routes), self.access)
 
     def places(self) -> dict[str, Any]:
-        """What may be driven, by key; loaded once."""
+        """Return the places to drive in, by key; loaded once."""
         from agents.studio.catalogue import places
 
         with self._lock:

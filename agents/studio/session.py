@@ -195,7 +195,7 @@ class DriveSession(PageSession):
             self._drive.set_sight(message["name"])
 
     def on_pause(self, message: Message) -> None:
-        """Let time stand, or go on."""
+        """Pause or resume time."""
         self._paused = message["on"]
         self._out.send("paused", on=self._paused)
 

@@ -145,7 +145,7 @@ class WarmUp:
         threading.Thread(target=self._run, daemon=True, name="warm-up").start()
 
     def state(self) -> dict[str, Any]:
-        """What the page shows: whether a drive may begin, kernels compiled so far, a share."""
+        """Return the page's state: whether a drive may begin, kernels compiled so far, a share."""
         seconds = time.monotonic() - self._begun
         ready = self.ready.is_set()
         return {

@@ -1,1 +1,1 @@
-"""What is free: exact collision tests of points, edges and footprints against polygons."""
+"""Exact collision tests of points, edges and footprints against polygons."""

@@ -379,7 +379,7 @@ def _offset_boundary(arrays: SpaceArrays, radii: Array, bounds: Array) -> Array 
     pieces, good = exposed_pieces(arrays, radii)
     if not good or not len(pieces.source):
         return np.empty((0, 4)) if good else None
-    if (pieces.high - pieces.low < JOIN).any():  # what just touches, but for rounding
+    if (pieces.high - pieces.low < JOIN).any():  # pieces that only touch, up to rounding
         return None
     far, follows = cKDTree(pieces.ends[:, :2]).query(pieces.ends[:, 2:])
     if (far > JOIN).any() or len(np.unique(follows)) < len(follows):

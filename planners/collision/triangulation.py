@@ -30,7 +30,7 @@ class Mesh(NamedTuple):
 
 
 class _Sweep(NamedTuple):
-    """What grows while the line moves up."""
+    """Arrays that grow while the sweep line moves up."""
 
     points: Array  # (m, 2)
     corners: Index  # (2 n, 3)

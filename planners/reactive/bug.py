@@ -29,7 +29,7 @@ from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.config import setting, settings
 from wheelchair_gym.geometry import path_length, without_repeats
 
-# m: distances by which rounding may move a point off a slanted side.
+# m: distances that rounding may move a point off a slanted side.
 NUDGES = (0.0, *(10.0**k for k in range(-16, -5)))
 CLOSE = 1e-9  # of a path: segments met at one point within rounding
 

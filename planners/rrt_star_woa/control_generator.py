@@ -292,7 +292,7 @@ def write_maneuver(
     motion, count = trial[0], 1
     if kind == _TWO_ARCS:
         count = arc(now[0], leg.middle_x, leg.middle_y, limits, False, commands)
-    elif kind == _TURN_THEN_ARC:  # in place, but for the last part
+    elif kind == _TURN_THEN_ARC:  # in place, except for the last part
         angle = wrap(math.atan2(leg.y - motion.y, leg.x - motion.x) - motion.yaw)
         rest, rate = min(abs(angle), WHILE_DRIVING), turn_limit(motion.v, limits, world.pivot)
         commands[0, W], commands[0, T] = math.copysign(rate, angle), (abs(angle) - rest) / rate

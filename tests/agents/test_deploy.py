@@ -91,7 +91,7 @@ class Drive:
         return record
 
     def end(self):
-        """Whether the world came to rest; then it goes."""
+        """Close the chair; return True if it came to rest."""
         clock = self.hosted.clock
         clock.wait(clock.now() + 0.7)
         still = abs(self.hosted.twin.motion.speed) < 2e-3

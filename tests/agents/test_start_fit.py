@@ -22,7 +22,7 @@ SCENES = ("floor_plan", "clutter", "crowd", "doorway", "empty", "temporary")
 
 
 def fits(scene, seed, way, turn):
-    """How a scan fits a start that is off by a way [m] and a turn [rad], in any free direction."""
+    """Fit a scan to a start that is off by a distance [m] and a turn [rad], in a free direction."""
     episode = make_scene(scene).sample(np.random.default_rng(1000 + seed))
     ranges, rng = SimulatedChair().reset(episode, seed).laser, np.random.default_rng(seed)
     grid = episode.map

@@ -1,4 +1,4 @@
-"""Whoever looks on sees the same run: a comparison's episodes, a survey, a replay."""
+"""A watched run is the same run: a comparison's episodes, a survey, a replay."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def test_a_survey_is_recorded_with_its_growing_map(tmp_path, capsys):
 
 
 def test_a_replay_is_watched_like_a_drive(tmp_path, capsys):
-    """What a replay records is what was recorded, and can be replayed."""
+    """A replay records the same content again, and its recording can be replayed."""
     first, again = tmp_path / "a.mcap", tmp_path / "b.mcap"
     drive = ["simulate", "--scene", "empty", "--policy", "straight", "--pose", "mcl"]
     assert main([*drive, "--record", str(first)]) == 0

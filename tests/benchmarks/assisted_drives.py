@@ -121,7 +121,7 @@ class Helpers:
 
 
 def measures(trace: StickTrace, steps: int, distance: float) -> dict[str, float | None]:
-    """Measures of a drive of so many steps and so long a way [m]; no direction is an angle of 0."""
+    """Return measures of a drive of n steps and a distance [m]; no direction is an angle of 0."""
     found = trace.figures(np.zeros((steps + 1, 2)), distance)
     angle = found["agreement_angle"]
     return {
@@ -322,7 +322,7 @@ def names(text: str) -> list[str]:
 
 
 def parse(parser: argparse.ArgumentParser, drives: int, out: str) -> argparse.Namespace:
-    """What is given, with the options of drives in batches; ends the program where it is wrong."""
+    """Parse the arguments, with the options of drives in batches; end the program on an error."""
     text = "of a driver in a scene; a multiple of --rows"
     parser.add_argument("--drives", type=int, default=drives, help=text)
     parser.add_argument("--rows", type=int, default=25, help="of a batch")

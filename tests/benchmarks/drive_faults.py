@@ -1,4 +1,4 @@
-"""What the drive board does about its motors, brakes, strips and EEPROM when they fail.
+"""Reactions of the drive board to failed motors, brakes, strips and EEPROM.
 
 `python -m tests.benchmarks.drive_faults [trials] [case ...]`: a table on stdout, then the same as
 JSON; 100 trials of each case. The firmware runs on its emulated chip in lock step with the
@@ -72,7 +72,7 @@ class Ride:
         self._counts = (0.0, 0.0)
 
     def each(self, seconds: float):
-        """Let time pass; yields after each millisecond the speeds of both rims [m/s]."""
+        """Advance time; yield the speeds of both rims [m/s] after each millisecond."""
         from wheelchair_gym.hardware.boards.protocol import Command
 
         for k in range(round(seconds * 1000)):
@@ -263,7 +263,7 @@ def take_over(ride, _v, _angle, mode):
 
 
 def outward(pressed, v, w):
-    """How fast any point of the pressed sides moves outwards [m/s]; at most 0: all move away."""
+    """Return the maximum outward speed of the pressed sides [m/s]; at most 0: all move away."""
     corners = [(FRONT, HALF), (FRONT, -HALF), (-REAR, HALF), (-REAR, -HALF)]
     speeds = []
     for x, y in corners:
@@ -324,7 +324,7 @@ def store(ride, _v, _angle, _mode):
 
 
 def edges(ride, _v, _angle, mode):
-    """Whatever a chair in order may meet, and none of it is a fault."""
+    """Run the conditions that a chair in order may meet; none of them is a fault."""
     pilot, twin, rng = ride.pilot, ride.twin, ride.rng
     pilot.start(0.0, 0.0, 0.1)
     if mode == "slopes":
@@ -399,7 +399,7 @@ CASES: dict[str, Case] = {
 
 
 def trial(name, number):
-    """What one trial shows: figure -> (measured, bound)."""
+    """Return the figures of one trial: figure -> (measured, bound)."""
     rng = np.random.default_rng([list(CASES).index(name), number])
     ride = Ride(rng, CHAIRS.get(name, ChairSettings()))
     act, *given = CASES[name]

@@ -1,4 +1,4 @@
-"""What hangs on the settings of simulated people for which no published value was found.
+"""Effect of the settings of simulated people for which no published value was found.
 
 `python -m tests.benchmarks.driver_assumptions [--drives N]`: each such setting is driven at both
 ends of its plausible range and at its default, N times in homes with the shield alone and with an

@@ -33,7 +33,7 @@ BESIDE = 0.15  # m from the outline: farther returns are not what it touched
 
 
 class Drive(NamedTuple):
-    """What a drive is judged by.
+    """Measures of a drive.
 
     Attributes:
         success: whether it arrived without a contact at fault.
@@ -123,7 +123,7 @@ def centimetres(metres: list[float]) -> str:
 
 
 def ratio(one: str, other: str, place: str, n: int, field: str = "time") -> str:
-    """How many times as large a figure is for one driver as for another, over pairs that arrive."""
+    """Return the ratio of a figure of two drivers, over pairs of drives that arrive."""
     pairs = [
         (getattr(a, field), getattr(b, field))
         for a, b in zip(drives(one, place, n), drives(other, place, n), strict=True)
@@ -144,7 +144,7 @@ def share(of: str, place: str, n: int, *parts: str) -> str:
 
 
 def rows(n: int) -> list[tuple[str, str, str]]:
-    """What was published, its source, and what the simulated drivers did."""
+    """Return rows of a published figure, its source, and the simulated drivers' figure."""
     left, expert_left = (
         centimetres([-one.right for one in drives(driver, "forward", n)])
         for driver in ("hemineglect", "expert")

@@ -1,4 +1,4 @@
-"""How soon the lattice planner finds a path, how good it is by then, and how it fails.
+"""Lattice planner: time to a path, its quality by then, and failures.
 
 `python -m tests.benchmarks.lattice [--worlds 100] [--settings JSON] [--out FILE.json]`: drawn BARN
 worlds and the 60 of the benchmark, homes, doors and the stored footprint problems, each in a map

@@ -46,7 +46,7 @@ class OmplFootprint(FootprintPlanner):
     range: float = setting(default=2.0, unit="m", low=0.01, source="design choice")
     """Longest edge of a tree, where the algorithm has such a parameter."""
     goals: int = setting(default=24, low=1, source="se2_rrt_star_woa")
-    """At most so many headings are goals where the problem's goal has none."""
+    """Maximum number of goal headings where the problem's goal has none."""
     limit: float = setting(default=10.0, unit="s", low=0.0, source="design choice")
     """Time limit of a call without a deadline."""
 

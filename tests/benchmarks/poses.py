@@ -1,4 +1,4 @@
-"""What chairs believe about where they are, and what they draw: python -m tests.benchmarks.poses.
+"""Pose estimates and drawn maps of chairs: python -m tests.benchmarks.poses.
 
 In floor plans with all noise: a chair explores and draws its map (SLAM); then the best scripted
 policy drives there with each pose source, `mcl` once on the true map and once on the drawn one. For

@@ -23,7 +23,7 @@ from agents.evaluation.runs import compute, run_key, source_digest
 from agents.evaluation.statistics import wilson
 from tests.attacks import APART, HARM, SCENES, SLOW, Attack, Event, Report, blank
 
-ROWS, EACH = 256, 4  # attacks of a chunk: rows times so many
+ROWS, EACH = 256, 4  # attacks of a chunk: ROWS times EACH
 RATES = "5,10,20,50"  # Hz
 WEIGHTS = {"edges": 10} | dict.fromkeys(APART, 1)  # chunks of a scene for 3 of any other
 
@@ -111,7 +111,7 @@ def summary(report: Report) -> dict[str, object]:
 
 
 def bounds(report: Report) -> str:
-    """What share of attacks may do harm, by those that did: 95 % bounds."""
+    """Return 95 % bounds of the share of harmful attacks, from those that did harm."""
     harmful = len({(e.seed, e.episode, e.cell) for e in report.events if e.seen})
     low, high = wilson(harmful, report.attacks)
     told = f"harmful: {harmful} of {report.attacks}, Wilson's 95 %: {low:.2g} to {high:.2g}"
@@ -148,7 +148,7 @@ def table(report: Report) -> str:
 
 
 def _natural(name: str) -> list[tuple[str, float]]:
-    """What sorts names by the numbers in them."""
+    """Return a key that sorts names by the numbers in them."""
     words = name.replace("-", " ").replace(",", " ").split()
     return [("", float(word)) if word[0].isdigit() else (word, 0.0) for word in words]
 

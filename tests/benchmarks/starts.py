@@ -1,4 +1,4 @@
-"""How well first scans fit the map at true starts and at wrong ones, and which are refused.
+"""Fit of first scans to the map at true and wrong starts, and the refused starts.
 
 Run: python -m tests.benchmarks.starts [--worlds 30]
 """

@@ -1,4 +1,4 @@
-"""Stops from full speed, whatever fails: how soon it is noticed, when the chair stands, how far on.
+"""Stops from full speed after each fault: time to notice, time to rest, distance.
 
 `python -m tests.benchmarks.stops [trials] [cause ...]`: a table on stdout, then the same as JSON;
 100 trials of each cause. The hardware chair drives the emulated boards in simulated time, so that
@@ -61,7 +61,7 @@ CAUSES = {
 
 @dataclass
 class Trial:
-    """What was seen of a stop, from the moment of the fault on."""
+    """Measures of a stop, from the moment of the fault on."""
 
     noticed_s: float = GIVEN_UP
     rest_s: float = GIVEN_UP

@@ -1,4 +1,4 @@
-"""How well the tracker tracks, and what it costs: `python -m tests.benchmarks.tracking`.
+"""Accuracy and run time of the tracker: `python -m tests.benchmarks.tracking`.
 
 Scenes in simulation, with their truth and all noise; then a walker who starts, turns and stops at
 once, as a body and as two legs; then the time of a reading. Only what is confirmed and in sight
@@ -49,7 +49,7 @@ SPEEDS, RANGES = (0.3, 0.75, 1.25, 2.5), (0.0, 2.5, 5.0, 8.0)  # edges of bins: 
 VISIBLE = 0.5  # share of a person's beams that must reach them
 MOVES = 0.2  # m/s
 ABREAST = 0.8  # m between people of a group (Moussaid et al. 2010)
-HIDDEN = 1.5  # s: whoever was hidden for no longer should be known again
+HIDDEN = 1.5  # s: a person hidden for no longer should be recognised again
 NEAR = 0.6  # m: a track so near a person's centre is theirs
 
 
@@ -61,7 +61,7 @@ class Wander:
         self._until, self._turn = -1.0, 0.5
 
     def twist(self, reading: Reading, held: bool) -> Array:
-        """What to drive next."""
+        """Return the next twist."""
         if reading.stamp < self._until:
             return np.array([0.0, self._turn])
         if held and abs(reading.twist[0]) < 0.05:
@@ -71,7 +71,7 @@ class Wander:
 
 
 def shares_seen(episode: Episode, poses: Array, origin: Array, scan: Array, laser: Any) -> Array:
-    """Which share of the beams towards each person reaches them; 0 out of view."""
+    """Return the share of beams towards each person that reach them; 0 out of view."""
     shares = np.zeros(len(poses))
     for k, (row, pose) in enumerate(zip(episode.actors.rows, poses, strict=True)):
         if row["kind"] != PERSON:
@@ -144,7 +144,7 @@ def watch(
     score: Score, episode: Episode, seed: int, seconds: float, *, moves: bool, period: float,
     sensors: SensorSettings, static_map: OccupancyGrid | None,
 ) -> None:  # fmt: skip
-    """Let a chair drive or stand in a world, and score its tracker."""
+    """Drive or park a chair in a world, and score its tracker."""
     chair = SimulatedChair(sensors=sensors, period=period)
     shield, wander = Shield(sensors=sensors, period=period), Wander(seed)
     tracker = Tracker(sensors.laser)
@@ -236,7 +236,7 @@ def score_log(
 
 
 def _on_leaf(episode: Episode, poses: Array, place: Array) -> bool:
-    """Whether a track is on a leaf, and no person beside it."""
+    """Return True if a track is on a leaf, with no person beside it."""
     found = False
     for row, (x, y, yaw) in zip(episode.actors.rows, poses, strict=True):
         if row["kind"] == DOOR:
@@ -249,7 +249,7 @@ def _on_leaf(episode: Episode, poses: Array, place: Array) -> bool:
 
 
 def _explained(episode: Episode, poses: Array, place: Array) -> bool:
-    """Whether something that can move is where a track is."""
+    """Return True if a movable object is at a track's place."""
     for row, (x, y, yaw) in zip(episode.actors.rows, poses, strict=True):
         if not math.isfinite(x):
             continue
@@ -295,7 +295,7 @@ Row = tuple[str, Callable[[int], Episode], int, float, bool, float, int, str, bo
 
 
 def rows() -> Iterator[Row]:
-    """What is measured."""
+    """Yield the measured rows."""
     for speed in (0.5, 1.0, 1.5):
         one = (4, 20.0, False, 10.0, 1081, "odometry", False)
         yield f"one across, {speed:g} m/s", walkers(speed, True), *one
@@ -429,7 +429,7 @@ def step_response(legs: bool, rate: float) -> dict[str, float]:
 
 
 def measure_log() -> dict[str, float]:
-    """What is confirmed in a log of a real robot among tables, in which nobody is known to walk."""
+    """Count confirmed tracks in a log of a real robot among tables, with no known walkers."""
     log = read_log(SHARED / "logs" / "mines_exp1.dat")
     tracker, confirmed = Tracker(LASER), set()
     periods = np.diff(log.stamps, prepend=log.stamps[0] - 0.1)

@@ -122,7 +122,7 @@ def test_weakness_shrinks_one_side_alone():
     assert 0.0 < weak[:, 0].max() < 0.5 * strong[:, 0].max()
 
 
-def test_who_sees_nothing_drives_on_and_who_sees_brakes():
+def test_a_driver_without_sight_drives_on_and_one_with_sight_brakes():
     wall = NavigationEnv(**QUICK, split="test")
     wall.reset(seed=0)
     _, blind = sticks("blind", steps=40)
@@ -177,7 +177,7 @@ def test_few_signals_do_not_turn_a_chair_to_and_fro_for_ever(driver, seed):
     assert info["is_success"]
 
 
-def test_who_drives_at_obstacles_does_not_slow_before_a_desk():
+def test_a_driver_who_aims_at_obstacles_does_not_slow_before_a_desk():
     _, env = sticks("expert", scene={"name": "skill", "course": "dock"})
     d, prepared = env.drivers.states[0], env._prepared.record[0]
     p = constants_of(env.drivers.driver, ChairSettings(), SensorSettings(), 0.1)[0]
@@ -216,7 +216,7 @@ def test_a_scan_takes_its_time():
 
 
 def test_a_person_reacts_to_the_motion_that_was_given():
-    """Who pushes in vain backs off; who moves does not."""
+    """A driver that pushes in vain backs off; one that moves does not."""
     pushed, env = sticks("expert", steps=80, drive=False)
     assert (pushed[:, 0] < -0.05).any()
     assert env.drivers.states["decisions"][0] >= 15

@@ -29,7 +29,7 @@ def live(driver, key=1):
 
 
 def held(one, forward, left, seconds=3.0):
-    """What the interface gives (n, 2) while a deflection is held."""
+    """Return the interface's output (n, 2) while a deflection is held."""
     return np.array([one.step(forward, left, 0.0)[:2] for _ in range(round(seconds / PERIOD))])
 
 

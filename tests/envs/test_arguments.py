@@ -1,4 +1,4 @@
-"""What environments take: paths and arrays as plain values, and nothing that nobody knows."""
+"""Arguments of environments: paths and arrays as plain values; unknown ones are refused."""
 
 from __future__ import annotations
 

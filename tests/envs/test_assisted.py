@@ -35,7 +35,7 @@ SOME = (
 
 
 @pytest.mark.parametrize("name", long_but(DRIVERS, SOME))
-def test_each_row_is_a_single_env_whoever_drives(name):
+def test_each_row_is_a_single_env_for_every_driver(name):
     settings = {**BANK, "driver": name, "shield": True, "assistant": "shield"}
     assert compare(NEXT, 2, n=3, steps=50, config=SHORT, **settings) >= 3
 
@@ -60,7 +60,7 @@ def test_the_goal_and_the_way_are_not_observed():
 
 
 def test_two_goals_and_one_stick_give_one_observation(monkeypatch):
-    """Where the person asks for the same, nothing tells where it wants to go."""
+    """Nothing reveals the person's goal if the person asks for the same motion."""
     from dataclasses import replace
 
     env = NavigationEnv(**SMALL, driver={"name": "expert", "perception": {"reaction": 2.0}})

@@ -91,7 +91,7 @@ def test_arriving_bumping_and_running_out_of_time_end_an_episode():
 
 
 def test_an_estimated_pose_must_be_nearer_before_it_says_arrived():
-    """Where the pose errs, 'arrived' by estimate is arrival by truth."""
+    """With errors of the pose, 'arrived' by estimate is arrival by truth."""
     truths = []
     env = gym.make(IDS[0], pose_source="modelled").unwrapped
     episode = room((-2.0, 0.0, 0.0), (1.0, 0.0, 0.0))

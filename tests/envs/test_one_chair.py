@@ -18,7 +18,7 @@ def gentle(terms, sensed, action):
 
 
 def seen_by_others(env):
-    """What policies, recordings and pictures read from an environment after a step."""
+    """Return the values that policies, recordings and pictures read after a step."""
     task, chair = env.task, env.chair
     return (
         env.reading._asdict(), chair.truth._asdict(), task.observation,

@@ -1,4 +1,4 @@
-"""What an env shows: films of whole episodes, and a window that may be closed at any time."""
+"""Rendering of an env: films of whole episodes, and a window that may be closed at any time."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ SHORT = {"task": {"time_base": 4.0, "time_factor": 0.0}}  # episodes of at most 
 
 
 def flat(info):
-    """What an info tells, reward terms and a shield's decision among it."""
+    """Flatten an info, including reward terms and a shield's decision."""
     nested = {name: value for name, value in info.items() if isinstance(value, dict)}
     return {
         **{name: value for name, value in info.items() if name not in nested},
@@ -121,7 +121,7 @@ PARTS = {
 
 @pytest.mark.parametrize("mode", [NEXT, SAME])
 @pytest.mark.parametrize("part", PARTS)
-def test_whoever_holds_a_part_keeps_what_it_shows(part, mode):
+def test_a_held_part_keeps_its_values(part, mode):
     """One array of many is kept, or what refers to it, for a random while."""
     env = NavigationVectorEnv(3, config=SHORT, autoreset_mode=mode, shield=True, **QUICK)
     rng = np.random.default_rng(0)

@@ -1,4 +1,4 @@
-"""What the tests of the hardware need: compilers, and the emulator."""
+"""Requirements of the hardware tests: compilers, and the emulator."""
 
 from __future__ import annotations
 

@@ -106,7 +106,7 @@ class FakeRosbridge:
 
     @property
     def still(self):
-        """Whether the last command was to stand."""
+        """Return True if the last command was to stand."""
         return not self.commands or self.commands[-1][1:] == (0.0, 0.0)
 
     def _serve(self, connection):

@@ -81,7 +81,7 @@ class NativeDrive:
         return [frame.message for frame in self._receiver.feed(out.raw[:size])]
 
     def step(self, period: int = 5) -> None:
-        """One run of the control, so many milliseconds after the last."""
+        """Run the control once, `period` milliseconds after the last run."""
         self.now += period
         duty, pins = (c.c_float * 2)(), c.c_uint8()
         self.library.drive_run(
@@ -104,7 +104,7 @@ class NativeDrive:
         return self._receiver.feed(out.raw[:size])[0].message
 
     def joystick(self):
-        """What the host is told of the joystick."""
+        """Return the joystick message that the host receives."""
         out = c.create_string_buffer(256)
         size = self.library.drive_say_joystick(self.pointer, self.now, out)
         return self._receiver.feed(out.raw[:size])[0].message

@@ -54,7 +54,7 @@ STOPS = {
 
 
 @pytest.mark.parametrize("name", STOPS)
-def test_whatever_the_host_asks_for_the_hand_stops_it(bench, name):
+def test_the_hand_stops_it_at_every_command_of_the_host(bench, name):
     driving(bench)
     hand(bench, 0.02, **STOPS[name])
     before = bench.odometry().v
@@ -92,7 +92,7 @@ def test_nothing_moves_before_the_centre_was_seen_with_the_switch_held(firmware,
         for _ in range(15):
             ahead, held = float(rng.choice((0.0, 0.0, 0.6, -1.0))), bool(rng.random() < 0.7)
             heard, by_hand = rng.random() < 0.9, manual != bool(rng.random() < 0.1)
-            if rng.random() < 0.1:  # a stop, and a host that re-arms whatever the hand does
+            if rng.random() < 0.1:  # a stop, and a host that re-arms at any stick position
                 bench.switches, bench.target = Switch.STOP_PRESSED, (0.0, 0.0, HELPED)
                 hold(bench, model, 0.6, heard, ahead, held, by_hand)
                 bench.switches = 0

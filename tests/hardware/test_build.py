@@ -1,4 +1,4 @@
-"""What is missing is said, with the command that brings it."""
+"""A missing tool is named, with the command that installs it."""
 
 from __future__ import annotations
 

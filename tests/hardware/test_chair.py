@@ -52,7 +52,7 @@ def speed(hosted):
 
 
 def until_slower(hosted, seconds):
-    """Time passes until the chair is slower, within so many seconds."""
+    """Advance time until the chair is slower, within `seconds`."""
     start, before = hosted.clock.now(), speed(hosted)
     while speed(hosted) > before - 0.02:
         hosted.clock.wait(hosted.clock.now() + 0.001)
@@ -182,7 +182,7 @@ FAULTS = {
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_whatever_breaks_it_stops_and_says_why(hosted, fault):
+def test_it_stops_and_names_the_cause_of_every_fault(hosted, fault):
     """While the policy goes on asking; a latched stop lasts until a person and a reset end it."""
     chair = begun(hosted)
     strike, why, bound = FAULTS[fault]
@@ -228,7 +228,7 @@ def test_a_laser_whose_scans_come_late_from_the_start_is_refused(hosted, delay):
 
 @pytest.mark.parametrize("growth", [5, 20])
 def test_a_laser_that_becomes_late_stops_it(hosted, growth):
-    """By so many ms/s, in steps of 1 ms."""
+    """The delay grows by 5 or 20 ms/s, in steps of 1 ms."""
     chair, said = begun(hosted), ""
     start = hosted.clock.now()
     while not said and hosted.clock.now() < start + 60.0:

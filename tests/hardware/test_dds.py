@@ -241,7 +241,7 @@ def test_it_drives_by_both_kinds_of_twist_and_stops_when_they_end(robot, peer, s
     assert until(lambda: "is silent for 0.5 s: the chair stops" in "".join(robot.errors[before:]))
 
 
-def test_it_stops_at_once_when_who_commands_leaves(robot, peer):
+def test_it_stops_at_once_when_the_commanding_peer_leaves(robot, peer):
     writer = peer.says("/cmd_vel", Twist)
     turning(peer, writer)
     before = len(robot.errors)
@@ -278,7 +278,7 @@ def test_bytes_that_are_cut_off_are_no_message(size):
     assert content_of(kind, idl_type(kind).deserialize(whole[:size])) is None
 
 
-def test_who_asks_for_another_quality_is_one_line(robot, peer):
+def test_a_request_for_another_quality_is_one_line(robot, peer):
     peer.hears("/scan", LaserScan, RELIABLE, LATCHED)
     said = "/scan: a subscriber asks for another QoS (durability)"
     assert until(lambda: said in "".join(robot.errors))
@@ -383,7 +383,7 @@ SECONDS = float(os.environ.get("WHEELCHAIR_RCLPY_SECONDS", "20"))
 
 
 def missing(stamps):
-    """How many scans at 40 Hz are missing; in control periods of 20 ms, they are 20 or 40 apart."""
+    """Count missing scans at 40 Hz; with control periods of 20 ms they are 20 or 40 ms apart."""
     spaces = np.diff(stamps)
     return int(np.sum(np.round(spaces[spaces > 45e6] / 25e6) - 1.0))
 

@@ -1,4 +1,4 @@
-"""Whatever happens, the chair stops: the drive board's mind, run natively."""
+"""The chair stops after every fault: the host build of the drive board's firmware."""
 
 from __future__ import annotations
 
@@ -297,7 +297,7 @@ def host_gone(bench):
 
 @pytest.mark.parametrize("duty", [0.8, -0.8])
 @pytest.mark.parametrize("mode", [at_rest, driving, by_joystick, let_go, host_gone])
-def test_a_wheel_faster_than_its_aim_is_cut_whoever_drives(bench, mode, duty):
+def test_a_wheel_faster_than_its_aim_is_cut_in_every_mode(bench, mode, duty):
     mode(bench)
     bench.stuck = [duty, duty]
     aim = {driving: 0.5, by_joystick: 0.4}.get(mode, 0.0)
@@ -459,7 +459,7 @@ def test_a_hosts_rearm_does_not_hand_over_a_moving_chair(bench):
 
 
 @pytest.mark.parametrize("strips", range(2, 32, 2))
-def test_what_is_pressed_moves_away_only_whatever_is_asked(bench, strips):
+def test_a_pressed_side_moves_away_only_at_every_command(bench, strips):
     rng = np.random.default_rng(strips)
     bench.start(*rng.uniform((-0.3, -1.0), (0.8, 1.0)), seconds=2.0)
     bench.switches = strips

@@ -35,7 +35,7 @@ def some_scan(model, seed=0):
 
 
 def stream_of(model, scans=2):
-    """All that a sensor says from the first request on, and the scans in it."""
+    """Return all bytes of a sensor from the first request on, and the scans in them."""
     sensor = ScipSensor(model)
     last = f"MD{model.first:04d}{model.last:04d}01000\n".encode()
     said = sensor.feed(b"SCIP2.0\nQT\nPP\nBM\n" + last)
@@ -55,7 +55,7 @@ def test_checksums_are_those_of_the_specification():
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_replies_are_whole_wherever_the_bytes_are_cut(name):
+def test_replies_are_whole_at_every_cut_of_the_bytes(name):
     data = stream_of(MODELS[name], 1)
     whole = ScipParser().feed(data)
     assert [reply.status for reply in whole] == ["0E", "00", "00", "00", "00", "99"]

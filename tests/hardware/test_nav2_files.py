@@ -32,7 +32,7 @@ def known(topic):
 
 
 def launched(monkeypatch):
-    """What the launch file makes, where ROS's packages only note what they are given."""
+    """Return the launch file's output, with ROS packages that only note their arguments."""
 
     def note(name):
         return lambda *items, **more: (name, items, more)

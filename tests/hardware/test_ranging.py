@@ -15,7 +15,7 @@ NARROW, WIDE = range(4), range(4, 8)
 
 
 class Ranging:
-    """The board's mind: each millisecond whoever fires hears the flight that is given."""
+    """Host build of the firmware: each millisecond the firing sensor hears the given flight."""
 
     def __init__(self, native):
         self.library = native.library

@@ -1,4 +1,4 @@
-"""Laws of a chair under ROS: driven by the same loop, and whatever happens, it is told to stop."""
+"""Laws of a chair under ROS: driven by the same loop, and told to stop after every fault."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def chair(bridge, request):
 
 
 def lost(chair):
-    """What a chair says when its link is found to be gone."""
+    """Return the chair's message when its link is found to be gone."""
 
     def said():
         try:
@@ -142,7 +142,7 @@ def test_the_command_drives_it(waiting, tmp_path, capsys):
 
 
 def test_it_maps_where_it_stands(waiting, tmp_path, capsys):
-    """What it draws of the place is what is there, in the frame of where it began."""
+    """The drawn map agrees with the place, in the frame of the start pose."""
     config, chairs = tmp_path / "chair.json", tmp_path / "chairs.json"
     config.write_text(json.dumps(CONFIG))
     chairs.write_text(json.dumps({"ros": spec(waiting)}))
@@ -200,7 +200,7 @@ def spin(rounds: int) -> float:
 
 
 def test_what_it_is_told_keeps_to_the_limits(bridge, chair):
-    """A base may have no ramps of its own: speed, acceleration and jerk, whatever is asked."""
+    """Limits of speed, acceleration and jerk hold: a base may have no ramps of its own."""
     limits, period = EnvSettings().chair.limits, chair.period
     chair.reset(None, 0)
     for twist in ([9.0, -9.0], [-9.0, 9.0]):
@@ -626,7 +626,7 @@ def test_a_chair_that_rolls_on_is_not_begun_with(bridge):
     chair.close()
 
 
-def test_ages_hold_whatever_the_other_clock_says():
+def test_ages_do_not_depend_on_the_other_clock():
     """A message is as old as it took longer than the quickest one before it."""
     rng = np.random.default_rng(0)
     clock, now, quickest = ClockSync(drift=0.0), 0.0, math.inf
@@ -647,7 +647,7 @@ WORDS = (
 
 
 def anything(rng, depth=4):
-    """Whatever JSON can say."""
+    """Draw a random JSON value."""
     kind = int(rng.integers(8 if depth else 6))
     if kind == 6:
         return [anything(rng, depth - 1) for _ in range(rng.integers(4))]

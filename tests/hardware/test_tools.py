@@ -231,7 +231,7 @@ def test_a_step_is_driven_and_measured(hosted):
 
 
 def driven(side, left, track, ratio):
-    """What wheels did that were told of a square by a chair of another track and ratio."""
+    """Return the motion of wheels driven in a square by a chair of another track and ratio."""
     sign = 1.0 if left else -1.0
     ways = []
     for _ in range(4):
@@ -254,7 +254,7 @@ def test_squares_both_ways_tell_track_and_wheels(track, ratio):
 
 
 def believing(counts):
-    """A chair whose boards and config hold so many counts of a metre; its wheels make 4,346."""
+    """A chair whose boards and config hold `counts` counts per metre; its wheels make 4,346."""
     hosted = Hosted(box(3.0))
     chair = hosted.chair
     drive = dataclasses.replace(chair.chair.drive, counts_per_metre=counts)

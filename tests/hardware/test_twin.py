@@ -1,4 +1,4 @@
-"""The real firmware on emulated boards: the chair does as told, and whatever happens, it stops."""
+"""The real firmware on emulated boards: the chair does as told, and stops after every fault."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def test_the_chair_drives_as_it_is_told(pilot, v, w):
     pilot.start(v, w, 3.0)
     assert pilot.twin.motion.speed == pytest.approx(v, abs=0.01)
     assert pilot.twin.motion.turn == pytest.approx(w, abs=0.02)
-    # Not a count is lost, and none is made up: but for those of the last step, under way.
+    # No count is lost or made up, except those of the last step, under way.
     pilot.target = (0.0, 0.0)
     pilot.run(2.0)
     true = pilot.twin.motion.left, pilot.twin.motion.right
@@ -264,7 +264,7 @@ def test_an_attendant_pushes_it_with_the_push_switch_held_and_hardly_without(pil
     assert pilot.twin.motion.speed < 0.05
 
 
-def test_odometry_is_as_old_when_it_comes_whatever_the_board_does(pilot):
+def test_odometry_has_a_constant_age_at_every_load_of_the_board(pilot):
     """Within the millisecond that a host leaves between it and the begin of a period."""
     pilot.start(0.0, 0.0, 1.5)  # and its brakes close
     late = set()
@@ -303,7 +303,7 @@ def test_the_hardest_trials_of_the_benchmark_keep_their_bounds(case, number):
         assert bound is None or worst <= bound, figure
 
 
-def test_whatever_the_host_sends_both_boards_go_on_in_time(pilot):
+def test_both_boards_keep_their_time_under_all_input(pilot):
     """100 random floods at 10 to 100 % of the line's rate: 200 runs a second, and true speeds."""
     rng, boards = np.random.default_rng(6), (pilot.twin.drive, pilot.twin.range)
     words = (Get(7), Get(200), Set(3, 1e6), Identify(), Save(), Unknown(0x55, rng.bytes(48)), None)
@@ -400,7 +400,7 @@ def test_people_walk_in_the_twin_as_they_do_in_simulation(pilot):
     assert max(seen) - min(seen) > 0.3  # somebody passes
 
 
-def test_who_walks_into_the_standing_twin_presses_its_strip(pilot):
+def test_a_person_who_walks_into_the_standing_twin_presses_its_strip(pilot):
     walker = person([(2.5, 0.0), (0.0, 0.0)], avoids=NOBODY)
     pilot.twin.reset(dataclasses.replace(box(5.0), actors=combine([walker])), 0)
     pilot.run(0.5)

@@ -109,7 +109,7 @@ def holders():
 
 
 def test_every_address_field_says_what_it_points_to(holders):
-    """And every one that is set is the address of what is kept alive."""
+    """Every set address belongs to an object that is kept alive."""
     seen = {}
     for pointers in (p for holder in holders for p in records_of(holder)):
         names = pointers.record.dtype.names

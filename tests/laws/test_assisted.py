@@ -89,7 +89,7 @@ class Hand:
 
 
 def pushed(name, push, periods, rate):
-    """A chair in the open whose stick was pushed for so many periods; env, policy and hand."""
+    """Push the stick of a chair in the open for n periods; return env, policy and hand."""
     hand = Hand()
     env = NavigationEnv(
         person=hand,
@@ -157,7 +157,7 @@ def test_any_stick_that_is_let_go_stops_the_chair(name):
 
 @pytest.mark.parametrize("driver", long_but(sorted(DRIVERS), sorted(DRIVERS)[1::2]))
 def test_the_same_seed_gives_the_same_drive(driver):
-    """Whatever ran before, and in whichever row."""
+    """Earlier drives and the row make no difference."""
     steps, assistant = 60, dict(SOME)[driver]
     more = {
         "scene": "clutter", "beams": 32, "driver": driver, "assistant": assistant, "shield": True,

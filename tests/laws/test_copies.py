@@ -245,7 +245,7 @@ def test_a_chair_that_was_moved_by_other_means_is_not_copied(copied):
 
 
 def test_a_copy_that_was_pickled_shares_nothing_with_what_it_is_a_copy_of():
-    """Whatever is written into the arrays of the original, the copy does not see it."""
+    """A write into the arrays of the original does not change the copy."""
     settings = settings_of(SINGLE["shield"])
     known, env = NavigationEnv(**settings), NavigationEnv(**settings)
     for one in (known, env):

@@ -1,4 +1,4 @@
-"""Laws of files: whatever is in them, they are read or refused in one line, within the limits."""
+"""Laws of files: any content is read or refused in one line, within the limits."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def opening_functions():
 
 
 def opens(node):
-    """Whether a node is a call that opens a file."""
+    """Return True if a node is a call that opens a file."""
     if not isinstance(node, ast.Call):
         return False
     name = getattr(node.func, "attr", getattr(node.func, "id", ""))

@@ -56,7 +56,7 @@ def driven(policy, env, steps=STEPS):
 
 
 def answers(policy, mission, readings):
-    """What a policy says to a recorded episode."""
+    """Return a policy's commands for the readings of a recorded episode."""
     policy.reset(mission)
     return [plain(policy.act(reading)) for reading in readings]
 
@@ -117,7 +117,7 @@ def test_two_policies_share_one_mission(run):
 
 
 def test_commands_outlive_the_next_readings(run):
-    """What a policy handed out, it does not change later."""
+    """A policy does not change a command after it has returned it."""
     name, mission, readings, commands = run
     policy, kept = make_policy(name), []
     policy.reset(mission)
@@ -127,8 +127,8 @@ def test_commands_outlive_the_next_readings(run):
 
 
 @pytest.mark.parametrize("name", POLICIES)
-def test_it_drives_alike_whatever_truth_and_info_say(name, monkeypatch):
-    """And as the adapter drives it in a Gymnasium loop."""
+def test_commands_do_not_depend_on_truth_and_info(name, monkeypatch):
+    """The adapter drives it alike in a Gymnasium loop."""
     env = environment(name)
     honest = driven(make_policy(name), env)[2]
     observation, info = env.reset(seed=3)

@@ -45,7 +45,7 @@ WORKED_OUT = 0.35
 
 
 def off(seen, other):
-    """How far a twist (2,) is from another, in bounds of the law."""
+    """Return the difference of two twists (2,), in bounds of the law."""
     return np.abs(seen - other) / np.maximum(0.02 * np.abs(other), QUANTUM)
 
 

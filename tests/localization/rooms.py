@@ -23,7 +23,7 @@ def walls():
 
 
 def ranges(pose, rng=None, sigma=0.015):
-    """What the laser reads (beams,) [m] at a pose."""
+    """Return the laser's ranges (beams,) [m] at a pose."""
     x, y = to_world((LASER.x, 0.0), pose)
     far, _ = brute_force(x, y, pose[2] + LASER.yaw, LASER.angles, walls(), (), np.inf)
     if rng is not None:

@@ -41,7 +41,7 @@ def drive(env, each, steps=10_000):
 
 
 def off(estimate, pose):
-    """How far an estimate is off: [m] and [rad]."""
+    """Return the error of an estimate: [m] and [rad]."""
     return np.hypot(*(estimate - pose)[:2]), abs(wrap(estimate[2] - pose[2]))
 
 

@@ -26,7 +26,7 @@ def boxes(seed: int, side: int = 40, count: int = 9, resolution: float = 0.1) ->
 
 
 def crosses_blocked(blocked: np.ndarray, a: np.ndarray, b: np.ndarray) -> bool:
-    """Whether a segment [cells, from the lower-left corner] enters the inside of a square."""
+    """Return True if a segment [cells, from the lower-left corner] enters a square's interior."""
     shrink = 1e-6
     rows, cols = np.nonzero(blocked)
     low = np.stack([cols, rows], axis=1) + shrink

@@ -100,7 +100,7 @@ def test_wrong_houses_are_one_line(tmp_path, change, says):
 
 
 def winding(points, walls):
-    """How often closed loops of walls (n, 4) go round each of the points (k, 2)."""
+    """Return winding numbers of closed loops of walls (n, 4) around points (k, 2)."""
     x, y = points.T[:, :, None]
     ax, ay, bx, by = walls.T
     left = (bx - ax) * (y - ay) - (by - ay) * (x - ax)

@@ -1,4 +1,4 @@
-"""How tight a place is: against gaps and corners whose limits are known exactly."""
+"""Tightness of a place, compared with gaps and corners whose limits are known exactly."""
 
 from __future__ import annotations
 

@@ -144,7 +144,7 @@ def test_a_push_beyond_friction_slides_and_a_weaker_one_does_not():
 
 
 def test_no_energy_from_nothing():
-    """What the battery gave is at least what moves; and it never gains over a whole drive."""
+    """The battery gives at least the energy of motion, and never gains over a whole drive."""
     free = BatterySettings(idle_power=0.0, regeneration=0.95)
     chair = exact_chair(battery=free)
     chair.reset(box(50), 0)
@@ -176,7 +176,7 @@ def test_a_protective_stop_is_hard_and_keeps_the_curve():
     chair.reset(box(50), 0)
     run(chair, np.array([0.8, 0.6]), 60)
     before = chair.truth.pose
-    chair.drive(FORWARD, True)  # whatever is asked for
+    chair.drive(FORWARD, True)  # any command
     assert 0.8 - chair.truth.twist[0] > 1.5 * 0.1
     assert chair.state["w"][0] / chair.state["v"][0] == pytest.approx(0.6 / 0.8)
     for _ in range(5):

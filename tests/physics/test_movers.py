@@ -159,7 +159,7 @@ def test_nobody_walks_through_a_wall_and_the_way_stays_open():
     assert ways >= 0.7 * people  # the others have long ways
 
 
-def test_who_ignores_the_chair_is_stopped_and_does_not_move_it():
+def test_a_person_who_ignores_the_chair_is_stopped_and_does_not_move_it():
     """From all sides at once, chair against the wall: it stays, and its strips are pressed."""
     sides = [(x, y) for x in (-3.0, 0.2, 3.0) for y in (-2.0, 0.0, 2.5) if abs(x) > 1 or abs(y) > 1]
     crowd = [person([side, (0.2, 0.0)], 1.8, avoids=NOBODY) for side in sides]
@@ -233,7 +233,7 @@ def test_light_furniture_is_pushed_and_stays_where_it_is_left():
         (person([(-4.0, -4.0)]), True, -1),  # far off: the wall it is
     ],
 )
-def test_who_drives_into_something_is_at_fault(thing, at_fault, contact_with):
+def test_a_chair_that_drives_into_something_is_at_fault(thing, at_fault, contact_with):
     chair = exact_chair()
     chair.reset(among(thing, half=3.0), 0)
     for _ in range(120):

@@ -1,4 +1,4 @@
-"""What simulated people do: models of motion, behaviours, reactions, and the bounds that hold."""
+"""Simulated people: models of motion, behaviours, reactions, and the bounds that hold."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def distances(a, b):
 # --- the headed social force model
 
 
-def test_who_starts_by_social_forces_takes_the_published_relaxation_time():
+def test_a_start_by_social_forces_takes_the_published_relaxation_time():
     """V = v0 (1 - exp(-t / 0.5 s)): Helbing and Molnar 1995, and Farina et al. 2017, equation 4."""
     speed = 1.2  # the force that it takes, 180 N, is what legs give
     poses, _, _ = watch([person([(-5.0, 3.0), (5.0, 3.0)], speed, model=SOCIAL_FORCE)], 3.0)
@@ -106,7 +106,7 @@ def test_a_heading_decays_with_the_two_published_rates():
             assert state.heading == pytest.approx(expected, abs=2e-3)
 
 
-def test_who_walks_by_social_forces_looks_where_they_go():
+def test_a_person_who_walks_by_social_forces_faces_their_motion():
     """Like a unicycle in the open (Farina et al. 2017): no sideways speed, also round a corner."""
     route = [(-4.0, -4.0), (4.0, -4.0), (4.0, 4.0)]
     episode = dataclasses.replace(
@@ -147,7 +147,7 @@ def test_two_who_meet_pass_each_other_and_the_chair(model):
 
 
 @BOTH
-def test_who_pauses_stands_for_so_long(model):
+def test_a_pause_has_the_set_duration(model):
     kind = {"model": model, "behaviour": PAUSES, "since": 2.0, "stay": 3.0, "every": 9.0}
     thing = person([(-5.0, 3.0), (5.0, 3.0)], 1.2, **kind)
     slow = speeds(watch([thing], 14.0)[0][:, 0]) < 0.1
@@ -160,7 +160,7 @@ def test_who_pauses_stands_for_so_long(model):
 
 
 @BOTH
-def test_who_cuts_in_walks_right_before_the_chair_and_goes_on(model):
+def test_a_person_who_cuts_in_walks_right_before_the_chair_and_goes_on(model):
     route = [(-5.5, 1.2), (5.5, 1.2)]
     beside = []
     for behaviour in (CUTS_IN, WALKS):
@@ -180,7 +180,7 @@ def test_who_cuts_in_walks_right_before_the_chair_and_goes_on(model):
 
 
 @BOTH
-def test_who_reads_a_phone_swerves_late(model):
+def test_a_person_who_reads_a_phone_swerves_late(model):
     """Towards somebody who stands: a reader of a phone turns aside when they are a step away."""
     noticed = []
     for behaviour in (WALKS, READS_PHONE):
@@ -195,7 +195,7 @@ def test_who_reads_a_phone_swerves_late(model):
 
 
 @BOTH
-def test_who_walks_beside_the_chair_stays_there(model):
+def test_a_person_who_walks_beside_the_chair_stays_there(model):
     companion = person(
         [(-2.0, 1.0), (5.0, 1.0)], 1.3, model=model, behaviour=WALKS_BESIDE, offset=(0.0, 0.85)
     )

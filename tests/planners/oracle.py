@@ -35,7 +35,7 @@ CHAIR = Footprint()
 
 @dataclass(frozen=True)
 class Verdict:
-    """What the oracle says of one problem."""
+    """The oracle's answer for one problem."""
 
     feasible: bool | None  # None: the grid is too coarse to tell
     lower: float  # m: no way is shorter
@@ -123,7 +123,7 @@ class Oracle:
         return every if len(pose) == 2 else every[self.heading(pose[2])][None]
 
     def feasible(self, start, goal):
-        """Whether grid poses (3,) are connected, the goal perhaps a point (2,); None: not known."""
+        """Return True if grid poses (3,) are connected; goals may be points (2,); None: unknown."""
         for labels, verdict in ((self.regions, True), (self.relaxed, False)):
             one, other = self._at(labels, start), self._at(labels, goal)
             if bool(np.isin(one[one > 0], other).any()) == verdict:

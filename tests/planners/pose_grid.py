@@ -46,7 +46,7 @@ def _segment_distance(px, py, ax, ay, bx, by):
 
 @kernel
 def _overlaps(px, py, qx, qy, front, rear, half):
-    """Whether a segment in the chair's frame enters the open rectangle: separating axes."""
+    """Return True if a segment in the chair's frame enters the open rectangle (separating axes)."""
     if max(px, qx) <= -rear + PLAY or min(px, qx) >= front - PLAY:
         return False
     if max(py, qy) <= -half + PLAY or min(py, qy) >= half - PLAY:
@@ -62,13 +62,13 @@ def _overlaps(px, py, qx, qy, front, rear, half):
 
 @kernel
 def _between(angle, low, high):
-    """Whether an angle lies in an open range, all modulo a turn."""
+    """Return True if an angle lies in an open range, all modulo a turn."""
     return 0.0 < (angle - low) % (2.0 * math.pi) < high - low
 
 
 @kernel
 def _pivot_hits(px, py, qx, qy, low, high, corners):
-    """Whether turning from `low` to `high` sweeps over a segment (relative to the axle).
+    """Return True if turning from `low` to `high` sweeps over a segment (relative to the axle).
 
     The rectangle is free of it at both headings; so a corner crosses it on the way, or its first
     end comes under a corner (the other end is the next segment's first).
@@ -94,7 +94,7 @@ def _pivot_hits(px, py, qx, qy, low, high, corners):
 
 @kernel
 def _pose_free(seen, around, heading, inland, x, y, outline, corners, box):
-    """Whether the rectangle at (x, y) is free of edges and discs (relative to it), and inside."""
+    """Return True if the rectangle at (x, y) is inside and free of edges and discs (relative)."""
     front, rear, half = outline[0], outline[1], outline[2]
     c, s = math.cos(heading), math.sin(heading)
     if not inland:
@@ -119,7 +119,7 @@ def _pose_free(seen, around, heading, inland, x, y, outline, corners, box):
 
 @kernel
 def _pivot_free(seen, around, low, high, inland, x, y, corners, box):
-    """Whether the turn from `low` to `high` is free, where the rectangle is free at both."""
+    """Return True if the turn from `low` to `high` is free; the rectangle is free at both."""
     for q in range(4):
         cr, ca = math.hypot(corners[q, 0], corners[q, 1]), math.atan2(corners[q, 1], corners[q, 0])
         if not inland:  # the corner's farthest points to the map's sides

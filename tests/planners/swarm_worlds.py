@@ -22,6 +22,6 @@ def among_discs():
 
 
 def nearest(line):
-    """How near a line's pieces come to each disc's centre, as a part of the radius."""
+    """Return the minimum distance of a line to the discs' centres, relative to their radii."""
     way = shapely.LineString(line)
     return min(way.distance(shapely.Point(x, y)) / r for x, y, r in CHAOTIC_PSO_DISCS)

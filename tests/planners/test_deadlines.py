@@ -66,7 +66,7 @@ def test_iterations_replay_a_plan_made_under_a_deadline(name, clock):
     assert counts(again) == counts(plan)
 
 
-def test_who_has_a_deadline_hands_it_on():
+def test_a_planner_hands_its_deadline_on():
     """Each planner gives its own deadline to the planners that it calls."""
     calls = 0
     for path in sorted((ROOT / "planners").rglob("*.py")):

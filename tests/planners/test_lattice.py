@@ -121,7 +121,7 @@ def test_a_chair_that_cannot_go_back_does_not():
 
 
 def is_proven(case, spacing):
-    """Whether the flood at a spacing proves that a problem has no way."""
+    """Return True if the flood at a spacing proves that a problem has no path."""
     problem, footprint, _ = case
     motion = Lattice().motion_cost(footprint, Lattice().limits, MIN_GAP)
     goal = np.asarray(problem.goal, dtype=np.float64)

@@ -1,4 +1,4 @@
-"""The thesis's settings file makes the thesis's planners; whatever is wrong in it has its name."""
+"""The thesis's settings file makes the thesis's planners; each error in it is named."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What paths are worth: each objective beside its formula."""
+"""Costs of paths: each objective beside its formula."""
 
 from __future__ import annotations
 

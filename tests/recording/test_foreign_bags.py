@@ -84,7 +84,7 @@ def edge(k, parent, child, x, y, yaw=0.0):
 
 
 def drive(count, odometry="/odom"):
-    """Time [ns], topic and content of each message of a drive of so many scans."""
+    """Yield time [ns], topic and content of each message of a drive of `count` scans."""
     yield ZERO, "/tf_static", edge(0, "base_link", "lidar", 0.3, 0.0)
     zero = {"x": 0.0, "y": 0.0, "z": 0.0}
     for k, pose in enumerate(poses(count)):

@@ -52,7 +52,7 @@ def test_a_stop_in_comfort_that_leaves_too_little_becomes_a_protective_one():
 
 @pytest.mark.parametrize("rate", [5.0, 10.0, 20.0])
 def test_nothing_of_the_outline_enters_unseen_cells_faster_than_it_may(rate, monkeypatch):
-    """By the true twist, but for single periods at the edges of cells."""
+    """By the true twist, except in single periods at the edges of cells."""
     attacker = Attack("floor_plan", 64, True, 0.0, bank=64, rate=rate)
     attacker._kinds = np.array([BACKWARDS, SWITCHES, GREEDY, PIVOT, RANDOM])
     env, speeds = attacker.env, []

@@ -36,14 +36,14 @@ def near_one(place, velocity, unseen=0.0, radius=0.0):
 
 
 def reaches(near, point, t, ahead=-0.3):
-    """Whether what moves may reach a point (2,) at a time [s]."""
+    """Return True if a moving object may reach a point (2,) at a time [s]."""
     spread_tracked.py_func(CONSTANTS[0], near[0], t)
     return may_reach_point.py_func(CONSTANTS[0], near[0], ahead, *point, t)
 
 
 @pytest.mark.parametrize("unseen", [0.0, 0.6])
 def test_nobody_outruns_what_is_expected_of_them(unseen):
-    """Whoever changes their velocity as much as people can is where the shield expects them."""
+    """A person who changes velocity as much as people can stays where the shield expects them."""
     rng, dt = np.random.default_rng(0), 0.02
     for _ in range(60):
         velocity = rng.uniform(-1.0, 1.0, 2)
@@ -59,7 +59,7 @@ def test_nobody_outruns_what_is_expected_of_them(unseen):
                 assert reaches(near, place, at - unseen)
 
 
-def test_who_walks_away_is_not_expected_back_at_once():
+def test_a_person_who_walks_away_is_not_expected_back_at_once():
     walks_away = near_one((0.6, 0.0), (1.3, 0.0))
     comes = near_one((0.6, 0.0), (-1.3, 0.0))
     for t in (0.2, 0.4, 0.6):
@@ -71,14 +71,14 @@ def test_who_walks_away_is_not_expected_back_at_once():
         assert reaches(hidden, (-0.6, 0.0), 0.4) is expected
 
 
-def test_who_is_not_tracked_may_come_from_anywhere_at_once():
+def test_untracked_people_may_come_from_anywhere_at_once():
     near = near_one((0.6, 0.0), (1.3, 0.0))
     near[0]["owner"][0] = -1
     assert reaches(near, (0.6 - FASTEST * 0.4, 0.0), 0.4)
 
 
 def owner_of(x, *tracked, ago=0.0):
-    """Whose a point at (x, 0) is of those tracked: x, speed along x, unseen for, is a person."""
+    """Return the owner of a point at (x, 0); tracks: x, speed along x, unseen for, is a person."""
     near = np.zeros(1, NEARBY).view(np.recarray)
     near[0]["n_tracked"] = len(tracked)
     for one, (at, speed, unseen, is_person) in zip(near[0]["tracked"], tracked, strict=False):
@@ -133,7 +133,7 @@ def test_it_drives_faster_where_it_knows_the_way_of_who_walks(way, speed):
     assert tracked[20:].min() > plain[20:].min() + 0.05
 
 
-def test_it_stops_before_who_comes_towards_it():
+def test_it_stops_before_a_person_who_comes_towards_it():
     towards = [(4.0, 0.0), (-6.0, 0.0)]
     for one in (TRACKS, NONE):
         assert speeds_among(one, towards, 1.0).min() < 0.05

@@ -170,7 +170,7 @@ def test_a_rear_scanner_that_tells_nothing_shows_nothing_free(what):
     assert (seen > 0.0).any() == (what != "short")
 
 
-def test_who_stands_behind_is_no_one_who_moves():
+def test_a_person_who_stands_behind_does_not_count_as_moving():
     sensors = with_more(FREE)
     _, _, reasons = reverse(sensors, TURN, seconds=6.0, discs=(-4.35, 0.3, 0.1))
     assert "moving" not in reasons

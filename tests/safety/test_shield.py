@@ -312,7 +312,7 @@ def test_dead_sensors_stop_it_until_a_person_re_arms(name):
 
 
 def fail(reading, kept, which, how, since):
-    """What a chair is told while a sensor fails."""
+    """Return the reading of a chair while a sensor fails."""
     if which == "laser":
         nothing = np.full_like(reading.laser, np.nan)
         return reading._replace(laser=kept.laser if how == "frozen" else nothing)
@@ -423,14 +423,14 @@ def among_people(*people, start=(0.0, 0.0, 0.0), twist=AHEAD, seconds=3.0, shiel
     return told
 
 
-def test_who_walks_up_from_behind_does_not_stop_it():
+def test_a_person_who_walks_up_from_behind_does_not_stop_it():
     follower = person([(-3.2, 0.9), (7.0, 0.9)], 0.6, avoids=NOBODY)
     told = among_people(follower, start=(-2.0, 0.0, 0.0), seconds=6.0)
     assert not any(decision.reason == "moving" for decision, _, _ in told)
     assert told[-1][1].twist[0] > 0.75
 
 
-def test_who_steps_before_it_stops_it():
+def test_a_person_who_steps_before_it_stops_it():
     told = among_people(person([(2.6, 4.0), (2.6, -4.0)], 1.2, avoids=NOBODY), seconds=5.0)
     assert any(decision.reason == "moving" for decision, _, _ in told)
     assert not any(truth.at_fault for _, truth, _ in told)
@@ -447,7 +447,7 @@ def test_on_its_way_through_rest_it_is_not_at_rest(speed):
     assert given[0] == 0.0
 
 
-def test_who_has_left_its_view_may_stand_behind_it():
+def test_a_person_who_has_left_its_view_may_stand_behind_it():
     """Somebody walks past a chair that turns, and on behind it, where the laser sees nothing."""
     passer = person([(3.0, -1.2), (-4.0, -1.2)], 1.2, avoids=NOBODY)
     told = among_people(passer, twist=LEFT, seconds=4.5)
@@ -466,7 +466,7 @@ def test_each_cell_of_the_grid_has_a_place_of_its_own(corner):
     assert sorted(places.ravel()) == list(range(CELLS * CELLS))
 
 
-def test_for_who_plans_only_the_unseen_slows_and_nothing_is_decided():
+def test_for_a_planner_only_the_unseen_slows_and_nothing_is_decided():
     _, _, shield = drive((0.0, 0.0, 0.0), (0.0, 0.0), 0.5, half=1.5)
     before = shield.state.copy()
     ahead, left, back = shield.limit_for_unseen_space(np.array([AHEAD, LEFT, BACK]), np.zeros(4))

@@ -186,7 +186,7 @@ def test_people_of_passages_walk_both_ways_through_them():
 
 
 def test_people_come_out_of_a_lift_and_stay_out():
-    """The chair waits: whoever is inside walks out by the door, past it, and does not return."""
+    """The chair waits: people inside walk out by the door, past it, and do not return."""
     scene = {"name": "crowd", "place": "lift", "people": {"density": (0.6, 0.6)}}
     for seed in range(3):
         env = NavigationEnv(scene, pose_source="truth", bank=0, split="test")
@@ -272,7 +272,7 @@ def test_a_doorway_is_as_wide_as_it_says(door, corridor):
 
 
 def turns(door, corridor, grown):
-    """Whether the outline, grown on every side, gets into the room: a flood of poses on 1 cm."""
+    """Return True if the grown footprint gets into the room: a flood of poses on 1 cm."""
     cell, across = 0.01, 0.5 * door
     x, y = np.meshgrid(np.arange(-1.3, 1.3, cell), np.arange(0.0, corridor + 1.4, cell))
     solid = (y > corridor) & (y < corridor + 0.1) & (np.abs(x) > across)

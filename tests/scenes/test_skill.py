@@ -53,7 +53,7 @@ def test_the_chair_can_drive_each_course(course):
 def test_other_seeds_give_other_courses(course):
     starts = np.array([drawn(course, seed).start for seed in range(8)])
     assert len(np.unique(starts, axis=0)) == 8
-    # Whatever is drawn, the start lies within the stated offsets, on either side.
+    # Every drawn start lies within the stated offsets, on either side.
     given = COURSES[course]
     off = np.abs(np.abs(starts[:, 1]) - abs(given.start[1]))
     assert (off <= math.hypot(*given.around[:2]) + 1e-9).all()
@@ -147,7 +147,7 @@ def test_recordings_keep_the_arrival():
     assert kind.write(None) is kind.read(None) is None
 
 
-def test_who_drives_by_itself_is_told_the_pose_and_has_to_be_there():
+def test_a_skill_without_a_person_gets_the_pose_and_must_reach_it():
     env = NavigationEnv({"name": "skill", "course": "dock"}, beams=64, split="test")
     env.reset(seed=0)
     assert env.mission.goal.shape == (3,)

@@ -35,7 +35,7 @@ def readings(sensors, key=5, seed=2):
 
 
 def some(mounted):
-    """Sensors with so many of the default ultrasonics."""
+    """Return sensors with the first n default ultrasonics."""
     return SensorSettings(ultrasonic=UltrasonicSettings(mounted=ALL[:mounted]))
 
 

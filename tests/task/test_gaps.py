@@ -22,7 +22,7 @@ AHEAD = [(0.4, 0.1, 0.3), (0.9, -0.2, -0.6), (2.0, 0.5, 1.9)]
 
 
 def corridor(left, right):
-    """What the laser shows between two endless walls along the chair, at y = left and -right."""
+    """Return a scan between two endless walls along the chair, at y = left and -right."""
     with np.errstate(divide="ignore"):
         sine = DIRECTIONS[:, 1]
         return np.where(sine > 0, left / sine, right / -sine).astype(np.float32)

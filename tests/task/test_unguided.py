@@ -48,7 +48,7 @@ def test_nothing_is_hidden_where_no_critic_looks():
 
 
 @pytest.mark.parametrize("guidance", [None, "geodesic", "poses"])
-def test_who_sees_no_poses_ahead_sees_the_gaps_at_a_fan_of_them(guidance):
+def test_a_policy_without_poses_ahead_sees_gaps_at_a_fan_of_poses(guidance):
     task = {**TASK, "privileged": False, "hide_guidance": guidance == "poses"}
     env = NavigationEnv("floor_plan", guidance=guidance, config={"task": task})
     seen = env.reset(seed=1)[0]["side_clearance"]

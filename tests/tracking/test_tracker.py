@@ -37,7 +37,7 @@ POSE = np.array([-4.0, 0.0, 0.0])
 
 
 def scan(discs, step, walls=WALLS, pose=POSE, arrays=ARRAYS):
-    """What a laser sees of walls and discs (m, 3)."""
+    """Return a laser scan of walls and discs (m, 3)."""
     out = np.empty(len(arrays.cosine), np.float32)
     workspace = np.empty((WORKSPACE_ROWS, len(walls) + 8), np.float32)
     discs = np.reshape(np.asarray(discs, np.float64), (-1, 3))
@@ -71,7 +71,7 @@ def drive(episode, seconds, twist, sensors=None):
 
 
 @pytest.mark.parametrize("speed", [0.5, 1.0, 1.6])
-def test_who_walks_is_confirmed_soon_as_a_person_and_their_speed_is_known(speed):
+def test_a_walker_is_confirmed_soon_as_a_person_with_their_speed(speed):
     history = follow(lambda t: crossing(t, speed), 3.5)
     first = next(k for k, tracks in enumerate(history) if tracks.confirmed.any())
     assert 0.1 * first <= 0.35 + 0.3 / speed
@@ -172,7 +172,7 @@ def test_a_leaf_that_swings_is_a_door(travel):
     assert kinds[-1] == DOOR
 
 
-def test_who_passes_behind_a_pillar_is_the_same_person_and_predicted_meanwhile():
+def test_a_person_behind_a_pillar_keeps_their_track_and_is_predicted():
     pillar = (-1.5, 0.0, 0.2)
     history = follow(lambda t: [*crossing(t), pillar], 4.5)
     ids = {int(number) for tracks in history for number in tracks.id[tracks.confirmed]}
@@ -203,7 +203,7 @@ def test_a_track_is_dropped_once_its_place_is_seen_to_be_empty():
     assert not history[24].confirmed.any()
 
 
-def test_who_stands_still_after_a_walk_is_kept():
+def test_a_person_who_stands_still_after_a_walk_is_kept():
     history = follow(lambda t: crossing(min(t, 2.0)), 20.0)
     (i,) = np.flatnonzero(history[-1].confirmed)
     assert history[-1].unseen[i] < 0.5

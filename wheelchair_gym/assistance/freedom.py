@@ -19,7 +19,7 @@ from wheelchair_gym.sensors.settings import SensorSettings
 
 Twist = tuple[float, float]
 
-STEADY = 0.1  # deflection by which a steady stick may change
+STEADY = 0.1  # maximum change of deflection of a steady stick
 # Largest deflection forward of a low stick, and s for which it must be low and steady: assumed.
 _DOCKING_STICK, _DOCKING_TIME = 0.35, 1.0
 
@@ -48,7 +48,7 @@ class Freedom:
 
 @dataclass(frozen=True)
 class AssistMission:
-    """What an assistant may know before a person drives: the chair, and nothing of the person."""
+    """Information for an assistant before a person drives: the chair, and nothing of the person."""
 
     chair: ChairSettings
     sensors: SensorSettings
@@ -64,7 +64,7 @@ class AssistMission:
 def margin_of(p: Any, a: Any, forward: float, left: float) -> float:
     """The margin [m] that a row keeps, which a low and steady stick lowers.
 
-    Whoever drives up to a thing turns to it, too: only the deflection forward counts.
+    A person who drives up to a thing turns to it, too: only the deflection forward counts.
     """
     f, moved = p.freedom, abs(forward - a.held[0]) > STEADY
     if moved:

@@ -57,7 +57,7 @@ _SIZE = ASSISTANT.itemsize
 
 @borrowing_kernel
 def begin_assistant(i: int, assistants: Any) -> None:
-    """Let row i begin an episode; assistants: (1,) of ASSISTANTS."""
+    """Reset row i for a new episode; assistants: (1,) of ASSISTANTS."""
     a = assistant_at(assistants[0], i)
     a.stamp, a.steady, a.n_points, a.n_seen = math.nan, 0.0, 0, 0
     for k in range(2):
@@ -66,7 +66,7 @@ def begin_assistant(i: int, assistants: Any) -> None:
 
 @borrowing_kernel
 def prefetch_assistant(i: int, assistants: Any) -> None:
-    """Have row i loaded while something else is computed."""
+    """Prefetch the state of row i while something else is computed."""
     rows = assistants[0]
     if rows.n > 0:
         prefetch(rows.assistants + np.uint64(i * _SIZE), _SIZE)
@@ -76,7 +76,7 @@ def prefetch_assistant(i: int, assistants: Any) -> None:
 def pass_stick_on(
     i: int, assistants: Any, forward: float, left: float, scan: Floats, twist: Array, stamp: float
 ) -> None:
-    """Let row i see, and give the twist that the stick asks for, backward at the freedom's most.
+    """Take in a scan in row i, and set the stick's twist, backward at most as the freedom allows.
 
     Args:
         i: the row.
@@ -102,7 +102,7 @@ def pass_stick_on(
 def update_assistant(
     i: int, assistants: Any, forward: float, left: float, scan: Floats, twist: Array, stamp: float
 ) -> None:
-    """Let row i see, and decide on a stick; the arguments are those of `pass_stick_on`."""
+    """Take in a scan in row i, and decide on a stick; arguments as for `pass_stick_on`."""
     pass_stick_on(i, assistants, forward, left, scan, twist, stamp)
     rows = assistants[0]
     p, a = _constants_at(rows.constants, 1)[0], assistant_at(rows, i)
@@ -177,12 +177,12 @@ class Assistants:
         self.pointers.point("assistants", self.states)
 
     def begin(self) -> None:
-        """Let the only row begin an episode."""
+        """Reset the only row for a new episode."""
         if len(self.states):
             begin_assistant(0, self.pointers.record)
 
     def update(self, stick: Stick, reading: Reading) -> None:
-        """Let the only row see, and decide on a stick."""
+        """Take in a reading in the only row, and decide on a stick."""
         update = pass_stick_on if self._kind == STICK else update_assistant  # compiles sooner
         update(
             0, self.pointers.record, float(stick.forward), float(stick.left), reading.laser,

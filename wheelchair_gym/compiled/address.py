@@ -79,7 +79,7 @@ def _named(dtype: np.dtype[Any]) -> str:
 
 
 class Target:
-    """What an address in a record points to: arrays of a dtype and shape."""
+    """Type of the arrays that an address in a record points to: dtype and shape."""
 
     def __init__(self, dtype: DTypeLike, *shape: int | None) -> None:
         self.dtype, self.shape = np.dtype(dtype), shape
@@ -115,7 +115,7 @@ class Pointers:
         self._kept: dict[tuple[int, str], NDArray[Any] | Pointers] = {}
 
     def point(self, name: str, to: NDArray[Any] | Pointers, row: int = 0) -> None:
-        """Let a field of a row point to an array, which is kept alive.
+        """Point a field of a row to an array, which is kept alive.
 
         Args:
             name: of the field.
@@ -136,7 +136,7 @@ class Pointers:
         self._kept[row, name] = to
 
     def array(self, name: str, row: int = 0) -> NDArray[Any]:
-        """What a field of a row points to; an empty array where that is nothing yet."""
+        """Return the array that a field of a row points to; an empty array if there is none yet."""
         to = self._kept.get((row, name))
         if to is None:
             target = self._targets[name]
@@ -245,7 +245,7 @@ _fetch = cast("Callable[[Any], None]", _fetch_line)
 
 @inlined
 def prefetch(address: Any, size: int) -> None:
-    """Have so many bytes at an address loaded into the cache in the meantime."""
+    """Prefetch `size` bytes at an address into the cache."""
     for k in range(0, size, 64):
         _fetch(np.uint64(address) + np.uint64(k))
 
@@ -267,7 +267,7 @@ def _on_stack(typingctx: Any, size: Any) -> Any:
     return types.uint64(types.int64), lower
 
 
-# The address of so many bytes that hold anything, until the kernel that asks for them returns.
+# The address of n bytes that hold anything, until the kernel that asks for them returns.
 on_stack = cast("Callable[[int], Any]", _on_stack)
 
 # numba gives these the arguments that their callers see; mypy knows only how they are declared.

@@ -69,7 +69,7 @@ def make_drivers(spec: Any) -> tuple[Driver, ...]:
 
 
 def drivers_spec(spec: Any) -> Any:
-    """What `make_drivers` takes, as settings are stored: names, mappings, or a list of them."""
+    """Return a spec for `make_drivers` as settings store it: names, mappings, or a list of them."""
     if isinstance(spec, list | tuple):
         return [drivers_spec(one) for one in spec]
     return spec if spec is None or isinstance(spec, str) else driver_spec(spec)

@@ -65,7 +65,7 @@ def step_live(
 
 
 class LiveInput:
-    """What a chair gets of a living person's deflections, through a simulated person's hand.
+    """Input to a chair from a living person's deflections, through a simulated person's hand.
 
     Args:
         driver: the person whose hand and interface these are (`make_driver`).
@@ -89,7 +89,7 @@ class LiveInput:
         self.begin(0)
 
     def begin(self, key: int) -> None:
-        """Let the hand rest; key: seeds tremor, spasms and errors."""
+        """Reset the hand to rest; key: seeds tremor, spasms and errors."""
         self._pressed = False
         begin_signal(self._state[0], np.uint64(key))
 
@@ -108,12 +108,12 @@ class LiveInput:
         return COMMANDS[self._state["active"][0]]
 
     def step(self, forward: float, left: float, yaw: float, near_goal: bool = False) -> Stick:
-        """What the interface gives for the next control period.
+        """Return the interface's signal for the next control period.
 
         Args:
             forward: deflection that is meant, in [-1, 1].
             left: the same to the left.
-            yaw: heading of the chair [rad], by which a brain-computer interface turns.
+            yaw: heading of the chair [rad], used by a brain-computer interface to turn.
             near_goal: the goal is within a metre, where some hands tremble more.
         """
         if self._constants["kind"][0] == SCANNING:
@@ -140,7 +140,7 @@ class LiveInput:
 
 
 class LiveSight:
-    """What a living person must not be shown, so that they see what a simulated person sees.
+    """Things to hide from a living person, so that they see what a simulated person sees.
 
     Args:
         perception: of the simulated person. `left`, `right`, `neglect` and `noticed` count; a

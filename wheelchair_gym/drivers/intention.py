@@ -106,7 +106,7 @@ def _gap(p: Any, d: Any, x: float, y: float, yaw: float) -> float:
 
 @borrowing_kernel
 def _nearest(d: Any, most: float) -> tuple[float, float]:
-    """What is seen nearest within an angle ahead [rad], in the chair's frame [m]; NaN: nothing."""
+    """Return the nearest point within an angle ahead [rad], in the chair's frame [m]; NaN: none."""
     x, y, least = math.nan, math.nan, math.inf
     for k in range(d.n_points):
         px, py = d.points[k, 0], d.points[k, 1]
@@ -190,7 +190,7 @@ def _fixed(p: Any, d: Any, k: int) -> float:
 
 @borrowing_kernel
 def _begin(p: Any, twist: Array, k: int) -> tuple[float, float, float]:
-    """Where a person expects the chair, in its frame, once signal k takes effect."""
+    """Return the pose, in the chair's frame, that a person expects once signal k takes effect."""
     later = p.perception.anticipation * p.late[k]
     return arc_step(0.0, 0.0, 0.0, twist[0], twist[1], later)
 
@@ -222,8 +222,8 @@ def _time_to_stop(p: Any, d: Any, v: float) -> float:
     """Seconds on an arc, from the pose where it is left, that must be free of obstacles.
 
     A stick chooses no arc that collides at all, unless it manoeuvres. Few signals are held until
-    the chair must be stopped: the person's delay, the time by which its next decision may come
-    later than the next pose, and the braking distance as time on the arc.
+    the chair must be stopped: the person's delay, the longest delay of its next decision
+    beyond the next pose, and the braking distance as time on the arc.
     """
     if p.kind == STICK and not d.manoeuvres:
         return float(d.horizon)
@@ -305,7 +305,7 @@ def _cost(
 
 @borrowing_kernel
 def _change_mode(p: Any, d: Any, pose: Array) -> None:
-    """Let what the person is about end, or something else begin."""
+    """End the person's present mode, or begin another one."""
     plan = p.intention
     c, s = math.cos(pose[2]), math.sin(pose[2])
     if d.stuck > plan.patience and d.mode != RETREAT and plan.retreat > 0.0:
@@ -497,7 +497,7 @@ def _take_aim(p: Any, d: Any, prepared: Any, pose: Array) -> None:
 
 @borrowing_kernel
 def begin_intention(d: Any) -> None:
-    """Let nothing be decided yet."""
+    """Reset the state of an intention: nothing is decided yet."""
     d.decisions = d.chosen = d.n_points = 0
     d.mode, d.decide_at, d.mode_until, d.stuck, d.lapse_until = GO, 0.0, 0.0, 0.0, 0.0
     d.target[0] = d.target[1] = d.surplus = d.expected = d.daring = 0.0

@@ -47,7 +47,7 @@ def smoothing_share(smoothing: float, tick: float) -> float:
 
 @inlined
 def beyond_dead_zone(x: float, y: float, zone: float, gain: float) -> tuple[float, float]:
-    """What a stick gives for a deflection."""
+    """Return a stick's output for a deflection."""
     size, share = math.hypot(x, y), 0.0
     if size > zone:
         share = gain * (size - zone) / (1.0 - zone) / size
@@ -61,7 +61,7 @@ def _draw(d: Any, index: int) -> float:
 
 @borrowing_kernel
 def _hand_rates(p: Any, tick: float) -> tuple[float, float, float, float, float]:
-    """What is the same in each tick of a hand.
+    """Compute the constants of a hand that are the same in each tick.
 
     Returns:
         The shares of what is left of its way that the hand goes in a tick outwards and back, the
@@ -186,7 +186,7 @@ def _step_brain_computer(p: Any, d: Any, yaw: float) -> None:
 
 @borrowing_kernel
 def give_signal(p: Any, d: Any, yaw: float, near_goal: bool) -> None:
-    """Let hand and interface follow the intended signal for one control period."""
+    """Move hand and interface towards the intended signal for one control period."""
     tick = p.period / p.ticks
     rates = _hand_rates(p, tick)
     for _ in range(p.ticks):
@@ -221,7 +221,7 @@ def give_signal(p: Any, d: Any, yaw: float, near_goal: bool) -> None:
 
 @borrowing_kernel
 def begin_signal(d: Any, key: np.uint64) -> None:
-    """Let nothing be held, and the hand rest."""
+    """Reset hand and interface: nothing is held, and the hand rests."""
     d.key, d.tick, d.clock = key, 0, 0.0
     d.pending = d.intended = d.active = d.scan = d.presses = d.resumed = 0
     d.switch_to, d.switch_at, d.burst_until, d.turn_from = -1, 0.0, 0.0, 0.0

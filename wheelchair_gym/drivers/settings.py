@@ -18,10 +18,10 @@ _REACTION = "0.25 to 0.3 s, with impairments 0.5 to 1.0 s: assumed"
 
 @settings
 class Intention:
-    """Where a person wants to drive, and how it chooses the next signal."""
+    """Route that a person wants to drive, and the choice of its next signal."""
 
     way: Literal["outline", "route", "obstacle"] = setting(default="outline")
-    """What it follows: the quickest way of the chair's outline, the shortest route of a disc (a
+    """Aim of the person: the quickest way of the chair's outline, the shortest route of a disc (a
     person who does not think of the chair's corners), or the nearest obstacle (a hostile one)."""
     speed: float = setting(default=1.0, low=0.05, high=1.0)
     """Largest deflection that it uses, as a share."""
@@ -50,7 +50,7 @@ class Intention:
 
 @settings
 class Perception:
-    """What a person sees of its surroundings, and how late it acts on it.
+    """A person's perception of its surroundings, and the delay until it acts on it.
 
     Obstacles are those that the first scanner shows; its place is the true one.
     """
@@ -83,7 +83,7 @@ class Perception:
 
 @settings
 class Hand:
-    """What a body makes of an intended deflection; it matters for sticks alone."""
+    """Effect of a body on an intended deflection; only sticks use it."""
 
     tremor: float = setting(
         default=0.0, low=0.0, high=1.0, source="0.05, 0.15, 0.35 by severity: assumed"
@@ -120,7 +120,7 @@ class Hand:
     rotation: float = setting(
         default=0.0, unit="rad", low=-math.pi, high=math.pi, source="15 deg: assumed"
     )
-    """Angle by which deflections are turned, counter-clockwise."""
+    """Rotation of deflections, counter-clockwise."""
     offset_forward: float = setting(default=0.0, low=-1.0, high=1.0, source="0.1: assumed")
     """Deflection forward at rest."""
     offset_left: float = setting(default=0.0, low=-1.0, high=1.0, source="0.1: assumed")
@@ -245,7 +245,7 @@ class Driver:
     perception: Perception = Perception()
     hand: Hand = Hand()
     interface: Any = setting(default=None)
-    """What it holds: settings of a stick, switches, scanning or a brain-computer interface, which
+    """Input device: settings of a stick, switches, scanning or a brain-computer interface, which
     their `kind` tells apart; none: a stick."""
 
     def __post_init__(self) -> None:

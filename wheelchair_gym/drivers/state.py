@@ -138,7 +138,7 @@ def driver_row(drivers: Any, i: int) -> Any:
 
 @inlined
 def prefetch_driver(drivers: Any, i: int) -> None:
-    """Have the state of row i loaded while something else is computed."""
+    """Prefetch the state of row i while something else is computed."""
     rows = drivers[0]
     if rows.n > 0:
         prefetch(rows.drivers + np.uint64(i * _SIZE), _SIZE)
@@ -213,7 +213,7 @@ def constants_of(
         p["sample_every"] = max(1, round(1.0 / (device.rate * tick)))
     limits, laser = chair.limits, sensors.laser
     p["forward"], p["backward"], p["turn"] = limits.forward, limits.backward, limits.turn
-    # Times to go are at full speed. Whoever has few signals drives slower, and weighs times to go
+    # Times to go are at full speed. A person with few signals is slower, and weighs times to go
     # against the time for which a signal is held.
     p["slowness"] = 1.0 if device.kind == "stick" else 1.0 / max(signals[:, 0])
     p["outline"], p["mount"] = chair.footprint.array, (laser.x, laser.y, laser.yaw)

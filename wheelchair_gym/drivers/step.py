@@ -34,7 +34,7 @@ WHO = 400  # index of the draw of who drives, in the channel of drivers; apart f
 
 @borrowing_kernel
 def begin_driver(i: int, drivers: Any, key: np.uint64) -> None:
-    """Let one of the people drive row i, who rests at first; drivers: (1,) of DRIVERS."""
+    """Draw the person who drives row i, and who rests at first; drivers: (1,) of DRIVERS."""
     _, d = driver_row(drivers, i)
     people = drivers[0].people
     d.person = min(people - 1, int(people * uniform(key, 0, CHANNEL, WHO)))
@@ -46,7 +46,7 @@ def begin_driver(i: int, drivers: Any, key: np.uint64) -> None:
 def step_driver(
     i: int, drivers: Any, prepared: Any, pose: Array, twist: Array, scan: Floats
 ) -> tuple[float, float, bool]:
-    """Let row i's person see where the chair came to, and drive on for one control period.
+    """Advance row i's person by one control period: see where the chair came to, and drive on.
 
     Args:
         i: the row.
@@ -57,7 +57,7 @@ def step_driver(
         scan: ranges [m], those of the first scanner first.
 
     Returns:
-        What the interface gives: deflections forward and to the left, and whether they last
+        Signal of the interface: deflections forward and to the left, and whether they last
         without the person's doing.
     """
     p, d = driver_row(drivers, i)
@@ -98,15 +98,15 @@ class Drivers:
 
     @property
     def driver(self) -> Driver | None:
-        """Who drives the only row in this episode; None: nobody does."""
+        """Driver of the only row in this episode; None: nobody drives."""
         return self.people[int(self.states["person"][0])] if self.people else None
 
     def begin(self, key: int) -> None:
-        """Let one of the people drive the only row in an episode with a key, and rest at first."""
+        """Draw the person who drives the only row in an episode with a key, at rest at first."""
         if len(self.states):
             begin_driver(0, self.pointers.record, np.uint64(key))
 
     def step(self, prepared: PreparedEpisode, pose: Array, twist: Array, scan: Floats) -> Stick:
-        """What the interface of the only row's person gives next; see `step_driver`."""
+        """Return the next signal from the interface of the only row's person; see `step_driver`."""
         row = prepared.record[0]
         return Stick(*step_driver(0, self.pointers.record, row, pose, twist, scan))

@@ -87,7 +87,7 @@ def is_unshielded(key: np.uint64, share: float) -> bool:
 
 @borrowing_kernel
 def update_row_assistant(i: int, assistants: Any, progress: Any, seen: Any, ranges: Floats) -> None:
-    """Let row i's assistant see a reading, and the stick that it shall answer."""
+    """Update row i's assistant with a reading, and with the stick that it shall answer."""
     forward, left = progress.sticks[0, 0], progress.sticks[0, 1]
     update_assistant(i, assistants, forward, left, ranges, seen.twist[:], seen.stamp)
 

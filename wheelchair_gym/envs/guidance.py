@@ -92,7 +92,7 @@ def is_built_in(spec: Any) -> bool:
 
 
 def make_guidance(spec: Any) -> Guidance | None:
-    """What a guidance setting stands for.
+    """Return the guidance that a setting names.
 
     Raises:
         InputError: it names nothing that can be imported and called.

@@ -307,7 +307,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         return observation, reward, terminated, truncated, info
 
     def _label_interface(self) -> None:
-        """Have recordings say through which interface a simulated person drives."""
+        """Label recordings with the interface through which a simulated person drives."""
         if self.drivers.driver is not None:
             self.labels["interface"] = self.drivers.driver.interface.kind
 
@@ -330,7 +330,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
 
     @property
     def mission(self) -> Mission:
-        """What a policy may know before it drives the present episode; call it after reset()."""
+        """Return the information for a policy before the present episode; call it after reset()."""
         task = self.task
         return Mission(
             map=task.map if task.built_map is None else None,

@@ -44,7 +44,7 @@ Outcome = tuple[Observation, float, bool, bool, Info]
 
 
 def _numbers(record: np.dtype[Any], path: str = "", start: int = 0) -> Iterator[tuple[Any, ...]]:
-    """Name, code and offset of each number of a record, but for those of arrays."""
+    """Yield name, code and offset of each number of a record, except those of arrays."""
     for name, (kind, offset, *_) in (record.fields or {}).items():
         if kind.names:
             yield from _numbers(kind, f"{path}{name}.", start + offset)
@@ -53,7 +53,7 @@ def _numbers(record: np.dtype[Any], path: str = "", start: int = 0) -> Iterator[
 
 
 def _reader(record: np.dtype[Any]) -> Struct:
-    """What reads these numbers from memory: a tenth of a microsecond, numpy takes a whole one."""
+    """Return a reader of these numbers from memory: it takes 0.1 us, numpy 1 us."""
     form, end = "=", 0
     for _, code, offset in _numbers(record):
         form += f"{offset - end}x{code}"

@@ -77,7 +77,7 @@ def columns_of(start: Any, n: int) -> Columns:
 
 
 def _fresh_memory(size: int) -> Any:
-    """Memory of so many bytes, in large pages where that is of use and the system has them."""
+    """Return memory of `size` bytes, in large pages where these are of use and available."""
     if size < _LARGE or not hasattr(mmap, "MADV_HUGEPAGE"):
         return bytearray(size)
     memory = mmap.mmap(-1, size)
@@ -86,7 +86,7 @@ def _fresh_memory(size: int) -> Any:
 
 
 class Memory:
-    """What a step of n rows writes.
+    """Memory that a step of n rows writes.
 
     Attributes:
         block: (n * ROW_SIZE,) the columns one after another.
@@ -111,7 +111,7 @@ class Memory:
 
 
 class Results(Memory):
-    """What a step of many chairs gives, with every array of it that is ever handed out."""
+    """Results of a step of many chairs, with every array of it that is ever handed out."""
 
     def __init__(self, task: Task, n: int) -> None:
         super().__init__(task, n)

@@ -44,7 +44,7 @@ class BankSettings:
 
 @settings
 class StartSettings:
-    """Where episodes begin: at the scene's start, or anywhere not too far from the goal."""
+    """Starts of episodes: at the scene's start, or anywhere not too far from the goal."""
 
     max_time: float = setting(default=0.0, unit="s", low=0.0)
     """Largest plan time from the start to the goal; 0: episodes begin at the scene's start."""
@@ -60,10 +60,10 @@ class EnvSettings:
     rate: float = setting(default=10.0, unit="Hz", low=0.5, high=200.0)
     """Frequency of control."""
     guidance: Any = setting(default=None)
-    """What shows the way: none, 'geodesic', 'poses', 'module:function', or a mapping with
+    """Source of guidance: none, 'geodesic', 'poses', 'module:function', or a mapping with
     'call'."""
     reward: Any = setting(default=None)
-    """What gives the reward: none (the weighted terms of task.reward), or 'module:function' or a
+    """Source of the reward: none (the weighted terms of task.reward), or 'module:function' or a
     callable, see `wheelchair_gym.task.custom_reward`. Recordings and reports keep the terms."""
     bank: BankSettings = BankSettings()
     starts: StartSettings = StartSettings()
@@ -283,7 +283,7 @@ def _shield(spec: Any) -> ShieldSettings | None:
 
 
 def make_localizer(config: EnvSettings) -> Localizer:
-    """What estimates the pose from the scans."""
+    """Return the localizer that estimates the pose from the scans."""
     if config.sensors.pose_source == "slam":
         return Slam(config.sensors.laser, config.slam)
     return MonteCarloLocalizer(config.localization, config.sensors.laser)

@@ -444,7 +444,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         self._make_ready(i, prepared)
 
     def _make_ready(self, i: int, prepared: PreparedEpisode) -> None:
-        """Let a prepared episode be row i's next, without a change to the present one."""
+        """Make a prepared episode row i's next, without a change to the present one."""
         self._next_prepared[i] = prepared.record[0]
         self.chairs.worlds[i].reserve_shapes(prepared.episode)
         self._make_workspace(prepared.columns)
@@ -471,7 +471,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         self.worlds.drop_before(int(self._counts.min()))
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Let the threads go."""
+        """Shut down the threads."""
         if self._pool is not None:
             self._pool.shutdown()
             self._pool = None

@@ -1,4 +1,4 @@
-"""Where episodes get their worlds: each its own, or one of a bank that slowly turns over.
+"""Sources of the worlds of episodes: each its own, or one of a bank that slowly turns over.
 
 A bank is a window of `size` worlds that moves on with the episodes an environment has driven: world
 j is a pure function of the bank's seed and j; episode k of seed s draws from the window that begins

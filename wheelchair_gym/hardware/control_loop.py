@@ -1,4 +1,4 @@
-"""What all real chairs share: clocks, control periods, the guard, timeouts, the best estimate.
+"""Parts of all real chairs: clocks, control periods, the guard, timeouts, the best estimate.
 
 Time is an argument: real time, or that of a simulated world, in which nothing waits.
 """
@@ -36,7 +36,7 @@ class Clock(Protocol):
         ...
 
     def wait(self, deadline: float, cancelled: threading.Event | None = None) -> None:
-        """Let time pass until a deadline [s], or until the event is set."""
+        """Wait until a deadline [s], or until the event is set."""
         ...
 
     def call_every(
@@ -129,7 +129,7 @@ class ControlLoop:
     Attributes:
         odometry: the pose (3,) by odometry.
         truth: the estimated pose, the nearest echo, contacts at the bumpers; no energy.
-        lock: held by whoever commands.
+        lock: held by the caller that commands.
         late: of each late period but the first, its end [s since `begin`] and its delay [s].
     """
 

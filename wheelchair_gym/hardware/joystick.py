@@ -1,4 +1,4 @@
-"""A joystick at the host, by which a person overrides every policy while holding a button.
+"""A joystick at the host, with which a person overrides every policy while holding a button.
 
 The dead-man button takes control; its release brakes the chair, which stands until the person
 returns control. The chair moves only after the stick was at its centre while the button was held.

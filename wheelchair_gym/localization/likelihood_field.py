@@ -54,7 +54,7 @@ def _gap(field: LikelihoodField, u: float, v: float) -> float:
 def _in_cells(
     field: LikelihoodField, x: float, y: float, yaw: float
 ) -> tuple[float, float, float, float]:
-    """Where a pose lies (u, v) [cells], cosine and sine of its heading times cells per metre."""
+    """Return a pose's place (u, v) [cells], cosine and sine of its yaw times cells per metre."""
     origin, scale = field.origin, 1.0 / field.resolution
     c, s = math.cos(origin[2]), math.sin(origin[2])
     u, v = world_to_body(c, s, x - origin[0], y - origin[1])

@@ -27,7 +27,7 @@ class Localizer(Protocol):
 
     @property
     def poses(self) -> Array:
-        """Where the chair may be (particles, 3) [m, m, rad]."""
+        """Possible poses of the chair (particles, 3) [m, m, rad]."""
         ...
 
     @property

@@ -40,7 +40,7 @@ class Scan(NamedTuple):
 
     @property
     def echoes(self) -> Array:
-        """Where beams met something (m, 2) [m]."""
+        """Points at which beams met something (m, 2) [m]."""
         return self.ends[self.hits]
 
     @property
@@ -363,7 +363,7 @@ class OccupancyMap:
         self._replace(Layers._make(grown))
 
     def reserve(self, centre: ArrayLike) -> None:
-        """Have memory for all within `MappingSettings.reserve` of a point (2 or 3,) [m] at once.
+        """Reserve map memory within `MappingSettings.reserve` of a point (2 or 3,) [m] at once.
 
         What is never written costs neither time nor memory.
         """

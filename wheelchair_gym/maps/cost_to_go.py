@@ -72,7 +72,7 @@ def _move_of(state: int) -> int:
 
 @borrowing_kernel
 def _units_of(state: int, row: int, col: int) -> tuple[int, int]:
-    """Where the pose of a state in a cell lies (x, y) [units]."""
+    """Return the place (x, y) [units] of the pose of a state in a cell."""
     x = col * UNITS + int((state >> np.uint32(X_BITS)) & np.uint32(UNITS - 1))
     return x, row * UNITS + int(state & np.uint32(UNITS - 1))
 
@@ -121,7 +121,7 @@ class LatticeMoves(NamedTuple):
 
 
 class Aim(NamedTuple):
-    """Where a search begins, which is the goal, and what it looks for."""
+    """Goal, at which a search begins, and the start that it looks for."""
 
     seeds: Ints  # (k, 2) x, y [units] of the goal and of places near it
     headings: Ints  # (h,) numbers of those with which the goal may be reached

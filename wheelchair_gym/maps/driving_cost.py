@@ -37,7 +37,7 @@ class MotionCost(NamedTuple):
 
 @settings
 class DrivingCost:
-    """What driving costs."""
+    """Terms of the cost of driving."""
 
     desired_clearance: float = setting(
         default=0.25, unit="m", low=0.01, source="clearance beside the chair in a door of 1.1 m"

@@ -527,7 +527,7 @@ def _lengths(grid: OccupancyGrid, goal: Array, radius: float) -> tuple[Field, Re
 
 
 def _entries(free: Mask, x: float, y: float, band: float) -> list[tuple[float, float]]:
-    """Where free ground is entered from a point [cell centres]: there, or at cells within `band`.
+    """Return the entries to free ground from a point [cell centres]: there, or cells within `band`.
 
     The nearest cell is the first.
     """

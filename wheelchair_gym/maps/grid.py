@@ -264,7 +264,7 @@ def occupied_polygons(
 
     Args:
         grid: the map.
-        dilate: distance [cells] by which solid regions grow.
+        dilate: growth [cells] of solid regions.
         epsilon: how far [cells] a simplified outline may leave the exact one (Douglas and Peucker).
             An obstacle that would become a line stays exact; such a hole is filled.
 

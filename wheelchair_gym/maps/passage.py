@@ -65,10 +65,10 @@ def footprint_margin(
     goal: ArrayLike,
     footprint: Footprint,
 ) -> float:
-    """What an outline may grow by on every side and still get from start to goal, turns included.
+    """Return how far [m] an outline may grow on every side and still get from start to goal.
 
     A flood of poses on 2 cm and 3 degrees, in steps of 1 cm from -5 to 10 cm: right to about 1 cm.
-    Any rigid motion counts, and at the goal any heading.
+    Any rigid motion counts, turns included, and at the goal any heading.
 
     Args:
         walls: (n, 4) [m].
@@ -101,7 +101,7 @@ def footprint_margin(
 
 
 def _free(solid: NDArray[np.uint8], half: Array) -> NDArray[np.bool_]:
-    """Where a rectangle of half sides [cells] may be: (heading, row, column), over half a turn."""
+    """Return a rectangle's free poses (heading, row, column) in half a turn; half sides [cells]."""
     reach = int(np.hypot(*half)) + 2
     u, v = np.meshgrid(*2 * [np.arange(-reach, reach + 1)])
     layers = []

@@ -139,7 +139,7 @@ class SimulatedChair(Chair):
         self._ranges, self.sensed, self._truth = ranges, sensed, None
 
     def close(self) -> None:
-        """Let the episode go."""
+        """Release the episode."""
         self._episode = self._truth = self.chairs.episodes[0] = None
 
     @property

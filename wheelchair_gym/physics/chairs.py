@@ -34,7 +34,7 @@ _WRITTEN_BY_SENSING = (
 
 
 def size_workspace(rows: Pointers, columns: int) -> None:
-    """Give a record of CHAIRS a workspace of so many columns (`columns_of`)."""
+    """Give a record of CHAIRS a workspace of `columns` columns (`columns_of`)."""
     rows.point("workspace", np.empty((WORKSPACE_ROWS, columns), np.float32))
     rows.record["columns"] = columns
 
@@ -97,7 +97,7 @@ class SimulatedChairs:
         self.drives_left = _DRIVES_RESERVED  # control periods for which every row has memory
 
     def row_pointers(self) -> Pointers:
-        """Where the rows lie, a record (1,) of CHAIRS; the caller adds its workspace."""
+        """Pointers to the rows, a record (1,) of CHAIRS; the caller adds its workspace."""
         rows = Pointers(np.zeros(1, CHAIRS), CHAIRS_TARGETS)
         rows.record["n"] = len(self.states)
         rows.point("suite", self.suite.pointers)
@@ -107,7 +107,7 @@ class SimulatedChairs:
         return rows
 
     def enter(self, i: int, episode: Episode) -> None:
-        """Let row i's world be an episode's."""
+        """Set row i's world to that of an episode."""
         self.worlds[i].reserve_shapes(episode)
         self.episodes[i] = episode
         place: Any = self.world_rows[i]
@@ -122,7 +122,7 @@ class SimulatedChairs:
             self.pointers.point("routes", actors.routes, i)
 
     def expect_drive(self) -> None:
-        """Have memory to record one more drive of each row."""
+        """Reserve memory to record one more drive of each row."""
         self.drives_left -= 1
         if self.drives_left >= 0:
             return

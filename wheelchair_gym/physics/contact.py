@@ -114,7 +114,7 @@ def nearest_point(
 
 @borrowing_kernel
 def stop_people(world: Any, state: Any, p: Any, chair: Motion) -> float:
-    """Whoever would walk into the chair in the coming step stops at it, and presses on nothing.
+    """Stop people at the chair who would walk into it in the coming step; they press on nothing.
 
     Returns:
         The impulse [N s] that the hardest of them loses, which the strips feel.

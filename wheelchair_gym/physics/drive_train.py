@@ -43,7 +43,7 @@ _CREEP = 0.05  # m/s: drag rises linearly below this speed, so that it never rev
 
 
 class DriveConstants(NamedTuple):
-    """What physics steps need of the parameters, worked out once a period: divisions are slow."""
+    """Constants of physics steps from parameters, computed once a period: divisions are slow."""
 
     run: float  # s, between two runs of the speed control
     share: float  # of the low-pass
@@ -244,7 +244,7 @@ def physics_step(
     `space` is 0 where nothing is near enough to be touched in this step.
 
     Returns:
-        The impulse of contact [N s]; 0 but for rounding where nothing is touched.
+        The impulse of contact [N s]; 0, up to rounding, where nothing is touched.
     """
     fields = body_view(body)
     dt, mass, moment, arm = p.dt, p.mass, p.moment, p.body.centre_of_mass

@@ -64,9 +64,9 @@ def keep_until_exit(*things: Any) -> None:
 def _field_offsets(
     thing: Any, doubles: int, marks: dict[str, float], begin: int = 0
 ) -> dict[str, int]:
-    """Where the marks stand in a struct, counted in doubles: the first place of each.
+    """Return the first offset of each mark in a struct from `begin` on, counted in doubles.
 
-    Copies that Munk2D keeps of a value stand behind it, but for what it begins with.
+    Copies that Munk2D keeps of a value stand behind it, except those that a struct begins with.
     """
     raw = np.frombuffer(ctypes.string_at(int(address_of_struct(thing)), 8 * doubles))
     found = {name: begin + np.flatnonzero(raw[begin:] == value) for name, value in marks.items()}
@@ -80,7 +80,7 @@ def _field_offsets(
 
 
 def _find_offsets() -> Any:
-    """Where the fields of cpBody stand, counted in doubles."""
+    """Return the offsets of the fields of cpBody, counted in doubles."""
     m = _MARKS
     body = pymunk.Body(m["mass"], m["moment"])
     body.position, body.velocity = (m["x"], m["y"]), (m["vx"], m["vy"])
@@ -90,7 +90,7 @@ def _find_offsets() -> Any:
 
 
 def _find_shape_offsets() -> Any:
-    """Where the fields of shapes stand, in doubles.
+    """Return the offsets of the fields of shapes, in doubles.
 
     Ends and normal in a cpSegmentShape, place and radius in a cpCircleShape, the first corner in a
     cpPolyShape (x, y, nx, ny of each), and in all of them the friction and the group, whose members
@@ -125,7 +125,7 @@ def _named(name: str, offsets: dict[str, int]) -> Any:
 
 
 def _find_counter() -> int:
-    """Where a cpSpace counts the shapes that it was ever given, in words."""
+    """Return the offset [words] of a cpSpace's count of the shapes that it was ever given."""
     space, body = pymunk.Space(), pymunk.Body(1.0, 1.0)
     space.add(body)
     counts = []
@@ -230,7 +230,7 @@ def remove_shape(remove: np.uint64, space: np.uint64, shape: np.uint64) -> None:
 
 @borrowing_kernel
 def set_shape_counter(space: np.uint64, first: int) -> None:
-    """Let a cpSpace number the next shapes from a first one on.
+    """Set the number that a cpSpace gives to its next shape; the ones after it count on.
 
     Where three things touch, the order in which Munk2D solves goes by these numbers: a Space that
     is used again has to give those that a new one would.
@@ -320,13 +320,13 @@ def place_body(
 
 @borrowing_kernel
 def turn_body(engine: Any, body: np.uint64) -> None:
-    """Let what Munk2D derives from a body's place and angle agree with them."""
+    """Update the values that Munk2D derives from a body's place and angle."""
     _call_double(engine.turn, body, body_view(body)[ANGLE])
 
 
 @inlined
 def move_freely(body: np.uint64, dt: float) -> None:
-    """What `step_space` does to a body that nothing touches, to the bit, without its Space."""
+    """Move a body that nothing touches as `step_space` does, to the bit, without its Space."""
     fields = body_view(body)
     fields[X] += fields[VX] * dt
     fields[Y] += fields[VY] * dt

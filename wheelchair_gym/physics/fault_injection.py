@@ -24,7 +24,7 @@ _LASERS = 2 + len(DECEITS)  # kinds of the laser, which come first
     _SONAR, _SONAR_FROZEN, _ODOMETRY, _ODOMETRY_FROZEN,
 ) = range(1, _KINDS + 1)  # fmt: skip
 PAST = 16  # scans that are kept
-_MAX_DELAY = 1.0  # s of late scans, if so many are kept
+_MAX_DELAY = 1.0  # s of late scans, at most PAST - 1 scans
 _RING = 2, 5  # scans that are repeated
 _JITTER = 0.001, 0.010  # m
 _NOISE = 0.015  # m of a mirror that stands

@@ -1,4 +1,4 @@
-"""What one simulated chair is (its parameters) and where it is in time (its state): two records."""
+"""Two records of one simulated chair: its parameters, and its state at a time."""
 
 from __future__ import annotations
 

@@ -69,10 +69,10 @@ def read_true_state(state: Any, p: Any, fields: Any) -> None:
 
 @borrowing_kernel
 def decide_actors(state: Any, p: Any, world: Any, chair: Motion) -> float:
-    """What actors decide before a physics step, and what then pushes them.
+    """Decide for the actors before a physics step, and apply the forces that then push them.
 
     Returns:
-        The impulse [N s] of the hardest who walks into the chair.
+        The impulse [N s] of the person who walks into the chair the hardest.
     """
     read_true_state(state, p, body_view(world.body))
     if state.tick % p.decide_every == 0:
@@ -91,12 +91,12 @@ def decide_actors(state: Any, p: Any, world: Any, chair: Motion) -> float:
 def prepare_step(
     engine: Any, world: Any, state: Any, p: Any, chair: Motion, workspace: Floats
 ) -> tuple[float, np.uint64]:
-    """Let actors decide before a physics step, and find the Space that it needs.
+    """Decide for the actors before a physics step, and find the Space that it needs.
 
     After the step, `move_the_others` moves the actors that are not in the Space.
 
     Returns:
-        The impulse [N s] of the hardest who walks into the chair, and the Space; 0 if none.
+        The impulse [N s] of the person who walks into the chair the hardest; the Space, 0 if none.
     """
     bump, space = 0.0, touchable_space(engine, world, p, workspace)
     if world.n_actors > 0:
@@ -212,7 +212,7 @@ def chair_row(chairs: Any, i: int) -> Any:
 
 @borrowing_kernel
 def prefetch_chair(i: int, chairs: Any) -> None:
-    """Have what row i needs loaded while something else is computed."""
+    """Prefetch the data of row i while something else is computed."""
     rows = chairs[0]
     world = _worlds_at(rows.worlds, rows.n)[i]
     prefetch(world.walls, world.n_walls * 32)
@@ -224,13 +224,13 @@ def prefetch_chair(i: int, chairs: Any) -> None:
 
 @inlined
 def workspace_of(chairs: Any) -> Floats:
-    """What scans are computed in (WORKSPACE_ROWS, columns)."""
+    """Return the workspace in which scans are computed (WORKSPACE_ROWS, columns)."""
     return field_at(chairs[0].workspace, WORKSPACE_ROWS, chairs[0].columns)
 
 
 @borrowing_kernel
 def write_sensed(state: Any, p: Any, world: Any, rangers: int, sensed: Any) -> None:
-    """Write what was sensed, but for the scans, and how things really are.
+    """Write what was sensed, except the scans, and how things really are.
 
     Columns of ultrasonics beyond the mounted ones are invalid (NaN), and their age is infinite.
     """

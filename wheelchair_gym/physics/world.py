@@ -72,7 +72,7 @@ from wheelchair_gym.types import Episode
 
 _F = np.float32
 _ZERO, _TINY = _F(0.0), _F(1e-3)
-_ERROR = _F(4e-6)  # share of its coordinates by which float32 errs about a segment
+_ERROR = _F(4e-6)  # error of float32 about a segment, as a share of its coordinates
 
 
 @borrowing_kernel
@@ -253,7 +253,7 @@ def _furnish_with(
     engine: Any, world: Any, things: Array, first: int, shapes: Integers, held: Integers,
     inside: int, near: Floats, reach: float,
 ) -> int:  # fmt: skip
-    """Let a Space hold those of its walls (n, 4), or discs (n, 3), that are nearer than a reach.
+    """Put walls (n, 4), or discs (n, 3), nearer than a reach into a Space; take out the others.
 
     Args:
         engine: functions of Munk2D.
@@ -300,7 +300,7 @@ def _furnish_with(
 
 @borrowing_kernel
 def _furnish(engine: Any, world: Any, p: Any, reach: float, workspace: Floats) -> None:
-    """Let a Space hold the walls and discs within a reach [m] of the chair's outline."""
+    """Put exactly the walls and discs within a reach [m] of the chair's outline into a Space."""
     fields = body_view(world.body)
     yaw = fields[ANGLE]
     x = fields[X] - math.cos(yaw) * p.body.centre_of_mass
@@ -422,7 +422,7 @@ class World:
         self.space.add(self.body, outline)
         self._surface = pymunk.Circle(self.space.static_body, 1.0)  # of walls; in no Space
         self._surface.friction, self._surface.filter = friction, FIXED
-        self._walls = self._discs = 0  # for so many is there room
+        self._walls = self._discs = 0  # number of each that there is room for
         self._actor_shapes: list[pymunk.Shape] = []
         self._bodies: list[pymunk.Body] = []  # of actors
         self._pointers, self._row = pointers, row
@@ -447,7 +447,7 @@ class World:
         )
 
     def reserve_shapes(self, episode: Episode) -> None:
-        """Have spare shapes for an episode's walls, discs and actors before it is entered.
+        """Reserve spare shapes for an episode's walls, discs and actors before it is entered.
 
         What the present episode uses stays as it is.
         """
@@ -462,14 +462,14 @@ class World:
             self._reserve_actors(walls, discs, episode.actors)
 
     def actor_poses(self) -> Array:
-        """Where the actors are (k, 3) [m, m, rad]; NaN: not there."""
+        """Poses of the actors (k, 3) [m, m, rad]; NaN: not there."""
         count = int(self._rows["n_bodies"][0])
         actor_states: Any = self._array("actor_states")[:count]
         there = actor_states["is_present"][:, None]
         return np.where(there, actor_states["pose"], np.nan)
 
     def _reserve_actors(self, walls: int, discs: int, actors: Actors) -> None:
-        """Have spare bodies for actors, and memory for what is seen of them."""
+        """Reserve spare bodies for actors, and memory for what is seen of them."""
         makers: dict[str, tuple[int, Callable[[pymunk.Body], pymunk.Shape]]] = {
             "spare_discs": (actors.discs, lambda body: pymunk.Circle(body, 1.0)),
             "spare_boxes": (actors.boxes, lambda body: pymunk.Poly(body, UNIT_BOX)),
@@ -500,7 +500,7 @@ class World:
             self._rows["snapshot_size"] = shot
 
     def reserve_drives(self, capacity: int) -> None:
-        """Have memory for so many drives of an episode; what was driven stays recorded."""
+        """Reserve memory for `capacity` drives of an episode; what was driven stays recorded."""
         old = self._array("drives")
         new = np.zeros((capacity, 3))
         new[: len(old)] = old

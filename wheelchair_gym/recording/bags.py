@@ -153,7 +153,7 @@ class RosBag:
 
 
 def _qos(latched: bool) -> Any:
-    """What a publisher offers: reliable, and the last message to late subscribers if latched."""
+    """Return a publisher's QoS: reliable, and the last message to late subscribers if latched."""
     from rosbags import interfaces as qos
 
     forever = qos.QosTime(sec=9223372036, nsec=854775807)  # as rmw writes it

@@ -47,7 +47,7 @@ class RecordingSettings:
     when_full: Literal["go-on", "end"] = setting(default="go-on")
     """Whether the run goes on when the disk is full; the recording ends in any case."""
     format: Literal["foxglove", "ros2"] = setting(default="foxglove")
-    """What is written: one MCAP file with Foxglove's messages, or a rosbag2."""
+    """Format of a recording: one MCAP file with Foxglove's messages, or a rosbag2."""
 
 
 class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):

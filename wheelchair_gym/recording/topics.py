@@ -195,7 +195,7 @@ def _read_terms(value: Any) -> dict[str, float]:
 
 
 def reading_fields(beams: int = -1) -> dict[str, Kind]:
-    """The fields of a reading with so many beams; -1: any number."""
+    """Return the fields of a reading with `beams` beams; -1: any number."""
     return {
         **{signal.name: _kind(signal) for signal in signals.READING},
         "laser": _packed("<f4", beams),

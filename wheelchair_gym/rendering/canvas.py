@@ -24,7 +24,7 @@ _FAR = 100_000 * _ONE
 
 @dataclass(frozen=True)
 class Frame:
-    """Where the world lies on a picture: y points up, and a pixel's centre is at half a pixel."""
+    """Place and scale of the world on a picture: y points up, pixel centres are at half a pixel."""
 
     scale: float  # pixels per metre
     left: float  # column of x = 0 [pixels]

@@ -1,4 +1,4 @@
-"""What stays while a chair drives: bounds, floor, map, solids, goal and start, caption strip."""
+"""Static parts of a picture: bounds, floor, map, solids, goal and start, caption strip."""
 
 from __future__ import annotations
 

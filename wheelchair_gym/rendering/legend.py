@@ -37,7 +37,7 @@ def disc(words: str, colour: Colour, rim: Colour | None = None) -> Entry:
 
 
 def scene_entries(actors: Actors) -> list[Entry]:
-    """What pictures of an episode show."""
+    """Return the legend's entries for what pictures of an episode show."""
     entries = [
         ("start", lambda on, at: floor.draw_start(on, at.mean(axis=0))),
         disc("goal", palette.GOAL),

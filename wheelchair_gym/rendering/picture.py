@@ -217,7 +217,7 @@ class TopView:
 
 
 def _cones(settings: UltrasonicSettings) -> tuple[Array, Array, list[palette.Colour]]:
-    """Where each ranger sits (n, 2) [m], its cone as a sector of radius one (n, 14, 2), its colour.
+    """Place of each ranger (n, 2) [m], its cone as a sector of radius one (n, 14, 2), its colour.
 
     A sector's first point is the ranger, the others its arc; turned as in the chair's frame.
     """
@@ -260,7 +260,7 @@ _GOAL = disc("goal", palette.GOAL, palette.FREE)
 
 @dataclass(frozen=True)
 class PlanPicture:
-    """What a picture of a plan shows: solids, tree thin, path thick, optimum dashed.
+    """Content of a picture of a plan: solids, tree thin, path thick, optimum dashed.
 
     Attributes:
         bounds: xmin, ymin, xmax, ymax [m].

@@ -1,4 +1,4 @@
-"""Where pictures go: picture and video files, written atomically, and a window."""
+"""Outputs of pictures: picture and video files, written atomically, and a window."""
 
 from __future__ import annotations
 

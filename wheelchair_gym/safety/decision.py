@@ -47,7 +47,7 @@ _nearby_at, _SIZE = rows_of(NEARBY), NEARBY.itemsize
 
 STEP = 0.05  # s between two poses of a predicted trajectory
 _MAX_STEPS = 100
-_FAST, _TURNS = 1.03, 1.15  # factors by which a chair may exceed its set speed and turn rate
+_FAST, _TURNS = 1.03, 1.15  # maximum ratios of a chair's speed and turn rate to the set ones
 _MARGIN_SHARE = 0.25  # share of the margin that is kept where the chair creeps or stops hard
 _TOO_FAST = 2.0  # times the speed allowed in unseen space: too fast for a comfort stop
 _HEADWAY_SHARE = 0.5  # share of the slow zone that must be left for a comfort stop
@@ -181,7 +181,7 @@ def _place_near(
 
 @borrowing_kernel
 def empty_nearby(near: Any) -> None:
-    """Let nothing be near."""
+    """Reset a record of NEARBY: nothing is near."""
     near.n, near.n_moving, near.n_close, near.gap, near.hidden = 0, 0, 0, FAR, 0.0
     near.n_tracked = 0
 
@@ -426,7 +426,7 @@ def limit_for_unseen_space(g: Any, s: Any, motion: Array, twists: Array) -> None
 
 @borrowing_kernel
 def delay_setpoint(g: Any, s: Any, dt: float) -> None:
-    """Let the delayed set point follow the set point, as the wheels do."""
+    """Advance the delayed set point, which follows the set point as the wheels do."""
     share = dt / (s.reaction_time + dt)
     s.delayed_v += share * (s.setpoint.v - s.delayed_v)
     s.delayed_w += share * (s.setpoint.w - s.delayed_w)

@@ -48,7 +48,7 @@ _LEAST = 6  # key points that must predict an echo before the laser can count as
 
 @inlined
 def _lasting(condition: bool, seconds: float, dt: float) -> float:
-    """How long [s] a condition has lasted that lasted so long a time dt before."""
+    """Advance a timer: return the new duration [s] of a condition after a time dt [s]."""
     return seconds + dt if condition else 0.0
 
 

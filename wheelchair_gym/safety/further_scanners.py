@@ -1,4 +1,4 @@
-"""What scanners but the first hit: each of their points is an obstacle, whatever the others see.
+"""Hits of all scanners except the first: each point is an obstacle, whatever the others see.
 
 Points whose echo is lost stay obstacles as those of the first scanner do.
 
@@ -112,7 +112,7 @@ def _add_other(
 ) -> None:
     """Add the hit of beam b of a further scanner at a range [m].
 
-    So many marks are not of this scan.
+    The first `n_marks` marks are not of this scan.
     """
     x, y = r * one.cosine[b], r * one.sine[b]
     others, n = s.others, s.n_others

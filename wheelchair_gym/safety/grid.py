@@ -92,14 +92,14 @@ def sees_beyond(scan: Scan, x: float, y: float, near: float, edge: int) -> bool:
 
 @inlined
 def is_in_view(scan: Scan, x: float, y: float, edge: int) -> bool:
-    """Whether a vector from the laser lies in its view, so many beams from the edge."""
+    """Whether a vector from the laser lies in its view, more than `edge` beams from its edge."""
     b, beams = beam_towards(scan, x, y), scan.least.shape[0]
     return bool((b > edge) & (b < beams - 1 - edge))
 
 
 @inlined
 def place_of_cell(i: int, j: int) -> np.uint64:
-    """Where cell (i, j) is stored: columns that one reading updates lie together.
+    """Return the index where cell (i, j) is stored: columns that one reading updates are together.
 
     A cell keeps its place while the grid moves with the chair.
     """
@@ -202,7 +202,7 @@ def update_grid(g: Any, s: Any, scan: Scan, is_first: bool) -> None:
 
 @inlined
 def _is_inside(s: Any, i: int, j: int, edge: int) -> bool:
-    """Whether a cell is in the grid, so many cells from its edge."""
+    """Whether a cell is in the grid, at least `edge` cells from the grid's edge."""
     i, j = i - s.corner[0], j - s.corner[1]
     return (i >= edge) & (j >= edge) & (i < CELLS - edge) & (j < CELLS - edge)
 

@@ -1,4 +1,4 @@
-"""Who moves near the chair, and which places they may reach.
+"""Moving things near the chair, and the places that they may reach.
 
 Whatever moves may walk anywhere at `person_speed`, or set off from rest with `person_acceleration`.
 A person who is tracked (`wheelchair_gym.tracking`) moreover has a velocity, which they can change

@@ -1,4 +1,4 @@
-"""What the shield perceives around the chair, updated by each reading.
+"""Surroundings of the chair as the shield perceives them, updated by each reading.
 
 A grid (`safety.grid`) holds when each cell was last seen, a list holds the points that the laser
 hit, and arcs hold the echoes that only ultrasonics have measured. `update` takes in a reading. What
@@ -71,7 +71,7 @@ _SLACK = 0.04  # m: points of the laser stand for arcs of this length (`_FINE`)
 _ECHO = 2.5  # m: farther echoes do not matter yet
 _AGREE = 0.15  # m: laser and ultrasonic together err by less
 _KNOWN_LAG = 0.03  # s: of a scan that comes in time, which the reaction time includes
-_LOW = 1.3  # factor by which a scan may be older than estimated: the fit prefers no motion
+_LOW = 1.3  # ratio of a scan's greatest age to the estimate: the fit prefers no motion
 _ELSEWHERE = 0.3  # m or rad between two places at which a ranger is tried
 _FIRING = 5e-3  # s: stamps of two firings differ by more
 _MISSED = 0.3  # m: an echo that comes so far behind a surface is not of it

@@ -44,7 +44,7 @@ def _shield_row(shields: Any, i: int) -> Any:
 
 @borrowing_kernel
 def reset_shield(i: int, shields: Any) -> None:
-    """Let row i begin anew; shields: (1,) of SHIELDS."""
+    """Reset row i; shields: (1,) of SHIELDS."""
     reset(_shield_row(shields, i)[1])
 
 
@@ -101,7 +101,7 @@ def copy_decision(i: int, shields: Any, target: Any) -> None:
 
 
 def point_to_shields(constants: ShieldConstants, shields: NDArray[np.void]) -> Pointers:
-    """Where shields (n,) of SHIELD and what they share lie, a record (1,) of SHIELDS."""
+    """Return pointers to shields (n,) of SHIELD and what they share, a record (1,) of SHIELDS."""
     rows = Pointers(np.zeros(1, SHIELDS), SHIELDS_TARGETS)
     rows.record["n"] = len(shields)
     rows.point("constants", constants.pointers)

@@ -67,7 +67,7 @@ SETPOINT = np.dtype([(name, _F8) for name in ("v", "v_slope", "w", "w_slope")])
 SAMPLE = np.dtype([(name, _F8) for name in ("x", "y", "normal_x", "normal_y")])
 XY = np.dtype([("x", _F8), ("y", _F8)])  # m
 POINT = np.dtype([*XY.descr, ("stamp", _F8)])  # stamp: kept until then [s]
-HIT = np.dtype([*POINT.descr, ("scans", _F8)])  # stamp: of the last hit; hits in so many scans
+HIT = np.dtype([*POINT.descr, ("scans", _F8)])  # stamp: of the last hit; scans: number with hits
 MARK = np.dtype([*POINT.descr, ("seen", _F8)])  # stamps [s] of the last motion and sighting
 DISTANT = np.dtype([(name, _F8) for name in ("x", "y", "distance")])  # m
 # What is tracked: as it was seen last, so long ago [s], with the variances of TRACK; and where it
@@ -90,7 +90,7 @@ def _columns(row: np.dtype[np.void], n: int) -> list[tuple[str, str, tuple[int]]
 
 POINTS, ARC_POINTS = np.dtype(_columns(POINT, FRESH + KEPT)), np.dtype(_columns(XY, ARC))
 OUTLINE = np.dtype(_columns(SAMPLE, SAMPLES))
-# Of each also its scanner, which has seen beyond it in so many readings.
+# Of each also its scanner, and the number of readings in which that has seen beyond it.
 _MORE = [(name, "i1", (OTHERS,)) for name in ("scanner", "passed")]
 OTHER_POINTS = np.dtype([*_columns(POINT, OTHERS), *_MORE], align=True)
 
@@ -281,7 +281,7 @@ UPDATE = np.dtype(
 
 @borrowing_kernel
 def set_motion(s: Any, v: float, v_slope: float, w: float, w_slope: float) -> None:
-    """Let the chair of a SHIELD record drive at a set point, without delay."""
+    """Set the motion of a SHIELD record's chair to a set point, without delay."""
     setpoint = s.setpoint
     setpoint.v, setpoint.v_slope, setpoint.w, setpoint.w_slope = v, v_slope, w, w_slope
     s.delayed_v, s.delayed_w = v, w
@@ -297,7 +297,7 @@ def outrun(s: Any, v: float, w: float) -> tuple[bool, bool]:
 
 @borrowing_kernel
 def follow_wheels(s: Any, v: float, w: float) -> None:
-    """Let the set point be no slower than the wheels: a board's ramp may differ from the model.
+    """Raise the set point to at least the wheels' speed: a board's ramp may differ from the model.
 
     They must be faster in several readings: wheels that change direction are behind for a moment.
     """

@@ -80,7 +80,7 @@ def matching_stops(message: str) -> list[Stop]:
 
 
 def advice_for(message: str) -> str:
-    """What a person does about a message, as part of a sentence."""
+    """Return what a person can do about a message, as part of a sentence."""
     rows = matching_stops(message)
     return "; ".join(dict.fromkeys(stop.advice for stop in rows))
 

@@ -235,7 +235,7 @@ class Doorway:
 
     @property
     def margin(self) -> float:
-        """What the default chair might grow by on every side and still get round the corner [m].
+        """Maximum growth [m] on every side with which the default chair gets round the corner.
 
         No manoeuvre of a rigid outline has more; below 0 none exists.
         """

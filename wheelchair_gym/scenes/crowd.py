@@ -73,7 +73,7 @@ def sample_doors(
         turns = [t for t in (turn, -turn) if _in_room(layout, hinge, heading + t, width)]
         if slides or turns:
             travel = -width if slides else float(turns[0])
-            # Whoever comes near a leaf that swings must find it open: it starts its length sooner.
+            # A person near a leaf that swings must find it open: it starts its length sooner.
             near = _OPENS_AT + (0.0 if slides else width)
             found.append(door(hinge, heading, width, travel, swings=not slides, near=near))
     return found
@@ -160,7 +160,7 @@ class Crowd(Building):
     name: ClassVar[str] = "crowd"  # of its episodes
 
     place: Place = setting(default="any")
-    """Where people walk; any draws a building or a hall."""
+    """Place where people walk; any draws a building or a hall."""
     people: PeopleSettings = PeopleSettings()
     doors: DoorSettings = DoorSettings()
     furniture_density: float = setting(default=0.01, unit="1/m2", low=0.0, high=1.0)

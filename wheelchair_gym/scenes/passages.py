@@ -100,7 +100,7 @@ def draw_lift(
 ) -> Passage:
     """A landing with an open lift in its side, out of which people come; the chair is to go in.
 
-    Whoever has come out walks off to one side, and from then on up and down there.
+    A person who has come out walks off to one side, and from then on up and down there.
     """
     length, width, door = (_on_raster(rng, each) for each in (lengths, widths, doors))
     cabin, depth = (_on_raster(rng, each) for each in _CABIN)

@@ -48,9 +48,9 @@ class _Shares:
         return float(sum(vars(self).values()))
 
     def spread(self, start: float, count: int) -> list[str]:
-        """What each of so many people does: a name of a share, or "".
+        """Return what each of `count` people does: a name of a share, or "".
 
-        With an even spread, which a number in [0, 1) shifts, who has a share of 1/count is there.
+        The spread is even, shifted by `start` in [0, 1): a share of 1/count always gets a person.
         """
         names, ends = ["", *vars(self)], np.cumsum([1.0 - self.total, *vars(self).values()])
         at = (start + np.arange(count)) / max(count, 1)
@@ -62,19 +62,19 @@ class BehaviourShares(_Shares):
     """Shares of people who do more than walk along their routes."""
 
     groups: float = setting(default=0.0, low=0.0, high=1.0, source="Moussaid 2010: up to 0.7")
-    """Who walk in groups of two to four."""
+    """Share of people who walk in groups of two to four."""
     pauses: float = setting(default=0.0, low=0.0, high=1.0)
-    """Who stop for a while, again and again."""
+    """Share of people who stop for a while, again and again."""
     cuts_in: float = setting(default=0.0, low=0.0, high=1.0)
-    """Who step before the chair and walk there for a while."""
+    """Share of people who step before the chair and walk there for a while."""
     reads_phone: float = setting(default=0.0, low=0.0, high=1.0)
-    """Who look at their phone: slower, and they notice others when these are a step away."""
+    """Share of people who look at a phone: slower, and they notice others only a step away."""
     walks_beside: float = setting(default=0.0, low=0.0, high=1.0)
-    """Who walk beside the chair; two at most."""
+    """Share of people who walk beside the chair; two at most."""
     children: float = setting(default=0.0, low=0.0, high=1.0)
-    """Children who run."""
+    """Share of people who are children and run."""
     trolleys: float = setting(default=0.0, low=0.0, high=1.0)
-    """Who push a trolley, or pull it."""
+    """Share of people who push a trolley, or pull it."""
 
 
 @settings
@@ -85,13 +85,13 @@ class ReactionShares(_Shares):
     """
 
     curious: float = setting(default=0.0, low=0.0, high=1.0, source="HuNavSim's reaction")
-    """Who come near and look."""
+    """Share of people who come near and look."""
     wary: float = setting(default=0.0, low=0.0, high=1.0, source="HuNavSim's reaction: scared")
-    """Who keep wide of it, and slow down."""
+    """Share of people who keep wide of the chair, and slow down."""
     surprised: float = setting(default=0.0, low=0.0, high=1.0, source="HuNavSim's reaction")
-    """Who stop and look."""
+    """Share of people who stop and look."""
     indifferent: float = setting(default=0.0, low=0.0, high=1.0, source="HuNavSim: impassive")
-    """Who treat it as a thing that stands."""
+    """Share of people who treat the chair as a thing that stands."""
 
 
 # m/s: deviation of preferred speeds (Weidmann 1993), and the least, with a walking frame
@@ -196,7 +196,7 @@ TOGETHER: Final = ("groups", "trolleys")  # behaviours of more than one actor
 
 
 class Kind(NamedTuple):
-    """What somebody is beside a walker: names of shares, and the size of their group."""
+    """Behaviour and reaction of a walker: names of shares, and the size of their group."""
 
     behaviour: str = ""
     reaction: str = ""
@@ -204,7 +204,7 @@ class Kind(NamedTuple):
 
 
 def _draw_kinds(rng: np.random.Generator, people: PeopleSettings, count: int) -> list[Kind]:
-    """What so many people do; a group is one entry."""
+    """Draw what `count` people do; a group is one entry."""
     if people.only_walk:
         return [Kind()] * count
     behaviours = people.behaviours.spread(rng.random(), count)
@@ -282,7 +282,7 @@ def _is_free(grid: OccupancyGrid, free: NDArray[np.bool_], place: Array) -> bool
 
 
 def _put_beside_chair(walker: Actor, start: Array, grid: OccupancyGrid, taken: list[Array]) -> None:
-    """Let a walker begin beside the chair, left or right, and stay there, if there is room."""
+    """Start a walker beside the chair, left or right, where it stays, if there is room."""
     free = grid.traversable(records.RADIUS)
     for offset in ((0.0, _BESIDE), (0.0, -_BESIDE)):
         place = to_world(np.array(offset), start)

@@ -7,7 +7,7 @@ exact.
 Sources: WST, Wheelchair Skills Test 4.2 and 5.x (powered); PIDA, Power-Mobility Indoor Driving
 Assessment (Dawson et al. 1994); PCDA, Power-Mobility Community Driving Assessment (Letts et al.
 2007); PMCDA, Powered Mobility Clinical Driving Assessment (Kamaraj et al. 2014). They name the
-skills, and few dimensions: those are design choices, but for the ones of a standard that is named.
+skills, and few dimensions: those are design choices, except the ones of a standard that is named.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class Course(NamedTuple):
         arrival: how near that counts.
         at: point of the outline, as shares of its front and its half width; (0, 0) is the axle.
         around: most that the start is moved along its heading, across it, and turned.
-        stretches: axis (0: x, 1: y), coordinate, and most by which all beyond it is moved.
+        stretches: axis (0: x, 1: y), coordinate, and maximum shift of all beyond it.
         walks: way points of people.
     """
 

@@ -68,7 +68,7 @@ def shown_range(r: np.float32) -> np.float32:
 
 
 class LaserArrays(NamedTuple):
-    """What kernels need to know of a laser."""
+    """Arrays that kernels need of a laser."""
 
     cosine: Floats  # (beams,) of each beam's angle in the sensor's frame
     sine: Floats  # (beams,)
@@ -116,7 +116,7 @@ class LaserArrays(NamedTuple):
 def _find_beams(
     n: int, ends: Floats, c: np.float32, s: np.float32, first: float, per_angle: float, out: Floats
 ) -> None:
-    """Where the n ends lie among the beams: fractional beam numbers, counted from beam 0."""
+    """Write the fractional beam numbers of the n ends, counted from beam 0."""
     zero, scale = _F(first), _F(per_angle)
     for k in range(np.uint64(n)):
         x, y = ends[2 * k], ends[2 * k + 1]

@@ -98,7 +98,7 @@ class UltrasonicModel:
 
 @settings
 class Ultrasonic:
-    """Where one ranger sits and of which model it is."""
+    """Mounting place and model of one ranger."""
 
     x: float = setting(default=0.0, unit="m")
     """Place ahead of the drive axle."""
@@ -234,7 +234,7 @@ class SensorSettings:
     modelled: ModelledPose = ModelledPose()
     faults: FaultSettings = FaultSettings()
     pose_source: PoseSource = setting(default="truth")
-    """What the chair takes for its pose: the truth, dead reckoning, a model of a localizer,
+    """Source of the chair's pose: the truth, dead reckoning, a model of a localizer,
     Monte Carlo localization or SLAM."""
     noise: bool = setting(default=True)
     """False: exact ranges, no lost echoes, no ghosts, exact parameters of odometry."""
@@ -275,7 +275,7 @@ class SensorSettings:
 
     @property
     def slices(self) -> tuple[slice, ...]:
-        """Where a reading holds the ranges of each scanner."""
+        """Slices of a reading with the ranges of each scanner."""
         ends = list(itertools.accumulate(laser.beams for laser in self.lasers))
         return tuple(slice(b - laser.beams, b) for laser, b in zip(self.lasers, ends, strict=True))
 

@@ -47,7 +47,7 @@ _ZERO = np.float32(0.0)
 
 
 class ObservationSource(NamedTuple):
-    """What sizes and bounds of observation keys depend on."""
+    """Inputs of the sizes and bounds of observation keys."""
 
     settings: TaskSettings
     reaches: Array  # (rangers,) m, of the ultrasonics
@@ -71,7 +71,7 @@ class ObservationKey(NamedTuple):
     size: Callable[[ObservationSource], int]  # how many numbers; 0: the key is absent
     high: Callable[[ObservationSource], ArrayLike]
     meaning: str  # shape, range and meaning, as the environment's documentation shows them
-    scale: tuple[float, ...] = (1.0,)  # factors by which a network takes its numbers, in turn
+    scale: tuple[float, ...] = (1.0,)  # factors on its numbers for a network, in turn
     privileged: bool = False  # for critics and teachers; these keys are the last
     low: Callable[[ObservationSource], ArrayLike] | None = None  # None: minus the highest
 
@@ -228,7 +228,7 @@ def spaces(source: ObservationSource) -> dict[str, Any]:
 
 
 def places(sizes: Iterable[tuple[str, int]]) -> dict[str, slice]:
-    """Where each key stands in a flat observation, given how many numbers each has."""
+    """Return the slice of each key in a flat observation, given how many numbers each has."""
     found, begin = {}, 0
     for key, size in sizes:
         found[key] = slice(begin, begin + size)
@@ -405,7 +405,7 @@ def extend_trail(progress: Any, pose: Array) -> None:
 
 @borrowing_kernel
 def write_trail(progress: Any, pose: Array, distances: Array, out: Floats) -> None:
-    """Where the chair was some metres (k,) ago: x and y in its frame now, (2 k,) [m]."""
+    """Write the chair's places some metres (k,) ago: x and y in its frame now, (2 k,) [m]."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
     for k in range(distances.shape[0]):
         at = max(progress.n_trail - 1 - round(distances[k] / TRAIL_SPACING), 0) % TRAIL_POINTS

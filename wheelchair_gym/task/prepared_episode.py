@@ -68,7 +68,7 @@ PREPARED, _TARGETS = pointer_record(
 
 @dataclass(frozen=True, eq=False)
 class PreparedEpisode:
-    """What an episode is driven on; `record` (1,) of PREPARED points to arrays kept alive here.
+    """Episode ready to be driven; `record` (1,) of PREPARED points to arrays kept alive here.
 
     It never changes: a copy in this process is itself.
     """

@@ -40,7 +40,7 @@ class RewardWeights:
     action_rate: float = setting(default=-0.003, source=_TUNED)
     """Squared change of the action, before the shield; the first is compared with 0."""
     shield_intervention: float = setting(default=0.0)
-    """What the shield took off the twist that was asked for, in full speeds."""
+    """Size of the twist that the shield took off the one asked for, in full speeds."""
     proximity_speed: float = setting(default=0.0, unit="s/m2")
     """Squared speed of the outline's fastest corner within 0.2 m of what the first scanner shows,
     more the nearer [m2/s2], times the period [s]."""

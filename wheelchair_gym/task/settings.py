@@ -67,7 +67,7 @@ class TaskSettings:
     privileged: bool = setting(default=False)
     """True: a critic's keys are observed; in training only."""
     aim: Literal["goal", "path", "field", "time"] = setting(default="field")
-    """What progress is measured along: the straight line to the goal, the path, the geodesic, or
+    """Measure of progress: along the straight line to the goal, the path or the geodesic, or in
     seconds to go by the guidance 'poses'."""
     margin: float = setting(default=0.05, unit="m", low=0.0)
     """Clearance that the geodesic keeps beyond half the chair's width."""

@@ -37,7 +37,7 @@ def fan_poses() -> Floats:
 
 @borrowing_kernel
 def _find_points(scan: Floats, directions: Array, mount: Array, xs: Array, ys: Array) -> None:
-    """Where a scan shows something [m], in the chair's frame: of each two beams, (beams / 2,).
+    """Find the points [m] that a scan shows, in the chair's frame: of each two beams, (beams / 2,).
 
     The median of three neighbouring beams counts. What is too near (-inf) is at the laser; the
     place is not finite where there is no echo (+inf) or none that is valid (NaN).

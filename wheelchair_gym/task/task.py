@@ -122,7 +122,7 @@ class Task:
     def row_pointers(
         self, progress: Rows, prepared: Rows | None = None, tracked: Rows | None = None
     ) -> Pointers:
-        """Where rows (n,) of PROGRESS, PREPARED and TRACKER lie, a record (1,) of TASK."""
+        """Return pointers to rows (n,) of PROGRESS, PREPARED and TRACKER, a record (1,) of TASK."""
         rows = Pointers(np.zeros(1, TASK), TASK_TARGETS)
         rows.record["n"] = len(progress)
         rows.point("rules", self._pointers)
@@ -187,7 +187,7 @@ class Task:
         return self._told if self.built_map is None else self.built_map()
 
     def prepare(self, episode: Episode, radius: float | None = None) -> PreparedEpisode:
-        """What an episode is driven on: the distances to its goal, and the guidance.
+        """Prepare an episode to be driven: compute the distances to its goal, and the guidance.
 
         Args:
             episode: to be driven.
@@ -302,7 +302,7 @@ class Task:
 
     @property
     def stick(self) -> Stick | None:
-        """What the interface of the person who drives gives now; None where nobody drives."""
+        """Present signal of the interface of the person who drives; None where nobody drives."""
         if not self.has_driver:
             return None
         forward, left = self._progress["sticks"][0, 0].tolist()

@@ -49,7 +49,7 @@ _NARROW = 0.30  # m: a leg is narrower
 _ONE_LEG = 0.15  # m: error of a centre of which one leg is seen
 _COARSE = 0.10  # m between beams: more, and legs look like bodies
 _STRAIGHT_WIDTH, _STRAIGHT = 0.45, 0.06  # m: what is so wide and bends less is straight,
-_MANY_HITS = 6  # if it has so many hits
+_MANY_HITS = 6  # if it has this many hits
 DISC = 0.25 * math.pi  # radii: how much nearer than its centre all beams see a disc, in the mean
 RADII = (0.04, 0.45)  # m
 _BODY = 0.25  # m: radius of what is seen in part, and width of people at least
@@ -321,7 +321,7 @@ def _measure(g: Any, s: Any, now: Any, hits: Rows, n: int, begin: int, end: int,
 
 @borrowing_kernel
 def _merge_legs(g: Any, clusters: Rows, n: int) -> int:
-    """Let the two legs of a person become one cluster, the nearest pair first."""
+    """Merge the two legs of a person into one cluster, the nearest pair first."""
     for _ in range(n):
         first, second, least = -1, -1, math.inf
         for j in range(n):

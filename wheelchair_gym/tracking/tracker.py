@@ -69,7 +69,7 @@ _MAX_SIGMA = 1.2  # m: deviation of its place at which a track is dropped, about
 _FASTEST = 50.0  # m/s, rad/s: no chair is faster
 _LONGEST = 1.0  # s without a reading, after which the tracker begins anew
 _LOOSE = 0.10  # m: error of a cluster's centre for association, at least: people swing and turn
-_LEAP = 0.8  # m: whoever comes out farther from where they were expected is somebody else
+_LEAP = 0.8  # m: a person who comes out farther from the expected place is somebody else
 _SHARE = 0.2  # of a new value in a running mean
 _FREE = 0.5  # share of a cluster's hits at places that were free: it has come there
 _MOSTLY = 0.5  # share of the last readings
@@ -247,7 +247,7 @@ def _follow_leaf(t: Any, c: Any) -> None:
 
 @borrowing_kernel
 def _kind(s: Any, t: Any) -> int:
-    """What a track is, by how it looks and moves: index into KINDS."""
+    """Return the kind of a track, by how it looks and moves: index into KINDS."""
     if t.swings or (t.confirmed and t.attached >= _MOSTLY):
         return DOOR
     if t.confirmed and t.width <= PERSON_WIDTH and t.straight < _MOSTLY:
@@ -282,7 +282,7 @@ def _keep_tracks(g: Any, s: Any, now: Any, dt: float) -> None:
 
 @borrowing_kernel
 def _free_row(s: Any, now: Any, c: Any) -> int:
-    """Where a new track goes: behind the others, or in place of the farthest unconfirmed one."""
+    """Return the row of a new track: behind the others, or that of the farthest unconfirmed one."""
     if s.n_tracks < TRACKS:
         s.n_tracks += 1
         return int(s.n_tracks - 1)
@@ -393,14 +393,14 @@ def update_tracker(
 
 @borrowing_kernel
 def reset_tracker(i: int, trackers: Any) -> None:
-    """Let row i of trackers, a record (1,) of TRACKERS, forget everything."""
+    """Reset row i of trackers, a record (1,) of TRACKERS."""
     reset(tracker_row(i, trackers)[1])
 
 
 def point_to_trackers(
     constants: TrackerConstants, states: Rows, static_maps: Sequence[OccupancyGrid | None]
 ) -> Pointers:
-    """Where trackers (n,) of TRACKER and what they share lie, a record (1,) of TRACKERS.
+    """Return pointers to trackers (n,) of TRACKER and what they share, a record (1,) of TRACKERS.
 
     Args:
         constants: of all of them.
@@ -417,7 +417,7 @@ def point_to_trackers(
 
 @dataclass(frozen=True, eq=False)
 class Tracks:
-    """What a tracker knows of n things, in the frame of the pose that it was given last.
+    """Tracks of n things, in the frame of the pose that the tracker was given last.
 
     Attributes:
         id: (n,) it stays the same as long as the track lives.

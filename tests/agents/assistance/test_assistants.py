@@ -28,7 +28,7 @@ LIMITS = CHAIR.limits
 
 
 def assisted(name, sticks, scans):
-    """What an assistant makes of sticks and scans, 0.1 s apart."""
+    """Return an assistant's twists for sticks and scans, 0.1 s apart."""
     assistant, found = make_assistant(name), []
     assistant.reset(MISSION)
     for k, (stick, scan) in enumerate(zip(sticks, scans, strict=True)):
@@ -77,7 +77,7 @@ def test_the_same_drive_gives_the_same_twists(name):
 
 @pytest.mark.parametrize("name", ASSISTANTS)
 def test_in_the_open_the_stick_is_the_twist_or_nearly(name):
-    """Where nothing is near, full autonomy is unwanted: the stick decides."""
+    """With nothing near, full autonomy is unwanted: the stick decides."""
     nothing = np.full(1081, np.inf)
     sticks = [Stick(0.7, 0.0, False)] * 12
     v, w = assisted(name, sticks, [nothing] * 12)[-1]
@@ -137,7 +137,7 @@ def test_settings_are_stored_and_read(name):
 
 @pytest.mark.parametrize("name", sorted(set(ASSISTANTS) - {"residual", "ppo_assist"}))
 def test_nobody_is_kept_from_backing_out(name):
-    """Whoever pulls the stick back where nothing stands behind goes back, as fast as it may."""
+    """A stick pulled back moves the chair back at its maximum speed if nothing stands behind."""
     freedom = make_assistant(name).freedom
     backing, wall = [Stick(-1.0, 0.0, False)] * 10, [np.full(1081, 1.0)] * 10
     twists = assisted(name, backing, wall)

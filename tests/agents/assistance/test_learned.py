@@ -1,4 +1,4 @@
-"""Learned assistants: a network observes and adds as in training, whoever drives."""
+"""Learned assistants: a network observes and adds as in training, for every driver."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an extra is for says in one line which one it is, where it is not installed."""
+"""A feature whose extra is not installed names that extra in one line."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ def served(tmp_path):
 
 @pytest.mark.realtime
 def test_tools_work_over_devices(served, tmp_path, capsys):
-    """What they find is tested in simulated time: a busy machine is late here."""
+    """Run the tools; simulated time tests their findings, since a busy machine is late here."""
     file = tmp_path / "check.json"
     assert main(["hardware", "setup", "--config", str(served.config)]) == 0
     assert capsys.readouterr().out.count("saved") == 2
@@ -108,7 +108,7 @@ def test_counts_of_a_metre_are_measured_and_written(served, monkeypatch, capsys)
 
 
 class NoStick:
-    """A device that is not there, or is taken away after so many looks."""
+    """A device that is not there, or is taken away after n looks."""
 
     def __init__(self, looks=0):
         self.looks = looks

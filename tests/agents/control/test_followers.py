@@ -178,14 +178,14 @@ def test_people_who_cross_are_passed_behind(side):
     assert cost_among([], 0.6, -0.3 * side) == pytest.approx(cost_among([], 0.6, 0.3 * side))
 
 
-def test_who_comes_to_a_chair_at_rest_costs_nothing_and_a_slow_approach_little():
+def test_people_near_a_chair_at_rest_cost_nothing_and_a_slow_approach_little():
     comes = (1.6, 0.0, -0.6, 0.0, 0.25, *SURE)
     assert cost_among([comes], 0.0, 0.0, 0.0) == cost_among([], 0.0, 0.0, 0.0)
     slow, fast = (cost_among([comes], v, 0.0, v) - cost_among([], v, 0.0, v) for v in (0.1, 0.8))
     assert 0.0 < slow < 0.5 * fast
 
 
-def test_who_walks_into_its_side_is_no_reason_to_stand():
+def test_a_person_who_walks_into_its_side_is_no_reason_to_stand():
     beside = (-0.1, 0.9, 0.0, -0.5, 0.25, *SURE)
     assert cost_among([beside], 0.5, 0.0, 0.5) < cost_among([beside], 0.0, 0.0, 0.0)
 
@@ -257,7 +257,7 @@ def test_what_is_too_near_to_be_measured_stays_an_obstacle():
     ],
 )
 def test_a_policy_is_slowed_as_the_shield_of_its_own_chair_would(chair, shield):
-    """Where nobody has looked: backwards, and turning, at the start."""
+    """In unseen space: backwards, and turning, at the start."""
     env = NavigationEnv("empty", {"chair": chair}, shield=shield, split="test")
     env.reset(seed=0)
     config, local_map = env.settings, LocalMap(env.mission)

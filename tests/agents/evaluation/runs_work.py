@@ -1,4 +1,4 @@
-"""What workers run in the tests of runs: importable there."""
+"""Functions that workers import and run in the tests of runs."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def dying(job):
 
 
 def deadly(job):
-    """Kills whatever process runs it."""
+    """Kill the process that runs it."""
     if job[0] == 3:
         os.kill(os.getpid(), signal.SIGKILL)
     return draw(job)

@@ -58,7 +58,7 @@ def pages(tmp_path_factory):
 
 
 def seen(page, width):
-    """What a page tells of itself in a window so wide, and what the console says."""
+    """Return a page's measures of itself in a window `width` wide, and the console's messages."""
     need_browser()
     probed = page.with_name("probed.html")
     probed.write_text(page.read_text(encoding="utf-8") + PROBE, encoding="utf-8")

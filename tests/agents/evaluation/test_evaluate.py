@@ -43,7 +43,7 @@ def test_records_come_in_order_with_pictures_of_failures(whole):
 
 
 def test_only_what_is_missing_is_driven_and_other_settings_are_other_episodes(whole, monkeypatch):
-    """That runs go on where they were stopped is a law of all stores: see test_runs.py."""
+    """Resuming of stopped runs is a law of all stores: see test_runs.py."""
     folder, records = whole
     calls = []
     empty = {"policy": "x", "picture": None}

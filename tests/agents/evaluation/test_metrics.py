@@ -133,7 +133,7 @@ def test_a_summary_adds_up():
         assert all(math.isfinite(value) for value in row.values() if isinstance(value, float))
 
 
-def test_who_is_at_fault_and_who_was_touched_is_counted():
+def test_at_fault_contacts_and_touched_actors_are_counted():
     """One step in the middle of an episode is enough."""
     harmed = episode({}, at_fault=True, contact_with=2, contact=True)
     assert harmed["at_fault"]

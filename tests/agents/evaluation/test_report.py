@@ -191,7 +191,7 @@ def test_every_scene_lists_its_best_first_and_failures_of_the_best_come_first(ma
 
 
 def test_no_cell_of_csv_is_a_formula_and_numbers_are_numbers():
-    """Whatever begins a text: only a number begins with a sign."""
+    """Only a number begins with a sign, for any first character of a text."""
     texts = [f"{first}1+cmd" for first in "=+-@\t\ra1'"]
     numbers = [-1, -2.5, 3, "-0.5", "+1e-3", -math.inf]
     rows = [{"=key": value} for value in (*texts, *numbers)]

@@ -1,4 +1,4 @@
-"""Runs: the same whoever makes them, whatever is lost or stopped on the way, and never twice."""
+"""Runs: the same for all workers, after losses and interruptions, and never made twice."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ WHOLE = {key: work.draw(job) for key, job in JOBS.items()}
 
 
 @pytest.mark.parametrize("workers", [1, 2])
-def test_equal_to_the_last_digit_whoever_makes_them(tmp_path, workers):
+def test_equal_to_the_last_digit_for_all_workers(tmp_path, workers):
     store = tmp_path / "runs.jsonl"
     got = compute(JOBS, work.draw, store, workers=workers, progress=False)
     assert got == WHOLE
@@ -94,7 +94,7 @@ def test_what_was_stopped_goes_on_where_it_was(tmp_path, stop, how):
     assert sorted(map(int, calls)) == list(range(12))  # none twice
 
 
-def test_workers_do_not_outlive_who_is_killed(tmp_path):
+def test_workers_end_with_a_killed_parent(tmp_path):
     code = (
         "import sys; from tests.agents.evaluation import runs_work as work;"
         "from agents.evaluation.runs import compute;"

@@ -63,7 +63,7 @@ def test_somebody_who_walks_past_beside_the_chair():
     assert figures["ttc_min"] == math.inf
 
 
-def test_who_walks_beside_the_chair_is_left_out():
+def test_a_person_beside_the_chair_is_left_out():
     passer, companion = line((-6.0, 1.16), (1.0, 0.0), 25), line((0.0, -0.85), (0.0, 0.0), 25)
     alone = trace_of([passer], *rest(25))
     assert trace_of([companion, passer], *rest(25), companions=1) == alone
@@ -129,7 +129,7 @@ def test_times_to_collision_are_those_of_small_steps():
     np.testing.assert_allclose(found[~grazes], first[~grazes], atol=0.0051)
 
 
-def test_whoever_is_behind_a_wall_is_not_met():
+def test_a_person_behind_a_wall_is_not_met():
     behind, far = line((2.0, 0.0), (0.0, 0.0), 3), line((-3.0, 0.0), (0.0, 0.0), 3)
     wall = (1.5, -1.0, 1.5, 1.0)
     figures = trace_of([behind, far], *rest(3), walls=[wall])

@@ -1,4 +1,4 @@
-"""Who wins where is told by paired tests."""
+"""Paired tests decide the winner of each scene."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from agents.evaluation.statistics import wilson
 
 
 def evaluation(successes):
-    """What policies reached: {(policy, scene): successes by seed}."""
+    """Return records and summary of policies, from {(policy, scene): successes by seed}."""
     records, summary = [], []
     for (policy, scene), of in successes.items():
         records += [{"policy": policy, "scene": scene, "seed": seed, "success": success}

@@ -87,7 +87,7 @@ def test_a_driver_sees_the_tracks_that_it_saw_in_training(tmp_path):
 
 
 def test_a_driver_sees_what_was_driven_and_what_a_shield_withheld(trained):
-    """Whoever else has a say: it is told of the action that was driven, shielded or not."""
+    """A policy is told the action that was driven, shielded or not."""
     _, folder = trained
     settings = {**ENV, "sensors": {**ENV["sensors"], "pose_source": "truth"}, "shield": {},
                 "unshielded": 0.5, "task": {**ENV["task"], "time_base": 20.0}}  # fmt: skip
@@ -427,7 +427,7 @@ def test_a_chair_that_stays_at_a_place_backs_out_if_it_is_impatient(monkeypatch)
     for patience in (0.0, 2.0):
         policy = make_policy({"name": "ppo_guided", "patience": patience})
         policy.reset(env.mission)
-        # The same reading again and again: the chair stays, whatever it is asked to do.
+        # The same reading again and again: the chair stays at every command.
         readings = [first._replace(stamp=first.stamp + 0.25 * k) for k in range(30)]
         twists = [policy.act(reading).twist.tolist() for reading in readings]
         back = [k for k, twist in enumerate(twists) if twist == [-BACK, 0.0]]

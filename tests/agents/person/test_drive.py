@@ -1,4 +1,4 @@
-"""Laws of a person's drive with an assistant: the hand goes first, and whatever fails, it stops."""
+"""Laws of a person's drive with an assistant: the hand goes first; every failure stops it."""
 
 from __future__ import annotations
 

@@ -96,7 +96,7 @@ def test_what_is_gone_is_forgotten_once_it_is_seen_to_be():
     assert not len(local_map.temporary.points)
 
 
-def test_who_stood_and_is_out_of_sight_is_soon_forgotten():
+def test_a_standing_person_out_of_sight_is_soon_forgotten():
     """Somebody walks up and stands; the chair drives by, and they go on behind it."""
 
     def place(t):
@@ -180,7 +180,7 @@ def test_a_temporary_obstacle_is_planned_round():
     assert np.hypot(*(poses[:, :2] - (5.0, 0.0)).T).min() > 0.5
 
 
-def test_a_chair_halts_for_who_comes_and_goes_on():
+def test_a_chair_halts_for_a_person_and_goes_on():
     """Somebody walks up the middle of a corridor too narrow for two, and back again."""
 
     def place(t):
@@ -227,7 +227,7 @@ def test_where_backing_out_did_not_help_it_is_done_for_longer():
 
 
 @pytest.mark.parametrize(("peopled", "most"), [(True, 0.042), (False, 0.1)])
-def test_no_part_backs_so_fast_among_people_that_it_harms_whom_it_hits(peopled, most, monkeypatch):
+def test_no_part_backs_fast_enough_among_people_to_harm_them(peopled, most, monkeypatch):
     monkeypatch.setattr(BackUp, "twist", lambda *_: np.array([-0.15, 0.3]))
     policy = make_policy("a_star+window")
     world = Peopled(lambda t: None, corridor(10.0, 3.2), (5.0, 0.0, 0.0), (9.0, 0.0, 0.0))

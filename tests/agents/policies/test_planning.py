@@ -154,7 +154,7 @@ def test_a_plan_that_no_longer_fits_is_discarded_and_the_chair_stands_until_the_
 
 
 def test_it_stands_before_an_obstacle_while_it_plans_round_it():
-    """And reaches the goal, touching nothing, as it does when it need not think."""
+    """It reaches the goal without contact, as it does without planning time."""
     for planning_time in (0.0, 2.0):
         world, policy = thinking(planning_time, lambda t: (5.0, 0.2) if t > 3.0 else None)
         gaps = []

@@ -110,7 +110,7 @@ def test_exploring_leaves_a_room_whose_door_is_seen_edge_on():
 
 
 def test_a_false_map_is_called_false():
-    """What is measured can fail: the outlines of the truth, turned by 3 degrees or moved."""
+    """The measure can fail: the outlines of the truth, turned by 3 degrees or moved."""
     env = unknown()
     env.reset(seed=5)
     episode, told = env.unwrapped.episode, env.unwrapped.episode.map
@@ -300,7 +300,7 @@ def test_what_cannot_be_done_in_an_unknown_world_is_refused():
 
 
 class Keys(set):
-    """What pygame tells of a keyboard."""
+    """The pressed keys as pygame reports them."""
 
     def __getitem__(self, key):
         return key in self

@@ -1,4 +1,4 @@
-"""Studies: every published figure has its row, runs are the same whoever makes them, or resumed."""
+"""Studies: every published figure has its row; runs are the same for all workers, or resumed."""
 
 from __future__ import annotations
 
@@ -136,7 +136,7 @@ def test_rows_are_independent_draws_unless_they_are_paired():
 
 
 def test_more_runs_add_to_those_that_are_stored(tmp_path, monkeypatch):
-    """That runs go on where they were stopped is a law of all stores: tests/agents/evaluation."""
+    """Resuming of stopped runs is a law of all stores: tests/agents/evaluation."""
     real, made = module.measure, []
     monkeypatch.setattr(module, "_compile_all", lambda jobs: None)
     monkeypatch.setattr(module, "measure", lambda job: made.append(job) or real(job))

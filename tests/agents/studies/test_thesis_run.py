@@ -69,7 +69,7 @@ def settings(folder, **changes):
 
 
 def solid_pixels(path):
-    """What is solid of an image or its border, as squares [m]; shares no code with the program."""
+    """Return solid pixels of an image or its border as squares [m], without the program's code."""
     dark = np.array(Image.open(path).convert("L"))[::-1] < 128
     dark[[0, -1]] = dark[:, [0, -1]] = True
     rows, columns = np.nonzero(dark)
@@ -94,7 +94,7 @@ def test_polygons_stay_within_epsilon_of_the_outline(seed, epsilon):
         assert corners[1] < 0.5 * corners[0]
 
 
-def test_a_thin_wall_stays_whatever_the_epsilon(folder):
+def test_a_thin_wall_stays_at_every_epsilon(folder):
     grid = read_grid(folder / "hall.png", resolution=CELL)
     for epsilon in (0.0, 5.0):
         found = occupied_polygons(grid, epsilon=epsilon)
@@ -146,7 +146,7 @@ CHANGED = {
 
 
 def outcome(path):
-    """What comes of a settings file: free area, and path and tree of some seeds."""
+    """Return the results of a settings file: free area, and path and tree of some seeds."""
     file = read_thesis(path)
     drawn = problem_of(file, **ENDS)
     plans = [

@@ -22,7 +22,7 @@ COLOURS = {
 
 
 def crosses(problem, line):
-    """Whether a line (n, 2) enters what is solid, or leaves the map; it may touch both."""
+    """Return True if a line (n, 2) enters solid cells or leaves the map; it may touch both."""
     solid, box = problem.space.solid, shapely.box(*problem.space.bounds)
     way = shapely.LineString(line)
     return shapely.intersection(way, solid.buffer(-1e-9)).length > 1e-7 or not box.covers(way)

@@ -274,7 +274,7 @@ def tab(page, name):
 
 
 def on_map(page, x, y):
-    """Where a point [m] of the map is on the screen."""
+    """Return the screen position of a point [m] of the map."""
     box = page.locator("#map").bounding_box()
     x0, y0, x1, y1 = page.evaluate("studio.view.bounds")
     scale = page.evaluate("1 / studio.view.pixel")

@@ -37,7 +37,7 @@ _MISSING, _COUNTS = 0.01, 3.0  # m; counts of coarse encoders, which report a mo
 
 
 def drive_parameters(chair: ChairSettings) -> dict[str, float]:
-    """What the drive board must hold for a chair; its other parameters are the board's own."""
+    """Return the chair's parameters that the drive board must hold; others are the board's own."""
     drive, limits, motor = chair.drive, chair.limits, chair.motor
     values = {field.name: float(getattr(limits, field.name)) for field in fields(limits)}
     # To slow the chair at this rate, the board's set point falls faster.
@@ -53,7 +53,7 @@ def drive_parameters(chair: ChairSettings) -> dict[str, float]:
 
 
 def range_parameters(rangers: UltrasonicSettings) -> dict[str, float]:
-    """What the range board must hold for a chair's ultrasonics."""
+    """Return the parameters that the range board must hold for a chair's ultrasonics."""
     values = {"interval": rangers.interval}
     for name, model in (("narrow", rangers.narrow), ("wide", rangers.wide)):
         values |= {f"{name}_reach": model.reach, f"{name}_blind": model.range_min}
@@ -63,7 +63,7 @@ def range_parameters(rangers: UltrasonicSettings) -> dict[str, float]:
 def board_parameters(
     chair: ChairSettings, sensors: SensorSettings, hardware: HardwareSettings
 ) -> dict[str, dict[str, float]]:
-    """What the boards must hold for a chair, by the name of the board."""
+    """Return the parameters that the boards must hold for a chair, by the name of the board."""
     drive = drive_parameters(chair)
     drive |= {name: getattr(hardware, name) for name in ("battery_full", "duty_limit")}
     return {"drive": drive, "range": range_parameters(sensors.ultrasonic)}
@@ -157,7 +157,7 @@ def _set(senses: BoardSensors, clock: Clock, table: ParameterTable, name: str, v
 
 
 def save_parameters(senses: BoardSensors, clock: Clock, board: str) -> bool:
-    """Let a board keep its parameters over power-off; returns whether it confirms that."""
+    """Make a board keep its parameters over power-off; return whether it confirms that."""
     link = senses.parameters[board].link
     end = clock.now() + PATIENCE
     while link is not None and clock.now() < end:

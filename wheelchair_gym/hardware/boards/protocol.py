@@ -32,7 +32,7 @@ class JoystickFlag(enum.IntFlag):
 
 
 class Mode(enum.IntEnum):
-    """Who drives the chair."""
+    """Mode of the drive board: the source of the chair's commands, if any."""
 
     STOPPED = 0  # drivers off, brakes on; a person must re-arm
     HOST = 1

@@ -118,7 +118,7 @@ class TimedScan(NamedTuple):
 
 @dataclass
 class LaserStatistics:
-    """What a laser has sent since it was made."""
+    """Counts of what a laser has sent since it was made."""
 
     scans: int = 0
     bad: int = 0  # replies refused

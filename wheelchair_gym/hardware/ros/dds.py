@@ -228,7 +228,7 @@ class DdsLink:
                 raise
 
     def _announce(self) -> None:
-        """Publish the node's name and its endpoints, by which `ros2 node list` knows it."""
+        """Publish the node's name and its endpoints, so that `ros2 node list` knows it."""
         node = {
             "node_namespace": self._namespace,
             "node_name": _NODE,

@@ -129,8 +129,8 @@ def odometry(message: Mapping[str, Any]) -> tuple[Array, Array]:
 def transforms(message: Mapping[str, Any]) -> list[tuple[str, str, Array]]:
     """Parent, child and homogeneous matrix (4, 4) of each transform of a tf2_msgs/TFMessage.
 
-    A transform whose values are unusable is NaN: whoever needs it can say so. One that is not made
-    as its type says is skipped, unless there is no other.
+    A transform whose values are unusable is NaN, so that callers that need it can say so. One that
+    is not made as its type says is skipped, unless there is no other.
     """
     found: list[tuple[str, str, Array]] = []
     broken: Exception | None = None

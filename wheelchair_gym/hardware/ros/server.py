@@ -61,7 +61,7 @@ class _Client:
         self.closed = False
 
     def put(self, topic: str, text: str, latched: bool = False) -> None:
-        """Let a message of a topic wait; the oldest of its topic is dropped if there are many."""
+        """Queue a message of a topic; the oldest of its topic is dropped if there are many."""
         queue, interval = self.topics.get(topic, (_DEFAULT_QUEUE, 0.0))
         now = time.monotonic()
         if not latched and now - self._sent_at.get(topic, -1e9) < interval:
@@ -215,7 +215,7 @@ class RosbridgeServer:
         return None
 
     def _serve(self, connection: Any) -> None:
-        # A client that is frozen would hold up whoever sends, for ever.
+        # A frozen client would block every sender for ever.
         timeout = struct.pack("ll", _PATIENCE, 0)
         connection.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, timeout)
         client = _Client(connection)

@@ -47,7 +47,7 @@ TARGETS = ("libemulator.so", "drive.elf", "range.elf")  # of a twin
 
 @cache
 def _folder() -> Path:
-    """Where these sources are built: each state of the sources has a folder of its own."""
+    """Return the folder in which these sources are built: each state of the sources has its own."""
     folders = FIRMWARE, Path(__file__).resolve().parent
     files = sorted(path for folder in folders for path in folder.glob("*.[ch]"))
     content = b"\0".join(path.read_bytes() for path in [*files, FIRMWARE / "Makefile"])
@@ -193,7 +193,7 @@ class EmulatedBoard(NotCopyable):
         self._library.board_reset(self._board)
 
     def hang(self) -> None:
-        """Let the program hang until its watchdog timer resets it."""
+        """Hang the program until its watchdog timer resets it."""
         self._library.board_hang(self._board)
 
     def write(self, data: bytes, line: int = 0) -> None:

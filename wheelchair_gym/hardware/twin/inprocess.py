@@ -164,7 +164,7 @@ class EpisodeTwin(NotCopyable, Chair):
 
     @property
     def truth(self) -> Truth:
-        """Where the chair truly is, and for the rest the best that its sensors know."""
+        """True pose of the chair, and for the rest the best that its sensors know."""
         return self._chair.truth._replace(pose=self._twin.plant.pose)
 
     @property

@@ -35,7 +35,7 @@ BRAKE_TORQUE = 32.0
 
 
 class Motion(NamedTuple):
-    """What the boards can measure of the chair."""
+    """Motion of the chair that the boards can measure."""
 
     left: float  # encoder counts, with their fraction
     right: float
@@ -62,7 +62,7 @@ class Slope(NamedTuple):
 def brake_impulses(
     state: Any, p: Any, k: DriveConstants, forward: float, aside: float, turn: float, most: float
 ) -> tuple[float, float]:
-    """Impulses [N s] at the left and right rim by which closed spring brakes hold their wheels.
+    """Impulses [N s] at the left and right rim with which closed spring brakes hold their wheels.
 
     A brake is dry friction: the impulses bring the chair to rest in this step, but none exceeds
     `most`. The speeds are those of the centre of mass, along the heading and to its left.

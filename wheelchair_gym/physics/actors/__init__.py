@@ -1,1 +1,1 @@
-"""What moves in a world besides the chair: people, doors, temporary obstacles and furniture."""
+"""Actors that move besides the chair in a world: people, doors, temporary obstacles, furniture."""

@@ -1,4 +1,4 @@
-"""What people want beside getting along their routes: groups, pauses, phones, reactions, trolleys.
+"""Wishes of people beyond their routes: groups, pauses, phones, reactions, trolleys.
 
 Each function gives where a person wants to go and how fast; a motion model (`orca`,
 `social_force`) then gets them there without bumping into anything. Nobody wants to go faster than
@@ -193,7 +193,7 @@ def _react(
     world: Any, row: Any, state: Any, key: np.uint64, tick: int, k: int, now: float, pose: Array,
     want: Want,
 ) -> Want:  # fmt: skip
-    """What a person wants who sees the chair."""
+    """Return the motion that a person who sees the chair wants."""
     ax, ay = pose[0] - state.pose[0], pose[1] - state.pose[1]
     d = math.sqrt(ax * ax + ay * ay)
     if row.reaction == WARY:
@@ -255,7 +255,7 @@ def want_of(
     world: Any, p: Any, key: np.uint64, tick: int, k: int, pose: Array, twist: Array, dx: float,
     dy: float,
 ) -> Want:  # fmt: skip
-    """What person k wants who would else go by (dx, dy) [m], beside a chair at a pose (3,)."""
+    """Return the motion that person k wants near a chair at a pose (3,); by route: (dx, dy) [m]."""
     rows, actor_states = actors_of(world)
     row, state, now = rows[k], actor_states[k], tick * p.dt
     if row.leader > 0:

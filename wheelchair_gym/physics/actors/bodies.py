@@ -2,8 +2,8 @@
 
 Everything that moves is a body of Munk2D. People and furniture have mass, and a person is driven by
 a force no larger than legs give: so walls, doors and others hold them, and they can press nothing
-through a wall, as bodies that are moved at will would. Whoever walks into the chair stops there,
-as people do, and does not shove its 135 kg (`contact.stop_people`); a chair that drives into
+through a wall, as bodies that are moved at will would. A person who walks into the chair stops
+there, as people do, and does not shove its 135 kg (`contact.stop_people`); a chair that drives into
 somebody pushes them. Doors and obstacles are moved at will, of infinite mass: so a leaf holds
 before it would touch anything, and no obstacle appears near the chair.
 """
@@ -334,7 +334,7 @@ def relocate_obstacles(engine: Any, world: Any) -> None:
 def leg_force(row: Any, ax: float, ay: float) -> tuple[float, float]:
     """The force [N] of legs for an acceleration [m/s2]: never more than they give.
 
-    Whoever is lighter than an adult has less force: children start no faster.
+    A person lighter than an adult has less force: children start no faster.
     """
     size = math.sqrt(ax * ax + ay * ay)
     most = LEG_FORCE * (row.mass / MASS) if row.mass < MASS else LEG_FORCE
@@ -393,7 +393,7 @@ def _set_leaf_velocity(row: Any, state: Any, fields: Array, dt: float) -> None:
 
 @borrowing_kernel
 def apply_forces(world: Any, p: Any) -> None:
-    """What moves the actors in the coming physics step: forces, and velocities of doors."""
+    """Apply what moves the actors in the coming physics step: forces, and velocities of doors."""
     rows, actor_states = actors_of(world)
     for k in range(world.n_actors):
         row, state = rows[k], actor_states[k]

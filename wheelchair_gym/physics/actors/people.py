@@ -5,8 +5,8 @@ by the social force model (`social_force`) is pushed there.
 
 Someone who avoids all keeps from walls, things, other people and the chair; someone who pays no
 attention notices the chair only when it is a step away; someone who avoids nobody goes straight on.
-Whoever touches the chair stops there. Who does not get on for a while turns back, so that no
-doorway stays jammed.
+A person who touches the chair stops there. One who does not get on for a while turns back, so
+that no doorway stays jammed.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ _NEIGHBOUR_DISTANCE = 4.0  # m: others who are farther away are ignored
 _WALLS = 16  # lines of walls and things at most: the others are for who moves
 _REACHED = 0.35  # m: a way point counts as reached; about a step
 _PASSED = 1.0  # m: and this near when its line has been crossed
-_TOUCH = 0.02  # m: whoever is this near to the chair stops pressing on
+_TOUCH = 0.02  # m: a person this near to the chair stops pressing on
 _PERSONAL_SPACE = 0.15  # m that people leave between themselves and a chair that they see
 _SLOW = 0.25  # of the preferred speed: less than this along the way is no getting on
 _HEADING_NOISE = 0.03  # rad: of each choice; breaks the symmetry of two who meet
@@ -85,7 +85,7 @@ def _next_waypoint(world: Any, row: Any, state: Any) -> None:
 def _walls_about(world: Any, k: int, trolley: int, sight: float, near: Array) -> int:
     """Copy the walls and leaves in the sight [m] of person k, and between them and neighbours.
 
-    They are those whose bounding boxes meet one that holds all this, but for the person's own
+    They are those whose bounding boxes meet one that holds all this, except the person's own
     trolley; returns how many.
     """
     rows, actor_states = actors_of(world)
@@ -275,7 +275,7 @@ def _choose_velocity(
 def choose_velocities(
     world: Any, p: Any, key: np.uint64, tick: int, pose: Array, twist: Array
 ) -> None:
-    """Let every person choose a velocity, all by the same instant of a chair at a pose (3,)."""
+    """Choose a velocity for every person, all from the same instant of a chair at a pose (3,)."""
     rows, actor_states = actors_of(world)
     route = table_at(world.routes, world.n_routes, 2)
     period = p.decide_every * p.dt

@@ -1,4 +1,4 @@
-"""What moves in a world besides the chair, as arrays: people, doors, obstacles, furniture.
+"""Actors of a world, besides the chair, as arrays: people, doors, obstacles, furniture.
 
 An actor is a record of ACTOR; the routes of people stand in one table beside it. The simulation
 moves them, and sensors see their discs and segments.
@@ -73,7 +73,7 @@ ACTOR = np.dtype(
         ("patience", "f8"),  # s without getting on, after which a person turns back
         ("travel", "f8"),  # of a leaf: rad that it swings, or m that it slides, signed
         ("swings", "b1"),
-        ("near", "f8"),  # m: a door opens, an obstacle appears, for whoever is as near as this
+        ("near", "f8"),  # m: a door opens, an obstacle appears, for anyone as near as this
         ("least", "f8"),  # m: nearer to the chair's outline no obstacle appears, no leaf moves
         ("since", "f8"),  # s: from when on
         ("stay", "f8"),  # s: how long a door is open, or an obstacle there
@@ -81,7 +81,7 @@ ACTOR = np.dtype(
         ("model", "i8"),  # ORCA, SOCIAL_FORCE
         ("behaviour", "i8"),  # WALKS, PAUSES, ...
         ("reaction", "i8"),  # REGULAR, CURIOUS, ...
-        ("leader", "i8"),  # who leads its group, or pushes it: so many rows before; 0: nobody
+        ("leader", "i8"),  # rows back to the actor that leads its group, or pushes it; 0: none
         ("offset", "f8", (2,)),  # m: ahead of that person, or of the chair, and to the left
     ],
     align=True,
@@ -133,7 +133,7 @@ class Actor(NamedTuple):
 
 
 def no_actors() -> Actors:
-    """Those of a world where nothing else moves."""
+    """Return the actors of a world where nothing else moves."""
     return Actors(np.zeros(0, ACTOR), np.empty((0, 2)))
 
 
@@ -251,7 +251,7 @@ def person(
         since: of a behaviour [s].
         stay: of a behaviour [s].
         every: of a behaviour [s].
-        leader: who leads their group, so many actors before this one; 0: nobody.
+        leader: of their group, as the number of actors before this one; 0: nobody.
         offset: ahead of the leader or the chair, and to the left (2,) [m].
 
     Raises:
@@ -348,7 +348,7 @@ def door(
     every: float = math.inf,
     least: float = 0.10,
 ) -> Actor:
-    """A leaf that opens on a timetable, or for whoever is near its doorway's middle.
+    """A leaf that opens on a timetable, or for anyone near its doorway's middle.
 
     It never moves towards anything nearer than `least`: what it meets holds it, as EN 16005 asks of
     powered doors.

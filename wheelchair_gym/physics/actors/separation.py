@@ -1,10 +1,10 @@
 """Which actors can touch something in the coming physics step: only these are in the Space.
 
 Each actor has a distance that it may move before it can touch a wall (`clear`), and one before it
-can touch another actor (`free`): of the gap between two of them each has half. Whoever has used up
-one is measured anew. An actor that can touch something is put into the Space; it leaves once it has
-touched nothing for longer than Munk2D remembers a contact. All others move by the same arithmetic
-without the Space.
+can touch another actor (`free`): of the gap between two of them each has half. An actor that
+has used up one is measured anew. An actor that can touch something is put into the Space; it leaves
+once it has touched nothing for longer than Munk2D remembers a contact. All others move by the same
+arithmetic without the Space.
 """
 
 from __future__ import annotations

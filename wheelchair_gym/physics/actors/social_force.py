@@ -56,7 +56,7 @@ def _repulsion(strength: float, scale: float, gap: float, dx: float, dy: float) 
 
 @borrowing_kernel
 def _force_of_walls(world: Any, k: int) -> tuple[float, float]:
-    """Of walls, leaves, boxes and what is round, but for one's own trolley."""
+    """Return the force of walls, leaves, boxes and round things, except one's own trolley."""
     rows, actor_states = actors_of(world)
     x, y, radius = actor_states[k].pose[0], actor_states[k].pose[1], rows[k].size[0]
     trolley = trolley_of(world, k)
