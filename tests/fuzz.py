@@ -665,11 +665,11 @@ READERS: dict[str, Reader] = {
         ("localization.logs.read_log",),
     ),
     "recording": Reader(
-        _recording, _use_recording, ("recording.mcap_file.mcap_messages",), _mutated_mcap
+        _recording, _use_recording, ("recording.read_bags.mcap_messages",), _mutated_mcap
     ),
     "bag": Reader(
         _bag, _use_bag,
-        ("recording.read_bags.is_bag", "recording.mcap_file.mcap_messages"), _mutated_mcap,
+        ("recording.read_bags.is_bag", "recording.read_bags.mcap_messages"), _mutated_mcap,
     ),
     "bag in SQLite": Reader(
         _sqlite_bag, _use_bag, ("recording.read_bags._rows",), flipped

@@ -105,7 +105,7 @@ def test_it_serves_until_it_is_told_to_end(tmp_path, request):
     program.stdin.flush()
     assert program.stdout.readline() == "press stop: done\n"
     program.send_signal(signal.SIGINT)
-    _, said = program.communicate(timeout=240)
+    _, said = program.communicate(timeout=600)
     assert program.returncode == 130
     assert said.strip().splitlines()[-1] == "wheelchair: stopped"
     assert picture.stat().st_size > 1000

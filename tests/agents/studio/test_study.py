@@ -86,9 +86,9 @@ def test_a_participant_goes_from_consent_to_the_data(opened, capsys):
         if condition == 0:  # ended too early, and driven again
             page.click("#go")
             until(page, "studio.running && studio.now?.waits")
-            page.keyboard.down("ArrowUp")
-            until(page, "studio.now.twist[0] > 0.1")
-            page.keyboard.up("ArrowUp")
+            page.keyboard.down("ArrowDown")
+            until(page, "studio.now.twist[0] < -0.01")
+            page.keyboard.up("ArrowDown")
             page.keyboard.press("Escape")
             until(page, "document.querySelector('#repeat')")
             axe(page)
