@@ -50,9 +50,9 @@ _COUNT = 3 * COMMANDS  # index of the number of driven commands in a particle
 _SIZE = _COUNT + 1
 _NO_COMMANDS = np.empty((0, 3))
 # Kinds of maneuvers; see `write_maneuver`.
-_MANEUVERS = 10
+_MANEUVERS = 9
 _ARC, _ARC_TO_REST, _TURN, _TURN_TO_REST, _BACK = range(5)
-_TWO_ARCS, _TURN_THEN_ARC, _RETREAT, _PURSUIT, _FAST_PURSUIT = range(5, _MANEUVERS)
+_TWO_ARCS, _RETREAT, _PURSUIT, _FAST_PURSUIT = range(5, _MANEUVERS)
 _COLLISION = 1e5  # s: cost of a contact, above all other costs of a segment
 _MISSED = 1e4  # s: cost of an end that is not reached, above all costs except a contact
 # Design choices:
@@ -62,7 +62,6 @@ SEARCH_RANGE = 1.0  # m: largest distance of the commands from the box of their 
 RETREAT = 0.3  # m
 ABOUT_TURN = 0.5  # rad below pi: larger turns keep the direction in which they have begun
 PIVOT = 0.9  # rad: heading error above which a pure pursuit turns in place
-WHILE_DRIVING = 0.4  # rad: the last part of a turn, which may be driven
 DESIRED_CLEARANCE = 0.15  # m: larger clearances cost nothing
 END_WEIGHT = 10.0  # s/m: cost of the distance from the end of a segment; 5 cm cost 0.5 s
 LAST_END_COST = 5.0  # s: cost of the largest distance from the goal that counts as arrived
@@ -275,8 +274,8 @@ def write_maneuver(
     """Write a maneuver of a kind; return the number of its commands.
 
     The kinds are an arc to the end; a turn in place and a straight to the end, forward or backward;
-    two arcs that meet in the middle of the segment; a turn, its end driven, and an arc; a retreat,
-    then a turn and a straight; and a pure pursuit of the path at two speeds.
+    two arcs that meet in the middle of the segment; a retreat, then a turn and a straight; and a
+    pure pursuit of the path at two speeds.
     """
     commands[:] = 0.0
     limits = world.limits
@@ -292,18 +291,11 @@ def write_maneuver(
     motion, count = trial[0], 1
     if kind == _TWO_ARCS:
         count = arc(now[0], leg.middle_x, leg.middle_y, limits, False, commands)
-    elif kind == _TURN_THEN_ARC:  # in place, except for the last part
-        angle = wrap(math.atan2(leg.y - motion.y, leg.x - motion.x) - motion.yaw)
-        rest, rate = min(abs(angle), WHILE_DRIVING), turn_limit(motion.v, limits, world.pivot)
-        commands[0, W], commands[0, T] = math.copysign(rate, angle), (abs(angle) - rest) / rate
-        commands[1, V], commands[1, W] = limits.forward, math.copysign(rate, angle)
-        commands[1, T], count = rest / rate, 2
     else:
         commands[0, V] = -limits.backward
         commands[0, T] = RETREAT / max(limits.backward, 0.05)
-    for k in range(count):
-        coast(motion, commands[k, V], commands[k, W], commands[k, T], world)
-    if kind <= _TURN_THEN_ARC:
+    coast(motion, commands[0, V], commands[0, W], commands[0, T], world)
+    if kind == _TWO_ARCS:
         return count + arc(motion, leg.x, leg.y, limits, leg.last, commands[count:])
     return count + straight(motion, leg, world, False, False, commands[count:])
 

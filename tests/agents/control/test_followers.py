@@ -28,7 +28,7 @@ from wheelchair_gym.safety import Shield
 
 PLANNER = "a_star"
 SOUND = sorted(set(FOLLOWERS) - {"thesis"})  # random commands, as printed, need not arrive
-PROGRESS = 0.5  # share of the progress of a pure pursuit
+PROGRESS = 0.4  # share of a pure pursuit's: `controls` ends a turn in place before it drives on
 NOBODY = np.empty((0, 8))
 SURE = (1e-3, 0.0, 1e-4)  # variances of an actor that is known well
 
