@@ -30,11 +30,11 @@ from planners.collision.space import Space
 from planners.graphs.visibility import Visibility
 from planners.problem import Problem
 from planners.swarm import path_cost
+from wheelchair_gym import task as tasks
 from wheelchair_gym.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.geometry import path_length, without_repeats
 from wheelchair_gym.maps import OccupancyGrid
-from wheelchair_gym.task.task import Task
 from wheelchair_gym.types import Episode
 
 SIDES = 16  # of each quarter of a polygon that stands for a circle: 0.12 % of the radius
@@ -53,7 +53,7 @@ class Shortest(NamedTuple):
 NO_SHORTEST = Shortest(math.nan, False)
 
 
-def shortest_path(task: Task, episode: Episode, start: Array) -> Shortest:
+def shortest_path(task: tasks.Task, episode: Episode, start: Array) -> Shortest:
     """Return the length of the shortest path from a start to the goal's region.
 
     Only walls and discs of the episode are obstacles: people, doors and temporary obstacles may
