@@ -35,6 +35,15 @@ def test_with_the_shield_no_attack_does_harm(scene, rate):
     assert all(event.closing <= SLOW for event in report.events)
 
 
+@pytest.mark.parametrize(
+    ("scene", "rate", "seed"),
+    [("floor_plan", 20.0, 8000625), ("hall", 20.0, 8000074), ("clutter", 50.0, 8000439)],
+)
+def test_a_laser_that_begins_to_deceive_close_to_something_does_no_harm(scene, rate, seed):
+    """It repeats its scans or was moved: they clear no obstacle, and the chair creeps."""
+    assert attack(scene, 1, 4, shield=True, seed=seed, bank=200, rate=rate)[1] == []
+
+
 @pytest.mark.parametrize(("seed", "each"), [(251, 3), (372, 4)])
 def test_what_nobody_could_see_is_met_slowly(seed, each):
     """While the chair's turn lags behind what it is set to, and its speed still rises."""
