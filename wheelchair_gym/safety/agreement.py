@@ -60,6 +60,7 @@ _KEY_WAY, _KEY_TURN = 1.0, 1.2  # m, rad: motion after which the key scan is ren
 _STAY = 0.5  # share of its points: with fewer matched, it is renewed
 _STRANGE, _UNEXPLAINED = 0.4, 42  # maximum share explained, and minimum points that are not
 _RENEWS = 1.0  # s of strange scans: then people stand around, and the key scan is renewed
+_FADES = 0.05  # m/s: at rest a doubt fades, so that a person who leaves does not block the way
 _SPREAD = 2  # beams on each side of the expected one that may show the echo as well
 _REACH_MARGIN = 0.5  # m: a point so near the reach may be out of it in the next scan
 _EDGE = 0.1  # rad: the same for the ends of the fan
@@ -75,14 +76,9 @@ _SEEN, _LEFT, _LOST, _UNCLEAR = range(4)
 _HEARD, _HEARD_SHARE, _HEARD_POINTS = 1.5, 0.5, 2  # m, of the reach: a surface surely heard
 _SQUARE = math.cos(math.radians(8.0))  # of the angle between its normal and the ranger's axis
 
-# Normal equations of a fit, number of points in it, and of points that it explains; the same of
-# those points that tell it from no motion.
-_FIT = np.dtype(
-    [
-        *(("h", "f8", (3, 3)), ("g", "f8", (3,)), ("other", "f8", (3,))),
-        *(("score", "f8"), ("n", "i8"), ("told", "f8"), ("telling", "i8")),
-    ]
-)
+# Normal equations of a fit; points explained and in it, the same of those that tell it from rest.
+_VECTORS = [("h", "f8", (3, 3)), ("g", "f8", (3,)), ("other", "f8", (3,))]
+_FIT = np.dtype([*_VECTORS, ("score", "f8"), ("n", "i8"), ("told", "f8"), ("telling", "i8")])
 _fit_at, _FIT_SIZE = rows_of(_FIT), _FIT.itemsize
 _OLD = np.dtype([(name, "f4", (KEY_POINTS,)) for name in ("x", "y", "lost", "held")])
 _old_at, _OLD_SIZE = rows_of(_OLD), _OLD.itemsize
@@ -358,6 +354,9 @@ def disagrees(
     if key.renewed or v != 0.0 or w != 0.0:
         another = _fits_another_motion(key, one, at, scan, dt) and key.way + key.turned > _MOVED
         _doubt(key, at, pose[2])
+    else:
+        key.doubt = max(0.0, key.doubt - _FADES * dt)
+        key.strange += dt if key.strange > 0.0 else 0.0
     _estimate_lag(key, velocity, dt)
     key.astray = key.astray + dt if another else 0.0
     moved = key.few or key.way > _KEY_WAY or key.turned > _KEY_TURN
