@@ -38,7 +38,6 @@ def hall(tmp_path_factory):
     write_map(OccupancyGrid(cells, 0.1), folder / "hall.yaml")
     (folder / "broken.yaml").write_text("image: [")
     (folder / "keyless.yaml").write_text("image: hall.pgm\n")
-    (folder / "noimage.yaml").write_text((folder / "hall.yaml").read_text())
     text = (folder / "hall.yaml").read_text()
     image = next(line.split()[1] for line in text.splitlines() if line.startswith("image"))
     (folder / "noimage.yaml").write_text(text.replace(image, "nothing.pgm"))
@@ -59,8 +58,9 @@ def hall(tmp_path_factory):
     (folder / "yard.map").write_text(YARD)
     (folder / "house.json").write_text('{"verts": [[0, 0], [5, 0], [5, 4], [0, 4]]}')
     (folder / "mapless.json").write_text('{"MapProcessor_Map_Name": "9"}')
-    figure = '{"MapProcessor_Map_Name": "5", "MapProcessor_Obstacles_Dilation": 4,}'
-    (folder / "figure.json").write_text(figure)
+    figure = '{"MapProcessor_Map_Name": "5", "MapProcessor_Obstacles_Dilation": 8,}'
+    (folder / "wide.json").write_text(figure)
+    (folder / "touching.json").write_text(figure.replace("8", "0"))
     return folder
 
 
@@ -119,11 +119,11 @@ def test_a_plan_needs_no_planner_and_is_filmed_by_any(hall, tmp_path, planner):
         assert pictures.n_frames >= (1 if planner else 10)
 
 
-@pytest.mark.parametrize(("seed", "arrives"), [(1, True), (2, False)])
-def test_the_thesis_settings_are_a_planner_and_a_map(hall, capsys, tmp_path, seed, arrives):
-    settings, result = hall / "figure.json", tmp_path / "plan.json"
-    assert run("plan", "--config", settings, "--seed", seed, "--json", result) == 0
-    says, answer = capsys.readouterr().out, json.loads(result.read_text())
+@pytest.mark.parametrize(("name", "arrives"), [("wide", True), ("touching", False)])
+def test_the_thesis_settings_are_a_planner_and_a_map(hall, capsys, tmp_path, name, arrives):
+    settings = hall / f"{name}.json"
+    assert run("plan", "--config", settings, "--json", tmp_path / "plan.json") == 0
+    says, answer = capsys.readouterr().out, json.loads((tmp_path / "plan.json").read_text())
     assert answer["name"] == "thesis_5"
     assert (answer["path"][0], answer["path"][-1]) == ([1.5, 1.5], [28.5, 18.5])
     assert len(answer["commands"]) > 10
