@@ -216,11 +216,7 @@ class GridPlanner(PlannerBase):
     fixed = Order()  # the options that are no settings
 
     resolution: float = setting(
-        default=0.1,
-        unit="m",
-        low=0.005,
-        high=10.0,
-        source="a tenth of the width of a door",
+        default=0.1, unit="m", low=0.005, high=10.0, source="a tenth of the width of a door"
     )
     """Spacing of the grid points at first."""
     refinements: int = setting(default=2, low=0, high=6)
@@ -273,11 +269,7 @@ class AStar(GridPlanner):
     obstacle_weight: float = setting(default=0.0, low=0.0, high=1000.0, source="length alone")
     """Extra cost of a metre at an obstacle, in metres in the open; 0 for length alone."""
     desired_clearance: float = setting(
-        default=0.5,
-        unit="m",
-        low=0.01,
-        high=100.0,
-        source="half the width of a door",
+        default=0.5, unit="m", low=0.01, high=100.0, source="half the width of a door"
     )
     """Clearance from which on a metre costs no more."""
 

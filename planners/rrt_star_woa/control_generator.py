@@ -2,8 +2,8 @@
 
 Segment by segment a swarm searches the commands whose roll-out ends where the segment ends, turned
 towards the next one, soon, and away from obstacles (thesis, section 2.9.3 and algorithm 6). Each
-segment's commands leave space to come to rest; if nothing leads on, the commands end at rest.
-Between two segments the chair does not stop.
+segment's commands leave space to come to rest; if nothing leads on, earlier segments are searched
+again, and at last the commands end at rest. Between two segments the chair does not stop.
 
 A particle is a list of at most `COMMANDS` commands and the number of those that are driven. The
 swarm starts from maneuvers and from the commands that are being driven, or at random. From top to
@@ -70,6 +70,7 @@ MIDDLE_REACH = 0.05  # m: a smaller distance from there costs nothing
 RAMPS = 0.5  # s/rad: additional duration of a turn in place, for its ramps
 CLEARANCE_WEIGHT = 2.0  # s: cost of no clearance
 REACHED = 0.35  # m: largest distance from the end of a segment that counts as reached
+RETRIES = 60  # maximum number of times that a search goes back to an earlier segment
 
 
 @dataclass(frozen=True)
@@ -413,10 +414,10 @@ def follow(
 ) -> tuple[Array, int, float, bool]:  # fmt: skip
     """Return commands (k, 3) along segments (n,) SEGMENT.
 
-    The axle stays within `SEARCH_RANGE` of a segment. A segment whose end is not reached is left
-    out, since the next end may be reached without it. If no later end is reached, the commands lead
-    as near as possible to the first missed end. As printed, each segment begins where the one
-    before ended.
+    The axle stays within `SEARCH_RANGE` of a segment. Where an end is missed, the search goes back,
+    one segment farther each time, and draws other numbers. After `RETRIES` of this the commands end
+    as near as possible to the missed end. As printed, nothing is searched again, and the search
+    goes on after a missed end.
 
     Args:
         legs: the segments.
@@ -428,17 +429,20 @@ def follow(
         state: draws the numbers.
 
     Returns:
-        The commands; the number of the last segment whose end is reached, from 1 on; the distance
-        [m] from the next segment's end; whether all is free.
+        The commands; the number of segments, from the first one on, whose ends are reached; the
+        distance [m] from the next segment's end; whether all is free.
     """
     n = legs.shape[0]
-    commands, nearest = np.empty((8 * n + 1, 3)), np.empty((0, 3))
+    commands = np.empty((8 * n + 1, 3))
     motion, trial, left = start.copy(), start.copy(), driven.copy()
     now, outline = motion[0], everything.footprint
     far = math.hypot(max(outline[0], outline[1]), outline[2]) + 2.0 * MAX_CLEARANCE
-    count, reached, missed = 0, 0, 0.0
-    for k in range(n):
+    begins, counts = np.zeros(n, MOTION), np.zeros(n, np.int64)  # where each segment begins
+    k, count, reached, missed = 0, 0, 0, 0.0
+    farthest, back, retries = 0, 0, 0 if search.printed else RETRIES
+    while k < n:
         leg = legs[k]
+        begins[k], counts[k] = motion[0], count
         box = np.array([min(leg.x, now.x), min(leg.y, now.y), max(leg.x, now.x), max(leg.y, now.y)])
         box += SEARCH_RANGE * np.array([-1.0, -1.0, 1.0, 1.0])
         walls = around(everything.walls, box + np.array([-far, -far, far, far]))
@@ -460,18 +464,23 @@ def follow(
                 brake(trial[0], world)
             gap = math.hypot(leg.x - trial[0].x, leg.y - trial[0].y)
         there = free and gap <= leg.reach
-        if there or (free and search.printed):
+        if not there and k > 0 and retries > 0:
+            back = back + 1 if k <= farthest else 1
+            farthest, retries = max(k, farthest), retries - 1
+            k = max(0, k - back)
+            motion[0], count, reached, left = begins[k], counts[k], k, left[:0]
+            continue
+        if there or (free and (search.printed or gap < before)):
             left = left[max(0, used - 1) :]
             left[:1, T] -= known[3 * max(0, used - 1) + T]
             count = append(found, motion, world, commands, count)
-        if there and (missed == 0.0 or not search.printed):
-            reached, missed = k + 1, 0.0
-            nearest = np.empty((0, 3))
-        elif not there and missed == 0.0:
+        if not there and missed == 0.0:
             missed = gap
-            if gap < before and not search.printed:
-                nearest = found
-    count = append(nearest, motion, everything, commands, count)
+        if missed == 0.0:
+            reached = k + 1
+        elif not search.printed:
+            break
+        k += 1
     rest = brake(now, everything)
     if rest > 0.0:
         commands[count] = 0.0, 0.0, rest

@@ -51,7 +51,6 @@ CHUNK = 4  # iterations between two readings of the clock
 SHARPEST_TURN = 1.6  # 1/m: largest curvature of arcs, as of `lattice`; sharper turns are pivots
 SHIFT_BOUND = 0.4  # m: largest shift of a pose by whales; it shrinks while they find nothing
 TURN_BOUND = 0.5  # rad: largest turn of a pose by whales
-_DESIGN = "design choice"
 _TUNED = "tuned on training seeds"
 
 
@@ -210,21 +209,16 @@ class Se2RrtStarWoa(FootprintPlanner):
     obstacle_weight: float = setting(default=6.0, low=0.0, source=_TUNED)
     """Additional cost of a move without clearance, as a multiple of its time."""
     pivot_speed_ratio: float = setting(
-        default=0.2,
-        low=0.05,
-        high=1.0,
-        source="rear corners may sweep unseen floor at 0.1 m/s",
+        default=0.2, low=0.05, high=1.0, source="rear corners may sweep unseen floor at 0.1 m/s"
     )
     """Turn rate of pivots as a share of the limit."""
-    guide: InformedRrtStar = setting(default=InformedRrtStar(iterations=2_000), source=_DESIGN)
+    guide: InformedRrtStar = setting(default=InformedRrtStar(iterations=2_000))
     """The planner of the disc's path."""
-    whales: WhaleSettings = setting(
-        default=WhaleSettings(population=8, iterations=4), source=_DESIGN
-    )
+    whales: WhaleSettings = setting(default=WhaleSettings(population=8, iterations=4))
     """The swarms."""
-    iterations: int = setting(default=15_000, low=0, source=_DESIGN)
+    iterations: int = setting(default=15_000, low=0)
     """Largest number of iterations: of samples up to the first paths, then of rounds."""
-    improvement: int = setting(default=200, low=0, source=_DESIGN)
+    improvement: int = setting(default=200, low=0)
     """Rounds after the first path; with a deadline, make it large for an anytime planner."""
     tree_share: float = setting(default=1.0, low=0.0, source=_TUNED)
     """Share of the rounds that are samples of RRT*."""
