@@ -15,11 +15,11 @@ from agents.evaluation.evaluate import drive_episode, drive_on, make_env
 from agents.evaluation.metrics import Record
 from agents.policies import Policy, make_policy
 from agents.start_fit import start_fit
-from wheelchair_gym.arrays import Array
-from wheelchair_gym.config import InputError, setting, settings
-from wheelchair_gym.geometry import wrap
-from wheelchair_gym.localization.localized_chair import unwrapped
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.settings import InputError, setting, settings
+from wheelchair_gym.geometry.planar import wrap
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid
+from wheelchair_gym.perception.localized_chair import unwrapped
 from wheelchair_gym.safety.stops import StopMonitor, active_stops, advice_for, shield_message
 from wheelchair_gym.types import Command, Episode, Mission, Reading
 

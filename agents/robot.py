@@ -18,7 +18,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from wheelchair_gym.config import setting, settings
+from wheelchair_gym.base.settings import setting, settings
 from wheelchair_gym.hardware.ros import make_messages as ros
 from wheelchair_gym.hardware.ros.messages import seconds
 from wheelchair_gym.sensors.odometry import OdometryCovariance

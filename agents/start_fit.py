@@ -12,18 +12,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.compiled.kernel import kernel
-from wheelchair_gym.geometry import wrap, wrap_angle
-from wheelchair_gym.localization.likelihood_field import (
+from wheelchair_gym.geometry.planar import wrap, wrap_angle
+from wheelchair_gym.maps import FREE, OccupancyGrid
+from wheelchair_gym.perception.likelihood_field import (
     LikelihoodField,
     hill_climb,
     log_likelihood,
     make_likelihood_field,
 )
-from wheelchair_gym.localization.monte_carlo import LocalizationSettings
-from wheelchair_gym.localization.occupancy import Scan, read_scan
-from wheelchair_gym.maps import FREE, OccupancyGrid
+from wheelchair_gym.perception.monte_carlo import LocalizationSettings
+from wheelchair_gym.perception.occupancy import Scan, read_scan
 from wheelchair_gym.sensors.settings import LaserSettings
 
 _BEAMS, _FEW = 180, 20  # of a scan, evenly: for the fit, and to preselect poses nearby

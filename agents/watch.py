@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 if TYPE_CHECKING:
-    from wheelchair_gym.localization.logs import SensorLog
-    from wheelchair_gym.localization.slam import Slam
+    from wheelchair_gym.perception.logs import SensorLog
+    from wheelchair_gym.perception.slam import Slam
     from wheelchair_gym.sensors.settings import LaserSettings
 
 Each = Callable[[Any], None]  # called with the environment after reset and each step

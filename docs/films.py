@@ -20,8 +20,8 @@ from agents.evaluation.compare import side_by_side  # noqa: E402
 from agents.evaluation.evaluate import Spec, env_settings  # noqa: E402
 from agents.evaluation.figures import LOOK  # noqa: E402
 from agents.studies.figures import gain_figure  # noqa: E402
-from wheelchair_gym.config import read_json  # noqa: E402
-from wheelchair_gym.geometry import to_world  # noqa: E402
+from wheelchair_gym.base.settings import read_json  # noqa: E402
+from wheelchair_gym.geometry.planar import to_world  # noqa: E402
 from wheelchair_gym.maps import FREE  # noqa: E402
 from wheelchair_gym.rendering.video import write_video  # noqa: E402
 from wheelchair_gym.scenes import make_scene  # noqa: E402

@@ -27,20 +27,20 @@ import numpy as np
 import yaml
 from sphinx.util.inspect import stringify_signature
 
-from agents.assistance import ASSISTANTS
 from agents.cli.lists import PARTS, all_settings, markdown, settings_rows
 from agents.control import FOLLOWERS
 from agents.evaluation.tables import markdown_table
+from agents.people import ASSISTANTS
 from agents.policies import POLICIES
 from agents.policies.planned import TRANSITIONS
 from planners import OPTIMIZERS, PLANNERS
 from planners.registries import OBJECTIVES
-from wheelchair_gym.config import setting_docs
-from wheelchair_gym.drivers import DRIVERS
+from wheelchair_gym.base.settings import setting_docs
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.envs.results import INFO_KEYS
+from wheelchair_gym.geometry.kinematics import Limits
 from wheelchair_gym.hardware.registry import CHAIRS
-from wheelchair_gym.kinematics import Limits
+from wheelchair_gym.people.drivers import DRIVERS
 from wheelchair_gym.scenes import SCENES
 from wheelchair_gym.scenes.skill import COURSES
 from wheelchair_gym.signals import READING, TRUTH, Signal
@@ -50,7 +50,7 @@ from wheelchair_gym.task.rewards import RewardWeights
 # Public modules, by package.
 MODULES = yaml.safe_load(Path(__file__).with_name("modules.yaml").read_text(encoding="utf-8"))
 # Compiled functions are internal, but for those of these modules.
-KERNELS = ("wheelchair_gym.geometry", "wheelchair_gym.kinematics", "wheelchair_gym.random")
+KERNELS = ("wheelchair_gym.geometry.", "wheelchair_gym.compiled.random")
 
 # Settings with which every key of the observation is present in one of two environments.
 MORE_KEYS = {
@@ -260,7 +260,7 @@ def public_members(module: ModuleType) -> Iterator[tuple[str, Any]]:
             inspect.isclass(thing) or inspect.isfunction(thing) or compiled
         ):
             continue
-        if compiled and module.__name__ not in KERNELS:
+        if compiled and not module.__name__.startswith(KERNELS):
             continue
         place = getattr(getattr(thing, "py_func", thing), "__module__", "")
         if name in listed if listed is not None else place == module.__name__:

@@ -33,7 +33,7 @@ from agents.evaluation.tables import markdown_table  # noqa: E402
 from agents.learning.weights import load_weights  # noqa: E402
 from agents.studies.evidence import ClaimVerdict  # noqa: E402
 from agents.studies.runner import STUDIES, effect_text  # noqa: E402
-from wheelchair_gym.config import InputError, read_json  # noqa: E402
+from wheelchair_gym.base.settings import InputError, read_json  # noqa: E402
 
 DATA = ROOT / "docs" / "results" / "data"
 WEIGHTS = ROOT / "agents" / "data" / "weights"

@@ -10,7 +10,7 @@ import numpy as np
 
 from planners import Problem, Space, make_planner
 from planners.judge import sweep_faults
-from wheelchair_gym.geometry import Footprint
+from wheelchair_gym.geometry.outline import Footprint
 
 CORRIDOR, DOOR = 1.3, 1.0  # m
 

@@ -7,11 +7,11 @@ import argparse
 from pathlib import Path
 
 from agents.evaluation.evaluate import drive_episode, make_env
-from agents.participants.protocol import Protocol
-from agents.participants.report import write_report
-from agents.participants.session import Session
+from agents.people.protocol import Protocol
+from agents.people.report import write_report
+from agents.people.session import Session
 from agents.policies import make_policy
-from wheelchair_gym.config import read
+from wheelchair_gym.base.settings import read
 
 parser = argparse.ArgumentParser()
 parser.add_argument("--out", default="runs/participants")

@@ -7,10 +7,10 @@ import argparse
 
 import numpy as np
 
-from wheelchair_gym.physics.actors.records import BEHAVIOURS, FURNITURE, PERSON, REACTIONS
-from wheelchair_gym.physics.chair import SimulatedChair
+from wheelchair_gym.actors.records import BEHAVIOURS, FURNITURE, PERSON, REACTIONS
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
+from wheelchair_gym.sim.chair import SimulatedChair
 
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("--seed", type=int, default=1)

@@ -8,11 +8,12 @@ import argparse
 
 import numpy as np
 
-from wheelchair_gym.physics.chair import SimulatedChair
+from wheelchair_gym.perception.track_state import KINDS
+from wheelchair_gym.perception.tracker import Tracker
 from wheelchair_gym.safety import Shield
 from wheelchair_gym.scenes.crowd import Crowd
 from wheelchair_gym.sensors.settings import SensorSettings
-from wheelchair_gym.tracking import KINDS, Tracker
+from wheelchair_gym.sim.chair import SimulatedChair
 
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("--seed", type=int, default=1)
@@ -27,10 +28,9 @@ reading = chair.reset(episode, given.seed)
 print("  time  number  kind      place [m]     speed [m/s]  hidden  off by [m]")
 for step in range(10 * given.seconds):
     tracks = tracker.update(reading.laser, reading.pose, reading.twist, reading.stamp)
-    people = chair.truth.actor_poses[:, :2]
     for k in np.flatnonzero(tracks.confirmed) if step % 10 == 9 else ():
         x, y = tracks.place[k]
-        off = np.hypot(*(people - tracks.place[k]).T).min()
+        off = np.hypot(*(chair.truth.actor_poses[:, :2] - tracks.place[k]).T).min()
         print(
             f"{reading.stamp:6.1f}  {tracks.id[k]:6d}  {KINDS[tracks.kind[k]]:8}"
             f"  {x:5.2f}, {y:5.2f}  {np.hypot(*tracks.velocity[k]):11.2f}"

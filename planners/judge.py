@@ -13,8 +13,9 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from planners.problem import Plan, Problem, Status
-from wheelchair_gym.arrays import Array
-from wheelchair_gym.geometry import Footprint, wrap_angle
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.geometry.outline import Footprint
+from wheelchair_gym.geometry.planar import wrap_angle
 
 TOLERANCE = 1e-6  # m
 MAX_TURN = 0.1 + 1e-9  # rad: between two poses of a plan

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 import numpy as np
 
 from planners.collision.polygon_tests import point_free
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.errors import shorten
+from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.compiled.clock import clock
-from wheelchair_gym.config import InputError
-from wheelchair_gym.errors import shorten
-from wheelchair_gym.geometry import path_length, to_frame, to_world
+from wheelchair_gym.geometry.planar import path_length, to_frame, to_world
 
 if TYPE_CHECKING:
     from planners.collision.space import Space

@@ -11,9 +11,9 @@ import numpy as np
 
 from planners.collision.space import Space
 from planners.problem import Problem
-from wheelchair_gym.config import FARTHEST, load, setting, settings
-from wheelchair_gym.errors import InputError, shorten
-from wheelchair_gym.files import LIMITS, read_json
+from wheelchair_gym.base.errors import InputError, shorten
+from wheelchair_gym.base.files import LIMITS, read_json
+from wheelchair_gym.base.settings import FARTHEST, load, setting, settings
 
 
 @settings

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from planners.problem import Planner
-from wheelchair_gym.registry import Registry, in_module
+from wheelchair_gym.base.registry import Registry, in_module
 
 PLANNERS: Final = Registry(
     "planner",

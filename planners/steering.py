@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from planners.collision.footprint import Pose, Surroundings, surroundings, sweep, swept_gap
 from planners.collision.nearby import Nearby
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
-from wheelchair_gym.geometry import wrap
-from wheelchair_gym.kinematics import arc_step
+from wheelchair_gym.geometry.kinematics import arc_step
+from wheelchair_gym.geometry.planar import wrap
 from wheelchair_gym.maps.driving_cost import STILL, MotionCost, duration, kind_of, stretch_cost
 
 CONNECTIONS = 4  # number of kinds: arcs ahead and back, pivots and a straight ahead and back

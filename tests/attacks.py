@@ -16,16 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.edges import POSTS, SCREEN, SLABS, Edges
+from wheelchair_gym.actors.bodies import actors_of, shapes_of
 from wheelchair_gym.compiled.kernel import borrowing_kernel
+from wheelchair_gym.compiled.random import episode_key, uniform
 from wheelchair_gym.envs import NavigationVectorEnv
-from wheelchair_gym.geometry import footprint_clearance
-from wheelchair_gym.kinematics import Limits, approach_twist, arc_step
-from wheelchair_gym.physics.actors.bodies import actors_of, shapes_of
-from wheelchair_gym.physics.state import FAULTS
-from wheelchair_gym.random import episode_key, uniform
+from wheelchair_gym.geometry.kinematics import Limits, approach_twist, arc_step
+from wheelchair_gym.geometry.outline import footprint_clearance
 from wheelchair_gym.safety.grid import place_of_cell
 from wheelchair_gym.safety.state import CELL, outline_samples
 from wheelchair_gym.sensors.settings import SensorSettings
+from wheelchair_gym.sim.state import FAULTS
 
 Array = NDArray[np.float64]
 

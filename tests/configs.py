@@ -8,15 +8,15 @@ from typing import Any, Final
 from agents.learning.settings import RECIPES
 from planners import PLANNERS
 from tests.conftest import ROOT
-from wheelchair_gym.drivers import DRIVERS
 from wheelchair_gym.envs import EnvSettings
 from wheelchair_gym.hardware.registry import CHAIRS
-from wheelchair_gym.localization.occupancy import MappingSettings
-from wheelchair_gym.localization.slam import SlamSettings
-from wheelchair_gym.physics.settings import ChairSettings, MotorSettings, PhysicsSettings
+from wheelchair_gym.people.drivers import DRIVERS
+from wheelchair_gym.perception.occupancy import MappingSettings
+from wheelchair_gym.perception.slam import SlamSettings
 from wheelchair_gym.safety import ShieldSettings
 from wheelchair_gym.scenes import SCENES
 from wheelchair_gym.sensors.settings import SensorSettings
+from wheelchair_gym.sim.settings import ChairSettings, MotorSettings, PhysicsSettings
 from wheelchair_gym.task import TaskSettings
 
 DEFAULTS: Final[dict[str, Any]] = {
@@ -50,7 +50,7 @@ SINGLE: Final[dict[str, Any]] = {
 }
 
 if __name__ == "__main__":
-    from wheelchair_gym.config import dump
+    from wheelchair_gym.base.settings import dump
 
     for name, default in DEFAULTS.items():
         path = ROOT / "configs" / f"{name}.json"

@@ -11,8 +11,9 @@ from typing import Final
 
 import numpy as np
 
-from wheelchair_gym.geometry import Footprint, polygon_edges, to_world
-from wheelchair_gym.physics.actors.records import Actor, combine, door
+from wheelchair_gym.actors.records import Actor, combine, door
+from wheelchair_gym.geometry.outline import Footprint
+from wheelchair_gym.geometry.planar import polygon_edges, to_world
 from wheelchair_gym.scenes.arena import make_arena
 from wheelchair_gym.scenes.poses import FOOTPRINT
 from wheelchair_gym.types import Episode

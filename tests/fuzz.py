@@ -40,7 +40,7 @@ from agents.learning.curves import read_curve, write_curve
 from agents.learning.export import export_onnx
 from agents.learning.settings import read_training
 from agents.learning.weights import _digest, save_weights
-from agents.participants.session import read_protocol
+from agents.people.session import read_protocol
 from agents.policies import make_policy
 from agents.policies.sb3 import _algorithm
 from agents.studies.thesis import problem_of
@@ -50,14 +50,14 @@ from planners.problem_files import read_problems
 from planners.rrt_star_woa.thesis import read_thesis
 from tests.agents.learning.tiny_runs import random_weights
 from tests.conftest import ROOT
-from wheelchair_gym.config import dump
+from wheelchair_gym.base.errors import InputError
+from wheelchair_gym.base.files import read_json
+from wheelchair_gym.base.settings import dump
 from wheelchair_gym.envs.settings import EnvSettings, env_settings
-from wheelchair_gym.errors import InputError
-from wheelchair_gym.files import read_json
 from wheelchair_gym.hardware.ros.cdr import typestore
-from wheelchair_gym.localization.logs import LASER, read_log
-from wheelchair_gym.localization.slam import SlamSettings
 from wheelchair_gym.maps import OCCUPIED, OccupancyGrid, read_any_map, write_map
+from wheelchair_gym.perception.logs import LASER, read_log
+from wheelchair_gym.perception.slam import SlamSettings
 from wheelchair_gym.recording.read_bags import bag_messages
 from wheelchair_gym.recording.record import RecordEpisodes, RecordingSettings
 from wheelchair_gym.recording.replay import read_recording, replay_env, sensor_log

@@ -14,12 +14,12 @@ from agents.cli.options import POSES
 from agents.learning.settings import Training
 from planners.rrt_star_woa.path_shortening import RrtStarWoaGlobal
 from tests.configs import SINGLE
-from wheelchair_gym.config import InputError, dump, load, read, setting_docs, with_values
+from wheelchair_gym.base.settings import InputError, dump, load, read, setting_docs, with_values
 from wheelchair_gym.envs.guidance import PoseGuidance
 from wheelchair_gym.envs.settings import EnvSettings
-from wheelchair_gym.kinematics import Limits
-from wheelchair_gym.physics.settings import ChairSettings
+from wheelchair_gym.geometry.kinematics import Limits
 from wheelchair_gym.sensors.settings import POSE_SOURCES, SensorSettings
+from wheelchair_gym.sim.settings import ChairSettings
 
 
 @pytest.mark.parametrize("name", SINGLE)

@@ -13,9 +13,9 @@ import pytest
 from agents import cli
 from agents.cli import COMMANDS, GROUPS, OneOf, parser
 from tests.conftest import ROOT
-from wheelchair_gym.physics.state import SENSED
-from wheelchair_gym.registry import imported
+from wheelchair_gym.base.registry import imported
 from wheelchair_gym.safety.stops import as_table
+from wheelchair_gym.sim.state import SENSED
 from wheelchair_gym.task.rewards import TERM_VALUES
 from wheelchair_gym.types import Command, Mission, Reading, Shown
 

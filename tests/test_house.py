@@ -26,23 +26,11 @@ ARROW = {
     "planners": {"wheelchair_gym"},
     "agents": {"wheelchair_gym", "planners"},
 }
-# What planners may know of the chair: words, settings, geometry and maps, and how to compile.
-FOR_PLANNERS = {
-    "arrays",
-    "types",
-    "geometry",
-    "kinematics",
-    "maps",
-    "config",
-    "compiled",
-    "errors",
-    "files",
-    "registry",
-    "random",
-}
+# What planners may know of the chair.
+FOR_PLANNERS = {"base", "compiled", "geometry", "maps", "types"}
 # Third-party packages that live in one room each.
 ROOMS = {
-    "pymunk": ("wheelchair_gym/physics/",),
+    "pymunk": ("wheelchair_gym/sim/", "wheelchair_gym/engine.py"),
     "cv2": ("wheelchair_gym/maps/", "wheelchair_gym/rendering/", "wheelchair_gym/recording/"),
     "serial": ("wheelchair_gym/hardware/",),
     "evdev": ("wheelchair_gym/hardware/",),
@@ -60,9 +48,12 @@ def modules():
     return [p for package in PACKAGES for p in sorted((ROOT / package).rglob("*.py"))]
 
 
-def imports_of(path: Path):
-    """Dotted names that a file imports, anywhere in it."""
-    for node in ast.walk(ast.parse(path.read_text())):
+def imports_of(path: Path, checked: bool = True):
+    """Dotted names that a file imports, anywhere in it, with or without those for type checkers."""
+    tree = ast.parse(path.read_text())
+    if not checked:
+        tree.body = [n for n in tree.body if "TYPE_CHECKING:" not in ast.unparse(n).split("\n")[0]]
+    for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -80,6 +71,20 @@ def test_imports_point_right_only():
                 assert top in ARROW[package], f"{path} imports {name}"
             if package == "planners" and name.startswith("wheelchair_gym."):
                 assert name.split(".")[1] in FOR_PLANNERS, f"{path} imports {name}"
+
+
+def test_rooms_import_those_above_them_only():
+    """In the order of the page."""
+    page = (ROOT / "docs/concepts/architecture.md").read_text()
+    order = list(dict.fromkeys(re.findall(r"^\| `wheelchair_gym/(\w+)", page, re.M)))
+    for path in modules():
+        package, room = [*path.relative_to(ROOT).with_suffix("").parts, ""][:2]
+        if package == "wheelchair_gym" and not room.startswith("__"):
+            above = order[: order.index(room) + 1]
+            for name in imports_of(path, checked=False):
+                package, other = [*name.split("."), ""][:2]
+                known = package != "wheelchair_gym" or other in above or other not in order
+                assert known, f"{path} imports {name}"
 
 
 def test_each_engine_lives_in_its_room():
@@ -199,7 +204,7 @@ def test_what_was_compiled_for_a_class_that_is_gone_is_compiled_anew(tmp_path):
 def test_shipped_configs_are_the_defaults(name):
     """configs/*.json are the values that the dataclasses have, for people to copy and change."""
     from tests.configs import DEFAULTS
-    from wheelchair_gym.config import dump, read_json
+    from wheelchair_gym.base.settings import dump, read_json
 
     assert read_json(ROOT / "configs" / f"{name}.json") == dump(DEFAULTS[name])
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from wheelchair_gym.kinematics import approach
+from wheelchair_gym.geometry.kinematics import approach
 
 
 def test_an_approach_ends_on_its_target_and_stays():

@@ -14,7 +14,7 @@ PAGE = (ROOT / "docs" / "concepts" / "architecture.md").read_text()
 RECIPES = yaml.safe_load((ROOT / "tests" / "recipes.yaml").read_text())
 CHECK = """
 import numpy as np
-from agents.assistance import make_assistant
+from agents.people import make_assistant
 from agents.policies import make_policy
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.types import Stick

@@ -15,9 +15,9 @@ from agents.evaluation.evaluate import drive_episode, episode_key, evaluate
 from agents.evaluation.runs import run_key, source_digest
 from agents.policies import GymPolicy, make_policy
 from planners import make_planner
-from wheelchair_gym.config import InputError
+from wheelchair_gym.base.registry import Registry, imported, places_in
+from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
-from wheelchair_gym.registry import Registry, imported, places_in
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.task.custom_reward import make_reward
 
@@ -184,7 +184,7 @@ def test_an_entry_point_is_a_name(theirs, monkeypatch):
     def points(group):
         return [point] if group == FOLLOWERS.group else []
 
-    monkeypatch.setattr("wheelchair_gym.registry.entry_points", points)
+    monkeypatch.setattr("wheelchair_gym.base.registry.entry_points", points)
     added = Registry("follower", {"a": "math:sin"}, FOLLOWERS.group, ("make", "twist"))
     assert list(added) == ["steady", "a"]
     assert hasattr(added.make("steady").make(), "twist")

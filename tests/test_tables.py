@@ -10,7 +10,7 @@ import pytest
 
 from agents.evaluation.compare import BEST, Suite, compare
 from tests.conftest import ROOT
-from wheelchair_gym.config import InputError
+from wheelchair_gym.base.settings import InputError
 
 TABLES = runpy.run_path(str(ROOT / "docs" / "tables.py"))
 FILES = sorted(TABLES["DATA"].glob("*.json"))

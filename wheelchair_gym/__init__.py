@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import gymnasium as gym
 
-from wheelchair_gym.config import InputError
+from wheelchair_gym.base.settings import InputError
 
 __version__ = "0.2.0"
 __all__ = ["InputError", "__version__"]

@@ -12,19 +12,19 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.actors.records import Actors, check_actors, no_actors
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.settings import FARTHEST, InputError
 from wheelchair_gym.compiled.address import as_array
-from wheelchair_gym.config import FARTHEST, InputError
-from wheelchair_gym.physics.actors.records import Actors, check_actors, no_actors
 from wheelchair_gym.sensors.settings import RANGERS
 
 if TYPE_CHECKING:
-    from wheelchair_gym.geometry import Footprint
-    from wheelchair_gym.kinematics import Limits
+    from wheelchair_gym.geometry.kinematics import Limits
+    from wheelchair_gym.geometry.outline import Footprint
     from wheelchair_gym.maps import OccupancyGrid
-    from wheelchair_gym.physics.settings import ChairSettings
     from wheelchair_gym.safety.settings import ShieldSettings
     from wheelchair_gym.sensors.settings import SensorSettings
+    from wheelchair_gym.sim.settings import ChairSettings
 
 
 class Stick(NamedTuple):

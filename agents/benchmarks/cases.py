@@ -16,8 +16,8 @@ from agents.evaluation.evaluate import Spec, label, without_labels
 from planners import PLANNERS, Problem, Space, make_planner
 from planners.judge import Judge
 from planners.problem_files import read_problems
-from wheelchair_gym.config import InputError, suggest
-from wheelchair_gym.geometry import Footprint
+from wheelchair_gym.base.settings import InputError, suggest
+from wheelchair_gym.geometry.outline import Footprint
 from wheelchair_gym.scenes import SCENES, make_scene
 
 MARGIN = 0.05  # m between the chair's side and obstacles, in problems made from scenes

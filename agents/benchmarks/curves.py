@@ -22,8 +22,8 @@ from agents.benchmarks.planner_benchmark import (
     is_valid,
 )
 from agents.evaluation.figures import COLOURS, DASHES, LOOK, MARKS
-from wheelchair_gym.config import InputError
-from wheelchair_gym.files import atomic_write
+from wheelchair_gym.base.files import atomic_write
+from wheelchair_gym.base.settings import InputError
 
 FLOOR = 1e-3  # % above the optimum: smaller values are drawn here
 _PANEL = (4.6, 3.1)  # inches

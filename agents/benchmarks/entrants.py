@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from agents.benchmarks.cases import Case
-from agents.peers import PEERS, installed, prepare
+from agents.benchmarks.peers import PEERS, installed, prepare
 from planners import PLANNERS, Plan, Problem, Space, make_planner
-from wheelchair_gym.config import InputError, dump
+from wheelchair_gym.base.settings import InputError, dump
 
 EXTRA = "wheelchair_gym[peers]"
 UNLIMITED = 1_000_000_000  # iterations under a deadline, so that time alone ends a run

@@ -216,7 +216,7 @@ def measure(
         settings = bench_settings(count, bank)
         peer_rate = None
         if peer:
-            from agents.peers.irsim import irsim_rate
+            from agents.benchmarks.irsim import irsim_rate
 
             peer_rate = irsim_rate(settings, worlds.episode(0, 0).episode, seconds)
             yield {"what": "IR-SIM", "beams": count, "envs": 1, "threads": 1, "rate": peer_rate}

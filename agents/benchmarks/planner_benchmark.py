@@ -34,18 +34,12 @@ from agents.benchmarks.entrants import (
 from agents.benchmarks.environments import provenance
 from agents.evaluation.metrics import path_figures
 from agents.evaluation.provenance import command_line, machine, now, write_json
-from agents.evaluation.runs import (
-    compute,
-    read_store,
-    run_key,
-    source_digest,
-    stopped_by_ctrl_c,
-)
+from agents.evaluation.runs import compute, read_store, run_key, source_digest, stopped_by_ctrl_c
 from agents.evaluation.statistics import share
 from agents.evaluation.tables import Cell, Column, Table
 from planners import Plan
 from planners.judge import plan_faults
-from wheelchair_gym.config import InputError, read_json
+from wheelchair_gym.base.settings import InputError, read_json
 
 Row = dict[str, Any]
 Record = dict[str, Any]

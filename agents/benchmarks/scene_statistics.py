@@ -7,9 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from wheelchair_gym.geometry import path_length
-from wheelchair_gym.maps import OCCUPIED, bottleneck, geodesic
-from wheelchair_gym.physics.actors.records import (
+from wheelchair_gym.actors.records import (
     ACTOR_KINDS,
     BEHAVIOURS,
     NOBODY,
@@ -19,6 +17,8 @@ from wheelchair_gym.physics.actors.records import (
     REGULAR,
     WALKS,
 )
+from wheelchair_gym.geometry.planar import path_length
+from wheelchair_gym.maps import OCCUPIED, bottleneck, geodesic
 from wheelchair_gym.scenes import Scene
 from wheelchair_gym.scenes.arena import Doorway
 from wheelchair_gym.scenes.crowd import Crowd, Temporary

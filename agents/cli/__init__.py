@@ -118,7 +118,7 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Print the error in one line and exit with code 2."""
-        from wheelchair_gym.config import suggest  # imported late, so that --help is fast
+        from wheelchair_gym.base.settings import suggest  # imported late, so that --help is fast
 
         if unknown := re.match(r".*invalid choice: '(.*?)' \(choose from (.*)\)", message):
             message += suggest(unknown[1], re.findall(r"[\w-]+", unknown[2]))
@@ -128,7 +128,7 @@ class Parser(argparse.ArgumentParser):
         """The parsed arguments; an unknown option is an error of its command."""
         given, unknown = self.parse_known_args(arguments)
         if unknown:
-            from wheelchair_gym.config import suggest
+            from wheelchair_gym.base.settings import suggest
 
             command: Parser = getattr(given, "parser", self)
             options = [name for action in command._actions for name in action.option_strings]
@@ -289,7 +289,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _drop_output()
         return 2
     except ValueError as error:
-        from wheelchair_gym.errors import InputError  # imported late, so that --help is fast
+        from wheelchair_gym.base.errors import InputError  # imported late, so that --help is fast
 
         if not isinstance(error, InputError):
             raise

@@ -13,9 +13,9 @@ from agents.cli.options import DEFAULT_POSE
 from agents.evaluation.provenance import command_line, write_json
 from agents.watch import Watch
 from planners.rrt_star_woa.thesis import is_thesis, read_thesis, without_trailing_commas
-from wheelchair_gym.config import InputError, read_json, value_of, with_values
-from wheelchair_gym.errors import shorten
-from wheelchair_gym.files import parse_json, read_text
+from wheelchair_gym.base.errors import shorten
+from wheelchair_gym.base.files import parse_json, read_text
+from wheelchair_gym.base.settings import InputError, read_json, value_of, with_values
 
 
 def spec(text: str) -> str | dict[str, Any]:

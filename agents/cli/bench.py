@@ -9,18 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from agents import StoppedError
-from agents.cli.arguments import (
-    check_assist,
-    check_picture,
-    labelled,
-    map_scenes,
-    report,
-    stopped,
-)
+from agents.cli.arguments import check_assist, check_picture, labelled, map_scenes, report, stopped
 from agents.evaluation.provenance import command_line, write_json, write_text
-from wheelchair_gym.assistance import make_compiled
-from wheelchair_gym.config import InputError
-from wheelchair_gym.drivers import make_driver
+from wheelchair_gym.base.settings import InputError
+from wheelchair_gym.people.assistance import make_compiled
+from wheelchair_gym.people.drivers import make_driver
 
 
 def env(given: argparse.Namespace) -> int:
@@ -67,8 +60,8 @@ def planners(given: argparse.Namespace) -> int:
     """Make the missing runs of planners, write the results, and print tables."""
     from agents.benchmarks.curves import draw
     from agents.benchmarks.entrants import select_peers
+    from agents.benchmarks.peers import PEERS
     from agents.benchmarks.planner_benchmark import PlannerBenchmark, markdown, one_core
-    from agents.peers import PEERS
     from planners import PLANNERS
 
     check_picture(given.plot)

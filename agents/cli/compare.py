@@ -10,22 +10,14 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from agents.cli.arguments import (
-    check_assist,
-    labelled,
-    map_scenes,
-    report,
-    shield_of,
-    spec,
-    watch,
-)
+from agents.cli.arguments import check_assist, labelled, map_scenes, report, shield_of, spec, watch
 from agents.cli.options import DEFAULT_POSE
 from agents.evaluation import compare as comparison
 from agents.evaluation.evaluate import Spec, label, labelled_with
 from agents.evaluation.provenance import cores
 from agents.evaluation.report import BRIEF, terminal_table
-from wheelchair_gym.config import InputError, read_json
-from wheelchair_gym.drivers import make_driver
+from wheelchair_gym.base.settings import InputError, read_json
+from wheelchair_gym.people.drivers import make_driver
 from wheelchair_gym.scenes.barn import world_numbers
 
 NAMED = 3  # scenes in the name of a folder
@@ -116,7 +108,7 @@ def trained_in(policies: Sequence[Spec], file: str) -> list[Spec]:
 
 def assistants(names: Sequence[str] | None) -> list[dict[str, Any]]:
     """Policies that drive by assistants; by every one without any name."""
-    from agents.assistance import ASSISTANTS, is_shielded
+    from agents.people import ASSISTANTS, is_shielded
 
     found = []
     for name in names or ASSISTANTS:
@@ -172,7 +164,7 @@ def study(given: argparse.Namespace) -> int:
 
 def participants(given: argparse.Namespace) -> int:
     """Compare the conditions of an experiment with participants."""
-    from agents.participants.report import write_report
+    from agents.people.report import write_report
 
     tables, page = write_report(given.folder)
     rows = {table.caption: [[cell.text for cell in row] for group in table.groups for row in group]

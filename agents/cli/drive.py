@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from agents.assistance import is_shielded
 from agents.cli.arguments import (
     chair_spec,
     check_assist,
@@ -24,27 +23,20 @@ from agents.cli.arguments import (
     spec,
     watch,
 )
-from agents.deploy import (
-    Deployment,
-    EventLog,
-    check_start,
-    late_steps,
-    rearm,
-    rehearse,
-    to_stderr,
-)
+from agents.deploy import Deployment, EventLog, check_start, late_steps, rearm, rehearse, to_stderr
 from agents.deploy import deploy as deploy_policy
 from agents.evaluation.evaluate import drive_episode, env_settings, label, make_env
+from agents.people import is_shielded
 from agents.policies import make_policy
-from wheelchair_gym.config import InputError
-from wheelchair_gym.drivers import make_driver
+from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs.settings import env_settings as complete_env_settings
-from wheelchair_gym.geometry import best_clearance_heading
+from wheelchair_gym.geometry.outline import best_clearance_heading
 from wheelchair_gym.hardware.joystick import ANY, load_evdev
 from wheelchair_gym.hardware.registry import chair_settings, check_extras
 from wheelchair_gym.hardware.settings import HardwareSettings
-from wheelchair_gym.localization.localized_chair import unwrapped
 from wheelchair_gym.maps import FREE, OCCUPIED, MapWithWalls, read_any_map
+from wheelchair_gym.people.drivers import make_driver
+from wheelchair_gym.perception.localized_chair import unwrapped
 from wheelchair_gym.safety.stops import active_stops
 from wheelchair_gym.types import Episode
 
@@ -181,9 +173,9 @@ def deploy(given: argparse.Namespace) -> int:
 
 def assisted(given: argparse.Namespace) -> int:
     """Run a person's drive of a real chair with an assistant; 1 if the chair stopped for good."""
-    from agents.person.drive import drive_with_help, open_space, without_goal
-    from agents.person.recorded_stick import REST, prompt_text, schedule
-    from agents.person.stick import Keyboard, PersonsStick, Stand, TimedAssistant
+    from agents.people.drive import drive_with_help, open_space, without_goal
+    from agents.people.recorded_stick import REST, prompt_text, schedule
+    from agents.people.stick import Keyboard, PersonsStick, Stand, TimedAssistant
 
     chair = chair_spec(given.chair)
     check_extras(chair)
@@ -273,8 +265,8 @@ def assisted(given: argparse.Namespace) -> int:
 
 def fit(given: argparse.Namespace) -> int:
     """Fit a simulated person to recorded sessions of a real one, and print its settings."""
-    from agents.person.fit_driver import fit_driver
-    from agents.person.recorded_stick import session_of
+    from agents.people.fit_driver import fit_driver
+    from agents.people.recorded_stick import session_of
     from wheelchair_gym.recording.replay import read_recording
 
     sessions = []

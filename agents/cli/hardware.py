@@ -18,10 +18,10 @@ from agents.cli.arguments import changed, report
 from agents.deploy import end_as_by_ctrl_c, listen_for_rearm
 from agents.deploy import to_stderr as _log
 from agents.evaluation.provenance import write_json
-from wheelchair_gym.config import InputError, load, read_json
+from wheelchair_gym.base.files import atomic_write
+from wheelchair_gym.base.settings import InputError, load, read_json
 from wheelchair_gym.envs.settings import env_settings
-from wheelchair_gym.files import atomic_write
-from wheelchair_gym.geometry import relative_pose
+from wheelchair_gym.geometry.planar import relative_pose
 from wheelchair_gym.hardware import joystick
 from wheelchair_gym.hardware.boards.parameters import (
     board_parameters,
@@ -35,7 +35,7 @@ from wheelchair_gym.hardware.control_loop import WallClock
 from wheelchair_gym.hardware.tools import distance_calibration, wheel_calibration
 from wheelchair_gym.hardware.tools.diagnostics import Diagnostics, Orientation, status_rows
 from wheelchair_gym.hardware.tools.speed_tuning import GAINS, step_response
-from wheelchair_gym.physics.settings import MotorSettings
+from wheelchair_gym.sim.settings import MotorSettings
 
 _TABLE_PERIOD = 0.5  # s between two tables
 _EPISODE: Any = None  # a real chair resets without one

@@ -17,32 +17,32 @@ from agents.cli.arguments import report, spec
 from agents.cli.options import ALGORITHMS
 from agents.evaluation.provenance import write_text
 from agents.evaluation.tables import markdown_table
-from wheelchair_gym.config import InputError, dump, setting_docs, suggest
+from wheelchair_gym.base.settings import InputError, dump, setting_docs, suggest
 from wheelchair_gym.scenes import SCENES, make_scene
 
 # Settings that are in no registry.
 PARTS = {
     "footprint": "wheelchair_gym.geometry:Footprint",
-    "limits": "wheelchair_gym.kinematics:Limits",
-    "drive": "wheelchair_gym.kinematics:DriveGeometry",
+    "limits": "wheelchair_gym.geometry.kinematics:Limits",
+    "drive": "wheelchair_gym.geometry.kinematics:DriveGeometry",
     "sensors": "wheelchair_gym.sensors.settings:SensorSettings",
-    "chair": "wheelchair_gym.physics.settings:ChairSettings",
+    "chair": "wheelchair_gym.sim.settings:ChairSettings",
     "imitation": "agents.learning.settings:Imitation",
     "recording": "wheelchair_gym.recording.record:RecordingSettings",
     "shield": "wheelchair_gym.safety.settings:ShieldSettings",
-    "slam": "wheelchair_gym.localization.slam:SlamSettings",
-    "physics": "wheelchair_gym.physics.settings:PhysicsSettings",
+    "slam": "wheelchair_gym.perception.slam:SlamSettings",
+    "physics": "wheelchair_gym.sim.settings:PhysicsSettings",
     "task": "wheelchair_gym.task.settings:TaskSettings",
     "training": "agents.learning.settings:Training",
-    "driver": "wheelchair_gym.drivers:Driver",
-    "brain_computer": "wheelchair_gym.drivers.settings:BrainComputer",
-    "scanning": "wheelchair_gym.drivers.settings:Scanning",
-    "stick": "wheelchair_gym.drivers.settings:ProportionalStick",
-    "switches": "wheelchair_gym.drivers.settings:Switches",
-    "protocol": "agents.participants.protocol:Protocol",
-    "condition": "agents.participants.protocol:Condition",
-    "participants_task": "agents.participants.protocol:Task",
-    "questionnaire": "agents.participants.protocol:Questionnaire",
+    "driver": "wheelchair_gym.people.drivers:Driver",
+    "brain_computer": "wheelchair_gym.people.drivers.settings:BrainComputer",
+    "scanning": "wheelchair_gym.people.drivers.settings:Scanning",
+    "stick": "wheelchair_gym.people.drivers.settings:ProportionalStick",
+    "switches": "wheelchair_gym.people.drivers.settings:Switches",
+    "protocol": "agents.people.protocol:Protocol",
+    "condition": "agents.people.protocol:Condition",
+    "participants_task": "agents.people.protocol:Task",
+    "questionnaire": "agents.people.protocol:Questionnaire",
     "cost_to_go": "wheelchair_gym.maps.cost_to_go:CostToGoSettings",
 }
 QUANTILES = {"least": 0.0, "p5": 0.05, "p50": 0.5, "p95": 0.95, "most": 1.0}
@@ -80,8 +80,8 @@ def _measure(given: argparse.Namespace) -> int:
 
 def all_settings() -> dict[str, type]:
     """Every class of settings by name."""
-    from agents.assistance import ASSISTANTS
     from agents.control import FOLLOWERS
+    from agents.people import ASSISTANTS
     from agents.policies import POLICIES
     from planners import PLANNERS
     from wheelchair_gym.hardware.registry import CHAIRS

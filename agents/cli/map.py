@@ -7,23 +7,16 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
-from agents.cli.arguments import (
-    chair_spec,
-    check_picture,
-    real_chair_env,
-    report,
-    spec,
-    watch,
-)
+from agents.cli.arguments import chair_spec, check_picture, real_chair_env, report, spec, watch
 from agents.evaluation.evaluate import label, make_env
 from agents.evaluation.map_evaluation import HOLD, by_odometry, by_slam, map_by_driving, progress
 from agents.evaluation.provenance import command_line, provenance
 from agents.policies import make_policy
-from wheelchair_gym.config import InputError, dump
+from wheelchair_gym.base.settings import InputError, dump
 from wheelchair_gym.envs.settings import env_settings
-from wheelchair_gym.localization.logs import LASER, read_log
-from wheelchair_gym.localization.slam import Slam, SlamSettings
 from wheelchair_gym.maps import read_grid, write_map
+from wheelchair_gym.perception.logs import LASER, read_log
+from wheelchair_gym.perception.slam import Slam, SlamSettings
 from wheelchair_gym.recording.replay import sensor_log
 from wheelchair_gym.rendering import draw_map, write_png
 from wheelchair_gym.rendering.legend import MAP_ENTRIES, with_legend

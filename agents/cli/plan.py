@@ -24,9 +24,9 @@ from planners.judge import plan_faults
 from planners.problem import check, checked_plan
 from planners.problem_files import read_problems
 from planners.rrt_star_woa.thesis import GLOBAL, PLANNERS_OF_FILE, ThesisFile, read_thesis
+from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.compiled.linking import Kernel
 from wheelchair_gym.compiled.second_process import compile_beside
-from wheelchair_gym.config import InputError
 from wheelchair_gym.maps import read_any_map
 from wheelchair_gym.rendering import write_png
 from wheelchair_gym.rendering.video import video_suffix, write_video

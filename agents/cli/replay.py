@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from agents.cli.arguments import report, spec, watch
-from agents.person.replay import open_loop
+from agents.people.replay import open_loop
 from agents.policies import GymPolicy, make_policy
 from agents.watch import Each, Watch
-from wheelchair_gym.config import InputError
+from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.recording.replay import RecordedEpisode, read_recording, replay_env
 from wheelchair_gym.rendering.video import write_png, write_video
 

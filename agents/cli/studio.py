@@ -22,7 +22,7 @@ def studio(given: argparse.Namespace) -> int:
     own_map = maps[0] if maps else None
     folder, study = Path(given.out), None
     if given.study is not None:
-        from agents.participants.session import claim, read_protocol
+        from agents.people.session import claim, read_protocol
 
         study = read_protocol(given.study)
         folder /= Path(given.study).stem

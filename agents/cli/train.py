@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 from agents import is_interrupt
 from agents.cli.arguments import changed, env_of, report, scene_of, spec
 from agents.cli.options import parse_int
-from wheelchair_gym.config import InputError, read_json
+from wheelchair_gym.base.settings import InputError, read_json
 
 # What needs torch is imported late: export does not.
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from agents.cli.arguments import chair_spec, env_of, report, scene_of, spec, watch
-from wheelchair_gym.config import InputError
+from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.hardware.twin.faults import run_command

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final
 
-from wheelchair_gym.registry import Registry
+from wheelchair_gym.base.registry import Registry
 
 _PLACE: Final = "agents.control.followers"
 FOLLOWERS: Final = Registry(

@@ -26,10 +26,10 @@ from agents.control.rollout import (
 from agents.control.tight_places import SHARES, ManoeuvreTracker
 from planners.rrt_star_woa.control_generator import ControlGenerator, Controls
 from planners.rrt_star_woa.woa import WhaleSettings
-from wheelchair_gym.arrays import Array
-from wheelchair_gym.config import record_of, setting, settings
-from wheelchair_gym.geometry import to_world, wrap
-from wheelchair_gym.kinematics import Limits
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.settings import record_of, setting, settings
+from wheelchair_gym.geometry.kinematics import Limits
+from wheelchair_gym.geometry.planar import to_world, wrap
 from wheelchair_gym.types import no_walls
 
 TIGHT = 0.5  # share of the margin: where less of it is left, the chair creeps

@@ -2,7 +2,7 @@
 
 The laser sees 270 degrees from the front: what slips out of its view is remembered while the chair
 drives by. Wheel counts carry that memory, and they steady a pose estimate whose error wanders. What
-further scanners hit is added; `wheelchair_gym.tracking` tracks actors by the first one alone.
+further scanners hit is added; `wheelchair_gym.perception` tracks actors by the first one alone.
 
 What a given map explains is static. Of the rest, what is tracked and moves, or has just moved, is
 an actor (people, pushed things); all else is a temporary obstacle (T1 3.2.2), and so is the leaf of
@@ -16,13 +16,15 @@ import math
 
 import numpy as np
 
-from wheelchair_gym.arrays import Array, Mask
-from wheelchair_gym.geometry import clearance_to_points, to_frame, to_world, wrap_angle
-from wheelchair_gym.kinematics import odometric_step
+from wheelchair_gym.base.arrays import Array, Mask
+from wheelchair_gym.geometry.kinematics import odometric_step
+from wheelchair_gym.geometry.outline import clearance_to_points
+from wheelchair_gym.geometry.planar import to_frame, to_world, wrap_angle
 from wheelchair_gym.maps import OCCUPIED, OccupancyGrid
+from wheelchair_gym.perception.track_state import DOOR
+from wheelchair_gym.perception.tracker import Tracker
 from wheelchair_gym.safety import Shield, ShieldSettings
 from wheelchair_gym.sensors.settings import LaserSettings
-from wheelchair_gym.tracking import DOOR, Tracker
 from wheelchair_gym.types import Mission, Reading
 
 REACH = 2.4  # m: a chair at 0.8 m/s sweeps less than this before it can rest

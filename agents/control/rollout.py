@@ -13,15 +13,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.compiled.kernel import kernel
-from wheelchair_gym.geometry import (
+from wheelchair_gym.geometry.kinematics import Limits, approach_twist, arc_step, peak_speed
+from wheelchair_gym.geometry.outline import (
     Footprint,
     clearance_to_points,
     rectangle_point_gap,
     required_clearance,
 )
-from wheelchair_gym.kinematics import Limits, approach_twist, arc_step, peak_speed
 
 TURN_LENGTH = 0.4  # m per rad: about the mean lever of the outline about the drive axle
 # Two steps exist: with the control generator's 0.05 s a fan of twists takes 2.5 times as long. The

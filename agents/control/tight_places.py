@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from agents.control.rollout import SPACING, YAW, ReferencePath, S, X, Y, match
-from wheelchair_gym.arrays import Array
-from wheelchair_gym.geometry import clearance_to_points, wrap
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.geometry.outline import clearance_to_points
+from wheelchair_gym.geometry.planar import wrap
 
 if TYPE_CHECKING:
     from agents.control.followers import Follower, Situation

@@ -8,8 +8,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wheelchair_gym.arrays import Array
-from wheelchair_gym.geometry import Footprint, to_frame, to_world
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.geometry.outline import Footprint
+from wheelchair_gym.geometry.planar import to_frame, to_world
 from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, open_floor
 from wheelchair_gym.maps.distance import within_distance
 

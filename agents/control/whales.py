@@ -12,28 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from agents.control.followers import (
-    CREEP,
-    Follower,
-    Situation,
-    Window,
-    relax_clearance,
-)
-from agents.control.rollout import (
-    Body,
-    LocalView,
-    S,
-    cheapest,
-    rollout_cost,
-    start_row,
-)
+from agents.control.followers import CREEP, Follower, Situation, Window, relax_clearance
+from agents.control.rollout import Body, LocalView, S, cheapest, rollout_cost, start_row
 from agents.control.tight_places import ManoeuvreTracker
 from planners.rrt_star_woa.woa import WhaleParameters, WhaleSettings, move, new_whales, tell
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.settings import record_of, setting, settings
 from wheelchair_gym.compiled.kernel import kernel
-from wheelchair_gym.config import record_of, setting, settings
-from wheelchair_gym.kinematics import Limits
-from wheelchair_gym.random import Stream, stream
+from wheelchair_gym.compiled.random import Stream, stream
+from wheelchair_gym.geometry.kinematics import Limits
 
 COMMANDS = 3  # in a particle, at most
 SIZE = 3 * COMMANDS + 1  # (v, w, t) of each, then how many count

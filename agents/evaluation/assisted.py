@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from wheelchair_gym.arrays import Array
-from wheelchair_gym.geometry import wrap_angle
-from wheelchair_gym.kinematics import Limits
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.geometry.kinematics import Limits
+from wheelchair_gym.geometry.planar import wrap_angle
 from wheelchair_gym.types import Stick
 
 ACTIVE = 0.05  # full speeds: a smaller twist has no direction, a smaller change is none

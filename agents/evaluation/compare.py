@@ -30,7 +30,7 @@ from agents.evaluation.provenance import command_line, now, provenance, write_js
 from agents.policies import kind_of, make_policy
 from agents.policies.planned import PlannedDriver
 from agents.watch import Watch
-from wheelchair_gym.config import InputError, dump, suggest
+from wheelchair_gym.base.settings import InputError, dump, suggest
 from wheelchair_gym.scenes.arena import Doorway
 
 Evaluation = dict[str, Any]

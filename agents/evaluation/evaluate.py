@@ -23,10 +23,10 @@ from agents.policies import GymPolicy, Policy, make_policy, spec_of
 from agents.policies.learned import weights_digest
 from agents.policies.planning import figures_of
 from agents.watch import Watch
-from wheelchair_gym.config import InputError, load, read_json
-from wheelchair_gym.geometry import Footprint
+from wheelchair_gym.actors.records import PERSON
+from wheelchair_gym.base.settings import InputError, load, read_json
+from wheelchair_gym.geometry.outline import Footprint
 from wheelchair_gym.maps import bottleneck, footprint_margin
-from wheelchair_gym.physics.actors.records import PERSON
 from wheelchair_gym.types import Episode
 
 ENV = "wheelchair_gym/Navigation-v1"

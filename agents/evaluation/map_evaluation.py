@@ -21,13 +21,13 @@ from scipy.spatial import cKDTree
 from agents import is_interrupt
 from agents.policies import GymPolicy, Policy
 from planners.collision.space import Space
-from wheelchair_gym.arrays import Array
-from wheelchair_gym.config import InputError
-from wheelchair_gym.geometry import to_world, wrap_angle
-from wheelchair_gym.localization.logs import SensorLog
-from wheelchair_gym.localization.occupancy import MappingSettings, OccupancyMap, read_scan
-from wheelchair_gym.localization.slam import Slam, SlamSettings
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.settings import InputError
+from wheelchair_gym.geometry.planar import to_world, wrap_angle
 from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, geodesic
+from wheelchair_gym.perception.logs import SensorLog
+from wheelchair_gym.perception.occupancy import MappingSettings, OccupancyMap, read_scan
+from wheelchair_gym.perception.slam import Slam, SlamSettings
 from wheelchair_gym.sensors.settings import LaserSettings
 from wheelchair_gym.types import Episode
 

@@ -31,9 +31,9 @@ from planners.graphs.visibility import Visibility
 from planners.problem import Problem
 from planners.swarm import path_cost
 from wheelchair_gym import task as tasks
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel
-from wheelchair_gym.geometry import path_length, without_repeats
+from wheelchair_gym.geometry.planar import path_length, without_repeats
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.types import Episode
 

@@ -14,7 +14,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from wheelchair_gym.files import atomic_write
+from wheelchair_gym.base.files import atomic_write
 
 PACKAGES = (
     "wheelchair_gym", "numpy", "numba", "gymnasium", "pymunk", "scipy", "shapely",

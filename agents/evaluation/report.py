@@ -15,8 +15,8 @@ from agents.evaluation.figures import figures
 from agents.evaluation.metrics import EFFICIENCIES, SOCIAL_MEANS
 from agents.evaluation.statistics import mcnemar
 from agents.evaluation.tables import Column, Table, data_uri, make_table, write_page
-from wheelchair_gym.config import InputError, suggest
-from wheelchair_gym.files import atomic_write
+from wheelchair_gym.base.files import atomic_write
+from wheelchair_gym.base.settings import InputError, suggest
 from wheelchair_gym.rendering.video import webp
 
 Evaluation = Mapping[str, Any]  # the content of results.json

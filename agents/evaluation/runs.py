@@ -22,9 +22,9 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from agents import StoppedError, is_interrupt
-from wheelchair_gym.config import InputError, dump
-from wheelchair_gym.files import LIMITS, opened, parse_json, write_error
-from wheelchair_gym.registry import places_in, source_of
+from wheelchair_gym.base.files import LIMITS, opened, parse_json, write_error
+from wheelchair_gym.base.registry import places_in, source_of
+from wheelchair_gym.base.settings import InputError, dump
 
 Record = dict[str, Any]
 Job = TypeVar("Job")

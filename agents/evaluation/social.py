@@ -13,10 +13,10 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.actors.records import PERSON, WALKS_BESIDE
+from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.compiled.kernel import kernel
-from wheelchair_gym.geometry import Footprint, rectangle_point_gap
-from wheelchair_gym.physics.actors.records import PERSON, WALKS_BESIDE
+from wheelchair_gym.geometry.outline import Footprint, rectangle_point_gap
 from wheelchair_gym.types import Episode, Truth
 
 PERSONAL = 1.2  # m: nearer is somebody's personal space (Hall 1966)

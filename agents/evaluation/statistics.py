@@ -15,7 +15,7 @@ import numpy as np
 import scipy  # which loads scipy.stats when it is used
 from numpy.typing import ArrayLike
 
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
 
 Sample = Mapping[str, Array]  # by stratum, such as a map: values (n,)
 

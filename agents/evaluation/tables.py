@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from agents import read_data
-from wheelchair_gym.files import atomic_write
+from wheelchair_gym.base.files import atomic_write
 
 if TYPE_CHECKING:
     import jinja2

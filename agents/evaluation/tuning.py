@@ -21,7 +21,7 @@ from agents.evaluation.provenance import write_json, write_text
 from agents.evaluation.runs import run_key, source_digest, stopped_by_ctrl_c
 from agents.evaluation.statistics import mean_interval
 from agents.evaluation.tables import csv_table
-from wheelchair_gym.config import InputError, dump, value_of, with_values
+from wheelchair_gym.base.settings import InputError, dump, value_of, with_values
 
 if TYPE_CHECKING:
     import optuna
@@ -205,7 +205,7 @@ def _study(folder: Path, what: str) -> optuna.Study:
     from optuna.storages import JournalStorage
     from optuna.storages.journal import JournalFileBackend
 
-    from wheelchair_gym.files import write_error
+    from wheelchair_gym.base.files import write_error
 
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     try:

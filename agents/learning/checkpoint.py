@@ -11,8 +11,8 @@ from typing import Any
 
 import torch
 
-from wheelchair_gym.errors import InputError
-from wheelchair_gym.files import LIMITS, atomic_write, read_bytes
+from wheelchair_gym.base.errors import InputError
+from wheelchair_gym.base.files import LIMITS, atomic_write, read_bytes
 
 NAME = "checkpoint.pt"
 _HEAD = b"wheelchair checkpoint 1\n"

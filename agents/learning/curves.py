@@ -17,8 +17,8 @@ from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 
 from agents.evaluation.provenance import write_text
 from agents.evaluation.tables import csv_table
-from wheelchair_gym.errors import InputError
-from wheelchair_gym.files import atomic_write, read_text
+from wheelchair_gym.base.errors import InputError
+from wheelchair_gym.base.files import atomic_write, read_text
 
 NAME = "curve.csv"
 SWEEP = "sweep"

@@ -18,7 +18,7 @@ from agents import is_interrupt
 from agents.evaluation.evaluate import make_env
 from agents.evaluation.provenance import command_line
 from agents.policies import GymPolicy, make_policy
-from wheelchair_gym.config import InputError
+from wheelchair_gym.base.settings import InputError
 
 _STORED_AT_ONCE = 50  # episodes that are held in memory
 _NAME = re.compile(r"([\w-]+/)*[\w-]+-v\d+")

@@ -23,8 +23,8 @@ from agents.learning.networks import FeaturesExtractor, arrays_of, dense_paramet
 from agents.learning.settings import Imitation, training_env_settings
 from agents.learning.weights import Network, Weights, make_card, save_weights
 from agents.policies import GymPolicy, make_policy
-from wheelchair_gym.arrays import Floats
-from wheelchair_gym.config import load
+from wheelchair_gym.base.arrays import Floats
+from wheelchair_gym.base.settings import load
 from wheelchair_gym.envs import EnvSettings, NavigationEnv
 from wheelchair_gym.envs.settings import StartSettings
 

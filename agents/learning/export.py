@@ -20,11 +20,11 @@ from agents.learning.features import (
     Layout,
 )
 from agents.learning.weights import Weights, check_card
-from wheelchair_gym.arrays import Floats
-from wheelchair_gym.config import InputError, load
+from wheelchair_gym.base.arrays import Floats
+from wheelchair_gym.base.errors import shorten
+from wheelchair_gym.base.files import atomic_write, read_bytes, read_json
+from wheelchair_gym.base.settings import InputError, load
 from wheelchair_gym.envs.settings import EnvSettings
-from wheelchair_gym.errors import shorten
-from wheelchair_gym.files import atomic_write, read_bytes, read_json
 from wheelchair_gym.task.observations import PRIVILEGED
 
 NAMES = {"action": "last_action"}  # names of inputs that differ from keys

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.arrays import Floats
+from wheelchair_gym.base.arrays import Floats
 from wheelchair_gym.task.observations import PRIVILEGED, SCALES, places
 
 RANGE_SCALE, RANGE_SHIFT = 0.6, 0.1  # a range r [m] becomes 0.6 ln(r + 0.1)

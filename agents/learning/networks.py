@@ -22,8 +22,8 @@ from agents.learning.ppo import FastPPO
 from agents.learning.sb3 import SB3VecEnv
 from agents.learning.settings import ON_POLICY, Training
 from agents.learning.weights import Network, Weights
-from wheelchair_gym.arrays import Floats
-from wheelchair_gym.config import InputError, dump, load
+from wheelchair_gym.base.arrays import Floats
+from wheelchair_gym.base.settings import InputError, dump, load
 from wheelchair_gym.envs import EnvSettings
 from wheelchair_gym.task.observations import PRIVILEGED
 

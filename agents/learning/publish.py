@@ -14,7 +14,7 @@ from agents.evaluation.tables import templates
 from agents.learning.curves import read_curve
 from agents.learning.run import POLICY
 from agents.learning.weights import Weights, load_weights, save_weights
-from wheelchair_gym.config import InputError, read_json
+from wheelchair_gym.base.settings import InputError, read_json
 from wheelchair_gym.task.observations import PRIVILEGED
 
 POINTS = 12  # of each curve in a card

@@ -31,7 +31,7 @@ from agents.learning.sb3 import SB3VecEnv, flatten_observations
 from agents.learning.settings import ON_POLICY, Evaluation, Training, as_json
 from agents.learning.weights import Network, Weights, find_weights, load_weights, make_card
 from agents.learning.weights import save_weights as save
-from wheelchair_gym.config import InputError
+from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import EnvSettings, NavigationVectorEnv
 from wheelchair_gym.envs.settings import BankSettings, StartSettings
 from wheelchair_gym.envs.world_banks import WorldBank

@@ -17,9 +17,9 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 
 from agents.policies.sb3 import RECORD
-from wheelchair_gym.config import InputError, dump
+from wheelchair_gym.base.files import atomic_write
+from wheelchair_gym.base.settings import InputError, dump
 from wheelchair_gym.envs import NavigationVectorEnv
-from wheelchair_gym.files import atomic_write
 
 
 def flatten_space(boxes: list[Any]) -> gym.spaces.Box:

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from typing import Any, Literal
 
 from agents import read_data
-from wheelchair_gym.config import InputError, dump, load, setting, settings
+from wheelchair_gym.base.errors import shorten
+from wheelchair_gym.base.settings import InputError, dump, load, setting, settings
 from wheelchair_gym.envs.settings import EnvSettings
-from wheelchair_gym.errors import shorten
 
 _CONTENT: dict[str, Any] = read_data("recipes.yaml")
 Algorithm = Literal["ppo", "recurrent_ppo", "sac", "td3", "tqc"]

@@ -15,12 +15,12 @@ import numpy as np
 
 from agents.evaluation.provenance import command_line, provenance
 from agents.learning.features import Layout, features
-from wheelchair_gym.arrays import Floats
-from wheelchair_gym.config import dump
+from wheelchair_gym.base.arrays import Floats
+from wheelchair_gym.base.errors import InputError, shorten
+from wheelchair_gym.base.files import LIMITS, atomic_write, parse_json, read_bytes
+from wheelchair_gym.base.registry import places_in
+from wheelchair_gym.base.settings import dump
 from wheelchair_gym.envs.guidance import is_built_in
-from wheelchair_gym.errors import InputError, shorten
-from wheelchair_gym.files import LIMITS, atomic_write, parse_json, read_bytes
-from wheelchair_gym.registry import places_in
 from wheelchair_gym.task.observations import SIZES
 
 FORMAT = 1

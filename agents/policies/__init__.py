@@ -11,10 +11,10 @@ from typing import Any, Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.arrays import Array
-from wheelchair_gym.config import InputError, dump, load, suggest
-from wheelchair_gym.errors import shorten
-from wheelchair_gym.registry import Registry, imported, is_place
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.errors import shorten
+from wheelchair_gym.base.registry import Registry, imported, is_place
+from wheelchair_gym.base.settings import InputError, dump, load, suggest
 from wheelchair_gym.types import Command, Mission, Reading
 
 # Settings of planners for driving: shortest paths shall keep away from walls; turning in place and

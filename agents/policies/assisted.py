@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from agents.assistance import make_assistant
-from agents.assistance.assistant import AssistMission
-from wheelchair_gym.config import setting, settings
+from agents.people import make_assistant
+from agents.people.assistant import AssistMission
+from wheelchair_gym.base.settings import setting, settings
 from wheelchair_gym.types import Command, Mission, Reading
 
 
@@ -17,7 +17,7 @@ class Assisted:
     """Drives as an assistant makes of a person's stick; without a person the chair stands."""
 
     assist: Any = setting(default="slide")
-    """The assistant: a name of `agents.assistance`, module:Class, or a mapping with a name."""
+    """The assistant: a name of `agents.people`, module:Class, or a mapping with a name."""
 
     def __post_init__(self) -> None:
         make_assistant(self.assist)  # which refuses what is wrong

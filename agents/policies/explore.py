@@ -12,10 +12,10 @@ import numpy as np
 from agents.control.unknown_space import with_free_footprint
 from agents.policies.planned import Planned, PlannedDriver
 from agents.policies.search import Answer, Search
-from wheelchair_gym.arrays import Array
-from wheelchair_gym.config import setting, settings
-from wheelchair_gym.localization.occupancy import Frontier, find_frontiers
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.settings import setting, settings
 from wheelchair_gym.maps import UNKNOWN, geodesic
+from wheelchair_gym.perception.occupancy import Frontier, find_frontiers
 from wheelchair_gym.types import Command, Mission, Reading
 
 SAME = 1.0  # m: a frontier that recedes is the same one so far away

@@ -17,10 +17,10 @@ from agents.control.unknown_space import BEYOND
 from agents.learning.weights import SHIPPED_ASSISTANTS, find_weights
 from agents.policies import file_of
 from agents.policies.trained import Trained, read_network
-from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.base.files import modified, read_bytes
+from wheelchair_gym.base.settings import InputError, setting, settings
 from wheelchair_gym.envs.guidance import make_guidance
 from wheelchair_gym.envs.settings import EnvSettings
-from wheelchair_gym.files import modified, read_bytes
 from wheelchair_gym.task.prepared_episode import PreparedEpisode
 from wheelchair_gym.task.task import Task
 from wheelchair_gym.types import Command, Episode, Mission, Reading, Shown

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from wheelchair_gym.config import InputError, settings
+from wheelchair_gym.base.settings import InputError, settings
 from wheelchair_gym.types import Command, Mission, Reading
 
 FAST, SLOW = 0.6, 0.24  # shares of the full twist that a key asks for; SLOW while shift is held

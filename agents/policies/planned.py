@@ -45,8 +45,8 @@ from agents.policies.search import Answer, Search
 from agents.policies.surroundings import CRAWL, Surroundings
 from planners import make_planner
 from planners.problem import Plan, Status
-from wheelchair_gym.arrays import Array
-from wheelchair_gym.config import setting, settings
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.settings import setting, settings
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.types import Command, Mission, Reading, Shown
 

@@ -14,8 +14,9 @@ import numpy as np
 from agents.control.followers import CREEP, Situation
 from agents.control.rollout import ReferencePath
 from planners.problem import Plan, Status
-from wheelchair_gym.arrays import Array
-from wheelchair_gym.geometry import Footprint, to_frame
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.geometry.outline import Footprint
+from wheelchair_gym.geometry.planar import to_frame
 from wheelchair_gym.maps import OccupancyGrid
 
 PROGRESS = 0.1  # m of way that count as progress

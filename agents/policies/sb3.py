@@ -23,11 +23,11 @@ import numpy as np
 
 from agents.learning.features import Layout
 from agents.policies.learned import LearnedDriver
-from wheelchair_gym.arrays import Floats
-from wheelchair_gym.config import InputError, dump, load, setting, settings
+from wheelchair_gym.base.arrays import Floats
+from wheelchair_gym.base.files import LIMITS, opened, parse_json
+from wheelchair_gym.base.settings import InputError, dump, load, setting, settings
 from wheelchair_gym.envs.guidance import make_guidance
 from wheelchair_gym.envs.settings import EnvSettings
-from wheelchair_gym.files import LIMITS, opened, parse_json
 from wheelchair_gym.task.task import Task
 
 RECORD = "wheelchair.json"  # the member of the .zip that `save_model` writes

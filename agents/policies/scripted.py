@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from wheelchair_gym.config import setting, settings
+from wheelchair_gym.base.settings import setting, settings
 from wheelchair_gym.types import Command, Mission, Reading
 
 

@@ -15,9 +15,9 @@ from agents.policies.recoveries import place_aside
 from planners import Planner
 from planners.collision.space import Space
 from planners.problem import Plan, Problem, Status, checked_plan, remaining
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.compiled.clock import clock
-from wheelchair_gym.geometry import Footprint
+from wheelchair_gym.geometry.outline import Footprint
 from wheelchair_gym.maps import FREE, UNKNOWN, OccupancyGrid, bottleneck
 
 FINER = 0.04  # m: a plan that finds no way is tried again with this much less clearance,

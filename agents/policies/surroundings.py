@@ -10,8 +10,8 @@ from agents.control.followers import CREEP
 from agents.control.local_map import LocalMap
 from agents.control.rollout import ReferencePath
 from agents.control.unknown_space import Ground, assumed_maps, blind_behind, walls_block
-from wheelchair_gym.arrays import Array
-from wheelchair_gym.kinematics import corner_speed
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.geometry.kinematics import corner_speed
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.types import Mission, Reading
 

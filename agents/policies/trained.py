@@ -11,8 +11,8 @@ import numpy as np
 
 from agents.learning.features import Layout
 from agents.learning.weights import Network, load_weights
-from wheelchair_gym.arrays import Array, Floats
-from wheelchair_gym.config import InputError, load
+from wheelchair_gym.base.arrays import Array, Floats
+from wheelchair_gym.base.settings import InputError, load
 from wheelchair_gym.envs.settings import EnvSettings
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.task.task import Task

@@ -20,7 +20,7 @@ from agents.evaluation.statistics import Estimate, Sample
 from agents.studies import evidence
 from agents.studies.evidence import Evidence
 from agents.studies.model import RATIO, Metric, Results, Row, Study
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
 
 PRINTED_RRT_STAR: Final = 35.268  # m: mean length of RRT*, table 3.1
 _DRAWS: Final = 2000  # of the bootstrap over the rows of the tables

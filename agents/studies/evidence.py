@@ -25,7 +25,7 @@ from agents.evaluation.statistics import (
     wilcoxon_p,
     wilson,
 )
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
 
 LEVEL = 0.05  # of all claims together
 

@@ -23,16 +23,11 @@ from agents.evaluation.tables import json_value
 from agents.studies.model import SEED_STRIDE
 from planners import Problem, Space, make_planner
 from planners.problem import Plan, Status
-from wheelchair_gym.arrays import Array
-from wheelchair_gym.config import InputError, load
-from wheelchair_gym.geometry import path_length, polygon_edges, to_world, wrap_angle
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.settings import InputError, load
+from wheelchair_gym.geometry.planar import path_length, polygon_edges, to_world, wrap_angle
 from wheelchair_gym.scenes import make_scene
-from wheelchair_gym.scenes.published import (
-    CHAOTIC_PSO_DISCS,
-    GREY_WOLF_DISCS,
-    LAB_SIZE,
-    LABS,
-)
+from wheelchair_gym.scenes.published import CHAOTIC_PSO_DISCS, GREY_WOLF_DISCS, LAB_SIZE, LABS
 from wheelchair_gym.types import Episode
 
 
@@ -174,7 +169,7 @@ def shortened(job: Job, seed: int) -> Record:
 
     The answer is the path of least cost, even where an obstacle blocks it.
     """
-    from wheelchair_gym.random import stream
+    from wheelchair_gym.compiled.random import stream
 
     path = tree_path(json.dumps(job["scene"]), json.dumps(job["tree"]), seed)
     if not len(path):
@@ -306,7 +301,7 @@ def _search(planner: Any, problem: Problem, rng: np.random.Generator) -> tuple[A
     """A swarm's search, and the least cost after each iteration (n,)."""
     from planners.registries import OBJECTIVES, OPTIMIZERS
     from planners.swarm.search import iterate, new_search, result_of
-    from wheelchair_gym.random import stream
+    from wheelchair_gym.compiled.random import stream
 
     cost = OBJECTIVES.make(planner.objective).path_cost
     rule = OPTIMIZERS.make(planner.optimizer).parameters
@@ -321,8 +316,8 @@ def _search(planner: Any, problem: Problem, rng: np.random.Generator) -> tuple[A
 def controls(job: Job, seed: int) -> Record:
     """T1 figure 2.27: a path of the global variant, its controls, and their roll-out."""
     from planners.rrt_star_woa.control_generator import ControlGenerator
-    from wheelchair_gym.geometry import Footprint
-    from wheelchair_gym.kinematics import Limits
+    from wheelchair_gym.geometry.kinematics import Limits
+    from wheelchair_gym.geometry.outline import Footprint
 
     footprint, limits = Footprint(), Limits()
     problem = problem_of(job["scene"], clearance=job["clearance"])

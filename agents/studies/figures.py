@@ -25,7 +25,7 @@ from agents.evaluation.figures import (
 from agents.evaluation.statistics import estimate, wilson
 from agents.studies import evidence
 from agents.studies.model import LENGTH, NODES, RATIO, Metric, Results, Row
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.rendering import palette
 
 BASELINE: Final = "rrt_star"

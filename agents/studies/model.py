@@ -13,7 +13,7 @@ from zlib import crc32
 import numpy as np
 
 from agents.evaluation.runs import Record
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -17,9 +17,10 @@ from planners.rrt_star_woa.control_generator import Controls
 from planners.rrt_star_woa.local_steering import GOAL_HIDDEN_COST, NODE_HIDDEN_COST
 from planners.rrt_star_woa.path_shortening import scatter_in_ellipses
 from planners.rrt_star_woa.woa import WhaleParameters, move, new_whales, tell
-from wheelchair_gym.arrays import Array
-from wheelchair_gym.geometry import Footprint, arc_lengths, path_length, to_world
-from wheelchair_gym.random import Stream, stream
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.compiled.random import Stream, stream
+from wheelchair_gym.geometry.outline import Footprint
+from wheelchair_gym.geometry.planar import arc_lengths, path_length, to_world
 from wheelchair_gym.rendering import PlanPicture
 from wheelchair_gym.rendering.palette import BLUE, GREEN, ORANGE, PURPLE, VERMILION, Colour
 from wheelchair_gym.rendering.video import Image

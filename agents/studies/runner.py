@@ -35,8 +35,8 @@ from agents.studies.experiments import kernel_key, measure
 from agents.studies.figures import FIGURES, gains, mean_interval
 from agents.studies.model import Metric, Results, Row, Study, published
 from planners.rrt_star_woa.thesis import FIGURE_3_1
-from wheelchair_gym.config import InputError
-from wheelchair_gym.files import atomic_write
+from wheelchair_gym.base.files import atomic_write
+from wheelchair_gym.base.settings import InputError
 
 Chapter = Mapping[str, Any]
 

@@ -17,10 +17,11 @@ import shapely
 from planners import Plan, Problem, Space
 from planners.rrt_star_woa.control_generator import ControlGenerator, Controls
 from planners.rrt_star_woa.thesis import ThesisFile
-from wheelchair_gym.arrays import Array
-from wheelchair_gym.errors import InputError, shorten
-from wheelchair_gym.geometry import Footprint, polygon_edges
-from wheelchair_gym.kinematics import Limits
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.errors import InputError, shorten
+from wheelchair_gym.geometry.kinematics import Limits
+from wheelchair_gym.geometry.outline import Footprint
+from wheelchair_gym.geometry.planar import polygon_edges
 from wheelchair_gym.maps import occupied_polygons, read_grid
 from wheelchair_gym.scenes import make_scene
 

@@ -8,7 +8,7 @@ drives the simulated chair only.
 
 from importlib.util import find_spec
 
-from wheelchair_gym.config import InputError
+from wheelchair_gym.base.settings import InputError
 
 
 def check_extra() -> None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final, NamedTuple
 
-from agents.assistance import ASSISTANTS
-from wheelchair_gym.drivers.impairment import IMPAIRMENTS, SIGHTS
+from agents.people import ASSISTANTS
+from wheelchair_gym.people.drivers.impairment import IMPAIRMENTS, SIGHTS
 from wheelchair_gym.scenes import SCENES
 
 FIRST: Final = "map_file"  # scene of the first drive: the clinic of the package, soon compiled

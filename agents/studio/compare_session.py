@@ -8,16 +8,16 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
-from agents.assistance import ASSISTANTS, is_shielded
 from agents.evaluation.compare import RESULTS
 from agents.evaluation.evaluate import drive_episode, env_settings, label, make_env, without_labels
+from agents.people import ASSISTANTS, is_shielded
 from agents.policies import make_policy
 from agents.studio.catalogue import Place
 from agents.studio.messages import Fields, Message, Outbox, PageSession, entry, number, one_of, text
 from agents.studio.tracks import Track, recorded_track
-from wheelchair_gym.config import InputError
-from wheelchair_gym.drivers import DRIVERS
-from wheelchair_gym.files import read_json
+from wheelchair_gym.base.files import read_json
+from wheelchair_gym.base.settings import InputError
+from wheelchair_gym.people.drivers import DRIVERS
 
 NOBODY: Final = "nobody"  # drives: policies are compared
 POLICIES: Final = (

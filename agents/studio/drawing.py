@@ -9,10 +9,10 @@ from typing import Final
 import numpy as np
 import shapely
 
-from wheelchair_gym.arrays import Array
-from wheelchair_gym.config import InputError
-from wheelchair_gym.errors import shorten
-from wheelchair_gym.files import LIMITS, atomic_write, parse_yaml, read_text
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.errors import shorten
+from wheelchair_gym.base.files import LIMITS, atomic_write, parse_yaml, read_text
+from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, read_grid, write_map
 
 # A wall, an opening in one, solid, rubbed out.

@@ -13,21 +13,21 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.assistance import is_shielded, make_assistant
-from agents.assistance.assistant import AssistMission
 from agents.evaluation.metrics import Shortest, outcome_of, shortest_path
+from agents.people import is_shielded, make_assistant
+from agents.people.assistant import AssistMission
 from agents.studio.catalogue import ANY_TIME, NO_HAND, NO_SIGHT, Place
-from wheelchair_gym.config import InputError, dump
-from wheelchair_gym.drivers import make_driver
-from wheelchair_gym.drivers.impairment import LiveInput, LiveSight, scanning
-from wheelchair_gym.drivers.intention import NEAR_GOAL
-from wheelchair_gym.drivers.settings import Perception
+from wheelchair_gym.actors.records import ACTOR_KINDS
+from wheelchair_gym.base.settings import InputError, dump
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.envs.settings import env_settings
-from wheelchair_gym.physics.actors.records import ACTOR_KINDS
+from wheelchair_gym.people.drivers import make_driver
+from wheelchair_gym.people.drivers.impairment import LiveInput, LiveSight, scanning
+from wheelchair_gym.people.drivers.intention import NEAR_GOAL
+from wheelchair_gym.people.drivers.settings import Perception
+from wheelchair_gym.perception.tracker import Tracker
 from wheelchair_gym.recording.record import RecordEpisodes
 from wheelchair_gym.safety.stops import active_stops
-from wheelchair_gym.tracking import Tracker
 from wheelchair_gym.types import Stick, Truth
 
 _REST: Final = 0.02  # m/s, rad/s: slower is at rest

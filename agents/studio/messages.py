@@ -18,9 +18,9 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from wheelchair_gym.config import InputError
-from wheelchair_gym.errors import shorten
-from wheelchair_gym.files import parse_json
+from wheelchair_gym.base.errors import shorten
+from wheelchair_gym.base.files import parse_json
+from wheelchair_gym.base.settings import InputError
 
 Message = dict[str, Any]
 Entry = TypeVar("Entry")

@@ -25,7 +25,7 @@ from agents.studio.messages import (
 from agents.studio.planning import answer, frames_of, problem_of
 from planners import Plan, Problem
 from planners.registries import PLANNERS
-from wheelchair_gym.config import InputError
+from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.maps import OccupancyGrid
 

@@ -17,10 +17,10 @@ from planners.registries import FIRST_PLANNERS, OBJECTIVES, SWARM_OPTIMIZERS
 from planners.swarm.peers import Mealpy
 from planners.swarm.planner import SwarmPlanner
 from planners.swarm.search import new_search, run
-from wheelchair_gym.arrays import Array
-from wheelchair_gym.geometry import path_length
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.compiled.random import stream
+from wheelchair_gym.geometry.planar import path_length
 from wheelchair_gym.maps import OccupancyGrid
-from wheelchair_gym.random import stream
 
 FRAMES: Final = 24  # of a growth
 _MOST_EDGES: Final = 4000  # of a tree that are sent; of larger ones, every second, third ...

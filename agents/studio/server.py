@@ -18,8 +18,8 @@ from agents.studio.access import MOST_BYTES, Access, Bucket, Guard
 from agents.studio.drawing import UPLOADS
 from agents.studio.messages import Outbox, read_message
 from agents.studio.warm_up import WarmUp
-from wheelchair_gym.config import InputError
-from wheelchair_gym.files import atomic_write
+from wheelchair_gym.base.files import atomic_write
+from wheelchair_gym.base.settings import InputError
 
 PORT: Final = 8780
 PAGE: Final = Path(__file__).with_name("page")
@@ -41,7 +41,7 @@ class Studio:
         folder: where recordings, films and maps go.
         own_map: settings of the scene `map_file`, with a label.
         access: who may come.
-        study: an experiment with participants (`agents.participants.protocol.Protocol`), whose data
+        study: an experiment with participants (`agents.people.protocol.Protocol`), whose data
             go to the folder.
         runs: folder below which the page Compare finds recordings and runs; None: `folder`.
         warm_up: how far compiling is; None: a new one, not begun.

@@ -13,7 +13,7 @@ import time
 from pathlib import Path
 from typing import Final
 
-from agents.assistance import ASSISTANTS, is_shielded
+from agents.people import ASSISTANTS, is_shielded
 from agents.studio.catalogue import NO_HAND, NO_SIGHT, RATES, Place
 from agents.studio.drive import Drive, Order
 from agents.studio.films import film
@@ -29,8 +29,8 @@ from agents.studio.messages import (
     one_of,
     text,
 )
-from wheelchair_gym.config import InputError
-from wheelchair_gym.drivers.impairment import IMPAIRMENTS, SIGHTS
+from wheelchair_gym.base.settings import InputError
+from wheelchair_gym.people.drivers.impairment import IMPAIRMENTS, SIGHTS
 
 _LOG = logging.getLogger(__name__)
 DEAD_MAN: Final = 0.4  # s for which a deflection counts; the page confirms it every 0.05 s

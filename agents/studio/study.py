@@ -11,14 +11,14 @@ import numpy as np
 from agents.evaluation.assisted import StickTrace
 from agents.evaluation.evaluate import episode_env, label, without_labels
 from agents.evaluation.metrics import Record, Trace, measure
-from agents.participants.protocol import DEVICES, LEAST_SCAN, Protocol, Step
-from agents.participants.session import LARGEST, Session
+from agents.people.protocol import DEVICES, LEAST_SCAN, Protocol, Step
+from agents.people.session import LARGEST, Session
 from agents.studio.catalogue import NO_HAND, NO_SIGHT, Place
 from agents.studio.drive import Drive, Order
 from agents.studio.messages import Fields, Message, Outbox, number, one_of, whole_numbers
 from agents.studio.session import FIELDS, DriveSession
-from wheelchair_gym.config import InputError, dump
-from wheelchair_gym.drivers.settings import Hand, Perception
+from wheelchair_gym.base.settings import InputError, dump
+from wheelchair_gym.people.drivers.settings import Hand, Perception
 from wheelchair_gym.types import Stick
 
 RATE: Final = 20  # Hz, of control and of pictures

@@ -9,7 +9,7 @@ import numpy as np
 
 from agents.evaluation.metrics import outcome_of
 from agents.studio.drive import HELP, world_of
-from wheelchair_gym.config import InputError
+from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.recording.replay import read_recording, replay_env
 
 MOST: Final = 20_000  # states of a track; a longer episode is cut

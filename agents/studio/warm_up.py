@@ -27,7 +27,7 @@ def first_drive() -> None:
     """
     from agents.studio.catalogue import FIRST
     from wheelchair_gym.compiled.second_process import compile_beside
-    from wheelchair_gym.physics.step import step_chair
+    from wheelchair_gym.sim.step import step_chair
 
     for work in (_drive_nowhere, _move_people):
         compile_beside(step_chair, work)
@@ -37,7 +37,7 @@ def first_drive() -> None:
 def _drive_nowhere() -> None:
     import numpy as np
 
-    from wheelchair_gym.physics.chair import SimulatedChair
+    from wheelchair_gym.sim.chair import SimulatedChair
     from wheelchair_gym.types import Episode
 
     nowhere: Any = None
@@ -48,9 +48,9 @@ def _drive_nowhere() -> None:
 
 def _move_people() -> None:
     from wheelchair_gym.compiled.kernel import compile_part
-    from wheelchair_gym.physics.chairs import SimulatedChairs
-    from wheelchair_gym.physics.settings import PhysicsSettings
-    from wheelchair_gym.physics.step import decide_actors
+    from wheelchair_gym.sim.chairs import SimulatedChairs
+    from wheelchair_gym.sim.settings import PhysicsSettings
+    from wheelchair_gym.sim.step import decide_actors
 
     chair, sensors, period = _parts()
     chairs = SimulatedChairs(chair, sensors, PhysicsSettings(), period)
@@ -61,8 +61,8 @@ def _move_people() -> None:
 def _drive_in(scene: str) -> None:
     import numpy as np
 
-    from agents.assistance import make_assistant
-    from agents.assistance.assistant import AssistMission
+    from agents.people import make_assistant
+    from agents.people.assistant import AssistMission
     from wheelchair_gym.envs import NavigationEnv
     from wheelchair_gym.types import Stick
 
@@ -84,13 +84,13 @@ def everything() -> None:
     """Load or compile what a person may choose: the shield, assistants, hands, people."""
     import numpy as np
 
-    from agents.assistance import ASSISTANTS, make_assistant
-    from agents.assistance.assistant import AssistMission
+    from agents.people import ASSISTANTS, make_assistant
+    from agents.people.assistant import AssistMission
     from agents.studio.catalogue import FIRST
-    from wheelchair_gym.drivers import make_driver
-    from wheelchair_gym.drivers.impairment import LiveInput, LiveSight
     from wheelchair_gym.envs import NavigationEnv
-    from wheelchair_gym.tracking import Tracker
+    from wheelchair_gym.people.drivers import make_driver
+    from wheelchair_gym.people.drivers.impairment import LiveInput, LiveSight
+    from wheelchair_gym.perception.tracker import Tracker
     from wheelchair_gym.types import Stick
 
     LiveInput(make_driver("essential_tremor"), *_parts()).step(0.5, 0.0, 0.0)
@@ -113,8 +113,8 @@ def everything() -> None:
 
 
 def _parts() -> Any:
-    from wheelchair_gym.physics.settings import ChairSettings
     from wheelchair_gym.sensors.settings import SensorSettings
+    from wheelchair_gym.sim.settings import ChairSettings
 
     return ChairSettings(), SensorSettings(), 0.05
 
@@ -170,7 +170,7 @@ class WarmUp:
     def _run(self) -> None:
         try:
             from wheelchair_gym.compiled.progress import progress
-            from wheelchair_gym.physics.step import step_chair
+            from wheelchair_gym.sim.step import step_chair
             from wheelchair_gym.task.assessment import assess
 
             progress.listener = self._count

@@ -17,7 +17,7 @@ from planners.collision.polygon_tests import (
     mark_free_corners,
     orient2d,
 )
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 
 NONE = -1

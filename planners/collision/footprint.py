@@ -18,16 +18,12 @@ import numpy as np
 from planners.collision.nearby import Nearby, segments_in_view
 from planners.collision.polygon_tests import clearance
 from planners.problem import Plan, PlannerBase, Problem, Status, check
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.settings import settings
 from wheelchair_gym.compiled.kernel import absorbed_kernel, borrowing_kernel, kernel
-from wheelchair_gym.config import settings
-from wheelchair_gym.geometry import (
-    Footprint,
-    point_segment_distance,
-    rectangle_point_gap,
-    rectangle_segment_gap,
-)
-from wheelchair_gym.kinematics import Limits, arc_step
+from wheelchair_gym.geometry.kinematics import Limits, arc_step
+from wheelchair_gym.geometry.outline import Footprint, rectangle_point_gap, rectangle_segment_gap
+from wheelchair_gym.geometry.planar import point_segment_distance
 from wheelchair_gym.maps.driving_cost import DrivingCost, MotionCost
 
 STRAIGHT = 1e-6  # rad: a stretch that turns less counts as straight, and is within 1e-6 of it

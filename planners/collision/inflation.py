@@ -20,7 +20,7 @@ from scipy.spatial import cKDTree
 
 from planners.collision.boundary import build_space_arrays
 from planners.collision.polygon_tests import Index, SpaceArrays, orient2d
-from wheelchair_gym.arrays import Array, Mask
+from wheelchair_gym.base.arrays import Array, Mask
 from wheelchair_gym.compiled.kernel import absorbed_kernel, borrowing_kernel, kernel
 
 ARC = math.pi / 8  # rad: at most this much of an arc per side of its polygon

@@ -9,9 +9,9 @@ import numpy as np
 
 from planners.collision.polygon_tests import Index, Members
 from planners.collision.space import Space
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
-from wheelchair_gym.geometry import point_segment_distance, wrap
+from wheelchair_gym.geometry.planar import point_segment_distance, wrap
 
 CELL = 0.25  # m: squares of positions that share one list of runs
 RUN = 0.2  # m: a run of segments is at most this wide and high

@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.arrays import Array, Mask
+from wheelchair_gym.base.arrays import Array, Mask
 from wheelchair_gym.compiled.kernel import as_int, borrowing_kernel, kernel
-from wheelchair_gym.geometry import point_segment_distance
+from wheelchair_gym.geometry.planar import point_segment_distance
 
 Index = NDArray[np.int64]
 Members = NDArray[np.int32]

@@ -13,7 +13,7 @@ import numpy as np
 import shapely
 from numpy.typing import ArrayLike
 
-from wheelchair_gym.arrays import Array, Mask
+from wheelchair_gym.base.arrays import Array, Mask
 
 if TYPE_CHECKING:
     from wheelchair_gym.maps.grid import OccupancyGrid

@@ -29,8 +29,8 @@ from planners.collision.boundary import (
 from planners.collision.inflation import inflated_boundary
 from planners.collision.polygon_tests import SpaceArrays, clearance, edge_free, point_free
 from planners.collision.triangulation import Mesh, mesh
-from wheelchair_gym.arrays import Array
-from wheelchair_gym.geometry import to_frame, to_world
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.geometry.planar import to_frame, to_world
 
 if TYPE_CHECKING:
     from wheelchair_gym.maps.grid import OccupancyGrid

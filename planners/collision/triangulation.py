@@ -14,7 +14,7 @@ import numpy as np
 
 from planners.collision.boundary import NONE, Boundary, group_by_point, orientation
 from planners.collision.polygon_tests import Index
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.compiled.kernel import absorbed_kernel, borrowing_kernel, kernel
 
 

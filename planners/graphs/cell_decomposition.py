@@ -15,9 +15,9 @@ from planners.collision.polygon_tests import SpaceArrays, orient2d
 from planners.graphs.roadmap import Pairs, shortest
 from planners.problem import Plan, PlannerBase, Problem, Status, answer
 from planners.smoothing.shortcut import shortcut
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.settings import setting, settings
 from wheelchair_gym.compiled.kernel import absorbed_kernel, borrowing_kernel, kernel
-from wheelchair_gym.config import setting, settings
 
 SLACK = 1e-9  # m: rounding may close windows; edges through them are tested exactly
 

@@ -15,10 +15,10 @@ from planners.collision.polygon_tests import Index, SpaceArrays, edge_free
 from planners.collision.space import Space
 from planners.problem import Plan, PlannerBase, Problem, Status, answer, remaining
 from planners.trees.rrt_star import RrtStarLimited
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.settings import setting, settings
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.compiled.kernel import kernel
-from wheelchair_gym.config import setting, settings
 
 Point = tuple[float, float]  # m
 MAX_TURNS = 200  # largest number of corners to go around: 20 are common on 50 m of clutter

@@ -20,10 +20,10 @@ from planners.collision.polygon_tests import SpaceArrays, clearance, edge_free, 
 from planners.graphs.heap import Heap, new_heap, nodes_to, pop, push
 from planners.problem import Plan, PlannerBase, Problem, answer, with_settings
 from planners.smoothing.shortcut import edge_cost, shortcut
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.settings import setting, settings
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.compiled.kernel import absorbed_kernel, borrowing_kernel
-from wheelchair_gym.config import setting, settings
 
 NEAR = 2  # grid steps within which the start and the goal are joined to the grid
 TIE = 1.0 + 1e-9  # factor of the distance left: of paths of equal length, the deepest comes first

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.compiled.kernel import absorbed_kernel, kernel
 
 

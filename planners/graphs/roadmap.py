@@ -19,12 +19,12 @@ from planners.collision.polygon_tests import SpaceArrays, edge_free, point_free
 from planners.graphs.heap import Heap, new_heap, nodes_to, pop, push
 from planners.problem import Plan, PlannerBase, Problem, answer
 from planners.smoothing.shortcut import subdivided
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.settings import setting, settings
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
-from wheelchair_gym.config import setting, settings
-from wheelchair_gym.geometry import without_repeats
-from wheelchair_gym.random import Stream, next_uniform, stream
+from wheelchair_gym.compiled.random import Stream, next_uniform, stream
+from wheelchair_gym.geometry.planar import without_repeats
 
 Pairs = NDArray[np.int64]
 

@@ -20,10 +20,10 @@ from planners.collision.polygon_tests import Index
 from planners.collision.triangulation import Mesh
 from planners.graphs.heap import Heap, enlarged, new_heap, nodes_to, pop, push
 from planners.problem import Plan, PlannerBase, Problem, Status, answer
-from wheelchair_gym.arrays import Array, Mask
+from wheelchair_gym.base.arrays import Array, Mask
+from wheelchair_gym.base.settings import settings
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.compiled.kernel import absorbed_kernel, borrowing_kernel, kernel
-from wheelchair_gym.config import settings
 
 SLACK = 1e-12  # of an edge: a cone may see this part more, for rounding
 

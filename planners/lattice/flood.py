@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from planners.collision.space import Space
 from planners.lattice.heuristic import Field, Ints, distance_field
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.maps.driving_cost import MotionCost

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from planners.collision.space import Space
 from planners.graphs.heap import Heap, new_heap, pop, push
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel
-from wheelchair_gym.geometry import point_segment_distance, wrap
+from wheelchair_gym.geometry.planar import point_segment_distance, wrap
 from wheelchair_gym.maps.driving_cost import MotionCost
 
 Field = NDArray[np.float32]

@@ -45,10 +45,10 @@ from planners.lattice.pose_search import (
 )
 from planners.problem import Plan, Problem, Status
 from planners.steering import poses_along
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.settings import setting, settings
 from wheelchair_gym.compiled.clock import clock
-from wheelchair_gym.config import setting, settings
-from wheelchair_gym.geometry import Footprint
+from wheelchair_gym.geometry.outline import Footprint
 from wheelchair_gym.maps.driving_cost import MotionCost
 
 CHUNK = 128  # expansions between two readings of the clock

@@ -16,7 +16,7 @@ from planners.collision.footprint import Surroundings, free_gap, gaps_at, with_h
 from planners.collision.nearby import Nearby, passage_middle
 from planners.lattice.heuristic import SPACING, Field
 from planners.lattice.pose_search import Lines
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 from wheelchair_gym.maps.driving_cost import duration
 

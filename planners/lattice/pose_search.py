@@ -19,10 +19,10 @@ from planners.graphs.heap import Heap, pop, push
 from planners.lattice.heuristic import Guide, Ints, cost_to_go, heading_error
 from planners.steering import CONNECTIONS, NO_PARTS, PIECE, Parts, connection, parts_time
 from planners.trees.tree import write_ancestors
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
-from wheelchair_gym.geometry import wrap
-from wheelchair_gym.kinematics import arc_step
+from wheelchair_gym.geometry.kinematics import arc_step
+from wheelchair_gym.geometry.planar import wrap
 from wheelchair_gym.maps.driving_cost import duration, kind_of, stretch_cost
 
 AT_GOAL = -2  # the anchor of a node at the goal

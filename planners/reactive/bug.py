@@ -23,11 +23,11 @@ from planners.collision.boundary import (
 )
 from planners.collision.polygon_tests import Index, SpaceArrays, edge_free, orient2d
 from planners.problem import Plan, PlannerBase, Problem, Status, answer
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.settings import setting, settings
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.compiled.kernel import kernel
-from wheelchair_gym.config import setting, settings
-from wheelchair_gym.geometry import path_length, without_repeats
+from wheelchair_gym.geometry.planar import path_length, without_repeats
 
 # m: distances that rounding may move a point off a slanted side.
 NUDGES = (0.0, *(10.0**k for k in range(-16, -5)))

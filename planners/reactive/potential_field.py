@@ -8,9 +8,9 @@ import numpy as np
 
 from planners.collision.polygon_tests import SpaceArrays, clearance, edge_free
 from planners.problem import Plan, PlannerBase, Problem, Status, answer, chunks
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.settings import setting, settings
 from wheelchair_gym.compiled.kernel import borrowing_kernel
-from wheelchair_gym.config import setting, settings
 
 WALKING, ARRIVED, HELD = 0, 1, 2
 # Design choices:

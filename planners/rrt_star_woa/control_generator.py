@@ -37,12 +37,13 @@ from planners.rrt_star_woa.rollout import (
     turn_limit,
 )
 from planners.rrt_star_woa.woa import WhaleParameters, WhaleSettings, move, new_whales, tell
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.settings import setting, settings
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
-from wheelchair_gym.config import setting, settings
-from wheelchair_gym.geometry import Footprint, arc_lengths, project, wrap
-from wheelchair_gym.kinematics import Limits
-from wheelchair_gym.random import Stream, next_uniform, stream
+from wheelchair_gym.compiled.random import Stream, next_uniform, stream
+from wheelchair_gym.geometry.kinematics import Limits
+from wheelchair_gym.geometry.outline import Footprint
+from wheelchair_gym.geometry.planar import arc_lengths, project, wrap
 
 COMMANDS = 6  # maximum number of commands in a particle
 V, W, T = range(3)  # columns of commands

@@ -17,9 +17,9 @@ from planners.rrt_star_woa.woa import ShiftBounds, Whales, WhaleSettings, move, 
 from planners.trees.rrt import TreeSearch, extend, next_iteration, sample, solve
 from planners.trees.rrt_star import RrtStar, add_node
 from planners.trees.tree import nearest
+from wheelchair_gym.base.settings import setting, settings
 from wheelchair_gym.compiled.kernel import absorbed_kernel, borrowing_kernel
-from wheelchair_gym.config import setting, settings
-from wheelchair_gym.random import Stream, next_in_disc
+from wheelchair_gym.compiled.random import Stream, next_in_disc
 
 # The thesis gives neither the costs of hidden nodes nor their order. Here a hidden x_near costs
 # more than any path's length, a hidden goal less.

@@ -26,11 +26,11 @@ from planners.swarm.path_cost import (
     write_way_points,
 )
 from planners.trees.rrt_star import RrtStar
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.settings import setting, settings
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
-from wheelchair_gym.config import setting, settings
-from wheelchair_gym.random import Stream, next_in_disc, stream
+from wheelchair_gym.compiled.random import Stream, next_in_disc, stream
 
 
 @kernel

@@ -33,11 +33,11 @@ from planners.trees.pose_tree import (
     window_cost,
 )
 from planners.trees.rrt_star import InformedRrtStar
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.settings import setting, settings
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
-from wheelchair_gym.config import setting, settings
-from wheelchair_gym.random import Stream, next_uniform, stream
+from wheelchair_gym.compiled.random import Stream, next_uniform, stream
 
 MAX_POSES = 64  # largest number of poses that whales move jointly
 WINDOW: Final = 25  # pieces, 5 m: longest part of the path that local whales or a shortcut replace

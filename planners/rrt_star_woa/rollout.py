@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
-from wheelchair_gym.geometry import footprint_clearance
-from wheelchair_gym.kinematics import approach, approach_twist, odometric_step
+from wheelchair_gym.geometry.kinematics import approach, approach_twist, odometric_step
+from wheelchair_gym.geometry.outline import footprint_clearance
 
 MAX_CLEARANCE = 0.5  # m: larger clearances are not told apart
 FINEST = 0.02  # m: near obstacles no point of the outline moves farther between two tests

@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from planners.registries import PLANNERS
-from wheelchair_gym.config import LARGEST
-from wheelchair_gym.errors import InputError, shorten
-from wheelchair_gym.files import parse_json, read_text
+from wheelchair_gym.base.errors import InputError, shorten
+from wheelchair_gym.base.files import parse_json, read_text
+from wheelchair_gym.base.settings import LARGEST
 
 # Each key of the file: its value in the figure, its minimum, and its place in the planner's
 # settings.

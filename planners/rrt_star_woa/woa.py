@@ -20,10 +20,10 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.settings import setting, settings
 from wheelchair_gym.compiled.kernel import absorbed_kernel, borrowing_kernel, kernel
-from wheelchair_gym.config import setting, settings
-from wheelchair_gym.random import Stream, next_uniform
+from wheelchair_gym.compiled.random import Stream, next_uniform
 
 
 class WhaleParameters(NamedTuple):

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planners.collision.polygon_tests import SpaceArrays, blocked_edges
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined, kernel
 
 POLYLINE, PCHIP, SPLINE = range(3)

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from planners.collision.polygon_tests import SpaceArrays, clearance, edge_free
 from planners.collision.space import Space
 from planners.graphs.heap import nodes_to
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 
 WINDOW = 250  # corners that one shortcut may skip at most: bounds the work on very long paths

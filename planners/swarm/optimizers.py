@@ -15,10 +15,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from planners.problem import with_settings
 from planners.rrt_star_woa.woa import WhaleMoves, WhaleParameters, Whales, move
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.settings import setting, settings
 from wheelchair_gym.compiled.kernel import borrowing_kernel
-from wheelchair_gym.config import setting, settings
-from wheelchair_gym.random import Stream, next_uniform
+from wheelchair_gym.compiled.random import Stream, next_uniform
 
 MIN_POPULATION = 4  # positions: three wolves lead, and others follow
 WORST = -1  # target of a position that competes with the worst remembered one

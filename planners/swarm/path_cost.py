@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from planners.collision.polygon_tests import SpaceArrays, edge_free, point_free
 from planners.collision.solids import DISC_SIDES
 from planners.smoothing.curves import CurveWorkspace, new_curve_workspace, sample_curve
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.settings import setting, settings
 from wheelchair_gym.compiled.kernel import borrowing_kernel
-from wheelchair_gym.config import setting, settings
-from wheelchair_gym.geometry import point_segment_distance
+from wheelchair_gym.geometry.planar import point_segment_distance
 
 LENGTH, ENERGY, PRINTED_ENERGY = range(3)  # measures of a path's size
 NO_TURNING, MEAN_TURNING, PRINTED_TURNING = range(3)

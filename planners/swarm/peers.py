@@ -13,8 +13,8 @@ from planners.problem import begin
 from planners.swarm.optimizers import WHALES, MoveParameters
 from planners.swarm.path_cost import PathCost, evaluate, write_curve
 from planners.swarm.search import InitialSwarm, SearchResult, SwarmSearch, new_search, result_of
+from wheelchair_gym.base.settings import InputError, setting, settings
 from wheelchair_gym.compiled.clock import clock
-from wheelchair_gym.config import InputError, setting, settings
 
 
 class Evaluator:

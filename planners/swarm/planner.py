@@ -30,11 +30,11 @@ from planners.swarm.search import (
     split_legs,
 )
 from planners.trees.rrt import Rrt
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.settings import InputError, setting, settings
 from wheelchair_gym.compiled.clock import clock
-from wheelchair_gym.config import InputError, setting, settings
-from wheelchair_gym.geometry import without_repeats
-from wheelchair_gym.random import stream
+from wheelchair_gym.compiled.random import stream
+from wheelchair_gym.geometry.planar import without_repeats
 
 # Times that the legs of a first path are halved until a curve through it is free.
 _HALVINGS: Final = 8

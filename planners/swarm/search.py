@@ -37,10 +37,10 @@ from planners.swarm.path_cost import (
     write_curve,
     write_way_points,
 )
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel
-from wheelchair_gym.geometry import arc_lengths
-from wheelchair_gym.random import Stream
+from wheelchair_gym.compiled.random import Stream
+from wheelchair_gym.geometry.planar import arc_lengths
 
 
 class InitialSwarm(NamedTuple):

@@ -28,12 +28,12 @@ from planners.steering import (
     write_times,
 )
 from planners.trees.tree import NONE, append_child, remove_child, write_ancestors, write_descendants
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
-from wheelchair_gym.geometry import wrap
-from wheelchair_gym.kinematics import arc_step
+from wheelchair_gym.compiled.random import Stream, next_uniform
+from wheelchair_gym.geometry.kinematics import arc_step
+from wheelchair_gym.geometry.planar import wrap
 from wheelchair_gym.maps.driving_cost import MotionCost
-from wheelchair_gym.random import Stream, next_uniform
 
 MIN_GAIN = 1e-6  # s: smaller gains are rounding
 TURN_LENGTH = 0.5  # m per rad: distance of poses

@@ -30,10 +30,10 @@ from planners.trees.tree import (
     place_node,
     remove_node,
 )
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.settings import setting, settings
 from wheelchair_gym.compiled.kernel import absorbed_kernel, as_int, borrowing_kernel
-from wheelchair_gym.config import setting, settings
-from wheelchair_gym.random import Stream, next_in_disc, next_uniform, stream
+from wheelchair_gym.compiled.random import Stream, next_in_disc, next_uniform, stream
 
 # Largest number of neighbours of a new node; the shrinking radius keeps it near 3 log n.
 _NEIGHBOURS = 256

@@ -49,10 +49,10 @@ from planners.trees.tree import (
     place_node,
     write_ancestors,
 )
+from wheelchair_gym.base.settings import setting, settings
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.compiled.kernel import absorbed_kernel, as_int, borrowing_kernel
-from wheelchair_gym.config import setting, settings
-from wheelchair_gym.random import Stream, next_in_disc, next_uniform
+from wheelchair_gym.compiled.random import Stream, next_in_disc, next_uniform
 
 # Karaman and Frazzoli 2011, d = 2: 2 sqrt((1 + 1/d) area / pi) is gamma's minimum.
 MIN_GAMMA = 2.0 * math.sqrt(1.5 / math.pi)

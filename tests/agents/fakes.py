@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from tests.sensors.test_laser import brute_force
-from wheelchair_gym.geometry import to_world
-from wheelchair_gym.kinematics import approach_twist, arc_step
+from wheelchair_gym.geometry.kinematics import approach_twist, arc_step
+from wheelchair_gym.geometry.planar import to_world
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid
-from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
+from wheelchair_gym.sim.settings import ChairSettings
 from wheelchair_gym.types import Mission, Reading
 
 BEAMS = 181

@@ -32,8 +32,8 @@ from wheelchair_gym.hardware.joystick import Joystick, JoystickSettings
 from wheelchair_gym.hardware.registry import localized
 from wheelchair_gym.hardware.twin.lockstep import JoystickState
 from wheelchair_gym.maps import write_map
-from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.sensors.settings import LaserSettings
+from wheelchair_gym.sim.settings import ChairSettings
 from wheelchair_gym.types import Command
 
 pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")

@@ -9,13 +9,13 @@ import pytest
 
 from agents.deploy import check_start
 from agents.start_fit import start_fit
-from wheelchair_gym.config import InputError
+from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import NavigationEnv
-from wheelchair_gym.geometry import wrap
+from wheelchair_gym.geometry.planar import wrap
 from wheelchair_gym.maps import OCCUPIED
-from wheelchair_gym.physics.chair import SimulatedChair
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.sensors.settings import SensorSettings
+from wheelchair_gym.sim.chair import SimulatedChair
 
 LASER = SensorSettings().laser
 SCENES = ("floor_plan", "clutter", "crowd", "doorway", "empty", "temporary")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from mcap.reader import make_reader
 
 from agents.cli import main
-from tests.localization.test_log import line, written
+from tests.perception.test_log import line, written
 from wheelchair_gym.recording.replay import read_recording
 
 SHORT = [

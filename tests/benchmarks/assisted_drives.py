@@ -27,17 +27,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.assistance import ASSISTANTS, make_assistant
-from agents.assistance.assistant import AssistMission
 from agents.evaluation.assisted import StickTrace
 from agents.evaluation.runs import compute, run_key, source_digest
 from agents.evaluation.statistics import mcnemar, ratio_interval, wilson
 from agents.evaluation.tables import exists, markdown_table
+from agents.people import ASSISTANTS, make_assistant
+from agents.people.assistant import AssistMission
 from tests.attacks import REAR
-from wheelchair_gym.assistance import COMPILED
-from wheelchair_gym.config import dump
-from wheelchair_gym.drivers import DRIVERS, make_driver
+from wheelchair_gym.base.settings import dump
 from wheelchair_gym.envs import NavigationVectorEnv
+from wheelchair_gym.people.assistance import COMPILED
+from wheelchair_gym.people.drivers import DRIVERS, make_driver
 from wheelchair_gym.scenes.skill import COURSES
 from wheelchair_gym.types import Reading, Stick
 

@@ -22,7 +22,7 @@ import threading
 import time
 from pathlib import Path
 
-from wheelchair_gym.config import read_json
+from wheelchair_gym.base.settings import read_json
 
 GOAL = 0.3  # m, by truth
 SCENES = "temporary", "crowd"

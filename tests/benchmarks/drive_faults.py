@@ -19,6 +19,7 @@ import numpy as np
 
 from tests.benchmarks.bounds import measure
 from tests.hardware.pilot import Pilot
+from wheelchair_gym.geometry.kinematics import DriveGeometry
 from wheelchair_gym.hardware.boards.protocol import (
     Answer,
     CommandFlag,
@@ -31,13 +32,7 @@ from wheelchair_gym.hardware.boards.protocol import (
 )
 from wheelchair_gym.hardware.twin.lockstep import JoystickState
 from wheelchair_gym.hardware.twin.plant import Slope
-from wheelchair_gym.kinematics import DriveGeometry
-from wheelchair_gym.physics.settings import (
-    BatterySettings,
-    BodySettings,
-    ChairSettings,
-    MotorSettings,
-)
+from wheelchair_gym.sim.settings import BatterySettings, BodySettings, ChairSettings, MotorSettings
 
 MASSES = (100.0, 180.0)  # kg: ISO 7176-11 dummies
 MARGIN = 0.25  # m/s: `runaway`

@@ -21,7 +21,7 @@ from agents.evaluation.assisted import StickTrace
 from agents.evaluation.statistics import mean_interval, ratio_interval, wilson
 from agents.evaluation.tables import markdown_table
 from wheelchair_gym.envs import NavigationVectorEnv
-from wheelchair_gym.geometry import Footprint
+from wheelchair_gym.geometry.outline import Footprint
 from wheelchair_gym.types import Stick
 
 Array = NDArray[np.float64]

@@ -20,8 +20,8 @@ import wheelchair_gym.compiled.clock
 from planners import Problem, Space, make_planner
 from tests.conftest import SHARED
 from tests.planners.footprints import path_cost, path_gaps, read
-from wheelchair_gym.config import dump
-from wheelchair_gym.geometry import Footprint
+from wheelchair_gym.base.settings import dump
+from wheelchair_gym.geometry.outline import Footprint
 from wheelchair_gym.maps import bottleneck
 from wheelchair_gym.scenes import make_scene
 

@@ -13,11 +13,11 @@ from planners.collision.nearby import nearby
 from planners.problem import Plan, Problem, Status
 from planners.steering import LONGEST_PIECE, SteeringContext, connect, new_context, poses_along
 from planners.trees.pose_tree import new_path
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.errors import InputError
+from wheelchair_gym.base.settings import setting, settings
 from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.compiled.kernel import kernel
-from wheelchair_gym.config import setting, settings
-from wheelchair_gym.errors import InputError
 
 MODULES = "ompl.base", "ompl.geometric", "ompl.util"
 

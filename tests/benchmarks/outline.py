@@ -23,7 +23,7 @@ from planners import make_planner
 from planners.judge import sweep_faults
 from tests.benchmarks.lattice import FIRST, HOME, drawn, sets, unseen
 from tests.planners.footprints import path_cost, path_gaps
-from wheelchair_gym.config import dump
+from wheelchair_gym.base.settings import dump
 
 DEADLINES = (0.05, 0.2, 1.0)  # s
 LONGEST = 5.0  # s: for a first path

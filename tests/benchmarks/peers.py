@@ -25,8 +25,8 @@ from agents.benchmarks.environments import (
     single_env_rate,
     vector_env_rate,
 )
+from agents.benchmarks.irsim import irsim_rate
 from agents.evaluation.provenance import provenance
-from agents.peers.irsim import irsim_rate
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.types import Episode
 

@@ -23,8 +23,8 @@ from agents.evaluation.compare import BEST
 from agents.evaluation.evaluate import make_env
 from agents.evaluation.map_evaluation import map_by_driving, map_quality
 from agents.policies import GymPolicy, make_policy
-from wheelchair_gym.geometry import relative_pose, wrap_angle
-from wheelchair_gym.localization.slam import Slam, SlamSettings
+from wheelchair_gym.geometry.planar import relative_pose, wrap_angle
+from wheelchair_gym.perception.slam import Slam, SlamSettings
 
 
 def drive(source: str, seed: int, scene: Any, grid: Any = None) -> tuple[np.ndarray, bool]:

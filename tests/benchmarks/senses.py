@@ -20,11 +20,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tests.physics.worlds import box
-from wheelchair_gym.config import InputError
-from wheelchair_gym.physics.chair import SimulatedChair
+from tests.sim.worlds import box
+from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.safety import Shield
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
+from wheelchair_gym.sim.chair import SimulatedChair
 
 Floats = NDArray[np.float32]
 Deceit = Callable[[Floats, float], Floats]  # of a scan at a time [s]

@@ -12,9 +12,9 @@ import numpy as np
 
 from agents.start_fit import start_fit
 from wheelchair_gym.maps import OCCUPIED
-from wheelchair_gym.physics.chair import SimulatedChair
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.sensors.settings import SensorSettings
+from wheelchair_gym.sim.chair import SimulatedChair
 
 SCENES = (
     "floor_plan", "clutter", "crowd", "doorway", "lab_1", "lab_2", "empty", "temporary", "barn",

@@ -15,10 +15,10 @@ import numpy as np
 
 from tests.benchmarks.bounds import measure
 from tests.hardware.hosted import Hosted
-from tests.physics.worlds import box
+from tests.sim.worlds import box
 from wheelchair_gym.hardware.boards.protocol import Switch
 from wheelchair_gym.hardware.settings import HardwareSettings
-from wheelchair_gym.physics.settings import BodySettings, ChairSettings
+from wheelchair_gym.sim.settings import BodySettings, ChairSettings
 
 TOP = 0.8  # m/s
 MASSES = (100.0, 180.0)  # kg: ISO 7176-11 dummies

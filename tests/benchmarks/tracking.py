@@ -22,25 +22,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.conftest import SHARED
-from tests.physics.worlds import box
-from wheelchair_gym.geometry import to_frame, to_world, wrap_angle
-from wheelchair_gym.localization.logs import LASER, read_log
+from tests.sim.worlds import box
+from wheelchair_gym.actors.records import DOOR, NOBODY, PERSON, combine, person
+from wheelchair_gym.geometry.planar import to_frame, to_world, wrap_angle
 from wheelchair_gym.maps import OccupancyGrid
-from wheelchair_gym.physics.actors.records import DOOR, NOBODY, PERSON, combine, person
-from wheelchair_gym.physics.chair import SimulatedChair
+from wheelchair_gym.perception.logs import LASER, read_log
+from wheelchair_gym.perception.track_state import PERSON as TRACKED_PERSON
+from wheelchair_gym.perception.track_state import TRACKER, TrackerConstants
+from wheelchair_gym.perception.tracker import Tracker, point_to_trackers, update_tracker
 from wheelchair_gym.safety import Shield
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.scenes.crowd import Crowd
 from wheelchair_gym.scenes.people import PeopleSettings
 from wheelchair_gym.sensors.laser import WORKSPACE_ROWS, LaserArrays, sense_laser
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
-from wheelchair_gym.tracking import PERSON as TRACKED_PERSON
-from wheelchair_gym.tracking import Tracker
-from wheelchair_gym.tracking.state import (
-    TRACKER,
-    TrackerConstants,
-)
-from wheelchair_gym.tracking.tracker import point_to_trackers, update_tracker
+from wheelchair_gym.sim.chair import SimulatedChair
 from wheelchair_gym.types import Episode, Reading
 
 Array = NDArray[np.float64]

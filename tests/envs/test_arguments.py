@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import wheelchair_gym
-from wheelchair_gym.config import InputError, dump, read_json
+from wheelchair_gym.base.settings import InputError, dump, read_json
 from wheelchair_gym.envs import EnvSettings, NavigationEnv, NavigationVectorEnv
 from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.hardware.control_loop import WallClock

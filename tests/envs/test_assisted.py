@@ -11,10 +11,10 @@ from tests.conftest import long_but
 from tests.copies import differences
 from tests.envs.test_vector import NEXT, SAME, compare
 from tests.laws.test_addresses import Told
-from wheelchair_gym.assistance import COMPILED
-from wheelchair_gym.config import InputError, dump, load
-from wheelchair_gym.drivers import DRIVERS
+from wheelchair_gym.base.settings import InputError, dump, load
 from wheelchair_gym.envs import EnvSettings, NavigationEnv, NavigationVectorEnv
+from wheelchair_gym.people.assistance import COMPILED
+from wheelchair_gym.people.drivers import DRIVERS
 
 SMALL = {"scene": "clutter", "beams": 32, "split": "test"}
 BANK = {"scene": "clutter", "beams": 32, "bank": {"size": 4, "turnover": 0.5}}

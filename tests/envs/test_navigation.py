@@ -16,8 +16,8 @@ from stable_baselines3.common.env_checker import check_env as sb3_check_env
 import wheelchair_gym
 from tests.conftest import ROOT
 from tests.envs.digests import digests_of
-from tests.physics.worlds import box
-from wheelchair_gym.config import dump
+from tests.sim.worlds import box
+from wheelchair_gym.base.settings import dump
 from wheelchair_gym.envs import EnvSettings
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.types import Episode

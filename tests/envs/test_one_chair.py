@@ -8,7 +8,7 @@ import pytest
 from tests.copies import differences
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.envs.one_chair import LoopInParts, SimulatedLoop
-from wheelchair_gym.physics.chair import SimulatedChair
+from wheelchair_gym.sim.chair import SimulatedChair
 
 BANK = {"size": 4, "turnover": 0.5}
 

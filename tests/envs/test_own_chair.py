@@ -11,7 +11,7 @@ from agents.evaluation.evaluate import drive_episode
 from agents.policies import make_policy
 from tests.conftest import ROOT
 from tests.envs.test_vector import NEXT, SAME, compare
-from wheelchair_gym.config import InputError, dump, read
+from wheelchair_gym.base.settings import InputError, dump, read
 from wheelchair_gym.envs import EnvSettings, NavigationEnv
 from wheelchair_gym.hardware.settings import check_boards
 from wheelchair_gym.rendering.picture import TopView

@@ -6,7 +6,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-from wheelchair_gym.config import InputError
+from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.scenes import SCENES, make_scene
 
 SHORT = {"scene": "clutter", "task": {"time_base": 1.5, "time_factor": 0.0}}  # 15 steps

@@ -7,7 +7,7 @@ import pytest
 
 from agents.benchmarks.environments import resident_bytes
 from wheelchair_gym.envs import NavigationVectorEnv
-from wheelchair_gym.geometry import footprint_clearance
+from wheelchair_gym.geometry.outline import footprint_clearance
 
 N, MILLION = 1000, 1_000_000
 DEPTH = 0.02  # m: how far a wall may reach into the outline

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from wheelchair_gym.compiled.random import SEEDS, bits, episode_key, world_seed
 from wheelchair_gym.envs import EnvSettings, NavigationEnv, NavigationVectorEnv
-from wheelchair_gym.random import SEEDS, bits, episode_key, world_seed
 from wheelchair_gym.scenes import make_scene
 
 QUICK = {"scene": "clutter", "beams": 8}

@@ -9,7 +9,7 @@ from gymnasium.vector import AutoresetMode
 
 import wheelchair_gym
 from tests.copies import differences
-from wheelchair_gym.config import InputError
+from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv, world_banks
 from wheelchair_gym.envs.batch import step_chairs
 

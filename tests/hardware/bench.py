@@ -8,7 +8,7 @@ from tests.hardware.native import NativeDrive
 from wheelchair_gym.hardware.boards.protocol import Answer, Command, Mode, Rearm, Status
 from wheelchair_gym.hardware.twin.lockstep import JoystickState
 from wheelchair_gym.hardware.twin.lockstep import ibus_frame as frame
-from wheelchair_gym.physics.settings import ChairSettings
+from wheelchair_gym.sim.settings import ChairSettings
 
 CHAIR = ChairSettings()
 FEED = CHAIR.motor.torque_constant / CHAIR.drive.wheel_radius  # V s/m

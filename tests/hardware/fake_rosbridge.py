@@ -16,10 +16,10 @@ import numpy as np
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.server import serve
 
-from wheelchair_gym.geometry import map_to_odom
-from wheelchair_gym.physics.chair import SimulatedChair
+from wheelchair_gym.geometry.planar import map_to_odom
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
+from wheelchair_gym.sim.chair import SimulatedChair
 
 CLOCK = 12_345.678  # s, ahead of ours
 CONTROL_PERIOD = 0.1  # s

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from tests.hardware.conftest import build_twin
-from tests.physics.worlds import box
+from tests.sim.worlds import box
 from wheelchair_gym.hardware.settings import HardwareSettings
 from wheelchair_gym.hardware.twin.inprocess import TwinChair
 from wheelchair_gym.hardware.twin.lockstep import Twin
 from wheelchair_gym.hardware.twin.plant import Plant
-from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.sensors.settings import SensorSettings
+from wheelchair_gym.sim.settings import ChairSettings
 
 
 class Hosted(TwinChair):

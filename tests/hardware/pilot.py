@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tests.physics.worlds import box
+from tests.sim.worlds import box
 from wheelchair_gym.hardware.boards.protocol import (
     Answer,
     Command,
@@ -18,8 +18,8 @@ from wheelchair_gym.hardware.boards.protocol import (
 )
 from wheelchair_gym.hardware.twin.lockstep import Twin
 from wheelchair_gym.hardware.twin.plant import Plant
-from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.sensors.settings import SensorSettings
+from wheelchair_gym.sim.settings import ChairSettings
 
 PERIOD = 0.02  # s
 

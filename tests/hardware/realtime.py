@@ -11,7 +11,7 @@ import numpy as np
 
 from tests.conftest import ROOT, need_pty
 from tests.hardware.conftest import build_twin
-from wheelchair_gym.config import dump
+from wheelchair_gym.base.settings import dump
 from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.hardware.twin.lockstep import Twin
 from wheelchair_gym.hardware.twin.plant import Plant

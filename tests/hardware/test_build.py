@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from wheelchair_gym.config import InputError
+from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.hardware.twin import board as build
 
 

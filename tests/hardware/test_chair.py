@@ -10,18 +10,18 @@ import pytest
 
 from tests.hardware.bench import ibus
 from tests.hardware.hosted import Hosted
-from tests.physics.worlds import box
+from tests.sim.worlds import box
 from wheelchair_gym import InputError
 from wheelchair_gym.envs.settings import env_settings
-from wheelchair_gym.geometry import footprint_clearance
+from wheelchair_gym.geometry.kinematics import DriveGeometry
+from wheelchair_gym.geometry.outline import footprint_clearance
 from wheelchair_gym.hardware.boards.protocol import Mode, Odometry, Switch
 from wheelchair_gym.hardware.boards.senses import WheelOdometry
 from wheelchair_gym.hardware.registry import make_chair
 from wheelchair_gym.hardware.twin.lockstep import IBUS_BAUD
-from wheelchair_gym.kinematics import DriveGeometry
-from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.safety import Shield
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
+from wheelchair_gym.sim.settings import ChairSettings
 
 pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
 

@@ -13,6 +13,7 @@ from tests.benchmarks.drive_faults import outward
 from tests.hardware.bench import Bench, ibus
 from tests.hardware.conftest import build
 from tests.hardware.native import NativeDrive
+from wheelchair_gym.geometry.kinematics import approach
 from wheelchair_gym.hardware.boards.parameters import DRIVE_PARAMETERS
 from wheelchair_gym.hardware.boards.protocol import (
     Answer,
@@ -30,7 +31,6 @@ from wheelchair_gym.hardware.boards.protocol import (
     Switch,
     Unknown,
 )
-from wheelchair_gym.kinematics import approach
 
 STEP = 0.005  # s
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from tests.conftest import PATIENCE, until
-from wheelchair_gym.config import InputError
+from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.hardware.connection import RETRY
 from wheelchair_gym.hardware.laser.hokuyo import ANSWER_WITHIN, Hokuyo, open_laser
 from wheelchair_gym.hardware.laser.scip import (

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from tests.hardware.hosted import Hosted
-from tests.physics.worlds import box
-from wheelchair_gym.config import InputError
+from tests.sim.worlds import box
+from wheelchair_gym.base.settings import InputError
+from wheelchair_gym.geometry.kinematics import Limits
 from wheelchair_gym.hardware.connection import RETRY
 from wheelchair_gym.hardware.joystick import (
     EV_ABS,
@@ -19,7 +20,6 @@ from wheelchair_gym.hardware.joystick import (
     Joystick,
     JoystickSettings,
 )
-from wheelchair_gym.kinematics import Limits
 
 OWN = JoystickSettings(device="fake")
 AHEAD = np.array([0.4, 0.0])

@@ -14,7 +14,7 @@ import pytest
 from tests.conftest import ROOT, long_but, need_pty
 from tests.hardware.conftest import build_twin
 from tests.hardware.test_hokuyo import Clock
-from tests.physics.worlds import box
+from tests.sim.worlds import box
 from wheelchair_gym.hardware.boards import ports, protocol
 from wheelchair_gym.hardware.boards.link import Link
 from wheelchair_gym.hardware.boards.ports import explain

@@ -13,9 +13,9 @@ import yaml
 
 from tests.conftest import ROOT
 from wheelchair_gym.hardware.ros.make_messages import TOPICS
-from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.recording import bags
 from wheelchair_gym.recording.topics import FIELDS
+from wheelchair_gym.sim.settings import ChairSettings
 
 FOLDER = ROOT / "examples" / "ros2"
 # Topics that nav2 and RViz have of their own.

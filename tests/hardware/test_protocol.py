@@ -32,8 +32,8 @@ from wheelchair_gym.hardware.boards.protocol import (
     message_of,
     payload_of,
 )
-from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.sensors.settings import UltrasonicSettings
+from wheelchair_gym.sim.settings import ChairSettings
 
 CODES = {
     "uint8_t": "B",

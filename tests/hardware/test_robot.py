@@ -26,17 +26,17 @@ from agents.robot import Robot, RobotSettings
 from tests.conftest import PATIENCE, ROOT, long_but, until
 from tests.hardware.served import Served
 from wheelchair_gym import InputError
+from wheelchair_gym.geometry.kinematics import DriveGeometry
 from wheelchair_gym.hardware.ros import make_messages
 from wheelchair_gym.hardware.ros import messages as ros
 from wheelchair_gym.hardware.ros.rosbridge import Rosbridge
 from wheelchair_gym.hardware.ros.server import RosbridgeServer, strict
 from wheelchair_gym.hardware.ros.settings import RosbridgeSettings
-from wheelchair_gym.kinematics import DriveGeometry
-from wheelchair_gym.physics.chair import SimulatedChair
 from wheelchair_gym.recording.replay import read_recording
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.sensors.odometry import OdometryCovariance
 from wheelchair_gym.sensors.settings import SensorSettings
+from wheelchair_gym.sim.chair import SimulatedChair
 
 CONTROLLER = ROOT / "examples" / "ros_pure_pursuit.py"
 

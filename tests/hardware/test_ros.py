@@ -28,7 +28,7 @@ from wheelchair_gym import InputError
 from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.envs import EnvSettings, NavigationEnv
 from wheelchair_gym.envs.settings import env_settings
-from wheelchair_gym.geometry import point_segment_distance, to_world
+from wheelchair_gym.geometry.planar import point_segment_distance, to_world
 from wheelchair_gym.hardware.connection import ClockSync
 from wheelchair_gym.hardware.registry import chair_settings, make_chair
 from wheelchair_gym.hardware.ros import messages as ros

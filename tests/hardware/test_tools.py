@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.hardware.hosted import Hosted
-from tests.physics.worlds import box
+from tests.sim.worlds import box
 from wheelchair_gym.hardware.boards.parameters import save_parameters, set_parameters
 from wheelchair_gym.hardware.boards.protocol import Switch
 from wheelchair_gym.hardware.boards.senses import WheelOdometry

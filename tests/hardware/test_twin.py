@@ -11,8 +11,9 @@ import pytest
 from tests.benchmarks import drive_faults
 from tests.hardware.conftest import build, build_twin
 from tests.hardware.pilot import PERIOD, Pilot
-from tests.physics.worlds import box, exact_chair
-from wheelchair_gym.config import InputError
+from tests.sim.worlds import box, exact_chair
+from wheelchair_gym.actors.records import NOBODY, combine, person
+from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.hardware.boards.protocol import (
     BAUD,
     Command,
@@ -32,15 +33,9 @@ from wheelchair_gym.hardware.twin.board import FREQUENCY
 from wheelchair_gym.hardware.twin.laser import sensor_specs
 from wheelchair_gym.hardware.twin.lockstep import IBUS_BAUD
 from wheelchair_gym.hardware.twin.plant import Slope
-from wheelchair_gym.physics.actors.records import NOBODY, combine, person
-from wheelchair_gym.physics.chair import SimulatedChair
-from wheelchair_gym.physics.settings import (
-    BodySettings,
-    ChairSettings,
-    MotorSettings,
-    PhysicsSettings,
-)
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
+from wheelchair_gym.sim.chair import SimulatedChair
+from wheelchair_gym.sim.settings import BodySettings, ChairSettings, MotorSettings, PhysicsSettings
 
 WATCHDOG, BROWN_OUT, POWER = 0x08, 0x04, 0x01  # MCUSR
 COUNTS = 4346.0  # 1/m

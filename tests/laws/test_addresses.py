@@ -9,38 +9,38 @@ import pytest
 
 from tests.conftest import ROOT
 from tests.copies import differences
+from wheelchair_gym.actors.records import ACTOR, Actors, combine, person
+from wheelchair_gym.base.settings import FARTHEST, InputError
 from wheelchair_gym.compiled.address import Pointers, as_array
-from wheelchair_gym.config import FARTHEST, InputError
-from wheelchair_gym.drivers import make_driver
-from wheelchair_gym.drivers.impairment import LiveInput
+from wheelchair_gym.engine import ENGINE
 from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
 from wheelchair_gym.maps import OccupancyGrid
-from wheelchair_gym.physics.actors.records import ACTOR, Actors, combine, person
-from wheelchair_gym.physics.chair import SimulatedChair
-from wheelchair_gym.physics.engine import ENGINE
+from wheelchair_gym.people.drivers import make_driver
+from wheelchair_gym.people.drivers.impairment import LiveInput
+from wheelchair_gym.perception.track_state import static_map_pointers
+from wheelchair_gym.perception.tracker import Tracker
 from wheelchair_gym.safety.shield import Shield
-from wheelchair_gym.tracking import Tracker
-from wheelchair_gym.tracking.state import static_map_pointers
+from wheelchair_gym.sim.chair import SimulatedChair
 from wheelchair_gym.types import Chair, Episode
 
 # Modules with records of addresses: their tables of what each address is of.
 TABLES = {
     "wheelchair_gym.safety.shield": ("SHIELDS",),
     "wheelchair_gym.safety.state": ("CONSTANTS",),
-    "wheelchair_gym.physics.chairs": ("WORLD", "CHAIRS"),
-    "wheelchair_gym.physics.sensor_suite": ("SUITE",),
+    "wheelchair_gym.sim.chairs": ("WORLD", "CHAIRS"),
+    "wheelchair_gym.sim.sensor_suite": ("SUITE",),
     "wheelchair_gym.sensors.laser": ("SCANNER",),
     "wheelchair_gym.task.prepared_episode": ("PREPARED",),
     "wheelchair_gym.task.task": ("RULES", "TASK"),
-    "wheelchair_gym.assistance.step": ("ASSISTANTS",),
-    "wheelchair_gym.assistance.state": (),  # constants, which the former keep
-    "wheelchair_gym.drivers.step": ("DRIVERS",),
-    "wheelchair_gym.drivers.impairment": (),  # one row of the same
+    "wheelchair_gym.people.assistance.step": ("ASSISTANTS",),
+    "wheelchair_gym.people.assistance.state": (),  # constants, which the former keep
+    "wheelchair_gym.people.drivers.step": ("DRIVERS",),
+    "wheelchair_gym.people.drivers.impairment": (),  # one row of the same
     "wheelchair_gym.envs.vector": ("BATCH",),
     "wheelchair_gym.envs.one_chair": (),  # one row of the same
     "wheelchair_gym.envs.results": ("RESULTS",),
-    "wheelchair_gym.tracking.state": ("CONSTANTS", "STATIC_MAP"),
-    "wheelchair_gym.tracking.tracker": ("TRACKERS",),
+    "wheelchair_gym.perception.track_state": ("CONSTANTS", "STATIC_MAP"),
+    "wheelchair_gym.perception.tracker": ("TRACKERS",),
 }
 # Fields of eight unsigned bytes that are no addresses of arrays.
 HASHES = {"laser_hash", "sonar_hash", "other_hash"}

@@ -1,6 +1,6 @@
 """Laws of a person's drive, over drivers and assistants: the stick limits, and its centre stops.
 
-Laws of an assistant's answer alone are in tests/agents/assistance and tests/assistance.
+Laws of an assistant's answer alone are in tests/agents/people and tests/people.
 """
 
 from __future__ import annotations
@@ -12,15 +12,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agents.assistance import ASSISTANTS, is_shielded, make_assistant
-from agents.person.drive import open_space
+from agents.people import ASSISTANTS, is_shielded, make_assistant
+from agents.people.drive import open_space
 from agents.policies import GymPolicy, make_policy
 from tests.conftest import long_but
 from tests.copies import differences
-from wheelchair_gym.assistance import COMPILED
-from wheelchair_gym.drivers import DRIVERS
 from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
-from wheelchair_gym.physics.settings import ChairSettings
+from wheelchair_gym.people.assistance import COMPILED
+from wheelchair_gym.people.drivers import DRIVERS
+from wheelchair_gym.sim.settings import ChairSettings
 from wheelchair_gym.types import Stick
 
 LIMITS = ChairSettings().limits

@@ -19,13 +19,13 @@ from agents.policies import POLICIES, GymPolicy, make_policy
 from planners import PLANNERS, Problem, Space, make_planner
 from tests.conftest import ROOT
 from tests.copies import COPIERS, by_pickle, differences, drive_copies
-from tests.physics.worlds import cluttered
+from tests.sim.worlds import cluttered
 from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
 from wheelchair_gym.hardware.chair import HardwareChair
 from wheelchair_gym.hardware.ros.chair import RosChair
 from wheelchair_gym.hardware.twin.board import EmulatedBoard
-from wheelchair_gym.physics.chair import SimulatedChair
 from wheelchair_gym.scenes import SCENES, make_scene
+from wheelchair_gym.sim.chair import SimulatedChair
 from wheelchair_gym.types import Chair, NotCopyable
 
 LASER = {"laser": {"beams": 64}}

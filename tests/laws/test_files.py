@@ -21,8 +21,8 @@ from agents.learning.weights import load_weights, save_weights
 from tests.agents.learning.tiny_runs import random_weights
 from tests.conftest import ROOT, refusal
 from tests.fuzz import READERS, Watched, fuzz
-from wheelchair_gym.errors import InputError
-from wheelchair_gym.files import LIMITS
+from wheelchair_gym.base.errors import InputError
+from wheelchair_gym.base.files import LIMITS
 
 PACKAGES = ("wheelchair_gym", "planners", "agents")
 OPENING = {"read_bytes", "read_text", "read_json", "opened", "open", "imread"}

@@ -16,7 +16,7 @@ from tests.agents.control.test_tight_places import PATH as TIGHT_PATH
 from tests.agents.control.test_tight_places import ROOM as TIGHT_ROOM
 from tests.agents.control.test_tight_places import driven, manoeuvre
 from tests.agents.fakes import corridor
-from wheelchair_gym.config import InputError, dump, load, with_values
+from wheelchair_gym.base.settings import InputError, dump, load, with_values
 
 # Names of settings, or of their ends, that need not change a plan or a command, and why.
 EXCEPTIONS = {

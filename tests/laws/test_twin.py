@@ -26,8 +26,8 @@ from agents.policies import GymPolicy, make_policy
 from tests.conftest import ROOT
 from tests.hardware.hosted import Hosted
 from wheelchair_gym.envs.settings import env_settings
+from wheelchair_gym.geometry.kinematics import twist_of_wheels
 from wheelchair_gym.hardware.registry import localized
-from wheelchair_gym.kinematics import twist_of_wheels
 
 pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
 

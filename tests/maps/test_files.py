@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
-from wheelchair_gym.config import InputError
-from wheelchair_gym.files import parse_json
+from wheelchair_gym.base.files import parse_json
+from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.maps import (
     FREE,
     OCCUPIED,

@@ -11,7 +11,7 @@ from scipy import ndimage
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
-from wheelchair_gym.geometry import path_length
+from wheelchair_gym.geometry.planar import path_length
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, geodesic
 
 

@@ -9,7 +9,7 @@ import pytest
 from scipy import ndimage
 
 from tests.scenes.test_scenes import inside
-from wheelchair_gym.geometry import point_segment_distance
+from wheelchair_gym.geometry.planar import point_segment_distance
 from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 
 

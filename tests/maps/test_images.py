@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from wheelchair_gym.config import InputError
+from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN, read_map
 from wheelchair_gym.maps.io.floor_plan import read_floor_plan_image
 

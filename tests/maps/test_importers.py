@@ -8,8 +8,8 @@ import re
 import numpy as np
 import pytest
 
-from wheelchair_gym.config import InputError
-from wheelchair_gym.geometry import polygon_edges
+from wheelchair_gym.base.settings import InputError
+from wheelchair_gym.geometry.planar import polygon_edges
 from wheelchair_gym.maps import (
     FREE,
     OCCUPIED,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.conftest import long_but
-from wheelchair_gym.geometry import Footprint, best_clearance_heading
+from wheelchair_gym.geometry.outline import Footprint, best_clearance_heading
 from wheelchair_gym.maps import (
     FREE,
     OCCUPIED,

@@ -11,8 +11,9 @@ import pytest
 import wheelchair_gym
 from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
 from wheelchair_gym.envs.guidance import PoseGuidance
-from wheelchair_gym.geometry import Footprint, footprint_clearance, to_world, wrap_angle
-from wheelchair_gym.kinematics import Limits
+from wheelchair_gym.geometry.kinematics import Limits
+from wheelchair_gym.geometry.outline import Footprint, footprint_clearance
+from wheelchair_gym.geometry.planar import to_world, wrap_angle
 from wheelchair_gym.maps import OCCUPIED, OccupancyGrid
 from wheelchair_gym.maps.cost_to_go import (
     FAR,

@@ -22,9 +22,10 @@ from planners.collision.nearby import nearby
 from planners.lattice.lattice import Lattice
 from tests.planners.oracle import Oracle, Verdict
 from tests.planners.pose_grid import LONGEST, STEP, WIDEST
-from wheelchair_gym.config import dump, load
-from wheelchair_gym.geometry import Footprint, polygon_edges, wrap
-from wheelchair_gym.kinematics import Limits
+from wheelchair_gym.base.settings import dump, load
+from wheelchair_gym.geometry.kinematics import Limits
+from wheelchair_gym.geometry.outline import Footprint
+from wheelchair_gym.geometry.planar import polygon_edges, wrap
 from wheelchair_gym.maps.driving_cost import STILL, kind_of, stretch_cost
 
 FILE = Path(__file__).with_name("footprint.json")

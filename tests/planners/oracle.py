@@ -28,7 +28,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 from tests.planners.pose_grid import STEP, fill, flood, grid_headings, shortest
-from wheelchair_gym.geometry import Footprint
+from wheelchair_gym.geometry.outline import Footprint
 
 CHAIR = Footprint()
 

@@ -8,8 +8,9 @@ import shapely
 
 from planners.rrt_star_woa.control_generator import ControlGenerator
 from planners.rrt_star_woa.rollout import STEP, rollout, time_to_cover
-from wheelchair_gym.geometry import Footprint, to_world
-from wheelchair_gym.kinematics import Limits
+from wheelchair_gym.geometry.kinematics import Limits
+from wheelchair_gym.geometry.outline import Footprint
+from wheelchair_gym.geometry.planar import to_world
 
 LIMITS, FOOTPRINT = Limits(), Footprint()
 PATH = np.array([(0, 0), (3, 0), (3, 4), (6, 4.5), (9, 9)], dtype=float)

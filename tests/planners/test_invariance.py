@@ -15,7 +15,8 @@ from planners.collision.polygon_tests import point_free
 from planners.judge import plan_faults
 from tests.conftest import long_but
 from tests.planners.test_planners import quick
-from wheelchair_gym.geometry import Footprint, polygon_edges, to_frame, to_world
+from wheelchair_gym.geometry.outline import Footprint
+from wheelchair_gym.geometry.planar import polygon_edges, to_frame, to_world
 from wheelchair_gym.maps import OCCUPIED, OccupancyGrid, geodesic
 from wheelchair_gym.scenes.poses import is_free_pose
 from wheelchair_gym.types import no_discs

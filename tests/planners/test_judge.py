@@ -5,7 +5,7 @@ import pytest
 import shapely
 
 from planners.judge import Judge, sweep_faults
-from wheelchair_gym.geometry import Footprint
+from wheelchair_gym.geometry.outline import Footprint
 
 BLOCK = shapely.box(4, 4, 6, 6)
 BOUNDS = (0, 0, 10, 10)

@@ -18,9 +18,9 @@ from planners.lattice.flood import is_cut_off
 from planners.lattice.lattice import Lattice
 from tests.benchmarks.lattice import seconds
 from tests.planners.footprints import path_gaps, read
-from wheelchair_gym.config import dump
-from wheelchair_gym.geometry import Footprint
-from wheelchair_gym.kinematics import arc_step
+from wheelchair_gym.base.settings import dump
+from wheelchair_gym.geometry.kinematics import arc_step
+from wheelchair_gym.geometry.outline import Footprint
 
 BOUNDS = (0.0, 0.0, 6.0, 5.0)
 DOOR = 1.0  # m

@@ -11,7 +11,8 @@ import shapely
 from tests.planners.footprints import judged
 from tests.planners.oracle import Oracle
 from tests.planners.pose_grid import STEP, WIDEST, grid_headings
-from wheelchair_gym.geometry import Footprint, polygon_edges
+from wheelchair_gym.geometry.outline import Footprint
+from wheelchair_gym.geometry.planar import polygon_edges
 
 BOX = (0.0, 0.0, 2.7, 2.4)
 WEDGE = [(0.9, 0.0), (1.5, 0.0), (1.3, 0.5)]

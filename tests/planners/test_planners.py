@@ -12,7 +12,7 @@ from planners import PLANNERS, Problem, Space, Status, make_planner
 from planners.judge import TOLERANCE, Judge
 from planners.problem_files import read_problems
 from tests.planners.make_problems import FILE, problems
-from wheelchair_gym.config import InputError
+from wheelchair_gym.base.settings import InputError
 
 # Planners that prove it where there is no path, and those that always find one on these maps.
 PROVE = {"bug1", "bug2", "cell_decomposition", "visibility"}

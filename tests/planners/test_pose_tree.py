@@ -10,7 +10,7 @@ from planners.judge import plan_faults, sweep_faults
 from planners.rrt_star_woa.poses import Se2RrtStarWoa
 from tests.benchmarks.lattice import seconds
 from tests.planners.footprints import path_gaps, read, stretches_of
-from wheelchair_gym.config import dump
+from wheelchair_gym.base.settings import dump
 
 CASES = {case.problem.name: case for case in read()}
 # Feasible ones that random samples find in a moment; the others need a pose to a few millimetres.

@@ -5,7 +5,7 @@ import pytest
 
 from planners.problem_files import read_problems
 from tests.maps.test_importers import put
-from wheelchair_gym.config import InputError
+from wheelchair_gym.base.settings import InputError
 
 GOOD = {"name": "a", "size": 5.0, "rects": [[1, 1, 2, 2]], "start": [0.5, 0.5], "goal": [4, 4]}
 

@@ -13,7 +13,7 @@ from planners import PLANNERS, Problem, Space, Status, make_planner
 from planners.collision.solids import union
 from planners.judge import TOLERANCE
 from tests.planners.test_planners import BOX, COMPLETE, GIVEN_UP, PROVE, assert_valid, on, quick
-from wheelchair_gym.config import InputError
+from wheelchair_gym.base.settings import InputError
 
 SIZE = 8
 WITH_DEADLINE = [

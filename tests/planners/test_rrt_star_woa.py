@@ -13,7 +13,7 @@ from planners.rrt_star_woa.path_shortening import RrtStarWoaGlobal
 from planners.rrt_star_woa.thesis import FIGURE_3_1, GLOBAL
 from planners.rrt_star_woa.woa import WhaleParameters, move, new_whales, tell
 from tests.planners.test_trees import assert_free, walled
-from wheelchair_gym.random import next_uniform, stream
+from wheelchair_gym.compiled.random import next_uniform, stream
 
 # Written for compiled integers, which wrap without a word.
 pytestmark = pytest.mark.filterwarnings("ignore:overflow encountered:RuntimeWarning")

@@ -24,10 +24,10 @@ from planners.swarm.path_cost import evaluate, new_workspace
 from planners.swarm.planner import RrtWoa, SwarmPlanner
 from planners.swarm.search import new_search, run, sample_along
 from tests.planners.swarm_worlds import among_blocks, among_discs, nearest
+from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.compiled.kernel import kernel
-from wheelchair_gym.config import InputError
-from wheelchair_gym.geometry import path_length
-from wheelchair_gym.random import stream
+from wheelchair_gym.compiled.random import stream
+from wheelchair_gym.geometry.planar import path_length
 
 D = 4
 CENTRE = np.array([1.0, -2.0, 0.5, 3.0])

@@ -18,7 +18,7 @@ from planners.rrt_star_woa.thesis import (
     without_trailing_commas,
 )
 from planners.rrt_star_woa.woa import WhaleSettings
-from wheelchair_gym.config import InputError
+from wheelchair_gym.base.settings import InputError
 
 FIGURE = json.dumps(dict(FIGURE_3_1.values), indent=2)[:-2] + ",\n}\n"
 

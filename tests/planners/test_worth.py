@@ -10,7 +10,7 @@ from planners.registries import OBJECTIVES
 from planners.swarm.path_cost import evaluate, new_workspace, push_out_of_discs
 from planners.swarm.planner import SwarmPlanner
 from tests.planners.swarm_worlds import among_blocks, among_discs, nearest
-from wheelchair_gym.geometry import path_length
+from wheelchair_gym.geometry.planar import path_length
 from wheelchair_gym.scenes.published import CHAOTIC_PSO_DISCS
 
 

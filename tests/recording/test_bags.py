@@ -18,11 +18,11 @@ from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from agents.cli import main
 from agents.policies import GymPolicy, make_policy
 from wheelchair_gym import InputError
-from wheelchair_gym.geometry import to_world
+from wheelchair_gym.actors.records import actor_shapes
+from wheelchair_gym.geometry.planar import to_world
 from wheelchair_gym.hardware.ros import make_messages as ros
 from wheelchair_gym.hardware.ros.cdr import serialized, typestore
-from wheelchair_gym.localization.occupancy import read_scan
-from wheelchair_gym.physics.actors.records import actor_shapes
+from wheelchair_gym.perception.occupancy import read_scan
 from wheelchair_gym.recording import bags
 from wheelchair_gym.recording.read_bags import bag_log, bag_messages
 from wheelchair_gym.recording.record import RecordEpisodes, RecordingSettings

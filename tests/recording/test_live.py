@@ -19,7 +19,7 @@ from websockets.sync.client import connect
 
 from agents.cli import main
 from tests.conftest import PATIENCE
-from wheelchair_gym.localization.monte_carlo import LocalizationSettings
+from wheelchair_gym.perception.monte_carlo import LocalizationSettings
 from wheelchair_gym.recording.record import RecordEpisodes, RecordingSettings
 
 STEPS = 40

@@ -21,13 +21,13 @@ from tests.conftest import ROOT
 from tests.copies import same_fields
 from wheelchair_gym import InputError
 from wheelchair_gym.envs import NavigationEnv
-from wheelchair_gym.geometry import compose
+from wheelchair_gym.geometry.planar import compose
 from wheelchair_gym.maps import OccupancyGrid
-from wheelchair_gym.physics.chair import SimulatedChair
 from wheelchair_gym.recording.record import RecordEpisodes, RecordingSettings
 from wheelchair_gym.recording.replay import read_recording, replay_env, sensor_log
 from wheelchair_gym.recording.sink import McapFile
 from wheelchair_gym.sensors.settings import SensorSettings
+from wheelchair_gym.sim.chair import SimulatedChair
 from wheelchair_gym.types import Belief
 
 OLD = Path(__file__).parent / "data" / "first.mcap"  # as the first release wrote it

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from wheelchair_gym.config import InputError
+from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.rendering import Window, webp, write_png, write_video
 
 

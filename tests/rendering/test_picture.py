@@ -8,9 +8,10 @@ import math
 import numpy as np
 import pytest
 
-from wheelchair_gym.geometry import Footprint, polygon_edges, to_world
+from wheelchair_gym.actors.records import combine, door, furniture, obstacle, person
+from wheelchair_gym.geometry.outline import Footprint
+from wheelchair_gym.geometry.planar import polygon_edges, to_world
 from wheelchair_gym.maps import OccupancyGrid
-from wheelchair_gym.physics.actors.records import combine, door, furniture, obstacle, person
 from wheelchair_gym.rendering import PlanPicture, TopView, palette
 from wheelchair_gym.rendering.floor import (
     FINE,

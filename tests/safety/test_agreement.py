@@ -23,11 +23,11 @@ from tests.benchmarks.senses import (
     stuck,
     world,
 )
-from tests.physics.worlds import box
-from wheelchair_gym.physics.chair import SimulatedChair
+from tests.sim.worlds import box
 from wheelchair_gym.safety import Shield, ShieldSettings
 from wheelchair_gym.scenes.arena import EmptyRoom
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
+from wheelchair_gym.sim.chair import SimulatedChair
 
 
 @pytest.mark.parametrize("thing", THINGS)

@@ -5,19 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.attacks import (
-    BACKWARDS,
-    GREEDY,
-    PIVOT,
-    RANDOM,
-    SCENES,
-    SLOW,
-    SWITCHES,
-    Attack,
-    entering,
-)
-from wheelchair_gym.physics.state import DECEITS
+from tests.attacks import BACKWARDS, GREEDY, PIVOT, RANDOM, SCENES, SLOW, SWITCHES, Attack, entering
 from wheelchair_gym.safety import ShieldSettings
+from wheelchair_gym.sim.state import DECEITS
 
 
 def attack(scene, rows, each, *, shield, faults=0.2, seed=0, bank=8, rate=10.0):

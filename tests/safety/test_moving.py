@@ -7,15 +7,15 @@ import dataclasses
 import numpy as np
 import pytest
 
-from tests.physics.worlds import box
 from tests.safety.test_shield import AHEAD, STILL, among_people, drive
-from wheelchair_gym.physics.actors.records import NOBODY, combine, person
-from wheelchair_gym.physics.chair import SimulatedChair
-from wheelchair_gym.physics.settings import ChairSettings
+from tests.sim.worlds import box
+from wheelchair_gym.actors.records import NOBODY, combine, person
 from wheelchair_gym.safety import Shield, ShieldSettings
 from wheelchair_gym.safety.moving import _owner, may_reach_point, spread_tracked
 from wheelchair_gym.safety.state import NEARBY, ShieldConstants
 from wheelchair_gym.sensors.settings import SensorSettings
+from wheelchair_gym.sim.chair import SimulatedChair
+from wheelchair_gym.sim.settings import ChairSettings
 
 TRACKS, NONE = ShieldSettings(), ShieldSettings(tracks=False)
 FASTEST, CHANGE = TRACKS.person_speed, TRACKS.person_acceleration

@@ -8,8 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from tests.physics.worlds import box
-from wheelchair_gym.physics.chair import SimulatedChair
+from tests.sim.worlds import box
 from wheelchair_gym.safety import Shield
 from wheelchair_gym.safety.grid import place_of_cell
 from wheelchair_gym.safety.state import CELL
@@ -19,6 +18,7 @@ from wheelchair_gym.sensors.settings import (
     SensorSettings,
     UltrasonicSettings,
 )
+from wheelchair_gym.sim.chair import SimulatedChair
 
 BACK = LaserSettings(x=-0.28, yaw=math.pi, beams=181, fov=math.radians(180.0), reach=6.0)
 CAMERA = LaserSettings(x=-0.28, yaw=math.pi, beams=17, fov=math.radians(80.0), reach=3.0)

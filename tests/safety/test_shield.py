@@ -9,21 +9,22 @@ import numpy as np
 import pytest
 
 from tests.copies import same_fields
-from tests.physics.worlds import box
-from wheelchair_gym.config import InputError
-from wheelchair_gym.geometry import Footprint, to_frame
-from wheelchair_gym.kinematics import Limits
-from wheelchair_gym.physics.actors.records import NOBODY, combine, door, person
-from wheelchair_gym.physics.chair import SimulatedChair
-from wheelchair_gym.physics.settings import BodySettings, ChairSettings
-from wheelchair_gym.physics.state import DECEITS
-from wheelchair_gym.physics.state import FAULTS as KINDS
+from tests.sim.worlds import box
+from wheelchair_gym.actors.records import NOBODY, combine, door, person
+from wheelchair_gym.base.settings import InputError
+from wheelchair_gym.geometry.kinematics import Limits
+from wheelchair_gym.geometry.outline import Footprint
+from wheelchair_gym.geometry.planar import to_frame
 from wheelchair_gym.safety import Shield, ShieldSettings
 from wheelchair_gym.safety.decision import _BLOCK
 from wheelchair_gym.safety.grid import place_of_cell
 from wheelchair_gym.safety.perception import last_rows
 from wheelchair_gym.safety.state import CELLS, KEPT, NEARBY, POINT, REASONS, SAMPLES
 from wheelchair_gym.sensors.settings import FaultSettings, SensorSettings
+from wheelchair_gym.sim.chair import SimulatedChair
+from wheelchair_gym.sim.settings import BodySettings, ChairSettings
+from wheelchair_gym.sim.state import DECEITS
+from wheelchair_gym.sim.state import FAULTS as KINDS
 from wheelchair_gym.types import Reading
 
 AHEAD, BACK, LEFT = np.array([0.8, 0.0]), np.array([-0.3, 0.0]), np.array([0.0, 1.0])

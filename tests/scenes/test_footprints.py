@@ -5,13 +5,14 @@ from __future__ import annotations
 import pytest
 import shapely
 
-from wheelchair_gym.config import InputError
+from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs.settings import EnvSettings, env_settings
 from wheelchair_gym.envs.world_banks import WorldBank
-from wheelchair_gym.geometry import Footprint, to_world
-from wheelchair_gym.physics.settings import ChairSettings
+from wheelchair_gym.geometry.outline import Footprint
+from wheelchair_gym.geometry.planar import to_world
 from wheelchair_gym.scenes import SCENES
 from wheelchair_gym.scenes.raster import CELL
+from wheelchair_gym.sim.settings import ChairSettings
 from wheelchair_gym.task.task import Task
 
 CHAIRS = {

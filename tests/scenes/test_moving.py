@@ -14,17 +14,7 @@ from agents.benchmarks.scene_statistics import scene_statistics
 from agents.evaluation.compare import suite
 from agents.evaluation.evaluate import without_labels
 from tests.conftest import long_but
-from wheelchair_gym.envs import NavigationEnv
-from wheelchair_gym.geometry import footprint_clearance, path_length, point_segment_distance
-from wheelchair_gym.maps import (
-    FREE,
-    OCCUPIED,
-    OccupancyGrid,
-    bottleneck,
-    footprint_margin,
-    geodesic,
-)
-from wheelchair_gym.physics.actors.records import (
+from wheelchair_gym.actors.records import (
     BEHAVIOURS,
     DOOR,
     FURNITURE,
@@ -36,6 +26,17 @@ from wheelchair_gym.physics.actors.records import (
     actor_shapes,
     door,
     leaf_line,
+)
+from wheelchair_gym.envs import NavigationEnv
+from wheelchair_gym.geometry.outline import footprint_clearance
+from wheelchair_gym.geometry.planar import path_length, point_segment_distance
+from wheelchair_gym.maps import (
+    FREE,
+    OCCUPIED,
+    OccupancyGrid,
+    bottleneck,
+    footprint_margin,
+    geodesic,
 )
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.scenes.arena import WALL, Doorway

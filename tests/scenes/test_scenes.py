@@ -10,10 +10,10 @@ import pytest
 from PIL import Image
 
 from tests.copies import same_fields
-from wheelchair_gym.config import InputError
-from wheelchair_gym.geometry import footprint_clearance
+from wheelchair_gym.base.settings import InputError
+from wheelchair_gym.compiled.random import numpy_integer, numpy_stream, numpy_uniform
+from wheelchair_gym.geometry.outline import footprint_clearance
 from wheelchair_gym.maps import FREE, OCCUPIED, bottleneck, geodesic
-from wheelchair_gym.random import numpy_integer, numpy_stream, numpy_uniform
 from wheelchair_gym.scenes import SCENES, make_scene
 from wheelchair_gym.scenes.poses import FOOTPRINT, passing_radius
 from wheelchair_gym.scenes.published import GREY_WOLF_GOALS

@@ -16,7 +16,7 @@ from planners.judge import plan_faults
 from planners.problem import Problem, Status
 from tests.envs.test_vector import NEXT, compare
 from tests.scenes.test_footprints import CHAIRS
-from wheelchair_gym.config import InputError
+from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.maps import bottleneck
 from wheelchair_gym.recording.topics import EPISODE, FIELDS

@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from tests.physics.worlds import box, exact_chair
-from wheelchair_gym.geometry import wrap_angle
-from wheelchair_gym.physics.chair import SimulatedChair
+from tests.sim.worlds import box, exact_chair
+from wheelchair_gym.geometry.planar import wrap_angle
 from wheelchair_gym.sensors.settings import ModelledPose, OdometrySettings, SensorSettings
+from wheelchair_gym.sim.chair import SimulatedChair
 
 
 def wander(chair, steps, seed=0):

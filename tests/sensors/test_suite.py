@@ -8,9 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from tests.physics.worlds import cluttered
-from wheelchair_gym.physics.chair import SimulatedChair
-from wheelchair_gym.physics.state import FAULTS
+from tests.sim.worlds import cluttered
 from wheelchair_gym.sensors.settings import (
     RANGERS,
     FaultSettings,
@@ -18,6 +16,8 @@ from wheelchair_gym.sensors.settings import (
     SensorSettings,
     UltrasonicSettings,
 )
+from wheelchair_gym.sim.chair import SimulatedChair
+from wheelchair_gym.sim.state import FAULTS
 
 FRONT = LaserSettings(beams=271)
 BACK = LaserSettings(x=-0.28, yaw=math.pi, beams=181, fov=math.radians(180.0), reach=6.0)

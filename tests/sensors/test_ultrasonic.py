@@ -7,12 +7,12 @@ import math
 import numpy as np
 import pytest
 
-from tests.physics.worlds import box, exact_chair
 from tests.sensors.test_laser import brute_force, random_world
-from wheelchair_gym.physics.chair import SimulatedChair
+from tests.sim.worlds import box, exact_chair
 from wheelchair_gym.sensors.laser import WORKSPACE_ROWS
 from wheelchair_gym.sensors.settings import SensorSettings, UltrasonicSettings
 from wheelchair_gym.sensors.ultrasonic import RANGER, first_echo, ranger_rows, sense_ultrasonic
+from wheelchair_gym.sim.chair import SimulatedChair
 
 ROOM = np.empty((WORKSPACE_ROWS, 64), np.float32)
 NO_WALLS, NO_DISCS = np.empty((0, 4)), np.empty((0, 3))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from wheelchair_gym.geometry import Footprint
+from wheelchair_gym.geometry.outline import Footprint
 from wheelchair_gym.sensors.settings import LaserSettings
 from wheelchair_gym.task.side_clearance import (
     BEYOND,

@@ -8,11 +8,11 @@ import pickle
 import numpy as np
 import pytest
 
-from wheelchair_gym.config import InputError
+from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
-from wheelchair_gym.geometry import to_frame
+from wheelchair_gym.geometry.planar import to_frame
+from wheelchair_gym.perception.tracker import Tracker
 from wheelchair_gym.task.observations import TRACK_REACH, TRACK_SPEED
-from wheelchair_gym.tracking import Tracker
 
 MOST = 4  # tracks that are observed
 HALL = {

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from wheelchair_gym.envs import NavigationEnv
-from wheelchair_gym.geometry import to_frame
+from wheelchair_gym.geometry.planar import to_frame
 from wheelchair_gym.task.assessment import PROGRESS, TRAIL_POINTS
 from wheelchair_gym.task.observations import TRAIL_SPACING, extend_trail, reset_trail, write_trail
 

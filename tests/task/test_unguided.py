@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from wheelchair_gym.config import InputError
+from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.task.observations import PRIVILEGED
 from wheelchair_gym.task.side_clearance import fan_poses, side_clearance

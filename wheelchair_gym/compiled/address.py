@@ -21,8 +21,8 @@ from numba.np.arrayobj import make_array, populate_array
 from numba.np.numpy_support import from_dtype
 from numpy.typing import DTypeLike, NDArray
 
+from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.compiled.kernel import inlined
-from wheelchair_gym.config import InputError
 
 Shape = tuple[int | None, ...]  # None: any length
 

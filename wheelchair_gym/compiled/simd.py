@@ -10,7 +10,7 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from wheelchair_gym.arrays import Floats
+from wheelchair_gym.base.arrays import Floats
 from wheelchair_gym.compiled.kernel import inlined
 
 SIMD_WIDTH = 32  # beams that are compared at once

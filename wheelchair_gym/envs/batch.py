@@ -7,14 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from wheelchair_gym.arrays import Floats, Mask
-from wheelchair_gym.assistance.step import (
-    ASSISTANTS,
-    assisted_action,
-    begin_assistant,
-    prefetch_assistant,
-    update_assistant,
-)
+from wheelchair_gym.base.arrays import Floats, Mask
 from wheelchair_gym.compiled.address import (
     Target,
     field_at,
@@ -26,14 +19,19 @@ from wheelchair_gym.compiled.address import (
     table_at,
 )
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined, kernel
-from wheelchair_gym.drivers.state import DRIVERS, prefetch_driver
-from wheelchair_gym.drivers.step import begin_driver, step_driver
+from wheelchair_gym.compiled.random import SHIELDS as UNSHIELDED
+from wheelchair_gym.compiled.random import uniform
 from wheelchair_gym.envs.results import RESULTS, Columns, columns_of
-from wheelchair_gym.kinematics import twist_of_action
-from wheelchair_gym.physics.step import CHAIRS, chair_row, prefetch_chair, reset_chair, step_chair
-from wheelchair_gym.physics.world import enter_episode
-from wheelchair_gym.random import SHIELDS as UNSHIELDED
-from wheelchair_gym.random import uniform
+from wheelchair_gym.geometry.kinematics import twist_of_action
+from wheelchair_gym.people.assistance.step import (
+    ASSISTANTS,
+    assisted_action,
+    begin_assistant,
+    prefetch_assistant,
+    update_assistant,
+)
+from wheelchair_gym.people.drivers.state import DRIVERS, prefetch_driver
+from wheelchair_gym.people.drivers.step import begin_driver, step_driver
 from wheelchair_gym.safety.shield import (
     SHIELDS,
     copy_decision,
@@ -41,6 +39,8 @@ from wheelchair_gym.safety.shield import (
     reset_shield,
     update_shield,
 )
+from wheelchair_gym.sim.step import CHAIRS, chair_row, prefetch_chair, reset_chair, step_chair
+from wheelchair_gym.sim.world import enter_episode
 from wheelchair_gym.task.assessment import TASK, assess, begin_task, task_row
 from wheelchair_gym.task.observations import take_stick
 from wheelchair_gym.task.prepared_episode import PREPARED

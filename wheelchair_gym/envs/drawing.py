@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.envs.settings import EnvSettings
 from wheelchair_gym.task.task import Task
 from wheelchair_gym.types import Episode, Shown, Truth

@@ -9,8 +9,8 @@ from typing import Any, cast
 
 import numpy as np
 
-from wheelchair_gym.arrays import Array
-from wheelchair_gym.config import InputError, load, setting, settings
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.settings import InputError, load, setting, settings
 from wheelchair_gym.maps import FREE, OccupancyGrid
 from wheelchair_gym.maps.cost_to_go import CostToGo, CostToGoSettings, cost_to_go
 from wheelchair_gym.task.task import Guidance, Task

@@ -13,11 +13,9 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.arrays import Array
-from wheelchair_gym.config import InputError
-from wheelchair_gym.drivers import make_drivers
-from wheelchair_gym.drivers.settings import Driver
-from wheelchair_gym.drivers.step import Drivers
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.settings import InputError
+from wheelchair_gym.compiled.random import SEEDS, Split, episode_key
 from wheelchair_gym.envs.drawing import EpisodeRenderer
 from wheelchair_gym.envs.guidance import make_guidance
 from wheelchair_gym.envs.one_chair import LoopInParts, Parts, SimulatedLoop
@@ -32,13 +30,15 @@ from wheelchair_gym.envs.settings import (
     make_localizer,
 )
 from wheelchair_gym.envs.world_banks import WorldBank
-from wheelchair_gym.geometry import to_world
-from wheelchair_gym.kinematics import numbers_of
-from wheelchair_gym.localization.localized_chair import LocalizedChair, unwrapped
-from wheelchair_gym.physics.chair import SimulatedChair
-from wheelchair_gym.random import SEEDS, Split, episode_key
+from wheelchair_gym.geometry.kinematics import numbers_of
+from wheelchair_gym.geometry.planar import to_world
+from wheelchair_gym.people.drivers import make_drivers
+from wheelchair_gym.people.drivers.settings import Driver
+from wheelchair_gym.people.drivers.step import Drivers
+from wheelchair_gym.perception.localized_chair import LocalizedChair, unwrapped
 from wheelchair_gym.safety.settings import ShieldSettings
 from wheelchair_gym.safety.shield import Shield
+from wheelchair_gym.sim.chair import SimulatedChair
 from wheelchair_gym.task.custom_reward import as_record, checked, make_reward
 from wheelchair_gym.task.observations import observation_table
 from wheelchair_gym.task.prepared_episode import PreparedEpisode
@@ -146,7 +146,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
                 - shield: true, or a mapping of its settings: only what it allows is driven
                   (`wheelchair_gym.safety`). True: as in the config, if it has one. None: off in
                   simulation, on for a real chair by name;
-                - driver: a simulated person who drives (`wheelchair_gym.drivers`), a name, a
+                - driver: a simulated person who drives (`wheelchair_gym.people.drivers`), a name, a
                   mapping, or a list of those (each episode draws one): actions are those of an
                   assistant, which is shown the person's stick and not its goal;
                 - assistant: a compiled assistant that drives with the person, a name or a mapping:

@@ -12,24 +12,18 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from wheelchair_gym.arrays import Rows
-from wheelchair_gym.assistance.step import Assistants
+from wheelchair_gym.base.arrays import Rows
 from wheelchair_gym.compiled.address import Pointers
 from wheelchair_gym.compiled.second_process import compile_beside
-from wheelchair_gym.drivers.step import Drivers
-from wheelchair_gym.envs.batch import (
-    BATCH,
-    BATCH_TARGETS,
-    begin_chairs,
-    is_unshielded,
-    step_chairs,
-)
+from wheelchair_gym.envs.batch import BATCH, BATCH_TARGETS, begin_chairs, is_unshielded, step_chairs
 from wheelchair_gym.envs.results import INFO_KEYS, ROW_SIZE, Memory, ResultPool, info_of_shield
-from wheelchair_gym.localization.localized_chair import unwrapped
-from wheelchair_gym.physics.chair import SimulatedChair
-from wheelchair_gym.physics.state import SENSED, sensed_of
+from wheelchair_gym.people.assistance.step import Assistants
+from wheelchair_gym.people.drivers.step import Drivers
+from wheelchair_gym.perception.localized_chair import unwrapped
 from wheelchair_gym.safety.shield import SHIELDS, Decision, Shield
 from wheelchair_gym.safety.state import REASONS
+from wheelchair_gym.sim.chair import SimulatedChair
+from wheelchair_gym.sim.state import SENSED, sensed_of
 from wheelchair_gym.task.prepared_episode import PREPARED, PreparedEpisode
 from wheelchair_gym.task.rewards import TERMS, VERDICT
 from wheelchair_gym.task.task import Observation, Task

@@ -15,18 +15,12 @@ from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.arrays import Floats, Mask, Rows
-from wheelchair_gym.compiled.address import (
-    Pointers,
-    Target,
-    flags_at,
-    pointer_record,
-    rows_of,
-)
+from wheelchair_gym.base.arrays import Floats, Mask, Rows
+from wheelchair_gym.compiled.address import Pointers, Target, flags_at, pointer_record, rows_of
 from wheelchair_gym.compiled.kernel import inlined
-from wheelchair_gym.physics.state import SENSED
 from wheelchair_gym.safety.state import DECISION, REASONS
 from wheelchair_gym.signals import READING, TRUTH
+from wheelchair_gym.sim.state import SENSED
 from wheelchair_gym.task.rewards import TERMS, VERDICT
 from wheelchair_gym.task.task import Observation, Task
 

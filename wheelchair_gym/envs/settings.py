@@ -12,19 +12,19 @@ from typing import Any, cast, get_args
 
 import numpy as np
 
-from wheelchair_gym.assistance import COMPILED, make_compiled
-from wheelchair_gym.assistance.step import Assistants
-from wheelchair_gym.config import InputError, dump, load, read, setting, settings, suggest
-from wheelchair_gym.drivers import drivers_spec, make_drivers
-from wheelchair_gym.errors import ArgumentError, shorten
+from wheelchair_gym.base.errors import ArgumentError, shorten
+from wheelchair_gym.base.settings import InputError, dump, load, read, setting, settings, suggest
+from wheelchair_gym.compiled.random import SEEDS, Split
 from wheelchair_gym.hardware.settings import HardwareSettings
-from wheelchair_gym.localization.localized_chair import Localizer
-from wheelchair_gym.localization.monte_carlo import LocalizationSettings, MonteCarloLocalizer
-from wheelchair_gym.localization.slam import Slam, SlamSettings
-from wheelchair_gym.physics.settings import ChairSettings, PhysicsSettings
-from wheelchair_gym.random import SEEDS, Split
+from wheelchair_gym.people.assistance import COMPILED, make_compiled
+from wheelchair_gym.people.assistance.step import Assistants
+from wheelchair_gym.people.drivers import drivers_spec, make_drivers
+from wheelchair_gym.perception.localized_chair import Localizer
+from wheelchair_gym.perception.monte_carlo import LocalizationSettings, MonteCarloLocalizer
+from wheelchair_gym.perception.slam import Slam, SlamSettings
 from wheelchair_gym.safety.settings import ShieldSettings
 from wheelchair_gym.sensors.settings import SensorSettings
+from wheelchair_gym.sim.settings import ChairSettings, PhysicsSettings
 from wheelchair_gym.task.settings import TaskSettings
 
 
@@ -77,14 +77,14 @@ class EnvSettings:
     """Settings of the shield; none: the chair drives what a policy asks for. A real chair always
     has a shield."""
     driver: Any = setting(default=None)
-    """Simulated person who drives: none, a name of `wheelchair_gym.drivers`, module:function, a
-    mapping with a name, or a list of those: each episode draws one. Actions are then those of an
+    """Simulated person who drives: none, a name of `people.drivers`, module:function, a mapping
+    with a name, or a list of those: each episode draws one. Actions are then those of an
     assistant, which sees the person's stick and neither its goal nor its way; the guidance 'poses'
     is the person's."""
     assistant: Any = setting(default=None)
-    """Compiled assistant that drives with the person: none, a name of `wheelchair_gym.assistance`,
-    or a mapping with a name. Actions are then residuals: an action's twist is added to the
-    assistant's, within the assistant's freedom, and zero lets the assistant drive alone."""
+    """Compiled assistant that drives with the person: none, a name of `people.assistance`, or a
+    mapping with a name. Actions are then residuals: an action's twist is added to the assistant's,
+    within the assistant's freedom, and zero lets the assistant drive alone."""
     unshielded: float = setting(default=0.0, low=0.0, high=1.0)
     """Share of simulated episodes that are driven without the shield; for training only."""
     hardware: HardwareSettings = HardwareSettings()

@@ -22,11 +22,11 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from wheelchair_gym.arrays import Array, Mask
+from wheelchair_gym.base.arrays import Array, Mask
+from wheelchair_gym.base.errors import shorten
+from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.compiled.address import Pointers
-from wheelchair_gym.config import InputError
-from wheelchair_gym.drivers import make_drivers
-from wheelchair_gym.drivers.step import Drivers
+from wheelchair_gym.compiled.random import Split, episode_key
 from wheelchair_gym.envs.batch import BATCH, BATCH_TARGETS, begin_chairs, step_chairs
 from wheelchair_gym.envs.drawing import EpisodeRenderer
 from wheelchair_gym.envs.guidance import make_guidance
@@ -40,16 +40,16 @@ from wheelchair_gym.envs.settings import (
     make_assistants,
 )
 from wheelchair_gym.envs.world_banks import WorldBank
-from wheelchair_gym.errors import shorten
-from wheelchair_gym.physics.chairs import SimulatedChairs, size_workspace
-from wheelchair_gym.random import Split, episode_key
+from wheelchair_gym.people.drivers import make_drivers
+from wheelchair_gym.people.drivers.step import Drivers
+from wheelchair_gym.perception.track_state import TRACKER
 from wheelchair_gym.safety.shield import SHIELDS, point_to_shields
 from wheelchair_gym.safety.state import SHIELD, ShieldConstants
+from wheelchair_gym.sim.chairs import SimulatedChairs, size_workspace
 from wheelchair_gym.task.assessment import PROGRESS
 from wheelchair_gym.task.custom_reward import compiled_rewards, make_reward
 from wheelchair_gym.task.prepared_episode import PREPARED, PreparedEpisode
 from wheelchair_gym.task.task import Observation, Task
-from wheelchair_gym.tracking.state import TRACKER
 
 Info = dict[str, Any]
 

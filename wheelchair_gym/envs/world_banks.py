@@ -16,10 +16,10 @@ from pathlib import Path
 
 import numpy as np
 
-from wheelchair_gym.config import InputError, dump
+from wheelchair_gym.base.files import atomic_write
+from wheelchair_gym.base.settings import InputError, dump
+from wheelchair_gym.compiled.random import WORLDS, Split, bits, episode_key, world_seed
 from wheelchair_gym.envs.settings import EnvSettings
-from wheelchair_gym.files import atomic_write
-from wheelchair_gym.random import WORLDS, Split, bits, episode_key, world_seed
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.scenes.poses import check_passable, check_start
 from wheelchair_gym.task.prepared_episode import PreparedEpisode

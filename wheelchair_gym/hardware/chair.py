@@ -17,17 +17,17 @@ from collections.abc import Callable
 
 import numpy as np
 
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.geometry.kinematics import Limits
 from wheelchair_gym.hardware.boards import protocol
 from wheelchair_gym.hardware.boards.parameters import board_parameters
 from wheelchair_gym.hardware.boards.protocol import Command, CommandFlag, Fault, Mode, Switch
 from wheelchair_gym.hardware.boards.senses import BoardSensors
 from wheelchair_gym.hardware.control_loop import Clock, ControlLoop, RealBase, WallClock, wait_until
 from wheelchair_gym.hardware.settings import HardwareSettings, check_boards
-from wheelchair_gym.kinematics import Limits
-from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.safety import stops
 from wheelchair_gym.sensors.settings import SensorSettings
+from wheelchair_gym.sim.settings import ChairSettings
 from wheelchair_gym.types import Episode, Reading, Stick
 
 _LOG = logging.getLogger(__name__)

@@ -14,11 +14,12 @@ from typing import Protocol
 
 import numpy as np
 
-from wheelchair_gym.arrays import Array, Floats
-from wheelchair_gym.config import InputError
-from wheelchair_gym.geometry import Footprint, relative_pose
-from wheelchair_gym.kinematics import Limits
-from wheelchair_gym.localization.occupancy import read_scan
+from wheelchair_gym.base.arrays import Array, Floats
+from wheelchair_gym.base.settings import InputError
+from wheelchair_gym.geometry.kinematics import Limits
+from wheelchair_gym.geometry.outline import Footprint
+from wheelchair_gym.geometry.planar import relative_pose
+from wheelchair_gym.perception.occupancy import read_scan
 from wheelchair_gym.sensors.settings import LaserSettings
 from wheelchair_gym.types import Belief, Chair, NotCopyable, Reading, Truth
 

@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from wheelchair_gym.arrays import Array
-from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.settings import InputError, setting, settings
+from wheelchair_gym.geometry.kinematics import Limits
 from wheelchair_gym.hardware.connection import Reconnecting
-from wheelchair_gym.kinematics import Limits
 from wheelchair_gym.safety.stops import BY_HAND, NO_STICK, NOT_HELD
 from wheelchair_gym.types import Stick
 

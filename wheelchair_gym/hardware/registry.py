@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import urlsplit
 
-from wheelchair_gym.config import InputError, load
+from wheelchair_gym.base.registry import Registry
+from wheelchair_gym.base.settings import InputError, load
 from wheelchair_gym.hardware.settings import HardwareSettings
-from wheelchair_gym.registry import Registry
 
 if TYPE_CHECKING:
     from wheelchair_gym.envs.settings import EnvSettings
@@ -114,6 +114,6 @@ def localized(chair: Chair, settings: EnvSettings) -> Chair:
     if settings.sensors.localizes:
         return chair
     from wheelchair_gym.hardware.boards.senses import OdometryLocalizer
-    from wheelchair_gym.localization.localized_chair import LocalizedChair
+    from wheelchair_gym.perception.localized_chair import LocalizedChair
 
     return LocalizedChair(chair, OdometryLocalizer())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.base.settings import InputError, setting, settings
 from wheelchair_gym.hardware.joystick import JoystickSettings
 from wheelchair_gym.safety.settings import StaleSettings
 from wheelchair_gym.sensors.settings import RANGERS, SensorSettings

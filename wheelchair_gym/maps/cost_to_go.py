@@ -19,15 +19,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.settings import setting, settings
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
-from wheelchair_gym.config import setting, settings
-from wheelchair_gym.geometry import Footprint, to_world, wrap, wrap_angle
-from wheelchair_gym.kinematics import Limits
+from wheelchair_gym.compiled.random import STARTS, bits
+from wheelchair_gym.geometry.kinematics import Limits
+from wheelchair_gym.geometry.outline import Footprint
+from wheelchair_gym.geometry.planar import to_world, wrap, wrap_angle
 from wheelchair_gym.maps.distance import distance_to_occupied, field_clearance, footprint_discs
 from wheelchair_gym.maps.driving_cost import DrivingCost, MotionCost, duration, kind_of
 from wheelchair_gym.maps.grid import OccupancyGrid
-from wheelchair_gym.random import STARTS, bits
 
 Field = NDArray[np.float32]
 Ints = NDArray[np.int32]

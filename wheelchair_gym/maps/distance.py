@@ -11,9 +11,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.arrays import Array, Mask
+from wheelchair_gym.base.arrays import Array, Mask
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined, kernel
-from wheelchair_gym.geometry import Footprint
+from wheelchair_gym.geometry.outline import Footprint
 
 Field = NDArray[np.float32]
 Cells = NDArray[np.int8]

@@ -11,10 +11,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.base.settings import setting, settings
 from wheelchair_gym.compiled.kernel import borrowing_kernel
-from wheelchair_gym.config import setting, settings
-from wheelchair_gym.geometry import Footprint
-from wheelchair_gym.kinematics import Limits
+from wheelchair_gym.geometry.kinematics import Limits
+from wheelchair_gym.geometry.outline import Footprint
 
 STILL = 1e-9  # m, rad: less is no motion
 

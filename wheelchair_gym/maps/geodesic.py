@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wheelchair_gym.arrays import Array, Mask
+from wheelchair_gym.base.arrays import Array, Mask
 from wheelchair_gym.compiled.kernel import as_int, borrowing_kernel, kernel
 from wheelchair_gym.maps.distance import extend_field, rows_equal
 from wheelchair_gym.maps.grid import OccupancyGrid

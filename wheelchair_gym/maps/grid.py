@@ -10,12 +10,12 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wheelchair_gym.arrays import Array, Mask
+from wheelchair_gym.base.arrays import Array, Mask
+from wheelchair_gym.base.files import check_cells
+from wheelchair_gym.base.settings import FARTHEST, InputError
 from wheelchair_gym.compiled.address import as_array
 from wheelchair_gym.compiled.kernel import as_int, borrowing_kernel, kernel
-from wheelchair_gym.config import FARTHEST, InputError
-from wheelchair_gym.files import check_cells
-from wheelchair_gym.geometry import signed_area, to_frame, to_world
+from wheelchair_gym.geometry.planar import signed_area, to_frame, to_world
 from wheelchair_gym.maps.distance import distance_to_occupied, rows_equal, within_distance
 
 Cells = NDArray[np.int8]

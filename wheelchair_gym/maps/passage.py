@@ -8,8 +8,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage, sparse
 from scipy.sparse import csgraph
 
-from wheelchair_gym.arrays import Array, Mask
-from wheelchair_gym.geometry import Footprint
+from wheelchair_gym.base.arrays import Array, Mask
+from wheelchair_gym.geometry.outline import Footprint
 from wheelchair_gym.maps.grid import FREE, OccupancyGrid
 
 _CELL = 0.02  # m, of the flood of poses

@@ -15,8 +15,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from wheelchair_gym.config import InputError
-from wheelchair_gym.files import write_error
+from wheelchair_gym.base.files import write_error
+from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.hardware.ros import make_messages as ros
 from wheelchair_gym.hardware.ros.cdr import EXTRA, serialized, typestore
 from wheelchair_gym.recording.topics import BATTERY, COMMAND

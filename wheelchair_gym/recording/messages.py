@@ -17,7 +17,7 @@ from foxglove import channels
 from foxglove import messages as m
 from numpy.typing import ArrayLike, NDArray
 
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.hardware.ros import make_messages as ros
 from wheelchair_gym.recording.bags import topic_of
 from wheelchair_gym.rendering.palette import CHAIR, NARROW, PERSON, TRAIL, WIDE, Colour

@@ -22,13 +22,13 @@ from urllib.parse import quote
 
 import numpy as np
 
-from wheelchair_gym.arrays import Array
-from wheelchair_gym.errors import InputError, shorten
-from wheelchair_gym.files import LIMITS, opened, read_bytes
-from wheelchair_gym.geometry import compose
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.errors import InputError, shorten
+from wheelchair_gym.base.files import LIMITS, opened, read_bytes
+from wheelchair_gym.geometry.planar import compose
 from wheelchair_gym.hardware.ros import messages as ros
 from wheelchair_gym.hardware.ros.cdr import deserialized
-from wheelchair_gym.localization.logs import SensorLog, log_of_poses
+from wheelchair_gym.perception.logs import SensorLog, log_of_poses
 from wheelchair_gym.recording.bags import PREFIX
 from wheelchair_gym.sensors.settings import LaserSettings
 

@@ -16,12 +16,12 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.config import dump, setting, settings
-from wheelchair_gym.drivers import driver_spec
+from wheelchair_gym.actors.records import actor_shapes
+from wheelchair_gym.base.settings import dump, setting, settings
 from wheelchair_gym.hardware.ros.make_messages import NANO, scanner_name
-from wheelchair_gym.localization.localized_chair import unwrapped
 from wheelchair_gym.maps import OccupancyGrid
-from wheelchair_gym.physics.actors.records import actor_shapes
+from wheelchair_gym.people.drivers import driver_spec
+from wheelchair_gym.perception.localized_chair import unwrapped
 from wheelchair_gym.recording import topics
 from wheelchair_gym.recording.sink import Sink
 from wheelchair_gym.safety.stops import StopMonitor, active_stops

@@ -10,18 +10,18 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.arrays import Array
-from wheelchair_gym.config import UnknownKeyError, load
-from wheelchair_gym.drivers import DRIVERS
+from wheelchair_gym.actors.records import ACTOR, Actors
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.errors import InputError, shorten
+from wheelchair_gym.base.files import parse_json
+from wheelchair_gym.base.settings import UnknownKeyError, load
+from wheelchair_gym.compiled.random import Split
 from wheelchair_gym.envs import EnvSettings, NavigationEnv
 from wheelchair_gym.envs.guidance import is_built_in
 from wheelchair_gym.envs.settings import check_split
-from wheelchair_gym.errors import InputError, shorten
-from wheelchair_gym.files import parse_json
-from wheelchair_gym.localization.logs import SensorLog, log_of_poses
 from wheelchair_gym.maps import OccupancyGrid
-from wheelchair_gym.physics.actors.records import ACTOR, Actors
-from wheelchair_gym.random import Split
+from wheelchair_gym.people.drivers import DRIVERS
+from wheelchair_gym.perception.logs import SensorLog, log_of_poses
 from wheelchair_gym.recording import topics
 from wheelchair_gym.recording.read_bags import bag_log, bag_texts, complete, is_bag, mcap_messages
 from wheelchair_gym.recording.topics import EPISODE, SETTINGS, Content

@@ -12,8 +12,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from wheelchair_gym.config import InputError
-from wheelchair_gym.files import write_error
+from wheelchair_gym.base.files import write_error
+from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.recording.bags import RosBag
 from wheelchair_gym.recording.read_bags import MAGIC
 from wheelchair_gym.recording.topics import FIELDS, json_schema, write_fields

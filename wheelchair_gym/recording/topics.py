@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from wheelchair_gym import signals
-from wheelchair_gym.errors import shorten
-from wheelchair_gym.files import LIMITS, check_cells, is_coordinate
+from wheelchair_gym.actors.records import ACTOR
+from wheelchair_gym.base.errors import shorten
+from wheelchair_gym.base.files import LIMITS, check_cells, is_coordinate
 from wheelchair_gym.maps import OccupancyGrid
-from wheelchair_gym.physics.actors.records import ACTOR
 from wheelchair_gym.types import Stick, Truth
 
 Content = dict[str, Any]

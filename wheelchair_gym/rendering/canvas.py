@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wheelchair_gym.arrays import Array
-from wheelchair_gym.geometry import arc_lengths
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.geometry.planar import arc_lengths
 from wheelchair_gym.rendering.palette import Colour
 
 Image = NDArray[np.uint8]

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from wheelchair_gym.rendering import palette
 from wheelchair_gym.rendering.canvas import Canvas, fit_frame, text_width, write_text

@@ -6,9 +6,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from wheelchair_gym.arrays import Array
-from wheelchair_gym.physics.actors import records
-from wheelchair_gym.physics.actors.records import Actors
+from wheelchair_gym.actors import records
+from wheelchair_gym.actors.records import Actors
+from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.rendering import floor, palette
 from wheelchair_gym.rendering.canvas import Canvas, Frame, Image, text_width, write_text
 from wheelchair_gym.rendering.palette import Colour

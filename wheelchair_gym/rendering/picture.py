@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wheelchair_gym.arrays import Array
-from wheelchair_gym.geometry import Footprint, polygon_edges, to_world, wrap_angle
-from wheelchair_gym.kinematics import DriveGeometry
+from wheelchair_gym.actors import records
+from wheelchair_gym.actors.records import PERSON, Actors, actor_outline
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.geometry.kinematics import DriveGeometry
+from wheelchair_gym.geometry.outline import Footprint
+from wheelchair_gym.geometry.planar import polygon_edges, to_world, wrap_angle
 from wheelchair_gym.maps import OccupancyGrid
-from wheelchair_gym.physics.actors import records
-from wheelchair_gym.physics.actors.records import PERSON, Actors, actor_outline
 from wheelchair_gym.rendering import floor, palette
 from wheelchair_gym.rendering.canvas import Canvas, Image
 from wheelchair_gym.rendering.legend import Entry, disc, line, with_legend

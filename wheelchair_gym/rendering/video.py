@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image as Pillow
 
-from wheelchair_gym.config import InputError
-from wheelchair_gym.files import atomic_write
+from wheelchair_gym.base.files import atomic_write
+from wheelchair_gym.base.settings import InputError
 
 Image = NDArray[np.uint8]
 

@@ -20,10 +20,10 @@ from typing import Any
 
 import numpy as np
 
-from wheelchair_gym.arrays import Array, Floats
+from wheelchair_gym.base.arrays import Array, Floats
 from wheelchair_gym.compiled.address import on_stack, rows_of
 from wheelchair_gym.compiled.kernel import as_int, borrowing_kernel, inlined
-from wheelchair_gym.geometry import point_to_world, world_to_body
+from wheelchair_gym.geometry.planar import point_to_world, world_to_body
 from wheelchair_gym.safety.grid import scanner_frame
 from wheelchair_gym.safety.state import BODY, FAR, FRESH, KEPT, KEY_POINTS, SAME, Frame
 from wheelchair_gym.sensors.echoes import atan2_f32

@@ -7,17 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.compiled.address import on_stack, rows_of
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.compiled.simd import bits_of_double, double_of_bits
-from wheelchair_gym.geometry import (
-    point_to_world,
-    required_clearance,
-    signed_clearance,
-    world_to_body,
-)
-from wheelchair_gym.kinematics import (
+from wheelchair_gym.geometry.kinematics import (
     STOP_RAMP_FACTOR,
     approach_twist,
     brake,
@@ -25,6 +19,8 @@ from wheelchair_gym.kinematics import (
     odometric_step,
     peak_speed,
 )
+from wheelchair_gym.geometry.outline import required_clearance, signed_clearance
+from wheelchair_gym.geometry.planar import point_to_world, world_to_body
 from wheelchair_gym.safety.agreement import is_doubted
 from wheelchair_gym.safety.grid import was_seen
 from wheelchair_gym.safety.moving import may_reach_point, place_moving, spread_tracked

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from wheelchair_gym.arrays import Array, Floats
+from wheelchair_gym.base.arrays import Array, Floats
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.compiled.simd import bits_of_float
 from wheelchair_gym.safety.agreement import DARK_BEAMS, count_expected, disagrees

@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from wheelchair_gym.arrays import Floats
+from wheelchair_gym.base.arrays import Floats
 from wheelchair_gym.compiled.address import floats_at, on_stack
 from wheelchair_gym.compiled.kernel import borrowing_kernel
-from wheelchair_gym.geometry import body_to_world, point_to_world, world_to_body
+from wheelchair_gym.geometry.planar import body_to_world, point_to_world, world_to_body
 from wheelchair_gym.safety.agreement import add_lost, find_lost
 from wheelchair_gym.safety.faults import count_echoes
 from wheelchair_gym.safety.grid import (

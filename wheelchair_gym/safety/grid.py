@@ -8,10 +8,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.arrays import Array, Floats
+from wheelchair_gym.base.arrays import Array, Floats
 from wheelchair_gym.compiled.address import on_stack, rows_of
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
-from wheelchair_gym.geometry import point_to_world, world_to_body
+from wheelchair_gym.geometry.planar import point_to_world, world_to_body
 from wheelchair_gym.safety.state import BESIDE, CELL, CELLS, MARKS, Frame
 from wheelchair_gym.sensors.echoes import atan2_f32
 

@@ -1,7 +1,7 @@
 """Moving things near the chair, and the places that they may reach.
 
 Whatever moves may walk anywhere at `person_speed`, or set off from rest with `person_acceleration`.
-A person who is tracked (`wheelchair_gym.tracking`) moreover has a velocity, which they can change
+A person who is tracked (`wheelchair_gym.perception`) moreover has a velocity, which they can change
 by that acceleration at most, since they were seen last. What no single confirmed track of a person
 explains has the first bound alone.
 """
@@ -11,13 +11,18 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from wheelchair_gym.arrays import Floats
+from wheelchair_gym.base.arrays import Floats
 from wheelchair_gym.compiled.address import on_stack, rows_of
 from wheelchair_gym.compiled.kernel import borrowing_kernel
-from wheelchair_gym.geometry import world_to_body
-from wheelchair_gym.tracking.state import ACCELERATION_DENSITY, CONSTANTS, PERSON, STATIC_MAP
-from wheelchair_gym.tracking.tracker import place_variance, predict, reset
-from wheelchair_gym.tracking.tracker import update as update_tracks
+from wheelchair_gym.geometry.planar import world_to_body
+from wheelchair_gym.perception.track_state import (
+    ACCELERATION_DENSITY,
+    CONSTANTS,
+    PERSON,
+    STATIC_MAP,
+)
+from wheelchair_gym.perception.tracker import place_variance, predict, reset
+from wheelchair_gym.perception.tracker import update as update_tracks
 
 _constants_at, _maps_at = rows_of(CONSTANTS), rows_of(STATIC_MAP)
 _MAP_SIZE = STATIC_MAP.itemsize

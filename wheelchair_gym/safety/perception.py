@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.arrays import Array, Floats
+from wheelchair_gym.base.arrays import Array, Floats
 from wheelchair_gym.compiled.address import floats_at, on_stack, rows_of
 from wheelchair_gym.compiled.kernel import as_int, borrowing_kernel, inlined
-from wheelchair_gym.geometry import point_to_world, world_to_body
-from wheelchair_gym.kinematics import arc_step
+from wheelchair_gym.geometry.kinematics import arc_step
+from wheelchair_gym.geometry.planar import point_to_world, world_to_body
 from wheelchair_gym.safety.agreement import add_lost, expected_echo, find_lost, is_doubted
 from wheelchair_gym.safety.faults import check_sensors
 from wheelchair_gym.safety.further_scanners import update_others

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from wheelchair_gym.config import setting, settings
+from wheelchair_gym.base.settings import setting, settings
 
 
 @settings
@@ -24,10 +24,7 @@ class ShieldSettings:
     """How the shield limits the requested twist."""
 
     stop_margin: float = setting(
-        default=0.021,
-        unit="m",
-        low=0.0,
-        source="measured: edges and a stop err by 10 mm each",
+        default=0.021, unit="m", low=0.0, source="measured: edges and a stop err by 10 mm each"
     )
     """Clearance that the outline always keeps, beyond the error of the lasers by their settings
     (9 mm by default: twice `bias`, and a third of `sigma`)."""

@@ -18,15 +18,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.arrays import Array, Floats
+from wheelchair_gym.base.arrays import Array, Floats
 from wheelchair_gym.compiled.address import Pointers, Target, rows_of
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
-from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.safety.decision import decide, limit_for_unseen_space
 from wheelchair_gym.safety.perception import reset, update
 from wheelchair_gym.safety.settings import ShieldSettings
 from wheelchair_gym.safety.state import CONSTANTS, REASONS, SHIELD, ShieldConstants
 from wheelchair_gym.sensors.settings import RANGERS, SensorSettings
+from wheelchair_gym.sim.settings import ChairSettings
 from wheelchair_gym.types import Reading, check_reading
 
 _constants_at, _shields_at = rows_of(CONSTANTS), rows_of(SHIELD)

@@ -12,18 +12,18 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from wheelchair_gym.arrays import Rows
+from wheelchair_gym.base.arrays import Rows
+from wheelchair_gym.base.settings import InputError, copy_numbers, numbers_of
 from wheelchair_gym.compiled.address import Pointers, Target
 from wheelchair_gym.compiled.kernel import borrowing_kernel
-from wheelchair_gym.config import InputError, copy_numbers, numbers_of
-from wheelchair_gym.kinematics import LIMITS
-from wheelchair_gym.physics.settings import ChairSettings
+from wheelchair_gym.geometry.kinematics import LIMITS
+from wheelchair_gym.perception.track_state import CONSTANTS as TRACKER_CONSTANTS
+from wheelchair_gym.perception.track_state import TRACKER, TRACKS, TrackerConstants
 from wheelchair_gym.safety.settings import ShieldSettings
 from wheelchair_gym.safety.stops import SHIELD_FAULTS
 from wheelchair_gym.sensors.laser import SCANNER, LaserArrays, scanner_pointers
 from wheelchair_gym.sensors.settings import RANGERS, SCANNERS, SensorSettings
-from wheelchair_gym.tracking.state import CONSTANTS as TRACKER_CONSTANTS
-from wheelchair_gym.tracking.state import TRACKER, TRACKS, TrackerConstants
+from wheelchair_gym.sim.settings import ChairSettings
 
 # Why a twist was changed; those from LASER_SILENT on are faults and latch.
 REASONS: Final = ("", "obstacle", "moving", "unseen", *SHIELD_FAULTS)

@@ -7,9 +7,9 @@ from typing import Any, Final, Protocol
 
 import numpy as np
 
-from wheelchair_gym.config import InputError, setting, settings
-from wheelchair_gym.geometry import Footprint
-from wheelchair_gym.registry import Registry
+from wheelchair_gym.base.registry import Registry
+from wheelchair_gym.base.settings import InputError, setting, settings
+from wheelchair_gym.geometry.outline import Footprint
 from wheelchair_gym.scenes.poses import FOOTPRINT
 from wheelchair_gym.types import Episode
 

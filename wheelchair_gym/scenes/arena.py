@@ -12,10 +12,11 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wheelchair_gym.arrays import Array
-from wheelchair_gym.config import InputError, Range, setting, settings
-from wheelchair_gym.files import check_cells
-from wheelchair_gym.geometry import Footprint, polygon_edges
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.files import check_cells
+from wheelchair_gym.base.settings import InputError, Range, setting, settings
+from wheelchair_gym.geometry.outline import Footprint
+from wheelchair_gym.geometry.planar import polygon_edges
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, geodesic
 from wheelchair_gym.scenes.poses import FOOTPRINT, is_free_pose
 from wheelchair_gym.scenes.raster import CELL, paint_discs, paint_polygon, to_cells

@@ -14,11 +14,17 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.ndimage import label
 
-from wheelchair_gym.arrays import Array
-from wheelchair_gym.config import InputError, setting, settings
-from wheelchair_gym.errors import shorten
-from wheelchair_gym.files import check_cells, coordinate_lists, coordinates, modified, read_json
-from wheelchair_gym.geometry import Footprint
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.errors import shorten
+from wheelchair_gym.base.files import (
+    check_cells,
+    coordinate_lists,
+    coordinates,
+    modified,
+    read_json,
+)
+from wheelchair_gym.base.settings import InputError, setting, settings
+from wheelchair_gym.geometry.outline import Footprint
 from wheelchair_gym.maps import OCCUPIED, OccupancyGrid, geodesic
 from wheelchair_gym.scenes.poses import FOOTPRINT
 from wheelchair_gym.scenes.raster import CELL, paint_discs, to_cells

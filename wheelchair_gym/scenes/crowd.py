@@ -8,11 +8,12 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from wheelchair_gym.arrays import Array
-from wheelchair_gym.config import InputError, Range, setting, settings
-from wheelchair_gym.geometry import Footprint, arc_lengths
+from wheelchair_gym.actors.records import Actor, combine, door, furniture, obstacle
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.settings import InputError, Range, setting, settings
+from wheelchair_gym.geometry.outline import Footprint
+from wheelchair_gym.geometry.planar import arc_lengths
 from wheelchair_gym.maps import OCCUPIED, OccupancyGrid, geodesic
-from wheelchair_gym.physics.actors.records import Actor, combine, door, furniture, obstacle
 from wheelchair_gym.scenes.arena import draw_pose, make_arena
 from wheelchair_gym.scenes.floor_plan import Building, FloorPlan
 from wheelchair_gym.scenes.layout import FloorLayout

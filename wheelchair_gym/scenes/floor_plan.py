@@ -8,13 +8,13 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.settings import InputError, Range, setting, settings
 from wheelchair_gym.compiled.kernel import as_int, borrowing_kernel, kernel
-from wheelchair_gym.config import InputError, Range, setting, settings
-from wheelchair_gym.geometry import Footprint, footprint_clearance
+from wheelchair_gym.compiled.random import NumpyStream, numpy_integer, numpy_stream, numpy_uniform
+from wheelchair_gym.geometry.outline import Footprint, footprint_clearance
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, geodesic, interpolate
 from wheelchair_gym.maps.grid import boundary
-from wheelchair_gym.random import NumpyStream, numpy_integer, numpy_stream, numpy_uniform
 from wheelchair_gym.scenes.layout import FloorLayout, furnish, generate_layout
 from wheelchair_gym.scenes.poses import FOOTPRINT, passing_radius
 from wheelchair_gym.scenes.raster import CELL, Rects, paint_discs, paint_polygon, paint_rects

@@ -14,10 +14,10 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.compiled.kernel import as_int, borrowing_kernel, kernel
-from wheelchair_gym.geometry import body_to_world
-from wheelchair_gym.random import NumpyStream, numpy_integer, numpy_uniform
+from wheelchair_gym.compiled.random import NumpyStream, numpy_integer, numpy_uniform
+from wheelchair_gym.geometry.planar import body_to_world
 from wheelchair_gym.scenes.raster import CELL, RECT, Rects, cell_count, put, to_cells
 
 Index = NDArray[np.int64]

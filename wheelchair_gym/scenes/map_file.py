@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.arrays import Array
-from wheelchair_gym.config import InputError, setting, settings
-from wheelchair_gym.files import modified
-from wheelchair_gym.geometry import Footprint
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.files import modified
+from wheelchair_gym.base.settings import InputError, setting, settings
+from wheelchair_gym.geometry.outline import Footprint
 from wheelchair_gym.maps import FREE, OccupancyGrid, geodesic, read_any_map
 from wheelchair_gym.scenes.poses import FOOTPRINT, is_free_pose, passing_radius
 from wheelchair_gym.types import Episode, no_discs

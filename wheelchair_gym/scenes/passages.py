@@ -11,9 +11,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from wheelchair_gym.arrays import Array
-from wheelchair_gym.geometry import Footprint
-from wheelchair_gym.physics.actors.records import RADIUS
+from wheelchair_gym.actors.records import RADIUS
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.geometry.outline import Footprint
 from wheelchair_gym.scenes.arena import WALL, Arena, make_arena, poses_along
 from wheelchair_gym.scenes.raster import CELL
 

@@ -8,12 +8,12 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.arrays import Array
-from wheelchair_gym.config import InputError, Range, setting, settings
-from wheelchair_gym.geometry import to_world
+from wheelchair_gym.actors import records
+from wheelchair_gym.actors.records import Actor, person
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.settings import InputError, Range, setting, settings
+from wheelchair_gym.geometry.planar import to_world
 from wheelchair_gym.maps import FREE, OCCUPIED, Geodesic, OccupancyGrid, geodesic
-from wheelchair_gym.physics.actors import records
-from wheelchair_gym.physics.actors.records import Actor, person
 from wheelchair_gym.scenes.passages import Passage
 
 WALKING_RADIUS = records.RADIUS + 0.10  # m: people's routes keep this from walls

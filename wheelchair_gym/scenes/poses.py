@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Final
 
-from wheelchair_gym.arrays import Array
-from wheelchair_gym.config import InputError
-from wheelchair_gym.geometry import Footprint, footprint_clearance
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.settings import InputError
+from wheelchair_gym.geometry.outline import Footprint, footprint_clearance
 from wheelchair_gym.maps import bottleneck
 from wheelchair_gym.scenes.raster import CELL
 from wheelchair_gym.types import Episode

@@ -20,9 +20,9 @@ from typing import Any, Final, Literal
 import numpy as np
 import yaml
 
-from wheelchair_gym.arrays import Array
-from wheelchair_gym.config import setting, settings
-from wheelchair_gym.geometry import Footprint
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.settings import setting, settings
+from wheelchair_gym.geometry.outline import Footprint
 from wheelchair_gym.scenes.arena import Arena, make_arena, poses_along
 from wheelchair_gym.scenes.poses import FOOTPRINT
 from wheelchair_gym.scenes.raster import rotated_rectangle

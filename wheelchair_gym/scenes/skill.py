@@ -18,10 +18,11 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wheelchair_gym.arrays import Array
-from wheelchair_gym.config import InputError, setting, settings, suggest
-from wheelchair_gym.geometry import Footprint, wrap
-from wheelchair_gym.physics.actors.records import combine, person
+from wheelchair_gym.actors.records import combine, person
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.settings import InputError, setting, settings, suggest
+from wheelchair_gym.geometry.outline import Footprint
+from wheelchair_gym.geometry.planar import wrap
 from wheelchair_gym.scenes.arena import make_arena
 from wheelchair_gym.scenes.poses import FOOTPRINT
 from wheelchair_gym.scenes.raster import CELL

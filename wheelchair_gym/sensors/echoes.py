@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from wheelchair_gym.arrays import Array, Floats
+from wheelchair_gym.base.arrays import Array, Floats
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
-from wheelchair_gym.geometry import body_to_world, world_to_body
+from wheelchair_gym.geometry.planar import body_to_world, world_to_body
 
 _F = np.float32
 _ZERO, _TINY = _F(0.0), _F(1e-30)

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.arrays import Array, Floats
+from wheelchair_gym.base.arrays import Array, Floats
 from wheelchair_gym.compiled.address import (
     Pointers,
     Target,
@@ -28,9 +28,9 @@ from wheelchair_gym.compiled.address import (
     words_at,
 )
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
+from wheelchair_gym.compiled.random import LASER, LASER_BIAS, bits, mix, normal
 from wheelchair_gym.compiled.simd import rasterize_line
-from wheelchair_gym.geometry import point_to_world, world_to_body
-from wheelchair_gym.random import LASER, LASER_BIAS, bits, mix, normal
+from wheelchair_gym.geometry.planar import point_to_world, world_to_body
 from wheelchair_gym.sensors.echoes import atan2_f32, relative_endpoints
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
 

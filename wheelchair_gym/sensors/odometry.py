@@ -12,16 +12,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel
-from wheelchair_gym.geometry import wrap
-from wheelchair_gym.kinematics import (
+from wheelchair_gym.compiled.random import POSE, WHEELS, normal
+from wheelchair_gym.geometry.kinematics import (
     DriveGeometry,
     odometric_step,
     twist_of_wheels,
     wheels_of_twist,
 )
-from wheelchair_gym.random import POSE, WHEELS, normal
+from wheelchair_gym.geometry.planar import wrap
 from wheelchair_gym.sensors.settings import POSE_SOURCES, SensorSettings
 
 TRUTH, ODOMETRY, MODELLED = map(POSE_SOURCES.index, ("truth", "odometry", "modelled"))

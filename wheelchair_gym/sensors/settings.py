@@ -8,8 +8,8 @@ from typing import Final, Literal, get_args
 
 import numpy as np
 
-from wheelchair_gym.arrays import Array
-from wheelchair_gym.config import InputError, Range, setting, settings
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.settings import InputError, Range, setting, settings
 
 RANGERS = 8  # most ultrasonics of a chair, and the width of what readings hold of them
 SCANNERS = 4  # most planar scanners of a chair

@@ -15,11 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from wheelchair_gym.arrays import Array, Floats, Rows
+from wheelchair_gym.base.arrays import Array, Floats, Rows
 from wheelchair_gym.compiled.address import rows_of
 from wheelchair_gym.compiled.kernel import borrowing_kernel
-from wheelchair_gym.geometry import body_to_world, point_to_world, world_to_body
-from wheelchair_gym.random import ULTRASONIC, normal, uniform
+from wheelchair_gym.compiled.random import ULTRASONIC, normal, uniform
+from wheelchair_gym.geometry.planar import body_to_world, point_to_world, world_to_body
 from wheelchair_gym.sensors.echoes import (
     echo_of_discs,
     is_echo_lost,

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from wheelchair_gym.arrays import Floats
+from wheelchair_gym.base.arrays import Floats
 from wheelchair_gym.compiled.address import Target, pointer_record, rows_of
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
+from wheelchair_gym.perception.tracker import TRACKERS, reset_tracker, update_tracker
 from wheelchair_gym.task.observations import (
     POOL,
     SIZES,
@@ -21,7 +22,6 @@ from wheelchair_gym.task.observations import (
 )
 from wheelchair_gym.task.prepared_episode import PREPARED, distance_to_go, geodesic_to_go
 from wheelchair_gym.task.rewards import TERM_VALUES, has_arrived, write_no_terms, write_terms
-from wheelchair_gym.tracking.tracker import TRACKERS, reset_tracker, update_tracker
 
 RULES, RULES_TARGETS = pointer_record(
     ("period", "f8"),  # s

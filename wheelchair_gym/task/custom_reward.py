@@ -3,7 +3,7 @@
 `reward(terms, sensed, action) -> float` is called after each step with
 
 - `terms`: the weighted terms by name, as in `info["reward_terms"]`: `terms.progress`;
-- `sensed`: a record of `wheelchair_gym.physics.state.SENSED`: what the chair senses, and the truth
+- `sensed`: a record of `wheelchair_gym.sim.state.SENSED`: what the chair senses, and the truth
   (`sensed.true_pose`, `sensed.clearance`, `sensed.contact`, `sensed.energy`, ...);
 - `action`: (2,) in [-1, 1], as the policy gave it.
 
@@ -20,10 +20,10 @@ from typing import Any, Final
 import numba
 import numpy as np
 
-from wheelchair_gym.arrays import Array, Rows
-from wheelchair_gym.errors import InputError, shorten
-from wheelchair_gym.physics.state import SENSED
-from wheelchair_gym.registry import Registry, is_place
+from wheelchair_gym.base.arrays import Array, Rows
+from wheelchair_gym.base.errors import InputError, shorten
+from wheelchair_gym.base.registry import Registry, is_place
+from wheelchair_gym.sim.state import SENSED
 from wheelchair_gym.task.rewards import TERM_VALUES, VERDICT
 
 RewardFunction = Callable[[Any, Any, Array], float]

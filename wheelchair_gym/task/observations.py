@@ -15,7 +15,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wheelchair_gym.arrays import Array, Floats
+from wheelchair_gym.base.arrays import Array, Floats
 from wheelchair_gym.compiled.address import (
     doubles_at,
     floats_at,
@@ -25,12 +25,12 @@ from wheelchair_gym.compiled.address import (
     table_at,
 )
 from wheelchair_gym.compiled.kernel import borrowing_kernel, check_written, inlined, kernel
-from wheelchair_gym.geometry import project, world_to_body
+from wheelchair_gym.geometry.planar import project, world_to_body
 from wheelchair_gym.maps.cost_to_go import poses_ahead, to_local
+from wheelchair_gym.perception.tracker import tracker_row
 from wheelchair_gym.task.prepared_episode import geodesic_to_go, seconds_to_go
 from wheelchair_gym.task.settings import TaskSettings
 from wheelchair_gym.task.side_clearance import CLEARANCE_MAX, fan_poses, side_clearance
-from wheelchair_gym.tracking.tracker import tracker_row
 
 GOAL_REACH = 100.0  # m: farther goals are observed at this distance
 PATH_REACH = 10.0  # m: points farther off than this on an axis are clipped

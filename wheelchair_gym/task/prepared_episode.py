@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.actors.records import ACTOR
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.settings import FARTHEST
 from wheelchair_gym.compiled.address import (
     Pointers,
     Target,
@@ -21,13 +23,11 @@ from wheelchair_gym.compiled.address import (
     table_at,
 )
 from wheelchair_gym.compiled.kernel import borrowing_kernel
-from wheelchair_gym.config import FARTHEST
-from wheelchair_gym.geometry import project, world_to_body
+from wheelchair_gym.geometry.planar import project, world_to_body
 from wheelchair_gym.maps import Geodesic
 from wheelchair_gym.maps.cost_to_go import CostToGo, time_to_go, to_local
 from wheelchair_gym.maps.geodesic import interpolate
-from wheelchair_gym.physics.actors.records import ACTOR
-from wheelchair_gym.physics.chairs import columns_of
+from wheelchair_gym.sim.chairs import columns_of
 from wheelchair_gym.types import Episode
 
 GOAL, PATH, FIELD, TIME = range(4)  # what progress is measured along

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 from numba import literal_unroll
 
-from wheelchair_gym.arrays import Array, Floats
+from wheelchair_gym.base.arrays import Array, Floats
+from wheelchair_gym.base.settings import setting, setting_docs, settings
 from wheelchair_gym.compiled.address import table_at
 from wheelchair_gym.compiled.kernel import borrowing_kernel, check_written, kernel
-from wheelchair_gym.config import setting, setting_docs, settings
-from wheelchair_gym.geometry import wrap
-from wheelchair_gym.kinematics import twist_of_action
+from wheelchair_gym.geometry.kinematics import twist_of_action
+from wheelchair_gym.geometry.planar import wrap
 from wheelchair_gym.task.side_clearance import proximity_speed
 
 _TUNED = "tuned on training seeds"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Literal
 
-from wheelchair_gym.config import setting, settings
+from wheelchair_gym.base.settings import setting, settings
 from wheelchair_gym.task.rewards import RewardWeights
 
 if TYPE_CHECKING:

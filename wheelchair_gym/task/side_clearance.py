@@ -7,12 +7,13 @@ from functools import cache
 
 import numpy as np
 
-from wheelchair_gym.arrays import Array, Floats
+from wheelchair_gym.base.arrays import Array, Floats
 from wheelchair_gym.compiled.address import doubles_at, floats_at, on_stack
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.compiled.simd import bits_of_double, double_of_bits
-from wheelchair_gym.geometry import offsets_from_rectangle, rectangle_point_gap, world_to_body
-from wheelchair_gym.kinematics import arc_step, corner_speed
+from wheelchair_gym.geometry.kinematics import arc_step, corner_speed
+from wheelchair_gym.geometry.outline import offsets_from_rectangle, rectangle_point_gap
+from wheelchair_gym.geometry.planar import world_to_body
 from wheelchair_gym.sensors.laser import median3, shown_range
 
 CLEARANCE_MAX = 0.5  # m: larger clearances are observed as this

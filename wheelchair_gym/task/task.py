@@ -9,15 +9,17 @@ from typing import Any, cast
 import gymnasium as gym
 import numpy as np
 
-from wheelchair_gym.arrays import Array, Floats, Rows
+from wheelchair_gym.base.arrays import Array, Floats, Rows
+from wheelchair_gym.base.settings import LARGEST_INTEGER, InputError
 from wheelchair_gym.compiled.address import Pointers, as_array
-from wheelchair_gym.config import LARGEST_INTEGER, InputError
 from wheelchair_gym.maps import Geodesic, OccupancyGrid, geodesic
 from wheelchair_gym.maps.cost_to_go import CostToGo
-from wheelchair_gym.physics.settings import ChairSettings
-from wheelchair_gym.physics.state import sensed_of
+from wheelchair_gym.perception.track_state import TRACKER, TrackerConstants
+from wheelchair_gym.perception.tracker import TRACKERS, point_to_trackers
 from wheelchair_gym.safety.settings import ShieldSettings
 from wheelchair_gym.sensors.settings import SensorSettings
+from wheelchair_gym.sim.settings import ChairSettings
+from wheelchair_gym.sim.state import sensed_of
 from wheelchair_gym.task import observations
 from wheelchair_gym.task.assessment import (
     PROGRESS,
@@ -33,8 +35,6 @@ from wheelchair_gym.task.prepared_episode import AIMS, PreparedEpisode, geodesic
 from wheelchair_gym.task.rewards import TERMS, VERDICT, has_arrived
 from wheelchair_gym.task.settings import TaskSettings
 from wheelchair_gym.task.side_clearance import fan_poses
-from wheelchair_gym.tracking.state import TRACKER, TrackerConstants
-from wheelchair_gym.tracking.tracker import TRACKERS, point_to_trackers
 from wheelchair_gym.types import Arrival, Episode, Reading, Stick
 
 Observation = dict[str, Floats]

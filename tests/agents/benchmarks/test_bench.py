@@ -10,7 +10,7 @@ import shapely
 import yaml
 
 from agents import cli
-from agents.peers.irsim import irsim_world, wall_loops
+from agents.benchmarks.irsim import irsim_world, wall_loops
 from wheelchair_gym.envs import EnvSettings
 from wheelchair_gym.scenes import make_scene
 

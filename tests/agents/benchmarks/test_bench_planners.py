@@ -14,12 +14,12 @@ from agents import cli
 from agents.benchmarks import entrants, planner_benchmark
 from agents.benchmarks.cases import MARGIN, scene_cases, stored_cases
 from agents.benchmarks.entrants import UNLIMITED, Entrant, called_planners, with_iterations
+from agents.benchmarks.peers import PEERS, Peer, installed, prepare
 from agents.benchmarks.planner_benchmark import COLD, FREE, ranking, summarise
 from agents.evaluation.metrics import path_figures, printed_turning, turning
-from agents.peers import PEERS, Peer, installed, prepare
 from agents.studies import experiments
 from planners import PLANNERS, Plan, Problem, Space, Status, make_planner
-from wheelchair_gym.config import dump
+from wheelchair_gym.base.settings import dump
 
 HALL = {"name": "hall", "size": 5, "rects": [[2, 1.5, 3, 2.5]], "start": [1, 2], "goal": [4, 2]}
 OPEN = {"name": "open", "size": 5, "rects": [], "start": [1, 2], "goal": [4, 2]}

@@ -22,7 +22,7 @@ from agents.evaluation.compare import SUITES
 from agents.evaluation.provenance import command_line
 from planners import PLANNERS, Plan, Status, make_planner
 from tests.conftest import ROOT, refusal
-from wheelchair_gym.geometry import Footprint
+from wheelchair_gym.geometry.outline import Footprint
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, write_map
 from wheelchair_gym.scenes import SCENES, make_scene
 

@@ -9,7 +9,7 @@ import time
 import numpy as np
 import pytest
 
-from agents.person.recorded_stick import schedule
+from agents.people.recorded_stick import schedule
 from tests.conftest import PATIENCE, until
 from tests.hardware.realtime import serving
 from tests.hardware.served import Program

@@ -20,10 +20,10 @@ from agents.control.rollout import (
 )
 from agents.policies import make_policy
 from tests.agents.fakes import PaperWorld, corridor
-from wheelchair_gym.config import InputError, record_of
+from wheelchair_gym.base.settings import InputError, record_of
 from wheelchair_gym.envs import NavigationEnv
-from wheelchair_gym.geometry import Footprint, clearance_to_points, footprint_clearance
-from wheelchair_gym.kinematics import Limits
+from wheelchair_gym.geometry.kinematics import Limits
+from wheelchair_gym.geometry.outline import Footprint, clearance_to_points, footprint_clearance
 from wheelchair_gym.safety import Shield
 
 PLANNER = "a_star"

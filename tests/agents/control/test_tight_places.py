@@ -12,7 +12,7 @@ from agents.control.rollout import ChairState, ReferencePath
 from agents.policies.search import Search
 from planners.problem import Plan, Status
 from tests.agents.fakes import PaperWorld
-from wheelchair_gym.kinematics import arc_step
+from wheelchair_gym.geometry.kinematics import arc_step
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid
 
 

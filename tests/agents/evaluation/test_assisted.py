@@ -15,9 +15,9 @@ from agents.evaluation.evaluate import episode_env
 from agents.evaluation.figures import unbeaten
 from agents.evaluation.report import terminal_table
 from tests.benchmarks.assisted_drives import driver_of, with_expert
-from wheelchair_gym.config import read_json
-from wheelchair_gym.drivers import make_driver
-from wheelchair_gym.kinematics import Limits
+from wheelchair_gym.base.settings import read_json
+from wheelchair_gym.geometry.kinematics import Limits
+from wheelchair_gym.people.drivers import make_driver
 from wheelchair_gym.types import Stick
 
 LIMITS = Limits()

@@ -14,7 +14,7 @@ from agents.evaluation.metrics import TIMING
 from agents.evaluation.runs import read_store
 from agents.policies.planned import Planned
 from agents.policies.scripted import StraightPolicy
-from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.base.settings import InputError, setting, settings
 from wheelchair_gym.scenes.map_file import example_map
 from wheelchair_gym.types import Command
 

@@ -14,7 +14,7 @@ from agents import StoppedError
 from agents.evaluation.runs import compute, read_store
 from tests.agents.evaluation import runs_work as work
 from tests.conftest import ROOT, until
-from wheelchair_gym.config import InputError
+from wheelchair_gym.base.settings import InputError
 
 JOBS = {f"k{seed}": (seed, None) for seed in range(12)}
 WHOLE = {key: work.draw(job) for key, job in JOBS.items()}

@@ -12,7 +12,8 @@ import pytest
 from agents.evaluation.evaluate import drive_episode, make_env
 from agents.evaluation.metrics import OVERSPEED, shortest_path
 from agents.policies import make_policy
-from wheelchair_gym.geometry import Footprint, to_world
+from wheelchair_gym.geometry.outline import Footprint
+from wheelchair_gym.geometry.planar import to_world
 from wheelchair_gym.maps import FREE, OccupancyGrid
 from wheelchair_gym.types import Arrival, Episode
 

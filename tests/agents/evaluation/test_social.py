@@ -14,8 +14,8 @@ from agents.evaluation.social import PeopleTrace, time_to_collision
 from agents.policies import make_policy
 from tests.agents.evaluation.test_metrics import info
 from tests.agents.evaluation.test_report import evaluation
-from wheelchair_gym.geometry import Footprint
-from wheelchair_gym.physics.actors.records import WALKS_BESIDE, combine, furniture, person
+from wheelchair_gym.actors.records import WALKS_BESIDE, combine, furniture, person
+from wheelchair_gym.geometry.outline import Footprint
 from wheelchair_gym.scenes.arena import make_arena
 from wheelchair_gym.types import Episode, Truth
 

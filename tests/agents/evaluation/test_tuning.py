@@ -13,7 +13,7 @@ from agents.cli.arguments import spec
 from agents.evaluation.evaluate import evaluate
 from agents.evaluation.tuning import Drives, Range, read_range, tune, value_at
 from agents.policies import make_policy
-from wheelchair_gym.config import InputError, with_values
+from wheelchair_gym.base.settings import InputError, with_values
 
 NAME = "a_star+pure_pursuit"
 RANGES = [

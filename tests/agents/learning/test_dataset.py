@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from agents.learning import dataset
-from wheelchair_gym.config import InputError
+from wheelchair_gym.base.settings import InputError
 
 minari = pytest.importorskip("minari")
 NAME = "wheelchair/test-v0"

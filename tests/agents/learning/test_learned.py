@@ -21,7 +21,7 @@ from agents.policies import GymPolicy, make_policy
 from agents.policies.learned import BACK, file_digest
 from tests.agents.learning.tiny_runs import ENV, random_weights, tiny, trained_run
 from tests.conftest import ROOT
-from wheelchair_gym.config import InputError
+from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import NavigationEnv
 
 

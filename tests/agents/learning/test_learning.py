@@ -31,7 +31,7 @@ from agents.learning.settings import RECIPES, Imitation, Training, as_json, read
 from agents.learning.weights import Network, load_weights
 from tests.agents.learning.tiny_runs import ENV, ON, PRIVY, random_weights, tiny, trained_run
 from tests.conftest import ROOT
-from wheelchair_gym.config import InputError
+from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import NavigationVectorEnv
 from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.task.observations import PRIVILEGED

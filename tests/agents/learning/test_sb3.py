@@ -10,7 +10,7 @@ from gymnasium.vector import AutoresetMode
 
 from agents.learning import curves
 from agents.learning.sb3 import SB3VecEnv
-from wheelchair_gym.config import InputError
+from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
 
 SETTINGS = {

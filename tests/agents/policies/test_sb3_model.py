@@ -15,7 +15,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack, VecNorm
 from agents.cli import main
 from agents.learning.sb3 import SaveModel, SB3VecEnv, save_model
 from agents.policies import GymPolicy, make_policy
-from wheelchair_gym.config import InputError
+from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
 
 SAME_STEP = AutoresetMode.SAME_STEP

@@ -25,9 +25,10 @@ from agents.policies.search import Search
 from planners import make_planner
 from tests.agents.fakes import PaperWorld
 from tests.conftest import long_but
-from wheelchair_gym.config import InputError
+from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import NavigationEnv
-from wheelchair_gym.geometry import Footprint, to_world
+from wheelchair_gym.geometry.outline import Footprint
+from wheelchair_gym.geometry.planar import to_world
 from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 
 ONE = {"slam": {"particles": 1}}

@@ -8,20 +8,12 @@ import numpy as np
 import pytest
 import shapely
 
-from agents.studio.drawing import (
-    SHAPES,
-    blank,
-    drawn,
-    loaded,
-    rectangles,
-    save_map,
-    write_problem,
-)
+from agents.studio.drawing import SHAPES, blank, drawn, loaded, rectangles, save_map, write_problem
 from agents.studio.planning import answer, frames_of, problem_of
 from planners.problem_files import read_problems
 from tests.agents.studio.served import START, messages, send, serving
 from tests.conftest import PATIENCE
-from wheelchair_gym.config import InputError
+from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, read_map
 
 WALL, DOOR, FURNITURE, RUB_OUT = range(len(SHAPES))

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from agents.cli import main
-from agents.person.recorded_stick import session_of
-from agents.person.replay import open_loop
+from agents.people.recorded_stick import session_of
+from agents.people.replay import open_loop
 from agents.studio.catalogue import places
 from agents.studio.drive import Drive, Order
 from tests.conftest import long_but
 from tests.hardware.conftest import build_twin
-from wheelchair_gym.config import InputError
+from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.recording.replay import read_recording
 

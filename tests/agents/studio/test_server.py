@@ -20,7 +20,7 @@ from agents.studio.messages import read_message
 from agents.studio.server import listening_socket
 from tests.agents.studio.served import START, messages, send, serving
 from tests.conftest import PATIENCE, until
-from wheelchair_gym.config import InputError
+from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.recording.replay import read_recording
 
 

@@ -9,8 +9,8 @@ from types import SimpleNamespace
 import pytest
 
 from agents.cli import main
-from agents.participants.protocol import Condition, Protocol, Questionnaire, Task
-from agents.participants.session import read_folder
+from agents.people.protocol import Condition, Protocol, Questionnaire, Task
+from agents.people.session import read_folder
 from agents.studio.study import PATIENCE, STUDY_FIELDS, StudySession
 from tests.agents.studio.served import (
     axe,

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 from wheelchair_gym.hardware.boards.link import Link
 from wheelchair_gym.hardware.boards.protocol import Get, Mode, Parameter, Save, Set, Status
 from wheelchair_gym.hardware.settings import HardwareSettings
-from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.sensors.settings import SensorSettings, UltrasonicSettings
+from wheelchair_gym.sim.settings import ChairSettings
 
 if TYPE_CHECKING:
     from wheelchair_gym.hardware.boards.senses import BoardSensors

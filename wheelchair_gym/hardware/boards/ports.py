@@ -9,7 +9,7 @@ import stat
 from pathlib import Path
 from typing import Any, Protocol
 
-from wheelchair_gym.config import InputError
+from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.hardware.boards.protocol import BAUD
 
 _BY_ID = "/dev/serial/by-id"  # names that do not depend on the order of plugging in

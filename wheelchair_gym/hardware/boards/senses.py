@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.arrays import Array, Floats
-from wheelchair_gym.geometry import compose, wrap_angle
+from wheelchair_gym.base.arrays import Array, Floats
+from wheelchair_gym.geometry.kinematics import DriveGeometry, odometric_step, twist_of_wheels
+from wheelchair_gym.geometry.planar import compose, wrap_angle
 from wheelchair_gym.hardware.boards.link import Link
 from wheelchair_gym.hardware.boards.parameters import ParameterTable
 from wheelchair_gym.hardware.boards.ports import Port, open_port
@@ -30,7 +31,6 @@ from wheelchair_gym.hardware.connection import Latest
 from wheelchair_gym.hardware.control_loop import Clock, wait_until
 from wheelchair_gym.hardware.laser.hokuyo import Hokuyo, TimedScan, open_laser
 from wheelchair_gym.hardware.settings import REST_SPEED, HardwareSettings
-from wheelchair_gym.kinematics import DriveGeometry, odometric_step, twist_of_wheels
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.sensors.settings import RANGERS, SensorSettings
 from wheelchair_gym.types import Episode

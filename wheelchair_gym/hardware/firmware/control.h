@@ -1,4 +1,4 @@
-/* Set points and wheels: the arithmetic of wheelchair_gym.kinematics and simulation.motion. */
+/* Set points and wheels: the arithmetic of wheelchair_gym.geometry.kinematics and simulation.motion. */
 #ifndef CONTROL_H
 #define CONTROL_H
 

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from wheelchair_gym.config import InputError
+from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.hardware.boards.ports import Port, load_serial, open_port
 from wheelchair_gym.hardware.connection import Reconnecting
 from wheelchair_gym.hardware.laser.scip import (

@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wheelchair_gym.arrays import Floats
-from wheelchair_gym.config import InputError
+from wheelchair_gym.base.arrays import Floats
+from wheelchair_gym.base.settings import InputError
 
 DATA_LINE = 64  # characters of data in a line, at most
 STAMP_WRAP = 1 << 24  # ms: a time stamp has four characters of six bits

@@ -13,7 +13,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from wheelchair_gym.errors import InputError
+from wheelchair_gym.base.errors import InputError
 
 EXTRA: Final = "messages of ROS 2 need: pip install 'wheelchair_gym[ros]'"
 

@@ -19,18 +19,18 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from wheelchair_gym.arrays import Array
-from wheelchair_gym.config import InputError
-from wheelchair_gym.geometry import best_clearance_heading
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.settings import InputError
+from wheelchair_gym.geometry.kinematics import approach_twist
+from wheelchair_gym.geometry.outline import best_clearance_heading
 from wheelchair_gym.hardware.control_loop import POLL_PERIOD, ControlLoop, RealBase, WallClock
 from wheelchair_gym.hardware.ros.make_messages import twist, twist_stamped
 from wheelchair_gym.hardware.ros.rosbridge import Rosbridge
 from wheelchair_gym.hardware.ros.senses import RosSensors, SimulatedClock
 from wheelchair_gym.hardware.ros.settings import RosSettings
-from wheelchair_gym.kinematics import approach_twist
 from wheelchair_gym.maps import FREE, OccupancyGrid
-from wheelchair_gym.physics.settings import ChairSettings
 from wheelchair_gym.sensors.settings import RANGERS, SensorSettings
+from wheelchair_gym.sim.settings import ChairSettings
 from wheelchair_gym.types import Episode, Reading
 
 

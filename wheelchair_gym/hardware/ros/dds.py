@@ -17,7 +17,7 @@ from collections.abc import Callable, Mapping
 from functools import cache
 from typing import Any, Final, NamedTuple
 
-from wheelchair_gym.config import InputError
+from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.hardware.ros.cdr import deserialized, serialized, typestore
 from wheelchair_gym.hardware.ros.rosbridge import Service, is_local
 

@@ -14,9 +14,9 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wheelchair_gym.arrays import Array
-from wheelchair_gym.errors import InputError, shorten
-from wheelchair_gym.geometry import map_to_odom
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.errors import InputError, shorten
+from wheelchair_gym.geometry.planar import map_to_odom
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.sensors.settings import LaserSettings, UltrasonicSettings
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from wheelchair_gym.sensors.settings import LaserSettings
 

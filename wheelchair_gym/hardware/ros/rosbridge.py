@@ -25,8 +25,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.config import InputError
-from wheelchair_gym.files import read_text
+from wheelchair_gym.base.files import read_text
+from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.hardware.ros.settings import RosbridgeSettings
 
 _LOG = logging.getLogger(__name__)

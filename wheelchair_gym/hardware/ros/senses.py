@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from wheelchair_gym.arrays import Array, Floats
-from wheelchair_gym.geometry import relative_pose
+from wheelchair_gym.base.arrays import Array, Floats
+from wheelchair_gym.geometry.planar import relative_pose
 from wheelchair_gym.hardware.connection import NEVER, ClockSync, Stamped
 from wheelchair_gym.hardware.control_loop import WallClock
 from wheelchair_gym.hardware.ros import messages as ros

@@ -23,8 +23,8 @@ from typing import Any
 
 import numpy as np
 
-from wheelchair_gym.config import InputError
-from wheelchair_gym.errors import shorten
+from wheelchair_gym.base.errors import shorten
+from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.hardware.ros.rosbridge import Service, is_local, load_websockets, rounded
 
 _LOG = logging.getLogger(__name__)

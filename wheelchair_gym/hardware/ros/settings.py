@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from wheelchair_gym.config import InputError, setting, settings
+from wheelchair_gym.base.settings import InputError, setting, settings
 from wheelchair_gym.hardware.settings import HostLimits
 from wheelchair_gym.sensors.settings import RANGERS
 

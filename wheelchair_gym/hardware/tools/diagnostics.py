@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from wheelchair_gym.arrays import Array
-from wheelchair_gym.geometry import Footprint
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.geometry.outline import Footprint
 from wheelchair_gym.hardware.boards.link import Link
 from wheelchair_gym.hardware.boards.ports import silent_advice
 from wheelchair_gym.hardware.boards.protocol import (
@@ -24,7 +24,7 @@ from wheelchair_gym.hardware.boards.protocol import (
 from wheelchair_gym.hardware.boards.senses import POLL_PERIOD, BoardSensors
 from wheelchair_gym.hardware.control_loop import Clock
 from wheelchair_gym.hardware.tools.distance_calibration import echoes_ahead, fit_wall
-from wheelchair_gym.localization.occupancy import read_scan
+from wheelchair_gym.perception.occupancy import read_scan
 
 if TYPE_CHECKING:
     from wheelchair_gym.hardware.boards.senses import BoardSensors

@@ -13,12 +13,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.arrays import Array
-from wheelchair_gym.geometry import relative_pose, wrap_angle
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.geometry.planar import relative_pose, wrap_angle
 from wheelchair_gym.hardware.boards.senses import BoardSensors
 from wheelchair_gym.hardware.chair import HardwareChair
 from wheelchair_gym.hardware.control_loop import Clock
-from wheelchair_gym.localization.occupancy import read_scan
+from wheelchair_gym.perception.occupancy import read_scan
 
 SPEED = 0.15  # m/s by odometry: 1.5 with a tenth of the true counts per metre, 0.5 at SLOW
 SLOW = 0.05  # m/s for the first FEEL metres, after which the laser shows the true speed

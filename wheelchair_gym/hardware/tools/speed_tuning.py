@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.geometry.kinematics import twist_of_wheels
 from wheelchair_gym.hardware.boards.senses import POLL_PERIOD
 from wheelchair_gym.hardware.chair import HardwareChair
-from wheelchair_gym.kinematics import twist_of_wheels
 from wheelchair_gym.types import Episode
 
 BEFORE, AFTER = 0.2, 1.5  # s that are recorded at rest before the step, and after it

@@ -15,11 +15,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.optimize import least_squares
 
-from wheelchair_gym.arrays import Array
+from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.compiled.kernel import kernel
-from wheelchair_gym.geometry import wrap_angle
+from wheelchair_gym.geometry.kinematics import odometric_step, twist_of_wheels
+from wheelchair_gym.geometry.planar import wrap_angle
 from wheelchair_gym.hardware.chair import HardwareChair
-from wheelchair_gym.kinematics import odometric_step, twist_of_wheels
 from wheelchair_gym.types import Episode
 
 SPEED, TURN = 0.3, 0.4  # m/s, rad/s: slow, so that nothing slips

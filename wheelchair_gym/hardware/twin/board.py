@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.config import InputError
+from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.hardware.boards.parameters import NAMES
 from wheelchair_gym.hardware.boards.protocol import (
     Answer,

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from wheelchair_gym.arrays import Array
-from wheelchair_gym.config import InputError
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.hardware.boards.ports import Port
 from wheelchair_gym.hardware.boards.senses import BoardSensors
 from wheelchair_gym.hardware.chair import HardwareChair

@@ -12,19 +12,19 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from wheelchair_gym.actors.bodies import shapes_of, write_actor_shapes
+from wheelchair_gym.actors.separation import move_the_others
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
+from wheelchair_gym.engine import GRAVITY, VX, VY, W, X, Y, body_view
 from wheelchair_gym.hardware.settings import check_boards
-from wheelchair_gym.physics.actors.bodies import shapes_of, write_actor_shapes
-from wheelchair_gym.physics.actors.separation import move_the_others
-from wheelchair_gym.physics.chair import SimulatedChair
-from wheelchair_gym.physics.drive_train import DriveConstants, drive_constants, physics_step
-from wheelchair_gym.physics.engine import VX, VY, W, X, Y, body_view
-from wheelchair_gym.physics.sensor_suite import ranger_of, scanner_of
-from wheelchair_gym.physics.settings import GRAVITY, ChairSettings, PhysicsSettings
-from wheelchair_gym.physics.step import chair_row, prepare_step, read_true_state, workspace_of
 from wheelchair_gym.sensors.laser import sense_laser
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.sensors.ultrasonic import sense_ultrasonic
+from wheelchair_gym.sim.chair import SimulatedChair
+from wheelchair_gym.sim.drive_train import DriveConstants, drive_constants, physics_step
+from wheelchair_gym.sim.sensor_suite import ranger_of, scanner_of
+from wheelchair_gym.sim.settings import ChairSettings, PhysicsSettings
+from wheelchair_gym.sim.step import chair_row, prepare_step, read_true_state, workspace_of
 from wheelchair_gym.types import Episode
 
 TIME_STEP = 0.001  # s: of the physics and of the lock step

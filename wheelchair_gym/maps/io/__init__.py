@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-from wheelchair_gym.arrays import Array
-from wheelchair_gym.config import InputError
-from wheelchair_gym.files import LIMITS, read_json
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.files import LIMITS, read_json
+from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.maps.grid import OccupancyGrid
 from wheelchair_gym.maps.io.floor_plan import IMAGES, polygons_map, read_floor_plan_image
 from wheelchair_gym.maps.io.house_expo import read_house

@@ -18,10 +18,16 @@ from typing import Any, Final
 
 import numpy as np
 
-from wheelchair_gym.arrays import Array
-from wheelchair_gym.errors import InputError, shorten
-from wheelchair_gym.files import LIMITS, check_cells, coordinate_lists, coordinates, is_coordinate
-from wheelchair_gym.geometry import polygon_edges, signed_area
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.errors import InputError, shorten
+from wheelchair_gym.base.files import (
+    LIMITS,
+    check_cells,
+    coordinate_lists,
+    coordinates,
+    is_coordinate,
+)
+from wheelchair_gym.geometry.planar import polygon_edges, signed_area
 from wheelchair_gym.maps.grid import FREE, OCCUPIED, OccupancyGrid
 from wheelchair_gym.maps.io.house_expo import MOST_SIDE, cells_of_outline
 from wheelchair_gym.maps.io.image import read_picture

@@ -12,10 +12,10 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from wheelchair_gym.arrays import Array, Mask
-from wheelchair_gym.errors import InputError, shorten
-from wheelchair_gym.files import check_cells, coordinate_lists, read_json
-from wheelchair_gym.geometry import polygon_edges, signed_area
+from wheelchair_gym.base.arrays import Array, Mask
+from wheelchair_gym.base.errors import InputError, shorten
+from wheelchair_gym.base.files import check_cells, coordinate_lists, read_json
+from wheelchair_gym.geometry.planar import polygon_edges, signed_area
 from wheelchair_gym.maps.grid import FREE, OCCUPIED, OccupancyGrid
 
 MARGIN: Final = 0.25  # m of solid ground round the outline, in its grid

@@ -17,8 +17,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wheelchair_gym.errors import InputError
-from wheelchair_gym.files import LIMITS, check_cells, read_bytes
+from wheelchair_gym.base.errors import InputError
+from wheelchair_gym.base.files import LIMITS, check_cells, read_bytes
 
 Samples = NDArray[Any]  # unsigned integers
 

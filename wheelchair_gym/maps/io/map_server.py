@@ -21,8 +21,8 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from wheelchair_gym import files
-from wheelchair_gym.errors import InputError, shorten
+from wheelchair_gym.base import files
+from wheelchair_gym.base.errors import InputError, shorten
 from wheelchair_gym.maps.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from wheelchair_gym.maps.io.image import read_picture
 

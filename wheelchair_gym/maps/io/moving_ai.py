@@ -13,8 +13,8 @@ from typing import Final
 
 import numpy as np
 
-from wheelchair_gym.errors import InputError
-from wheelchair_gym.files import check_cells, read_text
+from wheelchair_gym.base.errors import InputError
+from wheelchair_gym.base.files import check_cells, read_text
 from wheelchair_gym.maps.grid import FREE, OCCUPIED, OccupancyGrid
 
 _DIGITS: Final = re.compile(r"[1-9][0-9]{0,17}")

@@ -1,0 +1,377 @@
+"""Settings of a simulated person, fitted to recorded sessions of a person at a stick or switches.
+
+A drive shows how the hand trembles, and the stick's dead zone. It does not show which deflection
+the person meant. A prompted session does (`wheelchair drive --prompts`): the chair stands, and the
+person is asked for one deflection after another. From it follow delay, lag, weakness by direction,
+rotation and offset of a stick, and delay and wrong signals of switches. What a session does not
+show keeps the value of a person to begin with, and is named.
+
+Methods: the hand's response by output-error minimization (Ljung 1999, section 7.2); the tremor by
+its spectrum (`fit_tremor`); the dead zone from the grid of values that a stick's steps leave; 95 %
+intervals by the bootstrap (Efron 1979) over prompts, or over stretches of a drive; that of
+switches' median delay by binomial order statistics.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.signal import lfilter
+
+from agents.evaluation.statistics import median_interval
+from agents.people.fit_tremor import TICK, TREMOR, FittedSetting, estimate, fit_tremor
+from agents.people.recorded_stick import StickSession
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.settings import InputError, dump
+from wheelchair_gym.compiled.kernel import kernel
+from wheelchair_gym.geometry.planar import body_to_world
+from wheelchair_gym.people.drivers import make_driver
+from wheelchair_gym.people.drivers.interfaces import (
+    beyond_dead_zone,
+    push_through,
+    smoothing_share,
+    weaken,
+)
+from wheelchair_gym.people.drivers.settings import Driver, Hand, ProportionalStick, Switches
+from wheelchair_gym.people.drivers.state import tremor_filter
+
+_ON_GRID = 0.03  # mean squared distance to the grid, in steps; at random 1/12
+_ZONES = np.arange(0.0, 0.5, 2e-4)  # dead zones that are tried
+_NAMES = {
+    "delay": "delay", "lag": "hand.lag", "return_lag": "hand.return_lag",
+    "forward": "hand.forward", "backward": "hand.backward", "leftward": "hand.leftward",
+    "rightward": "hand.rightward", "rotation": "hand.rotation",
+    "offset_forward": "hand.offset_forward", "offset_left": "hand.offset_left",
+}  # fmt: skip
+_LOW = np.array([0.0, 0.005, 0.005, 0.05, 0.05, 0.05, 0.05, -0.8, -0.5, -0.5])
+_HIGH = np.array([2.5, 1.5, 1.5, 1.0, 1.0, 1.0, 1.0, 0.8, 0.5, 0.5])
+_STEADY = np.zeros((0, 2))  # no tremor
+_CORRECTIONS = 10  # simulated sessions that estimate a bias
+_START = np.array([0.4, 0.1, 0.1, 0.8, 0.8, 0.8, 0.8, 0.0, 0.0, 0.0])
+
+
+class Fit(NamedTuple):
+    """Result of a fit.
+
+    Attributes:
+        driver: settings that `make_driver` takes. A setting that was not identified has the
+            value of `base` (see `fit_driver`).
+        estimates: by the setting's name.
+        unidentified: why a setting was not fitted, by its name.
+        figures: other figures of the sessions.
+    """
+
+    driver: dict[str, Any]
+    estimates: dict[str, FittedSetting]
+    unidentified: dict[str, str]
+    figures: dict[str, float]
+
+
+def fit_driver(
+    sessions: list[StickSession], base: Driver, repeats: int = 100, seed: int = 0
+) -> Fit:
+    """Fit a driver's hand and interface to sessions of one person with one interface.
+
+    Args:
+        sessions: of the person.
+        base: settings of what is not fitted, such as the stick's filter and steps.
+        repeats: of the bootstrap.
+        seed: of the bootstrap.
+
+    Raises:
+        InputError: the sessions have different interfaces, or one that cannot be fitted.
+    """
+    kinds = {session.interface for session in sessions}
+    if len(kinds) != 1:
+        raise InputError(f"sessions with {' and '.join(sorted(kinds))}: expected one interface")
+    (kind,) = kinds
+    if kind not in ("stick", "switches"):
+        raise InputError(f"interface {kind}: expected sessions with a stick or with switches")
+    if base.interface.kind != kind:
+        made: Any = ProportionalStick() if kind == "stick" else Switches()
+        base = dataclasses.replace(base, interface=made)
+    rng = np.random.default_rng(seed)
+    fit = (_fit_stick if kind == "stick" else _fit_switches)(sessions, base, repeats, rng)
+    settings = _settings(base, fit.estimates, sessions)
+    make_driver(settings)
+    return fit._replace(driver=settings)
+
+
+def _settings(
+    base: Driver, estimates: dict[str, FittedSetting], sessions: list[StickSession]
+) -> dict[str, Any]:
+    """The fitted driver as `make_driver` takes it."""
+    settings = {"name": "expert", **dump(base)}
+    if base.interface.kind == "switches":
+        settings["interface"]["latched"] = any(session.latched for session in sessions)
+    for name, one in estimates.items():
+        part, _, key = name.partition(".")
+        if key:
+            settings[part][key] = one.value
+    if "delay" in estimates:  # of the reaction and of the interface: their sum is seen
+        most = max(0.0, estimates["delay"].value)
+        reaction = min(settings["perception"]["reaction"], most)
+        settings["perception"]["reaction"] = reaction
+        settings["interface"]["delay"] = most - reaction
+    return settings
+
+
+# ---- a stick
+
+
+def _fit_stick(
+    sessions: list[StickSession], base: Driver, repeats: int, rng: np.random.Generator
+) -> Fit:
+    estimates: dict[str, FittedSetting] = {}
+    unidentified: dict[str, str] = {}
+    device, hand = base.interface, base.hand
+    zone = _dead_zone(sessions, device.levels)
+    if zone is None:
+        unidentified["interface.dead_zone"] = (
+            f"the stick's values are not those of {device.levels:g} steps with one dead zone; "
+            f"{device.dead_zone:g} is assumed"
+        )
+    else:
+        estimates["interface.dead_zone"] = zone
+        device = dataclasses.replace(device, dead_zone=zone.value)
+    prompted = [session for session in sessions if len(session.prompts)]
+    if prompted:
+        fit = _HandFit(prompted, device)
+        best = fit.best()
+        values = {name.partition(".")[2]: float(best[k]) for k, name in enumerate(_NAMES.values())}
+        hand = dataclasses.replace(hand, **{k: v for k, v in values.items() if k})
+    else:
+        why = "a drive does not show which deflection was meant: record one with --prompts"
+        unidentified |= dict.fromkeys(_NAMES.values(), why)
+    tremor, why = fit_tremor(sessions, device, hand, repeats, rng)
+    if prompted:
+        for name, found in tremor.items():
+            hand = dataclasses.replace(hand, **{name.partition(".")[2]: found.value})
+        hand = hand if tremor else dataclasses.replace(hand, tremor=0.0)
+        estimates |= _hand_estimates(fit, best, prompted, hand, repeats, rng)
+    estimates |= tremor
+    for name in TREMOR:
+        if name not in tremor:
+            unidentified[name] = why
+    minutes = sum(len(one.sticks) * one.period for one in sessions) / 60.0
+    return Fit({}, estimates, unidentified, {"minutes": minutes})
+
+
+def _dead_zone(sessions: list[StickSession], levels: float) -> FittedSetting | None:
+    """The dead zone with which all values before it are whole steps; None: no one is."""
+    sticks = np.concatenate([one.sticks / one.share for one in sessions])
+    sticks = np.unique(sticks[np.hypot(*sticks.T) > 0.0], axis=0)
+    if len(sticks) < 20:
+        return None
+    if len(sticks) > 400:
+        sticks = sticks[:: len(sticks) // 400]
+    size = np.hypot(*sticks.T)
+    free = (size < 0.999) & (np.abs(sticks).max(axis=1) < 0.999)  # others are clipped
+    steps = levels * sticks[free] / size[free, None]
+    tried = (steps * (z + (1.0 - z) * size[free])[:, None] for z in _ZONES)
+    off = np.array([np.mean((each - np.rint(each)) ** 2) for each in tried])
+    best = int(np.argmin(off))
+    if off[best] > _ON_GRID:
+        return None
+    near = _ZONES[off < max(2.0 * off[best], 0.5 * _ON_GRID)]
+    near = near[np.abs(near - _ZONES[best]) < 0.01]
+    return FittedSetting(float(_ZONES[best]), float(near.min()), float(near.max()))
+
+
+@kernel
+def _respond(
+    times: Array, asked: Array, p: Array, zone: float, gain: float, smoothing: float, every: float,
+    tremor: Array, out: Array,
+) -> None:  # fmt: skip
+    """The stick (n, 2), sampled at a period of ticks, of a hand that follows prompts.
+
+    times (k,) in ticks, asked (k, 2); p as in _NAMES; tremor (ticks, 2), or (0, 2) for none.
+    """
+    tick = TICK
+    go, back = 1.0 - math.exp(-tick / p[1]), 1.0 - math.exp(-tick / p[2])
+    hx = hy = fx = fy = 0.0
+    share, weak = smoothing_share(smoothing, tick), (p[3], p[4], p[5], p[6])
+    c, s = math.cos(p[7]), math.sin(p[7])
+    n, row, k = 0, -1, 0
+    while n < out.shape[0]:
+        now = k + 1.0 - p[0] / tick
+        while row + 1 < times.shape[0] and times[row + 1] <= now:
+            row += 1
+        # Within the tick in which a prompt takes effect, a share of it does: smooth in the delay.
+        x = y = 0.0
+        if row >= 0:
+            part = min(1.0, now - times[row])
+            before = max(0, row - 1)
+            x = part * asked[row, 0] + (1.0 - part) * asked[before, 0]
+            y = part * asked[row, 1] + (1.0 - part) * asked[before, 1]
+        x, y = push_through(x, y, zone)
+        hx += (x - hx) * (back if abs(x) < abs(hx) else go)
+        hy += (y - hy) * (back if abs(y) < abs(hy) else go)
+        tx, ty = hx, hy
+        if k < tremor.shape[0]:
+            tx, ty = hx + tremor[k, 0], hy + tremor[k, 1]
+        tx, ty = weaken(tx, ty, weak)
+        tx, ty = body_to_world(c, s, tx, ty)
+        fx += (min(1.0, max(-1.0, tx + p[8])) - fx) * share
+        fy += (min(1.0, max(-1.0, ty + p[9])) - fy) * share
+        k += 1
+        if k >= (n + 1) * every - 0.5:
+            out[n, 0], out[n, 1] = beyond_dead_zone(fx, fy, zone, gain)
+            n += 1
+
+
+class _HandFit:
+    """The hand that predicts the stick after prompts best: delay, lags, weakness, rotation, offset.
+
+    Args:
+        sessions: with prompts.
+        device: the stick.
+    """
+
+    def __init__(self, sessions: list[StickSession], device: Any) -> None:
+        self._sessions, self._device = sessions, device
+        self.prompts = sum(len(one.prompts) for one in sessions)
+        before = np.cumsum([0, *(len(one.prompts) for one in sessions)])
+        of = [
+            np.searchsorted(one.prompts[:, 0] / one.period, np.arange(len(one.sticks)), "right")
+            for one in sessions
+        ]
+        self._of = np.concatenate(  # which prompt each stick belongs to
+            [np.maximum(rows - 1, 0) + first for rows, first in zip(of, before, strict=False)]
+        )
+
+    def sticks(self, p: Array, tremors: list[Array] | None = None) -> list[Array]:
+        """The sticks (n, 2) of each session, by parameters as in _NAMES."""
+        device, found = self._device, []
+        for k, one in enumerate(self._sessions):
+            out = np.zeros((len(one.sticks), 2))
+            times = one.prompts[:, 0] / TICK
+            _respond(
+                times, one.prompts[:, 1:], p, device.dead_zone, device.gain * one.share,
+                device.smoothing, one.period / TICK, tremors[k] if tremors else _STEADY, out[1:],
+            )  # fmt: skip
+            found.append(out)
+        return found
+
+    def solve(self, start: Array, sticks: list[Array], weights: Array, exact: bool = True) -> Any:
+        """The best parameters for sticks, with a weight for each prompt."""
+        root, seen = np.sqrt(weights[self._of])[:, None], np.concatenate(sticks)
+
+        def residuals(p: Array) -> Array:
+            off: Array = ((np.concatenate(self.sticks(p)) - seen) * root).ravel()
+            return off
+
+        tolerance = 1e-8 if exact else 1e-4
+        return least_squares(
+            residuals, np.clip(start, _LOW + 1e-6, _HIGH - 1e-6), bounds=(_LOW, _HIGH),
+            diff_step=1e-4, x_scale=0.1, ftol=tolerance, xtol=tolerance,
+        )  # fmt: skip
+
+    def best(self) -> Array:
+        """The best parameters for the recorded sticks, from several delays on."""
+        sticks, ones = [one.sticks for one in self._sessions], np.ones(self.prompts)
+        starts = [np.array([delay, *_START[1:]]) for delay in np.arange(0.1, 1.3, 0.1)]
+        seen = np.concatenate(sticks)
+        starts.sort(key=lambda p: float(((np.concatenate(self.sticks(p)) - seen) ** 2).sum()))
+        tried = [self.solve(start, sticks, ones) for start in starts[:3]]
+        found: Array = min(tried, key=lambda one: float(one.cost)).x
+        return found
+
+    def tremors(self, hand: Hand, rng: np.random.Generator) -> list[Array]:
+        """Drawn tremors (ticks, 2) of each session."""
+        a, b, gain = tremor_filter(hand, TICK)
+        ticks = [round(len(one.sticks) * one.period / TICK) for one in self._sessions]
+        return [lfilter([gain], [1.0, -a, b], rng.normal(size=(n, 2)), axis=0) for n in ticks]
+
+
+def _hand_estimates(
+    fit: _HandFit, best: Array, sessions: list[StickSession], hand: Hand, repeats: int,
+    rng: np.random.Generator,
+) -> dict[str, FittedSetting]:  # fmt: skip
+    """The hand's parameters without the bias that a tremor gives them, with intervals.
+
+    A tremor that the dead zone and the stick's ends cut shifts the mean. The shift is that of
+    sessions simulated with the parameters and the tremor found (bootstrap bias correction, Efron
+    and Tibshirani 1993, chapter 10).
+    """
+    ones, bias = np.ones(fit.prompts), np.zeros(len(best))
+    if hand.tremor > 0.0:
+        drawn = [
+            fit.solve(best, fit.sticks(best, fit.tremors(hand, rng)), ones, False).x
+            for _ in range(_CORRECTIONS)
+        ]
+        bias = np.mean(drawn, axis=0) - best
+    resampled = []
+    for _ in range(repeats):
+        weights = np.bincount(rng.integers(fit.prompts, size=fit.prompts), minlength=fit.prompts)
+        one = fit.solve(best, [s.sticks for s in sessions], weights.astype(np.float64), False)
+        resampled.append(np.clip(one.x - bias, _LOW, _HIGH))
+    corrected = np.clip(best - bias, _LOW, _HIGH)
+    return {
+        name: estimate(corrected[k], [one[k] for one in resampled])
+        for k, name in enumerate(_NAMES.values())
+    }
+
+
+# ---- switches
+
+
+def _fit_switches(
+    sessions: list[StickSession], base: Driver, repeats: int, rng: np.random.Generator
+) -> Fit:
+    estimates: dict[str, FittedSetting] = {}
+    unidentified: dict[str, str] = {}
+    sticks = np.concatenate([one.sticks / one.share for one in sessions])
+    for k, name in enumerate(("speed", "turn")):
+        values = np.abs(sticks[:, k][sticks[:, k] != 0.0])
+        if len(values):
+            typical = float(np.median(values))
+            estimates[f"interface.{name}"] = FittedSetting(typical, typical, typical)
+        else:
+            unidentified[f"interface.{name}"] = "no switch of that direction was pressed"
+    changes = sum(
+        int((np.abs(np.diff(one.sticks, axis=0)) > 1e-9).any(axis=1).sum()) for one in sessions
+    )
+    minutes = sum(len(one.sticks) * one.period for one in sessions) / 60.0
+    delays, wrong = _answers(sessions)
+    if len(delays) < 8:
+        why = "a drive does not show which signal was meant: record one with --prompts"
+        unidentified |= {"delay": why, "interface.error": why}
+    else:
+        # A wrong signal is drawn from all of them, the right one too.
+        device = base.interface
+        n = 9 if device.directions == 8 else 7 if device.latched else 5
+        chance = n / (n - 1)
+        draws = [rng.integers(len(delays), size=len(delays)) for _ in range(repeats)]
+        half = 0.5 * sessions[0].period  # a change is seen so late on average
+        estimates["delay"] = FittedSetting(*(d - half for d in median_interval(delays)))
+        estimates["interface.error"] = estimate(
+            min(1.0, chance * float(wrong.mean())),
+            [min(1.0, chance * float(wrong[k].mean())) for k in draws],
+        )
+    figures = {"minutes": minutes, "changes_per_minute": changes / max(minutes, 1e-9)}
+    return Fit({}, estimates, unidentified, figures)
+
+
+def _answers(sessions: list[StickSession]) -> tuple[Array, NDArray[np.bool_]]:
+    """Of each answered prompt: its delay [s], and whether the first signal was a wrong one."""
+    delays, wrong = [], []
+    for one in sessions:
+        sign = np.sign(np.where(np.abs(one.sticks) < 1e-9, 0.0, one.sticks))
+        ends = [*one.prompts[1:, 0], len(sign) * one.period]
+        for (start, *asked), end in zip(one.prompts, ends, strict=True):
+            k, last = round(start / one.period), min(len(sign), round(end / one.period))
+            if k < 1 or k >= last:
+                continue
+            moved = np.flatnonzero((sign[k:last] != sign[k - 1]).any(axis=1))
+            want = np.where(np.abs(asked) > 0.1, np.sign(asked), 0.0)
+            if not len(moved) or (want == sign[k - 1]).all():
+                continue
+            delays.append(moved[0] * one.period)
+            wrong.append(bool((sign[k + moved[0]] != want).any()))
+    return np.array(delays), np.array(wrong, np.bool_)

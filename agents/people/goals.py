@@ -1,0 +1,233 @@
+"""Assistants that hold a belief over a person's goals: `Blend`, `Hindsight` and `Hypotheses`.
+
+The belief follows Bayes' rule: a person's stick is the likelier, the less it costs on the way to
+its goal beside the best twist there is (maximum-entropy inverse control, Javdani 2015; Dragan and
+Srinivasa 2013).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from agents.people.assistant import AssistInput, AssistMission, Freedom, SharedAssistant, Twist
+from agents.people.fan import cheapest, fan, free_share, nearest, scaled_distance
+from agents.people.targets import find_targets
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.settings import InputError, setting, settings
+from wheelchair_gym.compiled.kernel import borrowing_kernel
+from wheelchair_gym.geometry.kinematics import arc_step
+from wheelchair_gym.geometry.planar import to_frame, to_world
+
+SAME = 0.6  # m: a target so near one of before is the same
+FORGET = 0.2  # 1/s, a choice: the belief returns to an even one, as people change their minds
+AHEAD = 0.4  # m before the axle, where distances are measured, so that headings count
+
+
+@settings
+class Belief:
+    """How an assistant finds goals, and how fast it believes in one."""
+
+    rate: float = setting(default=6.0, low=0.0, high=100.0)
+    """Evidence for each second of a stick that costs a second more than the best twist."""
+    horizon: float = setting(default=1.0, unit="s", low=0.1, high=10.0)
+    """Time for which a twist is followed to see what it costs."""
+
+
+@borrowing_kernel
+def _ends(twists: Array, horizon: float, ahead: float, out: Array) -> None:
+    """Compute the position of a point ahead of the axle after twists (n, 2 or more)."""
+    for k in range(twists.shape[0]):
+        x, y, yaw = arc_step(0.0, 0.0, 0.0, twists[k, 0], twists[k, 1], horizon)
+        out[k, 0], out[k, 1] = x + ahead * math.cos(yaw), y + ahead * math.sin(yaw)
+
+
+def distances(places: Array, others: Array) -> Array:
+    """Return the distance (n, k) of each place (n, 2) from each of the others (k, 2)."""
+    dx, dy = (places[:, None] - others).transpose(2, 0, 1)
+    return np.asarray(np.sqrt(dx * dx + dy * dy))
+
+
+class Goals:
+    """Goals that a person may have, and how far each is believed in: base of assistants' methods.
+
+    Attributes:
+        config: settings of the assistant.
+        belief: (k,) of each goal; they sum to 1.
+    """
+
+    def __init__(self, config: Any) -> None:
+        self.config = config
+
+    def reset(self, mission: AssistMission) -> None:
+        """Know no goal."""
+        self._mission = mission
+        self._targets: Array = np.empty((0, 2))
+        self.belief: Array = np.empty(0)
+        self._pose: Array | None = None
+
+    def update(self, now: AssistInput, twists: Array) -> Array:
+        """Update the belief by the stick; the costs (n, k) [s] of twists (n, 2) to each goal."""
+        config, mission = self.config.belief, self._mission
+        self._take_scan(now)
+        asked = np.array([now.asked])
+        every = self._costs(np.vstack([asked, np.zeros((1, 2)), twists[:, :2]]))
+        over = np.minimum(every[0] - every.min(axis=0), 10.0)
+        belief = self.belief * np.exp(-config.rate * mission.period * over)
+        share = min(1.0, FORGET * mission.period)
+        belief = (1.0 - share) * belief / belief.sum() + share / len(belief)
+        self.belief = belief / belief.sum()
+        return every[2:]
+
+    def _take_scan(self, now: AssistInput) -> None:
+        """Find goals anew; each inherits the belief in the one of before that it is."""
+        found = find_targets(now.points, self._mission.chair.footprint.front)
+        belief = np.full(len(found), 1.0)
+        if len(self._targets) and self._pose is not None:
+            before = to_frame(to_world(self._targets, self._pose), now.reading.pose)
+            apart = distances(found, before)
+            nearest = apart.argmin(axis=1)
+            same = apart[np.arange(len(found)), nearest] < SAME
+            belief = np.where(same, self.belief[nearest], self.belief.mean())
+        self._targets, self.belief = found, belief / belief.sum()
+        self._pose = now.reading.pose.copy()
+
+    def _costs(self, twists: Array) -> Array:
+        """Seconds (n, k) from where twists (n, 2) lead to each goal."""
+        ends = np.empty((len(twists), 2))
+        _ends(twists, self.config.belief.horizon, AHEAD, ends)
+        return np.asarray(distances(ends, self._targets) / self._mission.limits.forward)
+
+
+@settings
+class Blend:
+    """Mixes the stick with a safe twist towards the likeliest goal."""
+
+    timid: float = setting(default=0.3, low=0.0, high=1.0)
+    """Belief up to which the stick alone counts."""
+    sure: float = setting(default=0.8, low=0.0, high=1.0)
+    """Belief from which on the robot's share is largest."""
+    most: float = setting(default=0.6, low=0.0, high=1.0, source="Dragan 2013: timid to aggressive")
+    """Largest share of the robot."""
+    belief: Belief = Belief()
+    freedom: Freedom = Freedom()
+
+    def __post_init__(self) -> None:
+        if self.sure <= self.timid:
+            raise InputError("Blend.sure must lie above Blend.timid")
+
+    def make(self) -> SharedAssistant:
+        """A fresh assistant."""
+        return SharedAssistant(_Blend(self), self.freedom)
+
+
+class _Blend(Goals):
+    """Policy blending: the stick and the twist towards the likely goal, mixed by confidence.
+
+    Source: Dragan and Srinivasa 2013: u = (1 - a) u_h + a u_r(g*), where the share a grows with the
+    confidence in the likeliest goal g*. Two safe twists may blend into an unsafe one: the shield
+    filters afterwards.
+    """
+
+    def twist(self, now: AssistInput) -> Twist:
+        config = self.config
+        twists = fan(self._mission, now)
+        costs = self.update(now, twists)
+        if now.asked[0] < 0.0:  # a person who backs is manoeuvring, not driving to a goal
+            return nearest(twists, now.asked, self._mission)
+        likely = int(np.argmax(self.belief))
+        ramp = (float(self.belief[likely]) - config.timid) / (config.sure - config.timid)
+        share = config.most * min(1.0, max(0.0, ramp))
+        if share == 0.0 or not len(twists):
+            return now.asked
+        best = twists[cheapest(costs[:, likely])]
+        v, w = (1.0 - share) * np.array(now.asked) + share * best[:2]
+        return float(v), float(w)
+
+
+@settings
+class Hindsight:
+    """Minimises the expected cost to go over the goals, and the distance from the stick."""
+
+    stick: float = setting(default=4.0, unit="s", low=0.0, high=100.0)
+    """Seconds that a twist off the stick's by full speed costs."""
+    clearance: float = setting(default=0.3, unit="s", low=0.0, high=100.0)
+    """Seconds that a twist costs on whose way the chair touches something."""
+    enough: float = setting(default=0.10, unit="m", low=0.01, high=0.5)
+    """Clearance that costs nothing; less in proportion to the margin while somebody docks."""
+    belief: Belief = Belief()
+    freedom: Freedom = Freedom()
+
+    def make(self) -> SharedAssistant:
+        """A fresh assistant."""
+        return SharedAssistant(_Hindsight(self), self.freedom)
+
+
+class _Hindsight(Goals):
+    """Hindsight optimisation: the twist that is best on average over all goals believed in.
+
+    Source: Javdani et al. 2015, 2018: the action of least expected cost, sum over goals g of
+    b(g) Q_g(x, a, u), as if the goal were known from the next step on; Q_g is the cost to go after
+    the twist and a price for leaving the stick. So it helps before any goal is certain.
+    """
+
+    def twist(self, now: AssistInput) -> Twist:
+        config = self.config
+        twists = fan(self._mission, now)
+        costs = self.update(now, twists)
+        # A person who backs is manoeuvring, not driving to a goal.
+        if now.asked[0] < 0.0 or not len(twists):
+            return nearest(twists, now.asked, self._mission)
+        expected = costs @ self.belief
+        expected += config.stick * scaled_distance(twists, now.asked, self._mission)
+        enough = config.enough * min(1.0, now.margin / max(config.freedom.margin, 1e-6))
+        expected += config.clearance * np.maximum(0.0, 1.0 - twists[:, 2] / max(enough, 1e-6))
+        best = twists[cheapest(expected)]
+        return float(best[0]), float(best[1])
+
+
+@settings
+class Hypotheses:
+    """Takes over towards the likely target when the stick is predicted to miss it."""
+
+    confidence: float = setting(default=0.4, low=0.0, high=1.0)
+    """Belief in a target from which on it helps."""
+    miss: float = setting(default=0.4, unit="s", low=0.0, high=10.0)
+    """Seconds that the stick may cost more than the best twist before it counts as missing."""
+    look_ahead: float = setting(default=1.5, unit="s", low=0.1, high=5.0)
+    """Time for which a collision is predicted."""
+    belief: Belief = Belief()
+    freedom: Freedom = Freedom()
+
+    def make(self) -> SharedAssistant:
+        """A fresh assistant."""
+        return SharedAssistant(_Hypotheses(self), self.freedom)
+
+
+class _Hypotheses(Goals):
+    """Collaborative control: help only who is about to miss the likely target.
+
+    Source: Carlson and Demiris 2012. Local targets carry a confidence that each reading updates.
+    While the stick leads to the likeliest one, it is the twist. When it is predicted to miss that
+    target, or to collide, a safe twist towards the target is taken instead.
+    """
+
+    def twist(self, now: AssistInput) -> Twist:
+        config, mission = self.config, self._mission
+        twists = fan(mission, now)
+        costs = self.update(now, twists)
+        hits = free_share(mission, now, now.asked, config.look_ahead) < 1.0
+        if not len(twists):
+            return 0.0, 0.0
+        likely = int(np.argmax(self.belief))
+        off = scaled_distance(twists, now.asked, mission)
+        best = cheapest(costs[:, likely] + 0.1 * off)
+        same = cheapest(off)  # the stick's, or the nearest that is safe
+        misses = costs[same, likely] - costs[best, likely] > config.miss
+        sure = float(self.belief[likely]) >= config.confidence
+        if not (hits or (misses and sure)):
+            return now.asked
+        chosen = twists[best if sure else same]
+        return float(chosen[0]), float(chosen[1])

@@ -1,0 +1,218 @@
+"""The plan of an experiment with participants, as settings, and each participant's order."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, Literal, NamedTuple
+
+from agents.evaluation.evaluate import without_labels
+from agents.people import make_assistant
+from wheelchair_gym.base.errors import shorten
+from wheelchair_gym.base.settings import InputError, setting, settings
+from wheelchair_gym.people.drivers.settings import Hand, Perception
+from wheelchair_gym.scenes import make_scene
+
+_OWN = "the experimenter's choice"
+Device = Literal["keyboard", "gamepad", "touch", "switch"]
+DEVICES: tuple[Device, ...] = ("keyboard", "gamepad", "touch", "switch")
+LEAST_SCAN = 0.3  # s for which a command must be lit, so that a person can press
+_HIDDEN = ("left", "right", "neglect", "noticed")  # of a perception
+
+
+@settings
+class Task:
+    """A drive that every participant makes in every condition."""
+
+    name: str
+    """Name of the task; part of the names of recordings."""
+    scene: Any = setting(default="floor_plan", source=_OWN)
+    """A scene: its name, or a mapping with its settings."""
+    seed: int = setting(default=0, low=0, source=_OWN)
+    """Seed of the episode: start, goal and people are the same for all."""
+    text: str = setting(default="", source=_OWN)
+    """Instruction that the participant reads."""
+
+
+@settings
+class Condition:
+    """One of the compared conditions: the help that a participant has."""
+
+    name: str
+    """Name in tables."""
+    assist: Any = setting(default="shield", source=_OWN)
+    """An assistant: its name, or a mapping with its settings."""
+    hand: Hand = setting(default=Hand(), source=_OWN)
+    """An impairment that is simulated at the stick: settings of a driver's hand."""
+    perception: Perception = setting(default=Perception(), source=_OWN)
+    """Parts of the scene hidden from the participant: `left`, `right`, `neglect` and `noticed` of a
+    driver's perception."""
+    text: str = setting(default="", source=_OWN)
+    """Text about the condition that the participant reads."""
+
+    def __post_init__(self) -> None:
+        """Refuse what nobody can hide: reactions, attention and habits are the participant's."""
+        for name, value in vars(self.perception).items():
+            if name not in _HIDDEN and value != getattr(Perception(), name):
+                raise InputError(
+                    f"perception.{name} is the participant's own; expected {', '.join(_HIDDEN)}"
+                )
+
+
+@settings
+class Questionnaire:
+    """Statements that a participant rates on one scale (Likert)."""
+
+    name: str
+    """Name in tables."""
+    statements: tuple[str, ...]
+    """Statements to rate, in order."""
+    points: int = setting(default=7, low=2, high=11, source="common for a Likert scale")
+    """Steps of the scale; the answers are 1 to `points`."""
+    low: str = setting(default="strongly disagree", source="common for a Likert scale")
+    """Meaning of 1."""
+    high: str = setting(default="strongly agree", source="common for a Likert scale")
+    """Meaning of the last step."""
+    after: Literal["condition", "experiment"] = "condition"
+    """Whether it is asked after every condition, or once at the end."""
+
+
+class Item(NamedTuple):
+    """A question: its name, text, the ends of its scale, and the numbers that it may have."""
+
+    name: str
+    text: str
+    low: str
+    high: str
+    values: range
+
+
+NASA_TLX = "nasa_tlx"
+_TLX = (
+    ("mental", "How mentally demanding was the task?"),
+    ("physical", "How physically demanding was the task?"),
+    ("temporal", "How hurried or rushed was the pace of the task?"),
+    ("performance", "How successful were you in accomplishing what you were asked to do?"),
+    ("effort", "How hard did you have to work to accomplish your level of performance?"),
+    ("frustration", "How insecure, discouraged, irritated, stressed and annoyed were you?"),
+)
+_TLX_VALUES = range(0, 101, 5)
+
+
+class Step(NamedTuple):
+    """One thing that a participant does; the key is unique in a session."""
+
+    key: str
+    kind: Literal["consent", "drive", "answers"]
+    condition: str = ""
+    position: int = 0  # of the condition in the participant's order, from 1; practice is in it
+    task: str = ""
+    practice: bool = False
+    questionnaire: str = ""
+
+
+@settings
+class Protocol:
+    """An experiment within subjects: every participant drives every task in every condition.
+
+    NASA-TLX is the raw version, without weighing (Hart 2006, NASA-TLX 20 years later). A balanced
+    order is a Latin square in which each condition follows each other one equally often (Williams
+    1949): complete after n participants for an even number n of conditions, and after 2 n for an
+    odd one.
+    """
+
+    title: str
+    """Title of the experiment."""
+    consent: str
+    """Text that a participant agrees to before anything else."""
+    conditions: tuple[Condition, ...]
+    """Conditions that are compared."""
+    tasks: tuple[Task, ...]
+    """Drives that every participant makes in every condition."""
+    practice: tuple[Task, ...] = ()
+    """Drives before the tasks of each condition, which are not evaluated."""
+    order: Literal["balanced", "listed"] = "balanced"
+    """How conditions follow one another: balanced over participants, or as listed for everybody."""
+    nasa_tlx: bool = True
+    """Whether the NASA-TLX is asked after each condition."""
+    questionnaires: tuple[Questionnaire, ...] = ()
+    """Further questionnaires."""
+    devices: tuple[Device, ...] = setting(default=DEVICES, source=_OWN)
+    """Input devices that a participant may use. With more than one, the device is chosen before
+    each drive; in a drive it stays."""
+    scan_period: float = setting(default=0.0, unit="s", low=0.0, high=10.0, source=_OWN)
+    """Time for which a single switch lights each command, min 0.3; 0: chosen before each drive."""
+
+    def __post_init__(self) -> None:
+        """Refuse what is empty, and names that are not distinct."""
+        for key in ("title", "consent"):
+            if not getattr(self, key).strip():
+                raise InputError(f"Protocol.{key} is empty; expected text")
+        kinds: dict[str, tuple[Any, ...]] = {
+            "conditions": self.conditions, "tasks": self.practice + self.tasks,
+            "questionnaires": self.questionnaires,
+        }  # fmt: skip
+        for key, entries in kinds.items():
+            names = [entry.name for entry in entries]
+            for name in names:
+                if names.count(name) > 1 or name == NASA_TLX:
+                    raise InputError(f"{key}: the name {shorten(name)} is taken; expected another")
+                if not name.strip() or "/" in name:
+                    raise InputError(f"{key}: the name is {shorten(name)}; expected no slash in it")
+        if not self.devices or len(set(self.devices)) < len(self.devices):
+            raise InputError(f"Protocol.devices: expected some of {', '.join(DEVICES)}, each once")
+        if 0.0 < self.scan_period < LEAST_SCAN:
+            raise InputError(f"Protocol.scan_period is {self.scan_period:g}; expected 0, or 0.3")
+        if not self.conditions or not self.tasks:
+            raise InputError("Protocol: expected at least one condition and one task")
+        for asked in self.questionnaires:
+            if not asked.statements:
+                raise InputError(f"questionnaire {asked.name}: expected at least one statement")
+        # Not only when a participant comes to them.
+        for condition in self.conditions:
+            make_assistant(condition.assist)
+        for task in (*self.practice, *self.tasks):
+            make_scene(without_labels(task.scene))
+
+    def conditions_of(self, participant: int) -> tuple[Condition, ...]:
+        """The conditions in the order of a participant (a number from 1)."""
+        n = len(self.conditions)
+        if self.order == "listed":
+            return self.conditions
+        row = (participant - 1) % (n if n % 2 == 0 else 2 * n)
+        # 0, 1, n - 1, 2, n - 2, ...: neighbours differ by every number once.
+        zigzag = [(k + 1) // 2 if k % 2 else (n - k // 2) % n for k in range(n)]
+        places = [(place + row) % n for place in zigzag]
+        return tuple(self.conditions[k] for k in (places if row < n else reversed(places)))
+
+    def steps(self, participant: int) -> Iterator[Step]:
+        """All that a participant (a number from 1) does, in order."""
+        yield Step("consent", "consent")
+        for position, condition in enumerate(self.conditions_of(participant), 1):
+            name = condition.name
+            for practice, tasks in ((True, self.practice), (False, self.tasks)):
+                for task in tasks:
+                    key = f"{name}/{task.name}"
+                    yield Step(key, "drive", name, position, task.name, practice)
+            for asked in self._asked("condition"):
+                yield Step(f"{name}/{asked}", "answers", name, position, questionnaire=asked)
+        for asked in self._asked("experiment"):
+            yield Step(asked, "answers", questionnaire=asked)
+
+    def _asked(self, after: str) -> list[str]:
+        first = [NASA_TLX] if self.nasa_tlx and after == "condition" else []
+        return first + [one.name for one in self.questionnaires if one.after == after]
+
+    def items(self, questionnaire: str) -> tuple[Item, ...]:
+        """The questions of a questionnaire."""
+        if questionnaire == NASA_TLX:
+            ends = {"performance": ("perfect", "failure")}
+            return tuple(
+                Item(name, text, *ends.get(name, ("very low", "very high")), _TLX_VALUES)
+                for name, text in _TLX
+            )
+        (asked,) = (one for one in self.questionnaires if one.name == questionnaire)
+        values = range(1, asked.points + 1)
+        return tuple(
+            Item(f"{number}", text, asked.low, asked.high, values)
+            for number, text in enumerate(asked.statements, 1)
+        )

@@ -1,0 +1,169 @@
+"""Conditions of an experiment compared within participants: tables, a page and tidy data."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from agents.evaluation.assisted import MEASURES
+from agents.evaluation.metrics import Record
+from agents.evaluation.provenance import provenance
+from agents.evaluation.report import COLUMN_OF
+from agents.evaluation.statistics import holm, median_interval, wilcoxon_p
+from agents.evaluation.tables import Table, columns_of, make_table, write_page
+from agents.people.protocol import NASA_TLX, Protocol
+from agents.people.session import DATA, read_folder, tidy, write_data
+from wheelchair_gym.base.settings import InputError
+
+DRIVE_MEASURES = (
+    "success", "time", "at_fault", "clearance_min", "length", "jerk_rms", *MEASURES,
+)  # fmt: skip
+ONLY_OF_SUCCESSES = ("time", "length")
+TOTAL = "total"  # of NASA-TLX: the mean of its scales
+PAGE = "report.html"
+
+
+def _with_totals(rows: Sequence[Record]) -> list[Record]:
+    """The rows, and the mean of the scales of each NASA-TLX."""
+    asked: dict[tuple[Any, ...], list[Record]] = {}
+    for row in rows:
+        if row["source"] == NASA_TLX:
+            asked.setdefault((row["participant"], row["condition"]), []).append(row)
+    totals = [
+        scales[0] | {"measure": TOTAL, "value": float(np.mean([row["value"] for row in scales]))}
+        for scales in asked.values()
+    ]
+    return [*rows, *totals]
+
+
+Values = Mapping[str, Mapping[tuple[int, str], float]]  # by condition: by participant and task
+
+
+def _values(rows: Sequence[Record], measure: str, conditions: list[str]) -> Values:
+    succeeded = {
+        (row["participant"], row["condition"], row["task"])
+        for row in rows
+        if row["measure"] == "success" and row["value"]
+    }
+    found: dict[str, dict[tuple[int, str], float]] = {name: {} for name in conditions}
+    for row in rows:
+        drive = row["participant"], row["condition"], row["task"]
+        if row["measure"] != measure:
+            continue
+        if measure not in ONLY_OF_SUCCESSES or drive in succeeded:
+            found[row["condition"]][row["participant"], row["task"]] = row["value"]
+    return found
+
+
+def _means_of(values: Mapping[tuple[int, str], float]) -> list[float]:
+    """The mean over tasks of each participant."""
+    people = sorted({person for person, _ in values})
+    return [float(np.mean([v for (who, _), v in values.items() if who == p])) for p in people]
+
+
+def _differences(a: Mapping[tuple[int, str], float], b: Mapping[tuple[int, str], float]) -> Any:
+    """For each participant, the mean of b - a over the tasks that both have."""
+    both = {key: b[key] - a[key] for key in a if key in b}
+    return np.array(_means_of(both))
+
+
+def _names(protocol: Protocol, source: str) -> dict[str, tuple[str, float]]:
+    """The measures of a source: what each is called, and what its values are multiplied by."""
+    if source == "drive":
+        columns = (COLUMN_OF[measure] for measure in DRIVE_MEASURES)
+        return {column.key: (column.heading, column.factor) for column in columns}
+    items = {item.name: item for item in protocol.items(source)}
+    if source == NASA_TLX:
+        return {name: (name, 1.0) for name in (*items, TOTAL)}
+    return {name: (item.text, 1.0) for name, item in items.items()}
+
+
+def _tables(
+    protocol: Protocol, rows: Sequence[Record], source: str, conditions: list[str]
+) -> list[Table]:
+    """Means by condition, and differences of pairs of conditions; the rows are of one source."""
+    known = {row["measure"] for row in rows}
+    means: list[list[Record]] = []
+    tests: list[list[Record]] = []
+    for measure, (title, factor) in _names(protocol, source).items():
+        if measure not in known:
+            continue
+        values = {
+            name: {key: factor * value for key, value in found.items()}
+            for name, found in _values(rows, measure, conditions).items()
+        }
+        group: list[Record] = []
+        for name in conditions:
+            each = _means_of(values[name])
+            if each:
+                sd = float(np.std(each, ddof=1)) if len(each) > 1 else math.nan
+                group.append({"measure": title, "condition": name, "participants": len(each),
+                              "mean": float(np.mean(each)), "sd": sd})  # fmt: skip
+        means.append(group)
+        group = []
+        for a, b in itertools.combinations(conditions, 2):
+            off = _differences(values[a], values[b])
+            if len(off):
+                median, low, high = median_interval(off)
+                group.append({"measure": title, "pair": f"{b} - {a}", "participants": len(off),
+                              "median": median, "low": low, "high": high,
+                              "p": wilcoxon_p(off)})  # fmt: skip
+        for row, p in zip(group, holm([float(row["p"]) for row in group]), strict=True):
+            row["p_holm"] = p
+        tests.append(group)
+    what = "Drives" if source == "drive" else source
+    columns = columns_of("differences")
+    return [make_table(f"{what}: conditions", columns_of("conditions"), means),
+            make_table(f"{what}: differences within participants", columns, tests)]  # fmt: skip
+
+
+def tables(protocol: Protocol, rows: Sequence[Record]) -> list[Table]:
+    """Two tables for the drives and for each questionnaire of the rows of `session.tidy`.
+
+    The first has the mean of each condition over participants, the second paired differences with
+    Wilcoxon's signed-rank test. Time and length count where the drive succeeded.
+    """
+    rows = _with_totals(rows)
+    conditions = [condition.name for condition in protocol.conditions]
+    made: list[Table] = []
+    for source in dict.fromkeys(row["source"] for row in rows):
+        found = [row for row in rows if row["source"] == source]
+        if found[0]["condition"]:
+            made += _tables(protocol, found, source, conditions)
+        else:  # asked once, at the end of the experiment
+            found = [row | {"condition": "all"} for row in found]
+            made += _tables(protocol, found, source, ["all"])[:1]
+    return made
+
+
+def write_report(folder: str | Path) -> tuple[list[Table], Path]:
+    """Write data.csv and report.html into the folder of an experiment.
+
+    Returns:
+        The tables, and the path of the page.
+
+    Raises:
+        InputError: it is no such folder, or nobody has done anything yet.
+    """
+    protocol, records = read_folder(folder)
+    rows = tidy(records)
+    people = sorted({record["participant"] for record in records})
+    if not people:
+        raise InputError(f"{folder}: has no participants yet")
+    made = tables(protocol, rows)
+    write_data(folder, rows)
+    complete = sum(
+        all((p, step.key) in {(r["participant"], r["key"]) for r in records}
+            for step in protocol.steps(p)) for p in people
+    )  # fmt: skip
+    page = write_page(
+        Path(folder) / PAGE, "participants.html", title=protocol.title, tables=made,
+        people=len(people), complete=complete, data=DATA,
+        source={"command": f"wheelchair report {folder}", "provenance": provenance()},
+    )  # fmt: skip
+    return made, page

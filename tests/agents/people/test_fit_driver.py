@@ -1,0 +1,195 @@
+"""Known people are recovered from their sessions, and what sessions do not show is named."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from agents.cli import main
+from agents.people.fit_driver import fit_driver
+from agents.people.recorded_stick import StickSession, prompt_text, schedule, session_of
+from tests.agents.people.prompted import Prompted
+from wheelchair_gym import InputError
+from wheelchair_gym.envs import NavigationEnv
+from wheelchair_gym.people.drivers import make_driver
+from wheelchair_gym.people.drivers.settings import (
+    Driver,
+    Hand,
+    Perception,
+    ProportionalStick,
+    Switches,
+)
+from wheelchair_gym.recording.record import RecordEpisodes
+from wheelchair_gym.recording.replay import read_recording
+
+RATE = 50.0
+# How near each setting comes to the true one, for tremors up to 0.2, in sessions of 75 s.
+WITHIN = {
+    "delay": 0.03, "hand.lag": 0.03, "hand.return_lag": 0.03, "hand.forward": 0.05,
+    "hand.backward": 0.05, "hand.leftward": 0.05, "hand.rightward": 0.05, "hand.rotation": 0.03,
+    "hand.offset_forward": 0.02, "hand.offset_left": 0.03, "hand.tremor": 0.02,
+    "hand.tremor_frequency": 0.2, "hand.tremor_band": 0.35, "interface.dead_zone": 0.002,
+}  # fmt: skip
+PEOPLE = {
+    "steady": Driver(),
+    "trembling and weak": Driver(
+        hand=Hand(
+            tremor=0.15, leftward=0.5, forward=0.7, rotation=0.2, offset_left=0.05, lag=0.15,
+            return_lag=0.25,
+        )
+    ),
+    "slow, another stick": Driver(
+        hand=Hand(tremor=0.06, tremor_frequency=8.0, tremor_band=2.0, offset_forward=-0.06),
+        perception=Perception(reaction=0.5), interface=ProportionalStick(dead_zone=0.16),
+    ),
+}  # fmt: skip
+
+
+def session(driver, seed=0, rate=RATE):
+    """A prompted session of a simulated person."""
+    person = Prompted(driver, rate, seed)
+    n = round((person.prompts[-1, 0] + 2.0) * rate)
+    sticks = [person() for _ in range(n)]
+    return StickSession(
+        1.0 / rate, np.array([(0.0, 0.0), *(one[:2] for one in sticks)]),
+        any(one.latched for one in sticks), np.zeros(n + 1, np.bool_), person.prompts,
+        driver.interface.kind, 1.0,
+    )  # fmt: skip
+
+
+def true_of(driver, name):
+    if name == "delay":
+        return driver.perception.reaction + driver.interface.delay
+    part, _, key = name.partition(".")
+    return getattr(getattr(driver, part), key)
+
+
+@pytest.mark.parametrize("name", PEOPLE)
+def test_a_prompted_session_tells_hand_and_stick(name):
+    driver = PEOPLE[name]
+    fit = fit_driver([session(driver)], Driver(), repeats=8)
+    trembles = driver.hand.tremor > 0.0
+    for key, within in WITHIN.items():
+        if not trembles and "tremor" in key:
+            continue
+        one = fit.estimates[key]
+        assert one.value == pytest.approx(true_of(driver, key), abs=within), key
+        assert one.low <= one.value <= one.high
+    assert (
+        fit.estimates["hand.tremor"].value > 0.0 if trembles else not fit.driver["hand"]["tremor"]
+    )
+    assert ("hand.tremor_frequency" in fit.unidentified) == (not trembles)
+    again = make_driver(fit.driver)
+    assert again.hand.leftward == fit.estimates["hand.leftward"].value
+    late = again.perception.reaction + again.interface.delay
+    assert late == pytest.approx(fit.estimates["delay"].value)
+
+
+@pytest.mark.parametrize("name", ["sip_and_puff", "head_array"])
+def test_a_prompted_session_tells_delay_and_errors_of_switches(name):
+    """Errors: within 3.3 standard deviations of a share, of 224 and more answers."""
+    driver = make_driver({"name": name, "interface": {"error": 0.2}})
+    sessions = [session(driver, seed) for seed in range(7)]
+    fit = fit_driver(sessions, Driver(interface=Switches()), repeats=50)
+    assert fit.estimates["delay"].value == pytest.approx(true_of(driver, "delay"), abs=0.02)
+    for key in ("interface.speed", "interface.turn"):
+        assert fit.estimates[key].value == true_of(driver, key)
+    error = fit.estimates["interface.error"]
+    assert error.value == pytest.approx(0.2, abs=0.09)
+    assert error.low < 0.2 < error.high
+    assert fit.driver["interface"]["latched"] == driver.interface.latched
+    assert fit.figures["changes_per_minute"] > 20.0
+
+
+@pytest.fixture(scope="module")
+def drives(tmp_path_factory):
+    """Recorded drives of somebody who trembles, and a prompted session, as files."""
+    folder = tmp_path_factory.mktemp("drives")
+    env = NavigationEnv("clutter", rate=RATE, driver="essential_tremor", shield=True, split="test")
+    env = RecordEpisodes(env, folder / "drive.mcap")
+    for seed in range(3):
+        env.reset(seed=seed)
+        ended = False
+        while not ended:
+            forward, left, _ = env.unwrapped.task.stick
+            _, _, terminated, truncated, _ = env.step(np.array([forward, left]))
+            ended = terminated or truncated
+    env.close()
+    person = Prompted(PEOPLE["trembling and weak"])
+    env = NavigationEnv("empty", rate=RATE, person=person, split="test")
+    env.labels = {"interface": "board", "prompts": person.prompts.tolist(), "share": 1.0}
+    env = RecordEpisodes(env, folder / "session.mcap")
+    env.reset(seed=0)
+    for _ in range(round((person.prompts[-1, 0] + 2.0) * RATE)):
+        if env.step(np.zeros(2))[3]:
+            break
+    env.close()
+    return folder
+
+
+@pytest.mark.long
+def test_drives_tell_the_tremor_and_the_dead_zone_and_the_rest_is_named(drives, tmp_path, capsys):
+    file = tmp_path / "fit.json"
+    log = str(drives / "drive.mcap")
+    assert main(["fit-driver", log, "--repeats", "8", "--json", str(file)]) == 0
+    said = capsys.readouterr().out
+    assert "hand.leftward            not fitted: a drive does not show" in said
+    found = json.loads(file.read_text())
+    hand = found["fitted"]["hand"]
+    assert hand["tremor"] == pytest.approx(0.15, abs=0.02)
+    assert hand["tremor_frequency"] == pytest.approx(6.0, abs=0.2)
+    assert hand["tremor_band"] == pytest.approx(1.0, abs=0.4)
+    assert found["fitted"]["interface"]["dead_zone"] == pytest.approx(0.1, abs=0.002)
+    words = ["simulate", "--scene", "empty", "--seed", "1", "--driver", f"{file}:fitted"]
+    assert main(words) == 0
+
+
+def test_a_recorded_prompted_session_is_fitted(drives, tmp_path):
+    file = tmp_path / "fit.json"
+    words = ["fit-driver", str(drives / "session.mcap"), "--repeats", "4", "--json", str(file)]
+    assert main(words) == 0
+    hand = json.loads(file.read_text())["fitted"]["hand"]
+    assert hand["leftward"] == pytest.approx(0.5, abs=0.05)
+    assert hand["rotation"] == pytest.approx(0.2, abs=0.03)
+
+
+def test_what_a_recording_cannot_tell_is_said(drives, tmp_path, capsys):
+    broken = read_recording(drives / "session.mcap")[0]._replace(labels={"prompts": ["soon"]})
+    slow = session(PEOPLE["trembling and weak"], rate=10.0)
+    fit = fit_driver([slow._replace(prompts=np.empty((0, 3)))], Driver(), repeats=2)
+    assert "10 Hz" in fit.unidentified["hand.tremor"]
+    short = session(Driver())
+    short = short._replace(sticks=short.sticks[:300], near_goal=short.near_goal[:300])
+    fit = fit_driver([short._replace(prompts=np.empty((0, 3)))], Driver(), repeats=2)
+    assert "stretches" in fit.unidentified["hand.tremor"]
+    other = session(make_driver("head_array"))
+    with pytest.raises(InputError, match="one interface"):
+        fit_driver([short, other], Driver())
+    with pytest.raises(InputError, match="interface scanning"):
+        fit_driver([short._replace(interface="scanning")], Driver())
+    with pytest.raises(InputError, match="malformed"):
+        session_of(broken)
+    # A stick without steps leaves no grid.
+    smooth = dataclasses.replace(Driver(), interface=ProportionalStick(levels=1e6))
+    fit = fit_driver([session(smooth)._replace(prompts=np.empty((0, 3)))], Driver(), repeats=2)
+    assert "steps" in fit.unidentified["interface.dead_zone"]
+    file = tmp_path / "straight.mcap"
+    assert (
+        main(["simulate", "--scene", "empty", "--policy", "straight", "--record", str(file)]) == 0
+    )
+    capsys.readouterr()
+    assert main(["fit-driver", str(file)]) == 2
+    assert "a person drives" in capsys.readouterr().err
+
+
+def test_prompts_ask_for_every_direction_and_for_the_centre_between():
+    rows = np.array(schedule(3))
+    assert (np.diff(rows[:, 0]) > 0.0).all()
+    assert not rows[::2, 1:].any()
+    assert len({tuple(np.round(row, 6)) for row in rows[1::2, 1:]}) == 16
+    assert prompt_text(0.5, 0.0) == "push by half forward"
+    assert prompt_text(-0.71, -0.71) == "push fully backward and right"
+    assert prompt_text(0.0, 0.0) == "let go: centre"

@@ -1,0 +1,257 @@
+"""Compiled assistants: what they see and remember, and that shortcuts leave out nothing."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from wheelchair_gym.base.settings import InputError
+from wheelchair_gym.envs import NavigationVectorEnv
+from wheelchair_gym.geometry.kinematics import arc_step
+from wheelchair_gym.geometry.outline import Footprint, signed_gap
+from wheelchair_gym.people.assistance import COMPILED, make_compiled
+from wheelchair_gym.people.assistance.arcs import follow_arc
+from wheelchair_gym.people.assistance.freedom import Freedom
+from wheelchair_gym.people.assistance.shared_dwa import SPEEDS, STEP, STEPS, TURNS, time_to_stop
+from wheelchair_gym.people.assistance.step import KINDS, Assistants
+from wheelchair_gym.sensors.settings import SensorSettings
+from wheelchair_gym.sim.settings import ChairSettings
+from wheelchair_gym.types import Reading, Stick
+
+CHAIR, SENSORS = ChairSettings(), SensorSettings()
+LIMITS, OUTLINE = CHAIR.limits, Footprint().array
+deflections = st.floats(-1.0, 1.0, allow_nan=False)
+
+
+def reading(scan, twist=(0.0, 0.0), stamp=0.0):
+    far = np.full(8, np.inf, np.float32)
+    scan = np.asarray(scan, np.float32)
+    return Reading(
+        np.zeros(3), np.array(twist), scan, far, np.zeros(8, np.float32), False, 24.0, stamp
+    )
+
+
+def row_of(name):
+    row = Assistants(make_compiled(name), CHAIR, SENSORS, 0.1)
+    row.begin()
+    return row
+
+
+def points_of(row):
+    return row.states["points"][0, : row.states["n_points"][0]]
+
+
+def scan_of(seed, nearest=0.06):
+    """A scan of blocks of random ranges, some without echo and some too near."""
+    rng = np.random.default_rng(seed)
+    ranges = np.repeat(rng.uniform(nearest, 6.0, 47), 23)[:1081]
+    ranges[rng.random(1081) < 0.02] = np.inf
+    ranges[rng.random(1081) < 0.01] = np.nan
+    return ranges
+
+
+REST = Stick(0.0, 0.0, False)
+
+
+def test_what_slips_out_of_sight_is_remembered_for_a_while():
+    """A post beside the rear, which the scanner in front saw before."""
+    angles, directions = SENSORS.laser.angles, SENSORS.laser.directions
+    blank = np.full(1081, np.inf)
+    seen = blank.copy()
+    beam = int(np.argmin(np.abs(angles - np.radians(120))))
+    seen[beam] = 0.6
+    place = np.array([SENSORS.laser.x, 0.0]) + 0.6 * directions[beam]
+    row = row_of("slide")
+    row.update(REST, reading(seen))
+    assert np.allclose(points_of(row), [place], atol=1e-5)
+    row.update(REST, reading(blank, (0.0, 0.0), 0.1))
+    assert len(points_of(row)) == 0  # now it is not there
+    blank[500:520] = -np.inf  # too near to be measured: between the laser and its least range
+    row.update(REST, reading(blank, (0.0, 0.0), 0.15))
+    assert np.allclose(points_of(row), (SENSORS.laser.x, 0.0), atol=SENSORS.laser.range_min)
+    assert len(points_of(row))
+    blank[500:520] = np.inf
+    row.update(REST, reading(seen, stamp=0.2))
+    row.update(REST, reading(blank, (5.0, 0.0), 0.3))  # at once behind the view
+    assert np.allclose(points_of(row), [place - (0.5, 0.0)], atol=1e-5)
+    for k in range(1, 99):
+        row.update(REST, reading(blank, (0.0, 0.0), 0.3 + 0.1 * k))
+        assert len(points_of(row)) == 1
+    row.update(REST, reading(blank, (0.0, 0.0), 10.25))
+    assert len(points_of(row)) == 0
+
+
+def test_each_obstacle_that_is_seen_has_a_beam_and_none_nearer_is_left_out():
+    directions = SENSORS.laser.directions
+    for seed in range(5):
+        scan = scan_of(seed, 0.3)
+        row = row_of("shield")
+        row.update(REST, reading(scan))
+        found = points_of(row)
+        near = np.isfinite(scan)
+        places = np.array([SENSORS.laser.x, 0.0]) + scan[near, None] * directions[near]
+        apart = np.hypot(*(found[:, None] - places).transpose(2, 0, 1))
+        assert apart.min(axis=1).max() < 1e-5
+        gaps = [signed_gap(each, len(each), OUTLINE, 0.0, 0.0, 0.0) for each in (found, places)]
+        assert gaps[0] <= gaps[1] + 0.02
+
+
+def test_a_steady_low_stick_lowers_the_margin():
+    config, row, blank = Freedom(), row_of("slide"), reading(np.full(1081, np.inf))
+
+    def margin(stick):
+        row.update(stick, blank)
+        return float(row.states["margin"][0])
+
+    low, high = Stick(0.25, 0.0, False), Stick(0.8, 0.0, False)
+    margins = [margin(low) for _ in range(15)]
+    assert margins[0] == margins[5] == config.margin
+    assert margins[-1] == config.docking_margin < config.margin
+    assert margin(high) == config.margin
+    assert {margin(Stick(0.3 * (k % 2), 0.0, False)) for k in range(30)} == {config.margin}
+
+
+def test_a_step_is_free_until_the_outline_touches():
+    points = np.array([[OUTLINE[0] + 0.25, 0.0]])
+
+    def free(points, v, margin):
+        return follow_arc(points, OUTLINE, v, 0.0, 0.1, 10, margin, 0.5, -math.inf)[0]
+
+    assert free(points, 0.5, 0.0) == 5
+    assert free(points, -0.3, 0.0) == 10
+    # What already touches may leave, and come no nearer.
+    touching = np.array([[OUTLINE[0] - 0.01, 0.0]])
+    assert free(touching, 0.5, 0.02) == 0
+    assert free(touching, -0.3, 0.02) == 10
+
+
+def followed(points, v, w, margin, most):
+    """`follow_arc`, pose by pose."""
+    n = len(points)
+    least, clear = signed_gap(points, n, OUTLINE, 0.0, 0.0, 0.0), most
+    for k in range(STEPS):
+        gap = signed_gap(points, n, OUTLINE, *arc_step(0.0, 0.0, 0.0, v, w, STEP * (k + 1)))
+        if gap < margin and gap < least:
+            return k, clear
+        least, clear = min(margin, gap), min(clear, gap)
+    return STEPS, clear
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 10_000), deflections, deflections, st.sampled_from([0.0, 0.03, 0.2]))
+def test_poses_that_are_left_out_do_not_matter(seed, v, w, margin):
+    points = np.random.default_rng(seed).uniform(-3.0, 3.0, (30, 2))
+    given_ = follow_arc(points, OUTLINE, v, w, STEP, STEPS, margin, 0.1, -math.inf)
+    assert given_ == followed(points, v, w, margin, 0.1)
+    nothing = np.empty((0, 2))
+    assert follow_arc(nothing, OUTLINE, v, w, STEP, STEPS, margin, 0.1, -math.inf) == (STEPS, 0.1)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 10_000), deflections, deflections)
+def test_the_shared_dynamic_window_finds_the_least_cost(seed, forward, left):
+    row, config = row_of("shared_dwa"), make_compiled("shared_dwa")
+    row.update(Stick(forward, left, False), reading(scan_of(seed, 0.2)))
+    state = row.states[0]
+    (to_v, to_w), turn, points = state["asked"], state["turn"], points_of(row)
+
+    def cost(v, w):
+        free, clear = followed(points, v, w, state["margin"], config.enough)
+        needed = time_to_stop(v, w, LIMITS.deceleration, 0.1)
+        if free < STEPS and free * STEP < needed:
+            return math.inf
+        off = config.heading * abs(w - to_w) * STEP * STEPS / math.pi
+        off += config.speed * abs(v - to_v) / max(abs(to_v), 1e-9)
+        share = max(0.0, clear) / config.enough
+        return 1.0 - share + share * off
+
+    every = [
+        cost(to_v * i / (SPEEDS - 1), to_w + turn * (2.0 * j / (TURNS - 1) - 1.0))
+        for i in range(SPEEDS)
+        for j in range(TURNS)
+    ]
+    least = min(every)
+    if math.isinf(least):
+        assert not state["twist"].any()
+    elif to_v or to_w:
+        assert cost(*state["twist"]) == pytest.approx(least, abs=1e-9)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 10_000), deflections, deflections)
+def test_no_constraint_of_slide_is_violated(seed, forward, left):
+    from wheelchair_gym.people.assistance.slide import write_constraints
+
+    row, config = row_of("slide"), make_compiled("slide")
+    row.update(Stick(forward, left, False), reading(scan_of(seed, 0.2)))
+    state, rows = row.states[0], np.empty((200, 3))
+    n = write_constraints(
+        points_of(row), OUTLINE, state["margin"], config.deceleration, config.latency, rows
+    )
+    assert (rows[:n, :2] @ state["twist"] <= rows[:n, 2] + 1e-8).all()
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.sampled_from(sorted(COMPILED)), deflections, deflections, deflections, deflections)
+def test_an_action_is_that_of_the_twist_and_a_residual_stays_within_the_freedom(
+    name, forward, left, more_v, more_w
+):
+    row = row_of(name)
+    row.update(Stick(forward, left, False), reading(scan_of(3, 0.3)))
+    assert row.action((0.0, 0.0)) == tuple(LIMITS.action(row.twist()).tolist())
+    v, w = LIMITS.twist_of(*row.action((more_v, more_w)))
+    to_v, to_w = row.states["asked"][0]
+    more = row.states["turn"][0] + 1e-12
+    assert min(0.0, to_v) - 1e-12 <= v <= max(0.0, to_v) + 1e-12
+    if to_v or to_w:
+        assert min(0.0, to_w) - more <= w <= max(0.0, to_w) + more
+    else:
+        assert v == w == 0.0
+
+
+def test_it_backs_slowly_where_nothing_looks():
+    blank = reading(np.full(1081, np.inf))
+    for name in COMPILED:
+        row = row_of(name)
+        row.update(Stick(-1.0, 0.4, False), blank)
+        backward = -LIMITS.backward if name in ("direct", "shield") else -Freedom().backward
+        asked = [backward, 0.4 * LIMITS.turn]  # the arc that the method checks
+        assert row.states["asked"][0].tolist() == row.twist().tolist() == asked
+
+
+def test_each_has_a_kind_and_a_wrong_one_is_told_in_one_line():
+    assert {COMPILED[name] for name in COMPILED} == set(KINDS)
+    for spec, text in (
+        ("slid", "did you mean slide?"),
+        ("blend", "drive by the policy assisted"),
+        ({"name": "slide", "latancy": 1.0}, "did you mean latency?"),
+        ({"name": "slide", "latency": -1.0}, "must be at least"),
+        (3, "expected a name"),
+    ):
+        with pytest.raises(InputError) as said:
+            make_compiled(spec)
+        assert text in str(said.value)
+        assert "\n" not in str(said.value)
+
+
+@pytest.mark.parametrize("name", ["shield", "shared_dwa"])
+def test_help_does_not_shut_a_door_of_eighty_centimetres(name):
+    n, arrived = 4, 0
+    env = NavigationVectorEnv(
+        n, scene={"name": "skill", "course": "door_80"}, driver="expert", assistant=name,
+        shield=True, num_threads=1, split="test"
+    )  # fmt: skip
+    env.reset(seed=0)
+    over = np.zeros(n, bool)
+    for _ in range(300):
+        _, _, terminated, truncated, info = env.step(np.zeros((n, 2)))
+        arrived += int((info["is_success"] & ~over).sum())
+        over |= terminated | truncated
+        if over.all():
+            break
+    env.close()
+    assert arrived == n

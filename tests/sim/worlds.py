@@ -1,0 +1,91 @@
+"""Worlds and chairs that several tests drive in."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from wheelchair_gym.actors.records import (
+    EVERYBODY,
+    NOBODY,
+    PEOPLE,
+    Actor,
+    combine,
+    door,
+    furniture,
+    obstacle,
+    person,
+)
+from wheelchair_gym.sensors.settings import SensorSettings
+from wheelchair_gym.sim.chair import SimulatedChair
+from wheelchair_gym.sim.settings import ChairSettings, PhysicsSettings
+from wheelchair_gym.types import Episode
+
+
+def box(half: float = 5.0, start: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Episode:
+    """A square room of 2 x half, without a map."""
+    h = half
+    walls = np.array([(-h, -h, h, -h), (h, -h, h, h), (h, h, -h, h), (-h, h, -h, -h)])
+    return Episode(map=None, start=np.array(start), goal=np.zeros(3), walls=walls)  # type: ignore[arg-type]
+
+
+def cluttered(seed: int, start: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Episode:
+    """A room with rotated boxes and round posts about a free middle."""
+    rng = np.random.default_rng(seed)
+    walls = [box(6.0).walls]
+    while len(walls) < 12:
+        x, y = rng.uniform(-5, 5, 2)
+        if np.hypot(x, y) < 1.7:
+            continue
+        t, a, b = rng.uniform(0, np.pi), *rng.uniform(0.1, 0.5, 2)
+        corners = np.array([(-a, -b), (a, -b), (a, b), (-a, b)])
+        turn = np.array([(np.cos(t), np.sin(t)), (-np.sin(t), np.cos(t))])
+        points = corners @ turn + (x, y)
+        walls.append(np.hstack([points, np.roll(points, -1, axis=0)]))
+    angles = rng.uniform(-np.pi, np.pi, 5)
+    radii = rng.uniform(0.05, 0.3, 5)
+    discs = np.column_stack([3 * np.cos(angles), 3 * np.sin(angles), radii])
+    return Episode(
+        map=None,  # type: ignore[arg-type]
+        start=np.array(start),
+        goal=np.zeros(3),
+        walls=np.vstack(walls),
+        discs=discs,
+    )
+
+
+def exact_chair(step: float = 0.01, **chair: Any) -> SimulatedChair:
+    """A chair whose sensors and wheels do not err."""
+    sensors = SensorSettings(noise=False)
+    return SimulatedChair(ChairSettings(**chair), sensors, PhysicsSettings(step=step))
+
+
+def busy(seed: int, start: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Episode:
+    """A room with everything that moves: people of each kind, doors, obstacles, furniture."""
+    rng = np.random.default_rng(seed)
+    things: list[Actor] = []
+    spots = [(x, y) for x in (-3, -2, 2, 3) for y in (-3, -1.9, 1.9, 3)]
+    rng.shuffle(spots)
+    for avoids in (EVERYBODY, EVERYBODY, PEOPLE, PEOPLE, NOBODY, NOBODY):
+        way = np.array([spots.pop(), rng.uniform(-1, 1, 2), rng.uniform(-3, 3, 2)])
+        things.append(person(way, rng.uniform(0.6, 1.6), avoids=avoids, patience=2.0))
+    for size, mass in (((0.5, 0.4), 8.0), ((0.2, 0.0), 4.0), ((0.3, 0.3), 6.0)):
+        things.append(furniture((*spots.pop(), rng.uniform(-3, 3)), size, mass))
+    for near in (0.5, 2.5):
+        place = rng.uniform(-2.5, 2.5, 2)
+        things.append(obstacle(tuple(place), 0.2, since=near, stay=3.0, least=0.9))
+    things.append(door((-3.9, 0.0), 0.0, 1.0, 1.5, near=2.0))
+    things.append(
+        door((3.9, 0.5), math.pi, 1.2, -1.2, swings=False, since=0.5, stay=1.5, every=4.0)
+    )
+    rng.shuffle(things)
+    return Episode(
+        map=None,  # type: ignore[arg-type]
+        start=np.array(start),
+        goal=np.zeros(3),
+        walls=box(4.0).walls,
+        discs=np.array([(0.0, 3.2, 0.2)]),
+        actors=combine(things),
+    )

@@ -1,0 +1,1 @@
+"""Errors, files, settings and registries, which import nothing else of ours."""

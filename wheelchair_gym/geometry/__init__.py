@@ -1,0 +1,1 @@
+"""Frames, footprints and kinematics."""

@@ -1,1 +1,0 @@
-"""Mapping, SLAM, Monte Carlo localization and frontiers."""

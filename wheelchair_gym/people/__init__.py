@@ -1,0 +1,1 @@
+"""Simulated people who drive, and the assistants that help them."""

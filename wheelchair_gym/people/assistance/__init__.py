@@ -1,0 +1,50 @@
+"""Compiled assistants: from a person's stick and the chair's sensors to the twist asked for.
+
+One compiled function steps them for the policy `assisted`, for an environment whose setting
+`assistant` names one, and for each row of a batch. Assistants in Python are in `agents.people`,
+which knows these, too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+from wheelchair_gym.base.errors import shorten
+from wheelchair_gym.base.registry import Registry
+from wheelchair_gym.base.settings import InputError
+
+__all__ = ["COMPILED", "make_compiled"]
+
+# Settings class of every compiled assistant.
+COMPILED: Final = Registry(
+    "assistant",
+    {
+        "direct": "wheelchair_gym.people.assistance.teleop:Direct",
+        "shared_dwa": "wheelchair_gym.people.assistance.shared_dwa:SharedDwa",
+        "shield": "wheelchair_gym.people.assistance.teleop:Shielded",
+        "slide": "wheelchair_gym.people.assistance.slide:Slide",
+        "teleop": "wheelchair_gym.people.assistance.teleop:Teleop",
+        "vfh": "wheelchair_gym.people.assistance.vfh:Vfh",
+    },
+)
+
+
+def make_compiled(spec: str | Mapping[str, Any] | Any) -> Any:
+    """Settings of a compiled assistant.
+
+    Args:
+        spec: a name, `{"name": name, **settings}`, or such settings.
+
+    Raises:
+        InputError: it is none of them (the message lists those known), or a setting is wrong.
+    """
+    try:
+        return COMPILED.make(spec)
+    except InputError as error:
+        if isinstance(spec, Mapping) and spec.get("name") in COMPILED:
+            raise
+        raise InputError(
+            f"assistant: {shorten(spec)} is none that an environment can hold: {error}; others "
+            "drive by the policy assisted"
+        ) from None

@@ -1,0 +1,175 @@
+"""Records of compiled assistants, CONSTANTS and ASSISTANT, and the obstacles that they remember."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from wheelchair_gym.base.arrays import Array, Floats
+from wheelchair_gym.base.settings import copy_numbers, numbers_of
+from wheelchair_gym.compiled.address import (
+    Pointers,
+    Target,
+    on_stack,
+    pointer_record,
+    rows_of,
+    table_at,
+)
+from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
+from wheelchair_gym.compiled.simd import bits_of_float
+from wheelchair_gym.geometry.kinematics import arc_step
+from wheelchair_gym.geometry.planar import world_to_body
+from wheelchair_gym.people.assistance.freedom import Freedom
+from wheelchair_gym.sensors.laser import shown_range
+from wheelchair_gym.sensors.settings import SensorSettings
+from wheelchair_gym.sim.settings import ChairSettings
+
+GROUPS = 128  # of beams: of each, the nearest is an obstacle
+SECTORS = 64  # around the outline's middle: of each, the nearest out of sight is remembered
+MOST = GROUPS + SECTORS  # obstacles
+
+ASSISTANT = np.dtype(
+    [
+        ("stamp", "f8"),  # s: of the latest reading; NaN: there was none yet
+        ("steady", "f8"),  # s for which the stick has been low and steady
+        ("held", "f8", (2,)),  # the stick from which it is
+        ("asked", "f8", (2,)),  # m/s, rad/s: the stick's twist
+        ("turn", "f8"),  # rad/s: by how much the turn rate may differ
+        ("margin", "f8"),  # m: that is kept
+        ("twist", "f8", (2,)),  # m/s, rad/s: what the method makes of it
+        ("n_points", "i8"),
+        ("points", "f8", (MOST, 2)),  # m: obstacles in the chair's frame, those seen first
+        ("n_seen", "i8"),  # of them
+        ("until", "f8", (SECTORS,)),  # s: stamp until which each of the others is remembered
+    ],
+    align=True,
+)
+
+
+def constants_record(*methods: type) -> tuple[np.dtype[Any], dict[str, Target]]:
+    """The dtype of the constants of assistants with settings of these classes, and its targets."""
+    return pointer_record(
+        ("kind", "i8"),  # of the method
+        ("method", numbers_of(*methods)),  # zero: the method has no such number
+        ("freedom", numbers_of(Freedom)),
+        ("period", "f8"),  # s: of control
+        ("forward", "f8"),  # m/s
+        ("backward", "f8"),
+        ("turn", "f8"),  # rad/s
+        ("deceleration", "f8"),  # m/s2
+        ("outline", "f8", (3,)),  # `Footprint.array`
+        ("middle", "f8"),  # m: of the outline, ahead of the axle
+        ("mount", "f8", (4,)),  # m, m: of the first scanner; cosine and sine of its yaw
+        ("view_cosine", "f8"),  # cosine of half its field of view
+        ("beams", "i8"),
+        ("directions", Target("f8", None, 2)),  # of its beams in the chair's frame
+    )
+
+
+def constants_of(
+    record: tuple[np.dtype[Any], dict[str, Target]], kind: int, method: Any, freedom: Freedom,
+    chair: ChairSettings, sensors: SensorSettings, period: float,
+) -> Pointers:  # fmt: skip
+    """The constants (1,) of an assistant of a chair, with its control period [s]."""
+    dtype, targets = record
+    pointers = Pointers(np.zeros(1, dtype), targets, constant=True)
+    p: Any = pointers.record[0]
+    p["kind"], p["period"] = kind, period
+    copy_numbers(p["method"], method)
+    copy_numbers(p["freedom"], freedom)
+    for name in ("forward", "backward", "turn", "deceleration"):
+        p[name] = getattr(chair.limits, name)
+    outline, laser = chair.footprint, sensors.laser
+    p["outline"], p["middle"] = outline.array, 0.5 * (outline.front - outline.rear)
+    p["mount"] = laser.x, laser.y, np.cos(laser.yaw), np.sin(laser.yaw)
+    p["view_cosine"], p["beams"] = np.cos(0.5 * laser.fov), laser.beams
+    pointers.point("directions", laser.directions)
+    return pointers
+
+
+assistant_rows = rows_of(ASSISTANT)
+
+
+@inlined
+def assistant_at(rows: Any, i: int) -> Any:
+    """The record of row i of a record of ASSISTANTS."""
+    return assistant_rows(rows.assistants, rows.n)[i]
+
+
+REACH = 4.0  # m from the outline's middle: farther is of no concern
+MEMORY = 10.0  # s for which what nothing looks at any more is remembered
+
+
+@borrowing_kernel
+def _sector(x: float, y: float) -> int:
+    """The sector of a direction: sectors follow each other around, and need not be equal."""
+    size = abs(x) + abs(y)
+    share = y / size if size > 0.0 else 0.0
+    around = share if x >= 0.0 else (2.0 - share if y >= 0.0 else -2.0 - share)  # in [-2, 2]
+    return min(SECTORS - 1, int((around + 2.0) * 0.25 * SECTORS))
+
+
+@borrowing_kernel
+def _carry(p: Any, a: Any, twist: Array, stamp: float, kept: Array) -> None:
+    """Carry obstacles along that the scanner cannot see from where the chair is now.
+
+    Rows of kept (SECTORS, 4): x, y [m], stamp until which it is kept [s], squared distance [m2].
+    """
+    since = stamp - a.stamp
+    x, y, yaw = arc_step(0.0, 0.0, 0.0, twist[0], twist[1], since)
+    c, s = math.cos(yaw), math.sin(yaw)
+    at_x, at_y, mount_c, mount_s = p.mount[0], p.mount[1], p.mount[2], p.mount[3]
+    for k in range(a.n_points):
+        px, py = world_to_body(c, s, a.points[k, 0] - x, a.points[k, 1] - y)
+        sx, sy = world_to_body(mount_c, mount_s, px - at_x, py - at_y)
+        if sx >= p.view_cosine * math.sqrt(sx * sx + sy * sy):
+            continue  # the scan shows what is there
+        until = a.until[k - a.n_seen] if k >= a.n_seen else a.stamp + MEMORY
+        if stamp >= until:
+            continue
+        dx = px - p.middle
+        far = dx * dx + py * py
+        i = _sector(dx, py)
+        if far < min(kept[i, 3], REACH * REACH):
+            kept[i, 0], kept[i, 1], kept[i, 2], kept[i, 3] = px, py, until, far
+
+
+@borrowing_kernel
+def look(p: Any, a: Any, scan: Floats, twist: Array, stamp: float) -> None:
+    """Take a scan, and carry along what it cannot show; twist: by odometry."""
+    kept = table_at(on_stack(8 * 4 * SECTORS), SECTORS, 4)
+    for i in range(SECTORS):
+        kept[i, 3] = math.inf
+    if not math.isnan(a.stamp):
+        _carry(p, a, twist, stamp, kept)
+    a.stamp = stamp
+    groups, n = min(GROUPS, p.beams), 0
+    none, far = bits_of_float(np.float32(np.inf)), bits_of_float(np.float32(2.0 * REACH))
+    directions = table_at(p.directions, p.beams, 2)
+    for group in range(groups):
+        low, high = group * p.beams // groups, (group + 1) * p.beams // groups
+        nearest = none
+        for k in range(np.uint64(low), np.uint64(high)):
+            bits = bits_of_float(shown_range(scan[k]))
+            nearest = bits if bits < nearest else nearest
+        if nearest >= far:
+            continue
+        best = low
+        while bits_of_float(shown_range(scan[best])) != nearest:
+            best += 1
+        r = shown_range(scan[best])
+        x = p.mount[0] + r * directions[best, 0]
+        y = p.mount[1] + r * directions[best, 1]
+        dx = x - p.middle
+        if dx * dx + y * y < REACH * REACH:
+            a.points[n, 0], a.points[n, 1] = x, y
+            n += 1
+    a.n_seen = n
+    for i in range(SECTORS):
+        if kept[i, 3] < math.inf:
+            a.points[n, 0], a.points[n, 1] = kept[i, 0], kept[i, 1]
+            a.until[n - a.n_seen] = kept[i, 2]
+            n += 1
+    a.n_points = n

@@ -1,0 +1,221 @@
+"""One control period of a compiled assistant; the same functions for one chair and for many.
+
+A method is a function (p, a) -> twist of the constants p, a record of CONSTANTS, and of a row a, a
+record of ASSISTANT: its obstacles, the stick's twist, the margin to keep and the freedom to turn.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final
+
+import numpy as np
+
+from wheelchair_gym.base.arrays import Array, Floats
+from wheelchair_gym.compiled.address import Pointers, Target, pointer_record, prefetch, rows_of
+from wheelchair_gym.compiled.kernel import borrowing_kernel
+from wheelchair_gym.geometry.kinematics import action_of_twist, twist_of_action
+from wheelchair_gym.maps import OccupancyGrid
+from wheelchair_gym.people.assistance.freedom import (
+    AssistMission,
+    Freedom,
+    Twist,
+    margin_of,
+    within_freedom,
+)
+from wheelchair_gym.people.assistance.shared_dwa import SharedDwa, shared_dwa
+from wheelchair_gym.people.assistance.slide import Slide, slide
+from wheelchair_gym.people.assistance.state import (
+    ASSISTANT,
+    assistant_at,
+    constants_of,
+    constants_record,
+    look,
+)
+from wheelchair_gym.people.assistance.teleop import Direct, Shielded, Teleop, teleop
+from wheelchair_gym.people.assistance.vfh import Vfh, vfh
+from wheelchair_gym.sensors.settings import SensorSettings
+from wheelchair_gym.sim.settings import ChairSettings
+from wheelchair_gym.types import Reading, Stick
+
+STICK, TELEOP, VFH, SLIDE, SHARED_DWA = range(5)  # kinds of methods
+KINDS: Final = {
+    Direct: STICK, Shielded: STICK, Teleop: TELEOP, Vfh: VFH, Slide: SLIDE, SharedDwa: SHARED_DWA,
+}  # fmt: skip
+_RECORD = constants_record(*KINDS)
+CONSTANTS = _RECORD[0]
+
+# Assistants by address, as the rows of drivers.
+ASSISTANTS, ASSISTANTS_TARGETS = pointer_record(
+    ("n", "i8"),  # 0: there are none
+    ("constants", Target(CONSTANTS, 1)),
+    ("assistants", Target(ASSISTANT, None)),
+)
+_constants_at = rows_of(CONSTANTS)
+_SIZE = ASSISTANT.itemsize
+
+
+@borrowing_kernel
+def begin_assistant(i: int, assistants: Any) -> None:
+    """Reset row i for a new episode; assistants: (1,) of ASSISTANTS."""
+    a = assistant_at(assistants[0], i)
+    a.stamp, a.steady, a.n_points, a.n_seen = math.nan, 0.0, 0, 0
+    for k in range(2):
+        a.held[k] = a.asked[k] = a.twist[k] = 0.0
+
+
+@borrowing_kernel
+def prefetch_assistant(i: int, assistants: Any) -> None:
+    """Prefetch the state of row i while something else is computed."""
+    rows = assistants[0]
+    if rows.n > 0:
+        prefetch(rows.assistants + np.uint64(i * _SIZE), _SIZE)
+
+
+@borrowing_kernel
+def pass_stick_on(
+    i: int, assistants: Any, forward: float, left: float, scan: Floats, twist: Array, stamp: float
+) -> None:
+    """Take in a scan in row i, and set the stick's twist, backward at most as the freedom allows.
+
+    Args:
+        i: the row.
+        assistants: (1,) of ASSISTANTS.
+        forward: deflection of the stick.
+        left: the same to the left.
+        scan: ranges [m], those of the first scanner first.
+        twist: (2,) by odometry [m/s, rad/s].
+        stamp: of the reading [s].
+    """
+    rows = assistants[0]
+    p, a = _constants_at(rows.constants, 1)[0], assistant_at(rows, i)
+    look(p, a, scan, twist, stamp)
+    a.margin = margin_of(p, a, forward, left)
+    v, w = twist_of_action(forward, left, p.forward, p.backward, p.turn)
+    v = max(v, -p.freedom.backward)
+    a.asked[0], a.asked[1] = v, w
+    a.turn = p.freedom.turn * min(1.0, math.hypot(forward, left))
+    a.twist[0], a.twist[1] = v, w
+
+
+@borrowing_kernel
+def update_assistant(
+    i: int, assistants: Any, forward: float, left: float, scan: Floats, twist: Array, stamp: float
+) -> None:
+    """Take in a scan in row i, and decide on a stick; arguments as for `pass_stick_on`."""
+    pass_stick_on(i, assistants, forward, left, scan, twist, stamp)
+    rows = assistants[0]
+    p, a = _constants_at(rows.constants, 1)[0], assistant_at(rows, i)
+    v, w = a.asked[0], a.asked[1]
+    if p.kind != STICK and (v != 0.0 or w != 0.0):
+        if p.kind == SLIDE:
+            v, w = slide(p, a)
+        elif p.kind == TELEOP:
+            v, w = teleop(p, a)
+        elif p.kind == VFH:
+            v, w = vfh(p, a)
+        else:
+            v, w = shared_dwa(p, a)
+    a.twist[0], a.twist[1] = v, w
+
+
+@borrowing_kernel
+def assisted_twist(i: int, assistants: Any, more_v: float, more_w: float) -> Twist:
+    """Row i's twist [m/s, rad/s] with more added to what its method gives, within its freedom."""
+    rows = assistants[0]
+    p, a = _constants_at(rows.constants, 1)[0], assistant_at(rows, i)
+    given, asked = (a.twist[0] + more_v, a.twist[1] + more_w), (a.asked[0], a.asked[1])
+    return within_freedom(given, asked, a.turn, p.turn)
+
+
+@borrowing_kernel
+def assisted_action(i: int, assistants: Any, residual_v: float, residual_w: float) -> Twist:
+    """The action that asks for row i's twist, with a residual action's twist added to it."""
+    p = _constants_at(assistants[0].constants, 1)[0]
+    more = twist_of_action(residual_v, residual_w, p.forward, p.backward, p.turn)
+    v, w = assisted_twist(i, assistants, more[0], more[1])
+    return action_of_twist(v, w, p.forward, p.backward, p.turn)
+
+
+def freedom_of(method: Any) -> Freedom:
+    """How far a method may go; without such a setting, as far as any."""
+    found: Freedom = getattr(method, "freedom", Freedom())
+    return found
+
+
+class Assistants:
+    """Assistants of n chairs; without a method, no rows.
+
+    A copy, by `copy.deepcopy` or `pickle`, goes on as the original does, to the bit.
+
+    Args:
+        method: settings of a compiled assistant; None: there is none.
+        chair: its outline and limits.
+        sensors: where its first scanner sits.
+        period: of control [s].
+        n: how many.
+        freedom: how far they may go; None: as the method says.
+
+    Attributes:
+        states: (n,) of ASSISTANT.
+        pointers: to them, a record (1,) of ASSISTANTS.
+    """
+
+    def __init__(
+        self, method: Any, chair: ChairSettings, sensors: SensorSettings, period: float,
+        n: int = 1, freedom: Freedom | None = None,
+    ) -> None:  # fmt: skip
+        self.states = np.zeros(0 if method is None else n, ASSISTANT)
+        self.pointers = Pointers(np.zeros(1, ASSISTANTS), ASSISTANTS_TARGETS)
+        self.pointers.record["n"] = len(self.states)
+        self._kind = STICK if method is None else KINDS[type(method)]
+        self._limits = chair.limits
+        if method is not None:
+            free = freedom if freedom is not None else freedom_of(method)
+            constants = constants_of(_RECORD, self._kind, method, free, chair, sensors, period)
+            self.pointers.point("constants", constants)
+        self.pointers.point("assistants", self.states)
+
+    def begin(self) -> None:
+        """Reset the only row for a new episode."""
+        if len(self.states):
+            begin_assistant(0, self.pointers.record)
+
+    def update(self, stick: Stick, reading: Reading) -> None:
+        """Take in a reading in the only row, and decide on a stick."""
+        update = pass_stick_on if self._kind == STICK else update_assistant  # compiles sooner
+        update(
+            0, self.pointers.record, float(stick.forward), float(stick.left), reading.laser,
+            reading.twist, float(reading.stamp),
+        )  # fmt: skip
+
+    def twist(self, residual: tuple[float, float] = (0.0, 0.0)) -> Array:
+        """The only row's twist (2,) [m/s, rad/s], with that of a residual action; clipped."""
+        more = self._limits.twist_of(*residual)
+        return np.array(assisted_twist(0, self.pointers.record, *more))
+
+    def action(self, residual: tuple[float, float]) -> tuple[float, float]:
+        """The action that asks for the only row's twist and for a residual action's; clipped."""
+        return assisted_action(0, self.pointers.record, *residual)
+
+
+class CompiledAssistant:
+    """A compiled assistant that turns a person's stick into a twist.
+
+    Args:
+        config: its settings, of a class in `wheelchair_gym.people.assistance.COMPILED`.
+    """
+
+    def __init__(self, config: Any) -> None:
+        self.config = config
+        self.freedom = freedom_of(config)
+
+    def reset(self, mission: AssistMission) -> None:
+        """Begin an episode: forget the last one."""
+        self.row = Assistants(self.config, mission.chair, mission.sensors, mission.period)
+        self.row.begin()
+
+    def assist(self, stick: Stick, reading: Reading, map: OccupancyGrid | None) -> Array:
+        """The twist (2,) [m/s, rad/s] for the next control period; the map is not looked at."""
+        self.row.update(stick, reading)
+        return self.row.twist()

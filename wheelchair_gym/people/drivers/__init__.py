@@ -1,0 +1,82 @@
+"""Simulated people who drive a chair: `make_driver` makes one from a name or from settings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+from wheelchair_gym.base.errors import shorten
+from wheelchair_gym.base.registry import Registry, in_module
+from wheelchair_gym.base.settings import InputError, dump, load
+from wheelchair_gym.people.drivers import people
+from wheelchair_gym.people.drivers.settings import Driver, interface_of
+
+__all__ = ["DRIVERS", "driver_spec", "make_driver", "make_drivers"]
+
+# What each name gives when it is called, without arguments: a `Driver`.
+DRIVERS: Final = Registry(
+    "driver",
+    in_module(
+        people.__name__,
+        "ataxia bci biased blind chin essential_tremor expert head_array hemianopia hemineglect "
+        "hostile inattentive isometric keyboard novice scanning sip_and_puff spasticity wavering "
+        "weak_left",
+    ),
+    group="wheelchair_gym.drivers",
+)
+
+
+def make_driver(spec: str | Mapping[str, Any] | Driver) -> Driver:
+    """A simulated person.
+
+    Args:
+        spec: a name, `{"name": name, **settings}` whose settings override the named person's, or
+            a `Driver`. `module:function` names somebody's function that gives a `Driver`.
+
+    Raises:
+        InputError: the name is unknown, or a setting is wrong.
+    """
+    if isinstance(spec, Driver):
+        return spec
+    values = DRIVERS.spec(spec)
+    name = values.pop("name")
+    made = DRIVERS[name]()
+    if not isinstance(made, Driver):
+        raise InputError(f"driver {name}: it gives {shorten(made)}; expected a Driver")
+    interface = values.get("interface")
+    kept = made.interface.kind
+    if isinstance(interface, Mapping) and interface.get("kind", kept) != kept:
+        values["interface"] = interface_of(interface)  # nothing of the person's is kept
+    return load(Driver, values, f"driver {name}", made)
+
+
+def make_drivers(spec: Any) -> tuple[Driver, ...]:
+    """The simulated people, one of which each episode draws; none for None.
+
+    Args:
+        spec: what `make_driver` takes, or a list of that; None: nobody drives.
+
+    Raises:
+        InputError: the list is empty, a name is unknown, or a setting is wrong.
+    """
+    if spec is None:
+        return ()
+    if not isinstance(spec, list | tuple):
+        return (make_driver(spec),)
+    if not spec:
+        raise InputError("driver is an empty list; expected people to draw from")
+    return tuple(make_driver(one) for one in spec)
+
+
+def drivers_spec(spec: Any) -> Any:
+    """Return a spec for `make_drivers` as settings store it: names, mappings, or a list of them."""
+    if isinstance(spec, list | tuple):
+        return [drivers_spec(one) for one in spec]
+    return spec if spec is None or isinstance(spec, str) else driver_spec(spec)
+
+
+def driver_spec(driver: Mapping[str, Any] | Driver) -> dict[str, Any]:
+    """A mapping that `make_driver` makes an equal driver from, as settings are stored."""
+    if isinstance(driver, Driver):
+        return {"name": "expert", **dump(driver)}
+    return dict(dump(driver))

@@ -1,0 +1,1 @@
+"""Mapping, localization and tracking, from what the chair senses."""
