@@ -36,14 +36,14 @@ class Deployment:
     """Cap of the speed at the start and after each halt."""
     rise: float = setting(default=0.05, unit="m/s2", low=0.0, source="0.8 m/s after 12 s")
     """Rate at which the cap rises while the chair drives."""
-    most: float = setting(default=2.0, unit="m/s", low=0.02, high=2.0)
+    maximum: float = setting(default=2.0, unit="m/s", low=0.02, high=2.0)
     """Highest cap; the limits of the chair hold besides."""
     patience: float = setting(default=20.0, unit="s", low=0.0)
     """Time after which an episode ends if sensors or a latched shield halt the chair."""
 
     def __post_init__(self) -> None:
-        if self.most < self.first:
-            raise InputError(f"the cap cannot rise from {self.first:g} to {self.most:g} m/s")
+        if self.maximum < self.first:
+            raise InputError(f"the cap cannot rise from {self.first:g} to {self.maximum:g} m/s")
 
 
 class Capped:
@@ -69,7 +69,7 @@ class Capped:
         if reading.halted or self._latched():
             self.cap = config.first
         else:
-            self.cap = min(self.cap + config.rise * self._period, config.most, limits.forward)
+            self.cap = min(self.cap + config.rise * self._period, config.maximum, limits.forward)
         twist = limits.twist(command.as_action(limits))
         speed = abs(float(twist[0]))
         if speed <= self.cap:

@@ -29,7 +29,7 @@ from wheelchair_gym.sensors.settings import LaserSettings
 _BEAMS, _FEW = 180, 20  # of a scan, evenly: for the fit, and to preselect poses nearby
 _LENIENT = 3.0  # factor of sigma while preselecting: a better pose may lie between two
 _CLIMBED = 12  # preselected poses from which hill climbing starts
-LEAST = 0.45  # fit of the scan at an accepted start: measured in simulation 0.56 and more at true
+MIN_FIT = 0.45  # fit of the scan at an accepted start: measured in simulation 0.56 and more at true
 # starts, median 0.12 at those far off
 BETTER = 0.15  # the start is wrong if a place nearby fits better by this much
 ECHOES = 0.05  # least share of beams with an echo; with fewer, the scan does not allow a check
@@ -61,8 +61,8 @@ def start_fit(
     scan = read_scan(laser, ranges)
     share = len(scan.echoes) / laser.beams
     if share < ECHOES:
-        least = f"{ECHOES:.0%} or more"
-        wrong = f"{share:.0%} of the laser's beams have an echo; expected {least}"
+        minimum = f"{ECHOES:.0%} or more"
+        wrong = f"{share:.0%} of the laser's beams have an echo; expected {minimum}"
         return StartFit(share, 0.0, start, 0.0, start, wrong)
     field = make_likelihood_field(grid, model.sigma, model.outlier_share)
     ends = _some(scan, _BEAMS)
@@ -89,14 +89,14 @@ def start_fit(
         wrong = f"it fits {better:.2f} at {x:.2f},{y:.2f},{yaw:.2f}"
         return StartFit(share, fit, pose, better, elsewhere, wrong)
     better, elsewhere = max(others, key=itemgetter(0), default=(0.0, start))
-    wrong = f"expected {LEAST:g} or more" if fit < LEAST else ""
+    wrong = f"expected {MIN_FIT:g} or more" if fit < MIN_FIT else ""
     return StartFit(share, fit, pose, better, elsewhere, wrong, better > fit - ALIKE)
 
 
-def _some(scan: Scan, most: int) -> Array:
+def _some(scan: Scan, maximum: int) -> Array:
     """Echoes (n, 2) [m] of a scan, evenly chosen."""
     ends = scan.echoes
-    chosen = np.linspace(0, len(ends) - 1, min(len(ends), most)).astype(int)
+    chosen = np.linspace(0, len(ends) - 1, min(len(ends), maximum)).astype(int)
     return np.ascontiguousarray(ends[chosen])
 
 

@@ -198,8 +198,8 @@ def chunks(total: int, end: float) -> Iterator[int]:
         if made >= total or now >= end:
             return
         # The first chunks may have prepared or compiled something.
-        most = int(min(CHUNK_PERIOD, end - now) * chunk / max(now - before, 1e-9))
-        chunk, before = min(max(1, min(2 * chunk, most)), total - made), now
+        maximum = int(min(CHUNK_PERIOD, end - now) * chunk / max(now - before, 1e-9))
+        chunk, before = min(max(1, min(2 * chunk, maximum)), total - made), now
 
 
 def with_settings(options: Options, settings: object) -> Options:

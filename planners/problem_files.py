@@ -46,8 +46,8 @@ def _problem(data: Any, where: str) -> tuple[Problem, float | None]:
             keys = f"{', '.join(required)}, and may have {optional}"
             raise InputError(f"{where}.{key} is missing; a problem has {keys}")
     stored = load(StoredProblem, data, where)
-    if len(stored.rects) > LIMITS["outline"].most:
-        expected = f"expected at most {LIMITS['outline'].most:,}"
+    if len(stored.rects) > LIMITS["outline"].maximum:
+        expected = f"expected at most {LIMITS['outline'].maximum:,}"
         raise InputError(f"{where}.rects has {len(stored.rects):,} rectangles; {expected}")
     for index, (x0, y0, x1, y1) in enumerate(stored.rects):
         if not (-FARTHEST <= x0 < x1 <= FARTHEST and -FARTHEST <= y0 < y1 <= FARTHEST):

@@ -186,11 +186,11 @@ def drive_stretch(
     if count == 0 or first + count >= pieces.shape[0]:
         return 0, 0.0
     part, bend, kind = way / count, turn / count, kind_of(way, turn)
-    least = duration(motion, part, bend)
+    minimum = duration(motion, part, bend)
     sweep(around.sweeps, 0, part, bend, motion.outline)
     cost = 0.0
     for k in range(count):
-        if cost + (count - k) * least >= budget:
+        if cost + (count - k) * minimum >= budget:
             return k, cost
         at = arc_step(x, y, yaw, way, turn, k / count)
         gap = swept_gap(around, at, motion.desired_clearance)
@@ -233,13 +233,13 @@ def write_times(
     context: SteeringContext, pose: Pose, before: int, target: Pose, after: int, sign: float
 ) -> float:
     """Write the time of each connection to `context.times`, and return the minimum."""
-    least = math.inf
+    minimum = math.inf
     for kind in range(CONNECTIONS):
         possible, parts = connection(kind, pose, target)
         time = parts_time(context.around.motion, context.sharpest, parts, before, after, sign)
         context.times[kind] = time if possible else math.inf
-        least = min(least, context.times[kind])
-    return least
+        minimum = min(minimum, context.times[kind])
+    return minimum
 
 
 @borrowing_kernel

@@ -814,7 +814,7 @@ class Watched:
 def fuzz(watched: Watched, name: str, numbers: range) -> dict[str, Any]:
     """Counts of a reader's inputs, the longest time and most memory of one, and what failed."""
     found: dict[str, Any] = {
-        "inputs": 0, "read": 0, "refused": 0, "failed": [], "longest_s": 0.0, "most_bytes": 0,
+        "inputs": 0, "read": 0, "refused": 0, "failed": [], "longest_s": 0.0, "max_bytes": 0,
     }  # fmt: skip
     for number in numbers:
         answer = watched.ask(name, number)
@@ -824,5 +824,5 @@ def fuzz(watched: Watched, name: str, numbers: range) -> dict[str, Any]:
         else:
             found["failed"].append([number, answer["said"]])
         found["longest_s"] = max(found["longest_s"], answer.get("s", 0.0))
-        found["most_bytes"] = max(found["most_bytes"], answer.get("bytes", 0))
+        found["max_bytes"] = max(found["max_bytes"], answer.get("bytes", 0))
     return found

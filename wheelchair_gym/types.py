@@ -188,8 +188,8 @@ class Episode:
             raise InputError(f"Episode.discs has a radius of {self.discs[:, 2].min():g} m")
         for name in ("tolerance", "time_limit", "reference_length"):
             value = getattr(self, name)
-            least = 0.0 if name == "tolerance" else math.ulp(0.0)  # 0 m: it never arrives
-            if value is not None and not least <= value < math.inf:
+            minimum = 0.0 if name == "tolerance" else math.ulp(0.0)  # 0 m: it never arrives
+            if value is not None and not minimum <= value < math.inf:
                 raise InputError(f"Episode.{name} is {value}; expected a positive number, or None")
         if self.arrival is not None:
             values = as_array(self.arrival, np.float64, (4,), "Episode.arrival", FARTHEST)

@@ -91,13 +91,13 @@ def simulate(given: argparse.Namespace) -> int:
     stands = active_stops(env.unwrapped.task.reading.halted, env.unwrapped.shield)
     place = label(scene) if episode is None else episode.name
     record |= {"policy": name, "scene": place, "seed": given.seed, "stands": stands}
-    least = record["clearance_min"]
+    gap = record["clearance_min"]
     outcome = record["outcome"]
     text = (
         f"{name} on {place}, seed {given.seed}: "
         f"{outcome if record['success'] else f'did not arrive ({outcome})'} after "
         f"{record['time']:.1f} s and {record['length']:.2f} m (shortest {record['shortest']:.2f}"
-        f" m), least clearance {'-' if least is None else f'{least:.3f}'} m"
+        f" m), least clearance {'-' if gap is None else f'{gap:.3f}'} m"
         + (f"; it stands: {'; '.join(stands)}" if stands else "")
         + (" (in simulation it cannot be re-armed)" if stands and given.chair is None else "")
         + ("" if given.chair is None else _timing(record))
@@ -135,7 +135,7 @@ def deploy(given: argparse.Namespace) -> int:
     """Drive a real chair to a goal; 0 when it arrived."""
     if len(given.start) != 3:
         raise InputError("--start: expected X,Y,YAW (m, m, rad)")
-    limits = {"first": given.initial_speed, "rise": given.speed_ramp, "most": given.max_speed}
+    limits = {"first": given.initial_speed, "rise": given.speed_ramp, "maximum": given.max_speed}
     config = Deployment(**{name: value for name, value in limits.items() if value is not None})
     chair = chair_spec(given.chair)
     check_extras(chair)

@@ -185,9 +185,9 @@ def calibrate(given: argparse.Namespace) -> int:
 
 
 def _calibrate_distance(given: argparse.Namespace, settings: Any) -> int:
-    least = distance_calibration.LEAST
-    if not given.push and given.distance < least:
-        raise InputError(f"--distance {given.distance:g}: expected at least {least:g} m")
+    minimum = distance_calibration.NEAR
+    if not given.push and given.distance < minimum:
+        raise InputError(f"--distance {given.distance:g}: expected at least {minimum:g} m")
     configured = settings.chair.drive.counts_per_metre
     try:
         runs = (_pushed_runs if given.push else _driven_runs)(given, settings)

@@ -178,10 +178,10 @@ def _run_map(
         )
         if isinstance(planner, Visibility) and clearance > 0.0:
             bounds = optima(problem)
-            answer |= {"touching": bounds.touching, "at_least": bounds.at_least}
+            answer |= {"touching": bounds.touching, "lower_bound": bounds.lower_bound}
             text += (
-                f"; no path with {clearance:g} m clearance is shorter than {bounds.at_least:.3f} m"
-                f", none at all than {bounds.touching:.3f} m"
+                f"; no path with {clearance:g} m clearance is shorter than {bounds.lower_bound:.3f}"
+                f" m, none at all than {bounds.touching:.3f} m"
             )
         shown = given.picture or given.video
         if drawn is not None or (shown and PLANNERS.name_of(planner) in (SHORTENS, STEERS)):

@@ -89,13 +89,13 @@ def run(given: argparse.Namespace) -> int:
 def _warn_of_short_checkpoints(config: Any) -> None:
     """Say where episodes may last longer than the time between two checkpoints."""
     env, steps = config.env_settings(), config.steps_per_checkpoint
-    least = env.task.time_base
+    minimum = env.task.time_base
     if env.task.max_episode_steps is not None:
-        least = min(least, env.task.max_episode_steps / env.rate)
-    if steps / env.rate < least:
+        minimum = min(minimum, env.task.max_episode_steps / env.rate)
+    if steps / env.rate < minimum:
         print(
             f"wheelchair: all environments reset at a checkpoint, after {steps / env.rate:g} s of "
-            f"driving ({steps} steps at {env.rate:g} Hz), and episodes may last {least:g} s and "
+            f"driving ({steps} steps at {env.rate:g} Hz), and episodes may last {minimum:g} s and "
             "longer: only short ones end, so the success in training is of these, and no long one "
             "is learned to its end; set a larger checkpoint_frequency",
             file=sys.stderr,

@@ -32,7 +32,7 @@ SLOW = 0.1  # m/s: and only above this speed
 GENTLE = 0.4  # m/s: slower, people have the time to step back
 AT_REST = 0.03  # m/s: slower, a chair stands
 SPREAD = 0.25  # standard deviations of a predicted place added to an actor's radius,
-MOST_SPREAD = 0.1  # m: up to this
+MAX_SPREAD = 0.1  # m: up to this
 ACTOR_CAUTION = 0.35  # s: of own speed, kept as distance from actors, which may turn any moment
 X, Y, YAW, S = range(4)  # columns of a reference path
 # Columns of actors, after X and Y: of `LocalMap.actors`.
@@ -112,7 +112,7 @@ def actor_distance(
         gap = rectangle_point_gap(c * px + s * py, c * py - s * px, footprint) - actors[k, RADIUS]
         if gap < best:
             variance = t * (2.0 * actors[k, COVARIANCE] + t * actors[k, SPEED_VAR])
-            gap -= min(MOST_SPREAD, SPREAD * math.sqrt(max(0.0, variance)))
+            gap -= min(MAX_SPREAD, SPREAD * math.sqrt(max(0.0, variance)))
             best = min(best, gap)
     return best
 
@@ -318,14 +318,14 @@ class ReferencePath:
         self.blocked = False
         self.turning, self.reopens = False, reopens
 
-    def advance(self, pose: Array, most: float = 0.4) -> float:
+    def advance(self, pose: Array, maximum: float = 0.4) -> float:
         """Move along, at most so far [m], to where the pose is; the distance [m] between both."""
         if self.held is not None:
             rows = self.rows[: self.held + 1]
             self.at, distance = match(pose[0], pose[1], pose[2], rows, self.held, math.inf)
             return float(distance)
         first = int(np.searchsorted(self.rows[:, S], self.way - 0.2))
-        self.at, distance = match(pose[0], pose[1], pose[2], self.rows, first, self.way + most)
+        self.at, distance = match(pose[0], pose[1], pose[2], self.rows, first, self.way + maximum)
         return float(distance)
 
     @property

@@ -25,7 +25,7 @@ LOOK = 1.2  # m of way ahead, within which a tight turn makes the chair track it
 TURNING = 0.8  # rad a metre of way, of which a turn in place has 2.5: sharper is a turn
 REACH = 0.3  # m of way along the plan, where the chair may be a period later
 PAST = 0.2  # m of way behind the chair that still count as here
-LEAST_STEP = 1e-3  # m: a shorter step of a plan is a turn in place
+MIN_STEP = 1e-3  # m: a shorter step of a plan is a turn in place
 SIDE, HEADING = 0.10, 0.35  # m and rad off the plan, up to which the chair tracks it
 ACTORS = 2.5  # m: with an actor nearer, the follower decides
 CRUISE = 0.25  # m/s within a manoeuvre
@@ -33,7 +33,7 @@ SLOWING = 0.3  # m/s2 before one,
 RAMP = 0.4  # s after it has begun to brake, since its jerk is limited
 TURN_RATE = 0.5  # rad/s of a turn in place
 TURN_SLOWING = 0.8  # rad/s2 before its end
-LEAST_LEFT = 0.003  # rad to its end, at least, so that it comes there
+MIN_LEFT = 0.003  # rad to its end, at least, so that it comes there
 TURN_SHARE = 0.8  # of the turn limit, at most, while it drives
 SLOWEST = 0.03  # m/s before a stretch ends
 JERK = 0.6  # m/s3 with which a stretch ends
@@ -81,7 +81,7 @@ class ManoeuvreTracker:
         self._rows, steps = rows, np.diff(rows, axis=0)
         middle = rows[:-1, YAW] + 0.5 * steps[:, YAW]
         way = steps[:, X] * np.cos(middle) + steps[:, Y] * np.sin(middle)
-        self._kinds = np.where(np.abs(way) > LEAST_STEP, np.sign(way), 0.0)
+        self._kinds = np.where(np.abs(way) > MIN_STEP, np.sign(way), 0.0)
         self._turns = np.abs(steps[:, YAW]) > TURNING * steps[:, S]
         self._turns |= self._kinds < 0.0
 
@@ -177,7 +177,7 @@ class ManoeuvreTracker:
         row = self._rows[end]
         sign = math.copysign(1.0, row[YAW] - self._rows[end - 1, YAW])
         left -= LATENCY * sign * body.state[2]
-        w = sign * min(TURN_RATE, math.sqrt(2.0 * TURN_SLOWING * max(left, LEAST_LEFT)))
+        w = sign * min(TURN_RATE, math.sqrt(2.0 * TURN_SLOWING * max(left, MIN_LEFT)))
         ahead = math.cos(pose[2]) * (row[X] - pose[0]) + math.sin(pose[2]) * (row[Y] - pose[1])
         return float(np.clip(KEEP * ahead, -KEEP_SPEED, KEEP_SPEED)), w
 
@@ -196,6 +196,6 @@ class ManoeuvreTracker:
         ahead = int(np.searchsorted(rows[:, S], rows[row, S] + 0.5 * SPACING + LATENCY * speed))
         curvature = self._curvature(max(row, min(ahead, end - 1)), end)
         bend = kind * (curvature - STIFFNESS * side) - 2.0 * math.sqrt(STIFFNESS) * turned
-        most = TURN_SHARE * limits.turn
-        v = min(v, most / abs(bend)) if abs(bend) * v > most else v
+        maximum = TURN_SHARE * limits.turn
+        v = min(v, maximum / abs(bend)) if abs(bend) * v > maximum else v
         return kind * v, bend * v

@@ -238,9 +238,9 @@ def _doors(
     figure, panels = new_panels(0.8 + 2.6 * len(policies), len(policies))
     for axes, policy in zip(panels, policies, strict=True):
         for margin, dash in ((0.0, "-"), (0.05, "--")):
-            least = [Doorway.narrowest_door(margin, width) for width in widths]
+            minimum = [Doorway.narrowest_door(margin, width) for width in widths]
             axes.plot(
-                widths, least, dash, color=COLOURS[1], label=f"{100 * margin:.0f} cm to spare"
+                widths, minimum, dash, color=COLOURS[1], label=f"{100 * margin:.0f} cm to spare"
             )
         for label, doorway in doorways.items():
             if (share := found.get((policy, label))) is None:

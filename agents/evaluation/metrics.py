@@ -40,7 +40,7 @@ from wheelchair_gym.types import Episode
 SIDES = 16  # of each quarter of a polygon that stands for a circle: 0.12 % of the radius
 MARGIN = 1e-6  # m: far above the rounding of shapely's buffers
 OVERSPEED = 1.1  # times its limit: no chair is faster
-MOST_WALLS = 50_000  # of a world: about 12 s
+MAX_WALLS = 50_000  # of a world: about 12 s
 
 
 class Shortest(NamedTuple):
@@ -97,7 +97,7 @@ def _shortest(
     """`shortest_path` of arrays by their bytes: others drive the same world next."""
     a, b = np.frombuffer(start), np.frombuffer(goal)
     straight = max(0.0, math.hypot(*(b - a)) - tolerance)
-    if straight == 0.0 or len(world[0]) > MOST_WALLS * 32:
+    if straight == 0.0 or len(world[0]) > MAX_WALLS * 32:
         return Shortest(straight, straight == 0.0)
     try:
         # Obstacles inside the goal's region are removed. From where it enters the region, a path
@@ -165,8 +165,8 @@ def barn_score(success: bool, seconds: float, way: float, speed: float) -> float
 
     The time taken is clipped to 2 to 8 times the other, so that 0.5 is the best; 0 is a failure.
     """
-    least = way / speed
-    return least / min(max(seconds, 2.0 * least), 8.0 * least) if success and least > 0.0 else 0.0
+    best = way / speed
+    return best / min(max(seconds, 2.0 * best), 8.0 * best) if success and best > 0.0 else 0.0
 
 
 def accel_rms(speeds: Array, period: float) -> float:
@@ -255,8 +255,8 @@ def measure(trace: Trace, info: Mapping[str, Any], truncated: bool) -> Record:
     length = path_length(poses)
     geodesic, shortest = float(info["geodesic"]), trace.shortest.length
     spl, spl_grid = (
-        (1.0 if length <= least else least / max(length, 1e-9)) if success else 0.0
-        for least in (shortest, geodesic)
+        (1.0 if length <= best else best / max(length, 1e-9)) if success else 0.0
+        for best in (shortest, geodesic)
     )
     reference = geodesic if trace.reference is None else trace.reference
     seconds = float(info["time"])
@@ -293,8 +293,8 @@ def measure(trace: Trace, info: Mapping[str, Any], truncated: bool) -> Record:
         **trace.planning.record(),
     }
     if trace.people is not None and (social := trace.people.figures(poses, twists, trace.period)):
-        way, least = (record[key] if success else math.nan for key in ("spl", "sct"))
-        record |= social | dict(zip(EFFICIENCIES, (way, least), strict=True))
+        way, best = (record[key] if success else math.nan for key in ("spl", "sct"))
+        record |= social | dict(zip(EFFICIENCIES, (way, best), strict=True))
     if trace.sticks is not None:
         record |= trace.sticks.figures(twists, length)
     return {key: json_value(value) for key, value in record.items()}

@@ -49,7 +49,7 @@ RANKING_NOTE = (
 )
 # Bytes that are embedded; larger files are linked, so that the page stays quick to open.
 _LARGEST_VIDEO = 3e6
-_MOST_PICTURES = 3e6  # about 500 failures
+_MAX_PICTURES = 3e6  # about 500 failures
 _LEGEND = (
     "Blue: the chair, its trail and the roll-out of commands. Green: goal and path. Red: laser. "
     "Yellow: ultrasonic echoes. Purple outline: the estimated pose."
@@ -235,7 +235,7 @@ def _failures(
     """Every failure with its picture, those of the best policy first."""
     failed = [record for record in records if not record["success"]]
     failed.sort(key=lambda record: policies.index(record["policy"]))
-    left, found = _MOST_PICTURES, []
+    left, found = _MAX_PICTURES, []
     for record in failed:
         source, picture = "", record.get("picture")
         if picture and (folder / picture).is_file():

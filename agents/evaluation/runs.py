@@ -79,9 +79,9 @@ def read_store(path: Path) -> dict[str, Record]:
     records: dict[str, Record] = {}
     if not path.exists():
         return records
-    damaged, summed, most = 0, False, LIMITS["line"].most
+    damaged, summed, maximum = 0, False, LIMITS["line"].maximum
     with opened(path) as lines:
-        while line := lines.readline(most):
+        while line := lines.readline(maximum):
             if not line.strip():
                 continue
             try:

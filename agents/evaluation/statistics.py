@@ -53,18 +53,18 @@ class Estimate:
     error: float
     freedom: float
 
-    def p_above(self, least: float = 0.0) -> float:
+    def p_above(self, minimum: float = 0.0) -> float:
         """One-sided p-value of 'the true value is above'."""
-        gap = self.value - least
+        gap = self.value - minimum
         if not math.isfinite(gap):
             return 1.0
         if self.error == 0.0:  # a deterministic method
             return 0.0 if gap > 0.0 else 1.0
         return float(scipy.stats.t.sf(gap / self.error, self.freedom))
 
-    def p_below(self, most: float = 0.0) -> float:
+    def p_below(self, maximum: float = 0.0) -> float:
         """One-sided p-value of 'the true value is below'."""
-        return Estimate(-self.value, self.error, self.freedom).p_above(-most)
+        return Estimate(-self.value, self.error, self.freedom).p_above(-maximum)
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -151,8 +151,8 @@ def mcnemar(ours: Sequence[bool], theirs: Sequence[bool]) -> tuple[int, int, flo
 
 def holm(p: Sequence[float]) -> list[float]:
     """Return Holm's adjusted p-values (Holm 1979)."""
-    adjusted, most = [0.0] * len(p), 0.0
+    adjusted, maximum = [0.0] * len(p), 0.0
     for rank, k in enumerate(np.argsort(p)):
-        most = max(most, min(1.0, (len(p) - rank) * p[k]))
-        adjusted[int(k)] = most
+        maximum = max(maximum, min(1.0, (len(p) - rank) * p[k]))
+        adjusted[int(k)] = maximum
     return adjusted

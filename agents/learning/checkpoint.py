@@ -82,7 +82,7 @@ def load_checkpoint(folder: Path) -> dict[str, Any] | None:
         raise InputError(f"{path}: expected a complete checkpoint; delete it to start again")
     try:
         with zipfile.ZipFile(io.BytesIO(body)) as packed:
-            if sum(member.file_size for member in packed.infolist()) > LIMITS["checkpoint"].most:
+            if sum(member.file_size for member in packed.infolist()) > LIMITS["checkpoint"].maximum:
                 raise ValueError("too large when unpacked")
         content = torch.load(io.BytesIO(body), weights_only=True)
         if not isinstance(content, dict):

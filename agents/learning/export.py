@@ -34,8 +34,8 @@ OPSET = 17  # of 2022, so that every current runtime reads it
 def groups_of(beams: int, pooled: int) -> NDArray[np.int64]:
     """Indices (pooled, most) of the beams that each pooled beam is the minimum of."""
     ends = np.arange(pooled + 1) * beams // pooled
-    most = int(np.diff(ends).max())
-    groups: NDArray[np.int64] = np.minimum(ends[:-1, None] + np.arange(most), ends[1:, None] - 1)
+    maximum = int(np.diff(ends).max())
+    groups: NDArray[np.int64] = np.minimum(ends[:-1, None] + np.arange(maximum), ends[1:, None] - 1)
     return groups
 
 

@@ -24,8 +24,8 @@ from wheelchair_gym.envs.guidance import is_built_in
 from wheelchair_gym.task.observations import SIZES
 
 FORMAT = 1
-MOST_ARRAYS = 64  # in a file
-MOST_SIZE = 100_000  # numbers of one key of an observation
+MAX_ARRAYS = 64  # in a file
+MAX_SIZE = 100_000  # numbers of one key of an observation
 _KINDS = (np.dtype(np.float32), np.dtype(np.uint8))  # of numbers, and of card and digest
 SHIPPED = Path(__file__).resolve().parents[1] / "data" / "weights"  # of policies
 SHIPPED_ASSISTANTS = SHIPPED.parent / "assistants"
@@ -197,11 +197,11 @@ def _unpacked(content: bytes) -> dict[str, Any]:
     Raises:
         ValueError: it is not complete, or beyond a limit.
     """
-    arrays, most = {}, LIMITS["weights"].most
+    arrays, maximum = {}, LIMITS["weights"].maximum
     with zipfile.ZipFile(io.BytesIO(content)) as packed:
         members = packed.infolist()
-        if len(members) > MOST_ARRAYS or sum(member.file_size for member in members) > most:
-            raise ValueError(f"more than {MOST_ARRAYS} arrays or {most:,} bytes unpacked")
+        if len(members) > MAX_ARRAYS or sum(member.file_size for member in members) > maximum:
+            raise ValueError(f"more than {MAX_ARRAYS} arrays or {maximum:,} bytes unpacked")
         for member in members:
             data = packed.read(member)  # no more than the directory says
             stream = io.BytesIO(data)
@@ -235,7 +235,7 @@ def check_card(card: dict[str, Any]) -> None:
     sizes = layout.get("sizes")
     if not isinstance(sizes, list) or not all(
         isinstance(pair, list) and len(pair) == 2 and pair[0] in _KEYS
-        and type(pair[1]) is int and 0 <= pair[1] <= MOST_SIZE
+        and type(pair[1]) is int and 0 <= pair[1] <= MAX_SIZE
         for pair in sizes
     ):  # fmt: skip
         raise ValueError("layout.sizes is no list of observation keys and their sizes")

@@ -114,10 +114,10 @@ def _settings(
         if key:
             settings[part][key] = one.value
     if "delay" in estimates:  # of the reaction and of the interface: their sum is seen
-        most = max(0.0, estimates["delay"].value)
-        reaction = min(settings["perception"]["reaction"], most)
+        maximum = max(0.0, estimates["delay"].value)
+        reaction = min(settings["perception"]["reaction"], maximum)
         settings["perception"]["reaction"] = reaction
-        settings["interface"]["delay"] = most - reaction
+        settings["interface"]["delay"] = maximum - reaction
     return settings
 
 

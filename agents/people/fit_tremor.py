@@ -21,9 +21,9 @@ from wheelchair_gym.people.drivers.settings import Hand
 from wheelchair_gym.people.drivers.state import TICK_RATE, tremor_filter
 
 TICK = 1.0 / TICK_RATE  # s
-LEAST_RATE = 25.0  # Hz: sessions recorded more slowly show a tremor at wrong frequencies
+MIN_RATE = 25.0  # Hz: sessions recorded more slowly show a tremor at wrong frequencies
 STRETCH = 2.56  # s of an uninterrupted deflection that give one periodogram
-LEAST_STRETCHES = 6
+MIN_STRETCHES = 6
 TREMOR = "hand.tremor", "hand.tremor_frequency", "hand.tremor_band"
 _EVIDENCE = 10.0  # min gain of log-likelihood by a tremor: for three parameters, P < 1e-3
 _FULL = 0.92  # deflection from which on the stick's end cuts a tremor off
@@ -109,18 +109,18 @@ def fit_tremor(
 ) -> tuple[dict[str, FittedSetting], str]:
     """The tremor's amplitude, frequency and band, and why there are none."""
     rate = 1.0 / sessions[0].period
-    if rate < LEAST_RATE:
+    if rate < MIN_RATE:
         return {}, (
             f"recorded at {rate:g} Hz: a tremor shows at other frequencies than its own; expected "
-            f"at least {LEAST_RATE:g} Hz (--rate 50)"
+            f"at least {MIN_RATE:g} Hz (--rate 50)"
         )
     if any(abs(one.period - sessions[0].period) > 1e-9 for one in sessions):
         return {}, "the sessions were recorded at different rates"
     f, each, rate = _periodograms(sessions, device, hand)
-    if len(each) < LEAST_STRETCHES:
+    if len(each) < MIN_STRETCHES:
         return {}, (
             f"{len(each)} stretches of {STRETCH:g} s with a stick that is neither centred nor at "
-            f"its end; expected {LEAST_STRETCHES}"
+            f"its end; expected {MIN_STRETCHES}"
         )
     use = (f >= 1.0) & (f < 0.5 * rate)
 

@@ -109,7 +109,9 @@ class Blend:
     """Belief up to which the stick alone counts."""
     sure: float = setting(default=0.8, low=0.0, high=1.0)
     """Belief from which on the robot's share is largest."""
-    most: float = setting(default=0.6, low=0.0, high=1.0, source="Dragan 2013: timid to aggressive")
+    max_share: float = setting(
+        default=0.6, low=0.0, high=1.0, source="Dragan 2013: timid to aggressive"
+    )
     """Largest share of the robot."""
     belief: Belief = Belief()
     freedom: Freedom = Freedom()
@@ -139,7 +141,7 @@ class _Blend(Goals):
             return nearest(twists, now.asked, self._mission)
         likely = int(np.argmax(self.belief))
         ramp = (float(self.belief[likely]) - config.timid) / (config.sure - config.timid)
-        share = config.most * min(1.0, max(0.0, ramp))
+        share = config.max_share * min(1.0, max(0.0, ramp))
         if share == 0.0 or not len(twists):
             return now.asked
         best = twists[cheapest(costs[:, likely])]

@@ -107,16 +107,16 @@ class _Method:
             far, yaw = ahead
             away = front + DOCK_GAP
             return np.array([far - away * math.cos(yaw), -away * math.sin(yaw), yaw]), True
-        best, least = None, math.inf
+        best, minimum = None, math.inf
         for x, y, yaw, gap in find_doors(now.points, self._mission.chair.footprint.half_width):
             bearing, far = math.atan2(y, x), math.hypot(x, y)
             off = abs(wrap(bearing - wanted))
             fits = gap < WIDEST and far < REACH and off < ANGLE
             if fits and abs(yaw) < 1.3 and x > 0.0:
                 cost = off + 0.2 * far + gap
-                if cost < least:
+                if cost < minimum:
                     place = x + BEYOND * math.cos(yaw), y + BEYOND * math.sin(yaw), yaw
-                    best, least = np.array(place), cost
+                    best, minimum = np.array(place), cost
         return None if best is None else (best, False)
 
     def _begin(self, now: AssistInput, wanted: float) -> None:
@@ -160,6 +160,6 @@ class _Method:
             bend = 2.0 * y / (x * x + y * y)
         else:  # the heading counts at the end
             bend = (yaw + 2.0 * y / LOOK_AHEAD) / max(left, 0.1)
-        most = high if bend > 0.0 else -low
-        v = min(v, most / max(abs(bend), 1e-9))
+        maximum = high if bend > 0.0 else -low
+        v = min(v, maximum / max(abs(bend), 1e-9))
         return v, v * bend

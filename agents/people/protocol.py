@@ -15,7 +15,7 @@ from wheelchair_gym.scenes import make_scene
 _OWN = "the experimenter's choice"
 Device = Literal["keyboard", "gamepad", "touch", "switch"]
 DEVICES: tuple[Device, ...] = ("keyboard", "gamepad", "touch", "switch")
-LEAST_SCAN = 0.3  # s for which a command must be lit, so that a person can press
+MIN_SCAN = 0.3  # s for which a command must be lit, so that a person can press
 _HIDDEN = ("left", "right", "neglect", "noticed")  # of a perception
 
 
@@ -160,7 +160,7 @@ class Protocol:
                     raise InputError(f"{key}: the name is {shorten(name)}; expected no slash in it")
         if not self.devices or len(set(self.devices)) < len(self.devices):
             raise InputError(f"Protocol.devices: expected some of {', '.join(DEVICES)}, each once")
-        if 0.0 < self.scan_period < LEAST_SCAN:
+        if 0.0 < self.scan_period < MIN_SCAN:
             raise InputError(f"Protocol.scan_period is {self.scan_period:g}; expected 0, or 0.3")
         if not self.conditions or not self.tasks:
             raise InputError("Protocol: expected at least one condition and one task")

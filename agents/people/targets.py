@@ -79,13 +79,13 @@ def _doors(points: Array, angles: Array, narrowest: float, out: Array) -> int:
     """Write rows (x, y, yaw, gap) of doors among points (n, 2), sorted by angle; how many."""
     n, found = points.shape[0], 0
     for i in range(n):
-        row, least = -1, DOOR[1]
+        row, minimum = -1, DOOR[1]
         for j in range(i + 1, n):
             if angles[j] - angles[i] > 2.0:
                 break
             ax, ay = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1]
             gap = math.hypot(ax, ay)
-            if not narrowest < gap < least:
+            if not narrowest < gap < minimum:
                 continue
             nx, ny = ay / gap, -ax / gap  # away from the chair, as the points turn to the left
             is_open = nx * points[i, 0] + ny * points[i, 1] > 0.0
@@ -93,12 +93,12 @@ def _doors(points: Array, angles: Array, narrowest: float, out: Array) -> int:
                 deep = nx * (points[k, 0] - points[i, 0]) + ny * (points[k, 1] - points[i, 1])
                 is_open = is_open and deep > BEHIND
             if is_open:
-                row, least = j, gap
+                row, minimum = j, gap
         if row >= 0:
             ax, ay = points[row, 0] - points[i, 0], points[row, 1] - points[i, 1]
             out[found, 0] = 0.5 * (points[i, 0] + points[row, 0])
             out[found, 1] = 0.5 * (points[i, 1] + points[row, 1])
-            out[found, 2], out[found, 3] = math.atan2(-ax, ay), least
+            out[found, 2], out[found, 3] = math.atan2(-ax, ay), minimum
             found += 1
     return found
 

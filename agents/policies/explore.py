@@ -48,8 +48,8 @@ class Explore:
     """Name and settings of the follower."""
     seek: bool = setting(default=True)
     """Drive to the goal; false: map all there is."""
-    least: float = setting(default=0.4, unit="m", low=0.0)
-    """Least length of a frontier; shorter ones count where no others are left, and no gap between
+    min_length: float = setting(default=0.4, unit="m", low=0.0)
+    """Minimum length of a frontier; shorter ones count where no others are left, and no gap between
     beams explains them."""
     seed: int = setting(default=0, low=0)
     """Seed of the planner, with the episode's key."""
@@ -167,7 +167,7 @@ class Explorer:
             return chosen("drive")
         if over:
             given_up.append(aim)
-        found = find_frontiers(grid, pose, CLEARANCE, min(SHORTEST, config.least))
+        found = find_frontiers(grid, pose, CLEARANCE, min(SHORTEST, config.min_length))
         found = [one for one in found if not self._is_short(one) or one.beyond >= GAP]
         for one in sorted(found, key=lambda one: (self._is_short(one), self._cost(one))):
             away = [np.hypot(*(one.place - place)) for place in given_up]
@@ -189,7 +189,7 @@ class Explorer:
 
     def _is_short(self, one: Frontier) -> bool:
         """Return True if it may be a gap between beams."""
-        return one.length < self.config.least
+        return one.length < self.config.min_length
 
     def _cost(self, one: Frontier) -> float:
         """Return a frontier's cost [m]: the way there and on to the goal, less its length."""

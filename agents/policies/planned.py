@@ -89,10 +89,10 @@ class Planned:
         source="half the chair's width, the pose error and a margin",
     )
     """Clearance that a plan is asked for first; less where no path leads to the goal."""
-    least: float = setting(
+    min_clearance: float = setting(
         default=0.28, unit="m", low=0.0, source="a cell under half the chair's width"
     )
-    """Least clearance that a plan is asked for."""
+    """Minimum clearance that a plan is asked for."""
     astray: float = setting(default=0.8, unit="m", low=0.05)
     """Distance from the path above which a new one is planned."""
     beyond: float = setting(default=BEYOND, unit="m", low=0.5)
@@ -393,7 +393,7 @@ class PlannedDriver:
         if self._surroundings.draws:
             drawn = mission.footprint
         return Search(
-            self._planner, config.clearance, config.least, self._rng, self._local_map.pose, maps,
+            self._planner, config.clearance, config.min_clearance, self._rng, self._local_map.pose, maps,
             INSIDE * mission.tolerance, drawn, config.beyond, self._surroundings.reopened(),
             self._detours.allowance,
         )  # fmt: skip

@@ -78,7 +78,7 @@ class Planning:
         self._real_time, self._deadline = real_time, deadline
         if real_time:
             sys.setswitchinterval(min(SWITCH, sys.getswitchinterval()))
-        self._most = math.ceil(deadline / period - 1e-9)  # periods
+        self._maximum = math.ceil(deadline / period - 1e-9)  # periods
         self._delay = math.ceil(planning_time / period - 1e-9)  # periods
         self._made: list[tuple[Any, BaseException | None, float]] = []  # the plan, once it is there
 
@@ -121,7 +121,7 @@ class Planning:
         """
         if self.state in (Thinking.DRIVES, Thinking.STANDS):
             self.periods += 1
-            self.figures.late += self.periods == self._most + 1
+            self.figures.late += self.periods == self._maximum + 1
             self._arrive()
         if self.state is Thinking.STOPS and at_rest:
             self.state = Thinking.IDLE

@@ -153,10 +153,10 @@ class _Network:
         if not self._flat:
             seen = {key: flat[:, self._layout.slice_of(key)] for key, _ in self._layout.sizes}
         if self._normalization is not None:  # as VecNormalize does it
-            epsilon, most = self._normalization["epsilon"], self._normalization["clip"]
+            epsilon, maximum = self._normalization["epsilon"], self._normalization["clip"]
             for key, (mean, var) in self._normalization["keys"].items():
                 scaled = (seen[key] - np.array(mean)) / np.sqrt(np.array(var) + epsilon)
-                seen[key] = np.clip(scaled, -most, most).astype(np.float32)
+                seen[key] = np.clip(scaled, -maximum, maximum).astype(np.float32)
         given = seen[""] if self._flat else seen
         action, self._state = self._model.predict(given, self._state, self._begins, True)
         self._begins = np.zeros_like(self._begins)
@@ -172,7 +172,7 @@ def _algorithm(path: Path) -> tuple[Any, dict[str, Any] | None]:
     try:
         with opened(path) as stream, zipfile.ZipFile(stream) as file:
             names = ("data", RECORD) if RECORD in file.namelist() else ("data",)
-            if any(file.getinfo(name).file_size > LIMITS["json"].most for name in names):
+            if any(file.getinfo(name).file_size > LIMITS["json"].maximum for name in names):
                 raise InputError(f"{path}: its data is too long")
             data, *records = (parse_json(file.read(name), path) for name in names)
         module = data["policy_class"]["__module__"]

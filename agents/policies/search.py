@@ -71,7 +71,7 @@ class Search:
 
     planner: Planner
     clearance: float  # m: asked for first
-    least: float  # m: asked for last
+    minimum: float  # m: asked for last
     rng: np.random.Generator
     start: Array  # (3,) m, m, rad
     maps: list[OccupancyGrid]  # to be tried in turn
@@ -124,11 +124,11 @@ class Search:
         Returns:
             The plan, the last one tried if none leads there, and its clearance [m].
         """
-        space, clearance, least = Space.from_grid(grid), self.clearance, self.least
+        space, clearance, minimum = Space.from_grid(grid), self.clearance, self.minimum
         free = np.where(grid.cells == UNKNOWN, FREE, grid.cells)
         assumed = OccupancyGrid(free, grid.resolution, grid.origin)
-        most = bottleneck(assumed, self.start[:2], goal[:2]) + 0.5 * grid.resolution
-        while clearance > most and clearance - FINER >= least:
+        maximum = bottleneck(assumed, self.start[:2], goal[:2]) + 0.5 * grid.resolution
+        while clearance > maximum and clearance - FINER >= minimum:
             clearance -= FINER  # where no disc passes a search is in vain
 
         def planned(clearance: float) -> Plan:
@@ -144,12 +144,12 @@ class Search:
             if not second or (found and reverse < best - REVERSE_WAY):
                 chosen = plan, clearance
             clearance -= FINER
-            if second or (found and reverse < REVERSE_WAY) or clearance < least:
+            if second or (found and reverse < REVERSE_WAY) or clearance < minimum:
                 break
             best = reverse if found else best  # once more: with less clearance it may lead ahead
         (plan, clearance), solved = chosen, chosen[0].status is Status.SOLVED
         between = clearance + 0.5 * FINER
-        if solved and least + FINER < between < min(most, least + 2.0 * FINER):
+        if solved and minimum + FINER < between < min(maximum, minimum + 2.0 * FINER):
             wider = planned(between)  # where so little is left beside the chair, half a step counts
             more = backing(wider.path) - backing(plan.path)
             if wider.status is Status.SOLVED and more < REVERSE_WAY:
@@ -160,5 +160,5 @@ class Search:
         """Plan to where there is room to what blocks the path (n, 2) [m]; see `place_aside`."""
         place = place_aside(self.maps[0], self.start, blocking)
         if place is None:
-            return Answer(Plan(Status.EXHAUSTED), self.least, self.start)
+            return Answer(Plan(Status.EXHAUSTED), self.minimum, self.start)
         return self.plan(place, end)

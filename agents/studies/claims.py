@@ -119,9 +119,9 @@ def p_within(length: Estimate, low: float, high: float) -> tuple[float, float]:
     return inside, min(1.0, 2.0 * min(length.p_below(low), length.p_above(high)))
 
 
-def correlation_p(found: Fit, least: float) -> tuple[float, float]:
+def correlation_p(found: Fit, minimum: float) -> tuple[float, float]:
     """P-values of 'the correlation is above', and of 'below' (Fisher's z)."""
-    z = (np.arctanh(found.correlation) - np.arctanh(least)) * np.sqrt(len(found.printed) - 3.0)
+    z = (np.arctanh(found.correlation) - np.arctanh(minimum)) * np.sqrt(len(found.printed) - 3.0)
     return float(stats.norm.sf(z)), float(stats.norm.cdf(z))
 
 
@@ -221,10 +221,10 @@ class Claim:
         if len(parts) > 1:
             found = evidence.all_of(parts, f"{metric.name} in {len(parts)} comparisons")
         if self.ceiling:
-            least = replace(self, test="between", ceiling="")._compare(
+            minimum = replace(self, test="between", ceiling="")._compare(
                 r, self.ceiling, self.pairs[0][1], metric, margin
             )
-            text = f"{found.text}; no path can be more than {-least.effect:.1f} % shorter"
+            text = f"{found.text}; no path can be more than {-minimum.effect:.1f} % shorter"
             found = replace(found, text=text)
         return found
 
@@ -274,15 +274,15 @@ class Claim:
 
 def _follows(claim: Claim, r: Results) -> Evidence:
     """Evidence for 'the printed lengths follow a reading': their correlation is above `low`."""
-    (reading,), least = claim.rows, claim.low or 0.0
+    (reading,), minimum = claim.rows, claim.low or 0.0
     found = fit_reading(r, reading)
-    p_for, p_against = correlation_p(found, least)
+    p_for, p_against = correlation_p(found, minimum)
     half = 1.96 / np.sqrt(len(found.printed) - 3.0)
     low, high = np.tanh(np.arctanh(found.correlation) + np.array([-half, half]))
     text = f"{len(found.printed)} printed lengths and those predicted"
     return Evidence(
         p_for, p_against, found.correlation, float(low), float(high), "",
-        f"Pearson's r above {least:g}", text,
+        f"Pearson's r above {minimum:g}", text,
     )  # fmt: skip
 
 

@@ -270,17 +270,17 @@ def spread_below(a: Sample, b: Sample, negligible: float, text: str) -> Evidence
     return below({"": near}, {"": far}, negligible, text)
 
 
-def share_above(successes: int, trials: int, least: float, text: str) -> Evidence:
+def share_above(successes: int, trials: int, bound: float, text: str) -> Evidence:
     """Evidence for 'the share of successes is above': the exact binomial test."""
     if trials == 0:
         return no_evidence("no runs")
     p_for, p_against = (
-        float(stats.binomtest(successes, trials, least, alternative=side).pvalue)
+        float(stats.binomtest(successes, trials, bound, alternative=side).pvalue)
         for side in ("greater", "less")
     )
     low, high = (100.0 * v for v in wilson(successes, trials))
     effect = 100.0 * successes / trials
-    return Evidence(p_for, p_against, effect, low, high, "%", f"binomial, {100 * least:g} %", text)
+    return Evidence(p_for, p_against, effect, low, high, "%", f"binomial, {100 * bound:g} %", text)
 
 
 def all_of(parts: Sequence[Evidence], text: str) -> Evidence:

@@ -235,7 +235,7 @@ def smoothing(job: Job, seed: int) -> Record:
         "printed_turning": printed_turning(found.way_points),
         "length_m": path_length(found.line) if valid else None,
         "curvature": peak_curvature(found.line) if valid else None,
-        "least_is_valid": valid and found.cost <= found.best_cost + 1e-9,
+        "best_is_valid": valid and found.cost <= found.best_cost + 1e-9,
     }
 
 

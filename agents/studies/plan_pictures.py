@@ -177,7 +177,7 @@ class PlanPictures:
         if self.made is None:
             best = make_planner("visibility").plan(self.drawn.problem, np.random.default_rng(0))
         more: dict[str, Any] = {"raw": raw.path if whales else None}
-        swarm = whales[3 * len(whales) // 4] if whales else self._most_kinds()
+        swarm = whales[3 * len(whales) // 4] if whales else self._max_kinds()
         panels = []
         if swarm:
             bare = replace(raw, path=raw.path[:0]) if whales else raw
@@ -186,7 +186,7 @@ class PlanPictures:
         last = self._shown(self.plan, **more).draw(720 if swarm else 960, caption, legend=True)
         return np.vstack([*panels, last])
 
-    def _most_kinds(self) -> list[Whale]:
+    def _max_kinds(self) -> list[Whale]:
         """Whales around the one of some random samples at which most kinds of whales are seen."""
         swarms = (self._steering(self.plan, k) for k in range(_SAMPLES))
         return max(swarms, key=lambda whales: len({words for words, _, _ in whales}))
@@ -224,9 +224,9 @@ class PlanPictures:
         )  # fmt: skip
 
 
-def _frames(count: int, most: int) -> list[int]:
-    """Return numbers below a count, evenly spaced, at most `most` of them."""
-    return [round(k) for k in np.linspace(0, count - 1, min(count, most)).tolist()]
+def _frames(count: int, maximum: int) -> list[int]:
+    """Return numbers below a count, evenly spaced, at most `maximum` of them."""
+    return [round(k) for k in np.linspace(0, count - 1, min(count, maximum)).tolist()]
 
 
 def growth(

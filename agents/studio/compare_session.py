@@ -25,8 +25,8 @@ POLICIES: Final = (
     "rrt_star_woa_global+controls", "se2_rrt_star_woa+whales", "ppo_guided", "ppo_goal",
     "td3_guided", "straight",
 )  # fmt: skip
-_MOST_FILES: Final = 300  # recordings and run folders that are listed
-_MOST_SEEN: Final = 20_000  # files that are looked at for them
+_MAX_FILES: Final = 300  # recordings and run folders that are listed
+_MAX_SEEN: Final = 20_000  # files that are looked at for them
 _SIDES: Final = ("left", "right")
 FIELDS: Final[Fields] = {
     "pair": {
@@ -151,8 +151,8 @@ def _labelled(specs: Any, name: str, what: str) -> Any:
 def _found(folder: Path) -> tuple[dict[str, Path], dict[str, Path]]:
     """Recordings, and results of runs, below a folder by their relative names, newest first."""
     newest = sorted(_files(folder), reverse=True)
-    recordings = [path for _, path in newest if path.suffix == ".mcap"][:_MOST_FILES]
-    runs = [path for _, path in newest if path.name == RESULTS][:_MOST_FILES]
+    recordings = [path for _, path in newest if path.suffix == ".mcap"][:_MAX_FILES]
+    runs = [path for _, path in newest if path.name == RESULTS][:_MAX_FILES]
     return (
         {path.relative_to(folder).as_posix(): path for path in recordings},
         {path.parent.relative_to(folder).as_posix(): path for path in runs},
@@ -165,7 +165,7 @@ def _files(folder: Path) -> Iterator[tuple[float, Path]]:
     for parent, _, names in os.walk(folder):
         for name in names:
             seen += 1
-            if seen > _MOST_SEEN:
+            if seen > _MAX_SEEN:
                 return
             path = Path(parent) / name
             if path.suffix in (".mcap", ".json") and path.is_file() and not path.is_symlink():

@@ -22,7 +22,7 @@ CELL: Final = 0.05  # m
 _WIDTH: Final = 0.10  # m of a wall
 _OPENING: Final = 0.30  # m: how deep a door cuts, so that walls a little thicker are open, too
 _LONGEST_NAME: Final = 255  # bytes of a file's name, as file systems have it
-_MOST_WALLS: Final = 50_000  # segments that a page can draw
+_MAX_WALLS: Final = 50_000  # segments that a page can draw
 
 
 def blank(width: float, height: float) -> OccupancyGrid:
@@ -90,8 +90,8 @@ def loaded(path: Path, resolution: float) -> OccupancyGrid:
         grid = read_grid(path, True, resolution if image else None)
     except InputError as error:
         raise InputError(str(error).replace(f"{path.parent}/", "")) from None
-    if grid.n_walls > _MOST_WALLS:
-        raise InputError(f"{path.name}: more than {_MOST_WALLS:,} walls; expected a simpler map")
+    if grid.n_walls > _MAX_WALLS:
+        raise InputError(f"{path.name}: more than {_MAX_WALLS:,} walls; expected a simpler map")
     return grid
 
 
@@ -141,10 +141,9 @@ def write_problem(
         rects.append([width, 0.0, size, size])
     if height < size:
         rects.append([0.0, height, size, size])
-    if len(rects) > LIMITS["outline"].most:
-        raise InputError(
-            f"{path.name}: {len(rects):,} rectangles; expected at most {LIMITS['outline'].most:,}"
-        )
+    if len(rects) > LIMITS["outline"].maximum:
+        expected = f"expected at most {LIMITS['outline'].maximum:,}"
+        raise InputError(f"{path.name}: {len(rects):,} rectangles; {expected}")
     problem = {
         "name": path.stem, "size": round(size, 6),
         "rects": [[round(value, 6) for value in rect] for rect in rects],

@@ -117,7 +117,7 @@ class Drive:
         if not self.order.place.timed:
             episode = dataclasses.replace(self._world.episode, time_limit=ANY_TIME)
             _, self._info = self._world.reset(seed=seed, options={"episode": episode})
-        self._start, self._least = self._info["pose"], self._info["clearance"]
+        self._start, self._minimum = self._info["pose"], self._info["clearance"]
         self._contact, self._changed = bool(self._info["contact"]), 0
         self._truncated = False
 
@@ -214,7 +214,7 @@ class Drive:
         _, _, ended, truncated, info = self._env.step(action)
         self._info, self.steps = info, self.steps + 1
         self.over, self._truncated = bool(ended or truncated), bool(truncated and not ended)
-        self._least = min(self._least, info["clearance"])
+        self._minimum = min(self._minimum, info["clearance"])
         self._contact |= bool(info["contact"])
         given = task.limits.twist(action) - np.array(task.shield_intervention)
         v, w = task.limits.twist_of(stick.forward, stick.left)
@@ -272,7 +272,7 @@ class Drive:
         outcome = outcome_of(info, self._contact, self._truncated) if self.over else "stopped"
         return {
             "outcome": outcome, "time": float(info["time"]), "length": float(info["distance"]),
-            "shortest": self.shortest().length, "clearance_min": float(self._least),
+            "shortest": self.shortest().length, "clearance_min": float(self._minimum),
             "energy": float(info["energy"]), "changed": self._changed / max(1, self.steps),
             "file": None if self.file is None else self.file.name, "note": self.note,
         }  # fmt: skip
@@ -298,7 +298,7 @@ class Drive:
         head = {
             "t": reading.stamp, "pose": truth.pose, "believed": reading.pose, "twist": truth.twist,
             "asked": self._asked[:2], "stick": self._stick[:2], "given": given, "reason": reason,
-            "clearance": truth.clearance, "least": self._least, "energy": info["energy"],
+            "clearance": truth.clearance, "least": self._minimum, "energy": info["energy"],
             "way": truth.distance, "to_go": world.task.way_to_go(truth.pose),
             "sonar": reading.ultrasonic, "actors": truth.actor_poses, "tracks": self._tracks,
             "contact": bool(info["contact"]), "battery": reading.battery,

@@ -70,15 +70,15 @@ def one_of(known: Iterable[str]) -> Field:
     return Field(lambda x: x in texts, ", ".join(texts))
 
 
-def _list(most: int, item: Callable[[Any], bool], of: str, read: Any = list) -> Field:
+def _list(maximum: int, item: Callable[[Any], bool], of: str, read: Any = list) -> Field:
     """Accept a list of a limited number of items."""
     return Field(
-        lambda x: isinstance(x, list) and len(x) <= most and all(map(item, x)),
-        f"at most {most} {of}", read,
+        lambda x: isinstance(x, list) and len(x) <= maximum and all(map(item, x)),
+        f"at most {maximum} {of}", read,
     )  # fmt: skip
 
 
-def points(width: int, most: int, far: float = 1e4) -> Field:
+def points(width: int, maximum: int, far: float = 1e4) -> Field:
     """Accept a list of rows of numbers, such as points, poses or segments."""
 
     def fits(row: Any) -> bool:
@@ -86,12 +86,12 @@ def points(width: int, most: int, far: float = 1e4) -> Field:
         return fine and all(_is_number(x, -far, far) for x in row)
 
     of = f"rows of {width} numbers up to {far:g}"
-    return _list(most, fits, of, lambda rows: [list(map(float, row)) for row in rows])
+    return _list(maximum, fits, of, lambda rows: [list(map(float, row)) for row in rows])
 
 
-def whole_numbers(most: int) -> Field:
+def whole_numbers(maximum: int) -> Field:
     """Accept a list of whole numbers."""
-    return _list(most, lambda x: _is_number(x, -math.inf, math.inf, True), "whole numbers")
+    return _list(maximum, lambda x: _is_number(x, -math.inf, math.inf, True), "whole numbers")
 
 
 def names(known: Iterable[str]) -> Field:

@@ -29,7 +29,7 @@ from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.maps import OccupancyGrid
 
-_MOST_SHAPES: Final = 500
+_MAX_SHAPES: Final = 500
 _NAME: Final = re.compile(r"\w[\w-]{0,59}")
 _PLACE: Final = points(2, 1)
 _CLEARANCE: Final = number(0.0, 2.0)
@@ -39,7 +39,7 @@ FIELDS: Final[Fields] = {
     "blank": {"width": number(1.0, 50.0), "height": number(1.0, 50.0)},
     "place": {"place": text(), "seed": _SEED},
     "load": {"name": text(), "resolution": number(0.001, 1.0)},
-    "draw": {"shapes": points(5, _MOST_SHAPES)},
+    "draw": {"shapes": points(5, _MAX_SHAPES)},
     "plan": {
         "planners": names(PLANNERS.built_in), "start": _PLACE, "goal": _PLACE,
         "clearance": _CLEARANCE, "deadline": number(0.01, 10.0), "seed": _SEED,

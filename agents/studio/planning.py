@@ -23,7 +23,7 @@ from wheelchair_gym.geometry.planar import path_length
 from wheelchair_gym.maps import OccupancyGrid
 
 FRAMES: Final = 24  # of a growth
-_MOST_EDGES: Final = 4000  # of a tree that are sent; of larger ones, every second, third ...
+_MAX_EDGES: Final = 4000  # of a tree that are sent; of larger ones, every second, third ...
 _INVALID: Final = "invalid"  # a status that only the independent judge gives
 
 
@@ -77,7 +77,7 @@ def frames_of(name: str, problem: Problem, plan: Plan, seed: int) -> Iterator[di
         yield from _swarm_frames(swarm, problem, plan, seed)
         return
     for part in growth(problem, planner, plan, seed, FRAMES):
-        step = max(1, -(-len(part.tree) // _MOST_EDGES))
+        step = max(1, -(-len(part.tree) // _MAX_EDGES))
         yield {
             "iterations": part.counters.get("iterations", 0), "tree": _short(part.tree[::step]),
             "swarm": [], "path": _short(part.path[:, :2]), "length": part.length,
@@ -116,7 +116,7 @@ def _swarm_frames(
         ends = np.array(problem.start[:2]), np.array(problem.goal[:2])
         line = found.line if len(found.line) else found.best
         yield {
-            "iterations": k, "tree": _short(tree[:_MOST_EDGES]), "path": _short(line),
+            "iterations": k, "tree": _short(tree[:_MAX_EDGES]), "path": _short(line),
             "swarm": [_short(np.vstack([ends[0], each, ends[1]])) for each in places],
             "length": path_length(line),
         }  # fmt: skip

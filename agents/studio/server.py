@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from agents.studio.access import MOST_BYTES, Access, Bucket, Guard
+from agents.studio.access import MAX_BYTES, Access, Bucket, Guard
 from agents.studio.drawing import UPLOADS
 from agents.studio.messages import Outbox, read_message
 from agents.studio.warm_up import WarmUp
@@ -23,12 +23,12 @@ from wheelchair_gym.base.settings import InputError
 
 PORT: Final = 8780
 PAGE: Final = Path(__file__).with_name("page")
-_MOST_PAGES = 8  # open at once
-_MOST_MESSAGE = 1 << 20  # bytes
+_MAX_PAGES = 8  # open at once
+_MAX_MESSAGE = 1 << 20  # bytes
 _PER_SECOND, _BURST = 150.0, 300.0  # messages of one page; a stick sends 20 to 60 a second
 _PING, _PATIENCE = 10.0, 30.0  # s: a busy machine may answer late; a silent stick stops anyway
 _BROKEN = 10  # messages that are no messages, after which a page is cut off
-_MOST_CONNECTIONS, _MOST_WAITING = 64, 16  # open at once; of them, without a whole request yet
+_MAX_CONNECTIONS, _MAX_WAITING = 64, 16  # open at once; of them, without a whole request yet
 _HEAD_PATIENCE = 5.0  # s for the head of a connection's first request
 _MAP = re.compile(r"[\w][\w.+-]{0,99}\.(yaml|yml|pgm|png|jpg|jpeg|bmp|map|json)")
 _FILE = re.compile(r"[\w][\w.+-]*\.(mcap|mp4|gif|yaml|png|json)")
@@ -103,8 +103,8 @@ class Studio:
         content = bytearray()
         async for chunk in request.stream():
             content += chunk
-            if len(content) > MOST_BYTES:
-                return PlainTextResponse(f"expected at most {MOST_BYTES:,} bytes\n", 413)
+            if len(content) > MAX_BYTES:
+                return PlainTextResponse(f"expected at most {MAX_BYTES:,} bytes\n", 413)
         folder = self.folder / UPLOADS
         folder.mkdir(parents=True, exist_ok=True)
         with atomic_write(folder / name) as part:
@@ -114,7 +114,7 @@ class Studio:
     async def _socket(self, connection: Any) -> None:
         """Serve one page until it goes."""
         kind = connection.path_params["page"]
-        if kind not in SESSIONS or self._pages >= _MOST_PAGES:
+        if kind not in SESSIONS or self._pages >= _MAX_PAGES:
             await connection.close(1013 if kind in SESSIONS else 1008)
             return
         await connection.accept()
@@ -243,7 +243,7 @@ def make_server(studio: Studio) -> Any:
         def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
             super().connection_made(transport)
             waiting[self] = self.loop.call_later(_HEAD_PATIENCE, transport.abort)
-            for oldest in list(waiting)[:-_MOST_WAITING]:
+            for oldest in list(waiting)[:-_MAX_WAITING]:
                 oldest.transport.abort()
 
         def data_received(self, data: bytes) -> None:
@@ -258,8 +258,8 @@ def make_server(studio: Studio) -> Any:
     return uvicorn.Server(
         uvicorn.Config(
             studio.app(), log_level="warning", access_log=False, lifespan="off", http=Connection,
-            ws_max_size=_MOST_MESSAGE, ws_ping_interval=_PING, ws_ping_timeout=_PATIENCE,
-            limit_concurrency=_MOST_CONNECTIONS, timeout_graceful_shutdown=3, server_header=False,
+            ws_max_size=_MAX_MESSAGE, ws_ping_interval=_PING, ws_ping_timeout=_PATIENCE,
+            limit_concurrency=_MAX_CONNECTIONS, timeout_graceful_shutdown=3, server_header=False,
             h11_max_incomplete_event_size=65536,
         )
     )  # fmt: skip

@@ -11,7 +11,7 @@ import numpy as np
 from agents.evaluation.assisted import StickTrace
 from agents.evaluation.evaluate import episode_env, label, without_labels
 from agents.evaluation.metrics import Record, Trace, measure
-from agents.people.protocol import DEVICES, LEAST_SCAN, Protocol, Step
+from agents.people.protocol import DEVICES, MIN_SCAN, Protocol, Step
 from agents.people.session import LARGEST, Session
 from agents.studio.catalogue import NO_HAND, NO_SIGHT, Place
 from agents.studio.drive import Drive, Order
@@ -28,7 +28,7 @@ _ITEMS = 100  # of a questionnaire, at most
 
 STUDY_FIELDS: Final[Fields] = {
     **{kind: FIELDS[kind] for kind in ("stick", "press", "stop")},
-    "device": {"name": one_of(DEVICES), "scan_period": number(LEAST_SCAN, 10.0)},
+    "device": {"name": one_of(DEVICES), "scan_period": number(MIN_SCAN, 10.0)},
     "participant": {"number": number(1, LARGEST, whole=True)},
     "consent": {}, "begin": {}, "give_up": {}, "answer": {"values": whole_numbers(_ITEMS)},
 }  # fmt: skip

@@ -12,7 +12,7 @@ from agents.studio.drive import HELP, world_of
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.recording.replay import read_recording, replay_env
 
-MOST: Final = 20_000  # states of a track; a longer episode is cut
+MAXIMUM: Final = 20_000  # states of a track; a longer episode is cut
 _PAUSE: Final = 1.0  # s: what comes back sooner is the same event
 
 
@@ -31,7 +31,7 @@ class Track:
         self._last: dict[str, float] = {}  # s: when each kind of event was last on
         self._stick: Any = None  # that the latest action answers
         self._world: dict[str, Any] = {}
-        self._contact, self._least, self._figures = False, np.inf, dict[str, Any]()
+        self._contact, self._minimum, self._figures = False, np.inf, dict[str, Any]()
 
     def __call__(self, env: Any) -> bool:
         """Add a state; true: the episode is to end."""
@@ -57,12 +57,12 @@ class Track:
         self._states.append([time, *truth.pose, *truth.twist, *given, *stick, clearance])
         self._actors.append(np.round(truth.actor_poses, 3))
         self._contact |= bool(truth.contact)
-        self._least = min(self._least, clearance)
+        self._minimum = min(self._minimum, clearance)
         self._figures = {
             "time": time, "length": float(truth.distance), "energy": float(truth.energy),
-            "clearance_min": self._least,
+            "clearance_min": self._minimum,
         }  # fmt: skip
-        return len(self._states) >= MOST or (self._stop is not None and bool(self._stop()))
+        return len(self._states) >= MAXIMUM or (self._stop is not None and bool(self._stop()))
 
     def content(self, name: str, outcome: str) -> dict[str, Any]:
         """The track as the page takes it.

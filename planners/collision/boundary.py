@@ -21,7 +21,7 @@ from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel, kernel
 
 NONE = -1
-MOST_BUCKETS = 200_000
+MAX_BUCKETS = 200_000
 
 
 class Boundary(NamedTuple):
@@ -83,7 +83,7 @@ def _before(points: Array, begins: Index, ends: Index) -> Index:
     first, arriving = group_by_point(ends, len(points))
     before = np.full(len(begins), NONE, np.int64)
     for k in range(len(begins)):
-        p, least = begins[k], math.inf
+        p, minimum = begins[k], math.inf
         for i in range(first[p], first[p + 1]):
             q = begins[arriving[i]]
             if first[p + 1] - first[p] > 1:
@@ -93,9 +93,9 @@ def _before(points: Array, begins: Index, ends: Index) -> Index:
                     ahead[0] * behind[0] + ahead[1] * behind[1],
                 )
                 turn = turn if turn > 0.0 else turn + 2 * math.pi
-                if turn >= least:
+                if turn >= minimum:
                     continue
-                least = turn
+                minimum = turn
             before[k] = q
     return before
 
@@ -168,7 +168,7 @@ def build_space_arrays(segments: Array, before: Array, bounds: Array) -> SpaceAr
     xmin, ymin, xmax, ymax = bounds
     width, height = max(xmax - xmin, 0.0), max(ymax - ymin, 0.0)
     # About two buckets for each segment: an edge passes few buckets, and each holds few segments.
-    size = math.sqrt((width * height or 1.0) / min(2 * len(segments) + 16, MOST_BUCKETS))
+    size = math.sqrt((width * height or 1.0) / min(2 * len(segments) + 16, MAX_BUCKETS))
     size = max(size, width / 2000, height / 2000)
     grid = np.array([xmin - 0.5 * size, ymin - 0.5 * size, size])
     columns, rows = int(width / size) + 2, int(height / size) + 2

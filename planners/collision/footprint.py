@@ -185,13 +185,13 @@ def _corner_gap(
 
 @borrowing_kernel
 def stretch_gap(
-    sweeps: Sweeps, m: int, outline: Array, segments: Array, count: int, enough: float, least: float
+    sweeps: Sweeps, m: int, outline: Array, segments: Array, count: int, enough: float, below: float
 ) -> float:
     """Return the minimum gap [m] along stretch m, at most `enough`; 0 if something is touched.
 
     `segments` (n, 4) [m], `count` of them, are the boundary in the chair's frame at the beginning:
     each end of a segment that matters is the first end of one of them, or of one farther than
-    `enough`. A gap below `least` ends the search; then any gap below it is returned.
+    `enough`. A gap below `below` ends the search; then any gap below it is returned.
     """
     gap = enough
     straight = sweeps.turn[m] == 0.0
@@ -208,7 +208,7 @@ def stretch_gap(
             for corner in range(4):
                 if not _apart(sweeps.around[m, corner], px, py, qx, qy, gap):
                     gap = _corner_gap(sweeps, m, corner, px, py, qx, qy, gap)
-        if gap < least or gap <= 0.0:
+        if gap < below or gap <= 0.0:
             return gap
     return gap
 
@@ -291,12 +291,12 @@ YAWS = 360  # headings tried at a goal without heading
 START_GAP_SHARE = 0.98
 
 
-def goal_poses(around: Surroundings, goal: Array, most: int) -> Array:
-    """Return poses (n, 3) at a goal; without a heading, about `most` of those that fit."""
+def goal_poses(around: Surroundings, goal: Array, maximum: int) -> Array:
+    """Return poses (n, 3) at a goal; without a heading, about `maximum` of those that fit."""
     poses = with_headings(goal, YAWS)
     if len(goal) == 2:
         poses = poses[gaps_at(around, poses) >= around.motion.margin]
-    return poses[:: max(1, len(poses) // most)]
+    return poses[:: max(1, len(poses) // maximum)]
 
 
 @settings

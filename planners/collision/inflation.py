@@ -29,7 +29,7 @@ ARC = math.pi / 8  # rad: at most this much of an arc per side of its polygon
 SHIFT = 7.310585e-7
 JOIN = 1e-9  # m: ends of pieces nearer than this are one point
 FINEST = 10  # largest number of times that the sides of a crossing arc are halved
-MOST_GAPS = 64  # exposed intervals of one segment or arc
+MAX_GAPS = 64  # exposed intervals of one segment or arc
 
 
 class Pieces(NamedTuple):
@@ -277,7 +277,7 @@ def exposed_pieces(arrays: SpaceArrays, radii: Array) -> tuple[Pieces, bool]:
     capacity = 4 * n + 64
     source, low, high = np.empty(capacity, np.int64), np.empty(capacity), np.empty(capacity)
     complete, ends = np.empty((capacity, 2), np.bool_), np.empty((capacity, 4))
-    exposed, seen, count, good = np.empty((MOST_GAPS, 2)), np.full(n, -1, np.int64), 0, True
+    exposed, seen, count, good = np.empty((MAX_GAPS, 2)), np.full(n, -1, np.int64), 0, True
     for number in range(2 * n):
         k, arc = number // 2, number % 2 == 0
         item = _arc_item(arrays, k, radii[k]) if arc else _segment_item(segments, k, radii[k])

@@ -139,14 +139,14 @@ def segments_in_view(
 
 @borrowing_kernel
 def nearest_side(
-    near: Nearby, x: float, y: float, ux: float, uy: float, most: float
+    near: Nearby, x: float, y: float, ux: float, uy: float, maximum: float
 ) -> tuple[float, float, float]:
     """Return the nearest boundary point (x, y) in a direction of a cosine to u below `OPPOSITE`.
 
-    With u = 0 any direction counts. The third value is its distance, `most` if none is nearer.
+    With u = 0 any direction counts. The third value is its distance, `maximum` if none is nearer.
     """
     cell = int((y - near.origin[1]) / CELL) * near.columns + int((x - near.origin[0]) / CELL)
-    best, bx, by = most, x, y
+    best, bx, by = maximum, x, y
     for m in range(near.first[cell], near.first[cell + 1]):
         run = near.members[m]
         spine = near.spines[run]

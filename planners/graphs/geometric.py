@@ -69,20 +69,20 @@ def corner_beside(
     for segment in blocking_segments(arrays, ax, ay, bx, by)[0]:
         hit[obstacles.owner_of_segment[segment]] = True
     hit[-1] = False
-    corners, chosen, least = obstacles.corners, -1, math.inf
+    corners, chosen, minimum = obstacles.corners, -1, math.inf
     for side in (1.0, -1.0):
-        most, near, found = 0.0, math.inf, -1  # most: distance times the line's length [m2]
+        maximum, near, found = 0.0, math.inf, -1  # most: distance times the line's length [m2]
         for exact in (False, True):
             for k in range(len(corners)):
                 if hit[obstacles.owner[k]]:
                     x, y = corners[k, 0] - ax, corners[k, 1] - ay
                     off = side * ((bx - ax) * y - (by - ay) * x)
                     if not exact:
-                        most = max(most, off)
-                    elif off >= most * (1.0 - 1e-12) and math.hypot(x, y) < near:
+                        maximum = max(maximum, off)
+                    elif off >= maximum * (1.0 - 1e-12) and math.hypot(x, y) < near:
                         found, near = k, math.hypot(x, y)
-        if 0.0 < most < least:
-            chosen, least = found, most
+        if 0.0 < maximum < minimum:
+            chosen, minimum = found, maximum
     return chosen
 
 

@@ -28,7 +28,7 @@ from wheelchair_gym.compiled.kernel import absorbed_kernel, borrowing_kernel
 NEAR = 2  # grid steps within which the start and the goal are joined to the grid
 TIE = 1.0 + 1e-9  # factor of the distance left: of paths of equal length, the deepest comes first
 LENGTH, EDGES, DEPTH = 0, 1, 2  # first comes the shortest, the fewest edges, the latest node met
-MOST_PUSHES = 9  # by one node that is expanded: its neighbours and the goal
+MAX_PUSHES = 9  # by one node that is expanded: its neighbours and the goal
 START_PUSHES = (2 * NEAR + 2) ** 2 + 1  # by the start
 
 
@@ -180,7 +180,7 @@ def search_grid(
     return False
 
 
-MOST_NODES = 8_000_000  # of one grid: some 300 MB
+MAX_NODES = 8_000_000  # of one grid: some 300 MB
 CHUNK = 20_000  # nodes expanded between two looks at the clock: some 5 ms
 
 
@@ -192,7 +192,7 @@ def _way(arrays: SpaceArrays, grid: Grid, order: Order, end: float) -> tuple[Arr
         crowding=np.full(n if order.obstacle_weight > 0.0 else 1, -1.0),
         parent=np.full(n + 2, -1, dtype=np.int64),
         done=np.zeros(n + 2, dtype=np.bool_),
-        heap=new_heap(MOST_PUSHES * n + START_PUSHES),
+        heap=new_heap(MAX_PUSHES * n + START_PUSHES),
         counts=np.zeros(2, np.int64),
     )
     frontier.cost[n] = 0.0
@@ -240,8 +240,8 @@ class GridPlanner(PlannerBase):
         for halvings in range(self.refinements + 1):
             step = self.resolution / 2**halvings
             columns, rows = int((xmax - xmin) / step) + 1, int((ymax - ymin) / step) + 1
-            if rows * columns > MOST_NODES:
-                note = f"a grid of {step:g} m has more than {MOST_NODES:,} points here"
+            if rows * columns > MAX_NODES:
+                note = f"a grid of {step:g} m has more than {MAX_NODES:,} points here"
                 break
             walls_near = np.zeros(rows * columns, dtype=np.int64)
             corner, nothing = np.array([xmin, ymin, step]), np.empty(0, dtype=np.int32)

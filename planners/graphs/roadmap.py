@@ -143,7 +143,7 @@ class Prm(PlannerBase):
         A roadmap proves nothing, so failure is `exhausted`.
         """
         arrays, state = problem.free.arrays, stream(rng)
-        least = 2.0 * math.sqrt(1.5 * problem.free.free.area / math.pi)  # d = 2
+        minimum = 2.0 * math.sqrt(1.5 * problem.free.free.area / math.pi)  # d = 2
         nodes = np.array([problem.start[:2], problem.goal[:2]], dtype=np.float64)
         drawn, tested = 0, 0
         path, pairs = np.empty((0, 2)), np.empty((0, 2), dtype=np.int64)
@@ -151,7 +151,7 @@ class Prm(PlannerBase):
             more = min(max(drawn, self.initial_samples), self.iterations - drawn)
             nodes = np.vstack([nodes, _free_samples(arrays, more, state)])
             drawn += more
-            radius = RADIUS_FACTOR * least * math.sqrt(math.log(len(nodes)) / len(nodes))
+            radius = RADIUS_FACTOR * minimum * math.sqrt(math.log(len(nodes)) / len(nodes))
             pairs = cKDTree(nodes).query_pairs(radius, output_type="ndarray").astype(np.int64)
             path, more, _ = shortest(arrays, nodes, pairs, end)
             tested += more
@@ -162,7 +162,7 @@ class Prm(PlannerBase):
         return answer(path, counters, f"{drawn} points do not join start and goal", tree=tree)
 
 
-MOST_SAMPLES = 200_000  # of the boundary: some seconds
+MAX_SAMPLES = 200_000  # of the boundary: some seconds
 SPACING = 0.4  # m: distance of the boundary samples at first, half the width of a door
 
 
@@ -200,8 +200,8 @@ class Voronoi(PlannerBase):
         count = 0
         for halvings in range(self.refinements + 1):
             samples = np.unique(subdivided(arrays.segments, SPACING / 2**halvings, 2), axis=0)
-            if len(samples) > MOST_SAMPLES:
-                note = f"the boundary has more than {MOST_SAMPLES:,} samples"
+            if len(samples) > MAX_SAMPLES:
+                note = f"the boundary has more than {MAX_SAMPLES:,} samples"
                 break
             try:
                 nodes, pairs = _axis(samples, ends)

@@ -248,16 +248,16 @@ def _containing(mesh: Mesh, points: Array, p: int) -> Mask:
 
 
 @borrowing_kernel
-def _advance(search: _Search, queue: _Queue, closed: Mask, spare: int, most: int) -> int:
+def _advance(search: _Search, queue: _Queue, closed: Mask, spare: int, maximum: int) -> int:
     """Expand the smallest bound while capacity lasts; return the number of corners settled.
 
-    It makes about `most` cones.
+    It makes about `maximum` cones.
     """
     n, settled = search.corners.place.shape[0], 0
     first, around, waiting = search.mesh.first, search.mesh.around, queue.heap.size
     capacity = queue.cones.shape[0] - spare
-    most = min(most, capacity)
-    while 0 < waiting[0] <= capacity and queue.made[0] <= most and not closed[n + 1]:
+    maximum = min(maximum, capacity)
+    while 0 < waiting[0] <= capacity and queue.made[0] <= maximum and not closed[n + 1]:
         item = pop(queue.heap)
         root = -1 - item
         if item >= 0:
@@ -274,11 +274,11 @@ def _advance(search: _Search, queue: _Queue, closed: Mask, spare: int, most: int
 
 @kernel
 def shortest(
-    mesh: Mesh, corners: Corners, start: Array, goal: Array, most: int
+    mesh: Mesh, corners: Corners, start: Array, goal: Array, maximum: int
 ) -> tuple[Array, bool, int, int]:
     """Return the shortest path (k, 2) [m] from a start to a goal (2,), both free, or an empty one.
 
-    It gives up after `most` cones. Also returns whether the answer is proven, and the numbers of
+    It gives up after `maximum` cones. Also returns whether the answer is proven, and the numbers of
     corners settled and of cones made.
     """
     n, m = corners.place.shape[0], mesh.points.shape[0]
@@ -296,8 +296,8 @@ def shortest(
         _expand_start(search, queue, int(t))
     settled = 1
     while True:
-        settled += _advance(search, queue, closed, spare, most)
-        if queue.heap.size[0] == 0 or closed[n + 1] or made[0] > most:
+        settled += _advance(search, queue, closed, spare, maximum)
+        if queue.heap.size[0] == 0 or closed[n + 1] or made[0] > maximum:
             break
         old, capacity = queue, 2 * capacity
         queue = _Queue(enlarged(old.heap, capacity), np.empty((capacity, 4), np.int64), made)
@@ -331,12 +331,12 @@ class Visibility(PlannerBase):
         """
         mesh, corners = problem.free.mesh, problem.free.corners
         start, goal = (np.array(p[:2], dtype=np.float64) for p in (problem.start, problem.goal))
-        most = ALL if end == math.inf else FIRST
+        maximum = ALL if end == math.inf else FIRST
         while True:
-            path, proven, settled, cones = shortest(mesh, corners, start, goal, most)
+            path, proven, settled, cones = shortest(mesh, corners, start, goal, maximum)
             if proven or clock() >= end:
                 break
-            most *= MORE
+            maximum *= MORE
         failure = Status.NO_PATH if proven else Status.EXHAUSTED
         counters = {"nodes": settled, "corners": len(corners.place), "cones": cones}
         return answer(path, counters, failure=failure)
@@ -346,7 +346,7 @@ class Optima(NamedTuple):
     """Lengths [m] of the shortest paths of a problem; infinite where there is none."""
 
     touching: float  # of a point, which may touch obstacles
-    at_least: float  # the optimum with the clearance is no shorter
+    lower_bound: float  # the optimum with the clearance is no shorter
     constrained: float  # of a path that keeps the clearance
 
 
@@ -359,8 +359,8 @@ def optima(problem: Problem) -> Optima:
     """
     inner = problem.clearance * math.cos(0.5 * ARC) / (1.0 + SHIFT) ** 2
     rng = np.random.default_rng(0)
-    touching, least, constrained = (
+    touching, minimum, constrained = (
         Visibility().plan(replace(problem, clearance=clearance), rng).length
         for clearance in (0.0, inner, problem.clearance)
     )
-    return Optima(touching, least, constrained)
+    return Optima(touching, minimum, constrained)

@@ -24,7 +24,7 @@ from wheelchair_gym.maps.driving_cost import MotionCost
 HEADINGS = 64
 PROTRUSION = 0.05  # m: discs that protrude less from larger ones are left out
 CHUNK = 500  # grid points between two readings of the clock
-MOST_POINTS = 2_000_000  # of a grid: larger maps are not flooded
+MAX_POINTS = 2_000_000  # of a grid: larger maps are not flooded
 ROUNDING = 1e-6  # m: of distances
 ONE, LAST, NONE = np.uint64(1), np.uint64(HEADINGS - 1), np.uint64(0)
 
@@ -34,7 +34,7 @@ class Flood(NamedTuple):
 
     gaps: Field  # (rows, columns) m: distance to obstacles
     places: Ints  # (discs, 2) rows and columns from the axle's grid point
-    least: Array  # (discs,) m: a smaller distance shuts the cell
+    minimum: Array  # (discs,) m: a smaller distance shuts the cell
     first: Ints  # (HEADINGS + 1,): where the discs of each heading begin
     full: float  # m: at such a distance no cell of a grid point is shut
     free: NDArray[np.uint64]  # (rows, columns): cells that are not shut, where known
@@ -51,8 +51,8 @@ def _discs(motion: MotionCost, spacing: float) -> tuple[Ints, Array, Ints]:
     front, rear, half = motion.outline
     reach = int(math.hypot(max(front, rear), half) / spacing) + 1
     side = 2 * reach + 1
-    most = HEADINGS * side * side
-    places, least = np.empty((most, 2), np.int64), np.empty(most)
+    maximum = HEADINGS * side * side
+    places, minimum = np.empty((maximum, 2), np.int64), np.empty(maximum)
     first, count = np.zeros(HEADINGS + 1, np.int64), 0
     radii = np.empty(side * side)
     for k in range(HEADINGS):
@@ -69,20 +69,20 @@ def _discs(motion: MotionCost, spacing: float) -> tuple[Ints, Array, Ints]:
             kept = True
             for n in range(first[k], count):
                 apart = spacing * math.hypot(places[n, 0] - i, places[n, 1] - j)
-                if apart + radii[m] <= least[n] + PROTRUSION:
+                if apart + radii[m] <= minimum[n] + PROTRUSION:
                     kept = False
                     break
             if kept:
-                places[count, 0], places[count, 1], least[count] = i, j, radii[m]
+                places[count, 0], places[count, 1], minimum[count] = i, j, radii[m]
                 count += 1
         first[k + 1] = count
-    return places[:count].copy(), least[:count].copy(), first
+    return places[:count].copy(), minimum[:count].copy(), first
 
 
 @borrowing_kernel
 def _look(flood: Flood, i: int, j: int) -> None:
     """Find the shut cells at a grid point."""
-    gaps, places, least, first = flood.gaps, flood.places, flood.least, flood.first
+    gaps, places, minimum, first = flood.gaps, flood.places, flood.minimum, flood.first
     rows, columns = gaps.shape
     flood.known[i, j] = True
     if gaps[i, j] >= flood.full:
@@ -92,7 +92,7 @@ def _look(flood: Flood, i: int, j: int) -> None:
         free = True
         for m in range(first[k], first[k + 1]):
             r, c = i + places[m, 0], j + places[m, 1]
-            if r < 0 or c < 0 or r >= rows or c >= columns or gaps[r, c] < least[m]:
+            if r < 0 or c < 0 or r >= rows or c >= columns or gaps[r, c] < minimum[m]:
                 free = False
                 break
         if free:
@@ -100,11 +100,11 @@ def _look(flood: Flood, i: int, j: int) -> None:
 
 
 @kernel
-def _spread(flood: Flood, most: int) -> int:
-    """Spread from up to `most` grid points; return 1 at the goal, 0 if none is left, else -1."""
+def _spread(flood: Flood, maximum: int) -> int:
+    """Spread from up to `maximum` grid points; return 1 at the goal, 0 if none is left, else -1."""
     free, reached, fresh, goal = flood.free, flood.reached, flood.fresh, flood.goal
     rows, columns = free.shape
-    for _ in range(most):
+    for _ in range(maximum):
         size = flood.stack[0]
         if size == 0:
             return 0
@@ -151,12 +151,12 @@ def is_cut_off(
         end: when `clock` shows it, nothing is proven.
     """
     width, height = space.bounds[2] - space.bounds[0], space.bounds[3] - space.bounds[1]
-    if width * height > MOST_POINTS * spacing * spacing:
+    if width * height > MAX_POINTS * spacing * spacing:
         return False
-    places, least, first = _discs(motion, spacing)
+    places, minimum, first = _discs(motion, spacing)
     if clock() >= end:
         return False
-    full = float((least + spacing * np.hypot(*places.T)).max(initial=0.0))
+    full = float((minimum + spacing * np.hypot(*places.T)).max(initial=0.0))
     gaps = distance_field(space, full + spacing, spacing)
     ends = np.full((2, 3), -1)
     for one, pose in zip(ends, (start, goal), strict=True):
@@ -168,7 +168,7 @@ def is_cut_off(
     fresh[i, j] = ONE << np.uint64(k)
     stack[:2] = 1, i * gaps.shape[1] + j
     known = np.zeros(gaps.shape, np.bool_)
-    flood = Flood(gaps, places, least, first, full, free, known, reached, fresh, stack, ends[1])
+    flood = Flood(gaps, places, minimum, first, full, free, known, reached, fresh, stack, ends[1])
     while answer < 0 and clock() < end:
         answer = _spread(flood, CHUNK)
     return answer == 0

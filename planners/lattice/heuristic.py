@@ -49,13 +49,13 @@ def _rasterize_segments(
 ) -> None:
     """Write the nearest segment, and its distance, where it passes within two grid points."""
     rows, columns = gaps.shape
-    most = 2.0 * spacing
+    maximum = 2.0 * spacing
     for k in range(segments.shape[0]):
         ax, ay, bx, by = segments[k]
-        low_i = max(0, math.ceil((min(ay, by) - most - origin[1]) / spacing))
-        high_i = min(rows - 1, int((max(ay, by) + most - origin[1]) / spacing))
-        low_j = max(0, math.ceil((min(ax, bx) - most - origin[0]) / spacing))
-        high_j = min(columns - 1, int((max(ax, bx) + most - origin[0]) / spacing))
+        low_i = max(0, math.ceil((min(ay, by) - maximum - origin[1]) / spacing))
+        high_i = min(rows - 1, int((max(ay, by) + maximum - origin[1]) / spacing))
+        low_j = max(0, math.ceil((min(ax, bx) - maximum - origin[0]) / spacing))
+        high_j = min(columns - 1, int((max(ax, bx) + maximum - origin[0]) / spacing))
         for i in range(low_i, high_i + 1):
             for j in range(low_j, high_j + 1):
                 x, y = origin[0] + j * spacing, origin[1] + i * spacing
@@ -94,15 +94,15 @@ def _propagate_nearest(
                             gaps[i, j], nearest[i, j] = gap, k
 
 
-def distance_field(space: Space, most: float, spacing: float = SPACING) -> Field:
-    """Return distances (rows, columns) [m] from grid points to obstacles, at most `most`.
+def distance_field(space: Space, maximum: float, spacing: float = SPACING) -> Field:
+    """Return distances (rows, columns) [m] from grid points to obstacles, at most `maximum`.
 
     If three segments have about the same distance, the one found may be slightly farther.
     """
     arrays = space.arrays
     low, high = arrays.bounds[:2].copy(), arrays.bounds[2:]
     columns, rows = (int(n) for n in np.ceil(np.maximum(high - low, 0.0) / spacing) + 1)
-    gaps = np.full((rows, columns), most, dtype=np.float32)
+    gaps = np.full((rows, columns), maximum, dtype=np.float32)
     nearest = np.full((rows, columns), -1, dtype=np.int32)
     _rasterize_segments(arrays.segments, low, spacing, gaps, nearest)
     _propagate_nearest(arrays.segments, low, spacing, gaps, nearest)
@@ -154,8 +154,8 @@ def cost_to_go(guide: Guide, x: float, y: float) -> float:
         return math.inf
     if guide.settled[row, column]:
         return float(guide.left[row, column])
-    least = guide.radius + guide.motion.margin - ROUNDING
-    if guide.gaps[row, column] < least and guide.left[row, column] == math.inf:
+    minimum = guide.radius + guide.motion.margin - ROUNDING
+    if guide.gaps[row, column] < minimum and guide.left[row, column] == math.inf:
         return math.inf
     heap, left, settled, motion = guide.heap, guide.left, guide.settled, guide.motion
     while heap.size[0] > 0 and not settled[row, column]:
@@ -171,7 +171,7 @@ def cost_to_go(guide: Guide, x: float, y: float) -> float:
                 if r < 0 or c < 0 or r >= rows or c >= columns or settled[r, c]:
                     continue
                 gap = float(guide.gaps[r, c])
-                if gap < least:
+                if gap < minimum:
                     continue
                 short = min(1.0, max(0.0, 1.0 - (gap - guide.radius) / motion.desired_clearance))
                 way = SPACING * (math.sqrt(2.0) if di != 0 and dj != 0 else 1.0)

@@ -124,26 +124,26 @@ class Lattice(FootprintPlanner):
             return Plan(status)
         begin = partial(self._begin, map_data, motion, start, goal)
         searches, left, status, note = [begin(0)], self.iterations, Status.EXHAUSTED, ""
-        level, most, weight, spacing = 0, FIRST_ROUND, HEURISTIC_WEIGHT, FLOOD_SPACING
+        level, maximum, weight, spacing = 0, FIRST_ROUND, HEURISTIC_WEIGHT, FLOOD_SPACING
         if not estimate(searches[0].search, *start) < math.inf:
             return Plan(Status.NO_PATH, note=DISC_NOTE)
         while status is Status.EXHAUSTED and left > 0 and clock() < end:
             for level in range(self.refinements + 1):
                 if level == len(searches):
                     searches.append(begin(level))
-                left -= searches[level].advance(weight, most, left, end)
+                left -= searches[level].advance(weight, maximum, left, end)
                 if searches[level].solved:
                     left -= searches[level].improve(min(left, self.improvement), end)
                     status = Status.SOLVED
                     break
             else:
-                flood = left > 0 and most > FIRST_ROUND
+                flood = left > 0 and maximum > FIRST_ROUND
                 if flood and is_cut_off(problem.space, motion, start, goal, spacing, end):
                     status, note = Status.NO_PATH, FLOOD_NOTE
                 elif all(one.over for one in searches):
                     note = LATTICE_NOTE
                     break
-            most, weight, spacing = 4 * most, 2.0 * weight, spacing / math.sqrt(2.0)
+            maximum, weight, spacing = 4 * maximum, 2.0 * weight, spacing / math.sqrt(2.0)
         return Plan(
             status,
             searches[level].path if status is Status.SOLVED else np.empty((0, 3)),
@@ -220,8 +220,8 @@ class PoseSearch:
         """The best path (n, 3) so far."""
         return poses_along(trace_path(self.search.tree, int(self.counts["goal"])), 0.0)
 
-    def advance(self, weight: float, most: int, left: int, end: float) -> int:
-        """Expand poses until they are `most` in all, or `left`, or `clock` shows `end`.
+    def advance(self, weight: float, maximum: int, left: int, end: float) -> int:
+        """Expand poses until they are `maximum` in all, or `left`, or `clock` shows `end`.
 
         Returns:
             The number of poses expanded.
@@ -229,9 +229,9 @@ class PoseSearch:
         before = int(self.counts["expanded"])
         if weight != self.search.grid.heuristic_weight and not self.over:
             self._reopen(weight, self.search.grid.stop_ratio)
-        most = min(most, before + left)
-        while not self.over and self.counts["expanded"] < most and clock() < end:
-            until = min(most, int(self.counts["expanded"]) + CHUNK)
+        maximum = min(maximum, before + left)
+        while not self.over and self.counts["expanded"] < maximum and clock() < end:
+            until = min(maximum, int(self.counts["expanded"]) + CHUNK)
             self.over = expand(self.search, until)
             if not self.over and self.counts["expanded"] < until:
                 tree = self.search.tree

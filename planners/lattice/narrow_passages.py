@@ -38,14 +38,14 @@ def _is_found(places: Array, count: int, x: float, y: float, yaw: float) -> bool
 
 
 @kernel
-def narrow_places(near: Nearby, gaps: Field, least: float, most: float) -> Array:
+def narrow_places(near: Nearby, gaps: Field, minimum: float, maximum: float) -> Array:
     """Return the middles of narrow places and the directions through them (n, 3) [m, m, rad].
 
     Args:
-        near: the map's boundary, up to twice `most`.
+        near: the map's boundary, up to twice `maximum`.
         gaps: distances at the points of a grid.
-        least: smallest half width [m] of a gap.
-        most: largest half width [m] of a gap.
+        minimum: smallest half width [m] of a gap.
+        maximum: largest half width [m] of a gap.
     """
     rows, columns = gaps.shape
     found = np.empty((gaps.size, 3))
@@ -53,7 +53,7 @@ def narrow_places(near: Nearby, gaps: Field, least: float, most: float) -> Array
     for i in range(1, rows - 1):
         for j in range(1, columns - 1):
             here = gaps[i, j]
-            if not least - SPACING <= here <= most:
+            if not minimum - SPACING <= here <= maximum:
                 continue
             saddle = False
             for di, dj in ((0, 1), (1, 0), (1, 1), (1, -1)):
@@ -63,9 +63,9 @@ def narrow_places(near: Nearby, gaps: Field, least: float, most: float) -> Array
             if not saddle:
                 continue
             x, y = near.box[0] + j * SPACING, near.box[1] + i * SPACING
-            half, (x, y, yaw) = passage_middle(near, x, y, most, SETTLED)
+            half, (x, y, yaw) = passage_middle(near, x, y, maximum, SETTLED)
             yaw %= math.pi
-            if least <= half <= most and not _is_found(found, n, x, y, yaw):
+            if minimum <= half <= maximum and not _is_found(found, n, x, y, yaw):
                 found[n, 0], found[n, 1], found[n, 2] = x, y, yaw
                 n += 1
     return found[:n].copy()

@@ -163,11 +163,11 @@ def _connect_anchors(search: Search, number: int) -> None:
         turn = 0.0 if free_heading else abs(wrap(tyaw - yaw))
         if far > reach or turn > lines.turn[a]:
             continue
-        least = max(far / motion.forward, turn / motion.turn)
+        minimum = max(far / motion.forward, turn / motion.turn)
         at_goal = free_heading or a < lines.goals
         entry = many if at_goal else a
         budget = tree.best_anchor[entry] - cost_here
-        if least >= budget:
+        if minimum >= budget:
             continue
         left = 0.0
         if not at_goal:
@@ -272,16 +272,16 @@ def _is_cheaper(tree: Tree, entry: int, slot: int, cost: float) -> bool:
 
 
 @borrowing_kernel
-def expand(search: Search, most: int) -> bool:
+def expand(search: Search, limit: int) -> bool:
     """Expand nodes; return True if the goal is taken from the open list or the list is empty.
 
-    Return False when `most` nodes are expanded in all, or when the tree may be too small for more.
+    Return False when `limit` nodes are expanded in all, or when the tree may be too small for more.
     """
     tree, counts = search.tree, search.tree.counts[0]
     largest = search.grid.moves.way.shape[0] + 3 * search.lines.poses.shape[0]
     capacity = tree.nodes.shape[0] - largest
     while tree.heap.size[0] > 0:
-        if counts.expanded >= most or counts.nodes > capacity:
+        if counts.expanded >= limit or counts.nodes > capacity:
             return False
         number = pop(tree.heap)
         if tree.nodes[number].anchor == AT_GOAL:

@@ -136,7 +136,7 @@ def segment_cost(
     """
     trial[0] = now[0]
     motion = trial[0]
-    motion.least = MAX_CLEARANCE
+    motion.minimum = MAX_CLEARANCE
     motion.marked = math.hypot(leg.middle_x - motion.x, leg.middle_y - motion.y)
     for k in range(int(particle[_COUNT])):
         drive(motion, particle[3 * k + V], particle[3 * k + W], particle[3 * k + T], world)
@@ -157,7 +157,7 @@ def segment_cost(
         brake(motion, world)  # the chair must be able to come to rest without contact
     if not motion.free:
         return _COLLISION + cost
-    near: float = max(0.0, 1.0 - motion.least / DESIRED_CLEARANCE)
+    near: float = max(0.0, 1.0 - motion.minimum / DESIRED_CLEARANCE)
     return cost + CLEARANCE_WEIGHT * near
 
 
@@ -594,7 +594,7 @@ class ControlGenerator:
         start = np.zeros(1, MOTION)
         start["x"], start["y"], start["yaw"] = pose
         start["v"], start["w"] = twist
-        start["least"], start["free"] = MAX_CLEARANCE, True
+        start["minimum"], start["free"] = MAX_CLEARANCE, True
         measure_clearance(start[0], pose[0], pose[1], pose[2], world)
         if 0.0 < start[0]["gap"] < self.margin:  # the chair already has less clearance
             world = world._replace(margin=float(start[0]["gap"]) * 0.999)

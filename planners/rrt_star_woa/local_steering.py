@@ -54,14 +54,14 @@ def whale_cost(
     that hides it from one whale hides it from most. Also returns the segments that hid both last.
     """
     (x, y), (u, v), (from_goal, from_near) = sample, whale, blockers
-    least = steering.whales.leader_cost[0]
+    minimum = steering.whales.leader_cost[0]
     to_goal = math.sqrt((goal[0] - x - u) ** 2 + (goal[1] - y - v) ** 2)
     cost = math.sqrt(u * u + v * v) + steering.goal_weight * to_goal
-    if cost < least:
+    if cost < minimum:
         hidden = find_blocker(space, goal[0], goal[1], x + u, y + v, from_goal)
         if hidden != -1:
             cost, from_goal = cost + GOAL_HIDDEN_COST, hidden
-    if cost < least:
+    if cost < minimum:
         hidden = find_blocker(space, near[0], near[1], x + u, y + v, from_near)
         if hidden != -1:
             cost, from_near = cost + NODE_HIDDEN_COST, hidden

@@ -253,14 +253,14 @@ class Se2RrtStarWoa(FootprintPlanner):
         bounds = np.array([SHIFT_BOUND, SHIFT_BOUND, TURN_BOUND])
         refinement = Refinement(whales, bounds, np.ones(1), float(tree), float(shortcuts))
         run, path = search.run[0], search.path
-        first_s, most = math.inf, self.iterations if len(goals) else 0
-        while run["iteration"] < most and clock() < end:
-            until = min(most, int(run["iteration"]) + CHUNK)
+        first_s, maximum = math.inf, self.iterations if len(goals) else 0
+        while run["iteration"] < maximum and clock() < end:
+            until = min(maximum, int(run["iteration"]) + CHUNK)
             advance(search, refinement, until, run["first_path"] == 0, state)
             if run["first_path"] and first_s == math.inf:
                 first_s = clock() - began
             if run["refining"]:
-                most = min(most, int(run["refining"]) + self.improvement)
+                maximum = min(maximum, int(run["refining"]) + self.improvement)
         solved = path.size[0] > 0
         return Plan(
             Status.SOLVED if solved else Status.EXHAUSTED,

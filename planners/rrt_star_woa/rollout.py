@@ -35,7 +35,7 @@ MOTION = np.dtype(
         ("time", np.float64),  # s since the roll-out began
         ("moved", np.float64),  # m: bound of the outline's motion since the last test
         ("gap", np.float64),  # m: clearance at the last test
-        ("least", np.float64),  # m: minimum clearance so far
+        ("minimum", np.float64),  # m: minimum clearance so far
         ("marked", np.float64),  # m: minimum distance from the marked point so far
         ("free", np.bool_),  # false once the clearance fell below the margin
     ]
@@ -93,7 +93,7 @@ def measure_clearance(motion: Any, x: float, y: float, yaw: float, world: World)
     inside = box[0] <= x <= box[2] and box[1] <= y <= box[3]
     motion.gap = gap
     motion.moved = 0.0
-    motion.least = min(motion.least, gap)
+    motion.minimum = min(motion.minimum, gap)
     motion.free = inside and gap > 0.0 and gap >= world.margin
 
 

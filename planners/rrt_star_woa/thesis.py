@@ -115,15 +115,15 @@ FIGURE_3_1: Final = ThesisFile(Path("figure_3_1"), _settings_of(_VALUES), _VALUE
 
 
 def _checked(key: str, value: Any, path: Path) -> Any:
-    kind, least = type(KEYS[key][0]), KEYS[key][1]
+    kind, minimum = type(KEYS[key][0]), KEYS[key][1]
     numeric = isinstance(value, int | float) and not isinstance(value, bool)
     good = isinstance(value, kind) if kind in (bool, str) else numeric
     if kind is int and good:
         good = float(value).is_integer()
     if not good or (numeric and not math.isfinite(value)):
         raise InputError(f"{path}: {key} is {shorten(value)}; expected {KINDS[kind]}")
-    if numeric and not least <= value <= LARGEST:
-        expected = f"expected at least {least:g} and at most {LARGEST:g}"
+    if numeric and not minimum <= value <= LARGEST:
+        expected = f"expected at least {minimum:g} and at most {LARGEST:g}"
         raise InputError(f"{path}: {key} is {shorten(value)}; {expected}")
     return kind(value)
 

@@ -38,7 +38,7 @@ from wheelchair_gym.maps.driving_cost import MotionCost
 MIN_GAIN = 1e-6  # s: smaller gains are rounding
 TURN_LENGTH = 0.5  # m per rad: distance of poses
 _BACK: Final = 1e6  # s: backward connections are tried last
-_MOST_BACK: Final = 0.6  # m: longer backward connections are tried in every third attempt only
+_MAX_BACK: Final = 0.6  # m: longer backward connections are tried in every third attempt only
 _ATTEMPT: Final = 1000  # iterations after which new trees are grown
 ATTEMPTS: Final = 3  # trees that are grown after those of the first path
 MIN_ADVANCE = 0.05  # m: a blocked extension that comes less near to its target makes no node
@@ -187,12 +187,12 @@ def nearest(tree: Tree, pose: Pose) -> int:
 
 @borrowing_kernel
 def extend(
-    context: SteeringContext, tree: Tree, i: int, target: Pose, most_back: float
+    context: SteeringContext, tree: Tree, i: int, target: Pose, max_back: float
 ) -> tuple[int, bool]:
     """Extend a tree towards a pose until blocked; return the new node and whether it is there.
 
     The quickest free connection is taken, a forward one if possible; if none is free, the one that
-    comes nearest. No connection leads farther back than `most_back` [m].
+    comes nearest. No connection leads farther back than `max_back` [m].
     """
     if tree.size[0] >= tree.nodes.shape[0]:
         return NONE, False
@@ -207,7 +207,7 @@ def extend(
             break
         context.times[kind] = math.inf
         _, parts = connection(kind, pose, target)
-        if tree.sign * (parts[0][0] + parts[1][0]) < -most_back:
+        if tree.sign * (parts[0][0] + parts[1][0]) < -max_back:
             continue
         total, _, free, reached = drive_parts(
             context.around, pose, 0, parts, context.trial, 0, math.inf
@@ -396,14 +396,14 @@ def grow(search: Search, state: Stream) -> None:
         drawn, pose = sample(search, state)
     if not drawn:
         return
-    most_back = math.inf if run.attempt % 3 == 2 else _MOST_BACK
-    new, _ = extend(context, one, nearest(one, pose), pose, most_back)
+    max_back = math.inf if run.attempt % 3 == 2 else _MAX_BACK
+    new, _ = extend(context, one, nearest(one, pose), pose, max_back)
     if new == NONE:
         return
     pose = pose_of(one.nodes[new])
     twin = nearest(other, pose)
     while True:
-        reached, there = extend(context, other, twin, pose, most_back)
+        reached, there = extend(context, other, twin, pose, max_back)
         if there:
             if not forward:
                 new, reached = reached, new
@@ -486,13 +486,13 @@ def find_neighbours(search: Search, pose: Pose) -> int:
 
 
 @borrowing_kernel
-def choose_parent(search: Search, new: int, n: int, most: float) -> bool:
-    """Connect a node to its cheapest parent among n neighbours; false if none costs below `most`.
+def choose_parent(search: Search, new: int, n: int, budget: float) -> bool:
+    """Connect a node to its cheapest parent among n neighbours; false if none costs below `budget`.
 
     Neighbours are tried in order of their bounds.
     """
     nodes, found, bounds = search.start_tree.nodes, search.found, search.bounds
-    here, best = nodes[new], most
+    here, best = nodes[new], budget
     while True:
         k = 0
         for m in range(1, n):

@@ -89,10 +89,10 @@ def choose_parent(
     for k in range(n):
         through[k] = nodes[found[k]].cost + search.distances[k]
     while True:
-        least, choice = nodes[parent].cost + edge, NONE
+        minimum, choice = nodes[parent].cost + edge, NONE
         for k in range(n):
-            if through[k] < least:
-                least, choice = through[k], k
+            if through[k] < minimum:
+                minimum, choice = through[k], k
         if choice == NONE:
             return parent, edge
         through[choice] = np.inf
@@ -477,8 +477,8 @@ def refine(search: TreeSearch, state: Stream) -> None:
     n = find_neighbours(search, x, y, after)
     parent, edge = choose_parent(search, x, y, n, near, edge)
     parent, edge = best_ancestor(search, x, y, parent, edge)
-    least = nodes[parent].cost + edge + math.hypot(goal[0] - x, goal[1] - y)
-    if least < nodes[search.run[0].goal].cost - MIN_GAIN:
+    minimum = nodes[parent].cost + edge + math.hypot(goal[0] - x, goal[1] - y)
+    if minimum < nodes[search.run[0].goal].cost - MIN_GAIN:
         insert_and_rewire(search, parent, near, x, y, edge, n, state)
 
 

@@ -53,7 +53,7 @@ class Hasty:
 
 def test_a_cap_begins_low_rises_while_it_drives_and_keeps_the_arc():
     world = PaperWorld(corridor(), (1.0, 0.0, 0.0), (6.0, 0.0, 0.0))
-    capped = Capped(Hasty(), Deployment(first=0.2, rise=0.5, most=0.6))
+    capped = Capped(Hasty(), Deployment(first=0.2, rise=0.5, maximum=0.6))
     capped.reset(world.mission)
     twists = [capped.act(world.seen).twist for _ in range(20)]
     speeds = [float(v) for v, _ in twists]
@@ -64,7 +64,7 @@ def test_a_cap_begins_low_rises_while_it_drives_and_keeps_the_arc():
         assert w / v == pytest.approx(0.5 / 0.8)
     assert capped.act(world.seen._replace(halted="a reason")).twist[0] == pytest.approx(0.2)
     with pytest.raises(InputError, match="cannot rise"):
-        Deployment(first=0.5, most=0.3)
+        Deployment(first=0.5, maximum=0.3)
 
 
 class Drive:

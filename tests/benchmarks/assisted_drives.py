@@ -156,7 +156,7 @@ def drive(driver: str, scene: str, assistant: str, given: Any) -> list[Any]:
     seen, info = env.reset(seed=0)
     begin = np.ones(n, bool)
     number, over, nothing = np.zeros(n, int), np.zeros(n, bool), np.zeros((n, 2))
-    period, least = 1.0 / env.settings.rate, np.full(n, math.inf)
+    period, minimum = 1.0 / env.settings.rate, np.full(n, math.inf)
     traces = [StickTrace(limits, period) for _ in range(n)]
     steps = np.zeros(n, int)
     contacts: list[list[Any]] = [[] for _ in range(n)]
@@ -171,7 +171,7 @@ def drive(driver: str, scene: str, assistant: str, given: Any) -> list[Any]:
         drives = ~over & (number < episodes)  # the others begin an episode, or are done
         over = terminated | truncated
         twists = info["shield"]["given"] if "shield" in info else asked * full
-        least = np.where(drives, np.minimum(least, info["clearance"]), least)
+        minimum = np.where(drives, np.minimum(minimum, info["clearance"]), minimum)
         steps += drives
         for i in np.flatnonzero(drives).tolist():
             traces[i].add(Stick(sticks[i, 0], sticks[i, 1], False), twists[i])
@@ -190,9 +190,9 @@ def drive(driver: str, scene: str, assistant: str, given: Any) -> list[Any]:
                 "number": int(number[i]), "success": bool(info["is_success"][i]),
                 "time": float(info["time"][i]), "bumped": bool(info["bumped"][i]),
                 **measures(traces[i], int(steps[i]), float(info["distance"][i])),
-                "clearance": float(least[i]), "contacts": contacts[i],
+                "clearance": float(minimum[i]), "contacts": contacts[i],
             })  # fmt: skip
-            traces[i], steps[i], least[i] = StickTrace(limits, period), 0, math.inf
+            traces[i], steps[i], minimum[i] = StickTrace(limits, period), 0, math.inf
             contacts[i] = []
             number[i] += 1
     env.close()

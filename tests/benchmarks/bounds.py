@@ -1,7 +1,7 @@
 """Trials of faults: the worst of each figure beside its bound, as a table and as JSON.
 
 A trial gives figures: name -> (measured, bound), where a bound of None is none. Figures whose name
-begins with `least` have lower bounds.
+begins with `minimum` have lower bounds.
 """
 
 from __future__ import annotations

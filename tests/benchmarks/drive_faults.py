@@ -135,12 +135,12 @@ def runaway(ride, v, angle, mode):
     if cut is None or rest is None:
         raise RuntimeError(f"{v} m/s, {angle} rad, {mode}: {twin.faults}, {twin.motion}")
     pilot.run(0.1)
-    least = BRAKES[angle]
+    minimum = BRAKES[angle]
     fastest = min(TOP, v + MARGIN + QUICK * DETECTED)
     return {
         "noticed_ms": (1e3 * max(0.0, cut - (cut if passed is None else passed)), 1e3 * DETECTED),
-        "way_after_cut_m": (way - way_cut, fastest * RISE + fastest**2 / (2 * least)),
-        "rest_after_cut_ms": (1e3 * (rest - cut), 1e3 * (RISE + fastest / least)),
+        "way_after_cut_m": (way - way_cut, fastest * RISE + fastest**2 / (2 * minimum)),
+        "rest_after_cut_ms": (1e3 * (rest - cut), 1e3 * (RISE + fastest / minimum)),
         "speed_at_cut": (speed_cut, fastest),
         "way_in_all_m": (way, None),
         "missed": (not pilot.now.faults & (Fault.RUNAWAY | Fault.IMPLAUSIBLE | Fault.DIRECTION

@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 
 PERIOD = 0.1  # s: a step
 TIME = 120.0  # s: the time limit, with ten times the time of the shortest way
-LEAST = 0.1  # deflection of a stick that has a direction
+MINIMUM = 0.1  # deflection of a stick that has a direction
 BESIDE = 0.15  # m from the outline: farther returns are not what it touched
 
 
@@ -75,7 +75,7 @@ def judged(sticks: Array, end: Any, touched: str, right: list[float], limits: An
     for forward, left in sticks.tolist():
         trace.add(Stick(forward, left, False), np.zeros(2))
     a_minute = trace.figures(np.zeros((len(sticks) + 1, 2)), 1.0)["stick_movements"]
-    used = sticks[np.hypot(*sticks.T) > LEAST]
+    used = sticks[np.hypot(*sticks.T) > MINIMUM]
     mean = abs(np.exp(1j * np.arctan2(used[:, 1], used[:, 0])).mean()) if len(used) else 1.0
     return Drive(
         end["success"], end["time"], a_minute * end["time"] / 60.0,

@@ -25,8 +25,8 @@ def added(before: dict[str, Any], found: dict[str, Any]) -> dict[str, Any]:
     """Counts and failures summed, the longest and the most of both."""
     if not before:
         return found
-    most = {name: max(before[name], found[name]) for name in ("longest_s", "most_bytes")}
-    return {name: before[name] + found[name] for name in found if name not in most} | most
+    maximum = {name: max(before[name], found[name]) for name in ("longest_s", "max_bytes")}
+    return {name: before[name] + found[name] for name in found if name not in maximum} | maximum
 
 
 def table(done: dict[str, Any]) -> str:
@@ -38,7 +38,7 @@ def table(done: dict[str, Any]) -> str:
     rows = [
         [
             name, f"{of['inputs']:,}", f"{of['read']:,}", f"{of['refused']:,}", len(of["failed"]),
-            f"{of['longest_s']:.2f}", f"{of['most_bytes'] / 1e6:.0f}",
+            f"{of['longest_s']:.2f}", f"{of['max_bytes'] / 1e6:.0f}",
         ]
         for name, of in done.items()
     ]  # fmt: skip

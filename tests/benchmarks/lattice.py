@@ -42,8 +42,8 @@ def drawn(scenes, seeds):
             episode = make_scene(scene).sample(np.random.default_rng(seed))
             start, goal = episode.start, episode.goal[:2]
             space = Space.from_grid(episode.map)
-            most = bottleneck(episode.map, start[:2], goal) + 0.5 * episode.map.resolution
-            wide = next((asked for asked in ASKED if asked <= most), ASKED[-1])
+            maximum = bottleneck(episode.map, start[:2], goal) + 0.5 * episode.map.resolution
+            wide = next((asked for asked in ASKED if asked <= maximum), ASKED[-1])
             for clearance in sorted({wide, footprint.half_width + 0.01}):
                 yield Problem(space, start, goal, clearance, f"{episode.name}_{seed}"), footprint
 
@@ -140,10 +140,10 @@ def main():
             continue
         rows = [planned(*one) for one in problems]
         for asked in ("wide", "narrow") if name != "problems" else ("all",):
-            least = [row for row in rows if asked == "all" or
+            minimum = [row for row in rows if asked == "all" or
                      (row["clearance"] < 0.325) == (asked == "narrow")]  # fmt: skip
-            if least:
-                print(name, asked, json.dumps(summary(least)), flush=True)
+            if minimum:
+                print(name, asked, json.dumps(summary(minimum)), flush=True)
 
 
 if __name__ == "__main__":

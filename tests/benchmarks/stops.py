@@ -124,7 +124,7 @@ def stop(name, number):
         "noticed_ms": (1e3 * trial.noticed_s, 1e3 * noticed),
         "rest_ms": (1e3 * trial.rest_s, 1e3 * (noticed + RISE + TOP / DECELERATION)),
         "way_m": (trial.way_m, TOP * (noticed + RISE) + TOP**2 / (2 * DECELERATION)),
-        "least_deceleration": (trial.deceleration, DECELERATION),
+        "min_deceleration": (trial.deceleration, DECELERATION),
         "missed": (not braked, 0),
     }
 

@@ -75,10 +75,10 @@ def test_each_scanner_is_pooled_by_itself(observed):
     assert sum(counts) == len(observation["laser"])
     parts = np.split(observation["laser"], np.cumsum(counts)[:-1])
     high = np.split(env.observation_space["laser"].high, np.cumsum(counts)[:-1])
-    for laser, at, pooled, most in zip(sensors.lasers, sensors.slices, parts, high, strict=True):
+    for laser, at, pooled, maximum in zip(sensors.lasers, sensors.slices, parts, high, strict=True):
         ranges = np.clip(env.reading.laser[at], 0.0, laser.reach)
         assert pooled.min() == ranges.min()
-        assert (most == np.float32(laser.reach)).all()
+        assert (maximum == np.float32(laser.reach)).all()
 
 
 def test_it_drives_behind_its_shield():

@@ -77,12 +77,12 @@ class Pilot:
         assert self.now.mode == Mode.HOST, self.now
         return self
 
-    def until_rest(self, most=3.0):
+    def until_rest(self, maximum=3.0):
         """Seconds until the chair stands, by truth, in steps of the world."""
         steps = self.twin.steps
         while abs(self.twin.motion.speed) > 1e-3 or abs(self.twin.motion.turn) > 1e-3:
             self.twin.run(0.001)
-            assert self.twin.steps - steps < most * 1000, self.twin.motion
+            assert self.twin.steps - steps < maximum * 1000, self.twin.motion
         return (self.twin.steps - steps) * 0.001
 
     @property

@@ -27,7 +27,7 @@ pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
 
 AHEAD, STILL = np.array([0.4, 0.0]), np.zeros(2)
 PERIOD = 0.1
-LEAST = 1.5  # m/s2
+MIN_DECELERATION = 1.5  # m/s2
 
 
 @pytest.fixture
@@ -240,8 +240,8 @@ def test_a_laser_that_becomes_late_stops_it(hosted, growth):
     assert [chair.drive(AHEAD).halted for _ in range(30)][-1] == ""
 
 
-@pytest.mark.parametrize(("seed", "most"), [(0, 12), (1, 3), (5, 3)])
-def test_the_boards_do_not_outrun_the_set_point_for_long(seed, most):
+@pytest.mark.parametrize(("seed", "maximum"), [(0, 12), (1, 3), (5, 3)])
+def test_the_boards_do_not_outrun_the_set_point_for_long(seed, maximum):
     """Commands that change each period add up how the board's ramp differs from the shield's.
 
     They did for 18, 9 and 25 readings. A chair that speeds up to its command is no runaway.
@@ -257,7 +257,7 @@ def test_the_boards_do_not_outrun_the_set_point_for_long(seed, most):
         longest = max(longest, run)
     hosted.close()
     assert shield.latched == ""
-    assert longest <= most
+    assert longest <= maximum
 
 
 def test_a_re_armed_chair_stands_until_it_is_reset(hosted):
@@ -284,7 +284,7 @@ def test_a_late_policy_does_not_drive_on(hosted):
     )  # a command counts so long
     assert speed(hosted) == pytest.approx(0.4, abs=0.02)
     until_slower(hosted, PERIOD + 0.05)
-    assert deceleration(hosted) >= LEAST
+    assert deceleration(hosted) >= MIN_DECELERATION
     assert chair.drive(AHEAD).halted == ""  # it goes on when told to
 
 
@@ -301,7 +301,7 @@ def test_every_way_out_stops_it(hosted, way):
     else:
         hosted.clock.guards.clear()
         until_slower(hosted, 0.205 + 0.02)
-    assert deceleration(hosted) >= LEAST
+    assert deceleration(hosted) >= MIN_DECELERATION
 
 
 def test_the_joystick_at_the_board_goes_before_the_host(hosted):

@@ -365,11 +365,11 @@ def test_so_is_help_and_the_end_of_the_program(redirected, code, says):
 def test_the_page_of_files_names_every_limit():
     text = (ROOT / "docs" / "how_to" / "files.md").read_text(encoding="utf-8")
     for limit in LIMITS.values():
-        assert f"| {limit.what} | {limit.most:,} {limit.unit} |" in text
+        assert f"| {limit.what} | {limit.maximum:,} {limit.unit} |" in text
 
 
 def test_a_file_that_is_larger_than_its_limit_is_not_read(tmp_path):
     path = Path(tmp_path / "large.json")
     with path.open("wb") as file:
-        file.truncate(LIMITS["json"].most + 1)  # sparse: takes no room
+        file.truncate(LIMITS["json"].maximum + 1)  # sparse: takes no room
     assert main(["plan", "--problems", str(path), "--planner", "rrt"]) == 2

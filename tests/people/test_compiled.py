@@ -129,15 +129,15 @@ def test_a_step_is_free_until_the_outline_touches():
     assert free(touching, -0.3, 0.02) == 10
 
 
-def followed(points, v, w, margin, most):
+def followed(points, v, w, margin, maximum):
     """`follow_arc`, pose by pose."""
     n = len(points)
-    least, clear = signed_gap(points, n, OUTLINE, 0.0, 0.0, 0.0), most
+    minimum, clear = signed_gap(points, n, OUTLINE, 0.0, 0.0, 0.0), maximum
     for k in range(STEPS):
         gap = signed_gap(points, n, OUTLINE, *arc_step(0.0, 0.0, 0.0, v, w, STEP * (k + 1)))
-        if gap < margin and gap < least:
+        if gap < margin and gap < minimum:
             return k, clear
-        least, clear = min(margin, gap), min(clear, gap)
+        minimum, clear = min(margin, gap), min(clear, gap)
     return STEPS, clear
 
 
@@ -174,11 +174,11 @@ def test_the_shared_dynamic_window_finds_the_least_cost(seed, forward, left):
         for i in range(SPEEDS)
         for j in range(TURNS)
     ]
-    least = min(every)
-    if math.isinf(least):
+    minimum = min(every)
+    if math.isinf(minimum):
         assert not state["twist"].any()
     elif to_v or to_w:
-        assert cost(*state["twist"]) == pytest.approx(least, abs=1e-9)
+        assert cost(*state["twist"]) == pytest.approx(minimum, abs=1e-9)
 
 
 @settings(max_examples=60, deadline=None)

@@ -60,7 +60,7 @@ def test_each_is_made_and_stored(name):
         ({"name": "expert", "interface": {"kind": "stik"}}, "did you mean stick?"),
         ({"name": "expert", "interface": {"kind": "switches", "directions": 5}}, "one of 4, 8"),
         ({"name": "expert", "interface": 3}, "expected an object with a kind"),
-        ({"name": "expert", "perception": {"lapse_most": 0.5}}, "must not lie below"),
+        ({"name": "expert", "perception": {"lapse_max": 0.5}}, "must not lie below"),
         (7, "expected a name"),
     ],
 )
@@ -163,7 +163,7 @@ def test_the_signal_that_is_chosen_costs_least(driver):
         for k in range(p["n_signals"]):
             begin, to_go = intention._begin(p, truth.twist, k), np.empty(intention.POSES)
             before = signed_gap(d["points"], d["n_points"], p["outline"], *begin)
-            bound = intention._least_cost(p, d, prepared, k, begin, truth.pose, to_go)
+            bound = intention._min_cost(p, d, prepared, k, begin, truth.pose, to_go)
             costs.append(intention._cost(p, d, k, begin, to_go, before, np.inf))
             assert costs[-1] >= bound
         assert chosen == int(np.argmin(costs))
@@ -231,7 +231,7 @@ def test_a_person_reacts_to_the_motion_that_was_given():
 
 def test_a_lapse_keeps_the_last_signal():
     """Somebody whose first decision is a lapse of 30 s stays at rest."""
-    lapse = {"lapses": 60.0, "lapse_least": 30.0, "lapse_most": 30.0}
+    lapse = {"lapses": 60.0, "lapse_min": 30.0, "lapse_max": 30.0}
     absent = {"name": "expert", "perception": lapse, "intention": {"period": 1.0}}
     assert not sticks(absent, steps=30)[0].any()
     assert sticks({**absent, "perception": {}}, steps=30)[0].any()

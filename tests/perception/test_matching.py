@@ -109,7 +109,7 @@ def test_the_search_finds_the_best_of_its_whole_lattice(known):
         points = scan.echoes[::9] / known.settings.resolution
         guess = known.to_lattice(truth + rng.uniform(-0.1, 0.1, 3))
         out = np.empty(3)
-        least = search(field, points, guess, told, how, wide, out)
+        minimum = search(field, points, guess, told, how, wide, out)
         best = np.inf
         span = -(-(2 * window + 1) // 3) * 3
         for t in np.arange(-turns, turns + 1) * step:
@@ -121,7 +121,7 @@ def test_the_search_finds_the_best_of_its_whole_lattice(known):
                     cost = 0.5 * ((1 - value) ** 2).sum() / spread**2
                     cost += 0.5 * (told[0] * dx**2 + told[3] * dy**2 + told[5] * t**2)
                     best = min(best, cost)
-        assert least == pytest.approx(best, rel=1e-6)
+        assert minimum == pytest.approx(best, rel=1e-6)
 
 
 def test_a_scan_without_echo_leaves_the_guess(known):

@@ -109,9 +109,9 @@ def test_what_moved_away_is_free_again_and_log_odds_stay_within_their_clamp():
         known.integrate(read_scan(LASER, far), np.zeros(3))
     ahead = known.to_grid()
     assert ahead.cells[tuple(ahead.to_cell((1.0 + LASER.x, 0.0)))] == FREE
-    least, most = (np.log(p / (1 - p)) for p in (P_MIN, P_MAX))
-    assert known.layers.odds.min() == pytest.approx(least)
-    assert known.layers.odds.max() == pytest.approx(most)
+    minimum, maximum = (np.log(p / (1 - p)) for p in (P_MIN, P_MAX))
+    assert known.layers.odds.min() == pytest.approx(minimum)
+    assert known.layers.odds.max() == pytest.approx(maximum)
 
 
 def test_invalid_beams_say_nothing_and_beams_without_echo_free_so_far():

@@ -79,8 +79,8 @@ def test_the_optimum_with_a_clearance_lies_within_its_bounds(radius):
     exact = 2 * (math.sqrt(far**2 - radius**2) + radius * turn) + 2
     found = optima(problem)
     assert found.touching == pytest.approx(2 * far + 2, abs=1e-9)
-    assert found.at_least <= exact <= found.constrained <= exact * 1.01
-    assert found.constrained / found.at_least < 1.02
+    assert found.lower_bound <= exact <= found.constrained <= exact * 1.01
+    assert found.constrained / found.lower_bound < 1.02
 
 
 def test_a_search_that_outlasts_its_deadline_is_exhausted():

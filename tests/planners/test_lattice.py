@@ -190,5 +190,5 @@ def test_the_gap_of_a_stretch_is_that_of_all_its_poses(corners, way, turn, outli
     space = Space(triangle, (-5.0, -5.0, 5.0, 5.0))
     gap = path_gaps(poses[[0, -1]], space, footprint)[0]
     between = (abs(way) + abs(turn) * footprint.reach) / len(times)
-    least = min(float(gaps.min()), 1.0)
-    assert least - between - 2e-6 <= gap <= least + 2e-6  # less turn than 1e-6 counts as none
+    minimum = min(float(gaps.min()), 1.0)
+    assert minimum - between - 2e-6 <= gap <= minimum + 2e-6  # less turn than 1e-6 counts as none

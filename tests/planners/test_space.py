@@ -87,10 +87,10 @@ def test_inflation_is_never_too_small_and_hardly_too_large(polygons, points, rad
     assert grown is space.inflated(radius)
     if not grown.free.is_empty:
         corners = shapely.points(shapely.get_coordinates(grown.free))
-        least = radius - 1e-12
-        assert (shapely.distance(corners, space.solid) >= least).all() or space.solid.is_empty
+        minimum = radius - 1e-12
+        assert (shapely.distance(corners, space.solid) >= minimum).all() or space.solid.is_empty
         boundary = shapely.distance(grown.free.boundary, space.solid)
-        assert space.solid.is_empty or boundary >= least
+        assert space.solid.is_empty or boundary >= minimum
     for point in points:
         gap = clearance(space.arrays, *point)
         if point_free(grown.arrays, *point):

@@ -53,15 +53,15 @@ def store_and_move(swarm, moves, progress, state):
 def test_optimisers_find_the_minimum_of_a_bowl_within_bounds(name):
     moves, rng = OPTIMIZERS.make(name).parameters, np.random.default_rng(3)
     swarm = new_swarm(rng.uniform(-5, 5, (30, D)), -5.0, 5.0)
-    begun, least, state = bowl(swarm.positions).min(), np.inf, stream(rng)
+    begun, minimum, state = bowl(swarm.positions).min(), np.inf, stream(rng)
     for t in range(200):
         swarm.costs[:] = bowl(swarm.positions)
-        least = min(least, swarm.costs.min())
+        minimum = min(minimum, swarm.costs.min())
         store_and_move(swarm, moves, t / 200, state)
-        assert bowl(swarm.best[None])[0] == least
+        assert bowl(swarm.best[None])[0] == minimum
         assert (abs(swarm.positions) <= 5.0).all()
-        assert swarm.best_cost == least
-    assert least < 0.02 * begun
+        assert swarm.best_cost == minimum
+    assert minimum < 0.02 * begun
 
 
 @pytest.mark.parametrize("name", sorted(set(OPTIMIZERS) - {"woa_modified"}))

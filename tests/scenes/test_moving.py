@@ -252,8 +252,8 @@ def test_what_appears_lies_on_the_way():
                 for a, b in itertools.pairwise(path)
             )
             assert gap <= 0.15 * math.sqrt(2) + 1e-9
-            assert row["least"] >= 1.2
-            assert row["near"] > row["least"]
+            assert row["minimum"] >= 1.2
+            assert row["near"] > row["minimum"]
             count += 1
     assert count >= 8
 

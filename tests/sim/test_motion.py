@@ -220,8 +220,8 @@ def test_weak_friction_spins_the_wheels():
     chair = exact_chair(body=slippery)
     chair.reset(box(50), 0)
     _, twists = run(chair, FORWARD, 20)
-    most = 0.05 * GRAVITY * (1 - slippery.centre_of_mass / slippery.wheelbase)
-    assert (np.diff(twists[:, 0]) / 0.1).max() <= most * 1.02
+    maximum = 0.05 * GRAVITY * (1 - slippery.centre_of_mass / slippery.wheelbase)
+    assert (np.diff(twists[:, 0]) / 0.1).max() <= maximum * 1.02
 
 
 def test_misuse_is_named():

@@ -228,7 +228,7 @@ def test_light_furniture_is_pushed_and_stays_where_it_is_left():
     [
         (person([(1.5, 0.0)]), True, 0),  # someone who stands there
         (person([(1.5, 0.1), (3.5, 0.1)], 1.5, avoids=PEOPLE), None, 0),  # comes back at last
-        (obstacle((2.2, 0.1), 0.2, least=0.9), True, 0),
+        (obstacle((2.2, 0.1), 0.2, minimum=0.9), True, 0),
         (door((2.0, -0.5), math.pi / 2, 1.0, 1.0), True, 0),
         (furniture((1.5, 0.0, 0.3), (0.4, 0.4), 6.0), True, 0),
         (person([(-4.0, -4.0)]), True, -1),  # far off: the wall it is
@@ -348,7 +348,7 @@ def test_a_leaf_seen_end_on_is_as_wide_as_it_is_thick():
 
 def test_a_leaf_that_is_held_waits_at_a_distance():
     """It closes on a timetable while the chair stands in its way."""
-    leaf = door((0.0, 1.0), 0.0, 1.2, -math.pi / 2, since=0.0, stay=3.0, least=0.15)
+    leaf = door((0.0, 1.0), 0.0, 1.2, -math.pi / 2, since=0.0, stay=3.0, minimum=0.15)
     chair = exact_chair()
     chair.reset(among(leaf, start=(0.0, 0.0, 0.0)), 0)
     for _ in range(80):
@@ -372,8 +372,8 @@ def test_a_leaf_closes_on_nobody_while_it_leaves_another():
 
 
 def test_obstacles_appear_at_their_distance_and_go_again():
-    things = [obstacle((2.5, 0.0), 0.25, near=1.4, least=1.2, stay=3.0),
-              obstacle((0.9, 0.2), 0.25, since=1.0, least=1.2, stay=1.0)]  # fmt: skip
+    things = [obstacle((2.5, 0.0), 0.25, near=1.4, minimum=1.2, stay=3.0),
+              obstacle((0.9, 0.2), 0.25, since=1.0, minimum=1.2, stay=1.0)]  # fmt: skip
     chair = exact_chair()
     chair.reset(among(*things), 0)
     there, first = [], math.nan

@@ -75,7 +75,7 @@ def busy(seed: int, start: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Epis
         things.append(furniture((*spots.pop(), rng.uniform(-3, 3)), size, mass))
     for near in (0.5, 2.5):
         place = rng.uniform(-2.5, 2.5, 2)
-        things.append(obstacle(tuple(place), 0.2, since=near, stay=3.0, least=0.9))
+        things.append(obstacle(tuple(place), 0.2, since=near, stay=3.0, minimum=0.9))
     things.append(door((-3.9, 0.0), 0.0, 1.0, 1.5, near=2.0))
     things.append(
         door((3.9, 0.5), math.pi, 1.2, -1.2, swings=False, since=0.5, stay=1.5, every=4.0)

@@ -47,7 +47,7 @@ _CUT_REACHED, _CUT_TRIES = 0.4, 10.0  # m, s: when they are there, and when they
 _CATCH_UP = 0.6  # s in which who keeps company makes up for a distance
 _LOOKS_AHEAD = 1.5  # m
 _SINGLE_FILE = 0.8  # m between people of a group where walls leave no other place
-_WAITS_FROM, _WAITS_PER_METRE, _LEAST_SHARE = 0.5, 0.4, 0.2  # of a leader whose group falls behind
+_WAITS_FROM, _WAITS_PER_METRE, _MIN_SHARE = 0.5, 0.4, 0.2  # of a leader whose group falls behind
 _TURN_RATE = 1.5  # rad/s with which people turn who walk by `orca`
 _RUN_TURN, _RUN_STANDS = math.radians(60.0), 0.2  # of a child: turns aside, share of standing
 _NOWHERE = 0.05  # m, m/s: who wants no more than this keeps their heading
@@ -247,7 +247,7 @@ def _with_group(world: Any, k: int, want: Want) -> Want:
         behind = max(behind, math.sqrt(dx * dx + dy * dy) - place)
         j += 1
     share = 1.0 - _WAITS_PER_METRE * max(0.0, behind - _WAITS_FROM)
-    return want[0], want[1], min(speed, row.speed * max(_LEAST_SHARE, share)), want[3]
+    return want[0], want[1], min(speed, row.speed * max(_MIN_SHARE, share)), want[3]
 
 
 @borrowing_kernel
@@ -293,5 +293,5 @@ def face(row: Any, state: Any, dx: float, dy: float, period: float) -> None:
     if dx * dx + dy * dy > _NOWHERE * _NOWHERE:
         state.facing = math.atan2(dy, dx)
     if row.model == ORCA:
-        turn, most = wrap(state.facing - state.heading), _TURN_RATE * period
-        state.heading = wrap(state.heading + max(-most, min(most, turn)))
+        turn, maximum = wrap(state.facing - state.heading), _TURN_RATE * period
+        state.heading = wrap(state.heading + max(-maximum, min(maximum, turn)))

@@ -337,10 +337,10 @@ def leg_force(row: Any, ax: float, ay: float) -> tuple[float, float]:
     A person lighter than an adult has less force: children start no faster.
     """
     size = math.sqrt(ax * ax + ay * ay)
-    most = LEG_FORCE * (row.mass / MASS) if row.mass < MASS else LEG_FORCE
+    maximum = LEG_FORCE * (row.mass / MASS) if row.mass < MASS else LEG_FORCE
     share = row.mass if size > 0.0 else 0.0
-    if row.mass * size > most:  # seldom, so that most steps need no division
-        share = row.mass * (most / (row.mass * size))
+    if row.mass * size > maximum:  # seldom, so that most steps need no division
+        share = row.mass * (maximum / (row.mass * size))
     return share * ax, share * ay
 
 
@@ -361,9 +361,9 @@ def _move_trolley(row: Any, state: Any, walker: Any, fields: Array) -> None:
     vx, vy = share * vx, share * vy
     ax, ay = (vx - fields[VX]) / _TROLLEY_GRIP, (vy - fields[VY]) / _TROLLEY_GRIP
     fields[FX], fields[FY] = leg_force(row, ax, ay)
-    most = row.mass * LEG_FORCE / MASS * abs(row.offset[0])
+    maximum = row.mass * LEG_FORCE / MASS * abs(row.offset[0])
     torque = inertia(row) * (turn - fields[W]) / _TROLLEY_GRIP
-    fields[TORQUE] = max(-most, min(most, torque))
+    fields[TORQUE] = max(-maximum, min(maximum, torque))
 
 
 @borrowing_kernel
@@ -375,8 +375,8 @@ def _apply_floor_friction(row: Any, fields: Array, dt: float) -> None:
         share = min(bound, row.mass * speed / dt) / speed
         fields[FX], fields[FY] = -share * fields[VX], -share * fields[VY]
     if fields[W] != 0.0:
-        most = bound * math.sqrt(_squared_size(row)) / _FRICTION_LEVER
-        fields[TORQUE] = -math.copysign(min(most, inertia(row) * abs(fields[W]) / dt), fields[W])
+        maximum = bound * math.sqrt(_squared_size(row)) / _FRICTION_LEVER
+        fields[TORQUE] = -math.copysign(min(maximum, inertia(row) * abs(fields[W]) / dt), fields[W])
 
 
 @borrowing_kernel

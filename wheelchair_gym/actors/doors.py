@@ -58,7 +58,7 @@ def _is_blocked(world: Any, p: Any, pose: Array, k: int, share: float) -> bool:
     """Whether opening door k to a share brings its leaf nearer to anything that is near."""
     rows, actor_states = actors_of(world)
     row = rows[k]
-    least = row.least + 0.5 * row.size[1]
+    minimum = row.minimum + 0.5 * row.size[1]
     x, y, ex, ey = _leaf_ends(row, share)
     ax, ay, bx, by = _leaf_ends(row, actor_states[k].opening)
     outer = max(p.outline[0], p.outline[1]) + p.outline[2]
@@ -67,11 +67,11 @@ def _is_blocked(world: Any, p: Any, pose: Array, k: int, share: float) -> bool:
             continue
         at = pose if j < 0 else actor_states[j].pose
         # No nearer to the leaf than to its hinge, less its length: most are far from both.
-        far = least + row.size[0] + (outer if j < 0 else extent(rows[j]))
+        far = minimum + row.size[0] + (outer if j < 0 else extent(rows[j]))
         if (at[0] - x) * (at[0] - x) + (at[1] - y) * (at[1] - y) > far * far:
             continue
         after = _leaf_gap(world, p, pose, j, x, y, ex, ey)
-        if after < least and after <= _leaf_gap(world, p, pose, j, ax, ay, bx, by):
+        if after < minimum and after <= _leaf_gap(world, p, pose, j, ax, ay, bx, by):
             return True
     return False
 
@@ -145,5 +145,5 @@ def schedule_actors(world: Any, p: Any, pose: Array, time: float) -> None:
                 state.is_present, state.is_gone, state.relocate = False, True, 2
         elif row.kind == OBSTACLE and not state.is_gone and time >= row.since:
             gap = distance_to_chair(p, pose, row.pose[0], row.pose[1]) - row.size[0]
-            if row.least <= gap <= row.near and _has_space(world, k):
+            if row.minimum <= gap <= row.near and _has_space(world, k):
                 state.is_present, state.relocate, state.present_until = True, 1, time + row.stay

@@ -75,12 +75,12 @@ def avoid_disc(
 
 @borrowing_kernel
 def _optimize_on_line(
-    lines: Array, k: int, low: int, most: float, ox: float, oy: float, far: bool
+    lines: Array, k: int, low: int, pace: float, ox: float, oy: float, far: bool
 ) -> tuple[bool, float, float]:
     """Best velocity on line k that lines low to k - 1 and the circle of speeds allow."""
     x, y, dx, dy = lines[k, 0], lines[k, 1], lines[k, 2], lines[k, 3]
     dot = x * dx + y * dy
-    inside = dot * dot + most * most - x * x - y * y
+    inside = dot * dot + pace * pace - x * x - y * y
     if inside < 0.0:
         return False, 0.0, 0.0
     root = math.sqrt(inside)
@@ -108,18 +108,18 @@ def _optimize_on_line(
 
 @borrowing_kernel
 def _linear_program(
-    lines: Array, low: int, high: int, most: float, ox: float, oy: float, far: bool
+    lines: Array, low: int, high: int, pace: float, ox: float, oy: float, far: bool
 ) -> tuple[int, float, float]:
     """Best velocity that lines low to high - 1 allow; the first line that left none, or high."""
     x, y = ox, oy
     speed = math.sqrt(ox * ox + oy * oy)
     if far:
-        x, y = most * ox, most * oy
-    elif speed > most:
-        x, y = ox * most / speed, oy * most / speed
+        x, y = pace * ox, pace * oy
+    elif speed > pace:
+        x, y = ox * pace / speed, oy * pace / speed
     for k in range(low, high):
         if lines[k, 2] * (lines[k, 1] - y) - lines[k, 3] * (lines[k, 0] - x) > 0.0:
-            found, nx, ny = _optimize_on_line(lines, k, low, most, ox, oy, far)
+            found, nx, ny = _optimize_on_line(lines, k, low, pace, ox, oy, far)
             if not found:
                 return k, x, y
             x, y = nx, ny
@@ -128,13 +128,13 @@ def _linear_program(
 
 @borrowing_kernel
 def best_velocity(
-    lines: Array, hard: int, n: int, most: float, ox: float, oy: float
+    lines: Array, hard: int, n: int, pace: float, ox: float, oy: float
 ) -> tuple[float, float]:
     """The velocity nearest to a preferred one (ox, oy) that all lines allow.
 
     Where none does, walls hold and the other lines are overstepped by as little as may be.
     """
-    first, x, y = _linear_program(lines, 0, n, most, ox, oy, False)
+    first, x, y = _linear_program(lines, 0, n, pace, ox, oy, False)
     worst = 0.0
     for k in range(first, n):
         over = lines[k, 2] * (lines[k, 1] - y) - lines[k, 3] * (lines[k, 0] - x)
@@ -165,7 +165,7 @@ def best_velocity(
             lines[m, 0], lines[m, 1] = px, py
             lines[m, 2], lines[m, 3] = dx / length, dy / length
             m += 1
-        last, nx, ny = _linear_program(lines, HALF_PLANES, m, most, -lines[k, 3], lines[k, 2], True)
+        last, nx, ny = _linear_program(lines, HALF_PLANES, m, pace, -lines[k, 3], lines[k, 2], True)
         if last == m:
             x, y = nx, ny
         worst = lines[k, 2] * (lines[k, 1] - y) - lines[k, 3] * (lines[k, 0] - x)

@@ -74,7 +74,7 @@ ACTOR = np.dtype(
         ("travel", "f8"),  # of a leaf: rad that it swings, or m that it slides, signed
         ("swings", "b1"),
         ("near", "f8"),  # m: a door opens, an obstacle appears, for anyone as near as this
-        ("least", "f8"),  # m: nearer to the chair's outline no obstacle appears, no leaf moves
+        ("minimum", "f8"),  # m: nearer to the chair's outline no obstacle appears, no leaf moves
         ("since", "f8"),  # s: from when on
         ("stay", "f8"),  # s: how long a door is open, or an obstacle there
         ("every", "f8"),  # s: period of a door's timetable; inf: once
@@ -145,7 +145,7 @@ def check_actors(actors: Actors) -> Actors:
     """
     rows = as_array(actors.rows, ACTOR, (None,), "Actors.rows")
     routes = as_array(actors.routes, np.float64, (None, 2), "Actors.routes", FARTHEST)
-    for name in ("pose", "size", "friction", "speed", "travel", "least", "offset"):
+    for name in ("pose", "size", "friction", "speed", "travel", "minimum", "offset"):
         as_array(
             rows[name], np.float64, (None, *ACTOR[name].shape), f"Actors.rows.{name}", FARTHEST
         )
@@ -346,12 +346,12 @@ def door(
     since: float = 0.0,
     stay: float = 0.0,
     every: float = math.inf,
-    least: float = 0.10,
+    minimum: float = 0.10,
 ) -> Actor:
     """A leaf that opens on a timetable, or for anyone near its doorway's middle.
 
-    It never moves towards anything nearer than `least`: what it meets holds it, as EN 16005 asks of
-    powered doors.
+    It never moves towards anything nearer than `minimum`: what it meets holds it, as EN 16005 asks
+    of powered doors.
 
     Args:
         hinge: one end of the leaf when shut (2,) [m].
@@ -363,12 +363,12 @@ def door(
         since: first opens by itself [s].
         stay: how long it then stays open [s]; 0: it has no timetable.
         every: after which it does so again [s].
-        least: kept from everything while it moves [m].
+        minimum: kept from everything while it moves [m].
     """
     speed = LEAF_TURN if swings else LEAF_SPEED
     return _actor(
         DOOR, pose=(*hinge, heading), size=(length, LEAF_WIDTH), speed=speed, travel=travel,
-        swings=swings, near=near, since=since, stay=stay, every=every, least=least,
+        swings=swings, near=near, since=since, stay=stay, every=every, minimum=minimum,
     )  # fmt: skip
 
 
@@ -379,7 +379,7 @@ def obstacle(
     since: float = 0.0,
     stay: float = 10.0,
     near: float = math.inf,
-    least: float = 1.2,
+    minimum: float = 1.2,
 ) -> Actor:
     """Something round that appears once, stays for a while and is gone again.
 
@@ -389,11 +389,11 @@ def obstacle(
         since: not before [s].
         stay: [s].
         near: appears once the chair's outline is so near [m].
-        least: never nearer to the chair's outline than this [m]; more than its stopping distance.
+        minimum: never nearer to the chair's outline than this [m]; more than its stopping distance.
     """
     return _actor(
         OBSTACLE, pose=(*place, 0.0), size=(radius, 0.0), since=since, stay=stay, near=near,
-        least=least,
+        minimum=minimum,
     )  # fmt: skip
 
 

@@ -21,7 +21,7 @@ from wheelchair_gym.base.errors import InputError, shorten
 class Limit(NamedTuple):
     """The largest amount that a file may hold of something."""
 
-    most: int
+    maximum: int
     unit: str
     what: str
 
@@ -98,9 +98,10 @@ def _shipped(path: str | Path) -> str | Path:
 
 
 def _check_size(path: str | Path, size: int, limit: str) -> None:
-    most = LIMITS[limit]
-    if size > most.most:
-        raise InputError(f"{path}: more than {most.most:,} {most.unit}, the limit of {most.what}")
+    bound = LIMITS[limit]
+    if size > bound.maximum:
+        more = f"more than {bound.maximum:,} {bound.unit}"
+        raise InputError(f"{path}: {more}, the limit of {bound.what}")
 
 
 def read_bytes(path: str | Path, limit: str) -> bytes:
@@ -167,13 +168,13 @@ def parse_json(text: str | bytes, path: str | Path) -> Any:
     return content
 
 
-_TOO_DEEP: Final = f"nested too deep; expected at most {LIMITS['depth'].most} levels"
+_TOO_DEEP: Final = f"nested too deep; expected at most {LIMITS['depth'].maximum} levels"
 
 
 def _parse_int(digits: str) -> int:
     # Digits are counted first: Python itself takes quadratic time, and refuses 4,301 of them.
     if len(digits) > 20 or not -(2**63) <= int(digits) < 2**64:
-        raise ValueError(f"{shorten(digits)} needs more than {LIMITS['integer'].most} bits")
+        raise ValueError(f"{shorten(digits)} needs more than {LIMITS['integer'].maximum} bits")
     return int(digits)
 
 
@@ -190,7 +191,7 @@ def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 def _check_values(content: Any, path: str | Path) -> None:
     """Refuse deep nesting, and text that cannot be printed."""
     level = [content]
-    for _ in range(LIMITS["depth"].most + 1):
+    for _ in range(LIMITS["depth"].maximum + 1):
         following = []
         for value in level:
             if isinstance(value, dict):
@@ -234,9 +235,9 @@ def parse_yaml(text: str, path: str | Path) -> Any:
             if self.check_event(yaml.AliasEvent):
                 raise yaml.YAMLError("aliases are not allowed")
             self.values, self.depth = self.values + 1, self.depth + 1
-            if self.values > LIMITS["values"].most:
-                raise yaml.YAMLError(f"more than {LIMITS['values'].most} values")
-            if self.depth > LIMITS["depth"].most:
+            if self.values > LIMITS["values"].maximum:
+                raise yaml.YAMLError(f"more than {LIMITS['values'].maximum} values")
+            if self.depth > LIMITS["depth"].maximum:
                 raise yaml.YAMLError(_TOO_DEEP)
             node = super().compose_node(parent, index)
             self.depth -= 1
@@ -276,16 +277,16 @@ def check_cells(rows: float, columns: float, where: str) -> None:
     Raises:
         InputError: it has more than the limit.
     """
-    most = LIMITS["cells"].most
-    if not rows * columns <= most:
-        raise InputError(f"{where}: {columns:.6g} x {rows:.6g} cells; expected at most {most:,}")
+    maximum = LIMITS["cells"].maximum
+    if not rows * columns <= maximum:
+        raise InputError(f"{where}: {columns:.6g} x {rows:.6g} cells; expected at most {maximum:,}")
 
 
 def is_coordinate(value: Any) -> bool:
     """Whether a value is a finite number that a coordinate [m] in a file may have."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return False
-    return abs(value) <= LIMITS["coordinate"].most  # false for NaN
+    return abs(value) <= LIMITS["coordinate"].maximum  # false for NaN
 
 
 def coordinates(value: Any, counts: tuple[int, ...], where: str) -> list[float]:
@@ -309,8 +310,8 @@ def coordinate_lists(value: Any, count: int, where: str) -> list[list[float]]:
     """
     if not isinstance(value, list):
         raise InputError(f"{where} is {shorten(value)}; expected a list")
-    if len(value) > LIMITS["outline"].most:
-        expected = f"expected at most {LIMITS['outline'].most:,}"
+    if len(value) > LIMITS["outline"].maximum:
+        expected = f"expected at most {LIMITS['outline'].maximum:,}"
         raise InputError(f"{where} has {len(value):,} elements; {expected}")
     return [coordinates(item, (count,), f"{where}[{k}]") for k, item in enumerate(value)]
 

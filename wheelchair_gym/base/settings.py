@@ -32,7 +32,7 @@ from wheelchair_gym.base.files import read_text as read_text
 T = TypeVar("T")
 Range = Annotated[tuple[T, T], "a least and a greatest value"]  # others are refused
 
-FARTHEST: Final = float(LIMITS["coordinate"].most)  # m: northings of UTM end here
+FARTHEST: Final = float(LIMITS["coordinate"].maximum)  # m: northings of UTM end here
 
 # Bounds of settings that state none: beyond them, kernels could overflow.
 LARGEST: Final = 1e9

@@ -28,7 +28,7 @@ Shape = tuple[int | None, ...]  # None: any length
 
 
 def as_array(
-    value: Any, dtype: DTypeLike, shape: Shape, where: str, most: float | None = None
+    value: Any, dtype: DTypeLike, shape: Shape, where: str, maximum: float | None = None
 ) -> NDArray[Any]:
     """A C-contiguous, aligned array of a dtype and shape; the one given where it is such an array.
 
@@ -37,7 +37,7 @@ def as_array(
         dtype: wanted; numbers are converted where they fit, other types are refused.
         shape: wanted; None is any length.
         where: how errors call it.
-        most: values are finite and no larger than this; None: any value.
+        maximum: values are finite and no larger than this; None: any value.
 
     Raises:
         InputError: the type, the shape or a value is wrong.
@@ -54,12 +54,12 @@ def as_array(
         expected = ", ".join("n" if length is None else str(length) for length in shape)
         comma = "," if len(shape) == 1 else ""
         raise InputError(f"{where} has shape {array.shape}; expected ({expected}{comma})")
-    if most is not None:
-        wrong = ~(np.abs(array) <= most)
+    if maximum is not None:
+        wrong = ~(np.abs(array) <= maximum)
         if wrong.any():
             place = tuple(int(k) for k in np.argwhere(wrong)[0])
             raise InputError(
-                f"{where}{list(place)} is {array[place]:g}; expected at most {most:g} in size"
+                f"{where}{list(place)} is {array[place]:g}; expected at most {maximum:g} in size"
             )
     if wanted.kind in "iu" and array.dtype != wanted:
         bounds = np.iinfo(wanted)

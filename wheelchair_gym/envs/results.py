@@ -35,7 +35,7 @@ RESULTS, RESULTS_TARGETS = pointer_record(
 )
 _REASONS = np.array(REASONS)
 _TRIED = 3  # results that are looked at before new ones are made
-_FEWEST, _MOST, _BYTES = 4, 256, 1 << 26  # results that are remembered, and their size
+_FEWEST, _MAXIMUM, _BYTES = 4, 256, 1 << 26  # results that are remembered, and their size
 _LARGE = 1 << 20  # bytes that are worth large pages
 _KINDS = (SENSED, VERDICT, DECISION, *3 * [np.dtype(np.bool_)])  # of `Columns`
 _BEGIN = (0, *np.cumsum([kind.itemsize for kind in _KINDS]).tolist())  # bytes of a row before each
@@ -148,7 +148,7 @@ class ResultPool(Generic[R]):
         self._make = make
         # Each with its arrays and how many references there are to these; the latest at the end.
         self._lent: deque[tuple[R, list[NDArray[Any]], int]] = deque(
-            maxlen=max(_FEWEST, min(_MOST, _BYTES // size))
+            maxlen=max(_FEWEST, min(_MAXIMUM, _BYTES // size))
         )
 
     def take(self) -> R:

@@ -26,7 +26,7 @@ from wheelchair_gym.task.prepared_episode import PreparedEpisode
 from wheelchair_gym.task.task import Task
 
 _BANK = 0x62616E6B  # apart from the worlds of single seeds
-_LEAST_TIME = 1.0  # s: least plan time from the start to the goal, where starts are drawn
+_MIN_TIME = 1.0  # s: least plan time from the start to the goal, where starts are drawn
 _SLACK = 1 / 32  # share of a bank that is kept beyond its size, for rows that fall behind
 
 
@@ -62,7 +62,7 @@ class WorldBank:
         key = episode_key(seed, episode, self._split) if key is None else key
         prepared = self._prepared(seed, episode, key)
         if self.max_time > 0.0 and prepared.cost_to_go is not None:
-            start = prepared.cost_to_go.sample(key, _LEAST_TIME, self.max_time)
+            start = prepared.cost_to_go.sample(key, _MIN_TIME, self.max_time)
             if start is not None:
                 return prepared.starting_at(start)
         return prepared

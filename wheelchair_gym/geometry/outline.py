@@ -208,11 +208,11 @@ def signed_gap(
     square = double_of_bits(nearest)
     if square > 0.0:
         return math.sqrt(square)
-    least = math.inf
+    minimum = math.inf
     for k in range(count):
         px, py = world_to_body(c, s, points[k, 0] - x, points[k, 1] - y)
-        least = min(least, signed_clearance(px, py, footprint))
-    return least
+        minimum = min(minimum, signed_clearance(px, py, footprint))
+    return minimum
 
 
 @kernel

@@ -146,9 +146,9 @@ def _search(
     desired = motion.desired_clearance
     headings = steps.shape[1]
     count = rows * cols * headings
-    most_time = moves.time.max() * (1.0 + motion.obstacle_weight) + motion.switch_time
+    max_time = moves.time.max() * (1.0 + motion.obstacle_weight) + motion.switch_time
     buckets = _BUCKETS
-    while buckets < most_time * TICKS + 2.0:
+    while buckets < max_time * TICKS + 2.0:
         buckets *= 2
     far = np.uint32(FAR) << np.uint32(TIME)
     states = np.full(count, far, np.uint32)
@@ -200,11 +200,11 @@ def _search(
                 other = (r0 * cols + c0) * headings + k0
                 if queue.place[other] == _SETTLED:  # others are led from its pose: it stays
                     continue
-                least = _time_of(states[other])
+                minimum = _time_of(states[other])
                 spent = moves.time[m]
                 if before != REST and moves.kind[before] != moves.kind[m]:
                     spent += motion.switch_time
-                if ticks + round(spent * TICKS) >= least:
+                if ticks + round(spent * TICKS) >= minimum:
                     continue
                 gap = field_clearance(
                     field, scale, discs, x0 * size, y0 * size, cosines[k0], sines[k0], desired
@@ -214,7 +214,7 @@ def _search(
                 short = (desired - gap) / desired
                 spent += moves.time[m] * motion.obstacle_weight * short * short
                 then = ticks + max(1, round(spent * TICKS))
-                if then >= least:
+                if then >= minimum:
                     continue
                 if queue.place[other] >= 0:
                     _remove(queue, other)
@@ -343,9 +343,9 @@ class CostToGo:
         ]
         return np.array(found).reshape(every.shape[:-1])
 
-    def sample(self, key: int, least: float, most: float) -> Array | None:
+    def sample(self, key: int, minimum: float, maximum: float) -> Array | None:
         """A random pose (3,) [m, m, rad] with a time to goal in [least, most] [s], or None."""
-        x, y, yaw = _sample(self.packed_states, self.cell, np.uint64(key), least, most)
+        x, y, yaw = _sample(self.packed_states, self.cell, np.uint64(key), minimum, maximum)
         if math.isnan(x):
             return None
         return np.array([*to_world(np.array([x, y]), self.origin), yaw + self.origin[2]])
@@ -462,7 +462,7 @@ def poses_ahead(
 
 @borrowing_kernel
 def _sample(
-    states: States, cell: float, key: np.uint64, least: float, most: float
+    states: States, cell: float, key: np.uint64, minimum: float, maximum: float
 ) -> tuple[float, float, float]:
     rows, cols, headings = states.shape
     count = np.uint64(rows * cols * headings)
@@ -470,7 +470,7 @@ def _sample(
         state = int(bits(key, k, STARTS, 0) % count)
         r, c, h = state // headings // cols, state // headings % cols, state % headings
         ticks = _time_of(states[r, c, h])
-        if ticks < FAR and least * TICKS <= ticks <= most * TICKS:
+        if ticks < FAR and minimum * TICKS <= ticks <= maximum * TICKS:
             return _pose_of(states, cell, r, c, h)
     return math.nan, math.nan, math.nan
 

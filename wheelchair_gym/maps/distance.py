@@ -21,10 +21,10 @@ Steps = NDArray[np.int16]
 
 
 @kernel
-def distance_to_occupied(solid: Mask, most: float) -> Field:
+def distance_to_occupied(solid: Mask, reach: float) -> Field:
     """Distance (rows, cols) [cells] from cell centres to the nearest solid cell's square.
 
-    Exact below `most`; at least `most` (or infinite) beyond. First the distance up and down each
+    Exact below `reach`; at least `reach` (or infinite) beyond. First the distance up and down each
     column; then, along each row, the least of all sums of squares.
     """
     rows, cols = solid.shape
@@ -49,7 +49,7 @@ def distance_to_occupied(solid: Mask, most: float) -> Field:
         for shift in range(1, cols):
             gap = np.float32(shift - 0.5)
             square = gap * gap
-            if shift - 0.5 >= most or square >= worst:
+            if shift - 0.5 >= reach or square >= worst:
                 break
             for col in range(cols - shift):
                 best[col] = min(best[col], line[col + shift] + square)
@@ -81,8 +81,8 @@ def _add_row(line: Cells, over: Cells) -> None:
 
 
 @kernel
-def within_distance(solid: Cells, least: float) -> Cells:
-    """1 where a cell's centre is nearer [cells] than `least` to some solid cell's square, else 0.
+def within_distance(solid: Cells, minimum: float) -> Cells:
+    """1 where a cell's centre is nearer [cells] than `minimum` to some solid cell's square, else 0.
 
     Each row of solid cells is widened step by step, and added to the rows within reach at that
     width: whole rows vectorize. Of equal rows the last reaches farthest up, the first farthest
@@ -91,7 +91,7 @@ def within_distance(solid: Cells, least: float) -> Cells:
     rows, cols = solid.shape
     out = np.zeros((rows, cols), np.int8)
     wide = np.zeros(cols, np.int8)
-    most = min(rows, int(least + 1.5))
+    reach = min(rows, int(minimum + 1.5))
     up = False  # whether the row differs from the next
     for row in range(rows):
         down = row == 0 or up
@@ -101,8 +101,8 @@ def within_distance(solid: Cells, least: float) -> Cells:
             for col in range(cols):
                 wide[col] = line[col]
             width = 0
-            for rise in range(most, 0, -1):
-                aside = least * least - (rise - 0.5) ** 2
+            for rise in range(reach, 0, -1):
+                aside = minimum * minimum - (rise - 0.5) ** 2
                 if aside <= 0.0:
                     continue
                 width = _widen(line, width, aside, wide)
@@ -110,7 +110,7 @@ def within_distance(solid: Cells, least: float) -> Cells:
                     _add_row(wide, out[row + rise])
                 if down and rise <= row:
                     _add_row(wide, out[row - rise])
-            _widen(line, width, least * least, wide)
+            _widen(line, width, minimum * minimum, wide)
         _add_row(wide, out[row])
     return out
 
@@ -238,13 +238,13 @@ def field_clearance(
     y: float,
     cos: float,
     sin: float,
-    most: float,
+    reach: float,
 ) -> float:
-    """Clearance [m] of an outline at a pose, at most `most`; discs as of `footprint_discs`."""
+    """Clearance [m] of an outline at a pose, at most `reach`; discs as of `footprint_discs`."""
     gap = _distance(field, scale, x + cos * discs[0, 0], y + sin * discs[0, 0]) - discs[0, 2]
-    if gap >= most:
-        return most
-    gap = most
+    if gap >= reach:
+        return reach
+    gap = reach
     for i in range(1, discs.shape[0]):
         px = x + cos * discs[i, 0] - sin * discs[i, 1]
         py = y + sin * discs[i, 0] + cos * discs[i, 1]

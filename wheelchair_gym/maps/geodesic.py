@@ -385,11 +385,11 @@ def spread(free: Mask, goal_x: float, goal_y: float, row: int, col: int) -> tupl
 @kernel
 def nearest_bend(free: Mask, bends: Records, x: float, y: float) -> int:
     """The visible bend with the shortest path from a point; or -1."""
-    best, least = -1, math.inf
+    best, minimum = -1, math.inf
     for k in range(len(bends)):
         dx, dy = bends[k].x - x, bends[k].y - y
         far = math.hypot(dx, dy)
-        if bends[k].way + far >= least:
+        if bends[k].way + far >= minimum:
             continue
         steps = int(5.0 * far) + 1
         clear = True
@@ -402,7 +402,7 @@ def nearest_bend(free: Mask, bends: Records, x: float, y: float) -> int:
             if not clear:
                 break
         if clear:
-            best, least = k, bends[k].way + far
+            best, minimum = k, bends[k].way + far
     return best
 
 

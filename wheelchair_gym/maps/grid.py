@@ -241,9 +241,9 @@ class OccupancyGrid:
     def traversable(self, radius: float) -> Mask:
         """Free cells (rows, cols) where a disc of this radius [m] touches no solid cell."""
         # A corridor exactly as wide as the disc is passable: the slack is float32's rounding.
-        least = (radius - 1e-5) / self.resolution
+        minimum = (radius - 1e-5) / self.resolution
         return np.asarray(
-            (self.cells == FREE) & (within_distance(self.solid().view(np.int8), least) == 0)
+            (self.cells == FREE) & (within_distance(self.solid().view(np.int8), minimum) == 0)
         )
 
 

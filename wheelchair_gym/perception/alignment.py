@@ -21,7 +21,7 @@ from wheelchair_gym.sensors.echoes import atan2_f32
 _F = np.float32
 _ROUNDS = 4
 _GATE = 0.30  # m: points farther from the line are of something else; less in each round
-_LEAST_GATE = 0.10  # m
+_MIN_GATE = 0.10  # m
 _SLANT = 3.0  # m of range per m between sectors, of neighbours on one surface
 _SIGMA = 0.10  # m: of one distance; neighbours err alike, so that this is more than a scanner's
 # Standard deviations of the motion since the last scan: shares of way, turn, and the way's turn.
@@ -34,7 +34,7 @@ _SHARE = 0.2  # of all sectors that must fit, and half of those that can be comp
 def _sector_point(g: Any, frame: Any, k: int) -> tuple[float, float]:
     """The nearest hit of a sector in the laser's frame."""
     b = min(k * g.group + g.group // 2, g.beams - 1)
-    r = float(frame.least[k])
+    r = float(frame.range[k])
     return r * floats_at(g.cosine, g.beams)[b], r * floats_at(g.sine, g.beams)[b]
 
 
@@ -71,7 +71,7 @@ def align(g: Any, s: Any, now: Any, dt: float) -> None:
         bx, by, bt = xx * (x0 - x), yy * (y0 - y), tt * (yaw0 - yaw)
         fits, compared = 0, 0
         for k in range(g.sectors):
-            if not g.nearest <= now.least[k] < g.reach:
+            if not g.nearest <= now.range[k] < g.reach:
                 continue
             px, py = _sector_point(g, now, k)
             px, py = body_to_world(c, sn, px, py)  # from the laser, in the older frame
@@ -79,7 +79,7 @@ def align(g: Any, s: Any, now: Any, dt: float) -> None:
             j = math.floor((beam - g.group // 2) / g.group)
             if not 0 <= j < g.sectors - 1:
                 continue
-            low, high = float(old.least[j]), float(old.least[j + 1])
+            low, high = float(old.range[j]), float(old.range[j + 1])
             if not (g.nearest <= low < g.reach and abs(high - low) < nearby * low):
                 continue
             compared += 1
@@ -99,7 +99,7 @@ def align(g: Any, s: Any, now: Any, dt: float) -> None:
         if fits < _SHARE * g.sectors or 2 * fits < compared:
             return
         dx, dy, turned = _solve((xx, xy, xt, yy, yt, tt), (bx, by, bt))
-        x, y, yaw, gate = x + dx, y + dy, yaw + turned, max(0.5 * gate, _LEAST_GATE)
+        x, y, yaw, gate = x + dx, y + dy, yaw + turned, max(0.5 * gate, _MIN_GATE)
     now.x, now.y = point_to_world(old.c, old.s, old.x, old.y, x, y)
     c, sn = body_to_world(old.c, old.s, math.cos(yaw), math.sin(yaw))
     now.c, now.s = c, sn

@@ -53,7 +53,7 @@ _MANY_HITS = 6  # if it has this many hits
 DISC = 0.25 * math.pi  # radii: how much nearer than its centre all beams see a disc, in the mean
 RADII = (0.04, 0.45)  # m
 _BODY = 0.25  # m: radius of what is seen in part, and width of people at least
-_MOST_HITS = 3  # that such a width must have, or as many as its beams
+_MAX_HITS = 3  # that such a width must have, or as many as its beams
 
 HIT_ROW = np.dtype(
     [
@@ -99,11 +99,11 @@ def set_frame(g: Any, pose: Any, stamp: float, laser: Floats, frame: Any) -> Non
     frame.stamp, frame.x, frame.y = stamp, x, y
     frame.c, frame.s = math.cos(yaw), math.sin(yaw)
     for k in range(SECTORS):  # those beyond the last beam are empty
-        least = _INF
+        minimum = _INF
         for b in range(k * g.group, min((k + 1) * g.group, g.beams)):
             r = laser[b] if laser[b] == laser[b] else -_INF  # of an invalid beam nothing is known
-            least = r if r < least else least
-        frame.least[k] = least
+            minimum = r if r < minimum else minimum
+        frame.range[k] = minimum
 
 
 @inlined
@@ -120,8 +120,8 @@ def look(g: Any, frame: Any, x: float, y: float) -> int:
     far, k = math.sqrt(ahead * ahead + left * left), sector_of(g, ahead, left)
     if k < 0 or far > g.reach:
         return OUT
-    here = float(frame.least[k])
-    before, after = float(frame.least[max(k - 1, 0)]), float(frame.least[min(k + 1, g.sectors - 1)])
+    here = float(frame.range[k])
+    before, after = float(frame.range[max(k - 1, 0)]), float(frame.range[min(k + 1, g.sectors - 1)])
     if min(here, before, after) > far + _PASSED:
         return PASSED
     slant = _SLANT * here * g.group / g.per_angle
@@ -142,10 +142,10 @@ def is_empty(g: Any, frame: Any, x: float, y: float) -> bool:
     wide = int(_BESIDE / max(far, _BESIDE) * g.per_angle / g.group) + 1
     if k < wide or k >= g.sectors - wide:
         return False
-    least = _INF
+    minimum = _INF
     for j in range(k - wide, k + wide + 1):
-        least = min(least, frame.least[j])
-    return bool(least > far + _PASSED)
+        minimum = min(minimum, frame.range[j])
+    return bool(minimum > far + _PASSED)
 
 
 @borrowing_kernel
@@ -184,14 +184,14 @@ def _wall_distance(m: Any, s: Any, ahead: float, left: float) -> float:
 @borrowing_kernel
 def _nearest_confirmed(s: Any, x: float, y: float) -> tuple[int, float]:
     """The confirmed track that is nearest to a place (dead-reckoned), or -1; how far it is [m]."""
-    owner, least = -1, _FARTHEST
+    owner, minimum = -1, _FARTHEST
     for k in range(s.n_tracks):
         track = s.tracks[k]
         dx, dy = track.x - x, track.y - y
         far = math.sqrt(dx * dx + dy * dy)
-        if track.confirmed and far < least:
-            owner, least = k, far
-    return owner, least
+        if track.confirmed and far < minimum:
+            owner, minimum = k, far
+    return owner, minimum
 
 
 @borrowing_kernel
@@ -219,10 +219,10 @@ def _judge(g: Any, s: Any, m: Any, now: Any, hit: Any) -> None:
 def find_hits(g: Any, s: Any, m: Any, now: Any, laser: Floats, hits: Rows) -> int:
     """Store the valid hits of a scan (beams,); returns how many. One hit of a sector is judged."""
     cosine, sine = floats_at(g.cosine, g.beams), floats_at(g.sine, g.beams)
-    n, most, last = 0, min(_MAX_RANGE, g.reach), 0
+    n, maximum, last = 0, min(_MAX_RANGE, g.reach), 0
     for b in range(g.beams):
         r = laser[b]
-        if not (g.nearest <= r <= most):
+        if not (g.nearest <= r <= maximum):
             continue
         hit = hits[n]
         hit.x, hit.y, hit.r, hit.beam = r * cosine[b], r * sine[b], r, b
@@ -293,8 +293,8 @@ def _measure(g: Any, s: Any, now: Any, hits: Rows, n: int, begin: int, end: int,
     c.mean, c.free = total / count, free / count
     spacing = c.mean * step
     c.width = chord + spacing
-    least = min(_MOST_HITS, max(1, int(_BODY / spacing)))
-    if count < least or c.width > _MAX_WIDTH or 2 * static > count:
+    minimum = min(_MAX_HITS, max(1, int(_BODY / spacing)))
+    if count < minimum or c.width > _MAX_WIDTH or 2 * static > count:
         return False
     c.low, c.high = g.first + (a.beam - 0.5) * step, g.first + (b.beam + 0.5) * step
     c.low_hidden = _is_hidden(g, a, hits[max(begin - 1, 0)], n, begin - 1)
@@ -323,7 +323,7 @@ def _measure(g: Any, s: Any, now: Any, hits: Rows, n: int, begin: int, end: int,
 def _merge_legs(g: Any, clusters: Rows, n: int) -> int:
     """Merge the two legs of a person into one cluster, the nearest pair first."""
     for _ in range(n):
-        first, second, least = -1, -1, math.inf
+        first, second, minimum = -1, -1, math.inf
         for j in range(n):
             for k in range(j + 1, min(j + 4, n)):
                 a, b = clusters[j], clusters[k]
@@ -331,12 +331,12 @@ def _merge_legs(g: Any, clusters: Rows, n: int) -> int:
                 wide, spacing = max(a.width, b.width), max(a.mean, b.mean) / g.per_angle
                 others = a.owner != b.owner and a.owner >= 0 and b.owner >= 0
                 narrow = wide < _NARROW and spacing < _COARSE and not (a.legs or b.legs)
-                if apart < min(least, _LEG_DISTANCE) and narrow and not others:
-                    first, second, least = j, k, apart
+                if apart < min(minimum, _LEG_DISTANCE) and narrow and not others:
+                    first, second, minimum = j, k, apart
         if first < 0:
             break
         a, b = clusters[first], clusters[second]
-        a.radius = 0.5 * least + 0.5 * (a.radius + b.radius)
+        a.radius = 0.5 * minimum + 0.5 * (a.radius + b.radius)
         a.x, a.y, a.mean = 0.5 * (a.x + b.x), 0.5 * (a.y + b.y), 0.5 * (a.mean + b.mean)
         a.free, a.width, a.legs = 0.5 * (a.free + b.free), 2.0 * a.radius, True
         a.variance = _TWO_LEGS * _TWO_LEGS

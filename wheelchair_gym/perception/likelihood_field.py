@@ -35,10 +35,10 @@ def make_likelihood_field(
     grid: OccupancyGrid, sigma: float, outlier_share: float
 ) -> LikelihoodField:
     """The field of a map; gaps beyond ten standard deviations [m] are cut off."""
-    most = 10.0 * sigma
-    solid, cells = grid.solid(), most / grid.resolution + 1.0
+    maximum = 10.0 * sigma
+    solid, cells = grid.solid(), maximum / grid.resolution + 1.0
     outside, inside = distance_to_occupied(solid, cells), distance_to_occupied(~solid, cells)
-    gap = np.clip((outside - inside) * np.float32(grid.resolution), -most, most)
+    gap = np.clip((outside - inside) * np.float32(grid.resolution), -maximum, maximum)
     origin = np.array(grid.origin)
     return LikelihoodField(gap.astype(np.float32), origin, grid.resolution, sigma, outlier_share)
 
@@ -72,12 +72,12 @@ def log_likelihood(field: LikelihoodField, x: float, y: float, yaw: float, ends:
     rows, cols = field.gap.shape
     u0, v0, c, s = _in_cells(field, x, y, yaw)
     sharp, share = 0.25 / (field.sigma * field.sigma), 1.0 - field.outlier_share
-    most_u, most_v = cols - 1.0, rows - 1.0
+    max_u, max_v = cols - 1.0, rows - 1.0
     total, product = 0.0, 1.0  # of sixteen is well within a double, and a logarithm is slow
     for k in range(ends.shape[0]):
         u, v = u0 + c * ends[k, 0] - s * ends[k, 1], v0 + s * ends[k, 0] + c * ends[k, 1]
         value = field.outlier_share
-        if 0.0 <= u < most_u and 0.0 <= v < most_v:
+        if 0.0 <= u < max_u and 0.0 <= v < max_v:
             gap = _gap(field, u, v)
             near = 1.0 / (1.0 + sharp * gap * gap)
             value += share * near * near
@@ -105,17 +105,17 @@ def find_informative_beams(
     """
     rows, cols = field.gap.shape
     u0, v0, c, s = _in_cells(field, x, y, yaw)
-    most_u, most_v = cols - 1.0, rows - 1.0
+    max_u, max_v = cols - 1.0, rows - 1.0
     u1, v1 = u0 + c * mount[0] - s * mount[1], v0 + s * mount[0] + c * mount[1]
     for k in range(ends.shape[0]):
         u, v = u0 + c * ends[k, 0] - s * ends[k, 1], v0 + s * ends[k, 0] + c * ends[k, 1]
-        inside = 0.0 <= u < most_u and 0.0 <= v < most_v
+        inside = 0.0 <= u < max_u and 0.0 <= v < max_v
         informative[k] = inside and _gap(field, u, v) < 3.0 * field.sigma
         length, step = math.hypot(u - u1, v - v1), 0.0  # cells
         while step < length and not informative[k]:
             a, b = u1 + (u - u1) * step / length, v1 + (v - v1) * step / length
             gap = field.resolution
-            if 0.0 <= a < most_u and 0.0 <= b < most_v:
+            if 0.0 <= a < max_u and 0.0 <= b < max_v:
                 gap = _gap(field, a, b)
             informative[k] = gap < 0.0
             step += max(0.5, gap / field.resolution)

@@ -27,7 +27,7 @@ from wheelchair_gym.sensors.settings import LaserSettings
 # Of BreezySLAM's MinesRover: radius of a wheel and distance between the wheels [m], encoder ticks
 # per turn of a wheel, and columns of the left and right wheel's ticks and of the first range.
 _RADIUS, TRACK, _TICKS, _LEFT, _RIGHT, _RANGES = 0.077, 0.330, 2000, 2, 3, 24
-_MOST = 5.0  # m/s: rim speed above which a line is rejected
+_MAXIMUM = 5.0  # m/s: rim speed above which a line is rejected
 _WIDTHS = (1 << 16, 1 << 32)  # ticks after which counters of 16 and 32 bits begin again
 PER_TICK = 2.0 * math.pi * _RADIUS / _TICKS  # m
 # URG-04LX: 240 deg, below 20 mm stand error codes; mounted as in BreezySLAM.
@@ -95,10 +95,10 @@ def _numbers(line: str) -> Array | str:
     return values if np.isfinite(values).all() else "not finite"
 
 
-def _unwrapped(moved: float, most: float) -> float:
+def _unwrapped(moved: float, bound: float) -> float:
     """Return a wheel's distance [m] without the wrap of its counter, if only that explains it."""
-    turns = (s * w * PER_TICK for w in _WIDTHS for s in (-1, 1) if w * PER_TICK > 2.0 * most)
-    return next((moved + turn for turn in turns if abs(moved + turn) <= most < abs(moved)), moved)
+    turns = (s * w * PER_TICK for w in _WIDTHS for s in (-1, 1) if w * PER_TICK > 2.0 * bound)
+    return next((moved + turn for turn in turns if abs(moved + turn) <= bound < abs(moved)), moved)
 
 
 def read_log(path: str | Path) -> SensorLog:
@@ -128,8 +128,8 @@ def read_log(path: str | Path) -> SensorLog:
             if period <= 0.0:
                 skipped["time goes back"] += 1
                 continue
-            most = _MOST * period
-            moved = [_unwrapped(wheel, most) for wheel in (left - last[1], right - last[2])]
+            bound = _MAXIMUM * period
+            moved = [_unwrapped(wheel, bound) for wheel in (left - last[1], right - last[2])]
             if leapt is not None and time > leapt[0]:
                 since = max(abs(left - leapt[1]), abs(right - leapt[2]))
                 if since / (time - leapt[0]) < max(map(abs, moved)) / period:
@@ -138,7 +138,7 @@ def read_log(path: str | Path) -> SensorLog:
                         f"{max(map(abs, moved)):.2f} m and stay there; expected counters that are "
                         "never reset (cut the log there)"
                     )
-            if max(map(abs, moved)) > most:
+            if max(map(abs, moved)) > bound:
                 skipped["ticks leap"] += 1
                 leapt = (time, left, right)
                 continue

@@ -56,10 +56,10 @@ _ESTIMATE_RADIUS = 1.0  # m about the best particle within which poses are avera
 class Particles(NamedTuple):
     """Buffers for the greatest number of particles, and for counting them."""
 
-    poses: Array  # (most, 3) m, m, rad
-    logs: Array  # (most,) logarithm of each one's weight
-    weights: Array  # (most,) their sum is 1
-    drawn: Array  # (most, 3) poses while they are resampled
+    poses: Array  # (max_particles, 3) m, m, rad
+    logs: Array  # (max_particles,) logarithm of each one's weight
+    weights: Array  # (max_particles,) their sum is 1
+    drawn: Array  # (max_particles, 3) poses while they are resampled
     bins: NDArray[np.int64]  # (2 ** k,) keys of bins by hash, 0 for none
     loads: Array  # (2 ** k,) weight in each bin
 
@@ -86,14 +86,14 @@ def weigh(particles: Particles, n: int, field: LikelihoodField, ends: Array, bea
     Returns the effective number of particles, 1 / sum w^2.
     """
     logs, weights = particles.logs, particles.weights
-    most = -np.inf
+    maximum = -np.inf
     for i in range(n):
         pose = particles.poses[i]
         logs[i] += beams * log_likelihood(field, pose[0], pose[1], pose[2], ends)
-        most = max(most, logs[i])
+        maximum = max(maximum, logs[i])
     total, squares = 0.0, 0.0
     for i in range(n):
-        logs[i] -= most
+        logs[i] -= maximum
         weights[i] = math.exp(logs[i])
         total += weights[i]
     for i in range(n):
@@ -214,9 +214,9 @@ class MonteCarloLocalizer:
         self.settings, s = settings, settings
         self.pose = np.zeros(3)
         self.count, self.fit, self.lost = 0, 0.0, False
-        most, bins = s.max_particles, 2 ** math.ceil(math.log2(4 * s.max_particles))
-        poses, drawn, bin_keys = np.zeros((most, 3)), np.zeros((most, 3)), np.zeros(bins, np.int64)
-        logs, weights = np.zeros(most), np.zeros(most)
+        n, bins = s.max_particles, 2 ** math.ceil(math.log2(4 * s.max_particles))
+        poses, drawn, bin_keys = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros(bins, np.int64)
+        logs, weights = np.zeros(n), np.zeros(n)
         self._particles = Particles(poses, logs, weights, drawn, bin_keys, np.zeros(bins))
         self._mount = np.array([laser.x, laser.y])
         self._directions = laser.directions  # (beams, 2)

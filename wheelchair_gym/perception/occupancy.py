@@ -85,7 +85,7 @@ def read_scan(laser: LaserSettings, ranges: ArrayLike) -> Scan:
 
 
 PARTS = 8  # of a cell's side: how finely the field knows where in its cell a surface is
-_MOST_HITS = 128  # of which a cell keeps the mean; older ones count less and less from then on
+_MAX_HITS = 128  # of which a cell keeps the mean; older ones count less and less from then on
 SURFACE = np.dtype(
     [
         ("x", np.float32),  # mean of the hits, from the cell's corner
@@ -117,8 +117,8 @@ class SensorModel(NamedTuple):
 
     hit: float
     miss: float
-    least: float
-    most: float
+    minimum: float
+    maximum: float
     occupied: float
     weights: Floats  # (PARTS * PARTS, n, n), by the part of the cell with the surface
 
@@ -214,7 +214,7 @@ def add_scan(
     y0 = pose[1] + s * points[0, 0] + c * points[0, 1]
     flat, marks = odds.reshape(-1), workspace.last_hit.reshape(-1)
     weights, path = model.weights, workspace.path
-    least = np.float32(model.least)
+    minimum = np.float32(model.minimum)
     for k in range(len(hits)):
         if hits[k]:
             px, py = points[k + 1, 0], points[k + 1, 1]
@@ -222,9 +222,9 @@ def add_scan(
             col, row = math.floor(x), math.floor(y)
             workspace.last_hit[row, col] = mark
             before = odds[row, col]
-            odds[row, col] = min(before + model.hit, model.most)
+            odds[row, col] = min(before + model.hit, model.maximum)
             here = surface[row, col]
-            count = min(here.hits + 1, _MOST_HITS)
+            count = min(here.hits + 1, _MAX_HITS)
             here.hits = count
             here.x += (x - col - here.x) / count
             here.y += (y - row - here.y) / count
@@ -243,9 +243,9 @@ def add_scan(
         for j in range(cells_passed(x0, y0, qx, qy, cols, path)):
             cell = path[j]  # unsigned: no test whether it counts from the end
             before = flat[cell]
-            if before <= least or marks[cell] == mark:
+            if before <= minimum or marks[cell] == mark:
                 continue
-            flat[cell] = max(before + model.miss, model.least)
+            flat[cell] = max(before + model.miss, model.minimum)
             if before >= model.occupied > flat[cell]:
                 row, col = int(cell) // cols, int(cell) % cols
                 surface[row, col].hits = 0
@@ -253,7 +253,7 @@ def add_scan(
 
 
 _CHUNK = 160  # cells that a side grows by at least, so that it grows seldom
-_MOST = 400_000_000  # cells of all layers: 7.2 GB; a pose that asks for more is wrong
+_MAXIMUM = 400_000_000  # cells of all layers: 7.2 GB; a pose that asks for more is wrong
 
 
 # Of a cell to be occupied (Hornung et al. 2013): with an echo, passed by a beam, and the bounds.
@@ -282,14 +282,14 @@ class MappingSettings:
     def sensor_model(self) -> SensorModel:
         """The log-odds and the field round an occupied cell, as kernels take them."""
         probabilities = _P_HIT, _P_MISS, P_MIN, P_MAX, _OCCUPIED
-        hit, miss, least, most, occupied = map(_log_odds, probabilities)
+        hit, miss, minimum, maximum, occupied = map(_log_odds, probabilities)
         sigma = _SURFACE_SIGMA / self.resolution
         reach = max(1, math.ceil(2.5 * sigma))
         off = (np.arange(PARTS) + 0.5) / PARTS - 0.5
         along = np.exp(-0.5 * ((np.arange(-reach, reach + 1) - off[:, None]) / sigma) ** 2)
         field: Floats = np.einsum("ar,bc->abrc", along, along).astype(np.float32)
         field = field.reshape(PARTS * PARTS, *field.shape[2:])
-        return SensorModel(hit, miss, least, most, occupied, field)
+        return SensorModel(hit, miss, minimum, maximum, occupied, field)
 
 
 def _raw(array: NDArray[Any]) -> NDArray[np.void]:
@@ -340,17 +340,17 @@ class OccupancyMap:
         high = np.ceil((places.max(axis=0) + margin - self.corner) / step).astype(np.int64)
         (x0, y0), (x1, y1) = used = self._used
         self._used = np.stack([np.minimum(used[0], low), np.maximum(used[1], high)])
-        least = np.maximum(_CHUNK, np.array([cols, rows]) // 3)
-        before = np.where(low < 0, np.maximum(-low, least), 0)  # cols, rows
+        minimum = np.maximum(_CHUNK, np.array([cols, rows]) // 3)
+        before = np.where(low < 0, np.maximum(-low, minimum), 0)  # cols, rows
         after = high - (cols, rows)
-        after = np.where(after > 0, np.maximum(after, least), 0)
+        after = np.where(after > 0, np.maximum(after, minimum), 0)
         if not (before.any() or after.any()):
             return
         width, height = (before + after + (cols, rows)).tolist()
-        if layers * width * height > _MOST:
+        if layers * width * height > _MAXIMUM:
             raise InputError(
                 f"the map would have {layers} x {height} x {width} cells of {step} m; "
-                f"expected at most {_MOST} in all"
+                f"expected at most {_MAXIMUM} in all"
             )
         self.corner = self.corner - before * step
         self._used += before

@@ -148,7 +148,7 @@ def refine(
     """
     x, y, yaw = guess[0], guess[1], guess[2]
     per = 1.0 / (how.spread * how.spread)
-    least = math.inf
+    minimum = math.inf
     found = info
     for _ in range(how.iterations + 1):
         total, bx, by, bt, h = _slope(field, points, x, y, yaw)
@@ -158,8 +158,8 @@ def refine(
             per * h[0] + info[0] + _RIDGE, per * h[1] + info[1], per * h[2] + info[2],
             per * h[3] + info[3] + _RIDGE, per * h[4] + info[4], per * h[5] + info[5] + _RIDGE,
         )  # fmt: skip
-        if cost < least:
-            least, found = cost, m
+        if cost < minimum:
+            minimum, found = cost, m
             out[0], out[1], out[2] = x, y, yaw
         c = cholesky(m)
         z0, z1, z2 = forward(
@@ -173,7 +173,7 @@ def refine(
         x, y, yaw = x + shrink * sx, y + shrink * sy, yaw + shrink * st
         if abs(sx) < _STILL and abs(sy) < _STILL and abs(st) < _STILL:
             break
-    return least, found
+    return minimum, found
 
 
 _BLOCK = 3  # cells: side of the blocks of the coarse search
@@ -242,10 +242,10 @@ def search(
                 elif -_BLOCK < r < rows and -_BLOCK < q < cols:
                     gain += 1.0  # it may reach into the map from outside
             bound[a * blocks * blocks + b] = per * (n - gain)
-    least = math.inf
+    minimum = math.inf
     while True:
         first = int(np.argmin(bound))
-        if bound[first] >= least:
+        if bound[first] >= minimum:
             break
         bound[first] = math.inf
         a, b = first // (blocks * blocks), first % (blocks * blocks)
@@ -258,10 +258,10 @@ def search(
                     if 0 <= r < rows and 0 <= q < cols:
                         value = field[r, q]
                         cost -= per * value * (2.0 - value)
-                if cost < least:
-                    least = cost
+                if cost < minimum:
+                    minimum = cost
                     out[0], out[1], out[2] = guess[0] + dx, guess[1] + dy, guess[2] + dt
-    return least
+    return minimum
 
 
 def matcher(resolution: float) -> Matcher:
@@ -270,8 +270,8 @@ def matcher(resolution: float) -> Matcher:
     return Matcher(_RESIDUAL_SIGMA, _ITERATIONS, window, turns, _ANGLE_STEP, _SEARCH_THRESHOLD)
 
 
-def thin_scan(scan: Scan, spacing: float, most: int) -> Array:
-    """Echoes (n, 2), one for each `spacing` [m] across the beams, at most `most`.
+def thin_scan(scan: Scan, spacing: float, maximum: int) -> Array:
+    """Echoes (n, 2), one for each `spacing` [m] across the beams, at most `maximum`.
 
     The distance between echoes would be no measure: their noise would choose, always towards the
     end of the sweep, and turn the chair.
@@ -280,6 +280,6 @@ def thin_scan(scan: Scan, spacing: float, most: int) -> Array:
     ranges = np.hypot(*(points - scan.origin).T)
     across = np.cumsum(ranges * scan.angle_step)
     kept = points[np.diff(np.floor(across / spacing), prepend=-1.0) > 0.0]
-    if len(kept) > most:
-        kept = kept[np.linspace(0, len(kept) - 1, most).astype(np.int64)]
+    if len(kept) > maximum:
+        kept = kept[np.linspace(0, len(kept) - 1, maximum).astype(np.int64)]
     return np.ascontiguousarray(kept)

@@ -56,7 +56,7 @@ STATIC_MAP, _FIELD = pointer_record(
 # A scan where it was taken: the laser's place, cosine and sine of its yaw, and the nearest range of
 # each sector [m].
 FRAME = np.dtype(
-    [*((name, _F8) for name in ("stamp", "x", "y", "c", "s")), ("least", "f4", (SECTORS,))]
+    [*((name, _F8) for name in ("stamp", "x", "y", "c", "s")), ("range", "f4", (SECTORS,))]
 )
 
 TRACK = np.dtype(

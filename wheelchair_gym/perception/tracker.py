@@ -72,7 +72,7 @@ _LOOSE = 0.10  # m: error of a cluster's centre for association, at least: peopl
 _LEAP = 0.8  # m: a person who comes out farther from the expected place is somebody else
 _SHARE = 0.2  # of a new value in a running mean
 _FREE = 0.5  # share of a cluster's hits at places that were free: it has come there
-_MOSTLY = 0.5  # share of the last readings
+_LARGE_SHARE = 0.5  # share of the last readings
 _AWAY = 0.4  # m: the centre of a box whose other side comes into view moves by less
 _ATTACHED = 3.0  # times as long must what hangs on something static be seen moving
 _SURE = 1.0  # standard deviation of its speed: what moves is faster
@@ -212,7 +212,7 @@ def _continue(g: Any, s: Any, t: Any, now: Any, c: Any) -> None:
     left = far > _AWAY and is_empty(g, now, t.rest_x, t.rest_y)
     came = moves and (c.free >= _FREE or left)
     t.moving_for = t.moving_for + dt if came else max(0.0, t.moving_for - dt)
-    slower = t.attached >= _MOSTLY and not t.swings
+    slower = t.attached >= _LARGE_SHARE and not t.swings
     needed = _CONFIRM_TIME * (_ATTACHED if slower else 1.0)
     if t.moving_for >= needed and far > _CONFIRM_DISTANCE:
         t.confirmed = True
@@ -248,9 +248,9 @@ def _follow_leaf(t: Any, c: Any) -> None:
 @borrowing_kernel
 def _kind(s: Any, t: Any) -> int:
     """Return the kind of a track, by how it looks and moves: index into KINDS."""
-    if t.swings or (t.confirmed and t.attached >= _MOSTLY):
+    if t.swings or (t.confirmed and t.attached >= _LARGE_SHARE):
         return DOOR
-    if t.confirmed and t.width <= PERSON_WIDTH and t.straight < _MOSTLY:
+    if t.confirmed and t.width <= PERSON_WIDTH and t.straight < _LARGE_SHARE:
         return PERSON
     if not t.confirmed and s.stamp - t.born >= _STANDS and t.moving_for == 0.0:
         return FURNITURE

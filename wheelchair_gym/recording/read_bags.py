@@ -98,8 +98,8 @@ def _messages(content: bytes, wanted: Callable[[str, str], bool]) -> list[Record
             record.data = _decompressed(record.compression, record.data)
             record.compression = ""
             unpacked += len(record.data)
-            if unpacked > LIMITS["unpacked"].most:
-                raise ValueError(f"more than {LIMITS['unpacked'].most:,} bytes unpacked")
+            if unpacked > LIMITS["unpacked"].maximum:
+                raise ValueError(f"more than {LIMITS['unpacked'].maximum:,} bytes unpacked")
             records = breakup_chunk(record, validate_crc=True)
         for inner in records:
             if isinstance(inner, Schema):
@@ -126,22 +126,22 @@ def _records(content: bytes) -> Iterator[Any]:
 
 def _decompressed(compression: str, data: bytes) -> bytes:
     """The content of a chunk, which must not exceed the limit."""
-    most = LIMITS["chunk"].most
+    maximum = LIMITS["chunk"].maximum
     if compression == "":
         content = data
     elif compression == "zstd":
         import zstandard
 
-        with zstandard.ZstdDecompressor(max_window_size=most).stream_reader(data) as stream:
-            content = stream.read(most + 1)
+        with zstandard.ZstdDecompressor(max_window_size=maximum).stream_reader(data) as stream:
+            content = stream.read(maximum + 1)
     elif compression == "lz4":
         import lz4.frame
 
-        content = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=most + 1)
+        content = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=maximum + 1)
     else:
         raise ValueError(f"compression {shorten(compression)} is unknown")
-    if len(content) > most:
-        raise ValueError(f"a chunk of more than {most:,} bytes")
+    if len(content) > maximum:
+        raise ValueError(f"a chunk of more than {maximum:,} bytes")
     return content
 
 
@@ -231,7 +231,7 @@ def _rows(file: Path, wanted: Callable[[str, str], bool]) -> list[Recorded]:
         try:
             link = sqlite3.connect(f"file:{quote(str(source))}?mode={mode}", uri=True)
             stack.callback(link.close)
-            link.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LIMITS["chunk"].most)
+            link.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LIMITS["chunk"].maximum)
             link.execute("PRAGMA trusted_schema = OFF")
             kinds = dict(link.execute("SELECT name, type FROM sqlite_schema"))
             if kinds.get("messages") != "table" or kinds.get("topics") != "table":

@@ -75,7 +75,7 @@ def numbers(*shape: int) -> Kind:
         fits = values.ndim == len(shape) and all(
             wanted in (-1, side) for side, wanted in zip(values.shape, shape, strict=True)
         )
-        if not fits or not (np.abs(values) <= LIMITS["coordinate"].most).all():
+        if not fits or not (np.abs(values) <= LIMITS["coordinate"].maximum).all():
             raise ValueError(f"is {shorten(value)}")
         return values
 

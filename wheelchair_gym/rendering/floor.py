@@ -16,7 +16,7 @@ from wheelchair_gym.rendering.canvas import Canvas, fit_frame, text_width, write
 
 FINE = 2  # the background is drawn with this many times the pixels, then brought down
 _STRIP = 0.047  # the caption strip's share of the long side
-_STRIP_LEAST = 26  # pixels: smaller captions cannot be read
+_STRIP_MIN = 26  # pixels: smaller captions cannot be read
 _NO_STRIP = 200  # pixels: pictures with a shorter long side are for programs, and have no caption
 _CAPITAL = 0.36  # height of a capital, as a share of the strip
 _SHRINK = 0.6  # a caption too long is written smaller, down to this; then it loses words
@@ -116,7 +116,7 @@ def stroke_scale(long_side: int) -> float:
 
 def strip_height(long_side: int) -> int:
     """Height of the caption strip [pixels]; 0 in a picture too small for one."""
-    return 0 if long_side < _NO_STRIP else max(_STRIP_LEAST, round(_STRIP * long_side))
+    return 0 if long_side < _NO_STRIP else max(_STRIP_MIN, round(_STRIP * long_side))
 
 
 def draw_grid(canvas: Canvas, grid: OccupancyGrid) -> None:
@@ -214,14 +214,14 @@ def write_caption(canvas: Canvas, text: str) -> None:
     # Everything is measured at the pixels at which it is drawn.
     tall = FINE * strip
     _, end, _ = _scale_bar(FINE * w, FINE * canvas.frame.scale, tall)
-    room, full, least = end - 0.75 * tall, _CAPITAL * tall, _SHRINK * _CAPITAL * tall
-    while text_width(text, least) > room and " " in text.strip():
+    room, full, minimum = end - 0.75 * tall, _CAPITAL * tall, _SHRINK * _CAPITAL * tall
+    while text_width(text, minimum) > room and " " in text.strip():
         text = text.rstrip().rpartition(" ")[0]
-    if not text.strip() or text_width(text, least) > room:
+    if not text.strip() or text_width(text, minimum) > room:
         return
-    capital = max(least, min(full, full * room / text_width(text, full)))
+    capital = max(minimum, min(full, full * room / text_width(text, full)))
     if text_width(text, capital) > room:  # strokes have whole widths: not quite in proportion
-        capital = least
+        capital = minimum
     part = image[h - strip + 2 :, : math.ceil(end / FINE)]
     fine: Any = cv2.resize(part, None, fx=FINE, fy=FINE, interpolation=cv2.INTER_NEAREST)
     baseline = 0.5 * tall + 0.5 * capital - 2 * FINE

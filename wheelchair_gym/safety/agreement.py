@@ -408,7 +408,7 @@ def _has_moved(s: Any, x: float, y: float) -> bool:
 
 @borrowing_kernel
 def find_lost(
-    s: Any, key: Any, one: LaserArrays, scan: Floats, least: Floats, slow: bool, way: float,
+    s: Any, key: Any, one: LaserArrays, scan: Floats, minimum: Floats, slow: bool, way: float,
     dt: float,
 ) -> None:  # fmt: skip
     """Find key points at which no beam has an echo: these beams then show no free space.
@@ -423,7 +423,7 @@ def find_lost(
         key: a record of KEY, of this scanner.
         one: the scanner.
         scan: (beams,).
-        least: (beams,) of `Scan.least`; is set to -inf at lost points, and for a doubtful scan.
+        minimum: (beams,) of `Scan.minimum`; is set to -inf at lost points, and for a doubtful scan.
         slow: the chair is at rest, or drives at creep speed.
         way: motion since the scan before [m and rad].
         dt: time since the scan before [s].
@@ -453,7 +453,7 @@ def find_lost(
         s.n_lost += far < FAR
         key.dark[(b * (KEY_POINTS - 1) + (beams - 1) // 2) // (beams - 1)] += _F(way)
         for i in range(max(0, b - wide), min(beams, b + wide + 1)):
-            least[i] = -_INF
+            minimum[i] = -_INF
     run, doubtful, dark = 0, 0, key.dark[:]
     for k in range(KEY_POINTS):
         dark[k] = dark[k] if scan[k * (beams - 1) // (KEY_POINTS - 1)] == _INF else _F(0.0)
@@ -462,7 +462,7 @@ def find_lost(
         s.n_dark = max(s.n_dark, run)
         s.n_lost += doubtful >= DARK_BEAMS
     if key.doubt > 0.0:  # it may repeat
-        least[:] = -_INF
+        minimum[:] = -_INF
 
 
 @borrowing_kernel

@@ -75,8 +75,8 @@ def _outward_speed(samples: Any, k: int, v: float, v1: float, w: float, w1: floa
 
 
 @borrowing_kernel
-def _find_outward(g: Any, near: Any, v: float, v1: float, w: float, w1: float, most: float) -> int:
-    """Store the points of the outline that go outward faster than `most` [m/s]; how many they are.
+def _find_outward(g: Any, near: Any, v: float, v1: float, w: float, w1: float, limit: float) -> int:
+    """Store the points of the outline that go outward faster than `limit` [m/s]; how many they are.
 
     Speed and turn rate are intervals. For a rear corner in a pivot or in reverse it is the corner's
     full speed; ahead, it follows its own side.
@@ -86,14 +86,14 @@ def _find_outward(g: Any, near: Any, v: float, v1: float, w: float, w1: float, m
         ax, ay = samples.x[k], samples.y[k]
         low, high = (w * ay, w1 * ay) if ay > 0.0 else (w1 * ay, w * ay)
         vx, vy = max(high - v, v1 - low), max(-w, w1) * ax
-        if math.sqrt(vx * vx + vy * vy) > most:
+        if math.sqrt(vx * vx + vy * vy) > limit:
             near.out_x[n], near.out_y[n] = ax, ay
             n += 1
     for begin, last in SIDES:  # no point of a side is faster than both of its ends
         fastest = _outward_speed(samples, begin, v, v1, w, w1)
-        if max(fastest, _outward_speed(samples, last, v, v1, w, w1)) > most:
+        if max(fastest, _outward_speed(samples, last, v, v1, w, w1)) > limit:
             for k in range(begin, last + 1):
-                if _outward_speed(samples, k, v, v1, w, w1) > most:
+                if _outward_speed(samples, k, v, v1, w, w1) > limit:
                     near.out_x[n], near.out_y[n] = samples.x[k], samples.y[k]
                     n += 1
     return n
@@ -152,7 +152,7 @@ def _place_near(
     outline, margin, begin = g.outline[:], g.stop_margin, near.n
     front, rear, half = outline[0], -outline[1], outline[2]
     near_x, near_y, gap = near.x[begin:], near.y[begin:], near.gaps[:]
-    least = bits_of_double(near.gap)
+    minimum = bits_of_double(near.gap)
     for k in range(np.uint64(n)):
         px, py = world_to_body(c, s, points_x[k] - x, points_y[k] - y)
         dx, dy = max(px - front, rear - px), abs(py) - half
@@ -161,8 +161,8 @@ def _place_near(
         inside = math.sqrt(px * px + py * py) < REACH
         near_x[k], near_y[k], gap[k] = px, py, apart if inside else FAR
         bits = bits_of_double(max(0.0, gap[k]))
-        least = bits if bits < least else least
-    near.gap = double_of_bits(least)
+        minimum = bits if bits < minimum else minimum
+    near.gap = double_of_bits(minimum)
     m = np.uint64(0)
     for k in range(np.uint64(n)):
         near_x[m], near_y[m] = near_x[k], near_y[k]
@@ -217,13 +217,13 @@ def _clearance(
     middle = 0.5 * (outline[0] - outline[1])
     half_length, half_width = 0.5 * (outline[0] + outline[1]), outline[2]
     mx, my = x + c * middle, y + s * middle
-    least = bits_of_double(interest * interest)
+    minimum = bits_of_double(interest * interest)
     for k in range(np.uint64(n + -n % _BLOCK)):
         ahead, left = world_to_body(c, s, px[k] - mx, py[k] - my)
         dx, dy = max(abs(ahead) - half_length, 0.0), max(abs(left) - half_width, 0.0)
         bits = bits_of_double(dx * dx + dy * dy)
-        least = bits if bits < least else least
-    return math.sqrt(double_of_bits(least))
+        minimum = bits if bits < minimum else minimum
+    return math.sqrt(double_of_bits(minimum))
 
 
 @borrowing_kernel
@@ -272,7 +272,7 @@ def _sweep_moving(g: Any, s: Any, near: Any, v: float, w: float) -> int:
     sv, av, sw, aw = setpoint.v, setpoint.v_slope, setpoint.w, setpoint.w_slope
     x, y, yaw = odometric_step(0.0, 0.0, 0.0, sv * s.reaction_time, sw * s.reaction_time)
     t, hold = s.reaction_time, held_steps(g)
-    least = _MARGIN_SHARE * g.stop_margin
+    minimum = _MARGIN_SHARE * g.stop_margin
     # Lower bounds of both clearances, which are computed anew only where they might matter.
     bound, moving_bound = near.gap - (abs(sv) + lever * abs(sw)) * t, 0.0
     for k in range(_MAX_STEPS):
@@ -287,9 +287,9 @@ def _sweep_moving(g: Any, s: Any, near: Any, v: float, w: float) -> int:
         if k >= hold and fastest <= g.creep_speed:
             break
         bound -= fastest * STEP
-        if bound < least and near.n_close == 0:
-            bound = _clearance(px, py, near.n, x, y, yaw, outline, least + 0.2)
-            if bound < least:
+        if bound < minimum and near.n_close == 0:
+            bound = _clearance(px, py, near.n, x, y, yaw, outline, minimum + 0.2)
+            if bound < minimum:
                 return OBSTACLE
         moving_bound -= fastest * STEP
         need = g.stop_margin + g.person_speed * (t + near.hidden)
@@ -322,7 +322,7 @@ def _sweep_static(
     t = s.reaction_time
     hold = held_steps(g)
     # Along something inside the stop zone the chair may creep on, as far as noise permits.
-    least = _MARGIN_SHARE * g.stop_margin if near.n_close > 0 else margin
+    minimum = _MARGIN_SHARE * g.stop_margin if near.n_close > 0 else margin
     # A lower bound of the clearance, which is computed anew only where it might matter.
     bound = near.gap - (abs(sv) + lever * abs(sw)) * t if near.n_close == 0 else 0.0
     lv, lw = s.delayed_v, s.delayed_w
@@ -337,7 +337,7 @@ def _sweep_static(
         speed, turn = abs(sv), abs(sw)
         fastest = speed + lever * turn
         bound -= fastest * STEP
-        need = required_clearance(least, headway, speed, turn, lever, g.creep_speed)
+        need = required_clearance(minimum, headway, speed, turn, lever, g.creep_speed)
         if bound < need:
             bound = _clearance(near.x[:], near.y[:], near.n, x, y, yaw, outline, need + 0.2)
             if bound < need:

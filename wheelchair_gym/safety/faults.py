@@ -43,7 +43,7 @@ _ROUND = 1e-6  # s
 _NOISE, _ALIKE = np.float32(0.1), 0.98  # m, and the share of beams within that of one range
 _FEW = 0.02  # share of the predicted echoes: with fewer, the laser counts as blind
 _DEAF = 5  # places in a row at which a ranger did not hear a surface
-_LEAST = 6  # key points that must predict an echo before the laser can count as blind
+_MINIMUM = 6  # key points that must predict an echo before the laser can count as blind
 
 
 @inlined
@@ -97,7 +97,7 @@ def _laser_is_blind(g: Any, s: Any, one: LaserArrays, echoes: int, dt: float) ->
         expected = count_expected(s.keys[0], one, s.pose)
         for k in range(s.n_arc.shape[0]):
             heard += s.n_arc[k] > 0
-    lacking = expected >= _LEAST and echoes * KEY_POINTS < _FEW * expected * beams
+    lacking = expected >= _MINIMUM and echoes * KEY_POINTS < _FEW * expected * beams
     s.laser_blind = _lasting(lacking, s.laser_blind, dt)
     s.laser_denied = _lasting(heard > 0 and echoes == 0, s.laser_denied, dt)
     blind = s.laser_blind > g.stale_laser + g.period + _ROUND

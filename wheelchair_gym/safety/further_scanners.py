@@ -21,7 +21,7 @@ from wheelchair_gym.safety.agreement import add_lost, find_lost
 from wheelchair_gym.safety.faults import count_echoes
 from wheelchair_gym.safety.grid import (
     Scan,
-    find_least,
+    find_minimum,
     is_in_view,
     mark_motion,
     scanner_frame,
@@ -46,7 +46,7 @@ from wheelchair_gym.sensors.settings import SCANNERS
 
 _F = np.float32
 _PASSED = 2  # readings in which a scanner sees beyond a point before it is dropped
-_ALMOST = 1e-9
+_NEARLY = 1e-9
 _ECHOES = 0.05  # share of beams: a scanner without echoes may be blind
 
 
@@ -58,11 +58,11 @@ def _shows_free(s: Any, one: LaserArrays, scan: Floats) -> bool:
 
 
 @borrowing_kernel
-def _is_kept(g: Any, s: Any, ranges: Floats, least: Floats, k: int) -> bool:
+def _is_kept(g: Any, s: Any, ranges: Floats, minimum: Floats, k: int) -> bool:
     """Whether point k of a further scanner is remembered after a reading.
 
     It goes where its scanner hits its place again, which gives a new point, or sees beyond it in
-    two readings: a beam may miss a thin thing. `least` is -inf where a point is lost.
+    two readings: a beam may miss a thin thing. `minimum` is -inf where a point is lost.
     """
     others = s.others
     dx, dy = others.x[k] - s.pose[0], others.y[k] - s.pose[1]
@@ -76,7 +76,7 @@ def _is_kept(g: Any, s: Any, ranges: Floats, least: Floats, k: int) -> bool:
     if b < 0 or b + 1 >= one.cosine.shape[0]:
         return True
     far, b = math.sqrt(dx * dx + dy * dy), one.start + b
-    nearest, lost = min(ranges[b], ranges[b + 1]), min(least[b], least[b + 1]) == -_F(np.inf)
+    nearest, lost = min(ranges[b], ranges[b + 1]), min(minimum[b], minimum[b + 1]) == -_F(np.inf)
     if far > one.reach or lost or not nearest >= far - SAME:
         return True
     others.passed[k] += 1
@@ -141,7 +141,7 @@ def _range_of_edge(g: Any, one: LaserArrays, b: int) -> float:
     dx, dy = body_to_world(c, sn, one.cosine[b], one.sine[b])
     ahead = g.outline[0] - one.mount[0] if dx > 0.0 else g.outline[1] + one.mount[0]
     aside = g.outline[2] - one.mount[1] if dy > 0.0 else g.outline[2] + one.mount[1]
-    r = min(ahead / max(abs(dx), _ALMOST), aside / max(abs(dy), _ALMOST))
+    r = min(ahead / max(abs(dx), _NEARLY), aside / max(abs(dy), _NEARLY))
     return float(min(max(r, 0.0), one.nearest))
 
 
@@ -156,17 +156,17 @@ def update_others(
     What is too near to be measured (-inf) counts as at the outline: it may be anywhere up to there.
     The last four are those of `find_lost`; `fresh`: the first scanner's lost points are of now.
     """
-    kept, leasts = 0, floats_at(on_stack(4 * ranges.shape[0]), ranges.shape[0])
+    kept, minima = 0, floats_at(on_stack(4 * ranges.shape[0]), ranges.shape[0])
     for k in range(1, g.n_scanners):
         one = scanner_at(g.scanners, g.n_scanners, k)
         end = one.start + one.cosine.shape[0]
-        of_one, least = ranges[one.start : end], leasts[one.start : end]
-        find_least(of_one, one.reach, least)
+        of_one, minimum = ranges[one.start : end], minima[one.start : end]
+        find_minimum(of_one, one.reach, minimum)
         if fresh:
-            find_lost(s, s.keys[k], one, of_one, least, slow, way, dt)
+            find_lost(s, s.keys[k], one, of_one, minimum, slow, way, dt)
             add_lost(s, s.keys[k])
     for k in range(s.n_others):
-        if kept < OTHERS_KEPT and _is_kept(g, s, ranges, leasts, k):
+        if kept < OTHERS_KEPT and _is_kept(g, s, ranges, minima, k):
             _move_other(s.others, k, kept)
             kept += 1
     for k in range(kept):  # new points come first, so that the oldest are lost
@@ -195,8 +195,8 @@ def update_others(
         if at >= 0:
             _add_other(g, s, one, frame, best, at, n_marks)
         if _shows_free(s, one, ranges[one.start : one.start + beams]):
-            least = leasts[one.start : one.start + beams]
-            scan = Scan(frame.x, frame.y, frame.c, frame.s, one.first, one.per_angle, least)
+            minimum = minima[one.start : one.start + beams]
+            scan = Scan(frame.x, frame.y, frame.c, frame.s, one.first, one.per_angle, minimum)
             _drop_marks(s, scan, n_marks)
             update_grid(g, s, scan, False)
     for k in range(kept):

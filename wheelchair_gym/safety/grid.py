@@ -18,7 +18,7 @@ from wheelchair_gym.sensors.echoes import atan2_f32
 Numbers = NDArray[np.int32]
 
 # Workspace of a column: the beam that covers each cell, how far it sees and how far the cell is.
-_COLUMN = np.dtype([("beam", "i4", (CELLS,)), ("least", "f4", (CELLS,)), ("far", "f4", (CELLS,))])
+_COLUMN = np.dtype([("beam", "i4", (CELLS,)), ("minimum", "f4", (CELLS,)), ("far", "f4", (CELLS,))])
 _column_at, _SIZE = rows_of(_COLUMN), _COLUMN.itemsize
 
 _F = np.float32
@@ -40,7 +40,7 @@ class Scan(NamedTuple):
     s: float
     first: float  # rad: of beam 0
     per_angle: float  # beams per rad
-    least: Floats  # (beams,) m: of a beam and the two beside it; -inf where one is invalid
+    minimum: Floats  # (beams,) m: of a beam and the two beside it; -inf where one is invalid
 
 
 @borrowing_kernel
@@ -53,25 +53,25 @@ def scanner_frame(mount: Array, pose: Array) -> Frame:
 
 
 @borrowing_kernel
-def scan_of(g: Any, pose: Array, laser: Floats, least: Floats) -> Scan:
-    """A scan taken at a pose (3,) of the chair; `least` is workspace (beams,)."""
+def scan_of(g: Any, pose: Array, laser: Floats, minimum: Floats) -> Scan:
+    """A scan taken at a pose (3,) of the chair; `minimum` is workspace (beams,)."""
     at = scanner_frame(g.mount, pose)
-    find_least(laser, g.reach, least)
-    return Scan(at.x, at.y, at.c, at.s, g.first, g.per_angle, least)
+    find_minimum(laser, g.reach, minimum)
+    return Scan(at.x, at.y, at.c, at.s, g.first, g.per_angle, minimum)
 
 
 @borrowing_kernel
-def find_least(laser: Floats, reach: float, least: Floats) -> None:
+def find_minimum(laser: Floats, reach: float, minimum: Floats) -> None:
     """Store how far each beam and the two beside it see; -inf where one is invalid."""
-    last, most = np.uint64(laser.shape[0] - 1), _F(reach)
-    least[0] = least[last] = _NONE
+    last, maximum = np.uint64(laser.shape[0] - 1), _F(reach)
+    minimum[0] = minimum[last] = _NONE
     for b in range(np.uint64(1), last):
         r0, r, r1 = laser[b - np.uint64(1)], laser[b], laser[b + np.uint64(1)]
         low = r0 if r0 < r else r
         low = r1 if r1 < low else low
-        low = most if most < low else low  # without an echo
+        low = maximum if maximum < low else low  # without an echo
         valid = (r0 == r0) & (r == r) & (r1 == r1)
-        least[b] = low if valid else _NONE
+        minimum[b] = low if valid else _NONE
 
 
 @inlined
@@ -85,15 +85,15 @@ def beam_towards(scan: Scan, x: float, y: float) -> np.int64:
 @inlined
 def sees_beyond(scan: Scan, x: float, y: float, near: float, edge: int) -> bool:
     """Whether the beams towards a vector from the laser reach so far; not near the view's edge."""
-    b, beams = beam_towards(scan, x, y), scan.least.shape[0]
+    b, beams = beam_towards(scan, x, y), scan.minimum.shape[0]
     within = (b > edge) & (b < beams - 1 - edge)
-    return bool(within & (scan.least[np.uint64(b if within else 0)] >= near))
+    return bool(within & (scan.minimum[np.uint64(b if within else 0)] >= near))
 
 
 @inlined
 def is_in_view(scan: Scan, x: float, y: float, edge: int) -> bool:
     """Whether a vector from the laser lies in its view, more than `edge` beams from its edge."""
-    b, beams = beam_towards(scan, x, y), scan.least.shape[0]
+    b, beams = beam_towards(scan, x, y), scan.minimum.shape[0]
     return bool((b > edge) & (b < beams - 1 - edge))
 
 
@@ -137,19 +137,19 @@ def _find_beams(
 
 
 @borrowing_kernel
-def _look_up(work: Any, least: Floats) -> None:
+def _look_up(work: Any, minimum: Floats) -> None:
     """Store how far the beams of a column's cells see, and those beside them [m]."""
     for k in range(np.uint64(CELLS)):
-        work.least[k] = least[np.uint64(work.beam[k])]
+        work.minimum[k] = minimum[np.uint64(work.beam[k])]
 
 
 @borrowing_kernel
 def _update_column(
-    seen: Floats, clear: Floats, now: np.float32, least: Floats, far: Floats
+    seen: Floats, clear: Floats, now: np.float32, minimum: Floats, far: Floats
 ) -> None:
     """Store when the scan has seen the cells of a column, and when it has found them empty."""
     for k in range(np.uint64(CELLS)):
-        r, d = least[k], far[k]
+        r, d = minimum[k], far[k]
         seen[k] = now if r >= d + _REACHED else seen[k]
         clear[k] = now if r >= d + _BEYOND else clear[k]
 
@@ -183,7 +183,7 @@ def update_grid(g: Any, s: Any, scan: Scan, is_first: bool) -> None:
     ey, by = (corner + 0.5) * CELL - scan.y, (corner + 0.5) * CELL - s.pose[1]
     reach = math.hypot(max(g.outline[0], g.outline[1]), g.outline[2])
     work, low = _column_at(on_stack(_SIZE), 1)[0], np.uint32(corner & (CELLS - 1))
-    first, per, last = _F(scan.first), _F(scan.per_angle), np.int32(scan.least.shape[0] - 1)
+    first, per, last = _F(scan.first), _F(scan.per_angle), np.int32(scan.minimum.shape[0] - 1)
     if is_first:
         s.columns = 1 - s.columns
     begin = s.corner[0] + (s.corner[0] + s.columns) % 2
@@ -194,8 +194,8 @@ def update_grid(g: Any, s: Any, scan: Scan, is_first: bool) -> None:
         _find_beams(
             work.beam[:], work.far[:], low, _F(ex), _F(ey), _F(scan.c), _F(scan.s), first, per, last
         )
-        _look_up(work, scan.least)
-        _update_column(seen, clear, now, work.least[:], work.far[:])
+        _look_up(work, scan.minimum)
+        _update_column(seen, clear, now, work.minimum[:], work.far[:])
         if is_first and abs(bx) <= reach:
             _vacate_column(seen, vacated, low, bx, by, c, sn, front, rear, half)
 

@@ -76,7 +76,7 @@ _ELSEWHERE = 0.3  # m or rad between two places at which a ranger is tried
 _FIRING = 5e-3  # s: stamps of two firings differ by more
 _MISSED = 0.3  # m: an echo that comes so far behind a surface is not of it
 _STEADY, _NEARER, _TURNED = 0.05, 0.3, 0.5  # m, m, rad: a range that stays, motions that change it
-_ALMOST = 1e-9
+_NEARLY = 1e-9
 
 
 @inlined
@@ -86,11 +86,11 @@ def _nearer(edge: np.float32, r: np.float32) -> np.float32:
 
 
 @borrowing_kernel
-def last_rows(rows: Any, n: int, most: int) -> int:
-    """Keep at most `most` of n rows, the last ones; returns their number."""
-    over = max(0, n - most)
+def last_rows(rows: Any, n: int, maximum: int) -> int:
+    """Keep at most `maximum` of n rows, the last ones; returns their number."""
+    over = max(0, n - maximum)
     if over > 0:
-        for k in range(most):
+        for k in range(maximum):
             rows[k] = rows[k + over]
     return n - over
 
@@ -120,7 +120,7 @@ def _find_kept(s: Any, scan: Scan, work: Any) -> None:
         work.far[:],
         work.beam[:],
         s.n_points,
-        scan.least.shape[0] - 1,
+        scan.minimum.shape[0] - 1,
     )
     for k in range(np.uint64(n + -n % _BLOCK)):
         dx, dy = x[k] - scan.x, y[k] - scan.y
@@ -128,7 +128,7 @@ def _find_kept(s: Any, scan: Scan, work: Any) -> None:
         beam[k] = b if b < last else 0
         far[k] = math.sqrt(dx * dx + dy * dy)
     for k in range(np.uint64(n)):
-        again = scan.least[np.uint64(beam[k])] >= far[k] - SAME
+        again = scan.minimum[np.uint64(beam[k])] >= far[k] - SAME
         kept[k] = (now <= stamp[k]) & (far[k] <= FAR) & (not (again and trusted))
 
 
@@ -406,7 +406,7 @@ def _watch_steady(g: Any, s: Any, k: int, at: Frame, yaw: float, r: float, expla
         steady.range, steady.x, steady.y, steady.yaw = r, at.x, at.y, yaw
     dx, dy, turned = at.x - steady.x, at.y - steady.y, abs(yaw - steady.yaw)
     way, along = math.sqrt(dx * dx + dy * dy), abs(at.c * dx + at.s * dy)
-    off = math.acos(min(1.0, along / max(way, _ALMOST))) + half + turned
+    off = math.acos(min(1.0, along / max(way, _NEARLY))) + half + turned
     nearer = way * math.cos(off) if off < 0.5 * math.pi else 0.0
     steady.stuck = steady.stuck or nearer > _NEARER or turned > 2.0 * half + _TURNED
 
@@ -526,7 +526,7 @@ def update(
     if fresh:
         scan = scan_of(g, s.pose, laser, floats_at(on_stack(4 * g.beams), g.beams))
         first, s.n_lost, s.n_dark = scanner_at(g.scanners, g.n_scanners, 0), 0, 0
-        find_lost(s, s.keys[0], first, laser, scan.least, slow, way, dt)
+        find_lost(s, s.keys[0], first, laser, scan.minimum, slow, way, dt)
         update_points(g, s, scan, laser, dt)
         add_lost(s, s.keys[0])
         track(g, s, laser)

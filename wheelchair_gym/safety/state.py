@@ -290,9 +290,9 @@ def set_motion(s: Any, v: float, v_slope: float, w: float, w_slope: float) -> No
 @borrowing_kernel
 def outrun(s: Any, v: float, w: float) -> tuple[bool, bool]:
     """Return whether the wheels are faster than the set point, in speed and in turn rate."""
-    most_v = max(abs(s.setpoint.v), abs(s.delayed_v))
-    most_w = max(abs(s.setpoint.w), abs(s.delayed_w))
-    return abs(v) > most_v + _AHEAD_V, abs(w) > most_w + _AHEAD_W
+    max_v = max(abs(s.setpoint.v), abs(s.delayed_v))
+    max_w = max(abs(s.setpoint.w), abs(s.delayed_w))
+    return abs(v) > max_v + _AHEAD_V, abs(w) > max_w + _AHEAD_W
 
 
 @borrowing_kernel

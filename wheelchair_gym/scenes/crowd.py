@@ -303,6 +303,6 @@ class Temporary(Building):
                 near = float(rng.uniform(*self.trigger_distance))
                 stay = float(rng.uniform(*self.duration))
                 obstacles.append(
-                    obstacle((x, y), radius, near=near, least=self.min_distance, stay=stay)
+                    obstacle((x, y), radius, near=near, minimum=self.min_distance, stay=stay)
                 )
         return layout, dataclasses.replace(episode, actors=combine(obstacles), name="temporary")

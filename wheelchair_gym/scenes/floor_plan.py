@@ -92,13 +92,13 @@ class FloorPlan(Building):
         """
         source = numpy_stream(rng)
         start, goal = np.empty(3), np.empty(3)
-        least, most = self.building_size
+        minimum, maximum = self.building_size
         for _ in range(_TRIES):
             home = self.kind == "home" or (
                 self.kind == "any" and numpy_uniform(source, 0.0, 1.0) < 0.5
             )
-            width = numpy_uniform(source, least, most)
-            height = numpy_uniform(source, least, (least + most) / 2 if home else most)
+            width = numpy_uniform(source, minimum, maximum)
+            height = numpy_uniform(source, minimum, (minimum + maximum) / 2 if home else maximum)
             layout, cells, walls, discs = self.storey(source, home, width, height)
             grid = OccupancyGrid(cells, CELL)
             ground = layout.rooms, walls, discs, footprint.array, self.clearance

@@ -28,7 +28,7 @@ INNER = to_cells(0.10)
 JAMB = to_cells(0.15)  # between a door and the corner of its room
 ZONE = to_cells(1.30)  # kept clear on both sides of a door
 _SECOND_CORRIDOR = to_cells(13.5)  # from this depth of the building on
-_ROOM_LEAST = to_cells(2.6)
+_ROOM_MIN = to_cells(2.6)
 _NOOK = to_cells(2.5)  # width of an open waiting nook, at most
 
 
@@ -63,20 +63,20 @@ class FloorLayout(NamedTuple):
 
 
 @kernel
-def _split(source: NumpyStream, length: int, parts: int, least: int) -> Index:
+def _split(source: NumpyStream, length: int, parts: int, minimum: int) -> Index:
     """Whole numbers that sum to length, uneven by up to a quarter, none below least if possible."""
     share, total = np.empty(parts), 0.0
     for k in range(parts):
         share[k] = numpy_uniform(source, 0.75, 1.25)
         total += share[k]
     sizes = np.empty(parts, np.int64)
-    rest, most = length, 0
+    rest, longest = length, 0
     for k in range(parts):
-        sizes[k] = max(int(share[k] / total * length), least)
+        sizes[k] = max(int(share[k] / total * length), minimum)
         rest -= sizes[k]
-        if sizes[k] > sizes[most]:
-            most = k
-    sizes[most] += rest
+        if sizes[k] > sizes[longest]:
+            longest = k
+    sizes[longest] += rest
     return sizes
 
 
@@ -131,9 +131,9 @@ def generate_layout(
     w, h = cell_count(width), cell_count(height)
     outer = as_int(OUTER)
     left, right = outer, w - outer
-    most = 1 + 3 * (w // cell_count(3.0) + 2)
-    rooms, corridors, openings = np.empty(most, RECT), np.empty(3, RECT), np.empty(3 * most, RECT)
-    along_x, is_door = np.zeros(3 * most, np.bool_), np.zeros(3 * most, np.bool_)
+    limit = 1 + 3 * (w // cell_count(3.0) + 2)
+    rooms, corridors, openings = np.empty(limit, RECT), np.empty(3, RECT), np.empty(3 * limit, RECT)
+    along_x, is_door = np.zeros(3 * limit, np.bool_), np.zeros(3 * limit, np.bool_)
     n, d, two = as_int(0), as_int(0), as_int(2)
     lobby = home or numpy_uniform(source, 0.0, 1.0) < 0.6
     if lobby:
@@ -147,7 +147,7 @@ def generate_layout(
     for k in range(count):
         widths[k] = cell_count(numpy_uniform(source, corridor_width[0], corridor_width[1]))
         depth -= widths[k]
-    row_depths = _split(source, depth, count + 1, _ROOM_LEAST)
+    row_depths = _split(source, depth, count + 1, _ROOM_MIN)
     y = y0 = outer
     for k in range(count):
         y += row_depths[k] + INNER
@@ -166,7 +166,7 @@ def generate_layout(
         apart = cell_count(numpy_uniform(source, 3.0, 4.8))
         parts = max(1, int(np.rint((end - left) / apart)))
         x = left
-        sizes = _split(source, end - left - (parts - 1) * INNER, parts, _ROOM_LEAST)
+        sizes = _split(source, end - left - (parts - 1) * INNER, parts, _ROOM_MIN)
         for number in range(parts):
             size = sizes[number]
             n = put(rooms, n, x, y0, x + size, y1)
@@ -259,7 +259,7 @@ CLINIC_ROOMS: tuple[Catalogue, ...] = (
 # For kernels: where each catalogue begins, and the pieces of all, one after another.
 _CATALOGUES: Final = (LIVING_ROOM, *HOME_ROOMS, LOBBY, *CLINIC_ROOMS)
 _BEGIN: Final = np.cumsum([0, *map(len, _CATALOGUES)])
-_SIDES: Final = ("along_least", "along_most", "deep_least", "deep_most")
+_SIDES: Final = ("along_min", "along_max", "deep_min", "deep_max")
 _PIECES: Final = np.array(
     [(*piece.along, *piece.deep, piece.stance) for pieces in _CATALOGUES for piece in pieces],
     dtype=[*((side, np.float64) for side in _SIDES), ("stance", np.int64)],
@@ -356,10 +356,10 @@ def furnish(
     width. The zones of doors are kept clear. `density` is the pieces tried per area [1/m2].
     """
     gap, nil, four = cell_count(passage), as_int(0), as_int(4)
-    most = int(density * plan.width * plan.height * CELL**2) + len(plan.rooms)
-    rects, polygons, discs = np.empty(most, RECT), np.empty((most, 4, 2)), np.empty((most, 3))
+    limit = int(density * plan.width * plan.height * CELL**2) + len(plan.rooms)
+    rects, polygons, discs = np.empty(limit, RECT), np.empty((limit, 4, 2)), np.empty((limit, 3))
     n_rects, n_polygons, n_discs = nil, nil, nil
-    placed, box, latest = np.empty(most, RECT), np.empty(1, RECT), np.empty(4, np.int64)
+    placed, box, latest = np.empty(limit, RECT), np.empty(1, RECT), np.empty(4, np.int64)
     for r in range(len(plan.rooms)):
         room = plan.rooms[r : r + 1]
         if r == 0 and plan.lobby:
@@ -373,8 +373,8 @@ def furnish(
         wide, high = room[0].x1 - room[0].x0, room[0].y1 - room[0].y0
         for _ in range(int(np.rint(density * wide * high * CELL**2))):
             piece = _PIECES[_BEGIN[page] + numpy_integer(source, _BEGIN[page + 1] - _BEGIN[page])]
-            along = cell_count(numpy_uniform(source, piece.along_least, piece.along_most))
-            deep = cell_count(numpy_uniform(source, piece.deep_least, piece.deep_most))
+            along = cell_count(numpy_uniform(source, piece.along_min, piece.along_max))
+            deep = cell_count(numpy_uniform(source, piece.deep_min, piece.deep_max))
             for _ in range(4):
                 side = numpy_integer(source, four)
                 neighbour = latest[side] if piece.stance == WALL else -1

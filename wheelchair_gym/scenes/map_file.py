@@ -110,10 +110,10 @@ class MapFile:
                 break
             lengths = geodesic(grid, end, radius).field
             reached = lengths[np.isfinite(lengths)]
-            least = self.min_path_length
+            minimum = self.min_path_length
             if given is not None and len(reached):  # on a small map, the half that is farther away
-                least = min(least, 0.5 * float(reached.max()))
-            other = draw(np.argwhere(np.isfinite(lengths) & (lengths >= least)))
+                minimum = min(minimum, 0.5 * float(reached.max()))
+            other = draw(np.argwhere(np.isfinite(lengths) & (lengths >= minimum)))
             if other is not None:
                 start, goal = (other, end) if self.start is None else (end, other)
                 return Episode(grid, start, goal, walls, name=path.stem)

@@ -20,7 +20,7 @@ WALKING_RADIUS = records.RADIUS + 0.10  # m: people's routes keep this from wall
 _PLACES = 8  # where people are going to: each costs one geodesic
 _TRIES = 60  # starts drawn for one person before they stay away
 _TRIES_TOGETHER = 20  # of groups and trolleys, before somebody walks alone
-_LEAST_WAY = 3.0  # m: shorter routes are no routes
+_MIN_WAY = 3.0  # m: shorter routes are no routes
 _PAIR = 0.7  # m between people at the beginning
 
 CHILD: Final = 0.18, 25.0  # m, kg: radius and mass at some eight years
@@ -371,9 +371,9 @@ def _draw_route(
             there = draw_place(rng, grid, cells)
             length = math.dist(here, there)
             on = cells_along(grid, here, there, length / grid.resolution)
-            if length >= _LEAST_WAY and grid.traversable(WALKING_RADIUS)[tuple(on.T)].all():
+            if length >= _MIN_WAY and grid.traversable(WALKING_RADIUS)[tuple(on.T)].all():
                 return np.array([here, there])
-        elif _LEAST_WAY <= float(path.at(here)) < math.inf:
+        elif _MIN_WAY <= float(path.at(here)) < math.inf:
             route = path.path(here)
             if len(route) >= 2:
                 return route

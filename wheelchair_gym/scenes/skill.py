@@ -222,8 +222,8 @@ class Skill:
         """
         course = COURSES[self.course]
         moves = [
-            (axis, at, CELL * int(rng.integers(-round(most / CELL), round(most / CELL) + 1)))
-            for axis, at, most in course.stretches
+            (axis, at, CELL * int(rng.integers(-round(maximum / CELL), round(maximum / CELL) + 1)))
+            for axis, at, maximum in course.stretches
         ]
         side = float(rng.choice((-1.0, 1.0)))
 

@@ -149,10 +149,10 @@ def first_echo(
     visited = False
     while True:
         within = min(best, reach) + _MARGIN
-        least, first = _F(within * within), -1
+        minimum, first = _F(within * within), -1
         for j in range(near):
-            if _ZERO <= square[j] < least:
-                least, first = square[j], j
+            if _ZERO <= square[j] < minimum:
+                minimum, first = square[j], j
         if first < 0:
             return best
         k = int(names[first])

@@ -34,7 +34,7 @@ Motion = tuple[float, float, float, float, float]  # x, y [m], vx, vy [m/s], w [
 
 AT_FAULT_SPEED: Final = 0.05  # m/s: slower is no collision of the chair's making
 _TOUCHING = 1e-6  # m: Munk2D finds contacts where shapes overlap; beyond rounding
-_CONTROL, _CONTROL_LEAST = 1.25, 0.005  # times, m/s: an error of control is no more than that
+_CONTROL, _CONTROL_MIN = 1.25, 0.005  # times, m/s: an error of control is no more than that
 _REJUDGE_AFTER = 1.0  # s for which a contact, once judged, stays what it was: a stop takes 0.73 s
 _CONTACT_OVER = 0.02  # m beyond which a contact is over
 _NEAR = 0.10  # m: farther people do not come in one physics step
@@ -58,7 +58,7 @@ def _explained_speed(state: Any, speed: float, px: float, py: float, nx: float, 
     v = state.explained[1] if ahead > 0.0 else state.explained[0]
     w = state.explained[3] if around > 0.0 else state.explained[2]
     driven = max(0.0, ahead * v + around * w)
-    return speed if speed <= _CONTROL * driven + _CONTROL_LEAST else driven
+    return speed if speed <= _CONTROL * driven + _CONTROL_MIN else driven
 
 
 @borrowing_kernel
@@ -129,13 +129,13 @@ def stop_people(world: Any, state: Any, p: Any, chair: Motion) -> float:
             continue
         fields = body_view(actor_state.body)
         toward = -(fields[VX] * nx + fields[VY] * ny)
-        most = max(0.0, gap - _STAND_OFF) / p.dt
-        if toward > most:
+        maximum = max(0.0, gap - _STAND_OFF) / p.dt
+        if toward > maximum:
             other = (actor_state.pose[0], actor_state.pose[1], fields[VX], fields[VY], 0.0)
             _record_contact(world, state, p, k, chair, other, px, py, nx, ny)
-            hardest = max(hardest, row.mass * (toward - most))
-            fields[VX] += (toward - most) * nx
-            fields[VY] += (toward - most) * ny
+            hardest = max(hardest, row.mass * (toward - maximum))
+            fields[VX] += (toward - maximum) * nx
+            fields[VY] += (toward - maximum) * ny
             actor_state.twist[0], actor_state.twist[1] = fields[VX], fields[VY]
         force = -(fields[FX] * nx + fields[FY] * ny)
         if force > 0.0 and gap < _CONTACT_OVER:

@@ -215,9 +215,9 @@ def _slide(
         sr -= k.radii[1] * change / p.wheel_inertia
         left = max(0.0, bound * bound - jl * jl)
         right = max(0.0, bound * bound - jr * jr)
-        most = math.sqrt(left) + math.sqrt(right)
+        maximum = math.sqrt(left) + math.sqrt(right)
         change = -(side_speed - arm * w) * ease_y
-        change = min(most, max(-most, jy + change)) - jy
+        change = min(maximum, max(-maximum, jy + change)) - jy
         jy += change
         side_speed, w = side_speed + change / mass, w - arm * change / moment
     return jl, jr, jy

@@ -78,8 +78,8 @@ def _deceive(state: Any, p: Any, one: Any, past: Floats, scan: Floats) -> None:
     fault, last, beams = state.fault, state.fault_step - 1, scan.shape[0]
     place = uniform(state.key, 0, CHANNEL, _PLACE)
     if fault == _LATE:
-        most = min(PAST - 1, round(_MAX_DELAY / (p.dt * p.substeps)))
-        last = max(0, state.step - 1 - int(most * uniform(state.key, 0, CHANNEL, _SIZE)))
+        maximum = min(PAST - 1, round(_MAX_DELAY / (p.dt * p.substeps)))
+        last = max(0, state.step - 1 - int(maximum * uniform(state.key, 0, CHANNEL, _SIZE)))
     elif fault == _REPEATS:
         ring = _RING[0] + int((_RING[1] - _RING[0] + 1) * uniform(state.key, 0, CHANNEL, _SIZE))
         last = max(0, last - (state.step - state.fault_step) % ring)

@@ -73,7 +73,7 @@ class Randomization:
     """Standard deviation of a normal distribution."""
 
     def __post_init__(self) -> None:
-        (least, most), where = _BOUNDS[self.quantity], f"randomization of {self.quantity}"
+        (minimum, maximum), where = _BOUNDS[self.quantity], f"randomization of {self.quantity}"
         within, other, names = [self.low, self.high], [self.mean, self.std], "mean and std"
         if self.distribution == "normal":
             within, other, names = [self.mean], within, "low and high"
@@ -81,14 +81,14 @@ class Randomization:
             raise InputError(f"{where}: {names} are not of a {self.distribution} distribution")
         if self.distribution == "uniform" and self.low > self.high:
             raise InputError(f"{where}: low is {self.low:g}, above high, {self.high:g}")
-        if not all(least <= value <= most for value in within):
+        if not all(minimum <= value <= maximum for value in within):
             raise InputError(
-                f"{where}: expected values from {least:g} to {most:g}, not "
+                f"{where}: expected values from {minimum:g} to {maximum:g}, not "
                 f"{' and '.join(f'{value:g}' for value in within)}"
             )
 
     @property
-    def most(self) -> float:
+    def maximum(self) -> float:
         """The greatest value that is drawn."""
         top = self.high if self.distribution == "uniform" else self.mean + _FARTHEST * self.std
         return min(top, _BOUNDS[self.quantity][1])

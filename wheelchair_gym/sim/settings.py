@@ -133,7 +133,7 @@ class ChairSettings:
     @property
     def longest_delay(self) -> float:
         """The longest delay [s] from a command to its effect in any episode."""
-        drawn = [row.most for row in self.randomization if row.quantity == "command_delay"]
+        drawn = [row.maximum for row in self.randomization if row.quantity == "command_delay"]
         return max(drawn, default=self.command_delay)
 
     @property

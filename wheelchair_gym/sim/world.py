@@ -149,10 +149,10 @@ def outline_clearance(
     c, s = math.cos(pose[2]), math.sin(pose[2])
     rank_walls(x, y, pose[2], outline, walls, workspace)
     near = distances_in(workspace)
-    gap, first, least = reach, 0, _F(reach)
+    gap, first, minimum = reach, 0, _F(reach)
     for k in range(n):
-        if near[k] < least:
-            least, first = near[k], k
+        if near[k] < minimum:
+            minimum, first = near[k], k
     for j in range(-1 if n > 0 else 0, n):  # the most promising one first
         k = first if j < 0 else j
         if near[k] > gap:

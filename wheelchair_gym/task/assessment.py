@@ -34,7 +34,7 @@ RULES, RULES_TARGETS = pointer_record(
     ("scanners", "i8"),
     ("pools", Target(POOL, None)),  # of each scanner
     ("reaches", Target("f8", None)),  # m: of the ultrasonics
-    ("twist_most", "f8", (2,)),  # m/s, rad/s
+    ("twist_max", "f8", (2,)),  # m/s, rad/s
     ("points", "i8"),  # of the guidance that are observed; 0: none
     ("ahead", Target("f8", None)),  # their distances (points,) [m], or plan times [s]
     ("has_poses", "b1"),  # they are poses at plan times

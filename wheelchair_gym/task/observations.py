@@ -52,7 +52,7 @@ class ObservationSource(NamedTuple):
     settings: TaskSettings
     reaches: Array  # (rangers,) m, of the ultrasonics
     beam_reaches: Array  # (observed beams,) m, of all scanners
-    twist_most: Array  # (2,) m/s, rad/s
+    twist_max: Array  # (2,) m/s, rad/s
     half_width: float  # m, of the chair
     points: int  # of the guidance that are looked at; 0: none
     per_point: int  # numbers of each: 2 of a point, 4 of a pose
@@ -96,8 +96,8 @@ def _hides_guidance(source: ObservationSource) -> bool:
     return s.privileged and s.hide_guidance and source.points > 0
 
 
-_TRACK_MOST = np.array([1.0, TRACK_REACH, TRACK_REACH, TRACK_SPEED, TRACK_SPEED])
-_TRACK_LEAST = -_TRACK_MOST * [0.0, 1.0, 1.0, 1.0, 1.0]
+_TRACK_MAX = np.array([1.0, TRACK_REACH, TRACK_REACH, TRACK_SPEED, TRACK_SPEED])
+_TRACK_MIN = -_TRACK_MAX * [0.0, 1.0, 1.0, 1.0, 1.0]
 _POSES, _CLEARANCE = (0.5, 0.5, 1.0, 1.0), (4.0,)  # of x, y [m], cosine, sine; of a clearance [m]
 
 OBSERVATION_KEYS = (
@@ -119,7 +119,7 @@ OBSERVATION_KEYS = (
     ObservationKey(
         "twist",
         lambda o: 2,
-        lambda o: o.twist_most,
+        lambda o: o.twist_max,
         "(2,) | 1.5 x the limits | speed [m/s] and turn [rad/s] by the encoders",
     ),
     ObservationKey(
@@ -174,11 +174,11 @@ OBSERVATION_KEYS = (
     ObservationKey(
         "tracks",
         lambda o: TRACK_NUMBERS * o.settings.tracks,
-        lambda o: np.tile(_TRACK_MOST, o.settings.tracks),
+        lambda o: np.tile(_TRACK_MAX, o.settings.tracks),
         "(5k,) | 0 or 1, -8 to 8 m, -3 to 3 m/s | with `task.tracks`, of each: 1 (0: there is "
         "none); x, y; velocity over ground along x and y",
         (1.0, 0.5, 0.5, 1.0, 1.0),
-        low=lambda o: np.tile(_TRACK_LEAST, o.settings.tracks),
+        low=lambda o: np.tile(_TRACK_MIN, o.settings.tracks),
     ),
     ObservationKey(
         "privileged",
@@ -492,8 +492,8 @@ def observe(
     for i in range(size.ultrasonic):
         out[place.ultrasonic + i] = observed_range(seen.ultrasonic[i], reaches[i])
     for i in range(2):
-        most = rules.twist_most[i]
-        out[place.twist + i] = min(most, max(-most, twist[i]))
+        maximum = rules.twist_max[i]
+        out[place.twist + i] = min(maximum, max(-maximum, twist[i]))
     if size.goal > 0:
         write_goal(pose, prepared.goal, _part(out, place.goal, size.goal))
     if size.stick > 0:

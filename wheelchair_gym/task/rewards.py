@@ -98,8 +98,8 @@ def reached_pose(pose: Array, speed: float, goal: Array, arrival: Array, less: f
     """
     c, s = math.cos(goal[2]), math.sin(goal[2])
     dx, dy = pose[0] - goal[0], pose[1] - goal[1]
-    for off, most in ((c * dx + s * dy, arrival[0]), (c * dy - s * dx, arrival[1])):
-        if abs(off) > max(most - less, 0.5 * most):
+    for off, maximum in ((c * dx + s * dy, arrival[0]), (c * dy - s * dx, arrival[1])):
+        if abs(off) > max(maximum - less, 0.5 * maximum):
             return False
     return bool(abs(wrap(goal[2] - pose[2])) <= arrival[2] and abs(speed) <= arrival[3])
 

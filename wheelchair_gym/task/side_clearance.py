@@ -75,15 +75,15 @@ def proximity_speed(
         squares[j] = square = dx * dx + dy * dy
         bits = bits_of_double(square)
         nearest = bits if bits < nearest else nearest
-    least, limit = NEAR, _MORE * double_of_bits(nearest)
+    minimum, limit = NEAR, _MORE * double_of_bits(nearest)
     for j in range(n):
         if squares[j] <= limit:
-            least = min(least, rectangle_point_gap(xs[j], ys[j], outline))
-    return (1.0 - least / NEAR) * corner_speed(twist[0], twist[1], ahead, aside) ** 2
+            minimum = min(minimum, rectangle_point_gap(xs[j], ys[j], outline))
+    return (1.0 - minimum / NEAR) * corner_speed(twist[0], twist[1], ahead, aside) ** 2
 
 
 @borrowing_kernel
-def _least_asides(
+def _min_asides(
     xs: Array, ys: Array, low: float, high: float, x: float, y: float, c: float, s: float
 ) -> tuple[float, float]:
     """How near [m] to the axis of a pose points are, left and right of it, between low and high.
@@ -122,6 +122,6 @@ def side_clearance(
             at = 4 * (k - 1)
             x, y = float(poses[at]), float(poses[at + 1])
             c, s = float(poses[at + 2]), float(poses[at + 3])
-        left, right = _least_asides(xs, ys, low, high, x, y, c, s)
+        left, right = _min_asides(xs, ys, low, high, x, y, c, s)
         out[2 * k] = min(np.float32(CLEARANCE_MAX), np.float32(left - side))
         out[2 * k + 1] = min(np.float32(CLEARANCE_MAX), np.float32(right - side))

@@ -142,11 +142,11 @@ class Task:
         r["period"] = self.period
         r["max_steps"] = s.max_episode_steps or LARGEST_INTEGER
         r["forward"], r["backward"], r["turn"] = limits.forward, limits.backward, limits.turn
-        laser, most = self.sensors.laser, max(limits.forward, limits.backward)
+        laser, maximum = self.sensors.laser, max(limits.forward, limits.backward)
         r["scanners"] = len(self._pools)
         point("pools", self._pools)
         point("reaches", self._reaches)
-        r["twist_most"] = np.float32(TWIST_RANGE) * np.array((most, limits.turn), np.float32)
+        r["twist_max"] = np.float32(TWIST_RANGE) * np.array((maximum, limits.turn), np.float32)
         r["points"] = 0 if self.guidance is None else len(self._ahead)
         r["has_poses"] = self.has_poses
         point("ahead", self._ahead)
@@ -154,7 +154,7 @@ class Task:
             s,
             self._reaches,
             np.repeat(self._pools["reach"], self._pools["observed"]),
-            np.array(r["twist_most"]),
+            np.array(r["twist_max"]),
             self.footprint.half_width,
             int(r["points"]),
             4 if self.has_poses else 2,

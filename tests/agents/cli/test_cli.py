@@ -108,7 +108,7 @@ def test_a_plan_is_json_and_a_picture(hall, capsys, tmp_path):
 def test_maps_of_every_kind_are_planned_in(hall, capsys, name):
     assert run(*plan(hall, name, "1,1", "4,1", "visibility"), "--json", "-") == 0
     answer = json.loads(capsys.readouterr().out)
-    assert 3.0 - 1e-9 <= answer["touching"] <= answer["at_least"] <= answer["length"] < 4.0
+    assert 3.0 - 1e-9 <= answer["touching"] <= answer["lower_bound"] <= answer["length"] < 4.0
 
 
 @pytest.mark.parametrize("planner", [[], ["--planner", "visibility"]])

@@ -89,19 +89,19 @@ def test_what_has_room_is_left_to_the_follower(name):
 class UpTo:
     """A planner that finds a way up to a clearance."""
 
-    def __init__(self, most):
-        self.most, self.asked = most, []
+    def __init__(self, widest):
+        self.widest, self.asked = widest, []
 
     def plan(self, problem, rng, **_):
         self.asked.append(round(problem.clearance, 3))
-        found = problem.clearance <= self.most
+        found = problem.clearance <= self.widest
         path = np.array([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)]) if found else np.empty((0, 3))
         return Plan(Status.SOLVED if found else Status.EXHAUSTED, path)
 
 
-@pytest.mark.parametrize(("most", "got"), [(0.5, 0.40), (0.37, 0.36), (0.345, 0.34), (0.33, 0.32)])
-def test_the_widest_plan_is_sought_by_half_steps_where_little_is_left(most, got):
-    planner, rng = UpTo(most), np.random.default_rng(0)
+@pytest.mark.parametrize(("widest", "got"), [(0.5, 0.4), (0.37, 0.36), (0.345, 0.34), (0.33, 0.32)])
+def test_the_widest_plan_is_sought_by_half_steps_where_little_is_left(widest, got):
+    planner, rng = UpTo(widest), np.random.default_rng(0)
     search = Search(planner, 0.40, 0.28, rng, np.zeros(3), [])
     _, clearance = search.widest(box(4.0, 2.0), np.array([1.0, 0.0]), np.inf)
     assert clearance == pytest.approx(got)

@@ -211,7 +211,7 @@ def test_every_column_is_explained(made):
 def test_pictures_beyond_the_budget_are_linked(made, tmp_path, monkeypatch):
     what, folder, text, page = made
     first = next(image["src"] for image in page.of("img") if "webp" in image["src"])
-    monkeypatch.setattr(report, "_MOST_PICTURES", len(first) + 1)
+    monkeypatch.setattr(report, "_MAX_PICTURES", len(first) + 1)
     heavy = Page(write_report(what, folder).read_text(encoding="utf-8"))
     shown = [image["src"] for image in heavy.of("img") if ", seed" in image["alt"]]
     assert [source.startswith("data:") for source in shown] == [True, True] + 6 * [False]

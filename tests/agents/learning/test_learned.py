@@ -93,7 +93,7 @@ def test_a_driver_sees_what_was_driven_and_what_a_shield_withheld(trained):
                 "unshielded": 0.5, "task": {**ENV["task"], "time_base": 20.0}}  # fmt: skip
     env = NavigationEnv(config=settings, split="test")
     policy = make_policy(str(folder / POLICY))
-    most = {True: 0.0, False: 0.0}
+    maximum = {True: 0.0, False: 0.0}
     for seed in range(8):
         observation, _ = env.reset(seed=seed)
         policy.reset(env.mission)
@@ -101,21 +101,21 @@ def test_a_driver_sees_what_was_driven_and_what_a_shield_withheld(trained):
             policy.act(env.reading)
             flat = np.concatenate([observation[key] for key in env.task.spaces])
             assert policy.observation == pytest.approx(flat, abs=1e-6)
-            most[env.task.is_shielded] = max(
-                most[env.task.is_shielded], abs(observation["shield"][1])
+            maximum[env.task.is_shielded] = max(
+                maximum[env.task.is_shielded], abs(observation["shield"][1])
             )
             observation, _, terminated, truncated, _ = env.step(np.array([1.0, 0.1]))
             if terminated or truncated:
                 break
-    assert most[True] > 0.1
-    assert most[False] == 0.0
+    assert maximum[True] > 0.1
+    assert maximum[False] == 0.0
 
 
 def test_a_driver_is_told_what_was_withheld_in_all_the_time_since_it_acted(trained):
     _, folder = trained
     env = NavigationEnv("clutter", shield=True, split="test")
     policy = make_policy(str(folder / POLICY))
-    most = 0.0
+    maximum = 0.0
     for seed in range(4):
         env.reset(seed=seed)
         policy.reset(env.mission)
@@ -126,12 +126,12 @@ def test_a_driver_is_told_what_was_withheld_in_all_the_time_since_it_acted(train
                 seen = policy.observation[policy.layout.slice_of("shield")]
                 mean = np.mean(withheld[-2:], axis=0) / (0.8, 1.0)
                 assert seen == pytest.approx([1.0, *mean], abs=1e-6)
-                most = max(most, abs(withheld[-1][0] - withheld[-2][0]))
+                maximum = max(maximum, abs(withheld[-1][0] - withheld[-2][0]))
             _, _, terminated, truncated, _ = env.step(np.array([1.0, 0.0]))
             withheld.append(np.array(env.task.shield_intervention))
             if terminated or truncated:
                 break
-    assert most > 0.0
+    assert maximum > 0.0
 
 
 def test_a_driver_holds_its_action_where_control_is_faster(trained):
@@ -299,7 +299,7 @@ def test_onnx_acts_as_numpy_from_raw_readings(memory, head, tmp_path):
         for row, scan in zip(pooled, raw["laser"], strict=True):
             pool_beams(scan, 10.0, row)
         reaches = [4.0] * 4 + [6.0] * 4
-        heard = [[observed_range(r, most) for r, most in zip(row, reaches, strict=True)]
+        heard = [[observed_range(r, maximum) for r, maximum in zip(row, reaches, strict=True)]
                  for row in raw["ultrasonic"]]  # fmt: skip
         rest = ("twist", "goal", "last_action", "shield", "path")
         parts = [pooled, heard, *(raw[key] for key in rest)]

@@ -68,21 +68,21 @@ def test_a_drive_is_that_of_the_training_environment(weights):
     other = NavigationEnv(config=settings_of(assistant=None, task=public), split="test")
     network = Network(load_weights(weights))
     policy = GymPolicy(make_policy({"name": "assisted", "assist": weights}), other)
-    interfaces, most = set(), 0.0
+    interfaces, maximum = set(), 0.0
     for seed in range(4):
         ours, theirs = trained.reset(seed=seed), other.reset(seed=seed)
         policy.reset()
         interfaces.add(trained.drivers.driver.interface.kind)
         for _ in range(60):
             residual = network(flat_of(trained, ours[0]))[0]
-            most = max(most, float(np.abs(residual).max()))
+            maximum = max(maximum, float(np.abs(residual).max()))
             ours, theirs = trained.step(residual), other.step(policy.act(theirs[0]))
             assert ours[-1]["pose"].tolist() == theirs[-1]["pose"].tolist()
             assert trained.reading.action == other.reading.action
             public_keys = {key: ours[0][key] for key in theirs[0]}
             assert not list(differences(public_keys, theirs[0]))
     assert len(interfaces) > 1
-    assert most > 0.1
+    assert maximum > 0.1
 
 
 def test_a_batch_is_driven_as_by_the_network_in_it(weights):

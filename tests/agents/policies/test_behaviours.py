@@ -226,8 +226,8 @@ def test_where_backing_out_did_not_help_it_is_done_for_longer():
     assert durations == [1, 2, 3, 4, 4, 1]
 
 
-@pytest.mark.parametrize(("peopled", "most"), [(True, 0.042), (False, 0.1)])
-def test_no_part_backs_fast_enough_among_people_to_harm_them(peopled, most, monkeypatch):
+@pytest.mark.parametrize(("peopled", "maximum"), [(True, 0.042), (False, 0.1)])
+def test_no_part_backs_fast_enough_among_people_to_harm_them(peopled, maximum, monkeypatch):
     monkeypatch.setattr(BackUp, "twist", lambda *_: np.array([-0.15, 0.3]))
     policy = make_policy("a_star+window")
     world = Peopled(lambda t: None, corridor(10.0, 3.2), (5.0, 0.0, 0.0), (9.0, 0.0, 0.0))
@@ -239,7 +239,7 @@ def test_no_part_backs_fast_enough_among_people_to_harm_them(peopled, most, monk
         world.step(policy)
         v, w = world.seen.twist
         fastest.append(np.hypot(v - w * corner[:, 1], w * corner[:, 0])[corner[:, 0] < 0].max())
-    assert 0.5 * most < max(fastest) <= most
+    assert 0.5 * maximum < max(fastest) <= maximum
 
 
 @pytest.mark.parametrize(("longer", "backs"), [(0.5, False), (5.0, True)])

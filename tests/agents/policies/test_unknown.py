@@ -134,13 +134,13 @@ def test_what_is_assumed_of_the_unseen():
     known, pose = OccupancyGrid(cells, 0.1), np.array([5.0, 5.0, 0.0])
     stands, turns, anywhere = assumed_maps(known, pose, Footprint())
     assert anywhere is known
-    for careful, least in ((stands, 0.30), (turns, 0.43)):
+    for careful, minimum in ((stands, 0.30), (turns, 0.43)):
         row = careful.cells[50]
         assert (row[:30] == UNKNOWN).all()
         assert (row[37:44] == OCCUPIED).all()
         assert (row[46:] == FREE).all()
         solid = careful.to_world(np.argwhere(careful.cells == OCCUPIED))
-        assert least < np.hypot(*(solid - pose[:2]).T).min() < least + 0.25
+        assert minimum < np.hypot(*(solid - pose[:2]).T).min() < minimum + 0.25
     assert (with_free_footprint(known, pose, Footprint()).cells[50, 43:] == FREE).all()
     assert (known.cells[50, :50] == UNKNOWN).all()
     way = [(6.0, 5.0), (6.0, 9.0)]

@@ -53,7 +53,7 @@ def test_whales_around_a_sample_have_the_colour_of_what_they_see(seed):
     planner = make_planner({"name": "rrt_star_woa_local", "width_bound": 2.0, "height_bound": 1.0,
                             "whales": {"population": 20, "iterations": 6}})  # fmt: skip
     node, sample = problem.start[:2], rng.uniform((6.0, 4.0), (12.0, 12.0))
-    least = np.inf
+    minimum = np.inf
     for *whales, (_, _, best) in points_of_whales(planner, problem, node, sample, rng):
         costs = []
         for words, colour, ((x, y),) in whales:
@@ -62,6 +62,6 @@ def test_whales_around_a_sample_have_the_colour_of_what_they_see(seed):
             assert np.all(np.abs((x, y) - sample) <= (2.0 + 1e-9, 1.0 + 1e-9))
             way = np.hypot(*((x, y) - sample)) + np.hypot(*((x, y) - problem.goal[:2]))
             costs.append(way + 1000.0 * (not sees[0]) + 10.0 * (not sees[1]))
-        if min(costs) < least:
-            least, leader = min(costs), whales[int(np.argmin(costs))][2]
+        if min(costs) < minimum:
+            minimum, leader = min(costs), whales[int(np.argmin(costs))][2]
         np.testing.assert_allclose(best, leader)  # the best of all populations so far

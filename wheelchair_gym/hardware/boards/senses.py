@@ -51,11 +51,11 @@ class WheelOdometry:
     """The pose by the wheels since it was made.
 
     Odometry may be some hundredths of a second old when it is used: it is extrapolated by the
-    wheels' speeds, for at most `most` [s].
+    wheels' speeds, for at most `maximum` [s].
     """
 
-    def __init__(self, geometry: DriveGeometry, most: float) -> None:
-        self._geometry, self._most = geometry, most
+    def __init__(self, geometry: DriveGeometry, maximum: float) -> None:
+        self._geometry, self._maximum = geometry, maximum
         self._pose, self._travel = np.zeros(3), np.zeros(2)
         self._speeds = np.zeros(2)
         self._counts: tuple[int, int] | None = None
@@ -81,7 +81,7 @@ class WheelOdometry:
 
     def at(self, now: float) -> tuple[Array, Array]:
         """Pose (3,) and travel (2,) [m] of the left and the right wheel, at a time [s]."""
-        more = self._speeds * min(self._most, max(0.0, now - self._made))
+        more = self._speeds * min(self._maximum, max(0.0, now - self._made))
         return _advanced(self._pose, more, self._geometry.track), self._travel + more
 
     def twist(self, travel: Array, seconds: float) -> Array:

@@ -21,7 +21,7 @@
 #define RX_SIZE 128 /* a power of two */
 #define TX_SIZE 256 /* as many as a byte counts */
 #define TX_REPORTS (2 * (ENCODED_MAX + 1)) /* of them that answers leave to reports */
-#define RECEIVE_MOST 32 /* bytes a call: less than comes in while a frame is dealt with */
+#define RECEIVE_MAX 32 /* bytes a call: less than comes in while a frame is dealt with */
 #define TICK_TOP (F_CPU / 128 / 1000 - 1) /* 1 kHz, exact */
 #define UBRR_VALUE (F_CPU / 8 / BAUD - 1) /* double speed */
 
@@ -97,7 +97,7 @@ uint16_t board_bad(void) { return receiver.bad; }
 
 uint8_t board_receive(const uint8_t **body)
 {
-    for (uint8_t taken = 0; taken < RECEIVE_MOST && rx_tail != rx_head; taken++) {
+    for (uint8_t taken = 0; taken < RECEIVE_MAX && rx_tail != rx_head; taken++) {
         uint8_t size = receive(&receiver, rx[rx_tail]);
         rx_tail = (uint8_t)((rx_tail + 1) & (RX_SIZE - 1));
         if (size) {

@@ -12,7 +12,7 @@ uint8_t board_lost(void);       /* bytes and frames dropped for want of room */
 uint16_t board_bad(void);       /* frames refused */
 
 /* The next good frame from the host; its size, head included. 0: not before a later call, for each
- * takes RECEIVE_MOST bytes at most, so that a host can keep nobody from the rest of the work. */
+ * takes RECEIVE_MAX bytes at most, so that a host can keep nobody from the rest of the work. */
 uint8_t board_receive(const uint8_t **body);
 void board_send(uint8_t kind, const void *payload, uint8_t length);
 void board_answer(answered_t answered, uint8_t *answer);

@@ -9,24 +9,24 @@
 #define PROGMEM
 #endif
 
-#define LEAST_BATTERY 10.0F  /* V: what volts are divided by at least */
+#define MIN_BATTERY 10.0F  /* V: what volts are divided by at least */
 #define BATTERY_SHARE 0.05F  /* of a reading a run: low-pass of 0.1 s */
 #define REST 0.03F           /* m/s at the rims: less is at rest; one count a run is 0.046 */
 #define CREEP_TURN 0.2F      /* rad/s, while a strip is pressed */
-#define OVERRUN_MOST 10000U  /* us that runs may be late, each or by and by; then OVERRUN */
+#define OVERRUN_MAX 10000U  /* us that runs may be late, each or by and by; then OVERRUN */
 #define OVERRUN_EACH 5500U   /* us of a run that is not late: 10 % is forgiven */
 #define SHORTEST 1000U       /* us of a run */
 #define LONGEST 50000U       /* us; the watchdog timer ends longer ones */
 #define SAG 500U             /* ms below `under_voltage`: starting currents pass */
 #define LOOK 100U            /* ms over which impossible encoder steps are counted */
-#define ILLEGAL_MOST 20U     /* in that time: a few are noise */
-#define RUNAWAY_AFTER 500U   /* ms at set point zero: from here it goes no further than HOLD_MOST */
+#define ILLEGAL_MAX 20U     /* in that time: a few are noise */
+#define RUNAWAY_AFTER 500U   /* ms at set point zero: from here it goes no further than HOLD_MAX */
 #define SPAN_TIME (SPANS * SPAN) /* s over which a wheel must be too fast */
 #define FOLLOW 1.5F          /* m/s2 by which a wheel follows a falling aim, at least */
 #define BRAKED 0.5F          /* m/s2 of the closed brakes alone, at least: 180 kg down 8 degrees */
 #define TAKE_OVER 150U       /* ms for the motors to take a chair from its brakes */
-#define HOLD_MOST 0.05F      /* m from there, or from where it came to rest: it is not held */
-#define SLIPS_MOST 3         /* of closed brakes: they do not hold */
+#define HOLD_MAX 0.05F      /* m from there, or from where it came to rest: it is not held */
+#define SLIPS_MAX 3         /* of closed brakes: they do not hold */
 #define PUSHED 0.35F         /* m/s: shorted motors let 180 kg roll down 8 degrees at 0.24 m/s */
 #define FORGET 60000U        /* ms after which an older slip is no sign any longer */
 
@@ -136,7 +136,7 @@ static void watch_rest(drive_t *drive, const worked_t *k, const inputs_t *in)
         /* Who is pushed, or has coarse encoders, comes to rest later, but not far from here. */
         if (!drive->held && !late)
             drive->wheels[i].home = drive->wheels[i].counts;
-        else if (fabsf(way_from_home(&drive->wheels[i], k)) > HOLD_MOST + k->count)
+        else if (fabsf(way_from_home(&drive->wheels[i], k)) > HOLD_MAX + k->count)
             moves = true;
     }
     if (moves)
@@ -150,7 +150,7 @@ static void watch_rest(drive_t *drive, const worked_t *k, const inputs_t *in)
 void drive_look(drive_t *drive)
 {
     work_out(&drive->k, &drive->p); /* here there is time for it */
-    drive->per_battery = 1.0F / fmaxf(drive->battery, LEAST_BATTERY);
+    drive->per_battery = 1.0F / fmaxf(drive->battery, MIN_BATTERY);
     const worked_t *k = &drive->k;
     drive->span = (uint8_t)(drive->span + 1U) % SPAN_RUNS;
     for (uint8_t i = 0; i < 2; i++) {
@@ -183,7 +183,7 @@ static void watch_brakes(drive_t *drive, const worked_t *k, const inputs_t *in)
         drive->slips = 0;
     drive->slipped_at = in->now;
     drive->shut = drive->parked = false;
-    if (++drive->slips >= SLIPS_MOST)
+    if (++drive->slips >= SLIPS_MAX)
         drive->faults |= BRAKE;
     if (drive->mode == STOPPED && !(drive->faults & (uint16_t)~HOLDABLE) && !cause_stands(drive))
         drive->mode = STOPPING;
@@ -195,7 +195,7 @@ static void watch(drive_t *drive, const worked_t *k, const inputs_t *in)
     float missing = drive->p.missing + k->count; /* whole counts are seen */
     watch_rest(drive, k, in);
     watch_brakes(drive, k, in);
-    if (drive->late > OVERRUN_MOST)
+    if (drive->late > OVERRUN_MAX)
         drive->faults |= OVERRUN;
     if (in->switches & STOP_PRESSED)
         drive->faults |= EMERGENCY_STOP;
@@ -209,7 +209,7 @@ static void watch(drive_t *drive, const worked_t *k, const inputs_t *in)
             drive->faults |= wheel->speed * wheel->aim < -REST * fabsf(wheel->aim) ? DIRECTION : STALL;
     }
     if (in->now - drive->look_at >= LOOK) {
-        if ((uint8_t)(in->illegal - drive->illegal) > ILLEGAL_MOST)
+        if ((uint8_t)(in->illegal - drive->illegal) > ILLEGAL_MAX)
             drive->faults |= ENCODER;
         drive->illegal = in->illegal;
         drive->look_at = in->now;
@@ -419,7 +419,7 @@ void drive_step(drive_t *drive, const inputs_t *inputs, outputs_t *outputs)
                                             : inputs->passed;
     else
         work_out(&drive->k, &drive->p);
-    uint16_t behind = drive->late > OVERRUN_MOST ? OVERRUN_MOST : drive->late;
+    uint16_t behind = drive->late > OVERRUN_MAX ? OVERRUN_MAX : drive->late;
     behind = (uint16_t)(behind + passed);
     drive->late = behind > OVERRUN_EACH ? (uint16_t)(behind - OVERRUN_EACH) : 0;
     time_run(&drive->k, (float)passed * 1e-6F);
@@ -439,7 +439,7 @@ void drive_step(drive_t *drive, const inputs_t *inputs, outputs_t *outputs)
         v_rate = (drive->v.speed - v.speed) * k->per_run;
         w_rate = (drive->w.speed - w.speed) * k->per_run;
     }
-    float battery = fmaxf(drive->battery, LEAST_BATTERY), per_battery = drive->per_battery;
+    float battery = fmaxf(drive->battery, MIN_BATTERY), per_battery = drive->per_battery;
     for (uint8_t i = 0; i < 2; i++) {
         float half = (i ? 0.5F : -0.5F) * drive->p.track;
         drive->duty[i] = 0.0F;

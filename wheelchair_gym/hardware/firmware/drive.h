@@ -78,7 +78,7 @@ void drive_begin(drive_t *drive);
 void drive_restored(drive_t *drive);
 
 /* One run of the control, every 5 ms; it is right for the time that has passed, and where runs come
- * late, by more than OVERRUN_MOST in all, that is a fault. */
+ * late, by more than OVERRUN_MAX in all, that is a fault. */
 void drive_step(drive_t *drive, const inputs_t *inputs, outputs_t *outputs);
 
 /* After each run, when motors and host have got what they wait for: whether a wheel turns faster than

@@ -21,7 +21,7 @@ STAMP_WRAP = 1 << 24  # ms: a time stamp has four characters of six bits
 ERRORS_UP_TO = 20  # mm: numbers up to this are error codes
 NO_ECHO_FROM = 65533  # mm: what UST sensors report of a beam without an echo
 OK, DONE_ALREADY, STREAMING, LASER_OFF = "00", "02", "99", "10"
-_REPLY_MOST = 1 << 16  # bytes; 1,081 ranges with intensity take 6,700
+_REPLY_MAX = 1 << 16  # bytes; 1,081 ranges with intensity take 6,700
 
 
 def checksum(data: bytes) -> int:
@@ -74,7 +74,7 @@ class ScipParser:
     def feed(self, data: bytes) -> list[Reply]:
         """The replies that these bytes complete."""
         *parts, self._bytes = (self._bytes + data).split(b"\n\n")
-        if len(self._bytes) > _REPLY_MOST:  # no reply is so long: wait for the next one
+        if len(self._bytes) > _REPLY_MAX:  # no reply is so long: wait for the next one
             self._bytes, self.bad = b"", self.bad + 1
         replies = []
         for part in parts:

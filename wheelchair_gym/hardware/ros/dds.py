@@ -30,7 +30,7 @@ _DEEP = {"/tf": 100}  # as tf2's DynamicBroadcasterQoS
 _LARGEST_DOMAIN = 232  # its ports are below 65536
 _HANDLES = 1 << 64  # of publishers: some calls give them with a sign
 _PATIENCE = 0.1  # s between two looks at who has come and gone
-_MOST_COMMANDS = 100  # that are taken at once
+_MAX_COMMANDS = 100  # that are taken at once
 # DDS policies by the numbers of DDSI (and of dds_qos_policy_id_t), as ROS names them.
 _TYPE = 24
 _POLICIES: Final = {
@@ -251,7 +251,7 @@ class DdsLink:
         with self._lock:
             readers, writers = self._readers, dict(self._writers)
         for one in readers:
-            for sample in one.reader.take(_MOST_COMMANDS):
+            for sample in one.reader.take(_MAX_COMMANDS):
                 if sample.sample_info.valid_data:
                     publisher = sample.sample_info.publication_handle % _HANDLES
                     one.take(content_of(one.type, sample), publisher)

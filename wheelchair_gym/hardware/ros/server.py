@@ -28,8 +28,8 @@ from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.hardware.ros.rosbridge import Service, is_local, load_websockets, rounded
 
 _LOG = logging.getLogger(__name__)
-_MOST_MESSAGES = 1000  # a second from one client: more is an error of the client, which is cut off
-_MOST_BYTES = 1 << 20  # of a client's message
+_MAX_MESSAGES = 1000  # a second from one client: more is an error of the client, which is cut off
+_MAX_BYTES = 1 << 20  # of a client's message
 _PING = 2.0  # s between two pings; a client that does not answer for as long is cut off
 _PATIENCE = 1  # s for which a client may take no data before it is cut off
 _DEFAULT_QUEUE = 10  # messages of a topic that wait for a client that does not say how many may
@@ -150,7 +150,7 @@ class RosbridgeServer:
                 ) from None
         try:
             self._server = serve(
-                self._serve, host, port, compression=None, max_size=_MOST_BYTES, ssl=context,
+                self._serve, host, port, compression=None, max_size=_MAX_BYTES, ssl=context,
                 process_request=self._admit, ping_interval=_PING, ping_timeout=_PING,
                 close_timeout=_PATIENCE,
                 logger=logging.getLogger(f"{__name__}.websockets"),
@@ -229,8 +229,8 @@ class RosbridgeServer:
                 now, count = time.monotonic(), count + 1
                 if now - begun >= 1.0:
                     begun, count = now, 0
-                if count > _MOST_MESSAGES:
-                    _LOG.warning("a client sends over %d messages/s: cut off", _MOST_MESSAGES)
+                if count > _MAX_MESSAGES:
+                    _LOG.warning("a client sends over %d messages/s: cut off", _MAX_MESSAGES)
                     connection.close(1008, "too many messages")
                     break
                 if why := self._take(client, text):

@@ -25,7 +25,7 @@ SLOW = 0.05  # m/s for the first FEEL metres, after which the laser shows the tr
 FEEL = 0.05  # m
 ROOM = 0.6  # m that stay free ahead of the footprint,
 HALF = 0.1  # m and beside it
-LEAST = 0.4  # m: the laser's noise matters in shorter runs
+NEAR = 0.4  # m: the laser's noise matters in shorter runs
 TIMES = 10.0  # greatest ratio of counted and measured distance
 ASKEW = 0.02  # greatest relative difference of the wheels' travel
 SPREAD = 0.02  # greatest relative difference between runs
@@ -73,7 +73,7 @@ def calibrate_distance(runs: Sequence[Run], believed: float) -> Distance:
     for run in runs:
         if not (math.isfinite(run.measured) and run.measured > 0.0):
             raise ValueError(f"a distance of {run.measured:g} m was measured; expected more than 0")
-        if run.odometry < LEAST / TIMES or not 1.0 / TIMES <= run.odometry / run.measured <= TIMES:
+        if run.odometry < NEAR / TIMES or not 1.0 / TIMES <= run.odometry / run.measured <= TIMES:
             raise ValueError(
                 f"{run.measured:.3f} m were measured and {run.odometry:.3f} m counted: more than "
                 f"{TIMES:g} times apart; look at the encoders and their wires, then measure again"
@@ -198,10 +198,10 @@ def drive_run(
     start, (_, travel) = reading.pose, senses.odometer.at(clock.now())
     wall = measure_wall(senses, clock, lambda: None) if measured is None else None
     gap = _gap(chair, reading.laser) - ROOM
-    if not back and gap < min(distance, LEAST):
+    if not back and gap < min(distance, NEAR):
         raise ValueError(
             f"{max(0.0, gap + ROOM):.2f} m are free ahead; expected at least "
-            f"{min(distance, LEAST) + ROOM:.2f} m"
+            f"{min(distance, NEAR) + ROOM:.2f} m"
         )
     begun, sign, done = clock.now(), -1.0 if back else 1.0, 0.0
     while True:

@@ -60,12 +60,12 @@ class Slope(NamedTuple):
 
 @borrowing_kernel
 def brake_impulses(
-    state: Any, p: Any, k: DriveConstants, forward: float, aside: float, turn: float, most: float
+    state: Any, p: Any, k: DriveConstants, forward: float, aside: float, turn: float, maximum: float
 ) -> tuple[float, float]:
     """Impulses [N s] at the left and right rim with which closed spring brakes hold their wheels.
 
     A brake is dry friction: the impulses bring the chair to rest in this step, but none exceeds
-    `most`. The speeds are those of the centre of mass, along the heading and to its left.
+    `maximum`. The speeds are those of the centre of mass, along the heading and to its left.
     """
     half = 0.5 * p.track
     left = k.inertia[0] * k.radii[0] * state.spin[0]
@@ -73,7 +73,7 @@ def brake_impulses(
     along = p.mass * forward + left + right
     about = p.moment * turn + p.mass * p.body.centre_of_mass * aside + half * (right - left)
     left, right = 0.5 * (along - about / half), 0.5 * (along + about / half)
-    return min(most, max(-most, left)), min(most, max(-most, right))
+    return min(maximum, max(-maximum, left)), min(maximum, max(-maximum, right))
 
 
 @borrowing_kernel
@@ -107,8 +107,8 @@ def step_plant(
         fields[speed] += along * p.dt
         fields[axis] -= along * p.dt * p.dt
     forward, aside = c * fields[VX] + s * fields[VY], c * fields[VY] - s * fields[VX]
-    most = brake * p.dt * k.per_radius[0]
-    taken = brake_impulses(state, p, k, forward, aside, fields[W], most)
+    maximum = brake * p.dt * k.per_radius[0]
+    taken = brake_impulses(state, p, k, forward, aside, fields[W], maximum)
     for i in range(2):
         # A brake slows the wheel, and then the tyre slows the chair; until then the wheel turns
         # as the chair moves, by its speed before.
@@ -119,7 +119,7 @@ def step_plant(
         # that its brake holds.
         free = p.motor.torque_constant * state.spin[i] / state.voltage
         duty = left if i == 0 else right
-        rests = duty == 0.0 and abs(taken[i]) < most
+        rests = duty == 0.0 and abs(taken[i]) < maximum
         state.duty[i] = duty if closed[i] and not rests else free
         if held[i]:
             state.spin[i], state.duty[i] = 0.0, 0.0

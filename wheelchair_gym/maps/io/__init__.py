@@ -33,10 +33,10 @@ def read_any_map(
     """
     grid, walls = _read(path, unknown_is_solid, resolution)
     if walls is None:
-        count, most = grid.n_walls, LIMITS["walls"].most
-        if count > most:
+        count, maximum = grid.n_walls, LIMITS["walls"].maximum
+        if count > maximum:
             raise InputError(
-                f"{path}: {count:,} walls; expected at most {most:,}; clean it of specks, by a "
+                f"{path}: {count:,} walls; expected at most {maximum:,}; clean it of specks, by a "
                 "median filter of its image, or give it larger cells"
             )
         walls = grid.walls()

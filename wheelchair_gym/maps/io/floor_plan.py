@@ -29,7 +29,7 @@ from wheelchair_gym.base.files import (
 )
 from wheelchair_gym.geometry.planar import polygon_edges, signed_area
 from wheelchair_gym.maps.grid import FREE, OCCUPIED, OccupancyGrid
-from wheelchair_gym.maps.io.house_expo import MOST_SIDE, cells_of_outline
+from wheelchair_gym.maps.io.house_expo import MAX_SIDE, cells_of_outline
 from wheelchair_gym.maps.io.image import read_picture
 
 IMAGES: Final = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".tif", ".tiff")
@@ -68,8 +68,8 @@ def read_floor_plan_image(path: str | Path, resolution: float) -> OccupancyGrid:
         raise InputError(f"{path}: all of it is dark; expected white where the chair may drive")
     grid = OccupancyGrid(np.flipud(cells), resolution, (0.0, 0.0, 0.0))
     if not all(map(is_coordinate, grid.bounds)):
-        most = LIMITS["coordinate"].most
-        raise InputError(f"{path}: is larger than {most:,} m; expected a smaller resolution")
+        maximum = LIMITS["coordinate"].maximum
+        raise InputError(f"{path}: is larger than {maximum:,} m; expected a smaller resolution")
     return grid
 
 
@@ -100,9 +100,9 @@ def polygons_map(data: Mapping[str, Any], path: str | Path) -> tuple[OccupancyGr
     else:
         every = np.vstack(outlines)
         low, high = every.min(axis=0) - SPACE, every.max(axis=0) + SPACE
-    if not (low < high).all() or (high - low).max() > MOST_SIDE:
+    if not (low < high).all() or (high - low).max() > MAX_SIDE:
         sides = f"{(high - low).tolist()} m"
-        raise InputError(f"{path}: bounds span {sides}; expected more than 0, up to {MOST_SIDE:g}")
+        raise InputError(f"{path}: bounds span {sides}; expected more than 0, up to {MAX_SIDE:g}")
     corner = low - WALL
     columns, rows = np.ceil((high - low + 2 * WALL) / CELL - 1e-9).astype(int)
     check_cells(rows, columns, str(path))

@@ -22,7 +22,7 @@ MARGIN: Final = 0.25  # m of solid ground round the outline, in its grid
 FRAME: Final = 1.0  # m of it in its walls, so that the grid lies within
 TOUCH: Final = 1e-6  # cells: an edge along the side of a cell does not cut it
 SLACK: Final = 0.01  # m: difference allowed between `bbox` and the corners
-MOST_SIDE: Final = 300.0  # m
+MAX_SIDE: Final = 300.0  # m
 
 
 class House(NamedTuple):
@@ -84,8 +84,8 @@ def read_house(path: str | Path) -> House:
     if len(outline) < 3:
         raise InputError(f"{path}: verts has {len(outline)} corners; expected at least 3")
     low, high = outline.min(axis=0), outline.max(axis=0)
-    if (high - low).max() > MOST_SIDE:
-        raise InputError(f"{path}: verts span {(high - low).max():g} m; expected {MOST_SIDE:g} m")
+    if (high - low).max() > MAX_SIDE:
+        raise InputError(f"{path}: verts span {(high - low).max():g} m; expected {MAX_SIDE:g} m")
     box = data.get("bbox")
     if box is not None:
         if not isinstance(box, Mapping) or not {"min", "max"} <= set(box):

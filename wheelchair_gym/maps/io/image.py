@@ -63,9 +63,9 @@ def read_picture(path: Path) -> Picture:
     check_cells(rows, columns, str(path))
     # As OpenCV decodes it: 16 bits where the format has them, and every channel.
     size = rows * columns * max(1, len(header.getbands())) * (1 if "8" in header.mode else 2)
-    if size > LIMITS["decoded"].most:
+    if size > LIMITS["decoded"].maximum:
         raise InputError(
-            f"{path}: {size:,} bytes of pixels; expected at most {LIMITS['decoded'].most:,}"
+            f"{path}: {size:,} bytes of pixels; expected at most {LIMITS['decoded'].maximum:,}"
         )
     if header.format == "PPM" and header.mode != "1":
         return _netpbm(content, path)
@@ -78,11 +78,11 @@ def read_picture(path: Path) -> Picture:
     transparent = "transparency" in header.info or "A" in header.getbands()
     if transparent and (image.ndim == 2 or image.shape[2] != 4):
         raise InputError(f"{path}: its transparency cannot be decoded; expected a PNG with alpha")
-    most = int(np.iinfo(image.dtype).max)
+    maximum = int(np.iinfo(image.dtype).max)
     if image.ndim == 2:
-        return Picture(image, most)
+        return Picture(image, maximum)
     levels = image[..., :3].sum(axis=-1, dtype=np.uint32)
-    return Picture(levels, 3 * most, image[..., 3] if image.shape[2] == 4 else None, most)
+    return Picture(levels, 3 * maximum, image[..., 3] if image.shape[2] == 4 else None, maximum)
 
 
 def _undecodable(path: Path) -> InputError:

@@ -134,7 +134,7 @@ def read_map(path: str | Path) -> OccupancyGrid:
     if not all(map(files.is_coordinate, grid.bounds)):
         raise InputError(
             f"{path}: reaches from {grid.bounds[:2]} to {grid.bounds[2:]} m; "
-            f"expected coordinates up to {files.LIMITS['coordinate'].most:,} m"
+            f"expected coordinates up to {files.LIMITS['coordinate'].maximum:,} m"
         )
     return grid
 

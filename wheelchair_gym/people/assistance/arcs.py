@@ -13,7 +13,7 @@ from wheelchair_gym.geometry.outline import signed_gap
 @borrowing_kernel
 def follow_arc(
     points: Array, outline: Array, v: float, w: float, step: float, steps: int, margin: float,
-    most: float, give_up: float,
+    maximum: float, give_up: float,
 ) -> tuple[int, float]:  # fmt: skip
     """How far the outline can follow a twist among points (n, 2) [m].
 
@@ -27,7 +27,7 @@ def follow_arc(
         step: between two poses [s].
         steps: how many.
         margin: to be kept [m].
-        most: a larger clearance counts as this [m].
+        maximum: a larger clearance counts as this [m].
         give_up: where the clearance is below this [m], the rest is not followed.
 
     Returns:
@@ -37,16 +37,16 @@ def follow_arc(
     n = points.shape[0]
     reach = math.hypot(max(outline[0], outline[1]), outline[2])
     nearer = step * (abs(v) + abs(w) * reach)  # m a step that a point of the outline moves at most
-    least, clear, k = signed_gap(points, n, outline, 0.0, 0.0, 0.0), most, 0
+    minimum, clear, k = signed_gap(points, n, outline, 0.0, 0.0, 0.0), maximum, 0
     matters = max(clear, margin)  # a pose with a larger clearance changes nothing
-    if least > matters:
-        k = int(min(float(steps), (least - matters) / max(nearer, 1e-9)))
+    if minimum > matters:
+        k = int(min(float(steps), (minimum - matters) / max(nearer, 1e-9)))
     while k < steps:
         x, y, yaw = arc_step(0.0, 0.0, 0.0, v, w, step * (k + 1))
         gap = signed_gap(points, n, outline, x, y, yaw)
-        if gap < margin and gap < least:
+        if gap < margin and gap < minimum:
             return k, clear
-        least, clear = min(margin, gap), min(clear, gap)
+        minimum, clear = min(margin, gap), min(clear, gap)
         if clear < give_up:
             return steps, clear
         k, matters = k + 1, max(clear, margin)

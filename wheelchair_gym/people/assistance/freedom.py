@@ -82,18 +82,18 @@ def enough_now(p: Any, a: Any, enough: float) -> float:
 
 
 @borrowing_kernel
-def within_freedom(twist: Twist, asked: Twist, turn: float, most: float) -> Twist:
+def within_freedom(twist: Twist, asked: Twist, turn: float, maximum: float) -> Twist:
     """A twist, clipped to what may be made of the stick's [m/s, rad/s].
 
     Args:
         twist: that a method gives.
         asked: the stick's; at rest, the answer is rest.
         turn: how far the turn rate may lie beyond those between rest and the stick's.
-        most: the chair's limit of turn rates.
+        maximum: the chair's limit of turn rates.
     """
     (v, w), (to_v, to_w) = twist, asked
     if to_v == 0.0 and to_w == 0.0:
         return 0.0, 0.0
     v = min(max(v, min(0.0, to_v)), max(0.0, to_v))
     w = min(max(w, min(0.0, to_w) - turn), max(0.0, to_w) + turn)
-    return v, min(most, max(-most, w))
+    return v, min(maximum, max(-maximum, w))

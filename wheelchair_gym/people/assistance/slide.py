@@ -22,7 +22,7 @@ from wheelchair_gym.base.settings import setting, settings
 from wheelchair_gym.compiled.address import on_stack, table_at
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.people.assistance.freedom import Freedom, Twist
-from wheelchair_gym.people.assistance.state import MOST
+from wheelchair_gym.people.assistance.state import MAXIMUM
 
 NEAR = 1.5  # m: farther obstacles do not limit
 ROWS = 24  # constraints that enter the program at most, beside the bounds
@@ -63,15 +63,15 @@ def write_constraints(
             nx, ny = 1.0, 0.0
         else:
             nx, ny = 0.0, math.copysign(1.0, y)
-        most = max(0.0, d - margin)
+        maximum = max(0.0, d - margin)
         out[n, 0], out[n, 1] = nx, ny * x - nx * y
-        out[n, 2] = math.sqrt(at * at + 2.0 * deceleration * most) - at
+        out[n, 2] = math.sqrt(at * at + 2.0 * deceleration * maximum) - at
         n += 1
     return n
 
 
 @borrowing_kernel
-def _most_violated(rows: Array, n: int, v: float, w: float) -> int:
+def _largest_violation(rows: Array, n: int, v: float, w: float) -> int:
     """The row of a_v v + a_w w <= b that a twist violates most; -1: it violates none."""
     worst, excess = -1, _FEASIBLE
     for k in range(n):
@@ -88,7 +88,7 @@ def nearest_twist(rows: Array, n: int, asked: Twist, weights: Twist) -> Twist:
     The distance is weighted: weights[0] dv^2 + weights[1] dw^2. (0, 0) satisfies all rows.
     """
     v0, w0 = asked
-    if _most_violated(rows, n, v0, w0) < 0:
+    if _largest_violation(rows, n, v0, w0) < 0:
         return v0, w0
     best, found_v, found_w = math.inf, 0.0, 0.0
     for i in range(n):
@@ -107,7 +107,7 @@ def nearest_twist(rows: Array, n: int, asked: Twist, weights: Twist) -> Twist:
                 v = (c * rows[j, 1] - b * rows[j, 2]) / det
                 w = (a * rows[j, 2] - c * rows[j, 0]) / det
             cost = weights[0] * (v - v0) ** 2 + weights[1] * (w - w0) ** 2
-            if cost < best and _most_violated(rows, n, v, w) < 0:
+            if cost < best and _largest_violation(rows, n, v, w) < 0:
                 best, found_v, found_w = cost, v, w
     return found_v, found_w
 
@@ -116,12 +116,12 @@ def nearest_twist(rows: Array, n: int, asked: Twist, weights: Twist) -> Twist:
 def slide(p: Any, a: Any) -> Twist:
     """The twist of a row; see `wheelchair_gym.people.assistance.step`."""
     m, asked, turn = p.method, (a.asked[0], a.asked[1]), a.turn
-    every = table_at(on_stack(8 * 3 * MOST), MOST, 3)
+    every = table_at(on_stack(8 * 3 * MAXIMUM), MAXIMUM, 3)
     n = write_constraints(
         a.points[: a.n_points], p.outline[:], a.margin, m.deceleration, m.latency, every
     )
     v, w = asked
-    worst = _most_violated(every, n, v, w)
+    worst = _largest_violation(every, n, v, w)
     if worst < 0:
         return asked
     rows = table_at(on_stack(8 * 3 * (ROWS + 4)), ROWS + 4, 3)
@@ -136,7 +136,7 @@ def slide(p: Any, a: Any) -> Twist:
             rows[count, j] = every[worst, j]
         count += 1
         v, w = nearest_twist(rows, count, asked, weights)
-        worst = _most_violated(every, n, v, w)
+        worst = _largest_violation(every, n, v, w)
     share = 1.0  # of what satisfies the constraints that are not in the program, too
     if worst >= 0:
         for k in range(n):

@@ -28,7 +28,7 @@ from wheelchair_gym.sim.settings import ChairSettings
 
 GROUPS = 128  # of beams: of each, the nearest is an obstacle
 SECTORS = 64  # around the outline's middle: of each, the nearest out of sight is remembered
-MOST = GROUPS + SECTORS  # obstacles
+MAXIMUM = GROUPS + SECTORS  # obstacles
 
 ASSISTANT = np.dtype(
     [
@@ -40,7 +40,7 @@ ASSISTANT = np.dtype(
         ("margin", "f8"),  # m: that is kept
         ("twist", "f8", (2,)),  # m/s, rad/s: what the method makes of it
         ("n_points", "i8"),
-        ("points", "f8", (MOST, 2)),  # m: obstacles in the chair's frame, those seen first
+        ("points", "f8", (MAXIMUM, 2)),  # m: obstacles in the chair's frame, those seen first
         ("n_seen", "i8"),  # of them
         ("until", "f8", (SECTORS,)),  # s: stamp until which each of the others is remembered
     ],

@@ -56,15 +56,15 @@ def _direction(p: Any, a: Any, wanted: float) -> float:
     """The direction [rad] of the least of density and parabola, within a right angle of ahead."""
     m, points = p.method, a.points[: a.n_points]
     front, half = p.outline[0], p.outline[2] + _WIDEN
-    best, least = wanted, _density(points, front, half, m.reach, wanted)
+    best, minimum = wanted, _density(points, front, half, m.reach, wanted)
     for k in range(DIRECTIONS):
         direction = math.pi * ((k + 0.5) / DIRECTIONS - 0.5)
         off = direction - wanted
         cost = _PARABOLA * off * off
-        if cost < least:  # a density would only add to it
+        if cost < minimum:  # a density would only add to it
             cost += _density(points, front, half, m.reach, direction)
-            if cost < least - 1e-12:
-                best, least = direction, cost
+            if cost < minimum - 1e-12:
+                best, minimum = direction, cost
     return float(best)
 
 

@@ -48,14 +48,14 @@ PUSHED = 0.15  # deflection from which on somebody pushes
 STILL = 0.03  # m/s, rad/s: slower does not count as motion
 APPROACH = 20.0  # s for which somebody goes up to a thing
 NEAR_GOAL = 1.0  # m
-MOST_DARING = 4.0  # halvings of the distance that it likes to keep
+MAX_DARING = 4.0  # halvings of the distance that it likes to keep
 MANOEUVRE = 1.5  # m from a goal that is a pose, within which somebody manoeuvres
 FUNNEL = (0.3, 0.8)  # m to a side of it, and rad, within which it does so by itself, unguided
 LEADS, LEAD, TURN_WITHIN = 6, 0.2, 0.1  # stretches straight up to it; m between their lengths; m
 PIVOT = 0.6  # of the turn rate, for turns in place
 MANOEUVRE_TIME = (1.2, 2.4)  # s that it then looks ahead, at least and at most
 ARRIVAL, CREEP = 1.5, 0.1  # s to go, at least, there with a stick; m/s that is always allowed
-MOST_SURPLUS = 0.4  # rad/s that a person learns to expect beside what it asks for
+MAX_SURPLUS = 0.4  # rad/s that a person learns to expect beside what it asks for
 CAUTION = 3.0  # s that a person would spend for each second without the clearance that it likes
 MIND_CHANGE_TIME = 4.0  # s for which it keeps to another direction: assumed
 LOOK_DISTANCE = 0.10  # m at which it stops to look at something; docking: 0.05 to 0.15, assumed
@@ -106,13 +106,13 @@ def _gap(p: Any, d: Any, x: float, y: float, yaw: float) -> float:
 
 
 @borrowing_kernel
-def _nearest(d: Any, most: float) -> tuple[float, float]:
+def _nearest(d: Any, maximum: float) -> tuple[float, float]:
     """Return the nearest point within an angle ahead [rad], in the chair's frame [m]; NaN: none."""
-    x, y, least = math.nan, math.nan, math.inf
+    x, y, minimum = math.nan, math.nan, math.inf
     for k in range(d.n_points):
         px, py = d.points[k, 0], d.points[k, 1]
-        if math.hypot(px, py) < least and abs(math.atan2(py, px)) <= most:
-            x, y, least = px, py, math.hypot(px, py)
+        if math.hypot(px, py) < minimum and abs(math.atan2(py, px)) <= maximum:
+            x, y, minimum = px, py, math.hypot(px, py)
     return x, y
 
 
@@ -235,7 +235,7 @@ def _time_to_stop(p: Any, d: Any, v: float) -> float:
 
 
 @borrowing_kernel
-def _least_cost(
+def _min_cost(
     p: Any, d: Any, prepared: Any, k: int, begin: tuple[float, float, float], pose: Array,
     to_go: Array,
 ) -> float:  # fmt: skip
@@ -243,7 +243,7 @@ def _least_cost(
 
     Those of poses at which it may not be left are not written.
     """
-    horizon, least = d.horizon, math.inf
+    horizon, minimum = d.horizon, math.inf
     v, w = _motion(p, d, k)
     c, s = math.cos(pose[2]), math.sin(pose[2])
     for j in range(POSES - 1 if _only_end(p, d, v, w) else 0, POSES):
@@ -251,8 +251,8 @@ def _least_cost(
         wx, wy = body_to_world(c, s, x, y)
         seconds = _to_go(p, d, prepared, pose[0] + wx, pose[1] + wy, pose[2] + yaw)
         to_go[j] = p.slowness * seconds
-        least = min(least, _spent(p, d, v, w, j) + to_go[j])
-    return float(_fixed(p, d, k) + least)
+        minimum = min(minimum, _spent(p, d, v, w, j) + to_go[j])
+    return float(_fixed(p, d, k) + minimum)
 
 
 @borrowing_kernel
@@ -267,7 +267,7 @@ def _cost(
         d: its state.
         k: the signal.
         begin: where its arc begins.
-        to_go: seconds (POSES,) as `_least_cost` writes them.
+        to_go: seconds (POSES,) as `_min_cost` writes them.
         before: distance to what is seen where it begins [m].
         spare: seconds that obstacles may cost at the arc's end; from there on the cost may be
             infinite, if only the end counts.
@@ -355,7 +355,7 @@ def _may_choose(p: Any, d: Any, k: int) -> bool:
 @borrowing_kernel
 def _weigh(
     p: Any, d: Any, prepared: Any, pose: Array, twist: Array, bounds: Array, around: int,
-    reach: int, best: int, least: float,
+    reach: int, best: int, minimum: float,
 ) -> tuple[int, float]:  # fmt: skip
     """The signal that costs least, of the best so far, the coarse ones, and those around one.
 
@@ -375,7 +375,7 @@ def _weigh(
             if p.late[k] != late:
                 begin = _begin(p, twist, k)
             late, at = p.late[k], POSES * k
-            bounds[k] = _least_cost(p, d, prepared, k, begin, pose, to_go[at : at + POSES])
+            bounds[k] = _min_cost(p, d, prepared, k, begin, pose, to_go[at : at + POSES])
             weighed[count] = k
             count += 1
     # Obstacles only add to a cost: the signals that are cheapest without are looked at first.
@@ -386,8 +386,8 @@ def _weigh(
             other = weighed[place]
             if bounds[other] < bound:
                 k, bound = other, bounds[other]
-        if bound > least or bound == math.inf:
-            return best, least
+        if bound > minimum or bound == math.inf:
+            return best, minimum
         bounds[k] = math.inf
         if p.late[k] != late:
             begin = _begin(p, twist, k)
@@ -395,9 +395,9 @@ def _weigh(
         late, cost = p.late[k], bound
         if p.way != OBSTACLE:
             at = POSES * k
-            cost = _cost(p, d, k, begin, to_go[at : at + POSES], before, least - bound + 1e-9)
-        if cost < least or (cost == least and k < best):
-            best, least = k, cost
+            cost = _cost(p, d, k, begin, to_go[at : at + POSES], before, minimum - bound + 1e-9)
+        if cost < minimum or (cost == minimum and k < best):
+            best, minimum = k, cost
 
 
 @borrowing_kernel
@@ -408,23 +408,23 @@ def _choose(p: Any, d: Any, prepared: Any, pose: Array, twist: Array) -> int:
         if signed_clearance(x, y, p.outline[:]) <= LOOK_DISTANCE:  # NaN: never
             d.mode_until = min(d.mode_until, d.clock + LOOK_TIME)
             return 0
-    best, least = 0, math.inf
+    best, minimum = 0, math.inf
     if d.mode == RETREAT:  # back, as far from everything as possible
         for k in range(p.n_signals):
             if _may_choose(p, d, k):
                 v, w = _motion(p, d, k)
                 x, y, yaw = arc_step(0.0, 0.0, 0.0, v, w, p.intention.horizon)
                 cost = v - min(1.0, _gap(p, d, x, y, yaw)) + 0.1 * abs(w)
-                if cost < least:
-                    best, least = k, cost
+                if cost < minimum:
+                    best, minimum = k, cost
         return best
     bounds = doubles_at(on_stack(8 * SIGNALS), SIGNALS)
     for k in range(p.n_signals):
         bounds[k] = math.nan  # it has not been weighed
-    best, least = _weigh(p, d, prepared, pose, twist, bounds, d.chosen, 1, best, least)
+    best, minimum = _weigh(p, d, prepared, pose, twist, bounds, d.chosen, 1, best, minimum)
     # Who manoeuvres slowly weighs all.
     reach = 1 if p.signals[best, 0] > 0.5 * p.intention.speed * p.interface.gain else SIGNALS
-    best, least = _weigh(p, d, prepared, pose, twist, bounds, best, reach, best, least)
+    best, minimum = _weigh(p, d, prepared, pose, twist, bounds, best, reach, best, minimum)
     return best
 
 
@@ -436,10 +436,10 @@ def notice_motion(p: Any, d: Any, twist: Array) -> None:
     d.stuck = d.stuck + p.period if pushes and stands else 0.0
     more = p.period / p.intention.patience
     more = more if stands and d.chosen == 0 and d.mode == GO else -0.1 * more
-    d.daring = min(MOST_DARING, max(0.0, d.daring + more))
+    d.daring = min(MAX_DARING, max(0.0, d.daring + more))
     asked = 0.0 if d.intended == 0 else p.signals[d.intended, 1] * p.turn
     d.expected += (asked - d.expected) * min(1.0, p.period / RESPONSE)
-    more = min(MOST_SURPLUS, max(-MOST_SURPLUS, twist[1] - d.expected))
+    more = min(MAX_SURPLUS, max(-MAX_SURPLUS, twist[1] - d.expected))
     if pushes and p.kind == STICK:  # few signals cannot correct it
         d.surplus += (more - d.surplus) * min(1.0, p.period / p.intention.adaptation)
 
@@ -456,7 +456,7 @@ def decide(p: Any, d: Any, prepared: Any, pose: Array, twist: Array, scan: Float
         return
     if uniform(d.key, d.decisions, DRIVERS, LAPSE) < sight.lapses / 60.0 * p.intention.period:
         share = uniform(d.key, d.decisions, DRIVERS, LAPSE_TIME)
-        d.lapse_until = d.clock + sight.lapse_least + share * (sight.lapse_most - sight.lapse_least)
+        d.lapse_until = d.clock + sight.lapse_min + share * (sight.lapse_max - sight.lapse_min)
         return
     _see(p, d, scan)
     _change_mode(p, d, pose)

@@ -75,9 +75,9 @@ class Perception:
     """How far it keeps to the left of its way."""
     lapses: float = setting(default=0.0, unit="1/min", low=0.0, high=60.0, source="1 to 3, assumed")
     """How often its attention lapses; its last signal then goes on."""
-    lapse_least: float = setting(default=1.0, unit="s", low=0.0, high=60.0, source=_ASSUMED)
+    lapse_min: float = setting(default=1.0, unit="s", low=0.0, high=60.0, source=_ASSUMED)
     """Shortest lapse."""
-    lapse_most: float = setting(default=3.0, unit="s", low=0.0, high=60.0, source=_ASSUMED)
+    lapse_max: float = setting(default=3.0, unit="s", low=0.0, high=60.0, source=_ASSUMED)
     """Longest lapse."""
 
 
@@ -250,8 +250,8 @@ class Driver:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "interface", interface_of(self.interface))
-        if self.perception.lapse_most < self.perception.lapse_least:
-            raise InputError("perception.lapse_most must not lie below perception.lapse_least")
+        if self.perception.lapse_max < self.perception.lapse_min:
+            raise InputError("perception.lapse_max must not lie below perception.lapse_min")
 
 
 def interface_of(value: Any) -> Any:

@@ -152,11 +152,11 @@ _COARSE_AHEAD, _COARSE_ASIDE = (-0.6, 0.0, 0.3, 1.0), (-0.7, -0.2, 0.0, 0.2, 0.7
 
 def signals_of(driver: Driver) -> Array:
     """The signals (n, 2) that a person chooses from: deflections forward and to the left."""
-    device, most = driver.interface, driver.intention.speed
+    device, maximum = driver.interface, driver.intention.speed
     if device.kind == "stick":
-        ahead, aside = np.array(_AHEAD) * most * device.gain, np.array(_ASIDE) * device.gain
+        ahead, aside = np.array(_AHEAD) * maximum * device.gain, np.array(_ASIDE) * device.gain
         return np.array([(x, y) for x in ahead for y in aside])
-    v, w = min(device.speed, most), device.turn
+    v, w = min(device.speed, maximum), device.turn
     if device.kind == "switches" and device.directions == 8:
         every = [(x, y) for x in (0.0, v, -v) for y in (0.0, w, -w)]
         return np.array(every)
