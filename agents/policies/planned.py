@@ -393,8 +393,8 @@ class PlannedDriver:
         if self._surroundings.draws:
             drawn = mission.footprint
         return Search(
-            self._planner, config.clearance, config.min_clearance, self._rng, self._local_map.pose, maps,
-            INSIDE * mission.tolerance, drawn, config.beyond, self._surroundings.reopened(),
+            self._planner, config.clearance, config.min_clearance, self._rng, self._local_map.pose,
+            maps, INSIDE * mission.tolerance, drawn, config.beyond, self._surroundings.reopened(),
             self._detours.allowance,
         )  # fmt: skip
 
