@@ -30,7 +30,7 @@ _LOG = logging.getLogger(__name__)
 
 @settings
 class Deployment:
-    """How fast a policy may drive, and how long it may be halted."""
+    """Limits of a policy's speed, and of the time that it may be halted."""
 
     first: float = setting(default=0.2, unit="m/s", low=0.02)
     """Cap of the speed at the start and after each halt."""
@@ -168,7 +168,7 @@ def narrow_gap() -> Episode:
 
 
 def late_steps(env: Any) -> Record:
-    """How many control periods of a real chair ended late, and by how much at most."""
+    """Count of a real chair's late control periods, and the largest delay."""
     delays = [1e3 * delay for _, delay in unwrapped(env.unwrapped.chair).late]
     return {"late_steps": len(delays), "late_ms_max": max(delays, default=0.0)}
 

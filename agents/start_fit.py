@@ -42,7 +42,7 @@ _APART, _TURNED = 1.0, math.radians(30.0)  # m, rad: at least, between places to
 
 
 class StartFit(NamedTuple):
-    """How well a scan fits a map at a start."""
+    """Fit of a scan to a map at a start."""
 
     echoes: float  # share of beams with an echo
     fit: float  # likelihood of a beam at the start, 0 to 1

@@ -367,7 +367,7 @@ def counts(rows: Sequence[Row]) -> list[int]:
 
 
 def claims() -> str:
-    """How many claims of the sources hold."""
+    """Write the number of claims of the sources that hold."""
     hold, fail, undecided = counts(published_verdicts())
     return (
         f"Of the {hold + fail + undecided} claims in the five publications that the planners come "
@@ -387,7 +387,7 @@ def verdicts_by_study() -> str:
 
 
 def agreement() -> str:
-    """How well each reading of the thesis's global variant predicts its printed lengths."""
+    """Write how well each reading of the thesis's global variant predicts its printed lengths."""
 
     def with_bounds(row: Row, key: str) -> str:
         return f"{row[key]:.2f} ({row[f'{key}_low']:.2f} to {row[f'{key}_high']:.2f})"

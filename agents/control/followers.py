@@ -324,7 +324,7 @@ class ControlsFollower:
         whales=WhaleSettings(population=40, iterations=10), horizon=2.0, segment=2.0, margin=0.06,
         arrival=0.2,
     )  # fmt: skip
-    """How commands are searched."""
+    """Search of commands."""
     seed: int = setting(default=0, low=0)
     """Seed of the swarm, anew for every path."""
     again: float | None = setting(
@@ -350,7 +350,7 @@ class ThesisFollower(ControlsFollower):
         whales=WhaleSettings(population=10, iterations=10, a=4.0, leader="latest"), maneuvers=False,
         printed=True,
     )  # fmt: skip
-    """How commands are searched."""
+    """Search of commands."""
     again: float | None = setting(default=None, unit="s", low=0.1, source="thesis, section 2.9.3")
     """Time between two searches; null: the commands are driven to their end first."""
 
@@ -437,17 +437,17 @@ class PurePursuit:
     """
 
     lookahead: float = setting(default=0.45, unit="m", low=0.05, source="about half a chair")
-    """Least distance of the point that is steered for."""
+    """Minimum distance of the point that is steered for."""
     lookahead_time: float = setting(default=0.7, unit="s", low=0.0)
     """Time by whose way the point is farther ahead in motion."""
     lateral: float = setting(default=0.35, unit="m/s2", low=0.01, source="comfort")
-    """Greatest lateral acceleration in curves."""
+    """Maximum lateral acceleration in curves."""
     pivot: float = setting(default=0.9, unit="rad", low=0.1, high=3.1)
     """Heading error above which the chair turns in place."""
     margin: float = setting(default=0.05, unit="m", low=0.0, source="laser sigma 15 mm, 3 sigma")
     """Clearance that the outline keeps where it can."""
     slowest: float = setting(default=0.1, unit="m/s", low=0.01, source="walking-stick speed")
-    """Least speed in curves and near the goal."""
+    """Minimum speed in curves and near the goal."""
 
     def make(self) -> Follower:
         """A follower at rest."""

@@ -67,7 +67,7 @@ def bearings(points: Array, laser: LaserSettings) -> Array:
 
 
 def near_discs(points: Array, actors: Array) -> Mask:
-    """Which points (n, 2) are of actors (m, 5 or more), as `LocalMap.actors`."""
+    """Return which points (n, 2) are of actors (m, 5 or more), as `LocalMap.actors`."""
     off = points[:, None] - actors[None, :, :2]  # (n, m, 2)
     near = np.hypot(off[..., 0], off[..., 1]) < actors[:, 4] + BESIDE_ACTOR
     return np.asarray(near.any(axis=1))

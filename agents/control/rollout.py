@@ -330,12 +330,12 @@ class ReferencePath:
 
     @property
     def way(self) -> float:
-        """How far along the chair has come [m]."""
+        """Distance [m] that the chair has covered along it."""
         return float(self.rows[self.at, S])
 
     @property
     def left(self) -> float:
-        """How far it is to the end [m]."""
+        """Distance [m] to the end."""
         return float(self.rows[-1, S]) - self.way
 
     @property

@@ -116,7 +116,7 @@ class ManoeuvreTracker:
         return now.first_clear(((share * v, share * w) for share in SHARES), self._margin, HELD)
 
     def _way_to_tight_turn(self, now: Situation) -> float | None:
-        """How far [m] along the path turns begin; None where there is no tight one near."""
+        """Distance [m] along the path to the first turn; None where there is no tight one near."""
         local_map, reference, _ = now
         way, rows = reference.way, reference.rows
         first, last = np.searchsorted(rows[:, S], [way - PAST, way + LOOK])

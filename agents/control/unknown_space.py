@@ -52,7 +52,7 @@ def with_free_footprint(grid: OccupancyGrid, pose: Array, footprint: Footprint) 
 
 
 def _within(radius: float) -> Callable[[Array], NDArray[np.bool_]]:
-    """Which points (..., 2) [m] in the chair's frame lie within a radius of its axle's centre."""
+    """Return which points (..., 2) [m] in the chair's frame lie near its axle's centre."""
     return lambda at: np.hypot(at[..., 0], at[..., 1]) < radius
 
 

@@ -27,7 +27,7 @@ SIZE = 3 * COMMANDS + 1  # (v, w, t) of each, then how many count
 
 
 def _bounds(config: RefinedWindow, now: Situation, slow: bool) -> tuple[Array, Array]:
-    """Least and largest values (SIZE,) of a particle."""
+    """Bounds (SIZE,) of a particle's values."""
     limits, horizon = now.chair.limits, config.objective.horizon
     back = 0.0 if now.local_map.blind else min(config.backward, limits.backward)
     ahead = limits.forward

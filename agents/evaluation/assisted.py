@@ -82,7 +82,7 @@ class StickTrace:
         return found
 
     def _movements(self, sticks: Array) -> int:
-        """How often the stick left the centre, or turned to another direction and stayed there."""
+        """Number of times that the stick left the centre, or changed its direction for good."""
         count, direction, held = 0, math.nan, 0.0
         for forward, left in sticks.tolist():
             if math.hypot(forward, left) <= CENTRE:

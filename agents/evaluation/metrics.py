@@ -175,7 +175,7 @@ def accel_rms(speeds: Array, period: float) -> float:
 
 
 def halts(twists: Array, period: float) -> int:
-    """How often a chair stood still for `HALT` on its way; twists (n, 2) are one a period [s]."""
+    """Count the stops of `HALT` or longer on the way; twists (n, 2) are one a period [s]."""
     still = (np.abs(twists) < STILL).all(axis=1)
     moving = np.flatnonzero(~still)
     if len(moving) == 0:

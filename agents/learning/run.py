@@ -47,7 +47,7 @@ LOGGED = (
 
 
 def _differences(before: str, now: str) -> list[str]:
-    """How a run's settings, seed and teacher differ from those asked for; more frames extend it."""
+    """Differences of a run's settings, seed and teacher; more frames extend it."""
 
     def flat(value: Any, name: str) -> dict[str, Any]:
         if not isinstance(value, Mapping):

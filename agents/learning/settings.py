@@ -227,7 +227,7 @@ def as_json(config: Training) -> dict[str, Any]:
 
 @settings
 class Imitation:
-    """How a scripted policy is imitated."""
+    """Settings of the imitation of a scripted policy."""
 
     expert: Any = setting(default="lattice+window", source="measured: the best scripted policy")
     """The policy that is imitated: a name or an object of settings."""

@@ -45,7 +45,7 @@ class AssistInput:
 
 
 class Method(Protocol):
-    """How an assistant decides; `SharedAssistant` does the rest."""
+    """The decisions of an assistant; `SharedAssistant` does the rest."""
 
     def reset(self, mission: AssistMission) -> None:
         """Begin an episode."""

@@ -28,7 +28,7 @@ AHEAD = 0.4  # m before the axle, where distances are measured, so that headings
 
 @settings
 class Belief:
-    """How an assistant finds goals, and how fast it believes in one."""
+    """Goals that an assistant considers, and the speed of its belief in one."""
 
     rate: float = setting(default=6.0, low=0.0, high=100.0)
     """Evidence for each second of a stick that costs a second more than the best twist."""

@@ -60,7 +60,7 @@ class LearnedAssistant(Trained):
 
     @property
     def freedom(self) -> Freedom:
-        """How far it may go: as far as its base."""
+        """Its freedom: that of its base."""
         return freedom_of(make_compiled(self.env.assistant))
 
     def reset(self, mission: AssistMission) -> None:

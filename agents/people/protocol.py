@@ -131,7 +131,7 @@ class Protocol:
     practice: tuple[Task, ...] = ()
     """Drives before the tasks of each condition, which are not evaluated."""
     order: Literal["balanced", "listed"] = "balanced"
-    """How conditions follow one another: balanced over participants, or as listed for everybody."""
+    """Order of conditions: balanced over participants, or as listed for everybody."""
     nasa_tlx: bool = True
     """Whether the NASA-TLX is asked after each condition."""
     questionnaires: tuple[Questionnaire, ...] = ()

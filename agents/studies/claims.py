@@ -27,7 +27,7 @@ _DRAWS: Final = 2000  # of the bootstrap over the rows of the tables
 
 
 class Fit(NamedTuple):
-    """How well a reading predicts the printed lengths."""
+    """Agreement of a reading with the printed lengths."""
 
     correlation: float
     r2: float  # share of the printed variance that is explained

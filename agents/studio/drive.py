@@ -123,7 +123,7 @@ class Drive:
 
     @property
     def truth(self) -> Truth:
-        """How things are in the simulation."""
+        """The state of the simulation."""
         truth: Truth = self._world.chair.truth
         return truth
 

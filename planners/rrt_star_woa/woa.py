@@ -149,7 +149,7 @@ class WhaleSettings(WhaleMoves):
 
 @settings
 class ShiftBounds:
-    """How far whales may shift a point."""
+    """Bounds of a point's shift by whales."""
 
     width_bound: float = setting(default=2.5, unit="m", low=0.0, source="thesis, figure 3.1")
     """Largest shift of a point in x."""

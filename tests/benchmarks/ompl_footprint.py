@@ -42,7 +42,7 @@ class OmplFootprint(FootprintPlanner):
 
     algorithm: Literal["RRTConnect", "RRTstar", "InformedRRTstar", "BITstar"] = "RRTstar"
     sharpest_turn: float = setting(default=1.6, unit="1/m", low=0.1, source="se2_rrt_star_woa")
-    """Greatest curvature of arcs; sharper turns are made in place."""
+    """Maximum curvature of arcs; sharper turns are made in place."""
     range: float = setting(default=2.0, unit="m", low=0.01, source="design choice")
     """Longest edge of a tree, where the algorithm has such a parameter."""
     goals: int = setting(default=24, low=1, source="se2_rrt_star_woa")

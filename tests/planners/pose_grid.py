@@ -197,7 +197,7 @@ def fill(edges, discs, solid, frame, headings, outline, box, poses, pivots):
 
 @kernel
 def shortest(poses, pivots, steps, start, step):
-    """Least translation (headings, rows, columns) [m] from a pose (heading, row, column)."""
+    """Minimum translation (headings, rows, columns) [m] from a pose (heading, row, column)."""
     count, rows, columns = poses.shape
     far = np.full(poses.shape, np.float32(np.inf))
     far[start[0], start[1], start[2]] = 0.0

@@ -79,7 +79,7 @@ def leads(world: Any, k: int) -> bool:
 
 @borrowing_kernel
 def trolley_of(world: Any, k: int) -> int:
-    """Which actor is the trolley of person k; -1: none."""
+    """Return the trolley of person k; -1: none."""
     return k + 1 if leads(world, k) and actors_of(world)[0][k + 1].kind == FURNITURE else -1
 
 

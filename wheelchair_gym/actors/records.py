@@ -99,22 +99,22 @@ class Actors(NamedTuple):
 
     @property
     def discs(self) -> int:
-        """How many are round."""
+        """Number of round ones."""
         return int((self.rows["size"][:, 1] == 0.0).sum())
 
     @property
     def leaves(self) -> int:
-        """How many are doors."""
+        """Number of doors."""
         return int((self.rows["kind"] == DOOR).sum())
 
     @property
     def boxes(self) -> int:
-        """How many are boxes."""
+        """Number of boxes."""
         return int((self.rows["size"][:, 1] > 0.0).sum()) - self.leaves
 
     @property
     def segments(self) -> int:
-        """How many segments they show to the sensors."""
+        """Number of segments that they show to the sensors."""
         if not len(self.rows):
             return 0
         return 4 * (self.leaves + self.boxes)

@@ -55,7 +55,7 @@ def _gap(row: Any, state: Any, other: Any, other_state: Any) -> float:
 
 @borrowing_kernel
 def _measure_to_what_stays(world: Any, k: int) -> None:
-    """How far an actor may move before it can touch a wall or a disc; leaves touch none."""
+    """Distance that an actor may move before it can touch a wall or a disc; leaves touch none."""
     rows, actor_states = actors_of(world)
     row, state = rows[k], actor_states[k]
     free, size, x, y = _FAR, extent(row), state.pose[0], state.pose[1]

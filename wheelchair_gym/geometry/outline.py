@@ -50,7 +50,7 @@ class Footprint:
 def offsets_from_rectangle(
     px: float, py: float, front: float, back: float, half: float
 ) -> tuple[float, float]:
-    """How far [m] a point lies beyond a rectangle from x = back to front, ahead and aside; or 0."""
+    """Distances [m] of a point beyond a rectangle from x = back to front, ahead and aside; or 0."""
     dx = px - front if px - front > back - px else back - px
     dy = abs(py) - half
     return dx if dx > 0.0 else 0.0, dy if dy > 0.0 else 0.0

@@ -29,7 +29,7 @@ EV_SYN, EV_KEY, EV_ABS, SYN_DROPPED = 0, 1, 3, 3
 
 @settings
 class JoystickSettings:
-    """Which joystick, and what its axes and buttons do; codes are Linux's input event codes."""
+    """The joystick, its axes and its buttons; codes are Linux's input event codes."""
 
     device: str = setting(default="")
     """Path such as /dev/input/event3; any: the first one; empty: no joystick."""

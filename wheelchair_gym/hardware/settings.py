@@ -27,13 +27,13 @@ class HostLimits:
     ultrasonic: float = setting(default=_STALE.ultrasonic, unit="s", low=0.01, source=_SHIELD)
     """Maximum age of an ultrasonic range."""
     command_timeout: float = setting(default=0.5, unit="s", low=0.0, source="twist_mux (ROS)")
-    """How long a command stays valid beyond its control period."""
+    """Time for which a command stays valid beyond its control period."""
     clock_drift: float = setting(
         default=2e-4, unit="s/s", low=0.0, high=0.1, source="two quartz clocks, 100 ppm each"
     )
     """Maximum drift between the host's clock and that of a board or another computer."""
     ready_timeout: float = setting(default=5.0, unit="s", low=0.1)
-    """How long a reset waits for fresh data and for the chair to come to rest."""
+    """Time for which a reset waits for fresh data and for the chair to come to rest."""
 
 
 @settings
@@ -53,7 +53,7 @@ class HardwareSettings:
     dry_run: bool = setting(default=False)
     """Send no command, and only read what boards and laser send."""
     rearm_timeout: float = setting(default=120.0, unit="s", low=0.0)
-    """How long a reset waits for a person to re-arm the chair."""
+    """Time for which a reset waits for a person to re-arm the chair."""
     battery_full: float = setting(
         default=60.0, unit="V", low=5.0, high=100.0, source="measured with a multimeter"
     )

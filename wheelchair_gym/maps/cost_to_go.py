@@ -51,7 +51,7 @@ _SHRINK, _TRIES = 0.02, 5
 
 @settings
 class CostToGoSettings(DrivingCost):
-    """How the cost-to-go of the outline is computed."""
+    """Settings of the outline's cost-to-go."""
 
     cell: float = setting(default=0.1, unit="m", low=0.02, high=0.5, source="half a move")
     """Side of a lattice cell."""

@@ -20,7 +20,7 @@ STILL = 1e-9  # m, rad: less is no motion
 
 
 class MotionCost(NamedTuple):
-    """How the chair drives, and what its motion costs."""
+    """The chair's motion and its costs."""
 
     outline: NDArray[np.float64]  # (3,) m: front, rear, half width
     margin: float  # m: least clearance
@@ -46,7 +46,7 @@ class DrivingCost:
     obstacle_weight: float = setting(default=3.0, low=0.0, source="tuned on training seeds")
     """Additional cost of a move without clearance, as a multiple of its time."""
     lateral_acceleration: float = setting(default=0.35, unit="m/s2", low=0.01, source="comfort")
-    """Greatest lateral acceleration in curves."""
+    """Maximum lateral acceleration in curves."""
     pivot_speed_ratio: float = setting(
         default=0.6, low=0.05, high=1.0, source="speed of the followers turning in place"
     )

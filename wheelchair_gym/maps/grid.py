@@ -172,7 +172,7 @@ class OccupancyGrid:
         return self.from_lattice(np.asarray(cells, dtype=np.float64)[..., ::-1] + 0.5)
 
     def inside(self, points: ArrayLike) -> Mask:
-        """Which of the points (..., 2) [m] lie on the grid."""
+        """Return which of the points (..., 2) [m] lie on the grid."""
         cell = self.to_cell(points)
         return np.asarray(((cell >= 0) & (cell < self.shape)).all(axis=-1))
 

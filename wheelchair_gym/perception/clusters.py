@@ -115,7 +115,7 @@ def sector_of(g: Any, ahead: float, left: float) -> int:
 
 @borrowing_kernel
 def look(g: Any, frame: Any, x: float, y: float) -> int:
-    """How a place (dead-reckoned) looks in a scan: passed by beams, hit, hidden, out of view."""
+    """State of a place (dead-reckoned) in a scan: passed by beams, hit, hidden, out of view."""
     ahead, left = world_to_body(frame.c, frame.s, x - frame.x, y - frame.y)
     far, k = math.sqrt(ahead * ahead + left * left), sector_of(g, ahead, left)
     if k < 0 or far > g.reach:

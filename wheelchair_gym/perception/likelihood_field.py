@@ -98,7 +98,7 @@ def find_informative_beams(
     ends: Array,
     informative: NDArray[np.bool_],
 ) -> None:
-    """Which beams are informative about a pose: those that end at a surface or behind one.
+    """Return the beams informative about a pose: those that end at a surface or behind one.
 
     A beam that ends in the open may have hit a person (Fox, Burgard and Thrun 1999, section 4:
     filters for what a map does not show).

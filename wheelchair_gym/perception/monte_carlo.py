@@ -104,7 +104,7 @@ def weigh(particles: Particles, n: int, field: LikelihoodField, ends: Array, bea
 
 @borrowing_kernel
 def count_bins(particles: Particles, n: int, side: float, sector: float) -> tuple[int, int]:
-    """How many bins of place and heading hold particles, and a particle of the heaviest bin."""
+    """Count bins of place and heading with particles; find a particle of the heaviest bin."""
     bins, loads, poses = particles.bins, particles.loads, particles.poses
     bins[:] = 0
     loads[:] = 0.0
@@ -185,9 +185,9 @@ class LocalizationSettings:
     outlier_share: float = setting(default=0.1, low=1e-6, high=0.9)
     """Share of beams that hit what the map does not show."""
     min_particles: int = setting(default=300, low=10, high=16_000)
-    """Least number of particles."""
+    """Minimum number of particles."""
     max_particles: int = setting(default=5000, low=10, high=16_000)
-    """Greatest number of particles."""
+    """Maximum number of particles."""
 
     def __post_init__(self) -> None:
         if self.max_particles < self.min_particles:

@@ -267,7 +267,7 @@ _SURFACE_SIGMA = 0.02
 
 @settings
 class MappingSettings:
-    """How beams become a map."""
+    """Settings of maps made of beams."""
 
     resolution: float = setting(
         default=0.04, unit="m", low=0.005, high=1.0, source="gmapping's 0.05 errs a quarter more"

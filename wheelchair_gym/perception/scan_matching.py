@@ -36,7 +36,7 @@ _TURN = 0.1  # rad: its largest turn
 
 
 class Matcher(NamedTuple):
-    """How scans are laid onto maps, in cells."""
+    """Settings, in cells, of the matching of scans to maps."""
 
     spread: float
     iterations: int

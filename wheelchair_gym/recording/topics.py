@@ -37,7 +37,7 @@ SETTINGS: Final = (
 
 
 class Kind(NamedTuple):
-    """How a field is described, written and read."""
+    """A field's description, writer and reader."""
 
     schema: Mapping[str, Any]
     read: Callable[[Any], Any]
@@ -174,7 +174,7 @@ _SCALARS: Final = {"f8": NUMBER, "b1": FLAG, "i8": INTEGER}
 
 
 def _kind(signal: signals.Signal) -> Kind:
-    """How a signal is recorded: ranges and the poses of actors are packed."""
+    """A signal's record: ranges and the poses of actors are packed."""
     if signal.kind == "f4":
         (size,) = signal.shape
         return _packed("<f4", size if isinstance(size, int) else -1)

@@ -174,7 +174,7 @@ class Canvas:
 
 
 def text_width(text: str, height: float) -> float:
-    """How wide a text is [pixels] whose capitals are `height` pixels high, as it is written."""
+    """Width [pixels] of a text whose capitals are `height` pixels high, as it is written."""
     scale, stroke = _pen(height)
     (width, _), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, scale, stroke)
     return float(width)

@@ -68,7 +68,7 @@ def held_steps(g: Any) -> int:
 
 @inlined
 def _outward_speed(samples: Any, k: int, v: float, v1: float, w: float, w1: float) -> float:
-    """Greatest speed [m/s] of a point of the outline along the normal of its side."""
+    """Maximum speed [m/s] of a point of the outline along the normal of its side."""
     nx, ny = samples.normal_x[k], samples.normal_y[k]
     turning = samples.x[k] * ny - samples.y[k] * nx
     return float((v1 if nx > 0.0 else v) * nx + (w1 if turning > 0.0 else w) * turning)

@@ -136,7 +136,7 @@ def _move_other(others: Any, k: int, to: int) -> None:
 
 @borrowing_kernel
 def _range_of_edge(g: Any, one: LaserArrays, b: int) -> float:
-    """How far beam b of a scanner runs within the outline [m], at most its least range."""
+    """Length [m] of beam b of a scanner within the outline, at most its minimum range."""
     c, sn = math.cos(one.mount[2]), math.sin(one.mount[2])
     dx, dy = body_to_world(c, sn, one.cosine[b], one.sine[b])
     ahead = g.outline[0] - one.mount[0] if dx > 0.0 else g.outline[1] + one.mount[0]

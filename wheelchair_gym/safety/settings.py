@@ -7,7 +7,7 @@ from wheelchair_gym.base.settings import setting, settings
 
 @settings
 class StaleSettings:
-    """Greatest age of sensor data; silent, invalid and frozen data count alike."""
+    """Maximum age of sensor data; silent, invalid and frozen data count alike."""
 
     laser: float = setting(default=0.2, unit="s", low=0.01, source="eight scans at 40 Hz")
     """Longest time without a valid, new scan."""
@@ -21,7 +21,7 @@ class StaleSettings:
 
 @settings
 class ShieldSettings:
-    """How the shield limits the requested twist."""
+    """Limits of the requested twist by the shield."""
 
     stop_margin: float = setting(
         default=0.021, unit="m", low=0.0, source="measured: edges and a stop err by 10 mm each"
@@ -37,25 +37,25 @@ class ShieldSettings:
     creep_speed: float = setting(default=0.05, unit="m/s", low=0.0)
     """Speed up to which the chair may move inside the stop zone."""
     memory_time: float = setting(default=3.0, unit="s", low=0.1, high=60.0)
-    """How long free space and objects that may move are remembered."""
+    """Time for which free space and objects that may move are remembered."""
     static_memory_time: float = setting(default=60.0, unit="s", low=0.1, high=3600.0)
-    """How long an unobserved static obstacle is remembered."""
+    """Time for which an unobserved static obstacle is remembered."""
     vacated_time: float = setting(
         default=1.5, unit="s", low=0.1, high=60.0, source="a door may fall shut behind it"
     )
-    """How long space that the chair has left counts as free."""
+    """Time for which space that the chair has left counts as free."""
     unseen_speed: float = setting(default=0.1, unit="m/s", low=0.08)
-    """Greatest speed of the outline into space that no sensor has seen. Below the lower bound a
+    """Maximum speed of the outline into space that no sensor has seen. Below the lower bound a
     chair hardly starts: all around it is unseen, and its rear corners count whichever way they
     move."""
     person_speed: float = setting(default=1.5, unit="m/s", low=0.0)
-    """Greatest speed that a person is expected to reach in any direction."""
+    """Maximum speed that a person is expected to reach in any direction."""
     person_acceleration: float = setting(
         default=2.7, unit="m/s2", low=0.0, source="0 to 1.34 m/s in 0.5 s"
     )
     """Acceleration expected of a person who stands."""
     moving_memory_time: float = setting(default=3.0, unit="s", low=0.0, high=60.0)
-    """How long an object that moved is expected to move again."""
+    """Time for which an object that moved is expected to move again."""
     wary_time: float = setting(default=10.0, unit="s", low=0.0, high=3600.0)
     """How long after something moved nearby the chair backs into unseen space no faster than
     `creep_speed`."""

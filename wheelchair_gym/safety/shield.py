@@ -110,7 +110,7 @@ def point_to_shields(constants: ShieldConstants, shields: NDArray[np.void]) -> P
 
 
 class Decision(NamedTuple):
-    """How the shield changed a twist, and why."""
+    """The shield's change of a twist, and its reason."""
 
     reason: str  # one of REASONS; empty: nothing was changed
     asked: Array  # (2,) m/s, rad/s

@@ -19,7 +19,7 @@ import yaml
 
 
 class Ends(enum.Enum):
-    """How a stop ends."""
+    """The end of a stop."""
 
     ITSELF = "goes on by itself"
     PERSON = "goes on when the person returns control"

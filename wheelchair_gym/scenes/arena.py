@@ -105,7 +105,7 @@ class EmptyRoom:
     goal: Pose | None = setting(default=None, unit="m, m, rad")
     """Goal pose; null draws it at random."""
     min_distance: float = setting(default=2.0, unit="m", low=0.0)
-    """Least distance from start to goal."""
+    """Minimum distance from start to goal."""
 
     def __post_init__(self) -> None:
         if self.min_distance > 0.4 * math.hypot(*self.size):
@@ -173,7 +173,7 @@ class Clutter:
     )
     """Smallest and largest radius of a cylinder."""
     min_gap: float = setting(default=0.9, unit="m", low=0.0, high=3.0)
-    """Least gap between cylinders that do not overlap."""
+    """Minimum gap between cylinders that do not overlap."""
     passage_margin: float = setting(default=0.10, unit="m", low=0.0, high=0.5)
     """Clearance on each side of the chair that a solvable corridor leaves."""
 

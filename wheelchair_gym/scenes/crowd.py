@@ -168,9 +168,9 @@ class Crowd(Building):
     """Movable pieces of furniture per free area."""
     building: FloorPlan = FloorPlan()
     hall_size: Range[float] = setting(default=(9.0, 14.0), unit="m", low=5.0, high=60.0)
-    """Least and greatest side of a hall."""
+    """Minimum and maximum side of a hall."""
     corridor_width: Range[float] = setting(default=(2.0, 3.0), unit="m", low=1.2, high=10.0)
-    """Least and greatest width of a corridor, a crossing's corridors and the landing of a lift."""
+    """Range of widths of a corridor, a crossing's corridors and the landing of a lift."""
 
     def sample_building(
         self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT
@@ -262,13 +262,13 @@ class Temporary(Building):
     """
 
     count: Range[int] = setting(default=(1, 3), low=0, high=20)
-    """Least and greatest number of obstacles."""
+    """Minimum and maximum number of obstacles."""
     radius: Range[float] = setting(
         default=(0.15, 0.35), unit="m", low=0.05, high=1.0, source="from a bag to a trolley"
     )
-    """Least and greatest radius of an obstacle."""
+    """Minimum and maximum radius of an obstacle."""
     trigger_distance: Range[float] = setting(default=(1.5, 3.0), unit="m", low=0.1)
-    """Least and greatest distance of the chair at which an obstacle appears."""
+    """Minimum and maximum distance of the chair at which an obstacle appears."""
     min_distance: float = setting(default=1.2, unit="m", low=0.9, source="0.8 m/s stops in 0.88 m")
     """Distance of the chair below which no obstacle appears."""
     duration: Range[float] = setting(default=(5.0, 20.0), unit="s", low=0.1, high=600.0)

@@ -65,15 +65,15 @@ class FloorPlan(Building):
     kind: Literal["any", "home", "clinic"] = setting(default="any")
     """Kind of building; any draws one of the two."""
     door_width: Range[float] = setting(default=(1.0, 1.2), unit="m", low=0.7, high=2.0)
-    """Least and greatest clear width of doors."""
+    """Minimum and maximum clear width of doors."""
     corridor_width: Range[float] = setting(default=(1.2, 1.8), unit="m", low=0.8, high=4.0)
-    """Least and greatest clear width of corridors."""
+    """Minimum and maximum clear width of corridors."""
     building_size: Range[float] = setting(default=(10.0, 18.0), unit="m", low=9.0, high=60.0)
-    """Least and greatest side of the building."""
+    """Minimum and maximum side of the building."""
     furniture_density: float = setting(default=0.25, unit="1/m2", low=0.0, high=2.0)
     """Pieces of furniture that are tried per area of a room."""
     path_length: Range[float] = setting(default=(5.0, 30.0), unit="m", low=0.0)
-    """Least and greatest length of the shortest path from start to goal."""
+    """Minimum and maximum length of the shortest path from start to goal."""
     clearance: float = setting(default=0.15, unit="m", low=0.0, high=0.5)
     """Clearance of the footprint at start and goal."""
 

@@ -104,7 +104,7 @@ class PeopleSettings:
     """Number and behaviour of people."""
 
     density: Range[float] = setting(default=(0.03, 0.08), unit="1/m2", low=0.0, high=1.0)
-    """Least and greatest number of people per free area; of a lift, per area of its cabin."""
+    """Range of the number of people per free area; of a lift, per area of its cabin."""
     speed: float = setting(default=records.SPEED, unit="m/s", low=0.1, source="Weidmann 1993")
     """Mean preferred walking speed."""
     inattentive_share: float = setting(default=0.1, low=0.0, high=1.0)

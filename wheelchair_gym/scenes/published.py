@@ -71,7 +71,7 @@ class Lab:
     """A laboratory of the thesis on limited tree expansion; upright walls, 7 m x 5 m."""
 
     number: int = setting(default=1, low=1, high=3, source="the first one")
-    """Which of the three laboratories."""
+    """Number of the laboratory."""
 
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
         """The one world there is, whatever the footprint."""

@@ -41,7 +41,7 @@ class LaserSettings:
     )
     """Largest range; farther is no echo."""
     range_min: float = setting(default=0.06, unit="m", low=0.0, source="Hokuyo UST-10LX")
-    """Least range; nearer is invalid."""
+    """Minimum range; nearer is invalid."""
     sigma: float = setting(
         default=0.015, unit="m", low=0.0, high=1.0, source="Hokuyo UST-10LX: 0.5 to 2 cm at 10 m"
     )
@@ -81,7 +81,7 @@ class UltrasonicModel:
     reach: float = setting(default=4.0, unit="m", low=0.1, high=20.0, source="data sheet: HC-SR04")
     """Largest range."""
     range_min: float = setting(default=0.02, unit="m", low=0.0, source="data sheet: HC-SR04")
-    """Least range; nearer echoes read as this."""
+    """Minimum range; nearer echoes read as this."""
     sigma: float = setting(default=0.010, unit="m", low=0.0, high=1.0)
     """Standard deviation of a range."""
     ghost_share: float = setting(default=0.01, low=0.0, high=1.0)

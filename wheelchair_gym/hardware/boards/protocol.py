@@ -15,7 +15,7 @@ from typing import Any, NamedTuple, TypeVar
 
 
 class CommandFlag(enum.IntFlag):
-    """How a command is executed."""
+    """State of a command's execution."""
 
     PROTECTIVE = 0x01  # brake at the protective rate, exempt from jerk
     # A person drives by the board's joystick, and the host helps: the chair is at rest while the
@@ -100,7 +100,7 @@ class Status(enum.IntEnum):
 
 
 class Board(enum.IntEnum):
-    """Which board sends."""
+    """The board that sends."""
 
     DRIVE_BOARD = 1
     RANGE_BOARD = 2

@@ -249,14 +249,14 @@ class BoardSensors:
         return self._newest[name].message.measured_at
 
     def ages(self, now: float) -> dict[str, float]:
-        """How old the newest of each is [s]; +inf before the first."""
+        """Age [s] of the newest of each; +inf before the first."""
         ages = {name: newest.age(now) for name, newest in self._newest.items()}
         if not self.range:
             del ages["ultrasonic"]
         return ages
 
     def stale(self, now: float) -> str:
-        """Which data that driving needs are too old or missing; empty: none."""
+        """Data that driving needs and that are too old or missing; empty: none."""
         limits, ages = self.settings.limits, self.ages(now)
         if ages["odometry"] > limits.odometry:
             return _silent("the drive board", self.drive.error or self.drive.mismatch)
@@ -273,7 +273,7 @@ class BoardSensors:
         return ""
 
     def stale_ultrasonic(self, now: float) -> str:
-        """Which ultrasonic is silent; empty: none."""
+        """Name of a silent ultrasonic; empty: none."""
         old = self.ranges(now)[2] if self.range else np.zeros(RANGERS)
         late = np.flatnonzero(~(old <= self.settings.limits.ultrasonic))
         return f"ultrasonic {late[0]} is silent" if len(late) else ""

@@ -239,7 +239,7 @@ class RosSensors:
             _LOG.warning("a message of %s %s; it is not used", topic, why)
 
     def stale(self, now: float) -> str:
-        """Which data that driving needs are too old or missing; empty: none."""
+        """Data that driving needs and that are too old or missing; empty: none."""
         if self.clock is not None and (why := self.clock.stopped):
             return why
         for topic, one in self.topics.items():

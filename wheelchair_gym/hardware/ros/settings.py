@@ -16,7 +16,7 @@ class RosbridgeSettings:
     """The WebSocket connection to rosbridge_server."""
 
     connect_timeout: float = setting(default=3.0, unit="s", low=0.1)
-    """How long to wait for the connection."""
+    """Time to wait for the connection."""
     tls: bool = setting(default=False)
     """Encrypt the connection (wss), and check the other side's certificate."""
     ca_file: str = setting(default="")
@@ -69,7 +69,7 @@ class RosSettings:
     use_sim_time: bool = setting(default=False, source="ROS")
     """Measure ages and control periods by the simulated time."""
     clock_timeout: float = setting(default=2.0, unit="s", low=0.1)
-    """How long the simulated time may stand still, in real time."""
+    """Real time for which the simulated time may stand still."""
     limits: HostLimits = HostLimits()
     link: RosbridgeSettings = RosbridgeSettings()
 

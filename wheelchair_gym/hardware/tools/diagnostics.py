@@ -175,7 +175,7 @@ class Diagnostics:
         return found
 
     def _mismatch(self, board: str) -> str:
-        """How a board's parameters differ from the wanted ones, once all are reported."""
+        """Differences of a board's parameters from the wanted ones, once all are reported."""
         table, wanted = self.senses.parameters[board], self.wanted[board]
 
         def complete() -> bool:

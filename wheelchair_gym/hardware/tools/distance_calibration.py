@@ -150,7 +150,7 @@ def echoes_ahead(senses: BoardSensors, ranges: NDArray[np.float32]) -> Array:
 
 
 def distance_moved(before: Wall, after: Wall, pose: Array) -> float:
-    """How far [m] a chair moved, by the wall before and after, to a pose (3,) by odometry."""
+    """Distance [m] that a chair moved to a pose (3,) by odometry, by the wall before and after."""
     counted = math.hypot(pose[0], pose[1])
     if counted < 1e-6:
         raise ValueError("the wheels did not turn, or nothing was counted")

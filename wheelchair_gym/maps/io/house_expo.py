@@ -49,7 +49,7 @@ class House(NamedTuple):
 
 
 def cells_of_outline(outline: Array, shape: tuple[int, int]) -> tuple[Mask, Mask]:
-    """Which cells have their centre inside an outline (k, 2) [cells], and which its edges cut."""
+    """Return cells with their centre inside an outline (k, 2) [cells], and those its edges cut."""
     rows, columns = shape
     inside, cut = np.zeros(shape, dtype=np.bool_), np.zeros(shape, np.bool_)
     for (ax, ay), (bx, by) in zip(outline, np.roll(outline, -1, axis=0), strict=True):

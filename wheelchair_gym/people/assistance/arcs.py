@@ -1,4 +1,4 @@
-"""How far the chair's outline could follow a twist among obstacles."""
+"""Distance that the chair's outline could follow a twist among obstacles."""
 
 from __future__ import annotations
 

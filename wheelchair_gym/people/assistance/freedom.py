@@ -26,10 +26,10 @@ _DOCKING_STICK, _DOCKING_TIME = 0.35, 1.0
 
 @settings
 class Freedom:
-    """How far an assistant may go, and how near obstacles it lets the chair come."""
+    """An assistant's freedom, and its distance from obstacles."""
 
     turn: float = setting(default=0.5, unit="rad/s", low=0.0, high=4.0)
-    """How far the turn rate may lie beyond rest's and the stick's, at full deflection."""
+    """Largest turn rate beyond rest's and the stick's, at full deflection."""
     backward: float = setting(
         default=0.045, unit="m/s", low=0.0, high=2.0,
         source="nothing looks back, and a contact below 0.05 m/s does no harm: docs, decisions",

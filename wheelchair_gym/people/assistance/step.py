@@ -138,7 +138,7 @@ def assisted_action(i: int, assistants: Any, residual_v: float, residual_w: floa
 
 
 def freedom_of(method: Any) -> Freedom:
-    """How far a method may go; without such a setting, as far as any."""
+    """A method's freedom; without such a setting it is full."""
     found: Freedom = getattr(method, "freedom", Freedom())
     return found
 

@@ -36,14 +36,14 @@ class Intention:
     indecision: float = setting(default=0.0, unit="s", low=0.0, high=10.0, source=_ASSUMED)
     """Standard deviation of the error of a signal's judged worth: more makes more movements."""
     mind_changes: float = setting(default=0.0, unit="1/min", low=0.0, high=60.0, source=_ASSUMED)
-    """How often it turns to another free direction for a while."""
+    """Rate of turns to another free direction for a while."""
     looks: float = setting(default=0.0, unit="1/min", low=0.0, high=60.0, source=_ASSUMED)
-    """How often it drives slowly up to something ahead, such as a desk, to look at it."""
+    """Rate of slow drives up to something ahead, such as a desk, to look at it."""
     patience: float = setting(default=3.0, unit="s", low=0.1, high=600.0, source=_ASSUMED)
     """How long it pushes without any motion before it backs off; and how long it hesitates before
     it likes to keep half the distance."""
     retreat: float = setting(default=1.5, unit="s", low=0.0, high=60.0, source=_ASSUMED)
-    """How long it then backs off."""
+    """Time for which it then backs off."""
     adaptation: float = setting(default=2.0, unit="s", low=0.05, high=1e6, source=_ASSUMED)
     """Time constant with which it learns how much the chair turns beside what a stick asks for."""
 
@@ -72,9 +72,9 @@ class Perception:
     drift: float = setting(
         default=0.0, unit="m", low=-1.0, high=1.0, source="Turton 2009: to the left; 0.1 m assumed"
     )
-    """How far it keeps to the left of its way."""
+    """Distance that it keeps to the left of its way."""
     lapses: float = setting(default=0.0, unit="1/min", low=0.0, high=60.0, source="1 to 3, assumed")
-    """How often its attention lapses; its last signal then goes on."""
+    """Rate of lapses of attention; its last signal then goes on."""
     lapse_min: float = setting(default=1.0, unit="s", low=0.0, high=60.0, source=_ASSUMED)
     """Shortest lapse."""
     lapse_max: float = setting(default=3.0, unit="s", low=0.0, high=60.0, source=_ASSUMED)
@@ -106,7 +106,7 @@ class Hand:
     bursts: float = setting(
         default=0.0, unit="1/min", low=0.0, high=60.0, source="spasticity 0.5 to 2: assumed"
     )
-    """How often a spasm pushes the hand to a corner."""
+    """Rate of spasms that push the hand to a corner."""
     forward: float = setting(default=1.0, low=0.0, high=1.0, source="weakness 0.3 to 0.7: assumed")
     """Share of a deflection forward that the hand brings about."""
     backward: float = setting(default=1.0, low=0.0, high=1.0, source="weakness 0.3 to 0.7: assumed")
@@ -136,7 +136,7 @@ class ProportionalStick:
     """A proportional stick, for hand or chin, or an isometric one, which has no throw."""
 
     kind: Literal["stick"] = setting(default="stick")
-    """Which interface these are settings of."""
+    """The interface of these settings."""
     gain: float = setting(default=1.0, low=0.05, high=1.0, source="chin 0.5: assumed")
     """Share of full speed at full deflection."""
     dead_zone: float = setting(
@@ -163,7 +163,7 @@ class Switches:
     """Switches that give directions, on or off: head array, sip-and-puff, keyboard."""
 
     kind: Literal["switches"] = setting(default="switches")
-    """Which interface these are settings of."""
+    """The interface of these settings."""
     directions: Literal[4, 8] = setting(
         default=8, source="head array: 8 directions (argallab/interface_assessments)"
     )
@@ -188,7 +188,7 @@ class Scanning:
     """A single switch: it picks the command that is lit, and a press while driving stops."""
 
     kind: Literal["scanning"] = setting(default="scanning")
-    """Which interface these are settings of."""
+    """The interface of these settings."""
     scan_period: float = setting(
         default=1.25,
         unit="s",
@@ -212,7 +212,7 @@ class BrainComputer:
     """Motor imagery, left or right, and none: straight on. A switch starts and stops the chair."""
 
     kind: Literal["brain_computer"] = setting(default="brain_computer")
-    """Which interface these are settings of."""
+    """The interface of these settings."""
     accuracy: float = setting(
         default=0.85, low=0.0, high=1.0, source="Leeb 2015: more than 70 % to take part; Tonin 2022"
     )
@@ -220,7 +220,7 @@ class BrainComputer:
     command_interval: float = setting(
         default=10.0, unit="s", low=0.1, high=600.0, source="3 to 6 commands a minute: assumed"
     )
-    """Least time between two commands."""
+    """Minimum time between two commands."""
     speed: float = setting(default=0.3, low=0.05, high=1.0)
     """Deflection forward while the chair drives."""
     turn: float = setting(default=0.4, low=0.05, high=1.0)
