@@ -631,7 +631,7 @@ READERS: dict[str, Reader] = {
     ),
     "env settings": Reader(
         _env, _use_env,
-        ("config.read", "evaluation.evaluate.env_settings", "cli.arguments.shield_of",
+        ("base.settings.read", "evaluation.evaluate.env_settings", "cli.arguments.shield_of",
          "cli.hardware._write_drive", "cli.compare.trained_in"),
     ),
     "scene settings": Reader(
@@ -645,7 +645,7 @@ READERS: dict[str, Reader] = {
         _shipped("planners.json"), lambda path: _use_each(path, PLANNERS, make_planner),
         ("cli.arguments.spec",),
     ),
-    "protocol": Reader(_protocol, read_protocol, ("participants.session.read_protocol",)),
+    "protocol": Reader(_protocol, read_protocol, ("people.session.read_protocol",)),
     "training settings": Reader(
         _shipped("ppo_guided.json"),
         lambda path: read_training(read_json(path), path.name, "ppo"), ("cli.train.run",),
@@ -662,7 +662,7 @@ READERS: dict[str, Reader] = {
     "store": Reader(_store, _use_store, ("evaluation.runs.read_store",)),
     "log": Reader(
         _log, lambda path: by_odometry(read_log(path), LASER, SlamSettings().mapping),
-        ("localization.logs.read_log",),
+        ("perception.logs.read_log",),
     ),
     "recording": Reader(
         _recording, _use_recording, ("recording.read_bags.mcap_messages",), _mutated_mcap

@@ -22,7 +22,7 @@ from wheelchair_gym.scenes import SCENES, make_scene
 
 # Settings that are in no registry.
 PARTS = {
-    "footprint": "wheelchair_gym.geometry:Footprint",
+    "footprint": "wheelchair_gym.geometry.outline:Footprint",
     "limits": "wheelchair_gym.geometry.kinematics:Limits",
     "drive": "wheelchair_gym.geometry.kinematics:DriveGeometry",
     "sensors": "wheelchair_gym.sensors.settings:SensorSettings",

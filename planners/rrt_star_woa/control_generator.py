@@ -84,7 +84,7 @@ class Controls:
     times: Array  # (n,) s
     collision_free: bool  # the footprint touches nothing
     arrived: bool  # at rest at the path's end, or driven up to the horizon
-    error: float  # m: distance of the last pose from the path's end, of the nearest from a horizon
+    error: float  # m: from the last pose to the path's end, or from the nearest pose to the horizon
     segments: int  # number of segments up to the horizon
     reached: int  # number of segments, from the first one on, whose ends are reached
     missed: float  # m: distance of the commands' end from that of the first segment not reached
@@ -123,7 +123,7 @@ class Search(NamedTuple):
 
     swarm: WhaleParameters
     maneuvers: bool  # the swarm starts from maneuvers, not at random
-    printed: bool  # the cost is the thesis's: the distance from the end
+    printed: bool  # the cost is our reading of the thesis: the distance from the end
 
 
 @borrowing_kernel
@@ -132,7 +132,10 @@ def segment_cost(
 ) -> float:
     """Return the cost [s] of a particle that begins with the motion `now`.
 
-    As printed it is the distance from the segment's end [m]. `trial` is workspace.
+    It adds up the distances from the segment's end and middle, the duration, the turn towards the
+    next segment, which takes longer at speed, too little clearance, and prices of a missed end and
+    of a contact, also while coming to rest from there. As printed it is the distance from the end
+    [m]. `trial` is workspace.
     """
     trial[0] = now[0]
     motion = trial[0]
@@ -256,7 +259,7 @@ def pursue(
             gap = math.hypot(line[i, 0] - motion.x, line[i, 1] - motion.y)
             if gap < nearest:
                 nearest, at = gap, i
-        aim = line[min(line.shape[0] - 1, at + int(lookahead / SPACING))]
+        aim = line[min(line.shape[0] - 1, at + round(lookahead / SPACING))]
         dx, dy = aim[0] - motion.x, aim[1] - motion.y
         error = wrap(math.atan2(dy, dx) - motion.yaw)
         v, w = 0.0, math.copysign(turn, error)
@@ -286,9 +289,9 @@ def write_maneuver(
     if kind <= _BACK:
         return straight(now[0], leg, world, kind == _BACK, kind != _TURN, commands)
     if kind == _PURSUIT:
-        return pursue(now, line, world, 0.4 * limits.forward, 0.3, trial, commands)
+        return pursue(now, line, world, 0.4 * limits.forward, 0.2, trial, commands)
     if kind == _FAST_PURSUIT:
-        return pursue(now, line, world, 0.7 * limits.forward, 0.6, trial, commands)
+        return pursue(now, line, world, 0.7 * limits.forward, 0.5, trial, commands)
     trial[0] = now[0]
     motion, count = trial[0], 1
     if kind == _TWO_ARCS:
@@ -475,12 +478,12 @@ def follow(
             left = left[max(0, used - 1) :]
             left[:1, T] -= known[3 * max(0, used - 1) + T]
             count = append(found, motion, world, commands, count)
-        if not there and missed == 0.0:
+        if there and reached == k:
+            reached, missed = k + 1, 0.0
+        elif reached == k:
             missed = gap
-        if missed == 0.0:
-            reached = k + 1
-        elif not search.printed:
-            break
+            if not search.printed:
+                break
         k += 1
     rest = brake(now, everything)
     if rest > 0.0:
@@ -513,10 +516,13 @@ class ControlGenerator:
     maneuvers: bool = setting(default=True, source="the thesis's swarm starts at random: false")
     """Whether the swarm starts from maneuvers, or at random."""
     printed: bool = setting(default=False, source="thesis, section 2.9.3 and algorithm 6: true")
-    """Whether segments end at the path's own points and cost the distance from there alone."""
-    horizon: float | None = setting(default=None, unit="m", low=0.1)
+    """Whether segments end at the path's own points and cost the distance from there alone; the
+    swarm then starts at random."""
+    horizon: float | None = setting(default=None, unit="m", low=2.0 * REACHED)
     """Length of the path to follow; null for the whole path."""
-    segment: float = setting(default=1.0, unit="m", low=0.1, source="measured on training homes")
+    segment: float = setting(
+        default=1.0, unit="m", low=2.0 * REACHED, source="measured on training homes"
+    )
     """Maximum length of a segment."""
     margin: float = setting(default=0.02, unit="m", low=0.0)
     """Minimum clearance to obstacles."""

@@ -21,8 +21,8 @@ from wheelchair_gym.base.settings import setting, settings
 from wheelchair_gym.compiled.kernel import absorbed_kernel, borrowing_kernel
 from wheelchair_gym.compiled.random import Stream, next_in_disc
 
-# The thesis gives neither the costs of hidden nodes nor their order. Here a hidden x_near costs
-# more than any path's length, a hidden goal less.
+# The thesis gives x_near the higher priority, and no costs. To be hidden from x_near must outweigh
+# any path's length; to be hidden from the goal need not.
 NODE_HIDDEN_COST, GOAL_HIDDEN_COST = 1000.0, 10.0
 Point = tuple[float, float]  # m
 
@@ -36,7 +36,7 @@ class Steering(NamedTuple):
 
 @borrowing_kernel
 def find_blocker(space: SpaceArrays, ax: float, ay: float, bx: float, by: float, last: int) -> int:
-    """Return the index of a segment that blocks the line from a to b, or -1; tests `last` first."""
+    """Return the first segment found to block the line from a to b, `last` first; -1: none."""
     if last >= 0 and blocks(space.segments, space.before, last, ax, ay, bx, by):
         return last
     return blocking_segment(space, ax, ay, bx, by)
@@ -51,7 +51,7 @@ def whale_cost(
 
     Its four terms: the distances to x_rand and x_goal, and the visibility of x_goal and x_near.
     Lines of sight are tested only while the whale can still lead. The goal comes first: the segment
-    that hides it from one whale hides it from most. Also returns the segments that hid both last.
+    that hides it from one whale hides it from most. Also returns the last ones that hid each.
     """
     (x, y), (u, v), (from_goal, from_near) = sample, whale, blockers
     minimum = steering.whales.leader_cost[0]

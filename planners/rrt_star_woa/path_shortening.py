@@ -1,8 +1,8 @@
 """Path shortening: algorithm 5 of the thesis (section 2.8), and the planner `rrt_star_woa_global`.
 
 A whale is a path: the shifts of all inner points of the path of RRT*. From top to bottom: the first
-population, algorithm 5, and the planner. A whale costs its weighted length and each blocked edge:
-`LengthFree`.
+population, algorithm 5, and the planner. A whale costs its weighted length and each blocked edge
+(`LengthFree`), where the thesis has one term for all edges.
 """
 
 from __future__ import annotations
@@ -80,15 +80,13 @@ def shorten(
 class RrtStarWoaGlobal(LengthFree, ShiftBounds, PlannerBase):
     """RRT* whose path a swarm of paths then shortens (thesis, section 2.8 and algorithm 5)."""
 
-    whales: WhaleSettings = setting(
-        default=WhaleSettings(population=30, iterations=100), source="thesis, figure 3.1"
-    )
-    """The swarm."""
+    whales: WhaleSettings = setting(default=WhaleSettings(population=30, iterations=100))
+    """The swarm; figure 3.1 of the thesis has 10 whales and 10 iterations."""
     tree: RrtStar = setting(default=RrtStar(return_on_first_path=True), source="thesis, figure 3.1")
     """The tree search."""
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
-        """Return a free path, with the best leader never longer than that of the tree.
+        """Return a free path, with `leader="best"` never longer than that of the tree.
 
         The deadline is that of the tree; the run of the swarm, some ms, follows in one piece.
         """

@@ -219,7 +219,7 @@ class Se2RrtStarWoa(FootprintPlanner):
     iterations: int = setting(default=15_000, low=0)
     """Largest number of iterations: of samples up to the first paths, then of rounds."""
     improvement: int = setting(default=200, low=0)
-    """Rounds after the first path; with a deadline, make it large for an anytime planner."""
+    """Rounds after the search for first paths; with a deadline a large number is anytime."""
     tree_share: float = setting(default=1.0, low=0.0, source=_TUNED)
     """Share of the rounds that are samples of RRT*."""
     shortcut_share: float = setting(default=1.0, low=0.0, source=_TUNED)
@@ -228,7 +228,7 @@ class Se2RrtStarWoa(FootprintPlanner):
     """Share of the rounds of whales that move poses of a window of the path."""
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
-        """Return the cheapest path of all rounds; `first_path` counts up to the first path."""
+        """Return the cheapest path of all rounds; `first_path` is the first one's iteration."""
         began = clock()
         start, goal = start_and_goal(problem)
         reach = self.footprint.reach + LONGEST_PIECE + self.desired_clearance

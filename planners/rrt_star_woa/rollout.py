@@ -20,7 +20,7 @@ from wheelchair_gym.geometry.outline import footprint_clearance
 MAX_CLEARANCE = 0.5  # m: larger clearances are not told apart
 FINEST = 0.02  # m: near obstacles no point of the outline moves farther between two tests
 STEP = 0.05  # s: as a control loop of 20 Hz
-FREE_TURNS = 0.4  # m/s: at this speed the sides of the chair sweep floor that was ahead before
+FREE_TURNS = 0.4  # m/s: from here on the chair's sides sweep floor that was ahead before
 REST = 1e-5  # m/s, rad/s: slower is at rest; the last of a jerk-limited approach is rounding
 
 MOTION = np.dtype(
@@ -35,9 +35,9 @@ MOTION = np.dtype(
         ("time", np.float64),  # s since the roll-out began
         ("moved", np.float64),  # m: bound of the outline's motion since the last test
         ("gap", np.float64),  # m: clearance at the last test
-        ("minimum", np.float64),  # m: minimum clearance so far
+        ("minimum", np.float64),  # m: minimum of the tested clearances
         ("marked", np.float64),  # m: minimum distance from the marked point so far
-        ("free", np.bool_),  # false once the clearance fell below the margin
+        ("free", np.bool_),  # false once the clearance fell below the margin, or the box was left
     ]
 )
 Motion = NDArray[Any]  # (1,) MOTION
@@ -101,8 +101,8 @@ def measure_clearance(motion: Any, x: float, y: float, yaw: float, world: World)
 def drive(motion: Any, v: float, w: float, t: float, world: World) -> None:
     """Drive towards a twist for t seconds, or until the motion is no longer free.
 
-    The clearance is tested again before it can have fallen below the margin, or every `FINEST`
-    metres if that is more.
+    The clearance is tested again before it can have fallen below the margin, but not more often
+    than every `FINEST` metres.
     """
     footprint = world.footprint
     reach = math.hypot(max(footprint[0], footprint[1]), footprint[2])
@@ -144,8 +144,8 @@ def time_to_cover(
 ) -> float:
     """Return the duration [s] of a target speed that covers an amount [m or rad].
 
-    The motion begins at the speed `begun`. `up`, `down` and `jerk` limit acceleration and
-    deceleration. With `rest` the amount includes the motion while coming to rest.
+    The motion begins at the speed `begun`, without acceleration. `up`, `down` and `jerk` limit
+    acceleration and deceleration. With `rest` the amount includes the motion while coming to rest.
     """
     t, low, high = amount / speed, 0.0, np.inf
     for _ in range(16):  # Newton's method between bounds that are too short and too long

@@ -25,7 +25,7 @@ KEYS: Final[dict[str, tuple[Any, float, tuple[str, ...]]]] = {
     "RenderGraphics": (False, 0, ()),
     "CreateVideo": (False, 0, ()),
     "TestMode": (True, 0, ()),
-    "MapProcessor_Obstacles_Dilation": (3, 0, ()),
+    "MapProcessor_Obstacles_Dilation": (0, 0, ()),
     "MapProcessor_Epsilon": (0.02, 0, ()),
     "MapProcessor_Map_Name": ("5", 0, ()),
     "PathPlanner_Iterations": (10_000, 1, ("tree", "iterations")),
@@ -47,7 +47,7 @@ GLOBAL: Final = "rrt_star_woa_global"
 
 
 class ThesisFile(NamedTuple):
-    """The content of a settings file; missing keys keep our defaults."""
+    """The content of a settings file; missing keys keep our defaults, but for bias and leader."""
 
     path: Path
     settings: Mapping[str, Any]  # of the global variant

@@ -1,8 +1,8 @@
 """The whale optimization algorithm (WOA): equations (2.1) to (2.8) and algorithm 3 of the thesis.
 
-Mirjalili and Lewis 2016 have the thresholds 0.5 and 1 where the thesis (section 2.6) has the
-parameters mu and lambda. Steering, path shortening, control generation, the refinement of poses and
-the followers run this one loop by ask and tell; they differ in what a whale means and costs:
+Algorithm 3 has the thresholds 0.5 and 1, which section 3.3.3 calls mu and lambda. Steering, path
+shortening, control generation, the refinement of poses and the followers run this one loop by ask
+and tell; they differ in what a whale means and costs:
 
     whales = new_whales(population, parameters, lower, upper)  # line 1
     for t in range(parameters.iterations + 1):  # line 3
@@ -77,8 +77,8 @@ def move(whales: Whales, progress: float, state: Stream) -> None:
     """Move all whales once, then clip them to the bounds: lines 4 to 13, equations (2.1) to (2.8).
 
     The progress of the run rises from 0 to 1. A whale draws one A and one p, which choose its move,
-    one l for its spiral and one C per coordinate. A and C are independent as in the original paper.
-    A latest leader, as the thesis lists it, is overwritten by the best whale of the next iteration.
+    one l for its spiral, one other whale for its search, and one C per coordinate. With a latest
+    leader the cost of the leader is forgotten, so that the best whale of the next population leads.
     """
     population, leader, parameters = whales.population, whales.leader, whales.parameters
     lower, upper, c_range = whales.lower, whales.upper, whales.c_range
@@ -113,13 +113,13 @@ class WhaleMoves:
     """The moves of whales, and the choice of their leader."""
 
     leader: Literal["best", "latest"] = setting(
-        default="best", source="Mirjalili and Lewis 2016; the thesis's algorithms: latest"
+        default="best", source="thesis, section 2.6.1; one reading of its algorithms: latest"
     )
     """The leader: the best position of all populations so far, or of the latest one alone, which
     can be worse than an earlier one. The result of a run is its last leader."""
     a: float = setting(default=2.0, low=0.0, source="Mirjalili and Lewis 2016")
     """Initial bound of the factor A; it falls to 0 over a run."""
-    b: float = setting(default=1.0, source="Mirjalili and Lewis 2016; thesis, figure 3.1")
+    b: float = setting(default=1.0, low=-99.0, high=99.0, source="thesis, figure 3.1")
     """Shape of the logarithmic spiral."""
     mu: float = setting(default=0.5, low=0.0, high=1.0, source="Mirjalili and Lewis 2016")
     """Probability of a move other than the spiral; 1 never spirals."""

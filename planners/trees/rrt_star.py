@@ -256,9 +256,7 @@ class RrtStarLimited(PlannerBase):
     number of `blocked` edges that the source's test would accept.
     """
 
-    tree: RrtStar = setting(
-        default=RrtStar(return_on_first_path=True), source="thesis, section 3.2"
-    )
+    tree: RrtStar = setting(default=RrtStar(return_on_first_path=True), source="its section 3.2")
     """The tree search."""
     widening: float = setting(default=0.1, unit="m", low=0.0, source="the thesis gives no value")
     """Widening of the strip on each side by each blocked edge."""

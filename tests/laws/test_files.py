@@ -29,11 +29,11 @@ OPENING = {"read_bytes", "read_text", "read_json", "opened", "open", "imread"}
 LOADING = {"joblib.load", "torch.load", "np.load", "json.load", "yaml.load", "pickle.load"}
 # Functions that open what no stranger gives, and why each needs no case among the readers.
 OWN = {
-    "files.opened": "opens for all",
-    "files.read_bytes": "reads for all",
-    "files.read_text": "reads for all",
-    "files.read_json": "reads for all",
-    "files.parse_yaml": "parses for all",
+    "base.files.opened": "opens for all",
+    "base.files.read_bytes": "reads for all",
+    "base.files.read_text": "reads for all",
+    "base.files.read_json": "reads for all",
+    "base.files.parse_yaml": "parses for all",
     "__init__.read_data": "data files of the project",
     "compiled.kernel._file_digest": "sources of the project",
     "evaluation.runs.source_digest": "sources of the project",

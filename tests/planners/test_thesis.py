@@ -48,7 +48,7 @@ def test_the_figure_names_every_key_and_its_map(figure):
     file = read_thesis(figure)
     assert file.values == FIGURE_3_1.values
     keys = "Obstacles_Dilation", "Epsilon", "Map_Name"
-    assert [file.value(f"MapProcessor_{key}") for key in keys] == [3, 0.02, "5"]
+    assert [file.value(f"MapProcessor_{key}") for key in keys] == [0, 0.02, "5"]
     assert file.without_effect("rrt_star_woa_global") == (
         f"{figure}: without effect: TestMode: the thesis does not say what it does"
     )
