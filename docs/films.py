@@ -18,7 +18,7 @@ import numpy as np  # noqa: E402
 
 from agents.evaluation.compare import side_by_side  # noqa: E402
 from agents.evaluation.evaluate import Spec, env_settings  # noqa: E402
-from agents.evaluation.figures import LOOK  # noqa: E402
+from agents.evaluation.plots import LOOK  # noqa: E402
 from agents.studies.figures import gain_figure  # noqa: E402
 from wheelchair_gym.base.settings import read_json  # noqa: E402
 from wheelchair_gym.geometry.planar import to_world  # noqa: E402

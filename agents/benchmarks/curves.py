@@ -21,7 +21,7 @@ from agents.benchmarks.planner_benchmark import (
     first_path_time,
     is_valid,
 )
-from agents.evaluation.figures import COLOURS, DASHES, LOOK, MARKS
+from agents.evaluation.plots import COLOURS, DASHES, LOOK, MARKS
 from wheelchair_gym.base.files import atomic_write
 from wheelchair_gym.base.settings import InputError
 

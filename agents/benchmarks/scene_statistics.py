@@ -23,7 +23,7 @@ from wheelchair_gym.scenes import Scene
 from wheelchair_gym.scenes.arena import Doorway
 from wheelchair_gym.scenes.crowd import Crowd, Temporary
 from wheelchair_gym.scenes.floor_plan import FloorPlan
-from wheelchair_gym.scenes.people import free_area
+from wheelchair_gym.scenes.pedestrians import free_area
 from wheelchair_gym.scenes.poses import FOOTPRINT, passing_radius
 from wheelchair_gym.types import Episode
 

@@ -11,8 +11,8 @@ from urllib.parse import quote
 
 from agents import read_data
 from agents.evaluation import assisted, metrics, social
-from agents.evaluation.figures import figures
 from agents.evaluation.metrics import EFFICIENCIES, SOCIAL_MEANS
+from agents.evaluation.plots import figures
 from agents.evaluation.statistics import mcnemar
 from agents.evaluation.tables import Column, Table, data_uri, make_table, write_page
 from wheelchair_gym.base.files import atomic_write

@@ -96,7 +96,7 @@ def write_sweep(key: str, runs: Sequence[tuple[str, Path]], out: Path) -> str:
     """
     import matplotlib as mpl
 
-    from agents.evaluation.figures import LOOK, as_svg
+    from agents.evaluation.plots import LOOK, as_svg
     from agents.evaluation.statistics import share
     from agents.learning.run import POLICY
     from agents.learning.weights import load_weights
@@ -126,7 +126,7 @@ def write_sweep(key: str, runs: Sequence[tuple[str, Path]], out: Path) -> str:
 
 
 def _plot_sweep(key: str, curves: dict[str, list[Any]]) -> Any:
-    from agents.evaluation.figures import COLOURS, DASHES, MARKS, legend_above, new_axes
+    from agents.evaluation.plots import COLOURS, DASHES, MARKS, legend_above, new_axes
 
     figure, axes = new_axes(3.2)
     for k, (value, runs) in enumerate(curves.items()):

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from agents.evaluation.figures import (
+from agents.evaluation.plots import (
     COLOURS,
     DASHES,
     MARKS,

@@ -13,7 +13,7 @@ import matplotlib as mpl
 import numpy as np
 
 from agents import read_data
-from agents.evaluation.figures import LOOK, as_svg
+from agents.evaluation.plots import LOOK, as_svg
 from agents.evaluation.provenance import command_line, now, provenance, write_json, write_text
 from agents.evaluation.runs import compute, run_key, source_digest
 from agents.evaluation.statistics import wilson

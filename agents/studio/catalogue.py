@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any, Final, NamedTuple
 
 from agents.people import ASSISTANTS
-from wheelchair_gym.people.drivers.impairment import IMPAIRMENTS, SIGHTS
+from wheelchair_gym.people.drivers.live_person import IMPAIRMENTS, SIGHTS
 from wheelchair_gym.scenes import SCENES
 
 FIRST: Final = "map_file"  # scene of the first drive: the clinic of the package, soon compiled

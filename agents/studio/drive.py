@@ -22,8 +22,8 @@ from wheelchair_gym.base.settings import InputError, dump
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.people.drivers import make_driver
-from wheelchair_gym.people.drivers.impairment import LiveInput, LiveSight, scanning
 from wheelchair_gym.people.drivers.intention import NEAR_GOAL
+from wheelchair_gym.people.drivers.live_person import LiveInput, LiveSight, scanning
 from wheelchair_gym.people.drivers.settings import Perception
 from wheelchair_gym.perception.tracker import Tracker
 from wheelchair_gym.recording.record import RecordEpisodes

@@ -30,7 +30,7 @@ from agents.studio.messages import (
     text,
 )
 from wheelchair_gym.base.settings import InputError
-from wheelchair_gym.people.drivers.impairment import IMPAIRMENTS, SIGHTS
+from wheelchair_gym.people.drivers.live_person import IMPAIRMENTS, SIGHTS
 
 _LOG = logging.getLogger(__name__)
 DEAD_MAN: Final = 0.4  # s for which a deflection counts; the page confirms it every 0.05 s

@@ -89,7 +89,7 @@ def everything() -> None:
     from agents.studio.catalogue import FIRST
     from wheelchair_gym.envs import NavigationEnv
     from wheelchair_gym.people.drivers import make_driver
-    from wheelchair_gym.people.drivers.impairment import LiveInput, LiveSight
+    from wheelchair_gym.people.drivers.live_person import LiveInput, LiveSight
     from wheelchair_gym.perception.tracker import Tracker
     from wheelchair_gym.types import Stick
 

@@ -33,7 +33,7 @@ from wheelchair_gym.perception.tracker import Tracker, point_to_trackers, update
 from wheelchair_gym.safety import Shield
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.scenes.crowd import Crowd
-from wheelchair_gym.scenes.people import PeopleSettings
+from wheelchair_gym.scenes.pedestrians import PeopleSettings
 from wheelchair_gym.sensors.laser import WORKSPACE_ROWS, LaserArrays, sense_laser
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
 from wheelchair_gym.sim.chair import SimulatedChair

@@ -13,7 +13,7 @@ import yaml
 
 from tests.conftest import ROOT
 from wheelchair_gym.hardware.ros.make_messages import TOPICS
-from wheelchair_gym.recording import bags
+from wheelchair_gym.recording import write_bags
 from wheelchair_gym.recording.topics import FIELDS
 from wheelchair_gym.sim.settings import ChairSettings
 
@@ -103,7 +103,7 @@ def test_each_plugin_that_is_named_is_described(list_):
 def test_rviz_and_foxglove_show_what_is_published():
     rviz = yaml.safe_load((FOLDER / "chair.rviz").read_text())["Visualization Manager"]
     shown = [one["Topic"] for one in rviz["Displays"] if "Topic" in one]
-    recorded = {*bags._TOPICS, *bags._NAMES, *FIELDS}
+    recorded = {*write_bags._TOPICS, *write_bags._NAMES, *FIELDS}
     assert len(shown) > 10
     for topic in shown:
         assert known(topic["Value"]) or topic["Value"] in recorded, topic

@@ -16,7 +16,7 @@ from wheelchair_gym.engine import ENGINE
 from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.people.drivers import make_driver
-from wheelchair_gym.people.drivers.impairment import LiveInput
+from wheelchair_gym.people.drivers.live_person import LiveInput
 from wheelchair_gym.perception.track_state import static_map_pointers
 from wheelchair_gym.perception.tracker import Tracker
 from wheelchair_gym.safety.shield import Shield
@@ -35,7 +35,7 @@ TABLES = {
     "wheelchair_gym.people.assistance.step": ("ASSISTANTS",),
     "wheelchair_gym.people.assistance.state": (),  # constants, which the former keep
     "wheelchair_gym.people.drivers.step": ("DRIVERS",),
-    "wheelchair_gym.people.drivers.impairment": (),  # one row of the same
+    "wheelchair_gym.people.drivers.live_person": (),  # one row of the same
     "wheelchair_gym.envs.vector": ("BATCH",),
     "wheelchair_gym.envs.one_chair": (),  # one row of the same
     "wheelchair_gym.envs.results": ("RESULTS",),

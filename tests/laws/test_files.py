@@ -48,7 +48,7 @@ OWN = {
     "hardware.boards.ports._lockers": "of the kernel",
     "hardware.boards.ports._program": "of the kernel",
     "hardware.ros.rosbridge.read_token": "a secret of the user's own",
-    "recording.bags.__init__": "opened to be written",
+    "recording.write_bags.__init__": "opened to be written",
     "recording.sink.__init__": "opened to be written",
     "rendering.video.webp": "a picture that was just written",
     "evaluation.report._video": "a video that was just written",

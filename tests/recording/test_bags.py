@@ -23,7 +23,7 @@ from wheelchair_gym.geometry.planar import to_world
 from wheelchair_gym.hardware.ros import make_messages as ros
 from wheelchair_gym.hardware.ros.cdr import serialized, typestore
 from wheelchair_gym.perception.occupancy import read_scan
-from wheelchair_gym.recording import bags
+from wheelchair_gym.recording import write_bags
 from wheelchair_gym.recording.read_bags import bag_log, bag_messages
 from wheelchair_gym.recording.record import RecordEpisodes, RecordingSettings
 from wheelchair_gym.recording.replay import read_recording, replay_env, sensor_log
@@ -303,7 +303,7 @@ def test_a_bag_never_replaces_another(tmp_path, caplog):
     assert len(bag_messages(env.file, lambda topic, _: topic == "/scan")) == 1
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="its folder is a file"):
-        bags.RosBag(tmp_path / "file" / "run")
+        write_bags.RosBag(tmp_path / "file" / "run")
 
 
 def test_a_full_disk_ends_the_bag(tmp_path, caplog, monkeypatch):

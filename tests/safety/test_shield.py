@@ -18,7 +18,7 @@ from wheelchair_gym.geometry.planar import to_frame
 from wheelchair_gym.safety import Shield, ShieldSettings
 from wheelchair_gym.safety.decision import _BLOCK
 from wheelchair_gym.safety.grid import place_of_cell
-from wheelchair_gym.safety.perception import last_rows
+from wheelchair_gym.safety.memory import last_rows
 from wheelchair_gym.safety.state import CELLS, KEPT, NEARBY, POINT, REASONS, SAMPLES
 from wheelchair_gym.sensors.settings import FaultSettings, SensorSettings
 from wheelchair_gym.sim.chair import SimulatedChair

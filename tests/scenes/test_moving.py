@@ -41,7 +41,7 @@ from wheelchair_gym.maps import (
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.scenes.arena import WALL, Doorway
 from wheelchair_gym.scenes.crowd import leaves_that_let_pass
-from wheelchair_gym.scenes.people import WALKING_RADIUS, free_area
+from wheelchair_gym.scenes.pedestrians import WALKING_RADIUS, free_area
 from wheelchair_gym.scenes.poses import FOOTPRINT, passing_radius
 from wheelchair_gym.scenes.raster import CELL
 from wheelchair_gym.types import Episode

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.hardware.ros import make_messages as ros
-from wheelchair_gym.recording.bags import topic_of
+from wheelchair_gym.recording.write_bags import topic_of
 from wheelchair_gym.rendering.palette import CHAIR, NARROW, PERSON, TRAIL, WIDE, Colour
 from wheelchair_gym.sensors.settings import SCANNERS, UltrasonicSettings
 

@@ -29,7 +29,7 @@ from wheelchair_gym.geometry.planar import compose
 from wheelchair_gym.hardware.ros import messages as ros
 from wheelchair_gym.hardware.ros.cdr import deserialized
 from wheelchair_gym.perception.logs import SensorLog, log_of_poses
-from wheelchair_gym.recording.bags import PREFIX
+from wheelchair_gym.recording.write_bags import PREFIX
 from wheelchair_gym.sensors.settings import LaserSettings
 
 MAGIC = b"\x89MCAP0\r\n"

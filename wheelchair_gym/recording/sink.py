@@ -14,9 +14,9 @@ from typing import Any
 
 from wheelchair_gym.base.files import write_error
 from wheelchair_gym.base.settings import InputError
-from wheelchair_gym.recording.bags import RosBag
 from wheelchair_gym.recording.read_bags import MAGIC
 from wheelchair_gym.recording.topics import FIELDS, json_schema, write_fields
+from wheelchair_gym.recording.write_bags import RosBag
 
 _HEAD = struct.Struct("<BQ")  # of a record: opcode, length
 _DATA_END = 0x0F

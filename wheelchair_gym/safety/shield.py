@@ -22,7 +22,7 @@ from wheelchair_gym.base.arrays import Array, Floats
 from wheelchair_gym.compiled.address import Pointers, Target, rows_of
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.safety.decision import decide, limit_for_unseen_space
-from wheelchair_gym.safety.perception import reset, update
+from wheelchair_gym.safety.memory import reset, update
 from wheelchair_gym.safety.settings import ShieldSettings
 from wheelchair_gym.safety.state import CONSTANTS, REASONS, SHIELD, ShieldConstants
 from wheelchair_gym.sensors.settings import RANGERS, SensorSettings

@@ -18,7 +18,7 @@ from wheelchair_gym.scenes.arena import draw_pose, make_arena
 from wheelchair_gym.scenes.floor_plan import Building, FloorPlan
 from wheelchair_gym.scenes.layout import FloorLayout
 from wheelchair_gym.scenes.passages import PASSAGES, Passage
-from wheelchair_gym.scenes.people import (
+from wheelchair_gym.scenes.pedestrians import (
     BehaviourShares,
     PeopleSettings,
     ReactionShares,

@@ -19,7 +19,7 @@ from wheelchair_gym.actors.bodies import (
     write_actor_shapes,
 )
 from wheelchair_gym.actors.doors import move_leaves, schedule_actors
-from wheelchair_gym.actors.people import choose_velocities
+from wheelchair_gym.actors.pedestrians import choose_velocities
 from wheelchair_gym.actors.separation import choose_who_may_touch, move_the_others
 from wheelchair_gym.actors.social_force import apply_social_forces
 from wheelchair_gym.base.arrays import Array, Floats

@@ -13,7 +13,8 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from agents.evaluation import figures, report
+from agents.evaluation import plots as figures
+from agents.evaluation import report
 from agents.evaluation.compare import SUITES
 from agents.evaluation.report import COLUMNS, PARTS, markdown, write_report
 from agents.evaluation.tables import csv_table

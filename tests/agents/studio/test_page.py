@@ -12,7 +12,7 @@ from agents.studio.catalogue import NO_HAND, NO_SIGHT
 from agents.studio.server import PAGE
 from tests.agents.studio.served import axe, browsing, looked_at, serving, until
 from tests.hardware.conftest import build_twin
-from wheelchair_gym.people.drivers.impairment import IMPAIRMENTS, SIGHTS
+from wheelchair_gym.people.drivers.live_person import IMPAIRMENTS, SIGHTS
 
 GAMEPAD = "navigator.getGamepads = () => [{ axes: [0, window.pushed ?? 0] }]"
 WAITS = "studio.running && studio.now?.waits"

@@ -8,7 +8,7 @@ from typing import Any, Final
 from wheelchair_gym.base.errors import shorten
 from wheelchair_gym.base.registry import Registry, in_module
 from wheelchair_gym.base.settings import InputError, dump, load
-from wheelchair_gym.people.drivers import people
+from wheelchair_gym.people.drivers import named
 from wheelchair_gym.people.drivers.settings import Driver, interface_of
 
 __all__ = ["DRIVERS", "driver_spec", "make_driver", "make_drivers"]
@@ -17,7 +17,7 @@ __all__ = ["DRIVERS", "driver_spec", "make_driver", "make_drivers"]
 DRIVERS: Final = Registry(
     "driver",
     in_module(
-        people.__name__,
+        named.__name__,
         "ataxia bci biased blind chin essential_tremor expert head_array hemianopia hemineglect "
         "hostile inattentive isometric keyboard novice scanning sip_and_puff spasticity wavering "
         "weak_left",

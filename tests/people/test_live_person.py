@@ -7,7 +7,7 @@ import pytest
 
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.people.drivers import DRIVERS, make_driver
-from wheelchair_gym.people.drivers.impairment import (
+from wheelchair_gym.people.drivers.live_person import (
     COMMANDS,
     IMPAIRMENTS,
     SIGHTS,
