@@ -119,9 +119,10 @@ def test_a_dead_end_is_left_backward():
     assert_clear(controls, walls, DISCS)
 
 
-def test_a_chair_in_contact_is_not_called_free():
+@pytest.mark.parametrize("path", [PATH, np.zeros((2, 2))])
+def test_a_chair_in_contact_is_not_called_free(path):
     wall = np.array([(0.5, -3.0, 0.5, 3.0)])
-    controls = generate(ControlGenerator(), walls=wall)
+    controls = generate(ControlGenerator(), path=path, walls=wall)
     assert not controls.collision_free
     assert not controls.arrived
 
