@@ -49,7 +49,7 @@ from wheelchair_gym.task.rewards import RewardWeights
 
 # Public modules, by package.
 MODULES = yaml.safe_load(Path(__file__).with_name("modules.yaml").read_text(encoding="utf-8"))
-# Compiled functions are internal, but for those of these modules.
+# Compiled functions are internal, except those of these modules.
 KERNELS = ("wheelchair_gym.geometry.", "wheelchair_gym.compiled.random")
 
 # Settings with which every key of the observation is present in one of two environments.
@@ -199,7 +199,7 @@ def settings_pages() -> Iterator[tuple[str, str]]:
 
 
 def names_page() -> str:
-    """What every registry holds, with the first sentence of each class."""
+    """Write the names of every registry, with the first sentence of each class."""
     text = "# Names\n\nEvery registry of the project, with the first sentence of each entry.\n"
     for title, registry in (
         ("Scenes", SCENES), ("Planners", PLANNERS), ("Optimizers of `swarm`", OPTIMIZERS),

@@ -57,7 +57,7 @@ Row = Mapping[str, Any]
 
 
 def condensed(content: Mapping[str, Any]) -> dict[str, Any]:
-    """What a result file holds of the results of a comparison or of a benchmark."""
+    """Return the part of a comparison's or benchmark's results that a result file holds."""
     source = content.get("provenance", content)
     head = {
         "command": without_outputs(content["command"]),

@@ -1,4 +1,4 @@
-"""What simulated people do around a chair that waits: one line for each of them.
+"""Print one line for each simulated person around a chair that waits.
 
 The scene `people` has a person of every kind; `docs/concepts/people.md` explains them.
 """

@@ -1,4 +1,4 @@
-"""Who moves around a chair that drives among people: the tracks after each second.
+"""Print the tracks around a chair that drives among people, after each second.
 
 The tracker needs scans, twists and stamps, as any chair has them; here they are simulated, and the
 last column compares with the truth.

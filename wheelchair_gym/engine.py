@@ -157,7 +157,7 @@ _IN_C = {_ADDRESS: cgutils.voidptr_t, _NUMBER: ir.DoubleType(), types.void: ir.V
 
 
 def _call_in_c(result: Any, *arguments: Any) -> Any:
-    """How a call of a C function at an address is typed and made.
+    """Type and make the call of a C function at an address.
 
     The address is an argument, not a global, so that numba caches. A pair of doubles by value is
     two of them.

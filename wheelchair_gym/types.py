@@ -108,7 +108,7 @@ class Belief(NamedTuple):
 
 
 class Truth(NamedTuple):
-    """How things really are: for info and scores, never for an observation or a decision.
+    """The true state: for info and scores, never for an observation or a decision.
 
     A real chair fills it with the best it knows.
     """
@@ -364,7 +364,7 @@ class Chair(ABC):
     @property
     @abstractmethod
     def truth(self) -> Truth:
-        """How things really are, as far as this chair knows."""
+        """The true state, as far as this chair knows it."""
 
     def close(self) -> None:  # noqa: B027
         """Stop, and release all resources."""

@@ -1,4 +1,4 @@
-"""How a chair that follows its path measures its progress, and its recoveries.
+"""Progress of a chair along its path, and its recoveries.
 
 `ProgressMonitor` tells when there was none for too long. The chair then backs up or turns in place
 (`BackUp`), makes room for what blocks its path (`place_aside`), turns slowly to see what the laser

@@ -63,7 +63,7 @@ def answer(name: str, problem: Problem, seed: int, deadline: float) -> tuple[Pla
 
 
 def frames_of(name: str, problem: Problem, plan: Plan, seed: int) -> Iterator[dict[str, Any]]:
-    """How a planner came to its plan: iterations, edges of the tree, members of the swarm, path.
+    """A planner's way to its plan: iterations, edges of the tree, members of the swarm, path.
 
     Args:
         name: of the planner.

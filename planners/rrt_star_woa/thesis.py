@@ -47,7 +47,7 @@ GLOBAL: Final = "rrt_star_woa_global"
 
 
 class ThesisFile(NamedTuple):
-    """The content of a settings file; missing keys keep our defaults, but for bias and leader."""
+    """The content of a settings file; missing keys keep our defaults, except bias and leader."""
 
     path: Path
     settings: Mapping[str, Any]  # of the global variant

@@ -1,4 +1,4 @@
-"""How people walk: along their routes, and by what else they want (`behaviours`).
+"""Motion of people: along their routes, and by their other wishes (`behaviours`).
 
 Those who walk by optimal reciprocal collision avoidance (`orca`) choose a velocity here; who walks
 by the social force model (`social_force`) is pushed there.

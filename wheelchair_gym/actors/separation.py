@@ -1,4 +1,4 @@
-"""Which actors can touch something in the coming physics step: only these are in the Space.
+"""The actors that can touch something in the coming physics step: only these are in the Space.
 
 Each actor has a distance that it may move before it can touch a wall (`clear`), and one before it
 can touch another actor (`free`): of the gap between two of them each has half. An actor that

@@ -1,4 +1,4 @@
-"""How kernels become machine code: dispatchers, a cache and an LLVM engine of our own.
+"""From kernels to machine code: dispatchers, a cache and an LLVM engine of our own.
 
 numba links a function's code into each caller and makes machine code of it there again, and again
 in the callers of these: a kernel ten calls deep is translated ten times. Here a kernel that

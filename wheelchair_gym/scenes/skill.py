@@ -74,7 +74,7 @@ class Course(NamedTuple):
 
     @property
     def judged(self) -> str:
-        """How near the goal counts, in words."""
+        """The goal's tolerance in words."""
         a = self.arrival
         text = f"{a.along:.2f} m along, {a.across:.2f} m across, {math.degrees(a.heading):.0f}°"
         return text if a.speed == ANY_SPEED else f"{text}, below {a.speed:g} m/s"

@@ -144,7 +144,7 @@ class SimulatedChair(Chair):
 
     @property
     def truth(self) -> Truth:
-        """How things really are; see `Chair.truth`.
+        """The true state; see `Chair.truth`.
 
         Raises:
             ValueError: the chair was never reset.

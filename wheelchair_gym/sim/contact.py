@@ -52,7 +52,7 @@ def _speed(motion: Motion, px: float, py: float, nx: float, ny: float) -> float:
 
 @borrowing_kernel
 def _explained_speed(state: Any, speed: float, px: float, py: float, nx: float, ny: float) -> float:
-    """How much [m/s] of the closing speed of a point of the outline its own driving explains."""
+    """Part [m/s] of the closing speed of a point of the outline that its own driving explains."""
     ahead = math.cos(state.pose[2]) * nx + math.sin(state.pose[2]) * ny
     around = (px - state.pose[0]) * ny - (py - state.pose[1]) * nx
     v = state.explained[1] if ahead > 0.0 else state.explained[0]

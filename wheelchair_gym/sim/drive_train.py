@@ -1,4 +1,4 @@
-"""How a chair moves: set point, speed control, motors, tyres, battery, and Munk2D's step.
+"""Motion of a chair: set point, speed control, motors, tyres, battery, and Munk2D's step.
 
 Tyres hold by friction: the forces are those that let both wheels roll and the axle not slide, found
 exactly for the coming step, as long as each wheel stays inside its friction circle; beyond it, the
@@ -111,7 +111,7 @@ def ramp_set_point(state: Any, p: Any, v: float, w: float, protective: bool, dt:
 
 @borrowing_kernel
 def update_explained_motion(state: Any, p: Any, k: DriveConstants) -> None:
-    """Which speeds and turns the set point explains: itself, and what it was, braked since then.
+    """Update the motions that the set point explains: its own, and earlier ones braked since then.
 
     It brakes no faster than comfort, tyres and motors let it, and a little slower.
     """

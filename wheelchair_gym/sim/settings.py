@@ -154,7 +154,7 @@ class ChairSettings:
 
     @property
     def following_lag(self) -> float:
-        """How much later [s] the heaviest chair of the settings follows than its feed-forward says.
+        """Delay [s] of the heaviest chair of the settings behind its feed-forward.
 
         What that does not give of the volts for an acceleration, an error of speed has to.
         """
@@ -174,7 +174,7 @@ class ChairSettings:
 
 @settings
 class PhysicsSettings:
-    """How finely time is cut."""
+    """Lengths of steps."""
 
     step: float = setting(
         default=0.01, unit="s", low=0.0005, high=0.05, source="ten in a control period"
@@ -183,7 +183,7 @@ class PhysicsSettings:
 
 
 def integer_ratio(long: float, short: float, names: str) -> int:
-    """How many short periods fit into a long one.
+    """Return the number of short periods in a long one.
 
     Raises:
         InputError: the ratio is not an integer of at least 1.

@@ -74,7 +74,7 @@ class TaskSettings:
     reward: RewardWeights = RewardWeights()
 
     def observed_beams(self, sensors: SensorSettings) -> tuple[int, ...]:
-        """How many numbers of an observation each scanner of a chair gives."""
+        """Return how many numbers of an observation each scanner of a chair gives."""
         if not sensors.lasers:
             return ()
         share = self.beams / sensors.laser.beams

@@ -210,7 +210,7 @@ class Task:
         return self.make_prepared(episode, distances, path)
 
     def tolerance_of(self, episode: Episode) -> float:
-        """How near its goal counts [m]."""
+        """Its tolerance at the goal [m]."""
         return self.settings.tolerance if episode.tolerance is None else episode.tolerance
 
     def make_prepared(

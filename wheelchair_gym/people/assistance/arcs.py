@@ -15,7 +15,7 @@ def follow_arc(
     points: Array, outline: Array, v: float, w: float, step: float, steps: int, margin: float,
     maximum: float, give_up: float,
 ) -> tuple[int, float]:  # fmt: skip
-    """How far the outline can follow a twist among points (n, 2) [m].
+    """Return how far the outline can follow a twist among points (n, 2) [m].
 
     Poses at which it cannot have come near enough to matter are left out.
 

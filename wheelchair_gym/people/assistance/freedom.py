@@ -1,4 +1,4 @@
-"""How far an assistant may go: what of the stick it may change, and what it keeps from obstacles.
+"""An assistant's freedom: its changes of the stick, and its distance from obstacles.
 
 An assistant slows a chair or turns it, and no more: the speed lies between rest and that of the
 stick, and the turn rate lies between rest and the stick's, or beyond either by at most a freedom
