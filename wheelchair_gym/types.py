@@ -120,7 +120,7 @@ class Truth(NamedTuple):
     touched: bool  # touched anything since reset
     distance: float  # m driven since reset, forward and backward
     energy: float  # Wh drawn from the battery since reset
-    at_fault: bool = False  # the chair caused a contact in that period (`physics.contact`)
+    at_fault: bool = False  # the chair caused a contact in that period (`sim.contact`)
     contact_with: int = -1  # the actor that it touched in that period; -1: none
     approach_speed: float = 0.0  # m/s at which the chair closed on what it touched
     other_approach_speed: float = 0.0  # m/s at which that closed on the chair

@@ -131,7 +131,7 @@ class Event(Enum):
 
     PERIOD = "a control period, while no plan is being made"
     STALL = "no progress, and the path is no use"
-    PLAN = "a plan to the goal is there"
+    PLAN = "an answer to a question for a plan is there, also without a path"
     ASIDE = "a path to a place aside is taken"
     NO_ASIDE = "there is no place aside"
     BLOCKED = "the state's own motion is blocked"

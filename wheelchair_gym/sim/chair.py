@@ -36,8 +36,8 @@ class SimulatedChair(Chair):
     A copy, by `copy.deepcopy` or `pickle`, drives on as the original does, to the bit.
 
     Attributes:
-        pointers: to its row, a record (1,) of `physics.step.CHAIRS`.
-        sensed: the latest reading and the truth, a record (1,) of `physics.state.SENSED`.
+        pointers: to its row, a record (1,) of `sim.step.CHAIRS`.
+        sensed: the latest reading and the truth, a record (1,) of `sim.state.SENSED`.
 
     Args:
         chair: body, motors, limits.
@@ -173,12 +173,12 @@ class SimulatedChair(Chair):
 
     @property
     def state(self) -> Rows:
-        """The state (1,), a record; see `physics.state.STATE`."""
+        """The state (1,), a record; see `sim.state.STATE`."""
         return np.array(self.chairs.states)
 
     @property
     def parameters(self) -> Rows:
-        """The parameters (1,) of this episode, a record; see `physics.state.PARAMETER`."""
+        """The parameters (1,) of this episode, a record; see `sim.state.PARAMETER`."""
         return np.array(self.chairs.parameters)
 
     def _blank_reading(self) -> tuple[NDArray[np.float32], Rows]:

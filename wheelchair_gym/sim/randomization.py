@@ -26,7 +26,7 @@ RANDOMIZED: Final = get_args(RandomizedName)
     LASER_SIGMA, LASER_BIAS, LASER_DROPOUT, LASER_X, LASER_Y, LASER_YAW, SONAR_SIGMA, DIAMETER,
     TRACK, VARIANCE, DELAY,
 ) = range(len(RANDOMIZED))  # fmt: skip
-_FARTHEST = 3.46  # deviations: `random.normal` draws no farther
+_FARTHEST = 3.46  # deviations: `compiled.random.normal` draws no farther
 _EACH = 64  # draws that a row may take: one for each scanner or ranger
 
 # Values of each quantity: drawn ones beyond are clipped, bounds of a distribution beyond refused.

@@ -141,7 +141,7 @@ def rank_discs(
 def outline_clearance(
     pose: Array, outline: Array, walls: Array, discs: Array, reach: float, workspace: Floats
 ) -> float:
-    """`geometry.footprint_clearance` of a pose (3,) [m, m, rad], to the bit, and faster.
+    """`outline.footprint_clearance` of a pose (3,) [m, m, rad], to the bit, and faster.
 
     `workspace` is that of `rank_walls`.
     """
