@@ -1,4 +1,7 @@
-"""`wheelchair compare`, `study` and `tune`: many runs in parallel, which are resumed."""
+"""`wheelchair compare`, `study`, `tune` and `report`; all but `report` can be resumed.
+
+Their options are declared in agents/data/commands.toml, as those of all commands.
+"""
 
 from __future__ import annotations
 
@@ -120,10 +123,10 @@ def assistants(names: Sequence[str] | None) -> list[dict[str, Any]]:
 
 
 def with_drivers(scenes: Sequence[Spec], names: Sequence[str]) -> list[dict[str, Any]]:
-    """Each scene with each person, whose name its label has."""
+    """Return each scene with each driver, whose name is added to the label."""
     found = []
     for driver in names:
-        make_driver(spec(driver))  # which refuses what is wrong
+        make_driver(spec(driver))  # raises InputError for a bad driver
         for scene in scenes:
             found.append(labelled_with(scene, Path(driver).name, driver=spec(driver)))
     return found

@@ -80,7 +80,7 @@ def _numbers(prompt: str, example: str) -> list[float]:
 
 @contextmanager
 def _chair_errors() -> Iterator[None]:
-    """Turn a ValueError of the chair into one line and exit code 1."""
+    """Turn a ValueError of the chair into a ConnectionError, for which the command exits with 1."""
     try:
         yield
     except ValueError as error:
@@ -125,15 +125,16 @@ def setup(given: argparse.Namespace) -> int:
 
 
 def _save(
-    senses: Any, clock: Any, board: str, wanted: dict[str, float], before: str = "", after: str = ""
-) -> None:
+    senses: Any, clock: Any, board: str, wanted: dict[str, float], prefix: str = "",
+    suffix: str = "",
+) -> None:  # fmt: skip
     """Write parameters to a board, which saves them.
 
     Raises:
         InputError: the board refuses one, or does not confirm that it saved them.
     """
     if refused := set_parameters(senses, clock, board, wanted):
-        raise InputError(f"{before}{'; '.join(refused.values())}{after}")
+        raise InputError(f"{prefix}{'; '.join(refused.values())}{suffix}")
     if not save_parameters(senses, clock, board):
         raise InputError(f"the {board} board does not confirm that it saved its parameters")
 
@@ -179,7 +180,7 @@ def _plot(file: str, step: Any, name: str) -> None:
 
 @_chair_errors()
 def calibrate(given: argparse.Namespace) -> int:
-    """Measure counts per metre, or the track."""
+    """Measure counts per metre (written with --write), or the track (always written)."""
     settings = env_settings(given.config)
     return (_calibrate_track if given.quantity == "track" else _calibrate_distance)(given, settings)
 
@@ -205,7 +206,7 @@ def _calibrate_distance(given: argparse.Namespace, settings: Any) -> int:
         counts = round(result.counts_per_metre, 1)
         with _boards(settings) as (senses, clock):
             wanted = {"counts_per_metre": counts}
-            _save(senses, clock, "drive", wanted, after="; nothing was written")
+            _save(senses, clock, "drive", wanted, suffix="; nothing was written")
         _write_drive(given.config, "counts_per_metre", counts)
         text += f"written to {given.config} and to the drive board, saved"
     else:
@@ -303,8 +304,8 @@ def _calibrate_track(given: argparse.Namespace, settings: Any) -> int:
     text = (
         f"track {result.track:.4f} m, written to {given.config}: next, wheelchair hardware setup\n"
         f"right wheel {unequal:+.2f} % larger than the left (tyre pressure; not corrected)\n"
-        f"ends of the squares: {1e3 * result.before:.0f} mm off, {1e3 * result.after:.0f} mm with "
-        "both"
+        f"ends of the squares: {1e3 * result.before:.0f} mm off now, "
+        f"{1e3 * result.after:.0f} mm if track and wheel ratio were both corrected"
     )
     report(given, result._asdict(), text)
     return 0
@@ -317,7 +318,7 @@ def measured_end(what: str) -> Any:
 
 
 def monitor(given: argparse.Namespace) -> int:
-    """Print all messages live."""
+    """Show a live table of the boards' state."""
     settings = env_settings(given.config)
     table = _Table()
     if not given.yes:

@@ -11,11 +11,11 @@ _PLACE: Final = "agents.control.followers"
 FOLLOWERS: Final = Registry(
     "follower",
     {
-        "controls": f"{_PLACE}:ControlsFollower",
+        "controls": f"{_PLACE}:GeneratedControls",
         "dwa": f"{_PLACE}:DynamicWindow",
         "mppi": f"{_PLACE}:PathIntegral",
         "pure_pursuit": f"{_PLACE}:PurePursuit",
-        "thesis": f"{_PLACE}:ThesisFollower",
+        "thesis": f"{_PLACE}:ThesisControls",
         "whales": "agents.control.whales:RefinedWindow",
         "window": f"{_PLACE}:Window",
     },

@@ -1,7 +1,9 @@
 """Followers: from a path and what is around the chair to the next twist.
 
 All of them accept a twist only if the chair, once it has held it for a moment, can still stop clear
-of everything (`stops_clear`). Four of them choose by rolled-out commands and share one objective.
+of everything (`stops_clear`). Window, dwa, mppi and whales (`whales.py`) choose by roll-outs with
+one `Objective`. A new follower also needs a row of `FOLLOWERS` (`agents/control/__init__.py`). In
+each period the policy (`agents/policies/planned.py`) moves `ReferencePath.at` by `advance`.
 """
 
 from __future__ import annotations
@@ -35,7 +37,7 @@ from wheelchair_gym.types import no_walls
 TIGHT = 0.5  # share of the margin: where less of it is left, the chair creeps
 CREEP = 0.1  # m/s: walking-stick speed
 STILL = 0.03  # m/s, rad/s: slower is at rest
-OFF, TURNED_OFF = 0.10, 0.15  # m and rad off the roll-out: new commands are generated
+OFF, TURNED_OFF = 0.10, 0.15  # m, rad from the predicted pose; beyond, new commands are generated
 HOLD = 0.4  # s for which a twist is held before the stop that must be clear
 SPEEDS = np.array([0.12, 0.25, 0.45, 0.7, 1.0])  # shares of the speed limit, in a fan
 TURNS = np.array([0.06, 0.14, 0.25, 0.4, 0.6, 0.8, 1.0])  # shares of the turn limit, in a fan
@@ -88,7 +90,7 @@ class Objective:
     prediction_time: float = setting(
         default=2.0, unit="s", low=0.3, source="tuned on training crowds"
     )
-    """Time from which on an actor on the way costs nothing: by then one of both turns aside."""
+    """Time after which a predicted contact costs nothing: one of the two will have moved aside."""
     desired_clearance: float = setting(
         default=0.20, unit="m", low=0.01, source="half the play in a 1.0 m door"
     )
@@ -131,9 +133,10 @@ class RolloutSettings:
 def relax_clearance(
     now: Situation, margin: float, pick: Callable[[float, bool], Array | None]
 ) -> Array | None:
-    """The twist picked at the widest margin that leads on; else one at rest; None: none is safe.
+    """Return the first twist that moves, from the widest margin on; else a safe stop; else None.
 
-    `pick` gives a twist (2,) for a margin [m] and whether to creep; None where none is safe.
+    Where there are actors, a stop is as good as a twist that moves. `pick` gives a twist (2,) for a
+    margin [m] and whether to creep; None where none is safe.
     """
     rest = None
     for less in now.local_map.margins(margin):
@@ -314,7 +317,7 @@ class PathIntegralFollower:
 
 
 @settings
-class ControlsFollower:
+class GeneratedControls:
     """Whales search commands (v, w, t) along the path's next metres, again and again.
 
     Each search starts from what is left of the commands that are being driven.
@@ -336,11 +339,11 @@ class ControlsFollower:
 
     def make(self) -> Follower:
         """A follower at rest."""
-        return GeneratedControls(self)
+        return GeneratedControlsFollower(self)
 
 
 @settings
-class ThesisFollower(ControlsFollower):
+class ThesisControls(GeneratedControls):
     """The thesis's generator: commands for the whole path, searched once and driven to their end.
 
     Where they end, or lead no further without contact, commands for the rest of the path follow.
@@ -355,10 +358,10 @@ class ThesisFollower(ControlsFollower):
     """Time between two searches; null: the commands are driven to their end first."""
 
 
-class GeneratedControls:
+class GeneratedControlsFollower:
     """Drives the commands generated last, and generates new ones when they no longer fit."""
 
-    def __init__(self, config: ControlsFollower) -> None:
+    def __init__(self, config: GeneratedControls) -> None:
         self.config = config
         self._rng = np.random.default_rng(config.seed)
         self.controls: Controls | None = None  # generated last

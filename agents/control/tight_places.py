@@ -49,6 +49,8 @@ SHARES = (1.0, 0.6, 0.35)  # of a twist, the first that is clear
 class ManoeuvreTracker:
     """Drives the poses of a plan where it turns close to obstacles; else what its follower says.
 
+    It writes `at`, `held` and `blocked` of the reference path.
+
     Args:
         follower: drives everywhere else.
         tight: gap [m] between the planned outline and what is seen, below which turns are tracked.

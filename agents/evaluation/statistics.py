@@ -54,7 +54,7 @@ class Estimate:
     freedom: float
 
     def p_above(self, minimum: float = 0.0) -> float:
-        """One-sided p-value of 'the true value is above'."""
+        """Return the one-sided p-value of 'the true value is above `minimum`' (small: yes)."""
         gap = self.value - minimum
         if not math.isfinite(gap):
             return 1.0
@@ -63,7 +63,7 @@ class Estimate:
         return float(scipy.stats.t.sf(gap / self.error, self.freedom))
 
     def p_below(self, maximum: float = 0.0) -> float:
-        """One-sided p-value of 'the true value is below'."""
+        """Return the one-sided p-value of 'the true value is below `maximum`' (small: yes)."""
         return Estimate(-self.value, self.error, self.freedom).p_above(-maximum)
 
     @property
@@ -76,24 +76,24 @@ class Estimate:
 def estimate(samples: Sequence[Sample], weights: Sequence[float], paired: bool = False) -> Estimate:
     """Return the weighted sum of samples' means; NaN where a stratum has fewer than two values.
 
-    Paired samples have the same runs in the same order, NaN where a run has no value: the sum is
-    that of each run, so that what runs share cancels.
+    Paired samples have the same runs in the same order, NaN where a run has no value: the weighted
+    sum is taken within each run, so that effects common to a run's values cancel.
     """
     if paired:
         samples, weights = [_sums(samples, weights)], [1.0]
-    value, parts = 0.0, []
+    value, variances = 0.0, []
     for sample, weight in zip(samples, weights, strict=True):
         for values in sample.values():
             n = len(values)
             if n < 2:
                 return Estimate(math.nan, math.nan, math.nan)
-            part = weight / len(sample)
-            value += part * float(np.mean(values))
-            parts.append((part**2 * float(np.var(values, ddof=1)) / n, n - 1))
-    square = sum(part for part, _ in parts)
-    below = sum(part**2 / n for part, n in parts)
-    freedom = square**2 / below if below > 0.0 else math.inf
-    return Estimate(value, math.sqrt(square), freedom)
+            factor = weight / len(sample)
+            value += factor * float(np.mean(values))
+            variances.append((factor**2 * float(np.var(values, ddof=1)) / n, n - 1))
+    variance = sum(part for part, _ in variances)
+    denominator = sum(part**2 / freedom for part, freedom in variances)
+    freedom = variance**2 / denominator if denominator > 0.0 else math.inf
+    return Estimate(value, math.sqrt(variance), freedom)
 
 
 def _sums(samples: Sequence[Sample], weights: Sequence[float]) -> dict[str, Array]:

@@ -26,9 +26,9 @@ NEARER = 0.1  # m of clearance that a place nearer to the goal by a metre is wor
 
 
 def clearest_place(grid: OccupancyGrid, goal: Array, clearance: float, radius: float) -> Array:
-    """The place (2,) nearest to a goal (2,) [m] with a clearance [m], at most a radius [m] from it.
+    """Return the place (2,) with the best balance of clearance and nearness to a goal (2,) [m].
 
-    Or that of most clearance, where none has as much.
+    Clearance counts up to `clearance` [m]; no place is farther from the goal than `radius` [m].
     """
     reach = np.arange(-(radius // grid.resolution), radius // grid.resolution + 1)
     places = goal + grid.resolution * np.stack(np.meshgrid(reach, reach), axis=-1).reshape(-1, 2)
@@ -49,9 +49,9 @@ class Answer(NamedTuple):
     clearance: float  # m: asked for last
     start: Array  # (3,) m, m, rad
     searched: int = 0  # maps
-    kind: int = 0  # which of the maps in turn has the walls that the follower heeds
-    unseen: bool = False  # all unseen space was taken for free, that beside the chair, too
-    reopens: bool = False  # what was free once was taken for free
+    walls_index: int = 0  # index of the map whose walls the follower must respect
+    unseen: bool = False  # unseen space was assumed free, even beside the chair
+    reopens: bool = False  # space that was free once was assumed free
     walls: OccupancyGrid | None = None  # for the follower, where the chair draws the map itself
 
     @property
@@ -75,10 +75,11 @@ class Search:
     rng: np.random.Generator
     start: Array  # (3,) m, m, rad
     maps: list[OccupancyGrid]  # to be tried in turn
-    around: float = 0.0  # m from a goal without heading, where a path may end if that is occupied
-    drawn: Footprint | None = None  # the chair's, where it draws the only map itself; then also
+    around: float = 0.0  # m from an occupied goal without heading, within which a path may end
+    drawn: Footprint | None = None  # of a chair that draws the only map itself; None: a given map
+    # The next three apply only to a map that the chair draws.
     beyond: float = BEYOND  # m: how far beyond what is known paths may lead
-    reopened: OccupancyGrid | None = None  # the map with all free that was free once
+    reopened: OccupancyGrid | None = None  # the map in which all space that was free once is free
     detour: float = 0.0  # m that a path may be longer than one in that map
 
     def plan(self, goal: Array, end: float) -> Answer:
@@ -99,7 +100,7 @@ class Search:
             if other.length + self.detour < answer.length:
                 answer = other._replace(reopens=True)
             answer = answer._replace(searched=searched)
-        return answer._replace(walls=maps[answer.kind])
+        return answer._replace(walls=maps[answer.walls_index])
 
     def _assumed(self, grid: OccupancyGrid, goal: Array, drawn: Footprint) -> list[OccupancyGrid]:
         ends = np.stack([self.start[:2], goal[:2]])
@@ -113,7 +114,8 @@ class Search:
                 beside = clearest_place(grid, goal, self.clearance, self.around)
                 found = self.widest(grid, beside, end)
             last = self.drawn is not None and k == len(maps) - 1
-            answer = Answer(*found, self.start, k + 1, k - last, last)
+            walls_index = k - 1 if last else k  # the last has no walls in unseen space
+            answer = Answer(*found, self.start, k + 1, walls_index, last)
             if answer.solved:
                 break
         return answer

@@ -18,7 +18,7 @@ from wheelchair_gym.types import Mission, Reading
 ACTOR_RANGE = 2.5  # m: with an actor nearer, the chair reverses slowly: no sensor looks back
 CRAWL = 0.04  # m/s of any part in reverse among people: a contact does no harm
 AHEAD = 3.0  # m of the path on which temporary obstacles count
-TOLERATED = 0.06  # m: obstacles are drawn as whole cells, and hits err
+TOLERATED = 0.06  # m: allowance for cell size and sensor noise
 
 
 class Surroundings:
@@ -69,7 +69,7 @@ class Surroundings:
         return near
 
     def reopened(self) -> OccupancyGrid | None:
-        """The map with all free that was free once; None if nothing else was."""
+        """The map in which all space that was free once is free; None if that changes nothing."""
         grid = self.ground.reopened(self.map) if self.draws else self.map
         return None if grid is self.map else grid
 
@@ -83,7 +83,10 @@ class Surroundings:
         return self.local_map.temporary.blocks(rows, clearance - TOLERATED)
 
     def blocks_now(self, path: ReferencePath, clearance: float) -> bool:
-        """Whether it blocks a path that is followed; what that one waits for may be gone."""
+        """Return True if the newest map blocks a followed path; update the follower's walls.
+
+        Walls change only for a path through space that may have reopened.
+        """
         if path.reopens:
             maps = assumed_maps(self.map, self.local_map.pose, self._mission.footprint)
             self.local_map.set_walls(maps[1])
@@ -95,7 +98,7 @@ class Surroundings:
         return self._met_actors and not self.local_map.looks_back
 
     def limited(self, twist: Array | None, motion: Array) -> Array:
-        """A twist (2,), slowed where no sensor has looked; `motion`: `Body.state`."""
+        """Return a twist (2,) slowed for unseen space, None as a stop; `motion`: `Body.state`."""
         if twist is None or (twist[0] < 0.0 and self.local_map.blind):
             twist = np.zeros(2)
         elif self.crawls and twist[0] < 0.0:  # no rear corner moves faster

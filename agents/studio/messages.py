@@ -1,7 +1,7 @@
-"""Messages of the page: what it may send, and the box from which its answers are sent.
+"""Messages of the page: what it may send, and `Outbox`, the queue of messages to the page.
 
-The page sends JSON objects with a `type`; each type has a row of FIELDS for each page. What a row
-does not allow is refused with one sentence that names it.
+The page sends JSON objects with a `type`. Each session class lists the types that it accepts, and
+their fields, in `fields`; a message that does not fit is refused with one sentence that says why.
 """
 
 from __future__ import annotations
@@ -106,7 +106,7 @@ FLAG = Field(lambda x: isinstance(x, bool), "true or false")
 
 
 def entry(table: Mapping[str, Entry], name: str, where: str) -> Entry:
-    """Return the entry of a name in a table whose names the page was sent.
+    """Return the entry of a name in a table whose keys were offered to the page.
 
     Raises:
         InputError: there is none.
@@ -162,7 +162,8 @@ def plain(value: Any) -> Any:
 class Outbox:
     """Queue of messages to one page; filled from any thread, emptied by the server's loop.
 
-    Only the latest picture is kept: a slow page sees fewer pictures, and no old ones.
+    A picture is a snapshot of the drive. Only the latest one is kept: a slow page sees fewer of
+    them, and no old ones.
     """
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
@@ -180,7 +181,7 @@ class Outbox:
         self._wake()
 
     def show(self, head: Message, ranges: bytes) -> None:
-        """Queue a picture, and drop one that waits: length of the head, head, ranges."""
+        """Queue a picture, in place of a waiting one: length of the head, head, laser ranges."""
         text = json.dumps(plain(head), separators=(",", ":")).encode()
         text += b" " * (-len(text) % 4)  # so that the ranges are aligned
         self._picture = len(text).to_bytes(4, "little") + text + ranges

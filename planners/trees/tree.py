@@ -1,7 +1,7 @@
 """The tree of a planner: its nodes, and a grid of cells for queries.
 
-The grid answers 'nearest' and 'within a radius'. Its cells are halved as the tree grows, so that a
-cell holds about two nodes.
+The grid answers 'nearest' and 'within a radius'. As the tree grows, its cells are halved whenever
+there are six nodes per cell on average.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def new_tree(bounds: Array, capacity: int) -> Tree:
     grid = np.zeros(1, GRID)
     cols, rows = int(width / cell) + 1, int(height / cell) + 1
     grid[0] = (bounds[0], bounds[1], width, height, cell, cols, rows, 0)
-    # Cells are halved when nodes are six times as many.
+    # Room for all cells: they are halved at six nodes per cell on average.
     heads = np.empty(4 * (cols + 1) * (rows + 1) + 8 * capacity, np.int32)
     heads[: cols * rows] = NONE
     return Tree(np.empty(capacity, NODE), heads, grid)
@@ -159,7 +159,7 @@ def remove_child(nodes: NDArray[Any], i: int) -> None:
 
 @borrowing_kernel
 def remove_node(tree: Tree, i: int) -> None:
-    """Remove a leaf other than the root; `place_node` may use its slot again."""
+    """Remove a leaf other than the root; `place_node` must refill its slot before `add_slot`."""
     nodes, heads, grid = tree.nodes, tree.heads, tree.grid[0]
     remove_child(nodes, i)
     col, row = cell_of(grid, nodes[i].x, nodes[i].y)

@@ -1,8 +1,8 @@
-"""Optimal reciprocal collision avoidance: half-planes of velocities, and the best one they leave.
+"""Optimal reciprocal collision avoidance: half-planes of velocities, and the best one they allow.
 
-Equations of van den Berg, Guy, Lin and Manocha 2011 (Reciprocal n-Body Collision Avoidance); the
-linear programs are incremental, as de Berg et al. 2008, chapter 4. A line (x, y, dx, dy) allows
-the velocities on its left.
+Equations: van den Berg et al. 2011 (Reciprocal n-Body Collision Avoidance); incremental linear
+programs: de Berg et al. 2008, chapter 4. A line (x, y, dx, dy) allows the velocities on its left.
+`pace`: maximum speed; `far`: seek the velocity farthest along (ox, oy), not the nearest to it.
 """
 
 from __future__ import annotations
@@ -12,13 +12,13 @@ import math
 from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 
-HALF_PLANES = 40  # half-planes that one person regards at most
+HALF_PLANES = 40  # at most for one person; the rows of `lines` from here on are scratch memory
 _PARALLEL = 1e-9
 
 
 @borrowing_kernel
 def add_half_plane(lines: Array, n: int, x: float, y: float, dx: float, dy: float) -> int:
-    """Write a line if fewer than HALF_PLANES are there; returns how many there are then."""
+    """Add the line through (x, y) in direction (dx, dy), up to HALF_PLANES; return their number."""
     if n == HALF_PLANES:
         return n
     lines[n, 0], lines[n, 1], lines[n, 2], lines[n, 3] = x, y, dx, dy
@@ -27,7 +27,7 @@ def add_half_plane(lines: Array, n: int, x: float, y: float, dx: float, dy: floa
 
 @borrowing_kernel
 def avoid_wall(lines: Array, n: int, nx: float, ny: float, gap: float, horizon: float) -> int:
-    """Approach what has the normal (nx, ny) no faster than closes a gap [m] in a horizon [s]."""
+    """Limit the speed towards a wall to gap / horizon; (nx, ny) points from it to the person."""
     speed = -gap / horizon
     return add_half_plane(lines, n, nx * speed, ny * speed, ny, -nx)
 
@@ -36,18 +36,18 @@ def avoid_wall(lines: Array, n: int, nx: float, ny: float, gap: float, horizon: 
 def avoid_disc(
     lines: Array,
     n: int,
-    dx: float,
+    dx: float,  # m, from the person to the disc
     dy: float,
-    radius: float,
-    vx: float,
+    radius: float,  # m, of person and disc together
+    vx: float,  # m/s, of the person
     vy: float,
-    ux: float,
+    ux: float,  # m/s, of the disc
     uy: float,
-    share: float,
-    horizon: float,
-    overlap_time: float,
+    share: float,  # of the avoidance that this person does; the other one does the rest
+    horizon: float,  # s
+    overlap_time: float,  # s, to end an overlap
 ) -> int:
-    """Stay clear of a moving disc for a horizon [s]."""
+    """Add the line that keeps a person clear of a moving disc for a horizon."""
     rx, ry = vx - ux, vy - uy
     square = dx * dx + dy * dy
     apart = square > radius * radius
@@ -77,7 +77,7 @@ def avoid_disc(
 def _optimize_on_line(
     lines: Array, k: int, low: int, pace: float, ox: float, oy: float, far: bool
 ) -> tuple[bool, float, float]:
-    """Best velocity on line k that lines low to k - 1 and the circle of speeds allow."""
+    """Return whether lines low to k - 1 and `pace` allow a velocity on line k, and the best one."""
     x, y, dx, dy = lines[k, 0], lines[k, 1], lines[k, 2], lines[k, 3]
     dot = x * dx + y * dy
     inside = dot * dot + pace * pace - x * x - y * y
@@ -110,7 +110,7 @@ def _optimize_on_line(
 def _linear_program(
     lines: Array, low: int, high: int, pace: float, ox: float, oy: float, far: bool
 ) -> tuple[int, float, float]:
-    """Best velocity that lines low to high - 1 allow; the first line that left none, or high."""
+    """Return the first line that could not be met (`high` if none), and the best velocity."""
     x, y = ox, oy
     speed = math.sqrt(ox * ox + oy * oy)
     if far:
@@ -130,9 +130,9 @@ def _linear_program(
 def best_velocity(
     lines: Array, hard: int, n: int, pace: float, ox: float, oy: float
 ) -> tuple[float, float]:
-    """The velocity nearest to a preferred one (ox, oy) that all lines allow.
+    """Return the velocity nearest to a preferred one (ox, oy) that n lines allow.
 
-    Where none does, walls hold and the other lines are overstepped by as little as may be.
+    If there is none, the first `hard` lines (static things) hold; the others are overstepped least.
     """
     first, x, y = _linear_program(lines, 0, n, pace, ox, oy, False)
     worst = 0.0

@@ -1,9 +1,9 @@
-"""Corrects dead reckoning by the static surroundings: a scan is laid over the last one remembered.
+"""Corrects dead reckoning by the static surroundings: a scan is matched to a remembered one.
 
 Where stamps of scans and encoders differ by a tenth of a second, or a wheel slips, everything
 static seems to move while the chair drives. The correction is the one of least squares over the
-distances from each point to the line through its two neighbours of the older scan, with what
-dead reckoning says as a prior (point to line: Chen and Medioni 1992).
+distances from each point to the line through its two neighbours of the remembered scan, with the
+motion by dead reckoning as a prior (point to line: Chen and Medioni 1992).
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from wheelchair_gym.geometry.planar import body_to_world, point_to_world, world_
 from wheelchair_gym.sensors.echoes import atan2_f32
 
 _F = np.float32
-_ROUNDS = 4
-_GATE = 0.30  # m: points farther from the line are of something else; less in each round
+_ITERATIONS = 4
+_GATE = 0.30  # m: points farther from the line are of something else; halved in each iteration
 _MIN_GATE = 0.10  # m
 _SLANT = 3.0  # m of range per m between sectors, of neighbours on one surface
 _SIGMA = 0.10  # m: of one distance; neighbours err alike, so that this is more than a scanner's
-# Standard deviations of the motion since the last scan: shares of way, turn, and the way's turn.
-_WAY, _TURN, _BEND = 0.15, 0.15, 0.05
-_ROUND = 1e-4  # m, rad
+# Deviations of dead reckoning since the previous scan: m per m, rad per rad turned, rad per m.
+_TRAVEL, _TURN, _BEND = 0.15, 0.15, 0.05
+_MIN_MOTION = 1e-4  # m, rad: less is no motion; also the minimum error of dead reckoning
 _SHARE = 0.2  # of all sectors that must fit, and half of those that can be compared
 
 
@@ -53,10 +53,13 @@ def _solve(h: Any, b: Any) -> tuple[float, float, float]:
 
 @borrowing_kernel
 def align(g: Any, s: Any, now: Any, dt: float) -> None:
-    """Correct the pose of a tracker and the place of a scan that has been taken there."""
+    """Correct the pose of a tracker and the place of a scan that has been taken there.
+
+    g, s: records of CONSTANTS and TRACKER; now: the scan, a FRAME; dt: s since the previous scan.
+    """
     v, w = abs(s.twist[0]), abs(s.twist[1])
-    way, turn = _ROUND + _WAY * v * dt, _ROUND + (_TURN * w + _BEND * v) * dt
-    if s.n_frames == 0 or v * dt + w * dt <= _ROUND:
+    sigma_xy, sigma_yaw = _MIN_MOTION + _TRAVEL * v * dt, _MIN_MOTION + (_TURN * w + _BEND * v) * dt
+    if s.n_frames == 0 or v * dt + w * dt <= _MIN_MOTION:
         return
     old, weight = s.frames[s.newest], 1.0 / (_SIGMA * _SIGMA)
     x0, y0 = world_to_body(old.c, old.s, now.x - old.x, now.y - old.y)
@@ -64,9 +67,9 @@ def align(g: Any, s: Any, now: Any, dt: float) -> None:
     yaw0 = math.atan2(sn, c)
     x, y, yaw, gate = x0, y0, yaw0, _GATE
     nearby = _SLANT * g.group / g.per_angle
-    for _ in range(_ROUNDS):
+    for _ in range(_ITERATIONS):
         c, sn = math.cos(yaw), math.sin(yaw)
-        xx, tt = 1.0 / (way * way), 1.0 / (turn * turn)
+        xx, tt = 1.0 / (sigma_xy * sigma_xy), 1.0 / (sigma_yaw * sigma_yaw)
         yy, xy, xt, yt = xx, 0.0, 0.0, 0.0
         bx, by, bt = xx * (x0 - x), yy * (y0 - y), tt * (yaw0 - yaw)
         fits, compared = 0, 0
@@ -74,7 +77,7 @@ def align(g: Any, s: Any, now: Any, dt: float) -> None:
             if not g.nearest <= now.range[k] < g.reach:
                 continue
             px, py = _sector_point(g, now, k)
-            px, py = body_to_world(c, sn, px, py)  # from the laser, in the older frame
+            px, py = body_to_world(c, sn, px, py)  # from the laser, in the remembered frame
             beam = (float(atan2_f32(_F(y + py), _F(x + px))) - g.first) * g.per_angle
             j = math.floor((beam - g.group // 2) / g.group)
             if not 0 <= j < g.sectors - 1:
@@ -101,8 +104,7 @@ def align(g: Any, s: Any, now: Any, dt: float) -> None:
         dx, dy, turned = _solve((xx, xy, xt, yy, yt, tt), (bx, by, bt))
         x, y, yaw, gate = x + dx, y + dy, yaw + turned, max(0.5 * gate, _MIN_GATE)
     now.x, now.y = point_to_world(old.c, old.s, old.x, old.y, x, y)
-    c, sn = body_to_world(old.c, old.s, math.cos(yaw), math.sin(yaw))
-    now.c, now.s = c, sn
+    now.c, now.s = body_to_world(old.c, old.s, math.cos(yaw), math.sin(yaw))
     s.pose[2] += yaw - yaw0
     c, sn = math.cos(s.pose[2]), math.sin(s.pose[2])
     back_x, back_y = body_to_world(c, sn, g.mount[0], g.mount[1])

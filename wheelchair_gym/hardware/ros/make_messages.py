@@ -1,7 +1,8 @@
 """ROS 2 messages of a chair, its sensors and its map, as dictionaries of their fields.
 
-rosbridge sends them as JSON, and `recording.bags` writes them as CDR. Fields that are left out are
-zero or empty. Frames are those of REP-105: map -> odom -> base_link -> laser, ultrasonic_0, ...
+rosbridge sends them as JSON; `cdr` encodes them by type, for bags and DDS. Omitted fields are zero
+or empty. Frames are those of REP-105: map -> odom -> base_link -> laser, ultrasonic_0, ...
+Add a topic to `TOPICS`, which bags use, too, and to `connect` and `_publish` in agents/robot.py.
 """
 
 from __future__ import annotations
@@ -87,10 +88,7 @@ def transform(now: int, parent: str, child: str, where: Iterable[float]) -> Mess
 
 
 def frames(now: int, where: Array | None, odometry: Array) -> Message:
-    """A tf2_msgs/TFMessage map -> odom -> base_link, from the estimate (3,) and the odometry's.
-
-    Without an estimate it lacks map -> odom.
-    """
+    """A tf2_msgs/TFMessage: odom -> base_link, and map -> odom if there is an estimate (3,)."""
     edges = [transform(now, "odom", "base_link", odometry)]
     if where is not None:
         edges.insert(0, transform(now, "map", "odom", map_to_odom(where, odometry)))
@@ -184,7 +182,7 @@ def odometry(
 
 
 def imu(now: int, turn: float, variance: float) -> Message:
-    """A sensor_msgs/Imu that measures the turn rate [rad/s] alone: -1 says that the rest is not."""
+    """A sensor_msgs/Imu of the turn rate [rad/s]; a covariance of -1 marks unmeasured fields."""
     return {
         "header": header(now, "base_link"),
         "orientation": _quaternion(0.0),

@@ -34,8 +34,8 @@ class ScipSensor:
 
     Attributes:
         on: the laser is switched on.
-        time: of its clock [ms].
-        streaming: the request that scans answer; empty while there is none.
+        time: time of its clock [ms].
+        streaming: the scan request being served; empty when idle.
     """
 
     def __init__(self, specs: Specs = UST_10LX) -> None:
@@ -97,7 +97,7 @@ class ScipSensor:
         return _UNKNOWN  # SCIP2.0, too: newer sensors speak nothing else
 
 
-TURN = 25  # ms: 40 Hz, as a UST-10LX
+SCAN_PERIOD_MS = 25  # one turn of the mirror: 40 Hz, as a UST-10LX
 _INVALID = 1  # mm: an error code
 
 
@@ -105,16 +105,16 @@ def sensor_specs(laser: LaserSettings) -> Specs:
     """The specification of a sensor with these beams.
 
     Raises:
-        InputError: no whole number of steps a turn gives these beams, with one straight ahead.
+        InputError: the beam spacing does not divide a full turn, or no beam is straight ahead.
     """
     steps = 2.0 * math.pi * (laser.beams - 1) / laser.fov
     if laser.beams % 2 == 0 or abs(steps - round(steps)) > 1e-6:
         raise InputError(
             f"laser: {laser.beams} beams over {math.degrees(laser.fov):g} deg are no steps of a"
-            " Hokuyo; expected an odd number of beams that divides a turn, such as 1081 over 270"
+            " Hokuyo; expected an odd number whose spacing divides a turn, such as 1081 over 270"
         )
     last, farthest = laser.beams - 1, NO_ECHO_FROM - 1
-    return Specs("twin", 20, farthest, round(steps), 0, last, last // 2, 60_000 // TURN)
+    return Specs("twin", 20, farthest, round(steps), 0, last, last // 2, 60_000 // SCAN_PERIOD_MS)
 
 
 def to_millimetres(ranges: NDArray[np.float32]) -> NDArray[np.int64]:
@@ -157,7 +157,7 @@ class TwinLaser:
         sensor = self._sensor
         if sensor is None or not sensor.streaming or self.silent:
             return
-        ranges = self._scan(milliseconds // TURN)
+        ranges = self._scan(milliseconds // SCAN_PERIOD_MS)
         self._send(sensor.scan(to_millimetres(ranges), milliseconds))
 
     @property

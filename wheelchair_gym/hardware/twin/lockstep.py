@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from wheelchair_gym.hardware.boards.parameters import drive_parameters, range_parameters
 from wheelchair_gym.hardware.boards.protocol import BAUD, Switch
 from wheelchair_gym.hardware.twin.board import FREQUENCY, EmulatedBoard, stored_parameters
-from wheelchair_gym.hardware.twin.laser import TURN, TwinLaser
+from wheelchair_gym.hardware.twin.laser import SCAN_PERIOD_MS, TwinLaser
 from wheelchair_gym.hardware.twin.plant import TIME_STEP, Motion, Plant, Slope
 from wheelchair_gym.types import Episode
 
@@ -193,7 +193,7 @@ class Twin:
             self.drive.write(ibus_frame(self.faults.joystick), 1)
         self.drive.run(until)
         self.range.run(until)
-        if self.steps % TURN == 0:
+        if self.steps % SCAN_PERIOD_MS == 0:
             self.laser.turn(self.steps)
 
     def _terminals(self) -> tuple[float, float]:
