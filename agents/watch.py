@@ -16,6 +16,7 @@ import numpy as np
 if TYPE_CHECKING:
     from wheelchair_gym.perception.logs import SensorLog
     from wheelchair_gym.perception.slam import Slam
+    from wheelchair_gym.recording.sink import Format
     from wheelchair_gym.sensors.settings import LaserSettings
 
 Each = Callable[[Any], None]  # called with the environment after reset and each step
@@ -29,7 +30,7 @@ class Watch:
     live: int | None = None  # port where viewers may join, 0 for a free one
     images: float = 0.0  # rate of rendered pictures [Hz]; 0: none
     when_full: Literal["go-on", "end"] = "go-on"  # see `RecordingSettings.when_full`
-    format: Literal["foxglove", "ros2"] = "foxglove"  # see `RecordingSettings.format`
+    format: Format = "foxglove"  # see `RecordingSettings.format`
 
     def __bool__(self) -> bool:
         return self.record is not None or self.live is not None

@@ -20,6 +20,8 @@ from wheelchair_gym.geometry.planar import wrap_angle
 TOLERANCE = 1e-6  # m
 MAX_TURN = 0.1 + 1e-9  # rad: between two poses of a plan
 FINE_TURN = 0.002  # rad: pieces of a sweep; a corner's arc bulges 1 m x 0.002^2 / 8 = 5e-7 m
+OUTSIDE = 9  # m: width of the solid frame round a map
+INTERIORS_MEET = "T********"  # pattern of DE-9IM, as shapely writes it
 
 
 class Judge:
@@ -32,13 +34,13 @@ class Judge:
     """
 
     def __init__(self, solid: Any, bounds: ArrayLike, clearance: float = 0.0) -> None:
-        map_ = shapely.box(*np.asarray(bounds)).buffer(-clearance, join_style="mitre")
-        # What is solid and the outside of the map are one: nothing passes where they touch.
-        xmin, ymin, xmax, ymax = map_.bounds
-        outside = shapely.difference(shapely.box(xmin - 9, ymin - 9, xmax + 9, ymax + 9), map_)
+        inner = shapely.box(*np.asarray(bounds)).buffer(-clearance, join_style="mitre")
+        # Without a clearance, obstacles and the outside are one: nothing passes where they touch.
+        frame = shapely.box(*(np.array(inner.bounds) + np.repeat((-OUTSIDE, OUTSIDE), 2)))
+        outside = shapely.difference(frame, inner)
         self._solid = shapely.union(solid, outside) if clearance == 0.0 else solid
         self._core = shapely.buffer(self._solid, -TOLERANCE, join_style="mitre")
-        self._map = map_.buffer(TOLERANCE)
+        self._map = inner.buffer(TOLERANCE)
         self._clearance = clearance
         for geometry in (self._solid, self._core, self._map):
             shapely.prepare(geometry)
@@ -74,7 +76,7 @@ class Judge:
             found.append(f"edge {k} leaves the map")
         # A prepared geometry finds quickly which edges meet it at all.
         near = np.flatnonzero(shapely.intersects(self._core, edges))
-        for k in near[shapely.relate_pattern(edges[near], self._core, "T********")]:
+        for k in near[shapely.relate_pattern(edges[near], self._core, INTERIORS_MEET)]:
             inside = edges[k].intersection(self._core).length
             found.append(f"edge {k} is inside an obstacle for {inside} m")
         if self._clearance > 0.0:
@@ -109,7 +111,7 @@ def plan_faults(
     A plan is solved if and only if it has a path. The path goes from start to goal, headings
     included, and turns by at most `MAX_TURN` between two poses. A path of points is judged for a
     disc with the problem's clearance, a path of poses for the footprint of its planner, if given.
-    A judge of the problem saves its preparation.
+    Pass a `Judge` of this problem to avoid building it again.
     """
     path = np.asarray(plan.path, dtype=np.float64)
     if (plan.status is Status.SOLVED) != (len(path) > 0):
@@ -130,10 +132,10 @@ def plan_faults(
 
 
 def _swept(footprint: Array, start: Array, turn: float, chord: float) -> NDArray[Any]:
-    """Return polygons that cover a rectangle's sweep on a stretch, to 2nd order in `FINE_TURN`.
+    """Return polygons that cover a rectangle's sweep between two poses, to O(`FINE_TURN`^2).
 
     The rectangle is cut at its centre of rotation. The hull of two poses of a part is its sweep
-    between them, the bulge of its corners' arcs apart.
+    between them, except for the bulge of the corners' arcs.
     """
     half = 0.5 * turn
     way = chord * half / np.sin(half) if abs(half) > 1e-9 else chord
@@ -188,6 +190,6 @@ def sweep_faults(
     if margin > 0.0 and gap < margin - TOLERANCE:
         found.append(f"the outline is {gap} m from an obstacle")
     core = shapely.buffer(solid, -TOLERANCE, join_style="mitre")
-    if shapely.relate_pattern(swept, core, "T********").any():
+    if shapely.relate_pattern(swept, core, INTERIORS_MEET).any():
         found.append("the outline is inside an obstacle")
     return found

@@ -106,7 +106,6 @@ class Planner(Protocol):
         Raises:
             InputError: the deadline is negative or NaN, or the problem is not made of numbers.
         """
-        ...
 
 
 class PlannerBase(ABC):

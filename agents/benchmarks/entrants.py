@@ -1,4 +1,9 @@
-"""The entrants of a planner benchmark: all registered planners, and installed peers."""
+"""The entrants of a planner benchmark: all registered planners, and installed peers.
+
+A new peer is a settings class with `prepare(case)`, as in `agents/benchmarks/ompl.py`, or a planner
+of ours, and a row of `PEERS` in `agents/benchmarks/peers.py`. A new planner is registered in
+`planners.PLANNERS`.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +39,7 @@ class Entrant:
     calls: tuple[str, ...] = ()  # the planners that it calls, if it is a hybrid
 
     def prepare(self, case: Case) -> tuple[Any, Any]:
-        """The planners for a map, without and with a deadline."""
+        """Return the planners for a map, without and with a deadline."""
         if self.package is None:
             return self.config, self.unlimited
         ready = prepare(self.config, case)
@@ -55,14 +60,14 @@ class Entrant:
 
 
 def settings_dump(planner: Any) -> Any:
-    """A planner's settings as plain values; of one that has none, the place of its class."""
+    """Return a planner's settings as plain values; without settings, the place of its class."""
     if dataclasses.is_dataclass(planner):
         return dump(planner)
     return {"class": f"{type(planner).__module__}:{type(planner).__qualname__}"}
 
 
 def make_plan(planner: Any, problem: Problem, seed: int, deadline: float | None = None) -> Plan:
-    """The plan for a seed."""
+    """Plan with a seed."""
     rng = np.random.default_rng(seed)
     limits = () if deadline is None else (deadline,)
     plan: Plan = planner.plan(problem, rng, *limits)
@@ -70,7 +75,7 @@ def make_plan(planner: Any, problem: Problem, seed: int, deadline: float | None 
 
 
 def with_iterations(planner: Any, iterations: int) -> Any:
-    """A planner with this limit of iterations, also of the planners in its settings."""
+    """Return a planner with a limit of iterations, also for the planners in its settings."""
     changes: dict[str, Any] = {}
     for field in dataclasses.fields(planner) if dataclasses.is_dataclass(planner) else ():
         value = getattr(planner, field.name)
@@ -82,7 +87,7 @@ def with_iterations(planner: Any, iterations: int) -> Any:
 
 
 def named_planners(values: Any) -> Iterator[str]:
-    """The planners named in settings, such as the one for a first path."""
+    """Generate the names of planners in settings, such as the one for a first path."""
     if isinstance(values, str) and values in PLANNERS.places:
         yield values
     elif isinstance(values, Mapping):
@@ -94,9 +99,9 @@ def named_planners(values: Any) -> Iterator[str]:
 
 
 def called_planners(planner: Any) -> tuple[str, ...]:
-    """The planners that a planner calls on a small problem, or names in its settings.
+    """Return the planners that were called on a small problem, and those named in the settings.
 
-    A planner in its settings that is not called, such as the tree of RRT*-WOA, is left out.
+    A planner *object* in the settings, such as the tree of RRT*-WOA, counts only if it was called.
     """
     seen = dict.fromkeys(named_planners(settings_dump(planner)))
 
@@ -117,7 +122,7 @@ def called_planners(planner: Any) -> tuple[str, ...]:
 
 
 def small_problem(clearance: float = 0.0) -> Problem:
-    """A hall with a block between start and goal, to compile on; it has 1.5 m on either side."""
+    """Make a hall to compile planners on: a block between start and goal, with 1.5 m beside it."""
     space = Space.from_rectangles([(2.0, 1.5, 3.0, 2.5)], (0.0, 0.0, 5.0, 4.0))
     ends = np.array([1.0, 2.0]), np.array([4.0, 2.0])
     return Problem(space, *ends, clearance, "small")

@@ -14,25 +14,30 @@ from wheelchair_gym.geometry.planar import to_frame, to_world
 from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, open_floor
 from wheelchair_gym.maps.distance import within_distance
 
-BEYOND = 5.0  # m: paths through unknown space may lead so far round
-BLIND = 1.5  # m: an unseen obstacle so near the chair may be hit before it is seen
+MAP_MARGIN = 5.0  # m: policies extend a map by this, so that paths may lead through the unknown
+BLIND = 1.5  # m: an unseen obstacle nearer than this may be hit before it is seen
 BESIDE = 0.10  # m round the chair, where the space is taken to be free
-BEHIND = 0.25  # m: backing at 0.2 m/s comes to rest within
-FINE = 0.025  # m between places on the floor that the chair stands on
-RESERVE = 128  # extra cells of the ground's rasters when they grow
-FLOOR = 0.2  # m: side of a free square that is open floor, and no error of a wall's place
-TURN = 0.05  # rad after which it stands on other places
-JITTER = 2.0  # cells that a wall seen anew may come nearer
+BEHIND = 0.25  # m: stopping distance in reverse at 0.2 m/s
+SPACING = 0.025  # m between the points under the outline, and the smallest move that is stamped
+RESERVE = 128  # extra cells of the rasters of `FloorMemory` when they grow
+# m: a square this wide must be all free to count as open floor; smaller free patches may be an
+# error in where a wall lies
+FLOOR = 0.2
+MIN_TURN = 0.05  # rad: smallest turn that is stamped
+JITTER = 2.0  # cells by which a wall may seem nearer when it is seen again
 
 
 def assumed_maps(grid: OccupancyGrid, pose: Array, footprint: Footprint) -> list[OccupancyGrid]:
-    """Maps to plan in, the next one where the last leads nowhere.
+    """Return three maps to plan in; each is tried if the one before leads nowhere.
 
-    Unknown space near the chair is solid in the first except where the chair stands: it sees
-    nothing behind it, and had better go ahead before it turns. In the second it may turn, in the
-    third it may go anywhere. Unknown space farther off stays unknown: planners take it for free
-    (the free-space assumption: Koenig and Likhachev 2005), and the laser sees it before the chair
-    is there.
+    1. Unknown space within `BLIND` is solid, except where the chair stands: it sees nothing behind
+       it, so it drives forward before it turns.
+    2. The same, but the circle in which the chair turns on the spot is free.
+    3. The map as it is.
+
+    Other unknown space stays unknown: planners take it for free (the free-space assumption: Koenig
+    and Likhachev 2005), and the laser sees it before the chair is there. Callers rely on the order:
+    `Surroundings.blocks_now` takes the second, `Search` treats the last differently.
 
     Args:
         grid: what was seen so far.
@@ -47,7 +52,7 @@ def assumed_maps(grid: OccupancyGrid, pose: Array, footprint: Footprint) -> list
 
 
 def with_free_footprint(grid: OccupancyGrid, pose: Array, footprint: Footprint) -> OccupancyGrid:
-    """A map in which the unknown space under and beside the chair is free, so that paths begin."""
+    """Return a map in which unknown space under and beside the chair is free: paths begin there."""
     return _fill(grid, pose, FREE, _within(footprint.reach + BESIDE))
 
 
@@ -59,9 +64,9 @@ def _within(radius: float) -> Callable[[Array], NDArray[np.bool_]]:
 def _fill(
     grid: OccupancyGrid, pose: Array, value: int, chosen: Callable[[Array], NDArray[np.bool_]]
 ) -> OccupancyGrid:
-    """A map with a value for chosen unknown cells near a pose, none farther than BLIND.
+    """Return a map with a value in chosen unknown cells within `BLIND` of a pose.
 
-    `chosen` says which points (..., 2) [m] in the chair's frame.
+    `chosen` tells which points (..., 2) [m] in the chair's frame are chosen.
     """
     cells, reach = grid.cells.copy(), math.ceil(BLIND / grid.resolution)
     middle = grid.to_cell(pose[:2])
@@ -72,11 +77,11 @@ def _fill(
     return OccupancyGrid(cells, grid.resolution, grid.origin)
 
 
-class Ground:
-    """Knowledge of the floor beyond the newest map, for a chair that draws its map itself.
+class FloorMemory:
+    """Memory of floor that the newest map lacks, for a chair that draws its map itself.
 
-    Where the chair has stood it is free, though the laser may never have seen it. What was open
-    floor before may be so again: a door opens, a person goes on.
+    Floor on which the chair has stood is free, even if the laser never saw it. Floor that was open
+    may be open again: a door opens, a person goes on.
 
     Args:
         footprint: of the chair.
@@ -84,47 +89,48 @@ class Ground:
 
     def __init__(self, footprint: Footprint) -> None:
         low, high = footprint.corners[0], footprint.corners[2]
-        sides = [np.arange(a, b, FINE) for a, b in zip(low, high, strict=True)]
+        sides = [np.arange(a, b, SPACING) for a, b in zip(low, high, strict=True)]
         self._under = np.stack(np.meshgrid(*sides), axis=-1).reshape(-1, 2)
-        self._stood = np.zeros((0, 0), np.bool_)  # cells on which the chair has stood,
-        self._open = np.zeros((0, 0), np.bool_)  # those that have been open floor,
-        self._first = np.zeros(2, np.int64)  # row and column of the first, counted from (0, 0)
-        self._pose = np.full(3, np.inf)  # at which the last were added
-        self._grid: OccupancyGrid | None = None  # the last one, and
-        self._marked: OccupancyGrid | None = None  # what became of it
+        self._stood = np.zeros((0, 0), np.bool_)  # raster of cells on which the chair has stood
+        self._open = np.zeros((0, 0), np.bool_)  # raster of cells that have been open floor
+        self._first = np.zeros(2, np.int64)  # row and column of their first cell, from (0, 0)
+        self._pose = np.full(3, np.inf)  # where cells were last added
+        self._grid: OccupancyGrid | None = None  # the last map given
+        self._freed_grid: OccupancyGrid | None = None  # the map returned for it
 
-    def marked(self, grid: OccupancyGrid, pose: Array) -> OccupancyGrid:
-        """A map, in which the floor where the chair was, now at a pose (3,), is free if unknown.
+    def with_stood_cells_free(self, grid: OccupancyGrid, pose: Array) -> OccupancyGrid:
+        """Return a map in which unknown cells where the chair stands (pose (3,)) or stood are free.
 
         The cells of all maps given must be those of one endless grid about (0, 0), as SLAM's are.
         """
-        moved = np.hypot(*(pose[:2] - self._pose[:2])) > FINE or abs(pose[2] - self._pose[2]) > TURN
+        distance, turn = np.hypot(*(pose[:2] - self._pose[:2])), abs(pose[2] - self._pose[2])
+        moved = distance > SPACING or turn > MIN_TURN
         if moved:
             at = np.floor(to_world(self._under, pose) / grid.resolution).astype(np.int64)[:, ::-1]
-            self._reach(at.min(axis=0), at.max(axis=0) + 1)
+            self._grow_to_hold(at.min(axis=0), at.max(axis=0) + 1)
             self._stood[tuple((at - self._first).T)] = True
             self._pose = pose.copy()
         if grid is not self._grid:
             begin = _first_cell(grid)
-            self._reach(begin, begin + grid.shape)
+            self._grow_to_hold(begin, begin + grid.shape)
             row, column = begin - self._first
             part = self._open[row : row + grid.shape[0], column : column + grid.shape[1]]
             part |= open_floor(grid, FLOOR)
-        if moved or grid is not self._grid or self._marked is None:
-            self._marked = self._freed(grid, self._stood, UNKNOWN)
+        if moved or grid is not self._grid or self._freed_grid is None:
+            self._freed_grid = self._freed(grid, self._stood, UNKNOWN)
             self._grid = grid
-        return self._marked
+        return self._freed_grid
 
     def reopened(self, grid: OccupancyGrid) -> OccupancyGrid:
-        """The map with occupied cells freed where open floor was before; itself if none is."""
+        """Return the map with occupied cells freed where floor was open; itself if none are."""
         return self._freed(grid, self._open, OCCUPIED)
 
     def forget_open(self) -> None:
-        """Forget which floor was open before now."""
+        """Forget all floor that was open."""
         self._open[:] = False
 
     def _freed(self, grid: OccupancyGrid, where: NDArray[np.bool_], old: int) -> OccupancyGrid:
-        """The map, in which cells of an old value are free where a raster says so."""
+        """Return the map with the cells freed that have an old value and are set in a raster."""
         first = self._first - _first_cell(grid)  # in the map's rows and columns
         begin = np.maximum(first, 0)
         end = np.minimum(first + where.shape, grid.shape)
@@ -139,7 +145,7 @@ class Ground:
         cells[part][chosen] = FREE
         return OccupancyGrid(cells, grid.resolution, grid.origin)
 
-    def _reach(self, begin: NDArray[np.int64], end: NDArray[np.int64]) -> None:
+    def _grow_to_hold(self, begin: NDArray[np.int64], end: NDArray[np.int64]) -> None:
         """Grow the rasters until they hold the cells from begin to end."""
         if not self._stood.size:
             self._first = begin
@@ -159,9 +165,9 @@ def _first_cell(grid: OccupancyGrid) -> NDArray[np.int64]:
 
 
 def blind_behind(grid: OccupancyGrid, pose: Array, footprint: Footprint) -> bool:
-    """Whether a strip behind the chair, as long as BEHIND, holds anything that was never seen.
+    """Return True if a strip of length `BEHIND` behind the chair has a cell that was never seen.
 
-    What lies behind a wall does not count: nothing comes through, and nothing is driven to there.
+    Cells behind a wall do not count: nothing comes through, and the chair does not drive there.
     """
     x = -footprint.rear - np.linspace(0.0, BEHIND, 8)
     y = np.linspace(-footprint.half_width, footprint.half_width, 15)
@@ -173,9 +179,9 @@ def blind_behind(grid: OccupancyGrid, pose: Array, footprint: Footprint) -> bool
     return bool(((there == UNKNOWN) & open_so_far).any())
 
 
-def walls_block(grid: OccupancyGrid, way: ArrayLike, clearance: float) -> bool:
-    """Whether a wall is nearer to a way (n, 2 or 3) [m] than it was planned to pass."""
-    cells = grid.to_cell(np.asarray(way, dtype=np.float64)[:, :2])
+def walls_block(grid: OccupancyGrid, path: ArrayLike, clearance: float) -> bool:
+    """Return True if a wall is nearer to a path (n, 2 or 3) [m] than its planned clearance."""
+    cells = grid.to_cell(np.asarray(path, dtype=np.float64)[:, :2])
     cells = cells[((cells >= 0) & (cells < grid.shape)).all(axis=1)]
     close = within_distance(grid.solid().view(np.int8), clearance / grid.resolution - JITTER)
     return bool((close[cells[:, 0], cells[:, 1]] != 0).any())

@@ -25,8 +25,12 @@ SWEEP = "sweep"
 Row = dict[str, Any]
 
 
-def count_episodes(sums: Counter[str], infos: Any, dones: Any) -> None:
-    """Add the episodes that ended in a step to sums over episodes."""
+def add_ended_episodes(sums: Counter[str], infos: Any, dones: Any) -> None:
+    """Add each episode that ended in this step to the totals.
+
+    The keys of `infos` are those of `SB3VecEnv.step_wait` (`agents/learning/sb3.py`): a new total
+    needs a key there, and a name in `episode_row`.
+    """
     for i in dones.nonzero()[0].tolist():
         success, timeout = infos[i]["is_success"], infos[i]["TimeLimit.truncated"]
         total, length = infos[i]["episode"]["r"], infos[i]["episode"]["l"]
@@ -35,13 +39,13 @@ def count_episodes(sums: Counter[str], infos: Any, dones: Any) -> None:
 
 
 def episode_row(sums: Counter[str]) -> Row:
-    """The number of episodes, and shares and means over them, if any."""
+    """Return the number of episodes, and shares and means over them if there are any."""
     n, keys = sums["episodes"], ("success", "timeout", "return", "length")
     return {"episodes": n, **{key: sums[key] / n for key in keys if n}}
 
 
 def tensorboard_logger(folder: Path) -> Logger:
-    """A logger of rows for TensorBoard; without effect where it is not installed."""
+    """Return a logger of rows for TensorBoard; it does nothing if that is not installed."""
     if importlib.util.find_spec("tensorboard") is None:
         return Logger(None, [])
     return Logger(None, [TensorBoardOutputFormat(str(folder / "tensorboard"))])
@@ -56,7 +60,7 @@ def log_row(logger: Logger, row: Row) -> None:
 
 
 def read_curve(folder: Path) -> list[Row]:
-    """The rows of a folder's curve, as they were written.
+    """Read the rows of a folder's curve, as they were written.
 
     Raises:
         InputError: it cannot be read.
@@ -75,7 +79,7 @@ def read_curve(folder: Path) -> list[Row]:
 
 
 def _number(text: Any) -> Any:
-    """A number where a text is one, as `write_curve` was given it; otherwise the text."""
+    """Return the number that a text stands for; otherwise the text."""
     for kind in (int, float):
         try:
             return kind(text)
@@ -90,9 +94,15 @@ def write_curve(folder: Path, rows: list[Row]) -> None:
 
 
 def write_sweep(key: str, runs: Sequence[tuple[str, Path]], out: Path) -> str:
-    """Write sweep.csv and sweep.svg, which compare runs that differ in one setting; the table.
+    """Write sweep.csv and sweep.svg, which compare runs that differ in one setting.
 
-    `key` is that of the setting, `runs` has its value and the folder of each run.
+    Args:
+        key: name of the setting that varies.
+        runs: its value and the folder of each run.
+        out: folder to write to.
+
+    Returns:
+        The table as text.
     """
     import matplotlib as mpl
 

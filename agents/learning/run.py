@@ -193,7 +193,7 @@ class Run:
         self._anneal_kickstart()
 
         def callback(local: dict[str, Any], _: dict[str, Any]) -> bool:
-            curves.count_episodes(self.sums, local["infos"], local["dones"])
+            curves.add_ended_episodes(self.sums, local["infos"], local["dones"])
             self._advance_curriculum()
             if on_step is not None:
                 on_step(self.frames)

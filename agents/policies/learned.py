@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.control.unknown_space import BEYOND
+from agents.control.unknown_space import MAP_MARGIN
 from agents.learning.weights import SHIPPED_ASSISTANTS, find_weights
 from agents.policies import file_of
 from agents.policies.trained import Trained, read_network
@@ -144,7 +144,7 @@ class LearnedDriver(Trained):
         goal[: len(mission.goal)] = mission.goal
         grid = mission.map_at(reading)
         if mission.map is None:  # the path may lead beyond what is drawn
-            grid = grid.extended_to(np.stack([pose[:2], goal[:2]]), BEYOND)
+            grid = grid.extended_to(np.stack([pose[:2], goal[:2]]), MAP_MARGIN)
             self.task.built_map = lambda: grid
         return self.task.prepare(Episode(grid, pose, goal, tolerance=mission.tolerance))
 

@@ -8,20 +8,20 @@ from wheelchair_gym.base.settings import InputError, settings
 from wheelchair_gym.types import Command, Mission, Reading
 
 FAST, SLOW = 0.6, 0.24  # shares of the full twist that a key asks for; SLOW while shift is held
-IDLE = 0.12  # dead zone of a stick, as a share of its travel
+DEAD_ZONE = 0.12  # share of a stick's travel that counts as released
 
 
 @settings
 class Manual:
-    """Drives as a person's hands say; needs the window, which has the keyboard's attention."""
+    """Settings of a person who drives; needs the window, which must have keyboard focus."""
 
-    def make(self) -> Driver:
-        """A fresh policy."""
-        return Driver()
+    def make(self) -> ManualPolicy:
+        """Make a fresh policy."""
+        return ManualPolicy()
 
 
-class Driver:
-    """Reads keys and sticks each time it is asked to act."""
+class ManualPolicy:
+    """Policy that reads keys and sticks at each step."""
 
     def reset(self, mission: Mission) -> None:
         """See `Policy.reset`.
@@ -42,7 +42,11 @@ class Driver:
         self._sticks = [pygame.joystick.Joystick(k) for k in range(pygame.joystick.get_count())]
 
     def act(self, reading: Reading) -> Command:
-        """See `Policy.act`; at rest, and done, once the window is closed."""
+        """See `Policy.act`; once the window is closed, the chair stops and the command is done.
+
+        That ends a drive that draws a map (`map_by_driving`). A simulated drive (`drive_episode`)
+        goes on until its episode ends.
+        """
         pygame = self._pygame
         if not pygame.display.get_init():
             return Command(np.zeros(2), done=True)
@@ -57,6 +61,6 @@ class Driver:
         action = share * np.array([v, w])
         for stick in self._sticks:
             if stick.get_numaxes() >= 2 and not action.any():
-                tilt = -np.array([stick.get_axis(1), stick.get_axis(0)])  # ahead, to the left
-                action = np.where(np.abs(tilt) > IDLE, tilt, 0.0)
+                tilt = -np.array([stick.get_axis(1), stick.get_axis(0)])  # forward, to the left
+                action = np.where(np.abs(tilt) > DEAD_ZONE, tilt, 0.0)
         return Command.from_action(np.clip(action, -1.0, 1.0), self._limits)

@@ -27,7 +27,7 @@ import numpy as np
 from agents.control import make_follower
 from agents.control.followers import Situation
 from agents.control.rollout import ChairState, ReferencePath
-from agents.control.unknown_space import BEYOND, blind_behind
+from agents.control.unknown_space import MAP_MARGIN, blind_behind
 from agents.policies.planning import Planning, Thinking
 from agents.policies.recoveries import (
     BACK,
@@ -95,7 +95,7 @@ class Planned:
     """Minimum clearance that a plan is asked for."""
     astray: float = setting(default=0.8, unit="m", low=0.05)
     """Distance from the path above which a new one is planned."""
-    beyond: float = setting(default=BEYOND, unit="m", low=0.5)
+    beyond: float = setting(default=MAP_MARGIN, unit="m", low=0.5)
     """Distance beyond the known map that paths through the unknown may use."""
     redraw: float = setting(default=0.5, unit="s", low=0.0)
     """Time between two looks at a map that grows."""
@@ -466,7 +466,7 @@ class PlannedDriver:
     def _take_path(self, path: ReferencePath) -> None:
         """Follow a path from now on."""
         if self._path.reopens and not path.reopens:
-            self._surroundings.ground.forget_open()  # it is free, or was waited for in vain
+            self._surroundings.floor.forget_open()  # it is free, or was waited for in vain
         self._path = path
         self._begin_to_follow()
         self._progress.begin()

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agents.control.rollout import ReferencePath
-from agents.control.unknown_space import BEYOND, assumed_maps
+from agents.control.unknown_space import MAP_MARGIN, assumed_maps
 from agents.evaluation.metrics import backing
 from agents.policies.recoveries import place_aside
 from planners import Planner
@@ -78,7 +78,7 @@ class Search:
     around: float = 0.0  # m from an occupied goal without heading, within which a path may end
     drawn: Footprint | None = None  # of a chair that draws the only map itself; None: a given map
     # The next three apply only to a map that the chair draws.
-    beyond: float = BEYOND  # m: how far beyond what is known paths may lead
+    beyond: float = MAP_MARGIN  # m: how far beyond what is known paths may lead
     reopened: OccupancyGrid | None = None  # the map in which all space that was free once is free
     detour: float = 0.0  # m that a path may be longer than one in that map
 

@@ -9,7 +9,7 @@ import numpy as np
 from agents.control.followers import CREEP
 from agents.control.local_map import LocalMap
 from agents.control.rollout import ReferencePath
-from agents.control.unknown_space import Ground, assumed_maps, blind_behind, walls_block
+from agents.control.unknown_space import FloorMemory, assumed_maps, blind_behind, walls_block
 from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.geometry.kinematics import corner_speed
 from wheelchair_gym.maps import OccupancyGrid
@@ -28,11 +28,11 @@ class Surroundings:
         draws: the chair draws its map itself.
         map: the newest one; one that the chair draws is free where the chair has stood.
         local_map: what the sensors have seen lately.
-        ground: where the chair has stood, and what was free once, of a map that it draws.
+        floor: where the chair has stood, and what was free once, of a map that it draws.
     """
 
     def __init__(self, mission: Mission) -> None:
-        self._mission, self.ground = mission, Ground(mission.footprint)
+        self._mission, self.floor = mission, FloorMemory(mission.footprint)
         self.draws, self.local_map = mission.map is None, LocalMap(mission)
         self._met_actors = False  # on this drive
         self._unseen_behind = False
@@ -42,7 +42,7 @@ class Surroundings:
         """Take over the map of a reading."""
         self.map = self._mission.map_at(reading)
         if self.draws:
-            self.map = self.ground.marked(self.map, np.asarray(reading.pose))
+            self.map = self.floor.with_stood_cells_free(self.map, np.asarray(reading.pose))
 
     def update(self, reading: Reading, may_reverse_blind: bool) -> None:
         """Update everything from the next reading; the chair may reverse without a view, or not."""
@@ -70,7 +70,7 @@ class Surroundings:
 
     def reopened(self) -> OccupancyGrid | None:
         """The map in which all space that was free once is free; None if that changes nothing."""
-        grid = self.ground.reopened(self.map) if self.draws else self.map
+        grid = self.floor.reopened(self.map) if self.draws else self.map
         return None if grid is self.map else grid
 
     def blocks(self, path: ReferencePath, clearance: float, ahead: float = AHEAD) -> bool:

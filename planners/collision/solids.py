@@ -18,7 +18,6 @@ from wheelchair_gym.base.arrays import Array, Mask
 if TYPE_CHECKING:
     from wheelchair_gym.maps.grid import OccupancyGrid
 
-
 GRID = 1e-9  # m: grown outlines are rounded to this; far below the precision of maps
 ARC = math.pi / 8  # rad: at most this much of a round corner per side of its circumscribed polygon
 DISC_SIDES = 32  # of the polygon around a disc: 0.5 % of the radius too large at its corners

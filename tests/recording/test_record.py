@@ -362,7 +362,7 @@ def test_a_full_disk_ends_the_recording_and_not_the_run(room, kind, tmp_path, mo
     file, limits = tmp_path / "run.mcap", resource.getrlimit(resource.RLIMIT_FSIZE)
     env = RecordEpisodes(gym.make("wheelchair_gym/Navigation-v1", scene="empty"), file)
     if kind == "disk":
-        disk = env._out._disk
+        disk = env._out._output
         monkeypatch.setattr(disk, "_file", SmallDisk(disk._file, room))
     else:
         resource.setrlimit(resource.RLIMIT_FSIZE, (room, limits[1]))

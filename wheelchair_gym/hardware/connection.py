@@ -1,4 +1,4 @@
-"""Connections that are opened again when they are lost, and the age of what comes over them."""
+"""Connections that are opened again when they are lost, and the age of received messages."""
 
 from __future__ import annotations
 
@@ -16,22 +16,21 @@ class Closes(Protocol):
 
     def close(self) -> None:
         """Close it."""
-        ...
 
 
 Connection = TypeVar("Connection", bound=Closes)
 
 
 class Reconnecting(Generic[Connection]):
-    """A connection that is opened again while it is lost; a failure is data, not an exception.
+    """A connection that is opened again while it is lost; errors are kept in `error`, not raised.
 
     Args:
-        opener: makes it, or raises OSError or ValueError.
-        begin: is called with each new one; where it raises an OSError, that one is lost, too.
+        opener: opens a connection, or raises OSError or ValueError.
+        begin: is called with each new connection; if it raises an OSError, that one is lost, too.
 
     Attributes:
-        connection: what is open, or None.
-        error: why there is none, as a line of text; empty while there is, unless its user sets it.
+        connection: the open one, or None.
+        error: reason without a connection, else empty; callers may set it ("does not stream yet").
     """
 
     def __init__(
@@ -83,10 +82,10 @@ NEVER = Stamped(math.nan, -math.inf)
 
 
 class ClockSync:
-    """The times of messages of one topic by this computer's clock.
+    """Times of the messages of one topic, by this computer's clock.
 
-    The quickest message so far bounds the difference of the clocks from above. A round trip bounds
-    it from below: without one, a constant latency cannot be seen.
+    The quickest message so far bounds this clock minus the maker's clock from above. A round trip
+    bounds it from below: without one, a constant latency cannot be seen.
 
     Args:
         drift: s per s that the two clocks may drift apart.
@@ -99,41 +98,42 @@ class ClockSync:
 
     def __init__(self, drift: float, error: float = math.inf) -> None:
         self._drift, self._error = drift, error
-        self._last, self._ahead, self._came = -math.inf, math.inf, 0.0
+        self._last, self._offset_bound, self._received_at = -math.inf, math.inf, 0.0
         self.uncertainty = self.latency = 0.0
 
     def answered(self, sent: float, stamp: float) -> None:
-        """Use a round trip: a request that was sent then [s] was answered at a stamp [s]."""
-        if math.isfinite(self._ahead):
-            self.uncertainty = max(0.0, self._ahead - (sent - stamp))
+        """Use a round trip: a request that was sent at `sent` [s] was answered at a stamp [s]."""
+        if math.isfinite(self._offset_bound):
+            self.uncertainty = max(0.0, self._offset_bound - (sent - stamp))
 
-    def host_time(self, stamp: float, came: float) -> float:
-        """When a message was made that came then [s]; `stamp` is by its maker's clock, or NaN.
+    def host_time(self, stamp: float, received_at: float) -> float:
+        """Compute when a message was made [s]; `stamp` is by its maker's clock, or NaN.
 
         Raises:
-            ValueError: it is no newer than the one before, or its clock has jumped ahead.
+            ValueError: it is not newer than the one before, in the future, or its clock has jumped.
         """
         if math.isnan(stamp):
-            return came
+            return received_at
         if stamp <= self._last:
-            raise ValueError(f"is {self._last - stamp:.3g} s older than the one before")
-        if (jump := self._ahead - (came - stamp)) > _MAX_JUMP and math.isfinite(self._ahead):
+            raise ValueError(f"is {self._last - stamp:.3g} s older than the one before, not newer")
+        offset = received_at - stamp
+        if (jump := self._offset_bound - offset) > _MAX_JUMP and math.isfinite(self._offset_bound):
             raise ValueError(
                 f"is stamped {jump:.3g} s later than its clock showed before; if that clock was "
                 "set, reset the chair"
             )
-        if came - stamp < -self._error:
+        if offset < -self._error:
             raise ValueError(
-                f"is stamped {stamp - came:.3g} s in the future, although both clocks are said to "
+                f"is stamped {-offset:.3g} s in the future, although both clocks are said to "
                 f"agree to {self._error:g} s"
             )
-        # Bound of the clocks' difference: that of the quickest message so far, and their drift.
-        ahead = min(came - stamp, self._ahead + self._drift * (came - self._came))
-        self._last, self._ahead, self._came = stamp, ahead, came
+        # The quickest message so far gives the bound; since then the clocks may have drifted.
+        bound = min(offset, self._offset_bound + self._drift * (received_at - self._received_at))
+        self._last, self._offset_bound, self._received_at = stamp, bound, received_at
         if math.isfinite(self._error):
-            self.uncertainty = ahead + self._error
-        self.latency = came - stamp - ahead + self.uncertainty
-        return stamp + ahead
+            self.uncertainty = bound + self._error
+        self.latency = offset - bound + self.uncertainty
+        return stamp + bound
 
 
 class Latest:
@@ -152,16 +152,16 @@ class Latest:
         self.message, self.clock = NEVER, ClockSync(drift)
 
     def clear(self) -> None:
-        """Forget all messages; what is known of the clock stays."""
+        """Forget all messages, but not the bound of the clock."""
         self.message = NEVER
 
-    def update(self, value: Any, stamp: float, came: float) -> None:
-        """Take a message that was made at a time of its maker's clock."""
+    def update(self, value: Any, stamp: float, received_at: float) -> None:
+        """Take a message with the stamp [s] of its maker's clock."""
         try:
-            made = self.clock.host_time(stamp, came)
+            made = self.clock.host_time(stamp, received_at)
         except ValueError:  # its maker was switched off and on
             self.clock = ClockSync(self._drift)
-            made = self.clock.host_time(stamp, came)
+            made = self.clock.host_time(stamp, received_at)
         self.message = Stamped(value, made)
 
     def age(self, now: float) -> float:

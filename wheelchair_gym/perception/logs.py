@@ -43,7 +43,6 @@ LASER = LaserSettings(
 )
 _COLUMNS = _RANGES + LASER.beams
 
-
 _NONE: Mapping[str, int] = MappingProxyType({})
 
 

@@ -155,7 +155,6 @@ _QUERY = """
     ORDER BY m.timestamp, m.id
 """
 
-
 # How files of other kinds begin, what they are, and what to do with them.
 _OTHERS: Final = {
     b"#ROSBAG V": "a ROS 1 bag; expected one of ROS 2: rosbags-convert --src FILE --dst FOLDER",

@@ -23,7 +23,7 @@ from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.people.drivers import driver_spec
 from wheelchair_gym.perception.localized_chair import unwrapped
 from wheelchair_gym.recording import topics
-from wheelchair_gym.recording.sink import Sink
+from wheelchair_gym.recording.sink import Format, Sink
 from wheelchair_gym.safety.stops import StopMonitor, active_stops
 from wheelchair_gym.types import Belief, Shown, Stick
 
@@ -46,7 +46,7 @@ class RecordingSettings:
     """Rate of rendered pictures; 0 records none."""
     when_full: Literal["go-on", "end"] = setting(default="go-on")
     """Whether the run goes on when the disk is full; the recording ends in any case."""
-    format: Literal["foxglove", "ros2"] = setting(default="foxglove")
+    format: Format = setting(default="foxglove")
     """Format of a recording: one MCAP file with Foxglove's messages, or a rosbag2."""
 
 
@@ -79,7 +79,7 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
         super().__init__(env)
         self._config = recording or RecordingSettings()
         self._out = Sink(file, port, self._config.format)
-        self.file, self.port = self._out.file, self._out.port
+        self.file, self.port = self._out.path, self._out.port
         self._base = 0  # ns: episodes follow each other in time
         self._trail: list[Any] = []
         self._labels: dict[str, Any] = {}  # as last recorded

@@ -1,4 +1,7 @@
-"""Writes messages to an MCAP file or a ROS 2 bag, to viewers over a WebSocket, or to both."""
+"""Writes messages to an MCAP file or a ROS 2 bag, to viewers over a WebSocket, or to both.
+
+A format is a name in `Format`, a writer in `Sink`, and a choice of --format in `commands.toml`.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,7 @@ import os
 import struct
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from wheelchair_gym.base.files import write_error
 from wheelchair_gym.base.settings import InputError
@@ -87,7 +90,7 @@ class McapFile:
             left = left[self._file.write(left) :]
 
     def _completes_record(self, data: bytes) -> bool:
-        """Whether a record ends with this data, and more records follow."""
+        """Return True if the data ends exactly at the end of a record, before the final part."""
         while data:
             skipped = min(self._left, len(data))
             self._left, data = self._left - skipped, data[skipped:]
@@ -117,6 +120,7 @@ class McapFile:
         self._file.close()
 
 
+Format = Literal["foxglove", "ros2"]  # of a recording: one MCAP file, or the folder of a bag
 _NAME = "wheelchair_gym"
 _CHUNK = 1 << 18  # bytes: a full disk loses no more than this
 _LOG = logging.getLogger(__name__)
@@ -129,10 +133,10 @@ class Sink:
         file: MCAP to write; if it exists, a number is added to its name. It is complete after
             `close`, and after a disk has run full. In the format ros2, the folder of a bag.
         port: of this machine, for Foxglove's viewers (WebSocket); 0: a free one.
-        format: of the file: foxglove or ros2.
+        format: of the file.
 
     Attributes:
-        file: that is written, or None.
+        path: of the file that is written, or None.
         now: time stamp of the messages [ns], from 0.
         port: for viewers, or None.
 
@@ -142,19 +146,19 @@ class Sink:
     """
 
     def __init__(
-        self, file: str | Path | None = None, port: int | None = None, format: str = "foxglove"
+        self, file: str | Path | None = None, port: int | None = None, format: Format = "foxglove"
     ) -> None:
         self.now, self._reported = 0, False
         self._bag = RosBag(file) if file is not None and format == "ros2" else None
-        self._disk: McapFile | RosBag | None = self._bag
+        self._output: McapFile | RosBag | None = self._bag
         self._context: Any = None
-        self._file: Any = None
+        self._mcap_writer: Any = None
         self._server: Any = None
         self._typed: dict[str, Any] = {}
         self._channels: dict[str, Any] = {}
         if self._bag is None or port is not None:
             self._open(None if self._bag else file, port)
-        self.file = None if self._disk is None else self._disk.path
+        self.path = None if self._output is None else self._output.path
         self.port: int | None = self._server.port if self._server else None
 
     def _open(self, file: str | Path | None, port: int | None) -> None:
@@ -168,9 +172,9 @@ class Sink:
             raise InputError("recording needs: pip install 'wheelchair_gym[record]'") from None
         self._context = context = foxglove.Context()  # kept: channels end with it
         if file is not None:
-            self._disk = disk = McapFile(file)
+            self._output = output = McapFile(file)
             options = MCAPWriteOptions(chunk_size=_CHUNK, disable_seeking=True)
-            self._file = foxglove.open_mcap(disk, context=context, writer_options=options)
+            self._mcap_writer = foxglove.open_mcap(output, context=context, writer_options=options)
         if port is not None:
             try:
                 self._server = foxglove.start_server(name=_NAME, port=port, context=context)
@@ -186,7 +190,7 @@ class Sink:
         }
 
     def send(self, topic: str, *content: Any) -> None:
-        """Send a typed message, see `recording.messages.TYPED`."""
+        """Send a typed message, for viewers (topics: `recording.messages.TYPED`)."""
         if self._bag is not None:
             self._bag.send(self.now, topic, *content)
         if self._typed:
@@ -194,7 +198,7 @@ class Sink:
             channel.log(make(self.now, *content), log_time=self.now)
 
     def write(self, topic: str, values: Mapping[str, Any], **more: Any) -> None:
-        """Send values as JSON, see `recording.topics.FIELDS`, and more JSON content."""
+        """Send values and more content as JSON, for replay (topics: `recording.topics.FIELDS`)."""
         content = write_fields(FIELDS[topic], values) | more
         text = json.dumps(content, allow_nan=False)
         if self._bag is not None:
@@ -203,26 +207,28 @@ class Sink:
             self._channels[topic].log(text.encode(), log_time=self.now)
 
     def check_disk(self, when_full: str = "close") -> None:
-        """Report once that an error has ended the file early: the run goes on, or is to end.
+        """Report once that an error has ended the file early: raise for 'end', otherwise warn.
+
+        With 'go-on', the warning adds that the run goes on; 'close' is for the end of a run.
 
         Raises:
-            InputError: it has, and the run is to end.
+            InputError: an error has ended the file, and `when_full` is 'end'.
         """
-        if self._reported or self._disk is None or not self._disk.error:
+        if self._reported or self._output is None or not self._output.error:
             return
         self._reported = True
-        why = f"{self.file}: {self._disk.error}; the recording ends here"
+        why = f"{self.path}: {self._output.error}; the recording ends here"
         if when_full == "end":
             raise InputError(f"{why}, and the run, too")
         _LOG.warning("%s; the run goes on" if when_full == "go-on" else "%s", why)
 
     def close(self) -> None:
         """Complete the file and disconnect viewers; may be called again."""
-        if self._file:
-            self._file.close()
-        if self._disk:
-            self._disk.close()
+        if self._mcap_writer:
+            self._mcap_writer.close()
+        if self._output:
+            self._output.close()
         self.check_disk()
         if self._server:
             self._server.stop()
-        self._file = self._server = None
+        self._mcap_writer = self._server = None

@@ -186,7 +186,6 @@ def _kind(signal: signals.Signal) -> Kind:
 
 _TRUTH_FIELDS: Final = {signal.name: _kind(signal) for signal in signals.TRUTH}
 
-
 _STICK = _made(Stick, {"forward": NUMBER, "left": NUMBER, "latched": FLAG})
 
 

@@ -11,6 +11,7 @@ late, repeated or of a stuck mirror, if the scanner was moved, turned or mirrore
 or if an encoder is wrong. People and doors move parts of the scene, not all of it.
 
 Key points at which beams lose their echo are remembered: no echo is no evidence of free space.
+`faults.py` calls `disagrees` and raises the fault. Frozen and blind scans are checked there.
 """
 
 from __future__ import annotations
@@ -41,17 +42,17 @@ _ITERATIONS = 2  # of the fit, for each scan
 _PRIOR, _PRIOR_TURN = 2.0, 8.0  # weight of a zero motion, in points and in points times m2
 _MATCHED, _ENOUGH = 90, 40  # minimum points of a fit that counts, and to keep the key scan
 _MOVED = 0.05  # m and rad since the key scan: at rest, only the world can have moved
-_AGREES = 0.85  # share that the wheels explain from which one step from zero fits
-_EXPLAINED = 0.6  # minimum share of them that the fitted motion explains
-_TELLS = 0.03  # m along the normal: points that move so far tell a motion from none
-_TOLD = 0.72  # minimum share of those that it explains: a trolley ahead is not the whole scene
-_GAIN = 0.08  # minimum share of them that it explains and the wheels do not
+_AGREES = 0.85  # if the wheels' motion explains this share, one step from zero replaces the fit
+_EXPLAINED = 0.6  # minimum share of points that the fitted motion explains
+_TELLING = 0.03  # m: a point is *telling* if the motion moves it farther than this along its normal
+_MIN_TELLING_SCORE = 0.72  # share of these that it explains: a trolley ahead is not the whole scene
+_GAIN = 0.08  # difference of the scores of two motions, as a share of the points, that counts
 _OFF, _OFF_PER_METRE, _OFF_PER_RADIAN = 0.05, 0.05, 0.04  # m: bound of the fitted shift
 _TURNED, _TURNED_PER_RADIAN = 0.06, 0.10  # rad: bound of the fitted turn
 _DISAGREES = 0.15  # s
 _SHORTEST, _SHORT = 0.02, 0.03  # m and rad: a short motion, on which a scan that repeats shows
-_FOLLOWS = 0.5  # share of it that the fitted motion follows
-_DOUBTS = 0.25  # m and rad: a motion that the fitted one has followed so far is a fault
+_FOLLOWS = 0.5  # minimum share of the chair's motion that the fit shows if it follows the chair
+_MAX_FOLLOWED = 0.25  # m and rad: if the fit has followed the chair farther, that is a fault
 _LAG_PRIOR = 0.01  # m2/s: squared change of speed times its duration that counts for no lag
 _LAG_SUM = 0.2  # m2/s, and rad2/s: the same of the latest changes of speed that count
 _LAG_FADES = 60.0  # s
@@ -60,12 +61,12 @@ _KEY_WAY, _KEY_TURN = 1.0, 1.2  # m, rad: motion after which the key scan is ren
 _STAY = 0.5  # share of its points: with fewer matched, it is renewed
 _STRANGE, _UNEXPLAINED = 0.4, 42  # maximum share explained, and minimum points that are not
 _RENEWS = 1.0  # s of strange scans: then people stand around, and the key scan is renewed
-_FADES = 0.05  # m/s: at rest a doubt fades, so that a person who leaves does not block the way
+_FADES = 0.05  # m/s: at rest `followed` fades, so that a person who leaves does not block the path
 _SPREAD = 2  # beams on each side of the expected one that may show the echo as well
 _REACH_MARGIN = 0.5  # m: a point so near the reach may be out of it in the next scan
 _EDGE = 0.1  # rad: the same for the ends of the fan
-_DOUBT = 5.0  # s at rest or at creep speed after which a lost point is given up
-_DOUBT_MOVING = 60.0  # s in motion: the memory of static points
+_FORGET_LOST = 5.0  # s at rest or at creep speed after which a lost point is forgotten
+_FORGET_LOST_MOVING = 60.0  # s in motion: the memory of static points
 _DARK = 1.0  # m and rad that points were lost on a beam which has had no echo since
 DARK_BEAMS = 6  # neighbouring key beams (9 degrees) that make a blind sector
 _GONE = np.float32(-1.0)  # s: of a point that has left
@@ -76,9 +77,10 @@ _SEEN, _LEFT, _LOST, _UNCLEAR = range(4)
 _HEARD, _HEARD_SHARE, _HEARD_POINTS = 1.5, 0.5, 2  # m, of the reach: a surface surely heard
 _SQUARE = math.cos(math.radians(8.0))  # of the angle between its normal and the ranger's axis
 
-# Normal equations of a fit; points explained and in it, the same of those that tell it from rest.
+# Normal equations of a fit; score and number of all points in it, and of those that are telling.
 _VECTORS = [("h", "f8", (3, 3)), ("g", "f8", (3,)), ("other", "f8", (3,))]
-_FIT = np.dtype([*_VECTORS, ("score", "f8"), ("n", "i8"), ("told", "f8"), ("telling", "i8")])
+_SCORES = [("score", "f8"), ("n", "i8"), ("telling_score", "f8"), ("n_telling", "i8")]
+_FIT = np.dtype([*_VECTORS, *_SCORES])
 _fit_at, _FIT_SIZE = rows_of(_FIT), _FIT.itemsize
 _OLD = np.dtype([(name, "f4", (KEY_POINTS,)) for name in ("x", "y", "lost", "held")])
 _old_at, _OLD_SIZE = rows_of(_OLD), _OLD.itemsize
@@ -177,7 +179,7 @@ def _fit(key: Any, one: LaserArrays, at: Frame, scan: Floats, offset: Array, fit
     """
     beams = scan.shape[0]
     dx, dy, c, s = offset[0], offset[1], math.cos(offset[2]), math.sin(offset[2])
-    fit.score, fit.n, fit.told, fit.telling = 0.0, 0, 0.0, 0
+    fit.score, fit.n, fit.telling_score, fit.n_telling = 0.0, 0, 0.0, 0
     for i in range(3):
         fit.g[i] = 0.0
         for j in range(3):
@@ -195,8 +197,8 @@ def _fit(key: Any, one: LaserArrays, at: Frame, scan: Floats, offset: Array, fit
         if b < 0 or b >= beams or not one.nearest <= scan[b] < _INF:  # nor too near, which is -inf
             continue
         fit.n += 1
-        tells = abs(nx * (ex - ax) + ny * (ey - ay)) > _TELLS
-        fit.telling += tells
+        is_telling = abs(nx * (ex - ax) + ny * (ey - ay)) > _TELLING
+        fit.n_telling += is_telling
         r = np.float64(scan[b])
         qx, qy = point_to_world(at.c, at.s, 0.0, 0.0, r * one.cosine[b], r * one.sine[b])
         e = nx * (qx - ex) + ny * (qy - ey)
@@ -204,7 +206,7 @@ def _fit(key: Any, one: LaserArrays, at: Frame, scan: Floats, offset: Array, fit
             continue
         share = 1.0 / (1.0 + (e / _SCALE) * (e / _SCALE))
         fit.score += share
-        fit.told += share if tells else 0.0
+        fit.telling_score += share if is_telling else 0.0
         row = nx, ny, ny * (ex - dx) - nx * (ey - dy)
         for i in range(3):
             fit.g[i] += share * row[i] * e
@@ -278,7 +280,7 @@ def _fits_another_motion(key: Any, one: LaserArrays, at: Frame, scan: Floats, dt
         key.valid = False
         return False
     explained = (fit.score - plain >= _GAIN * fit.n) & (fit.score >= _EXPLAINED * fit.n)
-    explained &= fit.told >= _TOLD * fit.telling
+    explained &= fit.telling_score >= _MIN_TELLING_SCORE * fit.n_telling
     off = math.sqrt(offset[0] * offset[0] + offset[1] * offset[1])
     shifted = off > _OFF + _OFF_PER_METRE * key.way + _OFF_PER_RADIAN * key.turned
     turned = abs(offset[2]) > _TURNED + _TURNED_PER_RADIAN * key.turned
@@ -286,10 +288,10 @@ def _fits_another_motion(key: Any, one: LaserArrays, at: Frame, scan: Floats, dt
 
 
 @borrowing_kernel
-def _doubt(key: Any, at: Frame, yaw: float) -> None:
-    """Store how far the fitted motion has followed the chair: a scan that repeats does so."""
+def _update_followed(key: Any, at: Frame, yaw: float) -> None:
+    """Store the distance over which the fit has followed the chair: a repeated scan does so."""
     if not key.valid:
-        key.doubt, key.marked = 0.0, False
+        key.followed, key.marked = 0.0, False
         return
     if key.marked:
         place = at.x, at.y, yaw
@@ -299,7 +301,7 @@ def _doubt(key: Any, at: Frame, yaw: float) -> None:
             square += moved * moved
             product += moved * (key.drift[k] + key.offset[k] - key.mark[k])
         follows = square > _SHORTEST * _SHORTEST and product > _FOLLOWS * square
-        key.doubt = math.sqrt(square) if follows else 0.0
+        key.followed = math.sqrt(square) if follows else 0.0
         key.marked = follows or square < _SHORT * _SHORT
     if not key.marked:
         key.marked, key.mark_at[0], key.mark_at[1], key.mark_at[2] = True, at.x, at.y, yaw
@@ -309,8 +311,8 @@ def _doubt(key: Any, at: Frame, yaw: float) -> None:
 
 @inlined
 def is_doubted(key: Any) -> bool:
-    """Whether the latest scan may have moved with the chair, or otherwise than the wheels."""
-    return bool((key.doubt > 0.0) | (key.astray > 0.0) | (key.strange > 0.0))
+    """Return True if the latest scan may be wrong: repeated, or moved otherwise than the wheels."""
+    return bool((key.followed > 0.0) | (key.astray > 0.0) | (key.strange > 0.0))
 
 
 @borrowing_kernel
@@ -353,16 +355,16 @@ def disagrees(
     another = False
     if key.renewed or v != 0.0 or w != 0.0:
         another = _fits_another_motion(key, one, at, scan, dt) and key.way + key.turned > _MOVED
-        _doubt(key, at, pose[2])
+        _update_followed(key, at, pose[2])
     else:
-        key.doubt = max(0.0, key.doubt - _FADES * dt)
+        key.followed = max(0.0, key.followed - _FADES * dt)
         key.strange += dt if key.strange > 0.0 else 0.0
     _estimate_lag(key, velocity, dt)
     key.astray = key.astray + dt if another else 0.0
     moved = key.few or key.way > _KEY_WAY or key.turned > _KEY_TURN
     if not another and (key.strange > _RENEWS or (moved and key.strange == 0.0)):
         _renew_key(key, one, at, scan, velocity)
-    return bool(key.astray > _DISAGREES or key.doubt > _DOUBTS)
+    return bool(key.astray > _DISAGREES or key.followed > _MAX_FOLLOWED)
 
 
 @borrowing_kernel
@@ -423,7 +425,7 @@ def find_lost(
         key: a record of KEY, of this scanner.
         one: the scanner.
         scan: (beams,).
-        minimum: (beams,) of `Scan.minimum`; is set to -inf at lost points, and for a doubtful scan.
+        minimum: (beams,) of `Scan.minimum`; is set to -inf at lost points, and for a repeated scan.
         slow: the chair is at rest, or drives at creep speed.
         way: motion since the scan before [m and rad].
         dt: time since the scan before [s].
@@ -446,22 +448,22 @@ def find_lost(
             key.lost[k] = _GONE
         if key.lost[k] == _GONE:
             continue
-        key.lost[k] += _F(dt if slow else dt * _DOUBT / _DOUBT_MOVING)
-        if key.lost[k] > _F(_DOUBT) and not heard:
+        key.lost[k] += _F(dt if slow else dt * _FORGET_LOST / _FORGET_LOST_MOVING)
+        if key.lost[k] > _F(_FORGET_LOST) and not heard:
             key.lost[k] = _GONE
             continue
         s.n_lost += far < FAR
         key.dark[(b * (KEY_POINTS - 1) + (beams - 1) // 2) // (beams - 1)] += _F(way)
         for i in range(max(0, b - wide), min(beams, b + wide + 1)):
             minimum[i] = -_INF
-    run, doubtful, dark = 0, 0, key.dark[:]
+    run, any_run, dark = 0, 0, key.dark[:]
     for k in range(KEY_POINTS):
         dark[k] = dark[k] if scan[k * (beams - 1) // (KEY_POINTS - 1)] == _INF else _F(0.0)
         run = run + 1 if dark[k] > _DARK else 0
-        doubtful = doubtful + 1 if dark[k] > 0.0 else 0
+        any_run = any_run + 1 if dark[k] > 0.0 else 0
         s.n_dark = max(s.n_dark, run)
-        s.n_lost += doubtful >= DARK_BEAMS
-    if key.doubt > 0.0:  # it may repeat
+        s.n_lost += any_run >= DARK_BEAMS
+    if key.followed > 0.0:  # it may repeat
         minimum[:] = -_INF
 
 

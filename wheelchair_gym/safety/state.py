@@ -147,7 +147,7 @@ KEY = np.dtype(
         ("drift", "f8", (3,)),  # sum of the offsets of earlier key scans
         ("mark", "f8", (3,)),  # drift and offset a short way ago
         ("mark_at", "f8", (3,)),  # place of the scanner at that time, and the chair's heading
-        ("doubt", "f8"),  # m and rad of motion since that they have followed
+        ("followed", "f8"),  # m and rad of the chair's motion since then that they have followed
         ("marked", "b1"),
         ("valid", "b1"),  # the fit is of enough points
         ("matched", "i8"),  # points with a normal that the scan after it showed

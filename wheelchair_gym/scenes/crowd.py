@@ -17,7 +17,7 @@ from wheelchair_gym.maps import OCCUPIED, OccupancyGrid, geodesic
 from wheelchair_gym.scenes.arena import draw_pose, make_arena
 from wheelchair_gym.scenes.floor_plan import Building, FloorPlan
 from wheelchair_gym.scenes.layout import FloorLayout
-from wheelchair_gym.scenes.passages import PASSAGES, Passage
+from wheelchair_gym.scenes.passages import PASSAGES, Passage, PassageName
 from wheelchair_gym.scenes.pedestrians import (
     BehaviourShares,
     PeopleSettings,
@@ -37,8 +37,7 @@ _START_FREE, _GOAL_FREE = 1.5, 1.1  # m about start and goal; the chair is 1.0 m
 _PIECES = (((0.45, 0.45), 5.0), ((0.20, 0.0), 3.0), ((0.60, 0.40), 9.0), ((0.25, 0.0), 8.0))
 # chair, stool, serving trolley, waste bin: size [m], mass [kg]
 
-
-Place = Literal["any", "building", "hall", "corridor", "crossing", "lift"]
+Place = Literal["any", "building", "hall", PassageName]
 _OPENS_AT = 2.0  # m of somebody from a leaf: EN 16005, sensors of powered doors
 _SLIDING_SHARE = 0.5  # of leaves, where the wall has room; the others swing
 

@@ -1,13 +1,14 @@
 """Passages with people: a corridor, a crossing of two corridors, and a lift to go into.
 
-This module draws walls, start and goal, and where people walk. `Crowd` draws the people.
+This module draws walls, start and goal, and where people walk. `Crowd` draws the people. A new
+passage is a name in `PassageName` and a function in `PASSAGES`; both are at the end of this file.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Final, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
@@ -20,12 +21,12 @@ from wheelchair_gym.scenes.raster import CELL
 Range = tuple[float, float]
 
 _END = 2.5  # m from the ends of a corridor to the chair's start and goal
-_TURN = 0.6  # m from the ends, where people turn back
-_KEPT = RADIUS + 0.10  # m from walls to people's ways
+_TURN_AT = 0.6  # m from the ends of a corridor, where people turn back
+_GAP = RADIUS + 0.10  # m from walls to people's routes
 _CABIN: Final = ((1.6, 2.0), (2.2, 2.6))  # m: width and depth of a cabin for beds
-_WAIT: Final = (1.5, 2.5)  # m along the landing from the door to the chair's start
-_OUT = 0.9  # m before the door, where people who come out turn aside
-_STROLLS = 20  # times that they then walk up and down, away from the door
+_START_OFFSET: Final = (1.5, 2.5)  # m along the landing, from the door to the chair's start
+_EXIT_DISTANCE = 0.9  # m before the door, where people who have come out turn aside
+_LAPS = 20  # number of times that they then walk up and down, away from the door
 
 
 class Passage(NamedTuple):
@@ -44,9 +45,9 @@ def _on_raster(rng: np.random.Generator, low_high: Range) -> float:
 
 def _draw_lane(rng: np.random.Generator, length: float, width: float) -> tuple[Array, Array]:
     """Place and route along a corridor that begins at (0, 0), in either direction."""
-    y = rng.uniform(_KEPT, width - _KEPT)
-    ends = np.array([(length - _TURN, y), (_TURN, y)])
-    return np.array([rng.uniform(_TURN, length - _TURN), y]), ends[:: rng.choice((-1, 1))]
+    y = rng.uniform(_GAP, width - _GAP)
+    ends = np.array([(length - _TURN_AT, y), (_TURN_AT, y)])
+    return np.array([rng.uniform(_TURN_AT, length - _TURN_AT), y]), ends[:: rng.choice((-1, 1))]
 
 
 def draw_corridor(
@@ -112,20 +113,20 @@ def draw_lift(
         (0.0, low, side, low + depth), (side + cabin, low, length, low + depth),
     ]  # fmt: skip
     arena = make_arena((0.0, 0.0, length, low + depth), blocks)
-    way = rng.choice((-1.0, 1.0))
-    start = np.array(
-        [middle - way * rng.uniform(*_WAIT), 0.5 * width, 0.0 if way > 0.0 else math.pi]
-    )
+    side_sign = rng.choice((-1.0, 1.0))
+    heading = 0.0 if side_sign > 0.0 else math.pi
+    start = np.array([middle - side_sign * rng.uniform(*_START_OFFSET), 0.5 * width, heading])
     goal = np.array([middle, low + depth - footprint.front - 0.25, 0.5 * math.pi])
 
     def draw_walk(r: np.random.Generator) -> tuple[Array, Array]:
-        place = r.uniform((side + _KEPT, low + _KEPT), (side + cabin - _KEPT, low + depth - _KEPT))
-        y, to_right = r.uniform(_KEPT, width - _KEPT), r.random() < 0.5
-        far, near = (length - _TURN, middle + 2.5) if to_right else (_TURN, middle - 2.5)
-        strolls = np.tile([(far, y), (near, y)], (_STROLLS, 1))
-        return place, np.vstack([(middle, max(_KEPT, width - _OUT)), strolls])
+        place = r.uniform((side + _GAP, low + _GAP), (side + cabin - _GAP, low + depth - _GAP))
+        y, to_right = r.uniform(_GAP, width - _GAP), r.random() < 0.5
+        far, near = (length - _TURN_AT, middle + 2.5) if to_right else (_TURN_AT, middle - 2.5)
+        strolls = np.tile([(far, y), (near, y)], (_LAPS, 1))
+        return place, np.vstack([(middle, max(_GAP, width - _EXIT_DISTANCE)), strolls])
 
     return Passage(arena, start, goal, draw_walk, cabin * depth)
 
 
+PassageName = Literal["corridor", "crossing", "lift"]
 PASSAGES: Final = {"corridor": draw_corridor, "crossing": draw_crossing, "lift": draw_lift}

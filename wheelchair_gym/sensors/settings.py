@@ -16,7 +16,6 @@ SCANNERS = 4  # most planar scanners of a chair
 PoseSource = Literal["truth", "odometry", "modelled", "mcl", "slam"]
 POSE_SOURCES: Final = get_args(PoseSource)
 
-
 _MEASURED = "measured by tests.benchmarks.poses"
 
 

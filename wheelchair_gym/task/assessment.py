@@ -20,7 +20,7 @@ from wheelchair_gym.task.observations import (
     observe,
     reset_trail,
 )
-from wheelchair_gym.task.prepared_episode import PREPARED, distance_to_go, geodesic_to_go
+from wheelchair_gym.task.prepared_episode import PREPARED, geodesic_to_go, remaining_to_goal
 from wheelchair_gym.task.rewards import TERM_VALUES, has_arrived, write_no_terms, write_terms
 
 RULES, RULES_TARGETS = pointer_record(
@@ -87,7 +87,6 @@ TASK, TASK_TARGETS = pointer_record(
     ("trackers", Target(TRACKERS, 1)),  # of no rows where tracks are not observed
 )
 
-
 _rules_at, _prepared_at, _progress_at = map(rows_of, (RULES, PREPARED, PROGRESS))
 _trackers_at = rows_of(TRACKERS)
 Pair = tuple[float, float]
@@ -129,7 +128,7 @@ def begin_task(
     progress.time_limit = limit
     progress.geodesic = geodesic_to_go(prepared, prepared.start[0], prepared.start[1])
     progress.steps_left, progress.steps = max(1, round(limit / rule.period)), 0
-    progress.to_go = distance_to_go(prepared, rule.aim, pose[0], pose[1], pose[2])
+    progress.to_go = remaining_to_goal(prepared, rule.aim, pose[0], pose[1], pose[2])
     progress.is_shielded = is_shielded
     reset_trail(progress, pose)
     for k in range(2):
@@ -173,7 +172,7 @@ def assess(
         extend_trail(progress, pose)
     progress.shield_share[0] = less[0] / rule.forward
     progress.shield_share[1] = less[1] / rule.turn
-    rest = distance_to_go(prepared, rule.aim, pose[0], pose[1], pose[2])
+    rest = remaining_to_goal(prepared, rule.aim, pose[0], pose[1], pose[2])
     covered = 0.0
     if not math.isnan(rest):  # else what was covered counts when a way is known again
         if not math.isnan(progress.to_go):

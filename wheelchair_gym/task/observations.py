@@ -357,7 +357,7 @@ def write_poses_ahead(prepared: Any, pose: Array, times: Array, out: Floats) -> 
     straight line to the goal, as if driven at `STRAIGHT`.
     """
     goal = prepared.goal
-    rows, cols, headings = prepared.state_rows, prepared.state_cols, prepared.headings
+    rows, cols, headings = prepared.state_rows, prepared.state_cols, prepared.n_headings
     states = states_at(prepared.packed_states, rows, cols, headings)
     moves = moves_at(prepared.moves, prepared.n_moves, headings, 3)
     x, y, yaw = to_local(prepared.state_origin, pose[0], pose[1], pose[2])
@@ -448,7 +448,7 @@ def write_guidance(rules: Any, prepared: Any, pose: Array, out: Floats) -> None:
     if rules.has_poses:
         write_poses_ahead(prepared, pose, ahead, out)
     else:
-        write_path_ahead(table_at(prepared.path, prepared.points, 2), pose, ahead, out)
+        write_path_ahead(table_at(prepared.path, prepared.n_path_points, 2), pose, ahead, out)
 
 
 @borrowing_kernel

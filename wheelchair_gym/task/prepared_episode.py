@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,8 +30,9 @@ from wheelchair_gym.maps.geodesic import interpolate
 from wheelchair_gym.sim.chairs import columns_of
 from wheelchair_gym.types import Episode
 
-GOAL, PATH, FIELD, TIME = range(4)  # what progress is measured along
-AIMS = ("goal", "path", "field", "time")
+Aim = Literal["goal", "path", "field", "time"]  # measure of progress: the setting `task.aim`
+AIMS = get_args(Aim)
+GOAL, PATH, FIELD, TIME = range(4)  # in that order
 
 PREPARED, _TARGETS = pointer_record(
     ("is_filled", "b1"),  # false: no episode; no kernel may receive the record
@@ -47,19 +48,19 @@ PREPARED, _TARGETS = pointer_record(
     ("goal", "f8", (3,)),
     ("tolerance", "f8"),  # m
     ("arrival", "f8", (4,)),  # `Arrival`, where the goal is a pose; else 0
-    ("time_limit", "f8"),  # s; NaN: as the distance to go demands
+    ("time_limit", "f8"),  # s; NaN: computed from the distance to go
     ("field", Target("f4", None, None)),  # m: distances to go (rows, cols)
     ("rows", "i8"),
     ("cols", "i8"),
     ("origin", "f8", (3,)),  # m, m, rad: of its lower-left corner
     ("resolution", "f8"),  # m
     ("path", Target("f8", None, 2)),  # m: of the guidance (points, 2)
-    ("points", "i8"),  # 0: none
-    ("packed_states", Target("u4", None, None, None)),  # (state_rows, state_cols, headings)
+    ("n_path_points", "i8"),  # 0: none
+    ("packed_states", Target("u4", None, None, None)),  # (state_rows, state_cols, n_headings)
     ("state_rows", "i8"),  # 0: none
     ("state_cols", "i8"),
-    ("headings", "i8"),
-    ("moves", Target("i4", None, None, 3)),  # (n_moves, headings, 3)
+    ("n_headings", "i8"),
+    ("moves", Target("i4", None, None, 3)),  # (n_moves, n_headings, 3)
     ("n_moves", "i8"),
     ("state_cell", "f8"),  # m
     ("state_origin", "f8", (3,)),  # m, m, rad
@@ -104,7 +105,7 @@ class PreparedEpisode:
         """Prepare an episode.
 
         Args:
-            episode: where and what.
+            episode: to be driven.
             geodesic: distances to its goal.
             path: guidance (n, 2) [m], or None.
             tolerance: where the episode names none [m].
@@ -132,13 +133,13 @@ class PreparedEpisode:
         r["rows"], r["cols"] = field.shape
         r["origin"], r["resolution"] = geodesic.grid.origin, geodesic.grid.resolution
         pointers.point("path", points)
-        r["points"] = len(points)
+        r["n_path_points"] = len(points)
         if cost_to_go is not None:
             packed_states = np.ascontiguousarray(cost_to_go.packed_states)
             moves = np.ascontiguousarray(cost_to_go.moves)
             pointers.point("packed_states", packed_states)
             pointers.point("moves", moves)
-            r["state_rows"], r["state_cols"], r["headings"] = packed_states.shape
+            r["state_rows"], r["state_cols"], r["n_headings"] = packed_states.shape
             r["n_moves"], r["state_cell"] = len(moves), cost_to_go.cell
             r["state_origin"] = cost_to_go.origin
         return cls(episode, geodesic, path, cost_to_go, pointers)
@@ -166,7 +167,7 @@ def geodesic_to_go(prepared: Any, x: float, y: float) -> float:
 
 @borrowing_kernel
 def path_to_go(path: Array, x: float, y: float) -> float:
-    """Way [m] from a point to a path (n, 2) and along it to its end."""
+    """Compute the distance [m] from a point to a path (n, 2) and along it to its end."""
     segment, share, gap = project(path, x, y)
     rest = gap
     for k in range(segment, path.shape[0] - 1):
@@ -181,19 +182,19 @@ def seconds_to_go(prepared: Any, x: float, y: float, yaw: float) -> float:
     if prepared.state_rows == 0:
         return math.nan
     packed_states = states_at(
-        prepared.packed_states, prepared.state_rows, prepared.state_cols, prepared.headings
+        prepared.packed_states, prepared.state_rows, prepared.state_cols, prepared.n_headings
     )
     lx, ly, lyaw = to_local(prepared.state_origin, x, y, yaw)
     return time_to_go(packed_states, prepared.state_cell, lx, ly, lyaw)
 
 
 @borrowing_kernel
-def distance_to_go(prepared: Any, aim: int, x: float, y: float, yaw: float) -> float:
-    """Way to go from a pose, as the task's aim measures it [m, or s]; NaN where none is known."""
+def remaining_to_goal(prepared: Any, aim: int, x: float, y: float, yaw: float) -> float:
+    """Compute what remains from a pose to the goal [s for TIME, else m]; NaN where unknown."""
     if aim == TIME:
         return seconds_to_go(prepared, x, y, yaw)
     if aim == FIELD:
         return geodesic_to_go(prepared, x, y)
-    if aim == PATH and prepared.points > 0:
-        return path_to_go(table_at(prepared.path, prepared.points, 2), x, y)
+    if aim == PATH and prepared.n_path_points > 0:
+        return path_to_go(table_at(prepared.path, prepared.n_path_points, 2), x, y)
     return math.hypot(prepared.goal[0] - x, prepared.goal[1] - y)

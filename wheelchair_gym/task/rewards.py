@@ -42,8 +42,8 @@ class RewardWeights:
     shield_intervention: float = setting(default=0.0)
     """Size of the twist that the shield took off the one asked for, in full speeds."""
     proximity_speed: float = setting(default=0.0, unit="s/m2")
-    """Squared speed of the outline's fastest corner within 0.2 m of what the first scanner shows,
-    more the nearer [m2/s2], times the period [s]."""
+    """Squared speed of the outline's fastest corner [m2/s2], times the period [s]; weighted from 0
+    at 0.2 m to 1 at contact with what the first scanner shows."""
     disagreement: float = setting(default=-0.02, unit="1/s")
     """Distance of the twist that was asked for from that of the stick, in full speeds, times the
     period [s]; 0 where nobody drives."""
@@ -58,7 +58,7 @@ VERDICT = np.dtype(
         ("reward", "f8"),  # their sum
         ("arrived", "b1"),  # by the chair's own estimate
         ("terminated", "b1"),  # arrived or bumped
-        ("truncated", "b1"),  # out of time; with both only at `max_episode_steps`
+        ("truncated", "b1"),  # out of time; with `terminated` only at `max_episode_steps`
         ("valid_beams", "i8"),  # of the reading's scan
         ("geodesic", "f8"),  # m, from the episode's start
     ],
@@ -86,7 +86,7 @@ def reached(
 
 
 @kernel
-def reached_pose(pose: Array, speed: float, goal: Array, arrival: Array, less: float) -> bool:
+def reached_pose(pose: Array, speed: float, goal: Array, arrival: Array, margin: float) -> bool:
     """Whether a chair at a pose (3,) with a speed [m/s] has arrived at a goal (3,) that is a pose.
 
     Args:
@@ -94,26 +94,26 @@ def reached_pose(pose: Array, speed: float, goal: Array, arrival: Array, less: f
         speed: of it [m/s].
         goal: [m, m, rad].
         arrival: (4,) the numbers of an `Arrival`.
-        less: by how much the place must be nearer, but not by more than a half [m].
+        margin: how much stricter than the tolerance [m], at most half of it.
     """
     c, s = math.cos(goal[2]), math.sin(goal[2])
     dx, dy = pose[0] - goal[0], pose[1] - goal[1]
     for off, maximum in ((c * dx + s * dy, arrival[0]), (c * dy - s * dx, arrival[1])):
-        if abs(off) > max(maximum - less, 0.5 * maximum):
+        if abs(off) > max(maximum - margin, 0.5 * maximum):
             return False
     return bool(abs(wrap(goal[2] - pose[2])) <= arrival[2] and abs(speed) <= arrival[3])
 
 
 @borrowing_kernel
-def has_arrived(rules: Any, prepared: Any, pose: Array, twist: Array, less: float) -> bool:
-    """Whether a pose (3,) and a twist (2,) count as being at the goal of a prepared episode.
+def has_arrived(rule: Any, prepared: Any, pose: Array, twist: Array, margin: float) -> bool:
+    """Return True if a pose (3,) and a twist (2,) count as being at a prepared episode's goal.
 
-    `less` is by how much nearer the chair must be [m], but not by more than half the tolerance.
+    `margin`: how much stricter than the tolerance [m], at most half of it.
     """
     if prepared.arrival[0] > 0.0:
-        return bool(reached_pose(pose, twist[0], prepared.goal, prepared.arrival, less))
-    tolerance = max(prepared.tolerance - less, 0.5 * prepared.tolerance)
-    near = reached(pose, prepared.goal, tolerance, rules.heading, rules.heading_tolerance)
+        return bool(reached_pose(pose, twist[0], prepared.goal, prepared.arrival, margin))
+    tolerance = max(prepared.tolerance - margin, 0.5 * prepared.tolerance)
+    near = reached(pose, prepared.goal, tolerance, rule.heading, rule.heading_tolerance)
     return bool(near)
 
 
@@ -128,8 +128,8 @@ def write_no_terms(verdict: Any) -> None:
 
 @borrowing_kernel
 def disagreement(rule: Any, progress: Any) -> float:
-    """Distance of the last action's twist from that of the stick it answered, in full speeds."""
-    now, stick = progress.action, progress.sticks[1]
+    """Distance of the action's twist from that of the stick it answers, in full speeds."""
+    now, stick = progress.action, progress.sticks[1]  # [0] is a period newer than the action
     v, w = twist_of_action(now[0], now[1], rule.forward, rule.backward, rule.turn)
     to_v, to_w = twist_of_action(stick[0], stick[1], rule.forward, rule.backward, rule.turn)
     return math.hypot((v - to_v) / rule.forward, (w - to_w) / rule.turn)
@@ -137,14 +137,9 @@ def disagreement(rule: Any, progress: Any) -> float:
 
 @borrowing_kernel
 def write_terms(
-    rule: Any,
-    progress: Any,
-    verdict: Any,
-    covered: float,
-    bumped: bool,
-    twist: Array,
+    rule: Any, progress: Any, verdict: Any, covered: float, bumped: bool, twist: Array,
     laser: Floats,
-) -> None:
+) -> None:  # fmt: skip
     """Write the weighted reward terms of one step and their sum into a record of VERDICT."""
     w, t = rule.weights, verdict.terms
     now, before = progress.action, progress.previous

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from wheelchair_gym.base.settings import setting, settings
+from wheelchair_gym.task.prepared_episode import Aim
 from wheelchair_gym.task.rewards import RewardWeights
 
 if TYPE_CHECKING:
@@ -66,7 +67,7 @@ class TaskSettings:
     under `privileged_path` and `privileged_side_clearance`."""
     privileged: bool = setting(default=False)
     """True: a critic's keys are observed; in training only."""
-    aim: Literal["goal", "path", "field", "time"] = setting(default="field")
+    aim: Aim = setting(default="field")
     """Measure of progress: along the straight line to the goal, the path or the geodesic, or in
     seconds to go by the guidance 'poses'."""
     margin: float = setting(default=0.05, unit="m", low=0.0)

@@ -17,7 +17,7 @@ from wheelchair_gym.geometry.planar import world_to_body
 from wheelchair_gym.sensors.laser import median3, shown_range
 
 CLEARANCE_MAX = 0.5  # m: larger clearances are observed as this
-NEAR = 0.2  # m from the outline, from which on proximity_speed counts
+NEAR = 0.2  # m from the outline, at which `proximity_speed` begins to count
 _NONE = np.float32(np.inf)
 _MORE = 1.0 + 1e-9  # beyond rounding
 BEYOND = 0.05  # m before and behind the outline that count as beside it
@@ -58,10 +58,10 @@ def _find_points(scan: Floats, directions: Array, mount: Array, xs: Array, ys: A
 def proximity_speed(
     scan: Floats, directions: Array, mount: Array, outline: Array, twist: Array
 ) -> float:
-    """Squared speed [m2/s2] of the outline's fastest corner, less the farther off all is.
+    """Compute the squared speed [m2/s2] of the outline's fastest corner, times a weight.
 
-    All of it counts where the scan shows something at the outline, none where nothing is `NEAR`.
-    Beams are filtered as by `side_clearance`.
+    The weight is 1 where the scan shows something at the outline, and falls linearly to 0 at
+    `NEAR`. Beams are filtered as by `side_clearance`.
     """
     ahead, aside = max(outline[0], outline[1]), outline[2]
     n = max(0, scan.shape[0] - 1) // 2

@@ -82,7 +82,7 @@ def test_a_crash_at_the_last_step_allowed_is_no_truncation():
     sums = Counter()
     for _ in range(steps):
         _, _, dones, infos = many.step(np.array([[1.0, 0.0]]))
-        curves.count_episodes(sums, infos, dones)
+        curves.add_ended_episodes(sums, infos, dones)
     assert dones.all()
     assert infos[0]["TimeLimit.truncated"] is False
     assert (sums["episodes"], sums["timeout"]) == (1, 0)

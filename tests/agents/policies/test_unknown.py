@@ -11,7 +11,7 @@ from scipy import ndimage
 
 from agents.cli import main
 from agents.control.unknown_space import (
-    Ground,
+    FloorMemory,
     assumed_maps,
     blind_behind,
     walls_block,
@@ -62,7 +62,7 @@ def test_a_goal_in_an_unknown_home_is_found(policy):
 
 
 def test_a_chair_without_a_map_backs_where_it_stood_before():
-    """It drives into a dead end of a home, and out again; without its ground it ran out of time."""
+    """It drives into a dead end of a home and out again; without the memory it ran out of time."""
     corridors = {"door_width": (0.9, 1.1), "corridor_width": (1.1, 1.6)}
     env = unknown({"name": "floor_plan", "kind": "home", **corridors}, None)
     _, info = drive(env, "lattice+window", 2)
@@ -151,24 +151,24 @@ def test_what_is_assumed_of_the_unseen():
     )
 
 
-def test_the_ground_that_the_chair_stood_on_is_free_and_nothing_else_changes():
-    footprint, ground = Footprint(), Ground(Footprint())
+def test_the_floor_that_the_chair_stood_on_is_free_and_nothing_else_changes():
+    footprint, floor = Footprint(), FloorMemory(Footprint())
     area = (footprint.front + footprint.rear) * 2.0 * footprint.half_width
     cells = np.full((60, 120), UNKNOWN, np.int8)
     cells[30, 40] = OCCUPIED  # under the chair: what was seen counts
     grid = OccupancyGrid(cells, 0.05, (-3.0, -1.5, 0.0))
-    ground.marked(grid, np.array([-1.0, 0.0, 0.0]))
-    marked = ground.marked(grid, np.array([1.0, 0.0, 0.0]))
+    floor.with_stood_cells_free(grid, np.array([-1.0, 0.0, 0.0]))
+    marked = floor.with_stood_cells_free(grid, np.array([1.0, 0.0, 0.0]))
     freed = (marked.cells == FREE).sum() * grid.resolution**2
     assert freed == pytest.approx(2.0 * area, rel=0.15)
     assert marked.cells[30, 40] == OCCUPIED
     assert (grid.cells == cells).all()
-    assert ground.marked(grid, np.array([1.0, 0.0, 0.0])) is marked
+    assert floor.with_stood_cells_free(grid, np.array([1.0, 0.0, 0.0])) is marked
 
 
-def test_ground_is_kept_over_a_long_way_in_maps_that_grow_and_move():
+def test_floor_is_kept_over_a_long_way_in_maps_that_grow_and_move():
     footprint, rng = Footprint(), np.random.default_rng(4)
-    ground, pose, stood = Ground(footprint), np.zeros(3), set()
+    floor, pose, stood = FloorMemory(footprint), np.zeros(3), set()
     low, high = footprint.corners[0], footprint.corners[2]
     under = np.stack(np.meshgrid(*map(np.arange, low, high, (0.025, 0.025))), -1).reshape(-1, 2)
     for _ in range(200):
@@ -183,29 +183,29 @@ def test_ground_is_kept_over_a_long_way_in_maps_that_grow_and_move():
             if inside and cells[row, column] == UNKNOWN:
                 expected[row, column] = FREE
         grid = OccupancyGrid(cells, 0.05, (0.05 * left, 0.05 * bottom, 0.0))
-        assert (ground.marked(grid, pose).cells == expected).all()
+        assert (floor.with_stood_cells_free(grid, pose).cells == expected).all()
 
 
 def test_what_was_open_floor_once_may_be_free_again():
-    ground, pose = Ground(Footprint()), np.zeros(3)
+    floor, pose = FloorMemory(Footprint()), np.zeros(3)
     before = np.full((60, 80), UNKNOWN, np.int8)
     before[10:50, 10:70], before[30, 10:30], before[30, 50:70] = FREE, OCCUPIED, OCCUPIED
     before[5, 5:9] = FREE  # a gap between walls
-    ground.marked(OccupancyGrid(before, 0.05, (-2.0, -1.5, 0.0)), pose)
+    floor.with_stood_cells_free(OccupancyGrid(before, 0.05, (-2.0, -1.5, 0.0)), pose)
     after = np.full((400, 400), UNKNOWN, np.int8)  # the same place in a map that has grown
     after[210:270, 210:290] = before
     after[240, 240:260] = OCCUPIED  # something stands in the door, from jamb to jamb
     after[230, 240] = OCCUPIED  # and in the open
     after[215, 215:219] = OCCUPIED
     grid = OccupancyGrid(after, 0.05, (-12.5, -12.0, 0.0))
-    marked = ground.marked(grid, pose)
-    reopened = ground.reopened(marked).cells
+    marked = floor.with_stood_cells_free(grid, pose)
+    reopened = floor.reopened(marked).cells
     assert (reopened[240, 240:260] == FREE).all()
     assert reopened[230, 240] == FREE
     assert (reopened != marked.cells).sum() == 21
     assert (marked.cells == after)[after != UNKNOWN].all()
-    ground.forget_open()
-    assert ground.reopened(marked) is marked
+    floor.forget_open()
+    assert floor.reopened(marked) is marked
 
 
 def searched(grid, reopened, detour=2.0):
