@@ -57,7 +57,7 @@ LOOK = 2.0  # s between two plans while the chair looks round
 STANDING = 1.0  # s without progress, after which the chair waits for a way to become free
 LASTING = 5  # plans without a way round, some 15 s: what blocks the way will not go by itself
 REJOIN = 2.0  # m along a plan on which a chair that drove on meanwhile may join it
-INSIDE = 0.7  # times the goal's tolerance: so far from it a path may end where the goal is occupied
+INSIDE = 0.6  # of the tolerance: how far from an occupied goal a path may end
 
 
 @settings

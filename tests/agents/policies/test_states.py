@@ -18,7 +18,12 @@ from tests.agents.fakes import PaperWorld, corridor
 from tests.agents.policies.test_behaviours import Peopled
 from tests.agents.policies.test_unknown import Drawn
 from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+from wheelchair_gym.task.settings import TaskSettings as Task
 from wheelchair_gym.types import Command
+
+
+def test_a_path_beside_an_occupied_goal_ends_where_an_estimated_pose_arrives():
+    assert planned.INSIDE * Task().tolerance < Task().tolerance - Task().arrival_margin
 
 
 def name(row):
