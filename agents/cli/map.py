@@ -45,10 +45,7 @@ def _explored(given: argparse.Namespace) -> tuple[dict[str, Any], list[str]]:
         raise InputError(f"--time {given.time}: expected more than 0 s")
     chosen, scene = spec(given.policy), chair_spec(given.scene or given.chair)
     if chosen == "explore":
-        chosen = {
-            "name": "explore",
-            "seek": False,
-        }  # all of it, not only up to the goal
+        chosen = {"name": "explore", "seek": False}  # all of it, not only up to the goal
     policy = make_policy(chosen)
     config = env_settings(given.config, pose_source="slam")
     if given.particles is not None:

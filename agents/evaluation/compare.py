@@ -98,9 +98,7 @@ def compare(
     begun = time.perf_counter()
     folder = Path(folder)
     what = dataclasses.replace(
-        what,
-        policies=distinct(what.policies, "policies"),
-        scenes=distinct(what.scenes, "scenes"),
+        what, policies=distinct(what.policies, "policies"), scenes=distinct(what.scenes, "scenes")
     )
     seeds = list(range(what.episodes)) if seeds is None else list(seeds)
     records = evaluate(

@@ -120,10 +120,7 @@ def env_settings(**values: Any) -> dict[str, Any]:
 
 
 def make_env(
-    scene: Spec,
-    env: Mapping[str, Any],
-    render_mode: str | None = "rgb_array",
-    policy: Spec = "",
+    scene: Spec, env: Mapping[str, Any], render_mode: str | None = "rgb_array", policy: Spec = ""
 ) -> Any:
     """Make an environment of a scene, as a policy is to drive there; by default of test worlds."""
     import gymnasium

@@ -56,14 +56,7 @@ def deploy(given, seed, shown, folder):
     record, result = f"{given.out}/{shown['name']}-{seed}.mcap", folder / "result.json"
     words = ["-m", "wheelchair_gym", "deploy", "--policy", POLICY, "--config", str(config)]
     words += ["--pose", "mcl"]
-    words += [
-        "--map",
-        str(folder / "map.yaml"),
-        "--start",
-        shown["start"],
-        "--goal",
-        shown["goal"],
-    ]
+    words += ["--map", str(folder / "map.yaml"), "--start", shown["start"], "--goal", shown["goal"]]
     words += ["--record", record, "--json", str(result)]
     near, far = pty.openpty()
     running = program(*words, stdin=far, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)

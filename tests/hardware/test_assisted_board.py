@@ -47,10 +47,7 @@ def driving(bench):
     return bench
 
 
-STOPS = {
-    "centred": {"host": 0.5},
-    "host silent": {"ahead": 1.0},
-}
+STOPS = {"centred": {"host": 0.5}, "host silent": {"ahead": 1.0}}
 
 
 @pytest.mark.parametrize("name", STOPS)

@@ -327,12 +327,7 @@ def left():
 
 
 @pytest.mark.parametrize(
-    ("output", "code", "says"),
-    [
-        (full, 2, FULL),
-        (lambda: None, 2, CLOSED),
-        (left, 141, ""),
-    ],
+    ("output", "code", "says"), [(full, 2, FULL), (lambda: None, 2, CLOSED), (left, 141, "")]
 )
 @pytest.mark.parametrize("words", [["settings", "limits"], ["settings", "limits", "--json", "-"]])
 def test_output_that_cannot_be_written_is_one_line(monkeypatch, capfd, output, code, says, words):

@@ -24,12 +24,7 @@ from wheelchair_gym.scenes import make_scene
 
 OCTILE = "type octile\nheight 3\nwidth 4\nmap\n.G@O\nSSTW\n....\n"
 VERTS = [[0, 0], [8, 0], [8, 4], [5, 4], [4, 6], [0, 6], [0, 0]]
-HOUSE = {
-    "verts": VERTS,
-    "bbox": {"min": [0.0, 0.0], "max": [8.0, 6.0]},
-    "room_num": 1,
-    "id": "abc",
-}
+HOUSE = {"verts": VERTS, "bbox": {"min": [0.0, 0.0], "max": [8.0, 6.0]}, "room_num": 1, "id": "abc"}
 
 
 def put(folder, name, content):

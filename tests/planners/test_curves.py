@@ -8,10 +8,7 @@ from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from planners.smoothing.curves import CURVES, curve
 
-ORACLES = {
-    "pchip": PchipInterpolator,
-    "spline": CubicSpline,
-}
+ORACLES = {"pchip": PchipInterpolator, "spline": CubicSpline}
 
 
 @pytest.mark.parametrize("name", ORACLES)

@@ -16,8 +16,7 @@ def attack(scene, rows, each, *, shield, faults=0.2, seed=0, bank=8, rate=10.0):
 
 
 @pytest.mark.parametrize(
-    ("scene", "rate"),
-    [("floor_plan", 10.0), ("crossing", 10.0), ("edges", 20.0), ("people", 10.0)],
+    ("scene", "rate"), [("floor_plan", 10.0), ("crossing", 10.0), ("edges", 20.0), ("people", 10.0)]
 )
 def test_with_the_shield_no_attack_does_harm(scene, rate):
     report, harmful = attack(scene, 48, 2, shield=True, rate=rate)

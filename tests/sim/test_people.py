@@ -322,10 +322,7 @@ def test_the_indifferent_keep_less_from_a_chair_that_drives_up_to_them():
 def test_nobody_reacts_to_a_chair_behind_a_wall_or_behind_their_back():
     walls = [(-6.0, 1.0, 6.0, 1.0)]
     for reaction in (CURIOUS, WARY, SURPRISED):
-        for route, hidden in (
-            ([(-5.0, 2.0), (5.0, 2.0)], walls),
-            ([(0.5, 2.0), (5.0, 2.0)], []),
-        ):
+        for route, hidden in (([(-5.0, 2.0), (5.0, 2.0)], walls), ([(0.5, 2.0), (5.0, 2.0)], [])):
             with_it, plain = (
                 watch([person(route, 1.2, reaction=r)], 3.0, walls=hidden)[0]
                 for r in (reaction, REGULAR)

@@ -116,11 +116,7 @@ class Registry(Mapping[str, Any]):
     """
 
     def __init__(
-        self,
-        kind: str,
-        places: Mapping[str, str],
-        group: str = "",
-        needs: tuple[str, ...] = (),
+        self, kind: str, places: Mapping[str, str], group: str = "", needs: tuple[str, ...] = ()
     ) -> None:
         self.kind, self.group, self.needs = kind, group, needs
         self.built_in = dict(sorted(places.items()))

@@ -26,11 +26,7 @@ as_int: Any = np.int64  # of a count or a field: numba compiles a kernel anew fo
 # No fast-math anywhere: results may not depend on how a loop was vectorised or inlined, since one
 # chair and a batch of chairs must agree bit for bit. The numpy error model drops the check for
 # division by zero, which is what stops vectorisation. Nothing calls kernels from C.
-_OPTIONS: dict[str, Any] = {
-    "error_model": "numpy",
-    "nogil": True,
-    "no_cfunc_wrapper": True,
-}
+_OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True, "no_cfunc_wrapper": True}
 
 
 @cache

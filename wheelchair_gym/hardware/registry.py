@@ -24,7 +24,7 @@ CHAIRS: Final = Registry(
 
 # Names for settings of one of these chairs, which other settings override.
 PRESETS: Final[dict[str, dict[str, Any]]] = {
-    "ros2": {"name": "ros", "odometry": "/odom", "velocity": "/cmd_vel"},  # as nav2 names them
+    "ros2": {"name": "ros", "odometry": "/odom", "velocity": "/cmd_vel"}  # as nav2 names them
 }
 
 

@@ -59,11 +59,7 @@ def open_floor(grid: OccupancyGrid, side: float) -> Mask:
 
 
 def footprint_margin(
-    walls: Array,
-    discs: Array,
-    start: ArrayLike,
-    goal: ArrayLike,
-    footprint: Footprint,
+    walls: Array, discs: Array, start: ArrayLike, goal: ArrayLike, footprint: Footprint
 ) -> float:
     """Return how far [m] an outline may grow on every side and still get from start to goal.
 

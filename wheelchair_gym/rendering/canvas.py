@@ -46,9 +46,7 @@ def fit_frame(bounds: ArrayLike, height: float, width: float) -> Frame:
     x0, y0, x1, y1 = np.asarray(bounds, dtype=np.float64)
     scale = min(width / (x1 - x0), height / (y1 - y0))
     return Frame(
-        scale,
-        0.5 * width - scale * 0.5 * (x0 + x1),
-        0.5 * height + scale * 0.5 * (y0 + y1),
+        scale, 0.5 * width - scale * 0.5 * (x0 + x1), 0.5 * height + scale * 0.5 * (y0 + y1)
     )
 
 

@@ -263,10 +263,7 @@ class Task:
         self.rows.point("prepared", prepared.pointers)
 
     def assess(
-        self,
-        reading: Reading,
-        action: tuple[float, float],
-        less: tuple[float, float] = (0.0, 0.0),
+        self, reading: Reading, action: tuple[float, float], less: tuple[float, float] = (0.0, 0.0)
     ) -> Observation:
         """Assess the step of an action in [-1, 1], and return the observation that follows.
 

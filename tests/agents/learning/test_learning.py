@@ -50,8 +50,7 @@ def numbers(rows):
 
 
 @pytest.mark.parametrize(
-    "algorithm",
-    ["ppo", *(pytest.param(name, marks=pytest.mark.long) for name in ("sac", *MORE))],
+    "algorithm", ["ppo", *(pytest.param(name, marks=pytest.mark.long) for name in ("sac", *MORE))]
 )
 def test_a_run_that_was_killed_and_resumed_equals_one_that_was_not(algorithm, trained, tmp_path):
     if algorithm in ("recurrent_ppo", "tqc"):

@@ -140,10 +140,7 @@ def read_map(path: str | Path) -> OccupancyGrid:
 
 
 def write_map(
-    grid: OccupancyGrid,
-    path: str | Path,
-    *,
-    suffix: Literal[".pgm", ".png"] = ".pgm",
+    grid: OccupancyGrid, path: str | Path, *, suffix: Literal[".pgm", ".png"] = ".pgm"
 ) -> None:
     """Write a map_server YAML file, and its image beside it; `read_map` gives the same grid.
 
