@@ -271,7 +271,7 @@ class Shown(NamedTuple):
     Attributes:
         path: (n, 2) m: what it follows; None: the guidance is shown.
         status: what it is doing.
-        plans: number of plans made in this episode.
+        plans: number of searches for a path in this episode, one for each map tried.
         rollout: (n, 3) m, m, rad: where its generated commands lead; None: it has none.
     """
 

@@ -37,12 +37,10 @@ def test_what_is_hidden_is_what_a_guided_policy_is_shown():
 def test_nothing_is_hidden_where_no_critic_looks():
     env = make(hide_guidance=True, privileged=False)
     assert not {"path", *PRIVILEGED} & set(env.reset(seed=0)[0])
-    assert (
-        make(hide_guidance=True, side_clearance=False)
-        .reset(seed=0)[0]
-        .get("privileged_side_clearance")
-        is None
-    )
+    seen = make(hide_guidance=True, side_clearance=False).reset(seed=0)[0]
+    assert "privileged_side_clearance" not in seen
+    with pytest.raises(InputError, match=r"look_ahead is \[3.0, 0.5\]; expected rising values"):
+        NavigationEnv("empty", guidance="geodesic", config={"task": {"look_ahead": [3.0, 0.5]}})
     with pytest.raises(InputError, match=r"task\.hide_guidance needs the guidance"):
         NavigationEnv("floor_plan", guidance="geodesic", config={"task": {"hide_guidance": True}})
 

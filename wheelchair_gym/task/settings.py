@@ -35,8 +35,7 @@ class TaskSettings:
     time_factor: float = setting(default=3.0, low=0.0)
     """Time limit added for each second at full speed along the geodesic."""
     max_episode_steps: int | None = setting(default=None, low=1, source="Gymnasium's TimeLimit")
-    """Steps after which an episode is truncated, whatever its time limit, and without the reward
-    term of a timeout; null: none."""
+    """Steps after which an episode is truncated, without the reward of a timeout; null: none."""
     bump_ends: bool = setting(default=True)
     """Whether a pressed bumper strip ends an episode; false where a person drives on by hand."""
     look_ahead: tuple[float, ...] = setting(default=(0.5, 1.0, 1.5, 2.0, 3.0), unit="m", low=0.0)

@@ -100,17 +100,18 @@ class Task:
             raise InputError("task.aim is 'time'; it needs the guidance 'poses'")
         if settings.hide_guidance and guidance is not None and not self.has_poses:
             raise InputError("task.hide_guidance needs the guidance 'poses', or none")
-        self._ahead = np.array(settings.look_ahead_time if self.has_poses else settings.look_ahead)
+        name = "look_ahead_time" if self.has_poses else "look_ahead"
+        self._ahead = np.array(getattr(settings, name))
+        if (np.diff(self._ahead) < 0.0).any():
+            raise InputError(f"task.{name} is {self._ahead.tolist()}; expected rising values")
         self._pointers = Pointers(np.zeros(1, RULES), RULES_TARGETS)
         self.rules: Rows = self._pointers.record
         self._set_rules()
         self._tracker: TrackerConstants | None = None
         if settings.tracks:
             if period > 1.0:
-                raise InputError(
-                    f"task.tracks is {settings.tracks} at a rate of {1.0 / period:g} Hz; the "
-                    "tracker needs 1 Hz at least"
-                )
+                hertz = f"a rate of {1.0 / period:g} Hz; expected 1 Hz at least"
+                raise InputError(f"task.tracks is {settings.tracks} at {hertz}")
             self._tracker = TrackerConstants(sensors.laser)
         self._progress = np.zeros(1, PROGRESS)
         self.judged = np.zeros(1, VERDICT)  # of the latest reading
