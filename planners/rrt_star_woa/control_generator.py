@@ -518,11 +518,9 @@ class ControlGenerator:
     printed: bool = setting(default=False, source="thesis, section 2.9.3 and algorithm 6: true")
     """Whether segments end at the path's own points and cost the distance from there alone; the
     swarm then starts at random."""
-    horizon: float | None = setting(default=None, unit="m", low=2.0 * REACHED)
+    horizon: float | None = setting(default=None, unit="m", low=0.4)
     """Length of the path to follow; null for the whole path."""
-    segment: float = setting(
-        default=1.0, unit="m", low=2.0 * REACHED, source="measured on training homes"
-    )
+    segment: float = setting(default=1.0, unit="m", low=0.4, source="measured on training homes")
     """Maximum length of a segment."""
     margin: float = setting(default=0.02, unit="m", low=0.0)
     """Minimum clearance to obstacles."""
