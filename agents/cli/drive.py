@@ -97,7 +97,7 @@ def simulate(given: argparse.Namespace) -> int:
         f"{name} on {place}, seed {given.seed}: "
         f"{outcome if record['success'] else f'did not arrive ({outcome})'} after "
         f"{record['time']:.1f} s and {record['length']:.2f} m (shortest {record['shortest']:.2f}"
-        f" m), least clearance {'-' if gap is None else f'{gap:.3f}'} m"
+        f" m), minimum clearance {'-' if gap is None else f'{gap:.3f}'} m"
         + (f"; it stands: {'; '.join(stands)}" if stands else "")
         + (" (in simulation it cannot be re-armed)" if stands and given.chair is None else "")
         + ("" if given.chair is None else _timing(record))

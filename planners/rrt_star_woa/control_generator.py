@@ -420,8 +420,8 @@ def follow(
 
     The axle stays within `SEARCH_RANGE` of a segment. Where an end is missed, the search goes back,
     one segment farther each time, and draws other numbers. After `RETRIES` of this the commands end
-    as near as possible to the missed end. As printed, nothing is searched again, and the search
-    goes on after a missed end.
+    as near as possible to the missed end. As printed, nothing is searched again, and commands
+    follow after a missed end, too.
 
     Args:
         legs: the segments.
@@ -468,7 +468,7 @@ def follow(
                 brake(trial[0], world)
             gap = math.hypot(leg.x - trial[0].x, leg.y - trial[0].y)
         there = free and gap <= leg.reach
-        if not there and k > 0 and retries > 0:
+        if not there and max(k, farthest) > 0 and retries > 0:
             back = back + 1 if k <= farthest else 1
             farthest, retries = max(k, farthest), retries - 1
             k = max(0, k - back)

@@ -26,7 +26,7 @@ from wheelchair_gym.task.prepared_episode import PreparedEpisode
 from wheelchair_gym.task.task import Task
 
 _BANK = 0x62616E6B  # apart from the worlds of single seeds
-_MIN_TIME = 1.0  # s: least plan time from the start to the goal, where starts are drawn
+_MIN_TIME = 1.0  # s: minimum plan time from the start to the goal, where starts are drawn
 _SLACK = 1 / 32  # share of a bank that is kept beyond its size, for rows that fall behind
 
 
