@@ -163,6 +163,9 @@ def world(thing: str):
         discs = np.array([(1.0, 0.35, 0.025)])
     elif thing == "column":
         discs = np.array([(1.0, 0.3, 0.25)])
+    elif thing == "passage":  # its ends are out of reach
+        walls = np.array([(-20.0, -1.5, 20.0, -1.5), (-20.0, 1.5, 20.0, 1.5)])
+        discs = np.array([(1.0, 0.3, 0.05)])
     else:
         walls = np.vstack([walls, [(0.0, -2.0, 2.0, 2.5), (0.1, -2.0, 2.1, 2.5)]])
         discs = np.array([(-1.5, 2.5, 0.25), (3.0, -3.0, 0.025), (-2.0, -2.5, 0.025)])

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from wheelchair_gym.base.arrays import Array, Floats
-from wheelchair_gym.compiled.address import on_stack, rows_of
+from wheelchair_gym.compiled.address import floats_at, on_stack, rows_of
 from wheelchair_gym.compiled.kernel import as_int, borrowing_kernel, inlined
 from wheelchair_gym.geometry.planar import point_to_world, world_to_body
 from wheelchair_gym.safety.grid import scanner_frame
@@ -50,9 +50,13 @@ _GAIN = 0.08  # difference of the scores of two motions, as a share of the point
 _OFF, _OFF_PER_METRE, _OFF_PER_RADIAN = 0.05, 0.05, 0.04  # m: bound of the fitted shift
 _TURNED, _TURNED_PER_RADIAN = 0.06, 0.10  # rad: bound of the fitted turn
 _DISAGREES = 0.15  # s
-_SHORTEST, _SHORT = 0.02, 0.03  # m and rad: a short motion, on which a scan that repeats shows
-_FOLLOWS = 0.5  # minimum share of the chair's motion that the fit shows if it follows the chair
-_MAX_FOLLOWED = 0.25  # m and rad: if the fit has followed the chair farther, that is a fault
+_CHANGED, _NOISE = 0.05, 0.01  # m, of the range: changes that noise alone does not give
+_STEP, _WIDE = 0.2, 6.0  # of the range, key beams: neighbours farther apart span no surface
+_EVIDENCE = 0.03  # m2: minimum sum of squared changes that tells old ranges from expected ones
+_MOST = 0.7  # share of the sum with which a scan shows the ranges of the mark
+_ELSE = 8  # maximum number of beams that show another range: single ones lose their echo
+_DOUBTED = 0.4  # m and rad after which a mark that tells nothing is renewed
+_MAX_FOLLOWED, _MANY = 0.25, 60  # m and rad, beams: old ranges on more than these are a fault
 _LAG_PRIOR = 0.01  # m2/s: squared change of speed times its duration that counts for no lag
 _LAG_SUM = 0.2  # m2/s, and rad2/s: the same of the latest changes of speed that count
 _LAG_FADES = 60.0  # s
@@ -167,7 +171,6 @@ def _renew_key(
     key.begun, key.way, key.turned, key.renewed, key.strange = True, 0.0, 0.0, True, 0.0
     key.at[0], key.at[1], key.at[2], key.at[3] = at.x, at.y, at.c, at.s
     for k in range(3):
-        key.drift[k] += key.offset[k]
         key.offset[k], key.speed[k] = 0.0, velocity[k]
 
 
@@ -250,7 +253,6 @@ def _fits_another_motion(key: Any, one: LaserArrays, at: Frame, scan: Floats, dt
     fit, offset = _fit_at(on_stack(_FIT_SIZE), 1)[0], key.offset[:]
     _fit(key, one, at, scan, key.still[:], fit)
     matched, plain = fit.n, fit.score
-    key.valid = matched >= _ENOUGH
     if key.renewed:
         key.matched, key.renewed = matched, False
     key.few = matched < max(_ENOUGH, as_int(_STAY * key.matched))
@@ -273,11 +275,9 @@ def _fits_another_motion(key: Any, one: LaserArrays, at: Frame, scan: Floats, dt
             best = fit.score
             offset[0], offset[1], offset[2] = other[0], other[1], other[2]
     _fit(key, one, at, scan, offset, fit)
-    key.valid &= fit.score >= _EXPLAINED * fit.n
     if fit.score < plain - _GAIN * fit.n:  # a wrong minimum
         for k in range(3):
             offset[k] = 0.0
-        key.valid = False
         return False
     explained = (fit.score - plain >= _GAIN * fit.n) & (fit.score >= _EXPLAINED * fit.n)
     explained &= fit.telling_score >= _MIN_TELLING_SCORE * fit.n_telling
@@ -288,25 +288,84 @@ def _fits_another_motion(key: Any, one: LaserArrays, at: Frame, scan: Floats, dt
 
 
 @borrowing_kernel
-def _update_followed(key: Any, at: Frame, yaw: float) -> None:
-    """Store the distance over which the fit has followed the chair: a repeated scan does so."""
-    if not key.valid:
-        key.followed, key.marked = 0.0, False
-        return
-    if key.marked:
-        place = at.x, at.y, yaw
-        square, product = 0.0, 0.0
-        for k in range(3):
-            moved = place[k] - key.mark_at[k]
-            square += moved * moved
-            product += moved * (key.drift[k] + key.offset[k] - key.mark[k])
-        follows = square > _SHORTEST * _SHORTEST and product > _FOLLOWS * square
-        key.followed = math.sqrt(square) if follows else 0.0
-        key.marked = follows or square < _SHORT * _SHORT
+def _begin_mark(key: Any, at: Frame, scan: Floats) -> None:
+    """Store the ranges of a scan, with which the next scans are compared beam by beam."""
+    for k in range(KEY_POINTS):
+        key.mark[k] = scan[k * (scan.shape[0] - 1) // (KEY_POINTS - 1)]
+    key.mark_at[0], key.mark_at[1], key.mark_at[2], key.mark_at[3] = at.x, at.y, at.c, at.s
+    key.marked, key.followed, key.repeats = True, 0.0, 0
+
+
+@borrowing_kernel
+def _expect(key: Any, one: LaserArrays, at: Frame, ranges: Floats) -> float:
+    """Write the ranges (KEY_POINTS,) expected from the mark; return the motion [m, rad] since it.
+
+    Two neighbouring points of alike range span a surface; a point without such a neighbour is a
+    thing as wide as its beam. +inf: nothing is expected.
+    """
+    dx, dy = world_to_body(at.c, at.s, key.mark_at[0] - at.x, key.mark_at[1] - at.y)
+    c = at.c * key.mark_at[2] + at.s * key.mark_at[3]
+    s = at.c * key.mark_at[3] - at.s * key.mark_at[2]
+    per_key, r_before = (one.cosine.shape[0] - 1) / (KEY_POINTS - 1), np.nan
+    ax, ay, a, alone = 0.0, 0.0, np.nan, True  # the point before
+    ranges[:] = _INF
+    for k in range(KEY_POINTS):
+        r, b = np.float64(key.mark[k]), as_int(k * per_key)
+        px, py, p, with_before = 0.0, 0.0, np.nan, False
+        if one.nearest <= r < one.reach:
+            px, py = point_to_world(c, s, dx, dy, r * one.cosine[b], r * one.sine[b])
+            p = (atan2_f32(_F(py), _F(px)) - one.first) * one.per_angle / per_key
+            with_before = (a < p < a + _WIDE) & (abs(r - r_before) < _STEP * r)
+        if with_before:
+            for j in range(max(0, math.ceil(a - 0.5)), min(KEY_POINTS, math.ceil(p + 0.5))):
+                i = as_int(j * per_key)
+                across = one.cosine[i] * (py - ay) - one.sine[i] * (px - ax)
+                if across > 0.0:
+                    ranges[j] = min(ranges[j], _F((ax * py - ay * px) / across))
+        elif alone & (-0.5 < a < KEY_POINTS - 0.5):
+            j = as_int(a + 0.5)
+            ranges[j] = min(ranges[j], _F(math.sqrt(ax * ax + ay * ay)))
+        ax, ay, a, r_before, alone = px, py, p, r, not with_before
+    turn = math.atan2(s, c)
+    return math.sqrt(dx * dx + dy * dy + turn * turn)
+
+
+@borrowing_kernel
+def _update_followed(key: Any, one: LaserArrays, at: Frame, scan: Floats) -> None:
+    """Store the distance over which scans have repeated the mark, a scan a short way ago.
+
+    Where the motion since then changes the range of a beam, a scan shows the old or the expected
+    range. A fit cannot tell a repeated scan in a bare passage with one thing ahead: few of its
+    points are on that thing. Beams that show neither come with people: they tell nothing.
+    """
     if not key.marked:
-        key.marked, key.mark_at[0], key.mark_at[1], key.mark_at[2] = True, at.x, at.y, yaw
-        for k in range(3):
-            key.mark[k] = key.drift[k] + key.offset[k]
+        _begin_mark(key, at, scan)
+        return
+    ranges = floats_at(on_stack(4 * KEY_POINTS), KEY_POINTS)
+    moved, before, expected = _expect(key, one, at, ranges), 0.0, 0.0
+    repeats, changed = 0, 0
+    for k in range(KEY_POINTS):
+        old, now = key.mark[k], scan[k * (scan.shape[0] - 1) // (KEY_POINTS - 1)]
+        change = abs(ranges[k] - old)
+        changed += not (abs(now - old) < SAME) | (abs(now - ranges[k]) < SAME) | (now == old)
+        if _CHANGED + _NOISE * old < change < _CAPTURE + moved:
+            is_old = abs(now - old) < 0.5 * change
+            before += change * change if is_old else 0.0
+            repeats += is_old
+            expected += change * change if abs(now - ranges[k]) < 0.5 * change else 0.0
+    if before + expected < _EVIDENCE or changed > _ELSE:
+        if moved > _DOUBTED:
+            _begin_mark(key, at, scan)
+    elif before > _MOST * (before + expected):
+        key.followed, key.repeats = moved, repeats
+    else:
+        _begin_mark(key, at, scan)
+
+
+@inlined
+def _repeats(key: Any) -> bool:
+    """Return True if many beams have repeated the mark over too long a motion."""
+    return bool((key.followed > _MAX_FOLLOWED) & (key.repeats >= _MANY))
 
 
 @inlined
@@ -355,7 +414,9 @@ def disagrees(
     another = False
     if key.renewed or v != 0.0 or w != 0.0:
         another = _fits_another_motion(key, one, at, scan, dt) and key.way + key.turned > _MOVED
-        _update_followed(key, at, pose[2])
+        _update_followed(key, one, at, scan)
+    elif _repeats(key):  # it was a fault; a person who re-arms the chair has seen to it
+        _begin_mark(key, at, scan)
     else:
         key.followed = max(0.0, key.followed - _FADES * dt)
         key.strange += dt if key.strange > 0.0 else 0.0
@@ -364,7 +425,7 @@ def disagrees(
     moved = key.few or key.way > _KEY_WAY or key.turned > _KEY_TURN
     if not another and (key.strange > _RENEWS or (moved and key.strange == 0.0)):
         _renew_key(key, one, at, scan, velocity)
-    return bool(key.astray > _DISAGREES or key.followed > _MAX_FOLLOWED)
+    return bool(key.astray > _DISAGREES or _repeats(key))
 
 
 @borrowing_kernel

@@ -473,7 +473,7 @@ def reset(s: Any) -> None:
     for k in range(s.keys.shape[0]):
         key = s.keys[k]
         key.begun, key.astray, key.lag, key.square, key.product = False, 0.0, 0.0, 0.0, 0.0
-        key.drift[:], key.followed, key.marked, key.valid = 0.0, 0.0, False, False
+        key.followed, key.marked = 0.0, False
         key.x[:] = math.nan  # no point
         key.dark[:] = _F(0.0)
     s.odometry_silent, s.odometry_frozen, s.astray, s.ahead = 0.0, 0.0, 0.0, 0

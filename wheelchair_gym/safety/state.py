@@ -120,7 +120,7 @@ CONSTANTS = np.dtype(
         ("ranger_half", "f8", (RANGERS,)),  # rad: half of the cone
         ("ranger_slope", "f8", (RANGERS,)),  # of the edge of a slightly wider cone
         ("ranger_reach", "f8", (RANGERS,)),  # m
-        ("tracker", "u8"),  # address of its constants, a record of tracking.state.CONSTANTS
+        ("tracker", "u8"),  # address of its constants, a record of perception.track_state.CONSTANTS
     ],
     align=True,
 )
@@ -144,12 +144,11 @@ KEY = np.dtype(
         ("turned", "f8"),  # rad since the key scan
         ("astray", "f8"),  # s for which another motion than that of the wheels fits
         ("strange", "f8"),  # s for which scans have shown little of what the key scan shows
-        ("drift", "f8", (3,)),  # sum of the offsets of earlier key scans
-        ("mark", "f8", (3,)),  # drift and offset a short way ago
-        ("mark_at", "f8", (3,)),  # place of the scanner at that time, and the chair's heading
-        ("followed", "f8"),  # m and rad of the chair's motion since then that they have followed
+        ("mark", "f4", (KEY_POINTS,)),  # ranges of a scan a short way ago [m]
+        ("mark_at", "f8", (4,)),  # frame of the scanner at that time
+        ("followed", "f8"),  # m and rad since then, over which scans have shown the same ranges
+        ("repeats", "i8"),  # beams that do so
         ("marked", "b1"),
-        ("valid", "b1"),  # the fit is of enough points
         ("matched", "i8"),  # points with a normal that the scan after it showed
         ("begun", "b1"),
         ("renewed", "b1"),  # `matched` is to be counted
