@@ -50,11 +50,11 @@ _GAIN = 0.08  # difference of the scores of two motions, as a share of the point
 _OFF, _OFF_PER_METRE, _OFF_PER_RADIAN = 0.05, 0.05, 0.04  # m: bound of the fitted shift
 _TURNED, _TURNED_PER_RADIAN = 0.06, 0.10  # rad: bound of the fitted turn
 _DISAGREES = 0.15  # s
-_CHANGED, _NOISE = 0.05, 0.01  # m, of the range: changes that noise alone does not give
+_TELLS = 0.02  # m: minimum change of a range by the motion
+_CHANGED, _NOISE = 0.05, 0.01  # m, of the range: errors that noise alone does not give
 _STEP, _WIDE = 0.2, 6.0  # of the range, key beams: neighbours farther apart span no surface
-_EVIDENCE = 0.03  # m2: minimum sum of squared changes that tells old ranges from expected ones
-_MOST = 0.7  # share of the sum with which a scan shows the ranges of the mark
-_ELSE = 8  # maximum number of beams that show another range: single ones lose their echo
+_EVIDENCE = 0.03  # m2: minimum sum of squares that tells scans that lag from fresh ones
+_MOST = 0.7  # share of the sum with which a scan lags
 _DOUBTED = 0.4  # m and rad after which a mark that tells nothing is renewed
 _MAX_FOLLOWED, _MANY = 0.25, 60  # m and rad, beams: old ranges on more than these are a fault
 _LAG_PRIOR = 0.01  # m2/s: squared change of speed times its duration that counts for no lag
@@ -332,32 +332,44 @@ def _expect(key: Any, one: LaserArrays, at: Frame, ranges: Floats) -> float:
 
 @borrowing_kernel
 def _update_followed(key: Any, one: LaserArrays, at: Frame, scan: Floats) -> None:
-    """Store the distance over which scans have repeated the mark, a scan a short way ago.
+    """Store the distance over which scans have lagged behind the expectation from the mark.
 
-    Where the motion since then changes the range of a beam, a scan shows the old or the expected
-    range. A fit cannot tell a repeated scan in a bare passage with one thing ahead: few of its
-    points are on that thing. Beams that show neither come with people: they tell nothing.
+    The mark is a scan a short way ago. Where the motion since then changes the range of a beam, a
+    fresh scan shows the expected range. One that repeats shows the old range, and one that is late
+    a range from before the mark. A fit cannot tell this in a bare passage with one thing ahead, or
+    among cylinders: few of its points are on flat surfaces.
     """
     if not key.marked:
         _begin_mark(key, at, scan)
         return
     ranges = floats_at(on_stack(4 * KEY_POINTS), KEY_POINTS)
-    moved, before, expected = _expect(key, one, at, ranges), 0.0, 0.0
-    repeats, changed = 0, 0
+    moved, behind, fresh = _expect(key, one, at, ranges), 0.0, 0.0
+    n_behind, jumped, n_jumped, n_steady = 0, 0.0, 0, 0
     for k in range(KEY_POINTS):
         old, now = key.mark[k], scan[k * (scan.shape[0] - 1) // (KEY_POINTS - 1)]
-        change = abs(ranges[k] - old)
-        changed += not (abs(now - old) < SAME) | (abs(now - ranges[k]) < SAME) | (now == old)
-        if _CHANGED + _NOISE * old < change < _CAPTURE + moved:
-            is_old = abs(now - old) < 0.5 * change
-            before += change * change if is_old else 0.0
-            repeats += is_old
-            expected += change * change if abs(now - ranges[k]) < 0.5 * change else 0.0
-    if before + expected < _EVIDENCE or changed > _ELSE:
+        change, error, noise = ranges[k] - old, now - ranges[k], _CHANGED + _NOISE * old
+        if not (_TELLS < abs(change) < _CAPTURE + moved and abs(error) < _CAPTURE + moved):
+            continue  # also without an echo
+        lags = error * change < 0.0
+        if abs(change) > noise:
+            if abs(error) < 0.5 * abs(change):
+                fresh += change * change
+            elif lags:
+                behind += change * change
+                n_behind += 1
+        elif abs(error) < noise:
+            n_steady += 1
+        elif lags:  # farther than it repeats
+            jumped += noise * noise
+            n_jumped += 1
+    if n_jumped > n_steady:
+        behind += jumped
+        n_behind += n_jumped
+    if behind + fresh < _EVIDENCE:
         if moved > _DOUBTED:
             _begin_mark(key, at, scan)
-    elif before > _MOST * (before + expected):
-        key.followed, key.repeats = moved, repeats
+    elif behind > _MOST * (behind + fresh):
+        key.followed, key.repeats = moved, n_behind
     else:
         _begin_mark(key, at, scan)
 
