@@ -50,11 +50,13 @@ _GAIN = 0.08  # difference of the scores of two motions, as a share of the point
 _OFF, _OFF_PER_METRE, _OFF_PER_RADIAN = 0.05, 0.05, 0.04  # m: bound of the fitted shift
 _TURNED, _TURNED_PER_RADIAN = 0.06, 0.10  # rad: bound of the fitted turn
 _DISAGREES = 0.15  # s
-_TELLS = 0.02  # m: minimum change of a range by the motion
+_SHORTEST = 0.03  # m and rad: a shorter motion tells nothing
+_TELLS, _MOST_TOLD = 0.02, 0.15  # m: minimum change of a range that counts, and maximum
 _CHANGED, _NOISE = 0.05, 0.01  # m, of the range: errors that noise alone does not give
-_STEP, _WIDE = 0.2, 6.0  # of the range, key beams: neighbours farther apart span no surface
+_STEP, _WIDE = 0.1, 6.0  # of the range, key beams: neighbours farther apart span no surface
 _EVIDENCE = 0.03  # m2: minimum sum of squares that tells scans that lag from fresh ones
 _MOST = 0.7  # share of the sum with which a scan lags
+_FEW = 12  # maximum number of beams that a person who walks ahead changes
 _DOUBTED = 0.4  # m and rad after which a mark that tells nothing is renewed
 _MAX_FOLLOWED, _MANY = 0.25, 60  # m and rad, beams: old ranges on more than these are a fault
 _LAG_PRIOR = 0.01  # m2/s: squared change of speed times its duration that counts for no lag
@@ -320,8 +322,11 @@ def _expect(key: Any, one: LaserArrays, at: Frame, ranges: Floats) -> float:
             for j in range(max(0, math.ceil(a - 0.5)), min(KEY_POINTS, math.ceil(p + 0.5))):
                 i = as_int(j * per_key)
                 across = one.cosine[i] * (py - ay) - one.sine[i] * (px - ax)
-                if across > 0.0:
-                    ranges[j] = min(ranges[j], _F((ax * py - ay * px) / across))
+                far = (ax * py - ay * px) / across if across > 0.0 else np.inf
+                if abs(far - ranges[j]) < _STEP * far:  # two pieces of one surface
+                    ranges[j] = _F(0.5 * (far + ranges[j]))
+                else:
+                    ranges[j] = min(ranges[j], _F(far))
         elif alone & (-0.5 < a < KEY_POINTS - 0.5):
             j = as_int(a + 0.5)
             ranges[j] = min(ranges[j], _F(math.sqrt(ax * ax + ay * ay)))
@@ -350,22 +355,22 @@ def _update_followed(key: Any, one: LaserArrays, at: Frame, scan: Floats) -> Non
         change, error, noise = ranges[k] - old, now - ranges[k], _CHANGED + _NOISE * old
         if not (_TELLS < abs(change) < _CAPTURE + moved and abs(error) < _CAPTURE + moved):
             continue  # also without an echo
-        lags = error * change < 0.0
+        lags, square = error * change < 0.0, min(abs(change), _MOST_TOLD) ** 2
         if abs(change) > noise:
             if abs(error) < 0.5 * abs(change):
-                fresh += change * change
+                fresh += square
             elif lags:
-                behind += change * change
+                behind += square
                 n_behind += 1
         elif abs(error) < noise:
             n_steady += 1
         elif lags:  # farther than it repeats
             jumped += noise * noise
             n_jumped += 1
-    if n_jumped > n_steady:
+    if n_jumped > max(_FEW, 2 * n_steady):
         behind += jumped
         n_behind += n_jumped
-    if behind + fresh < _EVIDENCE:
+    if moved < _SHORTEST or behind + fresh < _EVIDENCE:
         if moved > _DOUBTED:
             _begin_mark(key, at, scan)
     elif behind > _MOST * (behind + fresh):
