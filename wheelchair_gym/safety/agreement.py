@@ -349,29 +349,29 @@ def _update_followed(key: Any, one: LaserArrays, at: Frame, scan: Floats) -> Non
         return
     ranges = floats_at(on_stack(4 * KEY_POINTS), KEY_POINTS)
     moved, behind, fresh = _expect(key, one, at, ranges), 0.0, 0.0
-    n_behind, jumped, n_jumped, n_steady = 0, 0.0, 0, 0
+    n_behind, n_wrong, n_right = 0, 0, 0
     for k in range(KEY_POINTS):
         old, now = key.mark[k], scan[k * (scan.shape[0] - 1) // (KEY_POINTS - 1)]
         change, error, noise = ranges[k] - old, now - ranges[k], _CHANGED + _NOISE * old
-        if not (_TELLS < abs(change) < _CAPTURE + moved and abs(error) < _CAPTURE + moved):
-            continue  # also without an echo
-        lags, square = error * change < 0.0, min(abs(change), _MOST_TOLD) ** 2
-        if abs(change) > noise:
-            if abs(error) < 0.5 * abs(change):
-                fresh += square
-            elif lags:
-                behind += square
-                n_behind += 1
-        elif abs(error) < noise:
-            n_steady += 1
-        elif lags:  # farther than it repeats
-            jumped += noise * noise
-            n_jumped += 1
-    if n_jumped > max(_FEW, 2 * n_steady):
-        behind += jumped
-        n_behind += n_jumped
-    if moved < _SHORTEST or behind + fresh < _EVIDENCE:
-        if moved > _DOUBTED:
+        if not (abs(change) < _CAPTURE + moved and abs(error) < _CAPTURE + moved):
+            continue  # another thing, or no echo
+        n_wrong += abs(error) > noise
+        n_right += abs(error) < noise
+        square = min(abs(change), _MOST_TOLD) ** 2
+        if abs(change) < noise or moved < _SHORTEST:
+            continue
+        # In doubt, only what is expected ends the doubt: a laser that was moved stays wrong.
+        if abs(error) < min(0.5 * abs(change), noise if key.followed > 0.0 else np.inf):
+            fresh += square
+        elif error * change < 0.0:
+            behind += square
+            n_behind += 1
+    # Few wrong ranges at first, and then more, come of people; many at once of another place.
+    is_elsewhere, people = n_wrong > max(_FEW, n_right), 2 * n_wrong > max(_FEW, n_right)
+    if is_elsewhere or behind + fresh < _EVIDENCE:
+        if is_elsewhere:
+            key.followed, key.repeats = max(moved, 1e-3), 0
+        if moved > _DOUBTED or (people and key.followed == 0.0):
             _begin_mark(key, at, scan)
     elif behind > _MOST * (behind + fresh):
         key.followed, key.repeats = moved, n_behind
