@@ -25,12 +25,22 @@ def test_with_the_shield_no_attack_does_harm(scene, rate):
 
 
 @pytest.mark.parametrize(
-    ("scene", "rate", "seed"),
-    [("floor_plan", 20.0, 8000625), ("hall", 20.0, 8000074), ("clutter", 50.0, 8000439)],
+    ("scene", "rate", "seed", "faults"),
+    [
+        ("floor_plan", 20.0, 8000625, 0.2),
+        ("hall", 20.0, 8000074, 0.2),
+        ("hall", 10.0, 500062, 1.0),
+        ("hall", 50.0, 500231, 1.0),
+        ("clutter", 10.0, 500041, 1.0),
+    ],
 )
-def test_a_laser_that_begins_to_deceive_close_to_something_does_no_harm(scene, rate, seed):
+def test_a_laser_that_begins_to_deceive_close_to_something_does_no_harm(scene, rate, seed, faults):
     """It repeats its scans or was moved: they clear no obstacle, and the chair creeps."""
-    assert attack(scene, 1, 4, shield=True, seed=seed, bank=200, rate=rate)[1] == []
+    report, harmful = attack(
+        scene, 1, 4, shield=True, faults=faults, seed=seed, bank=200, rate=rate
+    )
+    assert report.attacks == 4
+    assert harmful == []
 
 
 @pytest.mark.parametrize(("seed", "each"), [(251, 3), (372, 4)])

@@ -50,13 +50,14 @@ _GAIN = 0.08  # difference of the scores of two motions, as a share of the point
 _OFF, _OFF_PER_METRE, _OFF_PER_RADIAN = 0.05, 0.05, 0.04  # m: bound of the fitted shift
 _TURNED, _TURNED_PER_RADIAN = 0.06, 0.10  # rad: bound of the fitted turn
 _DISAGREES = 0.15  # s
-_SHORTEST = 0.03  # m and rad: a shorter motion tells nothing
-_TELLS, _MOST_TOLD = 0.02, 0.15  # m: minimum change of a range that counts, and maximum
+_SHORTEST = 0.03  # m and rad: a shorter motion tells nothing about repeated scans
+_MOST_TOLD = 0.15  # m: changes above this count no more
 _CHANGED, _NOISE = 0.05, 0.01  # m, of the range: errors that noise alone does not give
 _STEP, _WIDE = 0.1, 6.0  # of the range, key beams: neighbours farther apart span no surface
 _EVIDENCE = 0.03  # m2: minimum sum of squares that tells scans that lag from fresh ones
 _MOST = 0.7  # share of the sum with which a scan lags
 _FEW = 12  # maximum number of beams that a person who walks ahead changes
+_LEAP = 0.04  # m: change of the fitted shift from one scan to the next that is in doubt
 _DOUBTED = 0.4  # m and rad after which a mark that tells nothing is renewed
 _MAX_FOLLOWED, _MANY = 0.25, 60  # m and rad, beams: old ranges on more than these are a fault
 _LAG_PRIOR = 0.01  # m2/s: squared change of speed times its duration that counts for no lag
@@ -292,15 +293,16 @@ def _fits_another_motion(key: Any, one: LaserArrays, at: Frame, scan: Floats, dt
 @borrowing_kernel
 def _begin_mark(key: Any, at: Frame, scan: Floats) -> None:
     """Store the ranges of a scan, with which the next scans are compared beam by beam."""
-    for k in range(KEY_POINTS):
-        key.mark[k] = scan[k * (scan.shape[0] - 1) // (KEY_POINTS - 1)]
+    beams, n = scan.shape[0], min(KEY_POINTS, scan.shape[0])
+    for k in range(n):
+        key.mark[k] = scan[k * (beams - 1) // (n - 1)]
     key.mark_at[0], key.mark_at[1], key.mark_at[2], key.mark_at[3] = at.x, at.y, at.c, at.s
     key.marked, key.followed, key.repeats = True, 0.0, 0
 
 
 @borrowing_kernel
 def _expect(key: Any, one: LaserArrays, at: Frame, ranges: Floats) -> float:
-    """Write the ranges (KEY_POINTS,) expected from the mark; return the motion [m, rad] since it.
+    """Write the ranges (n,) expected from the mark; return the motion [m, rad] since it.
 
     Two neighbouring points of alike range span a surface; a point without such a neighbour is a
     thing as wide as its beam. +inf: nothing is expected.
@@ -308,26 +310,27 @@ def _expect(key: Any, one: LaserArrays, at: Frame, ranges: Floats) -> float:
     dx, dy = world_to_body(at.c, at.s, key.mark_at[0] - at.x, key.mark_at[1] - at.y)
     c = at.c * key.mark_at[2] + at.s * key.mark_at[3]
     s = at.c * key.mark_at[3] - at.s * key.mark_at[2]
-    per_key, r_before = (one.cosine.shape[0] - 1) / (KEY_POINTS - 1), np.nan
-    ax, ay, a, alone = 0.0, 0.0, np.nan, True  # the point before
+    n, last = ranges.shape[0], one.cosine.shape[0] - 1
+    per_key = last / (n - 1)
+    ax, ay, a, r_before, alone = 0.0, 0.0, np.nan, np.nan, True  # the point before
     ranges[:] = _INF
-    for k in range(KEY_POINTS):
-        r, b = np.float64(key.mark[k]), as_int(k * per_key)
+    for k in range(n):
+        r, b = np.float64(key.mark[k]), k * last // (n - 1)
         px, py, p, with_before = 0.0, 0.0, np.nan, False
         if one.nearest <= r < one.reach:
             px, py = point_to_world(c, s, dx, dy, r * one.cosine[b], r * one.sine[b])
             p = (atan2_f32(_F(py), _F(px)) - one.first) * one.per_angle / per_key
             with_before = (a < p < a + _WIDE) & (abs(r - r_before) < _STEP * r)
         if with_before:
-            for j in range(max(0, math.ceil(a - 0.5)), min(KEY_POINTS, math.ceil(p + 0.5))):
-                i = as_int(j * per_key)
+            for j in range(max(0, math.ceil(a - 0.5)), min(n, math.ceil(p + 0.5))):
+                i = j * last // (n - 1)
                 across = one.cosine[i] * (py - ay) - one.sine[i] * (px - ax)
                 far = (ax * py - ay * px) / across if across > 0.0 else np.inf
                 if abs(far - ranges[j]) < _STEP * far:  # two pieces of one surface
                     ranges[j] = _F(0.5 * (far + ranges[j]))
                 else:
                     ranges[j] = min(ranges[j], _F(far))
-        elif alone & (-0.5 < a < KEY_POINTS - 0.5):
+        elif alone & (-0.5 < a < n - 0.5):
             j = as_int(a + 0.5)
             ranges[j] = min(ranges[j], _F(math.sqrt(ax * ax + ay * ay)))
         ax, ay, a, r_before, alone = px, py, p, r, not with_before
@@ -337,21 +340,23 @@ def _expect(key: Any, one: LaserArrays, at: Frame, ranges: Floats) -> float:
 
 @borrowing_kernel
 def _update_followed(key: Any, one: LaserArrays, at: Frame, scan: Floats) -> None:
-    """Store the distance over which scans have lagged behind the expectation from the mark.
+    """Store the distance over which scans have not shown what the mark lets expect.
 
     The mark is a scan a short way ago. Where the motion since then changes the range of a beam, a
-    fresh scan shows the expected range. One that repeats shows the old range, and one that is late
-    a range from before the mark. A fit cannot tell this in a bare passage with one thing ahead, or
-    among cylinders: few of its points are on flat surfaces.
+    fresh scan shows the expected range, and one that repeats the old one. A scan of another place,
+    late or of a laser that was moved, shows other ranges on most beams at once. A fit cannot tell
+    this in a bare passage with one thing ahead, or among cylinders: few of its points are on flat
+    surfaces.
     """
     if not key.marked:
         _begin_mark(key, at, scan)
         return
-    ranges = floats_at(on_stack(4 * KEY_POINTS), KEY_POINTS)
+    beams, n = scan.shape[0], min(KEY_POINTS, scan.shape[0])
+    ranges = floats_at(on_stack(4 * KEY_POINTS), n)
     moved, behind, fresh = _expect(key, one, at, ranges), 0.0, 0.0
     n_behind, n_wrong, n_right = 0, 0, 0
-    for k in range(KEY_POINTS):
-        old, now = key.mark[k], scan[k * (scan.shape[0] - 1) // (KEY_POINTS - 1)]
+    for k in range(n):
+        old, now = key.mark[k], scan[k * (beams - 1) // (n - 1)]
         change, error, noise = ranges[k] - old, now - ranges[k], _CHANGED + _NOISE * old
         if not (abs(change) < _CAPTURE + moved and abs(error) < _CAPTURE + moved):
             continue  # another thing, or no echo
@@ -430,8 +435,11 @@ def disagrees(
     key.turned += abs(w) * dt
     another = False
     if key.renewed or v != 0.0 or w != 0.0:
+        x, y, renewed = key.offset[0], key.offset[1], key.renewed
         another = _fits_another_motion(key, one, at, scan, dt) and key.way + key.turned > _MOVED
         _update_followed(key, one, at, scan)
+        if not renewed and math.hypot(key.offset[0] - x, key.offset[1] - y) > _LEAP:
+            key.followed = max(key.followed, _LEAP)
     elif _repeats(key):  # it was a fault; a person who re-arms the chair has seen to it
         _begin_mark(key, at, scan)
     else:
