@@ -190,7 +190,6 @@ def layouts(right):
 def refused(make):
     with pytest.raises(InputError) as told:
         make()
-    assert "\n" not in str(told.value)
     assert len(str(told.value)) < 300
 
 
