@@ -8,6 +8,7 @@ import numpy as np
 import pymunk
 import pytest
 
+from tests.conftest import long_but
 from tests.sim.test_kernel import Oracle, Record, run_as_python
 from tests.sim.worlds import busy, exact_chair
 from wheelchair_gym.actors.bodies import PARKING, read_actor_poses
@@ -155,10 +156,9 @@ class BusyOracle(Oracle):
 
 # What says who is in the Space, in which the oracle has all.
 BOOKKEEPING = ("body", "shape", "in_space", "moved", "clear", "free", "measured_at", "touchable_at")
-LONG = (pytest.param(seed, marks=pytest.mark.long) for seed in (1, 2, *range(4, 12)))
 
 
-@pytest.mark.parametrize("seed", [0, *LONG, 3])
+@pytest.mark.parametrize("seed", long_but(range(12), (0, 3)))
 def test_movers_equal_the_plain_api(seed, monkeypatch):
     """Chair and actors, in a used Space that holds who can touch something.
 
