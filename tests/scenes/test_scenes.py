@@ -323,5 +323,7 @@ def test_given_poses_are_taken(worlds):
         assert (again.goal == drawn.goal).all()
     room = {"name": "empty", "start": (1.0, 1.0, 0.0), "goal": (5.0, 2.0, 1.0)}
     assert make_scene(room).sample(np.random.default_rng(0)).start.tolist() == [1.0, 1.0, 0.0]
+    beside_wall = make_scene({"name": "empty", "start": (1.0, 0.4, 0.0)})
+    assert beside_wall.sample(np.random.default_rng(0)).start.tolist() == [1.0, 0.4, 0.0]
     with pytest.raises(InputError, match=r"EmptyRoom\.start"):
         make_scene(room | {"start": (0.1, 1.0, 0.0)}).sample(np.random.default_rng(0))

@@ -105,7 +105,7 @@ class EmptyRoom:
     goal: Pose | None = setting(default=None, unit="m, m, rad")
     """Goal pose; null draws it at random."""
     min_distance: float = setting(default=2.0, unit="m", low=0.0)
-    """Minimum distance from start to goal."""
+    """Minimum distance from start to goal, unless both are given."""
 
     def __post_init__(self) -> None:
         if self.min_distance > 0.4 * math.hypot(*self.size):
@@ -132,14 +132,14 @@ class EmptyRoom:
                     f"EmptyRoom.{name} is {pose}; {footprint} must stand in a room of {self.size}"
                 )
         for _ in range(_TRIES):
-            start, goal = (
-                np.array(pose or draw_pose(rng, _EDGE, width, height)) for pose in given.values()
-            )
-            if None not in given.values() or (
-                math.dist(start[:2], goal[:2]) >= self.min_distance
-                and arena.is_free(start, footprint, _CLEARANCE)
-                and arena.is_free(goal, footprint, _CLEARANCE)
-            ):
+            poses = {
+                name: np.array(pose or draw_pose(rng, _EDGE, width, height))
+                for name, pose in given.items()
+            }
+            start, goal = poses.values()
+            drawn = [poses[name] for name, pose in given.items() if pose is None]
+            far = math.dist(start[:2], goal[:2]) >= self.min_distance or not drawn
+            if far and all(arena.is_free(pose, footprint, _CLEARANCE) for pose in drawn):
                 return arena.episode(start, goal, "empty")
         raise InputError(
             f"EmptyRoom: {_TRIES} draws found no start and goal for {footprint} in {self}"
