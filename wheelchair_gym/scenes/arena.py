@@ -159,7 +159,7 @@ _ENDS = 1.2  # m, from start and goal to the end walls
 class Clutter:
     """Random cylinders between two walls; the goal lies straight ahead, as in BARN's worlds.
 
-    Solvable for a disc of the chair's inscribed radius and a margin.
+    The footprint is free at both ends; a disc of the chair's half width and a margin can pass.
     """
 
     length: float = setting(default=10.0, unit="m", low=4.0, high=50.0, source=_BARN)
@@ -199,7 +199,7 @@ class Clutter:
         return discs
 
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
-        """Draw corridors until one can be passed by a chair of this footprint.
+        """Draw corridors until a chair of this footprint stands free in one and can pass.
 
         Raises:
             InputError: fifty could not.
@@ -209,7 +209,8 @@ class Clutter:
             bounds = (0.0, 0.0, self.length + 2 * _ENDS, self.width)
             arena = make_arena(bounds, discs=self._draw_discs(rng))
             paths = geodesic(arena.map, goal, footprint.half_width + self.passage_margin)
-            if np.isfinite(paths.at(start[:2])):
+            stands = all(arena.is_free(pose, footprint, 0.0) for pose in (start, goal))
+            if stands and np.isfinite(paths.at(start[:2])):
                 return arena.episode(start, goal, "clutter")
         raise InputError(
             f"Clutter: none of {_CLUTTER_TRIES} corridors lets {footprint} pass with {self}"
