@@ -235,6 +235,11 @@ class Doorway:
     corridor_width: float = setting(default=1.20, unit="m", low=0.75, high=4.0)
     """Clear width of the corridor."""
 
+    def __post_init__(self) -> None:
+        for name, width in vars(self).items():
+            if abs(width - CELL * to_cells(width)) > 1e-6:
+                raise InputError(f"Doorway.{name} is {width} m; expected a multiple of {CELL} m")
+
     @property
     def margin(self) -> float:
         """Maximum growth [m] on every side with which the default chair gets round the corner.
