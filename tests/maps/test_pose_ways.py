@@ -235,6 +235,9 @@ def test_a_map_is_degraded_all_over_its_cells_however_its_frame_is_turned():
         ({"config": {"starts": {"max_time": 3.0}}}, "starts.max_time needs the guidance 'poses'"),
         ({"guidance": {"call": "poses", "sharp": 1}}, "guidance.sharp is not a setting; it has"),
         ({"guidance": "pose"}, "expected 'geodesic', 'poses' or 'module:function'"),
+        ({"guidance": "sys:path"}, "guidance is 'sys:path'; expected 'geodesic'"),
+        ({"guidance": ".here:path"}, "guidance is '.here:path'; expected 'geodesic'"),
+        ({"guidance": {"call": "geodesic", "far": 1}}, "guidance geodesic: .*argument 'far'"),
     ],
 )
 def test_wrong_settings_are_refused_by_name(settings, message):

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import partial
-from importlib import import_module
+from inspect import signature
 from typing import Any, cast
 
 import numpy as np
 
 from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.errors import shorten
+from wheelchair_gym.base.registry import imported, is_place
 from wheelchair_gym.base.settings import InputError, load, setting, settings
 from wheelchair_gym.maps import FREE, OccupancyGrid
 from wheelchair_gym.maps.cost_to_go import CostToGo, CostToGoSettings, cost_to_go
@@ -99,8 +101,6 @@ def make_guidance(spec: Any) -> Guidance | None:
     """
     if spec is None:
         return None
-    if callable(spec):
-        return cast("Guidance", spec)
     if isinstance(spec, Mapping):
         options = dict(spec)
         named = options.pop("call", None)
@@ -109,13 +109,15 @@ def make_guidance(spec: Any) -> Guidance | None:
         call = make_guidance(named)
         if call is None:
             raise InputError("guidance: a mapping needs the key 'call'")
+        try:
+            signature(call).bind(None, **options)
+        except TypeError as error:
+            raise InputError(f"guidance {named}: {error}") from None
         return partial(call, **options)
-    if spec in BUILT_IN:
-        return cast("Guidance", BUILT_IN[spec])
-    module, _, name = str(spec).partition(":")
-    try:
-        found = getattr(import_module(module), name)
-    except (ImportError, AttributeError, ValueError):
+    found = spec
+    if isinstance(spec, str):
+        found = imported(spec) if is_place(spec) else BUILT_IN.get(spec)
+    if not callable(found):
         known = ", ".join(map(repr, BUILT_IN))
-        raise InputError(f"guidance is {spec!r}; expected {known} or 'module:function'") from None
-    return make_guidance(found)
+        raise InputError(f"guidance is {shorten(spec)}; expected {known} or 'module:function'")
+    return cast("Guidance", found)
