@@ -126,9 +126,10 @@ def find_front(points: Array, front: float, reach: float) -> tuple[float, float]
         reach: distance of the front within which it counts [m].
     """
     near = points[(np.abs(points[:, 1]) < 0.45) & (points[:, 0] > front)]
-    if len(near) < 4 or near[:, 0].min() > front + reach:
+    if len(near) < 4 or near[:, 0].min() > front + reach or np.ptp(near[:, 1]) == 0.0:
         return None
-    slope, far = np.polynomial.Polynomial.fit(near[:, 1], near[:, 0], 1).convert().coef[::-1]
+    line = np.polynomial.Polynomial.fit(near[:, 1], near[:, 0], 1).convert()
+    far, slope = np.append(line.coef, 0.0)[:2]  # NumPy drops a slope of exactly 0
     if np.abs(near[:, 0] - far - slope * near[:, 1]).max() > 0.04 or abs(slope) > 0.7:
         return None
     return float(far), math.atan2(-slope, 1.0)
