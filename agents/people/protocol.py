@@ -151,17 +151,19 @@ class Protocol:
             "conditions": self.conditions, "tasks": self.practice + self.tasks,
             "questionnaires": self.questionnaires,
         }  # fmt: skip
+        used = {NASA_TLX, "consent"}  # names in the keys of steps
         for key, entries in kinds.items():
             names = [entry.name for entry in entries]
             for name in names:
-                if names.count(name) > 1 or name == NASA_TLX:
+                if names.count(name) > 1 or name in used:
                     raise InputError(f"{key}: the name {shorten(name)} is taken; expected another")
                 if not name.strip() or "/" in name:
                     raise InputError(f"{key}: the name is {shorten(name)}; expected no slash in it")
+            used |= set(names) if key == "tasks" else set()
         if not self.devices or len(set(self.devices)) < len(self.devices):
             raise InputError(f"Protocol.devices: expected some of {', '.join(DEVICES)}, each once")
         if 0.0 < self.scan_period < MIN_SCAN:
-            raise InputError(f"Protocol.scan_period is {self.scan_period:g}; expected 0, or 0.3")
+            raise InputError(f"Protocol.scan_period is {self.scan_period:g}; expected 0 or >= 0.3")
         if not self.conditions or not self.tasks:
             raise InputError("Protocol: expected at least one condition and one task")
         for asked in self.questionnaires:
