@@ -129,6 +129,8 @@ def test_laser_ends_and_cones_reach_as_far_as_they_read(view):
     scan = np.full(271, 2.0)
     image = view.draw(pose, reading(pose, scan))
     assert colour_at(image, view.frame, (4.66 + 2.0, 3.0)) == palette.LASER
+    through_gap = view.draw(pose, reading(pose, np.where(np.arange(271) == 135, 3.0, scan)))
+    assert colour_at(through_gap, view.frame, (4.66 + 3.0, 3.0)) == palette.LASER
     fan = over(palette.LASER, palette.FREE, 0.10)
     assert np.abs(colour_at(image, view.frame, (4.66 + 1.9, 3.0)) - fan).max() <= 2
     assert colour_at(image, view.frame, (4.66 + 2.1, 3.0)) == palette.FREE

@@ -198,13 +198,14 @@ class TopView:
         for laser in lasers:
             ranges, scan = np.split(scan, [laser.beams])
             seen = np.clip(np.nan_to_num(ranges, nan=0.0, posinf=laser.reach), 0.0, laser.reach)
+            mount = (laser.x, laser.y)
+            echoes = to_world(mount + seen[:, None] * laser.directions, pose)[np.isfinite(ranges)]
             # A lone beam without echo would stand out of the fan as a spike.
             beside = np.pad(seen, 1)
             seen = np.minimum(seen, np.maximum(beside[:-2], beside[2:]))
-            mount = (laser.x, laser.y)
             fan = to_world(np.vstack([[mount], mount + seen[:, None] * laser.directions]), pose)
             canvas.fill([fan], palette.LASER, _LASER_ALPHA)
-            canvas.points(fan[1:][np.isfinite(ranges)], palette.LASER)
+            canvas.points(echoes, palette.LASER)
 
     def _ultrasonics(self, canvas: Canvas, pose: Array, reading: Reading) -> None:
         mounts, sectors, colours = self._cones
