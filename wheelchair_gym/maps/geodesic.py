@@ -385,7 +385,7 @@ def spread(free: Mask, goal_x: float, goal_y: float, row: int, col: int) -> tupl
 @kernel
 def nearest_bend(free: Mask, bends: Records, x: float, y: float) -> int:
     """The visible bend with the shortest path from a point; or -1."""
-    best, minimum = -1, math.inf
+    best, minimum, (top, right) = -1, math.inf, (free.shape[0] - 1, free.shape[1] - 1)
     for k in range(len(bends)):
         dx, dy = bends[k].x - x, bends[k].y - y
         far = math.hypot(dx, dy)
@@ -398,7 +398,8 @@ def nearest_bend(free: Mask, bends: Records, x: float, y: float) -> int:
             clear = False  # corners may be grazed
             for dr in (-0.05, 0.05):
                 for dc in (-0.05, 0.05):
-                    clear |= free[math.floor(py + dr + 0.5), math.floor(px + dc + 0.5)]
+                    row, col = math.floor(py + dr + 0.5), math.floor(px + dc + 0.5)
+                    clear |= free[min(max(row, 0), top), min(max(col, 0), right)]
             if not clear:
                 break
         if clear:
