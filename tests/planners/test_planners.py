@@ -136,6 +136,15 @@ def test_ends_that_are_no_numbers_are_input_errors(name, bad):
         quick(name).plan(on([], clearance=np.nan), np.random.default_rng(0))
 
 
+@pytest.mark.parametrize(
+    ("name", "size"),
+    [("rrt_star", "nodes"), ("informed_rrt_star", "nodes"), ("potential_field", "iterations")],
+)
+def test_a_size_that_would_exhaust_the_memory_is_refused(name, size):
+    with pytest.raises(InputError, match=f"{size} is 10{{12}}; it must be .* at most 10000000"):
+        make_planner({"name": name, size: 10**12})
+
+
 def test_unknown_planners_are_named():
     with pytest.raises(InputError, match=r"'teleport' is unknown; there are a_star, .*visibility"):
         make_planner("teleport")
