@@ -85,7 +85,8 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
     {info}
 
     With a shield, `info["shield"]` holds `reason` (empty: nothing was changed), the twists `asked`
-    and `given`, and `protective` (the chair makes a protective stop).
+    and `given`, and `protective` (the chair makes a protective stop). In an `unshielded` episode
+    they stay as reset gave them: empty, zero and false, whatever is driven.
 
     ## Copies
     `copy.deepcopy(env)` is exact at any moment: it steps on as the original does, to the bit. So is
