@@ -100,12 +100,10 @@ def _find_shape_offsets() -> Any:
     static = pymunk.Body(body_type=pymunk.Body.STATIC)
     ends = {"ax": 1234.5, "ay": -777.25, "bx": 1237.5, "by": -773.25}  # 3, 4, 5: an exact normal
     segment = pymunk.Segment(static, (ends["ax"], ends["ay"]), (ends["bx"], ends["by"]), 0.0)
-    normal = segment.normal
+    marks = {**ends, "nx": segment.normal.x, "ny": segment.normal.y}
     disc = {"cx": 55.5, "cy": -66.25, "radius": 8.8125}
     circle = pymunk.Circle(static, disc["radius"], (disc["cx"], disc["cy"]))
-    found = _field_offsets(
-        segment._shape, SEGMENT_DOUBLES, {**ends, "nx": normal.x, "ny": normal.y}
-    )
+    found = _field_offsets(segment._shape, SEGMENT_DOUBLES, marks)
     # What all shapes have comes first, a copy of the disc's place among it.
     found |= _field_offsets(circle._shape, CIRCLE_DOUBLES, disc, found["ax"])
     box = pymunk.Poly(static, [(-61.5, -43.25), (61.5, -43.25), (61.5, 43.25), (-61.5, 43.25)])

@@ -84,10 +84,8 @@ def test_chair_covers_its_footprint_and_nothing_else(view, pose):
     for point in to_world(1.15 * f.corners, pose):
         assert colour_at(image, view.frame, point) == palette.FREE
     changed = np.argwhere((image != view.background.image).any(axis=-1))[:, ::-1] + 0.5
-    metres = (changed - (view.frame.left, view.frame.bottom)) / (
-        view.frame.scale,
-        -view.frame.scale,
-    )
+    frame = view.frame
+    metres = (changed - (frame.left, frame.bottom)) / (frame.scale, -frame.scale)
     c, s = math.cos(pose[2]), math.sin(pose[2])
     own = (metres - pose[:2]) @ np.array([(c, -s), (s, c)])
     edge = 3.0 / view.frame.scale  # half a stroke and its soft rim

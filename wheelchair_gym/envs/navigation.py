@@ -208,9 +208,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         """Take or make the chair that drives. A real one by name always has a shield."""
         s = self.settings
         if chair is not None and s.unshielded > 0.0:
-            raise InputError(
-                f"unshielded is {s.unshielded:g}; expected 0 for a chair that is given"
-            )
+            raise InputError(f"unshielded is {s.unshielded:g}; expected 0 for a given chair")
         if isinstance(chair, str | Mapping):
             from wheelchair_gym.hardware.registry import make_chair
 

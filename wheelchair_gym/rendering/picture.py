@@ -230,12 +230,9 @@ def _cones(settings: UltrasonicSettings) -> tuple[Array, Array, list[palette.Col
         arc = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
         sectors.append(np.vstack([np.zeros((1, 2)), arc]))
     mounts = np.array([(mounted.x, mounted.y) for mounted in settings.mounted]).reshape(-1, 2)
-    colours = {"narrow": palette.NARROW, "wide": palette.WIDE}
-    return (
-        mounts,
-        np.array(sectors).reshape(-1, 14, 2),
-        [colours[m.model] for m in settings.mounted],
-    )
+    by_model = {"narrow": palette.NARROW, "wide": palette.WIDE}
+    colours = [by_model[mounted.model] for mounted in settings.mounted]
+    return mounts, np.array(sectors).reshape(-1, 14, 2), colours
 
 
 def _wheels(footprint: Footprint, drive: DriveGeometry) -> list[Array]:

@@ -275,20 +275,18 @@ class Doorway:
                 f"Doorway: {footprint} does not turn from a corridor of {self.corridor_width} m "
                 f"into a door of {self.door_width} m: it is {-margin:.2f} m too large on every side"
             )
-        low, length = self.corridor_width + WALL, _CORRIDOR_LENGTH
+        corridor, length = self.corridor_width, _CORRIDOR_LENGTH
+        low = corridor + WALL
         for _ in range(_DOORWAY_TRIES):
             middle = rng.uniform(0.35, 0.65) * length
             # On the raster, so that the door's width is exact.
             left = CELL * round((middle - 0.5 * self.door_width) / CELL)
             middle, right = left + 0.5 * self.door_width, left + self.door_width
-            walls = [
-                (0.0, self.corridor_width, left, low),
-                (right, self.corridor_width, length, low),
-            ]
+            walls = [(0.0, corridor, left, low), (right, corridor, length, low)]
             arena = make_arena((0.0, 0.0, length, low + _ROOM_DEPTH), walls)
             side = rng.choice((-1.0, 1.0))
             x = middle - side * rng.uniform(1.2, 1.8)
-            start = np.array([x, 0.5 * self.corridor_width, 0.0 if side > 0 else math.pi])
+            start = np.array([x, 0.5 * corridor, 0.0 if side > 0 else math.pi])
             x = middle + rng.uniform(-0.5, 0.5)
             goal = np.array([x, low + 0.6 * _ROOM_DEPTH, 0.5 * math.pi])
             if all(arena.is_free(pose, footprint, _DOORWAY_CLEARANCE) for pose in (start, goal)):

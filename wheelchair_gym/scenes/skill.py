@@ -104,9 +104,7 @@ def _door(width: float, oblique: bool) -> Course:
 
 
 _DOCKED = _arrival(0.05, 0.10, 5.0, AT_REST)
-_FORK: Final = (
-    (3.6, -2.0, 3.7, 0.15), (3.6, 1.05, 3.7, 2.0), (2.9, -1.1, 3.6, -0.1)
-)  # fmt: skip
+_FORK: Final = ((3.6, -2.0, 3.7, 0.15), (3.6, 1.05, 3.7, 2.0), (2.9, -1.1, 3.6, -0.1))
 
 COURSES: Final[dict[str, Course]] = {
     "forward": Course(

@@ -288,9 +288,7 @@ class RosbridgeServer:
             if topic in self._latched:
                 client.put(topic, self._latched[topic], latched=True)
         known = topic in self._topics or not self._topics  # they are announced a little later
-        return (
-            "" if known else f"{topic} is not published here; there are {', '.join(self._topics)}"
-        )
+        return "" if known else f"{topic} is not published; there are {', '.join(self._topics)}"
 
     def _list_topics(self, arguments: Mapping[str, Any]) -> dict[str, Any]:
         """The answer of rosapi/srv/Topics."""
