@@ -176,7 +176,7 @@ class Protocol:
             make_scene(without_labels(task.scene))
 
     def conditions_of(self, participant: int) -> tuple[Condition, ...]:
-        """The conditions in the order of a participant (a number from 1)."""
+        """Return the conditions in the order of a participant (a number from 1)."""
         n = len(self.conditions)
         if self.order == "listed":
             return self.conditions
@@ -187,7 +187,7 @@ class Protocol:
         return tuple(self.conditions[k] for k in (places if row < n else reversed(places)))
 
     def steps(self, participant: int) -> Iterator[Step]:
-        """All that a participant (a number from 1) does, in order."""
+        """Yield everything that a participant (a number from 1) does, in order."""
         yield Step("consent", "consent")
         for position, condition in enumerate(self.conditions_of(participant), 1):
             name = condition.name
@@ -205,7 +205,7 @@ class Protocol:
         return first + [one.name for one in self.questionnaires if one.after == after]
 
     def items(self, questionnaire: str) -> tuple[Item, ...]:
-        """The questions of a questionnaire."""
+        """Return the questions of a questionnaire."""
         if questionnaire == NASA_TLX:
             ends = {"performance": ("perfect", "failure")}
             return tuple(

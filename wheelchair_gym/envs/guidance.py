@@ -24,7 +24,7 @@ _PATCH, _KNOWN, _SHIFT = 0.8, 2.0, 0.03
 
 
 def geodesic_path(task: Task) -> Array:
-    """The geodesic from the start to the goal (n, 2) [m]."""
+    """Return the geodesic from the start to the goal (n, 2) [m]."""
     return task.geodesic.path(task.start[:2])
 
 
@@ -47,7 +47,7 @@ class PoseGuidance:
     """Forgotten patches per area of a degraded map."""
 
     def __call__(self, task: Task) -> CostToGo:
-        """The cost to go of the outline to the task's goal."""
+        """Compute the cost to go of the outline to the task's goal."""
         return cost_to_go(
             self._map_of(task),
             task.goal,
@@ -61,7 +61,7 @@ class PoseGuidance:
         )
 
     def _map_of(self, task: Task) -> OccupancyGrid:
-        """The map, or a degraded one; the same for the same start and goal."""
+        """Return the map, or a degraded one; the same for the same start and goal."""
         grid = task.map
         rng = np.random.default_rng(np.concatenate([task.start, task.goal]).view(np.uint32))
         if self.degraded_share == 0.0 or rng.random() >= self.degraded_share:
@@ -87,7 +87,7 @@ BUILT_IN: dict[str, Any] = {"geodesic": geodesic_path, "poses": PoseGuidance()}
 
 
 def is_built_in(spec: Any) -> bool:
-    """Whether a guidance setting is none or comes with the package: no file of data names code."""
+    """Return whether a guidance is none or comes with the package: no file of data names code."""
     if isinstance(spec, Mapping):
         spec = spec.get("call")
     return spec is None or (isinstance(spec, str) and spec in BUILT_IN)

@@ -28,7 +28,7 @@ _TRAIL = 1.5  # pixels
 
 
 def draw_map(maps: Sequence[tuple[str, OccupancyGrid, ArrayLike]]) -> Image:
-    """A picture (h, w, 3) RGB of maps at one scale, each with its trail and where that began.
+    """Draw maps (h, w, 3) RGB side by side at one scale, each with its trail and its start.
 
     Args:
         maps: for each its caption (ASCII), the grid and poses (n, 2 or 3) [m, m, rad].
@@ -146,7 +146,7 @@ class TopView:
         caption: str = "",
         actors: Array | None = None,
     ) -> Image:
-        """A picture (h, w, 3) RGB of one instant.
+        """Draw one instant (h, w, 3) RGB.
 
         Args:
             pose: where the chair is (3,) [m, m, rad]; its readings are drawn from there.
@@ -341,7 +341,7 @@ class PlanPicture:
             fine.dashes(self.optimum, palette.OPTIMUM, _OPTIMUM)
 
     def _entries(self) -> list[Entry]:
-        """The legend's entries of what is drawn."""
+        """Return the legend's entries of what is drawn."""
         dashes: Entry = ("shortest", lambda on, at: on.dashes(at, palette.OPTIMUM, _OPTIMUM))
         entries: list[tuple[object, Entry]] = [
             (True, ("start", lambda on, at: floor.draw_start(on, at.mean(axis=0)))),

@@ -35,11 +35,11 @@ class Arena(NamedTuple):
     discs: Array  # (m, 3) m
 
     def is_free(self, pose: Array, footprint: Footprint, clearance: float) -> bool:
-        """Whether a footprint at a pose (3,) is at least `clearance` [m] from everything."""
+        """Return True if a footprint at a pose (3,) is at least `clearance` [m] from everything."""
         return is_free_pose(pose, self.walls, self.discs, footprint, clearance)
 
     def episode(self, start: Array, goal: Array, name: str) -> Episode:
-        """An episode here from a start pose (3,) to a goal pose (3,)."""
+        """Return an episode here from a start pose (3,) to a goal pose (3,)."""
         return Episode(self.map, start, goal, self.walls, self.discs, name=name)
 
 
@@ -49,7 +49,7 @@ def make_arena(
     polygons: Sequence[ArrayLike] = (),
     discs: ArrayLike = (),
 ) -> Arena:
-    """An arena enclosed by a wall outside its bounds.
+    """Make an arena, enclosed by a wall outside its bounds.
 
     Args:
         bounds: free ground [m]: xmin, ymin, xmax, ymax; sides are rounded to the raster.
@@ -79,13 +79,13 @@ def make_arena(
 
 
 def poses_along(start: tuple[float, float], goal: tuple[float, float]) -> tuple[Array, Array]:
-    """Start and goal poses (3,) that both look from start to goal."""
+    """Return start and goal poses (3,) that both look from start to goal."""
     yaw = math.atan2(goal[1] - start[1], goal[0] - start[0])
     return np.array([*start, yaw]), np.array([*goal, yaw])
 
 
 def draw_pose(rng: np.random.Generator, edge: float, width: float, height: float) -> Pose:
-    """A pose [m, m, rad] in a room, at least `edge` [m] from its sides."""
+    """Draw a pose [m, m, rad] in a room, at least `edge` [m] from its sides."""
     return (*rng.uniform(edge, (width - edge, height - edge)), rng.uniform(-3, 3))
 
 
@@ -249,7 +249,7 @@ class Doorway:
         return self.margin_for(FOOTPRINT)
 
     def margin_for(self, footprint: Footprint) -> float:
-        """The same for a footprint; below -0.3 m it is -0.3 m or less."""
+        """Return the margin [m] of a footprint; below -0.3 m it is -0.3 m or less."""
         half = 0.5 * min(self.door_width, self.corridor_width) - footprint.half_width
         if half <= -0.3:
             return half
@@ -259,7 +259,7 @@ class Doorway:
 
     @staticmethod
     def narrowest_door(margin: float, corridor: float) -> float:
-        """The narrowest door off a corridor [m] that leaves a margin [m] round the corner."""
+        """Return the narrowest door [m] of a corridor [m] with a margin [m] round the corner."""
         return -_last(lambda door: _turns(-door, corridor, margin, FOOTPRINT), -2.0, -0.5)
 
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
@@ -295,7 +295,7 @@ class Doorway:
 
 
 def _last(holds: Callable[[float], bool], low: float, high: float) -> float:
-    """The last number of an interval for which something holds that holds up to it."""
+    """Return the largest number of an interval up to which a condition holds."""
     for _ in range(40):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if holds(middle) else (low, middle)
@@ -303,7 +303,7 @@ def _last(holds: Callable[[float], bool], low: float, high: float) -> float:
 
 
 def _turns(door: float, corridor: float, grown: float, footprint: Footprint) -> bool:
-    """Whether the outline, grown on every side [m], turns from a corridor into a door in its side.
+    """Return True if the outline, grown on every side [m], turns from a corridor into a side door.
 
     At an angle t from the corridor, one long side rests on the door's near post and a rear corner
     slides along the far wall. Its front may reach to the other post's face, or beside it, until the

@@ -226,7 +226,7 @@ class Skill:
         side = float(rng.choice((-1.0, 1.0)))
 
         def placed(points: ArrayLike) -> Array:
-            """Points (n, 2) once all beyond a stretch is moved, and mirrored."""
+            """Move and mirror points (n, 2), as the draw says."""
             found = np.array(points, dtype=np.float64).reshape(-1, 2)
             by = np.zeros_like(found)
             for axis, at, way in moves:

@@ -38,7 +38,7 @@ _DEFAULT_QUEUE = 10  # messages of a topic that wait for a client that does not 
 
 
 def strict(value: Any) -> Any:
-    """A message as JSON can hold it: arrays as lists, null for NaN and +inf, -1 for -inf."""
+    """Return a message as JSON can hold it: lists, null for NaN and +inf, -1 for -inf."""
     if isinstance(value, dict):
         return {key: strict(item) for key, item in value.items()}
     if isinstance(value, list):
@@ -291,7 +291,7 @@ class RosbridgeServer:
         return "" if known else f"{topic} is not published; there are {', '.join(self._topics)}"
 
     def _list_topics(self, arguments: Mapping[str, Any]) -> dict[str, Any]:
-        """The answer of rosapi/srv/Topics."""
+        """Return the answer of rosapi/srv/Topics."""
         topics = self._types | {topic: kinds[0] for topic, kinds in self.listens.items()}
         return {"topics": [*topics], "types": [*topics.values()]}
 

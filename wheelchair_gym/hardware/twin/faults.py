@@ -1,4 +1,4 @@
-"""Commands that inject faults into the served twin, and clear them again."""
+"""Commands that inject faults into the served twin: rows of `COMMANDS`, and cases of `_inject`."""
 
 from __future__ import annotations
 
@@ -130,7 +130,7 @@ def _inject(served: ServedTwin, words: list[str]) -> None:
 
 
 def run_command(served: ServedTwin, line: str) -> str:
-    """Carry out a line of words; returns what to print."""
+    """Carry out a line of words; return what to print."""
     words = line.split()
     if not words:
         return ""
