@@ -385,7 +385,8 @@ def spread(free: Mask, goal_x: float, goal_y: float, row: int, col: int) -> tupl
 @kernel
 def nearest_bend(free: Mask, bends: Records, x: float, y: float) -> int:
     """Return the visible bend with the shortest path from a point; or -1."""
-    best, minimum, (top, right) = -1, math.inf, (free.shape[0] - 1, free.shape[1] - 1)
+    best, minimum = -1, math.inf
+    top, right = free.shape[0] - 1, free.shape[1] - 1
     for k in range(len(bends)):
         dx, dy = bends[k].x - x, bends[k].y - y
         far = math.hypot(dx, dy)
@@ -395,7 +396,7 @@ def nearest_bend(free: Mask, bends: Records, x: float, y: float) -> int:
         clear = True
         for i in range(steps + 1):
             px, py = x + dx * i / steps, y + dy * i / steps
-            clear = False  # corners may be grazed
+            clear = False  # corners may be grazed, and the map's rim
             for dr in (-0.05, 0.05):
                 for dc in (-0.05, 0.05):
                     row, col = math.floor(py + dr + 0.5), math.floor(px + dc + 0.5)
