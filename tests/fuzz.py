@@ -623,9 +623,7 @@ READERS: dict[str, Reader] = {
     ),
     "house": Reader(_house, _use_map, ("maps.io.house_expo.read_house",)),
     "barn worlds": Reader(_barn, _use_barn, ("scenes.barn._worlds",)),
-    "problems": Reader(
-        _problems, _use_problems, ("problem_files.read_problems",)
-    ),
+    "problems": Reader(_problems, _use_problems, ("problem_files.read_problems",)),
     "thesis settings": Reader(
         _thesis, _use_thesis, ("rrt_star_woa.thesis.read_thesis", "cli.arguments.spec")
     ),
@@ -671,9 +669,7 @@ READERS: dict[str, Reader] = {
         _bag, _use_bag,
         ("recording.read_bags.is_bag", "recording.read_bags.mcap_messages"), _mutated_mcap,
     ),
-    "bag in SQLite": Reader(
-        _sqlite_bag, _use_bag, ("recording.read_bags._rows",), flipped
-    ),
+    "bag in SQLite": Reader(_sqlite_bag, _use_bag, ("recording.read_bags._rows",), flipped),
     "weights": Reader(
         _weights, _use_weights, ("learning.weights.load_weights", "policies.learned._digest"),
         _mutated_weights,

@@ -279,9 +279,8 @@ def test_a_re_armed_chair_stands_until_it_is_reset(hosted):
 
 def test_a_late_policy_does_not_drive_on(hosted):
     chair = begun(hosted)
-    hosted.clock.wait(
-        hosted.clock.now() + chair.settings.limits.command_timeout
-    )  # a command counts so long
+    timeout = chair.settings.limits.command_timeout  # a command counts so long
+    hosted.clock.wait(hosted.clock.now() + timeout)
     assert speed(hosted) == pytest.approx(0.4, abs=0.02)
     until_slower(hosted, PERIOD + 0.05)
     assert deceleration(hosted) >= MIN_DECELERATION

@@ -194,15 +194,8 @@ def test_movers_equal_the_plain_api(seed, monkeypatch):
         assert equal, k
         pose = oracle.lent.chairs.states["pose"].tolist()
         assert chair.state["pose"].tolist() == pose, k
-        for name in (
-            "tick",
-            "spin",
-            "contact",
-            "at_fault",
-            "contact_with",
-            "approach_speed",
-            "bumped",
-        ):
+        fields = ("tick", "spin", "contact", "at_fault", "contact_with", "approach_speed", "bumped")
+        for name in fields:
             assert chair.state[name].tolist() == oracle.lent.chairs.states[name].tolist(), name
         if chair.truth.contact:
             met.add(chair.truth.contact_with)

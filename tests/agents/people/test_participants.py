@@ -124,7 +124,7 @@ def test_answers_off_the_scale_are_refused(tmp_path, last):
     ({"consent": " "}, "expected text"),
     ({"devices": []}, "expected some of keyboard, gamepad, touch, switch"),
     ({"devices": ["mouse"]}, "mouse"),
-    ({"scan_period": 0.1}, "expected 0, or 0.3"),
+    ({"scan_period": 0.1}, "expected 0 or >= 0.3"),
     ({"order": "random"}, "must be one of balanced, listed"),
     ({"conditions": [{"name": "a", "hand": {"tremors": 1.0}}]}, "tremor"),
     ({"conditions": [{"name": "a", "perception": {"reaction": 1.0}}]}, "reaction is the particip"),
@@ -133,6 +133,8 @@ def test_answers_off_the_scale_are_refused(tmp_path, last):
     ({"tasks": [{"name": "a", "scene": "flor_plan"}]}, "did you mean floor_plan"),
     ({"questionnaires": [{"name": "a", "statements": []}]}, "at least one statement"),
     ({"questionnaires": [{"name": NASA_TLX, "statements": ["a"]}]}, "is taken"),
+    ({"questionnaires": [{"name": "home", "statements": ["a"]}]}, "is taken"),  # as a task
+    ({"questionnaires": [{"name": "consent", "statements": ["a"]}]}, "is taken"),
 ])  # fmt: skip
 def test_a_wrong_protocol_is_one_line_that_names_the_key(change, expected):
     with pytest.raises(InputError, match=expected):
