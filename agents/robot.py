@@ -185,7 +185,7 @@ class Robot:
                 self._stop("the client that commanded is gone")
 
     def ask(self, service: str) -> Callable[[Mapping[str, Any]], dict[str, Any]]:
-        """The service that ends the episode, as a std_srvs/srv/Trigger."""
+        """Return the service that ends the episode, as a std_srvs/srv/Trigger."""
 
         def answer(arguments: Mapping[str, Any]) -> dict[str, Any]:
             self.service = service
@@ -194,7 +194,7 @@ class Robot:
         return answer
 
     def get_time(self, arguments: Mapping[str, Any]) -> dict[str, Any]:
-        """The time of messages, as the answer of rosapi/srv/GetTime."""
+        """Return the time of messages, as the answer of rosapi/srv/GetTime."""
         now = ros.time(self._now())
         return {"time": now | {"secs": now["sec"], "nsecs": now["nanosec"]}}  # roslibpy: ROS 1's
 
@@ -206,7 +206,7 @@ class Robot:
             self._log(f"{why}: the chair stops")
 
     def _now(self) -> int:
-        """The time of messages [ns]."""
+        """Return the time of messages [ns]."""
         if self.config.speed > 0.0:
             return round(self._elapsed * ros.NANO)
         return time.time_ns()
@@ -251,7 +251,7 @@ class Robot:
             self.link.publish(self.names.of(name), self.names.within(message))
 
     def _is_due(self, interval: float) -> bool:
-        """Whether what comes at an interval [s], on average, comes in this control period."""
+        """Return whether a message with an interval [s] is due in this control period."""
         periods = max(1.0, interval / self._mission.period)
         passed = [int(count / periods + 1e-9) for count in (self._published - 1, self._published)]
         return self._published == 0 or passed[0] < passed[1]

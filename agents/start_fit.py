@@ -121,16 +121,15 @@ def _preselected(
     step = max(STEP, math.sqrt((x1 - x0) * (y1 - y0) / _PLACES))
     offsets = np.arange(-AROUND, AROUND + 0.5 * STEP, STEP)
     chosen: list[Array] = []
-    for xs, ys in (
-        (start[0] + offsets, start[1] + offsets),
-        (np.arange(x0, x1, step), np.arange(y0, y1, step)),
+    for rest, xs, ys in (  # around the start everything is compared
+        (False, start[0] + offsets, start[1] + offsets),
+        (True, np.arange(x0, x1, step), np.arange(y0, y1, step)),
     ):
         places = np.stack(np.meshgrid(xs, ys), axis=-1).reshape(-1, 2)
         places = places[grid.inside(places)]
         places = places[grid.cells[tuple(grid.to_cell(places).T)] == FREE]
         fits = np.empty((len(places), len(headings)))
         _fits(lenient, places, headings, few, fits)
-        rest = len(chosen) > 0  # around the start everything was compared
         if rest:
             fits[np.hypot(*(places - start[:2]).T) <= AROUND] = -math.inf
         for _ in range(min(_CLIMBED, fits.size)):

@@ -11,6 +11,8 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, settings
 
+from wheelchair_gym.base.errors import InputError
+
 ROOT = Path(__file__).resolve().parents[1]
 SHARED = Path(os.environ.get("WHEELCHAIR_SHARED", ROOT.parent / "shared"))
 # Where nothing is compiled yet, a worker must not wait for what another compiles: one begins with
@@ -74,6 +76,15 @@ def need_pty():
 # No test fails because a machine is slow.
 settings.register_profile("patient", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("patient")
+
+
+def one_line(error: InputError, *words: object) -> None:
+    """Every refusal that any test brings about is one line."""
+    assert "\n" not in "".join(map(str, words)), words
+    ValueError.__init__(error, *words)
+
+
+InputError.__init__ = one_line
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -57,9 +57,7 @@ def chains():
     """Blocks of Python, each with those that continue it."""
     found: list[list[Block]] = []
     for block in BLOCKS:
-        if block.language != "python" or block.page == "README.md":  # tests/agents/cli/test_cli.py
-            continue
-        if "file " in block.marks:
+        if block.language != "python" or "file " in block.marks:
             continue
         if "continues" in block.marks:
             assert found, f"{block.page}:{block.line} continues nothing"

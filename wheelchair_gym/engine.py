@@ -52,7 +52,7 @@ _MARKS = {
 
 
 def address_of_struct(thing: Any) -> np.uint64:
-    """The address of a cffi pointer."""
+    """Return the address of a cffi pointer."""
     return np.uint64(int(ffi.cast("uintptr_t", thing)))
 
 
@@ -100,12 +100,10 @@ def _find_shape_offsets() -> Any:
     static = pymunk.Body(body_type=pymunk.Body.STATIC)
     ends = {"ax": 1234.5, "ay": -777.25, "bx": 1237.5, "by": -773.25}  # 3, 4, 5: an exact normal
     segment = pymunk.Segment(static, (ends["ax"], ends["ay"]), (ends["bx"], ends["by"]), 0.0)
-    normal = segment.normal
+    marks = {**ends, "nx": segment.normal.x, "ny": segment.normal.y}
     disc = {"cx": 55.5, "cy": -66.25, "radius": 8.8125}
     circle = pymunk.Circle(static, disc["radius"], (disc["cx"], disc["cy"]))
-    found = _field_offsets(
-        segment._shape, SEGMENT_DOUBLES, {**ends, "nx": normal.x, "ny": normal.y}
-    )
+    found = _field_offsets(segment._shape, SEGMENT_DOUBLES, marks)
     # What all shapes have comes first, a copy of the disc's place among it.
     found |= _field_offsets(circle._shape, CIRCLE_DOUBLES, disc, found["ax"])
     box = pymunk.Poly(static, [(-61.5, -43.25), (61.5, -43.25), (61.5, 43.25), (-61.5, 43.25)])
@@ -120,7 +118,7 @@ def _find_shape_offsets() -> Any:
 
 
 def _named(name: str, offsets: dict[str, int]) -> Any:
-    """A named tuple, whose values kernels take as constants."""
+    """Make a named tuple, whose values kernels take as constants."""
     kind: Any = namedtuple
     return kind(name, offsets)(**offsets)
 
@@ -207,7 +205,7 @@ ANGLE, W, TORQUE = OFFSETS.angle, OFFSETS.w, OFFSETS.torque
 
 @inlined
 def body_view(address: np.uint64) -> NDArray[np.float64]:
-    """The fields of a cpBody at an address, to read and write in place."""
+    """Return the fields of a cpBody at an address, to read and write in place."""
     return doubles_at(address, BODY_DOUBLES)
 
 
@@ -262,7 +260,7 @@ def set_circle(shape: np.uint64, x: float, y: float, radius: float) -> None:
 
 @borrowing_kernel
 def new_shape(make: np.uint64, body: np.uint64, like: np.uint64) -> np.uint64:
-    """A cpSegmentShape or cpCircleShape of a body, with friction and filter of another shape.
+    """Make a segment or circle shape of a body, with friction and filter of another shape.
 
     `make` is the address of Munk2D's function; ends, or radius and place, are yet to be set.
     """
@@ -380,7 +378,7 @@ def _pushed_by_address(
 
 
 def engine_record() -> NDArray[np.void]:
-    """The addresses of Munk2D's functions (1,), a record of ENGINE."""
+    """Return the addresses of Munk2D's functions (1,), a record of ENGINE."""
     addresses = (address_of_struct(ffi.addressof(lib, name)) for name in _FUNCTIONS.values())
     return np.array([tuple(addresses)], ENGINE)
 

@@ -54,7 +54,7 @@ class Case:
         return Judge.of(self.problem)
 
     def fresh_problem(self) -> Problem:
-        """The same problem on a new map, ready for exact tests."""
+        """Return the same problem on a new map, ready for exact tests."""
         space = Space(self.problem.space.solid, self.problem.space.bounds)
         problem = replace(self.problem, space=space)
         _ = problem.free.arrays
@@ -73,7 +73,7 @@ def _case(problem: Problem, optimum: float | None = None) -> Case:
 
 
 def stored_cases(path: str | Path, only: Sequence[str] = ()) -> list[Case]:
-    """The problems of a file, all or the named ones.
+    """Read the problems of a file, all or the named ones.
 
     Raises:
         InputError: the file is wrong, or has no problem of a name.
@@ -87,7 +87,7 @@ def stored_cases(path: str | Path, only: Sequence[str] = ()) -> list[Case]:
 
 
 def scene_cases(only: Sequence[str] = ()) -> list[Case]:
-    """One problem of each scene that needs no file, for a disc with the chair's width and a margin.
+    """Make a problem of each scene that needs no file; see `scene_case`.
 
     Raises:
         InputError: a name is no scene's, or a scene needs a file.
@@ -105,7 +105,7 @@ def scene_cases(only: Sequence[str] = ()) -> list[Case]:
 
 
 def scene_case(scene: Spec) -> Case:
-    """A problem of a scene, for a disc with the chair's width and a margin.
+    """Make a problem of a scene, for a disc as wide as the chair and a margin.
 
     Raises:
         InputError: there is no such scene, or it needs a file.
@@ -127,7 +127,7 @@ def _wanted(names: Sequence[str], only: Sequence[str], where: str) -> list[str]:
 
 
 def description(case: Case) -> dict[str, Any]:
-    """The case in the results file."""
+    """Describe the case for the results file."""
     return {
         "name": case.name,
         "clearance_m": case.problem.clearance,

@@ -30,7 +30,7 @@ SEED_OFFSET = 500_000  # from the seeds of trials to those on which the best is 
 
 
 def scenes_of(names: Sequence[str] | None) -> list[str | dict[str, Any]]:
-    """Scenes by name; the name FILE.json means all worlds of the file."""
+    """Return scenes by name; the name FILE.json means all worlds of the file."""
     found: list[str | dict[str, Any]] = []
     for name in names or ():
         if name.endswith(".json"):
@@ -93,7 +93,7 @@ def compare(given: argparse.Namespace) -> int:
 
 
 def trained_in(policies: Sequence[Spec], file: str) -> list[Spec]:
-    """The policies, with these settings of training for models of stable-baselines3.
+    """Give policies that are stable-baselines3 models these settings of training.
 
     Raises:
         InputError: the file cannot be read, or no policy is such a model.

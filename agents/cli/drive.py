@@ -180,9 +180,7 @@ def assisted(given: argparse.Namespace) -> int:
     chair = chair_spec(given.chair)
     check_extras(chair)
     if not isinstance(chair_settings(chair), HardwareSettings):
-        raise InputError(
-            f"--chair {given.chair}: expected hardware, whose boards read the joystick"
-        )
+        raise InputError(f"--chair {given.chair}: expected hardware, whose boards read a joystick")
     policy = {"name": "assisted", "assist": spec(given.assist)}
     helper = TimedAssistant(make_policy(policy), label(spec(given.assist)), given.deadline)
     prompts: list[list[float]] = []

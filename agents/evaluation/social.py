@@ -1,7 +1,7 @@
 """Social measures of an episode among people, after Francis et al. 2023 (arXiv 2306.16740).
 
-`docs/concepts/social.md` defines each of them. They are computed once an episode is over; an
-episode without people has none.
+`docs/concepts/social.md` defines each; a new one is a key of `PeopleTrace.figures` and a name in
+`metrics.SOCIAL_MEANS`. They are computed after an episode; one without people has none.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ class PeopleTrace:
         }
 
     def _behind_walls(self, poses: Array, places: Array) -> NDArray[np.bool_]:
-        """Whether a wall is between the chair's axle and a person, at each instant."""
+        """Return whether a wall is between the chair's axle and a person, at each instant."""
         ends = np.stack([np.broadcast_to(poses[:, None, :2], places.shape), places], axis=-2)
         shapely.prepare(self._walls)
         behind: NDArray[np.bool_] = shapely.intersects(self._walls, shapely.linestrings(ends))
@@ -93,7 +93,7 @@ class PeopleTrace:
 
 @kernel
 def _gaps(offsets: Array, radii: Array, outline: Array) -> Array:
-    """Distances (n, k) [m] of discs at offsets (n, k, 2) in the chair's frame from its outline."""
+    """Return gaps (n, k) [m] of the outline to discs at offsets (n, k, 2) in the chair's frame."""
     gaps = np.empty(offsets.shape[:2])
     for i in range(offsets.shape[0]):
         for j in range(offsets.shape[1]):
@@ -103,7 +103,7 @@ def _gaps(offsets: Array, radii: Array, outline: Array) -> Array:
 
 
 def time_to_collision(offsets: Array, velocities: Array, radii: Any, footprint: Footprint) -> Array:
-    """Times [s] after which discs touch a footprint at constant velocities; infinite if never.
+    """Return times [s] after which discs touch a footprint at constant velocities; or infinity.
 
     Offsets (..., 2) and relative velocities (..., 2) are in the chair's frame. A disc touches when
     its centre enters the outline grown by its radius, which two boxes and four discs cover.

@@ -45,7 +45,7 @@ class FeaturesExtractor(BaseFeaturesExtractor):
         self.register_buffer("private", torch.from_numpy(layout.privileged_scales))
 
     def forward(self, observations: torch.Tensor) -> torch.Tensor:
-        """Features (n, features_dim) of observations (n, size)."""
+        """Return features (n, features_dim) of observations (n, size)."""
         public = self.layout.size - self.layout.privileged_size
         found = features(torch, observations[:, :public], self.layout, self.scaled, self.scales)
         parts = [found, observations[:, public:] * self.private]
@@ -65,15 +65,15 @@ class SeparateNetworks(nn.Module):
         self.critic = mlp(self.critic_size, hidden)
 
     def forward(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Latent vectors of actor and critic."""
+        """Return latent vectors of actor and critic."""
         return self.forward_actor(x), self.forward_critic(x)
 
     def forward_actor(self, x: torch.Tensor) -> torch.Tensor:
-        """The latent vector of the actor."""
+        """Return the latent vector of the actor."""
         return self.actor(x[:, : self.actor_size])  # type: ignore[no-any-return]
 
     def forward_critic(self, x: torch.Tensor) -> torch.Tensor:
-        """The latent vector of the critic."""
+        """Return the latent vector of the critic."""
         return self.critic(x[:, : self.critic_size])  # type: ignore[no-any-return]
 
 
@@ -131,13 +131,13 @@ class AsymmetricPolicy(ActorCriticPolicy):
         self.mlp_extractor = SeparateNetworks(layout.actor_size, layout.privileged_size, hidden)  # type: ignore[assignment]
 
     def action_distribution(self, features: torch.Tensor) -> Any:
-        """The distribution of actions, given features (n, features_dim)."""
+        """Return the distribution of actions, given features (n, features_dim)."""
         with torch.autocast("cpu", torch.bfloat16, self.in_bfloat16):
             latent = self.mlp_extractor.forward_actor(features)
         return self._get_action_dist_from_latent(latent.float())
 
     def values(self, features: torch.Tensor) -> torch.Tensor:
-        """The critic's values (n,), given features (n, features_dim)."""
+        """Return the critic's values (n,), given features (n, features_dim)."""
         return self.value_net(self.mlp_extractor.forward_critic(features)).flatten()  # type: ignore[no-any-return]
 
     def evaluate_actions(
@@ -165,7 +165,7 @@ SB3_CONTRIB = ("recurrent_ppo", "tqc")  # algorithms of sb3-contrib, of the extr
 
 
 def algorithm_class(name: str) -> Any:
-    """The class of an algorithm.
+    """Return the class of an algorithm.
 
     Raises:
         InputError: it needs an extra that is not installed.
@@ -183,7 +183,7 @@ def algorithm_class(name: str) -> Any:
 def make_model(
     config: Training, seed: int, env: SB3VecEnv, layout: Layout, teacher: Teacher | None = None
 ) -> Any:
-    """A new model, whose learning rate decreases linearly over the run.
+    """Make a new model, whose learning rate decreases linearly over the run.
 
     Raises:
         InputError: the algorithm needs an extra that is not installed.
@@ -215,7 +215,7 @@ def make_model(
     made: list[Any] = []
 
     def learning_rate(_: float) -> float:
-        """The library passes the progress between two checkpoints; this uses that of the run."""
+        """Return the rate at the run's progress; the library gives that between two checkpoints."""
         progress = made[0].num_timesteps / config.frames if made else 0.0
         return float(initial_rate * max(0.0, 1.0 - progress))
 
@@ -233,7 +233,7 @@ def make_model(
 
 
 def dense_parameters(*parts: nn.Module) -> dict[str, list[torch.Tensor]]:
-    """The parameters of the dense layers of networks, by the name of their array."""
+    """Return the parameters of the dense layers of networks, by the name of their array."""
     layers = [m for part in parts for m in part.modules() if isinstance(m, nn.Linear)]
     return {
         f"dense{k}.{name}": [parameter]
@@ -243,7 +243,7 @@ def dense_parameters(*parts: nn.Module) -> dict[str, list[torch.Tensor]]:
 
 
 def _actor_parameters(model: Any, algorithm: str) -> dict[str, list[torch.Tensor]]:
-    """The parameters whose sum is an array of the actor, by its name."""
+    """Return the parameters whose sum is an array of the actor, by its name."""
     policy = model.policy
     if algorithm == "ppo":
         return dense_parameters(policy.mlp_extractor.actor, policy.action_net)
@@ -261,7 +261,7 @@ def _actor_parameters(model: Any, algorithm: str) -> dict[str, list[torch.Tensor
 
 
 def arrays_of(parameters: dict[str, list[torch.Tensor]]) -> dict[str, Floats]:
-    """The sum of each name's parameters."""
+    """Sum each name's parameters."""
     return {
         name: np.array(sum(of[1:], of[0]).detach().cpu().numpy(), np.float32)
         for name, of in parameters.items()
@@ -269,7 +269,7 @@ def arrays_of(parameters: dict[str, list[torch.Tensor]]) -> dict[str, Floats]:
 
 
 def actor_arrays(model: Any, algorithm: str) -> dict[str, Floats]:
-    """The actor's arrays."""
+    """Return the actor's arrays."""
     return arrays_of(_actor_parameters(model, algorithm))
 
 

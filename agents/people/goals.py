@@ -95,7 +95,7 @@ class Goals:
         self._pose = now.reading.pose.copy()
 
     def _costs(self, twists: Array) -> Array:
-        """Seconds (n, k) from where twists (n, 2) lead to each goal."""
+        """Return the seconds (n, k) from the ends of twists (n, 2) to each goal."""
         ends = np.empty((len(twists), 2))
         _ends(twists, self.config.belief.horizon, AHEAD, ends)
         return np.asarray(distances(ends, self._targets) / self._mission.limits.forward)
@@ -121,7 +121,7 @@ class Blend:
             raise InputError("Blend.sure must lie above Blend.timid")
 
     def make(self) -> SharedAssistant:
-        """A fresh assistant."""
+        """Make a fresh assistant."""
         return SharedAssistant(_Blend(self), self.freedom)
 
 
@@ -163,7 +163,7 @@ class Hindsight:
     freedom: Freedom = Freedom()
 
     def make(self) -> SharedAssistant:
-        """A fresh assistant."""
+        """Make a fresh assistant."""
         return SharedAssistant(_Hindsight(self), self.freedom)
 
 
@@ -204,7 +204,7 @@ class Hypotheses:
     freedom: Freedom = Freedom()
 
     def make(self) -> SharedAssistant:
-        """A fresh assistant."""
+        """Make a fresh assistant."""
         return SharedAssistant(_Hypotheses(self), self.freedom)
 
 

@@ -151,17 +151,19 @@ class Protocol:
             "conditions": self.conditions, "tasks": self.practice + self.tasks,
             "questionnaires": self.questionnaires,
         }  # fmt: skip
+        used = {NASA_TLX, "consent"}  # names in the keys of steps
         for key, entries in kinds.items():
             names = [entry.name for entry in entries]
             for name in names:
-                if names.count(name) > 1 or name == NASA_TLX:
+                if names.count(name) > 1 or name in used:
                     raise InputError(f"{key}: the name {shorten(name)} is taken; expected another")
                 if not name.strip() or "/" in name:
                     raise InputError(f"{key}: the name is {shorten(name)}; expected no slash in it")
+            used |= set(names) if key == "tasks" else set()
         if not self.devices or len(set(self.devices)) < len(self.devices):
             raise InputError(f"Protocol.devices: expected some of {', '.join(DEVICES)}, each once")
         if 0.0 < self.scan_period < MIN_SCAN:
-            raise InputError(f"Protocol.scan_period is {self.scan_period:g}; expected 0, or 0.3")
+            raise InputError(f"Protocol.scan_period is {self.scan_period:g}; expected 0 or >= 0.3")
         if not self.conditions or not self.tasks:
             raise InputError("Protocol: expected at least one condition and one task")
         for asked in self.questionnaires:
@@ -174,7 +176,7 @@ class Protocol:
             make_scene(without_labels(task.scene))
 
     def conditions_of(self, participant: int) -> tuple[Condition, ...]:
-        """The conditions in the order of a participant (a number from 1)."""
+        """Return the conditions in the order of a participant (a number from 1)."""
         n = len(self.conditions)
         if self.order == "listed":
             return self.conditions
@@ -185,7 +187,7 @@ class Protocol:
         return tuple(self.conditions[k] for k in (places if row < n else reversed(places)))
 
     def steps(self, participant: int) -> Iterator[Step]:
-        """All that a participant (a number from 1) does, in order."""
+        """Yield everything that a participant (a number from 1) does, in order."""
         yield Step("consent", "consent")
         for position, condition in enumerate(self.conditions_of(participant), 1):
             name = condition.name
@@ -203,7 +205,7 @@ class Protocol:
         return first + [one.name for one in self.questionnaires if one.after == after]
 
     def items(self, questionnaire: str) -> tuple[Item, ...]:
-        """The questions of a questionnaire."""
+        """Return the questions of a questionnaire."""
         if questionnaire == NASA_TLX:
             ends = {"performance": ("perfect", "failure")}
             return tuple(

@@ -50,26 +50,26 @@ class Session:
         self._done = read_store(self.folder / STEPS)
 
     def next(self) -> Step | None:
-        """The first step that is not done; None at the end."""
+        """Return the first step that is not done; None at the end."""
         steps = self.protocol.steps(self.participant)
         return next((step for step in steps if step.key not in self._done), None)
 
     def recording(self, step: Step) -> Path:
-        """A new file for the recording of a drive; earlier tries are kept."""
+        """Return a new file for the recording of a drive; earlier tries are kept."""
         names = {"/": "__", " ": "_"}
         name = "".join(names.get(letter, letter) for letter in step.key)
         tries = (self.folder / f"{name}_{number}.mcap" for number in range(1, LARGEST))
         return next(path for path in tries if not path.exists())
 
     def consent(self) -> None:
-        """The participant agrees to the protocol's text."""
+        """Record that the participant agrees to the protocol's text."""
         self._finish("consent", {"agreed": True})
 
     def drive(
         self, step: Step, figures: Mapping[str, Any], recording: str = "", device: str = "",
         scan_period: float | None = None,
     ) -> None:  # fmt: skip
-        """A drive is over.
+        """Record that a drive is over.
 
         Args:
             step: which drive.
@@ -87,7 +87,7 @@ class Session:
         self._finish("drive", {"figures": numbers, "recording": recording, **by}, step)
 
     def answer(self, step: Step, values: Sequence[Any]) -> None:
-        """The answers to a questionnaire, a number for each item.
+        """Record the answers to a questionnaire, a number for each item.
 
         Raises:
             InputError: one is missing, or is not on the scale.
@@ -118,7 +118,7 @@ class Session:
 
 
 def read_protocol(path: str | Path) -> Protocol:
-    """The protocol of a file.
+    """Read the protocol of a file.
 
     Raises:
         InputError: the file cannot be read, or a setting in it is wrong.
@@ -144,7 +144,7 @@ def claim(folder: Path, protocol: Protocol) -> None:
 
 
 def read_folder(folder: str | Path) -> tuple[Protocol, list[Record]]:
-    """The protocol of an experiment and the steps of all its participants.
+    """Read the protocol of an experiment and the steps of all its participants.
 
     Raises:
         InputError: it is no folder of an experiment, or a file in it is damaged.
@@ -158,7 +158,7 @@ def read_folder(folder: str | Path) -> tuple[Protocol, list[Record]]:
 
 
 def tidy(records: Sequence[Record]) -> list[Record]:
-    """One row for each measure of each step that counts: long form, columns `COLUMNS`."""
+    """Return a row for each measure of each step that counts: long form, columns `COLUMNS`."""
     rows = []
     for record in records:
         if record["practice"]:

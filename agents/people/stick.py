@@ -43,7 +43,7 @@ class StickSource(Protocol):
     """A reader of a person's stick: a gamepad, a chair with its own joystick, or a keyboard."""
 
     def stick(self, now: float) -> tuple[Stick, str]:
-        """The stick at a time [s], and why it may not drive; empty: it may."""
+        """Return the stick at a time [s], and why it may not drive; empty: it may."""
         ...
 
 
@@ -84,7 +84,7 @@ class PersonsStick:
             self._must_centre = True
 
     def read(self) -> tuple[Stick, str]:
-        """The stick, and why it counts as centred; empty: it is what the person's hand gives."""
+        """Return the stick, and why it counts as centred; empty: it is that of the hand."""
         stick, why = CENTRED, NO_STICK
         if self.source is not None:
             stick, why = self.source.stick(self._now())
@@ -101,11 +101,11 @@ class PersonsStick:
         return Stick(self._share * stick.forward, self._share * stick.left, stick.latched), ""
 
     def __call__(self) -> Stick:
-        """The stick, for an environment's `person`."""
+        """Return the stick, for an environment's `person`."""
         return self.read()[0]
 
     def why(self) -> str:
-        """Why nothing may be driven, for a chair's guard; empty: it may."""
+        """Return why nothing may be driven, for a chair's guard; empty: it may."""
         return self.read()[1]
 
 
@@ -190,7 +190,7 @@ class TimedAssistant:
 
 
 def checked(command: Any) -> Command:
-    """A command, if its twist is two finite numbers.
+    """Return a command if its twist is two finite numbers.
 
     Raises:
         ValueError: it is not.
@@ -202,9 +202,9 @@ def checked(command: Any) -> Command:
 
 
 def held_to_stick(twist: Array, stick: Stick, limits: Limits) -> Array:
-    """A twist (2,) [m/s, rad/s], with the speed held between rest and that of the stick.
+    """Return a twist (2,) [m/s, rad/s] whose speed is between rest and the stick's.
 
-    With a centred stick that is not latched it is rest.
+    With a centred stick it is rest.
     """
     asked, turn = limits.twist_of(stick.forward, stick.left)
     if asked == 0.0 and turn == 0.0:
@@ -298,7 +298,7 @@ class Keyboard:
 
 
 def _page(status: str, manual: bool) -> NDArray[np.uint8]:
-    """The window's picture: who drives, the state, and the keys."""
+    """Draw the window's picture: who drives, the state, and the keys."""
     from wheelchair_gym.rendering.canvas import write_text
 
     image = np.full((_PAGE[1], _PAGE[0], 3), 255, np.uint8)

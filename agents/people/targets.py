@@ -57,7 +57,7 @@ def _targets(points: Array, angles: Array, front: float, out: Array) -> int:
 
 
 def find_targets(points: Array, front: float) -> Array:
-    """Places (k, 2) [m] in the chair's frame that somebody may want to go to.
+    """Return places (k, 2) [m] in the chair's frame that a person may want to go to.
 
     Args:
         points: obstacles around (n, 2) [m] in the chair's frame.
@@ -104,7 +104,7 @@ def _doors(points: Array, angles: Array, narrowest: float, out: Array) -> int:
 
 
 def find_doors(points: Array, half_width: float) -> Array:
-    """Doors (k, 4) in the chair's frame: the middle x, y [m], the way through [rad], width [m].
+    """Return doors (k, 4) in the chair's frame: middle x, y [m], heading through [rad], width [m].
 
     Two points are its posts if all that is seen between them lies well behind.
 
@@ -118,7 +118,7 @@ def find_doors(points: Array, half_width: float) -> Array:
 
 
 def find_front(points: Array, front: float, reach: float) -> tuple[float, float] | None:
-    """A flat thing straight ahead: where the way ahead meets it [m], and the way up to it [rad].
+    """Return the distance [m] of a flat thing straight ahead, and the heading up to it [rad].
 
     Args:
         points: obstacles around (n, 2) [m] in the chair's frame.
@@ -126,9 +126,10 @@ def find_front(points: Array, front: float, reach: float) -> tuple[float, float]
         reach: distance of the front within which it counts [m].
     """
     near = points[(np.abs(points[:, 1]) < 0.45) & (points[:, 0] > front)]
-    if len(near) < 4 or near[:, 0].min() > front + reach:
+    if len(near) < 4 or near[:, 0].min() > front + reach or np.ptp(near[:, 1]) == 0.0:
         return None
-    slope, far = np.polynomial.Polynomial.fit(near[:, 1], near[:, 0], 1).convert().coef[::-1]
+    line = np.polynomial.Polynomial.fit(near[:, 1], near[:, 0], 1).convert()
+    far, slope = np.append(line.coef, 0.0)[:2]  # NumPy drops a slope of exactly 0
     if np.abs(near[:, 0] - far - slope * near[:, 1]).max() > 0.04 or abs(slope) > 0.7:
         return None
     return float(far), math.atan2(-slope, 1.0)

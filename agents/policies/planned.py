@@ -181,6 +181,7 @@ class PlannedDriver:
         self.goal, self.plans = np.asarray(mission.goal, dtype=np.float64), 0
         self.answer = Answer(Plan(Status.EXHAUSTED), config.clearance, pose)
         self._path = ReferencePath(pose[None, :2], pose)  # it stands there until it has a plan
+        self._clearance = config.clearance  # m, of that path
         self._follower: Any = None  # begins with the first plan
         self._offset = 0.0  # m between the chair and its path
         self._retry_in = 0.0  # s until a plan to the goal is made again after one that led nowhere
@@ -256,7 +257,7 @@ class PlannedDriver:
         """The next twist (2,) in the present state; None where there is none."""
         if self.planning.busy:
             stands = self.planning.state is not Thinking.DRIVES
-            if stands or self._surroundings.blocks(self._path, self.answer.clearance, NEAR):
+            if stands or self._surroundings.blocks(self._path, self._clearance, NEAR):
                 self.planning.figures.stood += self._mission.period
                 self._report.set("waits", "for a plan")
                 return None
@@ -291,7 +292,7 @@ class PlannedDriver:
         if self._surroundings.draws and self._retry_in > 0.0:
             return False
         due = self._detours.due(self._mission.period, self.config.redraw)
-        return due and self._surroundings.blocks_now(self._path, self.answer.clearance)
+        return due and self._surroundings.blocks_now(self._path, self._clearance)
 
     def is_stalled(self) -> bool:
         """Return True if there was no progress for `patience`."""
@@ -430,7 +431,7 @@ class PlannedDriver:
         self._report.explain(answer.plan)
         self._retry_in = 0.0 if answer.solved else RETRY_TIME  # finding nothing takes longest
         if answer.solved or self._follower is None:
-            self._take_path(path)
+            self._take_path(path, answer.clearance)
         self._fire(Event.PLAN)
         self._progress.left_before = math.inf
 
@@ -449,7 +450,7 @@ class PlannedDriver:
             detours.pause = RETRY_TIME
             report.set("waits", why, RETRY_TIME)
         else:
-            self._take_path(path)
+            self._take_path(path, answer.clearance)
             detours.taken = True
             report.set("goes round", held=HELD)
         self._fire(Event.PLAN)
@@ -460,14 +461,14 @@ class PlannedDriver:
         if not answer.solved:
             self._fire(Event.NO_ASIDE)
         elif (path := self._path_of(answer)) is not None:
-            self._take_path(path)
+            self._take_path(path, answer.clearance)
             self._fire(Event.ASIDE)
 
-    def _take_path(self, path: ReferencePath) -> None:
-        """Follow a path from now on."""
+    def _take_path(self, path: ReferencePath, clearance: float) -> None:
+        """Follow a path that was planned with a clearance [m] from now on."""
         if self._path.reopens and not path.reopens:
             self._surroundings.floor.forget_open()  # it is free, or was waited for in vain
-        self._path = path
+        self._path, self._clearance = path, clearance
         self._begin_to_follow()
         self._progress.begin()
 

@@ -1,4 +1,4 @@
-"""The worlds and runs of the studies: each kind of run maps a job to a record.
+"""The worlds and runs of the studies; a new kind of run is a function and a row of `EXPERIMENTS`.
 
 Times are CPU seconds of the process, measured after compilation: other work on the machine does not
 count. Keys that end in `_s` are times, the only ones in which equal runs differ.
@@ -33,19 +33,19 @@ from wheelchair_gym.types import Episode
 
 @lru_cache(maxsize=64)
 def world_of(scene: str) -> tuple[Episode, Space]:
-    """The one world of a scene, which is given as JSON, and its map for planners."""
+    """Return the one world of a scene, which is given as JSON, and its map for planners."""
     episode = make_scene(json.loads(scene)).sample(np.random.default_rng(0))
     return episode, Space.from_map(episode.map, episode.walls, episode.discs)
 
 
 def problem_of(scene: Any, clearance: float = 0.0) -> Problem:
-    """The problem of a scene's one world."""
+    """Return the problem of a scene's one world."""
     episode, space = world_of(json.dumps(scene))
     return Problem(space, episode.start[:2], episode.goal[:2], clearance)
 
 
 def room_problem(boxes: Array, start: Any, goal: Any) -> Problem:
-    """A room as in T2: separate axis-aligned boxes (n, 4) [m], without outer walls."""
+    """Return a room as in T2: separate axis-aligned boxes (n, 4) [m], without outer walls."""
     corners = boxes[:, [0, 1, 2, 1, 2, 3, 0, 3]].reshape(-1, 4, 2)
     walls = np.concatenate([polygon_edges(box) for box in corners])
     space = Space.from_walls(walls, np.empty((0, 3)), (0.0, 0.0, *LAB_SIZE))
@@ -54,7 +54,7 @@ def room_problem(boxes: Array, start: Any, goal: Any) -> Problem:
 
 @lru_cache(maxsize=64)
 def lab_problem(number: int) -> Problem:
-    """A lab of T2, of boxes only."""
+    """Return a lab of T2, of boxes only."""
     walls, start, goal = LABS[number - 1]
     return room_problem(np.array(walls, dtype=float), start, goal)
 
@@ -67,7 +67,7 @@ _THIN: Final = (0.1, 0.4)  # m
 
 
 def random_room_problem(count: int, seed: int) -> tuple[Problem, float]:
-    """A random room with this number of boxes, and its shortest path [m].
+    """Draw a room with this number of boxes; return it and its shortest path [m].
 
     Raises:
         InputError: no room that was drawn has a path.
@@ -92,7 +92,7 @@ def random_room_problem(count: int, seed: int) -> tuple[Problem, float]:
 
 @lru_cache(maxsize=16)
 def disc_problem(size: float, discs: Any, start: Any, goal: Any) -> Problem:
-    """A free square with discs."""
+    """Return a free square with discs."""
     space = Space.from_walls(np.empty((0, 4)), discs, (0.0, 0.0, size, size))
     return Problem(space, np.array(start, dtype=float), np.array(goal, dtype=float))
 
@@ -109,7 +109,7 @@ SETTLED = 1.001  # a swarm has settled once its cost is within this factor of it
 
 
 def measure(job: Job) -> Record:
-    """The record of a job; `kind` names the experiment, `seed` is for its random numbers."""
+    """Run a job and return its record; `kind` names the experiment, `seed` its random numbers."""
     run = EXPERIMENTS[str(job["kind"])]
     if (needed := kernel_key(job)) not in _compiled:  # compile before times are measured
         run(job, 0)
@@ -122,7 +122,7 @@ _compiled: set[str] = set()
 
 
 def kernel_key(job: Job) -> str:
-    """A key that is equal for jobs with the same kernels and the same map."""
+    """Return a key that is equal for jobs with the same kernels and the same map."""
     planner = job.get("planner", {})
     optimizer = job.get("optimizer") or planner.get("optimizer", "")
     name = optimizer if isinstance(optimizer, str) else optimizer.get("name")
@@ -132,7 +132,7 @@ def kernel_key(job: Job) -> str:
 
 
 def _timed_plan(job: Job, problem: Problem, seed: int) -> tuple[Plan, Record]:
-    """The plan of a job's planner, and its record."""
+    """Make the plan of a job's planner; return it and its record."""
     planner, rng = make_planner(job["planner"]), np.random.default_rng(seed)
     problem.free.arrays  # noqa: B018  cached before the time is measured
     begun = process_time()
@@ -150,7 +150,7 @@ def _timed_plan(job: Job, problem: Problem, seed: int) -> tuple[Plan, Record]:
 
 
 def plan(job: Job, seed: int) -> Record:
-    """A planner on the one world of a scene, or on a lab."""
+    """Run a planner on the one world of a scene, or on a lab."""
     lab = job.get("lab")
     problem = problem_of(job["scene"]) if lab is None else lab_problem(lab)
     found, record = _timed_plan(job, problem, seed)
@@ -159,7 +159,7 @@ def plan(job: Job, seed: int) -> Record:
 
 @lru_cache(maxsize=4096)
 def tree_path(scene: str, tree: str, seed: int) -> Array:
-    """The path (n, 2) [m] of a tree, which the swarms of many rows then shorten."""
+    """Return the path (n, 2) [m] of a tree, which the swarms of many rows then shorten."""
     planner = make_planner(json.loads(tree))
     return planner.plan(problem_of(json.loads(scene)), np.random.default_rng(seed)).path
 
@@ -191,7 +191,7 @@ def shortened(job: Job, seed: int) -> Record:
 
 
 def plan_drawn(job: Job, seed: int) -> Record:
-    """A planner in a random room of the seed."""
+    """Run a planner in a random room of the seed."""
     problem, shortest = random_room_problem(job["boxes"], seed)
     found, record = _timed_plan(job, problem, seed)
     return {**record, "ratio": found.length / shortest}
@@ -240,7 +240,7 @@ def smoothing(job: Job, seed: int) -> Record:
 
 
 def peak_curvature(line: Array) -> float:
-    """The largest angle between pieces of a line (n, 2) for their mean length [1/m]."""
+    """Return the maximum angle between pieces of a line (n, 2) per mean length [1/m]."""
     steps = np.diff(line, axis=0)
     length = np.hypot(*steps.T)
     steps, length = steps[length > 1e-9], length[length > 1e-9]
@@ -250,7 +250,7 @@ def peak_curvature(line: Array) -> float:
 
 
 def among_discs(job: Job, seed: int) -> Record:
-    """A swarm among discs; valid if its path stays `reach` radii from their centres.
+    """Run a swarm among discs; its path is valid if it stays `reach` radii from their centres.
 
     With `by_legs` the path is that of the way points, and the spline drawn through them is judged,
     too: R1, section 5.12.
@@ -291,14 +291,14 @@ def among_discs(job: Job, seed: int) -> Record:
 
 
 def _keeps_off(line: Array, discs: Any, reach: float) -> bool:
-    """Whether a line (n, 2) stays `reach` radii from the centres of discs."""
+    """Return whether a line (n, 2) stays `reach` radii from the centres of discs."""
     x, y, radius = np.reshape(discs, (-1, 3)).T
     away = shapely.distance(shapely.LineString(line), shapely.points(x, y))
     return bool((away / radius >= reach - 1e-9).all())
 
 
 def _search(planner: Any, problem: Problem, rng: np.random.Generator) -> tuple[Any, Array]:
-    """A swarm's search, and the least cost after each iteration (n,)."""
+    """Run a swarm's search; return it and the minimum cost after each iteration (n,)."""
     from planners.registries import OBJECTIVES, OPTIMIZERS
     from planners.swarm.search import iterate, new_search, result_of
     from wheelchair_gym.compiled.random import stream

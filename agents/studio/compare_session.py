@@ -119,7 +119,7 @@ class CompareSession(PageSession):
             self._drive(side, message[side], policy, scene, env, message["seed"])
 
     def _results(self, name: str) -> Any:
-        """The results of a run folder.
+        """Read the results of a run folder.
 
         Raises:
             InputError: there is no such folder, or its file is broken.
@@ -137,7 +137,7 @@ class CompareSession(PageSession):
 
 
 def _labelled(specs: Any, name: str, what: str) -> Any:
-    """The policy or the scene of a label.
+    """Return the policy or the scene of a label.
 
     Raises:
         InputError: there is none.

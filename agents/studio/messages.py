@@ -120,7 +120,7 @@ Fields = Mapping[str, Mapping[str, Field]]
 
 
 def read_message(text: str, fields: Fields) -> Message:
-    """A message of a page.
+    """Read a message of a page.
 
     Args:
         text: that the page sent.
@@ -145,7 +145,7 @@ def read_message(text: str, fields: Fields) -> Message:
 
 
 def plain(value: Any) -> Any:
-    """A value as JSON can hold it: arrays as lists, null for what is not finite."""
+    """Return a value as JSON can hold it: arrays as lists, null for what is not finite."""
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray):

@@ -45,9 +45,7 @@ FIELDS: Final[Fields] = {
         "clearance": _CLEARANCE, "deadline": number(0.01, 10.0), "seed": _SEED,
     },
     "growth": {"planner": one_of(PLANNERS.built_in)},
-    "save": {
-        "what": one_of(("map", "problem")), "name": text(60), "start": _PLACE, "goal": _PLACE
-    },
+    "save": {"what": one_of(("map", "problem")), "name": text(60), "start": _PLACE, "goal": _PLACE},
 }  # fmt: skip
 
 

@@ -74,7 +74,7 @@ class PotentialField(PlannerBase):
     In a local minimum it ends `stuck`; the tree shows the walk up to there.
     """
 
-    iterations: int = setting(default=20_000, low=1, source="2 km")
+    iterations: int = setting(default=20_000, low=1, high=10_000_000, source="2 km")
     """Largest number of steps."""
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:

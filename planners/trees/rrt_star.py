@@ -163,7 +163,7 @@ class RrtStar(PlannerBase):
 
     iterations: int = setting(default=10_000, low=1, source="thesis, figure 3.1")
     """Number of samples."""
-    nodes: int = setting(default=100_000, low=2)
+    nodes: int = setting(default=100_000, low=2, high=10_000_000)
     """Largest number of nodes of a tree."""
     step: float = setting(default=4.0, unit="m", low=1e-3, source=ROOMS)
     """Longest edge towards a sample."""
@@ -509,7 +509,7 @@ class InformedRrtStar(CornerSampling, PlannerBase):
 
     iterations: int = setting(default=10_000, low=1, source="as rrt_star")
     """Largest number of samples."""
-    nodes: int = setting(default=100_000, low=2)
+    nodes: int = setting(default=100_000, low=2, high=10_000_000)
     """Largest number of nodes of a tree."""
     step: float = setting(default=4.0, unit="m", low=1e-3, source=ROOMS)
     """Longest edge towards a sample."""

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
 import pytest
 
 from agents.deploy import check_start
-from agents.start_fit import start_fit
+from agents.start_fit import _preselected, start_fit
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.geometry.planar import wrap
 from wheelchair_gym.maps import OCCUPIED
+from wheelchair_gym.perception.likelihood_field import make_likelihood_field
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.sim.chair import SimulatedChair
@@ -78,3 +80,11 @@ def test_the_twin_places_of_a_symmetric_room_are_told_and_have_to_be_confirmed()
 @pytest.mark.parametrize("scene", ["floor_plan", "clutter", "doorway", "map_file"])
 def test_a_room_without_a_twin_needs_no_confirmation(scene):
     assert not fits(scene, 3, 0.0, 0.0).ambiguous
+
+
+def test_the_places_compared_with_a_start_outside_the_map_are_apart():
+    grid = make_scene("floor_plan").sample(np.random.default_rng(0)).map
+    field = make_likelihood_field(grid, 0.1, 0.1)
+    found = _preselected(grid, field, np.array([900.0, 0.0, 0.0]), np.eye(2))
+    for one, other in itertools.combinations(found, 2):
+        assert math.dist(one[:2], other[:2]) >= 1.0 or abs(wrap(one[2] - other[2])) > 0.5

@@ -1,7 +1,7 @@
 """Trials of faults: the worst of each figure beside its bound, as a table and as JSON.
 
 A trial gives figures: name -> (measured, bound), where a bound of None is none. Figures whose name
-begins with `minimum` have lower bounds.
+begins with `min_` have lower bounds.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ def summary(trials: Sequence[Figures]) -> dict[str, dict[str, Any]]:
     """Return the worst of each figure beside its bound, and whether all kept to it."""
     rows = {}
     for key in dict.fromkeys(key for figures in trials for key in figures):
-        low = key.startswith("least")
+        low = key.startswith("min_")
         worst = float((min if low else max)(of[key][0] for of in trials if key in of))
         bound = next(of[key][1] for of in trials if key in of)
         kept = bound is None or bool(worst >= bound if low else worst <= bound)

@@ -1,6 +1,6 @@
 """Lattice planner: time to a path, its quality by then, and failures.
 
-`python -m tests.benchmarks.lattice [--worlds 100] [--settings JSON] [--out FILE.json]`: drawn BARN
+`python -m tests.benchmarks.lattice [--worlds 100] [--sets barn,homes]`: drawn BARN
 worlds and the 60 of the benchmark, homes, doors and the stored footprint problems, each in a map
 that the planner has not seen. A world is asked for the clearance that a policy begins with (wide),
 and for 1 cm beside the chair (narrow). Seconds are those of the process, deadlines too: other

@@ -52,9 +52,7 @@ CAUSES = {
     ),
     # `missing`: 10 mm behind half of the aim, then the next run
     "encoder lost": (blind, 0.010 / (0.5 * TOP) + 3 * RUN),
-    "emergency stop": (
-        lambda h: setattr(h.twin.faults, "switches", Switch.STOP_PRESSED), 2 * RUN
-    ),
+    "emergency stop": (lambda h: setattr(h.twin.faults, "switches", Switch.STOP_PRESSED), 2 * RUN),
     "drive board hung": (lambda h: h.twin.drive.hang(), 0.08),  # watchdog: 60 ms, its own clock
 }  # fmt: skip
 

@@ -403,11 +403,8 @@ def step_response(legs: bool, rate: float) -> dict[str, float]:
             values.append((t, v, estimate))
             if i is not None and t - (2.0, 4.0, 6.0)[(t >= 4.0) + (t >= 6.0)] > 1.0:
                 speeds.append(float(np.hypot(*(tracks.velocity[i] - v * along))))
-        for name, since, level in (
-            ("start", 2.0, 1.17),
-            ("turn", 4.0, -1.04),
-            ("stop", 6.0, -0.13),
-        ):
+        changes = (("start", 2.0, 1.17), ("turn", 4.0, -1.04), ("stop", 6.0, -0.13))
+        for name, since, level in changes:
             then = [
                 t - since
                 for t, _, e in values

@@ -34,7 +34,6 @@ def test_an_unknown_argument_is_answered_with_all_that_are_known(kind):
         kind(shild=True)
     said = str(caught.value)
     assert isinstance(caught.value, TypeError)  # as of every Python function
-    assert "\n" not in said
     assert "did you mean shield?" in said
     named = set(said.partition("it has ")[2].replace(";", ",").split(", "))
     assert own | fields <= named, (own | fields) - named
@@ -110,9 +109,8 @@ def test_the_real_chair_is_made_with_the_shipped_settings_and_stands_where_it_is
         own = dump(env.settings)
         assert own.pop("shield") is not None  # a real chair always has one
         assert own == {key: value for key, value in shipped.items() if key != "shield"}
-        with pytest.raises(InputError, match=r"/dev/ttyACM0|drive board") as caught:
+        with pytest.raises(InputError, match=r"/dev/ttyACM0|drive board"):
             env.reset(seed=0)
-        assert "\n" not in str(caught.value)
     finally:
         env.close()
     mine = {"sensors": {"pose_source": "odometry"}}

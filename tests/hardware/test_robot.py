@@ -23,7 +23,7 @@ from websockets.sync.client import connect
 
 from agents.cli import main
 from agents.robot import Robot, RobotSettings
-from tests.conftest import PATIENCE, ROOT, long_but, until
+from tests.conftest import PATIENCE, ROOT, long_but, refusal, until
 from tests.hardware.served import Served
 from wheelchair_gym import InputError
 from wheelchair_gym.geometry.kinematics import DriveGeometry
@@ -35,7 +35,7 @@ from wheelchair_gym.hardware.ros.settings import RosbridgeSettings
 from wheelchair_gym.recording.replay import read_recording
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.sensors.odometry import OdometryCovariance
-from wheelchair_gym.sensors.settings import SensorSettings
+from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
 from wheelchair_gym.sim.chair import SimulatedChair
 
 CONTROLLER = ROOT / "examples" / "ros_pure_pursuit.py"
@@ -202,10 +202,10 @@ BAD = [
       "msg": {"header": {}, "twist": {"linear": {"x": 1.0}, "angular": {"z": 0.0}}}}, "header"),
     ({"op": "publish", "topic": "cmd_vel", "msg": {}}, "begins with /"),
     ({"op": "subscribe", "topic": "odom"}, "begins with /"),
-    ({"op": "subscribe", "topic": "/nothing", "type": "std_msgs/String"}, "is not published here"),
+    ({"op": "subscribe", "topic": "/nothing", "type": "std_msgs/String"}, "is not published;"),
     ({"op": "publish", "topic": "/cmd", "msg": {}}, "nothing listens to /cmd; expected /cmd_vel"),
     ({"op": "advertise", "topic": "/cmd_vel", "type": "std_msgs/String"}, "expected geometry_msgs"),
-    ({"op": "subscribe", "topic": "/nothing"}, "/nothing is not published here"),
+    ({"op": "subscribe", "topic": "/nothing"}, "/nothing is not published;"),
     ({"op": "subscribe", "topic": "/odom", "compression": "cbor"}, "expected none"),
     ({"op": "subscribe", "topic": "/odom", "queue_length": []}, ""),
     ({"op": "subscribe", "topic": "/odom", "throttle_rate": "x"}, "expected numbers"),
@@ -423,7 +423,11 @@ def test_it_is_a_client_of_another_rosbridge_until_that_is_lost(capsys):
         link.publish("/scan", {"ranges": ranges})
         assert until(lambda: heard)
         np.testing.assert_equal(heard[0][1]["ranges"], [1.2346, math.inf, -math.inf, math.nan])
-        assert strict({"ranges": ranges}) == {"ranges": [1.2346, None, None, None]}
+        laser = LaserSettings(beams=4)
+        told = strict(make_messages.scan(0, laser, ranges))
+        assert told["ranges"] == [1.2346, None, -1.0, None]
+        read = ros.scan(told, laser, math.inf)  # NaN is lost, a range too near is not
+        np.testing.assert_equal(read, np.array([1.2346, math.inf, -math.inf, math.inf], np.float32))
         out = main(["robot", "--scene", "empty", "--rosbridge", f"ros://127.0.0.1:{server.port}",
                     "--sim-time", "--rate", "20", "--namespace", "r_1"])  # fmt: skip
         assert out == 1
@@ -467,12 +471,12 @@ def test_tls_and_token_of_the_link(tmp_path, caplog):
 
 
 def test_settings_of_the_robot_have_bounds(capsys):
+    for name in ("1robot", "robot 1", "/robot", "robot/", "a__b", "robot-1", "ä"):
+        said = refusal(["robot", "--namespace", name], capsys)
+        assert f"namespace '{name}': expected a name such as robot1" in said
     with pytest.raises(InputError):
         RobotSettings(scan_rate=0.0)
     assert Robot(RobotSettings(), print).command("/cmd_vel", {"linear": {}}, None)
-    for name in ("1robot", "robot 1", "/robot", "robot/", "a__b", "robot-1", "ä"):
-        assert main(["robot", "--namespace", name]) == 2
-        assert f"namespace '{name}': expected a name such as robot1" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("twist", [(0.5, 0.0), (0.4, 0.6), (0.0, 0.8)])

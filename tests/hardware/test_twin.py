@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from tests.benchmarks import drive_faults
+from tests.benchmarks import bounds, drive_faults
 from tests.hardware.conftest import build, build_twin
 from tests.hardware.pilot import PERIOD, Pilot
 from tests.sim.worlds import box, exact_chair
@@ -37,7 +37,7 @@ from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
 from wheelchair_gym.sim.chair import SimulatedChair
 from wheelchair_gym.sim.settings import BodySettings, ChairSettings, MotorSettings, PhysicsSettings
 
-WATCHDOG, BROWN_OUT, POWER = 0x08, 0x04, 0x01  # MCUSR
+WATCHDOG = 0x08  # MCUSR
 COUNTS = 4346.0  # 1/m
 
 
@@ -296,6 +296,11 @@ def test_the_hardest_trials_of_the_benchmark_keep_their_bounds(case, number):
     build_twin()
     for figure, (worst, bound) in drive_faults.trial(case, number).items():
         assert bound is None or worst <= bound, figure
+
+
+def test_figures_whose_name_begins_with_min_have_lower_bounds():
+    rows = bounds.summary([{"min_x": (2, 1), "x": (2, 1)}, {"min_x": (3, 1), "x": (1, 1)}])
+    assert [(row["worst"], row["kept"]) for row in rows.values()] == [(2, True), (2, False)]
 
 
 def test_both_boards_keep_their_time_under_all_input(pilot):

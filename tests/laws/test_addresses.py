@@ -190,7 +190,6 @@ def layouts(right):
 def refused(make):
     with pytest.raises(InputError) as told:
         make()
-    assert "\n" not in str(told.value)
     assert len(str(told.value)) < 300
 
 
@@ -237,14 +236,8 @@ def test_an_episode_takes_no_wrong_movers():
 
 
 def test_a_grid_takes_no_wrong_numbers():
-    for cells in (
-        np.zeros(4),
-        np.zeros((0, 3)),
-        np.full((2, 2), 300),
-        np.full((2, 2), np.nan),
-        "x",
-    ):
-        refused(lambda cells=cells: OccupancyGrid(cells, 0.1))
+    for bad in (np.zeros(4), np.zeros((0, 3)), np.full((2, 2), 300), np.full((2, 2), np.nan), "x"):
+        refused(lambda bad=bad: OccupancyGrid(bad, 0.1))
     for resolution in (0.0, -1.0, np.nan, np.inf, 1e155):
         refused(lambda resolution=resolution: OccupancyGrid(GRID.cells, resolution))
     for origin in ((np.nan, 0, 0), (1e155, 0, 0), (0, 0, np.inf), (0, 0)):

@@ -256,13 +256,23 @@ def test_weights_of_wrong_shapes_and_a_right_digest_are_refused(tmp_path, case):
         load_weights(tmp_path / "mine.npz")
 
 
-@pytest.mark.parametrize("guidance", ["os:abort", {"call": "os:abort"}])
-def test_weights_name_no_code(tmp_path, guidance):
+@pytest.mark.parametrize(
+    ("key", "named"),
+    [
+        ("guidance", "this:s"),
+        ("guidance", {"call": "this:s"}),
+        ("driver", ["novice", "this:s"]),
+        ("assistant", "this:s"),
+    ],
+)
+def test_weights_name_no_code(tmp_path, key, named):
+    """Reading them imports nothing."""
     known = random_weights()
-    known.card["env"]["guidance"] = guidance
+    known.card["env"][key] = named
     save_weights(tmp_path / "mine.npz", known)
-    with pytest.raises(InputError, match=r"env\.guidance names code"):
+    with pytest.raises(InputError, match=rf"env\.{key}.* names code"):
         load_weights(tmp_path / "mine.npz")
+    assert "this" not in sys.modules
 
 
 # ---- stores
@@ -363,8 +373,8 @@ def test_the_page_of_files_names_every_limit():
         assert f"| {limit.what} | {limit.maximum:,} {limit.unit} |" in text
 
 
-def test_a_file_that_is_larger_than_its_limit_is_not_read(tmp_path):
+def test_a_file_that_is_larger_than_its_limit_is_not_read(tmp_path, capsys):
     path = Path(tmp_path / "large.json")
     with path.open("wb") as file:
         file.truncate(LIMITS["json"].maximum + 1)  # sparse: takes no room
-    assert main(["plan", "--problems", str(path), "--planner", "rrt"]) == 2
+    assert "large.json" in refusal(["plan", "--problems", path, "--planner", "rrt"], capsys)

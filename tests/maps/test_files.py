@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import re
 
 import cv2
 import numpy as np
@@ -109,11 +110,8 @@ def test_what_is_transparent_is_never_free(tmp_path, mode, negate):
     ],
 )
 def test_nonsense_is_one_line_that_names_file_and_key(tmp_path, changes, says):
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError, match=re.escape(str(tmp_path)) + f".*{re.escape(says)}"):
         read_map(put(tmp_path, **changes))
-    assert says in str(caught.value)
-    assert str(tmp_path) in str(caught.value)
-    assert "\n" not in str(caught.value)
 
 
 PLAIN = "".join(f"{key}: {value}\n" for key, value in (KEYS | {"mode": "trinary"}).items())

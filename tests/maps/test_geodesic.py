@@ -13,6 +13,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from wheelchair_gym.geometry.planar import path_length
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, geodesic
+from wheelchair_gym.maps.geodesic import nearest_bend
 
 
 def boxes(seed: int, side: int = 40, count: int = 9, resolution: float = 0.1) -> OccupancyGrid:
@@ -147,6 +148,13 @@ def test_off_centre_points_change_smoothly():
 def test_a_goal_too_near_a_wall_is_reached_from_the_nearest_cell():
     ways = geodesic(corridor(), (4.0, 0.6), 0.36)
     assert float(ways.at((1.0, 1.0))) == pytest.approx(3.0 + 0.26, abs=0.03)
+
+
+def test_no_cell_beyond_the_map_is_read_from_its_rim():
+    grid = OccupancyGrid(np.full((40, 40), FREE), 0.05)
+    bends = geodesic(grid, (1.0, 1.0), 0.0)._bends.view(np.recarray)
+    for at in itertools.product((-0.5, 39.5), (-0.5, 39.5)):  # the interpreter checks indices
+        assert nearest_bend.py_func(grid.traversable(0.0), bends, *at) == 0
 
 
 @pytest.mark.parametrize("goal", [(0.1, 0.1), (-4.0, 1.0)])

@@ -135,9 +135,8 @@ def test_ways_from_one_start_are_as_quick_and_fewer_are_looked_at(scene):
         assert some.time_to_goal(start) == pytest.approx(every.time_to_goal(start), abs=0.4)
         assert np.hypot(*(way[-1] - goal)[:2]) < 0.05
         left = every.time_to_goal(start) - every.time_to_goal(way)
-        assert (
-            left.max() > every.time_to_goal(start) - 0.4
-        )  # its end is at the goal by the other's clock
+        # Its end is at the goal by the other's clock.
+        assert left.max() > every.time_to_goal(start) - 0.4
         # A little beside the way, ways are known, too.
         aside = np.add(way[:-5], [0.0, 0.0, 0.1])
         assert np.isfinite(some.time_to_goal(aside)).all()
@@ -235,6 +234,9 @@ def test_a_map_is_degraded_all_over_its_cells_however_its_frame_is_turned():
         ({"config": {"starts": {"max_time": 3.0}}}, "starts.max_time needs the guidance 'poses'"),
         ({"guidance": {"call": "poses", "sharp": 1}}, "guidance.sharp is not a setting; it has"),
         ({"guidance": "pose"}, "expected 'geodesic', 'poses' or 'module:function'"),
+        ({"guidance": "sys:path"}, "guidance is 'sys:path'; expected 'geodesic'"),
+        ({"guidance": ".here:path"}, "guidance is '.here:path'; expected 'geodesic'"),
+        ({"guidance": {"call": "geodesic", "far": 1}}, "guidance geodesic: .*argument 'far'"),
     ],
 )
 def test_wrong_settings_are_refused_by_name(settings, message):

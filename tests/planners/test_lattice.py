@@ -17,6 +17,7 @@ from planners.judge import plan_faults, sweep_faults
 from planners.lattice.flood import is_cut_off
 from planners.lattice.lattice import Lattice
 from tests.benchmarks.lattice import seconds
+from tests.conftest import long_but
 from tests.planners.footprints import path_gaps, read
 from wheelchair_gym.base.settings import dump
 from wheelchair_gym.geometry.kinematics import arc_step
@@ -28,7 +29,6 @@ CORRIDOR = 1.2  # m
 FACTOR = 1.4  # of the length that the oracle found, at most: the lattice wants time and room
 HARD = {"three_point_turn", "l_turn_66", "l_turn_84"}  # seconds
 CASES = {case.problem.name: case for case in read()}
-QUICK = sorted(set(CASES) - HARD)
 
 
 def storey(door=DOOR):
@@ -51,7 +51,8 @@ def faults(answer, problem, footprint, margin=0.0):
     return sweep_faults(answer.path, footprint.corners, space.solid, space.bounds, margin)
 
 
-def check_case(name):
+@pytest.mark.parametrize("name", long_but(CASES, set(CASES) - HARD))
+def test_problems_are_solved_within_the_oracles_bounds(name):
     problem, footprint, verdict = CASES[name]
     planner = make_planner({"name": "lattice", "footprint": dump(footprint)})
     answer = planner.plan(problem, np.random.default_rng(0))
@@ -61,17 +62,6 @@ def check_case(name):
     assert answer.status is Status.SOLVED
     assert not plan_faults(answer, problem, footprint)
     assert verdict.lower <= answer.length <= FACTOR * verdict.upper
-
-
-@pytest.mark.parametrize("name", QUICK)
-def test_problems_are_solved_within_the_oracles_bounds(name):
-    check_case(name)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("name", sorted(HARD))
-def test_hard_problems_are_solved_within_the_oracles_bounds(name):
-    check_case(name)
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -39,11 +41,8 @@ def test_a_file_reads_back(tmp_path):
     ],
 )
 def test_errors_name_file_index_and_key(tmp_path, change, key):
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError, match=re.escape(f"problems.json: problem [1].{key} ")):
         read_problems(put(tmp_path, "problems.json", [GOOD, {**GOOD, **change}]))
-    message = str(caught.value)
-    assert message.startswith(f"problems.json: problem [1].{key} ")
-    assert "\n" not in message
 
 
 @pytest.mark.parametrize("key", sorted(GOOD))

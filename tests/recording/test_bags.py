@@ -17,6 +17,7 @@ from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 
 from agents.cli import main
 from agents.policies import GymPolicy, make_policy
+from tests.conftest import refusal
 from wheelchair_gym import InputError
 from wheelchair_gym.actors.records import actor_shapes
 from wheelchair_gym.geometry.planar import to_world
@@ -283,10 +284,7 @@ def test_what_is_wrong_is_one_line(drive, arguments, said, tmp_path, capsys):
     bag, *_ = other_robots_bag(tmp_path / "other")
     places = {"bag": bag, "own": drive[0], "none": tmp_path / "none"}
     places["text"] = tmp_path / "text.db3"
-    assert main(arguments.format(**places).split()) == 2
-    line = capsys.readouterr().err
-    assert said in line
-    assert line.count("\n") == 1
+    assert said in refusal(arguments.format(**places).split(), capsys)
 
 
 def test_a_bag_never_replaces_another(tmp_path, caplog):
@@ -319,17 +317,6 @@ def test_a_full_disk_ends_the_bag(tmp_path, caplog, monkeypatch):
         env.step(np.zeros(2))
     env.close()
     assert caplog.text.count("No space left on device") == 1
-
-
-def test_a_comparison_records_bags_and_finds_them_again(tmp_path):
-    folder = tmp_path / "bags"
-    arguments = ["compare", "--scenes", "empty", "--policies", "straight", "--suite", "demo"]
-    arguments += ["--no-video", "--quiet", "--jobs", "1", "--episodes", "1", "--format", "ros2"]
-    arguments += ["--out", str(tmp_path / "out"), "--record", str(folder)]
-    assert main(arguments) == 0
-    assert main(arguments) == 0  # stored and recorded already
-    assert [one.name for one in folder.iterdir()] == ["straight-empty-0"]
-    assert main(["replay", str(folder / "straight-empty-0")]) == 0
 
 
 def test_actors_are_markers_that_replace_those_of_before(tmp_path):

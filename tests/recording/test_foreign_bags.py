@@ -26,7 +26,7 @@ from rosbags.rosbag2 import Writer as BagWriter
 from rosbags.typesys import Stores, get_typestore
 
 from agents.cli import main
-from tests.conftest import ROOT
+from tests.conftest import ROOT, refusal
 from wheelchair_gym import InputError
 from wheelchair_gym.maps import OCCUPIED, read_map
 from wheelchair_gym.recording.read_bags import bag_log
@@ -354,8 +354,7 @@ def test_where_nothing_is_whole_it_is_one_line(tmp_path, capsys):
     file = killed(tmp_path / "run.mcap", 1 << 24)  # all in the chunk that was being filled
     for content in (file.read_bytes(), write_mcap(tmp_path / "whole", 30).read_bytes()[:2000]):
         file.write_bytes(content)
-        assert main(["map", "--recording", str(file), "--out", str(tmp_path / "out")]) == 2
-        (line,) = capsys.readouterr().err.strip().splitlines()
+        line = refusal(["map", "--recording", file, "--out", tmp_path / "out"], capsys)
         assert line.startswith(f"wheelchair: {file}: expected a")
     assert not Path(tmp_path / "out").exists()
 
@@ -364,6 +363,5 @@ def test_a_bag_without_odometry_is_one_line(tmp_path, capsys, monkeypatch):
     on_map = lambda k, parent, *rest, old=edge: old(k, "map", *rest)  # noqa: E731
     monkeypatch.setitem(globals(), "edge", on_map)
     file = write_mcap(tmp_path / "run.mcap", 5, odometry="/tf")
-    assert main(["map", "--recording", str(file), "--out", str(tmp_path / "out")]) == 2
-    (line,) = capsys.readouterr().err.strip().splitlines()
+    line = refusal(["map", "--recording", file, "--out", tmp_path / "out"], capsys)
     assert "expected odometry: a topic of nav_msgs/msg/Odometry, or transforms from odom" in line

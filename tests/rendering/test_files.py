@@ -113,15 +113,6 @@ def test_window_shows_and_closes_for_good(monkeypatch):
         window.close()
 
 
-def test_missing_pygame_says_what_to_install(monkeypatch):
-    monkeypatch.setitem(sys.modules, "pygame", None)
-    with pytest.raises(InputError) as caught:
-        Window()
-    assert str(caught.value) == (
-        'render_mode "human" needs pygame-ce: pip install "wheelchair_gym[view]"'
-    )
-
-
 def test_without_a_display_a_window_is_refused_at_once(monkeypatch):
     pytest.importorskip("pygame")
     monkeypatch.setattr(sys, "platform", "linux")

@@ -84,10 +84,8 @@ def test_chair_covers_its_footprint_and_nothing_else(view, pose):
     for point in to_world(1.15 * f.corners, pose):
         assert colour_at(image, view.frame, point) == palette.FREE
     changed = np.argwhere((image != view.background.image).any(axis=-1))[:, ::-1] + 0.5
-    metres = (changed - (view.frame.left, view.frame.bottom)) / (
-        view.frame.scale,
-        -view.frame.scale,
-    )
+    frame = view.frame
+    metres = (changed - (frame.left, frame.bottom)) / (frame.scale, -frame.scale)
     c, s = math.cos(pose[2]), math.sin(pose[2])
     own = (metres - pose[:2]) @ np.array([(c, -s), (s, c)])
     edge = 3.0 / view.frame.scale  # half a stroke and its soft rim
@@ -129,6 +127,8 @@ def test_laser_ends_and_cones_reach_as_far_as_they_read(view):
     scan = np.full(271, 2.0)
     image = view.draw(pose, reading(pose, scan))
     assert colour_at(image, view.frame, (4.66 + 2.0, 3.0)) == palette.LASER
+    through_gap = view.draw(pose, reading(pose, np.where(np.arange(271) == 135, 3.0, scan)))
+    assert colour_at(through_gap, view.frame, (4.66 + 3.0, 3.0)) == palette.LASER
     fan = over(palette.LASER, palette.FREE, 0.10)
     assert np.abs(colour_at(image, view.frame, (4.66 + 1.9, 3.0)) - fan).max() <= 2
     assert colour_at(image, view.frame, (4.66 + 2.1, 3.0)) == palette.FREE

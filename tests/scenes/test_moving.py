@@ -104,9 +104,8 @@ def test_people_walk_ways_that_keep_off_walls():
                 for a, b in itertools.pairwise(route)
             ]
             cells = episode.map.to_cell(np.concatenate(ways))
-            assert (
-                free[tuple(cells.T)].min() > WALKING_RADIUS - 0.11
-            )  # a step across a cell's corner
+            # A step may lead across a cell's corner.
+            assert free[tuple(cells.T)].min() > WALKING_RADIUS - 0.11
             np.testing.assert_array_equal(rows["pose"][k, :2], route[0])
 
 
@@ -132,9 +131,8 @@ def test_leaves_shut_their_doorways_and_open_them_fully():
                 slid += 1
                 c, s = math.cos(heading), math.sin(heading)
                 open_ends = leaf_line(row, x + c * row["travel"], y + s * row["travel"], heading)
-                inside = open_ends[0] + np.linspace(0.02, 0.98, 20)[:, None] * np.diff(
-                    open_ends, axis=0
-                )
+                shares = np.linspace(0.02, 0.98, 20)[:, None]
+                inside = open_ends[0] + shares * np.diff(open_ends, axis=0)
                 assert (episode.map.cells[tuple(episode.map.to_cell(inside).T)] == 100).all()
     assert min(slid, swung) >= 2
 

@@ -123,10 +123,8 @@ def test_the_map_is_what_the_walls_and_discs_say(scene):
         ),
         ({"name": "crowd", "people": {"density": (0.2, 0.1)}}, "density is .* expected from, to"),
         ({"name": "crowd", "place": "street"}, "place is 'street'"),
-        (
-            {"name": "temporary", "trigger_distance": (1.0, 2.0)},
-            "expected more than min_distance, 1.2 m",
-        ),
+        ({"name": "doorway", "door_width": 0.93}, "door_width is 0.93 m; expected a multiple of"),
+        ({"name": "temporary", "trigger_distance": (1.0, 2.0)}, "more than min_distance, 1.2 m"),
         (
             {"name": "crowd", "people": {"behaviours": {"pauses": 0.7, "groups": 0.6}}},
             "people.behaviours: BehaviourShares add up to 1.3; expected 1 at most",
@@ -323,5 +321,7 @@ def test_given_poses_are_taken(worlds):
         assert (again.goal == drawn.goal).all()
     room = {"name": "empty", "start": (1.0, 1.0, 0.0), "goal": (5.0, 2.0, 1.0)}
     assert make_scene(room).sample(np.random.default_rng(0)).start.tolist() == [1.0, 1.0, 0.0]
+    beside_wall = make_scene({"name": "empty", "start": (1.0, 0.4, 0.0)})
+    assert beside_wall.sample(np.random.default_rng(0)).start.tolist() == [1.0, 0.4, 0.0]
     with pytest.raises(InputError, match=r"EmptyRoom\.start"):
         make_scene(room | {"start": (0.1, 1.0, 0.0)}).sample(np.random.default_rng(0))

@@ -9,6 +9,7 @@ import numpy as np
 import pymunk
 import pytest
 
+from tests.conftest import long_but
 from tests.sim.worlds import cluttered, exact_chair
 from wheelchair_gym.engine import (
     ANGLE,
@@ -84,10 +85,7 @@ class Oracle:
             return drive_train.physics_step.py_func(state, parameters, k, 1, 0, 0)
 
 
-LONG = (pytest.param(seed, marks=pytest.mark.long) for seed in range(3, 6))
-
-
-@pytest.mark.parametrize("seed", [*range(3), *LONG])
+@pytest.mark.parametrize("seed", long_but(range(6), range(3)))
 def test_kernel_equals_the_plain_api(seed, monkeypatch):
     """Pose, twist and wheels, in a used Space that is furnished on the way.
 

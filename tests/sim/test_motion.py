@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 
 import numpy as np
@@ -231,12 +230,6 @@ def test_misuse_is_named():
     chair.reset(box(), 0)
     with pytest.raises(ValueError, match="finite"):
         chair.drive(np.array([np.nan, 0.0]))
-
-
-def test_a_period_must_hold_whole_steps():
-    chair = exact_chair()
-    with pytest.raises(ValueError, match=r"0\.1 s is not an integer multiple of 0\.03 s"):
-        type(chair)(physics=dataclasses.replace(chair.physics, step=0.03))
 
 
 def test_used_worlds_repeat_fresh_ones():

@@ -8,6 +8,7 @@ import numpy as np
 import pymunk
 import pytest
 
+from tests.conftest import long_but
 from tests.sim.test_kernel import Oracle, Record, run_as_python
 from tests.sim.worlds import busy, exact_chair
 from wheelchair_gym.actors.bodies import PARKING, read_actor_poses
@@ -155,10 +156,9 @@ class BusyOracle(Oracle):
 
 # What says who is in the Space, in which the oracle has all.
 BOOKKEEPING = ("body", "shape", "in_space", "moved", "clear", "free", "measured_at", "touchable_at")
-LONG = (pytest.param(seed, marks=pytest.mark.long) for seed in (1, 2, *range(4, 12)))
 
 
-@pytest.mark.parametrize("seed", [0, *LONG, 3])
+@pytest.mark.parametrize("seed", long_but(range(12), (0, 3)))
 def test_movers_equal_the_plain_api(seed, monkeypatch):
     """Chair and actors, in a used Space that holds who can touch something.
 
@@ -194,15 +194,8 @@ def test_movers_equal_the_plain_api(seed, monkeypatch):
         assert equal, k
         pose = oracle.lent.chairs.states["pose"].tolist()
         assert chair.state["pose"].tolist() == pose, k
-        for name in (
-            "tick",
-            "spin",
-            "contact",
-            "at_fault",
-            "contact_with",
-            "approach_speed",
-            "bumped",
-        ):
+        fields = ("tick", "spin", "contact", "at_fault", "contact_with", "approach_speed", "bumped")
+        for name in fields:
             assert chair.state[name].tolist() == oracle.lent.chairs.states[name].tolist(), name
         if chair.truth.contact:
             met.add(chair.truth.contact_with)

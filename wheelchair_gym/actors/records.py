@@ -145,10 +145,8 @@ def check_actors(actors: Actors) -> Actors:
     """
     rows = as_array(actors.rows, ACTOR, (None,), "Actors.rows")
     routes = as_array(actors.routes, np.float64, (None, 2), "Actors.routes", FARTHEST)
-    for name in ("pose", "size", "friction", "speed", "travel", "minimum", "offset"):
-        as_array(
-            rows[name], np.float64, (None, *ACTOR[name].shape), f"Actors.rows.{name}", FARTHEST
-        )
+    for key in ("pose", "size", "friction", "speed", "travel", "minimum", "offset"):
+        as_array(rows[key], np.float64, (None, *ACTOR[key].shape), f"Actors.rows.{key}", FARTHEST)
     walks = rows["kind"] == PERSON
     first, points = rows["first"], rows["points"]
     leader, numbers = rows["leader"], np.arange(len(rows))

@@ -27,13 +27,13 @@ _PLACE = re.compile(r"[A-Za-z_]\w*(\.\w+)*:[A-Za-z_]\w*(\.\w+)*")
 
 
 def in_module(module: str, classes: str) -> dict[str, str]:
-    """Places of the classes of one module, by their names in lower case: `a_star` for `AStar`."""
+    """Return the places of a module's classes by name in lower case: `a_star` for `AStar`."""
     names = {re.sub(r"(?<!^)(?=[A-Z])", "_", name).lower(): name for name in classes.split()}
     return {key: f"{module}:{name}" for key, name in names.items()}
 
 
 def is_place(name: object) -> bool:
-    """Whether a name has the form `module:Class`."""
+    """Return whether a name has the form `module:Class`."""
     return isinstance(name, str) and _PLACE.fullmatch(name) is not None
 
 
@@ -62,7 +62,7 @@ def imported(place: str) -> Any:
 
 
 def source_of(place: str) -> str | None:
-    """The file of the module that `module:attribute` names; None where there is none."""
+    """Return the file of the module that `module:attribute` names; None where there is none."""
     _look_in_working_folder()
     try:
         found = find_spec(place.partition(":")[0])
@@ -77,7 +77,7 @@ def _look_in_working_folder() -> None:
 
 
 def places_in(spec: Any) -> set[str]:
-    """The places of other people's code that a name or nested settings name."""
+    """Return the places of other people's code that a name or nested settings name."""
     if isinstance(spec, Mapping):
         spec = list(spec.values())
     if isinstance(spec, list | tuple):
@@ -98,7 +98,7 @@ class Maker:
     values: Mapping[str, Any]
 
     def make(self) -> Any:
-        """A new object."""
+        """Return a new object."""
         return imported(self.place)(**self.values)
 
 
@@ -151,16 +151,16 @@ class Registry(Mapping[str, Any]):
         return len(self.places)
 
     def __contains__(self, name: object) -> bool:
-        """Whether it is a name of the registry or, where those count, the place of a class."""
+        """Return whether it is a name of the registry or, where those count, a class's place."""
         return name in self.places or (self.group != "" and is_place(name))
 
     def name_of(self, value: object) -> str | None:
-        """The name of an object's class, or None if it has none here."""
+        """Return the name of an object's class, or None if it has none here."""
         place = f"{type(value).__module__}:{type(value).__qualname__}"
         return next((name for name in self.places if self.places[name] == place), None)
 
     def spec(self, value: Any) -> dict[str, Any]:
-        """A name, a mapping with a name, or an object of a registered class, as a mapping.
+        """Return a name, a mapping with a name, or a registered class's object as a mapping.
 
         Raises:
             InputError: the value is none of these, or the name is unknown.
@@ -182,7 +182,7 @@ class Registry(Mapping[str, Any]):
         return values
 
     def make(self, value: Any) -> Any:
-        """The settings object of a name or a mapping; an object of a registered class is itself.
+        """Return the settings of a name or a mapping; an object of a registered class is itself.
 
         Of somebody's class that is not settings it is an object, made with the other keys as
         arguments, or a `Maker` where such objects are to be made anew.

@@ -69,19 +69,19 @@ _batches_at, _results_at = rows_of(BATCH), rows_of(RESULTS)
 
 @inlined
 def _parts(batch: Any) -> Any:
-    """The records (1,) of TASK, CHAIRS and SHIELDS of a batch."""
+    """Return the records (1,) of TASK, CHAIRS and SHIELDS of a batch."""
     return _task_at(batch.task, 1), _chairs_at(batch.chairs, 1), _shields_at(batch.shields, 1)
 
 
 @borrowing_kernel
 def is_success(rules: Any, prepared: Any, seen: Any) -> bool:
-    """Whether a chair is at the goal by truth, and has touched nothing on its way."""
+    """Return True if a chair is at the goal by truth, and has touched nothing on its way."""
     return not seen.touched and has_arrived(rules, prepared, seen.true_pose, seen.true_twist, 0.0)
 
 
 @kernel
 def is_unshielded(key: np.uint64, share: float) -> bool:
-    """Whether an episode is driven without the shield that there is."""
+    """Return True if an episode is driven without the shield that there is."""
     return share > 0.0 and uniform(key, 0, UNSHIELDED, 0) < share
 
 
@@ -135,7 +135,7 @@ def begin_chairs(batch_at: int, chosen: Mask, results_at: int) -> None:
 def step_chairs(
     low: int, high: int, batch_at: int, same_step: bool, results_at: int, finals_at: int
 ) -> int:
-    """One control period of rows low to high.
+    """Advance rows low to high by one control period.
 
     Args:
         low: the first row.

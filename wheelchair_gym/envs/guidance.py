@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import partial
-from importlib import import_module
+from inspect import signature
 from typing import Any, cast
 
 import numpy as np
 
 from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.errors import shorten
+from wheelchair_gym.base.registry import imported, is_place
 from wheelchair_gym.base.settings import InputError, load, setting, settings
 from wheelchair_gym.maps import FREE, OccupancyGrid
 from wheelchair_gym.maps.cost_to_go import CostToGo, CostToGoSettings, cost_to_go
@@ -22,7 +24,7 @@ _PATCH, _KNOWN, _SHIFT = 0.8, 2.0, 0.03
 
 
 def geodesic_path(task: Task) -> Array:
-    """The geodesic from the start to the goal (n, 2) [m]."""
+    """Return the geodesic from the start to the goal (n, 2) [m]."""
     return task.geodesic.path(task.start[:2])
 
 
@@ -45,7 +47,7 @@ class PoseGuidance:
     """Forgotten patches per area of a degraded map."""
 
     def __call__(self, task: Task) -> CostToGo:
-        """The cost to go of the outline to the task's goal."""
+        """Compute the cost to go of the outline to the task's goal."""
         return cost_to_go(
             self._map_of(task),
             task.goal,
@@ -59,7 +61,7 @@ class PoseGuidance:
         )
 
     def _map_of(self, task: Task) -> OccupancyGrid:
-        """The map, or a degraded one; the same for the same start and goal."""
+        """Return the map, or a degraded one; the same for the same start and goal."""
         grid = task.map
         rng = np.random.default_rng(np.concatenate([task.start, task.goal]).view(np.uint32))
         if self.degraded_share == 0.0 or rng.random() >= self.degraded_share:
@@ -85,7 +87,7 @@ BUILT_IN: dict[str, Any] = {"geodesic": geodesic_path, "poses": PoseGuidance()}
 
 
 def is_built_in(spec: Any) -> bool:
-    """Whether a guidance setting is none or comes with the package: no file of data names code."""
+    """Return whether a guidance is none or comes with the package: no file of data names code."""
     if isinstance(spec, Mapping):
         spec = spec.get("call")
     return spec is None or (isinstance(spec, str) and spec in BUILT_IN)
@@ -99,8 +101,6 @@ def make_guidance(spec: Any) -> Guidance | None:
     """
     if spec is None:
         return None
-    if callable(spec):
-        return cast("Guidance", spec)
     if isinstance(spec, Mapping):
         options = dict(spec)
         named = options.pop("call", None)
@@ -109,13 +109,15 @@ def make_guidance(spec: Any) -> Guidance | None:
         call = make_guidance(named)
         if call is None:
             raise InputError("guidance: a mapping needs the key 'call'")
+        try:
+            signature(call).bind(None, **options)
+        except TypeError as error:
+            raise InputError(f"guidance {named}: {error}") from None
         return partial(call, **options)
-    if spec in BUILT_IN:
-        return cast("Guidance", BUILT_IN[spec])
-    module, _, name = str(spec).partition(":")
-    try:
-        found = getattr(import_module(module), name)
-    except (ImportError, AttributeError, ValueError):
+    found = spec
+    if isinstance(spec, str):
+        found = imported(spec) if is_place(spec) else BUILT_IN.get(spec)
+    if not callable(found):
         known = ", ".join(map(repr, BUILT_IN))
-        raise InputError(f"guidance is {spec!r}; expected {known} or 'module:function'") from None
-    return make_guidance(found)
+        raise InputError(f"guidance is {shorten(spec)}; expected {known} or 'module:function'")
+    return cast("Guidance", found)

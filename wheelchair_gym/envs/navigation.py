@@ -85,7 +85,8 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
     {info}
 
     With a shield, `info["shield"]` holds `reason` (empty: nothing was changed), the twists `asked`
-    and `given`, and `protective` (the chair makes a protective stop).
+    and `given`, and `protective` (the chair makes a protective stop). In an `unshielded` episode
+    they stay as reset gave them: empty, zero and false, whatever is driven.
 
     ## Copies
     `copy.deepcopy(env)` is exact at any moment: it steps on as the original does, to the bit. So is
@@ -207,9 +208,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         """Take or make the chair that drives. A real one by name always has a shield."""
         s = self.settings
         if chair is not None and s.unshielded > 0.0:
-            raise InputError(
-                f"unshielded is {s.unshielded:g}; expected 0 for a chair that is given"
-            )
+            raise InputError(f"unshielded is {s.unshielded:g}; expected 0 for a given chair")
         if isinstance(chair, str | Mapping):
             from wheelchair_gym.hardware.registry import make_chair
 

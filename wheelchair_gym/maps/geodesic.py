@@ -51,7 +51,7 @@ class Terrain(NamedTuple):
 
 @kernel
 def terrain_of(free: Mask) -> Terrain:
-    """The runs of a map's free cells, and its gates."""
+    """Find the runs of a map's free cells, and its gates."""
     rows, cols = free.shape
     cells = free.view(np.int8)
     run, gate = np.zeros(rows + 1, np.int32), np.zeros(rows + 1, np.int32)
@@ -140,7 +140,7 @@ def dequeue(gates: Records, queue: Index) -> int:
 
 @borrowing_kernel
 def run_at(terrain: Terrain, row: int, col: int) -> int:
-    """The run that holds a free cell."""
+    """Return the run that holds a free cell."""
     k = terrain.run[row]
     while terrain.runs[k].last < col:
         k += 1
@@ -303,7 +303,7 @@ def _sweep(
 
 @kernel
 def spread(free: Mask, goal_x: float, goal_y: float, row: int, col: int) -> tuple[Field, Records]:
-    """Lengths (rows, cols) [cells] of the shortest paths to the goal, and where they bend."""
+    """Compute lengths (rows, cols) [cells] of the shortest paths to the goal, and their bends."""
     length = np.full(free.shape, np.inf, np.float32)
     terrain = terrain_of(free)
     gates, runs = terrain.gates, terrain.runs
@@ -384,8 +384,9 @@ def spread(free: Mask, goal_x: float, goal_y: float, row: int, col: int) -> tupl
 
 @kernel
 def nearest_bend(free: Mask, bends: Records, x: float, y: float) -> int:
-    """The visible bend with the shortest path from a point; or -1."""
+    """Return the visible bend with the shortest path from a point; or -1."""
     best, minimum = -1, math.inf
+    top, right = free.shape[0] - 1, free.shape[1] - 1
     for k in range(len(bends)):
         dx, dy = bends[k].x - x, bends[k].y - y
         far = math.hypot(dx, dy)
@@ -395,10 +396,11 @@ def nearest_bend(free: Mask, bends: Records, x: float, y: float) -> int:
         clear = True
         for i in range(steps + 1):
             px, py = x + dx * i / steps, y + dy * i / steps
-            clear = False  # corners may be grazed
+            clear = False  # corners may be grazed, and the map's rim
             for dr in (-0.05, 0.05):
                 for dc in (-0.05, 0.05):
-                    clear |= free[math.floor(py + dr + 0.5), math.floor(px + dc + 0.5)]
+                    row, col = math.floor(py + dr + 0.5), math.floor(px + dc + 0.5)
+                    clear |= free[min(max(row, 0), top), min(max(col, 0), right)]
             if not clear:
                 break
         if clear:
@@ -411,7 +413,7 @@ _MARGIN = 1.5  # cells beyond the radius in which a point still counts as beside
 
 @kernel
 def interpolate(field: Field, x: float, y: float) -> float:
-    """A field's value at a point [cells from the lower-left corner], bilinear over finite cells."""
+    """Interpolate a field at a point [cells from the lower-left corner] over finite cells."""
     rows, cols = field.shape
     if not (-1.0 <= x <= cols + 1.0 and -1.0 <= y <= rows + 1.0):
         return math.inf
@@ -456,7 +458,7 @@ class Geodesic:
         return length * np.float32(self.grid.resolution)
 
     def at(self, points: ArrayLike) -> Array:
-        """Length of the shortest path [m] from points (..., 2) [m].
+        """Return the length of the shortest path [m] from points (..., 2) [m].
 
         A point slightly too near an obstacle counts from the nearest reachable cell; far from
         reachable ground the length is infinite.
@@ -465,7 +467,7 @@ class Geodesic:
         return _interpolated(self.extended, lattice.reshape(-1, 2)).reshape(lattice.shape[:-1])
 
     def path(self, start: ArrayLike) -> Array:
-        """The shortest path (n, 2) [m] from a start (2,) [m] to the goal; empty without one."""
+        """Return the shortest path (n, 2) [m] from a start (2,) [m]; empty if there is none."""
         place = np.asarray(start, dtype=np.float64)[:2]
         if not (self.grid.inside(place) and np.isfinite(self.at(place))):
             return np.empty((0, 2))
@@ -489,7 +491,7 @@ class Geodesic:
 
 
 def geodesic(grid: OccupancyGrid, goal: ArrayLike, radius: float) -> Geodesic:
-    """Shortest paths over free cells of a disc that keeps `radius` from everything occupied.
+    """Find the shortest paths of a disc that keeps `radius` from everything occupied.
 
     Paths bend at cell centres: they are at most 1 % longer than the shortest, except some short
     ones (6 of 1,726 measured), up to 0.6 cells longer. The grid caches the last result: a task
@@ -517,7 +519,7 @@ def _band(grid: OccupancyGrid, radius: float) -> float:
 
 
 def _lengths(grid: OccupancyGrid, goal: Array, radius: float) -> tuple[Field, Records]:
-    """Lengths (rows, cols) [cells] over free cells, and where paths bend."""
+    """Compute lengths (rows, cols) [cells] over free cells, and where paths bend."""
     free = grid.traversable(radius)
     x, y = np.clip(grid.to_lattice(goal) - 0.5, 0.0, (free.shape[1] - 1.0, free.shape[0] - 1.0))
     if grid.inside(goal):

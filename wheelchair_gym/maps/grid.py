@@ -116,9 +116,7 @@ class OccupancyGrid:
     def __post_init__(self) -> None:
         cells = as_array(self.cells, np.int8, (None, None), "OccupancyGrid.cells")
         if cells.size == 0:
-            raise InputError(
-                f"cells have shape {cells.shape}; expected (rows, cols), none of them 0"
-            )
+            raise InputError(f"cells have shape {cells.shape}; expected (rows, cols), none is 0")
         if not 0.0 < self.resolution < math.inf:
             raise InputError(f"resolution is {self.resolution}; expected more than 0 m")
         x, y, yaw = as_array(

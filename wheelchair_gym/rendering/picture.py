@@ -28,7 +28,7 @@ _TRAIL = 1.5  # pixels
 
 
 def draw_map(maps: Sequence[tuple[str, OccupancyGrid, ArrayLike]]) -> Image:
-    """A picture (h, w, 3) RGB of maps at one scale, each with its trail and where that began.
+    """Draw maps (h, w, 3) RGB side by side at one scale, each with its trail and its start.
 
     Args:
         maps: for each its caption (ASCII), the grid and poses (n, 2 or 3) [m, m, rad].
@@ -146,7 +146,7 @@ class TopView:
         caption: str = "",
         actors: Array | None = None,
     ) -> Image:
-        """A picture (h, w, 3) RGB of one instant.
+        """Draw one instant (h, w, 3) RGB.
 
         Args:
             pose: where the chair is (3,) [m, m, rad]; its readings are drawn from there.
@@ -198,13 +198,14 @@ class TopView:
         for laser in lasers:
             ranges, scan = np.split(scan, [laser.beams])
             seen = np.clip(np.nan_to_num(ranges, nan=0.0, posinf=laser.reach), 0.0, laser.reach)
+            mount = (laser.x, laser.y)
+            echoes = to_world(mount + seen[:, None] * laser.directions, pose)[np.isfinite(ranges)]
             # A lone beam without echo would stand out of the fan as a spike.
             beside = np.pad(seen, 1)
             seen = np.minimum(seen, np.maximum(beside[:-2], beside[2:]))
-            mount = (laser.x, laser.y)
             fan = to_world(np.vstack([[mount], mount + seen[:, None] * laser.directions]), pose)
             canvas.fill([fan], palette.LASER, _LASER_ALPHA)
-            canvas.points(fan[1:][np.isfinite(ranges)], palette.LASER)
+            canvas.points(echoes, palette.LASER)
 
     def _ultrasonics(self, canvas: Canvas, pose: Array, reading: Reading) -> None:
         mounts, sectors, colours = self._cones
@@ -229,12 +230,9 @@ def _cones(settings: UltrasonicSettings) -> tuple[Array, Array, list[palette.Col
         arc = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
         sectors.append(np.vstack([np.zeros((1, 2)), arc]))
     mounts = np.array([(mounted.x, mounted.y) for mounted in settings.mounted]).reshape(-1, 2)
-    colours = {"narrow": palette.NARROW, "wide": palette.WIDE}
-    return (
-        mounts,
-        np.array(sectors).reshape(-1, 14, 2),
-        [colours[m.model] for m in settings.mounted],
-    )
+    by_model = {"narrow": palette.NARROW, "wide": palette.WIDE}
+    colours = [by_model[mounted.model] for mounted in settings.mounted]
+    return mounts, np.array(sectors).reshape(-1, 14, 2), colours
 
 
 def _wheels(footprint: Footprint, drive: DriveGeometry) -> list[Array]:
@@ -343,7 +341,7 @@ class PlanPicture:
             fine.dashes(self.optimum, palette.OPTIMUM, _OPTIMUM)
 
     def _entries(self) -> list[Entry]:
-        """The legend's entries of what is drawn."""
+        """Return the legend's entries of what is drawn."""
         dashes: Entry = ("shortest", lambda on, at: on.dashes(at, palette.OPTIMUM, _OPTIMUM))
         entries: list[tuple[object, Entry]] = [
             (True, ("start", lambda on, at: floor.draw_start(on, at.mean(axis=0)))),

@@ -35,11 +35,11 @@ class Arena(NamedTuple):
     discs: Array  # (m, 3) m
 
     def is_free(self, pose: Array, footprint: Footprint, clearance: float) -> bool:
-        """Whether a footprint at a pose (3,) is at least `clearance` [m] from everything."""
+        """Return True if a footprint at a pose (3,) is at least `clearance` [m] from everything."""
         return is_free_pose(pose, self.walls, self.discs, footprint, clearance)
 
     def episode(self, start: Array, goal: Array, name: str) -> Episode:
-        """An episode here from a start pose (3,) to a goal pose (3,)."""
+        """Return an episode here from a start pose (3,) to a goal pose (3,)."""
         return Episode(self.map, start, goal, self.walls, self.discs, name=name)
 
 
@@ -49,7 +49,7 @@ def make_arena(
     polygons: Sequence[ArrayLike] = (),
     discs: ArrayLike = (),
 ) -> Arena:
-    """An arena enclosed by a wall outside its bounds.
+    """Make an arena, enclosed by a wall outside its bounds.
 
     Args:
         bounds: free ground [m]: xmin, ymin, xmax, ymax; sides are rounded to the raster.
@@ -79,13 +79,13 @@ def make_arena(
 
 
 def poses_along(start: tuple[float, float], goal: tuple[float, float]) -> tuple[Array, Array]:
-    """Start and goal poses (3,) that both look from start to goal."""
+    """Return start and goal poses (3,) that both look from start to goal."""
     yaw = math.atan2(goal[1] - start[1], goal[0] - start[0])
     return np.array([*start, yaw]), np.array([*goal, yaw])
 
 
 def draw_pose(rng: np.random.Generator, edge: float, width: float, height: float) -> Pose:
-    """A pose [m, m, rad] in a room, at least `edge` [m] from its sides."""
+    """Draw a pose [m, m, rad] in a room, at least `edge` [m] from its sides."""
     return (*rng.uniform(edge, (width - edge, height - edge)), rng.uniform(-3, 3))
 
 
@@ -105,7 +105,7 @@ class EmptyRoom:
     goal: Pose | None = setting(default=None, unit="m, m, rad")
     """Goal pose; null draws it at random."""
     min_distance: float = setting(default=2.0, unit="m", low=0.0)
-    """Minimum distance from start to goal."""
+    """Minimum distance from start to goal, unless both are given."""
 
     def __post_init__(self) -> None:
         if self.min_distance > 0.4 * math.hypot(*self.size):
@@ -132,14 +132,14 @@ class EmptyRoom:
                     f"EmptyRoom.{name} is {pose}; {footprint} must stand in a room of {self.size}"
                 )
         for _ in range(_TRIES):
-            start, goal = (
-                np.array(pose or draw_pose(rng, _EDGE, width, height)) for pose in given.values()
-            )
-            if None not in given.values() or (
-                math.dist(start[:2], goal[:2]) >= self.min_distance
-                and arena.is_free(start, footprint, _CLEARANCE)
-                and arena.is_free(goal, footprint, _CLEARANCE)
-            ):
+            poses = {
+                name: np.array(pose or draw_pose(rng, _EDGE, width, height))
+                for name, pose in given.items()
+            }
+            start, goal = poses.values()
+            drawn = [poses[name] for name, pose in given.items() if pose is None]
+            far = math.dist(start[:2], goal[:2]) >= self.min_distance or not drawn
+            if far and all(arena.is_free(pose, footprint, _CLEARANCE) for pose in drawn):
                 return arena.episode(start, goal, "empty")
         raise InputError(
             f"EmptyRoom: {_TRIES} draws found no start and goal for {footprint} in {self}"
@@ -159,7 +159,7 @@ _ENDS = 1.2  # m, from start and goal to the end walls
 class Clutter:
     """Random cylinders between two walls; the goal lies straight ahead, as in BARN's worlds.
 
-    Solvable for a disc of the chair's inscribed radius and a margin.
+    The footprint is free at both ends; a disc of the chair's half width and a margin can pass.
     """
 
     length: float = setting(default=10.0, unit="m", low=4.0, high=50.0, source=_BARN)
@@ -199,7 +199,7 @@ class Clutter:
         return discs
 
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
-        """Draw corridors until one can be passed by a chair of this footprint.
+        """Draw corridors until a chair of this footprint stands free in one and can pass.
 
         Raises:
             InputError: fifty could not.
@@ -209,7 +209,8 @@ class Clutter:
             bounds = (0.0, 0.0, self.length + 2 * _ENDS, self.width)
             arena = make_arena(bounds, discs=self._draw_discs(rng))
             paths = geodesic(arena.map, goal, footprint.half_width + self.passage_margin)
-            if np.isfinite(paths.at(start[:2])):
+            stands = all(arena.is_free(pose, footprint, 0.0) for pose in (start, goal))
+            if stands and np.isfinite(paths.at(start[:2])):
                 return arena.episode(start, goal, "clutter")
         raise InputError(
             f"Clutter: none of {_CLUTTER_TRIES} corridors lets {footprint} pass with {self}"
@@ -234,6 +235,11 @@ class Doorway:
     corridor_width: float = setting(default=1.20, unit="m", low=0.75, high=4.0)
     """Clear width of the corridor."""
 
+    def __post_init__(self) -> None:
+        for name, width in vars(self).items():
+            if abs(width - CELL * to_cells(width)) > 1e-6:
+                raise InputError(f"Doorway.{name} is {width} m; expected a multiple of {CELL} m")
+
     @property
     def margin(self) -> float:
         """Maximum growth [m] on every side with which the default chair gets round the corner.
@@ -243,7 +249,7 @@ class Doorway:
         return self.margin_for(FOOTPRINT)
 
     def margin_for(self, footprint: Footprint) -> float:
-        """The same for a footprint; below -0.3 m it is -0.3 m or less."""
+        """Return the margin [m] of a footprint; below -0.3 m it is -0.3 m or less."""
         half = 0.5 * min(self.door_width, self.corridor_width) - footprint.half_width
         if half <= -0.3:
             return half
@@ -253,7 +259,7 @@ class Doorway:
 
     @staticmethod
     def narrowest_door(margin: float, corridor: float) -> float:
-        """The narrowest door off a corridor [m] that leaves a margin [m] round the corner."""
+        """Return the narrowest door [m] of a corridor [m] with a margin [m] round the corner."""
         return -_last(lambda door: _turns(-door, corridor, margin, FOOTPRINT), -2.0, -0.5)
 
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
@@ -269,20 +275,18 @@ class Doorway:
                 f"Doorway: {footprint} does not turn from a corridor of {self.corridor_width} m "
                 f"into a door of {self.door_width} m: it is {-margin:.2f} m too large on every side"
             )
-        low, length = self.corridor_width + WALL, _CORRIDOR_LENGTH
+        corridor, length = self.corridor_width, _CORRIDOR_LENGTH
+        low = corridor + WALL
         for _ in range(_DOORWAY_TRIES):
             middle = rng.uniform(0.35, 0.65) * length
             # On the raster, so that the door's width is exact.
             left = CELL * round((middle - 0.5 * self.door_width) / CELL)
             middle, right = left + 0.5 * self.door_width, left + self.door_width
-            walls = [
-                (0.0, self.corridor_width, left, low),
-                (right, self.corridor_width, length, low),
-            ]
+            walls = [(0.0, corridor, left, low), (right, corridor, length, low)]
             arena = make_arena((0.0, 0.0, length, low + _ROOM_DEPTH), walls)
             side = rng.choice((-1.0, 1.0))
             x = middle - side * rng.uniform(1.2, 1.8)
-            start = np.array([x, 0.5 * self.corridor_width, 0.0 if side > 0 else math.pi])
+            start = np.array([x, 0.5 * corridor, 0.0 if side > 0 else math.pi])
             x = middle + rng.uniform(-0.5, 0.5)
             goal = np.array([x, low + 0.6 * _ROOM_DEPTH, 0.5 * math.pi])
             if all(arena.is_free(pose, footprint, _DOORWAY_CLEARANCE) for pose in (start, goal)):
@@ -291,7 +295,7 @@ class Doorway:
 
 
 def _last(holds: Callable[[float], bool], low: float, high: float) -> float:
-    """The last number of an interval for which something holds that holds up to it."""
+    """Return the largest number of an interval up to which a condition holds."""
     for _ in range(40):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if holds(middle) else (low, middle)
@@ -299,7 +303,7 @@ def _last(holds: Callable[[float], bool], low: float, high: float) -> float:
 
 
 def _turns(door: float, corridor: float, grown: float, footprint: Footprint) -> bool:
-    """Whether the outline, grown on every side [m], turns from a corridor into a door in its side.
+    """Return True if the outline, grown on every side [m], turns from a corridor into a side door.
 
     At an angle t from the corridor, one long side rests on the door's near post and a rear corner
     slides along the far wall. Its front may reach to the other post's face, or beside it, until the

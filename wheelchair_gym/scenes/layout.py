@@ -33,7 +33,7 @@ _NOOK = to_cells(2.5)  # width of an open waiting nook, at most
 
 
 def sides(rects: Rects) -> tuple[Array, Array]:
-    """Lengths [m] of rectangles along x and along y."""
+    """Return the lengths [m] of rectangles along x and along y."""
     return (rects["x1"] - rects["x0"]) * CELL, (rects["y1"] - rects["y0"]) * CELL
 
 
@@ -105,7 +105,7 @@ def _doors_of_room(source: NumpyStream, below: bool, above: bool) -> tuple[int, 
 
 @kernel
 def _zones(openings: Rects, along_x: Flags) -> Rects:
-    """The floor in front of openings and behind them, which stays free."""
+    """Return the floor in front of openings and behind them, which stays free."""
     zones = np.empty(len(openings), RECT)
     for k in range(len(openings)):
         x0, y0, x1, y1 = openings[k].x0, openings[k].y0, openings[k].x1, openings[k].y1
@@ -279,7 +279,7 @@ class Furniture(NamedTuple):
 
 @borrowing_kernel
 def _meet(a: Rects, i: int, b: Rects, j: int, apart: int) -> bool:
-    """Whether two rectangles are less than `apart` cells from each other, in both directions."""
+    """Return True if two rectangles are less than `apart` cells from each other, in x and in y."""
     return bool(
         a[i].x0 - apart < b[j].x1
         and b[j].x0 < a[i].x1 + apart
@@ -290,7 +290,7 @@ def _meet(a: Rects, i: int, b: Rects, j: int, apart: int) -> bool:
 
 @borrowing_kernel
 def _place_free(source: NumpyStream, room: Rects, half: int, gap: int, box: Rects) -> bool:
-    """A square of 2 x half cells in the room, a gap from its walls; false if it does not fit."""
+    """Place a square of 2 x half cells in the room, a gap from its walls; False: no room."""
     apart = gap + half
     wide, high = room[0].x1 - room[0].x0 - 2 * apart, room[0].y1 - room[0].y0 - 2 * apart
     if wide < 1 or high < 1:
@@ -312,7 +312,7 @@ def _place_at_wall(
     neighbour: Rects,
     box: Rects,
 ) -> bool:
-    """A place along one wall (0 and 1 along x, 2 and 3 along y): a corner, a neighbour or free."""
+    """Place a piece at a wall (0, 1 along x; 2, 3 along y): in a corner, by another or free."""
     begin, end, low, high = room[0].x0, room[0].x1, room[0].y0, room[0].y1  # along it, across it
     if side > 1:
         begin, end, low, high = low, high, begin, end

@@ -53,7 +53,7 @@ def _draw_lane(rng: np.random.Generator, length: float, width: float) -> tuple[A
 def draw_corridor(
     rng: np.random.Generator, footprint: Footprint, widths: Range, lengths: Range, doors: Range
 ) -> Passage:
-    """A straight corridor that people walk up and down, each on a lane of their own."""
+    """Draw a straight corridor that people walk up and down, each on a lane of their own."""
     length, width = _on_raster(rng, lengths), _on_raster(rng, widths)
     beside = footprint.half_width + 0.25  # m
     ends = rng.uniform(beside, width - beside, 2) if width > 2.0 * beside else [0.5 * width] * 2
@@ -99,7 +99,7 @@ def draw_crossing(
 def draw_lift(
     rng: np.random.Generator, footprint: Footprint, widths: Range, lengths: Range, doors: Range
 ) -> Passage:
-    """A landing with an open lift in its side, out of which people come; the chair is to go in.
+    """Draw a landing with an open lift in its side: people come out, and the chair is to go in.
 
     A person who has come out walks off to one side, and from then on up and down there.
     """

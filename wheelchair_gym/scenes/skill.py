@@ -104,9 +104,7 @@ def _door(width: float, oblique: bool) -> Course:
 
 
 _DOCKED = _arrival(0.05, 0.10, 5.0, AT_REST)
-_FORK: Final = (
-    (3.6, -2.0, 3.7, 0.15), (3.6, 1.05, 3.7, 2.0), (2.9, -1.1, 3.6, -0.1)
-)  # fmt: skip
+_FORK: Final = ((3.6, -2.0, 3.7, 0.15), (3.6, 1.05, 3.7, 2.0), (2.9, -1.1, 3.6, -0.1))
 
 COURSES: Final[dict[str, Course]] = {
     "forward": Course(
@@ -228,7 +226,7 @@ class Skill:
         side = float(rng.choice((-1.0, 1.0)))
 
         def placed(points: ArrayLike) -> Array:
-            """Points (n, 2) once all beyond a stretch is moved, and mirrored."""
+            """Move and mirror points (n, 2), as the draw says."""
             found = np.array(points, dtype=np.float64).reshape(-1, 2)
             by = np.zeros_like(found)
             for axis, at, way in moves:

@@ -22,6 +22,7 @@ from agents.evaluation.compare import SUITES
 from agents.evaluation.provenance import command_line
 from planners import PLANNERS, Plan, Status, make_planner
 from tests.conftest import ROOT, refusal
+from tests.hardware.realtime import EPISODE, X, Y
 from wheelchair_gym.geometry.outline import Footprint
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, write_map
 from wheelchair_gym.scenes import SCENES, make_scene
@@ -78,14 +79,33 @@ def plan(hall, name, start="1,2", goal="4,2", planner="rrt_connect"):
 
 PLAN = "plan --map {hall}/hall.yaml --planner rrt_connect --start 1,2 --goal 4,2"
 BENCH = "bench planners --no-peers"
-WRONG = yaml.safe_load(Path(__file__).with_name("wrong_words.yaml").read_text())["cases"]
+WRONG = yaml.safe_load(Path(__file__).with_name("wrong_words.yaml").read_text())
+CONFIG = "--config configs/hardware.json"
+DEPLOY = f"deploy {CONFIG} --map map.yaml --start {X},{Y},0 --goal {X},{Y}"
+NOOK = "0.1,2"  # free, and nearer to a wall than any side of the chair
+WORDS = [[text.format(CONFIG=CONFIG, DEPLOY=DEPLOY, NOOK=NOOK) for text in row]
+         for row in WRONG["words"]]  # fmt: skip
 
 
-@pytest.mark.parametrize("case", sorted(WRONG))
+@pytest.mark.parametrize("case", sorted(WRONG["cases"]))
 def test_wrong_input_is_one_line_and_code_2(hall, capfd, case):
     """Also of what compiled code says: the file descriptors are read."""
-    words = WRONG[case].format(plan=PLAN.format(hall=hall), bench=BENCH, hall=hall)
+    words = WRONG["cases"][case].format(plan=PLAN.format(hall=hall), bench=BENCH, hall=hall)
     refusal(words.split(), capfd)
+
+
+@pytest.mark.parametrize(("words", "says"), WORDS)
+def test_wrong_words_are_named_in_one_line(words, says, tmp_path, monkeypatch, capsys):
+    pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
+    (tmp_path / "configs").symlink_to(ROOT / "configs")
+    (tmp_path / "file").touch()
+    write_map(EPISODE.map, tmp_path / "map.yaml")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("ROS_DOMAIN_ID", "")
+    monkeypatch.setattr("wheelchair_gym.hardware.boards.parameters.PATIENCE", 0.05)
+    line = refusal(words.split(), capsys)
+    assert says in line
+    assert len(line) < 500 or "did you mean" not in line
 
 
 def test_a_planner_that_finds_nothing_says_why(hall, capsys):
@@ -250,15 +270,6 @@ def test_a_reader_that_leaves_is_no_error():
 
 def readme():
     return (ROOT / "README.md").read_text(encoding="utf-8")
-
-
-def test_the_readmes_python_runs(capsys):
-    drive, train = re.findall(r"```python\n(.*?)```", readme(), re.DOTALL)
-    exec(compile(drive, "README.md", "exec"), {})
-    assert capsys.readouterr().out.startswith("arrived")
-    run = {}
-    exec(compile(train, "README.md", "exec"), run)
-    assert run["model"].num_timesteps == 512
 
 
 def pages():

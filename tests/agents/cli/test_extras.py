@@ -10,9 +10,8 @@ import tomllib
 import numpy as np
 import pytest
 
-from agents.cli import main
 from planners.swarm.peers import Mealpy
-from tests.conftest import ROOT
+from tests.conftest import ROOT, refusal
 from wheelchair_gym import InputError
 from wheelchair_gym.recording.sink import Sink
 from wheelchair_gym.rendering.video import Window, write_video
@@ -97,12 +96,10 @@ def test_what_needs_it_names_the_extra_in_one_line(package, without, tmp_path, m
     (tmp_path / "there.mcap").touch()
     for use in uses:
         if isinstance(use, list):
-            assert main(use) == 2
-            said = capsys.readouterr().err.strip().splitlines()
+            said = refusal(use, capsys)
         else:
             with pytest.raises(InputError) as error:
                 use()
-            said = str(error.value).splitlines()
-        assert len(said) == 1
-        assert re.search(rf"pip install ['\"]wheelchair_gym\[{extras()[package]}\]", said[0]), said
+            (said,) = str(error.value).splitlines()
+        assert re.search(rf"pip install ['\"]wheelchair_gym\[{extras()[package]}\]", said), said
         assert [file.name for file in tmp_path.iterdir()] == ["there.mcap"]  # nothing was begun

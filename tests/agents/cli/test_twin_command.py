@@ -69,6 +69,7 @@ def test_words_break_it_and_mend_it():
         "battery x",
         "battery 99",
         "sonar 8 silent",
+        "sonar 2.5 silent",
         "noise -1",
         "unplug x",
         "stick 2 0",

@@ -287,6 +287,5 @@ def test_a_policy_is_slowed_as_the_shield_of_its_own_chair_would(chair, shield):
     ],
 )
 def test_wrong_policies_are_named(spec, said):
-    with pytest.raises(InputError, match=said) as caught:
+    with pytest.raises(InputError, match=said):
         make_policy(spec)
-    assert "\n" not in str(caught.value)

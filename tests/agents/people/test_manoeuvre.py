@@ -58,6 +58,9 @@ def test_the_way_up_to_a_thing_is_square_to_it(turn):
     assert yaw == pytest.approx(turn, abs=1e-6)
     assert far == pytest.approx(1.4 / math.cos(turn), abs=1e-6)
     assert find_front(wall(1.8), FRONT, 1.0) is None  # too far
+    assert find_front(np.full((4, 2), (1.0, 0.0)), FRONT, 1.0) is None  # one point
+    uneven = np.array([-0.33, -0.35, 0.39, -0.19, 0.2, 0.24, -0.17, -0.31])  # its slope is 0.0
+    assert find_front(np.column_stack([np.ones(8), uneven]), FRONT, 1.0)[1] == 0.0
     assert find_front(np.empty((0, 2)), FRONT, 1.0) is None
     rough = wall(1.2) + np.where(np.arange(81) % 2, 0.1, 0.0)[:, None] * (1.0, 0.0)
     assert find_front(rough, FRONT, 1.0) is None

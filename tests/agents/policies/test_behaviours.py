@@ -319,6 +319,18 @@ def test_a_way_in_reverse_is_planned_once_more_with_less_clearance():
     env.close()
 
 
+def test_a_search_in_vain_leaves_the_clearance_of_the_path_that_is_kept():
+    policy = make_policy("a_star+window")
+    policy.reset(PaperWorld(corridor(10.0, 3.0), (1.0, 0.0, 0.0), (9.0, 0.0)).mission)
+    found, checked = policy.answer, []
+    policy._surroundings.blocks_now = lambda path, clearance: checked.append(clearance)
+    for receive in (policy._receive_plan, policy._receive_detour):
+        receive(found._replace(plan=Plan(Status.EXHAUSTED), clearance=0.28))
+        policy._detours.unchecked, policy._detours.pause = 1.0, 0.0
+        policy.is_blocked()
+    assert checked == [found.clearance] * 2 == [0.40] * 2
+
+
 def test_backing_is_the_way_against_the_heading():
     path = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 0.0, 1.0), (0.4, 0.0, 0.0)]
     assert backing(path) == pytest.approx(0.6 * math.cos(1.0))

@@ -15,7 +15,7 @@ from agents.policies.planning import SWITCH, Planning, Thinking
 from planners import make_planner
 from tests.agents.fakes import PaperWorld, corridor
 from tests.agents.policies.test_behaviours import Peopled
-from tests.conftest import PATIENCE, until
+from tests.conftest import PATIENCE, long_but, until
 
 PERIOD = 0.1  # s
 
@@ -173,9 +173,7 @@ def test_it_stands_before_an_obstacle_while_it_plans_round_it():
         )
 
 
-@pytest.mark.parametrize(
-    "policy", ["lattice+window", pytest.param("explore", marks=pytest.mark.long)]
-)
+@pytest.mark.parametrize("policy", long_but(["lattice+window", "explore"], ["lattice+window"]))
 def test_drives_with_planning_time_repeat_and_their_records_tell_what_it_cost(policy):
     settings = {"pose_source": "slam"} if policy == "explore" else {}
     records = []

@@ -175,9 +175,8 @@ def test_the_other_keys_draw_film_or_say_that_they_do_nothing(folder, capsys):
     for colour in ((213, 94, 0), (0, 114, 178), (86, 180, 233), (58, 64, 72), (158, 165, 173)):
         assert (picture == colour).all(axis=-1).sum() > 50  # path, roll-out, tree, solid, dilated
     before = (folder.parent / "here" / "figure.png").read_bytes()
-    assert main(["plan", "--config", str(path), *OPTIONS]) == 2
-    line = "RenderGraphics would overwrite figure.png; name it with --picture figure.png"
-    assert line in capsys.readouterr().err
+    said = refusal(["plan", "--config", path, *OPTIONS], capsys)
+    assert "RenderGraphics would overwrite figure.png; name it with --picture" in said
     assert (folder.parent / "here" / "figure.png").read_bytes() == before
     again = [*OPTIONS, "--picture", "figure.png"]
     assert main(["plan", "--config", str(path), *again]) == 0
@@ -206,8 +205,9 @@ def test_create_video_writes_a_film_once(folder, capsys, short_films, monkeypatc
     assert main(["plan", "--config", str(path), *OPTIONS]) == 0
     with Image.open("figure.gif") as film:
         assert film.n_frames == 5 + 3 + 4  # equal pictures are one
-    assert main(["plan", "--config", str(path), *OPTIONS]) == 2
-    assert "CreateVideo would overwrite figure.gif" in capsys.readouterr().err
+    capsys.readouterr()
+    said = refusal(["plan", "--config", path, *OPTIONS], capsys)
+    assert "CreateVideo would overwrite figure.gif" in said
 
 
 def test_a_planner_of_the_thesis_takes_its_settings_from_the_file(folder, capsys):

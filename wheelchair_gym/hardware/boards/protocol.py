@@ -297,7 +297,7 @@ def _of_wire(number: float, step: float) -> float:
 
 
 def payload_of(message: Message) -> tuple[int, bytes]:
-    """Kind and payload of a message.
+    """Return kind and payload of a message.
 
     Raises:
         ValueError: a value is not finite or does not fit its field.
@@ -317,7 +317,7 @@ def payload_of(message: Message) -> tuple[int, bytes]:
 
 
 def message_of(kind: int, payload: bytes) -> Message:
-    """The message of a payload; `Unknown` for an unknown kind or size."""
+    """Return the message of a payload; `Unknown` for an unknown kind or size."""
     layout = _BY_KIND.get(kind)
     if layout is None or struct.calcsize(layout.codes) != len(payload):
         return Unknown(kind, payload)
@@ -339,7 +339,7 @@ def cobs_encode(body: bytes) -> bytes:
 
 
 def cobs_decode(encoded: bytes) -> bytes | None:
-    """The bytes that were encoded, without the closing zero byte; None if it is not COBS."""
+    """Return the bytes that were encoded, without the closing zero byte; None if it is not COBS."""
     parts, at, end = [], 0, len(encoded)
     while at < end:
         block = encoded[at]
@@ -351,7 +351,7 @@ def cobs_decode(encoded: bytes) -> bytes | None:
 
 
 def encode(message: Message, sequence: int) -> bytes:
-    """The frame of a message.
+    """Encode a message as a frame.
 
     Raises:
         ValueError: a value is not finite or does not fit its field.
@@ -382,7 +382,7 @@ class Receiver:
         self._bytes = bytearray()
 
     def feed(self, data: bytes) -> list[Frame]:
-        """The frames that these bytes complete."""
+        """Return the frames that these bytes complete."""
         *ends, rest = data.split(b"\0")
         frames = []
         for end in ends:

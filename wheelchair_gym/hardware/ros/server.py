@@ -2,7 +2,8 @@
 
 It speaks what roslibpy, roslibjs and this package's own client use: subscribe, unsubscribe,
 advertise, unadvertise, publish, call_service, also of /rosapi/topics; status for what it does not
-understand. As rosbridge_server does, it sends null for a number that is not finite.
+understand. As rosbridge_server does, it sends null for NaN and +inf. Of -inf, a range too near, it
+makes a range below every `range_min`, so that no client takes an obstacle for free space.
 """
 
 from __future__ import annotations
@@ -32,11 +33,12 @@ _MAX_MESSAGES = 1000  # a second from one client: more is an error of the client
 _MAX_BYTES = 1 << 20  # of a client's message
 _PING = 2.0  # s between two pings; a client that does not answer for as long is cut off
 _PATIENCE = 1  # s for which a client may take no data before it is cut off
+_TOO_NEAR = -1.0  # m, for -inf
 _DEFAULT_QUEUE = 10  # messages of a topic that wait for a client that does not say how many may
 
 
 def strict(value: Any) -> Any:
-    """A message as JSON can hold it: arrays as lists, null for what is not finite."""
+    """Return a message as JSON can hold it: lists, null for NaN and +inf, -1 for -inf."""
     if isinstance(value, dict):
         return {key: strict(item) for key, item in value.items()}
     if isinstance(value, list):
@@ -44,9 +46,11 @@ def strict(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         listed = rounded(value)
         for k in np.flatnonzero(~np.isfinite(value)):
-            listed[k] = None
+            listed[k] = strict(listed[k])
         return listed
-    return None if isinstance(value, float) and not np.isfinite(value) else value
+    if not isinstance(value, float) or np.isfinite(value):
+        return value
+    return _TOO_NEAR if value < 0.0 else None
 
 
 class _Client:
@@ -284,12 +288,10 @@ class RosbridgeServer:
             if topic in self._latched:
                 client.put(topic, self._latched[topic], latched=True)
         known = topic in self._topics or not self._topics  # they are announced a little later
-        return (
-            "" if known else f"{topic} is not published here; there are {', '.join(self._topics)}"
-        )
+        return "" if known else f"{topic} is not published; there are {', '.join(self._topics)}"
 
     def _list_topics(self, arguments: Mapping[str, Any]) -> dict[str, Any]:
-        """The answer of rosapi/srv/Topics."""
+        """Return the answer of rosapi/srv/Topics."""
         topics = self._types | {topic: kinds[0] for topic, kinds in self.listens.items()}
         return {"topics": [*topics], "types": [*topics.values()]}
 

@@ -59,8 +59,8 @@ class RosSettings:
     base_frame: str = setting(default="base_link", source="REP-105")
     """Frame of the chair."""
     null_range: Literal["invalid", "no echo"] = setting(default="no echo", source="REP-117")
-    """Meaning of a null range: rosbridge writes null for +inf and for NaN. Drivers that send NaN
-    often (urg_node) need 'invalid'."""
+    """Meaning of a null range: rosbridge writes null for +inf, -inf and NaN. Drivers that send NaN
+    (urg_node) or -inf need 'invalid'."""
     clock_error: float = setting(default=0.0, unit="s", low=0.0)
     """Maximum difference of the robot's clock and this computer's, where both are synchronized
     (NTP, PTP): time stamps then show a constant latency of the network. 0: they are not."""

@@ -1,4 +1,4 @@
-"""Commands that inject faults into the served twin, and clear them again."""
+"""Commands that inject faults into the served twin: rows of `COMMANDS`, and cases of `_inject`."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from wheelchair_gym.hardware.twin.serve import ServedTwin
 from wheelchair_gym.sensors.settings import RANGERS
 
 _SIDES = {"left": 0, "right": 1}
+_ULTRASONICS = {str(k): k for k in range(RANGERS)}
 _SWITCHES = {
     "stop": Switch.STOP_PRESSED,
     "front": Switch.FRONT,
@@ -97,10 +98,9 @@ def _inject(served: ServedTwin, words: list[str]) -> None:
         case ["battery", volts]:
             faults.battery = _number(volts, 0.0, 60.0)
         case ["sonar", which, "silent"]:
-            faults.silent_ultrasonics.add(int(_number(which, 0, RANGERS - 1)))
+            faults.silent_ultrasonics.add(_ULTRASONICS[which])
         case ["sonar", which, metres]:
-            k = int(_number(which, 0, RANGERS - 1))
-            faults.stuck_ultrasonics[k] = _number(metres, 0.0, 6.0)
+            faults.stuck_ultrasonics[_ULTRASONICS[which]] = _number(metres, 0.0, 6.0)
         case ["stick", state]:
             faults.joystick = _STICKS[state]
         case ["stick" | "assisted" as who, ahead, aside]:
@@ -130,7 +130,7 @@ def _inject(served: ServedTwin, words: list[str]) -> None:
 
 
 def run_command(served: ServedTwin, line: str) -> str:
-    """Carry out a line of words; returns what to print."""
+    """Carry out a line of words; return what to print."""
     words = line.split()
     if not words:
         return ""
