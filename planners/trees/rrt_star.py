@@ -246,6 +246,9 @@ def grow_in_strip(
             blocked.margin += widening
 
 
+WIDENING = 0.1  # m: of the strip on each side by each blocked edge; the thesis gives no value
+
+
 @settings
 class RrtStarLimited(PlannerBase):
     """Limited tree expansion (a thesis of 2024, section 3.2): RRT* between start and goal in x.
@@ -258,13 +261,11 @@ class RrtStarLimited(PlannerBase):
 
     tree: RrtStar = setting(default=RrtStar(return_on_first_path=True), source="its section 3.2")
     """The tree search."""
-    widening: float = setting(default=0.1, unit="m", low=0.0, source="the thesis gives no value")
-    """Widening of the strip on each side by each blocked edge."""
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Return the first path, or the best of all samples, as `tree` says."""
         strip = np.zeros(1, STRIP)
-        loop = partial(grow_in_strip, strip=strip, widening=self.widening)
+        loop = partial(grow_in_strip, strip=strip, widening=WIDENING)
         plan = solve(problem, rng, end, self.tree.options, loop)
         counts = {name: int(strip[name][0]) for name in ("blocked", "walls_cut")}
         return replace(plan, counters={**plan.counters, **counts})
@@ -521,6 +522,9 @@ class InformedRrtStar(CornerSampling, PlannerBase):
         return solve(problem, rng, end, options, grow_informed, both=True)
 
 
+TOLERANCE = 1e-3  # m: largest distance of the polyline from the curve, below the noise of sensors
+
+
 @settings
 class SplineRrtStar(PlannerBase):
     """Spline-RRT*: an RRT* path that is executed as a spline (Yu et al. 2018, with other splines).
@@ -528,15 +532,11 @@ class SplineRrtStar(PlannerBase):
     Each edge of the tree's path becomes a cubic Hermite curve whose direction at a vertex bisects
     the edges there, so that the direction is continuous. A curve that is not free gets shorter
     tangents, which draw it towards the edge; `straight_legs` counts the edges that stay straight.
-    The path is the curve's polyline, within `tolerance`; each of its edges is tested exactly.
+    The path is the curve's polyline, within `TOLERANCE`; each of its edges is tested exactly.
     """
 
     tree: InformedRrtStar = setting(default=InformedRrtStar(iterations=2_000))
     """The tree search."""
-    tolerance: float = setting(
-        default=1e-3, unit="m", low=1e-9, source="below the noise of sensors"
-    )
-    """Largest distance of the polyline from the curve."""
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Return a smooth free path; the deadline is that of the tree."""
@@ -545,6 +545,6 @@ class SplineRrtStar(PlannerBase):
         if plan.status != Status.SOLVED or plan.length == 0.0:
             return plan
         tree_s = clock() - began
-        path, straight = hermite_path(problem.free.arrays, plan.path, self.tolerance)
+        path, straight = hermite_path(problem.free.arrays, plan.path, TOLERANCE)
         counters = {**plan.counters, "straight_legs": straight}
         return replace(plan, path=path, counters=counters, timings={"tree_s": tree_s})
