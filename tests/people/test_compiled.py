@@ -15,8 +15,16 @@ from wheelchair_gym.geometry.kinematics import arc_step
 from wheelchair_gym.geometry.outline import Footprint, signed_gap
 from wheelchair_gym.people.assistance import COMPILED, make_compiled
 from wheelchair_gym.people.assistance.arcs import follow_arc
-from wheelchair_gym.people.assistance.freedom import Freedom
-from wheelchair_gym.people.assistance.shared_dwa import SPEEDS, STEP, STEPS, TURNS, time_to_stop
+from wheelchair_gym.people.assistance.freedom import DOCKING_MARGIN, Freedom
+from wheelchair_gym.people.assistance.shared_dwa import (
+    HEADING_WEIGHT,
+    SPEED_WEIGHT,
+    SPEEDS,
+    STEP,
+    STEPS,
+    TURNS,
+    time_to_stop,
+)
 from wheelchair_gym.people.assistance.step import KINDS, Assistants
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.sim.settings import ChairSettings
@@ -110,7 +118,7 @@ def test_a_steady_low_stick_lowers_the_margin():
     low, high = Stick(0.25, 0.0, False), Stick(0.8, 0.0, False)
     margins = [margin(low) for _ in range(15)]
     assert margins[0] == margins[5] == config.margin
-    assert margins[-1] == config.docking_margin < config.margin
+    assert margins[-1] == DOCKING_MARGIN < config.margin
     assert margin(high) == config.margin
     assert {margin(Stick(0.3 * (k % 2), 0.0, False)) for k in range(30)} == {config.margin}
 
@@ -164,8 +172,8 @@ def test_the_shared_dynamic_window_finds_the_least_cost(seed, forward, left):
         needed = time_to_stop(v, w, LIMITS.deceleration, 0.1)
         if free < STEPS and free * STEP < needed:
             return math.inf
-        off = config.heading * abs(w - to_w) * STEP * STEPS / math.pi
-        off += config.speed * abs(v - to_v) / max(abs(to_v), 1e-9)
+        off = HEADING_WEIGHT * abs(w - to_w) * STEP * STEPS / math.pi
+        off += SPEED_WEIGHT * abs(v - to_v) / max(abs(to_v), 1e-9)
         share = max(0.0, clear) / config.enough
         return 1.0 - share + share * off
 
@@ -189,9 +197,7 @@ def test_no_constraint_of_slide_is_violated(seed, forward, left):
     row, config = row_of("slide"), make_compiled("slide")
     row.update(Stick(forward, left, False), reading(scan_of(seed, 0.2)))
     state, rows = row.states[0], np.empty((200, 3))
-    n = write_constraints(
-        points_of(row), OUTLINE, state["margin"], config.deceleration, config.latency, rows
-    )
+    n = write_constraints(points_of(row), OUTLINE, state["margin"], config.latency, rows)
     assert (rows[:n, :2] @ state["twist"] <= rows[:n, 2] + 1e-8).all()
 
 

@@ -38,7 +38,7 @@ def test_no_point_that_fits_is_nearer(rows, asked, weight):
 @pytest.mark.parametrize("twist", [(0.5, 0.0), (0.0, 0.8), (-0.2, 0.4), (0.4, -0.7)])
 def test_a_constraint_is_the_rate_at_which_the_distance_shrinks(point, twist):
     points, rows = np.array([point]), np.empty((1, 3))
-    assert write_constraints(points, OUTLINE, 0.0, 0.6, 0.2, rows) == 1
+    assert write_constraints(points, OUTLINE, 0.0, 0.2, rows) == 1
     step = 1e-6
     before = signed_gap(points, len(points), OUTLINE, 0.0, 0.0, 0.0)
     after = signed_gap(points, len(points), OUTLINE, *arc_step(0.0, 0.0, 0.0, *twist, step))
@@ -49,7 +49,7 @@ def test_a_constraint_is_the_rate_at_which_the_distance_shrinks(point, twist):
 def test_the_chair_stops_within_the_distance(distance, margin):
     rows = np.empty((1, 3))
     points = np.array([[OUTLINE[0] + distance, 0.0]])
-    write_constraints(points, OUTLINE, margin, 0.6, 0.2, rows)
+    write_constraints(points, OUTLINE, margin, 0.2, rows)
     speed = rows[0, 2]
     assert speed >= 0.0
     room = max(0.0, distance - margin)

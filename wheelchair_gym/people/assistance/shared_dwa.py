@@ -25,6 +25,9 @@ from wheelchair_gym.people.assistance.freedom import Freedom, Twist, enough_now
 SPEEDS, TURNS = 9, 15  # of the fan
 STEP, STEPS = 0.1, 20  # s between two poses of an arc, and how many
 CLEAR = 0.5  # m: a larger clearance counts as this
+# Weights of the differences from the stick (scwheelchair-simulation): of headings at the arcs' ends
+# as a share of a half turn, and of speeds as a share of the stick's.
+HEADING_WEIGHT, SPEED_WEIGHT = 0.7, 0.3
 SAME = 1e-12  # a difference of costs that is none
 
 
@@ -32,10 +35,6 @@ SAME = 1e-12  # a difference of costs that is none
 class SharedDwa:
     """Weighs clearance against nearness to the stick's heading and speed."""
 
-    heading: float = setting(default=0.7, low=0.0, high=10.0, source="scwheelchair-simulation")
-    """Weight of the difference of headings at the arcs' ends, as a share of a half turn."""
-    speed: float = setting(default=0.3, low=0.0, high=10.0, source="scwheelchair-simulation")
-    """Weight of the difference of speeds, as a share of the stick's."""
     enough: float = setting(
         default=0.06, unit="m", low=0.01, high=CLEAR, source="doors leave 0.09 m: measured"
     )
@@ -74,7 +73,7 @@ def shared_dwa(p: Any, a: Any) -> Twist:
     for i in range(SPEEDS if asked_v != 0.0 else 1):
         for j in range(offs):
             heading = turn * 2.0 * j / (TURNS - 1) * STEP * STEPS / math.pi
-            differences[pairs] = m.heading * heading + m.speed * i / (SPEEDS - 1)
+            differences[pairs] = HEADING_WEIGHT * heading + SPEED_WEIGHT * i / (SPEEDS - 1)
             order[pairs] = i * offs + j
             pairs += 1
     best, found_v, found_w = math.inf, 0.0, 0.0
