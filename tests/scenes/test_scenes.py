@@ -124,10 +124,6 @@ def test_the_map_is_what_the_walls_and_discs_say(scene):
         ({"name": "crowd", "people": {"density": (0.2, 0.1)}}, "density is .* expected from, to"),
         ({"name": "crowd", "place": "street"}, "place is 'street'"),
         (
-            {"name": "temporary", "trigger_distance": (1.0, 2.0)},
-            "expected more than min_distance, 1.2 m",
-        ),
-        (
             {"name": "crowd", "people": {"behaviours": {"pauses": 0.7, "groups": 0.6}}},
             "people.behaviours: BehaviourShares add up to 1.3; expected 1 at most",
         ),

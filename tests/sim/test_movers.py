@@ -134,7 +134,7 @@ def test_nobody_walks_through_a_wall_and_the_way_stays_open():
     At most one person in twenty may stand about within a metre for half of the time.
     """
     people, stuck, ways = 0, 0, 0
-    for chair, episode in crowds(range(4), place="building", doors={"leaf_share": 0.8}):
+    for chair, episode in crowds(range(4), place="building", leaf_share=0.8):
         rows = episode.actors.rows
         who = np.flatnonzero(rows["kind"] == PERSON)
         track = [actor_states(chair)["pose"][who, :2].copy()]

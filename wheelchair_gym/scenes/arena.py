@@ -14,11 +14,11 @@ from numpy.typing import ArrayLike
 
 from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.base.files import check_cells
-from wheelchair_gym.base.settings import InputError, Range, setting, settings
+from wheelchair_gym.base.settings import InputError, setting, settings
 from wheelchair_gym.geometry.outline import Footprint
 from wheelchair_gym.geometry.planar import polygon_edges
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, geodesic
-from wheelchair_gym.scenes.poses import FOOTPRINT, is_free_pose
+from wheelchair_gym.scenes.poses import CLEARANCE, FOOTPRINT, is_free_pose
 from wheelchair_gym.scenes.raster import CELL, paint_discs, paint_polygon, to_cells
 from wheelchair_gym.types import Episode
 
@@ -91,7 +91,6 @@ def draw_pose(rng: np.random.Generator, edge: float, width: float, height: float
 
 _TRIES = 10_000  # a room of 2 m x 2 m takes hundreds
 _EDGE = 0.5  # m: no axle is drawn nearer to a wall
-_CLEARANCE = 0.15  # m round the footprint where drawn, as in the other scenes
 
 
 @settings
@@ -137,8 +136,8 @@ class EmptyRoom:
             )
             if None not in given.values() or (
                 math.dist(start[:2], goal[:2]) >= self.min_distance
-                and arena.is_free(start, footprint, _CLEARANCE)
-                and arena.is_free(goal, footprint, _CLEARANCE)
+                and arena.is_free(start, footprint, CLEARANCE)
+                and arena.is_free(goal, footprint, CLEARANCE)
             ):
                 return arena.episode(start, goal, "empty")
         raise InputError(
@@ -149,6 +148,7 @@ class EmptyRoom:
 _BARN = "BARN benchmark (Perille et al. 2020)"
 _CLUTTER_TRIES = 50  # corridors drawn before the settings are called impossible
 _PLACES = 10  # drawn for one cylinder before it is left out
+_RADIUS = 0.075, 0.25  # m: smallest and largest of a cylinder; BARN's cylinders upwards
 _CLUSTERED = 0.4  # share of cylinders beside another: clusters block more than single ones
 _OVERLAP = 0.9  # of the sum of radii: how far apart cylinders of a cluster stand
 _RUN = 1.4  # m, without cylinders, ahead of the start and before the goal
@@ -168,10 +168,6 @@ class Clutter:
     """Width of the corridor."""
     density: float = setting(default=0.4, unit="1/m2", low=0.0, high=5.0)
     """Cylinders per area."""
-    radius: Range[float] = setting(
-        default=(0.075, 0.25), unit="m", low=0.03, high=1.0, source="BARN's cylinders upwards"
-    )
-    """Smallest and largest radius of a cylinder."""
     min_gap: float = setting(default=0.9, unit="m", low=0.0, high=3.0)
     """Minimum gap between cylinders that do not overlap."""
     passage_margin: float = setting(default=0.10, unit="m", low=0.0, high=0.5)
@@ -183,7 +179,7 @@ class Clutter:
         discs = np.empty((0, 3))
         for _ in range(round(self.density * (high - low) * self.width)):
             for _ in range(_PLACES):
-                radius = rng.uniform(*self.radius)
+                radius = rng.uniform(*_RADIUS)
                 if len(discs) and rng.random() < _CLUSTERED:
                     x, y, r = discs[rng.integers(len(discs))]
                     angle = rng.uniform(-math.pi, math.pi)

@@ -12,6 +12,7 @@ from wheelchair_gym.scenes.raster import CELL
 from wheelchair_gym.types import Episode
 
 FOOTPRINT: Final = Footprint()  # of the default chair
+CLEARANCE: Final = 0.15  # m round the footprint at starts and goals that are drawn
 
 
 def passing_radius(footprint: Footprint) -> float:
