@@ -156,16 +156,13 @@ class Window(RolloutSettings):
     close to obstacles, the chair tracks the planned poses instead.
     """
 
-    tight: float = setting(default=0.10, unit="m", low=0.0, source="twice the margin")
-    """Gap beside the planned outline, below which turns of the plan are tracked; 0: none are."""
-
     def fan(self, chair: ChairState) -> Array:
         """Twists (c, 2) to choose among [m/s, rad/s]."""
         return full_fan(chair.limits)
 
     def make(self) -> Follower:
         """A follower at rest."""
-        return ManoeuvreTracker(FanFollower(self), self.tight, self.margin)
+        return ManoeuvreTracker(FanFollower(self), self.margin)
 
 
 @settings

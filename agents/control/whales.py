@@ -137,7 +137,7 @@ class RefinedWindow(Window):
 
     def make(self) -> Follower:
         """A follower at rest."""
-        return ManoeuvreTracker(WhaleCommands(self), self.tight, self.margin)
+        return ManoeuvreTracker(WhaleCommands(self), self.margin)
 
 
 SHARES = (0.3, 0.6, 1.0)  # of the limits, at which the plan's commands are driven

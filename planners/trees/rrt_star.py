@@ -496,6 +496,9 @@ def grow_informed(search: TreeSearch, until: int, state: Stream, goal_tree: Tree
             run.sample_area = min(run.sample_area, 0.25 * math.pi * run.path_length * across)
 
 
+MAX_NODES = 100_000  # of each tree of informed RRT*
+
+
 @settings
 class InformedRrtStar(CornerSampling, PlannerBase):
     """Informed RRT* (Gammell, Srinivasa and Barfoot 2014), made quick: a labelled hybrid.
@@ -510,14 +513,14 @@ class InformedRrtStar(CornerSampling, PlannerBase):
 
     iterations: int = setting(default=10_000, low=1, source="as rrt_star")
     """Largest number of samples."""
-    nodes: int = setting(default=100_000, low=2)
-    """Largest number of nodes of a tree."""
     step: float = setting(default=4.0, unit="m", low=1e-3, source=ROOMS)
     """Longest edge towards a sample."""
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Return the best path of all samples."""
-        options = TreeOptions(gamma=MIN_GAMMA, return_on_first_path=False, replaces_leaves=True)
+        options = TreeOptions(
+            nodes=MAX_NODES, gamma=MIN_GAMMA, return_on_first_path=False, replaces_leaves=True
+        )
         options = with_settings(options, self)
         return solve(problem, rng, end, options, grow_informed, both=True)
 

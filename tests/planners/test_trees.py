@@ -10,7 +10,6 @@ from planners import PLANNERS
 from planners.collision.space import Space
 from planners.judge import Judge
 from planners.problem import Problem, Status
-from planners.trees import rrt_star
 from planners.trees.rrt_star import (
     InformedRrtStar,
     RrtStar,
@@ -141,10 +140,10 @@ def test_informed_rrt_star_falls_to_the_optimum(name, share, stored):
     assert lengths[-1] <= optimum * (1.001 if share else 1.015)
 
 
-def test_informed_samples_stay_where_they_can_help(stored):
+def test_informed_samples_stay_where_they_can_help(stored, monkeypatch):
     problem, _ = stored["clutter"]
-    first = InformedRrtStar(iterations=200, nodes=500)
-    done = InformedRrtStar(iterations=5_000, nodes=500)
+    monkeypatch.setattr("planners.trees.rrt_star.MAX_NODES", 500)
+    first, done = InformedRrtStar(iterations=200), InformedRrtStar(iterations=5_000)
     before, after = (planner.plan(problem, np.random.default_rng(0)) for planner in (first, done))
     assert after.counters["nodes"] <= 2 * 500 + 30  # though it went on long after the tree was full
     assert after.length < before.length
@@ -186,7 +185,7 @@ def test_limited_trees_stay_in_their_strip(monkeypatch):
     space = Space.from_rectangles([(14.0, 3.0, 16.0, 20.0)], (0.0, 0.0, 30.0, 20.0))
     problem = Problem(space, np.array([10.0, 18.0]), np.array([20.0, 18.0]))
     tree = RrtStar(return_on_first_path=True, step=2.0, goal_reach=2.0)
-    monkeypatch.setattr(rrt_star, "WIDENING", 0.01)
+    monkeypatch.setattr("planners.trees.rrt_star.WIDENING", 0.01)
     for plan in plans(RrtStarLimited(tree=tree), problem):
         assert_free(problem, plan.path)
         margin = 0.01 * plan.counters["blocked"]
@@ -212,7 +211,7 @@ def test_splines_have_no_corners_where_the_path_of_the_tree_has(problem, monkeyp
         path = SplineRrtStar().tree.plan(problem, np.random.default_rng(seed)).path
         made = []
         for tolerance in (1e-4, 1e-7, 1e-9):
-            monkeypatch.setattr(rrt_star, "TOLERANCE", tolerance)
+            monkeypatch.setattr("planners.trees.rrt_star.TOLERANCE", tolerance)
             made.append(SplineRrtStar().plan(problem, np.random.default_rng(seed)))
         coarse, fine, finest = made
         assert turns(path).max() > 0.5
