@@ -85,14 +85,6 @@ class UltrasonicModel:
     """Standard deviation of a range."""
     ghost_share: float = setting(default=0.01, low=0.0, high=1.0)
     """Share of readings that show an echo of nothing."""
-    loss_from: float = setting(default=math.radians(15.0), unit="rad", low=0.0)
-    """Angle of incidence from which echoes are lost at random."""
-    loss_at: float = setting(default=math.radians(25.0), unit="rad", low=0.0)
-    """Angle of incidence from which all echoes are lost."""
-
-    def __post_init__(self) -> None:
-        if self.loss_at <= self.loss_from:
-            raise InputError("UltrasonicModel.loss_at must lie above loss_from")
 
 
 @settings
@@ -139,8 +131,6 @@ class UltrasonicSettings:
             range_min=0.03,
             sigma=0.020,
             ghost_share=0.02,
-            loss_from=math.radians(80.0),
-            loss_at=math.radians(90.0),
         ),
         source="data sheet: SRF08, first echo in the cone",
     )
