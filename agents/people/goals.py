@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.people.assistant import AssistInput, AssistMission, Freedom, SharedAssistant, Twist
+from agents.people.assistant import AssistInput, AssistMission, SharedAssistant, Twist
 from agents.people.fan import cheapest, fan, free_share, nearest, scaled_distance
 from agents.people.targets import find_targets
 from wheelchair_gym.base.arrays import Array
@@ -20,6 +20,7 @@ from wheelchair_gym.base.settings import setting, settings
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.geometry.kinematics import arc_step
 from wheelchair_gym.geometry.planar import to_frame, to_world
+from wheelchair_gym.people.assistance.freedom import Sharing
 
 SAME = 0.6  # m: a target so near one of before is the same
 FORGET = 0.2  # 1/s, a choice: the belief returns to an even one, as people change their minds
@@ -99,14 +100,13 @@ class Goals:
 
 
 @settings
-class Blend:
+class Blend(Sharing):
     """Mixes the stick with a safe twist towards the likeliest goal."""
 
     max_share: float = setting(
         default=0.6, low=0.0, high=1.0, source="Dragan 2013: timid to aggressive"
     )
     """Largest share of the robot."""
-    freedom: Freedom = Freedom()
 
     def make(self) -> SharedAssistant:
         """A fresh assistant."""
@@ -137,12 +137,11 @@ class _Blend(Goals):
 
 
 @settings
-class Hindsight:
+class Hindsight(Sharing):
     """Minimises the expected cost to go over the goals, and the distance from the stick."""
 
     stick: float = setting(default=4.0, unit="s", low=0.0, high=100.0)
     """Seconds that a twist off the stick's by full speed costs."""
-    freedom: Freedom = Freedom()
 
     def make(self) -> SharedAssistant:
         """A fresh assistant."""
@@ -173,12 +172,11 @@ class _Hindsight(Goals):
 
 
 @settings
-class Hypotheses:
+class Hypotheses(Sharing):
     """Takes over towards the likely target when the stick is predicted to miss it."""
 
     confidence: float = setting(default=0.4, low=0.0, high=1.0)
     """Belief in a target from which on it helps."""
-    freedom: Freedom = Freedom()
 
     def make(self) -> SharedAssistant:
         """A fresh assistant."""

@@ -191,7 +191,7 @@ def test_a_policy_sees_poses_ahead_and_the_reward_is_time_won():
 
 
 def test_starts_are_drawn_within_a_time_of_the_goal_alike_in_one_and_in_many():
-    near = {**POSED, "config": {**POSED["config"], "starts": {"max_time": 4.0}}}
+    near = {**POSED, "config": {**POSED["config"], "starts_within": 4.0}}
     many, one = NavigationVectorEnv(4, **near), NavigationEnv(**near)
     seen = set()
     observations, _ = many.reset(seed=3)
@@ -234,7 +234,7 @@ def test_a_map_is_degraded_all_over_its_cells_however_its_frame_is_turned(monkey
     ("settings", "message"),
     [
         ({"config": {"task": {"aim": "time"}}}, "task.aim is 'time'; it needs the guidance"),
-        ({"config": {"starts": {"max_time": 3.0}}}, "starts.max_time needs the guidance 'poses'"),
+        ({"config": {"starts_within": 3.0}}, "starts_within needs the guidance 'poses'"),
         ({"guidance": {"call": "poses", "sharp": 1}}, "guidance.sharp is not a setting; it has"),
         ({"guidance": "pose"}, "expected 'geodesic', 'poses' or 'module:function'"),
     ],

@@ -196,7 +196,7 @@ def test_a_stream_never_runs_dry():
     "spec",
     [
         {"name": "floor_plan", "path_length": [200.0, 300.0]},
-        {"name": "empty", "size": [2.0, 2.0], "start": [1.0, 1.0, 0.0], "min_distance": 1.0},
+        {"name": "empty", "size": [2.0, 2.0], "start": [1.0, 1.0, 0.0]},
     ],
 )
 def test_a_scene_without_a_place_far_enough_is_refused(spec):

@@ -90,6 +90,7 @@ def draw_pose(rng: np.random.Generator, edge: float, width: float, height: float
 
 
 _TRIES = 10_000  # a room of 2 m x 2 m takes hundreds
+_MIN_DISTANCE = 2.0  # m from a drawn start to the goal, where the room is large enough
 _EDGE = 0.5  # m: no axle is drawn nearer to a wall
 
 
@@ -103,14 +104,6 @@ class EmptyRoom:
     """Start pose; null draws it at random."""
     goal: Pose | None = setting(default=None, unit="m, m, rad")
     """Goal pose; null draws it at random."""
-    min_distance: float = setting(default=2.0, unit="m", low=0.0)
-    """Minimum distance from start to goal."""
-
-    def __post_init__(self) -> None:
-        if self.min_distance > 0.4 * math.hypot(*self.size):
-            raise InputError(
-                f"EmptyRoom.min_distance is {self.min_distance}; too far for a room of {self.size}"
-            )
 
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
         """Draw the poses that are not given.
@@ -120,6 +113,7 @@ class EmptyRoom:
         """
         width, height = self.size
         arena = make_arena((0.0, 0.0, width, height))
+        minimum = min(_MIN_DISTANCE, 0.4 * math.hypot(width, height))
         given = {"start": self.start, "goal": self.goal}
         for name, pose in given.items():
             if pose is not None and not (
@@ -135,7 +129,7 @@ class EmptyRoom:
                 np.array(pose or draw_pose(rng, _EDGE, width, height)) for pose in given.values()
             )
             if None not in given.values() or (
-                math.dist(start[:2], goal[:2]) >= self.min_distance
+                math.dist(start[:2], goal[:2]) >= minimum
                 and arena.is_free(start, footprint, CLEARANCE)
                 and arena.is_free(goal, footprint, CLEARANCE)
             ):

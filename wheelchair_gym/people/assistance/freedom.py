@@ -43,6 +43,13 @@ class Freedom:
     """Distance to obstacles that it keeps."""
 
 
+@settings
+class Sharing:
+    """Settings of an assistant that shares control with a person."""
+
+    freedom: Freedom = Freedom()
+
+
 @dataclass(frozen=True)
 class AssistMission:
     """Information for an assistant before a person drives: the chair, and nothing of the person."""

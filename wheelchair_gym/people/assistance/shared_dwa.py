@@ -20,7 +20,7 @@ from wheelchair_gym.base.settings import setting, settings
 from wheelchair_gym.compiled.address import doubles_at, integers_at, on_stack
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.people.assistance.arcs import follow_arc
-from wheelchair_gym.people.assistance.freedom import Freedom, Twist, enough_now
+from wheelchair_gym.people.assistance.freedom import Sharing, Twist, enough_now
 
 SPEEDS, TURNS = 9, 15  # of the fan
 STEP, STEPS = 0.1, 20  # s between two poses of an arc, and how many
@@ -32,7 +32,7 @@ SAME = 1e-12  # a difference of costs that is none
 
 
 @settings
-class SharedDwa:
+class SharedDwa(Sharing):
     """Weighs clearance against nearness to the stick's heading and speed."""
 
     enough: float = setting(
@@ -40,7 +40,6 @@ class SharedDwa:
     )
     """Clearance that counts as full; less in proportion to the margin while somebody docks. From
     0.08 m on, waiting before a door of 0.80 m often costs less than going through it."""
-    freedom: Freedom = Freedom()
 
 
 @borrowing_kernel

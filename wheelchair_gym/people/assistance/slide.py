@@ -21,7 +21,7 @@ from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.base.settings import setting, settings
 from wheelchair_gym.compiled.address import on_stack, table_at
 from wheelchair_gym.compiled.kernel import borrowing_kernel
-from wheelchair_gym.people.assistance.freedom import Freedom, Twist
+from wheelchair_gym.people.assistance.freedom import Sharing, Twist
 from wheelchair_gym.people.assistance.state import MAXIMUM
 
 NEAR = 1.5  # m: farther obstacles do not limit
@@ -32,12 +32,11 @@ _TURN_WEIGHT = 0.3  # of a change of the turn rate beside one of the speed, both
 
 
 @settings
-class Slide:
+class Slide(Sharing):
     """The nearest twist to the stick's that closes on no obstacle too fast."""
 
     latency: float = setting(default=0.2, unit="s", low=0.0, high=2.0)
     """Time before the chair begins to brake."""
-    freedom: Freedom = Freedom()
 
 
 @borrowing_kernel

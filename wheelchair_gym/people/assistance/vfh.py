@@ -14,7 +14,7 @@ from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.base.settings import settings
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.people.assistance.arcs import free_share
-from wheelchair_gym.people.assistance.freedom import Freedom, Twist
+from wheelchair_gym.people.assistance.freedom import Sharing, Twist
 
 DIRECTIONS = 72  # of the histogram
 STEP = 0.1  # s between two poses of the projection
@@ -28,10 +28,8 @@ _TURN_PER_ANGLE = 1.0  # 1/s: turn rate per angle between the stick's direction 
 
 
 @settings
-class Vfh:
+class Vfh(Sharing):
     """Turns towards the free direction nearest to the stick's, and slows with the room there."""
-
-    freedom: Freedom = Freedom()
 
 
 @borrowing_kernel
