@@ -30,6 +30,7 @@ HORIZON = 1.0  # s for which a twist is followed to see what it costs
 TIMID, SURE = 0.3, 0.8  # beliefs from which on the share of `blend` rises, and is largest
 CLEARANCE_COST = 0.3  # s that a twist of `hindsight` costs on whose way the chair touches something
 ENOUGH = 0.10  # m: clearance that costs nothing; less while somebody docks
+CONFIDENCE = 0.4  # belief in a target from which on `hypotheses` helps
 MISS = 0.4  # s that the stick may cost more than the best twist before `hypotheses` helps
 LOOK_AHEAD = 1.5  # s for which `hypotheses` predicts a collision
 
@@ -175,9 +176,6 @@ class _Hindsight(Goals):
 class Hypotheses(Sharing):
     """Takes over towards the likely target when the stick is predicted to miss it."""
 
-    confidence: float = setting(default=0.4, low=0.0, high=1.0)
-    """Belief in a target from which on it helps."""
-
     def make(self) -> SharedAssistant:
         """A fresh assistant."""
         return SharedAssistant(_Hypotheses(self), self.freedom)
@@ -203,7 +201,7 @@ class _Hypotheses(Goals):
         best = cheapest(costs[:, likely] + 0.1 * off)
         same = cheapest(off)  # the stick's, or the nearest that is safe
         misses = costs[same, likely] - costs[best, likely] > MISS
-        sure = float(self.belief[likely]) >= self.config.confidence
+        sure = float(self.belief[likely]) >= CONFIDENCE
         if not (hits or (misses and sure)):
             return now.asked
         chosen = twists[best if sure else same]

@@ -23,8 +23,9 @@ from planners.trees.rrt import (
     CORNER_RADIUS,
     MAX_DRAWS,
     MIN_GAIN,
-    ROOMS,
     CornerSampling,
+    GoalBias,
+    LongEdges,
     TreeOptions,
     TreeSearch,
     connect_goal,
@@ -153,7 +154,7 @@ def grow(search: TreeSearch, until: int, state: Stream) -> None:
 
 
 @settings
-class RrtStar(PlannerBase):
+class RrtStar(GoalBias, LongEdges, PlannerBase):
     """RRT* (Karaman and Frazzoli 2011): the best parent is chosen, and neighbours are rewired.
 
     Neighbours lie within `search_radius`, or, where that is null, within the radius
@@ -165,12 +166,8 @@ class RrtStar(PlannerBase):
     """Number of samples."""
     nodes: int = setting(default=100_000, low=2)
     """Largest number of nodes of a tree."""
-    step: float = setting(default=4.0, unit="m", low=1e-3, source=ROOMS)
-    """Longest edge towards a sample."""
     search_radius: float | None = setting(default=None, unit="m", low=1e-3)
     """Radius of the neighbourhood; null for the shrinking radius."""
-    goal_bias: float = setting(default=0.05, low=0.0, high=1.0, source="LaValle and Kuffner 2001")
-    """Share of the samples that are the goal."""
     goal_reach: float = setting(default=4.0, unit="m", low=0.0, source="as the step")
     """Distance from which a node is connected to the goal."""
     return_on_first_path: bool = setting(default=False, source="more samples, shorter paths")
@@ -500,7 +497,7 @@ MAX_NODES = 100_000  # of each tree of informed RRT*
 
 
 @settings
-class InformedRrtStar(CornerSampling, PlannerBase):
+class InformedRrtStar(CornerSampling, LongEdges, PlannerBase):
     """Informed RRT* (Gammell, Srinivasa and Barfoot 2014), made quick: a labelled hybrid.
 
     The first path is RRT-Connect's (Kuffner and LaValle 2000). Then samples fall where they can
@@ -513,8 +510,6 @@ class InformedRrtStar(CornerSampling, PlannerBase):
 
     iterations: int = setting(default=10_000, low=1, source="as rrt_star")
     """Largest number of samples."""
-    step: float = setting(default=4.0, unit="m", low=1e-3, source=ROOMS)
-    """Longest edge towards a sample."""
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Return the best path of all samples."""

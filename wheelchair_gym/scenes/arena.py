@@ -18,11 +18,9 @@ from wheelchair_gym.base.settings import InputError, setting, settings
 from wheelchair_gym.geometry.outline import Footprint
 from wheelchair_gym.geometry.planar import polygon_edges
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, geodesic
-from wheelchair_gym.scenes.poses import CLEARANCE, FOOTPRINT, is_free_pose
+from wheelchair_gym.scenes.poses import CLEARANCE, FOOTPRINT, Ends, Pose, is_free_pose
 from wheelchair_gym.scenes.raster import CELL, paint_discs, paint_polygon, to_cells
 from wheelchair_gym.types import Episode
-
-Pose = tuple[float, float, float]
 
 WALL: Final = 0.10  # m: thickness of the wall round an arena
 
@@ -95,15 +93,11 @@ _EDGE = 0.5  # m: no axle is drawn nearer to a wall
 
 
 @settings
-class EmptyRoom:
+class EmptyRoom(Ends):
     """An empty rectangular room, its lower-left corner at (0, 0): for first steps and physics."""
 
     size: tuple[float, float] = setting(default=(8.0, 6.0), unit="m", low=2.0, high=200.0)
     """Length along x and y of the room."""
-    start: Pose | None = setting(default=None, unit="m, m, rad")
-    """Start pose; null draws it at random."""
-    goal: Pose | None = setting(default=None, unit="m, m, rad")
-    """Goal pose; null draws it at random."""
 
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
         """Draw the poses that are not given.

@@ -15,7 +15,7 @@ from wheelchair_gym.geometry.outline import Footprint
 from wheelchair_gym.geometry.planar import arc_lengths
 from wheelchair_gym.maps import OCCUPIED, OccupancyGrid, geodesic
 from wheelchair_gym.scenes.arena import draw_pose, make_arena
-from wheelchair_gym.scenes.floor_plan import Building, FloorPlan
+from wheelchair_gym.scenes.floor_plan import InBuilding
 from wheelchair_gym.scenes.layout import FloorLayout
 from wheelchair_gym.scenes.passages import PASSAGES, Passage, PassageName
 from wheelchair_gym.scenes.pedestrians import (
@@ -142,7 +142,7 @@ _COLUMNS = 0.02  # 1/m2 of a hall
 
 
 @settings
-class Crowd(Building):
+class Crowd(InBuilding):
     """People who walk through a building, a hall, a corridor, a crossing or out of a lift.
 
     Buildings have powered doors; light furniture stands about where there is room for it.
@@ -157,7 +157,6 @@ class Crowd(Building):
     """Share of doors that have a powered leaf."""
     furniture_density: float = setting(default=0.01, unit="1/m2", low=0.0, high=1.0)
     """Movable pieces of furniture per free area."""
-    building: FloorPlan = FloorPlan()
     hall_size: Range[float] = setting(default=(9.0, 14.0), unit="m", low=5.0, high=60.0)
     """Minimum and maximum side of a hall."""
     corridor_width: Range[float] = setting(default=(2.0, 3.0), unit="m", low=1.2, high=10.0)
@@ -250,7 +249,7 @@ _ENDS = 2.0  # m of the way at start and goal where nothing appears
 
 
 @settings
-class Temporary(Building):
+class Temporary(InBuilding):
     """A floor plan in which discs appear for a while on the shortest path ahead of the chair.
 
     The chair plans a new path round them or waits until they are gone (Belalia 2023).
@@ -258,7 +257,6 @@ class Temporary(Building):
 
     count: Range[int] = setting(default=(1, 3), low=0, high=20)
     """Minimum and maximum number of obstacles."""
-    building: FloorPlan = FloorPlan()
 
     def sample_building(
         self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT

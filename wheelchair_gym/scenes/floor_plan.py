@@ -112,6 +112,13 @@ class FloorPlan(Building):
         )
 
 
+@settings
+class InBuilding(Building):
+    """A scene in a building."""
+
+    building: FloorPlan = FloorPlan()
+
+
 @kernel
 def _draw_storey(
     source: NumpyStream,

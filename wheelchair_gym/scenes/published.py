@@ -208,14 +208,15 @@ def _thesis_map(number: int, gap: float, scale: float) -> Arena:
     )
 
 
+_GAP = 1.2  # m: width of the narrow passages, enough for the chair
+
+
 @settings
 class ThesisMap:
     """One of the five maps; the same world for every generator."""
 
     number: int = setting(default=1, low=1, high=5, source="the first one")
     """Which of the five maps."""
-    gap: float = setting(default=1.2, unit="m", low=0.7, high=3.0, source="enough for the chair")
-    """Width of the narrow passages."""
     scale: float = setting(
         default=1.0, low=0.5, high=2.0, source="RRT* paths of the thesis are 35.27 m: 0.872"
     )
@@ -223,7 +224,7 @@ class ThesisMap:
 
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
         """The one world there is, whatever the footprint."""
-        arena = _thesis_map(self.number, self.gap, self.scale)
+        arena = _thesis_map(self.number, _GAP, self.scale)
         start, goal = ((self.scale * x, self.scale * y) for x, y in (START, GOAL))
         return arena.episode(*poses_along(start, goal), f"thesis_{self.number}")
 

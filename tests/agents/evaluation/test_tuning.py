@@ -97,7 +97,7 @@ def test_values_take_the_places_of_dotted_keys():
 def test_a_search_begins_with_what_is_set_and_judges_the_best_on_others(once):
     folder, found = once
     rows = [line.split(",") for line in (folder / "trials.csv").read_text().splitlines()]
-    assert rows[1][3:] == ["0.45", "0.9"]
+    assert rows[1][3:] == ["0.45", "0.7"]
     scores = [float(row[1]) for row in rows[1:]]
     assert len(scores) == 6
     assert found["best"]["score"] == max(scores)

@@ -208,10 +208,6 @@ class BrainComputer:
         default=0.85, low=0.0, high=1.0, source="Leeb 2015: more than 70 % to take part; Tonin 2022"
     )
     """Probability that a command is the one that was meant; else it is its opposite."""
-    command_interval: float = setting(
-        default=10.0, unit="s", low=0.1, high=600.0, source="3 to 6 commands a minute: assumed"
-    )
-    """Minimum time between two commands."""
 
 
 INTERFACES: Final[dict[str, Any]] = {
