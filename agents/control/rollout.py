@@ -37,10 +37,10 @@ ACTOR_CAUTION = 0.35  # s: of own speed, kept as distance from actors, which may
 # Terms of the cost of a roll-out beside those of `Objective`; tuned on training crowds and homes.
 COMFORT = 0.05  # s: cost of a change of the twist by 1 m/s; by 1 rad/s it costs half as much
 REVERSE = 0.5  # cost of a metre in reverse
-PROXIMITY = 2.0  # cost of a metre towards an actor, at it; it falls to zero
-ACTOR_CLEARANCE = 0.8  # m: at this distance from the actor
-ACTOR_WEIGHT = 6.0  # m: cost of a place that an actor reaches; it falls to zero
-PREDICTION_TIME = 2.0  # s: for a contact after this time, since one of the two will move aside
+PROXIMITY = 2.0  # cost of a metre towards an actor, at it; zero from ACTOR_CLEARANCE on
+ACTOR_CLEARANCE = 0.8  # m
+ACTOR_WEIGHT = 6.0  # m: cost of a predicted contact with an actor; zero from PREDICTION_TIME on
+PREDICTION_TIME = 2.0  # s, until which one of the two will have moved aside
 X, Y, YAW, S = range(4)  # columns of a reference path
 # Columns of actors, after X and Y: of `LocalMap.actors`.
 VX, VY, RADIUS, PLACE_VAR, COVARIANCE, SPEED_VAR = 2, 3, 4, 5, 6, 7

@@ -39,7 +39,7 @@ from wheelchair_gym.geometry.planar import body_to_world, world_to_body
 from wheelchair_gym.sim.settings import MOTOR_RESISTANCE, WHEEL_INERTIA
 
 CASTER_TRACK = 0.46  # m between the two casters
-CASTER_DRAG = 0.03  # of the casters to rolling and swivelling, as a share of their load
+CASTER_DRAG = 0.03  # resistance of the casters to rolling and swivelling, as a share of their load
 ROLLING_RESISTANCE = 0.015  # of the drive wheels, as a share of their load: pneumatic tyres
 BATTERY_RESISTANCE = 0.1  # ohm, internal
 _SWEEPS = 20  # of Gauss-Seidel, when a wheel slips
