@@ -240,10 +240,10 @@ class People(Crowd):
     hall_size: Range[float] = setting(default=(10.0, 12.0), unit="m", low=5.0, high=60.0)
 
 
-_RADIUS = 0.15, 0.35  # m: minimum and maximum of an obstacle, from a bag to a trolley
-_TRIGGER_DISTANCE = 1.5, 3.0  # m, minimum and maximum: chair at which an obstacle appears
+_RADIUS = 0.15, 0.35  # m, min and max: radius of an obstacle, from a bag to a trolley
+_TRIGGER_DISTANCE = 1.5, 3.0  # m, min and max: distance of the chair at which an obstacle appears
 _MIN_DISTANCE = 1.2  # m: no obstacle appears nearer to the chair; 0.8 m/s stops in 0.88 m
-_DURATION = 5.0, 20.0  # s, minimum and maximum: time for which an obstacle stays
+_DURATION = 5.0, 20.0  # s, min and max: time for which an obstacle stays
 _LATERAL_OFFSET = 0.15  # m: largest of an obstacle from the path, along x and y
 _ENDS = 2.0  # m of the way at start and goal where nothing appears
 
