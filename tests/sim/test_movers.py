@@ -99,7 +99,7 @@ def test_cones_hear_movers_where_they_were_when_fired():
     twist, heard, near = np.array([0.25, 0.5]), 0, 0
     for k in range(96):
         reading = at_once.drive(twist)
-        which = rangers.order[k % 8]
+        which = rangers.firing_order[k % 8]
         assert reading.age[which] == 0.0
         truth, mount, model = at_once.truth, rangers.mounted[which], models[which]
         discs, segments = actor_shapes(episode.actors, truth.actor_poses)
