@@ -64,7 +64,7 @@ def start_fit(
         minimum = f"{ECHOES:.0%} or more"
         wrong = f"{share:.0%} of the laser's beams have an echo; expected {minimum}"
         return StartFit(share, 0.0, start, 0.0, start, wrong)
-    field = make_likelihood_field(grid, model.sigma, model.outlier_share)
+    field = make_likelihood_field(grid, model.sigma)
     ends = _some(scan, _BEAMS)
 
     def climbed(pose: Array) -> tuple[float, Array]:

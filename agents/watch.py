@@ -69,7 +69,7 @@ class Watch:
         if not self:
             yield lambda slam: None
             return
-        from wheelchair_gym.recording.record import RecordingSettings
+        from wheelchair_gym.recording.record import REFRESH_PERIOD
         from wheelchair_gym.recording.sink import Sink
 
         out, odometry = Sink(self.record, self.live, self.format), log.odometry
@@ -85,7 +85,7 @@ class Watch:
             out.now = round(1e9 * stamp)  # ns
             period = stamp - float(log.stamps[k - 1] - log.stamps[0]) if k else 0.0
             twist = log.increments[k][[0, 2]] / period if period > 0.0 else np.zeros(2)
-            if stamp - drawn >= RecordingSettings().refresh_period:
+            if stamp - drawn >= REFRESH_PERIOD:
                 drawn = stamp
                 out.send("/map", slam.map)
                 out.send("/tf_static", [laser])

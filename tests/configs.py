@@ -11,7 +11,6 @@ from tests.conftest import ROOT
 from wheelchair_gym.envs import EnvSettings
 from wheelchair_gym.hardware.registry import CHAIRS
 from wheelchair_gym.people.drivers import DRIVERS
-from wheelchair_gym.perception.occupancy import MappingSettings
 from wheelchair_gym.perception.slam import SlamSettings
 from wheelchair_gym.safety import ShieldSettings
 from wheelchair_gym.scenes import SCENES
@@ -29,7 +28,7 @@ DEFAULTS: Final[dict[str, Any]] = {
         # The drive board controls at 200 Hz: a simulation of this chair does so, too.
         chair=ChairSettings(motor=MotorSettings(control_rate=200.0)),
         physics=PhysicsSettings(step=0.005),
-        slam=SlamSettings(mapping=MappingSettings(reserve=20.0)),
+        slam=SlamSettings(reserve=20.0),
     ),
     "planners": {name: planner() for name, planner in sorted(PLANNERS.items())},
     "scenes": {name: scene() for name, scene in sorted(SCENES.items())},

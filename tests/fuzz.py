@@ -659,7 +659,7 @@ READERS: dict[str, Reader] = {
     ),
     "store": Reader(_store, _use_store, ("evaluation.runs.read_store",)),
     "log": Reader(
-        _log, lambda path: by_odometry(read_log(path), LASER, SlamSettings().mapping),
+        _log, lambda path: by_odometry(read_log(path), LASER, SlamSettings()),
         ("perception.logs.read_log",),
     ),
     "recording": Reader(

@@ -42,7 +42,6 @@ def test_a_part_keeps_the_defaults_that_it_has_where_it_stands():
     [
         (Limits, {"forward": True}, "chair.json.forward is True; expected float"),
         (SensorSettings, {"laser": 3}, r"chair.json.laser is 3; expected an object"),
-        (SensorSettings, {"ultrasonic": {"order": [0, 1]}}, "order must name each mounted ranger"),
         (SensorSettings, {"ultrasonic": {"mounted": [{}] * 9}}, "9 rangers; expected at most 8"),
         (SensorSettings, {"laser": {"beams": 1}}, "expected 2 or more, or 0: no scanner"),
         (SensorSettings, {"more_lasers": [{}] * 4}, "has 4 scanners; expected at most 3"),

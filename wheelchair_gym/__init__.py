@@ -30,6 +30,6 @@ _REAL = {
     "sensors": {"pose_source": "mcl"},
     "chair": {"motor": {"control_rate": 200.0}},
     "physics": {"step": 0.005},
-    "slam": {"mapping": {"reserve": 20.0}},
+    "slam": {"reserve": 20.0},
 }
 gym.register("wheelchair_gym/Hardware-v1", _ENTRY, kwargs={"chair": "hardware", "config": _REAL})

@@ -101,7 +101,7 @@ def _from_scans(given: argparse.Namespace) -> tuple[dict[str, Any], list[str]]:
     )
     config = SlamSettings() if given.particles is None else SlamSettings(particles=given.particles)
     with progress(len(log.stamps), not given.quiet) as bar:
-        maps = [by_odometry(log, laser, config.mapping)]
+        maps = [by_odometry(log, laser, config)]
         if not given.odometry_only:
             with watch(given).on_log(log, laser) as each:
 

@@ -38,9 +38,14 @@ TIGHT = 0.5  # share of the margin: where less of it is left, the chair creeps
 CREEP = 0.1  # m/s: walking-stick speed
 STILL = 0.03  # m/s, rad/s: slower is at rest
 OFF, TURNED_OFF = 0.10, 0.15  # m, rad from the predicted pose; beyond, new commands are generated
-HOLD = 0.4  # s for which a twist is held before the stop that must be clear
+HOLD = 0.4  # s that a twist is held before the stop that must be clear: four periods at 10 Hz
+BACKWARD = 0.2  # m/s: fastest reverse speed of roll-outs; no sensor looks back
 SPEEDS = np.array([0.12, 0.25, 0.45, 0.7, 1.0])  # shares of the speed limit, in a fan
 TURNS = np.array([0.06, 0.14, 0.25, 0.4, 0.6, 0.8, 1.0])  # shares of the turn limit, in a fan
+PIECES = 4  # twists within the horizon of `mppi`
+SPREAD = np.array([0.2, 0.3])  # m/s, rad/s: standard deviations of its twists; tuned
+LATERAL = 0.35  # m/s2: maximum lateral acceleration of `pure_pursuit` in curves; comfort
+PIVOT, PIVOTED = 0.9, 0.3  # rad: heading errors at which it begins and ends a turn in place
 
 
 class Situation(NamedTuple):
@@ -83,50 +88,28 @@ class Follower(Protocol):
 
 @settings
 class Objective:
-    """The cost of a roll-out; every term counts in metres of way."""
+    """The cost of a roll-out; every term counts in metres of way, as one along the path does."""
 
     horizon: float = setting(default=1.5, unit="s", low=0.3, source="tuned on training floor plans")
     """Time over which commands are rolled out and scored."""
-    prediction_time: float = setting(
-        default=2.0, unit="s", low=0.3, source="tuned on training crowds"
-    )
-    """Time after which a predicted contact costs nothing: one of the two will have moved aside."""
     desired_clearance: float = setting(
         default=0.20, unit="m", low=0.01, source="half the play in a 1.0 m door"
     )
     """Clearance to static obstacles beyond which more brings no lower cost."""
-    actor_clearance: float = setting(
-        default=0.8, unit="m", low=0.01, source="tuned on training crowds"
-    )
-    """Distance from actors beyond which more brings no lower cost."""
-    proximity: float = setting(default=2.0, low=0.0, source="tuned on training crowds")
-    """Cost of a metre towards an actor, at it; it falls to zero at `actor_clearance`."""
-    progress: float = setting(default=1.0, low=0.0, source="the unit")
-    """Gain of a metre along the path."""
     clearance: float = setting(
         default=0.8, low=0.0, source="less than progress, or nothing tight is entered"
     )
     """Cost of a metre in contact, which falls to zero at the desired clearance."""
     path: float = setting(default=1.5, low=0.0, source="tuned")
     """Cost of a metre beside the path at the end; half of it counts half-way."""
-    comfort: float = setting(default=0.05, unit="s", low=0.0, source="tuned against wobble")
-    """Cost of a change of the twist by 1 m/s; a change by 1 rad/s costs half as much."""
-    reverse: float = setting(default=0.5, low=0.0, source="tuned")
-    """Cost of a metre in reverse."""
-    actor_weight: float = setting(default=6.0, unit="m", low=0.0, source="tuned")
-    """Cost of a place that an actor reaches."""
 
 
 @settings
 class RolloutSettings:
     """Settings common to the followers that choose by roll-outs."""
 
-    hold: float = setting(default=HOLD, unit="s", low=0.1, source="four periods at 10 Hz")
-    """Time for which a twist is held before the stop that must be clear."""
     margin: float = setting(default=0.05, unit="m", low=0.0, source="laser sigma 15 mm, 3 sigma")
     """Clearance that the outline keeps where it can."""
-    backward: float = setting(default=0.2, unit="m/s", low=0.0, source="no sensor looks back")
-    """Fastest reverse speed."""
     objective: Objective = Objective()
 
 
@@ -156,9 +139,9 @@ def allowed(candidates: Array, local_map: LocalMap, slow: bool) -> Array:
     return candidates[good]
 
 
-def full_fan(limits: Limits, backward: float) -> Array:
+def full_fan(limits: Limits) -> Array:
     """A fan of twists (c, 2) over the whole range of the limits, finer where they are slow."""
-    back = min(backward, limits.backward)
+    back = min(BACKWARD, limits.backward)
     v = np.concatenate([[-back, -0.5 * back, 0.0], limits.forward * SPEEDS])
     w = limits.turn * np.concatenate([-TURNS[::-1], [0.0], TURNS])
     return np.stack(np.meshgrid(v, w, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -173,16 +156,13 @@ class Window(RolloutSettings):
     close to obstacles, the chair tracks the planned poses instead.
     """
 
-    tight: float = setting(default=0.10, unit="m", low=0.0, source="twice the margin")
-    """Gap beside the planned outline, below which turns of the plan are tracked; 0: none are."""
-
     def fan(self, chair: ChairState) -> Array:
         """Twists (c, 2) to choose among [m/s, rad/s]."""
-        return full_fan(chair.limits, self.backward)
+        return full_fan(chair.limits)
 
     def make(self) -> Follower:
         """A follower at rest."""
-        return ManoeuvreTracker(FanFollower(self), self.tight, self.margin)
+        return ManoeuvreTracker(FanFollower(self), self.margin)
 
 
 @settings
@@ -203,7 +183,7 @@ class DynamicWindow(RolloutSettings):
     def fan(self, chair: ChairState) -> Array:
         """Twists (c, 2) to choose among [m/s, rad/s]."""
         limits, (v, _, w, _) = chair.limits, chair.body.state
-        back = min(self.backward, limits.backward)
+        back = min(BACKWARD, limits.backward)
         low = max(-back, v - limits.deceleration * self.reach)
         high = max(low, min(limits.forward, v + limits.acceleration * self.reach))
         wide = limits.turn_acceleration * self.reach
@@ -233,7 +213,7 @@ class FanFollower:
         def pick(margin: float, slow: bool) -> Array | None:
             some = allowed(fan, local_map, slow)
             costs = rollout_costs(some, body, view, margin, self._objective)
-            best = cheapest(some[:, 0], costs, body, view, config.hold, margin)
+            best = cheapest(some[:, 0], costs, body, view, HOLD, margin)
             return np.array(some[best, 0, :2]) if best >= 0 else None
 
         return relax_clearance(now, config.margin, pick)
@@ -248,16 +228,8 @@ class PathIntegral(RolloutSettings):
 
     samples: int = setting(default=72, low=4, high=10_000, source="10 ms on one core")
     """Number of noisy roll-outs."""
-    pieces: int = setting(default=4, low=1, high=50)
-    """Number of twists within the horizon."""
-    spread_v: float = setting(default=0.20, unit="m/s", low=0.0, source="tuned")
-    """Standard deviation of the speeds."""
-    spread_w: float = setting(default=0.30, unit="rad/s", low=0.0, source="tuned")
-    """Standard deviation of the turn rates."""
     temperature: float = setting(default=0.03, unit="m", low=1e-6, source="tuned")
     """Difference of cost at which a weight falls to 1/e."""
-    seed: int = setting(default=0, low=0)
-    """Seed of the noise, anew for every path."""
 
     def make(self) -> Follower:
         """A follower at rest."""
@@ -269,26 +241,25 @@ class PathIntegralFollower:
 
     def __init__(self, config: PathIntegral) -> None:
         self.config, self._objective = config, record_of(config.objective)
-        self._rng = np.random.default_rng(config.seed)
-        self._mean: Array = np.zeros((config.pieces, 2))
+        self._rng = np.random.default_rng(0)  # anew for every path
+        self._mean: Array = np.zeros((PIECES, 2))
 
     def twist(self, now: Situation) -> Array | None:
         """See `Follower.twist`."""
         config, limits, body = self.config, now.chair.limits, now.chair.body
         view, objective = now.view, self._objective
-        long = config.objective.horizon / config.pieces
+        long = config.objective.horizon / PIECES
         self._mean += (
             now.chair.period / long * (np.vstack([self._mean[1:], self._mean[-1:]]) - self._mean)
         )
         # Noise that lasts over the horizon and noise of each piece, in equal parts; and a coarse
         # fan, so that a mean that is suddenly blocked finds another way at once.
-        spread = np.array([config.spread_v, config.spread_w])
-        noise = self._rng.standard_normal((config.samples, config.pieces + 1, 2)) * spread
+        noise = self._rng.standard_normal((config.samples, PIECES + 1, 2)) * SPREAD
         drawn = self._mean + (noise[:, :1] + noise[:, 1:]) / np.sqrt(2.0)
         drawn[0] = self._mean
-        fan = full_fan(limits, config.backward)[::3]
-        drawn = np.concatenate([drawn, np.repeat(fan[:, None], config.pieces, axis=1)])
-        low = -min(config.backward, limits.backward), -limits.turn
+        fan = full_fan(limits)[::3]
+        drawn = np.concatenate([drawn, np.repeat(fan[:, None], PIECES, axis=1)])
+        low = -min(BACKWARD, limits.backward), -limits.turn
         drawn = np.clip(drawn, low, (limits.forward, limits.turn))
         times = np.full((*drawn.shape[:2], 1), long)
         candidates = np.concatenate([drawn, times], axis=2)  # (c, pieces, 3)
@@ -298,13 +269,13 @@ class PathIntegralFollower:
             costs = rollout_costs(some, body, view, margin, objective)
             share = np.exp((costs.min() - costs) / config.temperature)
             mean = (share / share.sum()) @ some.reshape(len(some), -1)
-            mean = mean.reshape(1, config.pieces, 3)
+            mean = mean.reshape(1, PIECES, 3)
             # The mean first if it is about as good as the best: it wobbles less.
             mean_cost = rollout_costs(mean, body, view, margin, objective)
             costs = np.append(mean_cost - config.temperature, costs)
             some = np.concatenate([mean, some])
             first = np.ascontiguousarray(some[:, 0])
-            best = cheapest(first, costs, body, view, config.hold, margin)
+            best = cheapest(first, costs, body, view, HOLD, margin)
             if best < 0:
                 return None
             self._mean = some[best, :, :2].copy()
@@ -328,8 +299,6 @@ class GeneratedControls:
         arrival=0.2,
     )  # fmt: skip
     """Search of commands."""
-    seed: int = setting(default=0, low=0)
-    """Seed of the swarm, anew for every path."""
     again: float | None = setting(
         default=0.4, unit="s", low=0.1, source="measured on training homes"
     )
@@ -363,7 +332,7 @@ class GeneratedControlsFollower:
 
     def __init__(self, config: GeneratedControls) -> None:
         self.config = config
-        self._rng = np.random.default_rng(config.seed)
+        self._rng = np.random.default_rng(0)  # anew for every path
         self.controls: Controls | None = None  # generated last
         self._age = 0.0  # s since they were generated
         self._driven = 0.0  # s of them that have been driven
@@ -413,18 +382,18 @@ class GeneratedControlsFollower:
         twist = chair.body.state[[0, 2]]
         left = np.empty((0, 3)) if self.controls is None else self.controls.after(self._driven)
         limits = chair.limits
+        pivot = math.inf
         if not local_map.looks_back:  # unseen floor is entered slowly: in reverse, and in a turn
             back = 0.0 if local_map.blind else min(CREEP, limits.backward)
             limits = replace(limits, backward=back)
-            lever = math.hypot(chair.footprint.rear, chair.footprint.half_width)
-            generator = replace(generator, pivot=min(CREEP / lever, generator.pivot or math.inf))
+            pivot = CREEP / math.hypot(chair.footprint.rear, chair.footprint.half_width)
         for margin in local_map.margins(generator.margin):
             for share in (1.0, 0.5) if generator.horizon is not None else (1.0,):
                 horizon = None if generator.horizon is None else share * generator.horizon
                 some = replace(generator, margin=margin, horizon=horizon)
                 self.controls = some.generate(
                     path, local_map.pose, no_walls(), discs, chair.footprint, limits, self._rng,
-                    twist, left,
+                    twist, left, pivot,
                 )  # fmt: skip
                 if self.controls.reached:
                     self._age = self._driven = 0.0
@@ -443,14 +412,8 @@ class PurePursuit:
     """Minimum distance of the point that is steered for."""
     lookahead_time: float = setting(default=0.7, unit="s", low=0.0)
     """Time by whose way the point is farther ahead in motion."""
-    lateral: float = setting(default=0.35, unit="m/s2", low=0.01, source="comfort")
-    """Maximum lateral acceleration in curves."""
-    pivot: float = setting(default=0.9, unit="rad", low=0.1, high=3.1)
-    """Heading error above which the chair turns in place."""
     margin: float = setting(default=0.05, unit="m", low=0.0, source="laser sigma 15 mm, 3 sigma")
     """Clearance that the outline keeps where it can."""
-    slowest: float = setting(default=0.1, unit="m/s", low=0.01, source="walking-stick speed")
-    """Minimum speed in curves and near the goal."""
 
     def make(self) -> Follower:
         """A follower at rest."""
@@ -480,12 +443,12 @@ class PurePursuitFollower:
         beyond = nearest + np.flatnonzero(far[nearest:] > ahead)
         x, y = rows[beyond[0] if len(beyond) else -1, :2]
         error = math.atan2(y, x)
-        self._pivoting = abs(error) > (0.3 if self._pivoting else config.pivot)
+        self._pivoting = abs(error) > (PIVOTED if self._pivoting else PIVOT)
         if self._pivoting:
             return 0.0, math.copysign(0.6 * limits.turn, error)
         curvature = 2.0 * y / max(x * x + y * y, 0.01)
         left = float(far[nearest] + rows[-1, S] - rows[nearest, S])
         v = min(limits.forward, math.sqrt(2.0 * 0.5 * limits.deceleration * left))
-        v = min(v, math.sqrt(config.lateral / max(abs(curvature), 1e-6)))
-        v = max(config.slowest, min(v, 0.9 * limits.turn / max(abs(curvature), 1e-6)))
+        v = min(v, math.sqrt(LATERAL / max(abs(curvature), 1e-6)))
+        v = max(CREEP, min(v, 0.9 * limits.turn / max(abs(curvature), 1e-6)))
         return v, v * curvature

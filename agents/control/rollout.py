@@ -34,6 +34,13 @@ AT_REST = 0.03  # m/s: slower, a chair stands
 SPREAD = 0.25  # standard deviations of a predicted place added to an actor's radius,
 MAX_SPREAD = 0.1  # m: up to this
 ACTOR_CAUTION = 0.35  # s: of own speed, kept as distance from actors, which may turn any moment
+# Terms of the cost of a roll-out beside those of `Objective`; tuned on training crowds and homes.
+COMFORT = 0.05  # s: cost of a change of the twist by 1 m/s; by 1 rad/s it costs half as much
+REVERSE = 0.5  # cost of a metre in reverse
+PROXIMITY = 2.0  # cost of a metre towards an actor, at it; zero from ACTOR_CLEARANCE on
+ACTOR_CLEARANCE = 0.8  # m
+ACTOR_WEIGHT = 6.0  # m: cost of a predicted contact with an actor; zero from PREDICTION_TIME on
+PREDICTION_TIME = 2.0  # s, until which one of the two will have moved aside
 X, Y, YAW, S = range(4)  # columns of a reference path
 # Columns of actors, after X and Y: of `LocalMap.actors`.
 VX, VY, RADIUS, PLACE_VAR, COVARIANCE, SPEED_VAR = 2, 3, 4, 5, 6, 7
@@ -172,14 +179,14 @@ def rollout_cost(
     gap = 0.0  # a lower bound; measured anew only where it might matter
     sv, av, sw, aw = body.state[0], body.state[1], body.state[2], body.state[3]
     v, w, row, until = commands[0, 0], commands[0, 1], 0, commands[0, 2]
-    cost: float = objective.comfort * (abs(v - body.last[0]) + 0.5 * abs(w - body.last[1]))
+    cost: float = COMFORT * (abs(v - body.last[0]) + 0.5 * abs(w - body.last[1]))
     reversed_way, driven, actors = 0.0, 0.1, view.actors.shape[0] > 0
     end = (0.0, 0.0, 0.0)
     for k in range(steps):
         while k * STEP >= until - 1e-9 and row + 1 < commands.shape[0]:
             row += 1
             change = abs(commands[row, 0] - v) + 0.5 * abs(commands[row, 1] - w)
-            cost += objective.comfort * change
+            cost += COMFORT * change
             v, w, until = commands[row, 0], commands[row, 1], until + commands[row, 2]
         sv, av, sw, aw = approach_twist(sv, av, sw, aw, v, w, limits, STEP)
         bx, by, byaw = x, y, yaw
@@ -196,15 +203,15 @@ def rollout_cost(
         short = max(0.0, 1.0 - gap / desired)
         cost += weight * short * short * moved
         if actors and moved > AT_REST * STEP:
-            t, limit = (k + 1) * STEP, objective.actor_clearance
-            distance = actor_distance(x, y, yaw, footprint, view.actors, t, limit)
-            before = actor_distance(bx, by, byaw, footprint, view.actors, t, limit)
+            t = (k + 1) * STEP
+            distance = actor_distance(x, y, yaw, footprint, view.actors, t, ACTOR_CLEARANCE)
+            before = actor_distance(bx, by, byaw, footprint, view.actors, t, ACTOR_CLEARANCE)
             if distance < before:  # by the chair's own motion, not who walks into its side
-                short = 1.0 - distance / limit
-                cost += objective.proximity * short * short * (before - distance)
+                short = 1.0 - distance / ACTOR_CLEARANCE
+                cost += PROXIMITY * short * short * (before - distance)
                 if distance < margin:  # the later, the surer one of both will have turned aside
-                    left = max(0.0, 1.0 - t / objective.prediction_time)
-                    cost += objective.actor_weight * left * left * min(1.0, abs(sv) / GENTLE)
+                    left = max(0.0, 1.0 - t / PREDICTION_TIME)
+                    cost += ACTOR_WEIGHT * left * left * min(1.0, abs(sv) / GENTLE)
                     break
         reversed_way += max(0.0, -sv) * STEP
         driven += 1.1 * moved
@@ -214,8 +221,8 @@ def rollout_cost(
             cost += 0.5 * objective.path * error
     at, error = match(end[0], end[1], end[2], reference, start, reference[start, S] + driven)
     cost += objective.path * error
-    cost -= objective.progress * (reference[at, S] - reference[start, S])
-    cost += objective.reverse * reversed_way
+    cost -= reference[at, S] - reference[start, S]
+    cost += REVERSE * reversed_way
     return cost
 
 

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from agents.control.followers import Follower, Situation
 
 
+TIGHT = 0.10  # m between the planned outline and what is seen, below which turns are tracked
 LOOK = 1.2  # m of way ahead, within which a tight turn makes the chair track its plan
 TURNING = 0.8  # rad a metre of way, of which a turn in place has 2.5: sharper is a turn
 REACH = 0.3  # m of way along the plan, where the chair may be a period later
@@ -53,12 +54,11 @@ class ManoeuvreTracker:
 
     Args:
         follower: drives everywhere else.
-        tight: gap [m] between the planned outline and what is seen, below which turns are tracked.
         margin: clearance [m] that the outline keeps where it can.
     """
 
-    def __init__(self, follower: Follower, tight: float, margin: float) -> None:
-        self._follower, self._tight, self._margin = follower, tight, margin
+    def __init__(self, follower: Follower, margin: float) -> None:
+        self._follower, self._margin = follower, margin
         self._of: ReferencePath | None = None  # what the next three are of
         self._rows = np.empty((0, 4))  # with headings that do not jump
         self._kinds = np.empty(0)  # (n - 1,) of steps from row to row: 1 ahead, -1 back, 0 turn
@@ -130,7 +130,7 @@ class ManoeuvreTracker:
         for k in near:
             dx, dy, yaw = rows[k, :3] - pose
             at = c * dx + s * dy, c * dy - s * dx
-            if clearance_to_points(*at, yaw, outline, points, self._tight) < self._tight:
+            if clearance_to_points(*at, yaw, outline, points, TIGHT) < TIGHT:
                 return max(0.0, float(rows[near[0], S]) - way)
         return None
 

@@ -12,7 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from agents.control.followers import CREEP, Follower, Situation, Window, relax_clearance
+from agents.control.followers import (
+    BACKWARD,
+    CREEP,
+    HOLD,
+    Follower,
+    Situation,
+    Window,
+    relax_clearance,
+)
 from agents.control.rollout import Body, LocalView, S, cheapest, rollout_cost, start_row
 from agents.control.tight_places import ManoeuvreTracker
 from planners.rrt_star_woa.woa import WhaleParameters, WhaleSettings, move, new_whales, tell
@@ -29,7 +37,7 @@ SIZE = 3 * COMMANDS + 1  # (v, w, t) of each, then how many count
 def _bounds(config: RefinedWindow, now: Situation, slow: bool) -> tuple[Array, Array]:
     """Bounds (SIZE,) of a particle's values."""
     limits, horizon = now.chair.limits, config.objective.horizon
-    back = 0.0 if now.local_map.blind else min(config.backward, limits.backward)
+    back = 0.0 if now.local_map.blind else min(BACKWARD, limits.backward)
     ahead = limits.forward
     if slow:
         back, ahead = min(back, CREEP), min(ahead, CREEP)
@@ -86,7 +94,7 @@ class WhaleCommands:
 
     def __init__(self, config: RefinedWindow) -> None:
         self.config, self._objective = config, record_of(config.objective)
-        self._state = stream(np.random.default_rng(config.seed))
+        self._state = stream(np.random.default_rng(0))  # anew for every path
         self._best: Array | None = None  # (SIZE,)
 
     def twist(self, now: Situation) -> Array | None:
@@ -103,7 +111,7 @@ class WhaleCommands:
                 some, lower, upper, body, view, margin, self._objective,
                 config.whales.parameters, self._state,
             )  # fmt: skip
-            best = cheapest(tried, costs, body, view, config.hold, margin)
+            best = cheapest(tried, costs, body, view, HOLD, margin)
             if best < 0:
                 return None
             self._best = tried[best]
@@ -126,18 +134,16 @@ class RefinedWindow(Window):
         default=WhaleSettings(population=16, iterations=4, a=1.0), source="10 ms on one core"
     )
     """The swarm, the best candidates at first."""
-    seed: int = setting(default=0, low=0)
-    """Seed of the swarm, anew for every path."""
 
     def make(self) -> Follower:
         """A follower at rest."""
-        return ManoeuvreTracker(WhaleCommands(self), self.tight, self.margin)
+        return ManoeuvreTracker(WhaleCommands(self), self.margin)
 
 
 SHARES = (0.3, 0.6, 1.0)  # of the limits, at which the plan's commands are driven
 
 
-def plan_commands(rows: Array, limits: Limits, horizon: float, backward: float) -> Array:
+def plan_commands(rows: Array, limits: Limits, horizon: float) -> Array:
     """Commands (k, COMMANDS, 3) that drive the next reference poses (n, 4), at several speeds.
 
     The rows begin where the chair is, in its own frame.
@@ -155,7 +161,7 @@ def plan_commands(rows: Array, limits: Limits, horizon: float, backward: float) 
             turn = 2.0 * math.atan2(aside, ahead) if way > 0.0 else 2.0 * math.atan2(-aside, -ahead)
             if abs(way) < 0.05:
                 way, turn = 0.0, math.remainder(row[2] - yaw, 2.0 * math.pi)
-            fastest = limits.forward if way >= 0.0 else min(backward, limits.backward)
+            fastest = limits.forward if way >= 0.0 else min(BACKWARD, limits.backward)
             need = max(abs(way) / max(fastest, 1e-6), abs(turn) / limits.turn) / share
             time = max(need, 0.1)
             commands[k] = way / time, turn / time, time
@@ -167,7 +173,7 @@ def _fan_and_plan(config: RefinedWindow, now: Situation, best: Array | None) -> 
     """Particles (n, SIZE): the fan, the plan's commands, and what was best or is driven."""
     view, chair, horizon = now.view, now.chair, config.objective.horizon
     fan = now.local_map.limit_for_unseen_space(config.fan(chair), chair.body.state)
-    plan = plan_commands(view.reference[start_row(view) :], chair.limits, horizon, config.backward)
+    plan = plan_commands(view.reference[start_row(view) :], chair.limits, horizon)
     particles = np.zeros((len(fan) + len(plan) + 1, SIZE))
     particles[:, 2:-1:3], particles[:, -1] = 0.5 * horizon, 1.0
     for k in range(COMMANDS):

@@ -26,7 +26,6 @@ from agents.policies import GymPolicy, make_policy
 from wheelchair_gym.base.arrays import Floats
 from wheelchair_gym.base.settings import load
 from wheelchair_gym.envs import EnvSettings, NavigationEnv
-from wheelchair_gym.envs.settings import StartSettings
 
 _FIRST_SEED = 7_000_003  # of the first episode, apart from the seeds on which weights are chosen
 Demonstration = tuple[Floats, Floats, bool]  # observations (n, size), actions (n, 2), success
@@ -87,7 +86,7 @@ def imitate(config: Imitation, seed: int, folder: Path, progress: bool = True) -
 
     env = training_env_settings(config.env)
     env = dataclasses.replace(
-        env, task=dataclasses.replace(env.task, privileged=False), starts=StartSettings()
+        env, task=dataclasses.replace(env.task, privileged=False), starts_within=0.0
     )
     layout = Layout.of_task(NavigationEnv(config=env).task)
     torch.manual_seed(seed)

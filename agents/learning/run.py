@@ -33,7 +33,7 @@ from agents.learning.weights import Network, Weights, find_weights, load_weights
 from agents.learning.weights import save_weights as save
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import EnvSettings, NavigationVectorEnv
-from wheelchair_gym.envs.settings import BankSettings, StartSettings
+from wheelchair_gym.envs.settings import BankSettings
 from wheelchair_gym.envs.world_banks import WorldBank
 
 # Columns of the curve that a card keeps.
@@ -334,7 +334,7 @@ def make_eval_env(env: EnvSettings, config: Evaluation, threads: int) -> Navigat
     Their worlds are training worlds, too, since weights are chosen on them, but of another bank.
     """
     bank = BankSettings(config.episodes, 0.0, config.seed, env.bank.cache)
-    settings = dataclasses.replace(env, bank=bank, starts=StartSettings())
+    settings = dataclasses.replace(env, bank=bank, starts_within=0.0)
     return NavigationVectorEnv(
         config.episodes, config=settings, autoreset_mode="SameStep",
         num_threads=min(threads, config.episodes),

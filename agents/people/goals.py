@@ -12,28 +12,27 @@ from typing import Any
 
 import numpy as np
 
-from agents.people.assistant import AssistInput, AssistMission, Freedom, SharedAssistant, Twist
+from agents.people.assistant import AssistInput, AssistMission, SharedAssistant, Twist
 from agents.people.fan import cheapest, fan, free_share, nearest, scaled_distance
 from agents.people.targets import find_targets
 from wheelchair_gym.base.arrays import Array
-from wheelchair_gym.base.settings import InputError, setting, settings
+from wheelchair_gym.base.settings import setting, settings
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.geometry.kinematics import arc_step
 from wheelchair_gym.geometry.planar import to_frame, to_world
+from wheelchair_gym.people.assistance.freedom import Sharing
 
 SAME = 0.6  # m: a target so near one of before is the same
 FORGET = 0.2  # 1/s, a choice: the belief returns to an even one, as people change their minds
 AHEAD = 0.4  # m before the axle, where distances are measured, so that headings count
-
-
-@settings
-class Belief:
-    """Goals that an assistant considers, and the speed of its belief in one."""
-
-    rate: float = setting(default=6.0, low=0.0, high=100.0)
-    """Evidence for each second of a stick that costs a second more than the best twist."""
-    horizon: float = setting(default=1.0, unit="s", low=0.1, high=10.0)
-    """Time for which a twist is followed to see what it costs."""
+RATE = 6.0  # evidence for each second of a stick that costs a second more than the best twist
+HORIZON = 1.0  # s for which a twist is followed to see what it costs
+TIMID, SURE = 0.3, 0.8  # beliefs from which on the share of `blend` rises, and is largest
+CLEARANCE_COST = 0.3  # s that a twist of `hindsight` costs on whose way the chair touches something
+ENOUGH = 0.10  # m: clearance that costs nothing; less while somebody docks
+CONFIDENCE = 0.4  # belief in a target from which on `hypotheses` helps
+MISS = 0.4  # s that the stick may cost more than the best twist before `hypotheses` helps
+LOOK_AHEAD = 1.5  # s for which `hypotheses` predicts a collision
 
 
 @borrowing_kernel
@@ -70,12 +69,12 @@ class Goals:
 
     def update(self, now: AssistInput, twists: Array) -> Array:
         """Update the belief by the stick; the costs (n, k) [s] of twists (n, 2) to each goal."""
-        config, mission = self.config.belief, self._mission
+        mission = self._mission
         self._take_scan(now)
         asked = np.array([now.asked])
         every = self._costs(np.vstack([asked, np.zeros((1, 2)), twists[:, :2]]))
         over = np.minimum(every[0] - every.min(axis=0), 10.0)
-        belief = self.belief * np.exp(-config.rate * mission.period * over)
+        belief = self.belief * np.exp(-RATE * mission.period * over)
         share = min(1.0, FORGET * mission.period)
         belief = (1.0 - share) * belief / belief.sum() + share / len(belief)
         self.belief = belief / belief.sum()
@@ -97,28 +96,18 @@ class Goals:
     def _costs(self, twists: Array) -> Array:
         """Return the seconds (n, k) from the ends of twists (n, 2) to each goal."""
         ends = np.empty((len(twists), 2))
-        _ends(twists, self.config.belief.horizon, AHEAD, ends)
+        _ends(twists, HORIZON, AHEAD, ends)
         return np.asarray(distances(ends, self._targets) / self._mission.limits.forward)
 
 
 @settings
-class Blend:
+class Blend(Sharing):
     """Mixes the stick with a safe twist towards the likeliest goal."""
 
-    timid: float = setting(default=0.3, low=0.0, high=1.0)
-    """Belief up to which the stick alone counts."""
-    sure: float = setting(default=0.8, low=0.0, high=1.0)
-    """Belief from which on the robot's share is largest."""
     max_share: float = setting(
         default=0.6, low=0.0, high=1.0, source="Dragan 2013: timid to aggressive"
     )
     """Largest share of the robot."""
-    belief: Belief = Belief()
-    freedom: Freedom = Freedom()
-
-    def __post_init__(self) -> None:
-        if self.sure <= self.timid:
-            raise InputError("Blend.sure must lie above Blend.timid")
 
     def make(self) -> SharedAssistant:
         """Make a fresh assistant."""
@@ -134,14 +123,13 @@ class _Blend(Goals):
     """
 
     def twist(self, now: AssistInput) -> Twist:
-        config = self.config
         twists = fan(self._mission, now)
         costs = self.update(now, twists)
         if now.asked[0] < 0.0:  # a person who backs is manoeuvring, not driving to a goal
             return nearest(twists, now.asked, self._mission)
         likely = int(np.argmax(self.belief))
-        ramp = (float(self.belief[likely]) - config.timid) / (config.sure - config.timid)
-        share = config.max_share * min(1.0, max(0.0, ramp))
+        ramp = (float(self.belief[likely]) - TIMID) / (SURE - TIMID)
+        share = self.config.max_share * min(1.0, max(0.0, ramp))
         if share == 0.0 or not len(twists):
             return now.asked
         best = twists[cheapest(costs[:, likely])]
@@ -150,17 +138,11 @@ class _Blend(Goals):
 
 
 @settings
-class Hindsight:
+class Hindsight(Sharing):
     """Minimises the expected cost to go over the goals, and the distance from the stick."""
 
     stick: float = setting(default=4.0, unit="s", low=0.0, high=100.0)
     """Seconds that a twist off the stick's by full speed costs."""
-    clearance: float = setting(default=0.3, unit="s", low=0.0, high=100.0)
-    """Seconds that a twist costs on whose way the chair touches something."""
-    enough: float = setting(default=0.10, unit="m", low=0.01, high=0.5)
-    """Clearance that costs nothing; less in proportion to the margin while somebody docks."""
-    belief: Belief = Belief()
-    freedom: Freedom = Freedom()
 
     def make(self) -> SharedAssistant:
         """Make a fresh assistant."""
@@ -184,24 +166,15 @@ class _Hindsight(Goals):
             return nearest(twists, now.asked, self._mission)
         expected = costs @ self.belief
         expected += config.stick * scaled_distance(twists, now.asked, self._mission)
-        enough = config.enough * min(1.0, now.margin / max(config.freedom.margin, 1e-6))
-        expected += config.clearance * np.maximum(0.0, 1.0 - twists[:, 2] / max(enough, 1e-6))
+        enough = ENOUGH * min(1.0, now.margin / max(config.freedom.margin, 1e-6))
+        expected += CLEARANCE_COST * np.maximum(0.0, 1.0 - twists[:, 2] / max(enough, 1e-6))
         best = twists[cheapest(expected)]
         return float(best[0]), float(best[1])
 
 
 @settings
-class Hypotheses:
+class Hypotheses(Sharing):
     """Takes over towards the likely target when the stick is predicted to miss it."""
-
-    confidence: float = setting(default=0.4, low=0.0, high=1.0)
-    """Belief in a target from which on it helps."""
-    miss: float = setting(default=0.4, unit="s", low=0.0, high=10.0)
-    """Seconds that the stick may cost more than the best twist before it counts as missing."""
-    look_ahead: float = setting(default=1.5, unit="s", low=0.1, high=5.0)
-    """Time for which a collision is predicted."""
-    belief: Belief = Belief()
-    freedom: Freedom = Freedom()
 
     def make(self) -> SharedAssistant:
         """Make a fresh assistant."""
@@ -217,18 +190,18 @@ class _Hypotheses(Goals):
     """
 
     def twist(self, now: AssistInput) -> Twist:
-        config, mission = self.config, self._mission
+        mission = self._mission
         twists = fan(mission, now)
         costs = self.update(now, twists)
-        hits = free_share(mission, now, now.asked, config.look_ahead) < 1.0
+        hits = free_share(mission, now, now.asked, LOOK_AHEAD) < 1.0
         if not len(twists):
             return 0.0, 0.0
         likely = int(np.argmax(self.belief))
         off = scaled_distance(twists, now.asked, mission)
         best = cheapest(costs[:, likely] + 0.1 * off)
         same = cheapest(off)  # the stick's, or the nearest that is safe
-        misses = costs[same, likely] - costs[best, likely] > config.miss
-        sure = float(self.belief[likely]) >= config.confidence
+        misses = costs[same, likely] - costs[best, likely] > MISS
+        sure = float(self.belief[likely]) >= CONFIDENCE
         if not (hits or (misses and sure)):
             return now.asked
         chosen = twists[best if sure else same]

@@ -20,6 +20,7 @@ from wheelchair_gym.types import Command, Mission, Reading
 
 SAME = 1.0  # m: a frontier that recedes is the same one so far away
 MORE = 1.02  # times as many explored cells: frontiers that were given up are tried again
+MIN_LENGTH = 0.4  # m: a shorter frontier may be a gap between beams, and is taken last
 SHORTEST = 0.1  # m: in a door of 0.82 m, seen edge-on, a frontier is no longer than this
 TOWARDS = 1.0  # weight of the distance from a frontier to the goal, against the path there
 GAIN = 0.5  # m of path that a metre of frontier is worth
@@ -48,9 +49,6 @@ class Explore:
     """Name and settings of the follower."""
     seek: bool = setting(default=True)
     """Drive to the goal; false: map all there is."""
-    min_length: float = setting(default=0.4, unit="m", low=0.0)
-    """Minimum length of a frontier; shorter ones count where no others are left, and no gap between
-    beams explains them."""
     seed: int = setting(default=0, low=0)
     """Seed of the planner, with the episode's key."""
     deadline: float = setting(default=1.0, unit="s", low=0.05)
@@ -167,7 +165,7 @@ class Explorer:
             return chosen("drive")
         if over:
             given_up.append(aim)
-        found = find_frontiers(grid, pose, CLEARANCE, min(SHORTEST, config.min_length))
+        found = find_frontiers(grid, pose, CLEARANCE, SHORTEST)
         found = [one for one in found if not self._is_short(one) or one.beyond >= GAP]
         for one in sorted(found, key=lambda one: (self._is_short(one), self._cost(one))):
             away = [np.hypot(*(one.place - place)) for place in given_up]
@@ -189,7 +187,7 @@ class Explorer:
 
     def _is_short(self, one: Frontier) -> bool:
         """Return True if it may be a gap between beams."""
-        return one.length < self.config.min_length
+        return one.length < MIN_LENGTH
 
     def _cost(self, one: Frontier) -> float:
         """Return a frontier's cost [m]: the way there and on to the goal, less its length."""

@@ -15,14 +15,15 @@ def episode_rng(mission: Mission, seed: int) -> np.random.Generator:
     return np.random.default_rng([seed, mission.key])
 
 
+HOLD = 0.5  # s for which each random action is held; inertia averages out shorter ones
+
+
 @settings
 class RandomPolicy:
     """Twists drawn evenly, each held for a while."""
 
     seed: int = setting(default=0, low=0)
     """Seed of the actions, with the episode's key."""
-    hold: float = setting(default=0.5, unit="s", low=0.0)
-    """Time for which each action is held; inertia averages out shorter ones."""
 
     def make(self) -> RandomDriver:
         """A fresh policy."""
@@ -38,7 +39,7 @@ class RandomDriver:
     def reset(self, mission: Mission) -> None:
         """See `Policy.reset`."""
         self._limits, self._rng = mission.limits, episode_rng(mission, self.config.seed)
-        self._held = max(1, round(self.config.hold / mission.period))
+        self._held = max(1, round(HOLD / mission.period))
         self._count = 0
 
     def act(self, reading: Reading) -> Command:

@@ -133,8 +133,6 @@ class GeometricThenLimited(PlannerBase):
     clutter (Larachi 2024, section 3.6.4).
     """
 
-    geometric: Geometric = setting(default=Geometric(), source="thesis, section 3.3")
-    """The method that is tried first."""
     limited: RrtStarLimited = setting(default=RrtStarLimited(), source="thesis, section 3.2")
     """The tree that answers where the first method fails."""
 
@@ -147,7 +145,7 @@ class GeometricThenLimited(PlannerBase):
 
         `edges_tested` counts the edges of both.
         """
-        first = self.geometric.plan(problem, rng, remaining(end))
+        first = Geometric().plan(problem, rng, remaining(end))
         if first.status is not Status.EXHAUSTED or clock() >= end:
             return replace(first, counters={**first.counters, "geometric": 1})
         plan = self.limited.plan(problem, rng, remaining(end))

@@ -30,6 +30,8 @@ Pairs = NDArray[np.int64]
 
 CHUNK = 20_000  # edges tested between two looks at the clock: some 10 ms
 START, GOAL = 0, 1  # the first two nodes
+REFINEMENTS = 4  # times that the spacing of boundary samples is halved where no path is found
+INITIAL_SAMPLES = 500  # of the first roadmap
 # Connection radius, in multiples of the least that converges (Karaman and Frazzoli 2011: above 1).
 RADIUS_FACTOR = 1.1
 
@@ -134,8 +136,6 @@ class Prm(PlannerBase):
 
     iterations: int = setting(default=40_000, low=1, source="enough for doors of 1 m")
     """Largest number of samples."""
-    initial_samples: int = setting(default=500, low=1)
-    """Samples of the first roadmap."""
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Answer with the shortest way over the first roadmap that joins start and goal.
@@ -148,7 +148,7 @@ class Prm(PlannerBase):
         drawn, tested = 0, 0
         path, pairs = np.empty((0, 2)), np.empty((0, 2), dtype=np.int64)
         while drawn < self.iterations and not len(path):
-            more = min(max(drawn, self.initial_samples), self.iterations - drawn)
+            more = min(max(drawn, INITIAL_SAMPLES), self.iterations - drawn)
             nodes = np.vstack([nodes, _free_samples(arrays, more, state)])
             drawn += more
             radius = RADIUS_FACTOR * minimum * math.sqrt(math.log(len(nodes)) / len(nodes))
@@ -189,16 +189,13 @@ class Voronoi(PlannerBase):
     it is wide; where none is found, they lie twice as close.
     """
 
-    refinements: int = setting(default=4, low=0, high=8)
-    """Number of times that the spacing is halved where no path is found."""
-
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Find a path; samples prove nothing, so failure is `exhausted`. No use of `rng`."""
         arrays = problem.free.arrays
         ends = np.array([problem.start[:2], problem.goal[:2]], dtype=np.float64)
         path, tested, halvings, note = np.empty((0, 2)), 0, 0, "no way along the finest axis"
         count = 0
-        for halvings in range(self.refinements + 1):
+        for halvings in range(REFINEMENTS + 1):
             samples = np.unique(subdivided(arrays.segments, SPACING / 2**halvings, 2), axis=0)
             if len(samples) > MAX_SAMPLES:
                 note = f"the boundary has more than {MAX_SAMPLES:,} samples"

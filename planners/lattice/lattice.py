@@ -58,6 +58,7 @@ FLOOD_SPACING = 0.05 / math.sqrt(2.0)  # m: of the grid points of the first floo
 DISC_NOTE = "no way even for a disc as wide as the outline"
 FLOOD_NOTE = "no way for the outline: a flood through its poses does not reach the goal"
 LATTICE_NOTE = "no way at the resolution of the lattice"
+REFINEMENTS = 1  # times that moves and cells are halved if no path is found soon
 INITIAL_NODES = 4096  # initial capacity of a tree
 MOVE_LENGTH = 0.2  # m: a fifth of the chair
 PIVOT_ANGLE = 0.2  # rad: as the turn of an arc
@@ -108,8 +109,6 @@ class Lattice(FootprintPlanner):
     Likhachev et al. 2003). As many as `iterations`, and a deadline, make an anytime planner.
     """
 
-    refinements: int = setting(default=1, low=0, high=4)
-    """Number of times that moves and cells are halved if no path is found soon."""
     improvement: int = setting(default=1000, low=0, source="tuned on training seeds")
     """Poses expanded after the first path, while the factor falls to 1, to find better paths."""
     iterations: int = setting(default=100_000, low=0, source="50 MB of memory")
@@ -128,7 +127,7 @@ class Lattice(FootprintPlanner):
         if not estimate(searches[0].search, *start) < math.inf:
             return Plan(Status.NO_PATH, note=DISC_NOTE)
         while status is Status.EXHAUSTED and left > 0 and clock() < end:
-            for level in range(self.refinements + 1):
+            for level in range(REFINEMENTS + 1):
                 if level == len(searches):
                     searches.append(begin(level))
                 left -= searches[level].advance(weight, maximum, left, end)

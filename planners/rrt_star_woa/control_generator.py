@@ -526,8 +526,6 @@ class ControlGenerator:
     """Minimum clearance to obstacles."""
     arrival: float = setting(default=0.10, unit="m", low=0.01, source="below the task's 0.30 m")
     """Distance from the path's end that counts as arrived."""
-    pivot: float | None = setting(default=None, unit="rad/s", low=0.01)
-    """Turn limit of a chair at rest; null for that of a moving chair."""
 
     def segments(self, path: Array, start: Array) -> tuple[NDArray[Any], Array]:
         """Return the segments (n,) SEGMENT ahead of a start (3,), and points (m, 2) of the path."""
@@ -567,6 +565,7 @@ class ControlGenerator:
         rng: np.random.Generator,
         start_twist: ArrayLike = (0.0, 0.0),
         driven: Array = _NO_COMMANDS,
+        pivot: float = math.inf,
     ) -> Controls:
         """Generate commands that drive a path from the chair's pose on.
 
@@ -580,6 +579,7 @@ class ControlGenerator:
             rng: draws the numbers.
             start_twist: (2,) m/s, rad/s.
             driven: (k, 3) commands that the chair is driving; the swarm also starts from them.
+            pivot: turn limit [rad/s] of a chair at rest, besides that of a moving one.
 
         Raises:
             ValueError: the path has fewer than two points.
@@ -588,7 +588,7 @@ class ControlGenerator:
         if len(points) < 2:
             raise ValueError(f"path has {len(points)} points; expected at least two")
         pose, twist = (np.array(v, dtype=np.float64) for v in (start_pose, start_twist))
-        pivot = limits.turn if self.pivot is None else min(self.pivot, limits.turn)
+        pivot = min(pivot, limits.turn)
         world = World(
             np.ascontiguousarray(walls, dtype=np.float64).reshape(-1, 4),
             np.ascontiguousarray(discs, dtype=np.float64).reshape(-1, 3),

@@ -45,7 +45,9 @@ SHORTCUTS: Final = 16  # tried in a round
 SPACING: Final = 6  # pieces, 1.2 m: about the distance of the poses that whales move jointly
 MIN_SCALE = 0.02  # of the bounds
 SHRINK, GROW = 0.8, 1.3  # factors of the scale after a search without and with a gain
+GUIDE = InformedRrtStar(iterations=2_000)  # planner of the disc's path
 GUIDE_SPACING = 0.1  # m
+TREE_SHARE, SHORTCUT_SHARE = 1.0, 1.0  # of the rounds: samples of RRT*, and shortcuts; tuned
 ROOTS = 24  # approximate number of headings at a goal without heading that are roots of a tree
 CHUNK = 4  # iterations between two readings of the clock
 SHARPEST_TURN = 1.6  # 1/m: largest curvature of arcs, as of `lattice`; sharper turns are pivots
@@ -212,20 +214,15 @@ class Se2RrtStarWoa(FootprintPlanner):
         default=0.2, low=0.05, high=1.0, source="rear corners may sweep unseen floor at 0.1 m/s"
     )
     """Turn rate of pivots as a share of the limit."""
-    guide: InformedRrtStar = setting(default=InformedRrtStar(iterations=2_000))
-    """The planner of the disc's path."""
     whales: WhaleSettings = setting(default=WhaleSettings(population=8, iterations=4))
     """The swarms."""
     iterations: int = setting(default=15_000, low=0)
     """Largest number of iterations: of samples up to the first paths, then of rounds."""
     improvement: int = setting(default=200, low=0)
     """Rounds after the search for first paths; with a deadline a large number is anytime."""
-    tree_share: float = setting(default=1.0, low=0.0, source=_TUNED)
-    """Share of the rounds that are samples of RRT*."""
-    shortcut_share: float = setting(default=1.0, low=0.0, source=_TUNED)
-    """Share of the rounds that are shortcuts."""
     local_share: float = setting(default=1.0, low=0.0, source=_TUNED)
-    """Share of the rounds of whales that move poses of a window of the path."""
+    """Share of the rounds of whales that move poses of a window of the path; of RRT* and of
+    shortcuts it is 1."""
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Return the cheapest path of all rounds; `first_path` is the first one's iteration."""
@@ -248,7 +245,7 @@ class Se2RrtStarWoa(FootprintPlanner):
             np.zeros((parameters.population, 3 * MAX_POSES)), parameters,
             np.zeros(3 * MAX_POSES), np.zeros(3 * MAX_POSES),
         )  # fmt: skip
-        shares = self.tree_share, self.shortcut_share, self.local_share
+        shares = TREE_SHARE, SHORTCUT_SHARE, self.local_share
         tree, shortcuts, _ = np.cumsum(shares) / max(sum(shares), 1e-9)
         bounds = np.array([SHIFT_BOUND, SHIFT_BOUND, TURN_BOUND])
         refinement = Refinement(whales, bounds, np.ones(1), float(tree), float(shortcuts))
@@ -282,7 +279,7 @@ class Se2RrtStarWoa(FootprintPlanner):
         footprint = self.footprint
         radius = min(footprint.front, footprint.rear, footprint.half_width) + margin
         disc = replace(problem, start=problem.start[:2], goal=problem.goal[:2], clearance=radius)
-        plan = self.guide.plan(disc, rng, remaining(end))
+        plan = GUIDE.plan(disc, rng, remaining(end))
         iterations = plan.counters.get("iterations", 0)
         if plan.status is not Status.SOLVED or plan.length < GUIDE_SPACING:
             return np.empty((0, 3)), iterations

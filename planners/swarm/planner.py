@@ -212,8 +212,6 @@ class RrtWoa(PlannerBase):
     """The tree search."""
     whales: WoaModified = setting(default=WoaModified(), source=_P1 + " (17)-(19)")
     """The whales."""
-    objective: Smooth = setting(default=Smooth(), source=_P1 + " (1)-(8)")
-    """The path cost."""
     population: int = setting(default=30, low=MIN_POPULATION, source="as swarm; not given in P1")
     """Number of whales."""
     iterations: int = setting(default=20, low=0, source=_P1)
@@ -224,7 +222,7 @@ class RrtWoa(PlannerBase):
         """The same settings as those of the planner `swarm`."""
         return SwarmPlanner(
             optimizer=self.whales,
-            objective=self.objective,
+            objective=Smooth(),  # (1)-(8)
             curve="pchip",
             population=self.population,
             iterations=self.iterations,

@@ -39,6 +39,7 @@ from wheelchair_gym.compiled.random import Stream, next_in_disc, next_uniform, s
 _NEIGHBOURS = 256
 # m: a smaller gain rewires nothing, so that rounding cannot form a loop.
 MIN_GAIN = 1e-9
+GOAL_REACH = 2.0  # m from which a node of `rrt` is connected to the goal: as its step
 # Largest number of draws of a useful sample, whose last one is taken anyway, or of a leaf.
 MAX_DRAWS = 100
 
@@ -302,7 +303,15 @@ def grow(search: TreeSearch, until: int, state: Stream) -> None:
 
 
 @settings
-class Rrt(PlannerBase):
+class GoalBias:
+    """Samples at the goal (LaValle and Kuffner 2001)."""
+
+    goal_bias: float = setting(default=0.05, low=0.0, high=1.0, source="LaValle and Kuffner 2001")
+    """Share of the samples that are the goal."""
+
+
+@settings
+class Rrt(GoalBias, PlannerBase):
     """A rapidly exploring random tree (LaValle 1998); it ends with its first path."""
 
     iterations: int = setting(
@@ -311,14 +320,11 @@ class Rrt(PlannerBase):
     """Largest number of samples."""
     step: float = setting(default=2.0, unit="m", low=1e-3, source=ROOMS)
     """Longest edge towards a sample."""
-    goal_bias: float = setting(default=0.05, low=0.0, high=1.0, source="LaValle and Kuffner 2001")
-    """Share of the samples that are the goal."""
-    goal_reach: float = setting(default=2.0, unit="m", low=0.0, source="as the step")
-    """Distance from which a node is connected to the goal."""
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Return the first path."""
-        return solve(problem, rng, end, with_settings(TreeOptions(), self), grow)
+        options = with_settings(TreeOptions(goal_reach=GOAL_REACH), self)
+        return solve(problem, rng, end, options, grow)
 
 
 @borrowing_kernel
@@ -410,6 +416,14 @@ def grow_both(search: TreeSearch, until: int, state: Stream, goal_tree: Tree) ->
 
 
 @settings
+class LongEdges:
+    """Edges of trees that reach for each other, or that are rewired."""
+
+    step: float = setting(default=4.0, unit="m", low=1e-3, source=ROOMS)
+    """Longest edge towards a sample."""
+
+
+@settings
 class CornerSampling:
     """Samples near the corners of obstacles, where doors are (Amato et al. 1998)."""
 
@@ -420,7 +434,7 @@ class CornerSampling:
 
 
 @settings
-class RrtConnect(CornerSampling, PlannerBase):
+class RrtConnect(CornerSampling, LongEdges, PlannerBase):
     """Two trees that reach for each other (Kuffner and LaValle 2000): quick, not short.
 
     It tries the straight line first.
@@ -428,8 +442,6 @@ class RrtConnect(CornerSampling, PlannerBase):
 
     iterations: int = setting(default=100_000, low=1, source="mazes take some thousands")
     """Largest number of samples."""
-    step: float = setting(default=4.0, unit="m", low=1e-3, source=ROOMS)
-    """Longest edge towards a sample."""
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Return the first path."""

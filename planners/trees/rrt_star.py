@@ -23,8 +23,9 @@ from planners.trees.rrt import (
     CORNER_RADIUS,
     MAX_DRAWS,
     MIN_GAIN,
-    ROOMS,
     CornerSampling,
+    GoalBias,
+    LongEdges,
     TreeOptions,
     TreeSearch,
     connect_goal,
@@ -153,7 +154,7 @@ def grow(search: TreeSearch, until: int, state: Stream) -> None:
 
 
 @settings
-class RrtStar(PlannerBase):
+class RrtStar(GoalBias, LongEdges, PlannerBase):
     """RRT* (Karaman and Frazzoli 2011): the best parent is chosen, and neighbours are rewired.
 
     Neighbours lie within `search_radius`, or, where that is null, within the radius
@@ -165,12 +166,8 @@ class RrtStar(PlannerBase):
     """Number of samples."""
     nodes: int = setting(default=100_000, low=2, high=10_000_000)
     """Largest number of nodes of a tree."""
-    step: float = setting(default=4.0, unit="m", low=1e-3, source=ROOMS)
-    """Longest edge towards a sample."""
     search_radius: float | None = setting(default=None, unit="m", low=1e-3)
     """Radius of the neighbourhood; null for the shrinking radius."""
-    goal_bias: float = setting(default=0.05, low=0.0, high=1.0, source="LaValle and Kuffner 2001")
-    """Share of the samples that are the goal."""
     goal_reach: float = setting(default=4.0, unit="m", low=0.0, source="as the step")
     """Distance from which a node is connected to the goal."""
     return_on_first_path: bool = setting(default=False, source="more samples, shorter paths")
@@ -246,6 +243,9 @@ def grow_in_strip(
             blocked.margin += widening
 
 
+WIDENING = 0.1  # m: of the strip on each side by each blocked edge; the thesis gives no value
+
+
 @settings
 class RrtStarLimited(PlannerBase):
     """Limited tree expansion (a thesis of 2024, section 3.2): RRT* between start and goal in x.
@@ -258,13 +258,11 @@ class RrtStarLimited(PlannerBase):
 
     tree: RrtStar = setting(default=RrtStar(return_on_first_path=True), source="its section 3.2")
     """The tree search."""
-    widening: float = setting(default=0.1, unit="m", low=0.0, source="the thesis gives no value")
-    """Widening of the strip on each side by each blocked edge."""
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Return the first path, or the best of all samples, as `tree` says."""
         strip = np.zeros(1, STRIP)
-        loop = partial(grow_in_strip, strip=strip, widening=self.widening)
+        loop = partial(grow_in_strip, strip=strip, widening=WIDENING)
         plan = solve(problem, rng, end, self.tree.options, loop)
         counts = {name: int(strip[name][0]) for name in ("blocked", "walls_cut")}
         return replace(plan, counters={**plan.counters, **counts})
@@ -495,8 +493,11 @@ def grow_informed(search: TreeSearch, until: int, state: Stream, goal_tree: Tree
             run.sample_area = min(run.sample_area, 0.25 * math.pi * run.path_length * across)
 
 
+MAX_NODES = 100_000  # of each tree of informed RRT*
+
+
 @settings
-class InformedRrtStar(CornerSampling, PlannerBase):
+class InformedRrtStar(CornerSampling, LongEdges, PlannerBase):
     """Informed RRT* (Gammell, Srinivasa and Barfoot 2014), made quick: a labelled hybrid.
 
     The first path is RRT-Connect's (Kuffner and LaValle 2000). Then samples fall where they can
@@ -509,16 +510,17 @@ class InformedRrtStar(CornerSampling, PlannerBase):
 
     iterations: int = setting(default=10_000, low=1, source="as rrt_star")
     """Largest number of samples."""
-    nodes: int = setting(default=100_000, low=2, high=10_000_000)
-    """Largest number of nodes of a tree."""
-    step: float = setting(default=4.0, unit="m", low=1e-3, source=ROOMS)
-    """Longest edge towards a sample."""
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Return the best path of all samples."""
-        options = TreeOptions(gamma=MIN_GAMMA, return_on_first_path=False, replaces_leaves=True)
+        options = TreeOptions(
+            nodes=MAX_NODES, gamma=MIN_GAMMA, return_on_first_path=False, replaces_leaves=True
+        )
         options = with_settings(options, self)
         return solve(problem, rng, end, options, grow_informed, both=True)
+
+
+TOLERANCE = 1e-3  # m: largest distance of the polyline from the curve, below the noise of sensors
 
 
 @settings
@@ -528,15 +530,11 @@ class SplineRrtStar(PlannerBase):
     Each edge of the tree's path becomes a cubic Hermite curve whose direction at a vertex bisects
     the edges there, so that the direction is continuous. A curve that is not free gets shorter
     tangents, which draw it towards the edge; `straight_legs` counts the edges that stay straight.
-    The path is the curve's polyline, within `tolerance`; each of its edges is tested exactly.
+    The path is the curve's polyline, within `TOLERANCE`; each of its edges is tested exactly.
     """
 
     tree: InformedRrtStar = setting(default=InformedRrtStar(iterations=2_000))
     """The tree search."""
-    tolerance: float = setting(
-        default=1e-3, unit="m", low=1e-9, source="below the noise of sensors"
-    )
-    """Largest distance of the polyline from the curve."""
 
     def solve(self, problem: Problem, rng: np.random.Generator, end: float) -> Plan:
         """Return a smooth free path; the deadline is that of the tree."""
@@ -545,6 +543,6 @@ class SplineRrtStar(PlannerBase):
         if plan.status != Status.SOLVED or plan.length == 0.0:
             return plan
         tree_s = clock() - began
-        path, straight = hermite_path(problem.free.arrays, plan.path, self.tolerance)
+        path, straight = hermite_path(problem.free.arrays, plan.path, TOLERANCE)
         counters = {**plan.counters, "straight_legs": straight}
         return replace(plan, path=path, counters=counters, timings={"tree_s": tree_s})

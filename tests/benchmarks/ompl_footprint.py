@@ -11,6 +11,7 @@ import numpy as np
 from planners.collision.footprint import FootprintPlanner, gaps_at, goal_poses, start_and_goal
 from planners.collision.nearby import nearby
 from planners.problem import Plan, Problem, Status
+from planners.rrt_star_woa.poses import ROOTS, SHARPEST_TURN
 from planners.steering import LONGEST_PIECE, SteeringContext, connect, new_context, poses_along
 from planners.trees.pose_tree import new_path
 from wheelchair_gym.base.arrays import Array
@@ -20,6 +21,7 @@ from wheelchair_gym.compiled.clock import clock
 from wheelchair_gym.compiled.kernel import kernel
 
 MODULES = "ompl.base", "ompl.geometric", "ompl.util"
+RANGE = 2.0  # m: longest edge of a tree, where the algorithm has such a parameter
 
 
 @kernel
@@ -41,12 +43,6 @@ class OmplFootprint(FootprintPlanner):
     """
 
     algorithm: Literal["RRTConnect", "RRTstar", "InformedRRTstar", "BITstar"] = "RRTstar"
-    sharpest_turn: float = setting(default=1.6, unit="1/m", low=0.1, source="se2_rrt_star_woa")
-    """Maximum curvature of arcs; sharper turns are made in place."""
-    range: float = setting(default=2.0, unit="m", low=0.01, source="design choice")
-    """Longest edge of a tree, where the algorithm has such a parameter."""
-    goals: int = setting(default=24, low=1, source="se2_rrt_star_woa")
-    """Maximum number of goal headings where the problem's goal has none."""
     limit: float = setting(default=10.0, unit="s", low=0.0, source="design choice")
     """Time limit of a call without a deadline."""
 
@@ -61,7 +57,7 @@ class OmplFootprint(FootprintPlanner):
         status, motion = self.fit(problem, near)
         if status is not None:
             return Plan(status)
-        context = new_context(near, motion, self.sharpest_turn)
+        context = new_context(near, motion, SHARPEST_TURN)
         known: dict[tuple[float, ...], float] = {}
 
         def cost(a: Any, b: Any) -> float:
@@ -109,7 +105,7 @@ class OmplFootprint(FootprintPlanner):
         start, goal = start_and_goal(problem)
         definition.addStartState(_state(space, start))
         ends = base.GoalStates(information)
-        for pose in goal_poses(context.around, goal, self.goals):
+        for pose in goal_poses(context.around, goal, ROOTS):
             ends.addState(_state(space, pose))
         definition.setGoal(ends)
         objective = Objective(information)
@@ -119,7 +115,7 @@ class OmplFootprint(FootprintPlanner):
         definition.setOptimizationObjective(objective)
         planner = getattr(geometric, self.algorithm)(information)
         if hasattr(planner, "setRange"):
-            planner.setRange(self.range)
+            planner.setRange(RANGE)
         planner.setProblemDefinition(definition)
         planner.setup()
         planner.solve(base.PlannerTerminationCondition(lambda: clock() >= end))

@@ -73,16 +73,16 @@ def test_two_goals_and_one_stick_give_one_observation(monkeypatch):
 
 
 def test_the_stick_is_observed_with_its_history():
-    env = NavigationEnv(**SMALL, driver="expert", config={"task": {"stick_history": 2}})
+    env = NavigationEnv(**SMALL, driver="expert")
     observation, _ = env.reset(seed=0)
-    before = [np.zeros(2), np.zeros(2)]
+    before = [np.zeros(2)] * 4
     for _ in range(20):
         observation, _, terminated, truncated, _ = env.step(np.array([0.2, 0.0]))
         stick = env.reading.stick
         now = np.array([stick.forward, stick.left])
         expected = np.concatenate([now, [stick.latched], *before]).astype(np.float32)
         assert np.array_equal(observation["stick"], expected)
-        before = [now, before[0]]
+        before = [now, *before[:3]]
         if terminated or truncated:
             break
     assert any(each.any() for each in before)

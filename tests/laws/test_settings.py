@@ -21,8 +21,6 @@ from wheelchair_gym.base.settings import InputError, dump, load, with_values
 # Names of settings, or of their ends, that need not change a plan or a command, and why.
 EXCEPTIONS = {
     "limits": "a whole chair's limits, of which a planner reads some",
-    "refinements": "of lattice and voronoi: only where a first round of search finds no path",
-    "pivot": "a chair that sees nothing behind itself turns more slowly than any of these",
     "first": "a name of another registry", "objective": "the same", "optimizer": "the same",
 }  # fmt: skip
 # Settings under which the others count; one setting must count under one of several.

@@ -190,7 +190,7 @@ def test_a_policy_sees_poses_ahead_and_the_reward_is_time_won():
 
 
 def test_starts_are_drawn_within_a_time_of_the_goal_alike_in_one_and_in_many():
-    near = {**POSED, "config": {**POSED["config"], "starts": {"max_time": 4.0}}}
+    near = {**POSED, "config": {**POSED["config"], "starts_within": 4.0}}
     many, one = NavigationVectorEnv(4, **near), NavigationEnv(**near)
     seen = set()
     observations, _ = many.reset(seed=3)
@@ -204,20 +204,22 @@ def test_starts_are_drawn_within_a_time_of_the_goal_alike_in_one_and_in_many():
     assert len(seen) == 4
 
 
-def test_a_map_told_less_than_well_is_the_same_each_time_and_guides_elsewhere():
+def test_a_map_told_less_than_well_is_the_same_each_time_and_guides_elsewhere(monkeypatch):
+    monkeypatch.setattr("wheelchair_gym.envs.guidance._PATCH_DENSITY", 0.2)
     episode = make_scene("floor_plan").sample(np.random.default_rng(5))
     env = NavigationEnv("floor_plan", guidance="poses")
     env.reset(options={"episode": episode})
-    worse = PoseGuidance(degraded_share=1.0, patch_density=0.2)
+    worse = PoseGuidance(degraded_share=1.0)
     first, again = worse(env.task), worse(env.task)
     assert np.array_equal(first.packed_states, again.packed_states)
     assert first.origin == again.origin != episode.map.origin
     assert not np.array_equal(first.packed_states, PoseGuidance()(env.task).packed_states)
 
 
-def test_a_map_is_degraded_all_over_its_cells_however_its_frame_is_turned():
+def test_a_map_is_degraded_all_over_its_cells_however_its_frame_is_turned(monkeypatch):
+    monkeypatch.setattr("wheelchair_gym.envs.guidance._PATCH_DENSITY", 0.2)
     grid = make_scene("clutter").sample(np.random.default_rng(0)).map
-    worse = PoseGuidance(degraded_share=1.0, patch_density=0.2)
+    worse = PoseGuidance(degraded_share=1.0)
     ends = {"start": np.array([900.0, 0.0, 0.0]), "goal": np.array([900.0, 1.0, 0.0])}
     found = [
         worse._map_of(SimpleNamespace(map=OccupancyGrid(grid.cells, 0.05, (3.0, 1.0, yaw)), **ends))
@@ -231,7 +233,7 @@ def test_a_map_is_degraded_all_over_its_cells_however_its_frame_is_turned():
     ("settings", "message"),
     [
         ({"config": {"task": {"aim": "time"}}}, "task.aim is 'time'; it needs the guidance"),
-        ({"config": {"starts": {"max_time": 3.0}}}, "starts.max_time needs the guidance 'poses'"),
+        ({"config": {"starts_within": 3.0}}, "starts_within needs the guidance 'poses'"),
         ({"guidance": {"call": "poses", "sharp": 1}}, "guidance.sharp is not a setting; it has"),
         ({"guidance": "pose"}, "expected 'geodesic', 'poses' or 'module:function'"),
         ({"guidance": "sys:path"}, "guidance is 'sys:path'; expected 'geodesic'"),

@@ -16,8 +16,16 @@ from wheelchair_gym.geometry.kinematics import arc_step
 from wheelchair_gym.geometry.outline import Footprint, signed_gap
 from wheelchair_gym.people.assistance import COMPILED, make_compiled
 from wheelchair_gym.people.assistance.arcs import follow_arc
-from wheelchair_gym.people.assistance.freedom import Freedom
-from wheelchair_gym.people.assistance.shared_dwa import SPEEDS, STEP, STEPS, TURNS, time_to_stop
+from wheelchair_gym.people.assistance.freedom import DOCKING_MARGIN, Freedom
+from wheelchair_gym.people.assistance.shared_dwa import (
+    HEADING_WEIGHT,
+    SPEED_WEIGHT,
+    SPEEDS,
+    STEP,
+    STEPS,
+    TURNS,
+    time_to_stop,
+)
 from wheelchair_gym.people.assistance.slide import nearest_twist, write_constraints
 from wheelchair_gym.people.assistance.step import KINDS, Assistants
 from wheelchair_gym.sensors.settings import SensorSettings
@@ -112,7 +120,7 @@ def test_a_steady_low_stick_lowers_the_margin():
     low, high = Stick(0.25, 0.0, False), Stick(0.8, 0.0, False)
     margins = [margin(low) for _ in range(15)]
     assert margins[0] == margins[5] == config.margin
-    assert margins[-1] == config.docking_margin < config.margin
+    assert margins[-1] == DOCKING_MARGIN < config.margin
     assert margin(high) == config.margin
     assert {margin(Stick(0.3 * (k % 2), 0.0, False)) for k in range(30)} == {config.margin}
 
@@ -166,8 +174,8 @@ def test_the_shared_dynamic_window_finds_the_least_cost(seed, forward, left):
         needed = time_to_stop(v, w, LIMITS.deceleration, 0.1)
         if free < STEPS and free * STEP < needed:
             return math.inf
-        off = config.heading * abs(w - to_w) * STEP * STEPS / math.pi
-        off += config.speed * abs(v - to_v) / max(abs(to_v), 1e-9)
+        off = HEADING_WEIGHT * abs(w - to_w) * STEP * STEPS / math.pi
+        off += SPEED_WEIGHT * abs(v - to_v) / max(abs(to_v), 1e-9)
         share = max(0.0, clear) / config.enough
         return 1.0 - share + share * off
 
@@ -191,9 +199,7 @@ def test_no_constraint_of_slide_is_violated(seed, forward, left):
     row, config = row_of("slide"), make_compiled("slide")
     row.update(Stick(forward, left, False), reading(scan_of(seed, 0.2)))
     state, rows = row.states[0], np.empty((200, 3))
-    n = write_constraints(
-        points_of(row), OUTLINE, state["margin"], config.deceleration, config.latency, rows
-    )
+    n = write_constraints(points_of(row), OUTLINE, state["margin"], config.latency, rows)
     assert (rows[:n, :2] @ state["twist"] <= rows[:n, 2] + 1e-8).all()
 
 
@@ -283,7 +289,7 @@ def test_no_point_that_fits_is_nearer(rows, asked, weight):
 @pytest.mark.parametrize("twist", [(0.5, 0.0), (0.0, 0.8), (-0.2, 0.4), (0.4, -0.7)])
 def test_a_constraint_is_the_rate_at_which_the_distance_shrinks(point, twist):
     points, rows = np.array([point]), np.empty((1, 3))
-    assert write_constraints(points, OUTLINE, 0.0, 0.6, 0.2, rows) == 1
+    assert write_constraints(points, OUTLINE, 0.0, 0.2, rows) == 1
     step = 1e-6
     before = signed_gap(points, len(points), OUTLINE, 0.0, 0.0, 0.0)
     after = signed_gap(points, len(points), OUTLINE, *arc_step(0.0, 0.0, 0.0, *twist, step))
@@ -294,7 +300,7 @@ def test_a_constraint_is_the_rate_at_which_the_distance_shrinks(point, twist):
 def test_the_chair_stops_within_the_distance(distance, margin):
     rows = np.empty((1, 3))
     points = np.array([[OUTLINE[0] + distance, 0.0]])
-    write_constraints(points, OUTLINE, margin, 0.6, 0.2, rows)
+    write_constraints(points, OUTLINE, margin, 0.2, rows)
     speed = rows[0, 2]
     assert speed >= 0.0
     room = max(0.0, distance - margin)

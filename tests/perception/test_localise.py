@@ -67,9 +67,7 @@ def test_a_scan_fits_best_where_it_was_taken(home, turned):
     grid = home.map
     x, y, _ = grid.origin
     place = np.array([*to_world([x, y], (1.0, -2.0, turned)), turned])
-    field = make_likelihood_field(
-        OccupancyGrid(grid.cells, grid.resolution, tuple(place)), 0.06, 0.1
-    )
+    field = make_likelihood_field(OccupancyGrid(grid.cells, grid.resolution, tuple(place)), 0.06)
     _, ends = scan(home, home.start)
 
     def fit(pose):

@@ -11,7 +11,7 @@ from tests.perception.rooms import LASER, away, ranges, tour
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.geometry.planar import compose, relative_pose
 from wheelchair_gym.maps import OCCUPIED, UNKNOWN
-from wheelchair_gym.perception.occupancy import MappingSettings, OccupancyMap
+from wheelchair_gym.perception.occupancy import OccupancyMap
 from wheelchair_gym.perception.slam import Slam, SlamSettings
 from wheelchair_gym.sensors.settings import LaserSettings
 
@@ -24,7 +24,7 @@ def driven(particles, seed=0, learn=True):
     """A SLAM's poses, a drifting odometry's and the truth."""
     rng = np.random.default_rng(5)
     truth = np.concatenate([tour(90), np.add(tour(90)[::-1], (0, 0, np.pi))])
-    settings = SlamSettings(particles=particles, mapping=MappingSettings(**MAPPING))
+    settings = SlamSettings(particles=particles, **MAPPING)
     slam = Slam(LASER, settings, seed, truth[0])
     wheels, poses = [truth[0]], []
     for k in range(len(truth)):

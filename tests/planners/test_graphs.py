@@ -121,12 +121,12 @@ def test_orders_of_one_search_keep_what_each_promises():
     assert all(len(plans["bfs"].path) <= len(plans[k].path) for k in ("a_star", "dijkstra", "dfs"))
 
 
-def test_prm_falls_with_points_to_the_optimum():
+def test_prm_falls_with_points_to_the_optimum(monkeypatch):
     problem = on([(2, 3, 6, 5), (5, 6, 8, 7.5)])
     best = make_planner("visibility").plan(problem, np.random.default_rng(0)).length
-    lengths = []
+    lengths, planner = [], make_planner("prm")
     for first in (50, 500, 5000):
-        planner = make_planner({"name": "prm", "initial_samples": first})
+        monkeypatch.setattr("planners.graphs.roadmap.INITIAL_SAMPLES", first)
         plans = [planner.plan(problem, np.random.default_rng(seed)) for seed in range(5)]
         lengths.append(np.mean([plan.length for plan in plans]))
     assert lengths[0] > lengths[1] > lengths[2] >= best

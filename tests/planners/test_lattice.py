@@ -98,7 +98,7 @@ def test_failures_have_their_names(start, goal, door, settings, status):
     assert len(answer.path) == 0
 
 
-def test_a_chair_that_cannot_go_back_does_not():
+def test_a_chair_that_cannot_go_back_does_not(monkeypatch):
     limits = {"backward": 0.0}
     answer, _ = plan((0.6, 0.6, 0.0), (3.5, 4.0), limits=limits)
     steps = np.diff(answer.path, axis=0)
@@ -106,7 +106,8 @@ def test_a_chair_that_cannot_go_back_does_not():
     assert answer.status is Status.SOLVED
     assert ahead.min() > -1e-9
     case = CASES["dead_end"]  # out of it there is only the way back
-    planner = make_planner({"name": "lattice", "limits": limits, "refinements": 0})
+    monkeypatch.setattr("planners.lattice.lattice.REFINEMENTS", 0)
+    planner = make_planner({"name": "lattice", "limits": limits})
     assert planner.plan(case.problem, np.random.default_rng(0)).status is Status.EXHAUSTED
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from planners import Status, make_planner
 from planners.judge import plan_faults, sweep_faults
-from planners.rrt_star_woa.poses import Se2RrtStarWoa
+from planners.rrt_star_woa.poses import GUIDE, Se2RrtStarWoa
 from tests.benchmarks.lattice import seconds
 from tests.planners.footprints import path_gaps, read, stretches_of
 from wheelchair_gym.base.settings import dump
@@ -54,9 +54,12 @@ def test_the_margin_is_kept_where_one_is_asked_for():
 
 
 @pytest.mark.parametrize("share", ["tree", "shortcut", "local"])
-def test_each_kind_of_round_alone_makes_better_paths_and_never_worse_ones(share):
-    only = {f"{kind}_share": float(kind == share) for kind in ("tree", "shortcut", "local")}
-    plans = [plan(ROOM, improvement=more, obstacle_weight=0.0, **only) for more in (0, 60, 400)]
+def test_each_kind_of_round_alone_makes_better_paths_and_never_worse_ones(share, monkeypatch):
+    for kind in ("tree", "shortcut"):
+        place = f"planners.rrt_star_woa.poses.{kind.upper()}_SHARE"
+        monkeypatch.setattr(place, float(kind == share))
+    only = {"obstacle_weight": 0.0, "local_share": float(share == "local")}
+    plans = [plan(ROOM, improvement=more, **only) for more in (0, 60, 400)]
     times = [seconds(found.path, Se2RrtStarWoa()) for found in plans]
     assert times[0] >= times[1] >= times[2] - 1e-9
     assert times[2] < times[0]
@@ -73,7 +76,7 @@ def test_whales_make_no_evaluations_without_a_share():
 def test_the_iterations_of_a_plan_under_a_deadline_replay_it(deadline):
     late = plan(ROOM, deadline=deadline, iterations=10**6, improvement=10**6)
     count = late.counters["iterations"]
-    if not count or late.counters["guide_iterations"] < Se2RrtStarWoa().guide.iterations:
+    if not count or late.counters["guide_iterations"] < GUIDE.iterations:
         return
     again = plan(ROOM, iterations=count, improvement=10**6)
     np.testing.assert_array_equal(late.path, again.path)

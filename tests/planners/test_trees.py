@@ -140,10 +140,10 @@ def test_informed_rrt_star_falls_to_the_optimum(name, share, stored):
     assert lengths[-1] <= optimum * (1.001 if share else 1.015)
 
 
-def test_informed_samples_stay_where_they_can_help(stored):
+def test_informed_samples_stay_where_they_can_help(stored, monkeypatch):
     problem, _ = stored["clutter"]
-    first = InformedRrtStar(iterations=200, nodes=500)
-    done = InformedRrtStar(iterations=5_000, nodes=500)
+    monkeypatch.setattr("planners.trees.rrt_star.MAX_NODES", 500)
+    first, done = InformedRrtStar(iterations=200), InformedRrtStar(iterations=5_000)
     before, after = (planner.plan(problem, np.random.default_rng(0)) for planner in (first, done))
     assert after.counters["nodes"] <= 2 * 500 + 30  # though it went on long after the tree was full
     assert after.length < before.length
@@ -180,12 +180,13 @@ def test_smart_paths_join_vertices_that_see_each_other(stored):
         assert shapely.intersects(shapely.linestrings(skipping), solid).all()
 
 
-def test_limited_trees_stay_in_their_strip():
+def test_limited_trees_stay_in_their_strip(monkeypatch):
     """Between the start and the goal in x, wider by a step for each edge that was blocked."""
     space = Space.from_rectangles([(14.0, 3.0, 16.0, 20.0)], (0.0, 0.0, 30.0, 20.0))
     problem = Problem(space, np.array([10.0, 18.0]), np.array([20.0, 18.0]))
     tree = RrtStar(return_on_first_path=True, step=2.0, goal_reach=2.0)
-    for plan in plans(RrtStarLimited(tree=tree, widening=0.01), problem):
+    monkeypatch.setattr("planners.trees.rrt_star.WIDENING", 0.01)
+    for plan in plans(RrtStarLimited(tree=tree), problem):
         assert_free(problem, plan.path)
         margin = 0.01 * plan.counters["blocked"]
         assert plan.tree[:, 0].min() >= 10.0 - margin
@@ -204,14 +205,15 @@ def turns(path):
     return np.abs((np.diff(headings) + np.pi) % (2 * np.pi) - np.pi)
 
 
-def test_splines_have_no_corners_where_the_path_of_the_tree_has(problem):
+def test_splines_have_no_corners_where_the_path_of_the_tree_has(problem, monkeypatch):
     """The finer the polyline, the less it turns at each point: by the root of the tolerance."""
     for seed in range(3):
         path = SplineRrtStar().tree.plan(problem, np.random.default_rng(seed)).path
-        coarse, fine, finest = (
-            SplineRrtStar(tolerance=tolerance).plan(problem, np.random.default_rng(seed))
-            for tolerance in (1e-4, 1e-7, 1e-9)
-        )
+        made = []
+        for tolerance in (1e-4, 1e-7, 1e-9):
+            monkeypatch.setattr("planners.trees.rrt_star.TOLERANCE", tolerance)
+            made.append(SplineRrtStar().plan(problem, np.random.default_rng(seed)))
+        coarse, fine, finest = made
         assert turns(path).max() > 0.5
         assert fine.counters["straight_legs"] == 0
         assert turns(finest.path).max() < 0.15 * turns(fine.path).max()

@@ -20,13 +20,13 @@ from websockets.sync.client import connect
 from agents.cli import main
 from tests.conftest import PATIENCE, refusal
 from wheelchair_gym.perception.monte_carlo import LocalizationSettings
-from wheelchair_gym.recording.record import RecordEpisodes, RecordingSettings
+from wheelchair_gym.recording.record import REFRESH_PERIOD, RecordEpisodes
 
 STEPS = 40
 
 
 RATE = 10.0  # Hz, of control
-AGAIN = RecordingSettings().refresh_period  # s, between two messages of what seldom changes
+AGAIN = REFRESH_PERIOD  # s, between two messages of what seldom changes
 
 
 def tree(content):

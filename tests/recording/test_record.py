@@ -268,11 +268,10 @@ class Surveyor(SimulatedChair):
         return Belief(super().belief.odometry, np.ones((3, 3)), built_map)
 
 
-def test_a_map_that_grows_is_sent_again_slowly_and_kept(tmp_path):
+def test_a_map_that_grows_is_sent_again_slowly_and_kept(tmp_path, monkeypatch):
     chair, file = Surveyor(), tmp_path / "grows.mcap"
-    env = RecordEpisodes(
-        NavigationEnv("empty", chair=chair), file, recording=RecordingSettings(refresh_period=0.5)
-    )
+    monkeypatch.setattr("wheelchair_gym.recording.record.REFRESH_PERIOD", 0.5)
+    env = RecordEpisodes(NavigationEnv("empty", chair=chair), file)
     env.reset(seed=0)
     for _ in range(20):
         env.step(np.zeros(2, np.float32))

@@ -58,11 +58,6 @@ def test_worlds_are_made_for_the_chair_or_refused(scene, name):
         assert gap > footprint.half_width - 1.5 * CELL
 
 
-def test_large_cylinders_leave_the_start_and_the_goal_free():
-    made = worlds({"name": "clutter", "radius": (0.9, 1.0), "density": 1.0}, CHAIRS["default"])
-    assert {made.episode(seed, 0).episode.name for seed in range(8)} == {"clutter"}
-
-
 def test_a_start_in_a_wall_and_a_way_through_one_are_refused():
     tight = {"name": "doorway", "door_width": 0.8, "corridor_width": 0.9}
     with pytest.raises(InputError, match="does not turn from a corridor"):

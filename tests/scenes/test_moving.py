@@ -70,7 +70,7 @@ def test_no_leaf_stands_open_across_the_only_way():
 
 def test_a_crowd_begins_apart_from_the_chair_and_from_everything():
     doors = people = 0
-    for episode in drawn(doors={"leaf_share": 0.7}, name="crowd", furniture_density=0.03):
+    for episode in drawn(leaf_share=0.7, name="crowd", furniture_density=0.03):
         rows = episode.actors.rows
         discs, _ = actor_shapes(episode.actors, rows["pose"])
         round_ones = rows[rows["size"][:, 1] == 0.0]
@@ -112,7 +112,7 @@ def test_people_walk_ways_that_keep_off_walls():
 def test_leaves_shut_their_doorways_and_open_them_fully():
     """Shut, a leaf spans from wall to wall; open, a slid one is inside the wall."""
     slid = swung = 0
-    scene = make_scene({"name": "crowd", "place": "building", "doors": {"leaf_share": 1.0}})
+    scene = make_scene({"name": "crowd", "place": "building", "leaf_share": 1.0})
     for seed in range(8):
         layout, episode = scene.sample_building(np.random.default_rng(seed))
         for row in episode.actors.rows[episode.actors.rows["kind"] == DOOR]:

@@ -25,7 +25,7 @@ from wheelchair_gym.engine import (
     engine_record,
 )
 from wheelchair_gym.sim import drive_train
-from wheelchair_gym.sim.world import measure_clearance, touchable_space
+from wheelchair_gym.sim.world import WALL_FRICTION, measure_clearance, touchable_space
 
 
 def run_as_python(patch):
@@ -42,7 +42,7 @@ class Oracle:
 
     def __init__(self, chair, episode, fixed=None):
         p = chair.parameters[0]
-        centre, friction = p["body"]["centre_of_mass"], chair.settings.body.wall_friction
+        centre, friction = p["body"]["centre_of_mass"], WALL_FRICTION
         self.space = pymunk.Space()
         self.space.collision_slop = self.space.collision_bias = 1e-4
         static = self.space.static_body

@@ -17,7 +17,7 @@ from wheelchair_gym.compiled.address import address_of
 from wheelchair_gym.engine import ANGLE, BODY_DOUBLES, FX, FY, TORQUE, VX, VY, W, X, Y
 from wheelchair_gym.sim import drive_train
 from wheelchair_gym.sim import step as period
-from wheelchair_gym.sim.world import FIXED, LEAF
+from wheelchair_gym.sim.world import FIXED, LEAF, WALL_FRICTION
 
 STEP_ONCE = drive_train.physics_step.py_func
 MOVE_ON, BODY_VIEW = period.decide_actors, period.body_view
@@ -57,7 +57,7 @@ class BusyOracle(Oracle):
     def __init__(self, lent, episode, key):
         lent.reset(episode, key)
         self.lent, self.rows = lent, episode.actors.rows
-        self.friction = lent.settings.body.wall_friction
+        self.friction = WALL_FRICTION
         self.actors = []
         self.max_touched = 0  # of things that one body has touched at once so far
         super().__init__(lent, episode, FIXED)

@@ -99,7 +99,7 @@ def test_cones_hear_movers_where_they_were_when_fired():
     twist, heard, near = np.array([0.25, 0.5]), 0, 0
     for k in range(96):
         reading = at_once.drive(twist)
-        which = rangers.order[k % 8]
+        which = rangers.firing_order[k % 8]
         assert reading.age[which] == 0.0
         truth, mount, model = at_once.truth, rangers.mounted[which], models[which]
         discs, segments = actor_shapes(episode.actors, truth.actor_poses)
@@ -134,7 +134,7 @@ def test_nobody_walks_through_a_wall_and_the_way_stays_open():
     At most one person in twenty may stand about within a metre for half of the time.
     """
     people, stuck, ways = 0, 0, 0
-    for chair, episode in crowds(range(4), place="building", doors={"leaf_share": 0.8}):
+    for chair, episode in crowds(range(4), place="building", leaf_share=0.8):
         rows = episode.actors.rows
         who = np.flatnonzero(rows["kind"] == PERSON)
         track = [actor_states(chair)["pose"][who, :2].copy()]

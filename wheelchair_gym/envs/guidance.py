@@ -21,6 +21,7 @@ GOAL_DEPTH = 0.5  # share of the tolerance within which routes end
 # Of a degraded map [m]: the radius of a forgotten patch, the distance round start and goal within
 # which nothing is forgotten, and the standard deviation of the map's shift on each axis.
 _PATCH, _KNOWN, _SHIFT = 0.8, 2.0, 0.03
+_PATCH_DENSITY = 0.02  # 1/m2 of a degraded map: patches that are forgotten
 
 
 def geodesic_path(task: Task) -> Array:
@@ -43,8 +44,6 @@ class PoseGuidance:
     none: all."""
     degraded_share: float = setting(default=0.0, low=0.0, high=1.0)
     """Share of worlds whose map is degraded."""
-    patch_density: float = setting(default=0.02, unit="1/m2", low=0.0)
-    """Forgotten patches per area of a degraded map."""
 
     def __call__(self, task: Task) -> CostToGo:
         """Compute the cost to go of the outline to the task's goal."""
@@ -67,7 +66,7 @@ class PoseGuidance:
         if self.degraded_share == 0.0 or rng.random() >= self.degraded_share:
             return grid
         cells_high, cells_wide = grid.shape
-        count = rng.poisson(self.patch_density * grid.resolution**2 * grid.cells.size)
+        count = rng.poisson(_PATCH_DENSITY * grid.resolution**2 * grid.cells.size)
         places = grid.from_lattice(rng.uniform(0.0, (cells_wide, cells_high), (count, 2)))
         ends = np.stack([task.start[:2], task.goal[:2]])
         apart = np.hypot(*np.moveaxis(places[:, None] - ends, -1, 0)).min(axis=1, initial=np.inf)

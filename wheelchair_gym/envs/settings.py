@@ -43,14 +43,6 @@ class BankSettings:
 
 
 @settings
-class StartSettings:
-    """Starts of episodes: at the scene's start, or anywhere not too far from the goal."""
-
-    max_time: float = setting(default=0.0, unit="s", low=0.0)
-    """Largest plan time from the start to the goal; 0: episodes begin at the scene's start."""
-
-
-@settings
 class EnvSettings:
     """Everything that makes an environment."""
 
@@ -66,7 +58,8 @@ class EnvSettings:
     """Source of the reward: none (the weighted terms of task.reward), or 'module:function' or a
     callable, see `wheelchair_gym.task.custom_reward`. Recordings and reports keep the terms."""
     bank: BankSettings = BankSettings()
-    starts: StartSettings = StartSettings()
+    starts_within: float = setting(default=0.0, unit="s", low=0.0)
+    """Largest plan time from the start to the goal; 0: episodes begin at the scene's start."""
     chair: ChairSettings = ChairSettings()
     sensors: SensorSettings = SensorSettings()
     localization: LocalizationSettings = LocalizationSettings()

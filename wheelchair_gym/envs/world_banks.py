@@ -45,9 +45,9 @@ class WorldBank:
     def __init__(self, settings: EnvSettings, task: Task, split: Split) -> None:
         self._split: Split = split
         self._scene, self._task, self._bank = make_scene(settings.scene), task, settings.bank
-        if settings.starts.max_time > 0.0 and not task.has_poses:
-            raise InputError("starts.max_time needs the guidance 'poses', which knows the time")
-        self.max_time = settings.starts.max_time  # s; a curriculum may set it
+        if settings.starts_within > 0.0 and not task.has_poses:
+            raise InputError("starts_within needs the guidance 'poses', which knows the time")
+        self.max_time = settings.starts_within  # s; a curriculum may set it
         self._made: dict[int, PreparedEpisode] = {}  # of the bank, by number; last drawn last
         self._lowest = 0
         self._folder: Path | None = None
@@ -146,7 +146,7 @@ class WorldBank:
 # Settings of the task that leave worlds as they are: what is observed there, and rewarded.
 _SEEN = (
     "beams", "look_ahead", "look_ahead_time", "last_action", "shield_state", "side_clearance",
-    "trail", "tracks", "stick_history", "hide_guidance", "privileged", "reward",
+    "trail", "tracks", "hide_guidance", "privileged", "reward",
 )  # fmt: skip
 
 

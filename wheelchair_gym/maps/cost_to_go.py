@@ -45,6 +45,7 @@ DRAWS = 4096  # poses tried
 _BUCKETS = 1024  # of the queue; twice as many until a move takes fewer ticks
 _NEW, _SETTLED = -1, -2  # of states that wait in no bucket
 _STEP = 0.2  # m: length of a move, a fifth of the chair
+HEADINGS = 32  # of the lattice: 11 deg, the smallest turn of a move
 # Without a path the outline shrinks by so much on each side [m], and so often that it is tried.
 _SHRINK, _TRIES = 0.02, 5
 
@@ -55,8 +56,6 @@ class CostToGoSettings(DrivingCost):
 
     cell: float = setting(default=0.1, unit="m", low=0.02, high=0.5, source="half a move")
     """Side of a lattice cell."""
-    headings: int = setting(default=32, low=8, high=128, source="11 deg, the least turn of a move")
-    """Number of headings of the lattice."""
     margin: float = setting(default=0.02, unit="m", low=0.0)
     """Clearance that the outline keeps."""
 
@@ -231,12 +230,12 @@ def _search(
 
 
 def _moves(config: CostToGoSettings, motion: MotionCost) -> LatticeMoves:
-    step = 2.0 * math.pi / config.headings
+    step = 2.0 * math.pi / HEADINGS
     ahead: list[tuple[float, int]] = [(_STEP, turn) for turn in (0, 1, -1, 2, -2)]
     back = [(-_STEP, turn) for turn in (0, 1, -1)] if motion.backward > 0.0 else []
     every = [*ahead, (0.0, 1), (0.0, -1), *back]
-    steps = np.zeros((len(every), config.headings, 3), np.int32)
-    yaw = step * np.arange(config.headings)
+    steps = np.zeros((len(every), HEADINGS, 3), np.int32)
+    yaw = step * np.arange(HEADINGS)
     for m, (way, turn) in enumerate(every):
         half = 0.5 * turn * step
         chord = way * (math.sin(half) / half if half else 1.0) * UNITS / config.cell
@@ -300,11 +299,11 @@ def cost_to_go(
     if slack is not None:
         ease = cell * TICKS / max(limits.forward, limits.backward)
         x, y, yaw = to_local(grid.origin, *np.asarray(starts[0], np.float64).tolist())
-        turn = 2.0 * math.pi / config.headings
-        begin[:] = y // cell, x // cell, round(yaw / turn) % config.headings
-    ends = np.arange(config.headings, dtype=np.int32)
+        turn = 2.0 * math.pi / HEADINGS
+        begin[:] = y // cell, x // cell, round(yaw / turn) % HEADINGS
+    ends = np.arange(HEADINGS, dtype=np.int32)
     if heading is not None:
-        turn = 2.0 * math.pi / config.headings
+        turn = 2.0 * math.pi / HEADINGS
         off = np.abs(wrap_angle(ends * turn + grid.origin[2] - np.asarray(goal, np.float64)[2]))
         ends = ends[off <= max(0.5 * heading, float(off.min()) + 1e-9)]
     aim = Aim(seeds, ends, begin, ease, round((slack or 0.0) * TICKS))
@@ -314,9 +313,7 @@ def cost_to_go(
             footprint_discs(footprint, k * _SHRINK), moves, motion,
             config.margin if k == 0 else 0.0, aim,
         )  # fmt: skip
-        found = CostToGo(
-            states.reshape(rows, cols, config.headings), moves.steps, cell, grid.origin
-        )
+        found = CostToGo(states.reshape(rows, cols, HEADINGS), moves.steps, cell, grid.origin)
         if all(math.isfinite(float(found.time_to_goal(start))) for start in starts):
             break
     return found

@@ -17,6 +17,7 @@ from wheelchair_gym.geometry.kinematics import Limits
 from wheelchair_gym.geometry.outline import Footprint
 
 STILL = 1e-9  # m, rad: less is no motion
+LATERAL_ACCELERATION = 0.35  # m/s2: maximum in curves, for comfort
 
 
 class MotionCost(NamedTuple):
@@ -30,7 +31,6 @@ class MotionCost(NamedTuple):
     backward: float  # m/s: reverse motion costs as if it were so slow
     turn: float  # rad/s
     pivot_speed: float  # rad/s of a pivot
-    lateral_acceleration: float  # m/s2
     switch_time: float  # s: to stop and start in another direction
     curvature_weight: float  # s per 1/m of a change of curvature
 
@@ -45,8 +45,6 @@ class DrivingCost:
     """Clearance beyond which more brings no lower cost."""
     obstacle_weight: float = setting(default=3.0, low=0.0, source="tuned on training seeds")
     """Additional cost of a move without clearance, as a multiple of its time."""
-    lateral_acceleration: float = setting(default=0.35, unit="m/s2", low=0.01, source="comfort")
-    """Maximum lateral acceleration in curves."""
     pivot_speed_ratio: float = setting(
         default=0.6, low=0.05, high=1.0, source="speed of the followers turning in place"
     )
@@ -63,8 +61,7 @@ class DrivingCost:
         return MotionCost(
             footprint.array, margin, self.desired_clearance, self.obstacle_weight,
             limits.forward, limits.backward / self.reverse_factor, limits.turn,
-            self.pivot_speed_ratio * limits.turn, self.lateral_acceleration,
-            switch, curvature_weight,
+            self.pivot_speed_ratio * limits.turn, switch, curvature_weight,
         )  # fmt: skip
 
 
@@ -76,7 +73,7 @@ def duration(motion: MotionCost, way: float, turn: float) -> float:
     bend = abs(turn / way)
     speed = motion.forward if way > 0.0 else motion.backward
     if bend > 0.0:
-        speed = min(speed, min(motion.turn / bend, math.sqrt(motion.lateral_acceleration / bend)))
+        speed = min(speed, min(motion.turn / bend, math.sqrt(LATERAL_ACCELERATION / bend)))
     return abs(way) / speed
 
 

@@ -20,6 +20,8 @@ from wheelchair_gym.geometry.planar import world_to_body, wrap
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.maps.distance import bilinear, distance_to_occupied
 
+OUTLIER_SHARE = 0.1  # of beams that hit what the map does not show: design choice
+
 
 class LikelihoodField(NamedTuple):
     """Gaps to the surfaces of a map, where its cells lie, and the model of a beam."""
@@ -28,19 +30,16 @@ class LikelihoodField(NamedTuple):
     origin: Array  # (3,) m, m, rad: lower left corner of cell (0, 0)
     resolution: float  # m
     sigma: float  # m: standard deviation of the gap at a beam's end
-    outlier_share: float  # of beams that hit what the map does not show
 
 
-def make_likelihood_field(
-    grid: OccupancyGrid, sigma: float, outlier_share: float
-) -> LikelihoodField:
+def make_likelihood_field(grid: OccupancyGrid, sigma: float) -> LikelihoodField:
     """The field of a map; gaps beyond ten standard deviations [m] are cut off."""
     maximum = 10.0 * sigma
     solid, cells = grid.solid(), maximum / grid.resolution + 1.0
     outside, inside = distance_to_occupied(solid, cells), distance_to_occupied(~solid, cells)
     gap = np.clip((outside - inside) * np.float32(grid.resolution), -maximum, maximum)
     origin = np.array(grid.origin)
-    return LikelihoodField(gap.astype(np.float32), origin, grid.resolution, sigma, outlier_share)
+    return LikelihoodField(gap.astype(np.float32), origin, grid.resolution, sigma)
 
 
 @inlined
@@ -71,12 +70,12 @@ def log_likelihood(field: LikelihoodField, x: float, y: float, yaw: float, ends:
     """
     rows, cols = field.gap.shape
     u0, v0, c, s = _in_cells(field, x, y, yaw)
-    sharp, share = 0.25 / (field.sigma * field.sigma), 1.0 - field.outlier_share
+    sharp, share = 0.25 / (field.sigma * field.sigma), 1.0 - OUTLIER_SHARE
     max_u, max_v = cols - 1.0, rows - 1.0
     total, product = 0.0, 1.0  # of sixteen is well within a double, and a logarithm is slow
     for k in range(ends.shape[0]):
         u, v = u0 + c * ends[k, 0] - s * ends[k, 1], v0 + s * ends[k, 0] + c * ends[k, 1]
-        value = field.outlier_share
+        value = OUTLIER_SHARE
         if 0.0 <= u < max_u and 0.0 <= v < max_v:
             gap = _gap(field, u, v)
             near = 1.0 / (1.0 + sharp * gap * gap)
@@ -184,7 +183,7 @@ def global_localization(
     than there are results, for the pose that is tried.
     """
     sigma = 3.0 * field.sigma
-    wide = LikelihoodField(field.gap, field.origin, field.resolution, sigma, field.outlier_share)
+    wide = LikelihoodField(field.gap, field.origin, field.resolution, sigma)
     fits[:] = -np.inf
     for k in range(tries):
         pose = found[0]

@@ -182,8 +182,6 @@ class LocalizationSettings:
         default=0.06, unit="m", low=0.001, source="the laser's noise and a map of 5 cm cells"
     )
     """Standard deviation of the gap between a beam's end and the surface."""
-    outlier_share: float = setting(default=0.1, low=1e-6, high=0.9)
-    """Share of beams that hit what the map does not show."""
     min_particles: int = setting(default=300, low=10, high=16_000)
     """Minimum number of particles."""
     max_particles: int = setting(default=5000, low=10, high=16_000)
@@ -240,7 +238,7 @@ class MonteCarloLocalizer:
         """
         s = self.settings
         if map_ is not self.map:
-            self._field = make_likelihood_field(map_, s.sigma, s.outlier_share)
+            self._field = make_likelihood_field(map_, s.sigma)
             self._free = np.flatnonzero(map_.cells.ravel() == FREE)
             self.map = map_
         if len(self._free) == 0:

@@ -158,14 +158,13 @@ _UPDATE = 0.4, 0.5
 
 
 @settings
-class SlamSettings:
-    """Number of particles, update rule and maps of SLAM."""
+class SlamSettings(MappingSettings):
+    """Settings of SLAM and of its maps."""
 
     particles: int = setting(
         default=8, low=1, high=10000, source="measured: gmapping's 30 are no better in 24 plans"
     )
     """Number of particles; 1 is plain scan matching."""
-    mapping: MappingSettings = MappingSettings()
 
 
 class Slam:
@@ -175,7 +174,7 @@ class Slam:
 
     Args:
         laser: its mount and its beams.
-        settings: particles, update rule, mapping.
+        settings: particles and mapping.
         seed: of the draws.
         pose: initial pose (3,) [m, m, rad].
     """
@@ -196,7 +195,7 @@ class Slam:
 
     def _start(self, pose: Array, seed: int) -> None:
         count = self.settings.particles
-        self.maps = OccupancyMap(self.settings.mapping, count)
+        self.maps = OccupancyMap(self.settings, count)
         self.maps.reserve(pose)
         self._map: tuple[int, OccupancyGrid] | None = None  # scans in it, and it
         self._key = np.uint64(seed % 2**64)
@@ -242,7 +241,7 @@ class Slam:
         """Match a scan, weigh the particles, and perhaps add it to their maps."""
         config, maps = self.settings, self.maps
         expected = compose(self._poses, self._increment)
-        unit = config.mapping.resolution
+        unit = config.resolution
         # The search's blocks reach beyond the window.
         maps.grow_to(expected, scan.radius + 2.0 * SEARCH_WINDOW + 5.0 * unit)
         points = thin_scan(scan, POINT_SPACING, MAX_POINTS) / unit
@@ -305,7 +304,7 @@ class Slam:
         """The best particle's map; a single unknown cell before the first scan."""
         if self.maps.layers.odds.size == 0:
             cells = np.full((1, 1), UNKNOWN, np.int8)
-            return OccupancyGrid(cells, self.settings.mapping.resolution)
+            return OccupancyGrid(cells, self.settings.resolution)
         if self._map is None or self._map[0] != len(self._history):
             self._map = len(self._history), self.maps.to_grid(self.best)
         return self._map[1]

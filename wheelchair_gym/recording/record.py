@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 _LOG = logging.getLogger(__name__)
 _SPACING = 0.05  # m between two points of a trail
 _JPEG_QUALITY = 80
+REFRESH_PERIOD = 1.0  # s, of what changes seldom: map, path, mounts, outline and trail
 _LONGEST_TRAIL = 2000  # points: of a longer drive, the trail is thinned out
 
 
@@ -40,8 +41,6 @@ _LONGEST_TRAIL = 2000  # points: of a longer drive, the trail is thinned out
 class RecordingSettings:
     """Rates of messages that are not sent with every reading."""
 
-    refresh_period: float = setting(default=1.0, unit="s", low=0.01)
-    """Period of what changes seldom: map, path, mounts, outline and trail."""
     image_rate: float = setting(default=0.0, unit="Hz", low=0.0, high=60.0)
     """Rate of rendered pictures; 0 records none."""
     when_full: Literal["go-on", "end"] = setting(default="go-on")
@@ -221,7 +220,7 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
             picture = self._env.render()
             if picture is not None:
                 self._out.send("/image", picture, _JPEG_QUALITY)
-        if _due(reading.stamp - self._refreshed, config.refresh_period):
+        if _due(reading.stamp - self._refreshed, REFRESH_PERIOD):
             first, self._refreshed = self._refreshed < 0.0, reading.stamp
             self._out.send("/trail", trail)
             map_ = self._map if believed.built_map is None else believed.built_map()

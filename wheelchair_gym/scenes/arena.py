@@ -14,15 +14,13 @@ from numpy.typing import ArrayLike
 
 from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.base.files import check_cells
-from wheelchair_gym.base.settings import InputError, Range, setting, settings
+from wheelchair_gym.base.settings import InputError, setting, settings
 from wheelchair_gym.geometry.outline import Footprint
 from wheelchair_gym.geometry.planar import polygon_edges
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, geodesic
-from wheelchair_gym.scenes.poses import FOOTPRINT, is_free_pose
+from wheelchair_gym.scenes.poses import CLEARANCE, FOOTPRINT, Ends, Pose, is_free_pose
 from wheelchair_gym.scenes.raster import CELL, paint_discs, paint_polygon, to_cells
 from wheelchair_gym.types import Episode
-
-Pose = tuple[float, float, float]
 
 WALL: Final = 0.10  # m: thickness of the wall round an arena
 
@@ -90,28 +88,16 @@ def draw_pose(rng: np.random.Generator, edge: float, width: float, height: float
 
 
 _TRIES = 10_000  # a room of 2 m x 2 m takes hundreds
+_MIN_DISTANCE = 2.0  # m from a drawn start to the goal, where the room is large enough
 _EDGE = 0.5  # m: no axle is drawn nearer to a wall
-_CLEARANCE = 0.15  # m round the footprint where drawn, as in the other scenes
 
 
 @settings
-class EmptyRoom:
+class EmptyRoom(Ends):
     """An empty rectangular room, its lower-left corner at (0, 0): for first steps and physics."""
 
     size: tuple[float, float] = setting(default=(8.0, 6.0), unit="m", low=2.0, high=200.0)
     """Length along x and y of the room."""
-    start: Pose | None = setting(default=None, unit="m, m, rad")
-    """Start pose; null draws it at random."""
-    goal: Pose | None = setting(default=None, unit="m, m, rad")
-    """Goal pose; null draws it at random."""
-    min_distance: float = setting(default=2.0, unit="m", low=0.0)
-    """Minimum distance from start to goal, unless both are given."""
-
-    def __post_init__(self) -> None:
-        if self.min_distance > 0.4 * math.hypot(*self.size):
-            raise InputError(
-                f"EmptyRoom.min_distance is {self.min_distance}; too far for a room of {self.size}"
-            )
 
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
         """Draw the poses that are not given.
@@ -121,6 +107,7 @@ class EmptyRoom:
         """
         width, height = self.size
         arena = make_arena((0.0, 0.0, width, height))
+        minimum = min(_MIN_DISTANCE, 0.4 * math.hypot(width, height))
         given = {"start": self.start, "goal": self.goal}
         for name, pose in given.items():
             if pose is not None and not (
@@ -138,8 +125,8 @@ class EmptyRoom:
             }
             start, goal = poses.values()
             drawn = [poses[name] for name, pose in given.items() if pose is None]
-            far = math.dist(start[:2], goal[:2]) >= self.min_distance or not drawn
-            if far and all(arena.is_free(pose, footprint, _CLEARANCE) for pose in drawn):
+            far = math.dist(start[:2], goal[:2]) >= minimum or not drawn
+            if far and all(arena.is_free(pose, footprint, CLEARANCE) for pose in drawn):
                 return arena.episode(start, goal, "empty")
         raise InputError(
             f"EmptyRoom: {_TRIES} draws found no start and goal for {footprint} in {self}"
@@ -149,6 +136,7 @@ class EmptyRoom:
 _BARN = "BARN benchmark (Perille et al. 2020)"
 _CLUTTER_TRIES = 50  # corridors drawn before the settings are called impossible
 _PLACES = 10  # drawn for one cylinder before it is left out
+_RADIUS = 0.075, 0.25  # m: smallest and largest of a cylinder; BARN's cylinders upwards
 _CLUSTERED = 0.4  # share of cylinders beside another: clusters block more than single ones
 _OVERLAP = 0.9  # of the sum of radii: how far apart cylinders of a cluster stand
 _RUN = 1.4  # m, without cylinders, ahead of the start and before the goal
@@ -168,10 +156,6 @@ class Clutter:
     """Width of the corridor."""
     density: float = setting(default=0.4, unit="1/m2", low=0.0, high=5.0)
     """Cylinders per area."""
-    radius: Range[float] = setting(
-        default=(0.075, 0.25), unit="m", low=0.03, high=1.0, source="BARN's cylinders upwards"
-    )
-    """Smallest and largest radius of a cylinder."""
     min_gap: float = setting(default=0.9, unit="m", low=0.0, high=3.0)
     """Minimum gap between cylinders that do not overlap."""
     passage_margin: float = setting(default=0.10, unit="m", low=0.0, high=0.5)
@@ -183,7 +167,7 @@ class Clutter:
         discs = np.empty((0, 3))
         for _ in range(round(self.density * (high - low) * self.width)):
             for _ in range(_PLACES):
-                radius = rng.uniform(*self.radius)
+                radius = rng.uniform(*_RADIUS)
                 if len(discs) and rng.random() < _CLUSTERED:
                     x, y, r = discs[rng.integers(len(discs))]
                     angle = rng.uniform(-math.pi, math.pi)

@@ -38,6 +38,7 @@ _GOAL = (-2.25, 13.0)  # m: beyond the square
 _FILLS = (0.15, 0.20, 0.25, 0.30)  # share of cells filled at first; generator.py of the dataset
 _SMOOTHINGS = (2, 3, 4)  # steps of the cellular automaton
 _BORN, _DIES = 5, 1  # filled neighbours from which a cell is filled, and up to which it is emptied
+_PASSAGE_MARGIN = 0.05  # m on each side of the chair at the narrowest spot of drawn worlds
 _TRIES = 200  # squares drawn before the settings are called impossible
 
 
@@ -125,8 +126,6 @@ class Barn:
     """JSON file of worlds, [{world, start, goal, circles}, ...]; empty draws new worlds."""
     world: int | None = setting(default=None)
     """Number of one world of the file; null draws any of them."""
-    passage_margin: float = setting(default=0.05, unit="m", low=0.0, high=0.5)
-    """Clearance on each side of the chair at the narrowest spot of drawn worlds."""
 
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
         """The world of the settings, or one that a chair of this footprint can pass.
@@ -140,14 +139,14 @@ class Barn:
         if self.world is not None:
             raise InputError("Barn.world is a world of a file; Barn.path is not given")
         goal = np.array([*_GOAL, _START[2]])
-        radius = footprint.half_width + self.passage_margin
+        radius = footprint.half_width + _PASSAGE_MARGIN
         for _ in range(_TRIES):
             discs = _draw_discs(rng, math.ceil(radius / _CYLINDER))
             episode = self._episode(np.array(_START), goal, discs, "barn")
             if np.isfinite(geodesic(episode.map, goal, radius).at(episode.start[:2])):
                 return episode
         raise InputError(
-            f"Barn: none of {_TRIES} worlds leaves {self.passage_margin} m beside {footprint}"
+            f"Barn: none of {_TRIES} worlds leaves {_PASSAGE_MARGIN} m beside {footprint}"
         )
 
     def _read(self, rng: np.random.Generator) -> Episode:

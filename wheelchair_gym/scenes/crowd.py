@@ -15,7 +15,7 @@ from wheelchair_gym.geometry.outline import Footprint
 from wheelchair_gym.geometry.planar import arc_lengths
 from wheelchair_gym.maps import OCCUPIED, OccupancyGrid, geodesic
 from wheelchair_gym.scenes.arena import draw_pose, make_arena
-from wheelchair_gym.scenes.floor_plan import Building, FloorPlan
+from wheelchair_gym.scenes.floor_plan import InBuilding
 from wheelchair_gym.scenes.layout import FloorLayout
 from wheelchair_gym.scenes.passages import PASSAGES, Passage, PassageName
 from wheelchair_gym.scenes.pedestrians import (
@@ -28,7 +28,7 @@ from wheelchair_gym.scenes.pedestrians import (
     sample_people,
     with_open_doors,
 )
-from wheelchair_gym.scenes.poses import FOOTPRINT, passing_radius
+from wheelchair_gym.scenes.poses import CLEARANCE, FOOTPRINT, passing_radius
 from wheelchair_gym.scenes.raster import CELL
 from wheelchair_gym.types import Episode
 
@@ -42,16 +42,8 @@ _OPENS_AT = 2.0  # m of somebody from a leaf: EN 16005, sensors of powered doors
 _SLIDING_SHARE = 0.5  # of leaves, where the wall has room; the others swing
 
 
-@settings
-class DoorSettings:
-    """Powered leaves of doors."""
-
-    leaf_share: float = setting(default=0.4, low=0.0, high=1.0)
-    """Share of doors that have a powered leaf."""
-
-
 def sample_doors(
-    rng: np.random.Generator, grid: OccupancyGrid, layout: FloorLayout, settings_: DoorSettings
+    rng: np.random.Generator, grid: OccupancyGrid, layout: FloorLayout, leaf_share: float
 ) -> list[Actor]:
     """Powered leaves in some of the doors: one slides where it fits into the wall, or swings.
 
@@ -59,7 +51,7 @@ def sample_doors(
     """
     found = []
     for k in np.flatnonzero(layout.is_door):
-        if rng.random() >= settings_.leaf_share:
+        if rng.random() >= leaf_share:
             continue
         x0, y0, x1, y1 = (CELL * value for value in layout.openings[k].item())
         flip, turn = rng.random() < 0.5, rng.choice((-0.5 * math.pi, 0.5 * math.pi))
@@ -144,14 +136,13 @@ def sample_furniture(
 
 
 _CROWD_TRIES = 200  # halls drawn before the settings are called impossible
-_CLEARANCE = 0.15  # m round the footprint at start and goal, as in the other scenes
 _CORRIDOR_LENGTH = 14.0, 18.0  # m: least and greatest, from end to end
 _LIFT_DOOR_WIDTH = 0.9, 1.1  # m: least and greatest, of a door that stands open
 _COLUMNS = 0.02  # 1/m2 of a hall
 
 
 @settings
-class Crowd(Building):
+class Crowd(InBuilding):
     """People who walk through a building, a hall, a corridor, a crossing or out of a lift.
 
     Buildings have powered doors; light furniture stands about where there is room for it.
@@ -162,10 +153,10 @@ class Crowd(Building):
     place: Place = setting(default="any")
     """Place where people walk; any draws a building or a hall."""
     people: PeopleSettings = PeopleSettings()
-    doors: DoorSettings = DoorSettings()
+    leaf_share: float = setting(default=0.4, low=0.0, high=1.0)
+    """Share of doors that have a powered leaf."""
     furniture_density: float = setting(default=0.01, unit="1/m2", low=0.0, high=1.0)
     """Movable pieces of furniture per free area."""
-    building: FloorPlan = FloorPlan()
     hall_size: Range[float] = setting(default=(9.0, 14.0), unit="m", low=5.0, high=60.0)
     """Minimum and maximum side of a hall."""
     corridor_width: Range[float] = setting(default=(2.0, 3.0), unit="m", low=1.2, high=10.0)
@@ -187,7 +178,7 @@ class Crowd(Building):
         taken: list[Array] = []
         start, grid = episode.start, episode.map
         pieces = sample_furniture(rng, grid, self.furniture_density, (start, episode.goal), taken)
-        leaves = [] if layout is None else sample_doors(rng, grid, layout, self.doors)
+        leaves = [] if layout is None else sample_doors(rng, grid, layout, self.leaf_share)
         leaves = leaves_that_let_pass(leaves, episode, passing_radius(footprint))
         if passage is not None:
             people = sample_passage_people(rng, passage, self.people, taken)
@@ -203,7 +194,7 @@ class Crowd(Building):
                 rng, footprint, self.corridor_width, _CORRIDOR_LENGTH, _LIFT_DOOR_WIDTH
             )
             arena, start, goal = passage[:3]
-            if all(arena.is_free(pose, footprint, _CLEARANCE) for pose in (start, goal)):
+            if all(arena.is_free(pose, footprint, CLEARANCE) for pose in (start, goal)):
                 paths = geodesic(arena.map, goal[:2], passing_radius(footprint))
                 if np.isfinite(paths.at(start[:2])):
                     return passage
@@ -221,7 +212,7 @@ class Crowd(Building):
             discs = np.column_stack(draws)
             arena = make_arena((0.0, 0.0, width, height), discs=discs)
             start, goal = (np.array(draw_pose(rng, 0.8, width, height)) for _ in range(2))
-            if all(arena.is_free(pose, footprint, _CLEARANCE) for pose in (start, goal)):
+            if all(arena.is_free(pose, footprint, CLEARANCE) for pose in (start, goal)):
                 paths = geodesic(arena.map, goal[:2], passing_radius(footprint))
                 if 0.6 * self.hall_size[0] <= float(paths.at(start[:2])) < np.inf:
                     return arena.episode(start, goal, "crowd")
@@ -249,12 +240,16 @@ class People(Crowd):
     hall_size: Range[float] = setting(default=(10.0, 12.0), unit="m", low=5.0, high=60.0)
 
 
+_RADIUS = 0.15, 0.35  # m, min and max: radius of an obstacle, from a bag to a trolley
+_TRIGGER_DISTANCE = 1.5, 3.0  # m, min and max: distance of the chair at which an obstacle appears
+_MIN_DISTANCE = 1.2  # m: no obstacle appears nearer to the chair; 0.8 m/s stops in 0.88 m
+_DURATION = 5.0, 20.0  # s, min and max: time for which an obstacle stays
 _LATERAL_OFFSET = 0.15  # m: largest of an obstacle from the path, along x and y
 _ENDS = 2.0  # m of the way at start and goal where nothing appears
 
 
 @settings
-class Temporary(Building):
+class Temporary(InBuilding):
     """A floor plan in which discs appear for a while on the shortest path ahead of the chair.
 
     The chair plans a new path round them or waits until they are gone (Belalia 2023).
@@ -262,24 +257,6 @@ class Temporary(Building):
 
     count: Range[int] = setting(default=(1, 3), low=0, high=20)
     """Minimum and maximum number of obstacles."""
-    radius: Range[float] = setting(
-        default=(0.15, 0.35), unit="m", low=0.05, high=1.0, source="from a bag to a trolley"
-    )
-    """Minimum and maximum radius of an obstacle."""
-    trigger_distance: Range[float] = setting(default=(1.5, 3.0), unit="m", low=0.1)
-    """Minimum and maximum distance of the chair at which an obstacle appears."""
-    min_distance: float = setting(default=1.2, unit="m", low=0.9, source="0.8 m/s stops in 0.88 m")
-    """Distance of the chair below which no obstacle appears."""
-    duration: Range[float] = setting(default=(5.0, 20.0), unit="s", low=0.1, high=600.0)
-    """Shortest and longest time for which an obstacle stays."""
-    building: FloorPlan = FloorPlan()
-
-    def __post_init__(self) -> None:
-        if self.trigger_distance[0] <= self.min_distance:
-            raise InputError(
-                f"Temporary.trigger_distance is {self.trigger_distance}; expected more than "
-                f"min_distance, {self.min_distance} m"
-            )
 
     def sample_building(
         self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT
@@ -298,10 +275,10 @@ class Temporary(Building):
                     + rng.uniform(-_LATERAL_OFFSET, _LATERAL_OFFSET)
                     for k in range(2)
                 )
-                radius = float(rng.uniform(*self.radius))
-                near = float(rng.uniform(*self.trigger_distance))
-                stay = float(rng.uniform(*self.duration))
+                radius = float(rng.uniform(*_RADIUS))
+                near = float(rng.uniform(*_TRIGGER_DISTANCE))
+                stay = float(rng.uniform(*_DURATION))
                 obstacles.append(
-                    obstacle((x, y), radius, near=near, minimum=self.min_distance, stay=stay)
+                    obstacle((x, y), radius, near=near, minimum=_MIN_DISTANCE, stay=stay)
                 )
         return layout, dataclasses.replace(episode, actors=combine(obstacles), name="temporary")

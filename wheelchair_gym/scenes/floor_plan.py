@@ -16,7 +16,7 @@ from wheelchair_gym.geometry.outline import Footprint, footprint_clearance
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, geodesic, interpolate
 from wheelchair_gym.maps.grid import boundary
 from wheelchair_gym.scenes.layout import FloorLayout, furnish, generate_layout
-from wheelchair_gym.scenes.poses import FOOTPRINT, passing_radius
+from wheelchair_gym.scenes.poses import CLEARANCE, FOOTPRINT, passing_radius
 from wheelchair_gym.scenes.raster import CELL, Rects, paint_discs, paint_polygon, paint_rects
 from wheelchair_gym.types import Episode
 
@@ -74,8 +74,6 @@ class FloorPlan(Building):
     """Pieces of furniture that are tried per area of a room."""
     path_length: Range[float] = setting(default=(5.0, 30.0), unit="m", low=0.0)
     """Minimum and maximum length of the shortest path from start to goal."""
-    clearance: float = setting(default=0.15, unit="m", low=0.0, high=0.5)
-    """Clearance of the footprint at start and goal."""
 
     def storey(self, source: NumpyStream, home: bool, width: float, height: float) -> Storey:
         """One storey of a given kind and size [m]; which side is which is drawn."""
@@ -101,7 +99,7 @@ class FloorPlan(Building):
             height = numpy_uniform(source, minimum, (minimum + maximum) / 2 if home else maximum)
             layout, cells, walls, discs = self.storey(source, home, width, height)
             grid = OccupancyGrid(cells, CELL)
-            ground = layout.rooms, walls, discs, footprint.array, self.clearance
+            ground = layout.rooms, walls, discs, footprint.array, CLEARANCE
             for _ in range(_GOALS):
                 goal_room = numpy_integer(source, len(layout.rooms))
                 if not sample_pose(source, goal_room, *ground, 20, goal):
@@ -112,6 +110,13 @@ class FloorPlan(Building):
         raise InputError(
             f"FloorPlan: {_TRIES} storeys had no start and goal that fit {footprint} in {self}"
         )
+
+
+@settings
+class InBuilding(Building):
+    """A scene in a building."""
+
+    building: FloorPlan = FloorPlan()
 
 
 @kernel

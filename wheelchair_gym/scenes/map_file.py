@@ -15,10 +15,8 @@ from wheelchair_gym.base.files import modified
 from wheelchair_gym.base.settings import InputError, setting, settings
 from wheelchair_gym.geometry.outline import Footprint
 from wheelchair_gym.maps import FREE, OccupancyGrid, geodesic, read_any_map
-from wheelchair_gym.scenes.poses import FOOTPRINT, is_free_pose, passing_radius
+from wheelchair_gym.scenes.poses import CLEARANCE, FOOTPRINT, Ends, is_free_pose, passing_radius
 from wheelchair_gym.types import Episode, no_discs
-
-Pose = tuple[float, float, float]
 
 _TRIES = 200  # places drawn for one pose
 _GOALS = 20  # goals drawn before the map is called impossible
@@ -38,7 +36,7 @@ def _read(
 
 
 @settings
-class MapFile:
+class MapFile(Ends):
     """A map file; start and goal are given, or drawn from where the chair can stand."""
 
     path: str | tuple[str, ...] = setting(default="")
@@ -46,15 +44,9 @@ class MapFile:
     of several each episode draws one; empty takes the clinic of the package."""
     resolution: float | None = setting(default=None, unit="m", low=1e-4, high=10.0)
     """Edge of a pixel of an image; null for other files, which have a scale."""
-    start: Pose | None = setting(default=None, unit="m, m, rad")
-    """Start pose; null draws it at random."""
-    goal: Pose | None = setting(default=None, unit="m, m, rad")
-    """Goal pose; null draws it at random."""
     min_path_length: float = setting(default=3.0, unit="m", low=0.0)
     """Least length of the path from start to goal where one is drawn or both are; half the longest
     possible one where one is given and the map is smaller."""
-    clearance: float = setting(default=0.15, unit="m", low=0.0, high=0.5)
-    """Clearance of the footprint at drawn poses."""
     unknown_is_solid: bool = setting(default=True)
     """Unknown cells are solid in this world and on its map; otherwise they are free."""
 
@@ -90,7 +82,7 @@ class MapFile:
             for _ in range(_TRIES if len(cells) else 0):
                 x, y = grid.to_world(cells[rng.integers(len(cells))])
                 pose = np.array([x, y, rng.uniform(-math.pi, math.pi)])
-                if is_free_pose(pose, walls, no_discs(), footprint, self.clearance):
+                if is_free_pose(pose, walls, no_discs(), footprint, CLEARANCE):
                     return pose
             return None
 

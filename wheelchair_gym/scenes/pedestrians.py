@@ -111,8 +111,6 @@ class PeopleSettings:
     """Share of people who do not see the chair."""
     crossing_share: float = setting(default=0.0, low=0.0, high=1.0, source="DynaBARN")
     """Share of moving cylinders that avoid nobody."""
-    patience: float = setting(default=4.0, unit="s", low=0.5)
-    """Time without progress after which a person turns back."""
     model: Literal["orca", "social_force"] = setting(default="orca")
     """How people avoid others: optimal reciprocal collision avoidance, or the headed social force
     model."""
@@ -181,7 +179,7 @@ def sample_people(
             route = _draw_route(rng, grid, cells, paths, avoids == records.NOBODY, near)
             if route is None:
                 break
-            who = person(route, speed, avoids=avoids, patience=people.patience)
+            who = person(route, speed, avoids=avoids)
             made = _make(rng, people, kind, who)
             if _fits(made, grid, near):
                 break
@@ -322,7 +320,7 @@ def sample_passage_people(
         for tried in range(_TRIES):
             place, route = passage.draw_walk(rng)
             if all(math.dist(place, (x, y)) >= radius for x, y, radius in near):
-                who = person(route, speed, avoids=avoids, patience=people.patience, at=place)
+                who = person(route, speed, avoids=avoids, at=place)
                 made = _make(rng, people, kind, who)
                 if not _fits(made, grid, near):
                     if tried < _TRIES_TOGETHER:

@@ -5,13 +5,27 @@ from __future__ import annotations
 from typing import Final
 
 from wheelchair_gym.base.arrays import Array
-from wheelchair_gym.base.settings import InputError
+from wheelchair_gym.base.settings import InputError, setting, settings
 from wheelchair_gym.geometry.outline import Footprint, footprint_clearance
 from wheelchair_gym.maps import bottleneck
 from wheelchair_gym.scenes.raster import CELL
 from wheelchair_gym.types import Episode
 
 FOOTPRINT: Final = Footprint()  # of the default chair
+CLEARANCE: Final = 0.15  # m round the footprint at starts and goals that are drawn
+
+
+Pose = tuple[float, float, float]  # m, m, rad
+
+
+@settings
+class Ends:
+    """Start and goal of a scene."""
+
+    start: Pose | None = setting(default=None, unit="m, m, rad")
+    """Start pose; null draws it at random."""
+    goal: Pose | None = setting(default=None, unit="m, m, rad")
+    """Goal pose; null draws it at random."""
 
 
 def passing_radius(footprint: Footprint) -> float:

@@ -110,6 +110,9 @@ class ChaoticPso:
         return arena.episode(*poses_along((1.0, 1.0), (9.0, 9.0)), "chaotic_pso")
 
 
+_MARGIN = 2.0  # m beyond the report's square: room for the chair at the start in its corner
+
+
 @settings
 class GreyWolf:
     """25 x 25, three round obstacles, (0, 0) to one of six goals: the report on PSO with GWO.
@@ -121,12 +124,10 @@ class GreyWolf:
         default="20,20", source="beyond all obstacles"
     )
     """Which of the report's six goals."""
-    margin: float = setting(default=2.0, unit="m", low=1.0, source="room for the chair at start")
-    """Width of the ground beyond the report's square."""
 
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
         """The one world there is, whatever the footprint."""
-        low, high = -self.margin, 25.0 + self.margin
+        low, high = -_MARGIN, 25.0 + _MARGIN
         arena = make_arena((low, low, high, high), discs=GREY_WOLF_DISCS)
         return arena.episode(*poses_along((0.0, 0.0), GREY_WOLF_GOALS[self.goal]), "grey_wolf")
 
@@ -135,6 +136,7 @@ WIDTH: Final = 30.0  # m
 HEIGHT: Final = 20.0
 START: Final = (1.5, 1.5)
 GOAL: Final = (28.5, 18.5)
+_CLUTTER_SEED = 5  # of map 5
 _WALL = 0.3  # m: thickness of walls drawn by hand
 
 
@@ -153,9 +155,9 @@ def _pocket(x: float, low: float, high: float, deep: float) -> list[Box]:
     ]
 
 
-def _clutter(gap: float, seed: int) -> tuple[list[Disc], list[Array]]:
+def _clutter(gap: float) -> tuple[list[Disc], list[Array]]:
     """Discs and rotated rectangles at random, apart from each other and from the barriers."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(_CLUTTER_SEED)
     taken = [(*START, 1.2), (*GOAL, 1.2), (10.15, 12.5, 1.3), (20.15, 6.0, 1.3)]  # x, y, keep-out
     discs: list[Disc] = []
     rotated: list[Array] = []
@@ -177,7 +179,7 @@ def _clutter(gap: float, seed: int) -> tuple[list[Disc], list[Array]]:
     return discs, rotated
 
 
-def _thesis_map(number: int, gap: float, seed: int, scale: float) -> Arena:
+def _thesis_map(number: int, gap: float, scale: float) -> Arena:
     """The ground of one of the five maps of the thesis on RRT*-WOA, all lengths times a scale."""
     rects: list[Box] = []
     discs: list[Disc] = []
@@ -197,7 +199,7 @@ def _thesis_map(number: int, gap: float, seed: int, scale: float) -> Arena:
         rects += _pocket(24.0, 9.5, 17.5, 4.5) + _pocket(20.5, 1.5, 6.5, 3.0)
     elif number == 5:  # clutter
         rects = _barrier(10.0, 12.5, gap) + _barrier(20.0, 6.0, gap)
-        discs, rotated = _clutter(gap, seed)
+        discs, rotated = _clutter(gap)
     return make_arena(
         (0.0, 0.0, scale * WIDTH, scale * HEIGHT),
         (scale * np.array(rects).reshape(-1, 4)).tolist(),
@@ -206,16 +208,15 @@ def _thesis_map(number: int, gap: float, seed: int, scale: float) -> Arena:
     )
 
 
+_GAP = 1.2  # m: width of the narrow passages, enough for the chair
+
+
 @settings
 class ThesisMap:
     """One of the five maps; the same world for every generator."""
 
     number: int = setting(default=1, low=1, high=5, source="the first one")
     """Which of the five maps."""
-    gap: float = setting(default=1.2, unit="m", low=0.7, high=3.0, source="enough for the chair")
-    """Width of the narrow passages."""
-    seed: int = setting(default=5, low=0)
-    """Seed of the clutter of map 5."""
     scale: float = setting(
         default=1.0, low=0.5, high=2.0, source="RRT* paths of the thesis are 35.27 m: 0.872"
     )
@@ -223,7 +224,7 @@ class ThesisMap:
 
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
         """The one world there is, whatever the footprint."""
-        arena = _thesis_map(self.number, self.gap, self.seed, self.scale)
+        arena = _thesis_map(self.number, _GAP, self.scale)
         start, goal = ((self.scale * x, self.scale * y) for x, y in (START, GOAL))
         return arena.episode(*poses_along(start, goal), f"thesis_{self.number}")
 

@@ -20,15 +20,23 @@ _MEASURED = "measured by tests.benchmarks.poses"
 
 
 @settings
-class LaserSettings:
+class Mount:
+    """Mounting place of a sensor."""
+
+    x: float = setting(default=0.0, unit="m")
+    """Place ahead of the drive axle."""
+    y: float = setting(default=0.0, unit="m")
+    """Place to the left of the middle."""
+    yaw: float = setting(default=0.0, unit="rad")
+    """Heading of the middle beam, or of the cone."""
+
+
+@settings
+class LaserSettings(Mount):
     """A planar laser scanner; default as a Hokuyo UST-10LX, clipped to 10 m."""
 
     x: float = setting(default=0.66, unit="m", source="design choice: in front, low")
     """Place ahead of the drive axle."""
-    y: float = setting(default=0.0, unit="m", source="design choice: in the middle")
-    """Place to the left of the middle."""
-    yaw: float = setting(default=0.0, unit="rad", source="design choice: straight ahead")
-    """Heading of the middle beam."""
     beams: int = setting(default=1081, low=0, high=20000, source="Hokuyo UST-10LX: 0.25 deg apart")
     """Number of beams: 2 or more; 0: the chair has no such scanner."""
     fov: float = setting(
@@ -85,26 +93,12 @@ class UltrasonicModel:
     """Standard deviation of a range."""
     ghost_share: float = setting(default=0.01, low=0.0, high=1.0)
     """Share of readings that show an echo of nothing."""
-    loss_from: float = setting(default=math.radians(15.0), unit="rad", low=0.0)
-    """Angle of incidence from which echoes are lost at random."""
-    loss_at: float = setting(default=math.radians(25.0), unit="rad", low=0.0)
-    """Angle of incidence from which all echoes are lost."""
-
-    def __post_init__(self) -> None:
-        if self.loss_at <= self.loss_from:
-            raise InputError("UltrasonicModel.loss_at must lie above loss_from")
 
 
 @settings
-class Ultrasonic:
+class Ultrasonic(Mount):
     """Mounting place and model of one ranger."""
 
-    x: float = setting(default=0.0, unit="m")
-    """Place ahead of the drive axle."""
-    y: float = setting(default=0.0, unit="m")
-    """Place to the left of the middle."""
-    yaw: float = setting(default=0.0, unit="rad")
-    """Heading of the cone."""
     model: Literal["narrow", "wide"] = "narrow"
 
 
@@ -120,6 +114,9 @@ def _mounted() -> tuple[Ultrasonic, ...]:
         for x, y, yaw, model in places
         for side in (1, -1)
     )
+
+
+_FIRING_ORDER = (0, 4, 1, 5, 2, 6, 3, 7)  # opposite sides in turn, against cross-talk
 
 
 @settings
@@ -139,16 +136,10 @@ class UltrasonicSettings:
             range_min=0.03,
             sigma=0.020,
             ghost_share=0.02,
-            loss_from=math.radians(80.0),
-            loss_at=math.radians(90.0),
         ),
         source="data sheet: SRF08, first echo in the cone",
     )
     """Model of the wide rangers."""
-    order: tuple[int, ...] = setting(
-        default=(0, 4, 1, 5, 2, 6, 3, 7), source="opposite sides in turn, against cross-talk"
-    )
-    """Order of firing; numbers of rangers that are not mounted are skipped."""
     interval: float = setting(
         default=0.06, unit="s", low=0.01, high=1.0, source="data sheets: 50 to 65 ms a cycle"
     )
@@ -160,15 +151,11 @@ class UltrasonicSettings:
                 f"UltrasonicSettings.mounted has {len(self.mounted)} rangers; expected at most "
                 f"{RANGERS}"
             )
-        unmounted = [k for k in self.order if not 0 <= k < len(self.mounted)]
-        known = len(self.order) == len(set(self.order)) and all(0 <= k < RANGERS for k in unmounted)
-        if not known or sorted(self.firing_order) != list(range(len(self.mounted))):
-            raise InputError("UltrasonicSettings.order must name each mounted ranger once")
 
     @property
     def firing_order(self) -> tuple[int, ...]:
         """The order of firing without rangers that are not mounted."""
-        return tuple(k for k in self.order if k < len(self.mounted))
+        return tuple(k for k in _FIRING_ORDER if k < len(self.mounted))
 
     @property
     def models(self) -> tuple[UltrasonicModel, ...]:

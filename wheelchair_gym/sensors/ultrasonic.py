@@ -35,6 +35,11 @@ _F = np.float32
 _ZERO, _ONE, _TINY, _NONE = _F(0.0), _F(1.0), _F(1e-30), _F(np.inf)
 
 
+# rad, by the model: incidence from which echoes are lost at random, and from which all are.
+LOSS = {
+    "narrow": (math.radians(15.0), math.radians(25.0)),
+    "wide": (math.radians(80.0), math.radians(90.0)),
+}
 # One ranger; its standard deviation is drawn for each episode.
 RANGER = np.dtype(
     [
@@ -56,7 +61,7 @@ def ranger_rows(rangers: UltrasonicSettings, noise: bool) -> Rows:
     never = 2.0 * math.pi  # an incidence that no echo reaches
     rows = np.zeros(len(rangers.mounted), RANGER)
     for k, (at, m) in enumerate(zip(rangers.mounted, rangers.models, strict=True)):
-        errors = (m.ghost_share, m.loss_from, m.loss_at) if noise else (0.0, never, 2.0 * never)
+        errors = (m.ghost_share, *LOSS[at.model]) if noise else (0.0, never, 2.0 * never)
         slope = math.tan(m.field_of_view / 2)
         rows[k] = k, (at.x, at.y, at.yaw), slope, m.reach, m.range_min, *errors
     return rows

@@ -87,7 +87,7 @@ class SimulatedChairs:
         body, self.world_rows[:] = self._chair.body, np.zeros((), WORLD)
         pointers = self.pointers = Pointers(self.world_rows, TARGETS)
         self.worlds = [
-            World(self._chair.footprint, body.centre_of_mass, body.wall_friction, pointers, i)
+            World(self._chair.footprint, body.centre_of_mass, pointers, i)
             for i in range(len(self.world_rows))
         ]
         for i, row in enumerate(self._past):

@@ -36,7 +36,12 @@ from wheelchair_gym.geometry.kinematics import (
     wheels_of_twist,
 )
 from wheelchair_gym.geometry.planar import body_to_world, world_to_body
+from wheelchair_gym.sim.settings import MOTOR_RESISTANCE, WHEEL_INERTIA
 
+CASTER_TRACK = 0.46  # m between the two casters
+CASTER_DRAG = 0.03  # resistance of the casters to rolling and swivelling, as a share of their load
+ROLLING_RESISTANCE = 0.015  # of the drive wheels, as a share of their load: pneumatic tyres
+BATTERY_RESISTANCE = 0.1  # ohm, internal
 _SWEEPS = 20  # of Gauss-Seidel, when a wheel slips
 _BRAKING_SHARE = 0.8  # of what it can brake: wheels follow their set point late
 _CREEP = 0.05  # m/s: drag rises linearly below this speed, so that it never reverses a motion
@@ -69,8 +74,8 @@ def drive_constants(p: Any) -> DriveConstants:
     on_casters = load * ahead / p.body.wheelbase
     grip = 0.5 * (load - on_casters)
     half = 0.5 * p.track
-    gl = p.wheel_inertia / (p.radius_left * p.radius_left)
-    gr = p.wheel_inertia / (p.radius_right * p.radius_right)
+    gl = WHEEL_INERTIA / (p.radius_left * p.radius_left)
+    gr = WHEEL_INERTIA / (p.radius_right * p.radius_right)
     a11, a12 = p.mass + gl + gr, half * (gr - gl)
     a22 = p.moment + p.mass * ahead * ahead + half * half * (gl + gr)
     return DriveConstants(
@@ -79,8 +84,8 @@ def drive_constants(p: Any) -> DriveConstants:
         p.nominal_radius * p.counts_per_metre,
         1.0 / (p.counts_per_metre * run),
         p.motor.torque_constant / p.nominal_radius,
-        0.5 * p.body.caster_drag * on_casters * p.dt,
-        p.body.rolling_resistance * grip,
+        0.5 * CASTER_DRAG * on_casters * p.dt,
+        ROLLING_RESISTANCE * grip,
         p.friction * grip * p.dt,
         (p.radius_left, p.radius_right),
         (1.0 / p.radius_left, 1.0 / p.radius_right),
@@ -160,7 +165,7 @@ def _drag_of_casters(
     push, shove, twist = 0.0, 0.0, 0.0
     lever = p.body.wheelbase - p.body.centre_of_mass
     for side in range(2):
-        across = (0.5 - side) * p.body.caster_track
+        across = (0.5 - side) * CASTER_TRACK
         vx, vy = ahead - turning * across, aside + turning * lever
         drag = -k.drag / math.sqrt(vx * vx + vy * vy + _CREEP * _CREEP)
         push += drag * vx
@@ -174,13 +179,13 @@ def _turn_wheel(state: Any, p: Any, k: DriveConstants, i: int) -> tuple[float, f
     """Return what a wheel brings along [N s], and what its motor driver draws [A]."""
     motor, spin = p.motor, state.spin[i]
     state.turned[i] += spin * p.dt  # as the body moves in this step: by its velocity before
-    amperes = (state.duty[i] * state.voltage - motor.torque_constant * spin) / motor.resistance
+    amperes = (state.duty[i] * state.voltage - motor.torque_constant * spin) / MOTOR_RESISTANCE
     amperes = min(motor.current_limit, max(-motor.current_limit, amperes))
     rim = spin * k.radii[i]
     # The sign of the speed, smooth about rest.
     rolling = k.rolling * k.radii[i] * (rim / math.sqrt(rim * rim + _CREEP * _CREEP))
     torque = p.gain * motor.torque_constant * amperes - rolling
-    impulse = (torque * p.dt + p.wheel_inertia * spin) * k.per_radius[i]
+    impulse = (torque * p.dt + WHEEL_INERTIA * spin) * k.per_radius[i]
     return impulse, state.duty[i] * amperes
 
 
@@ -195,8 +200,8 @@ def _slide(
     """
     mass, moment, arm, half, bound = p.mass, p.moment, p.body.centre_of_mass, 0.5 * p.track, k.bound
     u, w, side_speed = ahead, turning, aside
-    sl = (brings[0] * k.radii[0]) / p.wheel_inertia
-    sr = (brings[1] * k.radii[1]) / p.wheel_inertia
+    sl = (brings[0] * k.radii[0]) / WHEEL_INERTIA
+    sr = (brings[1] * k.radii[1]) / WHEEL_INERTIA
     jl, jr, jy = 0.0, 0.0, 0.0
     gl, gr = k.inertia
     ease_l = 1.0 / (1.0 / mass + half * half / moment + 1.0 / gl)
@@ -207,12 +212,12 @@ def _slide(
         change = min(bound, max(-bound, jl + change)) - jl
         jl += change
         u, w = u + change / mass, w - half * change / moment
-        sl -= k.radii[0] * change / p.wheel_inertia
+        sl -= k.radii[0] * change / WHEEL_INERTIA
         change = -(u + half * w - k.radii[1] * sr) * ease_r
         change = min(bound, max(-bound, jr + change)) - jr
         jr += change
         u, w = u + change / mass, w + half * change / moment
-        sr -= k.radii[1] * change / p.wheel_inertia
+        sr -= k.radii[1] * change / WHEEL_INERTIA
         left = max(0.0, bound * bound - jl * jl)
         right = max(0.0, bound * bound - jr * jr)
         maximum = math.sqrt(left) + math.sqrt(right)
@@ -232,7 +237,7 @@ def _drain_battery(state: Any, p: Any, drawn: float) -> None:
     state.charge = min(p.capacity, max(0.0, state.charge - power * p.dt))
     empty, full = battery.empty_voltage, battery.full_voltage
     rest = empty + (full - empty) * state.charge / p.capacity
-    state.voltage = rest - battery.resistance * power / rest
+    state.voltage = rest - BATTERY_RESISTANCE * power / rest
 
 
 @borrowing_kernel
@@ -294,6 +299,6 @@ def physics_step(
         ground = ahead + (2 * i - 1) * half * fields[W]
         hold = brings[i] - k.inertia[i] * ground
         hold = min(bound, max(-bound, hold))
-        state.spin[i] = (brings[i] - hold) * k.radii[i] / p.wheel_inertia
+        state.spin[i] = (brings[i] - hold) * k.radii[i] / WHEEL_INERTIA
     _drain_battery(state, p, drawn_left + drawn_right)
     return float(math.sqrt(hit_x * hit_x + hit_y * hit_y) + abs(hit_w) / p.body.wheelbase)

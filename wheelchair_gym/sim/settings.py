@@ -8,6 +8,9 @@ from wheelchair_gym.geometry.kinematics import DriveGeometry, Limits
 from wheelchair_gym.geometry.outline import Footprint
 from wheelchair_gym.sim.randomization import Randomization, check_randomization
 
+MOTOR_RESISTANCE = 1.0  # ohm, of a motor with its driver
+WHEEL_INERTIA = 0.15  # kg m2, of rotor and wheel
+
 
 @settings
 class BodySettings:
@@ -27,16 +30,8 @@ class BodySettings:
     """Radius of gyration about the centre of mass."""
     wheelbase: float = setting(default=0.48, unit="m", low=0.1, high=1.5)
     """Distance of the casters ahead of the drive axle."""
-    caster_track: float = setting(default=0.46, unit="m", low=0.0, high=1.0)
-    """Distance between the two casters."""
-    caster_drag: float = setting(default=0.03, low=0.0, high=1.0)
-    """Resistance of the casters to rolling and swivelling, as a share of their load."""
-    rolling_resistance: float = setting(default=0.015, low=0.0, high=1.0, source="pneumatic tyres")
-    """Rolling resistance of the drive wheels, as a share of their load."""
     friction: float = setting(default=0.7, low=0.05, high=2.0, source="tyre on floor")
     """Coefficient of friction between tyre and floor."""
-    wall_friction: float = setting(default=0.3, low=0.0, high=2.0)
-    """Coefficient of friction between the outline and what it touches."""
     bumper_force: float = setting(default=20.0, unit="N", low=0.0, source="strip switches")
     """Force from which a bumper strip counts as pressed."""
 
@@ -53,14 +48,10 @@ class MotorSettings:
         default=3.7, unit="V s/rad", low=0.01, source="1.6 m/s at 36 V without load"
     )
     """Torque constant at the wheel, and back electromotive force per turn rate."""
-    resistance: float = setting(default=1.0, unit="ohm", low=0.01)
-    """Resistance of a motor with its driver."""
     current_limit: float = setting(
         default=12.0, unit="A", low=0.1, source="driver of the prototype: 44 N m"
     )
     """Largest current of a motor."""
-    inertia: float = setting(default=0.15, unit="kg m2", low=0.001, source="rotor and wheel")
-    """Moment of inertia of rotor and wheel."""
     kp: float = setting(default=40.0, unit="V s/m", low=0.0, source="tuned: loop of about 50 ms")
     """Proportional gain of the speed control."""
     ki: float = setting(default=120.0, unit="V/m", low=0.0)
@@ -87,8 +78,6 @@ class BatterySettings:
     """Open-circuit voltage of the empty battery."""
     initial_charge: float = setting(default=0.9, low=0.0, high=1.0)
     """Share of the capacity that is left at reset."""
-    resistance: float = setting(default=0.1, unit="ohm", low=0.0)
-    """Internal resistance."""
     idle_power: float = setting(default=15.0, unit="W", low=0.0)
     """Power of computer and sensors."""
     regeneration: float = setting(default=0.5, low=0.0, high=0.95)
@@ -150,7 +139,7 @@ class ChairSettings:
         mass = max(self.random.mass) if self.randomize else self.body.mass
         gain = min(self.random.gain) if self.randomize else 1.0
         force = 2.0 * gain * motor.torque_constant * motor.current_limit / radius
-        return min(self.grip, force / (mass + 2.0 * motor.inertia / radius**2))
+        return min(self.grip, force / (mass + 2.0 * WHEEL_INERTIA / radius**2))
 
     @property
     def following_lag(self) -> float:
@@ -161,7 +150,7 @@ class ChairSettings:
         motor = self.motor
         mass = max(self.random.mass) if self.randomize else self.body.mass
         gain = min(self.random.gain) if self.randomize else 1.0
-        pull = 2.0 * gain * motor.torque_constant / (motor.resistance * self.drive.wheel_radius)
+        pull = 2.0 * gain * motor.torque_constant / (MOTOR_RESISTANCE * self.drive.wheel_radius)
         missing = max(0.0, mass / pull - motor.ka)  # V s2/m
         return missing / motor.kp if motor.kp > 0.0 else 0.0
 

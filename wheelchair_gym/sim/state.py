@@ -43,7 +43,6 @@ PARAMETER = np.dtype(
         ("track", "f8"),  # m
         ("radius_left", "f8"),  # m
         ("radius_right", "f8"),  # m
-        ("wheel_inertia", "f8"),  # kg m2
         # motors
         ("gain", "f8"),
         # control, with the geometry the chair believes in
@@ -211,7 +210,6 @@ def parameters(
     p["diameter_error"] = errors * odometry.diameter_error
     p["track_error"] = errors * odometry.track_error
     p["outline"] = chair.footprint.array
-    p["wheel_inertia"] = motor.inertia
     p["nominal_track"], p["nominal_radius"] = drive.track, drive.wheel_radius
     p["counts_per_metre"] = drive.counts_per_metre
     p["limits"] = chair.limits.record

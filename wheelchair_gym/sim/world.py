@@ -220,6 +220,7 @@ NO_POSES: Array = np.empty((0, 3))  # poses of no actors
 CLEARANCE_REACH: Final = 2.0  # m: clearances beyond this are reported as this
 _ROUNDING: Final = 1e-6  # m
 _REACH: Final = 0.5  # m: walls within are put into the Space at once
+WALL_FRICTION = 0.3  # coefficient of friction between the outline and what it touches
 _SLOP = 1e-4  # m: overlap that contacts leave
 _BIAS = 1e-4  # share of a remaining overlap after one second: pushed out within a few steps
 _GROWTH = 1.25  # of shapes made at once: the next world may be a little larger
@@ -405,29 +406,26 @@ class World:
     Args:
         footprint: the chair's outline.
         centre: of mass, ahead of the axle [m].
-        friction: of the outline on walls.
         pointers: records of WORLD, with `TARGETS`.
         row: which of them points here.
     """
 
-    def __init__(
-        self, footprint: Footprint, centre: float, friction: float, pointers: Pointers, row: int
-    ) -> None:
+    def __init__(self, footprint: Footprint, centre: float, pointers: Pointers, row: int) -> None:
         self.space = pymunk.Space()
         self.space.collision_slop = _SLOP
         self.space.collision_bias = _BIAS
         self.body = pymunk.Body(1.0, 1.0)
         outline = pymunk.Poly(self.body, [(x - centre, y) for x, y in footprint.corners])
-        outline.friction = friction
+        outline.friction = WALL_FRICTION
         self.space.add(self.body, outline)
         self._surface = pymunk.Circle(self.space.static_body, 1.0)  # of walls; in no Space
-        self._surface.friction, self._surface.filter = friction, FIXED
+        self._surface.friction, self._surface.filter = WALL_FRICTION, FIXED
         self._walls = self._discs = 0  # number of each that there is room for
         self._actor_shapes: list[pymunk.Shape] = []
         self._bodies: list[pymunk.Body] = []  # of actors
         self._pointers, self._row = pointers, row
         self._rows = rows = pointers.record[row : row + 1]
-        rows["friction"] = friction
+        rows["friction"] = WALL_FRICTION
         self._point("half_planes", np.zeros((2 * HALF_PLANES, 4)))
         for name, thing in {
             "space": self.space._space,

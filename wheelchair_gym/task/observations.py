@@ -38,7 +38,7 @@ PRIVILEGED_MAX = 256.0  # s, m: a critic observes longer times and distances as 
 INTERVENTION_MAX = 2.0  # full speeds ahead or of turning: more is observed as this
 STRAIGHT = 0.8  # m/s: the pace of a way that is not known
 TRAIL_POINTS = 64  # of a trail that are kept
-STICKS = 17  # of a person that are kept: `TaskSettings.stick_history` and the present one
+STICKS = 5  # of a person that are observed: the present one and four earlier ones
 TRAIL_SPACING = 0.25  # m between them
 TRACK_REACH = 8.0  # m: tracks farther off are not observed
 TRACK_SPEED = 3.0  # m/s: faster tracks are observed as so fast
@@ -131,7 +131,7 @@ OBSERVATION_KEYS = (
     ),
     ObservationKey(
         "stick",
-        lambda o: 3 + 2 * o.settings.stick_history if o.has_driver else 0,
+        lambda o: 1 + 2 * STICKS if o.has_driver else 0,
         lambda o: 1.0,
         "(11,) | -1 to 1 | with a driver only: deflections forward and to the left, now; whether "
         "they last by themselves (1 or 0); and those of earlier control periods, the latest first",

@@ -59,8 +59,6 @@ class TaskSettings:
     tracks: int = setting(default=0, low=0, high=20)
     """How many of the nearest moving things are observed, as the tracker finds them in the scans of
     the first laser, without a map, at 1 Hz at least; 0: none, and no tracker runs."""
-    stick_history: int = setting(default=4, low=0, high=16)
-    """Earlier control periods of which the stick is observed, where a person drives."""
     hide_guidance: bool = setting(default=False)
     """True: poses ahead and the side clearances there are shown to critics and teachers alone,
     under `privileged_path` and `privileged_side_clearance`."""

@@ -77,9 +77,10 @@ def test_a_manoeuvre_close_to_walls_is_driven_as_planned(name):
 
 
 @FOLLOWERS
-def test_what_has_room_is_left_to_the_follower(name):
+def test_what_has_room_is_left_to_the_follower(name, monkeypatch):
     def begun(room, tight):
-        return driven(PATH, room, 3.0, {"name": name, "tight": tight})
+        monkeypatch.setattr("agents.control.tight_places.TIGHT", tight)
+        return driven(PATH, room, 3.0, {"name": name})
 
     wide = box(8.0, 6.0)
     assert np.array_equal(begun(wide, 0.1), begun(wide, 0.0))

@@ -18,21 +18,21 @@ from wheelchair_gym.base.settings import InputError, with_values
 NAME = "a_star+pure_pursuit"
 RANGES = [
     Range("follower.lookahead", 0.2, 5.0, log=True),
-    Range("follower.pivot", choices=(0.3, 0.9, 2.0)),
+    Range("follower.lookahead_time", choices=(0.3, 0.7, 2.0)),
 ]
 SEEDS, OTHERS = range(3), range(50, 53)
 trials = []
 
 
 class Judge:
-    """Scores a lookahead of 1 m and a small pivot highest, and seeds by their number."""
+    """Scores a lookahead of 1 m and a short time highest, and seeds by their number."""
 
     def __call__(self, spec, seeds):
         make_policy(spec)
         trials.append(spec)
-        follower = {"lookahead": 0.45, "pivot": 0.9}
+        follower = {"lookahead": 0.45, "lookahead_time": 0.7}
         follower |= {} if isinstance(spec, str) else spec["follower"]
-        score = -abs(np.log(follower["lookahead"])) - follower["pivot"]
+        score = -abs(np.log(follower["lookahead"])) - follower["lookahead_time"]
         return [score + 0.1 * seed for seed in seeds]
 
 
@@ -97,7 +97,7 @@ def test_values_take_the_places_of_dotted_keys():
 def test_a_search_begins_with_what_is_set_and_judges_the_best_on_others(once):
     folder, found = once
     rows = [line.split(",") for line in (folder / "trials.csv").read_text().splitlines()]
-    assert rows[1][3:] == ["0.45", "0.9"]
+    assert rows[1][3:] == ["0.45", "0.7"]
     scores = [float(row[1]) for row in rows[1:]]
     assert len(scores) == 6
     assert found["best"]["score"] == max(scores)
@@ -135,13 +135,13 @@ def test_settings_that_do_not_go_together_are_no_trials(tmp_path):
 
 
 def test_policies_are_judged_by_driving(tmp_path):
-    ranges = [read_range("follower.objective.progress=0.0,1.0")]
+    ranges = [read_range("follower.objective.horizon=0.3,1.5")]
     env = {"pose_source": "truth", "shield": False}
     judge = Drives(["empty"], env, "sct", tmp_path, 1)
     found = tune(
         "a_star+window", ranges, judge, [1], [2, 3], trials=3, folder=tmp_path, progress=False
     )
-    assert found["best"]["settings"] == {"follower.objective.progress": 1.0}
+    assert found["best"]["settings"] == {"follower.objective.horizon": 1.5}
     records = evaluate(
         [spec(f"{tmp_path / 'best.json'}:a_star+window")], ["empty"], [2, 3],
         env=env, folder=tmp_path, progress=False,
@@ -151,7 +151,7 @@ def test_policies_are_judged_by_driving(tmp_path):
 
 
 def test_the_command_says_what_it_found(tmp_path, capsys):
-    words = f"tune {NAME} --vary follower.pivot=0.5:2.0 --trials 2 --episodes 2 --scenes empty"
+    words = f"tune {NAME} --vary follower.lookahead=0.5:2.0 --trials 2 --episodes 2 --scenes empty"
     assert main([*words.split(), "--jobs", "1", "--quiet", "--out", str(tmp_path)]) == 0
     said = capsys.readouterr().out
     assert "the best of 2 trials" in said

@@ -247,7 +247,7 @@ def test_a_teacher_tells_its_student_what_it_would_do_where_it_sees_the_way(trai
     guided = load_weights(trained[1] / POLICY)
     env = {**PRIVY, "task": {**PRIVY["task"], "hide_guidance": True}}
     tasks = [
-        NavigationVectorEnv(3, config=env_settings({**own, "starts": {}})).task
+        NavigationVectorEnv(3, config=env_settings({**own, "starts_within": 0.0})).task
         for own in (PRIVY, env)
     ]
     shown, hidden = (
@@ -259,7 +259,7 @@ def test_a_teacher_tells_its_student_what_it_would_do_where_it_sees_the_way(trai
     for key, _ in shown.sizes:
         secret = hidden.slice_of(f"privileged_{key}")
         told[:, shown.slice_of(key)] = seen[:, secret if secret.stop else hidden.slice_of(key)]
-    wanted, student = Network(guided)(told), env_settings({**env, "starts": {}})
+    wanted, student = Network(guided)(told), env_settings({**env, "starts_within": 0.0})
     assert np.abs(wanted).max() > 0.01
     assert Teacher(guided, hidden, student)(torch.from_numpy(seen)).numpy() == pytest.approx(
         wanted, abs=1e-5

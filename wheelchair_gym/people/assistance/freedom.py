@@ -20,6 +20,7 @@ from wheelchair_gym.sim.settings import ChairSettings
 Twist = tuple[float, float]
 
 STEADY = 0.1  # maximum change of deflection of a steady stick
+DOCKING_MARGIN = 0.01  # m, kept once the stick has been low and steady, to reach a desk: assumed
 # Largest deflection forward of a low stick, and s for which it must be low and steady: assumed.
 _DOCKING_STICK, _DOCKING_TIME = 0.35, 1.0
 
@@ -40,10 +41,13 @@ class Freedom:
         default=0.03, unit="m", low=0.0, high=1.0, source="more shuts doors of 0.80 m: derived"
     )
     """Distance to obstacles that it keeps."""
-    docking_margin: float = setting(
-        default=0.01, unit="m", low=0.0, high=1.0, source="docking at a desk: assumed"
-    )
-    """Distance that it keeps once the stick has been low and steady."""
+
+
+@settings
+class Sharing:
+    """Settings of an assistant that shares control with a person."""
+
+    freedom: Freedom = Freedom()
 
 
 @dataclass(frozen=True)
@@ -72,7 +76,7 @@ def margin_of(p: Any, a: Any, forward: float, left: float) -> float:
     low = 0.0 < forward <= _DOCKING_STICK
     a.steady = a.steady + p.period if low and not moved else 0.0
     docks = a.steady >= _DOCKING_TIME
-    return float(min(f.margin, f.docking_margin) if docks else f.margin)
+    return float(min(f.margin, DOCKING_MARGIN) if docks else f.margin)
 
 
 @borrowing_kernel

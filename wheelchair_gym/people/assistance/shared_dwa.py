@@ -20,28 +20,26 @@ from wheelchair_gym.base.settings import setting, settings
 from wheelchair_gym.compiled.address import doubles_at, integers_at, on_stack
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.people.assistance.arcs import follow_arc
-from wheelchair_gym.people.assistance.freedom import Freedom, Twist, enough_now
+from wheelchair_gym.people.assistance.freedom import Sharing, Twist, enough_now
 
 SPEEDS, TURNS = 9, 15  # of the fan
 STEP, STEPS = 0.1, 20  # s between two poses of an arc, and how many
 CLEAR = 0.5  # m: a larger clearance counts as this
+# Weights of the differences from the stick (scwheelchair-simulation): of headings at the arcs' ends
+# as a share of a half turn, and of speeds as a share of the stick's.
+HEADING_WEIGHT, SPEED_WEIGHT = 0.7, 0.3
 SAME = 1e-12  # a difference of costs that is none
 
 
 @settings
-class SharedDwa:
+class SharedDwa(Sharing):
     """Weighs clearance against nearness to the stick's heading and speed."""
 
-    heading: float = setting(default=0.7, low=0.0, high=10.0, source="scwheelchair-simulation")
-    """Weight of the difference of headings at the arcs' ends, as a share of a half turn."""
-    speed: float = setting(default=0.3, low=0.0, high=10.0, source="scwheelchair-simulation")
-    """Weight of the difference of speeds, as a share of the stick's."""
     enough: float = setting(
         default=0.06, unit="m", low=0.01, high=CLEAR, source="doors leave 0.09 m: measured"
     )
     """Clearance that counts as full; less in proportion to the margin while somebody docks. From
     0.08 m on, waiting before a door of 0.80 m often costs less than going through it."""
-    freedom: Freedom = Freedom()
 
 
 @borrowing_kernel
@@ -74,7 +72,7 @@ def shared_dwa(p: Any, a: Any) -> Twist:
     for i in range(SPEEDS if asked_v != 0.0 else 1):
         for j in range(offs):
             heading = turn * 2.0 * j / (TURNS - 1) * STEP * STEPS / math.pi
-            differences[pairs] = m.heading * heading + m.speed * i / (SPEEDS - 1)
+            differences[pairs] = HEADING_WEIGHT * heading + SPEED_WEIGHT * i / (SPEEDS - 1)
             order[pairs] = i * offs + j
             pairs += 1
     best, found_v, found_w = math.inf, 0.0, 0.0

@@ -21,35 +21,31 @@ from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.base.settings import setting, settings
 from wheelchair_gym.compiled.address import on_stack, table_at
 from wheelchair_gym.compiled.kernel import borrowing_kernel
-from wheelchair_gym.people.assistance.freedom import Freedom, Twist
+from wheelchair_gym.people.assistance.freedom import Sharing, Twist
 from wheelchair_gym.people.assistance.state import MAXIMUM
 
 NEAR = 1.5  # m: farther obstacles do not limit
+DECELERATION = 0.6  # m/s2 that the speed towards an obstacle counts on; below the chair's 0.8
 ROWS = 24  # constraints that enter the program at most, beside the bounds
 _FEASIBLE = 1e-9
 _TURN_WEIGHT = 0.3  # of a change of the turn rate beside one of the speed, both in full speeds
 
 
 @settings
-class Slide:
+class Slide(Sharing):
     """The nearest twist to the stick's that closes on no obstacle too fast."""
 
-    deceleration: float = setting(
-        default=0.6, unit="m/s2", low=0.05, high=5.0, source="below the chair's 0.8: design choice"
-    )
-    """Deceleration that the speed towards an obstacle counts on."""
     latency: float = setting(default=0.2, unit="s", low=0.0, high=2.0)
     """Time before the chair begins to brake."""
-    freedom: Freedom = Freedom()
 
 
 @borrowing_kernel
 def write_constraints(
-    points: Array, outline: Array, margin: float, deceleration: float, latency: float, out: Array
+    points: Array, outline: Array, margin: float, latency: float, out: Array
 ) -> int:
     """Write rows (a_v, a_w, b) of a_v v + a_w w <= b, one for each near point; how many."""
     n, front, rear, half = 0, outline[0], -outline[1], outline[2]
-    at = deceleration * latency
+    at = DECELERATION * latency
     for k in range(points.shape[0]):
         x, y = points[k, 0], points[k, 1]
         nx, ny = x - min(front, max(rear, x)), y - min(half, max(-half, y))
@@ -65,7 +61,7 @@ def write_constraints(
             nx, ny = 0.0, math.copysign(1.0, y)
         maximum = max(0.0, d - margin)
         out[n, 0], out[n, 1] = nx, ny * x - nx * y
-        out[n, 2] = math.sqrt(at * at + 2.0 * deceleration * maximum) - at
+        out[n, 2] = math.sqrt(at * at + 2.0 * DECELERATION * maximum) - at
         n += 1
     return n
 
@@ -117,9 +113,7 @@ def slide(p: Any, a: Any) -> Twist:
     """The twist of a row; see `wheelchair_gym.people.assistance.step`."""
     m, asked, turn = p.method, (a.asked[0], a.asked[1]), a.turn
     every = table_at(on_stack(8 * 3 * MAXIMUM), MAXIMUM, 3)
-    n = write_constraints(
-        a.points[: a.n_points], p.outline[:], a.margin, m.deceleration, m.latency, every
-    )
+    n = write_constraints(a.points[: a.n_points], p.outline[:], a.margin, m.latency, every)
     v, w = asked
     worst = _largest_violation(every, n, v, w)
     if worst < 0:

@@ -7,7 +7,7 @@ the whole time, so that the arc is kept. It never steers.
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 from wheelchair_gym.base.settings import settings
 from wheelchair_gym.compiled.kernel import borrowing_kernel
@@ -16,18 +16,17 @@ from wheelchair_gym.people.assistance.freedom import Freedom, Twist
 
 
 @settings
-class Direct:
-    """The stick is the twist; nothing is filtered."""
-
-    shielded: ClassVar[bool] = False
-    freedom: Freedom = Freedom(backward=2.0)
-
-
-@settings
 class Shielded:
     """The stick is the twist, behind the shield."""
 
     freedom: Freedom = Freedom(backward=2.0)
+
+
+@settings
+class Direct(Shielded):
+    """The stick is the twist; nothing is filtered."""
+
+    shielded = False
 
 
 _TIME, _STEP = 1.0, 0.1  # s that the twist is projected, and between its poses: nav2 AssistedTeleop

@@ -11,13 +11,15 @@ import math
 from typing import Any
 
 from wheelchair_gym.base.arrays import Array
-from wheelchair_gym.base.settings import setting, settings
+from wheelchair_gym.base.settings import settings
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.people.assistance.arcs import free_share
-from wheelchair_gym.people.assistance.freedom import Freedom, Twist
+from wheelchair_gym.people.assistance.freedom import Sharing, Twist
 
 DIRECTIONS = 72  # of the histogram
 STEP = 0.1  # s between two poses of the projection
+REACH = 1.5  # m within which obstacles count
+LOOK_AHEAD = 1.2  # s: time to a collision from which on it slows
 _WIDEN = 0.05  # m on each side of the chair's width
 # 1/rad2: weight of the squared angle from the stick's direction (Levine 1999; its value assumed);
 # less gives the chair more freedom.
@@ -26,18 +28,12 @@ _TURN_PER_ANGLE = 1.0  # 1/s: turn rate per angle between the stick's direction 
 
 
 @settings
-class Vfh:
+class Vfh(Sharing):
     """Turns towards the free direction nearest to the stick's, and slows with the room there."""
-
-    reach: float = setting(default=1.5, unit="m", low=0.1, high=10.0)
-    """Distance within which obstacles count."""
-    look_ahead: float = setting(default=1.2, unit="s", low=0.1, high=10.0)
-    """Time to a collision from which on it slows."""
-    freedom: Freedom = Freedom()
 
 
 @borrowing_kernel
-def _density(points: Array, front: float, half: float, reach: float, direction: float) -> float:
+def _density(points: Array, front: float, half: float, direction: float) -> float:
     """Of obstacles in the strip that the chair's width sweeps from its axle in a direction."""
     c, s = math.cos(direction), math.sin(direction)
     found = 0.0
@@ -45,8 +41,8 @@ def _density(points: Array, front: float, half: float, reach: float, direction: 
         along = c * points[j, 0] + s * points[j, 1]
         aside = abs(c * points[j, 1] - s * points[j, 0])
         room = along - front
-        if along > 0.0 and aside < half and room < reach:
-            share = 1.0 - max(0.0, room) / reach
+        if along > 0.0 and aside < half and room < REACH:
+            share = 1.0 - max(0.0, room) / REACH
             found = max(found, share * share)
     return float(found)
 
@@ -54,15 +50,15 @@ def _density(points: Array, front: float, half: float, reach: float, direction: 
 @borrowing_kernel
 def _direction(p: Any, a: Any, wanted: float) -> float:
     """The direction [rad] of the least of density and parabola, within a right angle of ahead."""
-    m, points = p.method, a.points[: a.n_points]
+    points = a.points[: a.n_points]
     front, half = p.outline[0], p.outline[2] + _WIDEN
-    best, minimum = wanted, _density(points, front, half, m.reach, wanted)
+    best, minimum = wanted, _density(points, front, half, wanted)
     for k in range(DIRECTIONS):
         direction = math.pi * ((k + 0.5) / DIRECTIONS - 0.5)
         off = direction - wanted
         cost = _PARABOLA * off * off
         if cost < minimum:  # a density would only add to it
-            cost += _density(points, front, half, m.reach, direction)
+            cost += _density(points, front, half, direction)
             if cost < minimum - 1e-12:
                 best, minimum = direction, cost
     return float(best)
@@ -71,11 +67,11 @@ def _direction(p: Any, a: Any, wanted: float) -> float:
 @borrowing_kernel
 def vfh(p: Any, a: Any) -> Twist:
     """The twist of a row; see `wheelchair_gym.people.assistance.step`."""
-    v, w, m = a.asked[0], a.asked[1], p.method
+    v, w = a.asked[0], a.asked[1]
     if v > 0.0:
         wanted = math.atan2(w / p.turn, v / p.forward)
         change = _TURN_PER_ANGLE * (_direction(p, a, wanted) - wanted)
         w += min(a.turn, max(-a.turn, change))
     points = a.points[: a.n_points]
-    share = free_share(points, p.outline[:], v, w, m.look_ahead, STEP, a.margin)
+    share = free_share(points, p.outline[:], v, w, LOOK_AHEAD, STEP, a.margin)
     return share * v, share * w

@@ -56,6 +56,7 @@ PIVOT = 0.6  # of the turn rate, for turns in place
 MANOEUVRE_TIME = (1.2, 2.4)  # s that it then looks ahead, at least and at most
 ARRIVAL, CREEP = 1.5, 0.1  # s to go, at least, there with a stick; m/s that is always allowed
 MAX_SURPLUS = 0.4  # rad/s that a person learns to expect beside what it asks for
+SHORTEST_LAPSE, LONGEST_LAPSE = 1.0, 3.0  # s of a lapse of attention: assumed
 CAUTION = 3.0  # s that a person would spend for each second without the clearance that it likes
 MIND_CHANGE_TIME = 4.0  # s for which it keeps to another direction: assumed
 LOOK_DISTANCE = 0.10  # m at which it stops to look at something; docking: 0.05 to 0.15, assumed
@@ -456,7 +457,7 @@ def decide(p: Any, d: Any, prepared: Any, pose: Array, twist: Array, scan: Float
         return
     if uniform(d.key, d.decisions, DRIVERS, LAPSE) < sight.lapses / 60.0 * p.intention.period:
         share = uniform(d.key, d.decisions, DRIVERS, LAPSE_TIME)
-        d.lapse_until = d.clock + sight.lapse_min + share * (sight.lapse_max - sight.lapse_min)
+        d.lapse_until = d.clock + SHORTEST_LAPSE + share * (LONGEST_LAPSE - SHORTEST_LAPSE)
         return
     _see(p, d, scan)
     _change_mode(p, d, pose)

@@ -28,6 +28,7 @@ TREMOR, BURST, BURST_X, BURST_Y, ERROR, OTHER, LATE = 0, 2, 3, 4, 5, 6, 7
 STOP, AHEAD = 0, 1  # the signal at rest, and that of imagery without any turn
 BURST_TIME = 1.0  # s that a spasm lasts: 0.5 to 2 s, assumed
 COMMAND_ANGLE = math.radians(30.0)  # rad that a command of imagery turns: Leeb 2015
+COMMAND_INTERVAL = 10.0  # s from one command of imagery to the next: 3 to 6 a minute, assumed
 LONGEST_TURN = 5.0  # s: a command that turns nothing ends then
 
 
@@ -172,9 +173,7 @@ def _step_brain_computer(p: Any, d: Any, yaw: float) -> None:
         d.active = d.resumed
         return
     to = d.intended
-    if to == d.active or (
-        to > AHEAD and (turns or d.clock < d.commanded + device.command_interval)
-    ):
+    if to == d.active or (to > AHEAD and (turns or d.clock < d.commanded + COMMAND_INTERVAL)):
         d.switch_to = -1
     elif d.switch_to != to:
         late = device.delay

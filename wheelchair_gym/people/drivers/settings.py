@@ -75,10 +75,6 @@ class Perception:
     """Distance that it keeps to the left of its way."""
     lapses: float = setting(default=0.0, unit="1/min", low=0.0, high=60.0, source="1 to 3, assumed")
     """Rate of lapses of attention; its last signal then goes on."""
-    lapse_min: float = setting(default=1.0, unit="s", low=0.0, high=60.0, source=_ASSUMED)
-    """Shortest lapse."""
-    lapse_max: float = setting(default=3.0, unit="s", low=0.0, high=60.0, source=_ASSUMED)
-    """Longest lapse."""
 
 
 @settings
@@ -146,10 +142,6 @@ class ProportionalStick:
         source="5 to 20 %: assumed; Roboteq AX500 manual: 0 to 54 %, 16 % set",
     )
     """Radius of the dead zone, as a share of full deflection."""
-    rate: float = setting(
-        default=100.0, unit="Hz", low=1.0, high=100.0, source="a public R-net bridge: each 10 ms"
-    )
-    """Frequency at which the deflection is sampled."""
     levels: float = setting(default=127.0, low=1.0, high=1e6, source="R-net: a signed byte an axis")
     """Steps from the centre to full deflection."""
     smoothing: float = setting(default=0.05, unit="s", low=0.0, high=5.0, source=_ASSUMED)
@@ -187,6 +179,7 @@ class Switches:
 class Scanning:
     """A single switch: it picks the command that is lit, and a press while driving stops."""
 
+    speed, turn = 0.4, 0.3  # deflections of a command, forward and to a side; assumed
     kind: Literal["scanning"] = setting(default="scanning")
     """The interface of these settings."""
     scan_period: float = setting(
@@ -197,10 +190,6 @@ class Scanning:
         source="Simpson 2007: reaction time / 0.65; 1.0 to 1.5 s assumed",
     )
     """Time for which each of the four commands is lit."""
-    speed: float = setting(default=0.4, low=0.05, high=1.0)
-    """Deflection forward of a command."""
-    turn: float = setting(default=0.3, low=0.05, high=1.0)
-    """Deflection to a side of a command."""
     delay: float = setting(default=0.1, unit="s", low=0.0, high=5.0, source=_ASSUMED)
     """Time of a press."""
     error: float = setting(default=0.05, low=0.0, high=1.0, source=_ASSUMED)
@@ -211,22 +200,14 @@ class Scanning:
 class BrainComputer:
     """Motor imagery, left or right, and none: straight on. A switch starts and stops the chair."""
 
+    speed, turn = 0.3, 0.4  # deflections of a command, forward and to a side; assumed
+    delay = 0.5  # s: time to start or stop by the switch; assumed
     kind: Literal["brain_computer"] = setting(default="brain_computer")
     """The interface of these settings."""
     accuracy: float = setting(
         default=0.85, low=0.0, high=1.0, source="Leeb 2015: more than 70 % to take part; Tonin 2022"
     )
     """Probability that a command is the one that was meant; else it is its opposite."""
-    command_interval: float = setting(
-        default=10.0, unit="s", low=0.1, high=600.0, source="3 to 6 commands a minute: assumed"
-    )
-    """Minimum time between two commands."""
-    speed: float = setting(default=0.3, low=0.05, high=1.0)
-    """Deflection forward while the chair drives."""
-    turn: float = setting(default=0.4, low=0.05, high=1.0)
-    """Deflection to a side of a command."""
-    delay: float = setting(default=0.5, unit="s", low=0.0, high=5.0, source=_ASSUMED)
-    """Time to start or stop by the switch."""
 
 
 INTERFACES: Final[dict[str, Any]] = {
@@ -250,8 +231,6 @@ class Driver:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "interface", interface_of(self.interface))
-        if self.perception.lapse_max < self.perception.lapse_min:
-            raise InputError("perception.lapse_max must not lie below perception.lapse_min")
 
 
 def interface_of(value: Any) -> Any:

@@ -19,6 +19,7 @@ from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.sim.settings import ChairSettings
 
 TICK_RATE = 100.0  # Hz: of hand and interface, at least the control rate
+STICK_RATE = 100.0  # Hz at which a stick is sampled: a public R-net bridge, each 10 ms
 SECTORS = 64  # of the scan: of each, the nearest beam is seen
 SIGNALS = 80  # that a person chooses from, at most
 PENDING = 32  # decisions that wait for the reaction time
@@ -184,6 +185,7 @@ def constants_of(
         ("interface", device),
     ):  # fmt: skip
         copy_numbers(p[part], source)
+    p["interface"]["delay"] = device.delay
     p["kind"], p["way"] = list(INTERFACES).index(device.kind), WAYS.index(driver.intention.way)
     p["latched"] = getattr(device, "latched", device.kind != "stick")
     signals = signals_of(driver)
@@ -205,12 +207,12 @@ def constants_of(
     p["period"], p["ticks"] = period, max(1, round(period * TICK_RATE))
     tick = period / p["ticks"]
     if device.kind == "stick":
-        if device.rate * period < 1.0 - 1e-9:
+        if STICK_RATE * period < 1.0 - 1e-9:
             raise InputError(
-                f"interface.rate is {device.rate:g} Hz; expected at least the rate of control, "
-                f"{1.0 / period:g} Hz"
+                f"the rate of control is {1.0 / period:g} Hz; expected at most {STICK_RATE:g} Hz, "
+                "at which a driver's stick is sampled"
             )
-        p["sample_every"] = max(1, round(1.0 / (device.rate * tick)))
+        p["sample_every"] = max(1, round(1.0 / (STICK_RATE * tick)))
     limits, laser = chair.limits, sensors.laser
     p["forward"], p["backward"], p["turn"] = limits.forward, limits.backward, limits.turn
     # Times to go are at full speed. A person with few signals is slower, and weighs times to go
