@@ -54,6 +54,7 @@ _SHORTEST = 0.03  # m and rad: a shorter motion tells nothing about repeated sca
 _MOST_TOLD = 0.15  # m: changes above this count no more
 _CHANGED, _NOISE = 0.05, 0.01  # m, of the range: errors that noise alone does not give
 _STEP, _WIDE = 0.1, 6.0  # of the range, key beams: neighbours farther apart span no surface
+_APART = 0.3  # of the range: both neighbours are farther away from a thing of its own
 _EVIDENCE = 0.03  # m2: minimum sum of squares that tells scans that lag from fresh ones
 _MOST = 0.7  # share of the sum with which a scan lags
 _FEW = 12  # maximum number of beams that a person who walks ahead changes
@@ -291,11 +292,21 @@ def _fits_another_motion(key: Any, one: LaserArrays, at: Frame, scan: Floats, dt
 
 
 @borrowing_kernel
+def _nearest(scan: Floats, k: int, n: int) -> float:
+    """Return the minimum range of the k-th of n sectors of a scan, so that no pole is missed."""
+    beams, found = scan.shape[0], _INF
+    b, half = k * (beams - 1) // (n - 1), (beams - 1) // (n - 1) // 2
+    for i in range(max(0, b - half), min(beams, b + half + 1)):
+        found = min(found, scan[i])
+    return np.float64(found)
+
+
+@borrowing_kernel
 def _begin_mark(key: Any, at: Frame, scan: Floats) -> None:
     """Store the ranges of a scan, with which the next scans are compared beam by beam."""
-    beams, n = scan.shape[0], min(KEY_POINTS, scan.shape[0])
+    n = min(KEY_POINTS, scan.shape[0])
     for k in range(n):
-        key.mark[k] = scan[k * (beams - 1) // (n - 1)]
+        key.mark[k] = _F(_nearest(scan, k, n))
     key.mark_at[0], key.mark_at[1], key.mark_at[2], key.mark_at[3] = at.x, at.y, at.c, at.s
     key.marked, key.followed, key.repeats = True, 0.0, 0
 
@@ -304,7 +315,7 @@ def _begin_mark(key: Any, at: Frame, scan: Floats) -> None:
 def _expect(key: Any, one: LaserArrays, at: Frame, ranges: Floats) -> float:
     """Write the ranges (n,) expected from the mark; return the motion [m, rad] since it.
 
-    Two neighbouring points of alike range span a surface; a point without such a neighbour is a
+    Two neighbouring points of alike range span a surface; a point far from both neighbours is a
     thing as wide as its beam. +inf: nothing is expected.
     """
     dx, dy = world_to_body(at.c, at.s, key.mark_at[0] - at.x, key.mark_at[1] - at.y)
@@ -312,7 +323,7 @@ def _expect(key: Any, one: LaserArrays, at: Frame, ranges: Floats) -> float:
     s = at.c * key.mark_at[3] - at.s * key.mark_at[2]
     n, last = ranges.shape[0], one.cosine.shape[0] - 1
     per_key = last / (n - 1)
-    ax, ay, a, r_before, alone = 0.0, 0.0, np.nan, np.nan, True  # the point before
+    ax, ay, a, r_before, apart = 0.0, 0.0, np.nan, np.nan, True  # the point before
     ranges[:] = _INF
     for k in range(n):
         r, b = np.float64(key.mark[k]), k * last // (n - 1)
@@ -321,19 +332,20 @@ def _expect(key: Any, one: LaserArrays, at: Frame, ranges: Floats) -> float:
             px, py = point_to_world(c, s, dx, dy, r * one.cosine[b], r * one.sine[b])
             p = (atan2_f32(_F(py), _F(px)) - one.first) * one.per_angle / per_key
             with_before = (a < p < a + _WIDE) & (abs(r - r_before) < _STEP * r)
+        far = not abs(r - r_before) < _APART * r
         if with_before:
             for j in range(max(0, math.ceil(a - 0.5)), min(n, math.ceil(p + 0.5))):
                 i = j * last // (n - 1)
                 across = one.cosine[i] * (py - ay) - one.sine[i] * (px - ax)
-                far = (ax * py - ay * px) / across if across > 0.0 else np.inf
-                if abs(far - ranges[j]) < _STEP * far:  # two pieces of one surface
-                    ranges[j] = _F(0.5 * (far + ranges[j]))
+                at_ray = (ax * py - ay * px) / across if across > 0.0 else np.inf
+                if abs(at_ray - ranges[j]) < _STEP * at_ray:  # two pieces of one surface
+                    ranges[j] = _F(0.5 * (at_ray + ranges[j]))
                 else:
-                    ranges[j] = min(ranges[j], _F(far))
-        elif alone & (-0.5 < a < n - 0.5):
+                    ranges[j] = min(ranges[j], _F(at_ray))
+        elif apart & far & (-0.5 < a < n - 0.5):
             j = as_int(a + 0.5)
             ranges[j] = min(ranges[j], _F(math.sqrt(ax * ax + ay * ay)))
-        ax, ay, a, r_before, alone = px, py, p, r, not with_before
+        ax, ay, a, r_before, apart = px, py, p, r, far
     turn = math.atan2(s, c)
     return math.sqrt(dx * dx + dy * dy + turn * turn)
 
@@ -351,12 +363,12 @@ def _update_followed(key: Any, one: LaserArrays, at: Frame, scan: Floats) -> Non
     if not key.marked:
         _begin_mark(key, at, scan)
         return
-    beams, n = scan.shape[0], min(KEY_POINTS, scan.shape[0])
+    n = min(KEY_POINTS, scan.shape[0])
     ranges = floats_at(on_stack(4 * KEY_POINTS), n)
     moved, behind, fresh = _expect(key, one, at, ranges), 0.0, 0.0
     n_behind, n_wrong, n_right = 0, 0, 0
     for k in range(n):
-        old, now = key.mark[k], scan[k * (beams - 1) // (n - 1)]
+        old, now = np.float64(key.mark[k]), _nearest(scan, k, n)
         change, error, noise = ranges[k] - old, now - ranges[k], _CHANGED + _NOISE * old
         if not (abs(change) < _CAPTURE + moved and abs(error) < _CAPTURE + moved):
             continue  # another thing, or no echo
