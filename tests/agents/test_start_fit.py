@@ -84,7 +84,7 @@ def test_a_room_without_a_twin_needs_no_confirmation(scene):
 
 def test_the_places_compared_with_a_start_outside_the_map_are_apart():
     grid = make_scene("floor_plan").sample(np.random.default_rng(0)).map
-    field = make_likelihood_field(grid, 0.1, 0.1)
+    field = make_likelihood_field(grid, 0.1)
     found = _preselected(grid, field, np.array([900.0, 0.0, 0.0]), np.eye(2))
     for one, other in itertools.combinations(found, 2):
         assert math.dist(one[:2], other[:2]) >= 1.0 or abs(wrap(one[2] - other[2])) > 0.5

@@ -96,7 +96,7 @@ def test_parameters_are_those_of_the_header_and_of_the_chair(firmware):
         assert not asked[board]
     order = ctypes.create_string_buffer(protocol.RANGERS)
     firmware.library.firing_order(order)
-    assert tuple(order.raw) == UltrasonicSettings().order
+    assert tuple(order.raw) == UltrasonicSettings().firing_order
 
 
 @pytest.mark.parametrize("layout", LAYOUTS, ids=lambda layout: layout.message.__name__)

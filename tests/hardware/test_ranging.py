@@ -51,7 +51,7 @@ def flight(metres):
 def test_one_fires_at_a_time_in_the_order_of_the_simulated_chair(ranging):
     ranging.run(1000, flight(1.0))
     times, who = zip(*ranging.fired, strict=True)
-    assert who[:8] == UltrasonicSettings().order
+    assert who[:8] == UltrasonicSettings().firing_order
     assert {b - a for a, b in itertools.pairwise(times)} == {60}
     # Neither neighbours nor the same model follow each other.
     assert all((a in NARROW) != (b in NARROW) for a, b in itertools.pairwise(who))

@@ -143,7 +143,7 @@ def test_unknown_planners_are_named():
         make_planner({"name": "a_star", "speed": 3})
     with pytest.raises(InputError, match="expected a name"):
         make_planner(3)
-    for name, size in (("informed_rrt_star", "nodes"), ("potential_field", "iterations")):
+    for name, size in (("rrt_star", "nodes"), ("potential_field", "iterations")):
         with pytest.raises(InputError, match=f"{size} is 10+; it must be .* at most 10000000"):
             make_planner({"name": name, size: 10**12})  # the memory would not suffice
     planner = make_planner({"name": "a_star", "resolution": 0.2})

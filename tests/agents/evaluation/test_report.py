@@ -20,7 +20,7 @@ from agents.evaluation.report import COLUMNS, PARTS, markdown, write_report
 from agents.evaluation.tables import csv_table
 from agents.learning.weights import shipped
 from wheelchair_gym.rendering import webp, write_png
-from wheelchair_gym.scenes.arena import Doorway
+from wheelchair_gym.scenes.arena import FOOTPRINT, _turns
 
 VOID = {"meta", "link", "img", "br", "wbr", "hr", "input"}
 POLICIES, SCENES = ["dwa", "a|b <i>&"], ["clutter", "office"]
@@ -265,9 +265,8 @@ def test_a_ladder_of_doors_is_drawn_with_its_physical_limit(monkeypatch):
         limit, spare = (line.get_data() for line in axes.lines)
         assert (limit[1] < spare[1]).all()
         for corridor, door in np.transpose(spare)[::10]:
-            assert Doorway(door_width=door, corridor_width=corridor).margin == pytest.approx(
-                0.05, abs=1e-4
-            )
+            assert _turns(door, corridor, 0.0499, FOOTPRINT)
+            assert not _turns(door, corridor, 0.0501, FOOTPRINT)
 
 
 def test_no_mark_of_a_figure_is_cut_off_and_no_curve_is_left_out(monkeypatch):
