@@ -172,10 +172,13 @@ def world(thing: str):
     return dataclasses.replace(episode, walls=walls, discs=discs)
 
 
-def drive(fault: Fault, thing: str, speed: float, key: int, seconds: float) -> Outcome:
+def drive(
+    fault: Fault, thing: str, speed: float, key: int, seconds: float, beams: int = 1081
+) -> Outcome:
     """Ask for a speed ahead, and turn where it goes no further if the thing is `room`."""
-    sensors = SensorSettings()
-    chair = SimulatedChair(sensors=dataclasses.replace(sensors, laser=fault.laser), period=PERIOD)
+    sensors = SensorSettings(laser=LaserSettings(beams=beams))
+    laser = dataclasses.replace(fault.laser, beams=beams)
+    chair = SimulatedChair(sensors=dataclasses.replace(sensors, laser=laser), period=PERIOD)
     shield, rng = Shield(sensors=sensors, period=PERIOD), np.random.default_rng(key)
     deceit = fault.deceit(rng)
     reading = chair.reset(world(thing), key)

@@ -43,10 +43,11 @@ def test_a_laser_that_deceives_is_found_before_a_contact(deceit, thing):
     assert outcome.detected < ONSET + 3.0
 
 
+@pytest.mark.parametrize("beams", [181, 541, 1081])
 @pytest.mark.parametrize("speed", SPEEDS)
 @pytest.mark.parametrize("deceit", [repeated(3), repeated(1, 0.003)], ids=["ring", "jitter"])
-def test_a_scan_that_repeats_is_doubted_where_only_a_pole_shows_motion(deceit, speed):
-    assert drive(Fault("", deceit), "passage", speed, 0, 12.0).contact <= HARM
+def test_a_scan_that_repeats_is_doubted_where_only_a_pole_shows_motion(deceit, speed, beams):
+    assert drive(Fault("", deceit), "passage", speed, 0, 16.0, beams).contact <= HARM
 
 
 @pytest.mark.parametrize("delay", [0.06, 0.12, 0.2])

@@ -54,13 +54,13 @@ _SHORTEST = 0.03  # m and rad: a shorter motion tells nothing about repeated sca
 _MOST_TOLD = 0.15  # m: changes above this count no more
 _CHANGED, _NOISE = 0.05, 0.01  # m, of the range: errors that noise alone does not give
 _STEP, _WIDE = 0.1, 6.0  # of the range, key beams: neighbours farther apart span no surface
-_APART = 0.3  # of the range: both neighbours are farther away from a thing of its own
-_EVIDENCE = 0.03  # m2: minimum sum of squares that tells scans that lag from fresh ones
+_APART = 0.3  # of the range: minimum difference from both neighbours of a pole's point
+_EVIDENCE = 0.02  # m2: minimum sum of squares that tells scans that lag from fresh ones
 _MOST = 0.7  # share of the sum with which a scan lags
-_FEW = 12  # maximum number of beams that a person who walks ahead changes
+_FEW = 12  # maximum number of sectors that a person who walks ahead changes
 _LEAP = 0.04  # m: change of the fitted shift from one scan to the next that is in doubt
 _DOUBTED = 0.4  # m and rad after which a mark that tells nothing is renewed
-_MAX_FOLLOWED, _MANY = 0.25, 60  # m and rad, beams: old ranges on more than these are a fault
+_MAX_FOLLOWED, _MANY = 0.25, 60  # m and rad, sectors: old ranges for longer are a fault
 _LAG_PRIOR = 0.01  # m2/s: squared change of speed times its duration that counts for no lag
 _LAG_SUM = 0.2  # m2/s, and rad2/s: the same of the latest changes of speed that count
 _LAG_FADES = 60.0  # s
@@ -303,7 +303,7 @@ def _nearest(scan: Floats, k: int, n: int) -> float:
 
 @borrowing_kernel
 def _begin_mark(key: Any, at: Frame, scan: Floats) -> None:
-    """Store the ranges of a scan, with which the next scans are compared beam by beam."""
+    """Store the nearest range of each sector of a scan, to compare later scans with them."""
     n = min(KEY_POINTS, scan.shape[0])
     for k in range(n):
         key.mark[k] = _F(_nearest(scan, k, n))
@@ -315,15 +315,15 @@ def _begin_mark(key: Any, at: Frame, scan: Floats) -> None:
 def _expect(key: Any, one: LaserArrays, at: Frame, ranges: Floats) -> float:
     """Write the ranges (n,) expected from the mark; return the motion [m, rad] since it.
 
-    Two neighbouring points of alike range span a surface; a point far from both neighbours is a
-    thing as wide as its beam. +inf: nothing is expected.
+    Two neighbouring points of similar range span a surface. A point far from both neighbours is an
+    object as wide as its sector. +inf: nothing is expected.
     """
     dx, dy = world_to_body(at.c, at.s, key.mark_at[0] - at.x, key.mark_at[1] - at.y)
     c = at.c * key.mark_at[2] + at.s * key.mark_at[3]
     s = at.c * key.mark_at[3] - at.s * key.mark_at[2]
     n, last = ranges.shape[0], one.cosine.shape[0] - 1
     per_key = last / (n - 1)
-    ax, ay, a, r_before, apart = 0.0, 0.0, np.nan, np.nan, True  # the point before
+    ax, ay, a, r_before, was_far = 0.0, 0.0, np.nan, np.nan, True  # the point before
     ranges[:] = _INF
     for k in range(n):
         r, b = np.float64(key.mark[k]), k * last // (n - 1)
@@ -332,7 +332,7 @@ def _expect(key: Any, one: LaserArrays, at: Frame, ranges: Floats) -> float:
             px, py = point_to_world(c, s, dx, dy, r * one.cosine[b], r * one.sine[b])
             p = (atan2_f32(_F(py), _F(px)) - one.first) * one.per_angle / per_key
             with_before = (a < p < a + _WIDE) & (abs(r - r_before) < _STEP * r)
-        far = not abs(r - r_before) < _APART * r
+        is_far = not abs(r - r_before) < _APART * r
         if with_before:
             for j in range(max(0, math.ceil(a - 0.5)), min(n, math.ceil(p + 0.5))):
                 i = j * last // (n - 1)
@@ -342,23 +342,22 @@ def _expect(key: Any, one: LaserArrays, at: Frame, ranges: Floats) -> float:
                     ranges[j] = _F(0.5 * (at_ray + ranges[j]))
                 else:
                     ranges[j] = min(ranges[j], _F(at_ray))
-        elif apart & far & (-0.5 < a < n - 0.5):
+        elif was_far & is_far & (-0.5 < a < n - 0.5):
             j = as_int(a + 0.5)
             ranges[j] = min(ranges[j], _F(math.sqrt(ax * ax + ay * ay)))
-        ax, ay, a, r_before, apart = px, py, p, r, far
+        ax, ay, a, r_before, was_far = px, py, p, r, is_far
     turn = math.atan2(s, c)
     return math.sqrt(dx * dx + dy * dy + turn * turn)
 
 
 @borrowing_kernel
 def _update_followed(key: Any, one: LaserArrays, at: Frame, scan: Floats) -> None:
-    """Store the distance over which scans have not shown what the mark lets expect.
+    """Compare a scan with the mark, an earlier scan; store the motion since then if it is doubted.
 
-    The mark is a scan a short way ago. Where the motion since then changes the range of a beam, a
-    fresh scan shows the expected range, and one that repeats the old one. A scan of another place,
-    late or of a laser that was moved, shows other ranges on most beams at once. A fit cannot tell
-    this in a bare passage with one thing ahead, or among cylinders: few of its points are on flat
-    surfaces.
+    Where the motion changes the range of a sector, a fresh scan shows the expected range, and a
+    repeated scan the old one. A late scan, or one of a laser that was moved, differs from the
+    expectation in most sectors at once. The fit does not find this in a bare passage with one
+    thing ahead or among cylinders, where few points are on flat surfaces.
     """
     if not key.marked:
         _begin_mark(key, at, scan)
@@ -371,19 +370,19 @@ def _update_followed(key: Any, one: LaserArrays, at: Frame, scan: Floats) -> Non
         old, now = np.float64(key.mark[k]), _nearest(scan, k, n)
         change, error, noise = ranges[k] - old, now - ranges[k], _CHANGED + _NOISE * old
         if not (abs(change) < _CAPTURE + moved and abs(error) < _CAPTURE + moved):
-            continue  # another thing, or no echo
+            continue  # another object, or no echo
         n_wrong += abs(error) > noise
         n_right += abs(error) < noise
         square = min(abs(change), _MOST_TOLD) ** 2
         if abs(change) < noise or moved < _SHORTEST:
             continue
-        # In doubt, only what is expected ends the doubt: a laser that was moved stays wrong.
+        # Doubt ends only by ranges within the noise: a laser that was moved stays wrong by more.
         if abs(error) < min(0.5 * abs(change), noise if key.followed > 0.0 else np.inf):
             fresh += square
         elif error * change < 0.0:
             behind += square
             n_behind += 1
-    # Few wrong ranges at first, and then more, come of people; many at once of another place.
+    # People change few sectors at first. If most are wrong at once, the scan is of another place.
     is_elsewhere, people = n_wrong > max(_FEW, n_right), 2 * n_wrong > max(_FEW, n_right)
     if is_elsewhere or behind + fresh < _EVIDENCE:
         if is_elsewhere:
@@ -452,7 +451,7 @@ def disagrees(
         _update_followed(key, one, at, scan)
         if not renewed and math.hypot(key.offset[0] - x, key.offset[1] - y) > _LEAP:
             key.followed = max(key.followed, _LEAP)
-    elif _repeats(key):  # it was a fault; a person who re-arms the chair has seen to it
+    elif _repeats(key):  # it is a fault now, which only a person clears
         _begin_mark(key, at, scan)
     else:
         key.followed = max(0.0, key.followed - _FADES * dt)

@@ -144,10 +144,10 @@ KEY = np.dtype(
         ("turned", "f8"),  # rad since the key scan
         ("astray", "f8"),  # s for which another motion than that of the wheels fits
         ("strange", "f8"),  # s for which scans have shown little of what the key scan shows
-        ("mark", "f4", (KEY_POINTS,)),  # ranges of a scan a short way ago [m]
+        ("mark", "f4", (KEY_POINTS,)),  # nearest range [m] of each sector of an earlier scan
         ("mark_at", "f8", (4,)),  # frame of the scanner at that time
-        ("followed", "f8"),  # m and rad since then, over which scans have shown the same ranges
-        ("repeats", "i8"),  # beams that do so
+        ("followed", "f8"),  # m and rad since then if scans are doubted, else 0
+        ("repeats", "i8"),  # sectors that show the old range
         ("marked", "b1"),
         ("matched", "i8"),  # points with a normal that the scan after it showed
         ("begun", "b1"),

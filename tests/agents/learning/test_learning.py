@@ -302,7 +302,10 @@ def test_an_actor_imitates_its_teacher_with_a_weight_that_anneals(trained, tmp_p
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ({"kickstarting": {"teacher": "x.npz"}, "on_policy": {"ent_coef": 0.0}}, "teacher is"),
+        (
+            {"kickstarting": {"teacher": "x.npz"}, "on_policy": {"ent_coef": 0.0}},
+            "kickstarting.teacher is",
+        ),
         ({"algorithm": "sac"}, "x.json.algorithm is 'sac'; the command says ppo"),
         ({"env": {}}, "curriculum.initial_time needs env.guidance 'poses', or 0"),
     ],
