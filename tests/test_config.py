@@ -42,24 +42,12 @@ def test_a_part_keeps_the_defaults_that_it_has_where_it_stands():
     [
         (Limits, {"forward": True}, "chair.json.forward is True; expected float"),
         (SensorSettings, {"laser": 3}, r"chair.json.laser is 3; expected an object"),
-        (
-            SensorSettings,
-            {"ultrasonic": {"mounted": [{}] * 9}},
-            "mounted has 9 rangers; expected at most 8",
-        ),
+        (SensorSettings, {"ultrasonic": {"mounted": [{}] * 9}}, "mounted has 9 rangers"),
         (SensorSettings, {"laser": {"beams": 1}}, "expected 2 or more, or 0: no scanner"),
-        (
-            SensorSettings,
-            {"more_lasers": [{}] * 4},
-            "more_lasers has 4 scanners; expected at most 3",
-        ),
+        (SensorSettings, {"more_lasers": [{}] * 4}, "more_lasers has 4 scanners"),
         (SensorSettings, {"laser": {"beams": 0}, "more_lasers": [{}]}, "expected beams of each"),
         (SensorSettings, {"laser": {"beams": 0}, "pose_source": "mcl"}, "it needs a laser"),
-        (
-            ChairSettings,
-            {"random": {"mass": [1]}},
-            "chair.json.random.mass has 1 values; expected 2",
-        ),
+        (ChairSettings, {"random": {"mass": [1]}}, "chair.json.random.mass has 1 values"),
         (ChairSettings, {"body": {"centre_of_mass": 0.49}}, "must lie behind the casters"),
         (ChairSettings, [1], "chair.json: expected an object with keys, got list"),
     ],

@@ -87,6 +87,5 @@ def test_the_places_compared_with_a_start_outside_the_map_are_apart():
     field = make_likelihood_field(grid, 0.1)
     found = _preselected(grid, field, np.array([900.0, 0.0, 0.0]), np.eye(2))
     for one, other in itertools.combinations(found, 2):
-        assert math.dist(one[:2], other[:2]) >= 1.0 or abs(wrap(one[2] - other[2])) >= math.radians(
-            29.9
-        )
+        turn = math.degrees(abs(wrap(one[2] - other[2])))
+        assert math.dist(one[:2], other[:2]) >= 1.0 or turn >= 29.9
