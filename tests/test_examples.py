@@ -28,7 +28,7 @@ EXAMPLES = {
     "skills": ([], "dock: up to a desk"),
     "study": (["p1", "--out", "{folder}"], "report.html"),
     "tracks": ([], "person "),
-    "train_sb3": (["--steps", "1024", "--episodes", "1", "--out", "{folder}"], "of 1 arrived"),
+    "train_sb3": (["--frames", "1024", "--episodes", "1", "--out", "{folder}"], "of 1 arrived"),
 }
 LONGEST = 60  # lines
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
@@ -204,3 +205,40 @@ class SaveModel(BaseCallback):
 
     def _on_training_end(self) -> None:
         save_model(self.model, self._path)
+
+
+class DrawCurve(BaseCallback):
+    """A callback that draws, while it trains, the share of episodes that succeed over frames.
+
+    Args:
+        path: file of the picture (.png), made anew at most every 2 s and at the end.
+        window: number of latest episodes of which the share is taken.
+    """
+
+    def __init__(self, path: str | Path, window: int = 200) -> None:
+        super().__init__()
+        self._path, self._window, self._drawn = Path(path), window, 0.0
+        self._ended: list[bool] = []
+        self.points: list[tuple[int, float]] = []  # frames, share
+
+    def _on_step(self) -> bool:
+        dones, infos = self.locals["dones"], self.locals["infos"]
+        ended = [infos[i]["is_success"] for i in dones.nonzero()[0].tolist()]
+        if ended:
+            self._ended = (self._ended + ended)[-self._window :]
+            self.points.append((self.num_timesteps, float(np.mean(self._ended))))
+        if time.monotonic() - self._drawn > 2.0:
+            self._draw()
+        return True
+
+    def _on_training_end(self) -> None:
+        self._draw()
+
+    def _draw(self) -> None:
+        figure = Figure(figsize=(6.0, 3.5), layout="constrained")
+        axes = figure.subplots()
+        axes.plot([frames for frames, _ in self.points], [share for _, share in self.points])
+        axes.set(xlabel="frames", ylabel=f"success in {self._window} episodes", ylim=(0.0, 1.0))
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        figure.savefig(self._path)
+        self._drawn = time.monotonic()

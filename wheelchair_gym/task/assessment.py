@@ -31,6 +31,8 @@ RULES, RULES_TARGETS = pointer_record(
     ("turn", "f8"),  # rad/s
     ("size", SIZES),  # numbers of each key of the observation
     ("place", SIZES),  # where each begins
+    ("scaled", "b1"),  # numbers are multiplied by
+    ("factors", Target("f4", None)),
     ("scanners", "i8"),
     ("pools", Target(POOL, None)),  # of each scanner
     ("reaches", Target("f8", None)),  # m: of the ultrasonics

@@ -43,6 +43,7 @@ TRAIL_SPACING = 0.25  # m between them
 TRACK_REACH = 8.0  # m: tracks farther off are not observed
 TRACK_SPEED = 3.0  # m/s: faster tracks are observed as so fast
 TRACK_NUMBERS = 5  # of each track
+FAR_FACTOR = 0.2  # 1/m: of ranges and the goal's distance, with `task.scaled`
 _ZERO = np.float32(0.0)
 
 
@@ -215,15 +216,30 @@ pools_at = rows_of(POOL)
 SIZES = np.dtype([(key.name, "i8") for key in OBSERVATION_KEYS])
 
 
+def factors(source: ObservationSource) -> Floats:
+    """Return the factor of each number of a flat observation with `task.scaled`, (size,)."""
+    parts = [np.empty(0, np.float32)]
+    for key in OBSERVATION_KEYS:
+        each = key.scale[: source.per_point] if key.name.endswith("path") else key.scale
+        part = np.resize(np.array(each, np.float32), key.size(source))
+        if key.name in ("laser", "ultrasonic", "goal"):
+            part[: 1 if key.name == "goal" else None] = FAR_FACTOR
+        parts.append(part)
+    return np.concatenate(parts)
+
+
 def spaces(source: ObservationSource) -> dict[str, Any]:
     """Return the space of each key that is present, in the order of `OBSERVATION_KEYS`."""
-    found = {}
+    found, begin = {}, 0
+    by = factors(source) if source.settings.scaled else np.ones(len(factors(source)), np.float32)
     for key in OBSERVATION_KEYS:
         size = key.size(source)
         if size:
-            high = np.broadcast_to(np.asarray(key.high(source), np.float32), (size,)).copy()
+            high = np.broadcast_to(np.asarray(key.high(source), np.float32), (size,))
             low = -high if key.low is None else np.asarray(key.low(source), np.float32)
-            found[key.name] = gym.spaces.Box(np.broadcast_to(low, (size,)).copy(), high)
+            each = by[begin : begin + size]
+            found[key.name] = gym.spaces.Box(np.broadcast_to(low, (size,)) * each, high * each)
+        begin += size
     return found
 
 
@@ -531,6 +547,10 @@ def observe(
         if size.privileged_side_clearance > 0:
             sides = _part(out, place.privileged_side_clearance, size.privileged_side_clearance)
             write_side_clearance(rules, laser, hidden, sides)
+    if rules.scaled:
+        by = floats_at(rules.factors, out.shape[0])
+        for i in range(out.shape[0]):
+            out[i] *= by[i]
     return valid
 
 

@@ -44,6 +44,9 @@ class TaskSettings:
         default=(0.5, 1.0, 2.0, 3.5, 5.0), unit="s", low=0.0
     )
     """Plan times at which poses of the guidance are observed, where it gives poses."""
+    scaled: bool = setting(default=False)
+    """True: every number is observed times a factor that makes it of order 1, as networks need it:
+    ranges and the goal's distance in units of 5 m, places in units of 2 m, clearances of 0.25 m."""
     last_action: bool = setting(default=False)
     """True: the last action is observed."""
     shield_state: bool = setting(default=False)

@@ -163,6 +163,8 @@ class Task:
         )
         sizes = [key.size(source) for key in observations.OBSERVATION_KEYS]
         r["size"], r["place"] = tuple(sizes), (0, *np.cumsum(sizes[:-1]).tolist())
+        r["scaled"] = s.scaled
+        point("factors", observations.factors(source))
         r["uses_fan"] = source.uses_fan
         point("fan_poses", fan_poses())
         point("back", np.array(s.trail, np.float64))

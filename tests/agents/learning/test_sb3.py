@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections import Counter
 
+import cv2
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
 from agents.learning import curves
-from agents.learning.sb3 import SB3VecEnv
-from wheelchair_gym.base.settings import InputError
+from agents.learning.sb3 import DrawCurve, SB3VecEnv
+from agents.learning.settings import Training
+from wheelchair_gym.base.settings import InputError, load
 from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
 
 SETTINGS = {
@@ -101,3 +103,37 @@ def test_options_are_those_of_the_vector_environment():
 def test_chairs_that_begin_in_the_step_after_are_refused():
     with pytest.raises(ValueError, match="autoreset_mode is NextStep; expected SameStep"):
         SB3VecEnv(NavigationVectorEnv(2, **SETTINGS))
+
+
+def test_a_curve_is_drawn_while_it_trains(tmp_path):
+    curve = DrawCurve(tmp_path / "a" / "curve.png", window=5)
+    curve.locals, curve.num_timesteps = {"dones": np.array([True, False]), "infos": [{}, {}]}, 0
+    for frames, success in ((2, True), (4, False), (6, True)):
+        curve.locals["infos"][0]["is_success"], curve.num_timesteps = success, frames
+        assert curve._on_step()
+    assert curve.points == [(2, 1.0), (4, 0.5), (6, pytest.approx(2 / 3))]
+    assert cv2.imread(str(tmp_path / "a" / "curve.png")) is not None
+
+
+@pytest.mark.parametrize("guidance", ["geodesic", "poses"])
+def test_scaled_observations_are_of_order_1_and_the_same_everywhere(guidance):
+    """Each number is that of an unscaled one times a factor; a row is as a single environment."""
+    task = {"side_clearance": True, "heading": True, "trail": [1.0]}
+    told = {"scene": "clutter", "beams": 16, "guidance": guidance, "config": {"task": task}}
+    plain, scaled = NavigationEnv(**told), NavigationEnv(**told, scaled=True)
+    rows = NavigationVectorEnv(2, **told, scaled=True)
+    begun, _ = rows.reset(seed=3)
+    (raw, _), (seen, _) = plain.reset(seed=3), scaled.reset(seed=3)
+    for _ in range(20):
+        by = {"laser": 0.2, "ultrasonic": 0.2, "goal": [0.2, 1.0, 1.0, 1.0, 1.0], "twist": 1.0}
+        for key, factor in by.items():
+            assert seen[key] == pytest.approx(raw[key] * np.float32(factor), rel=1e-6)
+        assert scaled.observation_space.contains(seen)
+        for key, value in seen.items():
+            assert np.abs(value).max() < 5.0
+            assert np.array_equal(begun[key][0], value)
+        action = np.array([0.5, 0.2], np.float32)
+        raw, seen = plain.step(action)[0], scaled.step(action)[0]
+        begun = rows.step(np.stack([action, action]))[0]
+    with pytest.raises(InputError, match=r"env.task.scaled: expected false"):
+        load(Training, {"env": {"task": {"scaled": True}}}, "training")
