@@ -72,7 +72,9 @@ package: $(READY)
 	$(BIN)/python -m build --quiet --outdir dist .
 	$(BIN)/python -m pip install --quiet --no-deps --target build/wheel dist/*.whl
 	cd build && PYTHONPATH=wheel ../$(BIN)/python -P -m wheelchair_gym plan \
-	  --map wheel/wheelchair_gym/maps/data/clinic.yaml --planner visibility --start 2,2 --goal 13,8
+	  --map wheelchair_gym/maps/data/clinic.yaml --planner visibility --start 2,2 --goal 13,8
+	cd build && PYTHONPATH=wheel ../$(BIN)/python -P -c \
+	  "from wheelchair_gym.envs.settings import env_settings as e; e('configs/env.json', model='rear')"
 
 examples: $(READY)
 	$(TEST) tests/test_examples.py

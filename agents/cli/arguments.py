@@ -142,7 +142,8 @@ def env_of(given: argparse.Namespace) -> dict[str, Any]:
     from agents.evaluation.evaluate import env_settings
 
     source = DEFAULT_POSE if given.pose is None and given.config is None else given.pose
-    return env_settings(pose_source=source, config=given.config, shield=shield_of(given))
+    shield = shield_of(given)
+    return env_settings(pose_source=source, config=given.config, model=given.model, shield=shield)
 
 
 def watch(given: argparse.Namespace) -> Watch:

@@ -61,6 +61,7 @@ def compare(given: argparse.Namespace) -> int:
             labelled_with(scene, pose, pose_source=pose) for pose in given.pose for scene in scenes
         ]
     env |= {"shield": shield_of(given), "split": "train" if given.training_seeds else "test"}
+    env["model"] = given.model
     policies: Sequence[Spec] = tuple(map(labelled, given.policies or ())) or suite.policies
     if given.trained_in is not None:
         policies = trained_in(policies, given.trained_in)
@@ -212,7 +213,8 @@ def _objective(given: argparse.Namespace, what: Any, folder: Path) -> Any:
     metric = given.metric or METRICS[0]
     if metric not in METRICS:
         raise InputError(f"--metric {metric} is unknown; known: {', '.join(METRICS)}")
-    env = {"config": given.config, "pose_source": given.pose, "shield": shield_of(given)}
+    env = {"config": given.config, "model": given.model, "pose_source": given.pose}
+    env["shield"] = shield_of(given)
     env["split"] = "train"
     if given.config is None and given.pose is None:
         env["pose_source"] = DEFAULT_POSE

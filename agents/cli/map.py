@@ -47,7 +47,7 @@ def _explored(given: argparse.Namespace) -> tuple[dict[str, Any], list[str]]:
     if chosen == "explore":
         chosen = {"name": "explore", "seek": False}  # all of it, not only up to the goal
     policy = make_policy(chosen)
-    config = env_settings(given.config, pose_source="slam")
+    config = env_settings(given.config, model=given.model, pose_source="slam")
     if given.particles is not None:
         slam = dataclasses.replace(config.slam, particles=given.particles)
         config = dataclasses.replace(config, slam=slam)

@@ -8,6 +8,7 @@ from pathlib import Path
 from agents.cli.arguments import map_scenes
 from agents.studio import check_extra
 from agents.studio.warm_up import WarmUp
+from wheelchair_gym.envs.settings import env_settings
 
 
 def studio(given: argparse.Namespace) -> int:
@@ -20,6 +21,7 @@ def studio(given: argparse.Namespace) -> int:
         solid = maps[0].get("unknown_is_solid", True)
         read_any_map(maps[0]["path"], solid, maps[0].get("resolution"))  # refuses what is wrong
     own_map = maps[0] if maps else None
+    env_settings(None, model=given.model)  # refuses what is wrong
     folder, study = Path(given.out), None
     if given.study is not None:
         from agents.people.session import claim, read_protocol
@@ -34,7 +36,8 @@ def studio(given: argparse.Namespace) -> int:
         from agents.studio.server import Studio, serve
 
         access = Access(lan=given.lan)
-        serve(Studio(folder, own_map, access, study, Path(given.runs), warm_up), given.port)
+        runs = Path(given.runs)
+        serve(Studio(folder, own_map, access, study, runs, warm_up, given.model), given.port)
     finally:
         warm_up.close()
     return 0

@@ -16,6 +16,7 @@ from agents.cli.arguments import chair_spec, env_of, report, scene_of, spec, wat
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.envs.settings import env_settings
+from wheelchair_gym.hardware.boards.senses import LASERS
 from wheelchair_gym.hardware.twin.faults import run_command
 from wheelchair_gym.hardware.twin.lockstep import Twin
 from wheelchair_gym.hardware.twin.plant import Plant
@@ -28,10 +29,10 @@ _FRAME_PERIOD = 0.1  # s of the window
 
 def run(given: argparse.Namespace) -> int:
     """Serve the twin; print the true pose and the duration of contacts [ms] at the end."""
-    if given.port > 65535:
-        raise InputError(f"--port {given.port}: expected at most 65535")
     scene = None if given.scene is None else spec(given.scene)
     settings = env_settings(given.config, scene=scene)
+    if given.port > (highest := 65536 - len(settings.sensors.lasers)):
+        raise InputError(f"--port {given.port}: expected at most {highest}")
     exact = dataclasses.replace(settings.sensors, pose_source="truth")
     env = NavigationEnv(config=dataclasses.replace(settings, sensors=exact), split="test")
     env.reset(seed=given.seed)
@@ -50,7 +51,8 @@ def run(given: argparse.Namespace) -> int:
     watcher = _Watcher(given, served, env)
     print(f"drive board  {served.drive.path}")
     print(f"range board  {served.range.path}")
-    print(f"laser        tcp://127.0.0.1:{served.laser.port}")
+    for laser, who in zip(served.lasers, LASERS, strict=False):
+        print(f"{who:12} tcp://127.0.0.1:{laser.port}")
     _print_pose("start", env.episode.start)
     _print_pose("goal", env.episode.goal[:2])
     try:

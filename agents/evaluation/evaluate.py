@@ -24,7 +24,7 @@ from agents.policies.learned import weights_digest
 from agents.policies.planning import figures_of
 from agents.watch import Watch
 from wheelchair_gym.actors.records import PERSON
-from wheelchair_gym.base.settings import InputError, load, read_json
+from wheelchair_gym.base.settings import InputError, read_json
 from wheelchair_gym.geometry.outline import Footprint
 from wheelchair_gym.maps import bottleneck, footprint_margin
 from wheelchair_gym.types import Episode
@@ -107,7 +107,7 @@ def env_settings(**values: Any) -> dict[str, Any]:
     """
     path = values.get("config")
     if isinstance(path, str | Path):
-        from wheelchair_gym.envs import EnvSettings
+        from wheelchair_gym.envs.settings import read_env_settings
 
         values["config"] = content = read_json(path)
         if isinstance(content, Mapping) and "env" in content:
@@ -115,7 +115,7 @@ def env_settings(**values: Any) -> dict[str, Any]:
                 f"{path}: these are settings of a training run; expected those of the environment, "
                 "which stand there under 'env': save them as a file of their own"
             )
-        load(EnvSettings, values["config"], Path(path).name)  # errors name the file
+        read_env_settings(content, Path(path).name)  # errors name the file
     return {key: value for key, value in values.items() if value is not None}
 
 

@@ -8,7 +8,7 @@ from typing import Any, Literal
 from agents import read_data
 from wheelchair_gym.base.errors import shorten
 from wheelchair_gym.base.settings import InputError, dump, load, setting, settings
-from wheelchair_gym.envs.settings import EnvSettings
+from wheelchair_gym.envs.settings import EnvSettings, read_env_settings
 
 _CONTENT: dict[str, Any] = read_data("recipes.yaml")
 Algorithm = Literal["ppo", "recurrent_ppo", "sac", "td3", "tqc"]
@@ -162,6 +162,8 @@ class Training:
         env = self.env_settings()
         if env.task.privileged and self.algorithm != "ppo":
             raise InputError(f"env.task.privileged is for ppo's critic, not for {self.algorithm}")
+        if env.task.scaled:
+            raise InputError("env.task.scaled: expected false; these networks scale by themselves")
         kickstarted = self.kickstarting.teacher is not None
         if kickstarted and (self.algorithm != "ppo" or self.on_policy.ent_coef == 0.0):
             raise InputError("kickstarting.teacher is for ppo, with on_policy.ent_coef above 0")
@@ -189,7 +191,7 @@ def training_env_settings(spec: Any) -> EnvSettings:
     """
     if isinstance(spec, EnvSettings):
         return spec
-    return load(EnvSettings, _CONTENT[".env"] if spec is None else spec, "env")
+    return read_env_settings(_CONTENT[".env"] if spec is None else spec, "env")
 
 
 # Tuned settings by the name of their file in configs/.

@@ -38,11 +38,12 @@ class Place(NamedTuple):
     twin: bool = False
 
 
-def places(own_map: Mapping[str, Any] | None = None) -> dict[str, Place]:
+def places(own_map: Mapping[str, Any] | None = None, model: str | None = None) -> dict[str, Place]:
     """All places by key: scenes, also for the twin, scenes of suites, and a person's own map.
 
     Args:
         own_map: settings of the scene `map_file`, with a label.
+        model: chair of `configs/chairs`; None: the default.
     """
     from agents.evaluation.compare import SUITES
     from agents.evaluation.evaluate import episode_env, label, without_labels
@@ -66,7 +67,9 @@ def places(own_map: Mapping[str, Any] | None = None) -> dict[str, Place]:
             found[f"suite:{name}:{k}"] = Place(
                 "suite", f"{name}: {label(scene)}", without_labels(scene), env, timed=True
             )
-    return found
+    if model is None:
+        return found
+    return {key: one._replace(env={**one.env, "model": model}) for key, one in found.items()}
 
 
 def choices(found: Mapping[str, Place]) -> dict[str, Any]:

@@ -45,17 +45,18 @@ class Studio:
             go to the folder.
         runs: folder below which the page Compare finds recordings and runs; None: `folder`.
         warm_up: how far compiling is; None: a new one, not begun.
+        model: chair of `configs/chairs` in all places; None: the default.
     """
 
     def __init__(
         self, folder: Path, own_map: Mapping[str, Any] | None = None,
         access: Access | None = None, study: Any = None, runs: Path | None = None,
-        warm_up: WarmUp | None = None,
+        warm_up: WarmUp | None = None, model: str | None = None,
     ) -> None:  # fmt: skip
         self.folder, self.access, self.study = folder, access or Access(), study
         self.runs = runs or folder
         self.warm_up = warm_up or WarmUp()
-        self._own_map = own_map
+        self._own_map, self._model = own_map, model
         self._pages = 0
         self._places: dict[str, Any] = {}
         self._lock = threading.Lock()
@@ -80,7 +81,7 @@ class Studio:
 
         with self._lock:
             if not self._places:
-                self._places = places(self._own_map)
+                self._places = places(self._own_map, self._model)
         return self._places
 
     async def _file(self, request: Any) -> Any:

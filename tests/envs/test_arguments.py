@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import wheelchair_gym
-from wheelchair_gym.base.settings import InputError, dump, read_json
+from wheelchair_gym.base.settings import InputError, dump, load, read_json
 from wheelchair_gym.envs import EnvSettings, NavigationEnv, NavigationVectorEnv
 from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.hardware.control_loop import WallClock
@@ -137,3 +137,27 @@ def test_a_shield_that_is_on_keeps_the_settings_of_the_config():
 def test_a_list_of_maps_holds_paths_only(scene):
     with pytest.raises(InputError, match=r"scene\[[01]\] is .*; expected the path of a map"):
         EnvSettings(scene=scene)
+
+
+def test_a_chair_is_chosen_by_its_name():
+    """By an argument, which goes before the config, or in a file, which holds no other sensors."""
+    rear = read_json("configs/chairs/rear.json")["sensors"]["more_lasers"]
+    own = {"model": "rear", "sensors": {"pose_source": "odometry"}, "rate": 20.0}
+    made = env_settings(own)
+    assert [one.x for one in made.sensors.more_lasers] == [one["x"] for one in rear] == [-0.28]
+    assert made.sensors.looks_back
+    assert (made.sensors.pose_source, made.rate) == ("odometry", 20.0)
+    assert env_settings(own, model="thesis").sensors.more_lasers == ()
+    assert env_settings(None, model="thesis") == EnvSettings()
+    assert load(EnvSettings, dump(made), "env") == made
+    env = gym.make("wheelchair_gym/Navigation-v1", scene="empty", model="rear")
+    env.reset(seed=0)
+    assert env.unwrapped.reading.laser.shape == (1081 + 541,)
+    assert env_settings("configs/hardware.json", model="rear").sensors.looks_back
+    for given, why in (
+        ({"model": "front"}, "model is 'front'; expected thesis or rear"),
+        ({"model": 3}, "model is 3; expected thesis or rear"),
+        ({"model": "rear", "sensors": {"more_lasers": []}}, "sensors.more_lasers: expected none"),
+    ):
+        with pytest.raises(InputError, match=f"config.{why}"):
+            env_settings(given)

@@ -52,7 +52,7 @@ def serving(folder):
     }
     config["hardware"] |= {
         "drive_port": made.drive.path, "range_port": made.range.path,
-        "laser_port": f"tcp://127.0.0.1:{made.laser.port}",
+        "laser_port": f"tcp://127.0.0.1:{made.lasers[0].port}",
     }  # fmt: skip
     made.config, made.map = folder / "config.json", folder / "map.yaml"
     made.config.write_text(json.dumps(config))

@@ -21,6 +21,7 @@ from wheelchair_gym.hardware.registry import make_chair
 from wheelchair_gym.hardware.twin.lockstep import IBUS_BAUD
 from wheelchair_gym.safety import Shield
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
+from wheelchair_gym.sim.chair import SimulatedChair
 from wheelchair_gym.sim.settings import ChairSettings
 
 pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
@@ -197,6 +198,30 @@ def test_it_stops_and_names_the_cause_of_every_fault(hosted, fault):
     assert any(why in one for one in said)
     assert said[-1]
     assert chair.truth.distance < 0.4 * 1.5 + 0.4 * (bound + 0.5)
+
+
+def test_the_second_laser_of_the_chair_rear_is_read_watched_and_stops_it():
+    """It sees what the simulation's does; silent, it stops the chair; an obstacle behind, too."""
+    sensors = env_settings(None, model="rear", noise=False).sensors
+    world = box(3.0, (-1.5, 0.0, 0.0))
+    hosted, simulated = Hosted(world, sensors=sensors), SimulatedChair(sensors=sensors)
+    chair, part = hosted.chair, sensors.slices[1]
+    assert chair.settings.more_laser_ports == ("twin://laser_1",)
+    seen, wanted = chair.reset(None, 0).laser[part], simulated.reset(world, 0).laser[part]
+    assert np.abs(seen - wanted).max() < 2e-3  # whole millimetres, and the settling of the motors
+    shield, reading = Shield(sensors=sensors), chair.reset(None, 0)
+    speeds = []
+    for _ in range(60):
+        given = shield.filter(np.array([-0.3, 0.0]), reading)
+        reading = chair.drive(given, shield.decision.protective)
+        speeds.append(-reading.twist[0])
+    assert max(speeds) > 0.2
+    assert not hosted.twin.bumper_steps
+    assert hosted.twin.plant.pose[0] > -3.0 + 0.3
+    hosted.twin.lasers[1].silent = True
+    said = [chair.drive(AHEAD).halted for _ in range(5)]
+    assert said[-1].startswith("the second laser is silent")
+    hosted.close()
 
 
 def test_a_laser_that_speaks_again_lets_it_go_on(hosted):

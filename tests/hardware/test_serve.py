@@ -39,7 +39,7 @@ def test_opening_a_port_resets_its_board_where_it_is_told_to(served, resets):
 
 def test_a_host_drives_through_devices(served):
     drive, ranges = Link(served.drive.path), Link(served.range.path)
-    laser = Hokuyo(f"tcp://127.0.0.1:{served.laser.port}")
+    laser = Hokuyo(f"tcp://127.0.0.1:{served.lasers[0].port}")
     heard, scans = {}, []
 
     def driven():

@@ -10,6 +10,7 @@ import pytest
 
 from tests.hardware.hosted import Hosted
 from tests.sim.worlds import box
+from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.hardware.boards.parameters import save_parameters, set_parameters
 from wheelchair_gym.hardware.boards.protocol import Switch
 from wheelchair_gym.hardware.boards.senses import WheelOdometry
@@ -98,8 +99,8 @@ def test_an_emergency_stop_that_is_not_wired_is_found(checker):
 class Helper:
     """A person who holds a hand or a wall where asked, before a chair that stands in a room."""
 
-    def __init__(self, **real):
-        sensors = SensorSettings(noise=False)
+    def __init__(self, model="thesis", **real):
+        sensors = env_settings(None, model=model, noise=False).sensors
         self.hosted = Hosted(box(3.0), sensors=dataclasses.replace(sensors, **real))
         self.hosted.clock.guards.clear()
         self.senses, self.asked = self.hosted.chair.senses, []
@@ -112,7 +113,7 @@ class Helper:
             one = SensorSettings().ultrasonic.mounted[int(what.split("ultrasonic ")[1][0])]
             x, y = one.x + 0.3 * math.cos(one.yaw), one.y + 0.3 * math.sin(one.yaw)
         elif what.startswith("hold"):
-            x, y = 0.70, 0.61 if "left of" in what else -0.61
+            x, y = -0.3 if "rear" in what else 0.7, 0.61 if "left of" in what else -0.61
         elif what.startswith("stand"):
             episode = dataclasses.replace(
                 episode, walls=np.vstack([episode.walls, [(1.2, -1.0, 1.2, 1.0)]])
@@ -127,17 +128,18 @@ class Helper:
         )
         found = Orientation(senses, clock, footprint, self.hold, 1.6).run()
         self.hosted.close()
-        assert len(found) == 11
+        assert len(found) == 9 + 2 * len(senses.lasers)
         return {f"{one.part}: {one.what}": one.found for one in found if not one.good}
 
 
 SIDES = {"laser: hand on the left", "laser: hand on the right"}
 
 
-def test_hands_before_all_sensors_are_seen_where_they_are():
-    helper = Helper()
+@pytest.mark.parametrize(("model", "hands"), [("thesis", 10), ("rear", 12)])
+def test_hands_before_all_sensors_are_seen_where_they_are(model, hands):
+    helper = Helper(model)
     assert helper.found() == {}
-    assert len([what for what in helper.asked if what.startswith("hold")]) == 10
+    assert len([what for what in helper.asked if what.startswith("hold")]) == hands
 
 
 def test_what_stands_there_already_is_not_taken_for_a_hand():

@@ -22,7 +22,8 @@ from tests.agents.learning.tiny_runs import random_weights
 from tests.conftest import ROOT, refusal
 from tests.fuzz import READERS, Watched, fuzz
 from wheelchair_gym.base.errors import InputError
-from wheelchair_gym.base.files import LIMITS
+from wheelchair_gym.base.files import LIMITS, exists
+from wheelchair_gym.envs.settings import env_settings
 
 PACKAGES = ("wheelchair_gym", "planners", "agents")
 OPENING = {"read_bytes", "read_text", "read_json", "opened", "open", "imread"}
@@ -376,3 +377,10 @@ def test_a_file_that_is_larger_than_its_limit_is_not_read(tmp_path, capsys):
     with path.open("wb") as file:
         file.truncate(LIMITS["json"].maximum + 1)  # sparse: takes no room
     assert "large.json" in refusal(["plan", "--problems", path, "--planner", "rrt"], capsys)
+
+
+def test_shipped_files_are_found_from_any_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert exists("wheelchair_gym/maps/data/clinic.yaml")
+    assert env_settings("configs/env.json", model="rear").sensors.looks_back
+    assert not exists("configs/no_such.json")

@@ -88,13 +88,13 @@ def exists(path: str | Path) -> bool:
 
 def _shipped(path: str | Path) -> str | Path:
     """The installed copy of `configs/NAME`, or of a map of the package, where there is no file."""
-    parts = Path(path).parts
-    if parts[:2] == ("wheelchair_gym", "maps"):
-        parts = parts[1:]
-    elif parts[:1] != ("configs",):
+    parts, package = Path(path).parts, Path(__file__).parents[1]
+    shipped = parts[:2] == ("wheelchair_gym", "maps") or parts[:1] == ("configs",)
+    if not shipped or os.path.lexists(path) or ".." in parts:
         return path
-    copy = Path(__file__).parent.joinpath(*parts)
-    return path if os.path.lexists(path) or ".." in parts or not copy.exists() else copy
+    # A wheel holds `configs` in the package, a checkout beside it.
+    copies = package.joinpath(*parts), package.parent.joinpath(*parts)
+    return next((copy for copy in copies if copy.exists()), path)
 
 
 def _check_size(path: str | Path, size: int, limit: str) -> None:

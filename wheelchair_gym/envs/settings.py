@@ -13,7 +13,15 @@ from typing import Any, cast, get_args
 import numpy as np
 
 from wheelchair_gym.base.errors import ArgumentError, shorten
-from wheelchair_gym.base.settings import InputError, dump, load, read, setting, settings, suggest
+from wheelchair_gym.base.settings import (
+    InputError,
+    dump,
+    load,
+    read_json,
+    setting,
+    settings,
+    suggest,
+)
 from wheelchair_gym.compiled.random import SEEDS, Split
 from wheelchair_gym.hardware.settings import HardwareSettings
 from wheelchair_gym.people.assistance import COMPILED, make_compiled
@@ -118,6 +126,31 @@ class EnvSettings:
             )
 
 
+def read_env_settings(content: Mapping[str, Any], where: str) -> EnvSettings:
+    """Settings from the content of a file, in which `model` may name a chair of `configs/chairs`.
+
+    Raises:
+        InputError: the chair is unknown, a value is wrong, or one stands there that is the chair's.
+    """
+    if not isinstance(content, Mapping) or "model" not in content:
+        return load(EnvSettings, content, where)
+    others, name = dict(content), content["model"]
+    del others["model"]
+    made = _with_model(load(EnvSettings, others, where), name, where)
+    for section, values in read_json(f"configs/chairs/{name}.json").items():
+        for key in values.keys() & others.get(section, {}).keys():
+            raise InputError(f"{where}.{section}.{key}: expected none beside the model {name}")
+    return made
+
+
+def _with_model(base: EnvSettings, name: Any, where: str) -> EnvSettings:
+    """Settings with the sensors of a chair, and their ports."""
+    if name not in MODELS:
+        raise InputError(f"{where}.model is {shorten(name)}; expected {' or '.join(MODELS)}")
+    return load(EnvSettings, read_json(f"configs/chairs/{name}.json"), where, base)
+
+
+MODELS = ("thesis", "rear")  # the chairs of `configs/chairs`
 _ON_EDGE = 1e-3  # m: a sensor so near the outline's edge is on it
 _DEEP = 0.03  # m: an ultrasonic so far inside the outline is probably a forgotten one
 _ARGUMENTS = (
@@ -129,6 +162,7 @@ _PLACES = {
     "pose_source": ("sensors", "pose_source"),
     "noise": ("sensors", "noise"),
     "randomize": ("chair", "randomize"),
+    "scaled": ("task", "scaled"),
     "max_episode_steps": ("task", "max_episode_steps"),
 }
 
@@ -136,6 +170,7 @@ _PLACES = {
 def env_settings(
     config: str | Path | Mapping[str, Any] | EnvSettings | None,
     *,
+    model: str | None = None,
     also: Sequence[str] = (),
     **changes: Any,
 ) -> EnvSettings:
@@ -143,27 +178,28 @@ def env_settings(
 
     Args:
         config: path of a JSON file, its content, ready settings, or None for the defaults.
+        model: a chair of `configs/chairs`, thesis or rear, whose sensors replace those of `config`.
         also: further arguments of the caller, for the message about an unknown one.
         changes: scene, rate, guidance, reward, bank, shield, driver, assistant, render_width,
-            render_height, beams, pose_source, noise, randomize, max_episode_steps.
+            render_height, beams, pose_source, noise, randomize, scaled, max_episode_steps.
 
     Raises:
         InputError: the file or a value is wrong.
         ArgumentError: a change is unknown.
     """
-    if config is None:
-        base = EnvSettings()
-    elif isinstance(config, EnvSettings):
+    if isinstance(config, EnvSettings):
         base = config
-    elif isinstance(config, Mapping):
-        base = load(EnvSettings, config, "config")
+    elif config is None or isinstance(config, Mapping):
+        base = read_env_settings(config or {}, "config")
     elif isinstance(config, str | PathLike):
-        base = read(EnvSettings, config)
+        base = read_env_settings(read_json(config), Path(config).name)
     else:
         raise InputError(f"config is {config!r}; expected a file, its content or EnvSettings")
+    if model is not None:
+        base = _with_model(base, model, "env")
     unknown = [name for name in changes if name not in (*_ARGUMENTS, *_PLACES)]
     if unknown:
-        known = _ARGUMENTS[0], "config", *_ARGUMENTS[1:], *_PLACES, *also
+        known = _ARGUMENTS[0], "config", "model", *_ARGUMENTS[1:], *_PLACES, *also
         near = suggest(unknown[0], known)
         raise ArgumentError(
             f"the environment got an unexpected keyword argument {', '.join(map(repr, unknown))}; "

@@ -251,7 +251,7 @@ class HardwareChair(RealBase):
             return (
                 senses.stale(now)
                 or senses.stale_ultrasonic(now)
-                or senses.laser_mismatch()
+                or "".join(senses.laser_mismatch(k) for k in range(len(senses.lasers)))
                 or senses.moving()
             )
 

@@ -50,6 +50,8 @@ class HardwareSettings:
     """Serial port of the range board; empty: there is none."""
     laser_port: str = setting(default="tcp://192.168.0.10:10940", source="UST-10LX as delivered")
     """Address or serial port of the laser."""
+    more_laser_ports: tuple[str, ...] = setting(default=())
+    """Those of further lasers, in the order of sensors.more_lasers."""
     dry_run: bool = setting(default=False)
     """Send no command, and only read what boards and laser send."""
     rearm_timeout: float = setting(default=120.0, unit="s", low=0.0)
@@ -71,13 +73,10 @@ def check_boards(sensors: SensorSettings) -> None:
     """Refuse sensors other than those that the boards serve.
 
     Raises:
-        InputError: there is not one laser, or not as many ultrasonics as the range board has.
+        InputError: there is no laser, or there are not as many ultrasonics as the range board has.
     """
-    if len(sensors.lasers) != 1:
-        raise InputError(
-            f"sensors name {len(sensors.lasers)} laser scanners; a real chair has one: "
-            "expected beams of sensors.laser, and no sensors.more_lasers"
-        )
+    if not sensors.lasers:
+        raise InputError("sensors.laser.beams is 0; a real chair has a laser")
     if len(sensors.ultrasonic.mounted) != RANGERS:
         raise InputError(
             f"sensors.ultrasonic.mounted has {len(sensors.ultrasonic.mounted)} rangers; "

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wheelchair_gym.base.arrays import Array, Floats
+from wheelchair_gym.base.errors import InputError
 from wheelchair_gym.geometry.kinematics import DriveGeometry, odometric_step, twist_of_wheels
 from wheelchair_gym.geometry.planar import compose, wrap_angle
 from wheelchair_gym.hardware.boards.link import Link
@@ -117,6 +118,7 @@ _AGE_MAX = 0.255  # s: a command may be older than its age says
 _LASER_DRIFT = 2e-4  # s/s: of two quartz clocks
 _COMPARED = 60.0  # s after which a reset compares the laser's clock again
 POLL_PERIOD = 0.005  # s between two reads of the lines while a tool waits
+LASERS = ("laser", "second laser", "third laser", "fourth laser")
 _FAN = 0.01  # rad: maximum difference between the laser's fan and its settings
 _RANGE_OF = {
     int(RangeStatus.NO_ECHO): math.inf,
@@ -139,7 +141,8 @@ class BoardSensors:
     Attributes:
         drive: line to the drive board.
         range: line to the range board, None where there is none.
-        laser: the laser.
+        lasers: all of them, in the order of `SensorSettings.lasers`.
+        scans: the name of each one's data.
         odometer: dead reckoning since this was made.
         pressed: bumper strips were pressed since this was last cleared.
         identities: how each board identified itself, by its name.
@@ -159,7 +162,17 @@ class BoardSensors:
         self.settings, self.sensors, self._now = settings, sensors, now
         self.drive = Link(settings.drive_port, now, opener)
         self.range = Link(settings.range_port, now, opener) if settings.range_port else None
-        self.laser = Hokuyo(settings.laser_port, sensors.laser.reach, now, laser_opener)
+        ports = settings.laser_port, *settings.more_laser_ports
+        if len(ports) != len(sensors.lasers):
+            raise InputError(
+                f"hardware.more_laser_ports has {len(ports) - 1} addresses; expected "
+                f"{len(sensors.lasers) - 1}, one of each of sensors.more_lasers"
+            )
+        self.lasers = [
+            Hokuyo(port, one.reach, now, laser_opener)
+            for port, one in zip(ports, sensors.lasers, strict=True)
+        ]
+        self.scans = [f"scan_{k}" if k else "scan" for k in range(len(ports))]
         self.odometer = WheelOdometry(geometry, settings.limits.odometry)
         self.pressed = False
         self.identities: dict[str, Identity] = {}
@@ -167,9 +180,8 @@ class BoardSensors:
         lines = {"drive": self.drive, "range": self.range}
         self.parameters = {board: ParameterTable(board, line) for board, line in lines.items()}
         drift = settings.limits.clock_drift
-        self._newest = {
-            "odometry": Latest(drift), "scan": Latest(_LASER_DRIFT), "ultrasonic": Latest(drift)
-        }  # fmt: skip
+        self._newest = {"odometry": Latest(drift), "ultrasonic": Latest(drift)}
+        self._newest |= {name: Latest(_LASER_DRIFT) for name in self.scans}
         self._joystick: tuple[Joystick, float] | None = None  # and when it came [s]
         self._stamp = -math.inf
 
@@ -177,7 +189,8 @@ class BoardSensors:
         """Forget all data; the wheels' odometry goes on."""
         for newest in self._newest.values():
             newest.clear()
-        self.laser.compare_clocks(_COMPARED)
+        for laser in self.lasers:
+            laser.compare_clocks(_COMPARED)
         self._joystick = None
         self.pressed = False
 
@@ -186,12 +199,13 @@ class BoardSensors:
         for board, table in self.parameters.items():
             for frame in table.link.poll() if table.link else ():
                 self._take(board, frame.message)
-        newest = self._newest["scan"]
-        for scan in self.laser.poll():
-            newest.update(scan, scan.stamp, scan.received_at)
-            if (compared := self.laser.compared) is not None:
-                newest.clock.answered(*compared)
-                self.laser.compared = None
+        for name, laser in zip(self.scans, self.lasers, strict=True):
+            newest = self._newest[name]
+            for scan in laser.poll():
+                newest.update(scan, scan.stamp, scan.received_at)
+                if (compared := laser.compared) is not None:
+                    newest.clock.answered(*compared)
+                    laser.compared = None
 
     def wait_for(self, clock: Clock, condition: Callable[[], bool], timeout: float) -> bool:
         """Read the lines until a condition holds; returns whether it does in time [s]."""
@@ -245,7 +259,7 @@ class BoardSensors:
         return ranges
 
     def stamp_of(self, name: str) -> float:
-        """When the newest of odometry, scan or ultrasonic was made [s]; -inf before the first."""
+        """When the newest of a name of `ages` was made [s]; -inf before the first."""
         return self._newest[name].message.measured_at
 
     def ages(self, now: float) -> dict[str, float]:
@@ -260,15 +274,16 @@ class BoardSensors:
         limits, ages = self.settings.limits, self.ages(now)
         if ages["odometry"] > limits.odometry:
             return _silent("the drive board", self.drive.error or self.drive.mismatch)
-        if ages["scan"] > limits.scan:
-            return _silent("the laser", self.laser.error)
+        for name, laser, who in zip(self.scans, self.lasers, LASERS, strict=False):
+            if ages[name] > limits.scan:
+                return _silent(f"the {who}", laser.error)
         if self.range and ages["ultrasonic"] > limits.ultrasonic:
             return _silent("the range board", self.range.error or self.range.mismatch)
-        for name, who in (("odometry", "the drive board"), ("scan", "the laser")):
+        for name, who in zip(("odometry", *self.scans), ("drive board", *LASERS), strict=False):
             if (latency := self._newest[name].clock.latency) > limits.latency:
                 return (
-                    f"{who} is late: its data may be {latency:.2f} s old when they come, at most "
-                    f"{limits.latency:g} s are allowed"
+                    f"the {who} is late: its data may be {latency:.2f} s old when they come, "
+                    f"at most {limits.latency:g} s are allowed"
                 )
         return ""
 
@@ -292,30 +307,34 @@ class BoardSensors:
         why = Fault(self.odometry.faults).name or "not armed"
         return f"the drive board has stopped ({why}); a person must re-arm it"
 
-    def laser_mismatch(self) -> str:
-        """That the laser's fan is not that of the settings; empty: it is."""
-        specs, laser = self.laser.specs, self.sensors.laser
+    def laser_mismatch(self, k: int) -> str:
+        """That the k-th laser's fan is not that of the settings; empty: it is."""
+        specs, laser = self.lasers[k].specs, self.sensors.lasers[k]
         if specs is None:
-            return "the laser has not reported its specification"
+            return f"the {LASERS[k]} has not reported its specification"
         first, last = specs.angles[[0, -1]].tolist()
         half = 0.5 * laser.fov
         if specs.beams == laser.beams and max(abs(first + half), abs(last - half)) < _FAN:
             return ""
+        setting = f"sensors.more_lasers[{k - 1}]" if k else "sensors.laser"
         return (
-            f"the laser {specs.model} has {specs.beams} beams from {math.degrees(first):.1f} to "
-            f"{math.degrees(last):.1f} deg; sensors.laser says {laser.beams} over "
-            f"{math.degrees(laser.fov):.1f} deg"
+            f"the {LASERS[k]} {specs.model} has {specs.beams} beams from "
+            f"{math.degrees(first):.1f} to {math.degrees(last):.1f} deg; {setting} says "
+            f"{laser.beams} over {math.degrees(laser.fov):.1f} deg"
         )
 
     def ranges(self, now: float) -> tuple[Floats, Floats, Floats]:
-        """Laser, ultrasonics and their ages; what is too old is invalid."""
+        """Lasers, ultrasonics and their ages; what is too old is invalid."""
         limits, ages = self.settings.limits, self.ages(now)
-        laser = np.full(self.sensors.laser.beams, np.nan, np.float32)
-        if ages["scan"] <= limits.scan:
-            newest: TimedScan = self._newest["scan"].message.value
-            if len(newest.scan.ranges) == len(laser):
-                laser = newest.scan.ranges.copy()
-                laser[laser < self.sensors.laser.range_min] = -np.inf  # too near, as in REP-117
+        found = np.full(self.sensors.beams, np.nan, np.float32)
+        for name, laser, part in zip(
+            self.scans, self.sensors.lasers, self.sensors.slices, strict=True
+        ):
+            newest: TimedScan = self._newest[name].message.value
+            if ages[name] <= limits.scan and len(newest.scan.ranges) == laser.beams:
+                ranges = newest.scan.ranges
+                # Those that are too near are -inf, as in REP-117.
+                found[part] = np.where(ranges < laser.range_min, -np.inf, ranges)
         sonar = np.full(RANGERS, np.nan, np.float32)
         old = np.full(RANGERS, np.inf, np.float32)
         if self.range and math.isfinite(ages["ultrasonic"]):
@@ -323,11 +342,11 @@ class BoardSensors:
                 old[k] = ages["ultrasonic"] + one.age
                 if old[k] <= limits.ultrasonic:
                     sonar[k] = _RANGE_OF.get(one.status, one.range)
-        return laser, sonar, old
+        return found, sonar, old
 
     def close(self) -> None:
         """Close the lines for good."""
-        for line in (self.drive, self.range, self.laser):
+        for line in (self.drive, self.range, *self.lasers):
             if line is not None:
                 line.close()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple
@@ -21,7 +22,7 @@ from wheelchair_gym.hardware.boards.protocol import (
     RangeStatus,
     Switch,
 )
-from wheelchair_gym.hardware.boards.senses import POLL_PERIOD, BoardSensors
+from wheelchair_gym.hardware.boards.senses import LASERS, POLL_PERIOD, BoardSensors
 from wheelchair_gym.hardware.control_loop import Clock
 from wheelchair_gym.hardware.tools.distance_calibration import echoes_ahead, fit_wall
 from wheelchair_gym.perception.occupancy import read_scan
@@ -47,8 +48,8 @@ def status_rows(senses: BoardSensors, now: float) -> list[tuple[str, str]]:
                 or f"{s.received} frames, {s.bad} refused, {s.missed} missed"
             )
             rows.append((name, text))
-    laser = senses.laser
-    rows.append(("laser", laser.error or f"{laser.statistics.scans} scans"))
+    for laser, who in zip(senses.lasers, LASERS, strict=False):
+        rows.append((who, laser.error or f"{laser.statistics.scans} scans"))
     rows.append(("ages", "  ".join(f"{name} {1e3 * age:.0f} ms" for name, age in ages.items())))
     if math.isfinite(ages["odometry"]):
         state = senses.odometry
@@ -65,7 +66,8 @@ def status_rows(senses: BoardSensors, now: float) -> list[tuple[str, str]]:
     ranges, sonar, old = senses.ranges(now)
     if np.isfinite(ranges).any():
         nearest = int(np.nanargmin(np.where(np.isfinite(ranges), ranges, np.inf)))
-        bearing = math.degrees(senses.sensors.laser.fov * (nearest / (len(ranges) - 1) - 0.5))
+        x, y = senses.sensors.directions[nearest]
+        bearing = math.degrees(math.atan2(y, x))
         rows.append(("nearest echo", f"{ranges[nearest]:.2f} m at {bearing:.0f} deg"))
     sonar_texts = (f"{r:.2f} ({a:.1f} s)" for r, a in zip(sonar, old, strict=True))
     rows.append(("ultrasonics", "  ".join(sonar_texts)))
@@ -75,10 +77,10 @@ def status_rows(senses: BoardSensors, now: float) -> list[tuple[str, str]]:
 WATCH = 3.0  # s for which rates are measured
 PATIENCE = 3.0  # s for the first message of each part
 LATE = 0.03  # s from a command to odometry that echoes it: its period of 20 ms, and the line
-RATES = {"odometry": 50.0, "ultrasonic": 1.0 / 0.06, "scan": 40.0}  # Hz
+RATES = {"odometry": 50.0, "ultrasonic": 1.0 / 0.06}  # Hz
+SCAN_RATE = 40.0  # Hz
 TOLERANCE = 0.1  # maximum relative error of a rate
 ECHOES = 0.3  # least share of beams with an echo: with fewer, the laser may be covered
-_PARTS = {"odometry": "drive board", "ultrasonic": "range board", "scan": "laser"}
 _BOARDS = {"drive": ("odometry", Board.DRIVE_BOARD), "range": ("ultrasonic", Board.RANGE_BOARD)}
 
 
@@ -106,6 +108,10 @@ class Diagnostics:
     ) -> None:
         self.senses, self.clock, self.wanted = senses, clock, wanted
         self.lines: dict[str, Link | None] = {"odometry": senses.drive, "ultrasonic": senses.range}
+        self._parts = {"odometry": "drive board"}
+        if senses.range:
+            self._parts["ultrasonic"] = "range board"
+        self._parts |= dict(zip(senses.scans, LASERS, strict=False))
 
     def run(
         self, ask: Callable[[str], None] | None = None, patience: float = 30.0
@@ -117,24 +123,20 @@ class Diagnostics:
             patience: s that the person has for it.
         """
         self._wait(lambda: not self._missing(), PATIENCE)
-        found = [self._line(name) for name in self._parts()]
+        found = [self._line(name) for name in self._parts]
         if "odometry" in self._missing():
             return found
         found += self._identities() + self._rates() + self._drive()
         if self.senses.range and "ultrasonic" not in self._missing():
             found += self._rangers()
-        if "scan" not in self._missing():
-            found += self._laser()
+        found += self._lasers()
         if ask is not None:
             found += self._emergency_stop(ask, patience)
         return found
 
-    def _parts(self) -> list[str]:
-        return [name for name in _PARTS if name != "ultrasonic" or self.senses.range]
-
     def _missing(self) -> list[str]:
         ages = self.senses.ages(self.clock.now())
-        return [name for name in self._parts() if not math.isfinite(ages[name])]
+        return [name for name in self._parts if not math.isfinite(ages[name])]
 
     def _wait(self, condition: Callable[[], bool], seconds: float) -> bool:
         return self.senses.wait_for(self.clock, condition, seconds)
@@ -142,15 +144,17 @@ class Diagnostics:
     def _line(self, name: str) -> Finding:
         senses, ports = self.senses, self.senses.settings
         silent, link = name in self._missing(), self.lines.get(name)
-        if name == "scan":
-            url, why, advice = ports.laser_port, senses.laser.error, "its cable, power, address"
+        if name in senses.scans:
+            k = senses.scans.index(name)
+            url = ports.more_laser_ports[k - 1] if k else ports.laser_port
+            why, advice = senses.lasers[k].error, "its cable, power, address"
         else:
             url = ports.drive_port if name == "odometry" else ports.range_port
             why = "" if link is None else link.error or link.mismatch
             advice = "" if why else silent_advice()  # the error of a port holds its own advice
         found = (why or "open, but silent") if silent else "open"
         text = found if found.startswith(url) else f"{url}: {found}"
-        return Finding(_PARTS[name], "line", text, not silent, advice)
+        return Finding(self._parts[name], "line", text, not silent, advice)
 
     def _identities(self) -> list[Finding]:
         found = []
@@ -186,7 +190,7 @@ class Diagnostics:
         return table.mismatch(wanted)
 
     def _rates(self) -> list[Finding]:
-        senses, counts = self.senses, dict.fromkeys(self._parts(), 0)
+        senses, counts = self.senses, dict.fromkeys(self._parts, 0)
         latest: dict[str, float] = {}
         delays, sequence, sent = [], None, 0.0
         begun = self.clock.now()
@@ -206,10 +210,10 @@ class Diagnostics:
         found, advice = [], "a busy computer or USB hub; a wrong device"
         for name, count in counts.items():
             if name not in self._missing():
-                rate, expected = count / WATCH, RATES[name]
+                rate, expected = count / WATCH, RATES.get(name, SCAN_RATE)
                 good = abs(rate - expected) <= TOLERANCE * expected
                 text = f"{rate:.1f} Hz, expected {expected:.1f}"
-                found.append(Finding(_PARTS[name], "rate", text, good, advice))
+                found.append(Finding(self._parts[name], "rate", text, good, advice))
         p99 = float(np.quantile(delays, 0.99)) if delays else math.inf
         text, good = f"{1e3 * p99:.0f} ms (99 % of {len(delays)})", p99 <= LATE + POLL_PERIOD
         advice = "USB latency timer, a busy computer"
@@ -243,16 +247,21 @@ class Diagnostics:
             found.append(Finding(f"ultrasonic {k}", "range", text, good, "its plug, its address"))
         return found
 
-    def _laser(self) -> list[Finding]:
-        specs, mismatch = self.senses.laser.specs, self.senses.laser_mismatch()
-        laser, _, _ = self.senses.ranges(self.clock.now())
-        share = float(np.isfinite(laser).mean())
-        fan = mismatch or f"{'unknown' if specs is None else specs.model}: as the config says"
-        advice = "its window; or nothing stands within reach"
-        return [
-            Finding("laser", "fan", fan, not mismatch, "config"),
-            Finding("laser", "beams with an echo", f"{share:.0%}", share >= ECHOES, advice),
-        ]
+    def _lasers(self) -> list[Finding]:
+        senses, found = self.senses, []
+        ranges, _, _ = senses.ranges(self.clock.now())
+        for k, name in enumerate(senses.scans):
+            if name in self._missing():
+                continue
+            specs, mismatch = senses.lasers[k].specs, senses.laser_mismatch(k)
+            share = float(np.isfinite(ranges[senses.sensors.slices[k]]).mean())
+            fan = mismatch or f"{'unknown' if specs is None else specs.model}: as the config says"
+            advice = "its window; or nothing stands within reach"
+            found += [
+                Finding(LASERS[k], "fan", fan, not mismatch, "config"),
+                Finding(LASERS[k], "beams with an echo", f"{share:.0%}", share >= ECHOES, advice),
+            ]
+        return found
 
     def _emergency_stop(self, ask: Callable[[str], None], patience: float) -> list[Finding]:
         def pressed() -> bool:
@@ -304,26 +313,31 @@ class Orientation:
         patience: float = 30.0,
     ) -> None:
         self.senses, self.clock, self.ask, self.patience = senses, clock, ask, patience
-        self._front, _, self._half = footprint.array.tolist()
+        self._front, self._rear, self._half = footprint.array.tolist()
 
     def run(self) -> list[Finding]:
         """Return the findings of all sensors that have sent data."""
         found, ages = [], self.senses.ages(self.clock.now())
-        if math.isfinite(ages["scan"]):
-            found += [self._laser_sees("left", 1.0), self._laser_sees("right", -1.0)]
+        for k, name in enumerate(self.senses.scans):
+            if math.isfinite(ages[name]):
+                found += [self._laser_sees(k, "left", 1.0), self._laser_sees(k, "right", -1.0)]
         if math.isfinite(ages.get("ultrasonic", math.inf)):
             rangers = self.senses.sensors.ultrasonic.mounted
             found += [self._ranger_hears(k) for k in range(len(rangers))]
         return found + ([self._wall()] if math.isfinite(ages["scan"]) else [])
 
-    def _laser_sees(self, side: str, sign: float) -> Finding:
-        x, y = self._front, sign * (self._half + HAND)
-        seen = self._await(f"hold a hand {HAND:g} m {side} of the front {side} corner", self._near)
+    def _laser_sees(self, k: int, side: str, sign: float) -> Finding:
+        ahead = abs(self.senses.sensors.lasers[k].yaw) < 0.5 * math.pi
+        x, y = self._front if ahead else -self._rear, sign * (self._half + HAND)
+        corner = f"{'front' if ahead else 'rear'} {side} corner"
+        seen = self._await(
+            f"hold a hand {HAND:g} m {side} of the {corner}", functools.partial(self._near, k)
+        )
         if seen is None:
-            return _finding("laser", f"hand on the {side}", "not seen", False)
+            return _finding(LASERS[k], f"hand on the {side}", "not seen", False)
         good = math.hypot(seen[0] - x, seen[1] - y) <= _BY_EYE
         where = f"seen {_place(*seen)}; expected {_place(x, y)}"
-        return _finding("laser", f"hand on the {side}", where, good)
+        return _finding(LASERS[k], f"hand on the {side}", where, good)
 
     def _ranger_hears(self, k: int) -> Finding:
         one = self.senses.sensors.ultrasonic.mounted[k]
@@ -363,9 +377,10 @@ class Orientation:
     def _wait(self, condition: Callable[[], bool]) -> bool:
         return self.senses.wait_for(self.clock, condition, self.patience)
 
-    def _near(self) -> Array | None:
-        """Return the laser's nearest echo (2,) [m], in the chair's frame, if it is near."""
-        scan = read_scan(self.senses.sensors.laser, self.senses.ranges(self.clock.now())[0])
+    def _near(self, k: int) -> Array | None:
+        """Return the k-th laser's nearest echo (2,) [m], in the chair's frame, if it is near."""
+        sensors, (ranges, _, _) = self.senses.sensors, self.senses.ranges(self.clock.now())
+        scan = read_scan(sensors.lasers[k], ranges[sensors.slices[k]])
         far = np.hypot(*(scan.echoes - scan.origin).T)
         return np.array(scan.echoes[far.argmin()]) if far.min(initial=math.inf) < CLEAR else None
 

@@ -143,7 +143,7 @@ def measure_wall(senses: BoardSensors, clock: Clock, poll: Callable[[], object])
 def echoes_ahead(senses: BoardSensors, ranges: NDArray[np.float32]) -> Array:
     """Echoes (n, 2) within a fan ahead, in the chair's frame."""
     laser = senses.sensors.laser
-    echoes = read_scan(laser, ranges).echoes
+    echoes = read_scan(laser, ranges[: laser.beams]).echoes
     aside = np.arctan2(echoes[:, 1] - laser.y, echoes[:, 0] - laser.x)
     ahead: Array = echoes[np.abs(aside) <= _FAN]
     return ahead
@@ -238,10 +238,10 @@ def _gap(chair: HardwareChair, ranges: NDArray[np.float32]) -> float:
     """Free space [m] ahead of the footprint; 0 without valid ranges."""
     if not np.isfinite(ranges).any():
         return 0.0
-    front, _, half = chair.chair.footprint.array
-    echoes = read_scan(chair.sensors.laser, ranges).echoes
+    (front, _, half), laser = chair.chair.footprint.array, chair.sensors.laser
+    echoes = read_scan(laser, ranges[: laser.beams]).echoes
     ahead = echoes[(np.abs(echoes[:, 1]) < half + HALF) & (echoes[:, 0] > front)]
-    return float(ahead[:, 0].min(initial=chair.sensors.laser.reach) - front)
+    return float(ahead[:, 0].min(initial=laser.reach) - front)
 
 
 def _nearest(senses: BoardSensors, ranges: NDArray[np.float32], wall: Wall) -> float:

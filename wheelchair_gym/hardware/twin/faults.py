@@ -41,8 +41,8 @@ COMMANDS = {  # name: its arguments
     "sonar": "0 to 7, silent | METRES",
     "stick": "AHEAD ASIDE (-1 to 1, held) | free | back | silent",
     "assisted": "AHEAD ASIDE (-1 to 1, held): as stick, while the host helps",
-    "unplug": "drive | range | laser",
-    "silence": "laser",
+    "unplug": "drive | range | laser | laser_1, which is the second one",
+    "silence": "laser | laser_1",
     "noise": "SHARE of bytes that are corrupted",
     "hang": "drive | range",
     "power": "drive | range: off and on",
@@ -66,6 +66,7 @@ def _inject(served: ServedTwin, words: list[str]) -> None:
     twin, faults = served.twin, served.twin.faults
     terminals = {"drive": served.drive, "range": served.range}
     boards = {"drive": twin.drive, "range": twin.range}
+    lasers = {f"laser_{k}" if k else "laser": laser for k, laser in enumerate(twin.lasers)}
     match words:
         case ["press", switch]:
             faults.switches |= _SWITCHES[switch]
@@ -106,12 +107,12 @@ def _inject(served: ServedTwin, words: list[str]) -> None:
         case ["stick" | "assisted" as who, ahead, aside]:
             forward, turn = _number(ahead, -1.0, 1.0), _number(aside, -1.0, 1.0)
             faults.joystick = JoystickState(forward, turn, manual=who == "stick", dead_man=True)
-        case ["unplug", "laser"]:
-            twin.laser.plugged = False
+        case ["unplug", laser] if laser in lasers:
+            lasers[laser].plugged = False
         case ["unplug", board]:
             terminals[board].wire.plugged = False
-        case ["silence", "laser"]:
-            twin.laser.silent = True
+        case ["silence", laser]:
+            lasers[laser].silent = True
         case ["noise", share]:
             for end in terminals.values():
                 end.wire.noise = LineNoise(corrupt=_number(share, 0.0, 1.0))
@@ -121,7 +122,8 @@ def _inject(served: ServedTwin, words: list[str]) -> None:
             boards[board].reset()
         case ["heal"]:
             twin.faults = Faults()
-            twin.laser.plugged, twin.laser.silent = True, False
+            for one in twin.lasers:
+                one.plugged, one.silent = True, False
             for end in terminals.values():
                 wire = end.wire
                 wire.plugged, wire.noise, wire.resets_on_open = True, LineNoise(), False

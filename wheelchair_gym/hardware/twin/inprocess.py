@@ -94,19 +94,19 @@ class TwinChair:
         self.twin, self.clock, plant = twin, TwinClock(twin), twin.plant.chair
         self.drive = SerialCable(twin.drive, np.random.default_rng(0))
         self.range = SerialCable(twin.range, np.random.default_rng(1))
-        ports: dict[str, Callable[[], Port]] = {
-            "drive": self.drive.open, "range": self.range.open, "laser": lambda: twin.laser
-        }  # fmt: skip
+        boards = {"twin://drive": self.drive, "twin://range": self.range}
+        lasers = {f"twin://laser_{k}": laser for k, laser in enumerate(twin.lasers)}
         config = dataclasses.replace(
             settings or HardwareSettings(),
-            drive_port="twin://drive", range_port="twin://range", laser_port="twin://laser",
+            drive_port="twin://drive", range_port="twin://range", laser_port="twin://laser_0",
+            more_laser_ports=tuple(lasers)[1:],
         )  # fmt: skip
 
-        def open_twin(url: str) -> Port:
-            return ports[url.removeprefix("twin://")]()
+        def open_board(url: str) -> Port:
+            return boards[url].open()
 
         sensors, chair, now = plant.sensors, plant.settings, self.clock.now
-        senses = BoardSensors(config, sensors, chair.drive, now, open_twin, open_twin)
+        senses = BoardSensors(config, sensors, chair.drive, now, open_board, lasers.__getitem__)
         self.chair = HardwareChair(config, sensors, chair, period, self.clock, senses)
 
     def close(self) -> None:

@@ -6,6 +6,7 @@ next step: encoder edges at their exact cycles, voltages and switches at its sta
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass, field
 
@@ -88,7 +89,8 @@ class Twin:
     Attributes:
         drive: the drive board, see `SerialCable`.
         range: the range board.
-        laser: the laser.
+        lasers: all of them, and
+        laser: the first.
         faults: injected; they may change at any time.
         motion: of the last step.
         steps: milliseconds since power-on.
@@ -114,8 +116,11 @@ class Twin:
         for i in range(4):
             self.range.add_bus_sonar(_BUS_SONAR + 2 * i)
         self.range.on_ping(self._ping)
-        laser = self.plant.chair.sensors.laser
-        self.laser = TwinLaser(self.plant.scan, laser, lambda: self.steps)
+        self.lasers = [
+            TwinLaser(functools.partial(self.plant.scan, which=k), laser, lambda: self.steps)
+            for k, laser in enumerate(self.plant.chair.sensors.lasers)
+        ]
+        self.laser = self.lasers[0]
         for bit in range(4):
             self.drive.set_pin("B", bit, False)
         self.steps = self.bumper_steps = 0
@@ -194,7 +199,8 @@ class Twin:
         self.drive.run(until)
         self.range.run(until)
         if self.steps % SCAN_PERIOD_MS == 0:
-            self.laser.turn(self.steps)
+            for laser in self.lasers:
+                laser.turn(self.steps)
 
     def _terminals(self) -> tuple[float, float]:
         """Duties at the motors: those of the board, changed by the faults."""

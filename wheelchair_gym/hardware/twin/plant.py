@@ -159,11 +159,11 @@ def measure_ultrasonic(chairs: Any, which: int) -> float:
 
 
 @borrowing_kernel
-def scan_laser(chairs: Any, turn: int, ranges: Any) -> None:
-    """Write the ranges [m] of one turn of the laser at the chair's present pose."""
+def scan_laser(chairs: Any, which: int, turn: int, ranges: Any) -> None:
+    """Write the ranges [m] of one turn of a laser at the chair's present pose."""
     suite, p, state, world = chair_row(chairs, 0)
     walls, discs = present_shapes(world)
-    laser, workspace = scanner_of(suite, p, 0), workspace_of(chairs)
+    laser, workspace = scanner_of(suite, p, which), workspace_of(chairs)
     sense_laser(laser, state.pose, walls, discs, state.key, turn, workspace, ranges)
 
 
@@ -210,10 +210,10 @@ class Plant:
         """The present range of an ultrasonic [m]; +inf without echo."""
         return float(measure_ultrasonic(self._rows, which))
 
-    def scan(self, turn: int) -> NDArray[np.float32]:
-        """The ranges (beams,) [m] of a turn of the laser, by its number, as in REP-117."""
-        ranges = np.empty(self.chair.sensors.laser.beams, np.float32)
-        scan_laser(self._rows, turn, ranges)
+    def scan(self, turn: int, which: int = 0) -> NDArray[np.float32]:
+        """The ranges (beams,) [m] of a turn of a laser, by its number, as in REP-117."""
+        ranges = np.empty(self.chair.sensors.lasers[which].beams, np.float32)
+        scan_laser(self._rows, which, turn, ranges)
         return ranges
 
     @property

@@ -17,6 +17,7 @@ from collections.abc import Callable
 import numpy as np
 
 from wheelchair_gym.hardware.twin.cable import SerialCable
+from wheelchair_gym.hardware.twin.laser import TwinLaser
 from wheelchair_gym.hardware.twin.lockstep import Twin
 
 SLICE = 0.005  # s of simulated time between two reads of the lines
@@ -70,10 +71,10 @@ class Terminal:
 
 
 class LaserServer:
-    """A TCP port at the twin's laser, for one host at a time; a newer one replaces the older."""
+    """A TCP port at a laser of the twin, for one host at a time; a newer one replaces the older."""
 
-    def __init__(self, twin: Twin, host: str, port: int) -> None:
-        self._laser = twin.laser
+    def __init__(self, laser: TwinLaser, host: str, port: int) -> None:
+        self._laser = laser
         self._listener = socket.create_server((host, port))
         self._listener.setblocking(False)
         self._peer: socket.socket | None = None
@@ -123,12 +124,12 @@ class ServedTwin:
     Args:
         twin: after its reset.
         host: address for the laser's TCP port.
-        port: of the laser; 0 chooses one.
+        port: of the laser, and the next ones of further lasers; 0 chooses them.
 
     Attributes:
         drive: terminal of the drive board.
         range: terminal of the range board.
-        laser: server of the laser.
+        lasers: servers of the lasers.
         max_delay: the longest delay behind real time so far [s].
 
     Raises:
@@ -137,9 +138,12 @@ class ServedTwin:
 
     def __init__(self, twin: Twin, host: str = "127.0.0.1", port: int = 0) -> None:
         self.twin = twin
-        self.laser = LaserServer(twin, host, port)
+        self.lasers = [
+            LaserServer(laser, host, port + k if port else 0) for k, laser in enumerate(twin.lasers)
+        ]
         self.drive = Terminal(SerialCable(twin.drive, np.random.default_rng(0)))
         self.range = Terminal(SerialCable(twin.range, np.random.default_rng(1)))
+        self._ends: list[Terminal | LaserServer] = [self.drive, self.range, *self.lasers]
         self.max_delay = 0.0
 
     def run(self, until: Callable[[], bool]) -> None:
@@ -147,7 +151,7 @@ class ServedTwin:
         due = time.monotonic()
         while not until():
             self.twin.run(SLICE)
-            for end in (self.drive, self.range, self.laser):
+            for end in self._ends:
                 end.pump()
             due += SLICE
             late = time.monotonic() - due
@@ -159,5 +163,5 @@ class ServedTwin:
 
     def close(self) -> None:
         """Remove the devices and the port; the twin stays."""
-        for end in (self.drive, self.range, self.laser):
+        for end in self._ends:
             end.close()
