@@ -18,6 +18,7 @@ from wheelchair_gym.base.settings import InputError, dump, load, read, setting_d
 from wheelchair_gym.envs.guidance import PoseGuidance
 from wheelchair_gym.envs.settings import EnvSettings
 from wheelchair_gym.geometry.kinematics import Limits
+from wheelchair_gym.maps.cost_to_go import CostToGoSettings
 from wheelchair_gym.sensors.settings import POSE_SOURCES, SensorSettings
 from wheelchair_gym.sim.settings import ChairSettings
 
@@ -49,6 +50,7 @@ def test_a_part_keeps_the_defaults_that_it_has_where_it_stands():
         (SensorSettings, {"laser": {"beams": 0}, "pose_source": "mcl"}, "it needs a laser"),
         (ChairSettings, {"random": {"mass": [1]}}, "chair.json.random.mass has 1 values"),
         (ChairSettings, {"body": {"centre_of_mass": 0.49}}, "must lie behind the casters"),
+        (CostToGoSettings, {"cell": 0.001}, "cell is 0.001; it must be at least"),
         (ChairSettings, [1], "chair.json: expected an object with keys, got list"),
     ],
 )
@@ -88,13 +90,14 @@ def test_files_that_cannot_be_read_are_named(tmp_path):
 
 
 @pytest.mark.parametrize("name", all_settings())
-def test_a_printed_default_is_that_of_the_settings_without_arguments(name):
+def test_a_printed_default_is_that_of_the_settings_without_arguments_and_survives_json(name):
     cls = all_settings()[name]
     required = {
         field.name: "required" for field in dataclasses.fields(cls)
         if field.default is field.default_factory is dataclasses.MISSING
     }  # fmt: skip
     expected = required or dump(cls())
+    assert required or load(cls, json.loads(json.dumps(expected)), name) == cls()
     printed = with_values({}, {row["name"]: row["default"] for row in settings_rows(cls)})
     assert {key: printed.get(key, {}) for key in expected} == expected
 

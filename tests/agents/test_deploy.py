@@ -38,8 +38,6 @@ from wheelchair_gym.types import Command
 
 pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
 
-SLOW = Deployment(first=0.2, rise=0.1)
-
 
 class Hasty:
     """Asks for full speed in a bend."""

@@ -19,17 +19,19 @@ CROWDED = {
     "beams": 64,
 }
 SHORT = {"task": {"time_base": 6.0, "time_factor": 0.0}}
+TRACKED = {"task": {**SHORT["task"], "tracks": 4}}
 
 
 @pytest.mark.parametrize(("mode", "threads"), long_but([(NEXT, 2), (SAME, 1)], [(NEXT, 2)]))
 def test_each_row_is_a_single_env_among_movers(mode, threads):
     """Worlds with many actors, few and none in one batch, over thousands of steps and resets."""
-    ends = compare(mode, threads, n=6, steps=300, config=SHORT, randomize=True, **CROWDED)
+    ends = compare(mode, threads, n=6, steps=300, config=TRACKED, randomize=True, **CROWDED)
     assert ends >= 25
 
 
-def test_each_row_is_a_single_env_where_things_appear():
+def test_each_row_is_a_single_env_where_things_appear_and_every_episode_has_its_own_world():
     settings = {"scene": {"name": "temporary", "count": (3, 6)}, "pose_source": "modelled"}
+    settings["guidance"] = "geodesic"
     assert compare(NEXT, 2, n=3, steps=80, config=SHORT, **settings) >= 3
 
 

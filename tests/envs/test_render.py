@@ -6,7 +6,6 @@ import gymnasium
 import numpy as np
 import pytest
 
-from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.scenes import SCENES, make_scene
 
 SHORT = {"scene": "clutter", "task": {"time_base": 1.5, "time_factor": 0.0}}  # 15 steps
@@ -71,7 +70,6 @@ def test_driving_goes_on_without_the_window_once_it_is_closed(monkeypatch):
 
 
 ID = "wheelchair_gym/Navigation-v1"
-STILL = np.zeros(2, dtype=np.float32)
 
 
 @pytest.mark.parametrize("scene", sorted(SCENES))
@@ -84,8 +82,3 @@ def test_every_frame_of_every_scene_has_the_size_that_was_set(scene):
         frame = world.render()
         assert frame.shape == (height, width, 3)
         assert len(np.unique(frame[::4, ::4].reshape(-1, 3), axis=0)) > 4  # a world, not a blank
-
-
-def test_a_size_that_no_film_can_have_is_refused():
-    with pytest.raises(InputError, match="render_height is 333; expected an even number"):
-        gymnasium.make(ID, render_height=333)

@@ -92,11 +92,6 @@ def test_each_row_is_a_single_env(mode, threads):
     assert ends >= 20
 
 
-def test_each_row_is_a_single_env_where_every_episode_has_its_own_world():
-    settings = {"scene": "floor_plan", "pose_source": "modelled", "guidance": "geodesic"}
-    assert compare(NEXT, 2, n=3, steps=60, config=SHORT, **settings) >= 3
-
-
 @pytest.mark.parametrize("mode", [NEXT, SAME])
 def test_each_row_with_a_shield_is_a_single_env_with_one(mode):
     crowd = {"name": "crowd", "place": "hall", "people": {"density": (0.05, 0.1)}}

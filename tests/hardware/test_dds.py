@@ -10,6 +10,7 @@ import os
 import signal
 import subprocess
 import sys
+from contextlib import closing
 from dataclasses import dataclass
 
 import numpy as np
@@ -350,16 +351,13 @@ def test_a_thread_that_fails_ends_the_link_and_says_why():
     def fail(*_):
         raise ValueError("no such\nthing")
 
-    link = DdsLink("127.0.0.1", DOMAIN + 2, fail)
-    try:
+    with closing(DdsLink("127.0.0.1", DOMAIN + 2, fail)) as link:
         link.subscribe("/cmd_vel", "geometry_msgs/msg/Twist")
         peer = Peer(DOMAIN + 2)
         writer = peer.says("/cmd_vel", Twist)
         assert not link.lost
         assert until(lambda: writer.write(twist(0.1)) or link.lost)
         assert link.lost == "no such thing"
-    finally:
-        link.close()
 
 
 RCLPY = os.environ.get("WHEELCHAIR_RCLPY") or str(ROOT / "build" / "rclpy" / "bin" / "python")
@@ -381,12 +379,11 @@ def test_ros_itself_hears_everything_and_drives():
     number = DOMAIN + 3  # the other tests' robot is in DOMAIN
     here = HERE | {"ROS_DOMAIN_ID": f"{number}"}
     _domain = Domain(number, LOOPBACK)  # kept as long as its participants
-    served = Served("--dds", "--scene", "empty", "--pose", "odometry", "--sim-time", "--scan-rate",
-                    "40", **here)  # fmt: skip
-    watcher = Peer(number)
-    watcher.hears("/odom", Odometry)
-    environ = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"} | here
-    try:
+    words = "--dds", "--scene", "empty", "--pose", "odometry", "--sim-time", "--scan-rate", "40"
+    with closing(Served(*words, **here)) as served:
+        watcher = Peer(number)
+        watcher.hears("/odom", Odometry)
+        environ = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"} | here
         out = subprocess.run(
             [RCLPY, str(NODE), str(SECONDS)], env=environ, capture_output=True, text=True,
             check=True, timeout=SECONDS + 60.0,
@@ -422,5 +419,3 @@ def test_ros_itself_hears_everything_and_drives():
         driver.wait()
         assert until(lambda: abs(watcher.turn) < STILL)
         assert until(lambda: "the chair stops" in "".join(served.errors[before:]))
-    finally:
-        served.close()

@@ -6,6 +6,7 @@ import math
 import socket
 import threading
 import time
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -249,13 +250,11 @@ def serve(listener, sensor, scans):
     end, k = time.monotonic() + PATIENCE, 0
     with peer:
         while time.monotonic() < end and k < scans:
-            try:
+            with suppress(TimeoutError):
                 data = peer.recv(4096)
                 if not data:
                     return
                 peer.sendall(sensor.feed(data))
-            except TimeoutError:
-                pass
             data = sensor.scan(some_scan(sensor.specs, k), 25 * k)
             if data:
                 peer.sendall(data[:100])

@@ -30,17 +30,19 @@ from wheelchair_gym.types import Chair, NotCopyable
 
 LASER = {"laser": {"beams": 64}}
 BRIEF = {"sensors": LASER, "task": {"beams": 32, "time_base": 6.0, "time_factor": 0.0}}
+TRACKED = BRIEF | {"task": {**BRIEF["task"], "tracks": 4}}
+LATE = BRIEF | {"chair": {"command_delay": 0.17}}
 FAULTS = {"faults": {"share": 1.0, "onset": [0.2, 1.0]}}
 BANK = {"size": 3, "turnover": 0.0}
 PERSON = {"driver": "essential_tremor", "assistant": "slide"}
-# What may differ in the state of an environment: pose sources, shield, actors, guidance, faults,
-# a person with an assistant, sensors.
+# What may differ in the state of an environment: pose sources, shield, actors and tracks of them,
+# late commands, guidance, faults, a person with an assistant, sensors.
 SINGLE = {
     "clutter": {"scene": "clutter", "config": BRIEF},
     "unrepeated": {"scene": "doorway", "config": BRIEF, "bank": 0},
     "shield": {"scene": "floor_plan", "config": BRIEF, "shield": True},
-    "crowd": {"scene": "crowd", "config": BRIEF, "shield": True, "pose_source": "odometry"},
-    "temporary": {"scene": "temporary", "config": BRIEF, "pose_source": "modelled"},
+    "crowd": {"scene": "crowd", "config": TRACKED, "shield": True, "pose_source": "odometry"},
+    "temporary": {"scene": "temporary", "config": LATE, "pose_source": "modelled"},
     "poses": {"scene": "clutter", "config": BRIEF, "guidance": "poses", "randomize": True},
     "faults": {"scene": "clutter", "config": BRIEF | {"sensors": LASER | FAULTS}, "shield": True},
     "mcl": {"scene": "clutter", "config": BRIEF, "pose_source": "mcl"},

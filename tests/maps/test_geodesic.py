@@ -7,10 +7,10 @@ import math
 
 import numpy as np
 import pytest
+import shapely
 from scipy import ndimage
-from scipy.sparse import csr_matrix
-from scipy.sparse.csgraph import dijkstra
 
+from tests.planners.oracle import lengths_from_first
 from wheelchair_gym.geometry.planar import path_length
 from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, geodesic
 from wheelchair_gym.maps.geodesic import nearest_bend
@@ -24,23 +24,6 @@ def boxes(seed: int, side: int = 40, count: int = 9, resolution: float = 0.1) ->
         row, col = rng.integers(1, side - 4, 2)
         cells[row : row + rng.integers(1, 4), col : col + rng.integers(3, 14)] = OCCUPIED
     return OccupancyGrid(cells, resolution)
-
-
-def crosses_blocked(blocked: np.ndarray, a: np.ndarray, b: np.ndarray) -> bool:
-    """Return True if a segment [cells, from the lower-left corner] enters a square's interior."""
-    shrink = 1e-6
-    rows, cols = np.nonzero(blocked)
-    low = np.stack([cols, rows], axis=1) + shrink
-    high = low + 1 - 2 * shrink
-    way = b - a
-    with np.errstate(divide="ignore", invalid="ignore"):
-        t0, t1 = (low - a) / way, (high - a) / way
-    first, last = np.minimum(t0, t1), np.maximum(t0, t1)
-    still = way == 0
-    within = (a > low) & (a < high)
-    first = np.where(still, np.where(within, -np.inf, np.inf), first)
-    last = np.where(still, np.where(within, np.inf, -np.inf), last)
-    return bool((np.maximum(first.max(axis=1), 0) < np.minimum(last.min(axis=1), 1)).any())
 
 
 def exact_lengths(free: np.ndarray, goal: np.ndarray, starts: np.ndarray) -> np.ndarray:
@@ -57,14 +40,10 @@ def exact_lengths(free: np.ndarray, goal: np.ndarray, starts: np.ndarray) -> np.
         if padded[y : y + 2, x : x + 2].sum() == 3 and not padded[y + 1 - side_y, x + 1 - side_x]
     ]
     nodes = np.vstack([goal, starts, np.array(corner, dtype=float).reshape(-1, 2)])
-    blocked = ~free
-    n = len(nodes)
-    weights = np.zeros((n, n))
-    for i in range(n):
-        for j in range(i):
-            if not crosses_blocked(blocked, nodes[i], nodes[j]):
-                weights[i, j] = weights[j, i] = max(1e-9, math.dist(nodes[i], nodes[j]))
-    return dijkstra(csr_matrix(weights), indices=0)[1 : 1 + len(starts)]
+    rows, cols = np.nonzero(free)
+    squares = shapely.union_all(shapely.box(cols, rows, cols + 1, rows + 1))
+    room = squares.buffer(1e-6, join_style="mitre")
+    return lengths_from_first(room, nodes)[1 : 1 + len(starts)]
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -137,10 +116,7 @@ def test_a_point_too_near_a_wall_has_a_way_and_one_beyond_it_has_none():
     assert (ways.at(beside) < 3.6).all()
     assert np.isinf(ways.at([(1.0, 0.02), (-9.0, 0.0), (2.0, 90.0)])).all()
     assert len(ways.path((1.0, 0.02))) == 0
-
-
-def test_off_centre_points_change_smoothly():
-    ways = geodesic(corridor(), (4.0, 1.0), 0.36)
+    # Off the centres of cells lengths change smoothly.
     line = np.stack([np.linspace(0.7, 3.9, 641), np.full(641, 1.013)], axis=1)
     assert np.diff(ways.at(line)) == pytest.approx(-0.005, abs=0.002)
 

@@ -8,7 +8,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-import wheelchair_gym
 from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
 from wheelchair_gym.envs.guidance import PoseGuidance
 from wheelchair_gym.geometry.kinematics import Limits
@@ -227,25 +226,3 @@ def test_a_map_is_degraded_all_over_its_cells_however_its_frame_is_turned(monkey
     ]
     assert (found[0].cells != grid.cells).any()
     assert all((each.cells == found[0].cells).all() for each in found)
-
-
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"config": {"task": {"aim": "time"}}}, "task.aim is 'time'; it needs the guidance"),
-        ({"config": {"starts_within": 3.0}}, "starts_within needs the guidance 'poses'"),
-        ({"guidance": {"call": "poses", "sharp": 1}}, "guidance.sharp is not a setting; it has"),
-        ({"guidance": "pose"}, "expected 'geodesic', 'poses' or 'module:function'"),
-        ({"guidance": "sys:path"}, "guidance is 'sys:path'; expected 'geodesic'"),
-        ({"guidance": ".here:path"}, "guidance is '.here:path'; expected 'geodesic'"),
-        ({"guidance": {"call": "geodesic", "far": 1}}, "guidance geodesic: .*argument 'far'"),
-    ],
-)
-def test_wrong_settings_are_refused_by_name(settings, message):
-    with pytest.raises(wheelchair_gym.InputError, match=message):
-        NavigationEnv(**settings)
-
-
-def test_settings_of_ways_are_bounded():
-    with pytest.raises(wheelchair_gym.InputError, match=r"CostToGoSettings.cell is 0.001"):
-        CostToGoSettings(cell=0.001)

@@ -129,8 +129,6 @@ def test_weakness_shrinks_one_side_alone():
 
 
 def test_a_driver_without_sight_drives_on_and_one_with_sight_brakes():
-    wall = NavigationEnv(**QUICK, split="test")
-    wall.reset(seed=0)
     _, blind = sticks("blind", steps=40)
     _, sees = sticks("expert", steps=40)
     assert blind.drivers.states["n_points"][0] == 0

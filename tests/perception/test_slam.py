@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from unittest.mock import patch
+
 import numpy as np
 import pytest
 
@@ -62,22 +64,12 @@ def test_the_same_seed_is_the_same_run_and_another_seed_is_not():
 def test_memory_in_reserve_spares_the_map_to_grow_and_changes_nothing_else(monkeypatch):
     _, poses, _, _ = driven(8)
     monkeypatch.setitem(MAPPING, "reserve", 25.0)
-    grown = []
-    monkeypatch.setattr(OccupancyMap, "_replace", counted(OccupancyMap._replace, grown))
-    slam, others, _, _ = driven(8)
-    assert len(grown) == 2  # nothing, and all that it has in reserve
+    replace = OccupancyMap._replace
+    with patch.object(OccupancyMap, "_replace", autospec=True, side_effect=replace) as grown:
+        slam, others, _, _ = driven(8)
+    assert grown.call_count == 2  # nothing, and all that it has in reserve
     np.testing.assert_allclose(poses, others, atol=0.02)
     assert min(slam.map.cells.shape) * slam.maps.settings.resolution < 40.0
-
-
-def counted(function, calls):
-    """The function, with what it is called with in a list."""
-
-    def call(*arguments):
-        calls.append(arguments)
-        return function(*arguments)
-
-    return call
 
 
 def test_scans_that_are_not_to_be_learned_leave_the_map():

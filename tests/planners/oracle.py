@@ -45,16 +45,21 @@ class Verdict:
 def shortest_line(box, solid, start, goal):
     """Length [m] of the shortest path of a point, which may touch what is solid.
 
-    Among polygons it turns at corners only: Dijkstra's algorithm on all that see each other.
+    Among polygons it turns at corners only.
     """
     room = shapely.difference(box, solid).buffer(1e-9, join_style="mitre")
     nodes = np.vstack([start, goal, shapely.get_coordinates(room)])
+    return float(lengths_from_first(room, nodes)[1])
+
+
+def lengths_from_first(room, nodes):
+    """Return the lengths (n,) of shortest ways from the first node, along lines of sight."""
     pairs = np.array(list(itertools.combinations(range(len(nodes)), 2)))
     shapely.prepare(room)
     pairs = pairs[shapely.covers(room, shapely.linestrings(nodes[pairs]))]
     ways = np.hypot(*(nodes[pairs[:, 0]] - nodes[pairs[:, 1]]).T)
     graph = coo_array((ways, pairs.T), shape=(len(nodes), len(nodes)))
-    return float(dijkstra(graph.tocsr(), directed=False, indices=0)[1])
+    return dijkstra(graph.tocsr(), directed=False, indices=0)
 
 
 class Oracle:
@@ -110,12 +115,6 @@ class Oracle:
     def heading(self, yaw):
         """Index of the heading nearest to a yaw [rad]."""
         return int(np.argmin(np.abs(np.sin(0.5 * (self.headings - yaw)))))
-
-    def snapped(self, pose):
-        """The grid pose nearest to a pose (3,)."""
-        i, j = self.cell(pose)
-        yaw = self.headings[self.heading(pose[2])]
-        return np.array([self.frame[0] + STEP * j, self.frame[1] + STEP * i, yaw])
 
     def _at(self, field, pose):
         """A field's values at a pose (3,), or at all headings of a point (2,)."""

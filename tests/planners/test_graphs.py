@@ -29,12 +29,6 @@ def cost(path, problem, weight, comfort):
     return sum(edge_cost(arrays, *a, *b, weight, comfort) for a, b in edges)
 
 
-def optimum(problem):
-    """The length [m] of the shortest path by the oracle that shares no code with planners."""
-    space = problem.space
-    return shortest_line(shapely.box(*space.bounds), space.solid, problem.start, problem.goal)
-
-
 RECTANGLE = st.tuples(st.integers(0, 8), st.integers(0, 8), st.integers(1, 4), st.integers(1, 4))
 
 
@@ -64,7 +58,8 @@ def test_visibility_finds_the_optimum_of_the_oracle(seed, side, share):
     plan = make_planner("visibility").plan(problem, np.random.default_rng(0))
     if plan.status in (Status.START_OCCUPIED, Status.GOAL_OCCUPIED):
         return
-    assert plan.length == pytest.approx(optimum(problem), abs=1e-7)
+    optimum = shortest_line(shapely.box(*space.bounds), space.solid, problem.start, problem.goal)
+    assert plan.length == pytest.approx(optimum, abs=1e-7)
     if plan.status == Status.SOLVED:
         assert not Judge(space.solid, space.bounds).faults(plan.path)
     else:

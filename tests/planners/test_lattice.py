@@ -46,11 +46,6 @@ def plan(start, goal, clearance=0.36, door=DOOR, deadline=None, **settings):
     return planner.plan(problem, np.random.default_rng(0), deadline), problem
 
 
-def faults(answer, problem, footprint, margin=0.0):
-    space = problem.space
-    return sweep_faults(answer.path, footprint.corners, space.solid, space.bounds, margin)
-
-
 @pytest.mark.parametrize("name", long_but(CASES, set(CASES) - HARD))
 def test_problems_are_solved_within_the_oracles_bounds(name):
     problem, footprint, verdict = CASES[name]
@@ -79,7 +74,8 @@ def test_the_outline_keeps_its_margin_all_the_way(start, goal):
     answer, problem = plan(start, goal)
     assert answer.status is Status.SOLVED
     assert not plan_faults(answer, problem, Footprint())
-    assert not faults(answer, problem, Footprint(), 0.36 - 0.31)
+    corners, space = Footprint().corners, problem.space
+    assert not sweep_faults(answer.path, corners, space.solid, space.bounds, 0.36 - 0.31)
 
 
 @pytest.mark.parametrize(

@@ -23,8 +23,6 @@ from wheelchair_gym.perception.monte_carlo import LocalizationSettings
 from wheelchair_gym.recording.record import REFRESH_PERIOD, RecordEpisodes
 
 STEPS = 40
-
-
 RATE = 10.0  # Hz, of control
 AGAIN = REFRESH_PERIOD  # s, between two messages of what seldom changes
 

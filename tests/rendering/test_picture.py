@@ -10,7 +10,7 @@ import pytest
 
 from wheelchair_gym.actors.records import combine, door, furniture, obstacle, person
 from wheelchair_gym.geometry.outline import Footprint
-from wheelchair_gym.geometry.planar import polygon_edges, to_world
+from wheelchair_gym.geometry.planar import polygon_edges, to_frame, to_world
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.rendering import PlanPicture, TopView, palette
 from wheelchair_gym.rendering.floor import (
@@ -86,8 +86,7 @@ def test_chair_covers_its_footprint_and_nothing_else(view, pose):
     changed = np.argwhere((image != view.background.image).any(axis=-1))[:, ::-1] + 0.5
     frame = view.frame
     metres = (changed - (frame.left, frame.bottom)) / (frame.scale, -frame.scale)
-    c, s = math.cos(pose[2]), math.sin(pose[2])
-    own = (metres - pose[:2]) @ np.array([(c, -s), (s, c)])
+    own = to_frame(metres, pose)
     edge = 3.0 / view.frame.scale  # half a stroke and its soft rim
     assert (own[:, 0] > -f.rear - edge).all()
     assert (own[:, 0] < f.front + edge).all()

@@ -53,17 +53,13 @@ def inside(points, walls):
     return hits % 2 == 1
 
 
-def test_start_and_goal_stand_free(scene):
+def test_start_and_goal_stand_free_and_a_way_joins_them(scene):
     for episode in episodes(scene):
         for pose in (episode.start, episode.goal):
             gap = footprint_clearance(*pose, FOOTPRINT.array, episode.walls, episode.discs, 1.0)
             assert gap > 0.05
             assert pose.shape == (3,)
             assert episode.map.inside(pose[:2])
-
-
-def test_the_goal_can_be_reached(scene):
-    for episode in episodes(scene):
         length = geodesic(episode.map, episode.goal, RADIUS).at(episode.start[:2])
         direct = math.dist(episode.start[:2], episode.goal[:2])
         assert direct - 0.1 <= length < math.inf
@@ -79,14 +75,10 @@ def test_the_same_generator_state_gives_the_same_episode(scene):
         assert (first.name, first.tolerance) == (second.name, second.tolerance)
 
 
-def test_walls_form_closed_loops(scene):
+def test_walls_are_closed_loops_and_the_map_is_what_they_and_the_discs_say(scene):
     for episode in episodes(scene, 2):
         begins, ends = (np.rint(episode.walls[:, k : k + 2] * 1e6) for k in (0, 2))
         assert sorted(map(tuple, begins)) == sorted(map(tuple, ends))
-
-
-def test_the_map_is_what_the_walls_and_discs_say(scene):
-    for episode in episodes(scene, 2):
         grid = episode.map
         centres = grid.to_world(np.argwhere(np.ones(grid.shape, dtype=bool)))
         solid = inside(centres, episode.walls)

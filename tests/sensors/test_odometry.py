@@ -24,10 +24,7 @@ def wander(chair, steps, seed=0):
 
 
 def test_without_errors_dead_reckoning_holds_to_the_encoder_quantum():
-    chair = exact_chair()
-    chair = SimulatedChair(
-        chair.settings, SensorSettings(noise=False, pose_source="odometry"), chair.physics
-    )
+    chair = SimulatedChair(sensors=SensorSettings(noise=False, pose_source="odometry"))
     chair.reset(box(50), 0)
     for reading, truth in wander(chair, 300):
         gap = reading.pose - truth.pose

@@ -22,7 +22,6 @@ from wheelchair_gym.actors.records import (
     obstacle,
     person,
 )
-from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.geometry.outline import footprint_clearance
 from wheelchair_gym.geometry.planar import point_segment_distance, to_world
 from wheelchair_gym.scenes import make_scene
@@ -417,17 +416,3 @@ def test_a_chosen_velocity_is_the_best_that_is_allowed():
         assert room(found[None])[0] >= -1e-6  # standing still is always allowed
         best = np.hypot(*(grid[room(grid) >= 0.0] - want).T).min(initial=math.inf)
         assert np.hypot(*(found - want)) <= best + 1e-9
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: person([]), "the route has no way points"),
-        (lambda: person([(0, 0)], -1.0), "speed -1; expected positive"),
-        (lambda: furniture((0, 0, 0), (0.0, 0.0), 5.0), "size .* expected positive"),
-        (lambda: obstacle((0, 0), math.nan), "obstacle: size is NaN"),
-    ],
-)
-def test_impossible_movers_are_refused(make, message):
-    with pytest.raises(InputError, match=message):
-        make()

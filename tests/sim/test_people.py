@@ -32,11 +32,12 @@ from wheelchair_gym.actors.records import (
     combine,
     furniture,
     group,
+    obstacle,
     person,
     with_trolley,
 )
 from wheelchair_gym.base.settings import InputError
-from wheelchair_gym.geometry.planar import point_segment_distance, to_frame
+from wheelchair_gym.geometry.planar import compose, point_segment_distance, to_frame
 from wheelchair_gym.safety.settings import ShieldSettings
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.types import Episode
@@ -264,11 +265,7 @@ def test_a_trolley_goes_with_its_person(model, ahead):
     side = [to_frame(b[:2], (*a[:2], b[2]))[0] for a, b in zip(walker, cart, strict=True)]
     assert (np.sign(side) == (1.0 if ahead else -1.0)).all()
     for corner in np.array([(x, y) for x in (-0.3, 0.3) for y in (-0.2, 0.2)]):
-        c, s = np.cos(cart[:, 2]), np.sin(cart[:, 2])
-        at = cart[:, :2] + np.stack(
-            [c * corner[0] - s * corner[1], s * corner[0] + c * corner[1]], 1
-        )
-        assert speeds(at).max() < FASTEST
+        assert speeds(compose(cart, (*corner, 0.0))).max() < FASTEST
 
 
 @BOTH
@@ -386,9 +383,13 @@ def test_bounds_hold_and_nobody_leaves_in_the_scene_of_all_people(model):
         (lambda: person([(0, 0)], reaction=-1), "reaction is -1; expected 0 to 4: regular"),
         (lambda: person([(0, 0)], behaviour=RUNS, every=0.0), "every is 0 s; expected a positive"),
         (lambda: group(person([(0, 0)]), 5, 1.0), "size is 5; expected 2, 3 or 4"),
+        (lambda: person([]), "the route has no way points"),
+        (lambda: person([(0, 0)], -1.0), "speed -1; expected positive"),
+        (lambda: furniture((0, 0, 0), (0.0, 0.0), 5.0), "size .* expected positive"),
+        (lambda: obstacle((0, 0), math.nan), "obstacle: size is NaN"),
     ],
 )
-def test_wrong_people_are_refused_in_one_line(make, message):
+def test_wrong_actors_are_refused_in_one_line(make, message):
     with pytest.raises(InputError, match=message):
         make()
 

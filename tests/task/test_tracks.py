@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import copy
-import pickle
-
 import numpy as np
 import pytest
 
 from wheelchair_gym.base.settings import InputError
-from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
+from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.geometry.planar import to_frame
 from wheelchair_gym.perception.tracker import Tracker
 from wheelchair_gym.task.observations import TRACK_REACH, TRACK_SPEED
@@ -59,37 +56,6 @@ def test_they_are_those_of_a_tracker_without_a_map():
             if terminated or truncated:
                 break
     assert maximum == MAXIMUM
-
-
-def test_a_batch_and_a_copy_observe_the_same():
-    env, batch = NavigationEnv(config=CONFIG), NavigationVectorEnv(3, config=CONFIG)
-    env.reset(seed=4)
-    batch.reset(seed=[9, 4, 5])
-    seen = 0
-    for k, action in enumerate(actions(20)):
-        if k == 5:
-            clone, other = copy.deepcopy(env), pickle.loads(pickle.dumps(batch))
-        one, _, terminated, truncated, _ = env.step(action)
-        rows, *_ = batch.step(np.tile(action, (3, 1)))
-        if terminated or truncated:
-            break
-        assert (rows["tracks"][1] == one["tracks"]).all()
-        if k >= 5:
-            assert (clone.step(action)[0]["tracks"] == one["tracks"]).all()
-            again, *_ = other.step(np.tile(action, (3, 1)))
-            assert (again["tracks"] == rows["tracks"]).all()
-        seen += k >= 5 and bool(one["tracks"].any())
-    assert seen > 5
-
-
-def test_each_episode_begins_without_tracks():
-    env = NavigationEnv(config=CONFIG)
-    for _ in range(2):
-        observation, _ = env.reset(seed=4)
-        assert not observation["tracks"].any()
-        for action in actions(20):
-            observation, *_ = env.step(action)
-        assert observation["tracks"].any()
 
 
 def test_a_chair_without_a_laser_has_no_tracks():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import signal
 import time
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -44,8 +45,7 @@ def test_a_person_drives_with_help_until_ctrl_c(tmp_path):
     with serving(tmp_path) as served:
         faults, place = served.twin.faults, served.twin.plant.pose.copy()
         faults.joystick = CENTRED
-        program = Program(*drive(served), "--json", str(file))
-        try:
+        with closing(Program(*drive(served), "--json", str(file))) as program:
             assert until(lambda: says(program, "must re-arm")), program.errors
             end = time.monotonic() + PATIENCE
             while not np.hypot(*(served.twin.plant.pose - place)[:2]) > 0.3:
@@ -56,8 +56,6 @@ def test_a_person_drives_with_help_until_ctrl_c(tmp_path):
                 time.sleep(1.5)
             program.process.send_signal(signal.SIGINT)
             assert program.process.wait(PATIENCE) == 0
-        finally:
-            program.close()
     record = json.loads(file.read_text())
     assert record["length"] > 0.2
     assert (record["assistant"], record["input"]) == ("slide", "board")
@@ -71,13 +69,10 @@ def test_prompts_are_asked_for_and_recorded(tmp_path):
     with serving(tmp_path) as served:
         served.twin.faults.joystick = CENTRED
         words = "--prompts", "--seconds", "4", "--record", str(file)
-        program = Program(*drive(served), *words)
-        try:
+        with closing(Program(*drive(served), *words)) as program:
             assert until(lambda: says(program, "must re-arm")), program.errors
             rearm_by_hand(served.twin.faults)
             assert program.process.wait(PATIENCE) == 0, program.errors
-        finally:
-            program.close()
     assert says(program, "push ")
     recorded = read_recording(file)[0]
     assert recorded.labels["prompts"] == schedule(0)

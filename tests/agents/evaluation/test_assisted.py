@@ -116,13 +116,6 @@ def test_what_is_unbeaten_has_less_authority_or_more_success():
     assert unbeaten(points) == [1, 2, 4]
 
 
-def test_a_person_is_simulated_and_recorded(tmp_path, capsys):
-    drive = ["simulate", "--scene", "clutter", "--driver", "expert"]
-    assert main([*drive, "--record", str(tmp_path / "run.mcap")]) == 0
-    assert main(["replay", str(tmp_path / "run.mcap")]) == 0
-    assert "the same rewards" in capsys.readouterr().out
-
-
 def poses_of(env, act, steps=60):
     """Poses (steps, n, 3) that a batch comes to by `act` (observation, info, rows that begin)."""
     seen, info = env.reset(seed=0)

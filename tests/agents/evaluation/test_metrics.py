@@ -21,10 +21,11 @@ from agents.evaluation.metrics import (
 from wheelchair_gym.maps import OccupancyGrid
 
 
-def test_jerk_of_a_cubic_is_its_third_derivative():
+def test_jerk_of_a_cubic_is_its_third_derivative_and_acceleration_of_a_ramp_its_slope():
     t = np.arange(0.0, 3.0, 0.1)
     assert jerk_rms(0.5 * 0.6 * t**2, 0.1) == pytest.approx(0.6)  # v = j t^2 / 2
     assert jerk_rms(0.3 + 0.2 * t, 0.1) == pytest.approx(0.0, abs=1e-9)
+    assert accel_rms(0.4 * t, 0.1) == pytest.approx(0.4)
 
 
 def test_rough_share_counts_sideways_and_ahead():
@@ -33,10 +34,6 @@ def test_rough_share_counts_sideways_and_ahead():
     assert rough_share(steady * (1.2, 1.0), 0.1) == 1.0
     v = np.concatenate([np.zeros(5), np.arange(6) * 0.1])  # 1 m/s2 in half of the time
     assert rough_share(np.column_stack([v, np.zeros(11)]), 0.1) == pytest.approx(0.5)
-
-
-def test_acceleration_of_a_ramp_is_its_slope():
-    assert accel_rms(0.4 * np.arange(0.0, 3.0, 0.1), 0.1) == pytest.approx(0.4)
 
 
 @pytest.mark.parametrize(

@@ -121,12 +121,6 @@ def test_nothing_outside_is_needed(made):
     assert not re.search(r"https?:|//[a-z]|@import|url\(", re.sub(r"data:[^'\"]*", "", text))
 
 
-def test_every_image_has_an_alternative_text(made):
-    images = made[3].of("img")
-    assert len(images) > 3
-    assert all(image["alt"].strip() for image in images)
-
-
 def test_every_failure_is_shown_with_its_own_picture_and_words(made):
     what, folder, _, page = made
     shown = {image["src"]: image["alt"] for image in page.of("img")}
@@ -202,13 +196,6 @@ def test_no_cell_of_csv_is_a_formula_and_numbers_are_numbers():
     assert [float(cell) for cell in cells[len(texts) :]] == [float(one) for one in numbers]
 
 
-def test_every_column_is_explained(made):
-    _, _, text, _ = made
-    told = text[text.index("What the columns mean") : text.index("<h2>Figures")]
-    assert told.count("<dt>") == len(COLUMNS)
-    assert len(re.findall(r"<dd>[^<]{10,}</dd>", told)) == len(COLUMNS)
-
-
 def test_pictures_beyond_the_budget_are_linked(made, tmp_path, monkeypatch):
     what, folder, text, page = made
     first = next(image["src"] for image in page.of("img") if "webp" in image["src"])
@@ -220,8 +207,14 @@ def test_pictures_beyond_the_budget_are_linked(made, tmp_path, monkeypatch):
     (folder / "report.html").write_text(text, encoding="utf-8")
 
 
-def test_provenance_and_command_are_there(made):
-    _, _, text, _ = made
+def test_images_columns_and_provenance_are_told_in_words(made):
+    _, _, text, page = made
+    images = page.of("img")
+    assert len(images) > 3
+    assert all(image["alt"].strip() for image in images)
+    told = text[text.index("What the columns mean") : text.index("<h2>Figures")]
+    assert told.count("<dt>") == len(COLUMNS)
+    assert len(re.findall(r"<dd>[^<]{10,}</dd>", told)) == len(COLUMNS)
     for word in ("0123abc", "machine.cores", "0 to 3", "--out &#39;runs/a b&#39;"):
         assert word in text
 
@@ -231,18 +224,13 @@ def test_same_evaluation_same_bytes(made, tmp_path):
     assert write_report(what, folder).read_text(encoding="utf-8") == text
 
 
-def test_video_is_embedded(tmp_path):
+def test_a_video_is_embedded_and_a_long_one_plays_from_beside_the_page(tmp_path, monkeypatch):
     (tmp_path / "episode.mp4").write_bytes(b"\0\1film")
-    text = write_report(evaluation() | {"video": VIDEO}, tmp_path).read_text("utf-8")
-    source = base64.b64encode(b"\0\1film").decode()
-    assert Page(text).of("video")[0]["src"] == f"data:video/mp4;base64,{source}"
-
-
-def test_a_long_video_plays_from_beside_the_page(tmp_path, monkeypatch):
-    monkeypatch.setattr(report, "_LARGEST_VIDEO", 3)
-    (tmp_path / "episode.mp4").write_bytes(b"\0\1film")
-    text = write_report(evaluation() | {"video": VIDEO}, tmp_path).read_text("utf-8")
-    assert Page(text).of("video")[0]["src"] == "episode.mp4"
+    embedded = "data:video/mp4;base64," + base64.b64encode(b"\0\1film").decode()
+    for source in (embedded, "episode.mp4"):
+        text = write_report(evaluation() | {"video": VIDEO}, tmp_path).read_text("utf-8")
+        assert Page(text).of("video")[0]["src"] == source
+        monkeypatch.setattr(report, "_LARGEST_VIDEO", 3)
     assert "dwa, office, seed 7" in text
 
 

@@ -326,17 +326,8 @@ def test_weights_are_published_with_a_card_of_all_seeds_and_results(tmp_path, ca
     for seed in (0, 1):
         train(tiny("ppo"), seed, tmp_path / f"seed_{seed}")
     files = [str(tmp_path / f"seed_{seed}" / POLICY) for seed in (0, 1)]
-    compared = [
-        "compare",
-        "--suite",
-        "demo",
-        "--scenes",
-        "clutter",
-        "--episodes",
-        "1",
-        "--no-video",
-    ]
-    compared += ["--policies", ",".join(files), "--jobs", "1", "--quiet"]
+    compared = ["compare", "--suite", "demo", "--scenes", "clutter", "--episodes", "1"]
+    compared += ["--no-video", "--jobs", "1", "--quiet", "--policies", ",".join(files)]
     compared += ["--out", str(tmp_path / "results")]
     monkeypatch.setattr(sys, "argv", ["wheelchair", *compared])
     assert main(compared) == 0
@@ -354,13 +345,8 @@ def test_weights_are_published_with_a_card_of_all_seeds_and_results(tmp_path, ca
     assert [row["seed"] for row in rows] == ["0", "1"]
     assert all(row["episodes"] == 1 and "--policies mine" in row["command"] for row in rows)
     card = out.with_suffix(".md").read_text()
-    for part in (
-        "# mine",
-        "wheelchair",
-        "seed 0 | seed 1",
-        '"n_envs": 4',
-        "drive it behind a shield",
-    ):
+    parts = "# mine", "wheelchair", "seed 0 | seed 1", '"n_envs": 4', "drive it behind a shield"
+    for part in parts:
         assert part in card
     capsys.readouterr()
     for words in ([tmp_path, "--results", out], [tmp_path / "none"], [files[0]]):

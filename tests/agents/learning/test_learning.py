@@ -23,13 +23,13 @@ from agents.cli import main
 from agents.cli.train import varied
 from agents.learning.curves import episode_row, read_curve
 from agents.learning.demonstrations import imitate
-from agents.learning.features import Layout, features
-from agents.learning.networks import AsymmetricPolicy, FeaturesExtractor, Teacher, actor_arrays
+from agents.learning.features import Layout
+from agents.learning.networks import AsymmetricPolicy, Teacher, actor_arrays
 from agents.learning.run import BATCH, POLICY, Run, train
 from agents.learning.sb3 import SaveModel
 from agents.learning.settings import RECIPES, Imitation, Training, as_json, read_training
 from agents.learning.weights import Network, load_weights
-from tests.agents.learning.tiny_runs import ENV, ON, PRIVY, random_weights, tiny, trained_run
+from tests.agents.learning.tiny_runs import ENV, ON, PRIVY, tiny, trained_run
 from tests.conftest import ROOT
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import NavigationVectorEnv
@@ -209,18 +209,6 @@ def test_processes_share_the_drawing_of_worlds(tmp_path):
     assert len(list(tmp_path.glob("worlds/*/*.joblib"))) == BATCH + 2
     assert reports[1] == (BATCH + 2, BATCH + 2)  # the first is of the batch that was ready first
     assert len(reports) == 2 + BATCH + 2
-
-
-def test_features_are_the_same_numbers_in_numpy_and_torch():
-    layout = random_weights().layout
-    seen = np.random.default_rng(2).uniform(0.01, 9.0, (50, layout.size)).astype(np.float32)
-    told = FeaturesExtractor(
-        __import__("gymnasium").spaces.Box(0.0, 10.0, (layout.size,)), layout
-    )(torch.from_numpy(seen))  # fmt: skip
-    plain = features(np, seen, layout, layout.scaled_indices, layout.scales)
-    assert plain.shape == (50, layout.actor_size)
-    assert plain.dtype == np.float32
-    assert told.numpy() == pytest.approx(plain, abs=1e-5)
 
 
 def test_imitation_comes_near_its_expert_and_warms_a_run(tmp_path):

@@ -13,10 +13,8 @@ from agents.people import ASSISTANTS, is_shielded, make_assistant
 from agents.people.assistant import AssistMission
 from agents.people.targets import find_targets
 from agents.policies import make_policy
-from agents.policies.assisted import Assisted
 from tests.laws.test_policies import plain
 from tests.people.test_compiled import reading, scan_of
-from wheelchair_gym.base.settings import dump, load
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.sim.settings import ChairSettings
@@ -126,13 +124,6 @@ def test_without_a_person_the_chair_stands():
     env.reset(seed=0)
     policy.reset(env.mission)
     assert not policy.act(env.reading).twist.any()
-
-
-@pytest.mark.parametrize("name", ASSISTANTS)
-def test_settings_are_stored_and_read(name):
-    config = ASSISTANTS.make(name)
-    assert load(type(config), dump(config), "config") == config
-    assert Assisted(assist=name).make()
 
 
 @pytest.mark.parametrize("name", sorted(set(ASSISTANTS) - {"residual", "ppo_assist"}))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import threading
+from types import SimpleNamespace
 
 import gymnasium as gym
 import numpy as np
@@ -92,14 +93,12 @@ class Ride:
         finally:
             self.env.close()
             self.assistant.close()
+            self.hosted.close()
 
     def speed(self, at):
         """True speed at a time [m/s]."""
         times, speeds = np.array(self.speeds).T
         return float(np.interp(at, times, speeds))
-
-    def close(self):
-        self.hosted.close()
 
 
 def test_an_assistant_drives_while_the_switch_is_held_and_the_stick_pushed():
@@ -125,13 +124,11 @@ def test_an_assistant_drives_while_the_switch_is_held_and_the_stick_pushed():
     assert record["ended"] == ""
     assert record["length"] > 1.5
     assert record["agreement_angle"] < 0.1
-    ride.close()
 
 
 def test_a_drive_on_the_chair_is_recorded_and_its_assistant_answers_the_same_again(tmp_path):
     ride = Ride(lambda t: HELD if t < 0.3 else PUSHED, half=2.0, file=tmp_path / "drive.mcap")
     ride.run(4.0)
-    ride.close()
     (recorded,) = read_recording(tmp_path / "drive.mcap")
     assert recorded.labels == {"assistant": "slide", "interface": "board"}
     assert recorded.states[60].reading.stick == Stick(1.0, 0.0, False)
@@ -152,7 +149,6 @@ def test_an_assistant_keeps_the_chair_off_a_wall():
     assert not ride.twin.bumper_steps
     assert ride.twin.plant.pose[0] > 0.8
     assert record["intervention_share"] > 0.1
-    ride.close()
 
 
 def test_the_manual_switch_takes_the_chair_at_any_moment():
@@ -168,7 +164,6 @@ def test_the_manual_switch_takes_the_chair_at_any_moment():
     assert abs(ride.speed(7.9)) < 0.02  # returned off the centre
     assert Mode.MANUAL.name in ride.modes
     assert BY_HAND in "\n".join(ride.log)
-    ride.close()
 
 
 class Raises:
@@ -210,13 +205,15 @@ class Blind(Raises):
         return Command(np.array([0.5, 0.0]))
 
 
+def by_hand_after_4_s(t):
+    """The person pushes, and takes the chair with the manual switch."""
+    stick = HELD if t < 0.3 or 4.0 <= t < 4.5 else PUSHED
+    return dataclasses.replace(stick, manual=t >= 4.0)
+
+
 @pytest.mark.parametrize("policy", [Raises, Nonsense])
 def test_an_assistant_that_fails_stops_the_chair_which_a_person_drives_on_by_hand(policy):
-    def hand(t):
-        stick = HELD if t < 0.3 or 4.0 <= t < 4.5 else PUSHED
-        return dataclasses.replace(stick, manual=t >= 4.0)
-
-    ride = Ride(hand, policy())
+    ride = Ride(by_hand_after_4_s, policy())
     ride.run(7.0)
     assert ride.speed(1.9) > 0.3
     assert abs(ride.speed(3.9)) < 0.01
@@ -224,7 +221,6 @@ def test_an_assistant_that_fails_stops_the_chair_which_a_person_drives_on_by_han
     (line,) = [line for line in ride.log if "mine has failed" in line]
     assert "Error" in line
     assert "by hand" in line
-    ride.close()
 
 
 def test_an_assistant_that_is_late_stops_the_chair_until_the_stick_was_centred():
@@ -247,7 +243,6 @@ def test_an_assistant_that_is_late_stops_the_chair_until_the_stick_was_centred()
     assert ride.speed(1.9) > 0.3
     assert abs(ride.speed(7.9)) < 0.01
     assert ride.speed(10.9) > 0.3
-    ride.close()
 
 
 def test_a_radio_that_is_silent_stops_the_chair_and_a_lost_stop_button_ends_the_drive():
@@ -256,7 +251,6 @@ def test_a_radio_that_is_silent_stops_the_chair_and_a_lost_stop_button_ends_the_
     assert ride.speed(1.9) > 0.5
     assert abs(ride.speed(3.5)) < 0.01
     assert NO_STICK in "\n".join(ride.log)
-    ride.close()
     ride = Ride(lambda t: HELD if t < 0.3 else PUSHED)
 
     def stop():
@@ -267,17 +261,11 @@ def test_a_radio_that_is_silent_stops_the_chair_and_a_lost_stop_button_ends_the_
     record = ride.run(6.0)
     assert "EMERGENCY_STOP" in record["ended"]
     assert record["time"] < 3.0
-    ride.close()
 
 
 def test_a_host_that_dies_leaves_a_chair_that_stops_and_that_a_person_drives_by_hand():
     """The board stops by itself, with the stick still pushed; its watchdog needs no host."""
-
-    def hand(t):
-        stick = HELD if t < 0.3 or 4.0 <= t < 4.5 else PUSHED
-        return dataclasses.replace(stick, manual=t >= 4.0)
-
-    ride = Ride(hand)
+    ride = Ride(by_hand_after_4_s)
     clock = ride.hosted.clock
 
     def die(env):
@@ -294,7 +282,6 @@ def test_a_host_that_dies_leaves_a_chair_that_stops_and_that_a_person_drives_by_
     rest = next(t for t, v in ride.speeds if t > 2.0 and abs(v) < 0.01)
     assert rest < 2.0 + 0.2 + 0.8 / 1.5 + 0.1
     assert ride.speed(6.9) == pytest.approx(0.4, abs=0.02)
-    ride.close()
 
 
 def test_after_a_touch_the_person_drives_it_free_by_hand():
@@ -318,24 +305,14 @@ def test_after_a_touch_the_person_drives_it_free_by_hand():
     assert abs(ride.speed(8.9)) < 0.02
     assert ride.speed(11.9) > 0.3
     assert "bumped" in "\n".join(ride.log)
-    ride.close()
-
-
-class Given:
-    """A stick of a test."""
-
-    def __init__(self, *sticks):
-        self.sticks = list(sticks)
-
-    def stick(self, now):
-        return self.sticks.pop(0) if len(self.sticks) > 1 else self.sticks[0]
 
 
 def test_a_stick_counts_once_it_was_centred():
     push, rest = (Stick(1.0, -0.5, False), ""), (Stick(0.0, 0.0, False), "")
     stick = PersonsStick(0.5, lambda: 0.0)
     assert stick.read()[1] == NO_STICK
-    stick.source = Given(push, rest, push, (Stick(1.0, 0.0, False), NOT_HELD), push, rest, push)
+    given = iter([push, rest, push, (Stick(1.0, 0.0, False), NOT_HELD), push, rest, push])
+    stick.source = SimpleNamespace(stick=lambda now: next(given))
     found = [stick.read() for _ in range(7)]
     assert [why for _, why in found] == [OFF_CENTRE, "", "", NOT_HELD, OFF_CENTRE, "", ""]
     assert [tuple(one)[:2] for one, _ in found if any(one)] == [(0.5, -0.25)] * 2
@@ -429,7 +406,6 @@ def test_a_gamepad_drives_with_help_while_its_button_is_held():
     assert ride.speed(6.4) == pytest.approx(OWN.speed_fraction * 0.8, abs=0.02)  # by hand
     assert abs(ride.speed(7.2)) < 0.2
     assert ride.speed(9.4) > 0.5
-    ride.close()
 
 
 def test_a_class_of_a_package_is_named_by_its_module(tmp_path, monkeypatch):

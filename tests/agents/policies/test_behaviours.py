@@ -18,6 +18,7 @@ from agents.policies.recoveries import RETRY_TIME, BackUp, place_aside
 from agents.policies.search import Answer, Search, clearest_place
 from planners.problem import Plan, Status
 from tests.agents.fakes import PaperWorld, corridor
+from wheelchair_gym.geometry.planar import to_world
 
 ROUND = np.linspace(0.0, 2.0 * np.pi, 17)
 
@@ -111,9 +112,7 @@ def test_a_standing_person_out_of_sight_is_soon_forgotten():
         local_map.update(world.seen)
     assert world.pose[0] > 3.5
     assert not len(local_map.temporary.points)
-    hits = local_map.hits
-    c, s = math.cos(world.pose[2]), math.sin(world.pose[2])
-    at = world.pose[:2] + hits @ np.array([(c, s), (-s, c)])
+    at = to_world(local_map.hits, world.pose)
     assert np.hypot(*(at - (2.6, -0.5)).T).min() > 0.4
 
 

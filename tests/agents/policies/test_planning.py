@@ -16,6 +16,7 @@ from planners import make_planner
 from tests.agents.fakes import PaperWorld, corridor
 from tests.agents.policies.test_behaviours import Peopled
 from tests.conftest import PATIENCE, long_but, until
+from wheelchair_gym.geometry.planar import to_world
 
 PERIOD = 0.1  # s
 
@@ -160,9 +161,7 @@ def test_it_stands_before_an_obstacle_while_it_plans_round_it():
         gaps = []
         while world.time < 60.0 and np.hypot(*(world.pose[:2] - world.mission.goal[:2])) > 0.3:
             world.step(policy)
-            corners = policy._mission.footprint.corners
-            c, s = np.cos(world.pose[2]), np.sin(world.pose[2])
-            at = corners @ np.array([(c, s), (-s, c)]) + world.pose[:2]
+            at = to_world(policy._mission.footprint.corners, world.pose)
             if world.time > 3.0:
                 gaps.append(np.hypot(*(at - (5.0, 0.2)).T).min() - 0.25)
         assert world.time < 60.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import replace
 
 import gymnasium as gym
@@ -300,13 +301,6 @@ def test_what_cannot_be_done_in_an_unknown_world_is_refused():
         Manual().make().reset(None)
 
 
-class Keys(set):
-    """The pressed keys as pygame reports them."""
-
-    def __getitem__(self, key):
-        return key in self
-
-
 def test_a_person_drives_with_keys(monkeypatch):
     import pygame
 
@@ -316,7 +310,8 @@ def test_a_person_drives_with_keys(monkeypatch):
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     pygame.display.init()
     try:
-        monkeypatch.setattr(pygame.key, "get_pressed", lambda: Keys(held))
+        pressed = lambda: defaultdict(bool, dict.fromkeys(held, True))  # noqa: E731
+        monkeypatch.setattr(pygame.key, "get_pressed", pressed)
         driver = Manual().make()
         driver.reset(mission)
         assert not driver.act(reading).twist.any()

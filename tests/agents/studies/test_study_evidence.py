@@ -29,6 +29,8 @@ LESS, MORE, SAME = sample(95.0, seed=1), sample(105.0, seed=2), sample(100.02, s
 BASE = sample(100.0, seed=4)
 PAIRS = np.random.default_rng(0).normal(100.0, 5.0, 300)
 NOISE = np.random.default_rng(1).normal(0.0, 1.0, 300)
+PAIRED, SHORTER, LONGER = {"": PAIRS}, {"": PAIRS - 0.5 + NOISE}, {"": PAIRS + 0.5 + NOISE}
+ONE, TWO = {"a": np.full(3, 1.0)}, {"a": np.full(3, 2.0)}  # without chance
 
 
 def shared_steps(slope, missing=np.nan, count=5):
@@ -62,19 +64,10 @@ def shared_steps(slope, missing=np.nan, count=5):
         (evidence.paired_below(PAIRS + 2.0 + NOISE, PAIRS, 0.005, ""), ClaimVerdict.FAILS),
         (evidence.paired_below(PAIRS + NOISE, PAIRS, 0.01, ""), ClaimVerdict.FAILS),
         # Runs that share most of their chance: compared run by run.
-        (
-            evidence.below({"": PAIRS - 0.5 + NOISE}, {"": PAIRS}, 0.001, "", True),
-            ClaimVerdict.HOLDS,
-        ),
-        (
-            evidence.below({"": PAIRS + 0.5 + NOISE}, {"": PAIRS}, 0.001, "", True),
-            ClaimVerdict.FAILS,
-        ),
-        (
-            evidence.above({"": PAIRS + 0.5 + NOISE}, {"": PAIRS}, 0.001, "", True),
-            ClaimVerdict.HOLDS,
-        ),
-        (evidence.below({"": PAIRS - 0.5 + NOISE}, {"": PAIRS}, 0.001, ""), ClaimVerdict.OPEN),
+        (evidence.below(SHORTER, PAIRED, 0.001, "", True), ClaimVerdict.HOLDS),
+        (evidence.below(LONGER, PAIRED, 0.001, "", True), ClaimVerdict.FAILS),
+        (evidence.above(LONGER, PAIRED, 0.001, "", True), ClaimVerdict.HOLDS),
+        (evidence.below(SHORTER, PAIRED, 0.001, ""), ClaimVerdict.OPEN),
         (evidence.rises(*shared_steps(0.2), 0.001, "", True), ClaimVerdict.HOLDS),
         (evidence.falls(*shared_steps(0.2), 0.001, "", True), ClaimVerdict.FAILS),
         (evidence.rises(*shared_steps(0.2, 100.0), 0.001, ""), ClaimVerdict.OPEN),
@@ -83,15 +76,8 @@ def shared_steps(slope, missing=np.nan, count=5):
         (evidence.spread_below({"": 2 * NOISE}, {"": NOISE[::-1]}, 0.05, ""), ClaimVerdict.FAILS),
         (evidence.share_above(495, 500, 0.95, ""), ClaimVerdict.HOLDS),
         (evidence.share_above(400, 500, 0.95, ""), ClaimVerdict.FAILS),
-        # without chance
-        (
-            evidence.below({"a": np.full(3, 1.0)}, {"a": np.full(3, 2.0)}, 0.01, ""),
-            ClaimVerdict.HOLDS,
-        ),
-        (
-            evidence.below({"a": np.full(3, 2.0)}, {"a": np.full(3, 2.0)}, 0.01, ""),
-            ClaimVerdict.FAILS,
-        ),
+        (evidence.below(ONE, TWO, 0.01, ""), ClaimVerdict.HOLDS),
+        (evidence.below(TWO, TWO, 0.01, ""), ClaimVerdict.FAILS),
     ],
 )
 def test_what_is_plain_is_told(found, verdict):
