@@ -5,7 +5,6 @@ Where an episode runs out of time, what the rest would be worth counts (bootstra
 
 import sys
 
-import numpy as np
 import torch
 from torch import nn
 

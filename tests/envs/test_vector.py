@@ -12,6 +12,7 @@ from tests.copies import differences
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv, world_banks
 from wheelchair_gym.envs.batch import step_chairs
+from wheelchair_gym.scenes import make_scene
 
 NEXT, SAME = AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP
 QUICK = {"scene": {"name": "clutter"}, "beams": 64, "bank": {"size": 6, "turnover": 0.5}}
@@ -418,3 +419,37 @@ def test_every_row_has_a_picture_and_shares_its_attributes():
         envs.set_attr("num_threads", [1, 2])
     with pytest.raises(InputError, match="no attribute 'absent'"):
         envs.set_attr("absent", 1)
+
+
+def test_worlds_and_starts_are_chosen_by_row():
+    """A chosen world is the bank's, for any seed; info tells it; other rows are as before."""
+    told = {"scene": "clutter", "beams": 8, "bank": 4, "guidance": "poses"}
+    told["config"] = {"task": {"time_base": 0.5, "time_factor": 0.0}}
+    env, other = (NavigationVectorEnv(3, autoreset_mode="SameStep", **told) for _ in range(2))
+    _, info = env.reset(seed=5, options={"episodes": [2, None, 0]})
+    _, drawn = other.reset(seed=5)
+    assert info["level"].tolist() == [2, drawn["level"][1], 0]
+    assert drawn["level"].tolist() == [other.worlds.draw(5 + i, 0) for i in range(3)]
+    assert np.array_equal(info["pose"][1], drawn["pose"][1])
+    walls = [env.worlds.episode(9, 0, level).episode.walls for level in (2, 0)]
+    assert np.array_equal(env.chairs.episodes[0].walls, walls[0])
+    own = make_scene("empty").sample(np.random.default_rng(0))
+    env.set_next([0, 1], [3, own])
+    env.set_starts([2], 2.0)
+    for _ in range(6):
+        (_, _, _, _, info), (_, _, _, _, drawn) = (e.step(np.zeros((3, 2))) for e in (env, other))
+    assert info["level"].tolist() == [3, -1, drawn["level"][2]]
+    assert env.chairs.episodes[1] is own
+    assert (info["episode_number"] == 1).all()
+    env.set_next([2], [1])  # with a start of its own
+    prepared = env._next[2]
+    assert 1.0 <= prepared.cost_to_go.time_to_goal(prepared.episode.start) <= 2.0
+    for call, why in (
+        (lambda: env.set_next([3], [0]), "expected 0 to 2"),
+        (lambda: env.set_next([0], [0, 1]), "2 worlds were given for 1 rows"),
+        (lambda: env.set_next([0], ["clutter"]), "expected a number, an Episode or None"),
+        (lambda: env.set_next([0], [-1]), "expected a bank, and a number from 0"),
+        (lambda: env.set_starts([0], -1.0), "expected at least 0"),
+    ):
+        with pytest.raises(InputError, match=why):
+            call()

@@ -29,7 +29,7 @@ from wheelchair_gym.envs.settings import (
     make_assistants,
     make_localizer,
 )
-from wheelchair_gym.envs.world_banks import WorldBank
+from wheelchair_gym.envs.world_banks import NO_LEVEL, WorldBank
 from wheelchair_gym.geometry.kinematics import numbers_of
 from wheelchair_gym.geometry.planar import to_world
 from wheelchair_gym.people.drivers import make_drivers
@@ -247,7 +247,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
             InputError: the seed is no integer or out of bounds, another option is given, or no
                 Episode.
         """
-        given: Episode | None = check_options(options, "episode")
+        (given,) = check_options(options, "episode")
         if given is not None and not isinstance(given, Episode):
             raise InputError(f"options: episode is {given!r}; expected an Episode")
         super().reset(seed=None if seed is None else check_seed(seed))
@@ -257,14 +257,16 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
                 self._seed = int(self.np_random.integers(SEEDS))
         else:
             self._count += 1
+        level = NO_LEVEL if given else self.worlds.draw(self._seed, self._count)
         if given is None:
-            self._prepared = self.worlds.episode(self._seed, self._count)
+            self._prepared = self.worlds.episode(self._seed, self._count, level)
             self.worlds.drop_before(self._count)
         elif self._prepared is None or given is not self._prepared.episode:
             self._prepared = self.task.prepare(given)
         self.episode = self._prepared.episode
         told = self._seed, self._count, self.split
-        self.episode_info, key = dict(zip(EPISODE_KEYS, told, strict=True)), episode_key(*told)
+        self.episode_info = dict(zip(EPISODE_KEYS, (*told, level), strict=True))
+        key = episode_key(*told)
         if self.shield is not None:
             self.shield.reset()
         observation, info = self._loop.begin(self._prepared, key)

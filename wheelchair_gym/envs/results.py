@@ -188,6 +188,7 @@ EPISODE_KEYS = {
     "seed": "of the sequence of episodes: `reset(seed=...)` begins it again",
     "episode_number": "among those of its seed, from 0",
     "split": "stream of worlds that it is drawn from: train or test",
+    "level": "number of its world in the bank; -1 without a bank, or if the world was given",
 }
 
 

@@ -272,18 +272,19 @@ def check_split(split: Any) -> Split:
     return cast("Split", split)
 
 
-def check_options(options: Mapping[str, Any] | None, known: str) -> Any:
-    """The one option that a `reset` knows; None where it is not given.
+def check_options(options: Mapping[str, Any] | None, *known: str) -> list[Any]:
+    """The options that a `reset` knows; None for each that is not given.
 
     Raises:
         InputError: another option is given.
     """
     for name in options or {}:
-        if name != known:
+        if name not in known:
+            names = ", ".join(known)
             raise InputError(
-                f"options: {name!r} is no option of reset; known: {known}{suggest(name, [known])}"
+                f"options: {name!r} is no option of reset; known: {names}{suggest(name, known)}"
             )
-    return (options or {}).get(known)
+    return [(options or {}).get(name) for name in known]
 
 
 def make_assistants(config: EnvSettings, n: int, has_person: bool) -> Assistants:

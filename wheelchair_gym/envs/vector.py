@@ -5,6 +5,7 @@ Returned arrays are never overwritten while a caller holds them (`results`).
 
 from __future__ import annotations
 
+import math
 import secrets
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -39,7 +40,7 @@ from wheelchair_gym.envs.settings import (
     env_settings,
     make_assistants,
 )
-from wheelchair_gym.envs.world_banks import WorldBank
+from wheelchair_gym.envs.world_banks import NO_LEVEL, WorldBank
 from wheelchair_gym.people.drivers import make_drivers
 from wheelchair_gym.people.drivers.step import Drivers
 from wheelchair_gym.perception.track_state import TRACKER
@@ -50,6 +51,7 @@ from wheelchair_gym.task.assessment import PROGRESS
 from wheelchair_gym.task.custom_reward import compiled_rewards, make_reward
 from wheelchair_gym.task.prepared_episode import PREPARED, PreparedEpisode
 from wheelchair_gym.task.task import Observation, Task
+from wheelchair_gym.types import Episode
 
 Info = dict[str, Any]
 
@@ -147,6 +149,8 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         # Of rows that no seed is given for.
         self._seeds = secrets.randbits(48) + np.arange(n, dtype=np.int64)
         self._counts = np.zeros(n, np.int64)  # episodes begun of the present seeds
+        self._levels, self._next_levels = (np.full(n, NO_LEVEL, np.int64) for _ in range(2))
+        self._max_times = np.full(n, math.nan)  # s, of `set_starts`; NaN: as the settings say
         self._episodes: dict[str, NDArray[Any]] = {}  # which ones rows drive, by key of infos
         self._spec: EnvSpec | None = None
         self._bind()
@@ -220,14 +224,15 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
             seed: row i takes up the sequence of seed + i; a list names the seed of each row. A row
                 without a seed (None) begins the next episode of its sequence, and at first a
                 sequence of its own that is drawn at random.
-            options: {"reset_mask": (n,) bool} leaves the other rows as they are.
+            options: {"reset_mask": (n,) bool} leaves the other rows as they are; {"episodes":
+                [...]} names the world of each row, as `set_next` does.
 
         Raises:
             InputError: a seed is no integer or out of bounds, the seeds or the mask are not as
                 many as the rows, or another option is given.
         """
         n = self.num_envs
-        mask = check_options(options, "reset_mask")
+        mask, worlds = check_options(options, "reset_mask", "episodes")
         if mask is not None and (np.shape(mask) != (n,) or np.asarray(mask).dtype != np.bool_):
             raise InputError(f"options: reset_mask is {mask!r}; expected ({n},) bool")
         seeds = self._seeds_of_rows(seed)
@@ -241,6 +246,8 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
                 self._seeds[i], self._counts[i] = given, 0
             if given is not None or self._next[i] is None:
                 self._draw(i)
+        if worlds is not None:
+            self.set_next(np.flatnonzero(chosen), worlds)
         results = self._results.take()
         if self._last is not None:  # the rows that go on keep what they saw
             results.block[:], results.out[:] = self._last.block, self._last.out
@@ -251,6 +258,54 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         if self._drawings:
             self._follow(chosen)
         return results.observation(), self._infos(results)
+
+    def set_next(
+        self, rows: Sequence[int] | NDArray[Any], worlds: Sequence[int | Episode | None]
+    ) -> None:
+        """Choose the worlds of the episodes that rows begin next, such as by their scores.
+
+        Args:
+            rows: their numbers (k,).
+            worlds: (k,), of each the number of a world of the bank, an `Episode`, or None for the
+                one that is drawn. Row, seed and number of the episode go on to draw all else.
+
+        Raises:
+            InputError: rows or worlds are unknown, not as many, or there is no bank.
+        """
+        rows = self._check_rows(rows)
+        if len(worlds) != len(rows):
+            raise InputError(f"{len(worlds)} worlds were given for {len(rows)} rows")
+        for row, world in zip(rows, worlds, strict=True):
+            if isinstance(world, Integral):
+                if self.settings.bank.size == 0 or world < 0:
+                    raise InputError(f"world {world}: expected a bank, and a number from 0")
+            elif not isinstance(world, Episode | None):
+                raise InputError(f"world {shorten(world)}: expected a number, an Episode or None")
+            self._draw(row, world)
+
+    def set_starts(self, rows: Sequence[int] | NDArray[Any], max_times: Any) -> None:
+        """Choose, by row, how far from the goal episodes begin, from the next one drawn on.
+
+        Args:
+            rows: their numbers (k,).
+            max_times: (k,) or one number: largest plan time from the start to the goal [s]; 0: the
+                scene's start.
+
+        Raises:
+            InputError: a row is unknown, a time is below 0, or there is no guidance 'poses'.
+        """
+        times = np.asarray(max_times, np.float64)
+        if not (times >= 0.0).all() or not self.task.has_poses:
+            raise InputError(
+                f"starts within {max_times} s: expected at least 0, and guidance 'poses'"
+            )
+        self._max_times[self._check_rows(rows)] = times
+
+    def _check_rows(self, rows: Any) -> list[int]:
+        found = [int(row) for row in rows]
+        if found and not 0 <= min(found) <= max(found) < self.num_envs:
+            raise InputError(f"rows {shorten(found)}: expected 0 to {self.num_envs - 1}")
+        return found
 
     def _seeds_of_rows(self, seed: Any) -> list[int | None]:
         """Return the seed that is given for each row, or None."""
@@ -436,11 +491,16 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         started = [self._pool.submit(work, each) for each in others if self._pool]
         return work(first) + sum(each.result() for each in started)
 
-    def _draw(self, i: int) -> None:
-        """Draw row i's next episode, its key, and shapes for its walls."""
+    def _draw(self, i: int, world: int | Episode | None = None) -> None:
+        """Draw row i's next episode, its key, and shapes for its walls; in a world, if given."""
         seed, count = int(self._seeds[i]), int(self._counts[i])
-        self._keys[i] = key = episode_key(seed, count, self.split)
-        prepared = self._next[i] = self.worlds.episode(seed, count, key)
+        self._keys[i] = episode_key(seed, count, self.split)
+        if isinstance(world, Episode):
+            level, prepared = NO_LEVEL, self.task.prepare(world)
+        else:
+            level = self.worlds.draw(seed, count) if world is None else int(world)
+            prepared = self.worlds.episode(seed, count, level, float(self._max_times[i]))
+        self._next_levels[i], self._next[i] = level, prepared
         self._make_ready(i, prepared)
 
     def _make_ready(self, i: int, prepared: PreparedEpisode) -> None:
@@ -462,9 +522,10 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
             self.chairs.episodes[i] = None if prepared is None else prepared.episode
             self._next[i] = None
         self._counts[rows] += 1
+        self._levels[rows] = self._next_levels[rows]
         self._next_prepared["is_filled"][rows] = False
         split = np.full(self.num_envs, self.split)
-        episodes = self._seeds.copy(), self._counts - 1, split
+        episodes = self._seeds.copy(), self._counts - 1, split, self._levels.copy()
         self._episodes = dict(zip(EPISODE_KEYS, episodes, strict=True))
         for i in rows.tolist():
             self._draw(i)

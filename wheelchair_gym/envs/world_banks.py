@@ -25,6 +25,7 @@ from wheelchair_gym.scenes.poses import check_passable, check_start
 from wheelchair_gym.task.prepared_episode import PreparedEpisode
 from wheelchair_gym.task.task import Task
 
+NO_LEVEL = -1  # number of an episode's world that is of no bank
 _BANK = 0x62616E6B  # apart from the worlds of single seeds
 _MIN_TIME = 1.0  # s: minimum plan time from the start to the goal, where starts are drawn
 _SLACK = 1 / 32  # share of a bank that is kept beyond its size, for rows that fall behind
@@ -57,22 +58,36 @@ class WorldBank:
     def __len__(self) -> int:
         return len(self._made)
 
-    def episode(self, seed: int, episode: int, key: int | None = None) -> PreparedEpisode:
-        """The prepared episode of a seed and a number, at its start; its key, where it is known."""
-        key = episode_key(seed, episode, self._split) if key is None else key
-        prepared = self._prepared(seed, episode, key)
-        if self.max_time > 0.0 and prepared.cost_to_go is not None:
-            start = prepared.cost_to_go.sample(key, _MIN_TIME, self.max_time)
+    def draw(self, seed: int, episode: int) -> int:
+        """Number of the bank's world that an episode is in; NO_LEVEL without a bank."""
+        if self._bank.size == 0:
+            return NO_LEVEL
+        key = np.uint64(episode_key(seed, episode, self._split))
+        return self._begin(episode) + int(bits(key, 0, WORLDS, 0)) % self._bank.size
+
+    def episode(
+        self, seed: int, episode: int, level: int | None = None, max_time: float = math.nan
+    ) -> PreparedEpisode:
+        """The prepared episode of a seed and a number, at its start.
+
+        Args:
+            seed: of the sequence.
+            episode: its number.
+            level: number of the bank's world; None: the one that is drawn.
+            max_time: largest plan time from the start to the goal [s]; NaN: the attribute.
+        """
+        level = self.draw(seed, episode) if level is None else level
+        if level == NO_LEVEL:
+            prepared = self._make((seed, episode))
+        else:
+            kept = self._made.pop(level, None)
+            self._made[level] = prepared = kept or self._of_bank(level)
+        within = self.max_time if math.isnan(max_time) else max_time
+        if within > 0.0 and prepared.cost_to_go is not None:
+            key = episode_key(seed, episode, self._split)
+            start = prepared.cost_to_go.sample(key, _MIN_TIME, within)
             if start is not None:
                 return prepared.starting_at(start)
-        return prepared
-
-    def _prepared(self, seed: int, episode: int, key: int) -> PreparedEpisode:
-        if self._bank.size == 0:
-            return self._make((seed, episode))
-        draw = int(bits(np.uint64(key), 0, WORLDS, 0))  # a world of its window
-        number = self._begin(episode) + draw % self._bank.size
-        self._made[number] = prepared = self._made.pop(number, None) or self._of_bank(number)
         return prepared
 
     def missing(self) -> list[int]:
