@@ -202,8 +202,8 @@ def _copy(source: Array, first: int, target: Array, at: int, n: int) -> None:
 
 
 @borrowing_kernel
-def _copy_snapshot(world: Any, which: int, saves: bool) -> None:
-    """Copy the shapes of actors to the snapshot of a ranger, or back."""
+def copy_actor_shapes(world: Any, which: int, saves: bool) -> None:
+    """Save what a ranger sees of the actors at the instant when it fires, or restore it."""
     walls = doubles_at(world.walls, 4 * world.n_walls)
     discs = doubles_at(world.discs, 3 * world.n_discs)
     wall, disc = 4 * world.n_fixed_walls, 3 * world.n_fixed_discs
@@ -434,16 +434,3 @@ def write_actor_shapes(world: Any) -> None:
             walls[at + i, 0], walls[at + i, 1] = px, py
             walls[at + i, 2], walls[at + i, 3] = qx, qy
             px, py = qx, qy
-
-
-@borrowing_kernel
-def save_actor_shapes(world: Any, which: int) -> None:
-    """Keep what a ranger sees of the actors at the instant when it fires."""
-    write_actor_shapes(world)
-    _copy_snapshot(world, which, True)
-
-
-@borrowing_kernel
-def restore_actor_shapes(world: Any, which: int) -> None:
-    """Show the actors as a ranger saw them when it fired."""
-    _copy_snapshot(world, which, False)
