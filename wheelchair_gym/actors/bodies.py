@@ -41,10 +41,9 @@ from wheelchair_gym.engine import (
     W,
     X,
     Y,
-    add_shape,
     body_view,
+    change_space,
     place_body,
-    remove_shape,
     set_box,
     set_circle,
     set_friction,
@@ -165,12 +164,12 @@ def remove_actors(engine: Any, world: Any, dt: float) -> None:
     actor_states = _actor_states_at(world.actor_states, world.n_bodies)
     for k in range(world.n_bodies):
         if actor_states[k].in_space:
-            remove_shape(engine.remove, world.space, actor_states[k].shape)
+            change_space(engine.remove, world.space, actor_states[k].shape)
     # What contacts have left in a body lasts for one step.
     step_space(engine.step, world.space, dt)
     for k in range(world.n_bodies):
         if actor_states[k].in_space:
-            remove_shape(engine.remove_body, world.space, actor_states[k].body)
+            change_space(engine.remove_body, world.space, actor_states[k].body)
             actor_states[k].in_space = False
     world.n_bodies = 0
 
@@ -180,17 +179,17 @@ def put_into_space(engine: Any, world: Any, k: int) -> None:
     """Put actor k into the Space, as it is; the order of Munk2D goes by its number."""
     state = actors_of(world)[1][k]
     turn_body(engine, state.body)  # its shape would remember where the Space last saw it
-    add_shape(engine.add_body, world.space, state.body)
+    change_space(engine.add_body, world.space, state.body)
     set_shape_counter(world.space, 1 + world.n_fixed_walls + world.n_fixed_discs + k)
-    add_shape(engine.add, world.space, state.shape)
+    change_space(engine.add, world.space, state.shape)
     state.in_space = True
 
 
 @borrowing_kernel
 def take_out_of_space(engine: Any, world: Any, state: Any) -> None:
     """Take an actor out of the Space."""
-    remove_shape(engine.remove, world.space, state.shape)
-    remove_shape(engine.remove_body, world.space, state.body)
+    change_space(engine.remove, world.space, state.shape)
+    change_space(engine.remove_body, world.space, state.body)
     state.in_space = False
 
 

@@ -60,19 +60,16 @@ class WorldBank:
     def episode(self, seed: int, episode: int, key: int | None = None) -> PreparedEpisode:
         """The prepared episode of a seed and a number, at its start; its key, where it is known."""
         key = episode_key(seed, episode, self._split) if key is None else key
-        prepared = self._prepared(seed, episode, key)
+        if self._bank.size > 0:
+            draw = int(bits(np.uint64(key), 0, WORLDS, 0))  # a world of its window
+            number = self._begin(episode) + draw % self._bank.size
+            self._made[number] = prepared = self._made.pop(number, None) or self._of_bank(number)
+        else:
+            prepared = self._make((seed, episode))
         if self.max_time > 0.0 and prepared.cost_to_go is not None:
             start = prepared.cost_to_go.sample(key, _MIN_TIME, self.max_time)
             if start is not None:
                 return prepared.starting_at(start)
-        return prepared
-
-    def _prepared(self, seed: int, episode: int, key: int) -> PreparedEpisode:
-        if self._bank.size == 0:
-            return self._make((seed, episode))
-        draw = int(bits(np.uint64(key), 0, WORLDS, 0))  # a world of its window
-        number = self._begin(episode) + draw % self._bank.size
-        self._made[number] = prepared = self._made.pop(number, None) or self._of_bank(number)
         return prepared
 
     def missing(self) -> list[int]:
