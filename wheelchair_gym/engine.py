@@ -216,15 +216,9 @@ def step_space(step: np.uint64, space: np.uint64, dt: float) -> None:
 
 
 @borrowing_kernel
-def add_shape(add: np.uint64, space: np.uint64, shape: np.uint64) -> None:
-    """Add a shape or a body: what `Space.add` of pymunk does, whose function it takes."""
-    _call_pair(add, space, shape)
-
-
-@borrowing_kernel
-def remove_shape(remove: np.uint64, space: np.uint64, shape: np.uint64) -> None:
-    """Remove a shape or a body: what `Space.remove` of pymunk does, whose function it takes."""
-    _call_pair(remove, space, shape)
+def change_space(function: np.uint64, space: np.uint64, thing: np.uint64) -> None:
+    """Add or remove a shape or a body, by the function that pymunk's Space calls for it."""
+    _call_pair(function, space, thing)
 
 
 @borrowing_kernel
@@ -360,15 +354,15 @@ def _pushed_by_address(
     set_mass(other, 3.0, 0.5)
     set_box(box, -0.1, 0.1, 0.15)
     set_friction(box, 0.25, 0)
-    add_shape(engine.add_body, space, other)
-    add_shape(engine.add, space, box)
+    change_space(engine.add_body, space, other)
+    change_space(engine.add, space, box)
     place_body(engine, space, other, 0.72, -0.1, 0.1)
     set_segment(wall, 1.0, -5.0, 1.0, 5.0)
     set_circle(disc, 0.8, 0.45, 0.2)
     for shape in (wall, disc):
-        add_shape(engine.add, space, shape)
-        remove_shape(engine.remove, space, shape)
-        add_shape(engine.add, space, shape)
+        change_space(engine.add, space, shape)
+        change_space(engine.remove, space, shape)
+        change_space(engine.add, space, shape)
     place_body(engine, space, body, 0.1, -0.05, 0.2)
     for k in range(n):
         fields[FX] = 40.0

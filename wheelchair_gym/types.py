@@ -85,18 +85,11 @@ def check_reading(reading: Reading, beams: int) -> None:
     Raises:
         ValueError: the first array that has, and its shape.
     """
-    pose, twist, laser, ultrasonic, age, *_ = reading
-    if not (
-        laser.shape == (beams,)
-        and pose.shape == (3,)
-        and twist.shape == (2,)
-        and ultrasonic.shape == age.shape == (RANGERS,)
-    ):
-        shapes = {"pose": (3,), "twist": (2,), "laser": (beams,)}
-        for name, shape in (shapes | dict.fromkeys(("ultrasonic", "age"), (RANGERS,))).items():
-            found = getattr(reading, name).shape
-            if found != shape:
-                raise ValueError(f"the reading's {name} has shape {found}; expected {shape}")
+    lengths = {"pose": 3, "twist": 2, "laser": beams, "ultrasonic": RANGERS, "age": RANGERS}
+    for name, length in lengths.items():
+        found = getattr(reading, name).shape
+        if found != (length,):
+            raise ValueError(f"the reading's {name} has shape {found}; expected {(length,)}")
 
 
 class Belief(NamedTuple):

@@ -139,10 +139,8 @@ def make_entrants(specs: Sequence[Any], peers: Sequence[str]) -> list[Entrant]:
         values = {"name": spec} if isinstance(spec, str) else dict(spec)
         label = str(values.pop("label", values.get("name")))
         planner = make_planner(values)
-        calls, timed = (
-            called_planners(planner),
-            "deadline" in inspect.signature(planner.plan).parameters,
-        )
+        calls = called_planners(planner)
+        timed = "deadline" in inspect.signature(planner.plan).parameters
         found.append(
             Entrant(label, planner, with_iterations(planner, UNLIMITED), timed=timed, calls=calls)
         )

@@ -129,9 +129,7 @@ def driver_rates(
     """
     plain = replace(bench_settings(beams, bank), bank=BankSettings(bank, 0.0))
     shielded = replace(plain, shield=ShieldSettings())
-    every = {
-        "plain": plain, "shield": shielded, "driver": replace(shielded, driver=driver)
-    }  # fmt: skip
+    every = {"plain": plain, "shield": shielded, "driver": replace(shielded, driver=driver)}
     if assistant is not None:
         every["assistant"] = replace(every["driver"], assistant=assistant)
     envs = {

@@ -349,16 +349,10 @@ class PlannerBenchmark:
         for case in self.cases:
             for seed in seeds:
                 for entrant in self.entrants:
-                    parts = (
-                        source,
-                        cpu,
-                        entrant.name,
-                        entrant.package,
-                        settings_dump(entrant.config),
-                    )
+                    of = entrant.name, entrant.package, settings_dump(entrant.config)
                     cold = [COLD] if seed == seeds[0] else []
                     for budget in [*cold, FREE, *(self.deadlines if entrant.timed else ())]:
-                        key = run_key(*parts, case.digest, seed, budget)
+                        key = run_key(source, cpu, *of, case.digest, seed, budget)
                         self.jobs[key] = entrant, case, seed, budget
         self._settings = {
             "problems": str(problems) if problems else f"scenes, seed {SEED}, margin {MARGIN} m",

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 from agents import is_interrupt
 from agents.cli.arguments import changed, env_of, report, scene_of, spec
 from agents.cli.options import parse_int
-from wheelchair_gym.base.settings import InputError, read_json
+from wheelchair_gym.base.settings import InputError, dump, read_json
 
 # What needs torch is imported late: export does not.
 
@@ -35,7 +35,7 @@ def run(given: argparse.Namespace) -> int:
     from agents.learning.curves import write_sweep
     from agents.learning.demonstrations import load_imitation
     from agents.learning.networks import SB3_CONTRIB, algorithm_class
-    from agents.learning.settings import as_json, read_training, recipe
+    from agents.learning.settings import read_training, recipe
 
     try:
         seeds = [parse_int(text) for text in given.seeds]
@@ -45,7 +45,7 @@ def run(given: argparse.Namespace) -> int:
     if given.config is not None:
         content = read_json(given.config)
     else:
-        content = {} if imitates else as_json(recipe(algorithm))
+        content = {} if imitates else dump(recipe(algorithm))
     if not isinstance(content, dict):
         raise InputError(f"{given.config}: expected an object with keys")
     if algorithm in SB3_CONTRIB:  # fails before anything is compiled or written

@@ -221,23 +221,17 @@ def progress(total: int, enabled: bool, unit: str = "scan") -> Any:
     return tqdm(total=total, unit=unit, disable=not enabled or not sys.stderr.isatty())
 
 
-def _residuals(log: SensorLog, laser: LaserSettings, grid: OccupancyGrid, trail: Array) -> Array:
-    solid = np.argwhere(grid.cells == OCCUPIED)
+def _log_map(
+    name: str, log: SensorLog, laser: LaserSettings, grid: OccupancyGrid, trail: Array, spent: float
+) -> LogMap:
+    solid, residuals = np.argwhere(grid.cells == OCCUPIED), np.empty(0)
     ends = [
         to_world(read_scan(laser, log.ranges[k]).echoes, trail[k])
         for k in range(len(log.stamps))
         if held_out(k)
     ]
-    if not len(solid) or not ends:
-        return np.empty(0)
-    away: Array = cKDTree(grid.to_world(solid)).query(np.concatenate(ends))[0]
-    return away
-
-
-def _log_map(
-    name: str, log: SensorLog, laser: LaserSettings, grid: OccupancyGrid, trail: Array, spent: float
-) -> LogMap:
-    residuals = _residuals(log, laser, grid, trail)
+    if len(solid) and ends:
+        residuals = cKDTree(grid.to_world(solid)).query(np.concatenate(ends))[0]
     return LogMap(name, grid, trail, residuals, float(log.stamps[-1]) / spent)
 
 

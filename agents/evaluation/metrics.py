@@ -141,11 +141,11 @@ TIMING = (
 )  # fmt: skip
 
 
-def jerk_rms(speeds: Array, period: float) -> float:
-    """Root mean square of the second difference of speeds (n,) [m/s] over time [m/s3]."""
-    if len(speeds) < 3:
+def derivative_rms(speeds: Array, period: float, order: int) -> float:
+    """Root mean square of an acceleration (order 1) [m/s2] or jerk (2) [m/s3] of speeds (n,)."""
+    if len(speeds) <= order:
         return 0.0
-    return float(np.sqrt(np.mean((np.diff(speeds, 2) / period**2) ** 2)))
+    return float(np.sqrt(np.mean((np.diff(speeds, order) / period**order) ** 2)))
 
 
 def rough_share(twists: Array, period: float) -> float:
@@ -167,11 +167,6 @@ def barn_score(success: bool, seconds: float, way: float, speed: float) -> float
     """
     best = way / speed
     return best / min(max(seconds, 2.0 * best), 8.0 * best) if success and best > 0.0 else 0.0
-
-
-def accel_rms(speeds: Array, period: float) -> float:
-    """Root mean square of the difference of speeds (n,) [m/s] over time [m/s2]."""
-    return float(np.sqrt(np.mean((np.diff(speeds) / period) ** 2))) if len(speeds) > 1 else 0.0
 
 
 def halts(twists: Array, period: float) -> int:
@@ -283,8 +278,8 @@ def measure(trace: Trace, info: Mapping[str, Any], truncated: bool) -> Record:
         "replans": trace.replans,
         "clearance_min": min(trace.clearances),
         "clearance_mean": float(np.mean(trace.clearances)),
-        "accel_rms": accel_rms(twists[:, 0], trace.period),
-        "jerk_rms": jerk_rms(twists[:, 0], trace.period),
+        "accel_rms": derivative_rms(twists[:, 0], trace.period, 1),
+        "jerk_rms": derivative_rms(twists[:, 0], trace.period, 2),
         "rough_share": rough_share(twists, trace.period),
         "energy_per_m": float(info["energy"]) / length if length > 0.1 else None,  # Wh/m
         "plan_ms": 1e3 * trace.plan_s,
@@ -349,8 +344,7 @@ def summarise(records: Sequence[Record]) -> list[Record]:
 
 def turning(path: ArrayLike) -> float:
     """Mean absolute angle [rad] between successive legs of a path (n, 2); 0 for a single leg."""
-    points = _apart(path)
-    return path_cost.mean_turning(points)
+    return path_cost.mean_turning(_apart(path))
 
 
 def printed_turning(path: ArrayLike) -> float:

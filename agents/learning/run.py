@@ -28,10 +28,10 @@ from agents.learning import checkpoint, curves, networks
 from agents.learning.curves import Row
 from agents.learning.features import Layout
 from agents.learning.sb3 import SB3VecEnv, flatten_observations
-from agents.learning.settings import ON_POLICY, Evaluation, Training, as_json
+from agents.learning.settings import ON_POLICY, Evaluation, Training
 from agents.learning.weights import Network, Weights, find_weights, load_weights, make_card
 from agents.learning.weights import save_weights as save
-from wheelchair_gym.base.settings import InputError
+from wheelchair_gym.base.settings import InputError, dump
 from wheelchair_gym.envs import EnvSettings, NavigationVectorEnv
 from wheelchair_gym.envs.settings import BankSettings
 from wheelchair_gym.envs.world_banks import WorldBank
@@ -118,9 +118,7 @@ class Run:
         name = config.kickstarting.teacher
         teacher = None if name is None else load_weights(find_weights(name))
         self._teacher_digest = None if teacher is None else teacher.digest
-        self._fingerprint = json.dumps(
-            [as_json(config), seed, self._teacher_digest], sort_keys=True
-        )
+        self._fingerprint = json.dumps([dump(config), seed, self._teacher_digest], sort_keys=True)
         content = checkpoint.load_checkpoint(folder)
         differ = [] if content is None else _differences(content["identity"], self._fingerprint)
         if differ:
@@ -130,7 +128,7 @@ class Run:
             )
         initial = load_weights(find_weights(config.warm_start)) if config.warm_start else None
         folder.mkdir(parents=True, exist_ok=True)
-        write_json(folder / "settings.json", as_json(config))
+        write_json(folder / "settings.json", dump(config))
         torch.set_num_threads(config.threads)
         self._env_settings = config.env_settings()
         env = NavigationVectorEnv(
@@ -250,9 +248,7 @@ class Run:
         figures = evaluate_network(
             self._eval_env, Network(weights), config.seed, self._on_evaluated
         )
-        weights.card["evaluation"] = {
-            **figures, "episodes": config.episodes, "seed": config.seed
-        }  # fmt: skip
+        weights.card["evaluation"] = figures | {"episodes": config.episodes, "seed": config.seed}
         if figures["success"] >= self.best_success:
             self.best_success = figures["success"]
             save(self.folder / BEST, weights)

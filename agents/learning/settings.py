@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 from agents import read_data
 from wheelchair_gym.base.errors import shorten
-from wheelchair_gym.base.settings import InputError, dump, load, setting, settings
+from wheelchair_gym.base.settings import InputError, load, setting, settings
 from wheelchair_gym.envs.settings import EnvSettings, read_env_settings
 
 _CONTENT: dict[str, Any] = read_data("recipes.yaml")
@@ -219,12 +219,6 @@ def read_training(content: Mapping[str, Any], where: str, algorithm: Algorithm) 
     if named != algorithm:
         raise InputError(f"{where}.algorithm is {shorten(named)}; the command says {algorithm}")
     return load(Training, {"algorithm": algorithm, **content}, where, recipe(algorithm))
-
-
-def as_json(config: Training) -> dict[str, Any]:
-    """A run's settings as JSON."""
-    values: dict[str, Any] = dump(config)
-    return values
 
 
 @settings

@@ -72,13 +72,16 @@ class Goals:
         mission = self._mission
         self._take_scan(now)
         asked = np.array([now.asked])
-        every = self._costs(np.vstack([asked, np.zeros((1, 2)), twists[:, :2]]))
+        rows = np.vstack([asked, np.zeros((1, 2)), twists[:, :2]])
+        ends = np.empty((len(rows), 2))
+        _ends(rows, HORIZON, AHEAD, ends)
+        every = distances(ends, self._targets) / mission.limits.forward  # (n + 2, k) s
         over = np.minimum(every[0] - every.min(axis=0), 10.0)
         belief = self.belief * np.exp(-RATE * mission.period * over)
         share = min(1.0, FORGET * mission.period)
         belief = (1.0 - share) * belief / belief.sum() + share / len(belief)
         self.belief = belief / belief.sum()
-        return every[2:]
+        return np.asarray(every[2:])
 
     def _take_scan(self, now: AssistInput) -> None:
         """Find goals anew; each inherits the belief in the one of before that it is."""
@@ -92,12 +95,6 @@ class Goals:
             belief = np.where(same, self.belief[nearest], self.belief.mean())
         self._targets, self.belief = found, belief / belief.sum()
         self._pose = now.reading.pose.copy()
-
-    def _costs(self, twists: Array) -> Array:
-        """Return the seconds (n, k) from the ends of twists (n, 2) to each goal."""
-        ends = np.empty((len(twists), 2))
-        _ends(twists, HORIZON, AHEAD, ends)
-        return np.asarray(distances(ends, self._targets) / self._mission.limits.forward)
 
 
 @settings

@@ -17,7 +17,6 @@ from agents.evaluation.assisted import ACTIVE, StickTrace, angles_between
 from agents.policies import GymPolicy, make_policy
 from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.base.settings import InputError
-from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.recording.replay import RecordedEpisode, replay_env
 
 
@@ -46,7 +45,12 @@ def open_loop(recorded: RecordedEpisode, assist: Any) -> dict[str, Any]:
             "replay --assist: the recorded actions are residuals of the environment's assistant; "
             "expected a drive of the policy assisted"
         )
-    env = _replay(recorded)
+    if not recorded.has_person:
+        raise InputError(
+            "--assist: expected a recording in which a person drives, by simulate --driver, "
+            "compare --driver, drive or studio"
+        )
+    env = replay_env(recorded)
     observation, _ = env.reset(seed=0, options={"episode": recorded.episode})
     policy = GymPolicy(make_policy({"name": "assisted", "assist": assist}), env)
     policy.reset()
@@ -89,17 +93,3 @@ def _differences(answers: list[tuple[Array, Array]], period: float) -> dict[str,
         "difference_angle": float(angles.mean()) if len(angles) else None,
         "longest": None if longest is None else longest.tolist(),
     }
-
-
-def _replay(recorded: RecordedEpisode) -> NavigationEnv:
-    """See `replay_env`.
-
-    Raises:
-        InputError: no person drove.
-    """
-    if not recorded.has_person:
-        raise InputError(
-            "--assist: expected a recording in which a person drives, by simulate --driver, "
-            "compare --driver, drive or studio"
-        )
-    return replay_env(recorded)

@@ -142,7 +142,10 @@ class TimedAssistant:
         if self._thread is None:
             self._thread = threading.Thread(target=self._work, name="assistant", daemon=True)
             self._thread.start()
-        self._try(lambda: self.policy.reset(mission))
+        try:
+            self.policy.reset(mission)
+        except Exception as error:  # whatever it is, the person learns of it and drives by hand
+            self._fail(error)
 
     def act(self, reading: Reading) -> Command:
         """See `Policy.act`; rest while the assistant has no answer."""
@@ -167,12 +170,6 @@ class TimedAssistant:
     def close(self) -> None:
         """End its thread, once it has answered."""
         self._questions.put(None)
-
-    def _try(self, call: Callable[[], object]) -> None:
-        try:
-            call()
-        except Exception as error:  # whatever it is, the person learns of it and drives by hand
-            self._fail(error)
 
     def _fail(self, error: Exception) -> Command:
         self.error = error

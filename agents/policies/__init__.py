@@ -19,14 +19,11 @@ from wheelchair_gym.types import Command, Mission, Reading
 
 # Settings of planners for driving: shortest paths shall keep away from walls; turning in place and
 # reversing, where no sensor looks, are slow.
+_SLOW = {"pivot_speed_ratio": 0.25, "reverse_factor": 4.0, "limits": {"backward": 0.1}}
 DRIVING: dict[str, dict[str, Any]] = {
     "a_star": {"obstacle_weight": 4.0, "desired_clearance": 0.7},
-    "lattice": {"pivot_speed_ratio": 0.25, "reverse_factor": 4.0, "limits": {"backward": 0.1}},
-    "se2_rrt_star_woa": {
-        "pivot_speed_ratio": 0.25,
-        "reverse_factor": 4.0,
-        "limits": {"backward": 0.1},
-    },
+    "lattice": _SLOW,
+    "se2_rrt_star_woa": _SLOW,
 }
 
 # Settings class of every family of policies; each has `make() -> Policy`.
@@ -165,15 +162,13 @@ def spec_of(policy: str | Mapping[str, Any] | Any) -> str | Mapping[str, Any] | 
     """
     if isinstance(policy, str | Mapping):
         return policy
-    settings_of(policy)
-    for name in POLICIES.built_in:
-        if type(policy) is (family := POLICIES[name]):
-            plain, config = dump(family()), dump(policy)
-            changed = {key: value for key, value in config.items() if value != plain[key]}
-            if name == "planned":
-                named = (config[part].get("name", "") for part in ("planner", "follower"))
-                changed["label"] = "+".join(named)
-            return {"name": name, **changed} if changed else name
+    if name := kind_of(policy):
+        plain, config = dump(POLICIES[name]()), dump(policy)
+        changed = {key: value for key, value in config.items() if value != plain[key]}
+        if name == "planned":
+            named = (config[part].get("name", "") for part in ("planner", "follower"))
+            changed["label"] = "+".join(named)
+        return {"name": name, **changed} if changed else name
     if not is_dataclass(policy):
         raise InputError(
             f"policy is {policy!r}; expected a dataclass: episodes are stored by its values"

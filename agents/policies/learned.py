@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-import json
 import math
 from collections.abc import Mapping
 from functools import cache
@@ -18,9 +17,8 @@ from agents.learning.weights import SHIPPED_ASSISTANTS, find_weights
 from agents.policies import file_of
 from agents.policies.trained import Trained, read_network
 from wheelchair_gym.base.files import modified, read_bytes
-from wheelchair_gym.base.settings import InputError, setting, settings
+from wheelchair_gym.base.settings import InputError, dump, setting, settings
 from wheelchair_gym.envs.guidance import make_guidance
-from wheelchair_gym.envs.settings import EnvSettings
 from wheelchair_gym.task.prepared_episode import PreparedEpisode
 from wheelchair_gym.task.task import Task
 from wheelchair_gym.types import Command, Episode, Mission, Reading, Shown
@@ -128,7 +126,8 @@ class LearnedDriver(Trained):
         spec = env.guidance
         if self.layout.path_has_heading:
             slack = SLACK if mission.map is None else None
-            spec = {"call": "poses", "ways": _ways(env), "max_detour": slack}
+            ways = dump(spec.get("ways", {})) if isinstance(spec, Mapping) else {}
+            spec = {"call": "poses", "ways": ways, "max_detour": slack}
         guidance = make_guidance(spec) if shown else None
         self.observe_by(Task(task, mission.chair, mission.sensors, period, guidance))
         self._updated = 0.0
@@ -170,9 +169,3 @@ class LearnedDriver(Trained):
         elif stayed > self._patience:
             return Command(np.array([-BACK, 0.0]), self._command.shown)
         return self._command
-
-
-def _ways(env: EnvSettings) -> dict[str, Any]:
-    spec = env.guidance
-    ways = dict(spec.get("ways", {})) if isinstance(spec, Mapping) else {}
-    return json.loads(json.dumps(ways))  # type: ignore[no-any-return]

@@ -22,8 +22,8 @@ from wheelchair_gym.compiled.random import Stream, stream
 from wheelchair_gym.geometry.outline import Footprint
 from wheelchair_gym.geometry.planar import arc_lengths, path_length, to_world
 from wheelchair_gym.rendering import PlanPicture
+from wheelchair_gym.rendering.canvas import Image
 from wheelchair_gym.rendering.palette import BLUE, GREEN, ORANGE, PURPLE, VERMILION, Colour
-from wheelchair_gym.rendering.video import Image
 from wheelchair_gym.types import Mission
 
 # Words, colour, and a path (n, 2) or a point (1, 2) [m].

@@ -194,12 +194,10 @@ class Drive:
             goal = self._world.episode.goal
             near = math.hypot(goal[0] - pose[0], goal[1] - pose[1]) < NEAR_GOAL
             stick = self._hand.step(forward, left, float(pose[2]), near)
-        moved = max(abs(forward), abs(left)) > _TOUCHED or self._scans(stick)
+        scans = self._scan_period > 0.0 and any(stick[:2])
+        moved = max(abs(forward), abs(left)) > _TOUCHED or scans
         if self.steps or moved:
             self._advance(stick if self.steps else _NOTHING)  # an episode begins at rest
-
-    def _scans(self, stick: Stick) -> bool:
-        return self._scan_period > 0.0 and (stick.forward != 0.0 or stick.left != 0.0)
 
     def _advance(self, stick: Stick) -> None:
         world, task = self._world, self._world.task

@@ -41,10 +41,9 @@ from wheelchair_gym.engine import (
     W,
     X,
     Y,
-    add_shape,
     body_view,
+    change_space,
     place_body,
-    remove_shape,
     set_box,
     set_circle,
     set_friction,
@@ -165,12 +164,12 @@ def remove_actors(engine: Any, world: Any, dt: float) -> None:
     actor_states = _actor_states_at(world.actor_states, world.n_bodies)
     for k in range(world.n_bodies):
         if actor_states[k].in_space:
-            remove_shape(engine.remove, world.space, actor_states[k].shape)
+            change_space(engine.remove, world.space, actor_states[k].shape)
     # What contacts have left in a body lasts for one step.
     step_space(engine.step, world.space, dt)
     for k in range(world.n_bodies):
         if actor_states[k].in_space:
-            remove_shape(engine.remove_body, world.space, actor_states[k].body)
+            change_space(engine.remove_body, world.space, actor_states[k].body)
             actor_states[k].in_space = False
     world.n_bodies = 0
 
@@ -180,17 +179,17 @@ def put_into_space(engine: Any, world: Any, k: int) -> None:
     """Put actor k into the Space, as it is; the order of Munk2D goes by its number."""
     state = actors_of(world)[1][k]
     turn_body(engine, state.body)  # its shape would remember where the Space last saw it
-    add_shape(engine.add_body, world.space, state.body)
+    change_space(engine.add_body, world.space, state.body)
     set_shape_counter(world.space, 1 + world.n_fixed_walls + world.n_fixed_discs + k)
-    add_shape(engine.add, world.space, state.shape)
+    change_space(engine.add, world.space, state.shape)
     state.in_space = True
 
 
 @borrowing_kernel
 def take_out_of_space(engine: Any, world: Any, state: Any) -> None:
     """Take an actor out of the Space."""
-    remove_shape(engine.remove, world.space, state.shape)
-    remove_shape(engine.remove_body, world.space, state.body)
+    change_space(engine.remove, world.space, state.shape)
+    change_space(engine.remove_body, world.space, state.body)
     state.in_space = False
 
 
@@ -202,8 +201,8 @@ def _copy(source: Array, first: int, target: Array, at: int, n: int) -> None:
 
 
 @borrowing_kernel
-def _copy_snapshot(world: Any, which: int, saves: bool) -> None:
-    """Copy the shapes of actors to the snapshot of a ranger, or back."""
+def copy_actor_shapes(world: Any, which: int, saves: bool) -> None:
+    """Save what a ranger sees of the actors at the instant when it fires, or restore it."""
     walls = doubles_at(world.walls, 4 * world.n_walls)
     discs = doubles_at(world.discs, 3 * world.n_discs)
     wall, disc = 4 * world.n_fixed_walls, 3 * world.n_fixed_discs
@@ -434,16 +433,3 @@ def write_actor_shapes(world: Any) -> None:
             walls[at + i, 0], walls[at + i, 1] = px, py
             walls[at + i, 2], walls[at + i, 3] = qx, qy
             px, py = qx, qy
-
-
-@borrowing_kernel
-def save_actor_shapes(world: Any, which: int) -> None:
-    """Keep what a ranger sees of the actors at the instant when it fires."""
-    write_actor_shapes(world)
-    _copy_snapshot(world, which, True)
-
-
-@borrowing_kernel
-def restore_actor_shapes(world: Any, which: int) -> None:
-    """Show the actors as a ranger saw them when it fired."""
-    _copy_snapshot(world, which, False)

@@ -33,7 +33,6 @@ from wheelchair_gym.envs.world_banks import NO_LEVEL, WorldBank
 from wheelchair_gym.geometry.kinematics import numbers_of
 from wheelchair_gym.geometry.planar import to_world
 from wheelchair_gym.people.drivers import make_drivers
-from wheelchair_gym.people.drivers.settings import Driver
 from wheelchair_gym.people.drivers.step import Drivers
 from wheelchair_gym.perception.localized_chair import LocalizedChair, unwrapped
 from wheelchair_gym.safety.settings import ShieldSettings
@@ -165,7 +164,11 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         self.settings = s = env_settings(config, also=also, scene=scene, **settings)
         self._take_chair(chair, settings.get("shield") is not False)
         s = self.settings
-        people = self._people(person)
+        people = make_drivers(s.driver)
+        if people and not self._simulated:
+            raise InputError("driver: a simulated person needs the simulated chair")
+        if people and person is not None:
+            raise InputError("driver and person: expected one of them")
         self.drivers = Drivers(people, s.chair, s.sensors, 1.0 / s.rate)
         has_person = bool(people) or person is not None
         self.assistants = make_assistants(s, 1, has_person)
@@ -223,15 +226,6 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
         self._reward = make_reward(s.reward)
         if self._reward is not None and not self._simulated:
             raise InputError("reward: a function of one's own needs the simulated chair")
-
-    def _people(self, person: Callable[[], Stick] | None) -> tuple[Driver, ...]:
-        """The simulated people who drive, if no living person does."""
-        people = make_drivers(self.settings.driver)
-        if people and not self._simulated:
-            raise InputError("driver: a simulated person needs the simulated chair")
-        if people and person is not None:
-            raise InputError("driver and person: expected one of them")
-        return people
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

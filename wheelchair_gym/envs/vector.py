@@ -378,16 +378,14 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         verdicts, rows = results.columns.verdicts, results.columns.begun
         rewards: Array = verdicts["reward"].copy()
         terminated, truncated = verdicts["terminated"].copy(), verdicts["truncated"].copy()
-        if self._write_rewards is not None:
-            self._replace_rewards(rewards, results, chosen, ~rows)
+        self._replace_rewards(rewards, results, chosen, ~rows)
         self._last = results
         more: Info = {}
         if begun and same_step:
             self._spare, ends = None, finals.columns.verdicts[rows]
             rewards[rows] = ends["reward"]
             terminated[rows], truncated[rows] = ends["terminated"], ends["truncated"]
-            if self._write_rewards is not None:
-                self._replace_rewards(rewards, finals, chosen, rows)
+            self._replace_rewards(rewards, finals, chosen, rows)
             more = {"final_obs": finals.observation(), "final_info": self._infos(finals)}
             more |= {"_final_obs": rows, "_final_info": rows}
         if begun:
@@ -467,8 +465,9 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
     def _replace_rewards(
         self, rewards: Array, results: Results, actions: Array, rows: Mask
     ) -> None:
-        """Write rewards (n,) by the function of the settings, of the rows that made a step."""
-        assert self._write_rewards is not None
+        """Write rewards (n,) by the function of the settings, if any, of rows that made a step."""
+        if self._write_rewards is None:
+            return
         found = np.zeros_like(rewards)
         self._write_rewards(results.columns.verdicts, results.columns.sensed, actions, found)
         if not np.isfinite(found[rows]).all():

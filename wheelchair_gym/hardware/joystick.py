@@ -51,9 +51,7 @@ class JoystickSettings:
     """Speed and turn at full deflection, as a fraction of the chair's limits."""
 
     def __post_init__(self) -> None:
-        buttons = {
-            self.dead_man_button, self.assist_button, self.release_button, self.rearm_button
-        }  # fmt: skip
+        buttons = {self.dead_man_button, self.assist_button, self.release_button, self.rearm_button}
         if len(buttons) < 4 or self.forward_axis == self.turn_axis:
             raise InputError("JoystickSettings: the four buttons and the two axes must differ")
 

@@ -334,10 +334,9 @@ class CostToGo:
 
     def time_to_goal(self, poses: ArrayLike) -> Array:
         """Time to go [s] from poses (..., 3); NaN where no path is known."""
-        every = np.asarray(poses, np.float64)
-        found = [
-            time_to_go(self.packed_states, self.cell, *self._local(p)) for p in every.reshape(-1, 3)
-        ]
+        every, states = np.asarray(poses, np.float64), self.packed_states
+        rows = map(self._local, every.reshape(-1, 3))
+        found = [nearest_state(states, self.cell, *row)[3] for row in rows]
         return np.array(found).reshape(every.shape[:-1])
 
     def sample(self, key: int, minimum: float, maximum: float) -> Array | None:
@@ -380,7 +379,7 @@ def _pose_of(states: States, cell: float, r: int, c: int, k: int) -> tuple[float
 def nearest_state(
     states: States, cell: float, x: float, y: float, yaw: float
 ) -> tuple[int, int, int, float]:
-    """The best lattice state near a pose: row, column, heading, and time to the goal [s].
+    """The best state near a pose in the lattice's frame: row, column, heading, time to go [s].
 
     Reaching the state costs the time of driving to it, so that the result is smooth in the pose.
     NaN where no state near the pose is known.
@@ -409,12 +408,6 @@ def nearest_state(
         if best < math.inf:
             return at_r, at_c, at_k, best
     return 0, 0, 0, math.nan
-
-
-@borrowing_kernel
-def time_to_go(states: States, cell: float, x: float, y: float, yaw: float) -> float:
-    """Seconds to the goal from a pose in the lattice's frame; NaN where no path is known."""
-    return nearest_state(states, cell, x, y, yaw)[3]
 
 
 @borrowing_kernel

@@ -402,16 +402,12 @@ class OccupancyMap:
         mark = self.next_marks(1)
         add_scan(self.layers, 0, self.workspace, mark, points, scan.hits, place, self.model)
 
-    def copy_layers(self, parents: ArrayLike) -> None:
-        """Make each layer a copy of the one named for it (layers,)."""
-        chosen = np.asarray(parents, dtype=np.int64)
-        if np.array_equal(chosen[chosen], chosen):  # no copy's source is overwritten
-            (x0, y0), (x1, y1) = self._used
-            for layer in np.flatnonzero(chosen != np.arange(len(chosen))):
-                for part in map(_raw, self.layers):
-                    part[layer, y0:y1, x0:x1] = part[chosen[layer], y0:y1, x0:x1]
-        else:
-            self._replace(Layers._make(part[chosen] for part in self.layers))
+    def copy_layers(self, parents: NDArray[np.int64]) -> None:
+        """Make each layer a copy of the one named for it (layers,), which names itself."""
+        (x0, y0), (x1, y1) = self._used
+        for layer in np.flatnonzero(parents != np.arange(len(parents))):
+            for part in map(_raw, self.layers):
+                part[layer, y0:y1, x0:x1] = part[parents[layer], y0:y1, x0:x1]
 
     def to_grid(self, layer: int = 0) -> OccupancyGrid:
         """The map of a layer: free, occupied or unknown by two thresholds.

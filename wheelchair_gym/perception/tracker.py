@@ -459,19 +459,15 @@ class Tracks:
         c, s = math.cos(to_yaw - yaw), math.sin(to_yaw - yaw)
         turn = np.array([(c, s), (-s, c)])
         rows = [("place_var", "covariance"), ("covariance", "speed_var")]
+        same = ("id", "radius", "kind", "confirmed", "hidden", "travelled")
         return cls(
-            id=t["id"],
             place=np.stack([t["x"] - x, t["y"] - y], axis=-1) @ turn + (to_x, to_y),
             velocity=np.stack([t["vx"], t["vy"]], axis=-1) @ turn,
             covariance=np.stack([np.stack([t[a], t[b]], -1) for a, b in rows], axis=-2),
-            radius=t["radius"],
-            kind=t["kind"],
-            confirmed=t["confirmed"],
-            hidden=t["hidden"],
             age=stamp - t["born"],
             unseen=stamp - t["seen"],
             still=stamp - t["moved"],
-            travelled=t["travelled"],
+            **{name: t[name] for name in same},
         )
 
 

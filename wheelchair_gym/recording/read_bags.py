@@ -191,23 +191,20 @@ def bag_messages(path: str | Path, wanted: Callable[[str, str], bool]) -> list[R
     Raises:
         InputError: a file is missing, damaged, compressed as a whole or beyond a limit.
     """
+    path = Path(path)
+    files = [path]
+    if path.is_dir():
+        files = [one for one in path.iterdir() if one.suffix in (".mcap", ".db3")]
+    if not files:
+        raise InputError(
+            f"{path}: expected a ROS 2 bag; it holds neither .mcap nor .db3 (`ros2 bag convert` "
+            "unpacks a compressed bag)"
+        )
     found: list[Recorded] = []
-    for file in _files(Path(path)):
+    for file in sorted(files):
         found += (_rows if file.suffix == ".db3" else mcap_messages)(file, wanted)
     found.sort(key=lambda message: message.time)
     return found
-
-
-def _files(path: Path) -> list[Path]:
-    """The files of a bag; messages are put into order by their times."""
-    if not path.is_dir():
-        return [path]
-    if found := [one for one in sorted(path.iterdir()) if one.suffix in (".mcap", ".db3")]:
-        return found
-    raise InputError(
-        f"{path}: expected a ROS 2 bag; it holds neither .mcap nor .db3 (`ros2 bag convert` "
-        "unpacks a compressed bag)"
-    )
 
 
 def _rows(file: Path, wanted: Callable[[str, str], bool]) -> list[Recorded]:

@@ -53,11 +53,9 @@ class McapFile:
                 raise IsADirectoryError(0, "it is no regular file")
             for k in itertools.count():
                 self.path = first.with_stem(f"{first.stem}-{k}") if k else first
-                try:
+                with contextlib.suppress(FileExistsError):
                     self._file = self.path.open("xb+", buffering=0)
                     break
-                except FileExistsError:
-                    continue
         except OSError as error:
             raise write_error(first, error) from None
         if self.path != first:

@@ -15,6 +15,17 @@ from wheelchair_gym.rendering.palette import Colour
 
 # Words, and what draws their mark between two points (2, 2).
 Entry = tuple[str, Callable[[Canvas, Array], None]]
+# Words and colour of each kind of thing that moves, and of the rim that tells whom a person avoids.
+THINGS = {
+    records.DOOR: ("door", palette.LEAF),
+    records.OBSTACLE: ("new obstacle", palette.SUDDEN),
+    records.FURNITURE: ("furniture that moves", palette.LIGHT),
+}
+RIMS = {
+    records.EVERYBODY: ("person", palette.INK),
+    records.PEOPLE: ("inattentive person", palette.BLIND),
+    records.NOBODY: ("person who avoids nothing", palette.VERMILION),
+}
 _SWATCH = 2.2  # length of a line, in heights of the letters
 _GAP, _SPACE = 1.4, 0.5  # between two entries, and two words, likewise
 
@@ -49,18 +60,8 @@ def scene_entries(actors: Actors) -> list[Entry]:
     ]
     kinds = set(actors.rows["kind"].tolist())
     avoids = set(actors.rows["avoids"][actors.rows["kind"] == records.PERSON].tolist())
-    rims = {
-        records.EVERYBODY: ("person", palette.INK),
-        records.PEOPLE: ("inattentive person", palette.BLIND),
-        records.NOBODY: ("person who avoids nothing", palette.VERMILION),
-    }
-    entries += [disc(rims[k][0], palette.PERSON, rims[k][1]) for k in sorted(avoids, reverse=True)]
-    others = {
-        records.DOOR: ("door", palette.LEAF),
-        records.OBSTACLE: ("new obstacle", palette.SUDDEN),
-        records.FURNITURE: ("furniture that moves", palette.LIGHT),
-    }
-    return entries + [line(*others[kind], 6.0) for kind in sorted(kinds & set(others))]
+    entries += [disc(RIMS[k][0], palette.PERSON, RIMS[k][1]) for k in sorted(avoids, reverse=True)]
+    return entries + [line(*THINGS[kind], 6.0) for kind in sorted(kinds & set(THINGS))]
 
 
 MAP_ENTRIES: list[Entry] = [

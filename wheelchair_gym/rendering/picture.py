@@ -19,7 +19,7 @@ from wheelchair_gym.geometry.planar import polygon_edges, to_world, wrap_angle
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.rendering import floor, palette
 from wheelchair_gym.rendering.canvas import Canvas, Image
-from wheelchair_gym.rendering.legend import Entry, disc, line, with_legend
+from wheelchair_gym.rendering.legend import RIMS, THINGS, Entry, disc, line, with_legend
 from wheelchair_gym.sensors.settings import SensorSettings, UltrasonicSettings
 from wheelchair_gym.types import Episode, Reading, no_discs, no_walls
 
@@ -50,16 +50,6 @@ def draw_map(maps: Sequence[tuple[str, OccupancyGrid, ArrayLike]]) -> Image:
     return np.hstack(panels)
 
 
-FILLS = {
-    PERSON: palette.PERSON,
-    records.DOOR: palette.LEAF,
-    records.OBSTACLE: palette.SUDDEN,
-    records.FURNITURE: palette.LIGHT,
-}
-# Rims tell whether a person avoids the chair.
-RIMS = {records.EVERYBODY: palette.INK, records.NOBODY: palette.VERMILION}
-
-
 def draw_actors(canvas: Canvas, actors: Actors, poses: Array) -> None:
     """Draw actors at their true shapes.
 
@@ -71,10 +61,11 @@ def draw_actors(canvas: Canvas, actors: Actors, poses: Array) -> None:
     for row, (x, y, yaw) in zip(actors.rows, poses, strict=True):
         if not math.isfinite(x):
             continue
-        kind, colour = int(row["kind"]), FILLS[int(row["kind"])]
+        kind = int(row["kind"])
+        colour = palette.PERSON if kind == PERSON else THINGS[kind][1]
         outline = actor_outline(row, x, y, yaw)
         if len(outline) == 1:
-            rim = RIMS.get(int(row["avoids"]), palette.BLIND) if kind == PERSON else palette.INK
+            rim = RIMS[int(row["avoids"])][1] if kind == PERSON else palette.INK
             canvas.disc(outline[0], float(row["size"][0]), colour)
             canvas.ring(outline[0], float(row["size"][0]), rim, 2.0)
         else:

@@ -15,13 +15,11 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image as Pillow
 
 from wheelchair_gym.base.files import atomic_write
 from wheelchair_gym.base.settings import InputError
-
-Image = NDArray[np.uint8]
+from wheelchair_gym.rendering.canvas import Image
 
 _NO_PYGAME = 'render_mode "human" needs pygame-ce: pip install "wheelchair_gym[view]"'
 _DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER")
@@ -160,7 +158,7 @@ class Window:
         pygame.display.set_caption(title)
         self._clock = pygame.time.Clock()
 
-    def show(self, image: NDArray[np.uint8]) -> bool:
+    def show(self, image: Image) -> bool:
         """Show a picture (h, w, 3) RGB as large as the window allows; false once it is closed."""
         if not self.is_open:
             return False

@@ -14,7 +14,7 @@ from wheelchair_gym.base.settings import InputError, Range, setting, settings
 from wheelchair_gym.geometry.outline import Footprint
 from wheelchair_gym.geometry.planar import arc_lengths
 from wheelchair_gym.maps import OCCUPIED, OccupancyGrid, geodesic
-from wheelchair_gym.scenes.arena import draw_pose, make_arena
+from wheelchair_gym.scenes.arena import Arena, draw_pose, make_arena
 from wheelchair_gym.scenes.floor_plan import InBuilding
 from wheelchair_gym.scenes.layout import FloorLayout
 from wheelchair_gym.scenes.passages import PASSAGES, Passage, PassageName
@@ -37,6 +37,7 @@ _START_FREE, _GOAL_FREE = 1.5, 1.1  # m about start and goal; the chair is 1.0 m
 _PIECES = (((0.45, 0.45), 5.0), ((0.20, 0.0), 3.0), ((0.60, 0.40), 9.0), ((0.25, 0.0), 8.0))
 # chair, stool, serving trolley, waste bin: size [m], mass [kg]
 
+Hall = tuple[Arena, Array, Array]  # with its start and its goal (3,)
 Place = Literal["any", "building", "hall", PassageName]
 _OPENS_AT = 2.0  # m of somebody from a leaf: EN 16005, sensors of powered doors
 _SLIDING_SHARE = 0.5  # of leaves, where the wall has room; the others swing
@@ -136,8 +137,6 @@ def sample_furniture(
 
 
 _CROWD_TRIES = 200  # halls drawn before the settings are called impossible
-_CORRIDOR_LENGTH = 14.0, 18.0  # m: least and greatest, from end to end
-_LIFT_DOOR_WIDTH = 0.9, 1.1  # m: least and greatest, of a door that stands open
 _COLUMNS = 0.02  # 1/m2 of a hall
 
 
@@ -167,58 +166,51 @@ class Crowd(InBuilding):
     ) -> tuple[FloorLayout | None, Episode]:
         """Draw a place, with its rooms, corridors and doors if it has any, and what moves in it."""
         layout: FloorLayout | None = None
-        passage: Passage | None = None
-        if self.place in PASSAGES:
-            passage = self._draw_passage(rng, footprint)
-            episode = passage.arena.episode(passage.start, passage.goal, "crowd")
-        elif self.place == "building" or (self.place == "any" and rng.random() < 0.5):
+        ground: Passage | Hall | None = None
+        if self.place == "building" or (self.place == "any" and rng.random() < 0.5):
             layout, episode = self.building.sample_building(rng, footprint)
         else:
-            episode = self._draw_hall(rng, footprint)
+            ground = self._draw_ground(rng, footprint)
+            episode = ground[0].episode(ground[1], ground[2], "crowd")
         taken: list[Array] = []
         start, grid = episode.start, episode.map
         pieces = sample_furniture(rng, grid, self.furniture_density, (start, episode.goal), taken)
         leaves = [] if layout is None else sample_doors(rng, grid, layout, self.leaf_share)
         leaves = leaves_that_let_pass(leaves, episode, passing_radius(footprint))
-        if passage is not None:
-            people = sample_passage_people(rng, passage, self.people, taken)
+        if isinstance(ground, Passage):
+            people = sample_passage_people(rng, ground, self.people, taken)
         else:
             people = sample_people(rng, grid, start, self.people, taken, leaves)
         actors = combine([*pieces, *leaves, *people])
         return layout, dataclasses.replace(episode, actors=actors, name=self.name)
 
-    def _draw_passage(self, rng: np.random.Generator, footprint: Footprint) -> Passage:
-        """A passage in which the footprint gets from start to goal."""
+    def _draw_ground(self, rng: np.random.Generator, footprint: Footprint) -> Passage | Hall:
+        """Draw a passage or a hall in which the footprint gets from start to goal."""
+        is_passage = self.place in PASSAGES
+        minimum = 0.0 if is_passage else 0.6 * self.hall_size[0]  # m: length of the path
         for _ in range(_CROWD_TRIES):
-            passage = PASSAGES[self.place](
-                rng, footprint, self.corridor_width, _CORRIDOR_LENGTH, _LIFT_DOOR_WIDTH
-            )
-            arena, start, goal = passage[:3]
+            if is_passage:
+                ground: Passage | Hall = PASSAGES[self.place](rng, footprint, self.corridor_width)
+            else:
+                ground = self._draw_hall(rng)
+            arena, start, goal = ground[0], ground[1], ground[2]
             if all(arena.is_free(pose, footprint, CLEARANCE) for pose in (start, goal)):
                 paths = geodesic(arena.map, goal[:2], passing_radius(footprint))
-                if np.isfinite(paths.at(start[:2])):
-                    return passage
+                if minimum <= float(paths.at(start[:2])) < np.inf:
+                    return ground
         raise InputError(
             f"Crowd: {_CROWD_TRIES} draws had no start and goal for {footprint} in {self}"
         )
 
-    def _draw_hall(self, rng: np.random.Generator, footprint: Footprint) -> Episode:
-        """An open hall with a few columns; start and goal far apart."""
-        for _ in range(_CROWD_TRIES):
-            width, height = rng.uniform(*self.hall_size, 2)
-            count = round(_COLUMNS * width * height)
-            low, high = (1.0, 1.0, 0.15), (width - 1.0, height - 1.0, 0.30)  # m: x, y, radius
-            draws = [rng.uniform(a, b, count) for a, b in zip(low, high, strict=True)]
-            discs = np.column_stack(draws)
-            arena = make_arena((0.0, 0.0, width, height), discs=discs)
-            start, goal = (np.array(draw_pose(rng, 0.8, width, height)) for _ in range(2))
-            if all(arena.is_free(pose, footprint, CLEARANCE) for pose in (start, goal)):
-                paths = geodesic(arena.map, goal[:2], passing_radius(footprint))
-                if 0.6 * self.hall_size[0] <= float(paths.at(start[:2])) < np.inf:
-                    return arena.episode(start, goal, "crowd")
-        raise InputError(
-            f"Crowd: {_CROWD_TRIES} halls had no start and goal for {footprint} in {self}"
-        )
+    def _draw_hall(self, rng: np.random.Generator) -> Hall:
+        """Draw an open hall with a few columns, a start and a goal."""
+        width, height = rng.uniform(*self.hall_size, 2)
+        count = round(_COLUMNS * width * height)
+        low, high = (1.0, 1.0, 0.15), (width - 1.0, height - 1.0, 0.30)  # m: x, y, radius
+        draws = [rng.uniform(a, b, count) for a, b in zip(low, high, strict=True)]
+        arena = make_arena((0.0, 0.0, width, height), discs=np.column_stack(draws))
+        start, goal = (np.array(draw_pose(rng, 0.8, width, height)) for _ in range(2))
+        return arena, start, goal
 
 
 @settings

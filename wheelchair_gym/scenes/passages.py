@@ -20,6 +20,8 @@ from wheelchair_gym.scenes.raster import CELL
 
 Range = tuple[float, float]
 
+_LENGTH = 14.0, 18.0  # m, min and max: length of a corridor, from end to end
+_DOOR = 0.9, 1.1  # m, min and max: width of a lift's door, which stands open
 _END = 2.5  # m from the ends of a corridor to the chair's start and goal
 _TURN_AT = 0.6  # m from the ends of a corridor, where people turn back
 _GAP = RADIUS + 0.10  # m from walls to people's routes
@@ -50,11 +52,9 @@ def _draw_lane(rng: np.random.Generator, length: float, width: float) -> tuple[A
     return np.array([rng.uniform(_TURN_AT, length - _TURN_AT), y]), ends[:: rng.choice((-1, 1))]
 
 
-def draw_corridor(
-    rng: np.random.Generator, footprint: Footprint, widths: Range, lengths: Range, doors: Range
-) -> Passage:
+def draw_corridor(rng: np.random.Generator, footprint: Footprint, widths: Range) -> Passage:
     """Draw a straight corridor that people walk up and down, each on a lane of their own."""
-    length, width = _on_raster(rng, lengths), _on_raster(rng, widths)
+    length, width = _on_raster(rng, _LENGTH), _on_raster(rng, widths)
     beside = footprint.half_width + 0.25  # m
     ends = rng.uniform(beside, width - beside, 2) if width > 2.0 * beside else [0.5 * width] * 2
     start, goal = poses_along((_END, ends[0]), (length - _END, ends[1]))
@@ -63,13 +63,9 @@ def draw_corridor(
     return Passage(arena, start, goal, lambda r: _draw_lane(r, length, width), length * width)
 
 
-def draw_crossing(
-    rng: np.random.Generator, footprint: Footprint, widths: Range, lengths: Range, doors: Range
-) -> Passage:
+def draw_crossing(rng: np.random.Generator, footprint: Footprint, widths: Range) -> Passage:
     """Two corridors that cross in their middles; the chair comes from one arm and takes another."""
-    size, along, across = (
-        _on_raster(rng, lengths), _on_raster(rng, widths), _on_raster(rng, widths)
-    )  # fmt: skip
+    size, along, across = (_on_raster(rng, each) for each in (_LENGTH, widths, widths))
     x, y = (CELL * round(0.5 * (size - width) / CELL) for width in (across, along))
     blocks = [
         (left, low, right, high)
@@ -96,14 +92,12 @@ def draw_crossing(
     return Passage(arena, start, goal, draw_walk, size * (along + across) - along * across)
 
 
-def draw_lift(
-    rng: np.random.Generator, footprint: Footprint, widths: Range, lengths: Range, doors: Range
-) -> Passage:
+def draw_lift(rng: np.random.Generator, footprint: Footprint, widths: Range) -> Passage:
     """Draw a landing with an open lift in its side: people come out, and the chair is to go in.
 
     A person who has come out walks off to one side, and from then on up and down there.
     """
-    length, width, door = (_on_raster(rng, each) for each in (lengths, widths, doors))
+    length, width, door = (_on_raster(rng, each) for each in (_LENGTH, widths, _DOOR))
     cabin, depth = (_on_raster(rng, each) for each in _CABIN)
     left = CELL * round((rng.uniform(0.4, 0.6) * length - 0.5 * door) / CELL)
     middle, low = left + 0.5 * door, width + WALL

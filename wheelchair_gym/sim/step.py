@@ -12,9 +12,8 @@ import numpy as np
 
 from wheelchair_gym.actors.bodies import (
     apply_forces,
+    copy_actor_shapes,
     relocate_obstacles,
-    restore_actor_shapes,
-    save_actor_shapes,
     shapes_of,
     write_actor_shapes,
 )
@@ -175,7 +174,8 @@ def drive_period(
                 state.fire_pose[which, i] = state.pose[i]
             state.firings += 1
             if world.n_actors > 0:
-                save_actor_shapes(world, which)
+                write_actor_shapes(world)
+                copy_actor_shapes(world, which, True)
     read_true_state(state, p, fields)
     state.step += 1
 
@@ -282,7 +282,7 @@ def sense(
         fired = state.fired[which]
         if fired > fired_after:
             if fired > 0 and world.n_actors > 0:
-                restore_actor_shapes(world, which)
+                copy_actor_shapes(world, which, False)
             place = state.fire_pose[which]
             state.ranges[which] = sense_ultrasonic(
                 ranger_of(suite, which), p.ranger_sigma[which], place, walls, discs, state.key,

@@ -45,14 +45,13 @@ from wheelchair_gym.engine import (
     W,
     X,
     Y,
-    add_shape,
     address_of_struct,
     body_view,
+    change_space,
     free_shapes,
     keep_until_exit,
     new_shape,
     place_body,
-    remove_shape,
     set_circle,
     set_mass,
     set_segment,
@@ -240,12 +239,10 @@ def enter_episode(world: Any, ground: Any) -> None:
 def _empty(engine: Any, world: Any, dt: float) -> None:
     """Take all but the chair out of a Space."""
     remove_actors(engine, world, dt)
-    for table, n in (
-        (world.segments, world.walls_in_space), (world.circles, world.discs_in_space)
-    ):  # fmt: skip
+    for table, n in ((world.segments, world.walls_in_space), (world.circles, world.discs_in_space)):
         shapes = integers_at(table, n)
         for k in range(n):
-            remove_shape(engine.remove, world.space, np.uint64(shapes[k]))
+            change_space(engine.remove, world.space, np.uint64(shapes[k]))
     world.walls_in_space = world.discs_in_space = 0
 
 
@@ -279,7 +276,7 @@ def _furnish_with(
             shapes[kept], held[kept] = shape, number
             kept += 1
         else:
-            remove_shape(engine.remove, world.space, np.uint64(shape))
+            change_space(engine.remove, world.space, np.uint64(shape))
     stayed, is_wall = kept, things.shape[1] == 4
     for k in range(things.shape[0]):
         if near[k] >= reach or k in held[:stayed]:
@@ -293,7 +290,7 @@ def _furnish_with(
         else:
             set_circle(shape, things[k, 0], things[k, 1], things[k, 2])
         set_shape_counter(world.space, first + k)
-        add_shape(engine.add, world.space, shape)
+        change_space(engine.add, world.space, shape)
         held[kept] = k
         kept += 1
     return kept
@@ -420,7 +417,6 @@ class World:
         self.space.add(self.body, outline)
         self._surface = pymunk.Circle(self.space.static_body, 1.0)  # of walls; in no Space
         self._surface.friction, self._surface.filter = WALL_FRICTION, FIXED
-        self._walls = self._discs = 0  # number of each that there is room for
         self._actor_shapes: list[pymunk.Shape] = []
         self._bodies: list[pymunk.Body] = []  # of actors
         self._pointers, self._row = pointers, row
@@ -450,12 +446,9 @@ class World:
         What the present episode uses stays as it is.
         """
         walls, discs = len(episode.walls), len(episode.discs)
-        if walls > self._walls:
-            self._walls = self._reserve("segments", walls)
-            self._reserve("walls_held", walls)
-        if discs > self._discs:
-            self._discs = self._reserve("circles", discs)
-            self._reserve("discs_held", discs)
+        for count, *names in (walls, "segments", "walls_held"), (discs, "circles", "discs_held"):
+            for name in names:
+                self._reserve(name, count)
         if len(episode.actors):
             self._reserve_actors(walls, discs, episode.actors)
 
@@ -505,15 +498,13 @@ class World:
         self._point("drives", new)
         self._rows["drives_capacity"] = capacity
 
-    def _reserve(self, name: str, count: int) -> int:
-        """Make an array of the world at least so long, and tell its length; what it holds stays."""
+    def _reserve(self, name: str, count: int) -> None:
+        """Make an array of the world at least so long; what it holds stays."""
         old = self._array(name)
-        if count <= len(old):
-            return len(old)
-        new = np.zeros(round(_GROWTH * count), old.dtype)
-        new[: len(old)] = old
-        self._point(name, new)
-        return len(new)
+        if count > len(old):
+            new = np.zeros(round(_GROWTH * count), old.dtype)
+            new[: len(old)] = old
+            self._point(name, new)
 
     def _array(self, name: str) -> NDArray[Any]:
         return self._pointers.array(name, self._row)

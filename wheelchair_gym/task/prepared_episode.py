@@ -25,7 +25,7 @@ from wheelchair_gym.compiled.address import (
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.geometry.planar import project, world_to_body
 from wheelchair_gym.maps import Geodesic
-from wheelchair_gym.maps.cost_to_go import CostToGo, time_to_go, to_local
+from wheelchair_gym.maps.cost_to_go import CostToGo, nearest_state, to_local
 from wheelchair_gym.maps.geodesic import interpolate
 from wheelchair_gym.sim.chairs import columns_of
 from wheelchair_gym.types import Episode
@@ -185,7 +185,7 @@ def seconds_to_go(prepared: Any, x: float, y: float, yaw: float) -> float:
         prepared.packed_states, prepared.state_rows, prepared.state_cols, prepared.n_headings
     )
     lx, ly, lyaw = to_local(prepared.state_origin, x, y, yaw)
-    return time_to_go(packed_states, prepared.state_cell, lx, ly, lyaw)
+    return nearest_state(packed_states, prepared.state_cell, lx, ly, lyaw)[3]
 
 
 @borrowing_kernel

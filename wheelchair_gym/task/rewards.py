@@ -76,16 +76,6 @@ def reward_table() -> str:
 
 
 @kernel
-def reached(
-    pose: Array, goal: Array, tolerance: float, heading: bool, heading_tolerance: float
-) -> bool:
-    """Whether a pose (3,) counts as being at a goal (3,)."""
-    if math.hypot(goal[0] - pose[0], goal[1] - pose[1]) > tolerance:
-        return False
-    return not heading or abs(wrap(goal[2] - pose[2])) <= heading_tolerance
-
-
-@kernel
 def reached_pose(pose: Array, speed: float, goal: Array, arrival: Array, margin: float) -> bool:
     """Whether a chair at a pose (3,) with a speed [m/s] has arrived at a goal (3,) that is a pose.
 
@@ -110,11 +100,13 @@ def has_arrived(rule: Any, prepared: Any, pose: Array, twist: Array, margin: flo
 
     `margin`: how much stricter than the tolerance [m], at most half of it.
     """
+    goal = prepared.goal
     if prepared.arrival[0] > 0.0:
-        return bool(reached_pose(pose, twist[0], prepared.goal, prepared.arrival, margin))
+        return bool(reached_pose(pose, twist[0], goal, prepared.arrival, margin))
     tolerance = max(prepared.tolerance - margin, 0.5 * prepared.tolerance)
-    near = reached(pose, prepared.goal, tolerance, rule.heading, rule.heading_tolerance)
-    return bool(near)
+    if math.hypot(goal[0] - pose[0], goal[1] - pose[1]) > tolerance:
+        return False
+    return bool(not rule.heading or abs(wrap(goal[2] - pose[2])) <= rule.heading_tolerance)
 
 
 @borrowing_kernel

@@ -86,15 +86,9 @@ class Task:
         self.path: Array | None = None  # (n, 2) m: of the guidance
         self.built_map: Callable[[], OccupancyGrid] | None = None
         self._reaches = np.array([m.reach for m in sensors.ultrasonic.models], np.float64)
-        self._pools = np.array(
-            [
-                (laser.beams, observed, laser.reach)
-                for laser, observed in zip(
-                    sensors.lasers, settings.observed_beams(sensors), strict=True
-                )
-            ],
-            observations.POOL,
-        )
+        scanners = zip(sensors.lasers, settings.observed_beams(sensors), strict=True)
+        pools = [(laser.beams, observed, laser.reach) for laser, observed in scanners]
+        self._pools = np.array(pools, observations.POOL)
         self.has_poses = bool(getattr(guidance, "poses", False))
         if settings.aim == "time" and not self.has_poses:
             raise InputError("task.aim is 'time'; it needs the guidance 'poses'")
@@ -324,9 +318,7 @@ class Task:
 
     def unpack(self, out: Floats) -> Observation:
         """Observations (n, numbers) or one (numbers,), written in one piece, by key."""
-        if out.ndim == 1:
-            return {key: out[place] for key, place in self._places.items()}
-        return {key: out[:, place] for key, place in self._places.items()}
+        return {key: out[..., place] for key, place in self._places.items()}
 
     def way_to_go(self, pose: Array) -> float:
         """Length of the geodesic from a pose to the goal [m]; straight if none is known."""

@@ -229,8 +229,7 @@ class RosSensors:
         s = self.settings
         if topic not in self._clocks:
             self._clocks[topic] = ClockSync(s.limits.clock_drift, s.clock_error or math.inf)
-        clock = self._clocks[topic]
-        return clock.host_time(stamp, came)
+        return self._clocks[topic].host_time(stamp, came)
 
     def _refuse(self, topic: str, why: str) -> None:
         self._wrong[topic] = why = " ".join(why.split())[:_LONGEST]

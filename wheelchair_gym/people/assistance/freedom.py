@@ -80,12 +80,6 @@ def margin_of(p: Any, a: Any, forward: float, left: float) -> float:
 
 
 @borrowing_kernel
-def enough_now(p: Any, a: Any, enough: float) -> float:
-    """A clearance that counts as full [m], lowered as far as the margin is."""
-    return float(enough * a.margin / p.freedom.margin if a.margin < p.freedom.margin else enough)
-
-
-@borrowing_kernel
 def within_freedom(twist: Twist, asked: Twist, turn: float, maximum: float) -> Twist:
     """A twist, clipped to what may be made of the stick's [m/s, rad/s].
 

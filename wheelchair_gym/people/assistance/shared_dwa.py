@@ -20,7 +20,7 @@ from wheelchair_gym.base.settings import setting, settings
 from wheelchair_gym.compiled.address import doubles_at, integers_at, on_stack
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.people.assistance.arcs import follow_arc
-from wheelchair_gym.people.assistance.freedom import Sharing, Twist, enough_now
+from wheelchair_gym.people.assistance.freedom import Sharing, Twist
 
 SPEEDS, TURNS = 9, 15  # of the fan
 STEP, STEPS = 0.1, 20  # s between two poses of an arc, and how many
@@ -63,7 +63,9 @@ def _sort(keys: Array, order: Any, n: int) -> None:
 def shared_dwa(p: Any, a: Any) -> Twist:
     """The twist of a row; see `wheelchair_gym.people.assistance.step`."""
     m, asked_v, asked_w, turn = p.method, a.asked[0], a.asked[1], a.turn
-    points, outline, enough = a.points[: a.n_points], p.outline[:], enough_now(p, a, m.enough)
+    points, outline, enough = a.points[: a.n_points], p.outline[:], m.enough
+    if a.margin < p.freedom.margin:
+        enough = m.enough * a.margin / p.freedom.margin
     # Differences from the stick, which both turns of a pair share; without speed, one row of them.
     offs, pairs = (TURNS + 1) // 2, 0
     size = SPEEDS * offs

@@ -1,4 +1,4 @@
-"""Records of compiled assistants, CONSTANTS and ASSISTANT, and the obstacles that they remember."""
+"""ASSISTANT, the record of a compiled assistant, and the obstacles that it remembers."""
 
 from __future__ import annotations
 
@@ -8,23 +8,12 @@ from typing import Any
 import numpy as np
 
 from wheelchair_gym.base.arrays import Array, Floats
-from wheelchair_gym.base.settings import copy_numbers, numbers_of
-from wheelchair_gym.compiled.address import (
-    Pointers,
-    Target,
-    on_stack,
-    pointer_record,
-    rows_of,
-    table_at,
-)
+from wheelchair_gym.compiled.address import on_stack, rows_of, table_at
 from wheelchair_gym.compiled.kernel import borrowing_kernel, inlined
 from wheelchair_gym.compiled.simd import bits_of_float
 from wheelchair_gym.geometry.kinematics import arc_step
 from wheelchair_gym.geometry.planar import world_to_body
-from wheelchair_gym.people.assistance.freedom import Freedom
 from wheelchair_gym.sensors.laser import shown_range
-from wheelchair_gym.sensors.settings import SensorSettings
-from wheelchair_gym.sim.settings import ChairSettings
 
 GROUPS = 128  # of beams: of each, the nearest is an obstacle
 SECTORS = 64  # around the outline's middle: of each, the nearest out of sight is remembered
@@ -46,47 +35,6 @@ ASSISTANT = np.dtype(
     ],
     align=True,
 )
-
-
-def constants_record(*methods: type) -> tuple[np.dtype[Any], dict[str, Target]]:
-    """The dtype of the constants of assistants with settings of these classes, and its targets."""
-    return pointer_record(
-        ("kind", "i8"),  # of the method
-        ("method", numbers_of(*methods)),  # zero: the method has no such number
-        ("freedom", numbers_of(Freedom)),
-        ("period", "f8"),  # s: of control
-        ("forward", "f8"),  # m/s
-        ("backward", "f8"),
-        ("turn", "f8"),  # rad/s
-        ("deceleration", "f8"),  # m/s2
-        ("outline", "f8", (3,)),  # `Footprint.array`
-        ("middle", "f8"),  # m: of the outline, ahead of the axle
-        ("mount", "f8", (4,)),  # m, m: of the first scanner; cosine and sine of its yaw
-        ("view_cosine", "f8"),  # cosine of half its field of view
-        ("beams", "i8"),
-        ("directions", Target("f8", None, 2)),  # of its beams in the chair's frame
-    )
-
-
-def constants_of(
-    record: tuple[np.dtype[Any], dict[str, Target]], kind: int, method: Any, freedom: Freedom,
-    chair: ChairSettings, sensors: SensorSettings, period: float,
-) -> Pointers:  # fmt: skip
-    """The constants (1,) of an assistant of a chair, with its control period [s]."""
-    dtype, targets = record
-    pointers = Pointers(np.zeros(1, dtype), targets, constant=True)
-    p: Any = pointers.record[0]
-    p["kind"], p["period"] = kind, period
-    copy_numbers(p["method"], method)
-    copy_numbers(p["freedom"], freedom)
-    for name in ("forward", "backward", "turn", "deceleration"):
-        p[name] = getattr(chair.limits, name)
-    outline, laser = chair.footprint, sensors.laser
-    p["outline"], p["middle"] = outline.array, 0.5 * (outline.front - outline.rear)
-    p["mount"] = laser.x, laser.y, np.cos(laser.yaw), np.sin(laser.yaw)
-    p["view_cosine"], p["beams"] = np.cos(0.5 * laser.fov), laser.beams
-    pointers.point("directions", laser.directions)
-    return pointers
 
 
 assistant_rows = rows_of(ASSISTANT)

@@ -12,6 +12,7 @@ from typing import Any, Final
 import numpy as np
 
 from wheelchair_gym.base.arrays import Array, Floats
+from wheelchair_gym.base.settings import copy_numbers, numbers_of
 from wheelchair_gym.compiled.address import Pointers, Target, pointer_record, prefetch, rows_of
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.geometry.kinematics import action_of_twist, twist_of_action
@@ -25,14 +26,8 @@ from wheelchair_gym.people.assistance.freedom import (
 )
 from wheelchair_gym.people.assistance.shared_dwa import SharedDwa, shared_dwa
 from wheelchair_gym.people.assistance.slide import Slide, slide
-from wheelchair_gym.people.assistance.state import (
-    ASSISTANT,
-    assistant_at,
-    constants_of,
-    constants_record,
-    look,
-)
-from wheelchair_gym.people.assistance.teleop import Direct, Shielded, Teleop, teleop
+from wheelchair_gym.people.assistance.state import ASSISTANT, assistant_at, look
+from wheelchair_gym.people.assistance.teleop import TIME, Direct, Shielded, Teleop, slowed
 from wheelchair_gym.people.assistance.vfh import Vfh, vfh
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.sim.settings import ChairSettings
@@ -42,8 +37,22 @@ STICK, TELEOP, VFH, SLIDE, SHARED_DWA = range(5)  # kinds of methods
 KINDS: Final = {
     Direct: STICK, Shielded: STICK, Teleop: TELEOP, Vfh: VFH, Slide: SLIDE, SharedDwa: SHARED_DWA,
 }  # fmt: skip
-_RECORD = constants_record(*KINDS)
-CONSTANTS = _RECORD[0]
+CONSTANTS, _TARGETS = pointer_record(
+    ("kind", "i8"),  # of the method
+    ("method", numbers_of(*KINDS)),  # zero: the method has no such number
+    ("freedom", numbers_of(Freedom)),
+    ("period", "f8"),  # s: of control
+    ("forward", "f8"),  # m/s
+    ("backward", "f8"),
+    ("turn", "f8"),  # rad/s
+    ("deceleration", "f8"),  # m/s2
+    ("outline", "f8", (3,)),  # `Footprint.array`
+    ("middle", "f8"),  # m: of the outline, ahead of the axle
+    ("mount", "f8", (4,)),  # m, m: of the first scanner; cosine and sine of its yaw
+    ("view_cosine", "f8"),  # cosine of half its field of view
+    ("beams", "i8"),
+    ("directions", Target("f8", None, 2)),  # of its beams in the chair's frame
+)
 
 # Assistants by address, as the rows of drivers.
 ASSISTANTS, ASSISTANTS_TARGETS = pointer_record(
@@ -111,7 +120,7 @@ def update_assistant(
         if p.kind == SLIDE:
             v, w = slide(p, a)
         elif p.kind == TELEOP:
-            v, w = teleop(p, a)
+            v, w = slowed(p, a, v, w, TIME)
         elif p.kind == VFH:
             v, w = vfh(p, a)
         else:
@@ -172,9 +181,26 @@ class Assistants:
         self._limits = chair.limits
         if method is not None:
             free = freedom if freedom is not None else freedom_of(method)
-            constants = constants_of(_RECORD, self._kind, method, free, chair, sensors, period)
-            self.pointers.point("constants", constants)
+            self.pointers.point("constants", self._constants(method, free, chair, sensors, period))
         self.pointers.point("assistants", self.states)
+
+    def _constants(
+        self, method: Any, freedom: Freedom, chair: ChairSettings, sensors: SensorSettings,
+        period: float,
+    ) -> Pointers:  # fmt: skip
+        pointers = Pointers(np.zeros(1, CONSTANTS), _TARGETS, constant=True)
+        p: Any = pointers.record[0]
+        p["kind"], p["period"] = self._kind, period
+        copy_numbers(p["method"], method)
+        copy_numbers(p["freedom"], freedom)
+        for name in ("forward", "backward", "turn", "deceleration"):
+            p[name] = getattr(chair.limits, name)
+        outline, laser = chair.footprint, sensors.laser
+        p["outline"], p["middle"] = outline.array, 0.5 * (outline.front - outline.rear)
+        p["mount"] = laser.x, laser.y, np.cos(laser.yaw), np.sin(laser.yaw)
+        p["view_cosine"], p["beams"] = np.cos(0.5 * laser.fov), laser.beams
+        pointers.point("directions", laser.directions)
+        return pointers
 
     def begin(self) -> None:
         """Reset the only row for a new episode."""

@@ -29,7 +29,7 @@ class Direct(Shielded):
     shielded = False
 
 
-_TIME, _STEP = 1.0, 0.1  # s that the twist is projected, and between its poses: nav2 AssistedTeleop
+TIME, _STEP = 1.0, 0.1  # s that the twist is projected, and between its poses: nav2 AssistedTeleop
 
 
 @settings
@@ -40,9 +40,8 @@ class Teleop:
 
 
 @borrowing_kernel
-def teleop(p: Any, a: Any) -> Twist:
-    """The twist of a row; see `wheelchair_gym.people.assistance.step`."""
-    v, w = a.asked[0], a.asked[1]
+def slowed(p: Any, a: Any, v: float, w: float, time: float) -> Twist:
+    """Scale a twist by the share of a time [s] for which a row's outline can follow it."""
     points = a.points[: a.n_points]
-    share = free_share(points, p.outline[:], v, w, _TIME, _STEP, a.margin)
+    share = free_share(points, p.outline[:], v, w, time, _STEP, a.margin)
     return share * v, share * w

@@ -13,11 +13,10 @@ from typing import Any
 from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.base.settings import settings
 from wheelchair_gym.compiled.kernel import borrowing_kernel
-from wheelchair_gym.people.assistance.arcs import free_share
 from wheelchair_gym.people.assistance.freedom import Sharing, Twist
+from wheelchair_gym.people.assistance.teleop import slowed
 
 DIRECTIONS = 72  # of the histogram
-STEP = 0.1  # s between two poses of the projection
 REACH = 1.5  # m within which obstacles count
 LOOK_AHEAD = 1.2  # s: time to a collision from which on it slows
 _WIDEN = 0.05  # m on each side of the chair's width
@@ -72,6 +71,4 @@ def vfh(p: Any, a: Any) -> Twist:
         wanted = math.atan2(w / p.turn, v / p.forward)
         change = _TURN_PER_ANGLE * (_direction(p, a, wanted) - wanted)
         w += min(a.turn, max(-a.turn, change))
-    points = a.points[: a.n_points]
-    share = free_share(points, p.outline[:], v, w, LOOK_AHEAD, STEP, a.margin)
-    return share * v, share * w
+    return slowed(p, a, v, w, LOOK_AHEAD)

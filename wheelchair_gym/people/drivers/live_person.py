@@ -14,24 +14,14 @@ from typing import Any, Final
 import numpy as np
 
 from wheelchair_gym.base.arrays import Array
-from wheelchair_gym.compiled.address import Pointers
 from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.compiled.random import DRIVERS as CHANNEL
 from wheelchair_gym.compiled.random import uniform
 from wheelchair_gym.people.drivers.intention import NOTICED
 from wheelchair_gym.people.drivers.interfaces import begin_signal, give_signal
 from wheelchair_gym.people.drivers.settings import Driver, Perception, Scanning
-from wheelchair_gym.people.drivers.state import (
-    DRIVER,
-    DRIVERS,
-    DRIVERS_TARGETS,
-    SCANNING,
-    SECTORS,
-    STICK,
-    constants_of,
-    driver_row,
-    signals_of,
-)
+from wheelchair_gym.people.drivers.state import SECTORS, STICK, driver_row, signals_of
+from wheelchair_gym.people.drivers.step import Drivers
 from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.sim.settings import ChairSettings
 from wheelchair_gym.types import Stick
@@ -77,15 +67,9 @@ class LiveInput:
     def __init__(
         self, driver: Driver, chair: ChairSettings, sensors: SensorSettings, period: float
     ) -> None:
-        self.driver = driver
-        self._signals = signals_of(driver)
-        self._constants = constants_of(driver, chair, sensors, period)
-        self._state: Any = np.zeros(1, DRIVER)
-        self._pointers = Pointers(np.zeros(1, DRIVERS), DRIVERS_TARGETS)
-        self._pointers.record["n"] = self._pointers.record["people"] = 1
-        self._pointers.point("constants", self._constants)
-        self._pointers.point("drivers", self._state)
-        self._pressed = False
+        self.driver, self._signals = driver, signals_of(driver)
+        self._row = Drivers([driver], chair, sensors, period)
+        self._state: Any = self._row.states
         self.begin(0)
 
     def begin(self, key: int) -> None:
@@ -116,15 +100,13 @@ class LiveInput:
             yaw: heading of the chair [rad], used by a brain-computer interface to turn.
             near_goal: the goal is within a metre, where some hands tremble more.
         """
-        if self._constants["kind"][0] == SCANNING:
+        if self.driver.interface.kind == "scanning":
             signal = self._scanned()
         else:
             meant = np.array([forward, left])
             signal = _nearest(self._signals, meant) if self.driver.interface.kind != "stick" else 0
-        x, y, latched = step_live(
-            self._pointers.record, signal, float(forward), float(left), float(yaw), bool(near_goal)
-        )
-        return Stick(x, y, latched)
+        pose, row = (float(yaw), bool(near_goal)), self._row.pointers.record
+        return Stick(*step_live(row, signal, float(forward), float(left), *pose))
 
     def _scanned(self) -> int:
         """The signal that a press stands for; without one, the scan or the drive goes on."""
