@@ -30,13 +30,7 @@ given = parser.parse_args()
 
 settings = HOME if given.scene == "home" else {"scene": "empty"}
 envs = NavigationVectorEnv(
-    32,
-    beams=32,
-    rate=5.0,
-    scaled=True,
-    bank=64,
-    autoreset_mode=AutoresetMode.SAME_STEP,
-    **settings,
+    32, beams=32, rate=5.0, scaled=True, bank=64, autoreset_mode=AutoresetMode.SAME_STEP, **settings
 )
 model = PPO(
     "MultiInputPolicy", SB3VecEnv(envs), n_steps=64, batch_size=256, n_epochs=4,

@@ -435,7 +435,7 @@ def test_worlds_and_starts_are_chosen_by_row():
     assert np.array_equal(env.chairs.episodes[0].walls, walls[0])
     own = make_scene("empty").sample(np.random.default_rng(0))
     env.set_next([0, 1], [3, own])
-    env.set_starts([2], 2.0)
+    env.set_next([2], starts_within=2.0)
     for _ in range(6):
         (_, _, _, _, info), (_, _, _, _, drawn) = (e.step(np.zeros((3, 2))) for e in (env, other))
     assert info["level"].tolist() == [3, -1, drawn["level"][2]]
@@ -449,7 +449,7 @@ def test_worlds_and_starts_are_chosen_by_row():
         (lambda: env.set_next([0], [0, 1]), "2 worlds were given for 1 rows"),
         (lambda: env.set_next([0], ["clutter"]), "expected a number, an Episode or None"),
         (lambda: env.set_next([0], [-1]), "expected a bank, and a number from 0"),
-        (lambda: env.set_starts([0], -1.0), "expected at least 0"),
+        (lambda: env.set_next([0], starts_within=-1.0), "expected at least 0"),
     ):
         with pytest.raises(InputError, match=why):
             call()

@@ -13,15 +13,8 @@ from typing import Any, cast, get_args
 import numpy as np
 
 from wheelchair_gym.base.errors import ArgumentError, shorten
-from wheelchair_gym.base.settings import (
-    InputError,
-    dump,
-    load,
-    read_json,
-    setting,
-    settings,
-    suggest,
-)
+from wheelchair_gym.base.files import read_json
+from wheelchair_gym.base.settings import InputError, dump, load, setting, settings, suggest
 from wheelchair_gym.compiled.random import SEEDS, Split
 from wheelchair_gym.hardware.settings import HardwareSettings
 from wheelchair_gym.people.assistance import COMPILED, make_compiled

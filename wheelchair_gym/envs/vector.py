@@ -150,7 +150,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         self._seeds = secrets.randbits(48) + np.arange(n, dtype=np.int64)
         self._counts = np.zeros(n, np.int64)  # episodes begun of the present seeds
         self._levels, self._next_levels = (np.full(n, NO_LEVEL, np.int64) for _ in range(2))
-        self._max_times = np.full(n, math.nan)  # s, of `set_starts`; NaN: as the settings say
+        self._max_times = np.full(n, math.nan)  # s, of `set_next`; NaN: as the settings say
         self._episodes: dict[str, NDArray[Any]] = {}  # which ones rows drive, by key of infos
         self._spec: EnvSpec | None = None
         self._bind()
@@ -260,52 +260,43 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         return results.observation(), self._infos(results)
 
     def set_next(
-        self, rows: Sequence[int] | NDArray[Any], worlds: Sequence[int | Episode | None]
+        self,
+        rows: Sequence[int] | NDArray[Any],
+        worlds: Sequence[int | Episode | None] | None = None,
+        starts_within: Any = None,
     ) -> None:
-        """Choose the worlds of the episodes that rows begin next, such as by their scores.
+        """Choose what rows drive in their next episodes; seed and number draw all else.
 
         Args:
             rows: their numbers (k,).
-            worlds: (k,), of each the number of a world of the bank, an `Episode`, or None for the
-                one that is drawn. Row, seed and number of the episode go on to draw all else.
+            worlds: of the next episode, (k,): numbers of worlds of the bank, `Episode`s, or None
+                for the one that is drawn, as if no worlds are given.
+            starts_within: largest plan time from the start to the goal in this and later episodes
+                [s], (k,) or one number; 0: the scene's start. None: as before.
 
         Raises:
-            InputError: rows or worlds are unknown, not as many, or there is no bank.
+            InputError: rows or worlds are unknown, not as many, or there is no bank; a time is
+                below 0, or there is no guidance 'poses'.
         """
-        rows = self._check_rows(rows)
-        if len(worlds) != len(rows):
-            raise InputError(f"{len(worlds)} worlds were given for {len(rows)} rows")
-        for row, world in zip(rows, worlds, strict=True):
+        found = [int(row) for row in rows]
+        if found and not 0 <= min(found) <= max(found) < self.num_envs:
+            raise InputError(f"rows {shorten(found)}: expected 0 to {self.num_envs - 1}")
+        if starts_within is not None:
+            times = np.asarray(starts_within, np.float64)
+            if not (times >= 0.0).all() or not self.task.has_poses:
+                expected = "expected at least 0, and guidance 'poses'"
+                raise InputError(f"starts_within is {shorten(starts_within)}; {expected}")
+            self._max_times[found] = times
+        each = [None] * len(found) if worlds is None else list(worlds)
+        if len(each) != len(found):
+            raise InputError(f"{len(each)} worlds were given for {len(found)} rows")
+        for row, world in zip(found, each, strict=True):
             if isinstance(world, Integral):
                 if self.settings.bank.size == 0 or world < 0:
                     raise InputError(f"world {world}: expected a bank, and a number from 0")
             elif not isinstance(world, Episode | None):
                 raise InputError(f"world {shorten(world)}: expected a number, an Episode or None")
             self._draw(row, world)
-
-    def set_starts(self, rows: Sequence[int] | NDArray[Any], max_times: Any) -> None:
-        """Choose, by row, how far from the goal episodes begin, from the next one drawn on.
-
-        Args:
-            rows: their numbers (k,).
-            max_times: (k,) or one number: largest plan time from the start to the goal [s]; 0: the
-                scene's start.
-
-        Raises:
-            InputError: a row is unknown, a time is below 0, or there is no guidance 'poses'.
-        """
-        times = np.asarray(max_times, np.float64)
-        if not (times >= 0.0).all() or not self.task.has_poses:
-            raise InputError(
-                f"starts within {max_times} s: expected at least 0, and guidance 'poses'"
-            )
-        self._max_times[self._check_rows(rows)] = times
-
-    def _check_rows(self, rows: Any) -> list[int]:
-        found = [int(row) for row in rows]
-        if found and not 0 <= min(found) <= max(found) < self.num_envs:
-            raise InputError(f"rows {shorten(found)}: expected 0 to {self.num_envs - 1}")
-        return found
 
     def _seeds_of_rows(self, seed: Any) -> list[int | None]:
         """Return the seed that is given for each row, or None."""

@@ -36,12 +36,8 @@ def write_png(path: str | Path, image: Image) -> None:
     path = Path(path)
     if path.suffix != ".png":
         raise InputError(f"{path}: expected a name that ends in .png")
-    bgr = np.ascontiguousarray(image[..., ::-1])
-    done, data = cv2.imencode(".png", bgr)
-    if not done:
-        raise ValueError(f"{path}: a picture of shape {image.shape} cannot be written as PNG")
     with atomic_write(path) as part:
-        part.write_bytes(data.tobytes())
+        Pillow.fromarray(image).save(part, "png")
 
 
 def jpeg(image: Image, quality: int) -> bytes:
