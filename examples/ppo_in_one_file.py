@@ -1,7 +1,4 @@
-"""Proximal policy optimization (Schulman et al. 2017) in one file: give the number of updates.
-
-Where an episode runs out of time, what the rest would be worth counts (bootstrapping).
-"""
+"""Proximal policy optimization (Schulman et al. 2017) in one file: give the number of updates."""
 
 import sys
 
@@ -40,13 +37,14 @@ for update in range(UPDATES):
         arrived += int(info["is_success"].sum())
         done, over = (torch.from_numpy(one).float() for one in (ended, ended | truncated))
         log = chances.log_prob(action).sum(1)
-        row = seen, action, log, worth, torch.from_numpy(reward).float(), done, over, begins
-        rows.append(row)
+        gained = torch.from_numpy(reward).float()
+        rows.append((seen, action, log, worth, gained, done, over, begins))
         seen, begins = torch.from_numpy(flatten_observations(told)), over
     obs, act, old, worth, reward, done, over, useless = map(torch.stack, zip(*rows, strict=True))
     with torch.no_grad():
         after, gain, gains = look(seen)[1], torch.zeros(N), []
     for k in reversed(range(STEPS)):  # generalized advantages
+        # At a time limit, what the rest would be worth counts; at the goal, there is no rest.
         error = reward[k] + GAMMA * after * (1 - done[k]) - worth[k]
         gain = error + GAMMA * LAMBDA * (1 - over[k]) * gain
         after, gains = worth[k], [gain, *gains]
@@ -61,5 +59,5 @@ for update in range(UPDATES):
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()
-    share = f"{arrived} of {over.sum():.0f} episodes arrived"
-    print(f"update {update}: reward a step {reward.mean():.4f}, {share}")
+    text = f"reward a step {reward.mean():.4f}, {arrived} of {over.sum():.0f} arrived"
+    print(f"update {update}: {text}")

@@ -262,7 +262,7 @@ class Shown(NamedTuple):
     """Overlay of a policy for pictures, recordings and logs.
 
     Attributes:
-        path: (n, 2) m: what it follows; None: the guidance is shown.
+        path: (n, 2) m: what it follows; None: pictures show the environment's guidance.
         status: what it is doing.
         plans: number of searches for a path in this episode, one for each map tried.
         rollout: (n, 3) m, m, rad: where its generated commands lead; None: it has none.

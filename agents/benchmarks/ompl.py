@@ -54,7 +54,7 @@ class Ompl:
     """Time limit of a call without a deadline."""
 
     def prepare(self, case: Any) -> SimpleNamespace:
-        """The planner for a map."""
+        """Return the planner for the map of a case of `planner_benchmark`."""
         base = importlib.import_module("ompl.base")
         util = importlib.import_module("ompl.util")
         util.setLogLevel(util.LOG_NONE)

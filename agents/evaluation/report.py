@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import io
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from itertools import chain
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
+
+from PIL import Image
 
 from agents import read_data
 from agents.evaluation import assisted, metrics, social
@@ -17,12 +20,19 @@ from agents.evaluation.statistics import mcnemar
 from agents.evaluation.tables import Column, Table, data_uri, make_table, write_page
 from wheelchair_gym.base.files import atomic_write
 from wheelchair_gym.base.settings import InputError, suggest
-from wheelchair_gym.rendering.video import webp
 
 Evaluation = Mapping[str, Any]  # the content of results.json
 Record = Mapping[str, Any]
 
 POLICY, SCENE = Column("policy", "policy", None), Column("scene", "scene", None)
+
+
+def webp(path: Path) -> bytes:
+    """A picture file as WebP: a top view takes a tenth of its PNG and looks the same."""
+    out = io.BytesIO()
+    with Image.open(path) as picture:
+        picture.convert("RGB").save(out, "webp", quality=50, method=6)
+    return out.getvalue()
 
 
 def _columns() -> tuple[Column, ...]:

@@ -37,9 +37,9 @@ def flatten_observations(observations: dict[str, Any]) -> Any:
 class SB3VecEnv(VecEnv):
     """stable-baselines3's `VecEnv` over a `NavigationVectorEnv` in SAME_STEP mode.
 
-    Observations and rewards are passed on without a copy: they are never written again. The info
+    Observations are passed on without a copy: the environment never writes them again. The info
     of an episode's last step holds `terminal_observation`, `TimeLimit.truncated` (truncated and not
-    terminated: what the rest would be worth counts), `is_success` and `episode` (return r,
+    terminated: the learner adds the value of the last state), `is_success` and `episode` (return r,
     length l, time t), so that no `Monitor` is needed; other infos are empty.
 
     Args:

@@ -1,4 +1,4 @@
-"""Assistants in Python: what a method of one decides by, and what all of them share.
+"""Assistants in Python: the input of a method, and the part that all assistants share.
 
 What they see of the obstacles, the margin they keep and their freedom are those of the compiled
 assistants (`wheelchair_gym.people.assistance`).

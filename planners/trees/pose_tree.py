@@ -39,7 +39,7 @@ MIN_GAIN = 1e-6  # s: smaller gains are rounding
 TURN_LENGTH = 0.5  # m per rad: distance of poses
 _BACK: Final = 1e6  # s: backward connections are tried last
 _MAX_BACK: Final = 0.6  # m: longer backward connections are tried in every third attempt only
-_ATTEMPT: Final = 1000  # iterations after which new trees are grown
+_RENEW_AFTER: Final = 1000  # iterations after which new trees are grown
 ATTEMPTS: Final = 3  # trees that are grown after those of the first path
 MIN_ADVANCE = 0.05  # m: a blocked extension that comes less near to its target makes no node
 # Design choices:
@@ -378,7 +378,7 @@ def grow(search: Search, state: Stream) -> None:
     Trees that do not meet soon are grown anew. Of the paths of some trees, the cheapest is refined.
     """
     context, run = search.context, search.run[0]
-    if run.iteration - run.attempt_began >= _ATTEMPT:
+    if run.iteration - run.attempt_began >= _RENEW_AFTER:
         run.attempt, run.attempt_began = run.attempt + 1, run.iteration
         search.start_tree.size[0], search.goal_tree.size[0] = 1, run.goals  # the roots alone
         search.start_tree.nodes[0].child = NONE
@@ -410,7 +410,7 @@ def grow(search: Search, state: Stream) -> None:
             write_path(search, new, reached)
             if run.first_path == 0 and search.path.size[0] > 0:
                 run.first_path, run.last_attempt = run.iteration + 1, run.attempt + ATTEMPTS
-            run.attempt_began = run.iteration - _ATTEMPT  # the next trees, if any, are new ones
+            run.attempt_began = run.iteration - _RENEW_AFTER  # so that new trees are grown
             return
         if reached == NONE:
             return

@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from agents.evaluation.report import webp
 from wheelchair_gym.base.settings import InputError
-from wheelchair_gym.rendering import Window, webp, write_png, write_video
+from wheelchair_gym.rendering import Window, write_png, write_video
 
 
 def frames(count=12, shape=(64, 96)):

@@ -63,3 +63,13 @@ def test_the_fan_lies_on_arcs_to_both_sides_and_on_the_spot():
     assert np.arctan2(y, x) == pytest.approx(np.where(np.hypot(x, y) > 0.0, 0.5 * turn, 0.0))
     assert sorted(turn) == pytest.approx(sorted(-turn))
     assert (np.hypot(x, y) < 1e-6).sum() == 4
+
+
+@pytest.mark.parametrize("scene", ["empty", "skill"])
+def test_a_pose_that_is_no_number_has_not_arrived(scene):
+    env = NavigationEnv(scene)
+    env.reset(seed=0)
+    goal, still = np.array(env.episode.goal, float), np.zeros(2)
+    assert env.task.at_goal(goal, still)
+    for k in range(2):
+        assert not env.task.at_goal(np.where(np.arange(3) == k, np.nan, goal), still)

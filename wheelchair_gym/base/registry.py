@@ -125,7 +125,7 @@ class Registry(Mapping[str, Any]):
 
     @cached_property
     def places(self) -> dict[str, str]:
-        """`module:attribute` of each name, those of other packages last."""
+        """`module:attribute` of each name; ours goes before the same name of another package."""
         added = entry_points(group=self.group) if self.group else ()
         return {**{point.name: point.value for point in added}, **self.built_in}
 

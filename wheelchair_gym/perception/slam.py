@@ -206,7 +206,7 @@ class Slam:
         self._driven = np.zeros(2)  # m, rad: driven and turned since then
         self._history: list[Array] = []  # poses after each scan used, and ...
         self._parents: list[NDArray[np.int64]] = []  # ... whose copies those particles were
-        self._steps: list[tuple[int, Array]] = []  # scans used so far, and the motion since
+        self._steps: list[tuple[int, Array]] = []  # by update: scans used so far, motion since
 
     def update(self, increment: ArrayLike, ranges: ArrayLike | None, learn: bool = True) -> Array:
         """The pose after an increment of odometry and a scan.

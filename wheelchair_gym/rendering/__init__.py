@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from wheelchair_gym.rendering.picture import PlanPicture, TopView, draw_map
-from wheelchair_gym.rendering.video import Window, video_suffix, webp, write_png, write_video
+from wheelchair_gym.rendering.video import Window, video_suffix, write_png, write_video
 
 __all__ = [
     "PlanPicture",
@@ -11,7 +11,6 @@ __all__ = [
     "Window",
     "draw_map",
     "video_suffix",
-    "webp",
     "write_png",
     "write_video",
 ]

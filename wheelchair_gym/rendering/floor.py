@@ -26,7 +26,7 @@ def closed_loops(walls: ArrayLike) -> list[Array]:
     """Chain walls (n, 4) [m] into closed loops, each (k, 2), that the even-odd rule can fill.
 
     Where more than two walls meet, any way of chaining them fills the same points. A chain that
-    does not close is left open: it is solid on neither side.
+    does not close is left out: it is solid on neither side.
     """
     segments = np.asarray(walls, dtype=np.float64).reshape(-1, 2, 2)
     keys = [tuple(map(tuple, ends)) for ends in np.rint(segments * 1e6).astype(np.int64).tolist()]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import math
 import os
 import sys
@@ -44,14 +43,6 @@ def jpeg(image: Image, quality: int) -> bytes:
     """A picture (h, w, 3) RGB as JPEG of a quality from 1 to 100."""
     bgr = np.ascontiguousarray(image[..., ::-1])
     return cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])[1].tobytes()
-
-
-def webp(path: str | Path) -> bytes:
-    """A picture file as WebP: a top view takes a tenth of its PNG and looks the same."""
-    out = io.BytesIO()
-    with Pillow.open(path) as picture:
-        picture.convert("RGB").save(out, "webp", quality=50, method=6)
-    return out.getvalue()
 
 
 def video_suffix() -> str:

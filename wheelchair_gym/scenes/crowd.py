@@ -35,7 +35,7 @@ from wheelchair_gym.types import Episode
 _CLEAR = 1.05  # m round light furniture: the chair passes it on either side
 _START_FREE, _GOAL_FREE = 1.5, 1.1  # m about start and goal; the chair is 1.0 m long
 _PIECES = (((0.45, 0.45), 5.0), ((0.20, 0.0), 3.0), ((0.60, 0.40), 9.0), ((0.25, 0.0), 8.0))
-# chair, stool, serving trolley, waste bin: size [m], mass [kg]
+# chair, stool, serving trolley, waste bin: size [m] (of a round one its radius and 0), mass [kg]
 
 Hall = tuple[Arena, Array, Array]  # with its start and its goal (3,)
 Place = Literal["any", "building", "hall", PassageName]
@@ -137,7 +137,7 @@ def sample_furniture(
 
 
 _CROWD_TRIES = 200  # halls drawn before the settings are called impossible
-_COLUMNS = 0.02  # 1/m2 of a hall
+_COLUMN_DENSITY = 0.02  # 1/m2 of a hall
 
 
 @settings
@@ -205,7 +205,7 @@ class Crowd(InBuilding):
     def _draw_hall(self, rng: np.random.Generator) -> Hall:
         """Draw an open hall with a few columns, a start and a goal."""
         width, height = rng.uniform(*self.hall_size, 2)
-        count = round(_COLUMNS * width * height)
+        count = round(_COLUMN_DENSITY * width * height)
         low, high = (1.0, 1.0, 0.15), (width - 1.0, height - 1.0, 0.30)  # m: x, y, radius
         draws = [rng.uniform(a, b, count) for a, b in zip(low, high, strict=True)]
         arena = make_arena((0.0, 0.0, width, height), discs=np.column_stack(draws))

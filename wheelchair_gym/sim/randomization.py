@@ -120,11 +120,11 @@ def draws_of(rows: Iterable[Randomization], noise: bool) -> np.ndarray[Any, np.d
 
 
 @borrowing_kernel
-def drawn(p: Any, key: np.uint64, which: int, item: int, now: float) -> float:
-    """The value of a quantity of one item in this episode; `now` where it is not drawn."""
+def drawn(p: Any, key: np.uint64, which: int, item: int, present: float) -> float:
+    """The value of a quantity of one item in this episode; `present` where it is not drawn."""
     draw = p.draws[which]
     if draw.distribution == 0:
-        return now
+        return present
     index = _EACH * which + item
     if draw.distribution == 1:
         share = uniform(key, 0, RANDOMIZATION, index)

@@ -28,7 +28,7 @@ from wheelchair_gym.task.rewards import TERM_VALUES, VERDICT
 
 RewardFunction = Callable[[Any, Any, Array], float]
 
-# Names that other packages add; the project has none of its own.
+# Names that other packages add, each with its `module:function`; this project adds none.
 REWARDS: Final = Registry("reward", {}, group="wheelchair_gym.rewards")
 
 

@@ -89,7 +89,7 @@ def reached_pose(pose: Array, speed: float, goal: Array, arrival: Array, margin:
     c, s = math.cos(goal[2]), math.sin(goal[2])
     dx, dy = pose[0] - goal[0], pose[1] - goal[1]
     for off, maximum in ((c * dx + s * dy, arrival[0]), (c * dy - s * dx, arrival[1])):
-        if abs(off) > max(maximum - margin, 0.5 * maximum):
+        if not abs(off) <= max(maximum - margin, 0.5 * maximum):  # nor if it is NaN
             return False
     return bool(abs(wrap(goal[2] - pose[2])) <= arrival[2] and abs(speed) <= arrival[3])
 
@@ -104,7 +104,7 @@ def has_arrived(rule: Any, prepared: Any, pose: Array, twist: Array, margin: flo
     if prepared.arrival[0] > 0.0:
         return bool(reached_pose(pose, twist[0], goal, prepared.arrival, margin))
     tolerance = max(prepared.tolerance - margin, 0.5 * prepared.tolerance)
-    if math.hypot(goal[0] - pose[0], goal[1] - pose[1]) > tolerance:
+    if not math.hypot(goal[0] - pose[0], goal[1] - pose[1]) <= tolerance:  # nor if it is NaN
         return False
     return bool(not rule.heading or abs(wrap(goal[2] - pose[2])) <= rule.heading_tolerance)
 

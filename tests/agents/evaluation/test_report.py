@@ -16,10 +16,10 @@ import pytest
 from agents.evaluation import plots as figures
 from agents.evaluation import report
 from agents.evaluation.compare import SUITES
-from agents.evaluation.report import COLUMNS, PARTS, markdown, write_report
+from agents.evaluation.report import COLUMNS, PARTS, markdown, webp, write_report
 from agents.evaluation.tables import csv_table
 from agents.learning.weights import shipped
-from wheelchair_gym.rendering import webp, write_png
+from wheelchair_gym.rendering import write_png
 from wheelchair_gym.scenes.arena import FOOTPRINT, _turns
 
 VOID = {"meta", "link", "img", "br", "wbr", "hr", "input"}

@@ -89,8 +89,7 @@ class Twin:
     Attributes:
         drive: the drive board, see `SerialCable`.
         range: the range board.
-        lasers: all of them, and
-        laser: the first.
+        laser, lasers: the first one, and all.
         faults: injected; they may change at any time.
         motion: of the last step.
         steps: milliseconds since power-on.

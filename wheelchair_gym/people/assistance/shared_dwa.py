@@ -5,9 +5,9 @@ The objective is that of the public shared dynamic window of a powered wheelchai
 with the clearance c in [0, 1]. Its second part, which follows a path to a goal, is left out: an
 assistant here knows no goal.
 
-J is never below the difference d from the stick, and J = 1 - c (1 - d). So twists are tried in the
-order of d, until d reaches the least J found, and an arc is followed no further than its clearance
-may still give less. This leaves out twists that cannot be the best, and no other.
+With d, the weighted difference from the stick, of at most 1, J = 1 - c (1 - d) is never below d. So
+twists are tried in the order of d, until d reaches the least J found, and an arc is followed only
+while its clearance can still give a smaller J. Only twists that cannot be the best are left out.
 """
 
 from __future__ import annotations
