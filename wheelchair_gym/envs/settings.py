@@ -137,7 +137,7 @@ def read_env_settings(content: Mapping[str, Any], where: str) -> EnvSettings:
 
 
 def _with_model(base: EnvSettings, name: Any, where: str) -> EnvSettings:
-    """Settings with the sensors of a chair, and their ports."""
+    """Settings with the sensors of a chair."""
     if name not in MODELS:
         raise InputError(f"{where}.model is {shorten(name)}; expected {' or '.join(MODELS)}")
     return load(EnvSettings, read_json(f"configs/chairs/{name}.json"), where, base)

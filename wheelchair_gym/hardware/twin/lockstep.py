@@ -89,7 +89,7 @@ class Twin:
     Attributes:
         drive: the drive board, see `SerialCable`.
         range: the range board.
-        laser, lasers: the first one, and all.
+        lasers: all of them; the first one has a name of its own, too.
         faults: injected; they may change at any time.
         motion: of the last step.
         steps: milliseconds since power-on.
