@@ -13,6 +13,7 @@ import pytest
 from agents import cli
 from agents.cli import COMMANDS, GROUPS, OneOf, parser
 from tests.conftest import ROOT
+from tests.hardware.conftest import build_twin
 from wheelchair_gym.base.registry import imported
 from wheelchair_gym.safety.stops import as_table
 from wheelchair_gym.sim.state import SENSED
@@ -35,7 +36,7 @@ class Block(NamedTuple):
     page: str
     line: int
     language: str
-    # Comments before it: `continues`, `needs emulator`; `file NAME`: it is a file's content;
+    # Comments before it: `continues`, `needs PACKAGE`; `file NAME`: it is a file's content;
     # `writes files`: it is run before each command and each other block of its page.
     marks: str
     text: str
@@ -136,10 +137,11 @@ def test_no_block_is_overlooked():
 @pytest.mark.parametrize("chain", chains(), ids=lambda c: f"{c[0].page}:{c[0].line}")
 def test_a_pages_python_runs(chain, page_files):
     page_files(chain[0].page)
-    if "needs emulator" in chain[0].marks:
-        from tests.hardware.conftest import build_twin
-
-        build_twin()
+    for needed in re.findall(r"needs (\w+)", chain[0].marks):
+        if needed == "emulator":
+            build_twin()
+        else:
+            pytest.importorskip(needed, reason=f"{needed} is not installed: see the page")
     run: dict[str, object] = {}
     for block in chain:
         # Errors name the page's own line.
