@@ -34,17 +34,15 @@ for update in range(UPDATES):
             chances, worth = look(seen)
             action = chances.sample()
         told, reward, ended, truncated, info = envs.step(action.numpy())
+        reward, done = (torch.from_numpy(each).float() for each in (reward, ended))
+        over = torch.from_numpy(ended | truncated).float()
         arrived += int(info["is_success"].sum())
-        done, over = (torch.from_numpy(one).float() for one in (ended, ended | truncated))
-        log = chances.log_prob(action).sum(1)
-        gained = torch.from_numpy(reward).float()
-        rows.append((seen, action, log, worth, gained, done, over, begins))
+        rows.append((seen, action, chances.log_prob(action), worth, reward, done, over, begins))
         seen, begins = torch.from_numpy(flatten_observations(told)), over
     obs, act, old, worth, reward, done, over, useless = map(torch.stack, zip(*rows, strict=True))
     with torch.no_grad():
         after, gain, gains = look(seen)[1], torch.zeros(N), []
     for k in reversed(range(STEPS)):  # generalized advantages
-        # At a time limit, what the rest would be worth counts; at the goal, there is no rest.
         error = reward[k] + GAMMA * after * (1 - done[k]) - worth[k]
         gain = error + GAMMA * LAMBDA * (1 - over[k]) * gain
         after, gains = worth[k], [gain, *gains]
@@ -53,11 +51,12 @@ for update in range(UPDATES):
     good = ((gain - gain.mean()) / (gain.std() + 1e-8))[use]
     for _ in range(4):
         chances, now = look(obs.flatten(0, 1)[use])
-        ratio = (chances.log_prob(act.flatten(0, 1)[use]).sum(1) - old.flatten()[use]).exp()
+        ratio = (
+            chances.log_prob(act.flatten(0, 1)[use]).sum(1) - old.flatten(0, 1).sum(1)[use]
+        ).exp()
         step = torch.minimum(ratio * good, ratio.clamp(1 - CLIP, 1 + CLIP) * good).mean()
         loss = -step + 0.5 * (now - target).pow(2).mean()
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()
-    text = f"reward a step {reward.mean():.4f}, {arrived} of {over.sum():.0f} arrived"
-    print(f"update {update}: {text}")
+    print(f"update {update}: reward a step {reward.mean():.4f}, arrived {arrived}")

@@ -629,8 +629,8 @@ READERS: dict[str, Reader] = {
     ),
     "env settings": Reader(
         _env, _use_env,
-        ("base.settings.read", "evaluation.evaluate.env_settings", "cli.arguments.shield_of",
-         "cli.hardware._write_drive", "cli.compare.trained_in"),
+        ("envs.settings.env_settings", "base.settings.read", "evaluation.evaluate.env_settings",
+         "cli.arguments.shield_of", "cli.hardware._write_drive", "cli.compare.trained_in"),
     ),
     "scene settings": Reader(
         _scenes,

@@ -33,9 +33,7 @@ TABLES = {
     "wheelchair_gym.task.prepared_episode": ("PREPARED",),
     "wheelchair_gym.task.task": ("RULES", "TASK"),
     "wheelchair_gym.people.assistance.step": ("ASSISTANTS",),
-    "wheelchair_gym.people.assistance.state": (),  # constants, which the former keep
     "wheelchair_gym.people.drivers.step": ("DRIVERS",),
-    "wheelchair_gym.people.drivers.live_person": (),  # one row of the same
     "wheelchair_gym.envs.vector": ("BATCH",),
     "wheelchair_gym.envs.one_chair": (),  # one row of the same
     "wheelchair_gym.envs.results": ("RESULTS",),

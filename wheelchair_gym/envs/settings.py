@@ -129,18 +129,19 @@ def read_env_settings(content: Mapping[str, Any], where: str) -> EnvSettings:
         return load(EnvSettings, content, where)
     others, name = dict(content), content["model"]
     del others["model"]
-    made = _with_model(load(EnvSettings, others, where), name, where)
-    for section, values in read_json(f"configs/chairs/{name}.json").items():
+    chair, base = _chair(name, where), load(EnvSettings, others, where)
+    for section, values in chair.items():
         for key in values.keys() & others.get(section, {}).keys():
             raise InputError(f"{where}.{section}.{key}: expected none beside the model {name}")
-    return made
+    return load(EnvSettings, chair, where, base)
 
 
-def _with_model(base: EnvSettings, name: Any, where: str) -> EnvSettings:
-    """Settings with the sensors of a chair."""
+def _chair(name: Any, where: str) -> dict[str, Any]:
+    """Settings of a chair of `configs/chairs`, by section."""
     if name not in MODELS:
         raise InputError(f"{where}.model is {shorten(name)}; expected {' or '.join(MODELS)}")
-    return load(EnvSettings, read_json(f"configs/chairs/{name}.json"), where, base)
+    found: dict[str, Any] = read_json(f"configs/chairs/{name}.json")
+    return found
 
 
 MODELS = ("thesis", "rear")  # the chairs of `configs/chairs`
@@ -189,7 +190,7 @@ def env_settings(
     else:
         raise InputError(f"config is {config!r}; expected a file, its content or EnvSettings")
     if model is not None:
-        base = _with_model(base, model, "env")
+        base = load(EnvSettings, _chair(model, "env"), "env", base)
     unknown = [name for name in changes if name not in (*_ARGUMENTS, *_PLACES)]
     if unknown:
         known = _ARGUMENTS[0], "config", "model", *_ARGUMENTS[1:], *_PLACES, *also

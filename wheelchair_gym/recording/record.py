@@ -146,7 +146,7 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
         env = self._env
         episode = env.episode
         settings = {name: dump(getattr(env.settings, name)) for name in topics.SETTINGS}
-        person, (seed, number, split) = env.drivers.driver, env.episode_info.values()
+        person, told = env.drivers.driver, env.episode_info
         # Whole, so that it means the same in a later release.
         settings["driver"] = None if person is None else driver_spec(person)
         if not env.task.is_shielded:  # a share of episodes may be driven without
@@ -154,8 +154,8 @@ class RecordEpisodes(gym.Wrapper[Any, Any, Any, Any]):
         rows = episode.actors.rows
         actors = {"actors": rows, "actor_size": rows.itemsize, "routes": episode.actors.routes}
         self._labels = dict(env.labels)
-        drawn = {"seed": seed, "number": number, "split": split, "labels": self._labels}
-        values = vars(episode) | actors | drawn | {"settings": settings}
+        drawn = {"number": told["episode_number"], "labels": self._labels, "settings": settings}
+        values = vars(episode) | actors | told | drawn
         path = None if env.task.guidance is None else np.asarray(env.task.path).tolist()
         if env.task.has_poses:  # the guidance itself, which searches poses of the outline
             path = env.settings.guidance

@@ -12,7 +12,6 @@ import numpy as np
 
 from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.base.settings import InputError
-from wheelchair_gym.hardware.boards.ports import Port
 from wheelchair_gym.hardware.boards.senses import BoardSensors
 from wheelchair_gym.hardware.chair import HardwareChair
 from wheelchair_gym.hardware.registry import check_extras
@@ -102,11 +101,10 @@ class TwinChair:
             more_laser_ports=tuple(lasers)[1:],
         )  # fmt: skip
 
-        def open_board(url: str) -> Port:
-            return boards[url].open()
-
         sensors, chair, now = plant.sensors, plant.settings, self.clock.now
-        senses = BoardSensors(config, sensors, chair.drive, now, open_board, lasers.__getitem__)
+        senses = BoardSensors(
+            config, sensors, chair.drive, now, lambda url: boards[url].open(), lasers.__getitem__
+        )
         self.chair = HardwareChair(config, sensors, chair, period, self.clock, senses)
 
     def close(self) -> None:
