@@ -28,16 +28,16 @@ def look(observation):
 seen = torch.from_numpy(flatten_observations(envs.reset(seed=0)[0]))
 begins = torch.zeros(N)  # 1: the step only begins an episode
 for update in range(UPDATES):
-    rows, arrived = [], 0
+    rows = []
     for _ in range(STEPS):
         with torch.no_grad():
             chances, worth = look(seen)
             action = chances.sample()
-        told, reward, ended, truncated, info = envs.step(action.numpy())
+        told, reward, ended, truncated, _ = envs.step(action.numpy())
         reward, done = (torch.from_numpy(each).float() for each in (reward, ended))
         over = torch.from_numpy(ended | truncated).float()
-        arrived += int(info["is_success"].sum())
-        rows.append((seen, action, chances.log_prob(action), worth, reward, done, over, begins))
+        log = chances.log_prob(action).sum(1)
+        rows.append((seen, action, log, worth, reward, done, over, begins))
         seen, begins = torch.from_numpy(flatten_observations(told)), over
     obs, act, old, worth, reward, done, over, useless = map(torch.stack, zip(*rows, strict=True))
     with torch.no_grad():
@@ -51,12 +51,10 @@ for update in range(UPDATES):
     good = ((gain - gain.mean()) / (gain.std() + 1e-8))[use]
     for _ in range(4):
         chances, now = look(obs.flatten(0, 1)[use])
-        ratio = (
-            chances.log_prob(act.flatten(0, 1)[use]).sum(1) - old.flatten(0, 1).sum(1)[use]
-        ).exp()
+        ratio = (chances.log_prob(act.flatten(0, 1)[use]).sum(1) - old.flatten()[use]).exp()
         step = torch.minimum(ratio * good, ratio.clamp(1 - CLIP, 1 + CLIP) * good).mean()
         loss = -step + 0.5 * (now - target).pow(2).mean()
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()
-    print(f"update {update}: reward a step {reward.mean():.4f}, arrived {arrived}")
+    print(f"update {update}: reward a step {reward.mean():.4f}")
