@@ -251,7 +251,7 @@ class NavigationEnv(gym.Env[Observation, NDArray[np.float32]]):
                 self._seed = int(self.np_random.integers(SEEDS))
         else:
             self._count += 1
-        level = NO_LEVEL if given else self.worlds.draw(self._seed, self._count)
+        level = self.worlds.draw(self._seed, self._count) if given is None else NO_LEVEL
         if given is None:
             self._prepared = self.worlds.episode(self._seed, self._count, level)
             self.worlds.drop_before(self._count)

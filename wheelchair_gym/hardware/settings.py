@@ -51,7 +51,7 @@ class HardwareSettings:
     laser_port: str = setting(default="tcp://192.168.0.10:10940", source="UST-10LX as delivered")
     """Address or serial port of the laser."""
     more_laser_ports: tuple[str, ...] = setting(default=())
-    """Those of further lasers, in the order of sensors.more_lasers."""
+    """Addresses of further lasers, in the order of sensors.more_lasers."""
     dry_run: bool = setting(default=False)
     """Send no command, and only read what boards and laser send."""
     rearm_timeout: float = setting(default=120.0, unit="s", low=0.0)
