@@ -214,8 +214,7 @@ def _objective(given: argparse.Namespace, what: Any, folder: Path) -> Any:
     if metric not in METRICS:
         raise InputError(f"--metric {metric} is unknown; known: {', '.join(METRICS)}")
     env = {"config": given.config, "model": given.model, "pose_source": given.pose}
-    env["shield"] = shield_of(given)
-    env["split"] = "train"
+    env |= {"shield": shield_of(given), "split": "train"}
     if given.config is None and given.pose is None:
         env["pose_source"] = DEFAULT_POSE
     scenes: Sequence[Spec] = scenes_of(given.scenes)

@@ -162,8 +162,6 @@ class Training:
         env = self.env_settings()
         if env.task.privileged and self.algorithm != "ppo":
             raise InputError(f"env.task.privileged is for ppo's critic, not for {self.algorithm}")
-        if env.task.scaled:
-            raise InputError("env.task.scaled: expected false; these networks scale by themselves")
         kickstarted = self.kickstarting.teacher is not None
         if kickstarted and (self.algorithm != "ppo" or self.on_policy.ent_coef == 0.0):
             raise InputError("kickstarting.teacher is for ppo, with on_policy.ent_coef above 0")
@@ -189,9 +187,12 @@ def training_env_settings(spec: Any) -> EnvSettings:
     Raises:
         InputError: a setting is wrong.
     """
-    if isinstance(spec, EnvSettings):
-        return spec
-    return read_env_settings(_CONTENT[".env"] if spec is None else spec, "env")
+    made: EnvSettings = spec
+    if not isinstance(spec, EnvSettings):
+        made = read_env_settings(_CONTENT[".env"] if spec is None else spec, "env")
+    if made.task.scaled:
+        raise InputError("env.task.scaled: expected false; these networks scale by themselves")
+    return made
 
 
 # Tuned settings by the name of their file in configs/.

@@ -158,6 +158,7 @@ def test_a_chair_is_chosen_by_its_name():
         ({"model": "front"}, "model is 'front'; expected thesis or rear"),
         ({"model": 3}, "model is 3; expected thesis or rear"),
         ({"model": "rear", "sensors": {"more_lasers": []}}, "sensors.more_lasers: expected none"),
+        ({"model": "rear", "sensors": EnvSettings().sensors}, "sensors.more_lasers: expected none"),
     ):
         with pytest.raises(InputError, match=f"config.{why}"):
             env_settings(given)

@@ -423,8 +423,7 @@ def test_every_row_has_a_picture_and_shares_its_attributes():
 
 def test_worlds_and_starts_are_chosen_by_row():
     """A chosen world is the bank's, for any seed; info tells it; other rows are as before."""
-    told = {"scene": "clutter", "beams": 8, "bank": 4, "guidance": "poses"}
-    told["config"] = {"task": {"time_base": 0.5, "time_factor": 0.0}}
+    told = {"scene": "clutter", "beams": 8, "bank": 4, "guidance": "poses", "max_episode_steps": 5}
     env, other = (NavigationVectorEnv(3, autoreset_mode="SameStep", **told) for _ in range(2))
     _, info = env.reset(seed=5, options={"episodes": [2, None, 0]})
     _, drawn = other.reset(seed=5)
@@ -433,8 +432,7 @@ def test_worlds_and_starts_are_chosen_by_row():
     assert np.array_equal(info["pose"][1], drawn["pose"][1])
     assert np.array_equal(env.chairs.episodes[0].walls, env.worlds.episode(9, 0, 2).episode.walls)
     own = make_scene("empty").sample(np.random.default_rng(0))
-    env.set_next([0, 1], [3, own])
-    env.set_next([2], starts_within=2.0)
+    env.set_next([0, 1, 2], [3, own, None], [0.0, 0.0, 2.0])
     for _ in range(6):
         (_, _, _, _, info), (_, _, _, _, drawn) = (e.step(np.zeros((3, 2))) for e in (env, other))
     assert info["level"].tolist() == [3, -1, drawn["level"][2]]
@@ -445,9 +443,12 @@ def test_worlds_and_starts_are_chosen_by_row():
     for call, why in (
         (lambda: env.set_next([3], [0]), "expected 0 to 2"),
         (lambda: env.set_next([0], [0, 1]), "2 worlds were given for 1 rows"),
-        (lambda: env.set_next([0], ["clutter"]), "expected a number, an Episode or None"),
         (lambda: env.set_next([0], [-1]), "expected a bank, and a number from 0"),
         (lambda: env.set_next([0], starts_within=-1.0), "expected at least 0"),
+        (lambda: env.set_next([0, 1], starts_within=[1.0, 2.0, 3.0]), "as many as rows"),
+        (lambda: env.reset(seed=7, options={"episodes": [0, 1, "x"]}), "expected a number"),
     ):
+        before, planned = env.np_random_seed, list(env._next)
         with pytest.raises(InputError, match=why):
             call()
+        assert (env.np_random_seed, env._next) == (before, planned)  # nothing has changed

@@ -209,8 +209,7 @@ def test_the_second_laser_of_the_chair_rear_is_read_watched_and_stops_it():
     assert chair.settings.more_laser_ports == ("twin://laser_1",)
     seen, wanted = chair.reset(None, 0).laser[part], simulated.reset(world, 0).laser[part]
     assert np.abs(seen - wanted).max() < 2e-3  # whole millimetres, and the settling of the motors
-    shield, reading = Shield(sensors=sensors), chair.reset(None, 0)
-    speeds = []
+    shield, reading, speeds = Shield(sensors=sensors), chair.reset(None, 0), []
     for _ in range(60):
         given = shield.filter(np.array([-0.3, 0.0]), reading)
         reading = chair.drive(given, shield.decision.protective)

@@ -131,7 +131,7 @@ def read_env_settings(content: Mapping[str, Any], where: str) -> EnvSettings:
     del others["model"]
     chair, base = _chair(name, where), load(EnvSettings, others, where)
     for section, values in chair.items():
-        for key in values.keys() & others.get(section, {}).keys():
+        for key in values.keys() & dump(others.get(section, {})).keys():
             raise InputError(f"{where}.{section}.{key}: expected none beside the model {name}")
     return load(EnvSettings, chair, where, base)
 
@@ -140,8 +140,7 @@ def _chair(name: Any, where: str) -> dict[str, Any]:
     """Settings of a chair of `configs/chairs`, by section."""
     if name not in MODELS:
         raise InputError(f"{where}.model is {shorten(name)}; expected {' or '.join(MODELS)}")
-    found: dict[str, Any] = read_json(f"configs/chairs/{name}.json")
-    return found
+    return dict(read_json(f"configs/chairs/{name}.json"))
 
 
 MODELS = ("thesis", "rear")  # the chairs of `configs/chairs`

@@ -237,6 +237,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
             raise InputError(f"options: reset_mask is {mask!r}; expected ({n},) bool")
         seeds = self._seeds_of_rows(seed)
         chosen = np.ones(n, np.bool_) if mask is None else np.asarray(mask, np.bool_)
+        self._check_next(np.flatnonzero(chosen), worlds)
         if self._last is None and not chosen.all():
             raise gym.error.ResetNeeded("the first reset() must be of every row")
         super().reset(seed=seeds[0] if isinstance(seed, Integral) else None)
@@ -278,25 +279,32 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
             InputError: rows or worlds are unknown, not as many, or there is no bank; a time is
                 below 0, or there is no guidance 'poses'.
         """
+        found, each = self._check_next(rows, worlds)
+        if starts_within is not None:
+            times = np.asarray(starts_within)
+            fits = times.shape in ((), (len(found),)) and times.dtype.kind in "fiu"
+            if not fits or not (times >= 0.0).all() or not self.task.has_poses:
+                expected = "expected at least 0, one or as many as rows, and guidance 'poses'"
+                raise InputError(f"starts_within is {shorten(starts_within)}; {expected}")
+            self._max_times[found] = times
+        for row, world in zip(found, each, strict=True):
+            self._draw(row, world)
+
+    def _check_next(self, rows: Any, worlds: Any) -> tuple[list[int], list[Any]]:
+        """Rows and worlds as lists, before anything is changed; see `set_next`."""
         found = [int(row) for row in rows]
         if found and not 0 <= min(found) <= max(found) < self.num_envs:
             raise InputError(f"rows {shorten(found)}: expected 0 to {self.num_envs - 1}")
-        if starts_within is not None:
-            times = np.asarray(starts_within, np.float64)
-            if not (times >= 0.0).all() or not self.task.has_poses:
-                expected = "expected at least 0, and guidance 'poses'"
-                raise InputError(f"starts_within is {shorten(starts_within)}; {expected}")
-            self._max_times[found] = times
         each = [None] * len(found) if worlds is None else list(worlds)
         if len(each) != len(found):
             raise InputError(f"{len(each)} worlds were given for {len(found)} rows")
-        for row, world in zip(found, each, strict=True):
+        for world in each:
             if isinstance(world, Integral):
                 if self.settings.bank.size == 0 or world < 0:
                     raise InputError(f"world {world}: expected a bank, and a number from 0")
             elif not isinstance(world, Episode | None):
                 raise InputError(f"world {shorten(world)}: expected a number, an Episode or None")
-            self._draw(row, world)
+        return found, each
 
     def _seeds_of_rows(self, seed: Any) -> list[int | None]:
         """Return the seed that is given for each row, or None."""

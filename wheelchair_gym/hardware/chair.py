@@ -251,7 +251,7 @@ class HardwareChair(RealBase):
             return (
                 senses.stale(now)
                 or senses.stale_ultrasonic(now)
-                or "".join(senses.laser_mismatch(k) for k in range(len(senses.lasers)))
+                or next(filter(None, map(senses.laser_mismatch, range(len(senses.lasers)))), "")
                 or senses.moving()
             )
 

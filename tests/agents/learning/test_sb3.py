@@ -122,8 +122,7 @@ def test_scaled_observations_are_of_order_1_and_the_same_everywhere(guidance):
     told = {"scene": "clutter", "beams": 16, "guidance": guidance, "config": {"task": task}}
     plain, scaled = NavigationEnv(**told), NavigationEnv(**told, scaled=True)
     rows = NavigationVectorEnv(2, **told, scaled=True)
-    begun, _ = rows.reset(seed=3)
-    (raw, _), (seen, _) = plain.reset(seed=3), scaled.reset(seed=3)
+    (raw, _), (seen, _), (begun, _) = (env.reset(seed=3) for env in (plain, scaled, rows))
     for _ in range(20):
         by = {"laser": 0.2, "ultrasonic": 0.2, "goal": [0.2, 1.0, 1.0, 1.0, 1.0], "twist": 1.0}
         for key, factor in by.items():

@@ -168,10 +168,8 @@ class BoardSensors:
                 f"hardware.more_laser_ports has {len(ports) - 1} addresses; expected "
                 f"{len(sensors.lasers) - 1}, one of each of sensors.more_lasers"
             )
-        self.lasers = [
-            Hokuyo(port, one.reach, now, laser_opener)
-            for port, one in zip(ports, sensors.lasers, strict=True)
-        ]
+        pairs = zip(ports, sensors.lasers, strict=True)
+        self.lasers = [Hokuyo(port, one.reach, now, laser_opener) for port, one in pairs]
         self.scans = [f"scan_{k}" if k else "scan" for k in range(len(ports))]
         self.odometer = WheelOdometry(geometry, settings.limits.odometry)
         self.pressed = False
@@ -327,14 +325,12 @@ class BoardSensors:
         """Lasers, ultrasonics and their ages; what is too old is invalid."""
         limits, ages = self.settings.limits, self.ages(now)
         found = np.full(self.sensors.beams, np.nan, np.float32)
-        for name, laser, part in zip(
-            self.scans, self.sensors.lasers, self.sensors.slices, strict=True
-        ):
+        each = zip(self.scans, self.sensors.lasers, self.sensors.slices, strict=True)
+        for name, laser, part in each:
             newest: TimedScan = self._newest[name].message.value
             if ages[name] <= limits.scan and len(newest.scan.ranges) == laser.beams:
                 ranges = newest.scan.ranges
-                # Those that are too near are -inf, as in REP-117.
-                found[part] = np.where(ranges < laser.range_min, -np.inf, ranges)
+                found[part] = np.where(ranges < laser.range_min, -np.inf, ranges)  # as in REP-117
         sonar = np.full(RANGERS, np.nan, np.float32)
         old = np.full(RANGERS, np.inf, np.float32)
         if self.range and math.isfinite(ages["ultrasonic"]):

@@ -108,10 +108,10 @@ class Diagnostics:
     ) -> None:
         self.senses, self.clock, self.wanted = senses, clock, wanted
         self.lines: dict[str, Link | None] = {"odometry": senses.drive, "ultrasonic": senses.range}
-        self._parts = {"odometry": "drive board"}
-        if senses.range:
-            self._parts["ultrasonic"] = "range board"
-        self._parts |= dict(zip(senses.scans, LASERS, strict=False))
+        boards = {"odometry": "drive board", "ultrasonic": "range board"}
+        self._parts = boards | dict(zip(senses.scans, LASERS, strict=False))
+        if not senses.range:
+            del self._parts["ultrasonic"]
 
     def run(
         self, ask: Callable[[str], None] | None = None, patience: float = 30.0
@@ -257,10 +257,9 @@ class Diagnostics:
             share = float(np.isfinite(ranges[senses.sensors.slices[k]]).mean())
             fan = mismatch or f"{'unknown' if specs is None else specs.model}: as the config says"
             advice = "its window; or nothing stands within reach"
-            found += [
-                Finding(LASERS[k], "fan", fan, not mismatch, "config"),
-                Finding(LASERS[k], "beams with an echo", f"{share:.0%}", share >= ECHOES, advice),
-            ]
+            found.append(Finding(LASERS[k], "fan", fan, not mismatch, "config"))
+            text, good = f"{share:.0%}", share >= ECHOES
+            found.append(Finding(LASERS[k], "beams with an echo", text, good, advice))
         return found
 
     def _emergency_stop(self, ask: Callable[[str], None], patience: float) -> list[Finding]:
@@ -330,9 +329,8 @@ class Orientation:
         ahead = abs(self.senses.sensors.lasers[k].yaw) < 0.5 * math.pi
         x, y = self._front if ahead else -self._rear, sign * (self._half + HAND)
         corner = f"{'front' if ahead else 'rear'} {side} corner"
-        seen = self._await(
-            f"hold a hand {HAND:g} m {side} of the {corner}", functools.partial(self._near, k)
-        )
+        what = f"hold a hand {HAND:g} m {side} of the {corner}"
+        seen = self._await(what, functools.partial(self._near, k))
         if seen is None:
             return _finding(LASERS[k], f"hand on the {side}", "not seen", False)
         good = math.hypot(seen[0] - x, seen[1] - y) <= _BY_EYE
