@@ -260,15 +260,19 @@ def export(given: argparse.Namespace) -> int:
 
 
 def dataset(given: argparse.Namespace) -> int:
-    """Drive the episodes, and write the data set."""
+    """Drive the episodes or read recorded ones, and write the data set."""
     from agents.evaluation.evaluate import without_labels
     from agents.learning.dataset import write_dataset
+    from agents.learning.recorded import write_recorded
 
-    scene = without_labels(scene_of(given))
-    seeds = range(given.first_seed, given.first_seed + given.episodes)
-    found = write_dataset(
-        given.name, spec(given.policy), scene, env_of(given), seeds, given.out, not given.quiet
-    )
+    if given.recordings:
+        found = write_recorded(given.name, given.recordings, _chosen(given), given.out)
+    else:
+        scene = without_labels(scene_of(given))
+        seeds = range(given.first_seed, given.first_seed + given.episodes)
+        found = write_dataset(
+            given.name, spec(given.policy), scene, env_of(given), seeds, given.out, not given.quiet
+        )
     counts = (found["episodes"], "episode"), (found["steps"], "step")
     text = ", ".join(f"{count} {name}{'' if count == 1 else 's'}" for count, name in counts)
     where = f"export MINARI_DATASETS_PATH={shlex.quote(given.out)}"
@@ -276,3 +280,26 @@ def dataset(given: argparse.Namespace) -> int:
     arrived = f"{found['successes']} successful"
     report(given, found, f"{text}, {arrived}: {found['folder']}; read it with\n{where}\n{load}")
     return 0
+
+
+def _chosen(given: argparse.Namespace) -> dict[str, Any]:
+    """The settings that take the place of those of a recording.
+
+    Raises:
+        InputError: an option or a setting is one of a drive.
+    """
+    from agents.learning.recorded import CHOSEN
+    from wheelchair_gym.envs.settings import read_env_settings
+
+    kept = {"command", "name", "recordings", "config", "out", "quiet", "json"}
+    typed = {key for key in vars(given) if given.parser.get_default(key) != getattr(given, key)}
+    chosen = {} if given.config is None else read_json(given.config)
+    read_env_settings(chosen, given.config)
+    wrong = [f"--{key.replace('_', '-')}" for key in typed - kept]
+    wrong += [f"{key} in {given.config}" for key in chosen if key not in CHOSEN]
+    if wrong:
+        raise InputError(
+            f"{', '.join(sorted(wrong))}: what was recorded cannot be changed; expected, with "
+            f"--recordings, a --config of {' and '.join(CHOSEN)} only"
+        )
+    return chosen

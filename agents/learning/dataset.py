@@ -1,4 +1,7 @@
-"""Data sets of episodes for offline learning, in Minari's format (Younis et al. 2024)."""
+"""Data sets of episodes for offline learning, in Minari's format (Younis et al. 2024).
+
+They hold drives of a policy, or recorded drives: the simulator's, the studio's, a real chair's.
+"""
 
 from __future__ import annotations
 
@@ -20,8 +23,9 @@ from agents.evaluation.provenance import command_line
 from agents.policies import GymPolicy, make_policy
 from wheelchair_gym.base.settings import InputError
 
+ABOUT: dict[str, Any] = {"ref_min_score": 0.0, "requirements": ["wheelchair_gym"]}
 _STORED_AT_ONCE = 50  # episodes that are held in memory
-_NAME = re.compile(r"([\w-]+/)*[\w-]+-v\d+")
+_NAME = re.compile(r"([\w-]{2,}/)*[\w-]+-v\d+")
 
 
 def write_dataset(
@@ -52,25 +56,14 @@ def write_dataset(
     Raises:
         InputError: Minari is not installed, or the name is taken or malformed.
     """
-    if find_spec("minari") is None or find_spec("h5py") is None:
-        raise InputError("data sets need minari; pip install 'wheelchair_gym[dataset]'")
-    if _NAME.fullmatch(name) is None:
-        rule = "letters, digits, _ and -, parts separated by /, and -v0, -v1, ... at the end"
-        raise InputError(f"{name!r}: expected a name such as wheelchair/homes-v0: {rule}")
-    place = Path(folder) / name
-    if place.exists():
-        raise InputError(f"{place} exists; expected a new name or version of a data set")
-    os.environ["MINARI_DATASETS_PATH"] = str(Path(folder).resolve())
-    Path(folder).mkdir(parents=True, exist_ok=True)
+    prepare(name, Path(folder))
     world = make_env(scene, {"split": "train", **env}, None)
     driver = GymPolicy(make_policy(policy), world)
     about = {
         "env": world,
         "algorithm_name": str(policy),
         "description": f"{policy} on {scene}; made by: {command_line()}",
-        "ref_min_score": 0.0,
-        "requirements": ["wheelchair_gym"],
-    }
+    } | ABOUT
     found = {"episodes": 0, "steps": 0, "successes": 0}
     waiting: list[Any] = []
     stored: Any = None
@@ -80,20 +73,38 @@ def write_dataset(
                 waiting.append(_drive(world, driver, seed, found))
                 bar.update()
                 if len(waiting) == _STORED_AT_ONCE:
-                    stored = _store(stored, name, waiting, about)
+                    stored = store(stored, name, waiting, about)
     except (KeyboardInterrupt, SystemError) as error:
         if not is_interrupt(error) or not found["episodes"]:
             raise
         print(f"wheelchair: stopped after {found['episodes']} episodes", file=sys.stderr)
     finally:
         if waiting:
-            _store(stored, name, waiting, about)
+            store(stored, name, waiting, about)
         world.close()
-    return {"name": name, "folder": str(place), **found}
+    return {"name": name, "folder": str(Path(folder) / name), **found}
+
+
+def prepare(name: str, folder: Path) -> None:
+    """Check the name of a new data set, and make the folder, where Minari is to look for it.
+
+    Raises:
+        InputError: Minari is not installed, or the name is taken or malformed.
+    """
+    if find_spec("minari") is None or find_spec("h5py") is None:
+        raise InputError("data sets need minari; pip install 'wheelchair_gym[dataset]'")
+    if _NAME.fullmatch(name) is None:
+        rule = "letters, digits, _ and -, after parts of two or more and /, and -v0, ... at the end"
+        raise InputError(f"{name!r}: expected a name such as wheelchair/homes-v0: {rule}")
+    place = folder / name
+    if place.exists():
+        raise InputError(f"{place} exists; expected a new name or version of a data set")
+    os.environ["MINARI_DATASETS_PATH"] = str(folder.resolve())
+    folder.mkdir(parents=True, exist_ok=True)
 
 
 def _drive(world: Any, driver: GymPolicy, seed: int, found: dict[str, int]) -> Any:
-    """An episode as Minari keeps one."""
+    """An episode as Minari keeps one, and its metadata."""
     from minari.data_collector import EpisodeBuffer
 
     space: Any = world.action_space
@@ -112,7 +123,7 @@ def _drive(world: Any, driver: GymPolicy, seed: int, found: dict[str, int]) -> A
     found["steps"] += len(steps)
     found["successes"] += bool(info["is_success"])
     found["episodes"] += 1
-    return EpisodeBuffer(
+    episode = EpisodeBuffer(
         seed=seed,
         observations={key: np.array([each[key] for each in observations]) for key in observation},
         actions=actions,
@@ -120,17 +131,21 @@ def _drive(world: Any, driver: GymPolicy, seed: int, found: dict[str, int]) -> A
         terminations=terminations,
         truncations=truncations,
     )
+    return episode, {"success": bool(info["is_success"])}
 
 
-def _store(stored: Any, name: str, episodes: list[Any], about: dict[str, Any]) -> Any:
-    """Add episodes to a data set, or make it of them; the list is then empty."""
+def store(stored: Any, name: str, episodes: list[Any], about: dict[str, Any]) -> Any:
+    """Add episodes and their metadata to a data set, or make it of them; then the list is empty."""
     import minari
 
+    buffers, metadata = map(list, zip(*episodes, strict=True))
     if stored is None:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # of authors and links, which it lacks
-            stored = minari.create_dataset_from_buffers(name, list(episodes), **about)
+            stored = minari.create_dataset_from_buffers(name, buffers, **about)
     else:
-        stored.update_dataset_from_buffer(list(episodes))
+        stored.update_dataset_from_buffer(buffers)
+    first = stored.storage.total_episodes - len(buffers)
+    stored.storage.update_episode_metadata(metadata, range(first, first + len(buffers)))
     episodes.clear()
     return stored

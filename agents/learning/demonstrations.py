@@ -1,5 +1,7 @@
 """Imitation learning: a scripted policy demonstrates, and labels the observations of its student.
 
+Demonstrations may be those of a data set, too, such as recorded drives of a person.
+
 Behaviour cloning, then DAgger (Ross, Gordon and Bagnell 2011): from the second round on the student
 drives and the expert labels each observation with its action. The resulting policy can be driven
 as it is, or be the `warm_start` of a training run.
@@ -8,7 +10,8 @@ as it is, or be the `warm_start` of a training run.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+import os
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +27,7 @@ from agents.learning.settings import Imitation, training_env_settings
 from agents.learning.weights import Network, Weights, make_card, save_weights
 from agents.policies import GymPolicy, make_policy
 from wheelchair_gym.base.arrays import Floats
-from wheelchair_gym.base.settings import load
+from wheelchair_gym.base.settings import InputError, load
 from wheelchair_gym.envs import EnvSettings, NavigationEnv
 
 _FIRST_SEED = 7_000_003  # of the first episode, apart from the seeds on which weights are chosen
@@ -76,6 +79,33 @@ def _all_episodes(
         yield from part
 
 
+def _load_dataset(name: str) -> Any:
+    """A Minari data set.
+
+    Raises:
+        InputError: Minari is not installed, or there is no such data set of this environment.
+    """
+    try:
+        import minari
+
+        data = minari.load_dataset(name)
+        assert isinstance(data.recover_environment().unwrapped, NavigationEnv)
+    except ImportError:
+        raise InputError("data sets need minari; pip install 'wheelchair_gym[dataset]'") from None
+    except Exception as error:  # its reader documents no errors
+        folder = os.environ.get("MINARI_DATASETS_PATH", "~/.minari/datasets")
+        raise InputError(f"dataset {name!r}: expected one of wheelchair, in {folder}") from error
+    return data
+
+
+def _stored_episodes(data: Any, keys: Sequence[str]) -> Iterator[Demonstration]:
+    """The episodes of a data set, with their observation keys in this order."""
+    metadata = data.storage.get_episode_metadata(range(data.total_episodes))
+    for episode, about in zip(data.iterate_episodes(), metadata, strict=True):
+        parts = [episode.observations[key][:-1] for key in keys]
+        yield np.concatenate(parts, axis=-1), episode.actions, bool(about.get("success"))
+
+
 def imitate(config: Imitation, seed: int, folder: Path, progress: bool = True) -> dict[str, Any]:
     """Imitate, and write policy.npz to a folder; the figures of the last round.
 
@@ -84,7 +114,10 @@ def imitate(config: Imitation, seed: int, folder: Path, progress: bool = True) -
     """
     from tqdm import tqdm
 
-    env = training_env_settings(config.env)
+    stored = None if config.dataset is None else _load_dataset(config.dataset)
+    env = training_env_settings(
+        config.env if stored is None else stored.recover_environment().unwrapped.settings
+    )
     env = dataclasses.replace(
         env, task=dataclasses.replace(env.task, privileged=False), starts_within=0.0
     )
@@ -98,23 +131,27 @@ def imitate(config: Imitation, seed: int, folder: Path, progress: bool = True) -
     )
     student: Weights | None = None
     observations, actions, rounds = [], [], []
-    bar = tqdm(total=config.rounds * config.episodes, unit="episode", disable=not progress)
-    for number in range(config.rounds):
-        first = _FIRST_SEED + (seed * config.rounds + number) * config.episodes
+    n = config.rounds if stored is None else 1
+    total = config.episodes * n if stored is None else stored.total_episodes
+    bar = tqdm(total=total, unit="episode", disable=not progress)
+    for number in range(n):
+        first = _FIRST_SEED + (seed * n + number) * config.episodes
         seeds = list(range(first, first + config.episodes))
-        success = 0
-        for episode_observations, episode_actions, is_success in _all_episodes(
-            config, env, student, seeds
-        ):
+        success, driven = 0, 0
+        for episode_observations, episode_actions, is_success in (
+            _all_episodes(config, env, student, seeds) if stored is None
+            else _stored_episodes(stored, [key for key, _ in layout.sizes])
+        ):  # fmt: skip
             observations.append(episode_observations)
             actions.append(episode_actions)
             success += is_success
+            driven += 1
             bar.update()
         inputs, targets = (torch.from_numpy(np.concatenate(of)) for of in (observations, actions))
         loss = _fit(network, inputs, targets, config)
         rounds.append(
-            {"driver": "expert" if student is None else "student", "loss": loss,
-             "success": success / config.episodes, "steps": sum(map(len, observations))}
+            {"driver": config.dataset or ("expert" if student is None else "student"), "loss": loss,
+             "success": success / driven, "steps": sum(map(len, observations))}
         )  # fmt: skip
         card = make_card(
             "bc", "clip", layout, env, config, seed,

@@ -224,8 +224,11 @@ def read_training(content: Mapping[str, Any], where: str, algorithm: Algorithm) 
 
 @settings
 class Imitation:
-    """Settings of the imitation of a scripted policy."""
+    """Settings of the imitation of a scripted policy, or of the drives of a data set."""
 
+    dataset: str | None = setting(default=None)
+    """A Minari data set, found by MINARI_DATASETS_PATH, whose episodes are imitated in one round;
+    the environment is then that of the data set."""
     expert: Any = setting(default="lattice+window", source="measured: the best scripted policy")
     """The policy that is imitated: a name or an object of settings."""
     env: Any = setting(default=None, holds=EnvSettings)

@@ -47,6 +47,6 @@ def test_a_data_set_keeps_what_was_driven_before_ctrl_c(tmp_path, monkeypatch, c
 
 
 def test_a_malformed_name_is_refused(tmp_path):
-    for name in ("homes", "../homes-v0", "/homes-v0", "a b-v0"):
+    for name in ("homes", "../homes-v0", "/homes-v0", "a b-v0", "a/b-v0"):
         with pytest.raises(InputError, match=r"expected a name such as .*: letters, digits"):
             dataset.write_dataset(name, "straight", "clutter", ENV, range(1), tmp_path)
