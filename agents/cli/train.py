@@ -288,13 +288,12 @@ def _chosen(given: argparse.Namespace) -> dict[str, Any]:
     Raises:
         InputError: an option or a setting is one of a drive.
     """
+    from agents.evaluation.evaluate import env_settings
     from agents.learning.recorded import CHOSEN
-    from wheelchair_gym.envs.settings import read_env_settings
 
     kept = {"command", "name", "recordings", "config", "out", "quiet", "json"}
     typed = {key for key in vars(given) if given.parser.get_default(key) != getattr(given, key)}
-    chosen = {} if given.config is None else read_json(given.config)
-    read_env_settings(chosen, given.config)
+    chosen = env_settings(config=given.config).get("config", {})
     wrong = [f"--{key.replace('_', '-')}" for key in typed - kept]
     wrong += [f"{key} in {given.config}" for key in chosen if key not in CHOSEN]
     if wrong:
