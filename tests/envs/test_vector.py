@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
+
 import gymnasium as gym
 import numpy as np
 import pytest
+import scipy.stats
 from gymnasium.vector import AutoresetMode
 
 import wheelchair_gym
@@ -402,6 +405,29 @@ def test_a_limit_of_steps_is_that_of_gymnasium():
         assert ended == [step == 5] * 3
 
 
+def test_rows_draw_worlds_by_weights():
+    """Each world as often as its weight says, by the seed alone; scenes of a mixture likewise."""
+    scene = {"name": "mixture", "scenes": ["empty", "clutter"], "weights": [3.0, 1.0]}
+    env = NavigationVectorEnv(2, scene=scene, beams=8, bank={"size": 32, "turnover": 0.0})
+    scenes, worlds = env.worlds.scenes, env.worlds
+    assert [len(worlds.episode(0, 0, j).episode.discs) > 0 for j in range(32)] == scenes.tolist()
+    assert 0 < np.count_nonzero(scenes) < 16
+    share = np.array([0.2, 0.8])  # of the scenes, in place of those of the mixture
+    weights = share[scenes] / np.bincount(scenes)[scenes]
+    drawn = np.array([worlds.draw(7, k, np.cumsum(weights)) for k in range(4000)])
+    assert scipy.stats.binomtest(int((scenes[drawn] == 1).sum()), 4000, 0.8).pvalue > 1e-3
+    assert scipy.stats.chisquare(np.bincount(drawn, minlength=32), 4000 * weights).pvalue > 1e-3
+    env.reset(seed=7)
+    for wrong in ([1.0] * 31, [0.0] * 32, [-1] + [1] * 31, [math.nan] * 32, ["a"] * 32, 1.0):
+        with pytest.raises(InputError, match="expected one of 0 or more for each of 32"):
+            env.set_next([0], weights=wrong)
+    only = (np.arange(32) == 9).astype(int)
+    env.set_next([1], weights=only)
+    for _ in range(2):
+        _, info = env.reset()
+        assert info["level"].tolist() == [worlds.draw(7, int(info["episode_number"][0])), 9]
+
+
 def test_every_row_has_a_picture_and_shares_its_attributes():
     size = {"render_width": 120, "render_height": 80}
     envs = NavigationVectorEnv(2, scene="crowd", beams=16, render_mode="rgb_array", **size)
@@ -446,6 +472,7 @@ def test_worlds_and_starts_are_chosen_by_row():
         (lambda: env.set_next([0], [-1]), "expected a bank, and a number from 0"),
         (lambda: env.set_next([0], starts_within=-1.0), "expected at least 0"),
         (lambda: env.set_next([0, 1], starts_within=[1.0, 2.0, 3.0]), "as many as rows"),
+        (lambda: env.set_next([0], weights=[1.0] * 4), "and bank.turnover 0"),
         (lambda: env.reset(seed=7, options={"episodes": [0, 1, "x"]}), "expected a number"),
     ):
         before, planned = env.np_random_seed, list(env._next)

@@ -151,6 +151,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         self._counts = np.zeros(n, np.int64)  # episodes begun of the present seeds
         self._levels, self._next_levels = (np.full(n, NO_LEVEL, np.int64) for _ in range(2))
         self._max_times = np.full(n, math.nan)  # s, of `set_next`; NaN: as the settings say
+        self._weights: dict[int, Array] = {}  # of the bank's worlds, cumulative, by row
         self._episodes: dict[str, NDArray[Any]] = {}  # which ones rows drive, by key of infos
         self._spec: EnvSpec | None = None
         self._bind()
@@ -265,6 +266,7 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         rows: Sequence[int] | NDArray[Any],
         worlds: Sequence[int | Episode | None] | None = None,
         starts_within: Any = None,
+        weights: Any = None,
     ) -> None:
         """Choose what rows drive in their next episodes; seed and number draw all else.
 
@@ -274,12 +276,15 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
                 for the one that is drawn, as if no worlds are given.
             starts_within: largest plan time from the start to the goal in this and later episodes
                 [s], (k,) or one number; 0: the scene's start. None: as before.
+            weights: how often each world of the bank is drawn for these rows from now on (size,);
+                their sum is not restricted. None: as before, which at first is all alike.
 
         Raises:
             InputError: rows or worlds are unknown, not as many, or there is no bank; a time is
-                below 0, or there is no guidance 'poses'.
+                below 0, there is no guidance 'poses', or see `WorldBank.cumulative`.
         """
         found, each = self._check_next(rows, worlds)
+        sums = None if weights is None else self.worlds.cumulative(weights)
         if starts_within is not None:
             times = np.asarray(starts_within)
             fits = times.shape in ((), (len(found),)) and times.dtype.kind in "fiu"
@@ -287,6 +292,8 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
                 expected = "expected at least 0, one or as many as rows, and guidance 'poses'"
                 raise InputError(f"starts_within is {shorten(starts_within)}; {expected}")
             self._max_times[found] = times
+        if sums is not None:
+            self._weights.update(dict.fromkeys(found, sums))
         for row, world in zip(found, each, strict=True):
             self._draw(row, world)
 
@@ -496,7 +503,8 @@ class NavigationVectorEnv(VectorEnv[Observation, Any, Any]):
         if isinstance(world, Episode):
             level, prepared = NO_LEVEL, self.task.prepare(world)
         else:
-            level = self.worlds.draw(seed, count) if world is None else int(world)
+            drawn = self.worlds.draw(seed, count, self._weights.get(i)) if world is None else world
+            level = int(drawn)
             prepared = self.worlds.episode(seed, count, level, float(self._max_times[i]))
         self._next_levels[i], self._next[i] = level, prepared
         self._make_ready(i, prepared)

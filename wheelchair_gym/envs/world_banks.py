@@ -12,13 +12,25 @@ import hashlib
 import json
 import math
 from collections.abc import Callable, Iterable
+from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from wheelchair_gym.base.arrays import Array
+from wheelchair_gym.base.errors import shorten
 from wheelchair_gym.base.files import atomic_write
 from wheelchair_gym.base.settings import InputError, dump
-from wheelchair_gym.compiled.random import WORLDS, Split, bits, episode_key, world_seed
+from wheelchair_gym.compiled.random import (
+    WORLDS,
+    Split,
+    bits,
+    episode_key,
+    uniform,
+    world_seed,
+)
 from wheelchair_gym.envs.settings import EnvSettings
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.scenes.poses import check_passable, check_start
@@ -33,6 +45,9 @@ _SLACK = 1 / 32  # share of a bank that is kept beyond its size, for rows that f
 
 class WorldBank:
     """Prepared episodes by seed and number.
+
+    The number of a bank's world is its level: `info["level"]` tells it, and `set_next` of vector
+    environments chooses it, or how often each is drawn.
 
     Args:
         settings: scene and bank.
@@ -58,12 +73,44 @@ class WorldBank:
     def __len__(self) -> int:
         return len(self._made)
 
-    def draw(self, seed: int, episode: int) -> int:
-        """Number of the bank's world that an episode is in; NO_LEVEL without a bank."""
+    @cached_property
+    def scenes(self) -> NDArray[np.int64]:
+        """The number (size,) of the mixture's scene that each of the first worlds is of; or 0."""
+        which = getattr(self._scene, "which", lambda _: 0)
+        return np.array([which(self._rng(self._entropy(j))) for j in range(self._bank.size)])
+
+    def draw(self, seed: int, episode: int, weights: Array | None = None) -> int:
+        """Number of the bank's world that an episode is in; NO_LEVEL without a bank.
+
+        Args:
+            seed: of the sequence.
+            episode: its number.
+            weights: how often each world is drawn, by `cumulative`; None: all alike.
+        """
         if self._bank.size == 0:
             return NO_LEVEL
         key = np.uint64(episode_key(seed, episode, self._split))
-        return self._begin(episode) + int(bits(key, 0, WORLDS, 0)) % self._bank.size
+        place = int(bits(key, 0, WORLDS, 0)) % self._bank.size
+        if weights is not None:
+            total = weights[-1]
+            drawn = min(uniform(key, 0, WORLDS, 0) * total, np.nextafter(total, 0.0))
+            place = int(np.searchsorted(weights, drawn, "right"))
+        return self._begin(episode) + place
+
+    def cumulative(self, weights: Any) -> Array:
+        """The cumulative sum (size,) of how often each world is drawn.
+
+        Raises:
+            InputError: the weights are not one of 0 or more for each world, or all are 0; or the
+                bank has a turnover, with which worlds change.
+        """
+        given, bank = np.asarray(weights), self._bank
+        if given.dtype.kind in "fiu" and given.shape == (bank.size,) and bank.turnover == 0.0:
+            sums = np.cumsum(given, dtype=np.float64)
+            if (given >= 0.0).all() and 0.0 < sums[-1] < math.inf:
+                return sums
+        expected = f"expected one of 0 or more for each of {bank.size} worlds, not all 0"
+        raise InputError(f"weights is {shorten(weights)}; {expected}; and bank.turnover 0")
 
     def episode(
         self, seed: int, episode: int, level: int | None = None, max_time: float = math.nan
@@ -133,7 +180,7 @@ class WorldBank:
     def _of_bank(self, number: int) -> PreparedEpisode:
         path = self._path(number)
         if self._folder is None:
-            return self._make((_BANK, self._bank.seed, number))
+            return self._make(self._entropy(number))
         import joblib  # only here, since it is slow to import
 
         if path.exists():
@@ -141,16 +188,21 @@ class WorldBank:
                 return self._task.make_prepared(*joblib.load(path))
             except Exception:  # whatever pickles make of damaged bytes: the world is made again
                 path.unlink(missing_ok=True)
-        prepared = self._make((_BANK, self._bank.seed, number))
+        prepared = self._make(self._entropy(number))
         with atomic_write(path) as part:
             guide = prepared.path if prepared.cost_to_go is None else prepared.cost_to_go
             joblib.dump((prepared.episode, prepared.geodesic, guide), part, compress=1)
         return prepared
 
+    def _entropy(self, number: int) -> tuple[int, ...]:
+        return _BANK, self._bank.seed, number
+
+    def _rng(self, entropy: tuple[int, ...]) -> np.random.Generator:
+        return np.random.default_rng(world_seed(self._split, *entropy))
+
     def _make(self, entropy: tuple[int, ...]) -> PreparedEpisode:
-        rng = np.random.default_rng(world_seed(self._split, *entropy))
         footprint = self._task.footprint
-        episode = self._scene.sample(rng, footprint)
+        episode = self._scene.sample(self._rng(entropy), footprint)
         check_start(episode, footprint)
         prepared = self._task.prepare(episode)
         if np.isfinite(prepared.geodesic.at(episode.start[:2])):

@@ -70,11 +70,14 @@ class Mixture:
 
     def sample(self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT) -> Episode:
         """Draw a scene, and a world of it for a chair of this footprint."""
-        weights = np.array(self.weights)
-        which = int(rng.choice(len(weights), p=weights / weights.sum()))
         made: Any = vars(self)["_made"]
-        episode: Episode = made[which].sample(rng, footprint)
+        episode: Episode = made[self.which(rng)].sample(rng, footprint)
         return episode
+
+    def which(self, rng: np.random.Generator) -> int:
+        """Draw the number of a scene, as `sample` does first."""
+        weights = np.array(self.weights)
+        return int(rng.choice(len(weights), p=weights / weights.sum()))
 
 
 def make_scene(spec: str | Mapping[str, Any] | Scene) -> Scene:
