@@ -1,4 +1,4 @@
-"""`wheelchair bench`: the speed of environments, and a comparison of planners."""
+"""`wheelchair bench`: the speed of environments and of training, and a comparison of planners."""
 
 from __future__ import annotations
 
@@ -9,7 +9,15 @@ from pathlib import Path
 from typing import Any
 
 from agents import StoppedError
-from agents.cli.arguments import check_assist, check_picture, labelled, map_scenes, report, stopped
+from agents.cli.arguments import (
+    changed,
+    check_assist,
+    check_picture,
+    labelled,
+    map_scenes,
+    report,
+    stopped,
+)
 from agents.evaluation.provenance import command_line, write_json, write_text
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.people.assistance import make_compiled
@@ -54,6 +62,18 @@ def _line(row: dict[str, Any]) -> str:
         of = (f"{100 * share:.0f} % of {name}" for name, share in row["share"].items())
         ratio = "   " + ", ".join(of)
     return f"{row['what']:<18}{where:<38}{row['rate']:>12,.0f} steps/s{ratio}"
+
+
+def train(given: argparse.Namespace) -> int:
+    """Train, and print where the seconds went."""
+    from agents.benchmarks.training import measure, text
+    from agents.cli.train import training_content
+    from agents.learning.settings import read_training
+
+    content, where = training_content(given)
+    found = measure(read_training(changed(content, given.set), where, given.algorithm))
+    report(given, found, text(found))
+    return 0
 
 
 def planners(given: argparse.Namespace) -> int:

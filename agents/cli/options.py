@@ -12,7 +12,8 @@ from typing import Any
 
 POSES = ("truth", "odometry", "modelled", "mcl", "slam")
 DEFAULT_POSE = "modelled"
-ALGORITHMS = ("ppo", "recurrent_ppo", "sac", "td3", "tqc", "bc")
+LEARNED = ("ppo", "recurrent_ppo", "sac", "td3", "tqc")
+ALGORITHMS = (*LEARNED, "bc")
 
 
 def number(

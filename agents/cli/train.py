@@ -35,27 +35,19 @@ def run(given: argparse.Namespace) -> int:
     from agents.learning.curves import write_sweep
     from agents.learning.demonstrations import load_imitation
     from agents.learning.networks import SB3_CONTRIB, algorithm_class
-    from agents.learning.settings import read_training, recipe
+    from agents.learning.settings import read_training
 
     try:
         seeds = [parse_int(text) for text in given.seeds]
     except argparse.ArgumentTypeError as error:
         raise InputError(f"--seeds: {error}") from None
     algorithm, imitates = given.algorithm, given.algorithm == "bc"
-    if given.config is not None:
-        content = read_json(given.config)
-    else:
-        content = {} if imitates else dump(recipe(algorithm))
-    if not isinstance(content, dict):
-        raise InputError(f"{given.config}: expected an object with keys")
+    content, where = training_content(given)
     if algorithm in SB3_CONTRIB:  # fails before anything is compiled or written
         algorithm_class(algorithm)
     if not imitates and find_spec("tensorboard") is None:
         needs = "TensorBoard's log needs pip install 'wheelchair_gym[learn]'"
         print(f"wheelchair: {needs}; curve.csv is written without", file=sys.stderr)
-    where = "settings" if given.config is None else Path(given.config).name
-    if given.frames is not None and not imitates:
-        content["frames"] = given.frames
     out = Path(given.out or Path("runs") / algorithm)
     cases: list[Case] = []
     key, values = varied(given.vary)
@@ -84,6 +76,22 @@ def run(given: argparse.Namespace) -> int:
         lines.append(write_sweep(key, [(case.value, case.folder) for case in cases], out))
     report(given, results, "\n".join([*lines, str(out)]))
     return 0
+
+
+def training_content(given: argparse.Namespace) -> tuple[dict[str, Any], str]:
+    """Settings of a run before changes, from the file or the recipe, and the name of the file."""
+    from agents.learning.settings import recipe
+
+    imitates = given.algorithm == "bc"
+    if given.config is not None:
+        content = read_json(given.config)
+    else:
+        content = {} if imitates else dump(recipe(given.algorithm))
+    if not isinstance(content, dict):
+        raise InputError(f"{given.config}: expected an object with keys")
+    if given.frames is not None and not imitates:
+        content["frames"] = given.frames
+    return content, "settings" if given.config is None else Path(given.config).name
 
 
 def _warn_of_short_checkpoints(config: Any) -> None:
@@ -293,7 +301,7 @@ def _chosen(given: argparse.Namespace) -> dict[str, Any]:
 
     kept = {"command", "name", "recordings", "config", "out", "quiet", "json"}
     typed = {key for key in vars(given) if given.parser.get_default(key) != getattr(given, key)}
-    chosen = env_settings(config=given.config).get("config", {})
+    chosen: dict[str, Any] = env_settings(config=given.config).get("config", {})
     wrong = [f"--{key.replace('_', '-')}" for key in typed - kept]
     wrong += [f"{key} in {given.config}" for key in chosen if key not in CHOSEN]
     if wrong:

@@ -84,7 +84,7 @@ def load_checkpoint(folder: Path) -> dict[str, Any] | None:
         with zipfile.ZipFile(io.BytesIO(body)) as packed:
             if sum(member.file_size for member in packed.infolist()) > LIMITS["checkpoint"].maximum:
                 raise ValueError("too large when unpacked")
-        content = torch.load(io.BytesIO(body), weights_only=True)
+        content = torch.load(io.BytesIO(body), weights_only=True, map_location="cpu")
         if not isinstance(content, dict):
             raise ValueError("not an object with keys")
     except Exception as error:  # torch documents no errors of its reader

@@ -116,7 +116,8 @@ class Teacher:
 
     def __call__(self, observations: torch.Tensor) -> torch.Tensor:
         """Actions (n, 2) in [-1, 1] for a student's flat observations (n, size)."""
-        return torch.from_numpy(self._network(observations.numpy()[:, self._indices]))
+        actions = self._network(observations.cpu().numpy()[:, self._indices])
+        return torch.as_tensor(actions, device=observations.device)
 
 
 class AsymmetricPolicy(ActorCriticPolicy):
@@ -132,7 +133,7 @@ class AsymmetricPolicy(ActorCriticPolicy):
 
     def action_distribution(self, features: torch.Tensor) -> Any:
         """Return the distribution of actions, given features (n, features_dim)."""
-        with torch.autocast("cpu", torch.bfloat16, self.in_bfloat16):
+        with torch.autocast(self.device.type, torch.bfloat16, self.in_bfloat16):
             latent = self.mlp_extractor.forward_actor(features)
         return self._get_action_dist_from_latent(latent.float())
 
@@ -151,7 +152,7 @@ class AsymmetricPolicy(ActorCriticPolicy):
             obs: features (n, features_dim), not observations: a `Rollout` holds features.
             actions: (n, 2).
         """
-        with torch.autocast("cpu", torch.bfloat16, self.in_bfloat16):
+        with torch.autocast(self.device.type, torch.bfloat16, self.in_bfloat16):
             actor, critic = self.mlp_extractor(obs)
         distribution: Any = self._get_action_dist_from_latent(actor.float())
         bonus = distribution.entropy()
@@ -186,8 +187,10 @@ def make_model(
     """Make a new model, whose learning rate decreases linearly over the run.
 
     Raises:
-        InputError: the algorithm needs an extra that is not installed.
+        InputError: the algorithm needs an extra that is not installed, or there is no GPU.
     """
+    if config.device == "cuda" and not torch.cuda.is_available():
+        raise InputError("device is cuda; torch finds no GPU here: expected cpu or auto")
     on_policy = config.algorithm in ON_POLICY
     options = dump(config.on_policy if on_policy else config.off_policy)
     initial_rate, log_std_init, units, precision, sigma = (
@@ -222,12 +225,13 @@ def make_model(
     policies: dict[str, Any] = {"ppo": AsymmetricPolicy, "recurrent_ppo": "MlpLstmPolicy"}
     model = algorithm_class(config.algorithm)(
         policies.get(config.algorithm, "MlpPolicy"), env, learning_rate=learning_rate,
-        policy_kwargs=policy_options, seed=seed, device="cpu", verbose=0, **options,
+        policy_kwargs=policy_options, seed=seed, device=config.device, verbose=0, **options,
     )  # fmt: skip
     made.append(model)
     if config.algorithm == "ppo":
-        fast = precision == "auto" and torch.cpu._is_avx512_bf16_supported()
-        model.policy.in_bfloat16 = fast or precision == "bfloat16"
+        on_gpu = model.device.type == "cuda"
+        fast = torch.cuda.is_bf16_supported() if on_gpu else torch.cpu._is_avx512_bf16_supported()
+        model.policy.in_bfloat16 = precision == "bfloat16" or (precision == "auto" and fast)
     model.set_logger(Logger(None, []))  # by default the library leaves an empty folder in /tmp
     return model
 

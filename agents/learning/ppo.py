@@ -6,6 +6,7 @@ The algorithm, its loss and its update are that library's. What differs is where
 - The critic values a whole rollout in one batch, not step by step.
 - The actor runs on one thread while it drives. On more, the threads of torch would go on spinning
   for milliseconds after each step, on the cores that the environments need.
+- A GPU, where there is one, holds networks and rollouts; environments stay on the processor.
 - Hidden layers may be computed in bfloat16 (`AsymmetricPolicy.in_bfloat16`).
 """
 
@@ -34,10 +35,10 @@ class Rollout(RolloutBuffer):
             self.observations, self.actions, self.values, self.log_probs, self.advantages,
             self.returns,
         )  # fmt: skip
-        steps = [torch.from_numpy(array).reshape(n, *array.shape[2:]) for array in arrays]
+        steps = [self.to_torch(array, False).reshape(n, *array.shape[2:]) for array in arrays]
         order = np.random.permutation(n)  # noqa: NPY002 the library's generator, which runs seed
         for first in range(0, n, batch_size or n):
-            chosen = torch.from_numpy(order[first : first + (batch_size or n)])
+            chosen = self.to_torch(order[first : first + (batch_size or n)], False)
             yield RolloutBufferSamples(*(of.index_select(0, chosen) for of in steps))
 
 
@@ -67,12 +68,12 @@ class FastPPO(PPO):
         for step in range(n_rollout_steps):
             torch.set_num_threads(1)
             with torch.no_grad():
-                features = self.policy.extract_features(torch.from_numpy(self._last_obs))
+                features = self.policy.extract_features(self._tensor(self._last_obs))
                 distribution = self.policy.action_distribution(features)
                 actions = distribution.get_actions()
                 log_probs = distribution.log_prob(actions)
             torch.set_num_threads(threads)
-            chosen = actions.numpy()
+            chosen = actions.cpu().numpy()
             new_obs, rewards, dones, infos = env.step(np.clip(chosen, low, high))
             self.num_timesteps += env.num_envs
             callback.update_locals(locals())
@@ -85,27 +86,30 @@ class FastPPO(PPO):
                 if infos[row]["TimeLimit.truncated"]
             ]
             rollout_buffer.add(
-                features.numpy(), chosen, rewards, self._last_episode_starts,  # type: ignore[arg-type]
+                features.cpu().numpy(), chosen, rewards, self._last_episode_starts,  # type: ignore[arg-type]
                 torch.zeros(env.num_envs), log_probs,
             )  # fmt: skip
             self._last_obs, self._last_episode_starts = new_obs, dones
         of = rollout_buffer.observations
         of = of.reshape(-1, of.shape[-1])
-        rollout_buffer.values[:] = self._values(torch.from_numpy(of)).reshape(
-            rollout_buffer.values.shape
-        )
+        rollout_buffer.values[:] = self._values(of).reshape(rollout_buffer.values.shape)
         if ends:  # an episode that was cut is worth what its last state promises
             steps, rows, last = zip(*ends, strict=True)
-            rest = self._values(self.policy.extract_features(torch.from_numpy(np.stack(last))))
+            rest = self._values(self.policy.extract_features(self._tensor(np.stack(last))))
             rollout_buffer.rewards[list(steps), list(rows)] += self.gamma * rest
-        rest = self._values(self.policy.extract_features(torch.from_numpy(self._last_obs)))
+        rest = self._values(self.policy.extract_features(self._tensor(self._last_obs)))
         rollout_buffer.compute_returns_and_advantage(torch.from_numpy(rest), dones)
         callback.update_locals(locals())
         callback.on_rollout_end()
         return True
 
-    def _values(self, features: torch.Tensor) -> Any:
+    def _values(self, features: Any) -> Any:
         """The critic's values (n,) of features (n, features_dim)."""
+        parts = [features[k : k + BATCH] for k in range(0, len(features), BATCH)]
         with torch.no_grad():
-            parts = [features[k : k + BATCH] for k in range(0, len(features), BATCH)]
-            return torch.cat([self.policy.values(part) for part in parts]).numpy()
+            values = [self.policy.values(self._tensor(part)) for part in parts]
+        return torch.cat(values).cpu().numpy()
+
+    def _tensor(self, array: Any) -> torch.Tensor:
+        """An array or a tensor on the device of the networks."""
+        return torch.as_tensor(array, device=self.device)

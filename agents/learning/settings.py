@@ -150,6 +150,9 @@ class Training:
     """Units of each hidden layer of actor and critic."""
     threads: int = setting(default=2, low=1)
     """Threads of torch and of the environments."""
+    device: Literal["auto", "cpu", "cuda"] = setting(default="auto")
+    """Where networks learn; `auto`: on a GPU if torch finds one. Environments stay on the
+    processor."""
     warm_start: str | None = setting(default=None)
     """Initial weights of the actor: a file or a shipped name."""
     on_policy: OnPolicy = OnPolicy()

@@ -7,10 +7,14 @@ import json
 import numpy as np
 import pytest
 import shapely
+import torch
 import yaml
 
 from agents import cli
+from agents.benchmarks import training
 from agents.benchmarks.irsim import irsim_world, wall_loops
+from tests.agents.learning.tiny_runs import tiny
+from wheelchair_gym.base.settings import dump
 from wheelchair_gym.envs import EnvSettings
 from wheelchair_gym.scenes import make_scene
 
@@ -52,3 +56,19 @@ def test_the_peer_drives_between_the_same_walls():
     world = yaml.safe_load(irsim_world(EnvSettings(), episode))
     assert world["robot"][0]["sensors"][0]["number"] == 1081
     assert len(world["obstacle"]) < len(episode.walls) / 3
+
+
+@pytest.mark.parametrize("algorithm", ["ppo", "td3"])
+def test_every_part_of_a_training_run_is_measured(algorithm, tmp_path, capsys):
+    config = tmp_path / "run.json"
+    config.write_text(json.dumps(dump(tiny(algorithm))))
+    command = ["bench", "train", algorithm, "--config", str(config), "--frames", "96"]
+    assert cli.main([*command, "--set", "device=cpu", "--json", str(tmp_path / "found.json")]) == 0
+    found = json.loads((tmp_path / "found.json").read_text())
+    assert tuple(found["seconds"]) == tuple(training.PARTS)
+    assert min(found["seconds"].values()) >= 0.0
+    assert (found["frames"], found["device"], found["gpu"]) == (96, "cpu", None)
+    assert "networks on cpu" in capsys.readouterr().out
+    if not torch.cuda.is_available():
+        assert cli.main([*command, "--set", "device=cuda"]) == 2
+        assert "torch finds no GPU" in capsys.readouterr().err

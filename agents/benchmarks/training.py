@@ -1,0 +1,83 @@
+"""Where the seconds of a training run go."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import torch
+
+from agents.evaluation.provenance import provenance
+from agents.learning.run import Run
+from agents.learning.settings import Training
+
+# Parts of a run, and what of it they are.
+PARTS = {
+    "worlds": "worlds are drawn, or read from the bank's folder, and everything is compiled",
+    "environments": "chairs are stepped, and their next episodes are begun",
+    "actor": "actions are chosen, and the rollout or the replay buffer is filled",
+    "learning": "networks are updated",
+    "evaluation": "the actor is evaluated",
+    "saving": "curve, weights and checkpoint are written",
+}
+
+
+def measure(config: Training) -> dict[str, Any]:
+    """Train in a folder that is removed, and measure each part.
+
+    Returns:
+        `seconds` by part of PARTS, `frames`, `frames_per_second` without the part `worlds`, the
+        `device` of the networks, and the provenance.
+
+    Raises:
+        InputError: settings do not fit each other.
+    """
+    seconds: dict[str, float] = dict.fromkeys((*PARTS, "steps"), 0.0)
+
+    def timed(part: str, call: Callable[..., Any]) -> Callable[..., Any]:
+        def measured(*arguments: Any, **named: Any) -> Any:
+            began = time.perf_counter()
+            try:
+                return call(*arguments, **named)
+            finally:
+                seconds[part] += time.perf_counter() - began
+
+        return measured
+
+    with TemporaryDirectory() as folder:
+        run: Any = timed("worlds", Run)(config, 0, Path(folder))
+        try:
+            run.env.reset = timed("environments", run.env.reset)
+            run.env.step = timed("steps", run.env.step)
+            run.model.collect_rollouts = timed("actor", run.model.collect_rollouts)
+            run.model.train = timed("learning", run.model.train)
+            run._evaluate, run._save = (
+                timed("evaluation", run._evaluate),
+                timed("saving", run._save),
+            )
+            began = time.perf_counter()
+            while not run.done:
+                run.learn()
+            whole = time.perf_counter() - began
+        finally:
+            run.close()
+    seconds["environments"] += seconds["steps"]
+    seconds["actor"] -= seconds["steps"]
+    device = run.model.device.type
+    return {
+        "seconds": {part: round(seconds[part], 2) for part in PARTS}, "frames": run.frames,
+        "frames_per_second": round(run.frames / whole), "device": device,
+        "gpu": torch.cuda.get_device_name() if device == "cuda" else None, **provenance(),
+    }  # fmt: skip
+
+
+def text(found: dict[str, Any]) -> str:
+    """Return a table of what `measure` returns."""
+    whole = sum(found["seconds"].values())
+    lines = [f"{part:<14}{found['seconds'][part]:>9.1f} s{found['seconds'][part] / whole:>7.0%}   "
+             f"{what}" for part, what in PARTS.items()]  # fmt: skip
+    rate = f"{found['frames_per_second']:,} frames/s without worlds"
+    return "\n".join([*lines, f"{found['frames']:,} frames, {rate}, networks on {found['device']}"])
