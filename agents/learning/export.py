@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,26 +32,40 @@ NAMES = {"action": "last_action"}  # names of inputs that differ from keys
 OPSET = 17  # of 2022, so that every current runtime reads it
 
 
-def groups_of(beams: int, pooled: int) -> NDArray[np.int64]:
-    """Indices (pooled, most) of the beams that each pooled beam is the minimum of."""
-    ends = np.arange(pooled + 1) * beams // pooled
-    maximum = int(np.diff(ends).max())
-    groups: NDArray[np.int64] = np.minimum(ends[:-1, None] + np.arange(maximum), ends[1:, None] - 1)
+def pools_of(env: EnvSettings) -> list[tuple[int, int]]:
+    """Beams of each laser, and how many numbers of an observation they give."""
+    lasers, observed = env.sensors.lasers, env.task.observed_beams(env.sensors)
+    return [(laser.beams, pooled) for laser, pooled in zip(lasers, observed, strict=True)]
+
+
+def groups_of(pools: Sequence[tuple[int, int]]) -> NDArray[np.int64]:
+    """Indices (pooled, most) of the beams that each pooled beam of all lasers is the minimum of."""
+    ends, first = [np.zeros(1, np.int64)], 0
+    for beams, pooled in pools:
+        ends.append(first + np.arange(1, pooled + 1) * beams // pooled)
+        first += beams
+    edges = np.concatenate(ends)
+    maximum = int(np.diff(edges).max())
+    groups: NDArray[np.int64] = np.minimum(
+        edges[:-1, None] + np.arange(maximum), edges[1:, None] - 1
+    )
     return groups
 
 
 def export_onnx(weights: Weights, path: str | Path) -> dict[str, Any]:
     """Write weights as an ONNX graph, and a sidecar PATH.json; the sidecar.
 
-    Inputs are the fields of a reading: `laser` (n, beams of the laser) and `ultrasonic` (n, 8) [m],
-    which may hold +inf, -inf and NaN; and keys of the observation (`twist`, `goal`, `last_action`,
-    `shield`, `path`). Outputs are `action` (n, 2) in [-1, 1] and its twist, `twist_asked` (n, 2)
-    [m/s, rad/s]. A recurrent policy has inputs `h`, `c` and outputs `h_next`, `c_next`
+    Inputs are the fields of a reading: `laser` (n, beams of all lasers) and `ultrasonic` (n, those
+    mounted) [m], which may hold +inf, -inf and NaN; and keys of the observation (`twist`, `goal`,
+    `last_action`, `shield`, `path`; of an assistant `stick` in place of `goal`). Outputs are
+    `action` (n, 2) in [-1, 1] and, of a policy, its twist, `twist_asked` (n, 2) [m/s, rad/s]. The
+    action of an assistant is a residual, which the compiled assistant in the card's settings adds
+    within its freedom. A recurrent policy has inputs `h`, `c` and outputs `h_next`, `c_next`
     (n, units).
 
     Raises:
-        InputError: onnx is not installed, a file cannot be written, or the weights are an
-            assistant's, or of a chair that has not one laser and ultrasonics.
+        InputError: onnx is not installed, a file cannot be written, or the weights are of a chair
+            without lasers or ultrasonics.
     """
     try:
         import onnx
@@ -59,27 +74,26 @@ def export_onnx(weights: Weights, path: str | Path) -> dict[str, Any]:
     layout, arrays = weights.layout, weights.arrays
     env = load(EnvSettings, weights.card["env"], "weights: env")
     sizes = {key: n for key, n in layout.sizes if key not in PRIVILEGED}
-    if layout.is_assistant:
-        raise InputError("export: expected a policy's weights; these are an assistant's")
     lasers, beams, limits = env.sensors.lasers, env.sensors.beams, env.chair.limits
-    if len(lasers) != 1 or not env.sensors.ultrasonic.mounted:
-        raise InputError("export: expected one laser, and ultrasonics; the weights have others")
+    if not lasers or not env.sensors.ultrasonic.mounted:
+        raise InputError("export: expected lasers and ultrasonics; the weights' chair has not both")
     state = dict.fromkeys("hc" if weights.lstm_size else "", weights.lstm_size)
     inputs = {NAMES.get(key, key): n for key, n in {**sizes, "laser": beams}.items()} | state
-    outputs = {"action": 2, "twist_asked": 2, **{f"{key}_next": n for key, n in state.items()}}
+    outputs = {"action": 2} | ({} if layout.is_assistant else {"twist_asked": 2})
+    outputs |= {f"{key}_next": n for key, n in state.items()}
     text = templates().get_template("policy.onnx.txt").render(
         opset=OPSET, inputs=inputs, outputs=outputs, lstm=weights.lstm_size,
         others=[NAMES.get(key, key) for key in SCALED[2:] if key in sizes],
-        layers=weights.dense_layers, head=weights.card["head"],
+        layers=weights.dense_layers, head=weights.card["head"], is_assistant=layout.is_assistant,
     )  # fmt: skip
     model = onnx.parser.parse_model(text)
     constants: dict[str, Any] = {
         "zero": 0.0, "one": 1.0, "minus_one": -1.0,
-        "laser_reach": [lasers[0].reach],
+        "laser_reach": np.concatenate([np.full(laser.beams, laser.reach) for laser in lasers]),
         "ultrasonic_reach": [model.reach for model in env.sensors.ultrasonic.models],
-        "groups": groups_of(beams, sizes["laser"]),
+        "groups": groups_of(pools_of(env)),
         "range_shift": RANGE_SHIFT, "range_scale": RANGE_SCALE,
-        "goal_range_index": np.array([0]), "bearing_indices": np.arange(1, sizes["goal"]),
+        "goal_range_index": np.array([0]), "bearing_indices": np.arange(1, sizes.get("goal", 1)),
         "goal_range": GOAL_RANGE, "goal_proximity_weight": GOAL_PROXIMITY_WEIGHT,
         "scales": layout.scales,
         "gate_sizes": np.full(4, weights.lstm_size),
@@ -138,6 +152,9 @@ class OnnxNetwork:
                 raise ValueError(f"inputs are {shorten(inputs)}")
             self._layout = Layout.of_card(self.card)
             self._inputs = inputs
+            groups = groups_of(pools_of(load(EnvSettings, self.card["env"], "weights: env")))
+            widths = groups[:, -1] - groups[:, 0] + 1
+            self._pooled = np.repeat(np.arange(len(groups)), widths)  # by beam
             self.reset(1)
             action = self(np.ones((1, self._layout.size), np.float32))  # some graphs fail only here
             if action.shape != (1, 2) or action.dtype != np.float32:
@@ -166,10 +183,5 @@ class OnnxNetwork:
             for key, _ in self._layout.sizes
             if NAMES.get(key, key) in self._inputs
         }
-        beams = self._inputs["laser"]
-        pooled = feed["laser"].shape[1]
-        where = np.searchsorted(
-            np.arange(1, pooled + 1) * beams // pooled, np.arange(beams), "right"
-        )
-        feed["laser"] = np.ascontiguousarray(feed["laser"][:, where])
+        feed["laser"] = feed["laser"][:, self._pooled]
         return self.run({key: np.ascontiguousarray(value) for key, value in feed.items()})["action"]

@@ -39,7 +39,7 @@ def make_assistant(spec: str | Mapping[str, Any] | Any) -> Any:
 
     Args:
         spec: a name, `{"name": name, **settings}`, or settings that have `make()`; `module:Class`
-            names somebody's class, and FILE.npz the weights of a learned assistant.
+            names somebody's class, and FILE.npz or FILE.onnx the weights of a learned assistant.
 
     Raises:
         InputError: the name is unknown (the message lists those known) or a setting is wrong.
@@ -56,6 +56,6 @@ def is_shielded(spec: str | Mapping[str, Any] | Any) -> bool:
 
 
 def _settings(spec: str | Mapping[str, Any] | Any) -> Any:
-    if isinstance(spec, str) and spec.endswith(".npz"):
+    if isinstance(spec, str) and spec.endswith((".npz", ".onnx")):
         spec = {"name": "residual", "weights": spec}  # which adds to the base that the file names
     return spec if hasattr(spec, "make") else ASSISTANTS.make(spec)

@@ -254,15 +254,17 @@ def test_the_card_tells_where_weights_come_from(trained):
     assert run.rows[-1]["eval_success"] == card["evaluation"]["success"]
 
 
-@pytest.mark.parametrize(("memory", "head"), [(0, "clip"), (0, "tanh"), (16, "clip")])
-def test_onnx_acts_as_numpy_from_raw_readings(memory, head, tmp_path):
+@pytest.mark.parametrize(
+    ("memory", "head", "rear"), [(0, "clip", 541), (0, "tanh", 0), (16, "clip", 0)]
+)
+def test_onnx_acts_as_numpy_from_raw_readings(memory, head, rear, tmp_path):
     """10,000 scans as a laser gives them, with missing and invalid echoes among them."""
     pytest.importorskip("onnx", reason="pip install 'wheelchair_gym[learn]'")
     pytest.importorskip("onnxruntime", reason="pip install 'wheelchair_gym[learn]'")
     from agents.learning.export import OnnxNetwork, export_onnx
     from wheelchair_gym.task.observations import observed_range, pool_beams
 
-    weights = random_weights(memory, head=head)
+    weights = random_weights(memory, head=head, rear=rear)
     file = tmp_path / "policy.onnx"
     sidecar = export_onnx(weights, file)
     n, rng = 2500, np.random.default_rng(0)
@@ -281,15 +283,19 @@ def test_onnx_acts_as_numpy_from_raw_readings(memory, head, tmp_path):
             for value in (np.inf, -np.inf, np.nan):
                 scan[rng.random(scan.shape) < 0.02] = value
             raw[key] = scan.astype(np.float32)
-        pooled = np.empty((n, 64), np.float32)
+        pooled = np.empty((n, 96 if rear else 64), np.float32)
         for row, scan in zip(pooled, raw["laser"], strict=True):
-            pool_beams(scan, 10.0, row)
+            pool_beams(scan[:1081], 10.0, row[:64])
+            if rear:
+                pool_beams(scan[1081:], 10.0, row[64:])
         reaches = [4.0] * 4 + [6.0] * 4
         heard = [[observed_range(r, maximum) for r, maximum in zip(row, reaches, strict=True)]
                  for row in raw["ultrasonic"]]  # fmt: skip
         rest = ("twist", "goal", "last_action", "shield", "path")
         parts = [pooled, heard, *(raw[key] for key in rest)]
-        actions = plain(np.concatenate(parts, axis=1).astype(np.float32))
+        flat = np.concatenate(parts, axis=1).astype(np.float32)
+        actions = plain(flat)
+        assert memory or np.abs(exact(flat) - actions).max() < 1e-5
         found = exact.run(raw)
         assert np.abs(found["action"] - actions).max() < 1e-5
         scale = np.where(found["action"] > 0.0, [0.8, 1.0], [0.3, 1.0])

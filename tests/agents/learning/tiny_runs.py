@@ -8,6 +8,8 @@ from agents.learning.features import Layout
 from agents.learning.run import Run
 from agents.learning.settings import read_training
 from agents.learning.weights import FORMAT, Weights
+from wheelchair_gym.base.settings import load
+from wheelchair_gym.envs import EnvSettings
 
 ENV = {
     "scene": "clutter",
@@ -60,10 +62,14 @@ def trained_run(folder):
     return run, folder
 
 
-def random_weights(memory=0, posed=True, head="clip"):
+def random_weights(memory=0, posed=True, head="clip", rear=0):
+    """Weights of a chair whose second laser, if any, has so many beams."""
+    lasers = {"laser": {"beams": 1081}, "more_lasers": [{"beams": rear}] if rear else []}
+    env = {"sensors": lasers, "task": {"beams": 64}}
+    made = load(EnvSettings, env, "env")
     sizes = [
-        ["laser", 64], ["ultrasonic", 8], ["twist", 2], ["goal", 3], ["action", 2],
-        ["shield", 3], ["path", 20],
+        ["laser", sum(made.task.observed_beams(made.sensors))], ["ultrasonic", 8], ["twist", 2],
+        ["goal", 3], ["action", 2], ["shield", 3], ["path", 20],
     ]  # fmt: skip
     layout = Layout(tuple(map(tuple, sizes)), posed)
     rng = np.random.default_rng(5)
@@ -77,6 +83,5 @@ def random_weights(memory=0, posed=True, head="clip"):
         arrays["lstm.b"], told = draw(4 * memory), memory
     for k, (before, after) in enumerate(((told, 32), (32, 32), (32, 2))):
         arrays[f"dense{k}.w"], arrays[f"dense{k}.b"] = draw(after, before), draw(after)
-    env = {"sensors": {"laser": {"beams": 1081}}}
     card = {"format": FORMAT, "head": head, "env": env}
     return Weights(arrays, {**card, "layout": {"sizes": sizes, "path_has_heading": posed}})

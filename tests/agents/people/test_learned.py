@@ -25,7 +25,6 @@ from agents.policies import GymPolicy, make_policy
 from agents.policies.learned import file_digest, weights_digest
 from tests.agents.evaluation.test_assisted import poses_of
 from tests.benchmarks.assisted_drives import Helpers
-from tests.conftest import refusal
 from tests.copies import differences
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
@@ -122,15 +121,32 @@ def test_it_acts_as_often_as_in_training_and_lets_go_at_once(weights):
     assert assistant.freedom.backward == 0.045
 
 
-def test_weights_of_policies_and_of_assistants_are_told_apart(weights, tmp_path, capsys):
+def test_an_exported_assistant_answers_as_its_weights_do(weights, tmp_path):
+    pytest.importorskip("onnx", reason="pip install 'wheelchair_gym[learn]'")
+    pytest.importorskip("onnxruntime", reason="pip install 'wheelchair_gym[learn]'")
+    file = str(tmp_path / "assistant.onnx")
+    assert main(["export", weights, "--onnx", file]) == 0
+    answers = []
+    for assist in (weights, file):
+        env = NavigationEnv("clutter", driver="expert", rate=5.0, shield=True, split="test")
+        policy = GymPolicy(make_policy({"name": "assisted", "assist": assist}), env)
+        observation, _ = env.reset(seed=1)
+        policy.reset()
+        answers.append([])
+        for _ in range(20):
+            answers[-1].append(policy.act(observation))
+            observation, *_ = env.step(answers[0][len(answers[-1]) - 1])
+    np.testing.assert_allclose(*answers, rtol=0.0, atol=1e-5)
+    assert np.ptp(answers[0]) > 0.1
+
+
+def test_weights_of_policies_and_of_assistants_are_told_apart(weights):
     with pytest.raises(InputError, match="--driver NAME --assist"):
         make_policy(weights)
     with pytest.raises(InputError, match="expected an assistant's weights"):
         make_assistant({"name": "residual", "weights": "ppo_guided"})
     with pytest.raises(InputError, match="are unknown"):
         make_assistant({"name": "residual", "weights": "ppo_guide"})
-    said = refusal(["export", weights, "--onnx", tmp_path / "x.onnx"], capsys)
-    assert "an assistant's" in said
 
 
 def test_other_weights_are_another_policy(weights):
