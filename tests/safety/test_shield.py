@@ -401,12 +401,6 @@ def test_a_failed_sensor_of_the_simulation_is_what_the_shield_latches():
         assert len(latched) == 1 or kind not in FAULTS
 
 
-def test_one_seed_one_run():
-    runs = [drive((0.0, 0.0, 0.3), (0.8, 0.2), 6.0)[0] for _ in range(2)]
-    for (one, _), (other, _) in zip(*runs, strict=True):
-        assert np.array_equal(one.given, other.given)
-
-
 def among_people(*people, start=(0.0, 0.0, 0.0), twist=AHEAD, seconds=3.0, shield=None):
     """Ask for one twist among people in a wide room: decisions, truths, and the shield's marks."""
     chair, shield = SimulatedChair(), shield or Shield()
