@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+import shapely
 from PIL import Image
 
 from tests.copies import COPIERS, differences
@@ -43,16 +44,6 @@ def episodes(scene, count=4):
     return [scene.sample(np.random.default_rng(seed)) for seed in range(count)]
 
 
-def inside(points, walls):
-    """Even-odd over walls (n, 4), for points (k, 2), along rays to +x."""
-    hits = np.zeros(len(points), dtype=int)
-    for ax, ay, bx, by in walls:
-        crosses = (ay > points[:, 1]) != (by > points[:, 1])
-        if ay != by:
-            hits += crosses & (ax + (points[:, 1] - ay) / (by - ay) * (bx - ax) > points[:, 0])
-    return hits % 2 == 1
-
-
 def test_start_and_goal_stand_free_and_a_way_joins_them(scene):
     for episode in episodes(scene):
         for pose in (episode.start, episode.goal):
@@ -80,24 +71,18 @@ def test_walls_are_closed_loops_and_the_map_is_what_they_and_the_discs_say(scene
         assert sorted(map(tuple, begins)) == sorted(map(tuple, ends))
         grid = episode.map
         centres = grid.to_world(np.argwhere(np.ones(grid.shape, dtype=bool)))
-        solid = inside(centres, episode.walls)
-        for x, y, radius in episode.discs:
-            solid |= np.hypot(centres[:, 0] - x, centres[:, 1] - y) < radius
+        sides = shapely.linestrings(episode.walls.reshape(-1, 2, 2))
+        solid = shapely.contains_xy(shapely.build_area(shapely.multilinestrings(sides)), centres)
+        spots, discs = shapely.points(centres), shapely.points(episode.discs[:, :2])
+        rims = shapely.distance(spots[:, None], discs) - episode.discs[:, 2]
+        solid |= (rims < 0.0).any(axis=1)
         occupied = (grid.cells == OCCUPIED).ravel()
         assert (occupied >= solid).all()  # nothing solid is missing
         # Round and turned things may take a cell more at their rims, never farther out.
-        extra = centres[occupied & ~solid]
-        turned = episode.walls[
-            (episode.walls[:, 0] != episode.walls[:, 2])
-            & (episode.walls[:, 1] != episode.walls[:, 3])
-        ]
-        for point in extra:
-            a, b = turned[:, :2], turned[:, 2:]
-            way = b - a
-            t = np.clip(((point - a) * way).sum(1) / (way**2).sum(1), 0, 1)[:, None]
-            rims = np.hypot(*(a + t * way - point).T)
-            discs = np.hypot(*(episode.discs[:, :2] - point).T) - episode.discs[:, 2]
-            assert min([*rims, *discs], default=math.inf) < 1.5 * grid.resolution
+        extra = occupied & ~solid
+        turned = sides[(episode.walls[:, :2] != episode.walls[:, 2:]).all(axis=1)]
+        gaps = np.hstack([shapely.distance(spots[extra, None], turned), rims[extra]])
+        assert (gaps.min(axis=1, initial=math.inf) < 1.5 * grid.resolution).all()
 
 
 @pytest.mark.parametrize(
