@@ -1,45 +1,13 @@
-"""Laws of many chairs among actors: row i is the single env, bit for bit; truth reaches info."""
+"""Laws of environments with actors: worlds share a batch; truth reaches info."""
 
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
-from tests.conftest import long_but
-from tests.envs.test_vector import NEXT, SAME, compare
+from tests.envs.test_vector import CROWD, SHORT
 from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
 
-CROWDED = {
-    "split": "test",
-    "scene": {
-        "name": "crowd",
-        "people": {"density": (0.05, 0.15), "crossing_share": 0.3, "inattentive_share": 0.3},
-    },
-    "bank": {"size": 12, "turnover": 0.5},
-    "beams": 64,
-}
-SHORT = {"task": {"time_base": 6.0, "time_factor": 0.0}}
-TRACKED = {"task": {**SHORT["task"], "tracks": 4}}
-
-
-@pytest.mark.parametrize(("mode", "threads"), long_but([(NEXT, 2), (SAME, 1)], [(NEXT, 2)]))
-def test_each_row_is_a_single_env_among_movers(mode, threads):
-    """Worlds with many actors, few and none in one batch, over thousands of steps and resets."""
-    ends = compare(mode, threads, n=6, steps=300, config=TRACKED, randomize=True, **CROWDED)
-    assert ends >= 25
-
-
-def test_each_row_is_a_single_env_where_things_appear_and_every_episode_has_its_own_world():
-    settings = {"scene": {"name": "temporary", "count": (3, 6)}, "pose_source": "modelled"}
-    settings["guidance"] = "geodesic"
-    assert compare(NEXT, 2, n=3, steps=80, config=SHORT, **settings) >= 3
-
-
-@pytest.mark.parametrize("model", ["orca", "social_force"])
-def test_each_row_is_a_single_env_among_people_of_every_kind(model):
-    scene = {"name": "people", "people": {"model": model}}
-    settings = CROWDED | {"scene": scene, "pose_source": "modelled"}
-    assert compare(NEXT, 2, n=4, steps=120, config=SHORT, randomize=True, **settings) >= 4
+CROWDED = {"split": "test", "scene": CROWD, "bank": {"size": 12, "turnover": 0.5}, "beams": 64}
 
 
 def test_worlds_with_and_without_movers_share_a_batch():
