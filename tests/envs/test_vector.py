@@ -98,6 +98,7 @@ APPEAR = {"scene": {"name": "temporary", "count": (3, 6)}, "pose_source": "model
           "guidance": "geodesic"}  # fmt: skip
 FORCE = {"name": "people", "people": {"model": "social_force"}}
 OWN = {"config": str(ROOT / "examples" / "own_robot.json"), "bank": 4, "max_episode_steps": 40}
+EXPERT = {"beams": 32, "driver": "expert"}
 BARE, DEAF = {"laser": {"beams": 0}}, {"ultrasonic": {"mounted": []}}
 LATE = {"quantity": "command_delay", "distribution": "normal", "mean": 0.1, "std": 0.1}
 RANDOM = [{"quantity": name, "low": 0.0, "high": 0.1} for name in RANDOMIZED[:-1]]
@@ -114,6 +115,8 @@ ROWS = {  # threads, rows, periods, how many episodes end at least, and settings
     "all people by social force": (2, 4, 120, 4, QUICK | {"scene": FORCE}),
     "own chair": (2, 4, 90, 8, OWN),
     "own chair and a shield": (2, 4, 90, 8, OWN | {"shield": True}),
+    "docking": (2, 3, 60, 3, EXPERT | {"scene": {"name": "skill", "course": "dock"}}),
+    "people to pass": (2, 3, 60, 3, EXPERT | {"scene": {"name": "skill", "course": "people"}}),
     "no laser": (1, 3, 90, 3, QUICK | {"config": SHORT | {"sensors": BARE}}),
     "odometry only": (1, 3, 90, 3, QUICK | {"config": SHORT | {"sensors": BARE | DEAF}}),
     "all that can be drawn": (2, 4, 90, 6, QUICK | {"config": SHORT | {"chair": DRAWN}}),
