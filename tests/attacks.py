@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from tests.edges import POSTS, SCREEN, SLABS, Edges
@@ -21,7 +22,8 @@ from wheelchair_gym.compiled.kernel import borrowing_kernel
 from wheelchair_gym.compiled.random import episode_key, uniform
 from wheelchair_gym.envs import NavigationVectorEnv
 from wheelchair_gym.geometry.kinematics import Limits, approach_twist, arc_step
-from wheelchair_gym.geometry.outline import footprint_clearance
+from wheelchair_gym.geometry.outline import Footprint, footprint_clearance
+from wheelchair_gym.geometry.planar import to_world
 from wheelchair_gym.safety.grid import place_of_cell
 from wheelchair_gym.safety.state import CELL, outline_samples
 from wheelchair_gym.sensors.settings import SensorSettings
@@ -247,20 +249,11 @@ def stopping_time(v: float, w: float, limits: Limits) -> float:
 
 def _crosses(a: Array, b: Array, walls: Array, discs: Array) -> bool:
     """Return True if an object stands between a and b (2,)."""
-    e = b - a
-    if len(walls):
-        p, q = walls[:, :2], walls[:, 2:] - walls[:, :2]
-        cross = e[0] * q[:, 1] - e[1] * q[:, 0]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            t = ((p[:, 0] - a[0]) * q[:, 1] - (p[:, 1] - a[1]) * q[:, 0]) / cross
-            u = ((p[:, 0] - a[0]) * e[1] - (p[:, 1] - a[1]) * e[0]) / cross
-        if ((t > 0.0) & (t < 1.0) & (u >= 0.0) & (u <= 1.0)).any():
-            return True
-    for x, y, r in discs:
-        t = np.clip(((x - a[0]) * e[0] + (y - a[1]) * e[1]) / max(float(e @ e), 1e-12), 0.0, 1.0)
-        if math.hypot(a[0] + t * e[0] - x, a[1] + t * e[1] - y) < r:
-            return True
-    return False
+    way = shapely.LineString([a, b])
+    blocked = shapely.intersects(way, shapely.linestrings(walls.reshape(-1, 2, 2))).any()
+    return bool(
+        blocked or (shapely.distance(way, shapely.points(discs[:, :2])) < discs[:, 2]).any()
+    )
 
 
 def in_sight(
@@ -286,25 +279,14 @@ def in_sight(
     return False
 
 
-def touching_point(pose: Array, outline: Array, walls: Array, discs: Array) -> Array:
-    """The point (2,) of what is solid that is nearest to the outline (front, rear, half width)."""
-    x, y, yaw = pose
-    c, s = math.cos(yaw), math.sin(yaw)
-    found = []
-    for x0, y0, x1, y1 in walls:
-        n = max(2, math.ceil(math.hypot(x1 - x0, y1 - y0) / 0.005))
-        t = np.linspace(0.0, 1.0, n)[:, None]
-        found.append(np.array([x0, y0]) * (1 - t) + np.array([x1, y1]) * t)
-    for dx, dy, r in discs:
-        t = np.linspace(0.0, 2 * math.pi, 90)
-        found.append(np.column_stack([dx + r * np.cos(t), dy + r * np.sin(t)]))
-    points = np.concatenate(found)
-    local = (points - (x, y)) @ np.array([(c, -s), (s, c)])
-    front, rear, half = outline
-    off = np.maximum(
-        np.maximum(local[:, 0] - front, -rear - local[:, 0]), np.abs(local[:, 1]) - half
-    )
-    return np.array(points[int(np.argmin(off))])
+def touching_point(pose: Array, footprint: Footprint, walls: Array, discs: Array) -> Array:
+    """The point (2,) of what is solid that is nearest to the outline."""
+    solid = shapely.union_all([
+        *shapely.linestrings(walls.reshape(-1, 2, 2)),
+        *shapely.buffer(shapely.points(discs[:, :2]), discs[:, 2], quad_segs=32),
+    ])  # fmt: skip
+    chair = shapely.Polygon(to_world(footprint.corners, pose))
+    return shapely.get_coordinates(shapely.shortest_line(solid, chair))[0]
 
 
 @dataclass
@@ -499,10 +481,10 @@ class Attack:
         walls, discs = np.empty((world["n_walls"], 4)), np.empty((world["n_discs"], 3))
         shown(self.env.chairs.world_rows[i], walls, discs)
         poses, twists, others = trace
-        outline, limits = settings.chair.footprint.array, settings.chair.limits
+        footprint, limits = settings.chair.footprint, settings.chair.limits
         fixed = walls[: world["n_fixed_walls"]], discs[: world["n_fixed_discs"]]
         moving = walls[world["n_fixed_walls"] :], discs[world["n_fixed_discs"] :]
-        place = touching_point(poses[0], outline, *(fixed if met < 0 else moving))
+        place = touching_point(poses[0], footprint, *(fixed if met < 0 else moving))
         for k in range(1, len(poses)):
             if k / self._rate < stopping_time(*twists[k], limits):
                 continue

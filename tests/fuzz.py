@@ -69,7 +69,6 @@ READY = 300.0  # s until a worker has read its valid file: kernels may be compil
 MEMORY = 3 * 2**30  # bytes that a worker may have beside what it has when ready
 LONGEST = 2000  # characters of a message
 SCENE_NAMES = ("empty", "clutter", "grey_wolf", "mixture", "doorway", "thesis_3")
-CLINIC = ROOT / "wheelchair_gym" / "maps" / "data" / "clinic.yaml"
 
 
 class Reader(NamedTuple):
@@ -189,12 +188,6 @@ def _written(path: Path, content: Any) -> Path:
 
 
 # ---- maps
-
-
-def _copy_map(folder: Path) -> Path:
-    for path in CLINIC.parent.glob("clinic.*"):
-        shutil.copy(path, folder)
-    return folder / "clinic.yaml"
 
 
 def _use_map(path: Path) -> None:
@@ -604,9 +597,8 @@ def _mutated_checkpoint(data: bytes, rng: np.random.Generator) -> bytes:
 
 READERS: dict[str, Reader] = {
     "map yaml": Reader(
-        _small_map, _use_map, ("maps.io.map_server._description", "studio.drawing.loaded"), retold
+        _small_map, _use_map, ("maps.io.map_server._description", "studio.drawing.loaded")
     ),
-    "map yaml bytes": Reader(_copy_map, _use_map, ("maps.io.map_server._description",), flipped),
     "map png": Reader(
         lambda folder: _small_map(folder).with_suffix(".png"),
         lambda path: _use_map(path.with_suffix(".yaml")),

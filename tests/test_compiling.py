@@ -36,12 +36,14 @@ def laid(rows, row):
 EARLY = """
 from wheelchair_gym.compiled.kernel import kernel
 
+SCALE = {}
+
 @kernel
 def scaled(x):
-    return {} * x
+    return {}
 """
 LATE = """
-from early import scaled
+from early import SCALE, scaled
 from wheelchair_gym.compiled.kernel import kernel
 
 @kernel
@@ -50,7 +52,7 @@ def first(x):
 
 @kernel
 def second(x):
-    return scaled(x)
+    return SCALE * scaled(x)
 """
 HEAD = """
 import numba.core.event as event
@@ -264,13 +266,27 @@ def test_a_part_is_compiled_without_being_run(tmp_path):
 
 
 def test_a_kernel_that_calls_one_below_it_follows_an_edit_of_what_that_imports(tmp_path):
-    """A shield may not go on with an old copy after its files were changed."""
+    """Of a kernel, or of a constant that it freezes: a shield may not go on with an old copy."""
     (tmp_path / "late.py").write_text(LATE)
-    for number in ("2.0", "15.0"):  # of two lengths: Python's own cache tells seconds and size
-        (tmp_path / "early.py").write_text(EARLY.format(number))
-        assert run(tmp_path, "from late import first\nprint(first(3.0))").stdout.split() == [
-            str(3.0 * float(number))
-        ]
+    # Of other lengths each: Python's own cache tells seconds and size.
+    for scale, body, result in ((2.0, "x", 6.0), (15.0, "x", 45.0), (15.0, "x + 1.0", 60.0)):
+        (tmp_path / "early.py").write_text(EARLY.format(scale, body))
+        ran = run(tmp_path, "from late import first\nprint(first(3.0))")
+        assert ran.stdout.split() == [str(result)], ran.stderr
+
+
+def test_what_was_compiled_for_a_class_that_is_gone_is_compiled_anew(tmp_path):
+    text = (
+        "from typing import NamedTuple\n"
+        "from wheelchair_gym.compiled.kernel import kernel\n"
+        "class Old(NamedTuple):\n    x: float\n"
+        "@kernel\ndef twice(own):\n    return 2.0 * own.x\n"
+        "if __name__ != '__main__':\n    print(twice(Old(3.0)))\n"
+    )
+    for name in ("Old", "Young", "Young"):
+        (tmp_path / "changing.py").write_text(text.replace("Old", name))
+        ran = run(tmp_path, "import changing\n")
+        assert ran.stdout == "6.0\n", ran.stderr
 
 
 def test_two_processes_compile_a_kernel_once(tmp_path):

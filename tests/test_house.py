@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import ast
 import importlib.metadata
-import itertools
-import os
 import platform
 import re
 import subprocess
@@ -165,39 +163,6 @@ def test_nothing_speaks_of_where_it_was_made():
         ):
             found = re.search(r"(?<![\w.])/(?:work|home|root|Users)/\w+", path.read_text())
             assert found is None, f"{name}: {found.group()}"
-
-
-def test_kernels_know_what_they_depend_on(tmp_path, monkeypatch):
-    """An edit of a kernel, or of a constant it freezes, changes the stamp of those that call it."""
-    monkeypatch.syspath_prepend(str(tmp_path))
-    head = "from wheelchair_gym.compiled.kernel import kernel\n"
-    low = head + "SCALE = {}\n@kernel\ndef low(x):\n    return {}\n"
-    high = head + "from {0} import low, SCALE\n@kernel\ndef high(x):\n    return low(x) * SCALE\n"
-    digests = set()
-    for k, (scale, body) in enumerate(itertools.product((1.0, 2.0), ("x", "x + 1.0"))):
-        (tmp_path / f"low{k}.py").write_text(low.format(scale, body))
-        (tmp_path / f"high{k}.py").write_text(high.format(f"low{k}"))
-        module = __import__(f"high{k}")
-        assert module.high(3.0) == (3.0 if body == "x" else 4.0) * scale
-        digests.add(module.high.source_digest)
-    assert len(digests) == 4
-
-
-def test_what_was_compiled_for_a_class_that_is_gone_is_compiled_anew(tmp_path):
-    text = (
-        "from typing import NamedTuple\n"
-        "from wheelchair_gym.compiled.kernel import kernel\n"
-        "class Old(NamedTuple):\n    x: float\n"
-        "@kernel\ndef twice(own):\n    return 2.0 * own.x\n"
-        "if __name__ != '__main__':\n    print(twice(Old(3.0)))\n"
-    )
-    for name in ("Old", "Young", "Young"):
-        (tmp_path / "changing.py").write_text(text.replace("Old", name))
-        ran = subprocess.run(
-            [sys.executable, "-c", "import changing"], cwd=tmp_path, capture_output=True, text=True,
-            env={**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{tmp_path}"}, check=False,
-        )  # fmt: skip
-        assert ran.stdout == "6.0\n", ran.stderr
 
 
 @pytest.mark.parametrize("name", sorted(p.stem for p in (ROOT / "configs").glob("*.json")))

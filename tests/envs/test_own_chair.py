@@ -1,4 +1,4 @@
-"""Laws of a chair of one's own: outline, mass and sensors from one config, single and vector."""
+"""Laws of a chair of one's own: outline, mass and sensors from one config."""
 
 from __future__ import annotations
 
@@ -8,41 +8,14 @@ import pytest
 from agents.evaluation.evaluate import drive_episode
 from agents.policies import make_policy
 from tests.conftest import ROOT
-from tests.envs.test_vector import NEXT, SAME, compare
 from wheelchair_gym.base.settings import InputError, dump, read
 from wheelchair_gym.envs import EnvSettings, NavigationEnv
 from wheelchair_gym.hardware.settings import check_boards
 from wheelchair_gym.rendering.picture import TopView
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings, UltrasonicSettings
 
-FILE = ROOT / "examples" / "own_robot.json"  # 0.7 m x 1.1 m, two lasers and a camera's fan
-SHORT = {"time_base": 4.0, "time_factor": 0.0}
+FILE = str(ROOT / "examples" / "own_robot.json")  # 0.7 m x 1.1 m, two lasers and a camera's fan
 BARE = {"laser": {"beams": 0}}  # ultrasonics and odometry only
-
-
-def own(**changes):
-    """The settings of the file as plain values, with changed sections."""
-    values = dump(read(EnvSettings, FILE))
-    for section, change in changes.items():
-        if isinstance(change, dict) and isinstance(values[section], dict):
-            values[section] = values[section] | change
-        else:
-            values[section] = change
-    return values
-
-
-@pytest.mark.parametrize("mode", [NEXT, SAME])
-@pytest.mark.parametrize("shield", [True, False])
-def test_each_row_is_a_single_env(mode, shield):
-    config = own(task=SHORT, shield={} if shield else None)
-    bank = {"size": 4, "turnover": 0.5}
-    assert compare(mode, 2, n=4, steps=90, config=config, bank=bank) >= 8
-
-
-@pytest.mark.parametrize("sensors", [BARE, BARE | {"ultrasonic": {"mounted": []}}])
-def test_each_row_is_a_single_env_without_a_laser(sensors):
-    config = {"scene": "clutter", "sensors": sensors, "task": SHORT}
-    assert compare(NEXT, 1, n=3, steps=90, config=config, bank={"size": 4}) >= 3
 
 
 @pytest.mark.parametrize("mounted", [0, 1, 8])
@@ -66,7 +39,7 @@ def test_without_a_laser_there_is_no_such_key_and_no_shield():
 
 @pytest.mark.parametrize("observed", [541, 100, 10])
 def test_each_scanner_is_pooled_by_itself(observed):
-    env = NavigationEnv(config=own(task={"beams": observed}), split="test")
+    env = NavigationEnv(config=FILE, beams=observed, split="test")
     observation, _ = env.reset(seed=1)
     sensors, counts = env.settings.sensors, env.settings.task.observed_beams(env.settings.sensors)
     assert counts[0] == observed
@@ -80,14 +53,14 @@ def test_each_scanner_is_pooled_by_itself(observed):
 
 
 def test_it_drives_behind_its_shield():
-    env = NavigationEnv(config=str(FILE), split="test")
+    env = NavigationEnv(config=FILE, split="test")
     for seed in (0, 1):
         record = drive_episode(env, make_policy("lattice+window"), seed)
         assert record["success"]
 
 
 def test_a_picture_shows_each_scan_from_its_own_place():
-    env = NavigationEnv(config=own(shield=None), split="test")
+    env = NavigationEnv(config=FILE, shield=False, split="test")
     env.reset(seed=1)
     s, reading = env.settings, env.reading
     view = TopView(env.episode, s.chair.footprint, s.chair.drive, s.sensors)
@@ -111,7 +84,7 @@ def test_real_chairs_refuse_other_sensors_in_one_line():
 
 
 def test_a_localizer_uses_the_first_scanner():
-    env = NavigationEnv(config=own(), pose_source="mcl", split="test")
+    env = NavigationEnv(config=FILE, pose_source="mcl", split="test")
     env.reset(seed=0)
     for _ in range(10):
         env.step(np.array([0.3, 0.1]))

@@ -11,11 +11,13 @@ import scipy.stats
 from gymnasium.vector import AutoresetMode
 
 import wheelchair_gym
+from tests.conftest import ROOT
 from tests.copies import differences
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv, world_banks
 from wheelchair_gym.envs.batch import step_chairs
 from wheelchair_gym.scenes import make_scene
+from wheelchair_gym.sim.randomization import RANDOMIZED
 
 NEXT, SAME = AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP
 QUICK = {"scene": {"name": "clutter"}, "beams": 64, "bank": {"size": 6, "turnover": 0.5}}
@@ -89,23 +91,47 @@ def compare(mode, threads, n, steps, seed=7, shared=False, **settings):
     return ends
 
 
-@pytest.mark.parametrize("mode", [NEXT, SAME])
-@pytest.mark.parametrize("threads", [1, 2])
-def test_each_row_is_a_single_env(mode, threads):
-    ends = compare(mode, threads, n=6, steps=150, config=SHORT, randomize=True, **QUICK)
-    assert ends >= 20
+HALL = {"name": "crowd", "place": "hall", "people": {"density": (0.05, 0.1)}}
+DEAR = SHORT["task"] | {"reward": {"shield_intervention": -0.3}, "shield_state": True}
+SHIELDED = QUICK | {"scene": HALL, "shield": True, "config": {"task": DEAR}}
+SHARES = {"density": (0.05, 0.15), "crossing_share": 0.3, "inattentive_share": 0.3}
+CROWD = {"name": "crowd", "people": SHARES}
+TRACKED = {"task": SHORT["task"] | {"tracks": 4}}
+APPEAR = {"scene": {"name": "temporary", "count": (3, 6)}, "pose_source": "modelled",
+          "guidance": "geodesic"}  # fmt: skip
+FORCE = {"name": "people", "people": {"model": "social_force"}}
+OWN = {"config": str(ROOT / "examples" / "own_robot.json"), "bank": 4, "max_episode_steps": 40}
+EXPERT = {"beams": 32, "driver": "expert"}
+BARE, DEAF = {"laser": {"beams": 0}}, {"ultrasonic": {"mounted": []}}
+LATE = {"quantity": "command_delay", "distribution": "normal", "mean": 0.1, "std": 0.1}
+RANDOM = [{"quantity": name, "low": 0.0, "high": 0.1} for name in RANDOMIZED[:-1]]
+DRAWN = {"randomization": [*RANDOM, LATE], "randomize": True}
+ROWS = {  # threads, rows, periods, how many episodes end at least, and settings
+    "one thread": (1, 6, 150, 20, QUICK),
+    "two threads": (2, 6, 150, 20, QUICK),
+    "a shield": (2, 4, 120, 8, SHIELDED),
+    "half without it": (2, 4, 120, 8, SHIELDED | {"config": {"unshielded": 0.5, "task": DEAR}}),
+    # Worlds with many actors, few and none in one batch, over thousands of steps and resets.
+    "actors": (2, 6, 300, 25, QUICK | {"scene": CROWD, "config": TRACKED}),
+    "things that appear": (2, 3, 80, 3, APPEAR),  # each episode has a world of its own
+    "all people by orca": (2, 4, 120, 4, QUICK | {"scene": "people", "pose_source": "modelled"}),
+    "all people by social force": (2, 4, 120, 4, QUICK | {"scene": FORCE}),
+    "own chair": (2, 4, 90, 8, OWN),
+    "own chair and a shield": (2, 4, 90, 8, OWN | {"shield": True}),
+    "docking": (2, 3, 60, 3, EXPERT | {"scene": {"name": "skill", "course": "dock"}}),
+    "people to pass": (2, 3, 60, 3, EXPERT | {"scene": {"name": "skill", "course": "people"}}),
+    "no laser": (1, 3, 90, 3, QUICK | {"config": SHORT | {"sensors": BARE}}),
+    "odometry only": (1, 3, 90, 3, QUICK | {"config": SHORT | {"sensors": BARE | DEAF}}),
+    "all that can be drawn": (2, 4, 90, 6, QUICK | {"config": SHORT | {"chair": DRAWN}}),
+}
 
 
 @pytest.mark.parametrize("mode", [NEXT, SAME])
-def test_each_row_with_a_shield_is_a_single_env_with_one(mode):
-    crowd = {"name": "crowd", "place": "hall", "people": {"density": (0.05, 0.1)}}
-    settings = QUICK | {"scene": crowd, "shield": True}
-    dear = {
-        "task": {**SHORT["task"], "reward": {"shield_intervention": -0.3}, "shield_state": True}
-    }
-    assert compare(mode, 2, n=4, steps=120, config=dear, randomize=True, **settings) >= 8
-    half = {**dear, "unshielded": 0.5}
-    assert compare(mode, 2, n=4, steps=120, config=half, randomize=True, **settings) >= 8
+@pytest.mark.parametrize("name", ROWS)
+def test_each_row_is_a_single_env(name, mode):
+    threads, n, steps, ends, settings = ROWS[name]
+    settings = {"config": SHORT, "randomize": True} | settings
+    assert compare(mode, threads, n=n, steps=steps, **settings) >= ends
 
 
 PARTS = {
@@ -479,3 +505,37 @@ def test_worlds_and_starts_are_chosen_by_row():
         with pytest.raises(InputError, match=why):
             call()
         assert (env.np_random_seed, env._next) == (before, planned)  # nothing has changed
+
+
+CROWDED = QUICK | {"scene": CROWD, "split": "test"}
+
+
+def test_worlds_with_and_without_movers_share_a_batch():
+    """A batch row that goes from a crowd to an empty floor and back is as fresh."""
+    crowd = NavigationEnv(config=SHORT, **CROWDED)
+    crowd.reset(seed=3)
+    episode = crowd.episode
+    plain = type(episode)(episode.map, episode.start, episode.goal, episode.walls, episode.discs)
+    seen = []
+    for given in (episode, plain, episode, plain):
+        crowd.reset(seed=5, options={"episode": given})
+        seen.append(np.array([crowd.step(np.array([0.6, 0.1]))[0]["laser"] for _ in range(20)]))
+    assert np.array_equal(seen[0], seen[2])
+    assert np.array_equal(seen[1], seen[3])
+    assert not np.array_equal(seen[0], seen[1])
+
+
+def test_truth_reaches_info_and_never_the_observation():
+    env = NavigationEnv(config={"task": {"time_base": 60.0}}, **CROWDED)
+    observation, info = env.reset(seed=1)
+    assert set(observation) == {"laser", "ultrasonic", "twist", "goal"}
+    told = [
+        info[name]
+        for name in ("at_fault", "contact_with", "approach_speed", "other_approach_speed")
+    ]
+    assert told == [False, -1, 0.0, 0.0]
+    assert env.chair.truth.actor_poses.shape == (len(env.episode.actors), 3)
+    batch = NavigationVectorEnv(2, config=SHORT, **CROWDED)
+    _, infos = batch.reset(seed=1)
+    assert infos["approach_speed"].shape == infos["other_approach_speed"].shape == (2,)
+    assert infos["contact_with"].tolist() == [-1, -1]

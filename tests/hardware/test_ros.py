@@ -347,9 +347,8 @@ def test_no_stamp_switches_freshness_off(bridge, caplog):
         assert "is silent" in senses.stale(60.0)
 
 
-def test_every_broadcaster_of_static_transforms_is_heard(bridge, chair):
+def test_every_broadcaster_of_static_transforms_is_heard(bridge):
     """Each says its own edges, all at the start; the laser hangs on a chain of them."""
-    chair.close()
     x, y, yaw = bridge.mounted
     links = ["base_link", *(f"link_{k}" for k in range(20)), "laser_link"]
     bridge.statics = [
@@ -588,9 +587,8 @@ def test_a_goal_must_be_on_free_ground(bridge, chair):
             chair.episode(goal, start)
 
 
-def test_a_laser_that_sits_elsewhere_is_not_driven_by(bridge, chair):
+def test_a_laser_that_sits_elsewhere_is_not_driven_by(bridge):
     """Turned round in the settings or on the chair: obstacles would stand on the wrong side."""
-    chair.close()
     bridge.mounted = 0.66, 0.0, math.pi
     chair = make_chair(spec(bridge), env_settings(CONFIG))
     with pytest.raises(InputError, match=r"180 deg; sensors.laser says \(0.66, 0.00\) m, 0 deg"):

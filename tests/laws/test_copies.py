@@ -1,9 +1,11 @@
-"""Laws of copies: a copy steps on as its original does, to the bit, or refuses in one line."""
+"""Laws of copies: a copy steps on as its original does, to the bit, or refuses in one line.
+
+Copies of planners and of scenes: tests/planners/test_planners.py, tests/scenes/test_scenes.py.
+"""
 
 from __future__ import annotations
 
 import copy
-import dataclasses
 import pickle
 import subprocess
 import sys
@@ -16,7 +18,6 @@ from agents.control import FOLLOWERS
 from agents.learning.sb3 import SB3VecEnv
 from agents.learning.weights import shipped
 from agents.policies import POLICIES, GymPolicy, make_policy
-from planners import PLANNERS, Problem, Space, make_planner
 from tests.conftest import ROOT
 from tests.copies import COPIERS, by_pickle, differences, drive_copies
 from tests.sim.worlds import cluttered
@@ -24,7 +25,6 @@ from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
 from wheelchair_gym.hardware.chair import HardwareChair
 from wheelchair_gym.hardware.ros.chair import RosChair
 from wheelchair_gym.hardware.twin.board import EmulatedBoard
-from wheelchair_gym.scenes import SCENES, make_scene
 from wheelchair_gym.sim.chair import SimulatedChair
 from wheelchair_gym.types import Chair, NotCopyable
 
@@ -189,34 +189,6 @@ def test_a_copy_of_env_and_policy_drives_on_as_the_original(name):
     env.reset(seed=1)
     driven = env, GymPolicy(make_policy(name), env), [None]
     drive_copies(begin_policy, step_policy, driven, 1, seed=1)
-
-
-@pytest.mark.parametrize("name", PLANNERS)
-def test_a_copy_of_a_planner_plans_the_same(name):
-    fields = {field.name for field in dataclasses.fields(PLANNERS[name])}
-    planner = make_planner({"name": name} | {k: 60 for k in ("iterations",) if k in fields})
-    space = Space.from_rectangles([(4.0, 0.0, 5.0, 3.0)], (0.0, 0.0, 10.0, 10.0))
-    problem = Problem(space, np.array([1.0, 1.0]), np.array([9.0, 2.0]))
-    plans = [
-        one.plan(problem, np.random.default_rng(3))
-        for one in (planner, *(c(planner) for c in COPIERS))
-    ]
-    for plan in plans[1:]:
-        assert plan.path.tobytes() == plans[0].path.tobytes()
-
-
-@pytest.mark.parametrize("name", SCENES)
-def test_a_copy_of_a_scene_draws_the_same(name):
-    scene = make_scene(name)
-    first, *others = [
-        one.sample(np.random.default_rng(4)) for one in (scene, *(c(scene) for c in COPIERS))
-    ]
-    for other in others:
-        assert not list(differences(vars_of(other), vars_of(first)))
-
-
-def vars_of(episode):
-    return {name: getattr(episode, name) for name in ("start", "goal", "walls", "discs")}
 
 
 class Foreign(NotCopyable, Chair):

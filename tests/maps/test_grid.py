@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import shapely
 
-from tests.scenes.test_scenes import inside
 from wheelchair_gym.geometry.planar import point_segment_distance
 from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 
@@ -21,7 +21,10 @@ def random_grid(seed: int, share: float = 0.5, origin=(0.0, 0.0, 0.0), side=14) 
 def test_parity_of_walls_is_what_is_solid(seed, yaw):
     grid = random_grid(seed, [0.2, 0.5, 0.8][seed % 3], (3.0, -2.0, yaw))
     cells = np.argwhere(np.ones(grid.shape, dtype=bool))
-    solid = inside(grid.to_world(cells), grid.walls())
+    centres = grid.to_world(cells)
+    rays = shapely.linestrings(np.stack([centres, centres + np.array([100.0, 0.0])], axis=1))
+    walls = shapely.linestrings(grid.walls().reshape(-1, 2, 2))
+    solid = shapely.intersects(rays[:, None], walls).sum(axis=1) % 2
     assert (solid == grid.solid().ravel()).all()
 
 

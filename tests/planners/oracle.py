@@ -24,10 +24,11 @@ from functools import cached_property
 
 import numpy as np
 import shapely
+from scipy import ndimage
 from scipy.sparse import coo_array
-from scipy.sparse.csgraph import dijkstra
+from scipy.sparse.csgraph import connected_components, dijkstra
 
-from tests.planners.pose_grid import STEP, fill, flood, grid_headings, shortest
+from tests.planners.pose_grid import STEP, fill, grid_headings, moves
 from wheelchair_gym.geometry.outline import Footprint
 
 CHAIR = Footprint()
@@ -58,8 +59,13 @@ def lengths_from_first(room, nodes):
     shapely.prepare(room)
     pairs = pairs[shapely.covers(room, shapely.linestrings(nodes[pairs]))]
     ways = np.hypot(*(nodes[pairs[:, 0]] - nodes[pairs[:, 1]]).T)
-    graph = coo_array((ways, pairs.T), shape=(len(nodes), len(nodes)))
-    return dijkstra(graph.tocsr(), directed=False, indices=0)
+    return shortest(pairs, ways, len(nodes), 0)
+
+
+def shortest(pairs, ways, count, first):
+    """Return the lengths (count,) of shortest ways from a node, along pairs (n, 2) of nodes."""
+    graph = coo_array((ways, pairs.T), shape=(count, count))
+    return dijkstra(graph.tocsr(), directed=False, indices=first)
 
 
 class Oracle:
@@ -92,21 +98,16 @@ class Oracle:
         return self._marked(self.footprint.array, True)
 
     @cached_property
-    def regions(self):
-        """Numbers of the regions that a chair can drive through, 0 where not free."""
-        labels = np.zeros(self.shape, np.int32)
-        flood(*self.free, self.steps, False, labels)
-        return labels
-
-    @cached_property
     def relaxed(self):
         """Numbers of the regions for a smaller chair that moves in any direction."""
         gaps = np.diff(np.append(self.headings, self.headings[0] + 2 * math.pi))
         less = STEP / math.sqrt(2.0) + 2.0 * self.footprint.reach * math.sin(0.25 * gaps.max())
         poses, _ = self._marked(self.footprint.array - less, False)
-        labels = np.zeros(self.shape, np.int32)
-        flood(poses, poses, self.steps, True, labels)
-        return labels
+        poses = np.concatenate([poses, poses[:1]])  # the first heading follows the last
+        labels, count = ndimage.label(poses, np.ones((3, 3, 3)))
+        same = labels[0].ravel(), labels[-1].ravel()
+        joined = coo_array((np.ones(len(same[0])), same), shape=(count + 1, count + 1))
+        return connected_components(joined, directed=False)[1][labels[:-1]]
 
     def cell(self, point):
         """(row, column) of the grid point nearest to a point."""
@@ -121,14 +122,6 @@ class Oracle:
         every = field[(slice(None), *self.cell(pose))]
         return every if len(pose) == 2 else every[self.heading(pose[2])][None]
 
-    def feasible(self, start, goal):
-        """Return True if grid poses (3,) are connected; goals may be points (2,); None: unknown."""
-        for labels, verdict in ((self.regions, True), (self.relaxed, False)):
-            one, other = self._at(labels, start), self._at(labels, goal)
-            if bool(np.isin(one[one > 0], other).any()) == verdict:
-                return verdict
-        return None
-
     def lower(self, start, goal):
         """The shortest way [m] of the disc round the axle within the chair."""
         radius = min(self.footprint.front, self.footprint.rear, self.footprint.half_width)
@@ -142,9 +135,13 @@ class Oracle:
         """The verdict on grid poses (3,), the goal perhaps a point (2,)."""
         poses, pivots = self.free
         begin = (self.heading(start[2]), *self.cell(start))
-        upper = math.inf
+        upper, feasible = math.inf, None
         if poses[begin]:
-            upper = float(self._at(shortest(poses, pivots, self.steps, begin, STEP), goal).min())
+            first = np.ravel_multi_index(begin, self.shape)
+            lengths = shortest(*moves(poses, pivots, self.steps), poses.size, first)
+            upper = float(self._at(lengths.reshape(self.shape), goal).min())
         if upper < math.inf:
-            return Verdict(True, self.lower(start, goal), upper)
-        return Verdict(self.feasible(start, goal), self.lower(start, goal), upper)
+            feasible = True
+        elif not set(self._at(self.relaxed, start)) & set(self._at(self.relaxed, goal)) - {0}:
+            feasible = False
+        return Verdict(feasible, self.lower(start, goal), upper)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import heapq
 import math
 
 import numpy as np
@@ -195,79 +194,20 @@ def fill(edges, discs, solid, frame, headings, outline, box, poses, pivots):
                 )
 
 
-@kernel
-def shortest(poses, pivots, steps, start, step):
-    """Minimum translation (headings, rows, columns) [m] from a pose (heading, row, column)."""
-    count, rows, columns = poses.shape
-    far = np.full(poses.shape, np.float32(np.inf))
-    far[start[0], start[1], start[2]] = 0.0
-    first = (np.float32(0.0), (start[0] * rows + start[1]) * columns + start[2])
-    heap = [first]
-    while len(heap) > 0:
-        key, item = heapq.heappop(heap)
-        h, i, j = item // (rows * columns), item // columns % rows, item % columns
-        if key > far[h, i, j]:
-            continue
-        for m in range(4):
-            k, r, c, way = h, i, j, np.float32(0.0)
-            if m < 2:
-                sign = 1 - 2 * m
-                r, c = i + sign * steps[h, 1], j + sign * steps[h, 0]
-                if r < 0 or r >= rows or c < 0 or c >= columns or not poses[h, r, c]:
-                    continue
-                way = np.float32(step * math.hypot(steps[h, 0], steps[h, 1]))
-            elif m == 2:
-                if not pivots[h, i, j]:
-                    continue
-                k = (h + 1) % count
-            else:
-                k = (h - 1) % count
-                if not pivots[k, i, j]:
-                    continue
-            if key + way < far[k, r, c]:
-                far[k, r, c] = key + way
-                heapq.heappush(heap, (far[k, r, c], (k * rows + r) * columns + c))
-    return far
+def neighbours(field, i, j):
+    """Parts of a field (rows, columns) that lie (i, j) cells apart, cell by cell."""
+    rows, columns = field.shape
+    begin = field[max(0, -i) : rows - max(0, i), max(0, -j) : columns - max(0, j)]
+    end = field[max(0, i) : rows + min(0, i), max(0, j) : columns + min(0, j)]
+    return begin, end
 
 
-@kernel
-def flood(poses, pivots, steps, relaxed, labels):
-    """Number the regions of poses that moves connect, from 1; where not free 0.
-
-    Relaxed: moves go to any neighbour, sideways and turning at once.
-    """
-    count, rows, columns = poses.shape
-    stack = np.empty(poses.size, np.int32)
-    regions = 0
-    flat = labels.reshape(-1)
-    for seed in range(poses.size):
-        if flat[seed] != 0 or not poses.reshape(-1)[seed]:
-            continue
-        regions += 1
-        stack[0], size = seed, 1
-        flat[seed] = regions
-        while size > 0:
-            size -= 1
-            item = stack[size]
-            h, i, j = item // (rows * columns), item // columns % rows, item % columns
-            for m in range(27 if relaxed else 4):
-                k, r, c = h, i, j
-                if relaxed:
-                    k, r, c = (h + m // 9 - 1) % count, i + m // 3 % 3 - 1, j + m % 3 - 1
-                elif m < 2:
-                    r, c = i + (1 - 2 * m) * steps[h, 1], j + (1 - 2 * m) * steps[h, 0]
-                elif m == 2:
-                    if not pivots[h, i, j]:
-                        continue
-                    k = (h + 1) % count
-                else:
-                    k = (h - 1) % count
-                    if not pivots[k, i, j]:
-                        continue
-                if r < 0 or r >= rows or c < 0 or c >= columns:
-                    continue
-                if poses[k, r, c] and labels[k, r, c] == 0:
-                    labels[k, r, c] = regions
-                    stack[size] = (k * rows + r) * columns + c
-                    size += 1
-    return regions
+def moves(poses, pivots, steps):
+    """Pairs (n, 2) of numbers of poses that a move joins, and the translation (n,) of each [m]."""
+    numbers = np.arange(poses.size).reshape(poses.shape)
+    pairs, ways = [np.stack([numbers[pivots], np.roll(numbers, -1, axis=0)[pivots]])], [0.0]
+    for free, number, (j, i) in zip(poses, numbers, steps.tolist(), strict=True):
+        both = np.logical_and(*neighbours(free, i, j))
+        pairs.append(np.stack([part[both] for part in neighbours(number, i, j)]))
+        ways.append(STEP * math.hypot(i, j))
+    return np.hstack(pairs).T, np.repeat(ways, [part.shape[1] for part in pairs])

@@ -32,14 +32,3 @@ def test_curves_pass_through_their_points_even_where_these_coincide(name):
         line = curve(points, name, 10, chordal)
         assert np.isfinite(line).all()
         np.testing.assert_array_equal(line[::10], points)
-
-
-def test_pchip_stays_between_its_points():
-    for seed in range(20):
-        points = np.random.default_rng(seed).uniform(0, 10, (8, 2))
-        line = curve(points, "pchip", 12)
-        for k in range(7):
-            leg = line[12 * k : 12 * k + 13]
-            low, high = points[k : k + 2].min(axis=0), points[k : k + 2].max(axis=0)
-            assert (leg >= low - 1e-9).all()
-            assert (leg <= high + 1e-9).all()

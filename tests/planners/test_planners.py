@@ -11,6 +11,7 @@ import pytest
 from planners import PLANNERS, Problem, Space, Status, make_planner
 from planners.judge import TOLERANCE, Judge
 from planners.problem_files import read_problems
+from tests.copies import COPIERS, differences
 from tests.planners.make_problems import FILE, problems
 from wheelchair_gym.base.settings import InputError
 
@@ -116,14 +117,15 @@ def test_a_goal_that_is_the_start_is_reached(name):
 
 
 @pytest.mark.parametrize("name", PLANNERS)
-def test_same_rng_same_plan(name):
-    problem = on([(2, 3, 6, 5), (5, 6, 8, 7.5)])
-    first, second = (make_planner(name).plan(problem, np.random.default_rng(5)) for _ in range(2))
-    assert first.status == second.status
-    np.testing.assert_array_equal(first.path, second.path)
-    np.testing.assert_array_equal(first.tree, second.tree)
-    counters = [{k: v for k, v in p.counters.items() if k[-2:] != "_s"} for p in (first, second)]
-    assert counters[0] == counters[1]
+def test_a_planner_and_its_copies_plan_the_same_with_the_same_generator(name):
+    problem, planner = on([(2, 3, 6, 5), (5, 6, 8, 7.5)]), make_planner(name)
+    found = []
+    for one in (planner, planner, *(copied(planner) for copied in COPIERS)):
+        plan = one.plan(problem, np.random.default_rng(5))
+        counters = {key: count for key, count in plan.counters.items() if key[-2:] != "_s"}
+        found.append((plan.status, plan.path, plan.tree, counters))
+    for other in found[1:]:
+        assert not list(differences(found[0], other))
 
 
 @pytest.mark.parametrize("name", PLANNERS)

@@ -27,16 +27,16 @@ from planners.trees.tree import (
     place_node,
     remove_node,
 )
+from tests.planners.test_planners import on
 
-RECTANGLES = np.array([(4.0, 0.0, 5.0, 7.0), (7.0, 3.0, 8.0, 10.0), (1.0, 4.0, 3.0, 5.0)])
+RECTANGLES = [(4.0, 0.0, 5.0, 7.0), (7.0, 3.0, 8.0, 10.0), (1.0, 4.0, 3.0, 5.0)]
 # Over the first wall, under the second: (1, 1) (4, 7) (5, 7) (7, 3) (8, 3) (9, 9), except for
 # the block in the way, (3, 4).
 SHORTEST = np.hypot(2, 3) + np.hypot(1, 3) + 1.0 + np.hypot(2, 4) + 1.0 + np.hypot(1, 6)
 
 
 def walled():
-    space = Space.from_rectangles(RECTANGLES, (0.0, 0.0, 10.0, 10.0))
-    return Problem(space, np.array([1.0, 1.0]), np.array([9.0, 9.0]))
+    return on(RECTANGLES)
 
 
 problem = pytest.fixture(walled, scope="module", name="problem")

@@ -100,48 +100,43 @@ def assert_same(observation, other):
         np.testing.assert_array_equal(observation[key], other[key])
 
 
-def replayed(chapter, first, steps):
-    """The environment that replayed a chapter: observations and rewards are those of the run."""
-    env = replay_env(chapter)
-    assert_same(env.reset(options={"episode": chapter.episode})[0], first)
-    for action, (observation, reward) in zip(chapter.actions, steps, strict=True):
-        again, worth, *_ = env.step(action)
-        assert_same(again, observation)
-        assert worth == reward
-    return env
+OTHERS = {  # settings of an environment, and how many episodes
+    "some without a shield": (6, {"shield": True, "config": {
+        "unshielded": 0.5, "task": {"shield_state": True, "reward": {"shield_intervention": -0.3}},
+    }}),
+    "three scanners": (1, {"config": str(ROOT / "examples" / "own_robot.json")}),
+    "ways of the outline": (
+        1, {"scene": "clutter", "guidance": "poses", "config": {"task": {"aim": "time"}}}
+    ),
+}  # fmt: skip
 
 
-def test_an_episode_without_its_shield_is_replayed_without(tmp_path):
-    task = {"shield_state": True, "reward": {"shield_intervention": -0.3}}
-    env = gym.make(KINDS[0][0], shield=True, config={"unshielded": 0.5, "task": task})
-    env = RecordEpisodes(env, tmp_path / "run.mcap")
-    seen, guarded = [], []
-    for seed in range(6):
+@pytest.mark.parametrize("name", OTHERS)
+def test_runs_with_other_settings_are_seen_and_judged_the_same(name, tmp_path):
+    count, settings = OTHERS[name]
+    env = RecordEpisodes(gym.make(KINDS[0][0], **settings), tmp_path / "run.mcap")
+    seen, lasers = [], env.unwrapped.settings.sensors.lasers
+    for seed in range(count):
         first, _ = env.reset(seed=seed)
-        guarded.append(env.unwrapped.task.is_shielded)
-        seen.append((first, [env.step(np.array([1.0, 0.2]))[:2] for _ in range(15)]))
+        steps = [env.step(np.array([1.0, 0.05 * k]))[:2] for k in range(15)]
+        seen.append((first, steps, env.unwrapped.task.is_shielded))
     env.close()
-    assert {True, False} == set(guarded)
     chapters = read_recording(tmp_path / "run.mcap")
-    for chapter, run, shielded in zip(chapters, seen, guarded, strict=True):
-        assert replayed(chapter, *run).task.is_shielded == shielded
-
-
-def test_a_chair_with_three_scanners_is_recorded_and_replayed(tmp_path):
-    env = gym.make(KINDS[0][0], config=str(ROOT / "examples" / "own_robot.json"))
-    env = RecordEpisodes(env, tmp_path / "run.mcap")
-    first, _ = env.reset(seed=1)
-    steps = [env.step(np.array([0.5, 0.2]))[:2] for _ in range(10)]
-    mounts = env.unwrapped.settings.sensors.lasers
-    env.close()
-    (chapter,) = read_recording(tmp_path / "run.mcap")
-    replayed(chapter, first, steps)
-    scans = ("/scan", "/scan_1", "/scan_2")
-    seen = {topic for topic, _, _ in told(tmp_path / "run.mcap", *scans, "/scan_3")}
-    assert seen == set(scans)
+    for chapter, (first, steps, shielded) in zip(chapters, seen, strict=True):
+        env = replay_env(chapter)
+        assert_same(env.reset(options={"episode": chapter.episode})[0], first)
+        for action, (observation, reward) in zip(chapter.actions, steps, strict=True):
+            again, worth, *_ = env.step(action)
+            assert_same(again, observation)
+            assert worth == reward
+        assert env.task.is_shielded == shielded
+    assert len({shielded for *_, shielded in seen}) == (2 if count > 1 else 1)
+    scans = ["/scan", *(f"/scan_{k}" for k in range(1, len(lasers)))]
+    topics = {topic for topic, _, _ in told(tmp_path / "run.mcap", *scans, f"/scan_{len(lasers)}")}
+    assert topics == set(scans)
     log, laser = sensor_log(tmp_path / "run.mcap")
-    assert laser == mounts[0]
-    assert log.ranges.shape == (11, laser.beams)
+    assert laser == lasers[0]
+    assert log.ranges.shape == (16, laser.beams)  # of an episode
 
 
 def test_every_reader_opens_it(run):
@@ -468,13 +463,3 @@ def test_movers_are_recorded_and_replayed_where_they_were(tmp_path):
     with (tmp_path / "run.mcap").open("rb") as stream:
         topics = [channel.topic for _, channel, _ in make_reader(stream).iter_messages()]
     assert topics.count("/actors") == 6
-
-
-def test_a_run_guided_by_ways_of_the_outline_is_seen_and_judged_the_same(tmp_path):
-    settings = {"scene": "clutter", "guidance": "poses", "config": {"task": {"aim": "time"}}}
-    file = tmp_path / "posed.mcap"
-    env = RecordEpisodes(gym.make(NAMES[0], **settings), file)
-    first, _ = env.reset(seed=0)
-    steps = [env.step(np.array([0.8, 0.1 * k], np.float32))[:2] for k in range(6)]
-    env.close()
-    replayed(read_recording(file)[0], first, steps)

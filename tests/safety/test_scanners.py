@@ -8,6 +8,7 @@ import math
 import numpy as np
 import pytest
 
+from tests.safety.test_shield import begin, step
 from tests.sim.worlds import box
 from wheelchair_gym.safety import Shield
 from wheelchair_gym.safety.grid import place_of_cell
@@ -39,10 +40,9 @@ def with_more(*lasers, **others):
 
 def reverse(sensors, twist=BACKWARD, seconds=20.0, discs=(), key=3, change=lambda k, r: r):
     """Ask for one twist from near the rear wall, in a room; chair, shield, reasons."""
-    chair, shield, reasons = SimulatedChair(sensors=sensors), Shield(sensors=sensors), []
-    episode = box(5.0, (-3.5, 0.0, 0.0))
+    episode, reasons = box(5.0, (-3.5, 0.0, 0.0)), []
     episode = dataclasses.replace(episode, discs=np.reshape(discs, (-1, 3)).astype(float))
-    reading = chair.reset(episode, key)
+    chair, shield, reading = begin(episode, key, sensors=sensors)
     for k in range(round(seconds / 0.1)):
         given = shield.filter(twist, change(k, reading))
         reasons.append(shield.decision.reason)
@@ -76,21 +76,18 @@ def test_a_post_that_one_beam_meets_stops_it(aside):
 def test_what_leaves_the_view_of_its_scanner_is_remembered():
     """A post enters the blind corner beside a narrow fan; the chair turns, then reverses."""
     sensors = with_more(dataclasses.replace(CAMERA, beams=41))
-    chair, shield = SimulatedChair(sensors=sensors), Shield(sensors=sensors)
-    episode = dataclasses.replace(box(5.0, (0.0, 0.0, 0.0)), discs=np.array([(-0.75, 0.0, 0.03)]))
-    reading = chair.reset(episode, 3)
-    for twist in [np.array([0.0, 0.6])] * 15 + [np.array([-0.3, 0.0])] * 60:
-        given = shield.filter(twist, reading)
-        reading = chair.drive(given, shield.decision.protective)
+    episode = dataclasses.replace(box(5.0), discs=np.array([(-0.75, 0.0, 0.03)]))
+    chair, shield, reading = begin(episode, 3, sensors=sensors)
+    for twist in [np.array([0.0, 0.6])] * 15 + [BACKWARD] * 60:
+        reading = step(chair, shield, twist, reading)
     assert not chair.truth.touched
 
 
 def test_it_leaves_when_the_thing_behind_has_gone():
     """Its scanner sees beyond where a post was: the chair may reverse again."""
-    sensors = with_more(BACK)
-    chair, shield = SimulatedChair(sensors=sensors), Shield(sensors=sensors)
-    episode = box(5.0, (0.0, 0.0, 0.0))
-    reading = chair.reset(dataclasses.replace(episode, discs=np.array([(-0.42, 0.0, 0.05)])), 3)
+    episode = box(5.0)
+    post = dataclasses.replace(episode, discs=np.array([(-0.42, 0.0, 0.05)]))
+    chair, shield, reading = begin(post, 3, sensors=with_more(BACK))
     for _ in range(20):
         reading = chair.drive(shield.filter(BACKWARD, reading))
     assert shield.decision.reason == "obstacle"
@@ -123,8 +120,7 @@ TURN = np.array([0.0, 0.8])
 @pytest.mark.parametrize("shows_free", [True, False])
 def test_it_turns_fast_over_floor_that_a_rear_scanner_shows_free(shows_free):
     sensors = with_more(dataclasses.replace(FREE, shows_free=shows_free))
-    chair, shield = SimulatedChair(sensors=sensors), Shield(sensors=sensors)
-    reading = chair.reset(box(5.0, (0.0, 0.0, 0.0)), 3)
+    chair, shield, reading = begin(box(5.0), 3, sensors=sensors)
     fastest = 0.0
     for _ in range(30):  # at first, what is beside it has not been seen
         reading = chair.drive(shield.filter(TURN, reading))
@@ -153,8 +149,7 @@ def test_a_rear_scanner_that_shows_what_is_free_sees_who_comes_from_behind(shows
 def test_a_rear_scanner_that_tells_nothing_shows_nothing_free(what):
     """It hears no echo, or repeats its scan, or does not reach so far as corners do."""
     sensors = with_more(dataclasses.replace(FREE, reach=0.5 if what == "short" else FREE.reach))
-    chair, shield = SimulatedChair(sensors=sensors), Shield(sensors=sensors)
-    at, reading = sensors.slices[1], chair.reset(box(5.0, (0.0, 0.0, 0.0)), 3)
+    at, (chair, shield, reading) = sensors.slices[1], begin(box(5.0), 3, sensors=sensors)
     for k in range(12):
         ranges = reading.laser.copy()
         if k == 6:

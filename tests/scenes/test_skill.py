@@ -14,7 +14,6 @@ from planners import make_planner
 from planners.collision.space import Space
 from planners.judge import plan_faults
 from planners.problem import Problem, Status
-from tests.envs.test_vector import NEXT, compare
 from tests.scenes.test_footprints import CHAIRS
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import NavigationEnv
@@ -158,11 +157,3 @@ def test_a_skill_without_a_person_gets_the_pose_and_must_reach_it():
         env.reset(options={"episode": episode})
         *_, terminated, _, info = env.step(np.zeros(2))
         assert (terminated, info["is_success"]) == (arrives, arrives)
-
-
-@pytest.mark.parametrize("course", ["dock", "people"])
-def test_each_row_is_a_single_env(course):
-    short = {"task": {"time_base": 4.0, "time_factor": 0.0}}
-    scene = {"name": "skill", "course": course}
-    ends = compare(NEXT, 2, n=3, steps=60, config=short, scene=scene, beams=32, driver="expert")
-    assert ends >= 3

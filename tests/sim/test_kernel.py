@@ -1,8 +1,7 @@
-"""The step kernel and plain pymunk agree exactly: the same forces, through the API."""
+"""The kernels and plain pymunk agree exactly: chair and actors, entries, forces, contacts."""
 
 from __future__ import annotations
 
-import ctypes
 import math
 
 import numpy as np
@@ -10,22 +9,19 @@ import pymunk
 import pytest
 
 from tests.conftest import long_but
-from tests.sim.worlds import cluttered, exact_chair
-from wheelchair_gym.engine import (
-    ANGLE,
-    BODY_DOUBLES,
-    FX,
-    FY,
-    TORQUE,
-    VX,
-    VY,
-    W,
-    X,
-    Y,
-    engine_record,
-)
+from tests.sim.worlds import busy, cluttered, exact_chair
+from wheelchair_gym.actors.bodies import PARKING, read_actor_poses
+from wheelchair_gym.actors.records import DOOR, FURNITURE, NOBODY, OBSTACLE, PERSON
+from wheelchair_gym.compiled.address import address_of
+from wheelchair_gym.engine import ANGLE, BODY_DOUBLES, FX, FY, TORQUE, VX, VY, W, X, Y
+from wheelchair_gym.geometry.kinematics import Limits
 from wheelchair_gym.sim import drive_train
-from wheelchair_gym.sim.world import WALL_FRICTION, measure_clearance, touchable_space
+from wheelchair_gym.sim import step as period
+from wheelchair_gym.sim.settings import BodySettings
+from wheelchair_gym.sim.world import FIXED, LEAF, WALL_FRICTION
+
+STEP_ONCE = drive_train.physics_step.py_func
+MOVE_ON, BODY_VIEW = period.decide_actors, period.body_view
 
 
 def run_as_python(patch):
@@ -34,113 +30,207 @@ def run_as_python(patch):
         patch.setattr(drive_train, name, getattr(drive_train, name).py_func)
 
 
-class Oracle:
-    """A chair in a Space of its own, made and entered by pymunk's plain API alone.
+def made_of(row):
+    """An actor's body and shape, made by the API."""
+    length, width = row["size"].tolist()
+    mass = float(row["mass"])
+    box = [(-length / 2, -width / 2), (length / 2, -width / 2)]
+    box += [(length / 2, width / 2), (-length / 2, width / 2)]
+    if row["kind"] in (DOOR, OBSTACLE):
+        body = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
+    elif row["kind"] == PERSON:
+        body = pymunk.Body(mass, math.inf)
+    elif width:
+        body = pymunk.Body(mass, mass * (length**2 + width**2) / 12)
+    else:
+        body = pymunk.Body(mass, 0.5 * mass * length**2)
+    if row["kind"] == DOOR:
+        shape = pymunk.Poly(body, [(x + length / 2, y) for x, y in box])
+        shape.filter = LEAF  # no contact with what is FIXED: neither would move
+    else:
+        shape = pymunk.Poly(body, box) if width else pymunk.Circle(body, length)
+    shape.friction = 0.0 if row["kind"] == PERSON else WALL_FRICTION
+    if row["kind"] == PERSON and row["avoids"] == NOBODY:
+        shape.filter = pymunk.ShapeFilter(group=1)
+    return body, shape
 
-    Its motors and tyres are the kernel's source, run as plain Python on what the API tells.
+
+class Oracle:
+    """Chair and actors in a Space of its own, made and entered by pymunk's plain API alone.
+
+    What actors want, motors and tyres are the kernels' source, run as plain Python on what the API
+    tells. A second chair lends its records; its bodies are arrays beside those of the API.
     """
 
-    def __init__(self, chair, episode, fixed=None):
-        p = chair.parameters[0]
-        centre, friction = p["body"]["centre_of_mass"], WALL_FRICTION
+    def __init__(self, lent, episode, key):
+        lent.reset(episode, key)
+        self.lent, self.rows = lent, episode.actors.rows
+        self.max_touched = 0  # of things that one body has touched at once so far
+        p = lent.parameters[0]
+        centre = p["body"]["centre_of_mass"]
         self.space = pymunk.Space()
         self.space.collision_slop = self.space.collision_bias = 1e-4
         static = self.space.static_body
         self.body = pymunk.Body(p["mass"], p["moment"])
-        corners = [(x - centre, y) for x, y in chair.settings.footprint.corners.tolist()]
+        corners = [(x - centre, y) for x, y in lent.settings.footprint.corners.tolist()]
         solid = [pymunk.Segment(static, w[:2], w[2:], 0.0) for w in episode.walls.tolist()]
         solid += [pymunk.Circle(static, r, (x, y)) for x, y, r in episode.discs.tolist()]
-        for shape in solid if fixed else ():
-            shape.filter = fixed
+        for shape in solid:
+            shape.filter = FIXED
         shapes = [pymunk.Poly(self.body, corners), *solid]
         for shape in shapes:
-            shape.friction = friction
+            shape.friction = WALL_FRICTION
         self.space.add(self.body, *shapes)
-        self.place(1e4, 1e4, 0.0)
+        self.put(self.body, 1e4, 1e4, 0.0)
+        self.actors = []
+        for k, row in enumerate(self.rows):  # far away while the chair is
+            body, shape = made_of(row)
+            body.position = (-PARKING, PARKING + 20.0 * k)
+            self.actors.append(body)
+            self.space.add(body, shape)
         self.space.step(p["dt"])
         x, y, yaw = episode.start.tolist()
-        self.place(x + centre * math.cos(yaw), y + centre * math.sin(yaw), yaw)
-        self.state, self.parameters = chair.state, chair.parameters
+        self.put(self.body, x + centre * math.cos(yaw), y + centre * math.sin(yaw), yaw)
+        for body, row in zip(self.actors, self.rows, strict=True):
+            if row["kind"] != OBSTACLE:
+                self.put(body, *row["pose"].tolist())
+        self.fields = np.zeros((1 + len(self.actors), BODY_DOUBLES))
+        lent.chairs.world_rows["body"] = address_of(self.fields[0])
+        actor_states = lent.chairs.pointers.array("actor_states")
+        for k, fields in enumerate(self.fields[1:]):
+            actor_states["body"][k] = address_of(fields)
+        self.read()
 
-    def place(self, x, y, angle):
-        self.body.position, self.body.angle = (x, y), angle
-        self.body.velocity, self.body.angular_velocity = (0.0, 0.0), 0.0
-        self.space.reindex_shapes_for_body(self.body)
+    def put(self, body, x, y, angle):
+        body.position, body.angle = (x, y), angle
+        body.velocity, body.angular_velocity = (0.0, 0.0), 0.0
+        self.space.reindex_shapes_for_body(body)
 
-    def step_once(self, monkeypatch, k):
-        body, fields = self.body, np.zeros(BODY_DOUBLES)
-        fields[[X, Y]], fields[[VX, VY]] = body.position, body.velocity
-        fields[ANGLE], fields[W] = body.angle, body.angular_velocity
+    def read(self):
+        for body, fields in zip([self.body, *self.actors], self.fields, strict=True):
+            fields[[X, Y]], fields[[VX, VY]] = body.position, body.velocity
+            fields[ANGLE], fields[W] = body.angle, body.angular_velocity
+            fields[[FX, FY, TORQUE]] = 0.0
 
+    def carry(self, engine, world):
+        actor_states = self.lent.chairs.pointers.array("actor_states")
+        for k, (body, row) in enumerate(zip(self.actors, self.rows, strict=True)):
+            if actor_states["relocate"][k] == 1:
+                self.put(body, *row["pose"].tolist())
+            elif actor_states["relocate"][k] == 2:
+                self.put(body, -PARKING, PARKING + 20.0 * k, 0.0)
+            actor_states["relocate"][k] = 0
+            fields = self.fields[1 + k]
+            if row["kind"] != OBSTACLE:
+                body.velocity, body.angular_velocity = fields[[VX, VY]].tolist(), fields[W]
+            if row["kind"] in (PERSON, FURNITURE):
+                body.force, body.torque = fields[[FX, FY]].tolist(), fields[TORQUE]
+
+    def step(self, state, p, k, space, body, engine):
         def step_space(engine, space, dt):
-            body.force, body.torque = (fields[FX], fields[FY]), fields[TORQUE]
+            own = self.fields[0]
+            self.body.force, self.body.torque = own[[FX, FY]].tolist(), own[TORQUE]
             self.space.step(dt)
-            fields[[VX, VY]], fields[W] = body.velocity, body.angular_velocity
+            self.read()
+            for body in (self.body, *self.actors):
+                touched = []
+                body.each_arbiter(touched.append)
+                self.max_touched = max(self.max_touched, len(touched))
 
-        with monkeypatch.context() as patch:
-            patch.setattr(drive_train, "body_view", lambda address: fields)
+        with self.monkeypatch.context() as patch:
+            patch.setattr(drive_train, "body_view", lambda address: self.fields[0])
             patch.setattr(drive_train, "step_space", step_space)
             run_as_python(patch)
-            state, parameters = Record(self.state), Record(self.parameters)
-            return drive_train.physics_step.py_func(state, parameters, k, 1, 0, 0)
-
-
-@pytest.mark.parametrize("seed", long_but(range(6), range(3)))
-def test_kernel_equals_the_plain_api(seed, monkeypatch):
-    """Pose, twist and wheels, in a used Space that is furnished on the way.
-
-    The other Space holds all walls and discs, and makes every step. Both agree to the bit until
-    the chair touches two things at once, which Munk2D then solves in another order.
-    """
-    chair = exact_chair()
-    for used in range(3):  # other worlds, other contacts, more and fewer shapes
-        chair.reset(cluttered(100 + used, (2.0 + used, 1.0, 0.3)), used)
-        for _ in range(50):
-            chair.drive(np.array([0.8, 0.2]))
-    rng = np.random.default_rng(seed)
-    episode = cluttered(seed, (0.0, 0.0, rng.uniform(-math.pi, math.pi)))
-    chair.reset(episode, seed)
-    oracle = Oracle(chair, episode)
-    place, p = chair.chairs.world_rows[0], chair.chairs.parameters[0]
-    fields = np.ctypeslib.as_array(
-        ctypes.cast(int(place["body"]), ctypes.POINTER(ctypes.c_double)), (BODY_DOUBLES,)
-    )
-    engine, workspace = engine_record()[0], chair.pointers.array("workspace")
-    k = drive_train.drive_constants(p)
-    contacts = steps = free = 0
-    duty = np.zeros(2)
-    for period in range(150):
-        if period % 25 == 0:
-            duty = rng.uniform(0.5, 0.9) + rng.uniform(-0.1, 0.1, 2)
-        chair.chairs.states["duty"][0] = oracle.state["duty"][0] = duty
-        yaw = fields[ANGLE]
-        centre = p["body"]["centre_of_mass"] * np.array([math.cos(yaw), math.sin(yaw)])
-        chair.chairs.states["pose"][0] = *(fields[[X, Y]] - centre), yaw
-        oracle.state["pose"][0] = chair.chairs.states["pose"][0]
-        measure_clearance(chair.chairs.states[0], p, place, workspace)
-        for _ in range(10):
-            space = touchable_space(engine, place, p, workspace)
-            free += space == 0
-            hit = drive_train.physics_step(
-                chair.chairs.states[0], p, k, space, place["body"], engine["step"]
+            return STEP_ONCE(
+                Record(self.lent.chairs.states), Record(self.lent.chairs.parameters), k, 1, 0, 0
             )
-            other = oracle.step_once(monkeypatch, k)
-            contacts += hit > 1e-6
-            steps += 1
-            now = [*fields[[X, Y, ANGLE, VX, VY, W]]]
-            then = [*oracle.body.position, oracle.body.angle, *oracle.body.velocity]
-            then.append(oracle.body.angular_velocity)
-            if now != then:  # two things at once, solved in another order
-                assert hit > 1e-6
-                assert now == pytest.approx(then, abs=1e-6)
-                assert steps > 100
-                assert contacts > 3
-                return
-            assert hit == other
-            for name in chair.chairs.states.dtype.names:
-                assert np.array_equal(chair.chairs.states[name], oracle.state[name]), name
-    assert contacts >= 0.5 * steps
-    assert 0 < free < steps
+
+    def move_on(self, *records):
+        """The kernel itself, which is compiled for Python here with what it calls unpatched."""
+        with self.monkeypatch.context() as patch:
+            patch.setattr(period, "body_view", BODY_VIEW)
+            return MOVE_ON(*records)
+
+    def prepare(self, engine, world, state, p, before, workspace):
+        bump = self.move_on(state, p, world, before)
+        self.carry(engine, world)
+        return bump, 1  # a Space: every step is made
+
+    def drive(self, monkeypatch, v, w):
+        """`period.drive` as plain Python, over the API."""
+        self.monkeypatch = monkeypatch
+        lent = self.lent
+        with monkeypatch.context() as patch:
+            patch.setattr(period, "body_view", lambda address: self.fields[0])
+            patch.setattr(period, "prepare_step", self.prepare)
+            patch.setattr(period, "physics_step", self.step)
+            patch.setattr(period, "move_the_others", lambda world, dt: read_actor_poses(world))
+            own = [
+                a.view(np.recarray)[0]
+                for a in (lent.chairs.states, lent.chairs.parameters, lent.chairs.world_rows)
+            ]
+            engine = lent.chairs.suite.record.view(np.recarray)[0]
+            period.drive_period.py_func(*own, engine, v, w, False, lent.chairs.suite.order, None)
+
+
+# What says who is in the Space, in which the oracle has all.
+BOOKKEEPING = ("body", "shape", "in_space", "moved", "clear", "free", "measured_at", "touchable_at")
+# What is sensed between two periods, which the oracle does not do.
+SENSED = "estimated_pose", "measured_counts", "measured_twist", "odometry", "ranges", "touched"
+WORLDS = [*((cluttered, seed) for seed in range(8)), *((busy, seed) for seed in range(12))]
+FEW = [*WORLDS[:8], (busy, 0), (busy, 3)]
+
+
+@pytest.mark.parametrize(("world", "seed"), long_but(WORLDS, FEW))
+def test_kernels_equal_the_plain_api(world, seed, monkeypatch):
+    """Chair and actors, in a used Space that holds who can touch something.
+
+    Without actors it is furnished on the way, and walls are pushed at: no strip stops the chair.
+    The other Space holds all, and makes every step. Both agree to the bit until somebody touches
+    two things at once, which Munk2D then solves in another order.
+    """
+    rng = np.random.default_rng(seed)
+    fast = Limits(forward=1.8, backward=1.0, acceleration=2.0, deceleration=2.0, jerk=8.0)
+    more = {"body": BodySettings(bumper_force=1e6), "limits": fast} if world is cluttered else {}
+    chair = exact_chair(**more)
+    for used in range(3):  # other worlds, other contacts, more and fewer shapes
+        chair.reset(world(100 + used, (0.5 * used, 0.2, 0.3)), used)
+        for _ in range(40):
+            chair.drive(np.array([0.8, 0.2]))
+    episode = world(seed, (0.0, 0.0, rng.uniform(-math.pi, math.pi)))
+    chair.reset(episode, seed)
+    oracle = Oracle(exact_chair(**more), episode, seed)
+    n, lent = len(oracle.actors), oracle.lent.chairs
+    actor_states, others = (one.pointers.array("actor_states")[:n] for one in (chair.chairs, lent))
+    met, inside, free = set(), [], []
+    low, high = ((0.2, -0.8), (0.8, 0.8)) if n else ((1.2, -0.2), (1.8, 0.2))
+    for k in range(150):
+        if k % 30 == 0:
+            twist = rng.uniform(low, high)
+        elif k % 30 == 20 and not n:  # off the wall, and at another one
+            twist = np.array([-0.8, 1.0])
+        chair.drive(twist)
+        oracle.drive(monkeypatch, *twist.tolist())
+        inside.append(actor_states["in_space"].mean() if n else 0.25)
+        free.append(bool(chair.chairs.world_rows["free"][0] > 0.0))
+        own = np.array([[*body.position, body.angle] for body in oracle.actors]).reshape(-1, 3)
+        equal = np.array_equal(actor_states["pose"], own)
+        for one, other, but in (
+            (actor_states, others, BOOKKEEPING), (chair.state, lent.states, SENSED),
+        ):  # fmt: skip
+            names = set(one.dtype.names) - set(but)
+            equal &= all(np.array_equal(one[name], other[name]) for name in names)
+        if not equal and oracle.max_touched > 1:
+            assert actor_states["pose"] == pytest.approx(own, abs=0.05), k
+            assert chair.state["pose"] == pytest.approx(lent.states["pose"], abs=0.05), k
+            break
+        assert equal, k
+        if chair.truth.contact:
+            met.add(chair.truth.contact_with)
+    assert k > 10
+    assert met or oracle.max_touched > 1
+    assert 0.0 < np.mean(inside) < 0.5
+    assert n or 0.0 < np.mean(free) < 1.0
 
 
 class Record:

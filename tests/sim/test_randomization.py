@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.envs.test_vector import NEXT, compare
 from tests.sim.worlds import box
 from wheelchair_gym.base.settings import InputError, load
 from wheelchair_gym.safety import Shield
@@ -111,18 +110,6 @@ def test_a_command_takes_effect_so_much_later(steps):
         assert np.array_equal(found[0][1:], found[1][:-1])
     assert found[0] != found[1]
     assert abs(np.array(found[0])).sum() > 0.1
-
-
-def test_a_row_of_the_vector_environment_draws_as_the_single_one():
-    rows = [{"quantity": quantity, "low": 0.0, "high": 0.1} for quantity in RANDOMIZED[:-1]] + [
-        {"quantity": "command_delay", "distribution": "normal", "mean": 0.1, "std": 0.1}
-    ]
-    config = {
-        "scene": "clutter",
-        "chair": {"randomization": rows, "randomize": True},
-        "task": {"time_base": 4.0, "time_factor": 0.0},
-    }
-    assert compare(NEXT, 2, n=4, steps=90, config=config, bank=4, beams=64) >= 6
 
 
 @pytest.mark.parametrize("delay", [0.1, 0.3])

@@ -116,19 +116,6 @@ def test_what_is_unbeaten_has_less_authority_or_more_success():
     assert unbeaten(points) == [1, 2, 4]
 
 
-def poses_of(env, act, steps=60):
-    """Poses (steps, n, 3) that a batch comes to by `act` (observation, info, rows that begin)."""
-    seen, info = env.reset(seed=0)
-    begin, found = np.ones(env.num_envs, bool), []
-    for _ in range(steps):
-        seen, _, terminated, truncated, info = env.step(act(seen, info, begin))
-        assert not (terminated | truncated).any()
-        begin = np.zeros(env.num_envs, bool)
-        found.append(info["pose"].copy())
-    env.close()
-    return np.array(found)
-
-
 def test_benchmarks_change_one_setting_of_a_driver_and_keep_the_rest():
     usual = make_driver("sip_and_puff")
     changed = make_driver(driver_of("sip_and_puff+interface.error=0.1"))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 
-import numpy as np
 import pytest
 
 from agents.cli import main
@@ -71,12 +70,3 @@ def test_what_is_missing_is_said_in_a_line(tmp_path, capsys):
     assert main(words) == 0
     capsys.readouterr()
     assert "a person drives" in refusal(["replay", file, "--assist", "vfh"], capsys)
-
-
-def test_a_drive_that_was_cut_off_is_replayed_as_far_as_it_goes(episode):
-    cut = episode._replace(
-        states=episode.states[:31], actions=episode.actions[:30], verdicts=episode.verdicts[:30]
-    )
-    figures = open_loop(cut, "vfh")
-    assert figures["same_answers"]
-    assert np.isfinite(figures["recorded"]["stick_effort"])

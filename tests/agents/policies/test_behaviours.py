@@ -44,6 +44,14 @@ class Peopled(PaperWorld):
         return super().reading()
 
 
+def begun(place=lambda t: None, start=(1.0, 0.0, 0.0), goal=(9.0, 0.0, 0.0), width=3.2, **spec):
+    """A corridor with one thing in it or none, and a policy that begins to drive there."""
+    world = Peopled(place, corridor(goal[0] + 1.0, width), start, goal)
+    policy = make_policy({"name": "a_star+window"} | spec)
+    policy.reset(world.mission)
+    return world, policy
+
+
 def watched(place, seconds, v=0.0, given=True):
     """The surroundings of a chair that watches something for a while; given: it has a map."""
     world = Peopled(place, corridor(12.0, 4.0), (1.0, 0.0, 0.0), (11.0, 0.0, 0.0))
@@ -117,9 +125,7 @@ def test_a_standing_person_out_of_sight_is_soon_forgotten():
 
 
 def test_a_plan_that_leads_nowhere_does_not_put_off_backing_out():
-    world = PaperWorld(corridor(10.0), (2.0, 0.0, 0.0), (9.0, 0.0))
-    policy = make_policy("lattice+window")
-    policy.reset(world.mission)
+    world, policy = begun(start=(2.0, 0.0, 0.0), goal=(9.0, 0.0), width=1.6, name="lattice+window")
     for status, stalled in ((Status.START_OCCUPIED, 3.0), (Status.SOLVED, 0.0)):
         policy._progress.stalled_time = 3.0
         plan = Plan(status, path=np.array([(2.0, 0.0), (9.0, 0.0)]))
@@ -162,10 +168,8 @@ def test_a_chair_before_a_powered_leaf_that_it_holds_makes_room_and_arrives(seed
 
 def states(place, goal=(9.0, 0.0, 0.0), seconds=30.0, width=3.2):
     """States shown on a drive down a corridor, its poses, and the world."""
-    world = Peopled(place, corridor(10.0, width), (1.0, 0.0, 0.0), goal)
-    policy, said = make_policy("a_star+window"), []
-    policy.reset(world.mission)
-    poses = []
+    world, policy = begun(place, goal=goal, width=width)
+    said, poses = [], []
     while world.time < seconds and np.hypot(*(world.pose[:2] - world.mission.goal[:2])) > 0.3:
         said.append(world.step(policy).shown.status.partition(":")[0])
         poses.append(world.pose)
@@ -228,9 +232,7 @@ def test_where_backing_out_did_not_help_it_is_done_for_longer():
 @pytest.mark.parametrize(("peopled", "maximum"), [(True, 0.042), (False, 0.1)])
 def test_no_part_backs_fast_enough_among_people_to_harm_them(peopled, maximum, monkeypatch):
     monkeypatch.setattr(BackUp, "twist", lambda *_: np.array([-0.15, 0.3]))
-    policy = make_policy("a_star+window")
-    world = Peopled(lambda t: None, corridor(10.0, 3.2), (5.0, 0.0, 0.0), (9.0, 0.0, 0.0))
-    policy.reset(world.mission)
+    world, policy = begun(start=(5.0, 0.0, 0.0))
     policy._surroundings._met_actors, corner = peopled, policy._mission.footprint.corners
     policy.state, policy._backup.left = State.BACKS_OUT, 2.5
     fastest = []
@@ -243,22 +245,16 @@ def test_no_part_backs_fast_enough_among_people_to_harm_them(peopled, maximum, m
 
 @pytest.mark.parametrize(("longer", "backs"), [(0.5, False), (5.0, True)])
 def test_no_long_way_round_is_taken_for_want_of_progress_before_it_has_backed_out(longer, backs):
-    policy, start = make_policy("a_star+window"), np.array([1.0, 0.0, 0.0])
-    world = Peopled(lambda t: None, corridor(10.0, 3.2), tuple(start), (9.0, 0.0, 0.0))
-    policy.reset(world.mission)
+    world, policy = begun()
     way = np.array([(1.0, 0.0), (1.0 + policy._path.left + longer, 0.0)])
-    policy.replan = lambda: policy._receive_plan(Answer(Plan(Status.SOLVED, way), 0.3, start, 1))
+    answer = Answer(Plan(Status.SOLVED, way), 0.3, world.pose, 1)
+    policy.replan = lambda: policy._receive_plan(answer)
     policy.dare()
     assert (policy.state is State.BACKS_OUT) == backs
 
 
 def test_where_nothing_is_left_to_go_round_the_straight_way_is_planned_again():
-    policy = make_policy("a_star+window")
-    world = Peopled(
-        lambda t: (5.0, 0.3) if t < 5.0 else None, corridor(10.0, 3.2),
-        (1.0, 0.0, 0.0), (9.0, 0.0, 0.0),
-    )  # fmt: skip
-    policy.reset(world.mission)
+    world, policy = begun(lambda t: (5.0, 0.3) if t < 5.0 else None)
     longer = []  # than straight on
     for _ in range(80):
         world.step(policy)
@@ -270,9 +266,7 @@ def test_where_nothing_is_left_to_go_round_the_straight_way_is_planned_again():
 
 
 def test_a_plan_that_led_nowhere_is_tried_again_now_and_then(monkeypatch):
-    policy = make_policy("a_star+window")
-    world = Peopled(lambda t: None, corridor(10.0, 4.0), (1.0, -1.2, 0.0), (9.0, -1.2, 0.0))
-    policy.reset(world.mission)
+    world, policy = begun(start=(1.0, -1.2, 0.0), goal=(9.0, -1.2, 0.0), width=4.0)
     before, planned = policy._path, []
 
     def nowhere(*_):
@@ -291,9 +285,7 @@ def test_a_plan_that_led_nowhere_is_tried_again_now_and_then(monkeypatch):
 
 
 def test_for_a_metre_after_no_progress_room_costs_nothing():
-    policy = make_policy("lattice+window")
-    world = Peopled(lambda t: None, corridor(10.0, 3.2), (1.0, 0.0, 0.0), (9.0, 0.0, 0.0))
-    policy.reset(world.mission)
+    world, policy = begun(name="lattice+window")
     places, costs = [], []
     for k in range(90):
         if k == 15:
@@ -319,8 +311,7 @@ def test_a_way_in_reverse_is_planned_once_more_with_less_clearance():
 
 
 def test_a_search_in_vain_leaves_the_clearance_of_the_path_that_is_kept():
-    policy = make_policy("a_star+window")
-    policy.reset(PaperWorld(corridor(10.0, 3.0), (1.0, 0.0, 0.0), (9.0, 0.0)).mission)
+    _, policy = begun(goal=(9.0, 0.0), width=3.0)
     found, checked = policy.answer, []
     policy._surroundings.blocks_now = lambda path, clearance: checked.append(clearance)
     for receive in (policy._receive_plan, policy._receive_detour):

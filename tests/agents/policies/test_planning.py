@@ -14,7 +14,7 @@ from agents.policies import make_policy
 from agents.policies.planning import SWITCH, Planning, Thinking
 from planners import make_planner
 from tests.agents.fakes import PaperWorld, corridor
-from tests.agents.policies.test_behaviours import Peopled
+from tests.agents.policies.test_behaviours import begun
 from tests.conftest import PATIENCE, long_but, until
 from wheelchair_gym.geometry.planar import to_world
 
@@ -117,12 +117,9 @@ def test_in_real_time_the_loop_goes_on_while_a_plan_is_made():
     assert policy.planning.figures.followed > 0.4
 
 
-def thinking(planning_time, place=lambda t: None, length=12.0):
+def thinking(planning_time, place=lambda t: None):
     """A world, and a policy whose plans take a time there, once it has the first."""
-    spec = {"name": "a_star+window", "planning_time": planning_time}
-    world = Peopled(place, corridor(length, 3.2), (1.0, 0.0, 0.0), (length - 1.0, 0.0, 0.0))
-    policy = make_policy(spec)
-    policy.reset(world.mission)
+    world, policy = begun(place, goal=(11.0, 0.0, 0.0), planning_time=planning_time)
     while policy._follower is None:
         world.step(policy)
     return world, policy
