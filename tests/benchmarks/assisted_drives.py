@@ -9,7 +9,9 @@ for each such contact; and assistants side by side.
 
 `direct` is driven without the shield. The time limit is 60 s and ten times the time of the shortest
 way; success within four times the time of `expert` through the same interface in the same world is
-shown beside it. For this, each driver's interface is driven by `expert`, too.
+shown beside it. For this, each driver's interface is driven by `expert`, too. Where a twist moves
+slower than the stick asks, the lost part of the control period is counted: for the assistant, and
+for each reason of the shield.
 """
 
 from __future__ import annotations
@@ -160,6 +162,7 @@ def drive(driver: str, scene: str, assistant: str, given: Any) -> list[Any]:
     traces = [StickTrace(limits, period) for _ in range(n)]
     steps = np.zeros(n, int)
     contacts: list[list[Any]] = [[] for _ in range(n)]
+    lost: list[Counter[str]] = [Counter() for _ in range(n)]
     found = []
     while (number < episodes).any():
         sticks = seen["stick"][:, :2].astype(float)
@@ -175,6 +178,12 @@ def drive(driver: str, scene: str, assistant: str, given: Any) -> list[Any]:
         steps += drives
         for i in np.flatnonzero(drives).tolist():
             traces[i].add(Stick(sticks[i, 0], sticks[i, 1], False), twists[i])
+            wanted = abs(asked[i, 0]) * full[0]
+            if "shield" in info and wanted > 0.0:
+                answer, given_v = (abs(info["shield"][key][i, 0]) for key in ("asked", "given"))
+                lost[i]["assistant"] += period * max(0.0, wanted - answer) / wanted
+                reason = str(info["shield"]["reason"][i])
+                lost[i][reason] += period * max(0.0, min(answer, wanted) - given_v) / wanted
         for i in np.flatnonzero(drives & info["at_fault"]).tolist():
             pose = [round(float(x), 3) for x in info["pose"][i]]
             contacts[i].append({
@@ -190,8 +199,9 @@ def drive(driver: str, scene: str, assistant: str, given: Any) -> list[Any]:
                 "number": int(number[i]), "success": bool(info["is_success"][i]),
                 "time": float(info["time"][i]), "bumped": bool(info["bumped"][i]),
                 **measures(traces[i], int(steps[i]), float(info["distance"][i])),
-                "clearance": float(minimum[i]), "contacts": contacts[i],
+                "clearance": float(minimum[i]), "contacts": contacts[i], "lost": dict(lost[i]),
             })  # fmt: skip
+            lost[i] = Counter()
             traces[i], steps[i], minimum[i] = StickTrace(limits, period), 0, math.inf
             contacts[i] = []
             number[i] += 1
@@ -246,6 +256,15 @@ def by_driver(drives: dict[Any, Any], driver: str, assistant: str) -> list[Any]:
     ]  # fmt: skip
 
 
+def seconds_lost(drives: list[Any]) -> str:
+    """Return what each part takes of the time of successful drives [s]."""
+    well = [one for one in drives if one["success"] and "lost" in one]
+    lost = sum((Counter(one["lost"]) for one in well), Counter[str]())
+    parts = (f"{name or 'nothing'} {value:.0f}" for name, value in lost.most_common())
+    whole = sum(one["time"] for one in well)
+    return f"seconds lost of {whole:.0f} s in successful drives: {', '.join(parts) or 'none'}"
+
+
 def tables(drives: dict[Any, Any], given: argparse.Namespace) -> str:
     """Tables by driver, and a line for each contact that the chair caused."""
     lines = []
@@ -261,6 +280,7 @@ def tables(drives: dict[Any, Any], given: argparse.Namespace) -> str:
             "", f"{assistant}: {given.drives} drives of each driver in each of",
             ", ".join(given.scenes), "", markdown_table(heads, rows, [False] + [True] * 6),
             f"{len(its)} drives; drives with a caused contact: {hits_by}",
+            seconds_lost(list(its.values())),
         ]  # fmt: skip
     lines += ["", "Contacts that the chair caused:"]
     for key, one in drives.items():
