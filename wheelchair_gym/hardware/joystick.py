@@ -103,7 +103,7 @@ def open_evdev(settings: JoystickSettings) -> Any:
     )
 
 
-class Joystick:
+class Joystick(Reconnecting[Any]):
     """A person's command by a joystick; see `HardwareChair.joystick`.
 
     Args:
@@ -121,15 +121,10 @@ class Joystick:
         rearm: Callable[[], None] = lambda: None,
         opener: Opener = open_evdev,
     ) -> None:
+        super().__init__(lambda: opener(settings))
         self.settings, self.in_control = settings, False
         self._rearm = rearm
-        self._line = Reconnecting(lambda: opener(settings), self._begin)
         self._release()
-
-    @property
-    def error(self) -> str:
-        """Why the device is closed, as a line of text; empty while it is open."""
-        return self._line.error
 
     def __call__(self, now: float, limits: Limits) -> Array | None:
         """The commanded twist (2,) [m/s, rad/s]; None while the person has no control."""
@@ -155,7 +150,7 @@ class Joystick:
     def close(self) -> None:
         """Close the device; who has control does not change."""
         self._release()
-        self._line.close()
+        super().close()
 
     def _begin(self, device: Any) -> None:
         axes = self.settings.forward_axis, self.settings.turn_axis
@@ -167,7 +162,7 @@ class Joystick:
         self._axes, self._values = dict[int, Any](), dict[int, int]()
 
     def _read(self, now: float) -> None:
-        device = self._line.get(now)
+        device = self.get(now)
         if device is None:
             return
         try:
@@ -177,7 +172,7 @@ class Joystick:
             return
         except OSError as error:
             self._release()
-            self._line.lose(error)
+            self.lose(error)
 
     def _handle(self, event: Any, device: Any) -> None:
         settings = self.settings

@@ -223,7 +223,8 @@ class BoardSensors:
             self._stamp = message.stamp
             newest = self._newest["odometry"]
             newest.update(message, message.stamp, now - _ODOMETRY_LATENCY)
-            if message.age < _AGE_MAX and (sent := self.drive.sent_at(message.echo)) is not None:
+            sent = self.drive.sent_at.get(message.echo)
+            if sent is not None and message.age < _AGE_MAX:
                 newest.clock.answered(sent, message.stamp - message.age)
             self.odometer.update(message, newest.message.measured_at)
             self.pressed |= bool(message.switches & STRIPS)

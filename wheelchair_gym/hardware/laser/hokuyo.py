@@ -126,7 +126,7 @@ class LaserStatistics:
     opened: int = 0
 
 
-class Hokuyo:
+class Hokuyo(Reconnecting[Port]):
     """A laser that streams scans; a failure is data, not an exception.
 
     Args:
@@ -153,11 +153,11 @@ class Hokuyo:
     ) -> None:
         if opener is open_laser and not url.startswith(_TCP):
             load_serial()
+        super().__init__(lambda: opener(url))
         self.url, self.reach = url, reach
         self.specs: Specs | None = None
         self.statistics = LaserStatistics()
         self._clock = clock
-        self._line = Reconnecting(lambda: opener(url), self._begin)
         self._parser = ScipParser()
         self._bad_before = 0
         self._asked = ""  # the last request
@@ -166,15 +166,10 @@ class Hokuyo:
         self._compared_at = -math.inf
         self._turns, self._last = 0, 0  # wraps of the sensor's clock, and its last time stamp
 
-    @property
-    def error(self) -> str:
-        """Why it does not stream, as a line of text; empty while it does."""
-        return self._line.error
-
     def poll(self) -> list[TimedScan]:
         """The scans that have come; never waits."""
         scans: list[TimedScan] = []
-        port = self._line.get(self._clock())
+        port = self.get(self._clock())
         try:
             while port is not None and (waiting := port.in_waiting):
                 for reply in self._parser.feed(port.read(waiting)):
@@ -188,26 +183,26 @@ class Hokuyo:
 
     def compare_clocks(self, after: float) -> None:
         """Ask for its time again, so long [s] after the last answer; scans pause meanwhile."""
-        port, now = self._line.connection, self._clock()
+        port, now = self.connection, self._clock()
         if port is not None and not self.error and now - self._compared_at > after:
             with contextlib.suppress(OSError):  # the next poll notices
                 self._ask(port, "QT")
 
     def close(self) -> None:
         """Switch the laser off and close it for good."""
-        if self._line.connection is not None:
+        if self.connection is not None:
             with contextlib.suppress(OSError):
-                self._line.connection.write(b"QT\n")
-        self._line.close()
+                self.connection.write(b"QT\n")
+        super().close()
 
     def _lose(self, why: str) -> None:
         """Close the connection, which has failed for a reason."""
-        self._line.lose(why if self.url in why else f"{self.url}: {why}")
+        self.lose(why if self.url in why else f"{self.url}: {why}")
 
     def _begin(self, port: Port) -> None:
         self._bad_before, self._parser = self.statistics.bad, ScipParser()
         self.statistics.opened += 1
-        self._line.error = "does not stream yet"
+        self.error = "does not stream yet"
         port.write(b"\n")  # ends what may have been sent in part
         self._ask(port, "SCIP2.0")  # sensors that always use SCIP 2 refuse it
 
@@ -263,6 +258,6 @@ class Hokuyo:
         if scan is None:
             self._parser.bad += 1
             return
-        self._since, self._line.error = self._clock(), ""
+        self._since, self.error = self._clock(), ""
         self.statistics.scans += 1
         scans.append(TimedScan(scan, self._seconds(scan.stamp), self._since))
