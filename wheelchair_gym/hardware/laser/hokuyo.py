@@ -122,8 +122,6 @@ class LaserStatistics:
 
     scans: int = 0
     bad: int = 0  # replies refused
-    refused: int = 0  # requests that it refused
-    opened: int = 0
 
 
 class Hokuyo(Reconnecting[Port]):
@@ -201,7 +199,6 @@ class Hokuyo(Reconnecting[Port]):
 
     def _begin(self, port: Port) -> None:
         self._bad_before, self._parser = self.statistics.bad, ScipParser()
-        self.statistics.opened += 1
         self.error = "does not stream yet"
         port.write(b"\n")  # ends what may have been sent in part
         self._ask(port, "SCIP2.0")  # sensors that always use SCIP 2 refuse it
@@ -232,10 +229,8 @@ class Hokuyo(Reconnecting[Port]):
         elif command == "MD" and reply.status == OK:
             self._since = self._clock()
         elif command == "MD" and reply.status == LASER_OFF:
-            self.statistics.refused += 1
             self._ask(port, "BM")
         else:
-            self.statistics.refused += 1
             self._lose(f"{self._asked} was refused with status {reply.status}")
 
     def _take_time(self, reply: Reply) -> None:
