@@ -82,8 +82,9 @@ class Canvas:
     def _width(self, width: float) -> int:
         return max(1, round(width * self.stroke_scale))
 
-    def _blend(self, outlines: Sequence[NDArray[np.int32]], colour: Colour, alpha: float) -> None:
-        """Fill fixed-point outlines by the even-odd rule, only where they lie."""
+    def fill(self, loops: Sequence[ArrayLike], colour: Colour, alpha: float = 1.0) -> None:
+        """Fill closed loops, each (k, 2) [m], by the even-odd rule, only where they lie."""
+        outlines = [self._fixed(loop) for loop in loops]
         if not outlines:
             return
         if alpha >= 1.0:
@@ -100,10 +101,6 @@ class Canvas:
         corner = np.array([c0 * _ONE, r0 * _ONE], dtype=np.int32)
         cv2.fillPoly(layer, [line - corner for line in outlines], colour, cv2.LINE_AA, _SHIFT)
         part[:] = cv2.addWeighted(layer, alpha, part, 1.0 - alpha, 0.0)
-
-    def fill(self, loops: Sequence[ArrayLike], colour: Colour, alpha: float = 1.0) -> None:
-        """Fill closed loops, each (k, 2) [m], by the even-odd rule."""
-        self._blend([self._fixed(loop) for loop in loops], colour, alpha)
 
     def line(
         self, points: ArrayLike, colour: Colour, width: float = 1.0, closed: bool = False
