@@ -65,8 +65,6 @@ class HardwareChair(RealBase):
         assisted: a person drives by the joystick of the drive board, which then goes before every
             command (`CommandFlag.ASSISTED`).
         on_wait: called with a line when reset has to wait, for a person or for more than 1 s.
-        on_rearm: each is called when a person re-arms the chair, by `rearm` or at the drive board,
-            or has driven it by a joystick and returns it.
         commanded: the last command (2,) within the limits, whether or not it was sent.
     """
 
@@ -90,7 +88,7 @@ class HardwareChair(RealBase):
         self.assisted = False
         self.real_time = isinstance(self.clock, WallClock)
         self.on_wait: Callable[[str], object] = _LOG.warning
-        self.on_rearm: list[Callable[[], object]] = []
+        self._on_rearm: list[Callable[[], object]] = []
         self._person_drives = False  # or has to re-arm it
         self._loop = ControlLoop(
             settings.drive_port, self.clock, period, settings.limits.command_timeout, chair.limits,
@@ -193,8 +191,8 @@ class HardwareChair(RealBase):
         self._notify_rearmed()
 
     def add_rearm_callback(self, callback: Callable[[], object]) -> None:
-        """See `Chair.add_rearm_callback`."""
-        self.on_rearm.append(callback)
+        """See `Chair.add_rearm_callback`; called when a person returns the chair, too."""
+        self._on_rearm.append(callback)
 
     def close(self) -> None:
         """Stop, and close the ports; may be called again."""
@@ -341,7 +339,7 @@ class HardwareChair(RealBase):
             self._notify_rearmed()
 
     def _notify_rearmed(self) -> None:
-        for callback in self.on_rearm:
+        for callback in self._on_rearm:
             callback()
 
     def _reading(self, halted: str, twist: Array) -> Reading:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,9 +26,6 @@ from wheelchair_gym.hardware.boards.senses import LASERS, POLL_PERIOD, BoardSens
 from wheelchair_gym.hardware.control_loop import Clock
 from wheelchair_gym.hardware.tools.distance_calibration import echoes_ahead, fit_wall
 from wheelchair_gym.perception.occupancy import read_scan
-
-if TYPE_CHECKING:
-    from wheelchair_gym.hardware.boards.senses import BoardSensors
 
 
 def flag_names(flags: Fault | Switch) -> str:
