@@ -104,7 +104,7 @@ def point_to_shields(constants: ShieldConstants, shields: NDArray[np.void]) -> P
     """Return pointers to shields (n,) of SHIELD and what they share, a record (1,) of SHIELDS."""
     rows = Pointers(np.zeros(1, SHIELDS), SHIELDS_TARGETS)
     rows.record["n"] = len(shields)
-    rows.point("constants", constants.pointers)
+    rows.point("constants", constants)
     rows.point("shields", shields)
     return rows
 
