@@ -72,14 +72,6 @@ def load_evdev() -> Any:
     return evdev
 
 
-def interlock(free: bool, enabled: bool, neutral: bool) -> bool:
-    """Return whether motion is free now, and `free` whether it was: as `interlock` in joystick.h.
-
-    Nothing moves before neutral was seen with the enable held, and without a break since then.
-    """
-    return enabled and (free or neutral)
-
-
 def open_evdev(settings: JoystickSettings) -> Any:
     """Open the joystick of the settings, or the first that has its axes and its button.
 
@@ -180,8 +172,8 @@ class Joystick(Reconnecting[Any]):
         if event.type == EV_SYN and event.code == SYN_DROPPED:
             self._release()  # events were missed: the button must be pressed again
             self._begin(device)
-        elif event.type == EV_SYN:  # both axes are known only here
-            self._free = interlock(self._free, self._held, not any(self._deflection))
+        elif event.type == EV_SYN:  # both axes are known only here; as `interlock` in joystick.h
+            self._free = self._held and (self._free or not any(self._deflection))
         elif event.type == EV_ABS:
             self._values[event.code] = event.value
         elif event.type == EV_KEY and event.code == settings.dead_man_button:
