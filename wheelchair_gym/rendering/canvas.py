@@ -58,15 +58,9 @@ class Canvas:
     frame: Frame
     stroke_scale: float = 1.0
 
-    def upsampled(self, factor: int) -> Canvas:
-        """A copy with more pixels, to be drawn on and brought back by `downsampled`."""
-        return self._resized(factor, cv2.INTER_NEAREST)
-
-    def downsampled(self, factor: int) -> Canvas:
-        """A copy with fewer pixels, each the mean of factor x factor."""
-        return self._resized(1 / factor, cv2.INTER_AREA)
-
-    def _resized(self, factor: float, how: int) -> Canvas:
+    def resized(self, factor: float) -> Canvas:
+        """A copy with more pixels to be drawn on, or with fewer ones, each the mean of several."""
+        how = cv2.INTER_NEAREST if factor > 1.0 else cv2.INTER_AREA
         h, w = self.image.shape[:2]
         size = (int(w * factor), int(h * factor))
         image: Any = cv2.resize(self.image, size, interpolation=how)
