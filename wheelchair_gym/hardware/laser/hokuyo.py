@@ -9,7 +9,6 @@ import select
 import socket
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import NamedTuple
 
 from wheelchair_gym.base.settings import InputError
@@ -116,14 +115,6 @@ class TimedScan(NamedTuple):
     received_at: float  # s of the host's clock
 
 
-@dataclass
-class LaserStatistics:
-    """Counts of what a laser has sent since it was made."""
-
-    scans: int = 0
-    bad: int = 0  # replies refused
-
-
 class Hokuyo(Reconnecting[Port]):
     """A laser that streams scans; a failure is data, not an exception.
 
@@ -135,7 +126,8 @@ class Hokuyo(Reconnecting[Port]):
 
     Attributes:
         specs: the sensor's specification, None until it is known.
-        statistics: of what it has sent.
+        scans: that it has sent since this was made.
+        bad: replies refused since then.
         compared: when its clock was asked for [s], and its answer [s]; None: it was not.
 
     Raises:
@@ -154,10 +146,9 @@ class Hokuyo(Reconnecting[Port]):
         super().__init__(lambda: opener(url))
         self.url, self.reach = url, reach
         self.specs: Specs | None = None
-        self.statistics = LaserStatistics()
         self._clock = clock
         self._parser = ScipParser()
-        self._bad_before = 0
+        self.scans = self.bad = self._bad_before = 0
         self._asked = ""  # the last request
         self._since = 0.0  # s, of the last request or scan
         self.compared: tuple[float, float] | None = None
@@ -176,7 +167,7 @@ class Hokuyo(Reconnecting[Port]):
                 self._lose(f"no answer to {self._asked} for {ANSWER_WITHIN:g} s")
         except (OSError, InputError) as error:
             self._lose(str(error))
-        self.statistics.bad = self._bad_before + self._parser.bad
+        self.bad = self._bad_before + self._parser.bad
         return scans
 
     def compare_clocks(self, after: float) -> None:
@@ -198,7 +189,7 @@ class Hokuyo(Reconnecting[Port]):
         self.lose(why if self.url in why else f"{self.url}: {why}")
 
     def _begin(self, port: Port) -> None:
-        self._bad_before, self._parser = self.statistics.bad, ScipParser()
+        self._bad_before, self._parser = self.bad, ScipParser()
         self.error = "does not stream yet"
         port.write(b"\n")  # ends what may have been sent in part
         self._ask(port, "SCIP2.0")  # sensors that always use SCIP 2 refuse it
@@ -254,5 +245,5 @@ class Hokuyo(Reconnecting[Port]):
             self._parser.bad += 1
             return
         self._since, self.error = self._clock(), ""
-        self.statistics.scans += 1
+        self.scans += 1
         scans.append(TimedScan(scan, self._seconds(scan.stamp), self._since))

@@ -46,7 +46,7 @@ def status_rows(senses: BoardSensors, now: float) -> list[tuple[str, str]]:
             )
             rows.append((name, text))
     for laser, who in zip(senses.lasers, LASERS, strict=False):
-        rows.append((who, laser.error or f"{laser.statistics.scans} scans"))
+        rows.append((who, laser.error or f"{laser.scans} scans"))
     rows.append(("ages", "  ".join(f"{name} {1e3 * age:.0f} ms" for name, age in ages.items())))
     if math.isfinite(ages["odometry"]):
         state = senses.odometry
