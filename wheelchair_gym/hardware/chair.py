@@ -99,7 +99,7 @@ class HardwareChair(RealChair):
         self._closed = False
         self._start_guard(self._guard, _POLL_PERIOD)
 
-    def reset(self, episode: Episode, key: int) -> Reading:
+    def reset(self, episode: Episode | None = None, key: int = 0) -> Reading:
         """Stop, stay in place, and wait for fresh data and for a person to re-arm the chair.
 
         Args:

@@ -20,7 +20,6 @@ from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.geometry.kinematics import odometric_step, twist_of_wheels
 from wheelchair_gym.geometry.planar import wrap_angle
 from wheelchair_gym.hardware.chair import HardwareChair
-from wheelchair_gym.types import Episode
 
 SPEED, TURN = 0.3, 0.4  # m/s, rad/s: slow, so that nothing slips
 DISTANCE, ANGLE = 0.01, 0.02  # m, rad: remainders at which a leg or a turn is done
@@ -93,13 +92,12 @@ def calibrate(squares: Sequence[Square], track: float) -> Calibration:
 
 
 def drive_square(
-    chair: HardwareChair, episode: Episode, side: float, left: bool, measure: Callable[[str], Array]
+    chair: HardwareChair, side: float, left: bool, measure: Callable[[str], Array]
 ) -> Square:
     """Drive a square by odometry, once a person has re-armed the chair, and measure its end.
 
     Args:
         chair: with free space of the side's length ahead and beside it.
-        episode: a real chair ignores it.
         side: [m].
         left: the corners turn left.
         measure: asks a person; returns the end's position (2,) or pose (3,) in the start's frame.
@@ -108,7 +106,7 @@ def drive_square(
         InputError: the chair does not get ready.
         ValueError: the chair stopped before the end; the text says why.
     """
-    reading = chair.reset(episode, 0)
+    reading = chair.reset()
     start, sign = reading.pose, 1.0 if left else -1.0
     travel = [chair.senses.odometer.at(chair.clock.now())[1]]
 
