@@ -156,11 +156,6 @@ class EmulatedBoard(NotCopyable):
         """Resets since it was made: by its watchdog timer, or by `reset`."""
         return int(self._library.board_resets(self._board))
 
-    @property
-    def overruns(self) -> int:
-        """Bytes that a serial line lost because the firmware read too late."""
-        return int(self._library.board_overruns(self._board))
-
     def reset(self) -> None:
         """Restart, as after power-off; the EEPROM keeps its content."""
         self._library.board_reset(self._board)
@@ -227,22 +222,12 @@ class EmulatedBoard(NotCopyable):
         """Wire the next SRF08."""
         self._library.board_bus_sonar(self._board, address)
 
-    def hold_bus(self, clocks: int) -> None:
-        """Make an SRF08 hold SDA low until it has received a number of clocks of SCL."""
-        self._library.board_hold_bus(self._board, clocks)
+    def call(self, name: str, *arguments: Any) -> Any:
+        """Call another function of emulator.c on this board: `board_overruns` as "overruns".
 
-    def watch_interrupt(self, vector: int) -> None:
-        """Measure from now on how long an interrupt waits."""
-        self._library.board_watch(self._board, vector)
-
-    def interrupt_latency(self, vector: int) -> tuple[int, int]:
-        """The longest wait of a watched interrupt [cycles], and how many were served."""
-        count = self._ffi.new("uint32_t *")
-        return int(self._library.board_waited(self._board, vector, count)), int(count[0])
-
-    def watch_pin(self, port: str, bit: int) -> None:
-        """Record from now on when a pin changes."""
-        self._library.board_note(self._board, port.encode(), bit)
+        Some measure: bytes that a line lost, how long an interrupt waits, when a pin changes.
+        """
+        return getattr(self._library, f"board_{name}")(self._board, *arguments)
 
     def pin_changes(self) -> NDArray[np.uint64]:
         """Cycles (n,) of the changes of the watched pin since the last call; the last 4,096."""
