@@ -26,6 +26,7 @@ DISTANCE, ANGLE = 0.01, 0.02  # m, rad: remainders at which a leg or a turn is d
 GAIN = 2.0  # 1/s, of the heading on a leg and of the speed at its end
 CREEP = 0.04  # m/s, rad/s: least speed towards the end of a leg or a turn
 PATIENCE = 240.0  # s for a square
+STANDS = 8  # control periods for which it stands after a leg or a turn
 
 
 class Square(NamedTuple):
@@ -110,13 +111,14 @@ def drive_square(
     start, sign = reading.pose, 1.0 if left else -1.0
     travel = [chair.senses.odometer.at(chair.clock.now())[1]]
 
-    def drive(v: float, w: float) -> Array:
-        reading = chair.drive(np.array([v, w]))
-        if reading.halted:
-            raise ValueError(f"the square was not driven to its end: {reading.halted}")
-        if reading.stamp > PATIENCE:
-            raise ValueError(f"the square took more than {PATIENCE:g} s")
-        travel.append(chair.senses.odometer.at(chair.clock.now())[1])
+    def drive(v: float, w: float, periods: int = 1) -> Array:
+        for _ in range(periods):
+            reading = chair.drive(np.array([v, w]))
+            if reading.halted:
+                raise ValueError(f"the square was not driven to its end: {reading.halted}")
+            if reading.stamp > PATIENCE:
+                raise ValueError(f"the square took more than {PATIENCE:g} s")
+            travel.append(chair.senses.odometer.at(chair.clock.now())[1])
         pose: Array = reading.pose
         return pose
 
@@ -127,17 +129,10 @@ def drive_square(
         while (remaining := side - float((pose[:2] - corner) @ ahead)) > DISTANCE:
             speed = min(SPEED, max(CREEP, GAIN * remaining))
             pose = drive(speed, GAIN * float(wrap_angle(yaw - pose[2])))
-        pose = _rest(drive, pose)
+        pose = drive(0.0, 0.0, STANDS)
         aim = yaw + sign * math.pi / 2.0
         while abs(off := float(wrap_angle(aim - pose[2]))) > ANGLE:
             pose = drive(0.0, math.copysign(min(TURN, max(CREEP, GAIN * abs(off))), off))
-        pose = _rest(drive, pose)
+        pose = drive(0.0, 0.0, STANDS)
     end = measure(f"the square to the {'left' if left else 'right'} is done")
     return Square(np.diff(np.array(travel), axis=0), end)
-
-
-def _rest(drive: Callable[[float, float], Array], pose: Array) -> Array:
-    """Stand for some periods; returns the pose then."""
-    for _ in range(8):
-        pose = drive(0.0, 0.0)
-    return pose
