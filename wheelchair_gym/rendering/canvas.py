@@ -41,15 +41,6 @@ class Frame:
         return Frame(self.scale * factor, self.left * factor, self.bottom * factor)
 
 
-def fit_frame(bounds: ArrayLike, height: float, width: float) -> Frame:
-    """The frame that centres bounds (xmin, ymin, xmax, ymax) [m] in height x width pixels."""
-    x0, y0, x1, y1 = np.asarray(bounds, dtype=np.float64)
-    scale = min(width / (x1 - x0), height / (y1 - y0))
-    return Frame(
-        scale, 0.5 * width - scale * 0.5 * (x0 + x1), 0.5 * height + scale * 0.5 * (y0 + y1)
-    )
-
-
 @dataclass(frozen=True)
 class Canvas:
     """An image (h, w, 3) that is drawn on in place; `stroke_scale` multiplies stroke widths."""
