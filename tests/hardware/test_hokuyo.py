@@ -19,6 +19,7 @@ from wheelchair_gym.hardware.laser.scip import (
     STAMP_WRAP,
     Reply,
     ScipParser,
+    Specs,
     checksum,
     decode_numbers,
     encode_numbers,
@@ -26,8 +27,10 @@ from wheelchair_gym.hardware.laser.scip import (
     scan_of,
     specs_of,
 )
-from wheelchair_gym.hardware.twin.laser import URG_04LX, UST_10LX, ScipSensor
+from wheelchair_gym.hardware.twin.laser import ScipSensor
 
+UST_10LX = Specs("UST-10LX", 20, 30000, 1440, 0, 1080, 540, 2400)
+URG_04LX = Specs("URG-04LX", 20, 5600, 1024, 44, 725, 384, 600)
 MODELS = {"ust": UST_10LX, "urg": URG_04LX}
 
 
@@ -263,7 +266,7 @@ def serve(listener, sensor, scans):
 def test_a_laser_at_a_tcp_port():
     with socket.create_server(("127.0.0.1", 0)) as listener:
         port = listener.getsockname()[1]
-        sensor = ScipSensor()
+        sensor = ScipSensor(UST_10LX)
         thread = threading.Thread(target=serve, args=(listener, sensor, 5), daemon=True)
         thread.start()
         laser, heard = Hokuyo(f"tcp://127.0.0.1:{port}"), []
