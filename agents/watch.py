@@ -87,7 +87,7 @@ class Watch:
             twist = log.increments[k][[0, 2]] / period if period > 0.0 else np.zeros(2)
             if stamp - drawn >= REFRESH_PERIOD:
                 drawn = stamp
-                out.send("/map", slam.map)
+                out.send("/map", slam.built_map())
                 out.send("/tf_static", [laser])
                 out.send("/trail", slam.trajectory[:, :2])
             out.send("/tf", slam.pose, odometry[k])

@@ -69,7 +69,7 @@ def _figures(scene: Scene, rng: np.random.Generator) -> dict[str, Any]:
     elif isinstance(scene, Doorway):
         figures["door width [m]"] = scene.door_width
         figures["corridor width [m]"] = scene.corridor_width
-        figures["margin round the corner [m]"] = scene.margin
+        figures["margin round the corner [m]"] = scene.margin()
     return figures | _actor_figures(episode) if moves else figures
 
 

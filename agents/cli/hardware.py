@@ -38,7 +38,6 @@ from wheelchair_gym.hardware.tools.speed_tuning import GAINS, step_response
 from wheelchair_gym.sim.settings import MotorSettings
 
 _TABLE_PERIOD = 0.5  # s between two tables
-_EPISODE: Any = None  # a real chair resets without one
 
 
 @contextmanager
@@ -153,7 +152,7 @@ def tune(given: argparse.Namespace) -> int:
             refused = set_parameters(chair.senses, chair.clock, "drive", chair.parameters["drive"])
             if refused:
                 raise InputError("; ".join(refused.values()))
-        step = step_response(chair, _EPISODE, given.step, given.seconds, given.turn)
+        step = step_response(chair, given.step, given.seconds, given.turn)
     if given.plot:
         _plot(given.plot, step, "turn [rad/s]" if given.turn else "speed [m/s]")
     text = "  ".join(f"{name} {value:.3f}" for name, value in step.figures.items())
@@ -296,7 +295,7 @@ def _calibrate_track(given: argparse.Namespace, settings: Any) -> int:
         for run in range(2 * given.runs):
             _log(f"square {run + 1} of {2 * given.runs}")
             left = run % 2 == 0
-            square = wheel_calibration.drive_square(chair, _EPISODE, given.side, left, measured_end)
+            square = wheel_calibration.drive_square(chair, given.side, left, measured_end)
             squares.append(square)
     result = wheel_calibration.calibrate(squares, settings.chair.drive.track)
     _write_drive(given.config, "track", round(result.track, 5))
@@ -377,7 +376,7 @@ def drive(given: argparse.Namespace) -> int:
     chair.joystick = stick
     _log("hold the button to drive; release it to stop")
     try:
-        reading = chair.reset(_EPISODE, 0)
+        reading = chair.reset()
         while given.seconds is None or reading.stamp < given.seconds:
             reading = chair.drive(np.zeros(2))
             if reading.stamp - printed >= _TABLE_PERIOD:

@@ -58,7 +58,7 @@ def _scene(spec: Spec) -> Spec:
     if not isinstance(spec, Mapping) or spec["name"] != "doorway":
         return spec
     door, corridor = spec["door_width"], spec["corridor_width"]
-    margin = Doorway(door_width=door, corridor_width=corridor).margin
+    margin = Doorway(door_width=door, corridor_width=corridor).margin()
     return {**spec, "label": f"door {door:.2f} corridor {corridor:.2f} margin {margin:.3f}"}
 
 

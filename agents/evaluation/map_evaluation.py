@@ -281,4 +281,4 @@ def by_slam(
         each(slam)
     many = settings.particles > 1
     name = f"SLAM, {settings.particles} particles" if many else "scan matching"
-    return _log_map(name, log, laser, slam.map, slam.trajectory, seconds)
+    return _log_map(name, log, laser, slam.built_map(), slam.trajectory, seconds)

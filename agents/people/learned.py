@@ -18,7 +18,7 @@ from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.base.settings import InputError, setting, settings
 from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.people.assistance import make_compiled
-from wheelchair_gym.people.assistance.step import Assistants, freedom_of
+from wheelchair_gym.people.assistance.step import Assistants
 from wheelchair_gym.task.task import Task
 from wheelchair_gym.types import Episode, Reading, Stick
 
@@ -61,7 +61,8 @@ class LearnedAssistant(Trained):
     @property
     def freedom(self) -> Freedom:
         """Its freedom: that of its base."""
-        return freedom_of(make_compiled(self.env.assistant))
+        freedom: Freedom = make_compiled(self.env.assistant).freedom
+        return freedom
 
     def reset(self, mission: AssistMission) -> None:
         """See `Assistant.reset`."""

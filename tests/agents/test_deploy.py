@@ -27,7 +27,7 @@ from tests.hardware.served import signals_kept
 from wheelchair_gym import InputError
 from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.hardware.boards.protocol import Switch
-from wheelchair_gym.hardware.control_loop import ControlLoop
+from wheelchair_gym.hardware.control_loop import RealChair
 from wheelchair_gym.hardware.joystick import Joystick, JoystickSettings
 from wheelchair_gym.hardware.registry import localized
 from wheelchair_gym.hardware.twin.lockstep import JoystickState
@@ -390,16 +390,17 @@ class Watchless:
 
 def test_late_periods_are_counted_those_that_were_missed_as_a_whole_too():
     clock, chair = Watchless(), ChairSettings()
-    loop = ControlLoop("it", clock, 0.1, 0.2, chair.limits, chair.footprint, LaserSettings())
-    loop.begin(np.zeros(3))
+    drive = {"reset": None, "drive": None}
+    loop = type("Paced", (RealChair,), drive)("it", clock, 0.1, 0.2, chair, LaserSettings())
+    loop._begin(np.zeros(3))
     for took in (0.25, 0.02, 0.09, 0.115, 0.02, 0.32, 0.05):  # s of thinking in each period
         clock.time += took
-        loop.wait_period()
+        loop._wait_period()
     stamps, delays = np.array(loop.late).T
     np.testing.assert_allclose(delays, [0.1, 0.3])  # the first may take as long as it likes
     np.testing.assert_allclose(stamps, [0.7, 1.2])
-    loop.begin(np.zeros(3))
-    assert loop.late == []
+    loop._begin(np.zeros(3))
+    assert loop.late == ()
 
 
 @pytest.mark.long

@@ -51,8 +51,8 @@ def loaded(seconds=20.0):
     drive = pilot.twin.drive
     pilot.start(0.5, 0.0, 1.0)
     for vector in VECTORS.values():
-        drive.watch_interrupt(vector)
-    drive.watch_pin(*BEAT)
+        drive.call("watch", vector)
+    drive.call("note", BEAT[0].encode(), BEAT[1])
     rng = np.random.default_rng(1)
     beats, began = [], time.perf_counter()
     for k in range(round(seconds / 0.1)):
@@ -63,7 +63,7 @@ def loaded(seconds=20.0):
     took = time.perf_counter() - began
     us = 1e6 / FREQUENCY
     each = np.diff(np.concatenate(beats)) * us
-    waits = {name: round(drive.interrupt_latency(v)[0] * us, 2) for name, v in VECTORS.items()}
+    waits = {name: round(drive.call("waited", v, [0]) * us, 2) for name, v in VECTORS.items()}
     ram = {name: size["ram"] for name, size in sizes().items()}
     free = {
         name: untouched(board, start + ram[name], end)
@@ -81,7 +81,7 @@ def loaded(seconds=20.0):
             "most": round(float(each.max()), 1),
             "deviation": round(float(each.std()), 1),
         },
-        "refused_or_lost": [pilot.bad, pilot.now.bad, pilot.now.lost, drive.overruns],
+        "refused_or_lost": [pilot.bad, pilot.now.bad, pilot.now.lost, drive.call("overruns")],
         "times_real_time": round(seconds / took, 1),
     }
 

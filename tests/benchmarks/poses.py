@@ -106,7 +106,7 @@ def map_floor(side: float, seed: int, particles: list[int]) -> None:
             took = time.perf_counter() - begun
             far = 100 * np.hypot(*np.array(off)[:, :2].T)
             turn = np.degrees(wrap_angle(np.array(off)[:, 2]))
-            found = map_quality(slam.map, episode, env.unwrapped.task.footprint.half_width)
+            found = map_quality(slam.built_map(), episode, env.unwrapped.task.footprint.half_width)
             print(
                 f"{count:9d}{draw:6d}{np.sqrt((far**2).mean()):13.1f}{np.median(far):7.1f}"
                 f"{np.percentile(far, 95):7.1f}{far.max():7.1f}{np.sqrt((turn**2).mean()):9.2f}"

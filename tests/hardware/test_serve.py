@@ -59,7 +59,7 @@ def test_a_host_drives_through_devices(served):
 
     def lost():
         laser.poll()
-        return laser.error and laser._line.connection is None
+        return laser.error and laser.connection is None
 
     assert until(lost)
     served.twin.laser.plugged = True

@@ -219,14 +219,14 @@ def test_all_is_told_live(hosted, checker):
 
 
 def test_a_step_is_driven_and_measured(hosted):
-    step = step_response(hosted.chair, None, 0.3, 1.5)
+    step = step_response(hosted.chair, 0.3, 1.5)
     figures = step.figures
     assert 0.0 < figures["lag_s"] < 0.1
     assert figures["overshoot"] < 0.1
     assert figures["end_error"] < 0.03
     assert figures["settled_s"] < 1.2
     assert np.diff(step.times) == pytest.approx(0.02, abs=0.01)
-    turned = step_response(hosted.chair, None, 0.5, 1.0, turn=True)
+    turned = step_response(hosted.chair, 0.5, 1.0, turn=True)
     assert turned.figures["end_error"] < 0.05
     hosted.clock.wait(hosted.clock.now() + 0.5)
     assert abs(hosted.twin.motion.turn) < 2e-3
@@ -348,7 +348,7 @@ def test_the_twin_is_calibrated():
             x, y = hosted.twin.plant.pose[:2] - start[:2]
             return np.array([c * x + s * y, c * y - s * x])
 
-        squares.append(drive_square(hosted.chair, None, 2.0, left, found))
+        squares.append(drive_square(hosted.chair, 2.0, left, found))
     told = calibrate(squares, TRACK)
     true = hosted.twin.plant.chair.chairs.parameters[0]
     hosted.close()

@@ -59,9 +59,9 @@ def test_turns_count(door, corridor):
     scene = Doorway(door_width=door, corridor_width=corridor)
     small = Footprint(0.2, 0.2, 0.2)  # the scene refuses a chair that does not get round its corner
     world = scene.sample(np.random.default_rng(0), small)
-    assert scene.margin < 0.5 * min(door, corridor) - OUTLINE.half_width
+    assert scene.margin() < 0.5 * min(door, corridor) - OUTLINE.half_width
     found = footprint_margin(world.walls, world.discs, world.start, world.goal, OUTLINE)
-    assert scene.margin - 0.0201 <= found <= scene.margin + 0.0101
+    assert scene.margin() - 0.0201 <= found <= scene.margin() + 0.0101
 
 
 def test_where_no_way_leads_the_least_is_said():

@@ -47,7 +47,7 @@ def test_a_drifting_chair_finds_itself_and_the_room(particles):
     assert error.max() < 0.12
     assert np.sqrt((error**2).mean()) < 0.05
     assert np.degrees(np.abs(relative_pose(truth, poses)[:, 2])).mean() < 1.5
-    grid = slam.map
+    grid = slam.built_map()
     solid = grid.to_world(np.argwhere(grid.cells == OCCUPIED))
     assert np.percentile(away(solid), 95) < 0.10
     assert slam.trajectory.shape == truth.shape
@@ -57,7 +57,7 @@ def test_a_drifting_chair_finds_itself_and_the_room(particles):
 def test_the_same_seed_is_the_same_run_and_another_seed_is_not():
     one, two, other = driven(6), driven(6), driven(6, seed=1)
     np.testing.assert_array_equal(one[1], two[1])
-    np.testing.assert_array_equal(one[0].map.cells, two[0].map.cells)
+    np.testing.assert_array_equal(one[0].built_map().cells, two[0].built_map().cells)
     assert (one[1] != other[1]).any()
 
 
@@ -69,14 +69,14 @@ def test_memory_in_reserve_spares_the_map_to_grow_and_changes_nothing_else(monke
         slam, others, _, _ = driven(8)
     assert grown.call_count == 2  # nothing, and all that it has in reserve
     np.testing.assert_allclose(poses, others, atol=0.02)
-    assert min(slam.map.cells.shape) * slam.maps.settings.resolution < 40.0
+    assert min(slam.built_map().cells.shape) * slam.maps.settings.resolution < 40.0
 
 
 def test_scans_that_are_not_to_be_learned_leave_the_map():
     short, long = driven(1, learn=False)[0], driven(1)[0]
     first = Slam(LASER, SlamSettings(particles=1), 0, tour(90)[0])
-    assert (short.map.cells == OCCUPIED).sum() < (long.map.cells == OCCUPIED).sum()
-    assert (first.map.cells == UNKNOWN).all()
+    assert (short.built_map().cells == OCCUPIED).sum() < (long.built_map().cells == OCCUPIED).sum()
+    assert (first.built_map().cells == UNKNOWN).all()
 
 
 def test_slam_beats_odometry_in_a_floor_plan_with_all_noise():

@@ -189,9 +189,9 @@ def test_walls_in_any_order_and_direction_fill_the_same():
         swap = rng.random(len(mixed)) < 0.5
         mixed[swap] = mixed[swap][:, [2, 3, 0, 1]]
         assert sum(map(len, closed_loops(mixed))) == len(walls)
-        fine = new_canvas((-1, 0, 5, 4), 640).upsampled(FINE)
+        fine = new_canvas((-1, 0, 5, 4), 640).resized(FINE)
         draw_obstacles(fine, mixed, no_discs())
-        images.append(fine.downsampled(FINE).image)
+        images.append(fine.resized(1 / FINE).image)
     for image in images[1:]:
         # Only the rounding of strokes may depend on the direction in which they are drawn.
         assert np.abs(image.astype(int) - images[0]).max() <= 40

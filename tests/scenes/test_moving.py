@@ -302,7 +302,7 @@ def turns(door, corridor, grown):
     ),
 )
 def test_the_margin_round_a_corner_is_what_a_flood_of_poses_finds(door, corridor):
-    margin = Doorway(door_width=door, corridor_width=corridor).margin
+    margin = Doorway(door_width=door, corridor_width=corridor).margin()
     assert margin < 0.5 * min(door, corridor) - FOOTPRINT.half_width
     assert turns(door, corridor, margin - 0.015)
     assert not turns(door, corridor, margin + 0.015)
@@ -318,7 +318,7 @@ def test_distributions_tell_how_wide_the_ways_are_and_what_moves():
     assert "obstacles that appear" not in figures
     assert "stay of these [s]" in scene_statistics(make_scene("temporary"), range(2))
     found = scene_statistics(make_scene("doorway"), range(2))["margin round the corner [m]"]
-    assert found == pytest.approx([Doorway().margin] * 2)
+    assert found == pytest.approx([Doorway().margin()] * 2)
     assert "people" not in scene_statistics(make_scene("clutter"), range(1))
     figures = scene_statistics(make_scene("people"), range(4))
     for name in ("people in groups", "trolleys", "people: reads phone", "people: wary"):

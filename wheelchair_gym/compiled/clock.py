@@ -33,14 +33,11 @@ class _Clock:
                     self._total += perf_counter() - self._begun
 
     def read(self) -> float:
+        """Seconds of `perf_counter`, less those in which any thread compiled or loaded kernels."""
         with self._lock:
             return (self._begun if self._depth else perf_counter()) - self._total
 
 
 _CLOCK = _Clock()
 standing_still = _CLOCK.standing_still  # stops the clock for a block of code
-
-
-def clock() -> float:
-    """Seconds of `time.perf_counter`, less those in which any thread compiled or loaded kernels."""
-    return _CLOCK.read()
+clock = _CLOCK.read

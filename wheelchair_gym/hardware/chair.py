@@ -23,7 +23,7 @@ from wheelchair_gym.hardware.boards import protocol
 from wheelchair_gym.hardware.boards.parameters import board_parameters
 from wheelchair_gym.hardware.boards.protocol import Command, CommandFlag, Fault, Mode, Switch
 from wheelchair_gym.hardware.boards.senses import BoardSensors
-from wheelchair_gym.hardware.control_loop import Clock, ControlLoop, RealBase, WallClock, wait_until
+from wheelchair_gym.hardware.control_loop import Clock, RealChair, WallClock, wait_until
 from wheelchair_gym.hardware.settings import HardwareSettings, check_boards
 from wheelchair_gym.safety import stops
 from wheelchair_gym.sensors.settings import SensorSettings
@@ -46,7 +46,7 @@ _POLL_PERIOD = 0.005  # s between two reads of the ports: a quarter of the odome
 _FINE = 0.001  # s between two checks for the next odometry
 
 
-class HardwareChair(RealBase):
+class HardwareChair(RealChair):
     """A chair behind its boards; see `Chair`. Readings hold dead-reckoned poses.
 
     Args:
@@ -65,8 +65,6 @@ class HardwareChair(RealBase):
         assisted: a person drives by the joystick of the drive board, which then goes before every
             command (`CommandFlag.ASSISTED`).
         on_wait: called with a line when reset has to wait, for a person or for more than 1 s.
-        on_rearm: each is called when a person re-arms the chair, by `rearm` or at the drive board,
-            or has driven it by a joystick and returns it.
         commanded: the last command (2,) within the limits, whether or not it was sent.
     """
 
@@ -82,28 +80,26 @@ class HardwareChair(RealBase):
         senses: BoardSensors | None = None,
     ) -> None:
         check_boards(sensors)
-        self.settings, self.sensors, self.chair, self.period = settings, sensors, chair, period
-        self.clock = clock or WallClock()
+        super().__init__(
+            settings.drive_port, clock or WallClock(), period, settings.limits.command_timeout,
+            chair, sensors.laser,
+        )  # fmt: skip
+        self.settings, self.sensors = settings, sensors
         self.senses = senses or BoardSensors(settings, sensors, chair.drive, self.clock.now)
         self.joystick: Callable[[float, Limits], Array | None] = lambda now, limits: None
         self.person: Callable[[], str] = lambda: ""
         self.assisted = False
         self.real_time = isinstance(self.clock, WallClock)
         self.on_wait: Callable[[str], object] = _LOG.warning
-        self.on_rearm: list[Callable[[], object]] = []
+        self._on_rearm: list[Callable[[], object]] = []
         self._person_drives = False  # or has to re-arm it
-        self._loop = ControlLoop(
-            settings.drive_port, self.clock, period, settings.limits.command_timeout, chair.limits,
-            chair.footprint, sensors.laser,
-        )  # fmt: skip
-        self._lock = self._loop.lock
         self._target, self._sent_at = STOP, -math.inf
         self.commanded = np.zeros(2)
         self._travel, self._read_at = np.zeros(2), 0.0  # of the last reading
         self._closed = False
-        self._loop.start_guard(self._guard, _POLL_PERIOD, self.close)
+        self._start_guard(self._guard, _POLL_PERIOD)
 
-    def reset(self, episode: Episode, key: int) -> Reading:
+    def reset(self, episode: Episode | None = None, key: int = 0) -> Reading:
         """Stop, stay in place, and wait for fresh data and for a person to re-arm the chair.
 
         Args:
@@ -118,12 +114,12 @@ class HardwareChair(RealBase):
         with self._lock:
             if self._closed:
                 raise ValueError("the chair was closed")
-            self._loop.end()
+            self._end()
             self._send(_ZERO if self._is_stopped else STOP)
             self.senses.clear()
-        self._require(self._not_ready, timeout)
+        self._await(self._not_ready, timeout)
         for board, values in self.parameters.items():
-            self._require(
+            self._await(
                 lambda b=board, v=values: self.senses.parameters[b].mismatch(v),  # type: ignore[misc]
                 2.0,
             )
@@ -134,18 +130,18 @@ class HardwareChair(RealBase):
             self.on_wait(f"{self.waiting_for}; waits {self.settings.rearm_timeout:g} s for that")
         try:
             if not self.settings.dry_run:
-                self._loop.require(self._not_armed, self.settings.rearm_timeout)
+                self._require(self._not_armed, self.settings.rearm_timeout)
         finally:
             self.waiting_for = ""
         with self._lock:
             self.senses.clear()  # the clocks may have drifted apart meanwhile
-        self._require(self._not_ready, timeout)
+        self._await(self._not_ready, timeout)
         self._synchronize()
         with self._lock:
             self.latched = ""
             self._read_at = self.clock.now()
             odometry, self._travel = self.senses.odometer.at(self._read_at)
-            self._loop.begin(odometry)
+            self._begin(odometry)
             self.senses.pressed = False
             return self._reading(self._stop_reason(), np.zeros(2))
 
@@ -158,7 +154,7 @@ class HardwareChair(RealBase):
             ValueError: the twist is not two finite numbers, or the chair was never reset.
         """
         why = self.command(twist, protective)
-        self._loop.wait_period()
+        self._wait_period()
         with self._lock:
             self.senses.poll()
             now, odometer = self.clock.now(), self.senses.odometer
@@ -177,7 +173,7 @@ class HardwareChair(RealBase):
             ValueError: the twist is not two finite numbers, or the chair was never reset.
         """
         with self._lock:
-            v, w = self._loop.accept(twist)
+            v, w = self._accept(twist)
             self.senses.poll()
             why = self._stop_reason()
             self.commanded = np.array([v, w])
@@ -193,8 +189,8 @@ class HardwareChair(RealBase):
         self._notify_rearmed()
 
     def add_rearm_callback(self, callback: Callable[[], object]) -> None:
-        """See `Chair.add_rearm_callback`."""
-        self.on_rearm.append(callback)
+        """See `Chair.add_rearm_callback`; called when a person returns the chair, too."""
+        self._on_rearm.append(callback)
 
     def close(self) -> None:
         """Stop, and close the ports; may be called again."""
@@ -202,11 +198,11 @@ class HardwareChair(RealBase):
             if self._closed:
                 return
             self._closed = True
-            self._loop.end()
+            self._end()
             with contextlib.suppress(Exception):  # the port may be the very thing that is broken
                 for _ in range(_FINAL_STOPS):
                     self._send(STOP)
-        self._loop.end_guard()
+        self._stop_guard()
         self.senses.close()
 
     def stick(self, now: float) -> tuple[Stick, str]:
@@ -279,13 +275,13 @@ class HardwareChair(RealBase):
         wait_until(self.clock, missing, self.settings.limits.odometry, interval=_FINE)
         self.clock.wait(self.clock.now() + _FINE)  # some arrive a little later than others
 
-    def _require(self, missing: Callable[[], str], timeout: float) -> None:
+    def _await(self, missing: Callable[[], str], timeout: float) -> None:
         """Wait until nothing is missing, and report what is."""
 
         def on_wait(why: str) -> None:
             self.on_wait(f"{why}; waits {timeout:g} s for it")
 
-        self._loop.require(missing, timeout, on_wait=on_wait)
+        self._require(missing, timeout, on_wait=on_wait)
 
     def _stop_reason(self) -> str:
         """Why a policy may not drive the chair now; empty: it may."""
@@ -324,7 +320,7 @@ class HardwareChair(RealBase):
             self._watch_person()
             now = self.clock.now()
             moves = self._target.v != 0.0 or self._target.w != 0.0
-            if moves and (self._loop.expired or self._stop_reason()):
+            if moves and (self._expired or self._stop_reason()):
                 self._send(STOP)
             elif now - self._sent_at >= _COMMAND_PERIOD - 1e-9:
                 self._send(self._target)
@@ -341,7 +337,7 @@ class HardwareChair(RealBase):
             self._notify_rearmed()
 
     def _notify_rearmed(self) -> None:
-        for callback in self.on_rearm:
+        for callback in self._on_rearm:
             callback()
 
     def _reading(self, halted: str, twist: Array) -> Reading:
@@ -349,6 +345,4 @@ class HardwareChair(RealBase):
         pose, _ = senses.odometer.at(now)
         ranges = senses.ranges(now)
         bumped, senses.pressed = senses.pressed, False
-        return self._loop.reading(
-            pose, pose, twist, ranges, bumped, senses.odometry.battery, halted
-        )
+        return self._reading_of(pose, pose, twist, ranges, bumped, senses.odometry.battery, halted)

@@ -26,23 +26,16 @@ class Reconnecting(Generic[Connection]):
 
     Args:
         opener: opens a connection, or raises OSError or ValueError.
-        begin: is called with each new connection; if it raises an OSError, that one is lost, too.
 
     Attributes:
         connection: the open one, or None.
         error: reason without a connection, else empty; callers may set it ("does not stream yet").
     """
 
-    def __init__(
-        self,
-        opener: Callable[[], Connection],
-        begin: Callable[[Connection], object] = lambda connection: None,
-    ) -> None:
+    def __init__(self, opener: Callable[[], Connection]) -> None:
         self.connection: Connection | None = None
         self.error = "not opened yet"
-        self._opener, self._begin = opener, begin
-        self._tried = -math.inf
-        self._closed = False
+        self._opener, self._tried, self._closed = opener, -math.inf, False
 
     def get(self, now: float) -> Connection | None:
         """The connection; opened, if it is time [s] to try."""
@@ -56,6 +49,9 @@ class Reconnecting(Generic[Connection]):
         except (OSError, ValueError) as error:  # ValueError: pyserial's for a malformed URL
             self.lose(error)
         return self.connection
+
+    def _begin(self, connection: Connection) -> None:
+        """Begin with a new connection; if this raises an OSError, that one is lost, too."""
 
     def lose(self, why: object) -> None:
         """Close the connection, which has failed."""

@@ -9,18 +9,17 @@ import atexit
 import math
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 import numpy as np
 
 from wheelchair_gym.base.arrays import Array, Floats
 from wheelchair_gym.base.settings import InputError
-from wheelchair_gym.geometry.kinematics import Limits
-from wheelchair_gym.geometry.outline import Footprint
 from wheelchair_gym.geometry.planar import relative_pose
 from wheelchair_gym.perception.occupancy import read_scan
 from wheelchair_gym.sensors.settings import LaserSettings
+from wheelchair_gym.sim.settings import ChairSettings
 from wheelchair_gym.types import Belief, Chair, NotCopyable, Reading, Truth
 
 POLL_PERIOD = 0.01  # s between two checks of what arrives in other threads
@@ -115,7 +114,12 @@ def wait_until(
     return why
 
 
-class ControlLoop:
+def _nothing_known(odometry: Array) -> Truth:
+    """The estimate at a pose (3,) of the odometry, before the first reading."""
+    return Truth(odometry, np.zeros(2), _MAX_CLEARANCE, False, False, 0.0, 0.0)
+
+
+class RealChair(NotCopyable, Chair):
     """The control periods of a real chair, its guard, and the best estimate of its state.
 
     Args:
@@ -123,58 +127,58 @@ class ControlLoop:
         clock: real or simulated time.
         period: the control period [s].
         command_timeout: how long a command stays valid beyond its period [s].
-        limits: commands are clipped to them.
-        footprint: the chair's outline.
+        chair: its outline, and the limits to which commands are clipped.
         laser: the sensor whose echoes are measured against the outline.
 
     Attributes:
-        odometry: the pose (3,) by odometry.
-        truth: the estimated pose, the nearest echo, contacts at the bumpers; no energy.
-        lock: held by the caller that commands.
-        late: of each late period but the first, its end [s since `begin`] and its delay [s].
+        truth: the localizer's pose, the nearest echo, contacts at the bumpers; no energy.
+        late: of each late period but the first, its end [s since its reset] and its delay [s].
     """
 
+    truth = _nothing_known(np.zeros(3))
+    late: Sequence[tuple[float, float]] = ()
+
     def __init__(
-        self, name: str, clock: Clock, period: float, command_timeout: float, limits: Limits,
-        footprint: Footprint, laser: LaserSettings,
+        self, name: str, clock: Clock, period: float, command_timeout: float, chair: ChairSettings,
+        laser: LaserSettings,
     ) -> None:  # fmt: skip
-        self.name, self.clock, self.period, self.limits = name, clock, period, limits
-        self.footprint, self._laser, self._timeout = footprint, laser, command_timeout
-        self.lock = threading.RLock()
+        self._name, self.clock, self.period, self.chair = name, clock, period, chair
+        self._laser, self._timeout = laser, command_timeout
+        self._lock = threading.RLock()  # held by the caller that commands
         self._valid_until, self._due, self._begun = -math.inf, 0.0, math.nan
         self._end_guard: Callable[[], None] = lambda: None
-        self.late: list[tuple[float, float]] = []
-        self._started = False
-        self._set_estimate(np.zeros(3))
+        self._started, self._odometry = False, np.zeros(3)
 
-    def _set_estimate(self, odometry: Array) -> None:
-        self.odometry = odometry
-        self.truth = Truth(odometry, np.zeros(2), _MAX_CLEARANCE, False, False, 0.0, 0.0)
+    @property
+    def belief(self) -> Belief:
+        """The pose by odometry."""
+        return Belief(self._odometry)
 
-    def begin(self, odometry: Array) -> None:
+    def set_localized_pose(self, pose: Array) -> None:
+        """See `Chair.set_localized_pose`; a real chair takes the estimate for its true pose."""
+        self.truth = self.truth._replace(pose=pose)
+
+    def _begin(self, odometry: Array) -> None:
         """Begin an episode now, at a pose (3,) of the odometry."""
         self._due = self._begun = self.clock.now()
-        self.late, self._started = [], False
-        self._set_estimate(odometry)
+        self.late, self._started = (), False
+        self._odometry, self.truth = odometry, _nothing_known(odometry)
 
-    def end(self) -> None:
+    def _end(self) -> None:
         """End the episode: no command is valid any longer."""
         self._begun, self._valid_until = math.nan, -math.inf
 
-    def start_guard(
-        self, guard: Callable[[], object], interval: float, close: Callable[[], object]
-    ) -> None:
+    def _start_guard(self, guard: Callable[[], object], interval: float) -> None:
         """Call `guard` at an interval [s] beside the policy, and `close` when the program ends."""
-        self._end_guard = self.clock.call_every(guard, interval, self.name)
-        self._close = close
-        atexit.register(close)
+        self._end_guard = self.clock.call_every(guard, interval, self._name)
+        atexit.register(self.close)
 
-    def end_guard(self) -> None:
-        """End what `start_guard` began; it may be called again."""
+    def _stop_guard(self) -> None:
+        """End what `_start_guard` began; it may be called again."""
         self._end_guard()
-        atexit.unregister(self._close)
+        atexit.unregister(self.close)
 
-    def accept(self, twist: Array) -> tuple[float, float]:
+    def _accept(self, twist: Array) -> tuple[float, float]:
         """A command (v, w) within the limits, which is valid from now on.
 
         Raises:
@@ -186,11 +190,11 @@ class ControlLoop:
         if math.isnan(self._begun):
             raise ValueError("the chair was never reset, or it was closed")
         self._valid_until = self.clock.now() + self.period + self._timeout
-        limits = self.limits
+        limits = self.chair.limits
         v = min(limits.forward, max(-limits.backward, v))
         return v, min(limits.turn, max(-limits.turn, w))
 
-    def wait_period(self, cancelled: threading.Event | None = None) -> None:
+    def _wait_period(self, cancelled: threading.Event | None = None) -> None:
         """Wait for the end of the control period, or until the event is set.
 
         Periods end at multiples of the period; those that the policy missed are skipped. In the
@@ -202,15 +206,15 @@ class ControlLoop:
         self.clock.wait(self._due, cancelled)
         now = self.clock.now()
         if self._started and now - due > LATE:
-            self.late.append((now - self._begun, now - due))
+            self.late = *self.late, (now - self._begun, now - due)
         self._started = True
 
     @property
-    def expired(self) -> bool:
+    def _expired(self) -> bool:
         """Whether the last command is no longer valid."""
         return self.clock.now() > self._valid_until
 
-    def require(
+    def _require(
         self,
         missing: Callable[[], str],
         timeout: float,
@@ -223,9 +227,9 @@ class ControlLoop:
             InputError: something is still missing after the timeout.
         """
         if why := wait_until(self.clock, missing, timeout, cancelled, on_wait=on_wait):
-            raise InputError(f"{self.name}: {why}; waited {timeout:g} s")
+            raise InputError(f"{self._name}: {why}; waited {timeout:g} s")
 
-    def reading(
+    def _reading_of(
         self, odometry: Array, pose: Array, twist: Array, ranges: tuple[Floats, Floats, Floats],
         bumped: bool, battery: float, halted: str,
     ) -> Reading:  # fmt: skip
@@ -241,8 +245,8 @@ class ControlLoop:
             halted: why the chair stopped, see `Reading`.
         """
         before, laser = self.truth, ranges[0]
-        distance = before.distance + float(np.hypot(*relative_pose(self.odometry, odometry)[:2]))
-        self.odometry, touched = odometry, before.touched or bumped
+        distance = before.distance + float(np.hypot(*relative_pose(self._odometry, odometry)[:2]))
+        self._odometry, touched = odometry, before.touched or bumped
         self.truth = Truth(pose, twist, self._clearance(laser), bumped, touched, distance, 0.0)
         stamp = self.clock.now() - self._begun
         return Reading(pose, twist, *ranges, bumped, battery, stamp, halted)
@@ -250,32 +254,7 @@ class ControlLoop:
     def _clearance(self, laser: Floats) -> float:
         """Distance [m] from the outline to the nearest echo."""
         ends = read_scan(self._laser, laser[: self._laser.beams]).echoes
-        front, rear, half = self.footprint.array
+        front, rear, half = self.chair.footprint.array
         aside = np.maximum(np.abs(ends[:, 1]) - half, 0.0)
         ahead = np.maximum(np.maximum(ends[:, 0] - front, -rear - ends[:, 0]), 0.0)
         return float(np.hypot(ahead, aside).min(initial=_MAX_CLEARANCE))
-
-
-class RealBase(NotCopyable, Chair):
-    """Properties that all real chairs report from their control loop."""
-
-    _loop: ControlLoop
-
-    def set_localized_pose(self, pose: Array) -> None:
-        """See `Chair.set_localized_pose`; a real chair takes the estimate for its true pose."""
-        self._loop.truth = self._loop.truth._replace(pose=pose)
-
-    @property
-    def truth(self) -> Truth:
-        """The best estimate: the localizer's pose, the nearest echo, contacts at the bumpers."""
-        return self._loop.truth
-
-    @property
-    def belief(self) -> Belief:
-        """The pose by odometry."""
-        return Belief(self._loop.odometry)
-
-    @property
-    def late(self) -> list[tuple[float, float]]:
-        """See `Chair.late`."""
-        return self._loop.late

@@ -72,14 +72,6 @@ def load_evdev() -> Any:
     return evdev
 
 
-def interlock(free: bool, enabled: bool, neutral: bool) -> bool:
-    """Return whether motion is free now, and `free` whether it was: as `interlock` in joystick.h.
-
-    Nothing moves before neutral was seen with the enable held, and without a break since then.
-    """
-    return enabled and (free or neutral)
-
-
 def open_evdev(settings: JoystickSettings) -> Any:
     """Open the joystick of the settings, or the first that has its axes and its button.
 
@@ -103,7 +95,7 @@ def open_evdev(settings: JoystickSettings) -> Any:
     )
 
 
-class Joystick:
+class Joystick(Reconnecting[Any]):
     """A person's command by a joystick; see `HardwareChair.joystick`.
 
     Args:
@@ -121,15 +113,10 @@ class Joystick:
         rearm: Callable[[], None] = lambda: None,
         opener: Opener = open_evdev,
     ) -> None:
+        super().__init__(lambda: opener(settings))
         self.settings, self.in_control = settings, False
         self._rearm = rearm
-        self._line = Reconnecting(lambda: opener(settings), self._begin)
         self._release()
-
-    @property
-    def error(self) -> str:
-        """Why the device is closed, as a line of text; empty while it is open."""
-        return self._line.error
 
     def __call__(self, now: float, limits: Limits) -> Array | None:
         """The commanded twist (2,) [m/s, rad/s]; None while the person has no control."""
@@ -155,7 +142,7 @@ class Joystick:
     def close(self) -> None:
         """Close the device; who has control does not change."""
         self._release()
-        self._line.close()
+        super().close()
 
     def _begin(self, device: Any) -> None:
         axes = self.settings.forward_axis, self.settings.turn_axis
@@ -167,7 +154,7 @@ class Joystick:
         self._axes, self._values = dict[int, Any](), dict[int, int]()
 
     def _read(self, now: float) -> None:
-        device = self._line.get(now)
+        device = self.get(now)
         if device is None:
             return
         try:
@@ -177,7 +164,7 @@ class Joystick:
             return
         except OSError as error:
             self._release()
-            self._line.lose(error)
+            self.lose(error)
 
     def _handle(self, event: Any, device: Any) -> None:
         settings = self.settings
@@ -185,8 +172,8 @@ class Joystick:
         if event.type == EV_SYN and event.code == SYN_DROPPED:
             self._release()  # events were missed: the button must be pressed again
             self._begin(device)
-        elif event.type == EV_SYN:  # both axes are known only here
-            self._free = interlock(self._free, self._held, not any(self._deflection))
+        elif event.type == EV_SYN:  # both axes are known only here; as `interlock` in joystick.h
+            self._free = self._held and (self._free or not any(self._deflection))
         elif event.type == EV_ABS:
             self._values[event.code] = event.value
         elif event.type == EV_KEY and event.code == settings.dead_man_button:

@@ -3,16 +3,9 @@
 from __future__ import annotations
 
 from wheelchair_gym.maps.geodesic import Geodesic, geodesic, interpolate
-from wheelchair_gym.maps.grid import (
-    FREE,
-    OCCUPIED,
-    UNKNOWN,
-    OccupancyGrid,
-    PolygonWithHoles,
-    occupied_polygons,
-)
+from wheelchair_gym.maps.grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, occupied_polygons
 from wheelchair_gym.maps.io import MapWithWalls, read_any_map, read_grid
-from wheelchair_gym.maps.io.house_expo import House, read_house
+from wheelchair_gym.maps.io.house_expo import read_house
 from wheelchair_gym.maps.io.map_server import read_map, write_map
 from wheelchair_gym.maps.io.moving_ai import read_moving_ai_map
 from wheelchair_gym.maps.passage import bottleneck, footprint_margin, open_floor
@@ -22,10 +15,8 @@ __all__ = [
     "OCCUPIED",
     "UNKNOWN",
     "Geodesic",
-    "House",
     "MapWithWalls",
     "OccupancyGrid",
-    "PolygonWithHoles",
     "bottleneck",
     "footprint_margin",
     "geodesic",

@@ -299,8 +299,7 @@ class Slam:
         """Poses (particles, 3) [m, m, rad]."""
         return compose(self._poses, self._increment)
 
-    @property
-    def map(self) -> OccupancyGrid:
+    def built_map(self) -> OccupancyGrid:
         """The best particle's map; a single unknown cell before the first scan."""
         if self.maps.layers.odds.size == 0:
             cells = np.full((1, 1), UNKNOWN, np.int8)
@@ -308,10 +307,6 @@ class Slam:
         if self._map is None or self._map[0] != len(self._history):
             self._map = len(self._history), self.maps.to_grid(self.best)
         return self._map[1]
-
-    def built_map(self) -> OccupancyGrid:
-        """Return the map as it is now; see `Localizer.built_map`."""
-        return self.map
 
     @property
     def trajectory(self) -> Array:

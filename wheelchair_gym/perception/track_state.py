@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.compiled.address import Pointers, pointer_record
@@ -103,35 +102,25 @@ TRACKER = np.dtype(
 )
 
 
-class TrackerConstants:
+class TrackerConstants(Pointers):
     """The laser of a tracker, as the record `record` (1,).
-
-    A copy in this process is the object itself; another process makes a new one.
 
     Raises:
         InputError: the laser has no beams.
     """
 
     def __init__(self, laser: LaserSettings) -> None:
-        self._made_of = (laser,)
         if not laser.beams:
             raise InputError("a tracker needs a laser; expected beams of sensors.laser")
         arrays = LaserArrays.of(laser, False)
-        self.pointers = Pointers(np.zeros(1, CONSTANTS), _LASER, constant=True)
-        self.record: NDArray[np.void] = self.pointers.record
+        super().__init__(np.zeros(1, CONSTANTS), _LASER, constant=True)
         g: Any = self.record[0]
         g["beams"], g["group"] = laser.beams, -(-laser.beams // SECTORS)
         g["sectors"] = -(-laser.beams // int(g["group"]))
-        self.pointers.point("cosine", arrays.cosine)
-        self.pointers.point("sine", arrays.sine)
+        self.point("cosine", arrays.cosine)
+        self.point("sine", arrays.sine)
         for name in ("first", "per_angle", "nearest", "mount", "reach"):
             g[name] = getattr(arrays, name)
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> TrackerConstants:
-        return self
-
-    def __reduce__(self) -> tuple[type[TrackerConstants], tuple[Any, ...]]:
-        return type(self), self._made_of
 
 
 def static_map_pointers(grids: Sequence[OccupancyGrid | None]) -> Pointers:

@@ -409,7 +409,7 @@ def point_to_trackers(
     """
     rows = Pointers(np.zeros(1, TRACKERS), _TARGETS)
     rows.record["n"] = len(states)
-    rows.point("constants", constants.pointers)
+    rows.point("constants", constants)
     rows.point("states", states)
     rows.point("static_maps", static_map_pointers(static_maps))
     return rows

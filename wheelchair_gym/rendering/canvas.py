@@ -41,15 +41,6 @@ class Frame:
         return Frame(self.scale * factor, self.left * factor, self.bottom * factor)
 
 
-def fit_frame(bounds: ArrayLike, height: float, width: float) -> Frame:
-    """The frame that centres bounds (xmin, ymin, xmax, ymax) [m] in height x width pixels."""
-    x0, y0, x1, y1 = np.asarray(bounds, dtype=np.float64)
-    scale = min(width / (x1 - x0), height / (y1 - y0))
-    return Frame(
-        scale, 0.5 * width - scale * 0.5 * (x0 + x1), 0.5 * height + scale * 0.5 * (y0 + y1)
-    )
-
-
 @dataclass(frozen=True)
 class Canvas:
     """An image (h, w, 3) that is drawn on in place; `stroke_scale` multiplies stroke widths."""
@@ -58,15 +49,9 @@ class Canvas:
     frame: Frame
     stroke_scale: float = 1.0
 
-    def upsampled(self, factor: int) -> Canvas:
-        """A copy with more pixels, to be drawn on and brought back by `downsampled`."""
-        return self._resized(factor, cv2.INTER_NEAREST)
-
-    def downsampled(self, factor: int) -> Canvas:
-        """A copy with fewer pixels, each the mean of factor x factor."""
-        return self._resized(1 / factor, cv2.INTER_AREA)
-
-    def _resized(self, factor: float, how: int) -> Canvas:
+    def resized(self, factor: float) -> Canvas:
+        """A copy with more pixels to be drawn on, or with fewer ones, each the mean of several."""
+        how = cv2.INTER_NEAREST if factor > 1.0 else cv2.INTER_AREA
         h, w = self.image.shape[:2]
         size = (int(w * factor), int(h * factor))
         image: Any = cv2.resize(self.image, size, interpolation=how)
@@ -82,8 +67,9 @@ class Canvas:
     def _width(self, width: float) -> int:
         return max(1, round(width * self.stroke_scale))
 
-    def _blend(self, outlines: Sequence[NDArray[np.int32]], colour: Colour, alpha: float) -> None:
-        """Fill fixed-point outlines by the even-odd rule, only where they lie."""
+    def fill(self, loops: Sequence[ArrayLike], colour: Colour, alpha: float = 1.0) -> None:
+        """Fill closed loops, each (k, 2) [m], by the even-odd rule, only where they lie."""
+        outlines = [self._fixed(loop) for loop in loops]
         if not outlines:
             return
         if alpha >= 1.0:
@@ -100,10 +86,6 @@ class Canvas:
         corner = np.array([c0 * _ONE, r0 * _ONE], dtype=np.int32)
         cv2.fillPoly(layer, [line - corner for line in outlines], colour, cv2.LINE_AA, _SHIFT)
         part[:] = cv2.addWeighted(layer, alpha, part, 1.0 - alpha, 0.0)
-
-    def fill(self, loops: Sequence[ArrayLike], colour: Colour, alpha: float = 1.0) -> None:
-        """Fill closed loops, each (k, 2) [m], by the even-odd rule."""
-        self._blend([self._fixed(loop) for loop in loops], colour, alpha)
 
     def line(
         self, points: ArrayLike, colour: Colour, width: float = 1.0, closed: bool = False

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from wheelchair_gym.rendering import palette
-from wheelchair_gym.rendering.canvas import Canvas, fit_frame, text_width, write_text
+from wheelchair_gym.rendering.canvas import Canvas, Frame, text_width, write_text
 
 FINE = 2  # the background is drawn with this many times the pixels, then brought down
 _STRIP = 0.047  # the caption strip's share of the long side
@@ -106,7 +106,9 @@ def new_canvas(bounds: ArrayLike, size: int | tuple[int, int]) -> Canvas:
     image[:] = palette.UNKNOWN
     long_side = max(height, width)
     room = height - strip_height(long_side)
-    return Canvas(image, fit_frame(bounds, room, width), stroke_scale(long_side))
+    scale = min(width / (x1 - x0), room / (y1 - y0))  # centred
+    left, bottom = 0.5 * width - scale * 0.5 * (x0 + x1), 0.5 * room + scale * 0.5 * (y0 + y1)
+    return Canvas(image, Frame(scale, left, bottom), stroke_scale(long_side))
 
 
 def stroke_scale(long_side: int) -> float:

@@ -99,4 +99,4 @@ def with_legend(picture: Image, entries: Sequence[Entry], caption: str = "") -> 
         mark(canvas, np.array([(left, -middle), (left + _SWATCH * capital, -middle)]))
     for label, (left, middle) in zip([*(e[0] for e in entries), *words], places, strict=True):
         write_text(image, label, (left, middle + 0.5 * capital), capital, palette.INK)
-    return np.vstack([canvas.downsampled(floor.FINE).image, picture])
+    return np.vstack([canvas.resized(1 / floor.FINE).image, picture])

@@ -37,14 +37,14 @@ def draw_map(maps: Sequence[tuple[str, OccupancyGrid, ArrayLike]]) -> Image:
     bounds = floor.bounding_box(corners, _MARGIN)
     panels = []
     for caption, grid, trail in maps:
-        fine = floor.new_canvas(bounds, 900).upsampled(floor.FINE)
+        fine = floor.new_canvas(bounds, 900).resized(floor.FINE)
         floor.draw_grid(fine, grid)
         poses = np.asarray(trail, dtype=np.float64)
         fine.line(poses, palette.TRAIL, _TRAIL)
         if len(poses):
             floor.draw_start(fine, poses[0])
         floor.draw_scale_bar(fine)
-        panel = fine.downsampled(floor.FINE)
+        panel = fine.resized(1 / floor.FINE)
         floor.write_caption(panel, caption)
         panels.append(panel.image)
     return np.hstack(panels)
@@ -116,14 +116,14 @@ class TopView:
         self._cones = _cones(self.sensors.ultrasonic)
         self._wheels = _wheels(self.footprint, self.drive)
         self._mark = _HEADING * (self.footprint.front, self.footprint.half_width)
-        fine = floor.new_canvas(bounds, size).upsampled(floor.FINE)
+        fine = floor.new_canvas(bounds, size).resized(floor.FINE)
         floor.draw_grid(fine, episode.map)
         floor.draw_obstacles(fine, episode.walls, episode.discs)
         near = tolerance if episode.tolerance is None else episode.tolerance
         floor.draw_goal(fine, episode.goal, near)
         floor.draw_start(fine, episode.start)
         floor.draw_scale_bar(fine)
-        self.background = fine.downsampled(floor.FINE)
+        self.background = fine.resized(1 / floor.FINE)
         self.frame = self.background.frame
 
     def draw(
@@ -293,7 +293,7 @@ class PlanPicture:
         x0, y0, x1, y1 = box = np.asarray(self.bounds, dtype=np.float64)
         margin = 0.01 * float((box[2:] - box[:2]).max())
         canvas = floor.new_canvas(box + np.array([-margin, -margin, margin, margin]), size)
-        fine = canvas.upsampled(floor.FINE)
+        fine = canvas.resized(floor.FINE)
         fine.fill([[(x0, y0), (x1, y0), (x1, y1), (x0, y1)]], palette.FREE)
         fine.fill(self.inflated, palette.MAPPED)
         edges = [no_walls(), *(polygon_edges(polygon) for polygon in self.polygons)]
@@ -302,7 +302,7 @@ class PlanPicture:
         _GOAL[1](fine, np.atleast_2d(self.goal))
         floor.draw_start(fine, self.start)
         floor.draw_scale_bar(fine)
-        picture = fine.downsampled(floor.FINE)
+        picture = fine.resized(1 / floor.FINE)
         if legend:
             return with_legend(picture.image, self._entries(), caption)
         floor.write_caption(picture, caption)

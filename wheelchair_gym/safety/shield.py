@@ -83,15 +83,6 @@ def filter_twist(i: int, shields: Any, v: float, w: float) -> tuple[float, float
 
 
 @borrowing_kernel
-def _decide_row(shields: Any, v: float, w: float) -> tuple[int, float, float, float, float, bool]:
-    """Return row 0's decision on a twist: reason, twist asked, twist given, protective."""
-    constants, shield = _shield_row(shields, 0)
-    v, w, protective = decide(constants, shield, v, w)
-    decision = shield.decision
-    return decision.reason, decision.asked[0], decision.asked[1], v, w, protective
-
-
-@borrowing_kernel
 def copy_decision(i: int, shields: Any, target: Any) -> None:
     """Copy row i's latest decision to a record of DECISION."""
     decision = _shield_row(shields, i)[1].decision
@@ -104,7 +95,7 @@ def point_to_shields(constants: ShieldConstants, shields: NDArray[np.void]) -> P
     """Return pointers to shields (n,) of SHIELD and what they share, a record (1,) of SHIELDS."""
     rows = Pointers(np.zeros(1, SHIELDS), SHIELDS_TARGETS)
     rows.record["n"] = len(shields)
-    rows.point("constants", constants.pointers)
+    rows.point("constants", constants)
     rows.point("shields", shields)
     return rows
 
@@ -170,11 +161,10 @@ class Shield:
             reading: the latest; its stamps are the shield's only clock.
         """
         self.update(reading)
-        reason, asked_v, asked_w, v, w, protective = _decide_row(
-            self.pointers.record, float(twist[0]), float(twist[1])
-        )
-        given = np.array([v, w])
-        self.decision = Decision(REASONS[reason], np.array([asked_v, asked_w]), given, protective)
+        row = self.pointers.record
+        v, w, protective = filter_twist(0, row, float(twist[0]), float(twist[1]))
+        given, made = np.array([v, w]), self.state["decision"][0]
+        self.decision = Decision(REASONS[made["reason"]], made["asked"].copy(), given, protective)
         return given
 
     def update(self, reading: Reading) -> None:

@@ -354,10 +354,8 @@ class Frame(NamedTuple):
     s: float
 
 
-class ShieldConstants:
+class ShieldConstants(Pointers):
     """Settings, outline, limits and mounts of a shield, as the record `record` (1,).
-
-    A copy in this process is the object itself; another process makes a new one.
 
     Raises:
         InputError: see `check`.
@@ -366,7 +364,6 @@ class ShieldConstants:
     def __init__(
         self, config: ShieldSettings, chair: ChairSettings, sensors: SensorSettings, period: float
     ) -> None:
-        self._made_of = config, chair, sensors, period
         check(chair, period)
         if not sensors.lasers:
             raise InputError(
@@ -375,12 +372,10 @@ class ShieldConstants:
             )
         self.laser = laser = LaserArrays.of(sensors.laser, False)
         self.scanners = scanner_pointers(sensors, False)
-        self.tracker = TrackerConstants(sensors.laser)
         targets = dict.fromkeys(("cosine", "sine"), Target("f4", None))
         targets["scanners"] = Target(SCANNER, None)
         targets["tracker"] = Target(TRACKER_CONSTANTS, 1)
-        self.pointers = pointers = Pointers(np.zeros(1, CONSTANTS), targets, constant=True)
-        self.record: Rows = pointers.record
+        super().__init__(np.zeros(1, CONSTANTS), targets, constant=True)
         g: Any = self.record[0]
         g["limits"], g["outline"] = chair.limits.record, chair.footprint.array
         samples = outline_samples(*chair.footprint.array.tolist())
@@ -393,10 +388,10 @@ class ShieldConstants:
         g["stop_margin"] += range_error(sensors)
         for name in ("laser", "ultrasonic", "odometry"):
             g[f"stale_{name}"] = getattr(config.stale, name)
-        pointers.point("cosine", laser.cosine)
-        pointers.point("sine", laser.sine)
-        pointers.point("scanners", self.scanners)
-        pointers.point("tracker", self.tracker.pointers)
+        self.point("cosine", laser.cosine)
+        self.point("sine", laser.sine)
+        self.point("scanners", self.scanners)
+        self.point("tracker", TrackerConstants(sensors.laser))
         g["beams"], g["n_scanners"] = sensors.laser.beams, len(sensors.lasers)
         for name in ("first", "per_angle", "nearest", "mount", "reach"):
             g[name] = getattr(laser, name)
@@ -407,12 +402,6 @@ class ShieldConstants:
             half = 0.5 * model.field_of_view
             g["ranger_half"][k], g["ranger_reach"][k] = half, model.reach
             g["ranger_slope"][k] = math.tan(half + _ASIDE)
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> ShieldConstants:
-        return self
-
-    def __reduce__(self) -> tuple[type[ShieldConstants], tuple[Any, ...]]:
-        return type(self), self._made_of
 
 
 def outline_samples(front: float, rear: float, half: float) -> Rows:

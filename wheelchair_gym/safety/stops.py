@@ -96,11 +96,12 @@ class StopMonitor:
 
     Attributes:
         messages: of active stops, by the name of the row; empty: the chair drives.
+        waited: seconds for which the chair has been stopped, manual driving left out.
     """
 
     def __init__(self) -> None:
         self.messages: dict[str, str] = {}
-        self._waited, self._at = 0.0, 0.0
+        self.waited, self._at = 0.0, 0.0
 
     def update(self, now: float, messages: Iterable[str]) -> list[str]:
         """Set the active messages at a time [s]; returns log lines of what changed.
@@ -121,9 +122,9 @@ class StopMonitor:
             lines += [f"no longer: {'; '.join(over)}; still stands: {self.why}"]
         hand = any(matching_stops(why)[0].ends is Ends.PERSON for why in held.values())
         if not held or hand:
-            self._waited = 0.0
+            self.waited = 0.0
         elif before:
-            self._waited += now - self._at
+            self.waited += now - self._at
         self._at = now
         return lines
 
@@ -131,11 +132,6 @@ class StopMonitor:
     def why(self) -> str:
         """All active messages as one line."""
         return "; ".join(self.messages.values())
-
-    @property
-    def waited(self) -> float:
-        """Seconds for which the chair has been stopped, manual driving left out."""
-        return self._waited
 
 
 def _sentence(message: str) -> str:

@@ -224,16 +224,11 @@ class Doorway:
             if abs(width - CELL * to_cells(width)) > 1e-6:
                 raise InputError(f"Doorway.{name} is {width} m; expected a multiple of {CELL} m")
 
-    @property
-    def margin(self) -> float:
-        """Maximum growth [m] on every side with which the default chair gets round the corner.
+    def margin(self, footprint: Footprint = FOOTPRINT) -> float:
+        """Maximum growth [m] on every side with which a chair gets round the corner.
 
-        No manoeuvre of a rigid outline has more; below 0 none exists.
+        No manoeuvre of a rigid outline has more; below 0 none exists, and -0.3 is -0.3 m or less.
         """
-        return self.margin_for(FOOTPRINT)
-
-    def margin_for(self, footprint: Footprint) -> float:
-        """Return the margin [m] of a footprint; below -0.3 m it is -0.3 m or less."""
         half = 0.5 * min(self.door_width, self.corridor_width) - footprint.half_width
         if half <= -0.3:
             return half
@@ -253,7 +248,7 @@ class Doorway:
             InputError: a chair of this footprint does not get round the corner, or does not stand
                 in the corridor.
         """
-        margin = self.margin_for(footprint)
+        margin = self.margin(footprint)
         if margin < 0.0:
             raise InputError(
                 f"Doorway: {footprint} does not turn from a corridor of {self.corridor_width} m "

@@ -46,8 +46,7 @@ def _smooth(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """One step of the automaton (rows, cols); beyond the side walls all cells count as filled."""
     around = np.pad(cells, ((1, 1), (0, 0)))
     around = np.pad(around, ((0, 0), (1, 1)), constant_values=True).astype(np.int64)
-    rows, cols = cells.shape
-    near = sum(around[i : i + rows, j : j + cols] for i in range(3) for j in range(3)) - cells
+    near: NDArray[np.int64] = sliding_window_view(around, (3, 3)).sum(axis=(2, 3)) - cells
     return (cells | (near >= _BORN)) & (near > _DIES)
 
 

@@ -75,11 +75,6 @@ class FloorPlan(Building):
     path_length: Range[float] = setting(default=(5.0, 30.0), unit="m", low=0.0)
     """Minimum and maximum length of the shortest path from start to goal."""
 
-    def storey(self, source: NumpyStream, home: bool, width: float, height: float) -> Storey:
-        """One storey of a given kind and size [m]; which side is which is drawn."""
-        sizes = self.door_width, self.corridor_width, self.furniture_density
-        return _draw_storey(source, home, width, height, *sizes)
-
     def sample_building(
         self, rng: np.random.Generator, footprint: Footprint = FOOTPRINT
     ) -> tuple[FloorLayout, Episode]:
@@ -91,13 +86,14 @@ class FloorPlan(Building):
         source = numpy_stream(rng)
         start, goal = np.empty(3), np.empty(3)
         minimum, maximum = self.building_size
+        sizes = self.door_width, self.corridor_width, self.furniture_density
         for _ in range(_TRIES):
             home = self.kind == "home" or (
                 self.kind == "any" and numpy_uniform(source, 0.0, 1.0) < 0.5
             )
             width = numpy_uniform(source, minimum, maximum)
             height = numpy_uniform(source, minimum, (minimum + maximum) / 2 if home else maximum)
-            layout, cells, walls, discs = self.storey(source, home, width, height)
+            layout, cells, walls, discs = _draw_storey(source, home, width, height, *sizes)
             grid = OccupancyGrid(cells, CELL)
             ground = layout.rooms, walls, discs, footprint.array, CLEARANCE
             for _ in range(_GOALS):
@@ -129,7 +125,7 @@ def _draw_storey(
     corridor_width: Range[float],
     furniture_density: float,
 ) -> Storey:
-    """Lay out and furnish a storey; write its map and its walls."""
+    """Lay out and furnish a storey of a kind and size [m]; write its map and its walls."""
     layout = generate_layout(source, home, width, height, door_width, corridor_width)
     furniture = furnish(source, layout, home, furniture_density, _PASSAGE_WIDTH)
     cells = np.full((layout.height, layout.width), OCCUPIED, np.int8)

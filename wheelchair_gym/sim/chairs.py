@@ -100,7 +100,7 @@ class SimulatedChairs:
         """Pointers to the rows, a record (1,) of CHAIRS; the caller adds its workspace."""
         rows = Pointers(np.zeros(1, CHAIRS), CHAIRS_TARGETS)
         rows.record["n"] = len(self.states)
-        rows.point("suite", self.suite.pointers)
+        rows.point("suite", self.suite)
         rows.point("worlds", self.pointers)
         for name in ("base", "blank", "parameters", "states"):
             rows.point(name, getattr(self, name))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wheelchair_gym.compiled.address import Pointers, Target, pointer_record
 from wheelchair_gym.compiled.kernel import inlined
@@ -30,28 +29,24 @@ SUITE, _TARGETS = pointer_record(
 )
 
 
-class SensorSuite:
+class SensorSuite(Pointers):
     """Sensors and engine of a kind of chair; `record` (1,) points to what it keeps alive.
 
     It never changes: a copy in this process is itself, one in another process is made anew.
     """
 
     def __init__(self, sensors: SensorSettings) -> None:
+        super().__init__(np.zeros(1, SUITE), _TARGETS, constant=True)
         self._sensors = sensors
         self.scanners = scanner_pointers(sensors, sensors.noise)
         self.order = np.array(sensors.ultrasonic.firing_order, np.int64)
-        self.pointers = pointers = Pointers(np.zeros(1, SUITE), _TARGETS, constant=True)
-        self.record: NDArray[np.void] = pointers.record
         r: Any = self.record[0]
         for name in ENGINE.names or ():
             r[name] = engine_record()[name][0]
         r["n_scanners"], r["rangers"] = len(self.scanners.record), len(self.order)
-        pointers.point("scanners", self.scanners)
-        pointers.point("ranger_rows", ranger_rows(sensors.ultrasonic, sensors.noise))
-        pointers.point("order", self.order)
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> SensorSuite:
-        return self
+        self.point("scanners", self.scanners)
+        self.point("ranger_rows", ranger_rows(sensors.ultrasonic, sensors.noise))
+        self.point("order", self.order)
 
     def __reduce__(self) -> tuple[type[SensorSuite], tuple[SensorSettings]]:
         return type(self), (self._sensors,)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -27,7 +26,7 @@ class LinkStatistics:
     opened: int = 0  # how often the line was opened
 
 
-class Link:
+class Link(Reconnecting[Port]):
     """A line to a board that reconnects: a failure is data, not an exception.
 
     Args:
@@ -37,6 +36,7 @@ class Link:
 
     Attributes:
         statistics: of its traffic.
+        sent_at: when the last message of each sequence number was sent [s].
 
     Raises:
         InputError: pyserial is needed, and not installed.
@@ -50,26 +50,15 @@ class Link:
     ) -> None:
         if opener is open_port:
             load_serial()
+        super().__init__(lambda: opener(url))
         self.url = url
         self.statistics = LinkStatistics()
         self._clock = clock
-        self._line = Reconnecting(lambda: opener(url), self._begin)
         self._receiver, self._understood = Receiver(), False
-        self._received_at = -math.inf
         self._sequence = 0
-        self._sent_at: dict[int, float] = {}
+        self.sent_at: dict[int, float] = {}
         self._last: int | None = None  # the board's last sequence number
         self._bad_before = 0  # frames refused before the line was last opened
-
-    @property
-    def connected(self) -> bool:
-        """Whether the line is open; a board may still be silent."""
-        return self._line.connection is not None
-
-    @property
-    def error(self) -> str:
-        """Why the line is closed, as a line of text; empty while it is open."""
-        return self._line.error
 
     @property
     def mismatch(self) -> str:
@@ -87,11 +76,6 @@ class Link:
             )
         return ""
 
-    @property
-    def silence(self) -> float:
-        """Seconds since the last good frame; +inf before the first."""
-        return self._clock() - self._received_at
-
     def send(self, message: Message) -> int | None:
         """Send a message; its sequence number, None if it could not be sent.
 
@@ -101,7 +85,7 @@ class Link:
         self._sequence = (self._sequence + 1) & 0xFF
         # The zero byte ends what noise may have put on the line.
         data = b"\0" + encode(message, self._sequence)
-        port = self._line.get(self._clock())
+        port = self.get(self._clock())
         if port is None:
             self.statistics.unsent += 1
             return None
@@ -110,28 +94,24 @@ class Link:
         except OSError as error:  # pyserial's errors are OSErrors
             self.statistics.unsent += 1
             if "timeout" not in type(error).__name__.lower():  # no room: only this frame is lost
-                self._line.lose(explain(self.url, error))
+                self.lose(explain(self.url, error))
             return None
         if written is not None and written < len(data):  # no room; the board drops what it got
             self.statistics.unsent += 1
             return None
         self.statistics.sent += 1
-        self._sent_at[self._sequence] = self._clock()
+        self.sent_at[self._sequence] = self._clock()
         return self._sequence
-
-    def sent_at(self, sequence: int) -> float | None:
-        """When the last message of a sequence number was sent [s]; None: none was."""
-        return self._sent_at.get(sequence)
 
     def poll(self) -> list[Frame]:
         """All good frames that have come; never waits."""
-        port = self._line.get(self._clock())
+        port = self.get(self._clock())
         frames: list[Frame] = []
         try:
             while port is not None and (waiting := port.in_waiting):
                 frames += self._receiver.feed(port.read(min(waiting, _CHUNK)))
         except OSError as error:
-            self._line.lose(explain(self.url, error))
+            self.lose(explain(self.url, error))
         self.statistics.bad = self._bad_before + self._receiver.bad
         for frame in frames:
             if self._last is not None:
@@ -139,13 +119,8 @@ class Link:
             self._last = frame.sequence
         if frames:
             self._understood = True
-            self._received_at = self._clock()
             self.statistics.received += len(frames)
         return frames
-
-    def close(self) -> None:
-        """Close the line for good."""
-        self._line.close()
 
     def _begin(self, port: Port) -> None:
         port.write(b"\0")  # ends a frame that the board has received in part

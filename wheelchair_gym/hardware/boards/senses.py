@@ -32,7 +32,6 @@ from wheelchair_gym.hardware.connection import Latest
 from wheelchair_gym.hardware.control_loop import Clock, wait_until
 from wheelchair_gym.hardware.laser.hokuyo import Hokuyo, TimedScan, open_laser
 from wheelchair_gym.hardware.settings import REST_SPEED, HardwareSettings
-from wheelchair_gym.maps import OccupancyGrid
 from wheelchair_gym.sensors.settings import RANGERS, SensorSettings
 from wheelchair_gym.types import Episode
 
@@ -91,7 +90,9 @@ class WheelOdometry:
 
 
 class OdometryLocalizer:
-    """The pose by odometry alone; see `localization.localized_chair.Localizer`."""
+    """The pose by odometry alone; see `perception.localized_chair.Localizer`."""
+
+    built_map = None
 
     def begin(self, episode: Episode, key: int) -> None:
         """Start at an episode's start; nothing is random."""
@@ -106,11 +107,6 @@ class OdometryLocalizer:
     def poses(self) -> Array:
         """The one pose (1, 3)."""
         return self._pose[None]
-
-    @property
-    def built_map(self) -> Callable[[], OccupancyGrid] | None:
-        """None: it builds no map."""
-        return None
 
 
 _ODOMETRY_LATENCY = 0.004  # s from the counts on the board to the host, at least: on the twin
@@ -223,7 +219,8 @@ class BoardSensors:
             self._stamp = message.stamp
             newest = self._newest["odometry"]
             newest.update(message, message.stamp, now - _ODOMETRY_LATENCY)
-            if message.age < _AGE_MAX and (sent := self.drive.sent_at(message.echo)) is not None:
+            sent = self.drive.sent_at.get(message.echo)
+            if sent is not None and message.age < _AGE_MAX:
                 newest.clock.answered(sent, message.stamp - message.age)
             self.odometer.update(message, newest.message.measured_at)
             self.pressed |= bool(message.switches & STRIPS)

@@ -9,7 +9,6 @@ import select
 import socket
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import NamedTuple
 
 from wheelchair_gym.base.settings import InputError
@@ -116,17 +115,7 @@ class TimedScan(NamedTuple):
     received_at: float  # s of the host's clock
 
 
-@dataclass
-class LaserStatistics:
-    """Counts of what a laser has sent since it was made."""
-
-    scans: int = 0
-    bad: int = 0  # replies refused
-    refused: int = 0  # requests that it refused
-    opened: int = 0
-
-
-class Hokuyo:
+class Hokuyo(Reconnecting[Port]):
     """A laser that streams scans; a failure is data, not an exception.
 
     Args:
@@ -137,7 +126,8 @@ class Hokuyo:
 
     Attributes:
         specs: the sensor's specification, None until it is known.
-        statistics: of what it has sent.
+        scans: that it has sent since this was made.
+        bad: replies refused since then.
         compared: when its clock was asked for [s], and its answer [s]; None: it was not.
 
     Raises:
@@ -153,28 +143,22 @@ class Hokuyo:
     ) -> None:
         if opener is open_laser and not url.startswith(_TCP):
             load_serial()
+        super().__init__(lambda: opener(url))
         self.url, self.reach = url, reach
         self.specs: Specs | None = None
-        self.statistics = LaserStatistics()
         self._clock = clock
-        self._line = Reconnecting(lambda: opener(url), self._begin)
         self._parser = ScipParser()
-        self._bad_before = 0
+        self.scans = self.bad = self._bad_before = 0
         self._asked = ""  # the last request
         self._since = 0.0  # s, of the last request or scan
         self.compared: tuple[float, float] | None = None
         self._compared_at = -math.inf
         self._turns, self._last = 0, 0  # wraps of the sensor's clock, and its last time stamp
 
-    @property
-    def error(self) -> str:
-        """Why it does not stream, as a line of text; empty while it does."""
-        return self._line.error
-
     def poll(self) -> list[TimedScan]:
         """The scans that have come; never waits."""
         scans: list[TimedScan] = []
-        port = self._line.get(self._clock())
+        port = self.get(self._clock())
         try:
             while port is not None and (waiting := port.in_waiting):
                 for reply in self._parser.feed(port.read(waiting)):
@@ -183,31 +167,30 @@ class Hokuyo:
                 self._lose(f"no answer to {self._asked} for {ANSWER_WITHIN:g} s")
         except (OSError, InputError) as error:
             self._lose(str(error))
-        self.statistics.bad = self._bad_before + self._parser.bad
+        self.bad = self._bad_before + self._parser.bad
         return scans
 
     def compare_clocks(self, after: float) -> None:
         """Ask for its time again, so long [s] after the last answer; scans pause meanwhile."""
-        port, now = self._line.connection, self._clock()
+        port, now = self.connection, self._clock()
         if port is not None and not self.error and now - self._compared_at > after:
             with contextlib.suppress(OSError):  # the next poll notices
                 self._ask(port, "QT")
 
     def close(self) -> None:
         """Switch the laser off and close it for good."""
-        if self._line.connection is not None:
+        if self.connection is not None:
             with contextlib.suppress(OSError):
-                self._line.connection.write(b"QT\n")
-        self._line.close()
+                self.connection.write(b"QT\n")
+        super().close()
 
     def _lose(self, why: str) -> None:
         """Close the connection, which has failed for a reason."""
-        self._line.lose(why if self.url in why else f"{self.url}: {why}")
+        self.lose(why if self.url in why else f"{self.url}: {why}")
 
     def _begin(self, port: Port) -> None:
-        self._bad_before, self._parser = self.statistics.bad, ScipParser()
-        self.statistics.opened += 1
-        self._line.error = "does not stream yet"
+        self._bad_before, self._parser = self.bad, ScipParser()
+        self.error = "does not stream yet"
         port.write(b"\n")  # ends what may have been sent in part
         self._ask(port, "SCIP2.0")  # sensors that always use SCIP 2 refuse it
 
@@ -237,10 +220,8 @@ class Hokuyo:
         elif command == "MD" and reply.status == OK:
             self._since = self._clock()
         elif command == "MD" and reply.status == LASER_OFF:
-            self.statistics.refused += 1
             self._ask(port, "BM")
         else:
-            self.statistics.refused += 1
             self._lose(f"{self._asked} was refused with status {reply.status}")
 
     def _take_time(self, reply: Reply) -> None:
@@ -263,6 +244,6 @@ class Hokuyo:
         if scan is None:
             self._parser.bad += 1
             return
-        self._since, self._line.error = self._clock(), ""
-        self.statistics.scans += 1
+        self._since, self.error = self._clock(), ""
+        self.scans += 1
         scans.append(TimedScan(scan, self._seconds(scan.stamp), self._since))

@@ -123,11 +123,6 @@ class Specs(NamedTuple):
         return self.last - self.first + 1
 
     @property
-    def rate(self) -> float:
-        """Scans per second."""
-        return self.rpm / 60.0
-
-    @property
     def angles(self) -> NDArray[np.float64]:
         """Directions (beams,) [rad], counter-clockwise from ahead."""
         steps = np.arange(self.first, self.last + 1, dtype=np.float64) - self.front

@@ -23,7 +23,7 @@ from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.geometry.kinematics import approach_twist
 from wheelchair_gym.geometry.outline import best_clearance_heading
-from wheelchair_gym.hardware.control_loop import POLL_PERIOD, ControlLoop, RealBase, WallClock
+from wheelchair_gym.hardware.control_loop import POLL_PERIOD, RealChair, WallClock
 from wheelchair_gym.hardware.ros.make_messages import twist, twist_stamped
 from wheelchair_gym.hardware.ros.rosbridge import Rosbridge
 from wheelchair_gym.hardware.ros.senses import RosSensors, SimulatedClock
@@ -34,7 +34,7 @@ from wheelchair_gym.sim.settings import ChairSettings
 from wheelchair_gym.types import Episode, Reading
 
 
-class RosChair(RealBase):
+class RosChair(RealChair):
     """A chair behind rosbridge; see `Chair`. It feels no contact.
 
     Args:
@@ -66,23 +66,22 @@ class RosChair(RealBase):
                 f"chair ros: there are {len(settings.ultrasonic)} topics of ultrasonics; "
                 f"sensors.ultrasonic.mounted has {len(sensors.ultrasonic.mounted)}"
             )
-        self.settings, self.sensors, self.period, s = settings, sensors, period, settings
+        self.settings, self.sensors, s = settings, sensors, settings
         self._clock = SimulatedClock(s.clock, s.clock_timeout) if s.use_sim_time else None
         self.senses = RosSensors(settings, sensors, on_map, self._clock)
         self._setpoint = (0.0, 0.0, 0.0, 0.0)  # speed, its slope, turn rate, its slope
         self._link = Rosbridge(s.host, s.port, self.senses.receive, s.link)
         self.url = self._link.url
-        self._loop = ControlLoop(
-            self.url, self._clock or WallClock(), period, s.limits.command_timeout, chair.limits,
-            chair.footprint, sensors.laser,
+        super().__init__(
+            self.url, self._clock or WallClock(), period, s.limits.command_timeout, chair,
+            sensors.laser,
         )  # fmt: skip
-        self._lock, self.clock = self._loop.lock, self._loop.clock
         self._link.farewell = (s.velocity, lambda: self._command(0.0, 0.0))
         self._link.advertise(s.velocity, f"geometry_msgs/Twist{'Stamped' * s.stamped}")
         for topic, one in self.senses.topics.items():
             if topic != s.map:
                 self._link.subscribe(topic, one.type, one.queue)
-        self._loop.start_guard(self._guard, min(POLL_PERIOD, 0.25 * period), self.close)
+        self._start_guard(self._guard, min(POLL_PERIOD, 0.25 * period))
 
     def reset(self, episode: Episode, key: int) -> Reading:
         """Stop, stay in place, and wait for fresh data.
@@ -96,7 +95,7 @@ class RosChair(RealBase):
                 mounted where the settings say.
             ConnectionError: the link is lost.
         """
-        self._loop.end()
+        self._end()
         with self._lock:
             self._stop()
         self.senses.clear()
@@ -106,8 +105,8 @@ class RosChair(RealBase):
                 raise InputError(f"{self.url}: {wrong}")
             return self.senses.stale(self.clock.now()) or self.senses.moving()
 
-        self._require(missing)
-        self._loop.begin(self.senses.odometry[0])
+        self._await(missing)
+        self._begin(self.senses.odometry[0])
         return self._reading("")
 
     def drive(self, twist: Array, protective: bool = False) -> Reading:
@@ -121,23 +120,23 @@ class RosChair(RealBase):
             ConnectionError: the link is lost; a new chair must be made.
         """
         with self._lock:
-            v, w = self._loop.accept(twist)
+            v, w = self._accept(twist)
             why = self.senses.stale(self.clock.now())
             if why or protective:
                 self._stop()
             else:
-                limits = self._loop.limits.record
+                limits = self.chair.limits.record
                 self._setpoint = approach_twist(*self._setpoint, v, w, limits, self.period)
                 message = self._command(self._setpoint[0], self._setpoint[2])
                 self._link.publish(self.settings.velocity, message)
-        self._loop.wait_period(self._link.closed)
+        self._wait_period(self._link.closed)
         self._check()
         return self._reading(why)
 
     def close(self) -> None:
         """Stop, and close the link; may be called again."""
-        self._loop.end()
-        self._loop.end_guard()
+        self._end()
+        self._stop_guard()
         self._link.close()
 
     def episode(self, goal: ArrayLike, start: ArrayLike | None = None) -> Episode:
@@ -154,11 +153,11 @@ class RosChair(RealBase):
         """
         topic, senses = self.settings.map, self.senses
         self._link.subscribe(topic, senses.topics[topic].type)
-        self._require(lambda: "" if senses.map else senses.describe_silence(topic))
+        self._await(lambda: "" if senses.map else senses.describe_silence(topic))
         self._link.unsubscribe(topic)  # a large map takes long to read
         grid: OccupancyGrid = senses.map
         if start is None:
-            self._require(lambda: "" if senses.map_pose() else senses.describe_missing_pose())
+            self._await(lambda: "" if senses.map_pose() else senses.describe_missing_pose())
         pose = senses.map_pose()
         begin = np.asarray(start, np.float64) if pose is None or start is not None else pose.value
         end = np.zeros(3)
@@ -171,7 +170,7 @@ class RosChair(RealBase):
         walls = grid.walls()
         if np.size(goal) == 2:
             end[2], clearance = best_clearance_heading(
-                end, self._loop.footprint, walls, np.empty((0, 3))
+                end, self.chair.footprint, walls, np.empty((0, 3))
             )
             if clearance <= 0.0:
                 where = f"({end[0]:g}, {end[1]:g}) m"
@@ -183,7 +182,7 @@ class RosChair(RealBase):
         """The state of a drive board, for recordings: empty under ROS."""
         return {}
 
-    def _require(self, missing: Callable[[], str]) -> None:
+    def _await(self, missing: Callable[[], str]) -> None:
         """Wait until nothing is missing.
 
         Raises:
@@ -199,7 +198,7 @@ class RosChair(RealBase):
                 raise InputError(f"{self.url}: {clock.stopped}")
             return missing()
 
-        self._loop.require(check, timeout, self._link.closed)
+        self._require(check, timeout, self._link.closed)
 
     def _check(self) -> None:
         if self._link.lost:
@@ -220,7 +219,7 @@ class RosChair(RealBase):
     def _guard(self) -> None:
         """Replace a command that is no longer valid by zero."""
         with self._lock:
-            stale = self._loop.expired or bool(self.senses.stale(self.clock.now()))
+            stale = self._expired or bool(self.senses.stale(self.clock.now()))
             if any(self._setpoint) and stale:
                 self._stop()
 
@@ -231,4 +230,4 @@ class RosChair(RealBase):
         ranges = senses.ranges(now)
         pose = odometry if on_map is None else on_map.value
         halted = senses.stale(now) or halted
-        return self._loop.reading(odometry, pose, twist, ranges, False, senses.battery, halted)
+        return self._reading_of(odometry, pose, twist, ranges, False, senses.battery, halted)

@@ -11,6 +11,7 @@ carries the number of a request in another place.
 from __future__ import annotations
 
 import logging
+import re
 import socket
 import threading
 from collections.abc import Callable, Mapping
@@ -44,10 +45,7 @@ def domain_number(text: str) -> int:
     Raises:
         InputError: it is none.
     """
-    digits = (text or "0").lstrip("0") or "0"
-    if not (digits.isascii() and digits.isdigit() and len(digits) <= 3):
-        digits = "-1"
-    number = int(digits)
+    number = int(text[-3:] or 0) if re.fullmatch("0*[0-9]{0,3}", text) else -1
     if not 0 <= number <= _LARGEST_DOMAIN:
         raise InputError(f"ROS_DOMAIN_ID is {text!r:.40}; expected 0 to {_LARGEST_DOMAIN}")
     return number

@@ -24,10 +24,11 @@ from wheelchair_gym.sensors.settings import RANGERS, SensorSettings
 _POLL = 0.05  # s of wall time between two checks of what else may end a wait
 
 
-class SimulatedClock:
+class SimulatedClock(WallClock):
     """The newest time of /clock as a `control_loop.Clock`; it never runs backwards.
 
-    Where a simulation restarts at a smaller time, this clock goes on from its last time.
+    Where a simulation restarts at a smaller time, this clock goes on from its last time. Callbacks
+    run by wall time, which goes on while this clock stands.
 
     Args:
         topic: its name, for error messages.
@@ -104,12 +105,6 @@ class SimulatedClock:
                 self._changed.wait(_POLL)
         if self.stopped:
             time.sleep(_POLL)  # a caller that waits again at once does not keep a core busy
-
-    def call_every(
-        self, callback: Callable[[], object], interval: float, name: str
-    ) -> Callable[[], None]:
-        """See `Clock.call_every`; by wall time, which goes on while this clock stands."""
-        return WallClock().call_every(callback, interval, name)
 
 
 _LOG = logging.getLogger(__name__)

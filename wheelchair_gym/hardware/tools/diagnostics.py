@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,9 +27,6 @@ from wheelchair_gym.hardware.control_loop import Clock
 from wheelchair_gym.hardware.tools.distance_calibration import echoes_ahead, fit_wall
 from wheelchair_gym.perception.occupancy import read_scan
 
-if TYPE_CHECKING:
-    from wheelchair_gym.hardware.boards.senses import BoardSensors
-
 
 def flag_names(flags: Fault | Switch) -> str:
     """The names of the flags that are set."""
@@ -49,7 +46,7 @@ def status_rows(senses: BoardSensors, now: float) -> list[tuple[str, str]]:
             )
             rows.append((name, text))
     for laser, who in zip(senses.lasers, LASERS, strict=False):
-        rows.append((who, laser.error or f"{laser.statistics.scans} scans"))
+        rows.append((who, laser.error or f"{laser.scans} scans"))
     rows.append(("ages", "  ".join(f"{name} {1e3 * age:.0f} ms" for name, age in ages.items())))
     if math.isfinite(ages["odometry"]):
         state = senses.odometry

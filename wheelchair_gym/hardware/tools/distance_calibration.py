@@ -193,7 +193,7 @@ def drive_run(
         ValueError: the chair stopped before the end, there is no wall or too little free space, or
             the run was not straight.
     """
-    reading = chair.reset(None, 0)  # type: ignore[arg-type]
+    reading = chair.reset()
     senses, clock = chair.senses, chair.clock
     start, (_, travel) = reading.pose, senses.odometer.at(clock.now())
     wall = measure_wall(senses, clock, lambda: None) if measured is None else None

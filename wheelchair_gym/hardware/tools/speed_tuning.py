@@ -11,7 +11,6 @@ from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.geometry.kinematics import twist_of_wheels
 from wheelchair_gym.hardware.boards.senses import POLL_PERIOD
 from wheelchair_gym.hardware.chair import HardwareChair
-from wheelchair_gym.types import Episode
 
 BEFORE, AFTER = 0.2, 1.5  # s that are recorded at rest before the step, and after it
 SETTLED = 0.05  # relative error of a speed that counts as settled
@@ -57,14 +56,11 @@ def _crossing(times: Array, values: Array) -> float:
     return float(times[past[0]]) if len(past) else math.nan
 
 
-def step_response(
-    chair: HardwareChair, episode: Episode, size: float, seconds: float, turn: bool = False
-) -> Step:
+def step_response(chair: HardwareChair, size: float, seconds: float, turn: bool = False) -> Step:
     """Drive a step and record it, once a person has re-armed the chair; ahead must be free space.
 
     Args:
         chair: real, or the twin's.
-        episode: a real chair ignores it.
         size: of the step [m/s, or rad/s].
         seconds: duration of the step.
         turn: the step is one of the turn rate.
@@ -73,7 +69,7 @@ def step_response(
         InputError: the chair does not get ready.
         ValueError: the chair stopped before the end; the text says why.
     """
-    chair.reset(episode, 0)
+    chair.reset()
     clock, rows = chair.clock, []
     begun = clock.now() + BEFORE
     target = np.array([0.0, size]) if turn else np.array([size, 0.0])

@@ -20,13 +20,13 @@ from wheelchair_gym.compiled.kernel import kernel
 from wheelchair_gym.geometry.kinematics import odometric_step, twist_of_wheels
 from wheelchair_gym.geometry.planar import wrap_angle
 from wheelchair_gym.hardware.chair import HardwareChair
-from wheelchair_gym.types import Episode
 
 SPEED, TURN = 0.3, 0.4  # m/s, rad/s: slow, so that nothing slips
 DISTANCE, ANGLE = 0.01, 0.02  # m, rad: remainders at which a leg or a turn is done
 GAIN = 2.0  # 1/s, of the heading on a leg and of the speed at its end
 CREEP = 0.04  # m/s, rad/s: least speed towards the end of a leg or a turn
 PATIENCE = 240.0  # s for a square
+STANDS = 8  # control periods for which it stands after a leg or a turn
 
 
 class Square(NamedTuple):
@@ -93,13 +93,12 @@ def calibrate(squares: Sequence[Square], track: float) -> Calibration:
 
 
 def drive_square(
-    chair: HardwareChair, episode: Episode, side: float, left: bool, measure: Callable[[str], Array]
+    chair: HardwareChair, side: float, left: bool, measure: Callable[[str], Array]
 ) -> Square:
     """Drive a square by odometry, once a person has re-armed the chair, and measure its end.
 
     Args:
         chair: with free space of the side's length ahead and beside it.
-        episode: a real chair ignores it.
         side: [m].
         left: the corners turn left.
         measure: asks a person; returns the end's position (2,) or pose (3,) in the start's frame.
@@ -108,17 +107,18 @@ def drive_square(
         InputError: the chair does not get ready.
         ValueError: the chair stopped before the end; the text says why.
     """
-    reading = chair.reset(episode, 0)
+    reading = chair.reset()
     start, sign = reading.pose, 1.0 if left else -1.0
     travel = [chair.senses.odometer.at(chair.clock.now())[1]]
 
-    def drive(v: float, w: float) -> Array:
-        reading = chair.drive(np.array([v, w]))
-        if reading.halted:
-            raise ValueError(f"the square was not driven to its end: {reading.halted}")
-        if reading.stamp > PATIENCE:
-            raise ValueError(f"the square took more than {PATIENCE:g} s")
-        travel.append(chair.senses.odometer.at(chair.clock.now())[1])
+    def drive(v: float, w: float, periods: int = 1) -> Array:
+        for _ in range(periods):
+            reading = chair.drive(np.array([v, w]))
+            if reading.halted:
+                raise ValueError(f"the square was not driven to its end: {reading.halted}")
+            if reading.stamp > PATIENCE:
+                raise ValueError(f"the square took more than {PATIENCE:g} s")
+            travel.append(chair.senses.odometer.at(chair.clock.now())[1])
         pose: Array = reading.pose
         return pose
 
@@ -129,17 +129,10 @@ def drive_square(
         while (remaining := side - float((pose[:2] - corner) @ ahead)) > DISTANCE:
             speed = min(SPEED, max(CREEP, GAIN * remaining))
             pose = drive(speed, GAIN * float(wrap_angle(yaw - pose[2])))
-        pose = _rest(drive, pose)
+        pose = drive(0.0, 0.0, STANDS)
         aim = yaw + sign * math.pi / 2.0
         while abs(off := float(wrap_angle(aim - pose[2]))) > ANGLE:
             pose = drive(0.0, math.copysign(min(TURN, max(CREEP, GAIN * abs(off))), off))
-        pose = _rest(drive, pose)
+        pose = drive(0.0, 0.0, STANDS)
     end = measure(f"the square to the {'left' if left else 'right'} is done")
     return Square(np.diff(np.array(travel), axis=0), end)
-
-
-def _rest(drive: Callable[[float, float], Array], pose: Array) -> Array:
-    """Stand for some periods; returns the pose then."""
-    for _ in range(8):
-        pose = drive(0.0, 0.0)
-    return pose

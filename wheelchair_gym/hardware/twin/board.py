@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import ctypes as c
 import hashlib
 import os
+import re
 import shutil
 import subprocess
 import tempfile
@@ -13,6 +13,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import cffi
 import numpy as np
 from numpy.typing import NDArray
 
@@ -104,42 +105,15 @@ FREQUENCY = 16_000_000  # Hz
 CRASHED = 5  # simavr's cpu_Crashed
 
 _READ = 4096  # bytes read at once
-_SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
-    "board_new": (c.c_void_p, [c.c_char_p, c.c_char_p, c.c_uint32, c.c_void_p]),
-    "board_free": (None, []),
-    "board_run": (c.c_int, [c.c_uint64]),
-    "board_cycle": (c.c_uint64, []),
-    "board_resets": (c.c_uint32, []),
-    "board_overruns": (c.c_uint32, []),
-    "board_reset": (None, []),
-    "board_hang": (None, []),
-    "board_write": (None, [c.c_uint8, c.c_char_p, c.c_uint32]),
-    "board_read": (c.c_uint32, [c.c_void_p, c.c_uint32]),
-    "board_pin": (None, [c.c_char, c.c_uint8, c.c_uint8]),
-    "board_turn": (None, [c.c_char, c.c_uint8, c.c_double, c.c_double, c.c_uint64]),
-    "board_voltage": (None, [c.c_uint8, c.c_uint32]),
-    "board_peek": (c.c_uint8, [c.c_uint16]),
-    "board_eeprom": (None, [c.c_uint16, c.c_void_p, c.c_uint16, c.c_uint8]),
-    "board_on_ping": (None, [c.c_void_p]),
-    "board_pulse_sonar": (None, [c.c_char, c.c_uint8, c.c_char, c.c_uint8]),
-    "board_bus_sonar": (None, [c.c_uint8]),
-    "board_hold_bus": (None, [c.c_uint8]),
-    "board_watch": (None, [c.c_uint8]),
-    "board_waited": (c.c_uint32, [c.c_uint8, c.c_void_p]),
-    "board_note": (None, [c.c_char, c.c_uint8]),
-    "board_notes": (c.c_uint32, [c.c_void_p, c.c_uint32]),
-}
-_PING = c.CFUNCTYPE(c.c_int32, c.c_uint8, c.c_uint64)
 
 
 @cache
-def _library() -> c.CDLL:
-    library = c.CDLL(str(build_target("libemulator.so")))
-    for name, (result, arguments) in _SIGNATURES.items():
-        function = getattr(library, name)
-        function.restype = result
-        function.argtypes = arguments if name == "board_new" else [c.c_void_p, *arguments]
-    return library
+def _library() -> tuple[Any, Any]:
+    """Return cffi's interface and the emulator's functions, as its source declares them."""
+    ffi, source = cffi.FFI(), Path(__file__).with_name("emulator.c").read_text("utf-8")
+    functions = re.findall(r"^EXPORT ([^{]*?)\s*\{", source, re.M)
+    ffi.cdef(";\n".join(["typedef struct board board_t", *functions, ""]))
+    return ffi, ffi.dlopen(str(build_target("libemulator.so")))
 
 
 class EmulatedBoard(NotCopyable):
@@ -155,13 +129,12 @@ class EmulatedBoard(NotCopyable):
     """
 
     def __init__(self, mcu: str, target: str, bauds: tuple[int, int]) -> None:
-        self._library = _library()
-        rates = (c.c_uint32 * 2)(*bauds)
+        self._ffi, self._library = _library()
         elf = str(build_target(target)).encode()
-        self._board = self._library.board_new(mcu.encode(), elf, FREQUENCY, rates)
+        self._board = self._library.board_new(mcu.encode(), elf, FREQUENCY, bauds)
         if not self._board:
             raise InputError(f"{target} cannot be run on an emulated {mcu}")
-        self._buffer = c.create_string_buffer(_READ)
+        self._buffer = self._ffi.new("uint8_t[]", _READ)
         self._ping: Any = None
 
     def run(self, cycle: int) -> None:
@@ -183,11 +156,6 @@ class EmulatedBoard(NotCopyable):
         """Resets since it was made: by its watchdog timer, or by `reset`."""
         return int(self._library.board_resets(self._board))
 
-    @property
-    def overruns(self) -> int:
-        """Bytes that a serial line lost because the firmware read too late."""
-        return int(self._library.board_overruns(self._board))
-
     def reset(self) -> None:
         """Restart, as after power-off; the EEPROM keeps its content."""
         self._library.board_reset(self._board)
@@ -204,7 +172,7 @@ class EmulatedBoard(NotCopyable):
         """The bytes that the board has sent since the last call."""
         parts = []
         while count := self._library.board_read(self._board, self._buffer, _READ):
-            parts.append(self._buffer.raw[:count])
+            parts.append(bytes(self._ffi.buffer(self._buffer, count)))
         return b"".join(parts)
 
     def set_pin(self, port: str, bit: int, high: bool) -> None:
@@ -229,22 +197,21 @@ class EmulatedBoard(NotCopyable):
 
     def eeprom(self, size: int) -> bytes:
         """The content of the EEPROM."""
-        content = c.create_string_buffer(size)
+        content = self._ffi.new("uint8_t[]", size)
         self._library.board_eeprom(self._board, 0, content, size, 0)
-        return content.raw
+        return bytes(self._ffi.buffer(content))
 
     def set_eeprom(self, data: bytes) -> None:
         """Change the content of the EEPROM."""
-        content = c.create_string_buffer(data, len(data))
-        self._library.board_eeprom(self._board, 0, content, len(data), 1)
+        self._library.board_eeprom(self._board, 0, data, len(data), 1)
 
     def on_ping(self, ping: Callable[[int, int], int]) -> None:
         """Set the source of echoes: ping(sonar, cycle) -> flight [us], 0 no echo, -1 silent.
 
         128 is added to the number of an I2C sonar that is only asked whether it is there.
         """
-        self._ping = _PING(ping)
-        self._library.board_on_ping(self._board, c.cast(self._ping, c.c_void_p))
+        self._ping = self._ffi.callback("int32_t(uint8_t, uint64_t)", ping)
+        self._library.board_on_ping(self._board, self._ping)
 
     def add_pulse_sonar(self, trigger: tuple[str, int], echo: tuple[str, int]) -> None:
         """Wire the next HC-SR04."""
@@ -255,27 +222,18 @@ class EmulatedBoard(NotCopyable):
         """Wire the next SRF08."""
         self._library.board_bus_sonar(self._board, address)
 
-    def hold_bus(self, clocks: int) -> None:
-        """Make an SRF08 hold SDA low until it has received a number of clocks of SCL."""
-        self._library.board_hold_bus(self._board, clocks)
+    def call(self, name: str, *arguments: Any) -> Any:
+        """Call another function of emulator.c on this board: `board_overruns` as "overruns".
 
-    def watch_interrupt(self, vector: int) -> None:
-        """Measure from now on how long an interrupt waits."""
-        self._library.board_watch(self._board, vector)
-
-    def interrupt_latency(self, vector: int) -> tuple[int, int]:
-        """The longest wait of a watched interrupt [cycles], and how many were served."""
-        count = c.c_uint32()
-        return int(self._library.board_waited(self._board, vector, c.byref(count))), count.value
-
-    def watch_pin(self, port: str, bit: int) -> None:
-        """Record from now on when a pin changes."""
-        self._library.board_note(self._board, port.encode(), bit)
+        Some measure: bytes that a line lost, how long an interrupt waits, when a pin changes.
+        """
+        return getattr(self._library, f"board_{name}")(self._board, *arguments)
 
     def pin_changes(self) -> NDArray[np.uint64]:
         """Cycles (n,) of the changes of the watched pin since the last call; the last 4,096."""
         cycles = np.empty(4096, np.uint64)
-        count = self._library.board_notes(self._board, cycles.ctypes.data, len(cycles))
+        room = self._ffi.from_buffer("uint64_t[]", cycles)
+        count = self._library.board_notes(self._board, room, len(cycles))
         return cycles[:count]
 
     def close(self) -> None:

@@ -24,8 +24,6 @@ from wheelchair_gym.hardware.laser.scip import (
 )
 from wheelchair_gym.sensors.settings import LaserSettings
 
-UST_10LX = Specs("UST-10LX", 20, 30000, 1440, 0, 1080, 540, 2400)
-URG_04LX = Specs("URG-04LX", 20, 5600, 1024, 44, 725, 384, 600)
 _BAD_STEPS, _UNKNOWN = "05", "0E"  # status
 
 
@@ -38,7 +36,7 @@ class ScipSensor:
         streaming: the scan request being served; empty when idle.
     """
 
-    def __init__(self, specs: Specs = UST_10LX) -> None:
+    def __init__(self, specs: Specs) -> None:
         self.specs = specs
         self.on = False
         self.time = 0

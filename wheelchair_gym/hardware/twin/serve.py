@@ -73,9 +73,9 @@ class Terminal:
 class LaserServer:
     """A TCP port at a laser of the twin, for one host at a time; a newer one replaces the older."""
 
-    def __init__(self, laser: TwinLaser, host: str, port: int) -> None:
+    def __init__(self, laser: TwinLaser, port: int) -> None:
         self._laser = laser
-        self._listener = socket.create_server((host, port))
+        self._listener = socket.create_server(("127.0.0.1", port))
         self._listener.setblocking(False)
         self._peer: socket.socket | None = None
         self._unsent = b""
@@ -123,7 +123,6 @@ class ServedTwin:
 
     Args:
         twin: after its reset.
-        host: address for the laser's TCP port.
         port: of the laser, and the next ones of further lasers; 0 chooses them.
 
     Attributes:
@@ -136,10 +135,10 @@ class ServedTwin:
         OSError: no pseudo-terminal, or the port is taken.
     """
 
-    def __init__(self, twin: Twin, host: str = "127.0.0.1", port: int = 0) -> None:
+    def __init__(self, twin: Twin, port: int = 0) -> None:
         self.twin = twin
         self.lasers = [
-            LaserServer(laser, host, port + k if port else 0) for k, laser in enumerate(twin.lasers)
+            LaserServer(laser, port + k if port else 0) for k, laser in enumerate(twin.lasers)
         ]
         self.drive = Terminal(SerialCable(twin.drive, np.random.default_rng(0)))
         self.range = Terminal(SerialCable(twin.range, np.random.default_rng(1)))

@@ -146,12 +146,6 @@ def assisted_action(i: int, assistants: Any, residual_v: float, residual_w: floa
     return action_of_twist(v, w, p.forward, p.backward, p.turn)
 
 
-def freedom_of(method: Any) -> Freedom:
-    """A method's freedom; without such a setting it is full."""
-    found: Freedom = getattr(method, "freedom", Freedom())
-    return found
-
-
 class Assistants:
     """Assistants of n chairs; without a method, no rows.
 
@@ -180,7 +174,7 @@ class Assistants:
         self._kind = STICK if method is None else KINDS[type(method)]
         self._limits = chair.limits
         if method is not None:
-            free = freedom if freedom is not None else freedom_of(method)
+            free = freedom if freedom is not None else method.freedom
             self.pointers.point("constants", self._constants(method, free, chair, sensors, period))
         self.pointers.point("assistants", self.states)
 
@@ -234,7 +228,7 @@ class CompiledAssistant:
 
     def __init__(self, config: Any) -> None:
         self.config = config
-        self.freedom = freedom_of(config)
+        self.freedom: Freedom = config.freedom
 
     def reset(self, mission: AssistMission) -> None:
         """Begin an episode: forget the last one."""
