@@ -15,9 +15,22 @@ from wheelchair_gym.geometry.kinematics import arc_step
 from wheelchair_gym.geometry.planar import world_to_body
 from wheelchair_gym.sensors.laser import shown_range
 
-GROUPS = 128  # of beams: of each, the nearest is an obstacle
+GROUPS = 128  # of beams of the first scanner: of each, the nearest is an obstacle
+MORE_GROUPS = 64  # of beams of all further scanners
 SECTORS = 64  # around the outline's middle: of each, the nearest out of sight is remembered
-MAXIMUM = GROUPS + SECTORS  # obstacles
+MAXIMUM = GROUPS + MORE_GROUPS + SECTORS  # obstacles
+
+SCANNER = np.dtype(
+    [
+        ("mount", "f8", (4,)),  # m, m: place; cosine and sine of its yaw
+        ("view_cosine", "f8"),  # of half its field of view; 2: it does not show what is free
+        ("first", "i8"),  # its first beam in a scan
+        ("beams", "i8"),
+        ("groups", "i8"),  # of its beams
+    ],
+    align=True,
+)
+scanners_at = rows_of(SCANNER)
 
 ASSISTANT = np.dtype(
     [
@@ -60,19 +73,28 @@ def _sector(x: float, y: float) -> int:
 
 
 @borrowing_kernel
+def _is_shown(p: Any, x: float, y: float) -> bool:
+    """Whether a scanner shows what is at a place [m] in the chair's frame."""
+    for one in scanners_at(p.scanners, p.n_scanners):
+        mount = one.mount
+        sx, sy = world_to_body(mount[2], mount[3], x - mount[0], y - mount[1])
+        if sx >= one.view_cosine * math.sqrt(sx * sx + sy * sy):
+            return True
+    return False
+
+
+@borrowing_kernel
 def _carry(p: Any, a: Any, twist: Array, stamp: float, kept: Array) -> None:
-    """Carry obstacles along that the scanner cannot see from where the chair is now.
+    """Carry obstacles along that no scanner can see from where the chair is now.
 
     Rows of kept (SECTORS, 4): x, y [m], stamp until which it is kept [s], squared distance [m2].
     """
     since = stamp - a.stamp
     x, y, yaw = arc_step(0.0, 0.0, 0.0, twist[0], twist[1], since)
     c, s = math.cos(yaw), math.sin(yaw)
-    at_x, at_y, mount_c, mount_s = p.mount[0], p.mount[1], p.mount[2], p.mount[3]
     for k in range(a.n_points):
         px, py = world_to_body(c, s, a.points[k, 0] - x, a.points[k, 1] - y)
-        sx, sy = world_to_body(mount_c, mount_s, px - at_x, py - at_y)
-        if sx >= p.view_cosine * math.sqrt(sx * sx + sy * sy):
+        if _is_shown(p, px, py):
             continue  # the scan shows what is there
         until = a.until[k - a.n_seen] if k >= a.n_seen else a.stamp + MEMORY
         if stamp >= until:
@@ -93,27 +115,29 @@ def look(p: Any, a: Any, scan: Floats, twist: Array, stamp: float) -> None:
     if not math.isnan(a.stamp):
         _carry(p, a, twist, stamp, kept)
     a.stamp = stamp
-    groups, n = min(GROUPS, p.beams), 0
+    n = 0
     none, far = bits_of_float(np.float32(np.inf)), bits_of_float(np.float32(2.0 * REACH))
-    directions = table_at(p.directions, p.beams, 2)
-    for group in range(groups):
-        low, high = group * p.beams // groups, (group + 1) * p.beams // groups
-        nearest = none
-        for k in range(np.uint64(low), np.uint64(high)):
-            bits = bits_of_float(shown_range(scan[k]))
-            nearest = bits if bits < nearest else nearest
-        if nearest >= far:
-            continue
-        best = low
-        while bits_of_float(shown_range(scan[best])) != nearest:
-            best += 1
-        r = shown_range(scan[best])
-        x = p.mount[0] + r * directions[best, 0]
-        y = p.mount[1] + r * directions[best, 1]
-        dx = x - p.middle
-        if dx * dx + y * y < REACH * REACH:
-            a.points[n, 0], a.points[n, 1] = x, y
-            n += 1
+    for one in scanners_at(p.scanners, p.n_scanners):
+        directions = table_at(p.directions, one.first + one.beams, 2)
+        for group in range(one.groups):
+            low = one.first + group * one.beams // one.groups
+            high = one.first + (group + 1) * one.beams // one.groups
+            nearest = none
+            for k in range(np.uint64(low), np.uint64(high)):
+                bits = bits_of_float(shown_range(scan[k]))
+                nearest = bits if bits < nearest else nearest
+            if nearest >= far:
+                continue
+            best = low
+            while bits_of_float(shown_range(scan[best])) != nearest:
+                best += 1
+            r = shown_range(scan[best])
+            x = one.mount[0] + r * directions[best, 0]
+            y = one.mount[1] + r * directions[best, 1]
+            dx = x - p.middle
+            if dx * dx + y * y < REACH * REACH:
+                a.points[n, 0], a.points[n, 1] = x, y
+                n += 1
     a.n_seen = n
     for i in range(SECTORS):
         if kept[i, 3] < math.inf:

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from wheelchair_gym.base.arrays import Array, Floats
+from wheelchair_gym.base.arrays import Array, Floats, Rows
 from wheelchair_gym.base.settings import copy_numbers, numbers_of
 from wheelchair_gym.compiled.address import Pointers, Target, pointer_record, prefetch, rows_of
 from wheelchair_gym.compiled.kernel import borrowing_kernel
@@ -26,7 +26,14 @@ from wheelchair_gym.people.assistance.freedom import (
 )
 from wheelchair_gym.people.assistance.shared_dwa import SharedDwa, shared_dwa
 from wheelchair_gym.people.assistance.slide import Slide, slide
-from wheelchair_gym.people.assistance.state import ASSISTANT, assistant_at, look
+from wheelchair_gym.people.assistance.state import (
+    ASSISTANT,
+    GROUPS,
+    MORE_GROUPS,
+    SCANNER,
+    assistant_at,
+    look,
+)
 from wheelchair_gym.people.assistance.teleop import TIME, Direct, Shielded, Teleop, slowed
 from wheelchair_gym.people.assistance.vfh import Vfh, vfh
 from wheelchair_gym.sensors.settings import SensorSettings
@@ -48,10 +55,9 @@ CONSTANTS, _TARGETS = pointer_record(
     ("deceleration", "f8"),  # m/s2
     ("outline", "f8", (3,)),  # `Footprint.array`
     ("middle", "f8"),  # m: of the outline, ahead of the axle
-    ("mount", "f8", (4,)),  # m, m: of the first scanner; cosine and sine of its yaw
-    ("view_cosine", "f8"),  # cosine of half its field of view
-    ("beams", "i8"),
-    ("directions", Target("f8", None, 2)),  # of its beams in the chair's frame
+    ("n_scanners", "i8"),
+    ("scanners", Target(SCANNER, None)),
+    ("directions", Target("f8", None, 2)),  # of all beams in the chair's frame
 )
 
 # Assistants by address, as the rows of drivers.
@@ -189,11 +195,11 @@ class Assistants:
         copy_numbers(p["freedom"], freedom)
         for name in ("forward", "backward", "turn", "deceleration"):
             p[name] = getattr(chair.limits, name)
-        outline, laser = chair.footprint, sensors.laser
+        outline = chair.footprint
         p["outline"], p["middle"] = outline.array, 0.5 * (outline.front - outline.rear)
-        p["mount"] = laser.x, laser.y, np.cos(laser.yaw), np.sin(laser.yaw)
-        p["view_cosine"], p["beams"] = np.cos(0.5 * laser.fov), laser.beams
-        pointers.point("directions", laser.directions)
+        pointers.point("scanners", scanners_of(sensors))
+        p["n_scanners"] = len(sensors.lasers)
+        pointers.point("directions", sensors.directions)
         return pointers
 
     def begin(self) -> None:
@@ -217,6 +223,18 @@ class Assistants:
     def action(self, residual: tuple[float, float]) -> tuple[float, float]:
         """The action that asks for the only row's twist and for a residual action's; clipped."""
         return assisted_action(0, self.pointers.record, *residual)
+
+
+def scanners_of(sensors: SensorSettings) -> Rows:
+    """Records (n,) of SCANNER of a chair's lasers; further ones share `MORE_GROUPS`."""
+    rows: Any = np.zeros(len(sensors.lasers), SCANNER)
+    for k, (one, laser) in enumerate(zip(rows, sensors.lasers, strict=True)):
+        one["mount"] = laser.x, laser.y, np.cos(laser.yaw), np.sin(laser.yaw)
+        one["view_cosine"] = np.cos(0.5 * laser.fov) if k == 0 or laser.shows_free else 2.0
+        one["first"], one["beams"] = sensors.slices[k].start, laser.beams
+        most = GROUPS if k == 0 else MORE_GROUPS // (len(rows) - 1)
+        one["groups"] = min(most, laser.beams)
+    return rows
 
 
 class CompiledAssistant:
