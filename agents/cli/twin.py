@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from agents.cli.arguments import chair_spec, env_of, report, scene_of, spec, watch
+from agents.deploy import to_stderr as _log
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.envs.settings import env_settings
@@ -138,10 +139,6 @@ def robot(given: argparse.Namespace) -> int:
     text = f"{found} of {len(records)} episodes are successes" if judged else "the end"
     report(given, {"episodes": records, "summary": rows}, text)
     return 0
-
-
-def _log(line: str) -> None:
-    print(line, file=sys.stderr, flush=True)
 
 
 def _link(given: argparse.Namespace, driver: Any) -> Any:
