@@ -12,12 +12,12 @@ import numpy as np
 
 from agents.evaluation.assisted import MEASURES
 from agents.evaluation.metrics import Record
-from agents.evaluation.provenance import provenance
+from agents.evaluation.provenance import provenance, write_text
 from agents.evaluation.report import COLUMN_OF
 from agents.evaluation.statistics import holm, median_interval, wilcoxon_p
-from agents.evaluation.tables import Table, columns_of, make_table, write_page
+from agents.evaluation.tables import Table, columns_of, csv_table, make_table, write_page
 from agents.people.protocol import NASA_TLX, Protocol
-from agents.people.session import DATA, read_folder, tidy, write_data
+from agents.people.session import COLUMNS, DATA, read_folder, tidy
 from wheelchair_gym.base.settings import InputError
 
 DRIVE_MEASURES = (
@@ -156,7 +156,7 @@ def write_report(folder: str | Path) -> tuple[list[Table], Path]:
     if not people:
         raise InputError(f"{folder}: has no participants yet")
     made = tables(protocol, rows)
-    write_data(folder, rows)
+    write_text(Path(folder) / DATA, csv_table(rows, COLUMNS))
     complete = sum(
         all((p, step.key) in {(r["participant"], r["key"]) for r in records}
             for step in protocol.steps(p)) for p in people
