@@ -194,10 +194,10 @@ def file_of(policy: str | Mapping[str, Any] | Any) -> Path | None:
 
 def _named(name: str, values: dict[str, Any]) -> Any:
     from agents.control import FOLLOWERS
-    from agents.learning.weights import shipped, shipped_assistants
+    from agents.learning.weights import SHIPPED_ASSISTANTS, shipped
     from planners import PLANNERS
 
-    if name in shipped() | shipped_assistants() or name.endswith((".npz", ".onnx")):
+    if name in shipped() | shipped(SHIPPED_ASSISTANTS) or name.endswith((".npz", ".onnx")):
         return load(POLICIES["learned"], {"weights": name, **values}, f"policy {name}")
     if name.endswith(".zip"):
         return load(POLICIES["sb3"], {"file": name, **values}, f"policy {name}")
