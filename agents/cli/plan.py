@@ -198,19 +198,15 @@ def _run_map(
         return 0
     if given.json:
         report(given, answer, str(plan.status))
-    for name, point in (("start", problem.start), ("goal", problem.goal)):
-        where = "(" + ", ".join(f"{value:g}" for value in point) + ")"
-        for status, what in (
-            (f"{name}_outside", "lies outside the map"),
-            (
-                f"{name}_occupied",
-                f"is not {clearance:g} m from obstacles"
-                if clearance > 0.0 or drawn is None
-                else f"lies in an obstacle of {problem.name}, as it is dilated",
-            ),
-        ):
-            if plan.status == status:
-                raise InputError(f"plan: {status}: the {name} {where} {what}")
+    name, _, fault = str(plan.status).partition("_")
+    if fault in ("outside", "occupied"):
+        where = "(" + ", ".join(f"{value:g}" for value in getattr(problem, name)) + ")"
+        what = "lies outside the map"
+        if fault == "occupied":
+            what = f"lies in an obstacle of {problem.name}, as it is dilated"
+            if clearance > 0.0 or drawn is None:
+                what = f"is not {clearance:g} m from obstacles"
+        raise InputError(f"plan: {plan.status}: the {name} {where} {what}")
     none = "there is no path" if plan.status is Status.NO_PATH else "no path was found"
     why = f": {plan.note}" if plan.note else ""
     print(
