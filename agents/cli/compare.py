@@ -180,10 +180,10 @@ def participants(given: argparse.Namespace) -> int:
 
 def tune(given: argparse.Namespace) -> int:
     """Search for settings, and write everything to the folder."""
-    from agents.evaluation import tuning
-
     if importlib.util.find_spec("optuna") is None:
         raise InputError("tune needs the package optuna; pip install 'wheelchair_gym[tune]'")
+    from agents.evaluation import tuning
+
     what = spec(given.name)
     ranges = [tuning.read_range(text) for text in given.vary]
     if len({vary.key for vary in ranges}) < len(ranges):
