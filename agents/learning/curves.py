@@ -13,10 +13,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import matplotlib as mpl
 from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 
+from agents.evaluation.plots import COLOURS, DASHES, LOOK, MARKS, as_svg, legend_above, new_axes
 from agents.evaluation.provenance import write_text
+from agents.evaluation.statistics import share
 from agents.evaluation.tables import csv_table
+from agents.learning.weights import load_weights
 from wheelchair_gym.base.errors import InputError
 from wheelchair_gym.base.files import atomic_write, read_text
 
@@ -104,12 +108,7 @@ def write_sweep(key: str, runs: Sequence[tuple[str, Path]], out: Path) -> str:
     Returns:
         The table as text.
     """
-    import matplotlib as mpl
-
-    from agents.evaluation.plots import LOOK, as_svg
-    from agents.evaluation.statistics import share
     from agents.learning.run import POLICY
-    from agents.learning.weights import load_weights
 
     curves: dict[str, list[Any]] = {}
     rows: list[Row] = []
@@ -136,14 +135,12 @@ def write_sweep(key: str, runs: Sequence[tuple[str, Path]], out: Path) -> str:
 
 
 def _plot_sweep(key: str, curves: dict[str, list[Any]]) -> Any:
-    from agents.evaluation.plots import COLOURS, DASHES, MARKS, legend_above, new_axes
-
     figure, axes = new_axes(3.2)
     for k, (value, runs) in enumerate(curves.items()):
         for number, curve in enumerate(runs):
             frames, shares = zip(*curve, strict=True)
             axes.plot(
-                [n / 1e6 for n in frames], [100.0 * share for share in shares],
+                [n / 1e6 for n in frames], [100.0 * success for success in shares],
                 DASHES[k % len(DASHES)], color=COLOURS[k % len(COLOURS)],
                 marker=MARKS[k % len(MARKS)], ms=3.5, lw=1.2,
                 label=f"{key.rpartition('.')[2]} {value}" if number == 0 else None,
