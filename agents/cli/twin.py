@@ -8,6 +8,7 @@ import os
 import select
 import sys
 import time
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -176,7 +177,7 @@ def _link(given: argparse.Namespace, driver: Any) -> Any:
         link.listens[command] = COMMAND_TYPES
         link.serve("/rosapi/get_time", "rosapi_msgs/srv/GetTime", driver.get_time)
     for name in SERVICES if given.episodes is None else ():
-        link.serve(driver.names.of(name), "std_srvs/srv/Trigger", driver.ask(name))
+        link.serve(driver.names.of(name), "std_srvs/srv/Trigger", partial(driver.ask, name))
     return link
 
 
