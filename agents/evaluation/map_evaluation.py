@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import shapely
 from scipy.spatial import cKDTree
+from tqdm import tqdm
 
 from agents import is_interrupt
 from agents.control.unknown_space import cells_at
@@ -187,13 +188,9 @@ class LogMap:
     def line(self) -> str:
         """The figures as people read them."""
         of = self.figures
-        if of["residual_median"] is None:
-            text = "no residual: nothing occupied, or no held-out echo"
-        else:
-            text = (
-                f"median {100 * of['residual_median']:.2f} cm, "
-                f"mean {100 * of['residual_mean']:.2f} cm"
-            )
+        text = "no residual: nothing occupied, or no held-out echo"
+        if (median := of["residual_median"]) is not None:
+            text = f"median {100 * median:.2f} cm, mean {100 * of['residual_mean']:.2f} cm"
         return (
             f"{self.name:<22}{text}; {of['occupied_cells']} cells occupied; "
             f"{self.speed:.0f} x real time"
@@ -207,8 +204,6 @@ def held_out(scan: int) -> bool:
 
 def progress(total: int, enabled: bool, unit: str = "scan") -> Any:
     """A bar on standard error."""
-    from tqdm import tqdm
-
     return tqdm(total=total, unit=unit, disable=not enabled or not sys.stderr.isatty())
 
 
