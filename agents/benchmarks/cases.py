@@ -13,7 +13,7 @@ import numpy as np
 import shapely
 
 from agents.evaluation.evaluate import Spec, label, without_labels
-from planners import PLANNERS, Problem, Space, make_planner
+from planners import Problem, Space, make_planner
 from planners.judge import Judge
 from planners.problem_files import read_problems
 from wheelchair_gym.base.settings import InputError, suggest
@@ -76,10 +76,9 @@ def _case(problem: Problem, optimum: float | None = None) -> Case:
     _ = problem.free.arrays
     if optimum is not None:
         return Case(problem, optimum, "file")
-    if OPTIMUM in PLANNERS:
-        plan = make_planner(OPTIMUM).plan(problem, np.random.default_rng(0))
-        if len(plan.path):
-            return Case(problem, plan.length, OPTIMUM)
+    plan = make_planner(OPTIMUM).plan(problem, np.random.default_rng(0))
+    if len(plan.path):
+        return Case(problem, plan.length, OPTIMUM)
     return Case(problem, None, "unknown")
 
 
