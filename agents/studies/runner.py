@@ -54,10 +54,8 @@ def count_verdicts(chapters: Sequence[Chapter]) -> dict[ClaimVerdict, int]:
 
 
 def _totals(chapters: Sequence[Chapter]) -> str:
-    count = count_verdicts(chapters)
-    kinds = ClaimVerdict.HOLDS, ClaimVerdict.FAILS, ClaimVerdict.OPEN
-    hold, fail, undecided = (count[kind] for kind in kinds)
-    total = sum(count.values())
+    hold, fail, undecided = count_verdicts(chapters).values()
+    total = hold + fail + undecided
     return f"Of {total} claims {hold} hold, {fail} do not, {undecided} cannot be decided"
 
 
