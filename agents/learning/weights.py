@@ -132,10 +132,7 @@ def make_card(
         "format": FORMAT,
         "algorithm": algorithm,
         "head": head,
-        "layout": {
-            "sizes": [list(pair) for pair in layout.sizes],
-            "path_has_heading": layout.path_has_heading,
-        },
+        "layout": dump(layout),
         "env": dump(env),
         "training": dump(training),
         "seed": seed,
