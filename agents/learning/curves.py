@@ -6,15 +6,15 @@ A sweep over one setting is written as a table of the last rows and a figure of 
 from __future__ import annotations
 
 import csv
-import importlib.util
 import io
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
-from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
+from stable_baselines3.common.logger import Logger
 
 from agents.evaluation.plots import COLOURS, DASHES, LOOK, MARKS, as_svg, legend_above, new_axes
 from agents.evaluation.provenance import write_text
@@ -48,13 +48,6 @@ def episode_row(sums: Counter[str]) -> Row:
     return {"episodes": n, **{key: sums[key] / n for key in keys if n}}
 
 
-def tensorboard_logger(folder: Path) -> Logger:
-    """Return a logger of rows for TensorBoard; it does nothing if that is not installed."""
-    if importlib.util.find_spec("tensorboard") is None:
-        return Logger(None, [])
-    return Logger(None, [TensorBoardOutputFormat(str(folder / "tensorboard"))])
-
-
 def log_row(logger: Logger, row: Row) -> None:
     """Log the numbers of a row."""
     for key, value in row.items():
@@ -85,10 +78,8 @@ def read_curve(folder: Path) -> list[Row]:
 def _number(text: Any) -> Any:
     """Return the number that a text stands for; otherwise the text."""
     for kind in (int, float):
-        try:
+        with suppress(ValueError, TypeError):
             return kind(text)
-        except (ValueError, TypeError):
-            continue
     return text
 
 
