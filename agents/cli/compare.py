@@ -128,8 +128,8 @@ def with_drivers(scenes: Sequence[Spec], names: Sequence[str]) -> list[dict[str,
     found = []
     for driver in names:
         make_driver(spec(driver))  # raises InputError for a bad driver
-        for scene in scenes:
-            found.append(labelled_with(scene, Path(driver).name, driver=spec(driver)))
+        name = Path(driver).name
+        found += [labelled_with(scene, name, driver=spec(driver)) for scene in scenes]
     return found
 
 

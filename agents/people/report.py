@@ -66,12 +66,6 @@ def _means_of(values: Mapping[tuple[int, str], float]) -> list[float]:
     return [float(np.mean([v for (who, _), v in values.items() if who == p])) for p in people]
 
 
-def _differences(a: Mapping[tuple[int, str], float], b: Mapping[tuple[int, str], float]) -> Any:
-    """For each participant, the mean of b - a over the tasks that both have."""
-    both = {key: b[key] - a[key] for key in a if key in b}
-    return np.array(_means_of(both))
-
-
 def _names(protocol: Protocol, source: str) -> dict[str, tuple[str, float]]:
     """The measures of a source: what each is called, and what its values are multiplied by."""
     if source == "drive":
@@ -107,7 +101,9 @@ def _tables(
         means.append(group)
         group = []
         for a, b in itertools.combinations(conditions, 2):
-            off = _differences(values[a], values[b])
+            ours, others = values[a], values[b]  # compared in the tasks that both have
+            both = {key: others[key] - ours[key] for key in ours if key in others}
+            off = np.array(_means_of(both))
             if len(off):
                 median, low, high = median_interval(off)
                 group.append({"measure": title, "pair": f"{b} - {a}", "participants": len(off),
