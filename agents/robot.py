@@ -184,14 +184,10 @@ class Robot:
             if client == self._commander:
                 self._stop("the client that commanded is gone")
 
-    def ask(self, service: str) -> Callable[[Mapping[str, Any]], dict[str, Any]]:
-        """Return the service that ends the episode, as a std_srvs/srv/Trigger."""
-
-        def answer(arguments: Mapping[str, Any]) -> dict[str, Any]:
-            self.service = service
-            return {"success": True, "message": "an episode begins"}
-
-        return answer
+    def ask(self, service: str, arguments: Mapping[str, Any]) -> dict[str, Any]:
+        """End the episode for a service, and return its answer, as of std_srvs/srv/Trigger."""
+        self.service = service
+        return {"success": True, "message": "an episode begins"}
 
     def get_time(self, arguments: Mapping[str, Any]) -> dict[str, Any]:
         """Return the time of messages, as the answer of rosapi/srv/GetTime."""

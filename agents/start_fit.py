@@ -44,7 +44,6 @@ _APART, _TURNED = 1.0, math.radians(30.0)  # m, rad: at least, between places to
 class StartFit(NamedTuple):
     """Fit of a scan to a map at a start."""
 
-    echoes: float  # share of beams with an echo
     fit: float  # likelihood of a beam at the start, 0 to 1
     pose: Array  # (3,) m, m, rad: the best pose near the start
     better: float  # the best fit elsewhere on the map
@@ -63,7 +62,7 @@ def start_fit(
     if share < ECHOES:
         minimum = f"{ECHOES:.0%} or more"
         wrong = f"{share:.0%} of the laser's beams have an echo; expected {minimum}"
-        return StartFit(share, 0.0, start, 0.0, start, wrong)
+        return StartFit(0.0, start, 0.0, start, wrong)
     field = make_likelihood_field(grid, model.sigma)
     ends = _some(scan, _BEAMS)
 
@@ -87,10 +86,10 @@ def start_fit(
     if better > fit + BETTER:
         x, y, yaw = elsewhere
         wrong = f"it fits {better:.2f} at {x:.2f},{y:.2f},{yaw:.2f}"
-        return StartFit(share, fit, pose, better, elsewhere, wrong)
+        return StartFit(fit, pose, better, elsewhere, wrong)
     better, elsewhere = max(others, key=itemgetter(0), default=(0.0, start))
     wrong = f"expected {MIN_FIT:g} or more" if fit < MIN_FIT else ""
-    return StartFit(share, fit, pose, better, elsewhere, wrong, better > fit - ALIKE)
+    return StartFit(fit, pose, better, elsewhere, wrong, better > fit - ALIKE)
 
 
 def _some(scan: Scan, maximum: int) -> Array:

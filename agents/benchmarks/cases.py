@@ -13,7 +13,7 @@ import numpy as np
 import shapely
 
 from agents.evaluation.evaluate import Spec, label, without_labels
-from planners import PLANNERS, Problem, Space, make_planner
+from planners import Problem, Space, make_planner
 from planners.judge import Judge
 from planners.problem_files import read_problems
 from wheelchair_gym.base.settings import InputError, suggest
@@ -53,6 +53,17 @@ class Case:
         """The independent judge of paths."""
         return Judge.of(self.problem)
 
+    @property
+    def description(self) -> dict[str, Any]:
+        """The case in the results file."""
+        return {
+            "name": self.name,
+            "clearance_m": self.problem.clearance,
+            "optimum_m": self.optimum,
+            "optimum_from": self.optimum_source,
+            "digest": self.digest,
+        }
+
     def fresh_problem(self) -> Problem:
         """Return the same problem on a new map, ready for exact tests."""
         space = Space(self.problem.space.solid, self.problem.space.bounds)
@@ -65,10 +76,9 @@ def _case(problem: Problem, optimum: float | None = None) -> Case:
     _ = problem.free.arrays
     if optimum is not None:
         return Case(problem, optimum, "file")
-    if OPTIMUM in PLANNERS:
-        plan = make_planner(OPTIMUM).plan(problem, np.random.default_rng(0))
-        if len(plan.path):
-            return Case(problem, plan.length, OPTIMUM)
+    plan = make_planner(OPTIMUM).plan(problem, np.random.default_rng(0))
+    if len(plan.path):
+        return Case(problem, plan.length, OPTIMUM)
     return Case(problem, None, "unknown")
 
 
@@ -124,14 +134,3 @@ def _wanted(names: Sequence[str], only: Sequence[str], where: str) -> list[str]:
                 f"--only {name}: not a problem of {where}; there are {known}" + suggest(name, names)
             )
     return [name for name in names if not only or name in only]
-
-
-def description(case: Case) -> dict[str, Any]:
-    """Describe the case for the results file."""
-    return {
-        "name": case.name,
-        "clearance_m": case.problem.clearance,
-        "optimum_m": case.optimum,
-        "optimum_from": case.optimum_source,
-        "digest": case.digest,
-    }

@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from agents.benchmarks.planner_benchmark import (
     FREE,
     LATE_FACTOR,
+    PlannerBenchmark,
     Record,
     Row,
     entrant_title,
@@ -23,7 +24,6 @@ from agents.benchmarks.planner_benchmark import (
 )
 from agents.evaluation.plots import COLOURS, DASHES, LOOK, MARKS
 from wheelchair_gym.base.files import atomic_write
-from wheelchair_gym.base.settings import InputError
 
 FLOOR = 1e-3  # % above the optimum: smaller values are drawn here
 _PANEL = (4.6, 3.1)  # inches
@@ -31,21 +31,13 @@ _LEGEND = 0.19  # inches a line
 _DPI = 130
 
 
-def draw(
-    rows: Sequence[Row],
-    records: Sequence[Record],
-    optima: Mapping[str, float | None],
-    deadlines: Sequence[float],
-    path: str | Path,
-) -> None:
-    """Write a PNG with two panels a problem; `optima` has the shortest length [m] where known.
+def draw(benchmark: PlannerBenchmark, rows: Sequence[Row], path: str | Path) -> None:
+    """Write a PNG with two panels a problem, of the runs of a benchmark and their summary.
 
     Raises:
-        InputError: the file is not a PNG, or cannot be written.
+        InputError: the file cannot be written.
     """
-    path = Path(path)
-    if path.suffix.lower() != ".png":
-        raise InputError(f"{path}: expected a name that ends with .png")
+    records, optima = list(benchmark.records.values()), benchmark.optima
     names = list(dict.fromkeys(row["planner"] for row in rows))
     looks: dict[str, dict[str, Any]] = {
         name: {
@@ -66,7 +58,7 @@ def draw(
             for row in here:
                 its = [record for record in of if record["planner"] == row["planner"]]
                 _success(left, its, looks[row["planner"]])
-                _lengths(right, its, optima[problem], deadlines, looks[row["planner"]])
+                _lengths(right, its, optima[problem], benchmark.deadlines, looks[row["planner"]])
             _dress(left, right, problem, here)
         titles = {row["planner"]: entrant_title(row) for row in reversed(rows)}
         lines = [

@@ -1,30 +1,68 @@
 """The entrants of a planner benchmark: all registered planners, and installed peers.
 
-A new peer is a settings class with `prepare(case)`, as in `agents/benchmarks/ompl.py`, or a planner
-of ours, and a row of `PEERS` in `agents/benchmarks/peers.py`. A new planner is registered in
-`planners.PLANNERS`.
+A peer (extra `peers`) is a planner of ours with an optimizer of another package, or a settings
+object, as in `agents/benchmarks/ompl.py`, whose `prepare(case)` returns an object for one map,
+untimed, with `plan(problem, rng, deadline)` as our planners have it. A new one needs a row of
+`PEERS`. A new planner is registered in `planners.PLANNERS`.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import importlib.metadata
+import importlib.util
 import inspect
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import FrameType
-from typing import Any
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from agents.benchmarks.cases import Case
-from agents.benchmarks.peers import PEERS, installed, prepare
+from agents.benchmarks.ompl import Ompl
 from planners import PLANNERS, Plan, Problem, Space, make_planner
+from planners.swarm.planner import SwarmPlanner
 from wheelchair_gym.base.settings import InputError, dump
 
 EXTRA = "wheelchair_gym[peers]"
 UNLIMITED = 10_000_000  # iterations under a deadline, so that time alone ends a run
+
+
+class Peer(NamedTuple):
+    """A planner of another package."""
+
+    package: str
+    settings: Any
+
+
+def _mealpy(algorithm: str) -> SwarmPlanner:
+    """A swarm on the way points of a free path: from random starts no swarm finds one in clutter.
+
+    Each run of 100 iterations starts around the best path so far.
+    """
+    optimizer = {"name": "mealpy", "algorithm": algorithm}
+    return SwarmPlanner(optimizer=optimizer, population=10, way_points=20)
+
+
+PEERS: Final[dict[str, Peer]] = {
+    "ompl_rrt_connect": Peer("ompl", Ompl("RRTConnect")),
+    "ompl_informed_rrt_star": Peer("ompl", Ompl("InformedRRTstar")),
+    "ompl_bit_star": Peer("ompl", Ompl("BITstar")),
+    "mealpy_woa": Peer("mealpy", _mealpy("OriginalWOA")),
+    "mealpy_pso": Peer("mealpy", _mealpy("OriginalPSO")),
+}
+
+
+def installed(package: str) -> bool:
+    """Whether a package can be imported."""
+    return importlib.util.find_spec(package) is not None
+
+
+def prepare(settings: Any, case: Any) -> Any:
+    """The planner of a peer's settings for the map of a case."""
+    return settings.prepare(case) if hasattr(settings, "prepare") else settings
 
 
 @dataclass(frozen=True)
@@ -163,12 +201,14 @@ def select_peers(wanted: Sequence[str] | None) -> tuple[list[str], list[str]]:
     for name in wanted or ():
         if name not in PEERS:
             raise InputError(f"peer {name!r} is unknown; there are {', '.join(PEERS)}")
-    missing = sorted({peer.package for peer in PEERS.values() if not installed(peer.package)})
-    lines = [f"{package} is not installed: pip install '{EXTRA}'" for package in missing]
+    packages = sorted({peer.package for peer in PEERS.values()})
+    missing = {
+        package: f"{package} is not installed: pip install '{EXTRA}'"
+        for package in packages
+        if not installed(package)
+    }
     for name in wanted or ():
         if PEERS[name].package in missing:
-            raise InputError(
-                f"peer {name}: {PEERS[name].package} is not installed: pip install '{EXTRA}'"
-            )
+            raise InputError(f"peer {name}: {missing[PEERS[name].package]}")
     here = [name for name, peer in PEERS.items() if peer.package not in missing]
-    return (here, lines) if wanted is None else (list(wanted), [])
+    return (here, [*missing.values()]) if wanted is None else (list(wanted), [])

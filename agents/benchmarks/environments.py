@@ -221,9 +221,7 @@ def measure(
         found = single_env_rate(settings, worlds, seconds)
         yield _row("one env", count, 1, 1, found, peer_rate)
         for n in envs:
-            for used in threads:
-                if used > n:
-                    continue
+            for used in [t for t in threads if t <= n]:
                 before = resident_bytes()
                 found, env = vector_env_rate(settings, worlds, n, used, seconds)
                 yield _row("batch", count, n, used, found, peer_rate)

@@ -6,7 +6,7 @@ import contextlib
 import dataclasses
 import gc
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from time import perf_counter, process_time
 from typing import Any
@@ -18,7 +18,6 @@ from agents.benchmarks.cases import (
     MARGIN,
     SEED,
     Case,
-    description,
     scene_case,
     scene_cases,
     stored_cases,
@@ -171,18 +170,6 @@ def columns(deadlines: Sequence[float]) -> list[Column]:
     return [*every[:first], *timed, *every[first + 2 :]]
 
 
-def terminal(rows: Sequence[Row], deadlines: Sequence[float]) -> str:
-    """The main columns, with the last three deadlines, and the anytime ranking."""
-    keys = list(read_data("planner_benchmark.yaml")["terminal"])
-    keys += [f"ratio_{deadline_key(deadline)}" for deadline in deadlines[-3:]]
-    return _text(rows, deadlines, [c for c in columns(deadlines) if c.key in keys], Table.text)
-
-
-def markdown(rows: Sequence[Row], deadlines: Sequence[float]) -> str:
-    """A table with all columns for each problem, and the anytime ranking."""
-    return _text(rows, deadlines, columns(deadlines), Table.markdown)
-
-
 def entrant_title(row: Row) -> str:
     """An entrant's name with remarks."""
     marks = []
@@ -195,13 +182,16 @@ def entrant_title(row: Row) -> str:
     return str(row["planner"]) + (f" ({'; '.join(marks)})" if marks else "")
 
 
-def _text(
-    rows: Sequence[Row],
-    deadlines: Sequence[float],
-    heads: Sequence[Column],
-    written: Callable[[Table], str],
-) -> str:
-    text = ""
+def tables_text(rows: Sequence[Row], deadlines: Sequence[float], full: bool) -> str:
+    """A table for each problem and the anytime ranking, for a terminal or in full as Markdown.
+
+    That for a terminal has the main columns, with the last three deadlines.
+    """
+    text, heads, written = "", columns(deadlines), Table.markdown
+    if not full:
+        keys = list(read_data("planner_benchmark.yaml")["terminal"])
+        keys += [f"ratio_{deadline_key(deadline)}" for deadline in deadlines[-3:]]
+        heads, written = [column for column in heads if column.key in keys], Table.text
     for problem in dict.fromkeys(row["problem"] for row in rows):
         body = [
             [Cell(entrant_title(row)), *(column.cell(row) for column in heads)]
@@ -414,7 +404,7 @@ class PlannerBenchmark:
             "format": FORMAT,
             "command": command_line(),
             "provenance": {**provenance(**self._settings), "written": now()},
-            "problems": [description(case) for case in self.cases],
+            "problems": [case.description for case in self.cases],
             "rows": rows,
             "anytime": {
                 deadline_key(deadline): [row["planner"] for row in ranking(rows, deadline)]
@@ -423,6 +413,6 @@ class PlannerBenchmark:
             "records": [{"key": key, **record} for key, record in self.records.items()],
         }
 
-    def text(self, of: Callable[..., str] = terminal) -> str:
-        """The figures for a terminal, or as `markdown` writes them."""
-        return of(self.rows(), self.deadlines)
+    def text(self, full: bool = False) -> str:
+        """The figures so far, see `tables_text`."""
+        return tables_text(self.rows(), self.deadlines, full)

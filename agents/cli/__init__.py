@@ -16,7 +16,7 @@ import re
 import sys
 import tomllib
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from types import MappingProxyType
 from typing import Any, NamedTuple, NoReturn
@@ -32,18 +32,7 @@ _WORDS = {
 }
 
 
-class Option(NamedTuple):
-    """An argument of `argparse.ArgumentParser.add_argument`."""
-
-    name: str
-    arguments: dict[str, Any]
-
-
-class OneOf(NamedTuple):
-    """Options of which at most one may be given, or exactly one."""
-
-    options: Sequence[Option]
-    required: bool = False
+Rows = Sequence[str | dict[str, Any]]  # names of shared options, or tables of a command's own
 
 
 class Command(NamedTuple):
@@ -54,32 +43,36 @@ class Command(NamedTuple):
     help: str
     description: str
     example: str
-    options: Sequence[Option | OneOf]
+    options: Rows
     environ: Mapping[str, str] = MappingProxyType({})  # set before it runs
 
 
-def _options(rows: Sequence[str | dict[str, Any]]) -> Iterator[Option | OneOf]:
-    """The options of rows: the name of shared ones, or a table of an option's own."""
+def _add_options(parser: Any, rows: Rows) -> None:
+    """Add the options of rows to a parser, or to a group of one."""
     for row in rows:
         if isinstance(row, str):
-            yield from _options(_TABLE["shared"][row])
-        elif "one_of" in row:
-            parts = [part for part in _options(row["one_of"]) if isinstance(part, Option)]
-            yield OneOf(parts, row.get("required", False))
+            _add_options(parser, _TABLE["shared"][row])
+        elif "one_of" in row:  # at most one of these may be given, or exactly one
+            group = parser.add_mutually_exclusive_group(required=row.get("required", False))
+            _add_options(group, row["one_of"])
         elif "seed" in row:
-            yield _option(f"seed of {row['seed']}", "--seed", type="parse_int", default=0)
+            _add_option(parser, f"seed of {row['seed']}", "--seed", type="parse_int", default=0)
         else:
-            yield _option(**row)
+            _add_option(parser, **row)
 
 
-def _option(
-    help: str, name: str = "", flag: str = "", type: str = "", between: Sequence[Any] = (),
-    metavar: str = "", **more: Any,
-) -> Option:  # fmt: skip
-    """A positional argument, or an option if the name begins with `--`; help names the default."""
+def _add_option(
+    parser: Any, help: str, name: str = "", flag: str = "", type: str = "",
+    between: Sequence[Any] = (), metavar: str = "", **more: Any,
+) -> None:  # fmt: skip
+    """Add a positional argument, or an option if the name begins with `--`; help has the default.
+
+    A flag has no value.
+    """
     help = help.format(**_WORDS)
     if flag:
-        return Option(flag, {"help": help, "action": "store_true"})
+        parser.add_argument(flag, help=help, action="store_true")
+        return
     parse = getattr(options, type) if type else None
     if between:
         parse = options.number({"int": int, "float": float}[between[0]], *between[1:])
@@ -89,25 +82,21 @@ def _option(
         more["choices"] = getattr(options, more["choices"])
     default = more.get("default")
     if default is not None and default != []:
-        text = ",".join(map(str, default)) if isinstance(default, list) else f"{default}"
+        values = default if isinstance(default, list) else [default]
+        text = ",".join(str(value) for value in values)  # here `map` is the command's module
         help += f" (default {text.removesuffix('.0')})"
     if "choices" not in more and more.get("action", "append") == "append":
         more["metavar"] = metavar or (options.METAVARS[parse] if name.startswith("-") else name)
-    return Option(name, {"help": help} | ({"type": parse} if parse else {}) | more)
-
-
-def _command(**row: Any) -> Command:
-    """A command as the table has it."""
-    row["options"] = list(_options(row["options"]))
-    row["example"] = row["example"].format(**_WORDS)
-    return Command(**row)
+    parser.add_argument(name, help=help, **({"type": parse} if parse else {}), **more)
 
 
 GROUPS = {
     name: (group["help"], group["example"].format(**_WORDS))
     for name, group in _TABLE["groups"].items()
 }
-COMMANDS = tuple(_command(**row) for row in _TABLE["commands"])
+COMMANDS = tuple(
+    Command(**row | {"example": row["example"].format(**_WORDS)}) for row in _TABLE["commands"]
+)
 
 
 LONGEST_ERROR = 1000  # characters
@@ -186,13 +175,7 @@ def parser() -> Parser:
             groups[group] = of_group.add_subparsers(dest="part", required=True, metavar="COMMAND")
         parent = groups.get(group, parsers)
         one = _add(parent, name, command.help, command.description, command.example)
-        for item in command.options:
-            if isinstance(item, OneOf):
-                exclusive = one.add_mutually_exclusive_group(required=item.required)
-                for each in item.options:
-                    exclusive.add_argument(each.name, **each.arguments)
-            else:
-                one.add_argument(item.name, **item.arguments)
+        _add_options(one, command.options)
         one.set_defaults(parser=one, row=command)
     return main
 
@@ -231,17 +214,11 @@ def _restart(environ: Mapping[str, str]) -> None:
         os.execve(sys.executable, [sys.executable, *sys.orig_argv[1:]], {**os.environ, **missing})
 
 
-def one_line_warning(
-    message: Warning | str,
-    category: type[Warning],
-    filename: str,
-    lineno: int,
-    line: str | None = None,
-) -> str:
+def one_line_warning(message: Warning | str, category: type[Warning], *where: Any) -> str:
     """A warning about settings without the line of the source; others as Python writes them."""
     if category is UserWarning:
         return f"wheelchair: {message}\n"
-    return _python_warning(message, category, filename, lineno, line)
+    return _python_warning(message, category, *where)
 
 
 _python_warning = warnings.formatwarning
@@ -251,7 +228,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; the exit code."""
     _replace_closed_streams()
     if arguments is None:  # this process is the command
-        warnings.formatwarning = one_line_warning
+        warnings.formatwarning = one_line_warning  # type: ignore[assignment]
     try:
         try:
             typed = sys.argv[1:] if arguments is None else arguments

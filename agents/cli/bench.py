@@ -79,9 +79,8 @@ def train(given: argparse.Namespace) -> int:
 def planners(given: argparse.Namespace) -> int:
     """Make the missing runs of planners, write the results, and print tables."""
     from agents.benchmarks.curves import draw
-    from agents.benchmarks.entrants import select_peers
-    from agents.benchmarks.peers import PEERS
-    from agents.benchmarks.planner_benchmark import PlannerBenchmark, markdown, one_core
+    from agents.benchmarks.entrants import PEERS, select_peers
+    from agents.benchmarks.planner_benchmark import PlannerBenchmark, one_core
     from planners import PLANNERS
 
     check_picture(given.plot)
@@ -109,19 +108,12 @@ def planners(given: argparse.Namespace) -> int:
             stop = None
         except StoppedError as error:
             stop = error
-    rows = benchmark.rows()
     if given.plot:
-        draw(
-            rows,
-            list(benchmark.records.values()),
-            benchmark.optima,
-            benchmark.deadlines,
-            given.plot,
-        )
+        draw(benchmark, benchmark.rows(), given.plot)
     if given.json == "-" or given.json not in (None, file):
         report(given, benchmark.result(), "")
     table = Path(file).with_suffix(".md")
-    write_text(table, benchmark.text(markdown))
+    write_text(table, benchmark.text(full=True))
     if given.json != "-":
         print(f"{benchmark.text()}all columns: {table}")
     return 0 if stop is None else stopped(stop, "" if given.resume else f" --resume {file}")

@@ -128,8 +128,8 @@ def with_drivers(scenes: Sequence[Spec], names: Sequence[str]) -> list[dict[str,
     found = []
     for driver in names:
         make_driver(spec(driver))  # raises InputError for a bad driver
-        for scene in scenes:
-            found.append(labelled_with(scene, Path(driver).name, driver=spec(driver)))
+        name = Path(driver).name
+        found += [labelled_with(scene, name, driver=spec(driver)) for scene in scenes]
     return found
 
 
@@ -180,10 +180,10 @@ def participants(given: argparse.Namespace) -> int:
 
 def tune(given: argparse.Namespace) -> int:
     """Search for settings, and write everything to the folder."""
-    from agents.evaluation import tuning
-
     if importlib.util.find_spec("optuna") is None:
         raise InputError("tune needs the package optuna; pip install 'wheelchair_gym[tune]'")
+    from agents.evaluation import tuning
+
     what = spec(given.name)
     ranges = [tuning.read_range(text) for text in given.vary]
     if len({vary.key for vary in ranges}) < len(ranges):

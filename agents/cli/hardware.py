@@ -93,13 +93,13 @@ def check(given: argparse.Namespace) -> int:
     settings = env_settings(given.config)
     wanted = board_parameters(settings.chair, settings.sensors, settings.hardware)
     with _boards(settings) as (senses, clock):
-        person = None if given.no_person else lambda what: _log(f"please {what}")
-        found = Diagnostics(senses, clock, wanted).run(person)
+
+        def ask(what: str) -> None:
+            _log(f"please {what}")
+
+        found = Diagnostics(senses, clock, wanted).run(None if given.no_person else ask)
         if given.hands:
-            footprint = settings.chair.footprint
-            found += Orientation(
-                senses, clock, footprint, lambda what: _log(f"please {what}")
-            ).run()
+            found += Orientation(senses, clock, settings.chair.footprint, ask).run()
     good = all(one.good for one in found)
     lines = [
         f"{'ok  ' if one.good else 'FAIL'}  {one.part:14}  {one.what:22}  {one.found}"
@@ -319,7 +319,7 @@ def measured_end(what: str) -> Any:
 def monitor(given: argparse.Namespace) -> int:
     """Show a live table of the boards' state."""
     settings = env_settings(given.config)
-    table = _Table()
+    lines = 0  # of the table before
     if not given.yes:
         _ask_before_reset([settings.hardware.drive_port, settings.hardware.range_port])
     with _boards(settings) as (senses, clock):
@@ -329,21 +329,12 @@ def monitor(given: argparse.Namespace) -> int:
             clock.wait(clock.now() + POLL_PERIOD)
             if clock.now() - printed >= _TABLE_PERIOD:
                 printed = clock.now()
-                table.print(status_rows(senses, printed))
+                rows = status_rows(senses, printed)
+                if lines and sys.stdout.isatty():
+                    print(f"\033[{lines}A\033[J", end="")
+                print("\n".join(f"{name:13} {value}" for name, value in rows), flush=True)
+                lines = len(rows)
     return 0
-
-
-class _Table:
-    """Prints tables on the terminal, each in place of the one before."""
-
-    def __init__(self) -> None:
-        self._lines = 0
-
-    def print(self, rows: Any) -> None:
-        if self._lines and sys.stdout.isatty():
-            print(f"\033[{self._lines}A\033[J", end="")
-        print("\n".join(f"{name:13} {value}" for name, value in rows), flush=True)
-        self._lines = len(rows)
 
 
 def _ask_before_reset(devices: Sequence[str]) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import dataclasses
-import importlib
 import inspect
 import typing
 from typing import Any
@@ -17,6 +16,7 @@ from agents.cli.arguments import report, spec
 from agents.cli.options import ALGORITHMS
 from agents.evaluation.provenance import write_text
 from agents.evaluation.tables import markdown_table
+from wheelchair_gym.base.registry import imported
 from wheelchair_gym.base.settings import InputError, dump, setting_docs, suggest
 from wheelchair_gym.scenes import SCENES, make_scene
 
@@ -86,10 +86,7 @@ def all_settings() -> dict[str, type]:
     from planners import PLANNERS
     from wheelchair_gym.hardware.registry import CHAIRS
 
-    classes: dict[str, type] = {}
-    for name, place in PARTS.items():
-        module, _, attribute = place.partition(":")
-        classes[name] = getattr(importlib.import_module(module), attribute)
+    classes: dict[str, type] = {name: imported(place) for name, place in PARTS.items()}
     for registry in (PLANNERS, FOLLOWERS, POLICIES, SCENES, CHAIRS):
         classes.update((name, registry[name]) for name in registry.built_in)
     for name in ASSISTANTS.built_in:  # one is called as the shield, which it has behind it

@@ -47,7 +47,9 @@ def run(given: argparse.Namespace) -> int:
         raise InputError("plan: --problems takes neither --start, --goal, --picture nor --video")
     settings = thesis.planner(named) if thesis and named in PLANNERS_OF_FILE else spec(named)
     planner = make_planner(changed(settings, given.changes))
-    _compile_beside(planner)
+    solve = getattr(type(planner), "solve", type(planner).plan)  # others' planners have a plan only
+    if (kernel := _longest_kernel(solve)) is not None:  # while this process compiles the rest
+        compile_beside(kernel, _warm, planner, 0.0)
     if given.problems is not None:
         code = _run_problems(given, planner)
     elif thesis is not None:
@@ -58,7 +60,12 @@ def run(given: argparse.Namespace) -> int:
         )  # fmt: skip
         code = _run_map(given, planner, drawn.problem, drawn)
     else:
-        code = _run_map(given, planner, _problem(given))
+        grid, walls = read_any_map(given.map, given.unknown != "free", given.resolution)
+        outlined = Path(given.map).suffix.lower() == ".json"
+        space = Space.from_map(grid, walls) if outlined else Space.from_grid(grid)
+        clearance = CLEARANCE if given.clearance is None else given.clearance
+        ends = np.array(given.start), np.array(given.goal)
+        code = _run_map(given, planner, Problem(space, *ends, clearance, given.map))
     if thesis and (idle := thesis.without_effect(named, given.problems is not None)):
         print(f"wheelchair: plan: {idle}", file=sys.stderr)
     return code
@@ -82,25 +89,9 @@ def _name_files(given: argparse.Namespace, thesis: ThesisFile) -> None:
             setattr(given, option, str(file))
 
 
-def _problem(given: argparse.Namespace) -> Problem:
-    """The problem of --map, --start and --goal."""
-    grid, walls = read_any_map(given.map, given.unknown != "free", given.resolution)
-    outlined = Path(given.map).suffix.lower() == ".json"
-    space = Space.from_map(grid, walls) if outlined else Space.from_grid(grid)
-    clearance = CLEARANCE if given.clearance is None else given.clearance
-    return Problem(space, np.array(given.start), np.array(given.goal), clearance, given.map)
-
-
 def _warm(planner: Any, clearance: float) -> None:
     """Compile, or load compiled code, before times are measured."""
     _answer(planner, small_problem(min(clearance, CLEARANCE)), 0)
-
-
-def _compile_beside(planner: Any) -> None:
-    """Compile the planner in a second process while this one compiles the rest."""
-    solve = getattr(type(planner), "solve", type(planner).plan)  # others' planners have a plan only
-    if (kernel := _longest_kernel(solve)) is not None:
-        compile_beside(kernel, _warm, planner, 0.0)
 
 
 def _longest_kernel(function: Callable[..., Any]) -> Kernel | None:
@@ -198,19 +189,15 @@ def _run_map(
         return 0
     if given.json:
         report(given, answer, str(plan.status))
-    for name, point in (("start", problem.start), ("goal", problem.goal)):
-        where = "(" + ", ".join(f"{value:g}" for value in point) + ")"
-        for status, what in (
-            (f"{name}_outside", "lies outside the map"),
-            (
-                f"{name}_occupied",
-                f"is not {clearance:g} m from obstacles"
-                if clearance > 0.0 or drawn is None
-                else f"lies in an obstacle of {problem.name}, as it is dilated",
-            ),
-        ):
-            if plan.status == status:
-                raise InputError(f"plan: {status}: the {name} {where} {what}")
+    name, _, fault = str(plan.status).partition("_")
+    if fault in ("outside", "occupied"):
+        where = "(" + ", ".join(f"{value:g}" for value in getattr(problem, name)) + ")"
+        what = "lies outside the map"
+        if fault == "occupied":
+            what = f"lies in an obstacle of {problem.name}, as it is dilated"
+            if clearance > 0.0 or drawn is None:
+                what = f"is not {clearance:g} m from obstacles"
+        raise InputError(f"plan: {plan.status}: the {name} {where} {what}")
     none = "there is no path" if plan.status is Status.NO_PATH else "no path was found"
     why = f": {plan.note}" if plan.note else ""
     print(

@@ -10,7 +10,7 @@ import numpy as np
 from agents.cli.arguments import report, spec, watch
 from agents.people.replay import open_loop
 from agents.policies import GymPolicy, make_policy
-from agents.watch import Each, Watch
+from agents.watch import Each
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.recording.replay import RecordedEpisode, read_recording, replay_env
 from wheelchair_gym.rendering.video import write_png, write_video
@@ -24,10 +24,16 @@ def run(given: argparse.Namespace) -> int:
         raise InputError(f"--episode {given.episode}: {given.file} has {len(chapters)}, from 0")
     frames: list[Any] = []
     records, lines = [], []
-    stage = Stage(watch(given), bool(given.video or given.picture or given.images))
+    mode = "rgb_array" if given.video or given.picture or given.images else None
+    viewers, env, each = watch(given), None, None
     try:
         for number in chosen:
-            record = {"episode": number} | _again(chapters[number], stage, given, frames)
+            inner: Any = replay_env(chapters[number], mode)
+            if env is None or not viewers:
+                env, each = viewers.on(inner)
+            else:
+                env.env = inner  # one recording for all chapters
+            record = {"episode": number} | _again(chapters[number], env, each, given, frames)
             if given.assist is not None:
                 record |= open_loop(chapters[number], spec(given.assist))
             records.append(record)
@@ -41,7 +47,8 @@ def run(given: argparse.Namespace) -> int:
                 line += f"; {_said(given.assist, record)}"
             lines.append(line)
     finally:
-        stage.close()
+        if env is not None:
+            env.close()
     if given.video:
         write_video(given.video, frames, chapters[0].settings.rate)
     if given.picture:
@@ -61,34 +68,11 @@ def _said(name: str, record: dict[str, Any]) -> str:
     return f"{name} answers {answers}{beside}; {changes.format(*shares)}"
 
 
-class Stage:
-    """The environment in which chapters are replayed, one after another, with one recording."""
-
-    def __init__(self, watch: Watch, drawn: bool) -> None:
-        self._watch, self._mode = watch, "rgb_array" if drawn else None
-        self._env: Any = None
-        self.each: Each | None = None
-
-    def set(self, chapter: RecordedEpisode) -> Any:
-        """The environment that repeats a chapter."""
-        env = replay_env(chapter, self._mode)
-        if self._env is None or not self._watch:
-            self._env, self.each = self._watch.on(env)
-        else:
-            self._env.env = env  # one recording for all chapters
-        return self._env
-
-    def close(self) -> None:
-        """Finish the recording."""
-        if self._env is not None:
-            self._env.close()
-
-
 def _again(
-    chapter: RecordedEpisode, stage: Stage, given: argparse.Namespace, frames: list[Any]
-) -> dict[str, Any]:
+    chapter: RecordedEpisode, env: Any, each: Each | None, given: argparse.Namespace,
+    frames: list[Any],
+) -> dict[str, Any]:  # fmt: skip
     """Judge an episode again; with a policy, compare its action at every step."""
-    env = stage.set(chapter)
     observation, _ = env.reset(seed=0, options={"episode": chapter.episode})
     policy = GymPolicy(make_policy(spec(given.policy)), env) if given.policy else None
     if policy is not None:
@@ -99,8 +83,8 @@ def _again(
             differences.append(np.abs(policy.act(observation) - np.clip(action, -1.0, 1.0)).mean())
         if given.video:
             frames.append(env.unwrapped.render())
-        if stage.each is not None:
-            stage.each(env)
+        if each is not None:
+            each(env)
         observation, reward, terminated, truncated, info = env.step(action)
         terms = info["reward_terms"].items()  # a term that an older recording lacks must be 0
         terms = {name: value for name, value in terms if name in verdict["terms"] or value != 0.0}

@@ -8,11 +8,13 @@ import os
 import select
 import sys
 import time
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from agents.cli.arguments import chair_spec, env_of, report, scene_of, spec, watch
+from agents.deploy import to_stderr as _log
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.envs.settings import env_settings
@@ -140,10 +142,6 @@ def robot(given: argparse.Namespace) -> int:
     return 0
 
 
-def _log(line: str) -> None:
-    print(line, file=sys.stderr, flush=True)
-
-
 def _link(given: argparse.Namespace, driver: Any) -> Any:
     """Return the link that commands the chair: a rosbridge server, a client of one, or DDS."""
     from agents.robot import COMMAND, COMMAND_TYPES, SERVICES
@@ -179,7 +177,7 @@ def _link(given: argparse.Namespace, driver: Any) -> Any:
         link.listens[command] = COMMAND_TYPES
         link.serve("/rosapi/get_time", "rosapi_msgs/srv/GetTime", driver.get_time)
     for name in SERVICES if given.episodes is None else ():
-        link.serve(driver.names.of(name), "std_srvs/srv/Trigger", driver.ask(name))
+        link.serve(driver.names.of(name), "std_srvs/srv/Trigger", partial(driver.ask, name))
     return link
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from agents.benchmarks.entrants import small_problem
 from agents.control import FOLLOWERS
-from agents.policies import make_policy
+from agents.evaluation.evaluate import warm
 from planners import PLANNERS, make_planner
 from wheelchair_gym.envs import NavigationEnv, NavigationVectorEnv
 
@@ -74,10 +74,4 @@ def _plan(name: str) -> None:
 
 
 def _follow(name: str) -> None:
-    env = NavigationEnv("clutter")
-    env.reset(seed=0)
-    policy = make_policy(f"a_star+{name}")
-    policy.reset(env.mission)
-    for _ in range(3):
-        env.step(policy.act(env.reading).as_action(env.task.limits).astype(np.float32))
-    env.close()
+    warm(f"a_star+{name}", "clutter", {})

@@ -381,6 +381,7 @@ class GeneratedControlsFollower:
             path = np.concatenate([local_map.pose[None, :2], reference.rows[-1:, :2]])
         twist = chair.body.state[[0, 2]]
         left = np.empty((0, 3)) if self.controls is None else self.controls.after(self._driven)
+        self._age = self._driven = 0.0
         limits = chair.limits
         pivot = math.inf
         if not local_map.looks_back:  # unseen floor is entered slowly: in reverse, and in a turn
@@ -396,9 +397,7 @@ class GeneratedControlsFollower:
                     twist, left, pivot,
                 )  # fmt: skip
                 if self.controls.reached:
-                    self._age = self._driven = 0.0
                     return
-        self._age = self._driven = 0.0
 
 
 @settings

@@ -50,8 +50,6 @@ def sampled_walls(walls: Array, spacing: float = 0.05) -> Array:
 
 def voxel_means(points: Array, size: float) -> Array:
     """One mean (k, 2) for each voxel [m] that holds any of the points (n, 2)."""
-    if not len(points):
-        return points
     cells = np.floor(points / size).astype(np.int64)
     _, index, counts = np.unique(
         cells[:, 0] * 100_003 + cells[:, 1], return_inverse=True, return_counts=True

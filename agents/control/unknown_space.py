@@ -171,12 +171,18 @@ def blind_behind(grid: OccupancyGrid, pose: Array, footprint: Footprint) -> bool
     """
     x = -footprint.rear - np.linspace(0.0, BEHIND, 8)
     y = np.linspace(-footprint.half_width, footprint.half_width, 15)
-    cells = grid.to_cell(to_world(np.stack(np.meshgrid(x, y), axis=-1), pose))  # (15, 8, 2)
-    on = ((cells >= 0) & (cells < grid.shape)).all(axis=-1)
-    there = np.full(on.shape, UNKNOWN, grid.cells.dtype)
-    there[on] = grid.cells[tuple(cells[on].T)]
+    there = cells_at(grid, to_world(np.stack(np.meshgrid(x, y), axis=-1), pose))  # (15, 8)
     open_so_far = np.logical_and.accumulate(there != OCCUPIED, axis=1)
     return bool(((there == UNKNOWN) & open_so_far).any())
+
+
+def cells_at(grid: OccupancyGrid, points: Array) -> NDArray[np.int8]:
+    """Return a grid's cells (...) at points (..., 2) [m]; unknown outside the grid."""
+    cells = grid.to_cell(points)
+    on = ((cells >= 0) & (cells < grid.shape)).all(axis=-1)
+    found = np.full(on.shape, UNKNOWN, np.int8)
+    found[on] = grid.cells[tuple(cells[on].T)]
+    return found
 
 
 def walls_block(grid: OccupancyGrid, path: ArrayLike, clearance: float) -> bool:

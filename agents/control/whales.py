@@ -104,7 +104,8 @@ class WhaleCommands:
 
         def pick(margin: float, slow: bool) -> Array | None:
             lower, upper = _bounds(config, now, slow)
-            some = _within(first, lower, upper)
+            low, high = lower[:2] - 1e-9, upper[:2] + 1e-9  # of the first command's twist
+            some = first[((first[:, :2] >= low) & (first[:, :2] <= high)).all(axis=1)]
             if len(some) == 0:
                 return None
             tried, costs = search(
@@ -184,10 +185,3 @@ def _fan_and_plan(config: RefinedWindow, now: Situation, best: Array | None) -> 
     if best is not None:
         particles[-1] = _one_period_later(best, chair.period)
     return particles
-
-
-def _within(particles: Array, lower: Array, upper: Array) -> Array:
-    """The particles that keep the bounds of the first command's twist."""
-    twists = particles[:, :2]
-    keep = ((twists >= lower[:2] - 1e-9) & (twists <= upper[:2] + 1e-9)).all(axis=1)
-    return np.asarray(particles[keep])

@@ -34,14 +34,12 @@ class StickTrace:
     def __init__(self, limits: Limits, period: float) -> None:
         self._limits, self._period = limits, period
         self._full = np.array([limits.forward, limits.turn])
-        self._sticks: list[tuple[float, float]] = []
-        self._latched: list[bool] = []
+        self._sticks: list[Stick] = []
         self._given: list[Array] = []
 
     def add(self, stick: Stick, given: Array) -> None:
         """Add a step: the stick before it, and the twist (2,) after assistant and shield."""
-        self._sticks.append((stick.forward, stick.left))
-        self._latched.append(stick.latched)
+        self._sticks.append(stick)
         self._given.append(given)
 
     def figures(self, twists: Array, length: float) -> dict[str, float]:
@@ -51,8 +49,8 @@ class StickTrace:
         """
         if not self._sticks:
             return {}
-        sticks = np.array(self._sticks)
-        asked = np.array([self._limits.twist_of(*stick) for stick in self._sticks]) / self._full
+        sticks = np.array([stick[:2] for stick in self._sticks])
+        asked = np.array([self._limits.twist_of(*stick[:2]) for stick in self._sticks]) / self._full
         given = np.array(self._given) / self._full
         size, off = np.hypot(*asked.T), np.hypot(*(given - asked).T)
         active = size > ACTIVE
@@ -75,8 +73,8 @@ class StickTrace:
     def _unwanted(self, twists: Array, size: Array) -> float:
         """Time [s] in motion while the stick is centred, not latched, and was let go before."""
         since, found = math.inf, 0.0
-        for twist, deflection, latched in zip(twists, size, self._latched, strict=False):
-            since = 0.0 if deflection > 0.0 or latched else since + self._period
+        for twist, deflection, stick in zip(twists, size, self._sticks, strict=False):
+            since = 0.0 if deflection > 0.0 or stick.latched else since + self._period
             if COASTING < since < math.inf and math.hypot(*twist) > ACTIVE:
                 found += self._period
         return found

@@ -29,8 +29,11 @@ from agents.evaluation.metrics import Record, summarise
 from agents.evaluation.provenance import command_line, now, provenance, write_json, write_text
 from agents.policies import kind_of, make_policy
 from agents.policies.planned import PlannedDriver
+from agents.studies.plan_pictures import SHORTENS, PlanPictures
 from agents.watch import Watch
 from wheelchair_gym.base.settings import InputError, dump, suggest
+from wheelchair_gym.rendering.legend import with_legend
+from wheelchair_gym.rendering.video import video_suffix, write_video
 from wheelchair_gym.scenes.arena import Doorway
 
 Evaluation = dict[str, Any]
@@ -140,8 +143,6 @@ def film(what: Suite, evaluation: Evaluation, folder: Path) -> Record:
     Returns:
         The file, the policies, the scene and the seed.
     """
-    from wheelchair_gym.rendering.video import video_suffix, write_video
-
     best = report.ranked(evaluation["summary"])[0]["policy"]
     policies = [spec for spec in what.policies if label(spec) in what.film]
     policies = policies or [spec for spec in what.policies if label(spec) == best]
@@ -162,8 +163,6 @@ def side_by_side(
 
     The plan of a policy whose whales shorten a path comes first. Several drives have titles.
     """
-    from wheelchair_gym.rendering.legend import with_legend
-
     parts = [_pictures(policy, scene, seed, env) for policy in policies]
     before = max(len(planned) for planned, _, _ in parts)
     after = max(len(driven) for _, driven, _ in parts) + PAUSE
@@ -180,8 +179,6 @@ def _pictures(
     policy: Spec, scene: Spec, seed: int, settings: Mapping[str, Any]
 ) -> tuple[list[Any], list[Any], float]:
     """Pictures of a plan with whales, if there is one, and of the drive; the control period [s]."""
-    from agents.studies.plan_pictures import SHORTENS, PlanPictures
-
     driver: Any = make_policy(without_labels(policy))
     planned: list[Any] = []
     driven: list[Any] = []

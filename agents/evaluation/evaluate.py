@@ -13,6 +13,7 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import numpy as np
 
 from agents.evaluation.assisted import StickTrace
@@ -25,11 +26,13 @@ from agents.policies.planning import figures_of
 from agents.watch import Watch
 from wheelchair_gym.actors.records import PERSON
 from wheelchair_gym.base.settings import InputError, read_json
+from wheelchair_gym.envs.settings import read_env_settings
 from wheelchair_gym.geometry.outline import Footprint
 from wheelchair_gym.maps import bottleneck, footprint_margin
+from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.types import Episode
 
-ENV = "wheelchair_gym/Navigation-v1"
+ENV = "wheelchair_gym/Navigation-v1"  # which importing the package registers
 STORE = "episodes.jsonl"
 TIGHT = 0.10  # m beside the chair: below it, the margin of turns is computed, which takes seconds
 NO_WATCH = Watch()
@@ -107,8 +110,6 @@ def env_settings(**values: Any) -> dict[str, Any]:
     """
     path = values.get("config")
     if isinstance(path, str | Path):
-        from wheelchair_gym.envs.settings import read_env_settings
-
         values["config"] = content = read_json(path)
         if isinstance(content, Mapping) and "env" in content:
             raise InputError(
@@ -123,11 +124,6 @@ def make_env(
     scene: Spec, env: Mapping[str, Any], render_mode: str | None = "rgb_array", policy: Spec = ""
 ) -> Any:
     """Make an environment of a scene, as a policy is to drive there; by default of test worlds."""
-    import gymnasium
-
-    import wheelchair_gym  # registers the ids
-
-    assert wheelchair_gym.__name__ in sys.modules
     settings = {"split": "test", **episode_env(scene, env, policy)}
     return gymnasium.make(ENV, scene=without_labels(scene), render_mode=render_mode, **settings)
 
@@ -288,8 +284,6 @@ def evaluate(
         StoppedError: Ctrl-C; the same call computes only what is missing.
         ConnectionError: workers were lost over and over.
     """
-    from wheelchair_gym.scenes import make_scene
-
     env, folder = env_settings(**(env or {})), Path(folder)
     policies, scenes = distinct(policies, "policies"), distinct(scenes, "scenes")
     for policy in policies:

@@ -15,16 +15,17 @@ from typing import Any
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+from tqdm import tqdm
 
 from agents import is_interrupt
+from agents.control.unknown_space import cells_at
 from agents.policies import GymPolicy, Policy
 from planners.collision.space import Space
 from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.geometry.planar import to_world, wrap_angle
-from wheelchair_gym.maps import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, geodesic
+from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, geodesic
 from wheelchair_gym.perception.logs import SensorLog
 from wheelchair_gym.perception.occupancy import MappingSettings, OccupancyMap, read_scan
 from wheelchair_gym.perception.slam import Slam, SlamSettings
@@ -73,17 +74,8 @@ def map_quality(made: OccupancyGrid, episode: Episode, radius: float) -> MapQual
         float(right / (len(free) + len(solid))),
         float(np.median(off)),
         float(np.percentile(off, 95)),
-        float((_cells_at(made, true_map.to_world(floor)) == FREE).mean()),
+        float((cells_at(made, true_map.to_world(floor)) == FREE).mean()),
     )
-
-
-def _cells_at(grid: OccupancyGrid, points: Array) -> NDArray[np.int8]:
-    """A grid's cells (n,) at points (n, 2) [m]; unknown outside the grid."""
-    cells = grid.to_cell(points)
-    found = np.full(len(points), UNKNOWN, np.int8)
-    on = ((cells >= 0) & (cells < grid.shape)).all(axis=1)
-    found[on] = grid.cells[tuple(cells[on].T)]
-    return found
 
 
 @dataclass(frozen=True)
@@ -196,13 +188,9 @@ class LogMap:
     def line(self) -> str:
         """The figures as people read them."""
         of = self.figures
-        if of["residual_median"] is None:
-            text = "no residual: nothing occupied, or no held-out echo"
-        else:
-            text = (
-                f"median {100 * of['residual_median']:.2f} cm, "
-                f"mean {100 * of['residual_mean']:.2f} cm"
-            )
+        text = "no residual: nothing occupied, or no held-out echo"
+        if (median := of["residual_median"]) is not None:
+            text = f"median {100 * median:.2f} cm, mean {100 * of['residual_mean']:.2f} cm"
         return (
             f"{self.name:<22}{text}; {of['occupied_cells']} cells occupied; "
             f"{self.speed:.0f} x real time"
@@ -216,8 +204,6 @@ def held_out(scan: int) -> bool:
 
 def progress(total: int, enabled: bool, unit: str = "scan") -> Any:
     """A bar on standard error."""
-    from tqdm import tqdm
-
     return tqdm(total=total, unit=unit, disable=not enabled or not sys.stderr.isatty())
 
 

@@ -173,8 +173,6 @@ def halts(twists: Array, period: float) -> int:
     """Count the stops of `HALT` or longer on the way; twists (n, 2) are one a period [s]."""
     still = (np.abs(twists) < STILL).all(axis=1)
     moving = np.flatnonzero(~still)
-    if len(moving) == 0:
-        return 0
     spells = np.diff(moving) - 1  # periods of rest between two of motion
     return int((spells * period >= HALT - 1e-9).sum())
 

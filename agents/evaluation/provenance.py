@@ -10,6 +10,7 @@ import re
 import shlex
 import subprocess
 import sys
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -41,13 +42,11 @@ def commit() -> str | None:
 def machine() -> dict[str, Any]:
     """Processor, cores that may be used, and operating system."""
     cpu = platform.processor() or platform.machine()
-    try:
+    with suppress(OSError):  # where it is not Linux
         for line in Path("/proc/cpuinfo").read_text().splitlines():
             if line.startswith("model name"):
                 cpu = line.partition(":")[2].strip()
                 break
-    except OSError:
-        pass  # not Linux
     return {"cpu": cpu, "cores": cores(), "system": f"{platform.system()} {platform.release()}"}
 
 
@@ -62,10 +61,8 @@ def versions() -> dict[str, str]:
     """Versions of Python and of the packages that results depend on."""
     found = {"python": platform.python_version()}
     for name in PACKAGES:
-        try:
+        with suppress(importlib.metadata.PackageNotFoundError):
             found[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            continue
     return found
 
 

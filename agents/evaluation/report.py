@@ -173,14 +173,13 @@ def terminal_table(evaluation: Evaluation, keys: Sequence[str] = BRIEF) -> str:
     Raises:
         InputError: there is no such column.
     """
-    known = {column.key: column for column in _ALL}
     for key in keys:
-        if key not in known and list(keys) != ["all"]:
-            near = suggest(key, known)
-            raise InputError(f"--columns {key} is unknown; known: all, {', '.join(known)}{near}")
+        if key not in COLUMN_OF and list(keys) != ["all"]:
+            known = f"known: all, {', '.join(COLUMN_OF)}{suggest(key, COLUMN_OF)}"
+            raise InputError(f"--columns {key} is unknown; {known}")
     summary = evaluation["summary"]
     every = [*COLUMNS, *chain(*_more_columns(summary).values())]
-    chosen = [known[key] for key in keys if key in known] or every
+    chosen = [COLUMN_OF[key] for key in keys if key in COLUMN_OF] or every
     rows = [*ranked(summary), *(row for row in summary if row["scene"] != "all")]
     if len(evaluation["scenes"]) == 1:
         rows = ranked(summary)

@@ -16,10 +16,13 @@ import threading
 import time
 import zlib
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
+
+from tqdm import tqdm
 
 from agents import StoppedError, is_interrupt
 from wheelchair_gym.base.files import LIMITS, opened, parse_json, write_error
@@ -192,8 +195,6 @@ def compute(
 
 
 def _bar(made: Iterator[Made], total: int, done: int, unit: str, progress: bool) -> Iterator[Made]:
-    from tqdm import tqdm
-
     pause = 0.1 if sys.stderr.isatty() else LOG_PAUSE
     with tqdm(
         total=total, initial=done, unit=unit, mininterval=pause, maxinterval=pause,
@@ -263,8 +264,6 @@ def in_workers(
     Raises:
         LostError: a worker was lost; the jobs that have not ended are not run.
     """
-    from concurrent.futures import BrokenExecutor
-
     from joblib import Parallel, delayed
 
     pool = Parallel(

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from agents import read_data
-from wheelchair_gym.base.files import atomic_write
+from agents.evaluation.provenance import write_text
 
 if TYPE_CHECKING:
     import jinja2
@@ -200,9 +200,7 @@ def macro(name: str, *arguments: Any) -> Markup:
 
 def write_page(path: Path, template: str, **context: Any) -> Path:
     """Write a page that needs no other file; its path."""
-    page = templates().get_template(template).render(context)
-    with atomic_write(path) as part:
-        part.write_text(page, encoding="utf-8")
+    write_text(path, templates().get_template(template).render(context))
     return path
 
 

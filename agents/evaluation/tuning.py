@@ -12,19 +12,25 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import optuna
+from optuna import distributions
+from optuna.storages import JournalStorage
+from optuna.storages.journal import JournalFileBackend
+from tqdm import tqdm
 
+from agents.control import make_follower
 from agents.evaluation.evaluate import Spec, evaluate, named
 from agents.evaluation.provenance import write_json, write_text
 from agents.evaluation.runs import run_key, source_digest, stopped_by_ctrl_c
 from agents.evaluation.statistics import mean_interval
 from agents.evaluation.tables import csv_table
+from agents.policies import settings_of
+from planners import make_planner
+from wheelchair_gym.base.files import write_error
 from wheelchair_gym.base.settings import InputError, dump, value_of, with_values
-
-if TYPE_CHECKING:
-    import optuna
 
 METRICS = ("sct", "spl", "success", "barn", "barn_own")  # of episodes; the higher, the better
 EXECUTION = ("folder", "jobs")  # settings that change no score
@@ -44,10 +50,8 @@ class Range:
     choices: tuple[Any, ...] = ()
 
     @property
-    def distribution(self) -> optuna.distributions.BaseDistribution:
+    def distribution(self) -> distributions.BaseDistribution:
         """The distribution of Optuna; bounds that are integers give integers."""
-        from optuna import distributions
-
         if self.choices:
             return distributions.CategoricalDistribution(self.choices)
         if isinstance(self.low, int) and isinstance(self.high, int):
@@ -108,10 +112,6 @@ def all_settings(spec: Spec) -> dict[str, Any]:
     Raises:
         InputError: the name is unknown, or a setting is wrong.
     """
-    from agents.control import make_follower
-    from agents.policies import settings_of
-    from planners import make_planner
-
     found = dict(dump(settings_of(spec)))
     for part, make in (("planner", make_planner), ("follower", make_follower)):
         if isinstance(found.get(part), Mapping):
@@ -172,9 +172,6 @@ def tune(
         InputError: a setting is unknown, or the folder holds another search.
         StoppedError: Ctrl-C; the same call resumes.
     """
-    import optuna
-    from tqdm import tqdm
-
     current = all_settings(spec)
     before = {vary.key: value_at(current, vary.key) for vary in ranges}
     asked = {key: value for key, value in vars(judge).items() if key not in EXECUTION}
@@ -201,12 +198,6 @@ def tune(
 
 def _study(folder: Path, what: str) -> optuna.Study:
     """The search that is stored in a folder, or a new one."""
-    import optuna
-    from optuna.storages import JournalStorage
-    from optuna.storages.journal import JournalFileBackend
-
-    from wheelchair_gym.base.files import write_error
-
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -231,8 +222,6 @@ def _drawn(
     study: optuna.Study, ranges: Sequence[Range], trials: int, seed: int
 ) -> Iterator[tuple[int, dict[str, Any] | None]]:
     """Number and values of every trial to be scored; None for one that was killed while drawn."""
-    import optuna
-
     for frozen in study.get_trials(states=(optuna.trial.TrialState.RUNNING,)):
         if len(frozen.params) == len(ranges):
             yield frozen.number, dict(frozen.params)

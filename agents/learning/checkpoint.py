@@ -78,8 +78,9 @@ def load_checkpoint(folder: Path) -> dict[str, Any] | None:
     head = len(_HEAD) + 65
     body = memoryview(data)[head:]
     digest = hashlib.sha256(body).hexdigest().encode()
+    expected = "expected a complete checkpoint; delete it to start again"
     if data[:head] != _HEAD + digest + b"\n":
-        raise InputError(f"{path}: expected a complete checkpoint; delete it to start again")
+        raise InputError(f"{path}: {expected}")
     try:
         with zipfile.ZipFile(io.BytesIO(body)) as packed:
             if sum(member.file_size for member in packed.infolist()) > LIMITS["checkpoint"].maximum:
@@ -89,6 +90,5 @@ def load_checkpoint(folder: Path) -> dict[str, Any] | None:
             raise ValueError("not an object with keys")
     except Exception as error:  # torch documents no errors of its reader
         why = " ".join(str(error).split()[:20]) or type(error).__name__
-        expected = "expected a complete checkpoint; delete it to start again"
         raise InputError(f"{path}: {expected} ({why})") from None
     return content

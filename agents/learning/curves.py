@@ -6,17 +6,21 @@ A sweep over one setting is written as a table of the last rows and a figure of 
 from __future__ import annotations
 
 import csv
-import importlib.util
 import io
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
+import matplotlib as mpl
+from stable_baselines3.common.logger import Logger
 
+from agents.evaluation.plots import COLOURS, DASHES, LOOK, MARKS, as_svg, legend_above, new_axes
 from agents.evaluation.provenance import write_text
+from agents.evaluation.statistics import share
 from agents.evaluation.tables import csv_table
+from agents.learning.weights import load_weights
 from wheelchair_gym.base.errors import InputError
 from wheelchair_gym.base.files import atomic_write, read_text
 
@@ -42,13 +46,6 @@ def episode_row(sums: Counter[str]) -> Row:
     """Return the number of episodes, and shares and means over them if there are any."""
     n, keys = sums["episodes"], ("success", "timeout", "return", "length")
     return {"episodes": n, **{key: sums[key] / n for key in keys if n}}
-
-
-def tensorboard_logger(folder: Path) -> Logger:
-    """Return a logger of rows for TensorBoard; it does nothing if that is not installed."""
-    if importlib.util.find_spec("tensorboard") is None:
-        return Logger(None, [])
-    return Logger(None, [TensorBoardOutputFormat(str(folder / "tensorboard"))])
 
 
 def log_row(logger: Logger, row: Row) -> None:
@@ -81,10 +78,8 @@ def read_curve(folder: Path) -> list[Row]:
 def _number(text: Any) -> Any:
     """Return the number that a text stands for; otherwise the text."""
     for kind in (int, float):
-        try:
+        with suppress(ValueError, TypeError):
             return kind(text)
-        except (ValueError, TypeError):
-            continue
     return text
 
 
@@ -104,12 +99,7 @@ def write_sweep(key: str, runs: Sequence[tuple[str, Path]], out: Path) -> str:
     Returns:
         The table as text.
     """
-    import matplotlib as mpl
-
-    from agents.evaluation.plots import LOOK, as_svg
-    from agents.evaluation.statistics import share
     from agents.learning.run import POLICY
-    from agents.learning.weights import load_weights
 
     curves: dict[str, list[Any]] = {}
     rows: list[Row] = []
@@ -136,14 +126,12 @@ def write_sweep(key: str, runs: Sequence[tuple[str, Path]], out: Path) -> str:
 
 
 def _plot_sweep(key: str, curves: dict[str, list[Any]]) -> Any:
-    from agents.evaluation.plots import COLOURS, DASHES, MARKS, legend_above, new_axes
-
     figure, axes = new_axes(3.2)
     for k, (value, runs) in enumerate(curves.items()):
         for number, curve in enumerate(runs):
             frames, shares = zip(*curve, strict=True)
             axes.plot(
-                [n / 1e6 for n in frames], [100.0 * share for share in shares],
+                [n / 1e6 for n in frames], [100.0 * success for success in shares],
                 DASHES[k % len(DASHES)], color=COLOURS[k % len(COLOURS)],
                 marker=MARKS[k % len(MARKS)], ms=3.5, lw=1.2,
                 label=f"{key.rpartition('.')[2]} {value}" if number == 0 else None,

@@ -18,7 +18,9 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import torch
+from joblib import Parallel, delayed
 from torch import nn
+from tqdm import tqdm
 
 from agents.evaluation.provenance import write_json
 from agents.learning.features import Layout
@@ -70,8 +72,6 @@ def _all_episodes(
     config: Imitation, env: EnvSettings, student: Weights | None, seeds: list[int]
 ) -> Iterator[Demonstration]:
     """Episodes in the order of their seeds, driven by `config.jobs` processes."""
-    from joblib import Parallel, delayed
-
     size = 1 if config.jobs == 1 else 4
     parts = [seeds[k : k + size] for k in range(0, len(seeds), size)]
     jobs = (delayed(_episodes)(env, config.expert, student, part) for part in parts)
@@ -112,8 +112,6 @@ def imitate(config: Imitation, seed: int, folder: Path, progress: bool = True) -
     Raises:
         InputError: a setting is wrong, or the folder cannot be written.
     """
-    from tqdm import tqdm
-
     stored = None if config.dataset is None else _load_dataset(config.dataset)
     env = training_env_settings(
         config.env if stored is None else stored.recover_environment().unwrapped.settings

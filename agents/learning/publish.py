@@ -44,7 +44,12 @@ def publish(folder: Path, results: Sequence[Path], path: Path) -> Weights:
     dropped = ("curve", "row", "evaluation")
     card = {key: value for key, value in runs[best].card.items() if key not in dropped}
     card["curves"] = {str(runs[of].card["seed"]): curve for of, curve in curves.items()}
-    card["speeds"] = {str(runs[of].card["seed"]): _speed(of) for of in folders}
+    card["speeds"] = {  # between checkpoints, without evaluations
+        str(runs[of].card["seed"]): round(
+            median(float(row["frames_per_second_s"]) for row in read_curve(of))
+        )
+        for of in folders
+    }
     names = {str(of / POLICY): str(runs[of].card["seed"]) for of in folders}
     card["results"] = [row for file in results for row in _results(file, names, path.stem)]
     weights = Weights(runs[best].arrays, card)
@@ -61,11 +66,6 @@ def _eval_curve(folder: Path) -> list[list[float]]:
     return [
         [float(row[key]) for key in ("frames", "eval_success", "eval_collision")] for row in picked
     ]
-
-
-def _speed(folder: Path) -> float:
-    """Median of the frames per second between checkpoints, without evaluations."""
-    return round(median(float(row["frames_per_second_s"]) for row in read_curve(folder)))
 
 
 def _results(file: Path, names: Mapping[str, str], name: str) -> list[dict[str, Any]]:

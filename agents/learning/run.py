@@ -14,12 +14,15 @@ import math
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
+from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 from stable_baselines3.common.utils import set_random_seed
 
 from agents.evaluation.provenance import write_json
@@ -81,14 +84,12 @@ def _draw_worlds(
     batches = [missing[k : k + BATCH] for k in range(0, len(missing), BATCH)]
     if len(batches) > 1:
         size, drawn = settings.bank.size, settings.bank.size - len(missing)
-        try:
+        with suppress(LostError):  # then this process makes the rest
             for k, _ in in_workers(partial(_keep_worlds, settings), batches, workers, True):
                 drawn += len(batches[k])
                 if report is not None:
                     report(drawn, size)
             report = None  # what follows only reads them
-        except LostError:
-            pass  # this process makes the rest
     worlds.fill(report)
 
 
@@ -311,7 +312,8 @@ def train(
         InputError: the folder holds another run, or settings do not fit each other.
     """
     run = Run(config, seed, folder, on_prepared, on_evaluated)
-    logger = curves.tensorboard_logger(folder)
+    logged = find_spec("tensorboard") is not None
+    logger = Logger(None, [TensorBoardOutputFormat(str(folder / "tensorboard"))] if logged else [])
     try:
         while not run.done:
             row = run.learn(on_step)

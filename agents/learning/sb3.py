@@ -23,12 +23,6 @@ from wheelchair_gym.base.settings import InputError, dump
 from wheelchair_gym.envs import NavigationVectorEnv
 
 
-def flatten_space(boxes: list[Any]) -> gym.spaces.Box:
-    """The space of flat observations, with the keys in the order in which kernels write them."""
-    low, high = (np.concatenate([getattr(box, end) for box in boxes]) for end in ("low", "high"))
-    return gym.spaces.Box(low, high)
-
-
 def flatten_observations(observations: dict[str, Any]) -> Any:
     """Observations by key as one array (n, size)."""
     return np.concatenate(list(observations.values()), axis=1)
@@ -59,8 +53,10 @@ class SB3VecEnv(VecEnv):
         self._started = time.perf_counter()
         self._flat = flat
         space: Any = env.single_observation_space
-        if flat:
-            space = flatten_space(list(env.task.spaces.values()))
+        if flat:  # the keys in the order in which kernels write them
+            boxes = env.task.spaces.values()
+            low, high = (np.concatenate([getattr(b, e) for b in boxes]) for e in ("low", "high"))
+            space = gym.spaces.Box(low, high)
         self.render_mode = env.render_mode
         super().__init__(env.num_envs, space, env.single_action_space)
         self._returns = np.zeros(self.num_envs)

@@ -132,10 +132,7 @@ def make_card(
         "format": FORMAT,
         "algorithm": algorithm,
         "head": head,
-        "layout": {
-            "sizes": [list(pair) for pair in layout.sizes],
-            "path_has_heading": layout.path_has_heading,
-        },
+        "layout": dump(layout),
         "env": dump(env),
         "training": dump(training),
         "seed": seed,
@@ -290,17 +287,8 @@ def _check_arrays(weights: Weights) -> None:
         raise ValueError(f"an array {shorten(unknown[0])} is not part of the network")
 
 
-def shipped() -> dict[str, Path]:
-    """The policies' weights that the package ships, by name."""
-    return _files(SHIPPED)
-
-
-def shipped_assistants() -> dict[str, Path]:
-    """The assistants' weights that the package ships, by name."""
-    return _files(SHIPPED_ASSISTANTS)
-
-
-def _files(folder: Path) -> dict[str, Path]:
+def shipped(folder: Path = SHIPPED) -> dict[str, Path]:
+    """The weights that the package ships, of policies or of `SHIPPED_ASSISTANTS`, by name."""
     return {path.stem: path for path in sorted(folder.glob("*.npz"))}
 
 
@@ -310,7 +298,7 @@ def find_weights(name: str) -> Path:
     Raises:
         InputError: there are no weights of that name.
     """
-    known = shipped() | shipped_assistants()
+    known = shipped() | shipped(SHIPPED_ASSISTANTS)
     if name in known:
         return known[name]
     if name.endswith((".npz", ".onnx")):

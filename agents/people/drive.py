@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -75,7 +76,7 @@ def drive_with_help(
     observation, _ = env.reset(seed=0, options={"episode": episode})
     driver = GymPolicy(assistant, env)
     driver.reset()
-    try:
+    with suppress(KeyboardInterrupt):  # the end of a person's drive
         while not each(env):
             reading, stood = world.task.reading, bool(monitor.messages)
             if reading.halted:
@@ -92,7 +93,5 @@ def drive_with_help(
             trace.add(now, limits.twist(action) - np.array(world.task.shield_intervention))
             twists.append(world.task.reading.twist)
             length += abs(float(twists[-1][0])) * period
-    except KeyboardInterrupt:  # the end of a person's drive
-        pass
     figures = {"time": len(twists) * period, "length": length, "stops": stops, "ended": ended}
     return figures | trace.figures(np.array(twists), length) | late_steps(env)

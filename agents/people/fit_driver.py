@@ -155,9 +155,7 @@ def _fit_stick(
         hand = hand if tremor else dataclasses.replace(hand, tremor=0.0)
         estimates |= _hand_estimates(fit, best, prompted, hand, repeats, rng)
     estimates |= tremor
-    for name in TREMOR:
-        if name not in tremor:
-            unidentified[name] = why
+    unidentified |= {name: why for name in TREMOR if name not in tremor}
     minutes = sum(len(one.sticks) * one.period for one in sessions) / 60.0
     return Fit({}, estimates, unidentified, {"minutes": minutes})
 

@@ -8,6 +8,7 @@ floor. The parameters are those of maximum likelihood (Whittle 1953).
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,7 +25,8 @@ TICK = 1.0 / TICK_RATE  # s
 MIN_RATE = 25.0  # Hz: sessions recorded more slowly show a tremor at wrong frequencies
 STRETCH = 2.56  # s of an uninterrupted deflection that give one periodogram
 MIN_STRETCHES = 6
-TREMOR = "hand.tremor", "hand.tremor_frequency", "hand.tremor_band"
+TREMOR_KEYS = "tremor", "tremor_frequency", "tremor_band"  # of a hand
+TREMOR = tuple(f"hand.{key}" for key in TREMOR_KEYS)
 _EVIDENCE = 10.0  # min gain of log-likelihood by a tremor: for three parameters, P < 1e-3
 _FULL = 0.92  # deflection from which on the stick's end cuts a tremor off
 
@@ -78,14 +80,6 @@ def _periodograms(
     return np.asarray(np.fft.rfftfreq(n, 1.0 / rate), np.float64), np.array(found), rate
 
 
-class _Tremor(NamedTuple):
-    """A hand's tremor, without the checks of its settings."""
-
-    tremor: float
-    tremor_frequency: float  # Hz
-    tremor_band: float  # Hz
-
-
 def _tremor_spectrum(f: Array, rate: float, hand: Any, smoothing: float) -> Array:
     """One-sided spectrum (m,) [1/Hz] of a tremor behind the stick's filter, folded by sampling."""
     a, b, gain = tremor_filter(hand, TICK)
@@ -128,7 +122,8 @@ def fit_tremor(
         background: Array = np.exp(p[0]) * (f[use] / 2.0) ** -p[1] + np.exp(p[2])
         if len(p) == 3:
             return background
-        one = _Tremor(math.exp(p[3]), float(p[4]), math.exp(p[5]))
+        values = math.exp(p[3]), float(p[4]), math.exp(p[5])
+        one = SimpleNamespace(**dict(zip(TREMOR_KEYS, values, strict=True)))  # checks nothing
         background += _tremor_spectrum(f, rate, one, device.smoothing)[use]
         return background
 
@@ -149,19 +144,16 @@ def fit_tremor(
     mean = each.mean(axis=0)[use]
     plain_start = np.array([math.log(mean[0]), 2.0, math.log(mean.min())])
     plain = solve(plain_start, mean)
-    trials = []
     ratio = mean / model(plain.x)
     peaks = find_peaks(ratio)[0]
     peaks = peaks if len(peaks) else np.array([ratio.argmax()])
-    for frequency in f[use][peaks[np.argsort(ratio[peaks])[-3:]]]:
-        trials.append(solve(np.array([*plain.x, math.log(0.1), frequency, 0.0]), mean))
+    highest = f[use][peaks[np.argsort(ratio[peaks])[-3:]]]
+    trials = [solve(np.array([*plain.x, math.log(0.1), top, 0.0]), mean) for top in highest]
     best = min(trials, key=lambda one: float(one.fun))
     if plain.fun - best.fun < _EVIDENCE or math.exp(best.x[3]) < 1.0 / device.levels:
         return {"hand.tremor": FittedSetting(0.0, 0.0, 0.0)}, "no tremor stands out of the movement"
-    drawn = []
-    for _ in range(repeats):
-        mean_k = each[rng.integers(len(each), size=len(each))].mean(axis=0)[use]
-        drawn.append(solve(best.x, mean_k).x)
+    draws = (rng.integers(len(each), size=len(each)) for _ in range(repeats))
+    drawn = [solve(best.x, each[chosen].mean(axis=0)[use]).x for chosen in draws]
     values = np.array([best.x, *drawn])[:, 3:]
     values[:, [0, 2]] = np.exp(values[:, [0, 2]])
     return {

@@ -40,8 +40,7 @@ class Residual:
             InputError: there are no such weights, they are incomplete, or a policy's.
         """
         path = find_weights(self.weights)
-        network, card, remembers = read_network(path)
-        made = LearnedAssistant(network, card, remembers)
+        made = LearnedAssistant(*read_network(path))
         if not made.layout.is_assistant or made.env.assistant is None:
             raise InputError(f"{path}: expected an assistant's weights (train with env.assistant)")
         return made

@@ -12,12 +12,12 @@ import numpy as np
 
 from agents.evaluation.assisted import MEASURES
 from agents.evaluation.metrics import Record
-from agents.evaluation.provenance import provenance
+from agents.evaluation.provenance import provenance, write_text
 from agents.evaluation.report import COLUMN_OF
 from agents.evaluation.statistics import holm, median_interval, wilcoxon_p
-from agents.evaluation.tables import Table, columns_of, make_table, write_page
+from agents.evaluation.tables import Table, columns_of, csv_table, make_table, write_page
 from agents.people.protocol import NASA_TLX, Protocol
-from agents.people.session import DATA, read_folder, tidy, write_data
+from agents.people.session import COLUMNS, DATA, read_folder, tidy
 from wheelchair_gym.base.settings import InputError
 
 DRIVE_MEASURES = (
@@ -66,12 +66,6 @@ def _means_of(values: Mapping[tuple[int, str], float]) -> list[float]:
     return [float(np.mean([v for (who, _), v in values.items() if who == p])) for p in people]
 
 
-def _differences(a: Mapping[tuple[int, str], float], b: Mapping[tuple[int, str], float]) -> Any:
-    """For each participant, the mean of b - a over the tasks that both have."""
-    both = {key: b[key] - a[key] for key in a if key in b}
-    return np.array(_means_of(both))
-
-
 def _names(protocol: Protocol, source: str) -> dict[str, tuple[str, float]]:
     """The measures of a source: what each is called, and what its values are multiplied by."""
     if source == "drive":
@@ -107,7 +101,9 @@ def _tables(
         means.append(group)
         group = []
         for a, b in itertools.combinations(conditions, 2):
-            off = _differences(values[a], values[b])
+            ours, others = values[a], values[b]  # compared in the tasks that both have
+            both = {key: others[key] - ours[key] for key in ours if key in others}
+            off = np.array(_means_of(both))
             if len(off):
                 median, low, high = median_interval(off)
                 group.append({"measure": title, "pair": f"{b} - {a}", "participants": len(off),
@@ -156,7 +152,7 @@ def write_report(folder: str | Path) -> tuple[list[Table], Path]:
     if not people:
         raise InputError(f"{folder}: has no participants yet")
     made = tables(protocol, rows)
-    write_data(folder, rows)
+    write_text(Path(folder) / DATA, csv_table(rows, COLUMNS))
     complete = sum(
         all((p, step.key) in {(r["participant"], r["key"]) for r in records}
             for step in protocol.steps(p)) for p in people

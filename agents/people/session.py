@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from agents.evaluation.metrics import Record
-from agents.evaluation.provenance import write_json, write_text
+from agents.evaluation.provenance import write_json
 from agents.evaluation.runs import open_store, read_store, stored_line
-from agents.evaluation.tables import csv_table, exists
+from agents.evaluation.tables import exists
 from agents.people.protocol import Protocol, Step
 from wheelchair_gym.base.errors import shorten
 from wheelchair_gym.base.settings import InputError, dump, load, read_json
@@ -171,10 +171,3 @@ def tidy(records: Sequence[Record]) -> list[Record]:
             if isinstance(value, bool | int | float):
                 rows.append(same | {"source": source, "measure": measure, "value": float(value)})
     return rows
-
-
-def write_data(folder: str | Path, rows: Sequence[Record]) -> Path:
-    """Write the rows of `tidy` as CSV into the folder of the experiment; its path."""
-    path = Path(folder) / DATA
-    write_text(path, csv_table(rows, COLUMNS))
-    return path

@@ -232,11 +232,10 @@ class Keyboard:
         self._window = Window("wheelchair drive")
         import pygame
 
-        self._pygame = pygame
+        self._pygame = k = pygame
         self._share, self._rearm = share, rearm
         self._held: set[int] = set()
         self._manual, self._read_at, self.open = False, -math.inf, True
-        k = pygame
         self._ways = ((k.K_UP, k.K_w), (k.K_DOWN, k.K_s), (k.K_LEFT, k.K_a), (k.K_RIGHT, k.K_d))
         self.status = ""
         self._window.show(_page("", False))

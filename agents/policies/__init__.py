@@ -106,18 +106,6 @@ class GymPolicy:
         return command.as_action(self._limits)
 
 
-def policy_names() -> str:
-    """Return the names and files that `make_policy` takes, as one line of text."""
-    from agents.learning.weights import shipped
-
-    simple = [name for name in POLICIES if name not in ("learned", "planned", "sb3")]
-    return (
-        f"{', '.join(sorted([*simple, *shipped()]))}, a file of weights (.npz, .onnx), a model of "
-        "stable-baselines3 (.zip), module:Class, PLANNER or PLANNER+FOLLOWER "
-        "(`wheelchair settings` lists planners and followers)"
-    )
-
-
 def make_policy(spec: str | Mapping[str, Any] | Any) -> Policy:
     """A fresh policy.
 
@@ -194,10 +182,10 @@ def file_of(policy: str | Mapping[str, Any] | Any) -> Path | None:
 
 def _named(name: str, values: dict[str, Any]) -> Any:
     from agents.control import FOLLOWERS
-    from agents.learning.weights import shipped, shipped_assistants
+    from agents.learning.weights import SHIPPED_ASSISTANTS, shipped
     from planners import PLANNERS
 
-    if name in shipped() | shipped_assistants() or name.endswith((".npz", ".onnx")):
+    if name in shipped() | shipped(SHIPPED_ASSISTANTS) or name.endswith((".npz", ".onnx")):
         return load(POLICIES["learned"], {"weights": name, **values}, f"policy {name}")
     if name.endswith(".zip"):
         return load(POLICIES["sb3"], {"file": name, **values}, f"policy {name}")
@@ -208,7 +196,12 @@ def _named(name: str, values: dict[str, Any]) -> Any:
         likely = get_close_matches(planner, PLANNERS, 1) or [planner]
         pairs = (f"{likely[0]}+{one}" for one in FOLLOWERS) if plus else ()
         near = suggest(name, (*POLICIES, *shipped(), *PLANNERS, *pairs))
-        raise InputError(f"policy {name!r} is unknown; known: {policy_names()}{near}")
+        simple = {*POLICIES, *shipped()} - {"learned", "planned", "sb3"}
+        raise InputError(
+            f"policy {name!r} is unknown; known: {', '.join(sorted(simple))}, a file of weights "
+            "(.npz, .onnx), a model of stable-baselines3 (.zip), module:Class, PLANNER or "
+            f"PLANNER+FOLLOWER (`wheelchair settings` lists planners and followers){near}"
+        )
     for key, chosen in (("planner", planner), ("follower", follower)):
         part = values.get(key, {})
         if not isinstance(part, Mapping):

@@ -63,8 +63,7 @@ class Learned:
             InputError: there are no such weights, or they are incomplete.
         """
         path = self.path()
-        network, card, remembers = read_network(path)
-        made = LearnedDriver(network, card, remembers, self.patience)
+        made = LearnedDriver(*read_network(path), self.patience)
         if made.layout.is_assistant:
             raise InputError(
                 f"{path}: weights of an assistant, which needs a person: --driver NAME --assist "
@@ -105,14 +104,12 @@ class LearnedDriver(Trained):
     """Observes as in training, by the same task and guidance, and acts as often.
 
     Args:
-        network, card, remembers: see `Trained`.
+        network, card: see `Trained`.
         patience: time [s] at one place after which the chair backs out; 0: it never does.
     """
 
-    def __init__(
-        self, network: Any, card: Mapping[str, Any], remembers: bool, patience: float = 0.0
-    ) -> None:
-        super().__init__(network, card, remembers)
+    def __init__(self, network: Any, card: Mapping[str, Any], patience: float = 0.0) -> None:
+        super().__init__(network, card)
         self._patience = patience
 
     def reset(self, mission: Mission) -> None:

@@ -120,12 +120,8 @@ class Sb3Model:
                 f"wheelchair: {path}: assumed: trained at {env.rate:g} Hz, without wrappers and "
                 "without normalization (VecNormalize)"
             )
-        card = {
-            "env": dump(env),
-            "layout": {"sizes": layout.sizes, "path_has_heading": layout.path_has_heading},
-        }
-        network = _Network(model, layout, flat, normalization)
-        return LearnedDriver(network, card, hasattr(model.policy, "lstm_actor"))
+        card = {"env": dump(env), "layout": dump(layout)}
+        return LearnedDriver(_Network(model, layout, flat, normalization), card)
 
 
 @cache

@@ -21,8 +21,8 @@ from wheelchair_gym.types import Reading
 _ELSE = "; give the settings of the chair that it was trained with (--config)"
 
 
-def read_network(path: Path) -> tuple[Callable[[Floats], Floats], dict[str, Any], bool]:
-    """The network in a file of weights (.npz, .onnx), its card, and whether it remembers.
+def read_network(path: Path) -> tuple[Callable[[Floats], Floats], dict[str, Any]]:
+    """The network in a file of weights (.npz, .onnx), and its card.
 
     Raises:
         InputError: the file cannot be read, or is not complete.
@@ -31,9 +31,9 @@ def read_network(path: Path) -> tuple[Callable[[Floats], Floats], dict[str, Any]
         from agents.learning.export import OnnxNetwork
 
         onnx = OnnxNetwork(path)
-        return onnx, onnx.card, "h" in onnx.card["inputs"]
+        return onnx, onnx.card
     weights = load_weights(path)
-    return Network(weights), weights.card, weights.lstm_size > 0
+    return Network(weights), weights.card
 
 
 class Trained:
@@ -42,7 +42,6 @@ class Trained:
     Args:
         network: gives actions (n, 2) in [-1, 1] for flat observations (n, size).
         card: of its weights.
-        remembers: whether it is recurrent.
 
     Attributes:
         env: settings of the environment of its training.
@@ -50,14 +49,10 @@ class Trained:
         observation: the flat observation (n,) that its last action is for.
     """
 
-    def __init__(
-        self, network: Callable[[Floats], Floats], card: Mapping[str, Any], remembers: bool
-    ) -> None:
+    def __init__(self, network: Callable[[Floats], Floats], card: Mapping[str, Any]) -> None:
         self.network: Any = network
-        self.remembers = remembers
         self.env = load(EnvSettings, card["env"], "weights: env")
         self.layout = Layout.of_card(card)
-        self.card = card
 
     def begin_episode(self, sensors: SensorSettings, period: float) -> float:
         """Begin an episode on a chair with these sensors; the period of actions [s].

@@ -125,9 +125,12 @@ def correlation_p(found: Fit, minimum: float) -> tuple[float, float]:
     return float(stats.norm.sf(z)), float(stats.norm.cdf(z))
 
 
-_COMPARISONS: Final = {"below": evidence.below, "above": evidence.above}
+_Test = Callable[..., Evidence]
+_COMPARISONS: Final[dict[str, _Test]] = {"below": evidence.below, "above": evidence.above}
 _PAIRED: Final = {"paired_below": 1.0, "paired_above": -1.0}
-_TRENDS: Final = {"rises": evidence.rises, "falls": evidence.falls, "level": evidence.level}
+_TRENDS: Final[dict[str, _Test]] = {
+    "rises": evidence.rises, "falls": evidence.falls, "level": evidence.level,
+}  # fmt: skip
 
 
 @dataclass(frozen=True)

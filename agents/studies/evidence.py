@@ -12,6 +12,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -134,9 +135,7 @@ def below(
     return effect.evidence(*_directional_p(sign * gap.value > 0.0, p, none), effect.test, text)
 
 
-def above(a: Sample, b: Sample, negligible: float, text: str, paired: bool = False) -> Evidence:
-    """Evidence for 'the mean of a is above that of b', as `below`."""
-    return below(a, b, negligible, text, paired, 1.0)
+above = partial(below, sign=1.0)  # evidence for 'the mean of a is above that of b'
 
 
 def _directional_p(right: bool, p: float, none: float) -> tuple[float, float]:
@@ -222,12 +221,7 @@ def rises(
     return effect.evidence(*both, test, text)
 
 
-def falls(
-    samples: Sequence[Sample], x: Sequence[float], negligible: float, text: str,
-    paired: bool = False,
-) -> Evidence:  # fmt: skip
-    """Evidence for 'the values fall as x grows', as `rises`."""
-    return rises(samples, x, negligible, text, paired, -1.0)
+falls = partial(rises, sign=-1.0)  # evidence for 'the values fall as x grows'
 
 
 def level(

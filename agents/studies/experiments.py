@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import lru_cache
 from time import process_time
 from typing import Any, Final
@@ -23,8 +24,15 @@ from agents.evaluation.tables import json_value
 from agents.studies.model import SEED_STRIDE
 from planners import Problem, Space, make_planner
 from planners.problem import Plan, Status
+from planners.registries import OBJECTIVES, OPTIMIZERS
+from planners.rrt_star_woa.control_generator import ControlGenerator
+from planners.swarm.planner import RrtWoa
+from planners.swarm.search import iterate, new_search, result_of
 from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.base.settings import InputError, load
+from wheelchair_gym.compiled.random import stream
+from wheelchair_gym.geometry.kinematics import Limits
+from wheelchair_gym.geometry.outline import Footprint
 from wheelchair_gym.geometry.planar import path_length, polygon_edges, to_world, wrap_angle
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.scenes.published import CHAOTIC_PSO_DISCS, GREY_WOLF_DISCS, LAB_SIZE, LABS
@@ -169,8 +177,6 @@ def shortened(job: Job, seed: int) -> Record:
 
     The answer is the path of least cost, even where an obstacle blocks it.
     """
-    from wheelchair_gym.compiled.random import stream
-
     path = tree_path(json.dumps(job["scene"]), json.dumps(job["tree"]), seed)
     if not len(path):
         return {"solved": False, "status": "exhausted", "time_s": 0.0}
@@ -199,11 +205,6 @@ def plan_drawn(job: Job, seed: int) -> Record:
 
 def smoothing(job: Job, seed: int) -> Record:
     """P1: one optimizer, from the initial population that all optimizers share."""
-    from dataclasses import replace
-
-    from planners.registries import OBJECTIVES
-    from planners.swarm.planner import RrtWoa
-
     problem = problem_of(job["scene"], clearance=job["clearance"])
     swarm = replace(
         RrtWoa().swarm,
@@ -299,10 +300,6 @@ def _keeps_off(line: Array, discs: Any, reach: float) -> bool:
 
 def _search(planner: Any, problem: Problem, rng: np.random.Generator) -> tuple[Any, Array]:
     """Run a swarm's search; return it and the minimum cost after each iteration (n,)."""
-    from planners.registries import OBJECTIVES, OPTIMIZERS
-    from planners.swarm.search import iterate, new_search, result_of
-    from wheelchair_gym.compiled.random import stream
-
     cost = OBJECTIVES.make(planner.objective).path_cost
     rule = OPTIMIZERS.make(planner.optimizer).parameters
     search = new_search(planner.start(problem, None, rng), cost, rule)
@@ -315,10 +312,6 @@ def _search(planner: Any, problem: Problem, rng: np.random.Generator) -> tuple[A
 
 def controls(job: Job, seed: int) -> Record:
     """T1 figure 2.27: a path of the global variant, its controls, and their roll-out."""
-    from planners.rrt_star_woa.control_generator import ControlGenerator
-    from wheelchair_gym.geometry.kinematics import Limits
-    from wheelchair_gym.geometry.outline import Footprint
-
     footprint, limits = Footprint(), Limits()
     problem = problem_of(job["scene"], clearance=job["clearance"])
     episode, _ = world_of(json.dumps(job["scene"]))

@@ -24,9 +24,19 @@ from agents.evaluation.plots import (
 )
 from agents.evaluation.statistics import estimate, wilson
 from agents.studies import evidence
+from agents.studies.claims import fit_reading
+from agents.studies.experiments import lab_problem, problem_of
 from agents.studies.model import LENGTH, NODES, RATIO, Metric, Results, Row
+from planners import make_planner
 from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.rendering import palette
+from wheelchair_gym.scenes import make_scene
+from wheelchair_gym.scenes.published import (
+    CHAOTIC_PSO_DISCS,
+    GREY_WOLF_DISCS,
+    GREY_WOLF_GOALS,
+    LAB_SIZE,
+)
 
 BASELINE: Final = "rrt_star"
 SHORTEST: Final = "visibility (shortest)"
@@ -125,9 +135,6 @@ def box_figures(r: Results) -> Figures:
 
 def _smoothed_paths() -> Figure:
     """P1, figures 13 and 14: an RRT's path and the smoothed one, for three seeds of two paths."""
-    from agents.studies.experiments import problem_of
-    from planners import make_planner
-
     planner: Any = make_planner("rrt_woa")
     figure, panels = new_panels(7.4, 3, 2)
     for axes, (seed, path) in zip(panels, product(range(3), (1, 2)), strict=True):
@@ -168,10 +175,6 @@ def ladder_figures(r: Results) -> Figures:
 
 def _lab_paths(r: Results, methods: Sequence[str]) -> Figure:
     """T2, figures 3.7 and 3.19 to 3.27: trees and paths on the labs, one seed."""
-    from agents.studies.experiments import lab_problem
-    from planners import make_planner
-    from wheelchair_gym.scenes.published import LAB_SIZE
-
     figure, panels = new_panels(4.6, 3, len(methods))
     jobs = [row.jobs for method in methods for row in r.study.series(method)]
     for k, of in enumerate(jobs):
@@ -212,8 +215,6 @@ SAMPLING = 0.1  # s: P2
 
 def _draw_scene(axes: Axes, scene: Any) -> None:
     """Draw the obstacles of a scene, its start and its goal."""
-    from wheelchair_gym.scenes import make_scene
-
     episode = make_scene(scene).sample(np.random.default_rng(0))
     for x0, y0, x1, y1 in episode.walls:
         axes.plot([x0, x1], [y0, y1], color=_SOLID, linewidth=1.2, solid_capstyle="round")
@@ -235,9 +236,6 @@ def _ends(axes: Axes, start: Any, goal: Any) -> None:
 
 def map_figures(r: Results, rows: Sequence[str], best: str, scene: str) -> Figures:
     """Lengths by map beside the shortest, and paths of one seed (T1, figure 3.6)."""
-    from agents.studies.experiments import problem_of
-    from planners import make_planner
-
     strata = list(r.sample(rows[0], LENGTH))
     figure, axes = new_axes(2.9)
     for k, row in enumerate([*rows, best]):
@@ -284,8 +282,6 @@ def velocities(line: Array) -> dict[str, Array]:
 
 def convergence_figures(r: Results) -> Figures:
     """P2's figures: paths, convergence, and velocities of platform and wheels."""
-    from wheelchair_gym.scenes.published import CHAOTIC_PSO_DISCS
-
     names = {"pso": "PSO", "pso_chaotic": "chaotic PSO"}
     best = {row: min(_kept(r, row), key=lambda rec: rec["costs"][-1]) for row in names}
     figure, axes = new_axes(2.8)
@@ -321,8 +317,6 @@ def convergence_figures(r: Results) -> Figures:
 
 def disc_figures(r: Results) -> Figures:
     """R1: lengths by goal and method, and paths of the best runs."""
-    from wheelchair_gym.scenes.published import GREY_WOLF_DISCS, GREY_WOLF_GOALS
-
     methods = list(dict.fromkeys(row.label.partition(" (")[0] for row in r.study.rows))
     goals = [f"({goal})" for goal in GREY_WOLF_GOALS]
     figure, axes = new_axes(3.2)
@@ -368,8 +362,6 @@ def rollout_figures(r: Results, scenes: Sequence[str]) -> Figures:
 
 def agreement_figures(r: Results) -> Figures:
     """Printed lengths over those that each reading predicts."""
-    from agents.studies.claims import fit_reading
-
     readings = list(dict.fromkeys(row.series for row in r.study.rows))
     figure, axes = new_axes(4.2)
     for k, reading in enumerate(readings):
@@ -383,13 +375,8 @@ def agreement_figures(r: Results) -> Figures:
     return {"agreement": figure}
 
 
-def gain_figures(r: Results) -> Figures:
-    """T1: what more whales gain over RRT*, by map."""
-    return {"gains": gain_figure(gains(r))}
-
-
 def gain_figure(rows: Sequence[Mapping[str, Any]]) -> Figure:
-    """Gains over RRT* on each map and on all, over the evaluations of a swarm, and the ceiling."""
+    """T1: gains over RRT* by map and on all, over the evaluations of a swarm, and the ceiling."""
     series = list(dict.fromkeys(row["series"] for row in rows if row["series"]))
     best = next(row["gain"] for row in rows if row["row"] == SHORTEST)
     figure, panels = new_panels(7.0, 3, 2)
@@ -418,5 +405,5 @@ FIGURES: Final[dict[str, Callable[..., Figures]]] = {
     "discs": disc_figures,
     "rollouts": rollout_figures,
     "agreement": agreement_figures,
-    "gains": gain_figures,
+    "gains": lambda r: {"gains": gain_figure(gains(r))},
 }

@@ -54,10 +54,8 @@ def count_verdicts(chapters: Sequence[Chapter]) -> dict[ClaimVerdict, int]:
 
 
 def _totals(chapters: Sequence[Chapter]) -> str:
-    count = count_verdicts(chapters)
-    kinds = ClaimVerdict.HOLDS, ClaimVerdict.FAILS, ClaimVerdict.OPEN
-    hold, fail, undecided = (count[kind] for kind in kinds)
-    total = sum(count.values())
+    hold, fail, undecided = count_verdicts(chapters).values()
+    total = hold + fail + undecided
     return f"Of {total} claims {hold} hold, {fail} do not, {undecided} cannot be decided"
 
 
@@ -232,17 +230,10 @@ def _study(name: str, values: dict[str, Any], known: Mapping[str, Study]) -> Stu
     return Study(name=name, figures=draw, **tuples, **values)
 
 
-def _read() -> dict[str, Study]:
-    content = read_data("studies.yaml")
-    found: dict[str, Study] = {}
-    for name, of in content.items():
-        if not name.startswith("."):
-            found[name] = _study(name, of, found)
-    return found
-
-
-STUDIES: Final[dict[str, Study]] = _read()
-
+STUDIES: Final[dict[str, Study]] = {}
+for _name, _values in read_data("studies.yaml").items():
+    if not _name.startswith("."):
+        STUDIES[_name] = _study(_name, _values, STUDIES)  # some take rows of those before
 
 # Verdicts are corrected for all claims, so that they do not depend on which studies run.
 CLAIMS: Final = sum(len(study.claims) for study in STUDIES.values())

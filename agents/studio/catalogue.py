@@ -67,9 +67,8 @@ def places(own_map: Mapping[str, Any] | None = None, model: str | None = None) -
             found[f"suite:{name}:{k}"] = Place(
                 "suite", f"{name}: {label(scene)}", without_labels(scene), env, timed=True
             )
-    if model is None:
-        return found
-    return {key: one._replace(env={**one.env, "model": model}) for key, one in found.items()}
+    more = {} if model is None else {"model": model}
+    return {key: one._replace(env={**one.env, **more}) for key, one in found.items()}
 
 
 def choices(found: Mapping[str, Place]) -> dict[str, Any]:

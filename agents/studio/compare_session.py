@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import suppress
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, Final
 
@@ -126,13 +127,10 @@ class CompareSession(PageSession):
         """
         results = read_json(entry(self._runs, name, "run"))
         try:
-            config = results["provenance"]["config"]
-            fine = all(key in config for key in ("policies", "scenes", "env"))
-            fine = fine and all(key in results for key in ("policies", "records"))
+            itemgetter("policies", "scenes", "env")(results["provenance"]["config"])
+            itemgetter("policies", "records")(results)
         except (KeyError, TypeError):
-            fine = False
-        if not fine:
-            raise InputError(f"{name}: expected results of `wheelchair compare`")
+            raise InputError(f"{name}: expected results of `wheelchair compare`") from None
         return results
 
 

@@ -9,11 +9,12 @@ from typing import Final
 import numpy as np
 import shapely
 
+from agents.evaluation.provenance import write_text
 from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.base.errors import shorten
-from wheelchair_gym.base.files import LIMITS, atomic_write, parse_yaml, read_text
+from wheelchair_gym.base.files import LIMITS, parse_yaml, read_text
 from wheelchair_gym.base.settings import InputError
-from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, read_grid, write_map
+from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, read_grid
 
 # A wall, an opening in one, solid, rubbed out.
 SHAPES: Final = ("wall", "door", "furniture", "free")
@@ -115,9 +116,7 @@ def rectangles(grid: OccupancyGrid) -> Array:
     return np.array(found, np.float64).reshape(-1, 4) * grid.resolution
 
 
-def write_problem(
-    path: Path, grid: OccupancyGrid, start: list[float], goal: list[float], optimum: float | None
-) -> None:
+def write_problem(path: Path, grid: OccupancyGrid, start: list[float], goal: list[float]) -> None:
     """Write a file of one problem (docs/how_to/files.md); its map begins at (0, 0).
 
     Args:
@@ -125,7 +124,6 @@ def write_problem(
         grid: the map; what is beyond it in the square of the file is solid.
         start: (2,) [m] on the map.
         goal: likewise.
-        optimum: length of the shortest path [m], if it is known.
 
     Raises:
         InputError: the map is turned, or its obstacles are more than a file may have.
@@ -148,17 +146,6 @@ def write_problem(
         "name": path.stem, "size": round(size, 6),
         "rects": [[round(value, 6) for value in rect] for rect in rects],
         "start": [round(start[0] - x, 6), round(start[1] - y, 6)],
-        "goal": [round(goal[0] - x, 6), round(goal[1] - y, 6)], "optimum": optimum,
+        "goal": [round(goal[0] - x, 6), round(goal[1] - y, 6)], "optimum": None,
     }  # fmt: skip
-    with atomic_write(path) as part:
-        part.write_text(json.dumps([problem]), encoding="utf-8")
-
-
-def save_map(path: Path, grid: OccupancyGrid) -> list[str]:
-    """Write a map as map_server files; their names.
-
-    Raises:
-        InputError: it cannot be written.
-    """
-    write_map(grid, path, suffix=".png")
-    return [path.name, path.with_suffix(".png").name]
+    write_text(path, json.dumps([problem]))

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agents.evaluation.metrics import Shortest, outcome_of, shortest_path
 from agents.people import is_shielded, make_assistant
@@ -285,7 +284,10 @@ class Drive:
         }  # fmt: skip
 
     def picture(self) -> tuple[dict[str, Any], bytes]:
-        """Return what changes: a head, and ranges [mm] of the first scanner, 0 without an echo."""
+        """Return what changes: a head, and the first scanner's ranges.
+
+        Ranges are little-endian uint16 [mm]; 0 where there is no echo.
+        """
         world, truth, info = self._world, self.truth, self._info
         reading, shield = world.task.reading, world.shield
         sensors, sight = world.settings.sensors, self._sight
@@ -308,7 +310,9 @@ class Drive:
                 sight.unnoticed(reading.stamp),
             ],
         }  # fmt: skip
-        return head, _millimetres(reading.laser[sensors.slices[0]])
+        ranges = reading.laser[sensors.slices[0]]
+        finite = np.where(np.isfinite(ranges), ranges, 0.0)
+        return head, np.clip(finite * 1e3, 0.0, 65535.0).astype("<u2").tobytes()
 
 
 def world_of(world: Any) -> dict[str, Any]:
@@ -329,9 +333,3 @@ def world_of(world: Any) -> dict[str, Any]:
         "path": world.shown.path, "limits": [limits.forward, limits.backward, limits.turn],
         "shielded": bool(world.task.is_shielded),
     }  # fmt: skip
-
-
-def _millimetres(ranges: NDArray[np.float32]) -> bytes:
-    """Ranges [m] as little-endian uint16 in mm; 0 where there is no echo."""
-    finite = np.where(np.isfinite(ranges), ranges, 0.0)
-    return np.clip(finite * 1e3, 0.0, 65535.0).astype("<u2").tobytes()

@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from agents.studio.catalogue import Place
-from agents.studio.drawing import SHAPES, UPLOADS, blank, drawn, loaded, save_map, write_problem
+from agents.studio.drawing import SHAPES, UPLOADS, blank, drawn, loaded, write_problem
 from agents.studio.messages import (
     Fields,
     Message,
@@ -27,7 +27,7 @@ from planners import Plan, Problem
 from planners.registries import PLANNERS
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import NavigationEnv
-from wheelchair_gym.maps import OccupancyGrid
+from wheelchair_gym.maps import OccupancyGrid, write_map
 
 _MAX_SHAPES: Final = 500
 _NAME: Final = re.compile(r"\w[\w-]{0,59}")
@@ -155,14 +155,14 @@ class PlanSession(PageSession):
         if message["what"] == "problem":
             path = self._folder / f"{name}.json"
             start, goal = _point(message, "start"), _point(message, "goal")
-            write_problem(path, self._grid, start, goal, None)
+            write_problem(path, self._grid, start, goal)
             self._out.send("saved", files=[path.name])
             return
         path = self._folder / f"{name}.yaml"
-        files = save_map(path, self._grid)
+        write_map(self._grid, path, suffix=".png")
         scene = {"name": "map_file", "path": str(path)}
         self._places[f"map:{name}"] = Place("map", name, scene, {"pose_source": "modelled"})
-        self._out.send("saved", files=files)
+        self._out.send("saved", files=[path.name, path.with_suffix(".png").name])
 
 
 def _point(message: Message, name: str) -> list[float]:

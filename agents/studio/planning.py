@@ -53,9 +53,7 @@ def answer(name: str, problem: Problem, seed: int, deadline: float) -> tuple[Pla
     }  # fmt: skip
     if len(plan.path):
         figures = path_figures(plan.path, problem)
-        row["length"] = figures["length_m"]
-        row["clearance_min"] = figures["clearance_min_m"]
-        row["clearance_mean"] = figures["clearance_mean_m"]
+        row |= {key: figures[f"{key}_m"] for key in ("length", "clearance_min", "clearance_mean")}
         faults = plan_faults(plan, problem, getattr(planner, "footprint", None))
         if faults:
             row["status"], row["note"] = _INVALID, faults[0]

@@ -6,6 +6,7 @@ All of it is behind `access.Guard`. A page has one session, which ends with its 
 from __future__ import annotations
 
 import asyncio
+import os
 import re
 import socket
 import sys
@@ -21,7 +22,6 @@ from agents.studio.warm_up import WarmUp
 from wheelchair_gym.base.files import atomic_write
 from wheelchair_gym.base.settings import InputError
 
-PORT: Final = 8780
 PAGE: Final = Path(__file__).with_name("page")
 _MAX_PAGES = 8  # open at once
 _MAX_MESSAGE = 1 << 20  # bytes
@@ -214,17 +214,13 @@ def listening_socket(host: str, port: int) -> socket.socket:
         InputError: the port is taken, or the address is not this machine's.
     """
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    bound = socket.socket(family, socket.SOCK_STREAM)
-    bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
-        bound.bind((host, port))
-        bound.listen(64)
+        return socket.create_server((host, port), family=family, backlog=64)
     except OSError as error:
-        bound.close()
+        why = os.strerror(error.errno or 0)
         raise InputError(
-            f"port {port} of {host} cannot be used ({error.strerror}); choose another by --port"
+            f"port {port} of {host} cannot be used ({why}); choose another by --port"
         ) from None
-    return bound
 
 
 def make_server(studio: Studio) -> Any:

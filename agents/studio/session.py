@@ -16,7 +16,6 @@ from typing import Final
 from agents.people import ASSISTANTS, is_shielded
 from agents.studio.catalogue import NO_HAND, NO_SIGHT, RATES, Place
 from agents.studio.drive import Drive, Order
-from agents.studio.films import film
 from agents.studio.messages import (
     FLAG,
     IDLE,
@@ -29,6 +28,7 @@ from agents.studio.messages import (
     one_of,
     text,
 )
+from agents.studio.tracks import film
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.people.drivers.live_person import IMPAIRMENTS, SIGHTS
 

@@ -1,7 +1,9 @@
-"""The course of an episode, driven or recorded, as the page Compare draws it."""
+"""The course of an episode, driven or recorded, as the page Compare draws it, and its film."""
 
 from __future__ import annotations
 
+from collections.abc import Generator, Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any, Final
 
@@ -10,7 +12,8 @@ import numpy as np
 from agents.evaluation.metrics import outcome_of
 from agents.studio.drive import HELP, world_of
 from wheelchair_gym.base.settings import InputError
-from wheelchair_gym.recording.replay import read_recording, replay_env
+from wheelchair_gym.recording.replay import RecordedEpisode, read_recording, replay_env
+from wheelchair_gym.rendering.video import video_suffix, write_video
 
 MAXIMUM: Final = 20_000  # states of a track; a longer episode is cut
 _PAUSE: Final = 1.0  # s: what comes back sooner is the same event
@@ -92,20 +95,51 @@ def recorded_track(path: Path, number: int, name: str, stop: Any = None) -> dict
     episodes = read_recording(path)
     if number >= len(episodes):
         raise InputError(f"{name}: episode {number}; it has {len(episodes)}, from 0")
-    recorded, track = episodes[number], Track(stop)
-    env: Any = replay_env(recorded)
-    try:
-        _, info = env.reset(seed=0, options={"episode": recorded.episode})
-        over = track(env)
-        ended = truncated = contact = False
-        for action in recorded.actions:
-            if over:
-                break
-            _, _, ended, truncated, info = env.step(action)
+    track, contact = Track(stop), False
+    with closing(_replayed(episodes[number])) as states:
+        for env, step in states:
+            *_, ended, truncated, info = step
             contact |= bool(info["contact"])
-            over = track(env)
-    finally:
-        env.close()
+            if track(env):
+                break
     timeout = truncated and not ended
     outcome = outcome_of(info, contact, timeout) if ended or truncated else "stopped"
     return track.content(name, outcome)
+
+
+def _replayed(recorded: RecordedEpisode, mode: str | None = None) -> Generator[tuple[Any, Any]]:
+    """Yield the environment that repeats an episode and its answer, after reset and each step."""
+    env: Any = replay_env(recorded, mode)
+    try:
+        _, info = env.reset(seed=0, options={"episode": recorded.episode})
+        yield env, (False, False, info)
+        for action in recorded.actions:
+            yield env, env.step(action)
+    finally:
+        env.close()
+
+
+def film(recording: Path, stop: Any = None) -> Path:
+    """Write the film of a recorded drive beside it, drawn by the environment's own renderer.
+
+    Args:
+        recording: MCAP file of a drive.
+        stop: called before each picture; the film ends where it returns true.
+
+    Returns:
+        The film: .mp4, or .gif where moviepy is missing.
+
+    Raises:
+        InputError: the file is no recording, or the film cannot be written.
+    """
+    episodes, target = read_recording(recording), recording.with_suffix(video_suffix())
+
+    def frames() -> Iterator[Any]:
+        for recorded in episodes:
+            for env, _ in _replayed(recorded, "rgb_array"):
+                if stop is not None and stop():
+                    return
+                yield env.render()
+
+    write_video(target, frames(), episodes[0].settings.rate)
+    return target

@@ -13,8 +13,7 @@ import pytest
 from agents import cli
 from agents.benchmarks import entrants, planner_benchmark
 from agents.benchmarks.cases import MARGIN, scene_cases, stored_cases
-from agents.benchmarks.entrants import UNLIMITED, Entrant, called_planners, with_iterations
-from agents.benchmarks.peers import PEERS, Peer, installed, prepare
+from agents.benchmarks.entrants import PEERS, UNLIMITED, Entrant, called_planners, with_iterations
 from agents.benchmarks.planner_benchmark import COLD, FREE, ranking, summarise
 from agents.evaluation.metrics import path_figures, printed_turning, turning
 from agents.studies import experiments
@@ -58,7 +57,7 @@ def problems(tmp_path):
 @pytest.fixture
 def ghost(monkeypatch):
     found = Ghost()
-    monkeypatch.setitem(PEERS, "ghost", Peer("numpy", found))
+    monkeypatch.setitem(PEERS, "ghost", entrants.Peer("numpy", found))
     return found
 
 
@@ -143,7 +142,7 @@ def test_a_first_path_is_that_of_a_run_that_ends_with_it(problems):
 
 
 def test_a_crash_of_one_planner_ends_nothing(problems, tmp_path, monkeypatch):
-    monkeypatch.setitem(PEERS, "clumsy", Peer("numpy", Clumsy()))
+    monkeypatch.setitem(PEERS, "clumsy", entrants.Peer("numpy", Clumsy()))
     bench("--problems", problems, out=tmp_path, peers="clumsy")
     result = json.loads((tmp_path / "planners.json").read_text())
     (row,) = (r for r in result["rows"] if (r["planner"], r["problem"]) == ("clumsy", "hall"))
@@ -154,10 +153,10 @@ def test_a_crash_of_one_planner_ends_nothing(problems, tmp_path, monkeypatch):
 @pytest.mark.long
 @pytest.mark.parametrize("name", PEERS)
 def test_a_peer_that_is_installed_solves_and_keeps_to_a_deadline(name, problems):
-    if not installed(PEERS[name].package):
+    if not entrants.installed(PEERS[name].package):
         pytest.skip(f"{PEERS[name].package} is not installed")
     (case,) = stored_cases(problems, ["hall"])
-    ready = prepare(PEERS[name].settings, case)
+    ready = entrants.prepare(PEERS[name].settings, case)
     for deadline in (None, 0.05):
         plan = ready.plan(case.problem, np.random.default_rng(0), deadline)
         assert plan.status == Status.SOLVED

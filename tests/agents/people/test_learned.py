@@ -13,12 +13,13 @@ from agents.cli import main
 from agents.learning.features import Layout
 from agents.learning.settings import RECIPES
 from agents.learning.weights import (
+    SHIPPED_ASSISTANTS,
     Network,
     Weights,
     load_weights,
     make_card,
     save_weights,
-    shipped_assistants,
+    shipped,
 )
 from agents.people import make_assistant
 from agents.policies import GymPolicy, make_policy
@@ -160,8 +161,8 @@ def test_other_weights_are_another_policy(weights):
     digest = file_digest(Path(weights))
     for assist in (weights, {"name": "residual", "weights": weights}):
         assert weights_digest({"name": "assisted", "assist": assist}) == digest
-    shipped = file_digest(shipped_assistants()["residual"])
-    assert weights_digest({"name": "assisted", "assist": "residual"}) == shipped
+    residual = file_digest(shipped(SHIPPED_ASSISTANTS)["residual"])
+    assert weights_digest({"name": "assisted", "assist": "residual"}) == residual
     assert weights_digest({"name": "assisted", "assist": "slide"}) is None
 
 
@@ -178,7 +179,7 @@ def test_people_that_are_held_out_never_drive_in_training():
     for name in ("residual", "ppo_assist"):
         people = set(RECIPES[name].env_settings().driver)
         assert people == set(DRIVERS.built_in) - HELD_OUT
-    for path in shipped_assistants().values():
+    for path in shipped(SHIPPED_ASSISTANTS).values():
         assert not HELD_OUT & set(load_weights(path).card["env"]["driver"])
 
 

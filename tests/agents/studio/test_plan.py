@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 import shapely
 
-from agents.studio.drawing import SHAPES, blank, drawn, loaded, rectangles, save_map, write_problem
+from agents.studio.drawing import SHAPES, blank, drawn, loaded, rectangles, write_problem
 from agents.studio.planning import answer, frames_of, problem_of
 from planners.problem_files import read_problems
 from tests.agents.studio.served import START, messages, send, serving
 from tests.conftest import PATIENCE
 from wheelchair_gym.base.settings import InputError
-from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, read_map
+from wheelchair_gym.maps import FREE, OCCUPIED, OccupancyGrid, read_map, write_map
 
 WALL, DOOR, FURNITURE, RUB_OUT = range(len(SHAPES))
 ENDS = [1.5, 4.0], [8.5, 4.0]
@@ -60,7 +60,7 @@ def test_a_saved_problem_has_the_same_shortest_path(tmp_path):
     for grid, at in ((drawn(blank(10.0, 8.0), shapes), (0.0, 0.0)), (moved, (-2.0, 3.0))):
         ends = [[x + at[0], y + at[1]] for x, y in ENDS]
         path = tmp_path / "drawn.json"
-        write_problem(path, grid, *ends, None)
+        write_problem(path, grid, *ends)
         ((problem, optimum),) = read_problems(path)
         assert optimum is None
         expected = answer("visibility", problem_of(grid, *ends, 0.0), 0, 5.0)[1]["length"]
@@ -70,12 +70,12 @@ def test_a_saved_problem_has_the_same_shortest_path(tmp_path):
         assert area == pytest.approx((grid.cells == OCCUPIED).sum() * 0.05**2 + beyond, abs=1e-6)
     turned = OccupancyGrid(grid.cells, 0.05, (0.0, 0.0, 0.3))
     with pytest.raises(InputError, match=r"turned by 0\.3"):
-        write_problem(path, turned, *ENDS, None)
+        write_problem(path, turned, *ENDS)
 
 
 def test_a_saved_map_is_the_same_map(tmp_path):
     grid = drawn(blank(4.0, 3.0), [[FURNITURE, 1.0, 1.0, 2.0, 2.0]])
-    assert save_map(tmp_path / "mine.yaml", grid) == ["mine.yaml", "mine.png"]
+    write_map(grid, tmp_path / "mine.yaml", suffix=".png")
     for again in (read_map(tmp_path / "mine.yaml"), loaded(tmp_path / "mine.yaml", 0.05)):
         assert (again.cells == grid.cells).all()
 
@@ -84,7 +84,7 @@ def test_a_saved_map_is_the_same_map(tmp_path):
     "image", ["../secret.png", "/etc/secret.png", "sub/a.png", 3, "", "none.png"]
 )
 def test_a_map_file_names_no_image_elsewhere(tmp_path, image):
-    save_map(tmp_path / "secret.yaml", blank(4.0, 3.0))
+    write_map(blank(4.0, 3.0), tmp_path / "secret.yaml", suffix=".png")
     folder = tmp_path / "uploads"
     (folder / "sub").mkdir(parents=True)
     text = (tmp_path / "secret.yaml").read_text().replace("secret.png", json.dumps(image))
@@ -133,7 +133,7 @@ def post(served, name, content, **headers):
 
 
 def test_uploads_are_maps_of_a_bare_name_and_a_limited_size(served, tmp_path):
-    save_map(tmp_path / "hall.yaml", blank(5.0, 4.0))
+    write_map(blank(5.0, 4.0), tmp_path / "hall.yaml", suffix=".png")
     files = {name: (tmp_path / name).read_bytes() for name in ("hall.yaml", "hall.png")}
     for name, content in files.items():
         assert post(served, name, content) == 204

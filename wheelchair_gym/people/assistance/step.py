@@ -227,8 +227,9 @@ class Assistants:
 
 def scanners_of(sensors: SensorSettings) -> Rows:
     """Records (n,) of SCANNER of a chair's lasers; further ones share `MORE_GROUPS`."""
-    rows: Any = np.zeros(len(sensors.lasers), SCANNER)
-    for k, (one, laser) in enumerate(zip(rows, sensors.lasers, strict=True)):
+    rows = np.zeros(len(sensors.lasers), SCANNER)
+    for k, laser in enumerate(sensors.lasers):
+        one: Any = rows[k]
         one["mount"] = laser.x, laser.y, np.cos(laser.yaw), np.sin(laser.yaw)
         one["view_cosine"] = np.cos(0.5 * laser.fov) if k == 0 or laser.shows_free else 2.0
         one["first"], one["beams"] = sensors.slices[k].start, laser.beams
