@@ -8,12 +8,14 @@ Exit codes: 0 done, 1 no result (such as no path), 2 wrong input, 130 stopped.
 
 from __future__ import annotations
 
+import _thread
 import argparse
 import importlib
 import io
 import os
 import re
 import sys
+import threading
 import tomllib
 import warnings
 from collections.abc import Mapping, Sequence
@@ -228,6 +230,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; the exit code."""
     _replace_closed_streams()
     if arguments is None:  # this process is the command
+        _hear_lost_interrupts()
         warnings.formatwarning = one_line_warning  # type: ignore[assignment]
     try:
         try:
@@ -271,6 +274,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if not isinstance(error, InputError):
             raise
         return _fail(error)
+
+
+def _hear_lost_interrupts() -> None:
+    """Raise Ctrl-C again where Python could not: in a function that C calls, or in a destructor."""
+    report = sys.unraisablehook
+
+    def hook(lost: Any) -> None:
+        if lost.exc_type is KeyboardInterrupt:
+            threading.Timer(0.05, _thread.interrupt_main).start()
+        else:
+            report(lost)
+
+    sys.unraisablehook = hook
 
 
 def _replace_closed_streams() -> None:

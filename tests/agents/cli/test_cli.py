@@ -340,3 +340,28 @@ def test_warm_up_names_everything_that_it_has_compiled(capsys):
     assert said >= {f"planner {name}" for name in PLANNERS.built_in}
     assert said >= {f"follower {name}" for name in FOLLOWERS.built_in}
     assert len(said) == len(lines) == int(lines[0].split()[2].rstrip(","))
+
+
+LOST = """
+import ctypes, os, signal, sys, time
+from agents import cli
+signal.signal(signal.SIGINT, signal.default_int_handler)
+@ctypes.CFUNCTYPE(None)
+def called_by_c():
+    os.kill(os.getpid(), signal.SIGINT)
+    time.sleep(0.0)  # here the interrupt is raised, which C does not pass on
+def run(given):
+    called_by_c()
+    while True:
+        time.sleep(0.01)
+cli.run, sys.argv = run, ["wheelchair", "warm-up"]
+sys.exit(cli.main())
+"""
+
+
+def test_ctrl_c_stops_a_command_also_where_python_drops_the_interrupt():
+    ran = subprocess.run(
+        [sys.executable, "-c", LOST], cwd=ROOT, capture_output=True, text=True, check=False,
+        timeout=600,
+    )  # fmt: skip
+    assert (ran.returncode, ran.stderr) == (130, "wheelchair: stopped\n")
