@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -28,7 +29,7 @@ from wheelchair_gym.people.assistance.shared_dwa import (
 )
 from wheelchair_gym.people.assistance.slide import nearest_twist, write_constraints
 from wheelchair_gym.people.assistance.step import KINDS, Assistants
-from wheelchair_gym.sensors.settings import SensorSettings
+from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
 from wheelchair_gym.sim.settings import ChairSettings
 from wheelchair_gym.types import Reading, Stick
 
@@ -65,6 +66,30 @@ def scan_of(seed, nearest=0.06):
 
 
 REST = Stick(0.0, 0.0, False)
+
+
+@pytest.mark.parametrize("shows_free", [True, False])
+def test_further_scanners_show_obstacles_and_what_is_gone(shows_free):
+    """A post behind; a scanner that may look over things does not say that it has gone."""
+    behind = LaserSettings(x=-0.25, yaw=math.pi, beams=91, shows_free=shows_free)
+    sensors = replace(SENSORS, more_lasers=(behind,))
+    row = Assistants(make_compiled("slide"), CHAIR, sensors, 0.1)
+    row.begin()
+    blank = np.full(1081 + 91, np.inf)
+    seen = blank.copy()
+    seen[1081 + 45] = 0.07
+    row.update(REST, reading(seen))
+    place = [behind.x, behind.y] + 0.07 * behind.directions[45]
+    assert np.allclose(points_of(row), [place], atol=1e-5)
+    row.update(REST, reading(blank, stamp=0.1))
+    assert len(points_of(row)) == (0 if shows_free else 1)
+    row.update(REST, reading(seen, stamp=0.2))
+    twist = Stick(-1.0, 0.0, False)
+    row.update(twist, reading(seen, stamp=0.3))
+    free = Assistants(make_compiled("slide"), CHAIR, SENSORS, 0.1)
+    free.begin()
+    free.update(twist, reading(blank[:1081], stamp=0.3))
+    assert free.twist()[0] < row.twist()[0] <= 0.0
 
 
 def test_what_slips_out_of_sight_is_remembered_for_a_while():
