@@ -14,6 +14,7 @@ import signal
 import sys
 import threading
 import time
+import warnings
 import zlib
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor
@@ -279,4 +280,6 @@ def in_workers(
     except BrokenExecutor as error:
         raise LostError(type(error).__name__) from None
     finally:
-        made.close()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # of results that nobody asked for
+            made.close()

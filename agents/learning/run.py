@@ -13,8 +13,7 @@ import json
 import math
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -42,6 +41,7 @@ from wheelchair_gym.envs.world_banks import WorldBank
 # Columns of the curve that a card keeps.
 CURVE_COLUMNS = ("frames", "success", "timeout", "curriculum_time", "eval_success")
 BATCH = 8  # worlds that a process makes before it reports
+FIRST_WORLDS = 256  # that are drawn before the first frames
 POLICY, BEST = "policy.npz", "best.npz"
 LOGGED = (
     "train/loss", "train/value_loss", "train/explained_variance", "train/approx_kl", "train/std",
@@ -75,22 +75,19 @@ def _keep_worlds(settings: EnvSettings, numbers: Sequence[int]) -> None:
     NavigationVectorEnv(config=settings).worlds.keep(numbers)
 
 
-def _draw_worlds(
-    worlds: WorldBank, settings: EnvSettings, workers: int,
-    report: Callable[[int, int], None] | None,
-) -> None:  # fmt: skip
-    """Make all worlds of a bank; where a folder keeps them, several processes share the work."""
+def _drawn_beside(worlds: WorldBank, settings: EnvSettings, workers: int) -> Iterator[int]:
+    """Make the worlds of a bank in several processes, where a folder keeps them.
+
+    Gives the number of worlds of each batch when it is ready; the processes go on meanwhile.
+    """
     missing = worlds.missing() if workers > 1 and settings.bank.cache is not None else []
     batches = [missing[k : k + BATCH] for k in range(0, len(missing), BATCH)]
     if len(batches) > 1:
-        size, drawn = settings.bank.size, settings.bank.size - len(missing)
-        with suppress(LostError):  # then this process makes the rest
+        try:
             for k, _ in in_workers(partial(_keep_worlds, settings), batches, workers, True):
-                drawn += len(batches[k])
-                if report is not None:
-                    report(drawn, size)
-            report = None  # what follows only reads them
-    worlds.fill(report)
+                yield len(batches[k])
+        except LostError:
+            pass  # this process makes the rest
 
 
 class Run:
@@ -137,7 +134,9 @@ class Run:
             num_threads=min(config.threads, config.n_envs),
         )  # fmt: skip
         self.worlds: WorldBank = env.worlds
-        _draw_worlds(self.worlds, self._env_settings, config.threads, on_prepared)
+        self.checkpoint_number = 0 if content is None else content["number"]
+        self._drawing = _drawn_beside(self.worlds, self._env_settings, config.threads)
+        self._draw_worlds(on_prepared)
         gc.collect()
         gc.freeze()  # worlds are permanent: scanning them takes a tenth of the run's time
         self.env = SB3VecEnv(env, flat=True)
@@ -150,10 +149,10 @@ class Run:
         self.sums: Counter[str] = Counter()  # over the episodes since the last checkpoint
         self.worlds.max_time = config.curriculum.initial_time
         self._curriculum_mark = [0, 0]  # episodes and successes at the last advance
-        self.checkpoint_number, self.best_success, self.rows = 0, -1.0, curves.read_curve(folder)
+        self.best_success, self.rows = -1.0, curves.read_curve(folder)
         if content is not None:
             checkpoint.load_model_state(self.model, content["model"])
-            self.checkpoint_number, self.best_success = content["number"], content["best"]
+            self.best_success = content["best"]
             self.worlds.max_time = content["within"]
             self.rows = self.rows[: self.checkpoint_number]
         elif initial is not None:
@@ -181,6 +180,7 @@ class Run:
             on_step: called with the frames so far after each step.
         """
         started = time.perf_counter()
+        self._draw_worlds()
         sequence = np.random.SeedSequence([self.seed, self.checkpoint_number])
         model_seed, env_seed = map(int, sequence.generate_state(2))
         set_random_seed(model_seed)
@@ -216,6 +216,20 @@ class Run:
         self.rows.append(row)
         self._save(weights)
         return row
+
+    def _draw_worlds(self, report: Callable[[int, int], None] | None = None) -> None:
+        """Wait for the worlds of this checkpoint: at first few, then twice as many at each.
+
+        So processes draw further ones during the first frames, and no result depends on when.
+        """
+        worlds, size = self.worlds, self._env_settings.bank.size
+        worlds.limit = min(size, FIRST_WORLDS << min(self.checkpoint_number, 32))
+        ready = worlds.limit - sum(number < worlds.limit for number in worlds.missing())
+        while ready < worlds.limit and (batch := next(self._drawing, 0)):
+            ready += batch
+            if report is not None:
+                report(min(ready, worlds.limit), worlds.limit)
+        worlds.fill(None if ready else report)
 
     def _anneal_kickstart(self) -> None:
         """Decrease the weight of the teacher's actions linearly over the run."""
@@ -287,7 +301,8 @@ class Run:
         checkpoint.save_checkpoint(self.folder, content)
 
     def close(self) -> None:
-        """Close the environments, and free their worlds."""
+        """Close the environments, and free their worlds; no further ones are drawn."""
+        del self._drawing
         gc.unfreeze()
         self.env.close()
         if self._eval_env is not None:

@@ -64,6 +64,7 @@ class WorldBank:
         if settings.starts_within > 0.0 and not task.has_poses:
             raise InputError("starts_within needs the guidance 'poses', which knows the time")
         self.max_time = settings.starts_within  # s; a curriculum may set it
+        self.limit = settings.bank.size  # of worlds that are drawn; fewer while others are made
         self._made: dict[int, PreparedEpisode] = {}  # of the bank, by number; last drawn last
         self._lowest = 0
         self._folder: Path | None = None
@@ -90,7 +91,7 @@ class WorldBank:
         if self._bank.size == 0:
             return NO_LEVEL
         key = np.uint64(episode_key(seed, episode, self._split))
-        place = int(bits(key, 0, WORLDS, 0)) % self._bank.size
+        place = int(bits(key, 0, WORLDS, 0)) % self.limit
         if weights is not None:
             total = weights[-1]
             drawn = min(uniform(key, 0, WORLDS, 0) * total, np.nextafter(total, 0.0))
@@ -149,13 +150,13 @@ class WorldBank:
                 self._of_bank(number)
 
     def fill(self, report: Callable[[int, int], None] | None = None) -> None:
-        """Make every world that the first episodes draw from, and report how many are ready."""
+        """Make every world that the next episodes draw from, and report how many are ready."""
         # In no order: runs side by side that keep worlds in one folder then share the work.
-        for ready, number in enumerate(np.random.default_rng().permutation(self._bank.size)):
+        for ready, number in enumerate(np.random.default_rng().permutation(self.limit)):
             if number not in self._made:
                 self._made[int(number)] = self._of_bank(int(number))
             if report is not None:
-                report(ready + 1, self._bank.size)
+                report(ready + 1, self.limit)
 
     def drop_before(self, episode: int) -> None:
         """Drop worlds that no episode from this one on can draw, and limit the number of others.

@@ -21,6 +21,7 @@ from stable_baselines3 import PPO
 import wheelchair_gym
 from agents.cli import main
 from agents.cli.train import varied
+from agents.learning import run as run_module
 from agents.learning.curves import episode_row, read_curve
 from agents.learning.demonstrations import imitate
 from agents.learning.features import Layout
@@ -194,6 +195,26 @@ def test_the_curriculum_moves_starts_away_where_enough_succeed(trained):
     within = [row["curriculum_time"] for row in run.rows]
     assert within[0] >= 3.0
     assert within == sorted(within)
+
+
+def test_worlds_are_drawn_while_it_learns_with_the_same_result(tmp_path, monkeypatch):
+    """At each checkpoint episodes draw from twice as many worlds, whoever made them, and when."""
+    monkeypatch.setattr(run_module, "FIRST_WORLDS", 1)
+    limits, digests = [], []
+    for name in ("whole", "stopped"):
+        bank = {"size": BATCH + 2, "turnover": 0.0, "cache": str(tmp_path / name / "worlds")}
+        config = tiny("ppo", env={**PRIVY, "bank": bank}, threads=2)
+        run = Run(config, 0, tmp_path / name)
+        while not run.done:
+            run.learn()
+            limits.append(run.worlds.limit)
+            if name == "stopped":  # and resumed
+                run.close()
+                run = Run(config, 0, tmp_path / name)
+        digests.append(load_weights(tmp_path / name / POLICY).digest)
+        run.close()
+    assert limits == 2 * [1, 2, 4]
+    assert digests[0] == digests[1]
 
 
 @pytest.mark.long
