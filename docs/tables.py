@@ -32,7 +32,7 @@ from agents.evaluation.statistics import mcnemar, mcnemar_p, ratio_interval, wil
 from agents.evaluation.tables import markdown_table  # noqa: E402
 from agents.learning.weights import load_weights  # noqa: E402
 from agents.studies.evidence import ClaimVerdict  # noqa: E402
-from agents.studies.runner import STUDIES, effect_text  # noqa: E402
+from agents.studies.runner import STUDIES, count_verdicts, effect_text  # noqa: E402
 from wheelchair_gym.base.settings import InputError, read_json  # noqa: E402
 
 DATA = ROOT / "docs" / "results" / "data"
@@ -349,26 +349,20 @@ def measured() -> str:
     ))  # fmt: skip
 
 
-def published_verdicts() -> list[dict[str, Any]]:
-    """The verdicts of agents/data/verdicts.csv, with figures as numbers, None where there is none.
+def published_verdicts(study: str = "") -> list[dict[str, Any]]:
+    """Return the verdicts of one study or of all, with figures as numbers, None where missing.
 
-    The file is that of a run of all studies.
+    They stand in agents/data/verdicts.csv, which a run of all studies writes.
     """
     figures = "printed", "effect", "low", "high", "margin"
     text = (ROOT / "agents" / "data" / "verdicts.csv").read_text(encoding="utf-8")
-    rows = csv.DictReader(text.splitlines())
+    rows = [row for row in csv.DictReader(text.splitlines()) if study in ("", row["study"])]
     return [row | {k: float(row[k]) if row[k] else None for k in figures} for row in rows]
-
-
-def counts(rows: Sequence[Row]) -> list[int]:
-    """The number of claims that hold, that do not, and that cannot be decided."""
-    found = [row["verdict"] for row in rows]
-    return [found.count(verdict) for verdict in ClaimVerdict]
 
 
 def claims() -> str:
     """Write the number of claims of the sources that hold."""
-    hold, fail, undecided = counts(published_verdicts())
+    hold, fail, undecided = count_verdicts([{"claims": published_verdicts()}]).values()
     return (
         f"Of the {hold + fail + undecided} claims in the five publications that the planners come "
         f"from, {hold} hold, {fail} do not, and {undecided} cannot be decided.\n"
@@ -377,12 +371,11 @@ def claims() -> str:
 
 def verdicts_by_study() -> str:
     """The number of verdicts of each study, with a link to its claims."""
-    rows = [
-        (f"[`{name}`]({page}.md)", STUDIES[name].title, *counts(of))
-        for page, names in CHAPTERS.items()
-        for name in names.split()
-        for of in [[row for row in published_verdicts() if row["study"] == name]]
-    ]
+    rows = []
+    for page, names in CHAPTERS.items():
+        for name in names.split():
+            found = count_verdicts([{"claims": published_verdicts(name)}])
+            rows.append((f"[`{name}`]({page}.md)", STUDIES[name].title, *found.values()))
     return markdown_table(("study", "subject", *ClaimVerdict), rows, (False, False, *3 * (True,)))
 
 
@@ -535,7 +528,7 @@ def claims_text(names: Sequence[str]) -> str:
     of_all = [n for n in studies[0].notes if studies[1:] and all(n in s.notes for s in studies)]
     text = "".join(f"\n{note}\n" for note in of_all)
     for name, study in zip(names, studies, strict=True):
-        rows = [row for row in published_verdicts() if row["study"] == name]
+        rows = published_verdicts(name)
         lines = [
             (row["claim"], row["source"], row["reading"].replace(study.reading, ""),
              *("" if row[k] is None else f"{row[k]:.3g}" for k in ("printed", "margin")),
