@@ -239,16 +239,10 @@ def planned() -> str:
         rows.append((text, f"{row['episodes']:,}", success(row), contacts(row), time))
         if name == "barn":
             wide = row["wide"]
-            for text, of, hits in (
-                ("of 5 cm or more", wide["episodes"], wide["success"]),
-                (
-                    "below 5 cm",
-                    row["episodes"] - wide["episodes"],
-                    row["success"] - wide["success"],
-                ),
-            ):
-                text = f"the same, worlds with a footprint margin {text}"
-                rows.append((text, of, percent(hits, of), "", ""))
+            narrow = {key: row[key] - wide[key] for key in wide}
+            for margin, of in (("of 5 cm or more", wide), ("below 5 cm", narrow)):
+                text = f"the same, worlds with a footprint margin {margin}"
+                rows.append((text, of["episodes"], success(of), "", ""))
     headings = ("suite", "episodes", "success [%], 95 % interval", "contacts; chair at fault",
                 "time [s]")  # fmt: skip
     return markdown_table(headings, rows, (False, True, False, False, True))
