@@ -69,9 +69,9 @@ def condensed(content: Mapping[str, Any]) -> dict[str, Any]:
         return {**head, "runs": content["runs"], "rows": content["readings"] or content["gains"]}
     if "records" not in content:
         return {**head, "rows": [row for row in content["rows"] if "rate" in row]}
+    head["seeds"] = [source["seeds"][0], source["seeds"][-1]]
     if "stick_effort" in content["records"][0]:
-        rows = assisted(content["records"])
-        return {**head, "seeds": [source["seeds"][0], source["seeds"][-1]], "rows": rows}
+        return {**head, "rows": assisted(content["records"])}
     env = source["config"]["env"]
     poses = {
         label(scene): {**env, **(scene.get("env", {}) if isinstance(scene, dict) else {})}.get(
@@ -79,16 +79,13 @@ def condensed(content: Mapping[str, Any]) -> dict[str, Any]:
         )
         for scene in source["config"]["scenes"]
     }
-    rows = [
-        drives(
-            [r for r in content["records"] if r["policy"] == name and poses[r["scene"]] == pose],
-            [r for r in content["records"] if r["policy"] == BEST and poses[r["scene"]] == pose],
-        )
-        | {"policy": name, "pose": pose}
-        for name in content["policies"]
-        for pose in dict.fromkeys(poses.values())
-    ]
-    return {**head, "seeds": [source["seeds"][0], source["seeds"][-1]], "rows": rows}
+    rows = []
+    for name in content["policies"]:
+        for pose in dict.fromkeys(poses.values()):
+            records = [r for r in content["records"] if poses[r["scene"]] == pose]
+            ours, best = ([r for r in records if r["policy"] == of] for of in (name, BEST))
+            rows.append(drives(ours, best) | {"policy": name, "pose": pose})
+    return {**head, "rows": rows}
 
 
 def assisted(records: Sequence[Row]) -> list[dict[str, Any]]:
@@ -141,12 +138,11 @@ def _figure(statistic: Callable[[Any], Any], records: Sequence[Row], key: str) -
 
 def pairs(records: Sequence[Row], best: Sequence[Row]) -> dict[str, Any]:
     """In how many episodes either alone succeeds, and the ratio of their times where both do."""
-    others = {(record["scene"], record["seed"]): record for record in best}
-    alone, other, _, ratio = compared(
-        [record["time"] if record["success"] else None for record in records],
-        [of["time"] if of["success"] else None
-         for record in records for of in [others[record["scene"], record["seed"]]]],
-    )  # fmt: skip
+    ours, theirs = (
+        {(r["scene"], r["seed"]): r["time"] if r["success"] else None for r in of}
+        for of in (records, best)
+    )
+    alone, other, _, ratio = compared(list(ours.values()), [theirs[key] for key in ours])
     found: dict[str, Any] = {"alone": alone, "best_alone": other}
     return found | ({"time_ratio": ratio} if ratio else {})
 
@@ -434,13 +430,12 @@ def learned() -> str:
         cells = []
         for name, card in cards.items():
             command = f"wheelchair compare --policies {name} {options}"
-            of = {int(r["seed"]): r for r in card["results"] if r["command"] == command}
-            cell = ", ".join(
-                f"{100 * r['success']:.1f} ({100 * r['collision']:.1f})"
-                for _, r in sorted(of.items())
-            )
-            missing = len(of) < len(card["curves"])
-            cells.append(cell + (f": seeds {', '.join(map(str, sorted(of)))}" if missing else ""))
+            of = [row for row in card["results"] if row["command"] == command]
+            of.sort(key=lambda row: int(row["seed"]))
+            cell = ", ".join(f"{100 * r['success']:.1f} ({100 * r['collision']:.1f})" for r in of)
+            if len(of) < len(card["curves"]):
+                cell += f": seeds {', '.join(str(row['seed']) for row in of)}"
+            cells.append(cell)
         rows.append((text, *cells))
     return markdown_table(headings, rows)
 
