@@ -48,6 +48,7 @@ PAGES = (
     "docs/results/skills.md", "docs/studies/claims.md", "docs/studies/thesis.md",
     *(f"docs/studies/{name}.md" for name in CHAPTERS),
 )  # fmt: skip
+ASSISTANCE = ("agreement_angle", "intervention_share", "stick_effort")  # means are kept
 _PART = re.compile(r"(<!-- figures: (\w+) -->\n).*?(<!-- end -->\n)", re.S)
 
 Row = Mapping[str, Any]
@@ -99,8 +100,7 @@ def assisted(records: Sequence[Row]) -> list[dict[str, Any]]:
             "policy": policy, "driver": driver, "scene": scene,
             "times": [round(r["time"], 1) if r["success"] else None for r in of],
             "at_fault": sum(r["at_fault"] for r in of),
-            **{key: _figure(np.mean, of, key)
-               for key in ("agreement_angle", "intervention_share", "stick_effort")},
+            **{key: _figure(np.mean, of, key) for key in ASSISTANCE},
         }
         for (policy, driver, scene), of in rows.items()
     ]  # fmt: skip
@@ -492,16 +492,13 @@ def skills_pairs() -> str:
         times = _times(of)
         alone, other, p, (middle, low, high) = compared(times, base)
         hits = sum(time is not None for time in times)
-        means = [
-            np.mean([row[key] for row in of if row[key] is not None])
-            for key in ("agreement_angle", "intervention_share", "stick_effort")
-        ]
+        angle, share, effort = (_figure(np.mean, of, key) for key in ASSISTANCE)
         beside = ("", "", "1.00") if policy == "shield" else (
             f"{alone}; {other}", f"{p:.3f}", f"{middle:.2f} ({low:.2f} to {high:.2f})"
         )  # fmt: skip
         table.append(
             (f"`{policy}`", percent(hits, len(times)), sum(row["at_fault"] for row in of), *beside,
-             f"{np.degrees(means[0]):.1f}", f"{100 * means[1]:.0f}", f"{means[2]:.1f}")
+             f"{np.degrees(angle):.1f}", f"{100 * share:.0f}", f"{effort:.1f}")
         )  # fmt: skip
     headings = ("assistant", "success [%], 95 % interval", "at fault",
                 "only one succeeds: it; `shield`", "p (McNemar)", "time beside `shield`",
@@ -536,8 +533,7 @@ def claims_text(names: Sequence[str]) -> str:
 FIGURES: dict[str, Callable[[], str]] = {
     function.__name__: function
     for function in (planned, barn_60, league, league_pairs, speed, measured, claims, agreement,
-                     learned, skills_pairs, sources,
-                     verdicts_by_study, gain)
+                     learned, skills_pairs, sources, verdicts_by_study, gain)
 }  # fmt: skip
 FIGURES |= {name: partial(claims_text, names.split()) for name, names in CHAPTERS.items()} | {
     "docking": partial(_driven, "skills_dock", "driver"),
