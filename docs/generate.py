@@ -67,7 +67,6 @@ def write_pages(folder: Path) -> None:
     pages = {
         **{f"fragments/{name}.md": text for name, text in fragments().items()},
         **dict(settings_pages()),
-        "fragments/names.md": names_page(),
         **dict(module_pages()),
     }
     for path in folder.rglob("*.md"):
@@ -84,7 +83,7 @@ def write_pages(folder: Path) -> None:
 
 
 def fragments() -> dict[str, str]:
-    """Tables of the page of the environment, by name."""
+    """Return the tables and texts that pages include, by name."""
     limits, weights = Limits(), dataclasses.fields(RewardWeights)
     docs = setting_docs(RewardWeights)
     return {
@@ -120,6 +119,7 @@ def fragments() -> dict[str, str]:
         ),
         "arguments": to_markdown(inspect.getdoc(NavigationEnv.__init__) or ""),
         "states": _states(),
+        "names": names_page(),
     }  # fmt: skip
 
 
@@ -154,9 +154,6 @@ def _observations() -> str:
     rows = []
     for key in OBSERVATION_KEYS:
         meaning = key.meaning.split("|")[-1].strip()
-        if key.name not in spaces:  # present by a setting that is not among MORE_KEYS
-            rows.append((f"`{key.name}`", meaning, "", "", "", "by setting"))
-            continue
         when, space = spaces[key.name]
         low, high = (_bound(end) for end in (space.low, space.high))
         shape = str(tuple(map(int, space.shape)))
@@ -166,8 +163,7 @@ def _observations() -> str:
 
 def _bound(values: Any) -> str:
     """A bound of a space in few words: one number, or the different ones in their order."""
-    distinct = list(dict.fromkeys(f"{value:.4g}" for value in np.ravel(values)))
-    return ", ".join(distinct)
+    return ", ".join(dict.fromkeys(f"{value:.4g}" for value in np.ravel(values)))
 
 
 # ---- settings, names
@@ -255,15 +251,12 @@ def public_members(module: ModuleType) -> Iterator[tuple[str, Any]]:
     """Public classes and functions of a module: those it defines, or its `__all__`."""
     listed = getattr(module, "__all__", None)
     for name, thing in vars(module).items():
-        compiled = hasattr(thing, "py_func")
-        if name.startswith("_") or not (
-            inspect.isclass(thing) or inspect.isfunction(thing) or compiled
-        ):
+        function = getattr(thing, "py_func", thing)  # Numba keeps the Python function
+        if name.startswith("_") or not (inspect.isclass(function) or inspect.isfunction(function)):
             continue
-        if compiled and not module.__name__.startswith(KERNELS):
+        if function is not thing and not module.__name__.startswith(KERNELS):
             continue
-        place = getattr(getattr(thing, "py_func", thing), "__module__", "")
-        if name in listed if listed is not None else place == module.__name__:
+        if name in listed if listed is not None else function.__module__ == module.__name__:
             yield name, thing
 
 
@@ -317,13 +310,10 @@ def attributes(cls: type, is_settings: bool) -> Iterator[tuple[str, str, str]]:
             unit = field.metadata.get("unit", "")
             doc = docs.get(field.name, "")
             yield field.name, f"{doc} [{unit}]" if unit else doc, type_option(field.type)
-    elif hasattr(cls, "_fields"):
+    else:
         hints = inspect.get_annotations(cls)
-        for name in cls._fields:
+        for name in getattr(cls, "_fields", getattr(cls, "__members__", ())):
             yield name, docs.get(name, ""), type_option(hints.get(name, ""))
-    elif hasattr(cls, "__members__"):
-        for name in cls.__members__:
-            yield name, docs.get(name, ""), ""
 
 
 def comments(cls: type) -> dict[str, str]:
@@ -339,11 +329,10 @@ def comments(cls: type) -> dict[str, str]:
     }
     found = {}
     for node in ast.parse(source).body[0].body:  # type: ignore[attr-defined]
-        target = node.target if isinstance(node, ast.AnnAssign) else None
-        if isinstance(node, ast.Assign):
-            target = node.targets[0]
-        if isinstance(target, ast.Name) and node.end_lineno in behind:
-            found[target.id] = behind[node.end_lineno]
+        match node:
+            case ast.AnnAssign(target=ast.Name(name)) | ast.Assign(targets=[ast.Name(name)]):
+                if node.end_lineno in behind:
+                    found[name] = behind[node.end_lineno]
     return found
 
 

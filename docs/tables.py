@@ -32,7 +32,7 @@ from agents.evaluation.statistics import mcnemar, mcnemar_p, ratio_interval, wil
 from agents.evaluation.tables import markdown_table  # noqa: E402
 from agents.learning.weights import load_weights  # noqa: E402
 from agents.studies.evidence import ClaimVerdict  # noqa: E402
-from agents.studies.runner import STUDIES, effect_text  # noqa: E402
+from agents.studies.runner import STUDIES, count_verdicts, effect_text  # noqa: E402
 from wheelchair_gym.base.settings import InputError, read_json  # noqa: E402
 
 DATA = ROOT / "docs" / "results" / "data"
@@ -48,6 +48,7 @@ PAGES = (
     "docs/results/skills.md", "docs/studies/claims.md", "docs/studies/thesis.md",
     *(f"docs/studies/{name}.md" for name in CHAPTERS),
 )  # fmt: skip
+ASSISTANCE = ("agreement_angle", "intervention_share", "stick_effort")  # means are kept
 _PART = re.compile(r"(<!-- figures: (\w+) -->\n).*?(<!-- end -->\n)", re.S)
 
 Row = Mapping[str, Any]
@@ -69,9 +70,9 @@ def condensed(content: Mapping[str, Any]) -> dict[str, Any]:
         return {**head, "runs": content["runs"], "rows": content["readings"] or content["gains"]}
     if "records" not in content:
         return {**head, "rows": [row for row in content["rows"] if "rate" in row]}
+    head["seeds"] = [source["seeds"][0], source["seeds"][-1]]
     if "stick_effort" in content["records"][0]:
-        rows = assisted(content["records"])
-        return {**head, "seeds": [source["seeds"][0], source["seeds"][-1]], "rows": rows}
+        return {**head, "rows": assisted(content["records"])}
     env = source["config"]["env"]
     poses = {
         label(scene): {**env, **(scene.get("env", {}) if isinstance(scene, dict) else {})}.get(
@@ -79,16 +80,13 @@ def condensed(content: Mapping[str, Any]) -> dict[str, Any]:
         )
         for scene in source["config"]["scenes"]
     }
-    rows = [
-        drives(
-            [r for r in content["records"] if r["policy"] == name and poses[r["scene"]] == pose],
-            [r for r in content["records"] if r["policy"] == BEST and poses[r["scene"]] == pose],
-        )
-        | {"policy": name, "pose": pose}
-        for name in content["policies"]
-        for pose in dict.fromkeys(poses.values())
-    ]
-    return {**head, "seeds": [source["seeds"][0], source["seeds"][-1]], "rows": rows}
+    rows = []
+    for name in content["policies"]:
+        for pose in dict.fromkeys(poses.values()):
+            records = [r for r in content["records"] if poses[r["scene"]] == pose]
+            ours, best = ([r for r in records if r["policy"] == of] for of in (name, BEST))
+            rows.append(drives(ours, best) | {"policy": name, "pose": pose})
+    return {**head, "rows": rows}
 
 
 def assisted(records: Sequence[Row]) -> list[dict[str, Any]]:
@@ -102,8 +100,7 @@ def assisted(records: Sequence[Row]) -> list[dict[str, Any]]:
             "policy": policy, "driver": driver, "scene": scene,
             "times": [round(r["time"], 1) if r["success"] else None for r in of],
             "at_fault": sum(r["at_fault"] for r in of),
-            **{key: _figure(np.mean, of, key)
-               for key in ("agreement_angle", "intervention_share", "stick_effort")},
+            **{key: _figure(np.mean, of, key) for key in ASSISTANCE},
         }
         for (policy, driver, scene), of in rows.items()
     ]  # fmt: skip
@@ -141,12 +138,11 @@ def _figure(statistic: Callable[[Any], Any], records: Sequence[Row], key: str) -
 
 def pairs(records: Sequence[Row], best: Sequence[Row]) -> dict[str, Any]:
     """In how many episodes either alone succeeds, and the ratio of their times where both do."""
-    others = {(record["scene"], record["seed"]): record for record in best}
-    alone, other, _, ratio = compared(
-        [record["time"] if record["success"] else None for record in records],
-        [of["time"] if of["success"] else None
-         for record in records for of in [others[record["scene"], record["seed"]]]],
-    )  # fmt: skip
+    ours, theirs = (
+        {(r["scene"], r["seed"]): r["time"] if r["success"] else None for r in of}
+        for of in (records, best)
+    )
+    alone, other, _, ratio = compared(list(ours.values()), [theirs[key] for key in ours])
     found: dict[str, Any] = {"alone": alone, "best_alone": other}
     return found | ({"time_ratio": ratio} if ratio else {})
 
@@ -239,16 +235,10 @@ def planned() -> str:
         rows.append((text, f"{row['episodes']:,}", success(row), contacts(row), time))
         if name == "barn":
             wide = row["wide"]
-            for text, of, hits in (
-                ("of 5 cm or more", wide["episodes"], wide["success"]),
-                (
-                    "below 5 cm",
-                    row["episodes"] - wide["episodes"],
-                    row["success"] - wide["success"],
-                ),
-            ):
-                text = f"the same, worlds with a footprint margin {text}"
-                rows.append((text, of, percent(hits, of), "", ""))
+            narrow = {key: row[key] - wide[key] for key in wide}
+            for margin, of in (("of 5 cm or more", wide), ("below 5 cm", narrow)):
+                text = f"the same, worlds with a footprint margin {margin}"
+                rows.append((text, of["episodes"], success(of), "", ""))
     headings = ("suite", "episodes", "success [%], 95 % interval", "contacts; chair at fault",
                 "time [s]")  # fmt: skip
     return markdown_table(headings, rows, (False, True, False, False, True))
@@ -349,26 +339,20 @@ def measured() -> str:
     ))  # fmt: skip
 
 
-def published_verdicts() -> list[dict[str, Any]]:
-    """The verdicts of agents/data/verdicts.csv, with figures as numbers, None where there is none.
+def published_verdicts(study: str = "") -> list[dict[str, Any]]:
+    """Return the verdicts of one study or of all, with figures as numbers, None where missing.
 
-    The file is that of a run of all studies.
+    They stand in agents/data/verdicts.csv, which a run of all studies writes.
     """
     figures = "printed", "effect", "low", "high", "margin"
     text = (ROOT / "agents" / "data" / "verdicts.csv").read_text(encoding="utf-8")
-    rows = csv.DictReader(text.splitlines())
+    rows = [row for row in csv.DictReader(text.splitlines()) if study in ("", row["study"])]
     return [row | {k: float(row[k]) if row[k] else None for k in figures} for row in rows]
-
-
-def counts(rows: Sequence[Row]) -> list[int]:
-    """The number of claims that hold, that do not, and that cannot be decided."""
-    found = [row["verdict"] for row in rows]
-    return [found.count(verdict) for verdict in ClaimVerdict]
 
 
 def claims() -> str:
     """Write the number of claims of the sources that hold."""
-    hold, fail, undecided = counts(published_verdicts())
+    hold, fail, undecided = count_verdicts([{"claims": published_verdicts()}]).values()
     return (
         f"Of the {hold + fail + undecided} claims in the five publications that the planners come "
         f"from, {hold} hold, {fail} do not, and {undecided} cannot be decided.\n"
@@ -377,12 +361,11 @@ def claims() -> str:
 
 def verdicts_by_study() -> str:
     """The number of verdicts of each study, with a link to its claims."""
-    rows = [
-        (f"[`{name}`]({page}.md)", STUDIES[name].title, *counts(of))
-        for page, names in CHAPTERS.items()
-        for name in names.split()
-        for of in [[row for row in published_verdicts() if row["study"] == name]]
-    ]
+    rows = []
+    for page, names in CHAPTERS.items():
+        for name in names.split():
+            found = count_verdicts([{"claims": published_verdicts(name)}])
+            rows.append((f"[`{name}`]({page}.md)", STUDIES[name].title, *found.values()))
     return markdown_table(("study", "subject", *ClaimVerdict), rows, (False, False, *3 * (True,)))
 
 
@@ -447,13 +430,12 @@ def learned() -> str:
         cells = []
         for name, card in cards.items():
             command = f"wheelchair compare --policies {name} {options}"
-            of = {int(r["seed"]): r for r in card["results"] if r["command"] == command}
-            cell = ", ".join(
-                f"{100 * r['success']:.1f} ({100 * r['collision']:.1f})"
-                for _, r in sorted(of.items())
-            )
-            missing = len(of) < len(card["curves"])
-            cells.append(cell + (f": seeds {', '.join(map(str, sorted(of)))}" if missing else ""))
+            of = [row for row in card["results"] if row["command"] == command]
+            of.sort(key=lambda row: int(row["seed"]))
+            cell = ", ".join(f"{100 * r['success']:.1f} ({100 * r['collision']:.1f})" for r in of)
+            if len(of) < len(card["curves"]):
+                cell += f": seeds {', '.join(str(row['seed']) for row in of)}"
+            cells.append(cell)
         rows.append((text, *cells))
     return markdown_table(headings, rows)
 
@@ -510,16 +492,13 @@ def skills_pairs() -> str:
         times = _times(of)
         alone, other, p, (middle, low, high) = compared(times, base)
         hits = sum(time is not None for time in times)
-        means = [
-            np.mean([row[key] for row in of if row[key] is not None])
-            for key in ("agreement_angle", "intervention_share", "stick_effort")
-        ]
+        angle, share, effort = (_figure(np.mean, of, key) for key in ASSISTANCE)
         beside = ("", "", "1.00") if policy == "shield" else (
             f"{alone}; {other}", f"{p:.3f}", f"{middle:.2f} ({low:.2f} to {high:.2f})"
         )  # fmt: skip
         table.append(
             (f"`{policy}`", percent(hits, len(times)), sum(row["at_fault"] for row in of), *beside,
-             f"{np.degrees(means[0]):.1f}", f"{100 * means[1]:.0f}", f"{means[2]:.1f}")
+             f"{np.degrees(angle):.1f}", f"{100 * share:.0f}", f"{effort:.1f}")
         )  # fmt: skip
     headings = ("assistant", "success [%], 95 % interval", "at fault",
                 "only one succeeds: it; `shield`", "p (McNemar)", "time beside `shield`",
@@ -535,7 +514,7 @@ def claims_text(names: Sequence[str]) -> str:
     of_all = [n for n in studies[0].notes if studies[1:] and all(n in s.notes for s in studies)]
     text = "".join(f"\n{note}\n" for note in of_all)
     for name, study in zip(names, studies, strict=True):
-        rows = [row for row in published_verdicts() if row["study"] == name]
+        rows = published_verdicts(name)
         lines = [
             (row["claim"], row["source"], row["reading"].replace(study.reading, ""),
              *("" if row[k] is None else f"{row[k]:.3g}" for k in ("printed", "margin")),
@@ -554,8 +533,7 @@ def claims_text(names: Sequence[str]) -> str:
 FIGURES: dict[str, Callable[[], str]] = {
     function.__name__: function
     for function in (planned, barn_60, league, league_pairs, speed, measured, claims, agreement,
-                     learned, skills_pairs, sources,
-                     verdicts_by_study, gain)
+                     learned, skills_pairs, sources, verdicts_by_study, gain)
 }  # fmt: skip
 FIGURES |= {name: partial(claims_text, names.split()) for name, names in CHAPTERS.items()} | {
     "docking": partial(_driven, "skills_dock", "driver"),

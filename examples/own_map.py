@@ -7,7 +7,6 @@ Dark pixels are walls. From the command line: `wheelchair compare --map plan.png
 import argparse
 from pathlib import Path
 
-import numpy as np
 from PIL import Image, ImageDraw
 
 from agents.evaluation.evaluate import evaluate
@@ -39,4 +38,3 @@ records = evaluate(
 )
 for record in records:
     print(f"{record['policy']:16} {record['outcome']} after {record['time']:.1f} s")
-assert np.isfinite(records[0]["time"])

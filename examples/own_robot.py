@@ -6,8 +6,6 @@ ultrasonics. Copy it, and change it to your chair:
     python examples/own_robot.py --config my_robot.json --steps 100000
 """
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 
@@ -18,34 +16,22 @@ import wheelchair_gym  # noqa: F401 (registers the ids)
 from agents.evaluation.evaluate import drive_episode
 from agents.policies import make_policy
 
-ENV = "wheelchair_gym/Navigation-v1"
+parser = argparse.ArgumentParser(description=__doc__)
+default = str(Path(__file__).with_name("own_robot.json"))
+parser.add_argument("--config", default=default, help="settings of the environment")
+parser.add_argument("--episodes", type=int, default=5, help="that the planner drives")
+parser.add_argument("--steps", type=int, default=100_000, help="of training")
+given = parser.parse_args()
 
+env = gym.make("wheelchair_gym/Navigation-v1", config=given.config)
+for key, space in env.observation_space.items():
+    print(f"{key}: {space.shape}")
 
-def drive(config: str, episodes: int) -> float:
-    """The share of episodes in which a planner with a local controller arrives safely."""
-    env, policy = gym.make(ENV, config=config), make_policy("lattice+window")
-    drives = [drive_episode(env, policy, seed) for seed in range(episodes)]
-    env.close()
-    return sum(drive["success"] for drive in drives) / episodes
+policy = make_policy("lattice+window")  # a planner with a local controller
+drives = [drive_episode(env, policy, seed) for seed in range(given.episodes)]
+arrived = sum(drive["success"] for drive in drives)
+print(f"lattice+window arrives in {arrived / len(drives):.0%} of the episodes")
 
-
-def main() -> None:
-    """Say what the chair observes, how it drives, and train a policy for it."""
-    parser = argparse.ArgumentParser(description=main.__doc__)
-    default = str(Path(__file__).with_name("own_robot.json"))
-    parser.add_argument("--config", default=default, help="settings of the environment")
-    parser.add_argument("--episodes", type=int, default=5, help="that the planner drives")
-    parser.add_argument("--steps", type=int, default=100_000, help="of training")
-    given = parser.parse_args()
-
-    env = gym.make(ENV, config=given.config)
-    for key, space in env.observation_space.items():
-        print(f"{key}: {space.shape}")
-    print(f"lattice+window arrives in {drive(given.config, given.episodes):.0%} of the episodes")
-    model = PPO("MultiInputPolicy", env, n_steps=min(512, given.steps), batch_size=32, seed=0)
-    model.learn(given.steps)
-    print(f"trained {model.num_timesteps} steps")
-
-
-if __name__ == "__main__":
-    main()
+model = PPO("MultiInputPolicy", env, n_steps=min(512, given.steps), batch_size=32, seed=0)
+model.learn(given.steps)
+print(f"trained {model.num_timesteps} steps")

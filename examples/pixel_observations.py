@@ -6,8 +6,6 @@ that a frame can be an observation. Under 200 pixels a frame has no caption.
     python examples/pixel_observations.py --steps 200000 --film films
 """
 
-from __future__ import annotations
-
 import argparse
 
 import gymnasium as gym
@@ -36,23 +34,17 @@ def make(film: str | None = None) -> gym.Env:
     return Monitor(AddRenderObservation(env))
 
 
-def main() -> None:
-    """Train on pictures, then say how far the policy has come."""
-    parser = argparse.ArgumentParser(description=main.__doc__)
-    parser.add_argument("--steps", type=int, default=200_000, help="of training")
-    parser.add_argument("--episodes", type=int, default=5, help="of the evaluation")
-    parser.add_argument("--film", metavar="FOLDER", help="film the evaluation")
-    given = parser.parse_args()
+parser = argparse.ArgumentParser(description=__doc__)
+parser.add_argument("--steps", type=int, default=200_000, help="of training")
+parser.add_argument("--episodes", type=int, default=5, help="of the evaluation")
+parser.add_argument("--film", metavar="FOLDER", help="film the evaluation")
+given = parser.parse_args()
 
-    model = PPO("CnnPolicy", make(), n_steps=min(512, given.steps), batch_size=32, seed=0)
-    print(f"observations are {model.observation_space}")
-    model.learn(given.steps)
-    if given.episodes:
-        env = make(given.film)
-        mean, deviation = evaluate_policy(model, env, given.episodes)
-        env.close()
-        print(f"reward {mean:.2f} +- {deviation:.2f} in {given.episodes} episodes")
-
-
-if __name__ == "__main__":
-    main()
+model = PPO("CnnPolicy", make(), n_steps=min(512, given.steps), batch_size=32, seed=0)
+print(f"observations are {model.observation_space}")
+model.learn(given.steps)
+if given.episodes:
+    env = make(given.film)
+    mean, deviation = evaluate_policy(model, env, given.episodes)
+    env.close()
+    print(f"reward {mean:.2f} +- {deviation:.2f} in {given.episodes} episodes")
