@@ -173,7 +173,7 @@ def settings_pages() -> Iterator[tuple[str, str]]:
     """A page of settings for each registry, and one for what is in none."""
     classes = all_settings()
     parts = {name: cls for name, cls in classes.items() if name in PARTS}
-    people = [name for name, cls in parts.items() if cls.__module__.startswith("agents.particip")]
+    people = [name for name, cls in parts.items() if cls.__module__ == "agents.people.protocol"]
     asked = {name: parts.pop(name) for name in ("protocol", *people) if name in parts}
     groups: dict[str, tuple[str, Mapping[str, type]]] = {
         "environment": ("Chair, sensors, task, training", parts),

@@ -276,7 +276,8 @@ def in_workers(
     places = [os.getcwd(), *filter(None, sys.path)]
     made = pool(delayed(_numbered)(work, number, job, places) for number, job in enumerate(jobs))
     try:
-        yield from made
+        for ended in made:  # noqa: UP028 it is closed below, quietly
+            yield ended
     except BrokenExecutor as error:
         raise LostError(type(error).__name__) from None
     finally:
