@@ -517,7 +517,7 @@ def _sqlite_bag(folder: Path) -> Path:
 
 
 def _weights(folder: Path) -> Path:
-    save_weights(folder / "mine.npz", random_weights(memory=4))
+    save_weights(folder / "mine.npz", random_weights())
     return folder / "mine.npz"
 
 
@@ -560,12 +560,11 @@ def _mutated_weights(data: bytes, rng: np.random.Generator) -> bytes:
 
 def _use_weights(path: Path) -> None:
     policy: Any = make_policy({"name": str(path)})
-    policy.network.reset(1)
     policy.network(np.ones((1, policy.layout.size), np.float32))
 
 
 def _onnx(folder: Path) -> Path:
-    export_onnx(random_weights(memory=4), folder / "mine.onnx")
+    export_onnx(random_weights(), folder / "mine.onnx")
     return folder / "mine.onnx"
 
 

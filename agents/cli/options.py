@@ -12,7 +12,7 @@ from typing import Any
 
 POSES = ("truth", "odometry", "modelled", "mcl", "slam")
 DEFAULT_POSE = "modelled"
-LEARNED = ("ppo", "recurrent_ppo", "sac", "td3", "tqc")
+LEARNED = ("ppo", "sac", "td3")
 ALGORITHMS = (*LEARNED, "bc")
 
 

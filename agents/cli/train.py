@@ -34,7 +34,6 @@ def run(given: argparse.Namespace) -> int:
     """Train once for each value of the varied setting and each seed."""
     from agents.learning.curves import write_sweep
     from agents.learning.demonstrations import load_imitation
-    from agents.learning.networks import SB3_CONTRIB, algorithm_class
     from agents.learning.settings import read_training
 
     try:
@@ -43,8 +42,6 @@ def run(given: argparse.Namespace) -> int:
         raise InputError(f"--seeds: {error}") from None
     algorithm, imitates = given.algorithm, given.algorithm == "bc"
     content, where = training_content(given)
-    if algorithm in SB3_CONTRIB:  # fails before anything is compiled or written
-        algorithm_class(algorithm)
     if not imitates and find_spec("tensorboard") is None:
         needs = "TensorBoard's log needs pip install 'wheelchair_gym[learn]'"
         print(f"wheelchair: {needs}; curve.csv is written without", file=sys.stderr)

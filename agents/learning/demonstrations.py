@@ -42,8 +42,6 @@ def _demonstrate(
     """One episode, labelled with the expert's actions; the student drives it, if there is one."""
     observation, info = env.reset(seed=seed)
     expert.reset()
-    if student is not None:
-        student.reset(1)
     observations, actions, over = [], [], False
     while not over:
         flat = np.concatenate([observation[key] for key in env.task.spaces])

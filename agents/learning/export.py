@@ -60,8 +60,7 @@ def export_onnx(weights: Weights, path: str | Path) -> dict[str, Any]:
     `last_action`, `shield`, `path`; of an assistant `stick` in place of `goal`). Outputs are
     `action` (n, 2) in [-1, 1] and, of a policy, its twist, `twist_asked` (n, 2) [m/s, rad/s]. The
     action of an assistant is a residual, which the compiled assistant in the card's settings adds
-    within its freedom. A recurrent policy has inputs `h`, `c` and outputs `h_next`, `c_next`
-    (n, units).
+    within its freedom.
 
     Raises:
         InputError: onnx is not installed, a file cannot be written, or the weights are of a chair
@@ -77,12 +76,10 @@ def export_onnx(weights: Weights, path: str | Path) -> dict[str, Any]:
     lasers, beams, limits = env.sensors.lasers, env.sensors.beams, env.chair.limits
     if not lasers or not env.sensors.ultrasonic.mounted:
         raise InputError("export: expected lasers and ultrasonics; the weights' chair has not both")
-    state = dict.fromkeys("hc" if weights.lstm_size else "", weights.lstm_size)
-    inputs = {NAMES.get(key, key): n for key, n in {**sizes, "laser": beams}.items()} | state
+    inputs = {NAMES.get(key, key): n for key, n in {**sizes, "laser": beams}.items()}
     outputs = {"action": 2} | ({} if layout.is_assistant else {"twist_asked": 2})
-    outputs |= {f"{key}_next": n for key, n in state.items()}
     text = templates().get_template("policy.onnx.txt").render(
-        opset=OPSET, inputs=inputs, outputs=outputs, lstm=weights.lstm_size,
+        opset=OPSET, inputs=inputs, outputs=outputs,
         others=[NAMES.get(key, key) for key in SCALED[2:] if key in sizes],
         layers=weights.dense_layers, head=weights.card["head"], is_assistant=layout.is_assistant,
     )  # fmt: skip
@@ -96,7 +93,6 @@ def export_onnx(weights: Weights, path: str | Path) -> dict[str, Any]:
         "goal_range_index": np.array([0]), "bearing_indices": np.arange(1, sizes.get("goal", 1)),
         "goal_range": GOAL_RANGE, "goal_proximity_weight": GOAL_PROXIMITY_WEIGHT,
         "scales": layout.scales,
-        "gate_sizes": np.full(4, weights.lstm_size),
         "limits_ahead": [limits.forward, limits.turn],
         "limits_back": [limits.backward, limits.turn],
         **{name.replace(".", "_"): array for name, array in arrays.items()},
@@ -155,26 +151,12 @@ class OnnxNetwork:
             groups = groups_of(pools_of(load(EnvSettings, self.card["env"], "weights: env")))
             widths = groups[:, -1] - groups[:, 0] + 1
             self._pooled = np.repeat(np.arange(len(groups)), widths)  # by beam
-            self.reset(1)
             action = self(np.ones((1, self._layout.size), np.float32))  # some graphs fail only here
             if action.shape != (1, 2) or action.dtype != np.float32:
                 raise ValueError(f"its action has shape {action.shape}; expected (1, 2)")
         except Exception as error:  # onnxruntime documents no errors of its reader
             why = " ".join(str(error).split()[:20]) or type(error).__name__
             raise InputError(f"{path}: expected an exported policy ({why})") from None
-        self.reset(1)
-
-    def reset(self, rows: int) -> None:
-        """Set the recurrent state to zero, for this many rows."""
-        units = self._inputs.get("h", 0)
-        self._state = {key: np.zeros((rows, units), np.float32) for key in "hc" if units}
-
-    def run(self, feed: dict[str, Floats]) -> dict[str, Floats]:
-        """The graph's outputs by name; the recurrent state is kept."""
-        names = [output.name for output in self._session.get_outputs()]
-        found = dict(zip(names, self._session.run(names, {**feed, **self._state}), strict=True))
-        self._state = {key: found[f"{key}_next"] for key in self._state}
-        return found
 
     def __call__(self, flat: Floats) -> Floats:
         """Actions (n, 2) for flat observations (n, size), whose scan is already pooled."""
@@ -184,4 +166,6 @@ class OnnxNetwork:
             if NAMES.get(key, key) in self._inputs
         }
         feed["laser"] = feed["laser"][:, self._pooled]
-        return self.run({key: np.ascontiguousarray(value) for key, value in feed.items()})["action"]
+        feed = {key: np.ascontiguousarray(value) for key, value in feed.items()}
+        action: Floats = self._session.run(["action"], feed)[0]
+        return action

@@ -20,7 +20,7 @@ from torch import nn
 from agents.learning.features import Layout, features
 from agents.learning.ppo import FastPPO
 from agents.learning.sb3 import SB3VecEnv
-from agents.learning.settings import ON_POLICY, Training
+from agents.learning.settings import Training
 from agents.learning.weights import Network, Weights
 from wheelchair_gym.base.arrays import Floats
 from wheelchair_gym.base.settings import InputError, dump, load
@@ -97,7 +97,6 @@ class Teacher:
         for name, here, there in (
             ("rate", env.rate, its.rate),
             ("task.look_ahead_time", env.task.look_ahead_time, its.task.look_ahead_time),
-            ("lstm_hidden_size", 0, weights.lstm_size),
         ):
             if here != there:
                 raise InputError(f"teacher: its {name} is {there}; expected {here}")
@@ -162,23 +161,7 @@ class AsymmetricPolicy(ActorCriticPolicy):
         return self.value_net(critic.float()), distribution.log_prob(actions), bonus
 
 
-SB3_CONTRIB = ("recurrent_ppo", "tqc")  # algorithms of sb3-contrib, of the extra 'learn'
-
-
-def algorithm_class(name: str) -> Any:
-    """Return the class of an algorithm.
-
-    Raises:
-        InputError: it needs an extra that is not installed.
-    """
-    included = {"ppo": FastPPO, "sac": SAC, "td3": TD3}
-    if name in included:
-        return included[name]
-    try:
-        import sb3_contrib
-    except ImportError:
-        raise InputError(f"{name} needs: pip install 'wheelchair_gym[learn]'") from None
-    return {"recurrent_ppo": sb3_contrib.RecurrentPPO, "tqc": sb3_contrib.TQC}[name]
+ALGORITHMS = {"ppo": FastPPO, "sac": SAC, "td3": TD3}
 
 
 def make_model(
@@ -187,18 +170,16 @@ def make_model(
     """Make a new model, whose learning rate decreases linearly over the run.
 
     Raises:
-        InputError: the algorithm needs an extra that is not installed, or there is no GPU.
+        InputError: a GPU was asked for, and there is none.
     """
     if config.device == "cuda" and not torch.cuda.is_available():
         raise InputError("device is cuda; torch finds no GPU here: expected cpu or auto")
-    on_policy = config.algorithm in ON_POLICY
+    on_policy = config.algorithm == "ppo"
     options = dump(config.on_policy if on_policy else config.off_policy)
-    initial_rate, log_std_init, units, precision, sigma = (
+    initial_rate, log_std_init, precision, sigma = (
         options.pop(key, None)
-        for key in (
-            "learning_rate", "log_std_init", "lstm_hidden_size", "precision", "action_noise",
-        )
-    )  # fmt: skip
+        for key in ("learning_rate", "log_std_init", "precision", "action_noise")
+    )
     hidden = list(config.net_arch)
     policy_options: dict[str, Any] = {
         "features_extractor_class": FeaturesExtractor,
@@ -210,8 +191,6 @@ def make_model(
         policy_options |= {"log_std_init": log_std_init, "activation_fn": nn.ReLU}
     else:
         options["train_freq"] = 1
-    if config.algorithm == "recurrent_ppo":
-        policy_options["lstm_hidden_size"] = units
     if config.algorithm == "td3":
         noise = NormalActionNoise(np.zeros(2), np.full(2, sigma))
         options["action_noise"] = VectorizedActionNoise(noise, config.n_envs)
@@ -222,13 +201,13 @@ def make_model(
         progress = made[0].num_timesteps / config.frames if made else 0.0
         return float(initial_rate * max(0.0, 1.0 - progress))
 
-    policies: dict[str, Any] = {"ppo": AsymmetricPolicy, "recurrent_ppo": "MlpLstmPolicy"}
-    model = algorithm_class(config.algorithm)(
-        policies.get(config.algorithm, "MlpPolicy"), env, learning_rate=learning_rate,
+    kind: Any = ALGORITHMS[config.algorithm]
+    model = kind(
+        AsymmetricPolicy if on_policy else "MlpPolicy", env, learning_rate=learning_rate,
         policy_kwargs=policy_options, seed=seed, device=config.device, verbose=0, **options,
     )  # fmt: skip
     made.append(model)
-    if config.algorithm == "ppo":
+    if on_policy:
         on_gpu = model.device.type == "cuda"
         fast = torch.cuda.is_bf16_supported() if on_gpu else torch.cpu._is_avx512_bf16_supported()
         model.policy.in_bfloat16 = precision == "bfloat16" or (precision == "auto" and fast)
@@ -236,39 +215,31 @@ def make_model(
     return model
 
 
-def dense_parameters(*parts: nn.Module) -> dict[str, list[torch.Tensor]]:
+def dense_parameters(*parts: nn.Module) -> dict[str, torch.Tensor]:
     """Return the parameters of the dense layers of networks, by the name of their array."""
     layers = [m for part in parts for m in part.modules() if isinstance(m, nn.Linear)]
     return {
-        f"dense{k}.{name}": [parameter]
+        f"dense{k}.{name}": parameter
         for k, layer in enumerate(layers)
         for name, parameter in (("w", layer.weight), ("b", layer.bias))
     }
 
 
-def _actor_parameters(model: Any, algorithm: str) -> dict[str, list[torch.Tensor]]:
-    """Return the parameters whose sum is an array of the actor, by its name."""
+def _actor_parameters(model: Any, algorithm: str) -> dict[str, torch.Tensor]:
+    """Return the actor's parameters by the name of their array."""
     policy = model.policy
     if algorithm == "ppo":
         return dense_parameters(policy.mlp_extractor.actor, policy.action_net)
-    if algorithm == "recurrent_ppo":
-        lstm = policy.lstm_actor
-        return {
-            "lstm.x": [lstm.weight_ih_l0],
-            "lstm.h": [lstm.weight_hh_l0],
-            "lstm.b": [lstm.bias_ih_l0, lstm.bias_hh_l0],
-            **dense_parameters(policy.mlp_extractor.policy_net, policy.action_net),
-        }
     if algorithm == "td3":
         return dense_parameters(policy.actor.mu)
     return dense_parameters(policy.actor.latent_pi, policy.actor.mu)
 
 
-def arrays_of(parameters: dict[str, list[torch.Tensor]]) -> dict[str, Floats]:
-    """Sum each name's parameters."""
+def arrays_of(parameters: dict[str, torch.Tensor]) -> dict[str, Floats]:
+    """Return parameters as arrays."""
     return {
-        name: np.array(sum(of[1:], of[0]).detach().cpu().numpy(), np.float32)
-        for name, of in parameters.items()
+        name: np.array(parameter.detach().cpu().numpy(), np.float32)
+        for name, parameter in parameters.items()
     }
 
 
@@ -290,9 +261,7 @@ def load_actor_arrays(model: Any, algorithm: str, arrays: dict[str, Floats]) -> 
     if given != expected:
         raise InputError(f"warm_start: layers are {given}; expected {expected}")
     with torch.no_grad():
-        for name, (first, *rest) in _actor_parameters(model, algorithm).items():
-            first.copy_(torch.from_numpy(arrays[name].copy()))
-            for parameter in rest:
-                parameter.zero_()
+        for name, parameter in _actor_parameters(model, algorithm).items():
+            parameter.copy_(torch.from_numpy(arrays[name].copy()))
     if hasattr(model.policy, "actor_target"):
         model.policy.actor_target.load_state_dict(model.policy.actor.state_dict())

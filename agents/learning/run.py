@@ -30,7 +30,7 @@ from agents.learning import checkpoint, curves, networks
 from agents.learning.curves import Row
 from agents.learning.features import Layout
 from agents.learning.sb3 import SB3VecEnv, flatten_observations
-from agents.learning.settings import ON_POLICY, Evaluation, Training
+from agents.learning.settings import Evaluation, Training
 from agents.learning.weights import Network, Weights, find_weights, load_weights, make_card
 from agents.learning.weights import save_weights as save
 from wheelchair_gym.base.settings import InputError, dump
@@ -272,7 +272,7 @@ class Run:
     def weights(self, row: Row) -> Weights:
         """The current actor with its card."""
         algorithm = self.config.algorithm
-        head = "clip" if algorithm in ON_POLICY else "tanh"  # how its outputs come into [-1, 1]
+        head = "clip" if algorithm == "ppo" else "tanh"  # how its outputs come into [-1, 1]
         card = make_card(
             algorithm, head, self.layout, self._env_settings, self.config, self.seed,
             limits="trained and evaluated in simulation only; it guarantees nothing: drive it "
@@ -367,7 +367,6 @@ def evaluate_network(
     """
     n = env.num_envs
     observations, _ = env.reset(seed=seed)
-    network.reset(n)
     running = np.ones(n, bool)
     success, collision, times = np.zeros(n, bool), np.zeros(n, bool), np.zeros(n)
     if on_evaluated is not None:

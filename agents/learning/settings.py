@@ -11,15 +11,14 @@ from wheelchair_gym.base.settings import InputError, load, setting, settings
 from wheelchair_gym.envs.settings import EnvSettings, read_env_settings
 
 _CONTENT: dict[str, Any] = read_data("recipes.yaml")
-Algorithm = Literal["ppo", "recurrent_ppo", "sac", "td3", "tqc"]
-ON_POLICY = ("ppo", "recurrent_ppo")
+Algorithm = Literal["ppo", "sac", "td3"]
 SB3 = "default of stable-baselines3"
 TUNED = "tuned on training worlds"
 
 
 @settings
 class OnPolicy:
-    """Parameters of PPO (Schulman et al. 2017) and recurrent PPO, named as in stable-baselines3."""
+    """Parameters of PPO (Schulman et al. 2017), named as in stable-baselines3."""
 
     n_steps: int = setting(default=64, low=2)
     """Steps of each environment between two updates."""
@@ -45,8 +44,6 @@ class OnPolicy:
     """Weight of the critic's loss."""
     max_grad_norm: float = setting(default=0.5, low=0.0, source=SB3)
     """Norm to which gradients are clipped."""
-    lstm_hidden_size: int = setting(default=128, low=1)
-    """Units of the recurrent layer of recurrent_ppo."""
     precision: Literal["auto", "float32", "bfloat16"] = setting(
         default="auto",
         source="measured: learning takes half the time, along gradients 0.001 apart at most",
@@ -57,7 +54,7 @@ class OnPolicy:
 
 @settings
 class OffPolicy:
-    """Parameters of SAC, TD3 and TQC, named as in stable-baselines3."""
+    """Parameters of SAC and TD3, named as in stable-baselines3."""
 
     buffer_size: int = setting(default=500_000, low=100)
     """Steps in the replay buffer."""
@@ -180,7 +177,7 @@ class Training:
     @property
     def steps_per_checkpoint(self) -> int:
         """Steps of each environment between two checkpoints."""
-        collected = self.on_policy.n_steps if self.algorithm in ON_POLICY else 1
+        collected = self.on_policy.n_steps if self.algorithm == "ppo" else 1
         return collected * self.checkpoint_frequency
 
 

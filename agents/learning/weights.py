@@ -50,11 +50,6 @@ class Weights:
         return Layout.of_card(self.card)
 
     @property
-    def lstm_size(self) -> int:
-        """Units of the recurrent layer; 0 where there is none."""
-        return int(self.arrays["lstm.h"].shape[1]) if "lstm.h" in self.arrays else 0
-
-    @property
     def digest(self) -> str:
         """SHA-256 of the arrays, without the card."""
         return _digest(self.arrays, "")
@@ -66,7 +61,7 @@ class Weights:
 
 
 class Network:
-    """The forward pass of an actor in numpy; a recurrent one keeps its state."""
+    """The forward pass of an actor in numpy."""
 
     def __init__(self, weights: Weights) -> None:
         self._arrays = weights.arrays
@@ -77,43 +72,17 @@ class Network:
             for k in range(weights.dense_layers)
         ]
         self._scaled, self._scales = self._layout.scaled_indices, self._layout.scales
-        self._lstm_size = weights.lstm_size
-        self.reset(1)
-
-    def reset(self, rows: int) -> None:
-        """Set the recurrent state to zero, for this many rows."""
-        self._h = np.zeros((rows, self._lstm_size), np.float32)
-        self._c = np.zeros_like(self._h)
 
     def __call__(self, flat: Floats) -> Floats:
         """Actions (n, 2) in [-1, 1] for flat observations (n, size)."""
         public = self._layout.size - self._layout.privileged_size
         x = features(np, flat[:, :public], self._layout, self._scaled, self._scales)
-        if self._lstm_size:
-            x = self._lstm(x)
         for k, (weight, bias) in enumerate(self._dense):
             x = x @ weight + bias
             if k < len(self._dense) - 1:
                 x = np.maximum(x, 0.0)
         action: Floats = np.tanh(x) if self._tanh else np.clip(x, -1.0, 1.0)
         return action
-
-    def _lstm(self, x: Floats) -> Floats:
-        """A long short-term memory layer (Hochreiter and Schmidhuber 1997), gates as in torch."""
-        gates = (
-            x @ self._arrays["lstm.x"].T
-            + self._h @ self._arrays["lstm.h"].T
-            + self._arrays["lstm.b"]
-        )
-        i, f, g, o = np.split(gates, 4, axis=1)
-        self._c = _sigmoid(f) * self._c + _sigmoid(i) * np.tanh(g)
-        self._h = _sigmoid(o) * np.tanh(self._c)
-        return self._h
-
-
-def _sigmoid(x: Floats) -> Floats:
-    out: Floats = (1.0 / (1.0 + np.exp(-x))).astype(np.float32)
-    return out
 
 
 def _digest(arrays: dict[str, Floats], card: str) -> str:
@@ -267,10 +236,6 @@ def _check_arrays(weights: Weights) -> None:
     flat = np.zeros((1, width), np.float32)
     width = features(np, flat, layout, layout.scaled_indices, layout.scales).shape[1]
     expected: dict[str, tuple[int, ...]] = {}
-    if "lstm.h" in arrays:
-        memory = arrays["lstm.h"].shape[-1] if arrays["lstm.h"].ndim else 0
-        expected |= {"lstm.x": (4 * memory, width), "lstm.h": (4 * memory, memory)}
-        expected["lstm.b"], width = (4 * memory,), memory
     for k in range(max(1, weights.dense_layers)):
         bias = arrays.get(f"dense{k}.b", np.empty(()))
         after = 2 if k == weights.dense_layers - 1 else bias.shape[0] if bias.ndim else 0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -106,15 +106,21 @@ class LearnedDriver(Trained):
     Args:
         network, card: see `Trained`.
         patience: time [s] at one place after which the chair backs out; 0: it never does.
+        begin: called at the beginning of each episode.
     """
 
-    def __init__(self, network: Any, card: Mapping[str, Any], patience: float = 0.0) -> None:
+    def __init__(
+        self, network: Any, card: Mapping[str, Any], patience: float = 0.0,
+        begin: Callable[[], None] = lambda: None,
+    ) -> None:  # fmt: skip
         super().__init__(network, card)
+        self._begin = begin
         self._patience = patience
 
     def reset(self, mission: Mission) -> None:
         """See `Policy.reset`."""
         env = self.env
+        self._begin()
         period = self.begin_episode(mission.sensors, mission.period)
         shown = "path" in dict(self.layout.sizes)
         task = dataclasses.replace(env.task, privileged=False, aim="goal")

@@ -121,7 +121,8 @@ class Sb3Model:
                 "without normalization (VecNormalize)"
             )
         card = {"env": dump(env), "layout": dump(layout)}
-        return LearnedDriver(_Network(model, layout, flat, normalization), card)
+        network = _Network(model, layout, flat, normalization)
+        return LearnedDriver(network, card, begin=network.reset)
 
 
 @cache
@@ -137,12 +138,12 @@ class _Network:
     ) -> None:
         self._model, self._layout, self._flat = model, layout, flat
         self._normalization = normalization
-        self.reset(1)
+        self.reset()
 
-    def reset(self, rows: int) -> None:
+    def reset(self) -> None:
         """Forget the recurrent state."""
         self._state: Any = None
-        self._begins = np.ones(rows, bool)
+        self._begins = np.ones(1, bool)
 
     def __call__(self, flat: Floats) -> Floats:
         seen = {"": flat}

@@ -77,7 +77,6 @@ class Trained:
             )
         if len(sensors.lasers) != len(self.env.sensors.lasers):
             raise InputError(f"the policy was trained with other lasers than this chair has{_ELSE}")
-        self.network.reset(1)
         self.observation: Floats | None = None
         self._intervention = np.zeros(2)
         self._steps = 0

@@ -243,7 +243,6 @@ WRONG_SHAPES = {
     "no rows": {"dense1.w": (0, 32), "dense1.b": (0,)},
     "three dimensions": {"dense0.w": (32, 2, 2)},
     "an array of no layer": {"dense7.w": (2, 2)},
-    "a memory of another width": {"lstm.h": (16, 4), "lstm.x": (16, 3), "lstm.b": (16,)},
 }
 
 

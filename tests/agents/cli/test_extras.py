@@ -45,7 +45,6 @@ NEEDED = {
     "moviepy": ("imageio_ffmpeg", [lambda: write_video("some.mp4", [PICTURE], 10.0)]),
     "minari": ("minari", [["dataset", "some-v0", "--episodes", "1"]]),
     "optuna": ("optuna", [["tune", "window", "--vary", "horizon=1:3"]]),
-    "sb3-contrib": ("sb3_contrib", [["train", "recurrent_ppo"], ["train", "tqc"]]),
     "onnx": ("onnx", [["export", "ppo_goal", "--onnx", "some.onnx"]]),
     "onnxruntime": ("onnxruntime", [["simulate", "--policy", "some.onnx"]]),
     "mealpy": ("mealpy", [lambda: Mealpy().search(None, None, 1, 1, None)]),

@@ -30,13 +30,13 @@ ENV = {
     },
 }
 PRIVY = {**ENV, "task": {**ENV["task"], "privileged": True}}
-ON = {"n_steps": 8, "batch_size": 32, "n_epochs": 1, "lstm_hidden_size": 8}
+ON = {"n_steps": 8, "batch_size": 32, "n_epochs": 1}
 OFF = {"buffer_size": 400, "batch_size": 16, "learning_starts": 32, "gradient_steps": 1}
 
 
 def tiny(algorithm, **changes):
     """A run of three checkpoints that takes a second."""
-    on_policy = algorithm in ("ppo", "recurrent_ppo")
+    on_policy = algorithm == "ppo"
     content = {
         "env": PRIVY if algorithm == "ppo" else ENV,
         "n_envs": 4,
@@ -62,7 +62,7 @@ def trained_run(folder):
     return run, folder
 
 
-def random_weights(memory=0, posed=True, head="clip", rear=0):
+def random_weights(posed=True, head="clip", rear=0):
     """Weights of a chair whose second laser, if any, has so many beams."""
     lasers = {"laser": {"beams": 1081}, "more_lasers": [{"beams": rear}] if rear else []}
     env = {"sensors": lasers, "task": {"beams": 64}}
@@ -78,9 +78,6 @@ def random_weights(memory=0, posed=True, head="clip", rear=0):
         return (rng.normal(size=shape) / np.sqrt(shape[-1])).astype(np.float32)
 
     told, arrays = layout.actor_size, {}
-    if memory:
-        arrays = {"lstm.x": draw(4 * memory, told), "lstm.h": draw(4 * memory, memory)}
-        arrays["lstm.b"], told = draw(4 * memory), memory
     for k, (before, after) in enumerate(((told, 32), (32, 32), (32, 2))):
         arrays[f"dense{k}.w"], arrays[f"dense{k}.b"] = draw(after, before), draw(after)
     card = {"format": FORMAT, "head": head, "env": env}
