@@ -41,7 +41,7 @@ from wheelchair_gym.safety.state import (
     SECTORS,
     Frame,
 )
-from wheelchair_gym.sensors.laser import LaserArrays, scanner_at
+from wheelchair_gym.sensors.laser import LaserArrays, median3, scanner_at
 from wheelchair_gym.sensors.settings import SCANNERS
 
 _F = np.float32
@@ -146,12 +146,26 @@ def _range_of_edge(g: Any, one: LaserArrays, b: int) -> float:
 
 
 @borrowing_kernel
+def _without_noise(ranges: Floats, start: int, beams: int, b: int) -> np.float32:
+    """Range of beam b of a scanner; where it is slightly nearer, the median of it and neighbours.
+
+    The nearest of many noisy ranges would be too near by two standard deviations.
+    """
+    r = ranges[start + b]
+    if 0 < b < beams - 1:
+        middle = median3(ranges[start + b - 1], r, ranges[start + b + 1])
+        if middle - JUMP < r < middle:
+            return _F(middle)
+    return _F(r)
+
+
+@borrowing_kernel
 def update_others(
     g: Any, s: Any, ranges: Floats, fresh: bool, slow: bool, way: float, dt: float
 ) -> None:
     """Add the hits of all scanners but the first: each is an obstacle, whatever the others see.
 
-    Neighbouring beams whose ranges differ little become one point, the nearest of them: each of at
+    Neighbouring beams whose ranges differ little become one point, their nearest median: each of at
     most `SECTORS` groups of beams has one at least, and more where ranges jump within the group.
     What is too near to be measured (-inf) counts as at the outline: it may be anywhere up to there.
     The last four are those of `find_lost`; `fresh`: the first scanner's lost points are of now.
@@ -182,7 +196,7 @@ def update_others(
             if b % size == 0 and at >= 0:
                 _add_other(g, s, one, frame, best, at, n_marks)
                 at = -1
-            r = ranges[one.start + b]
+            r = _without_noise(ranges, one.start, beams, b)
             r = _F(_range_of_edge(g, one, b)) if r == -_F(np.inf) else r
             if not r <= far:  # NaN, too
                 continue
