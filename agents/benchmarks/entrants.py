@@ -78,12 +78,8 @@ class Entrant:
 
     def prepare(self, case: Case) -> tuple[Any, Any]:
         """Return the planners for a map, without and with a deadline."""
-        if self.package is None:
-            return self.config, self.unlimited
         ready = prepare(self.config, case)
-        if self.unlimited is self.config:
-            return ready, ready
-        return ready, prepare(self.unlimited, case)
+        return ready, ready if self.unlimited is self.config else prepare(self.unlimited, case)
 
     @property
     def description(self) -> dict[str, Any]:
