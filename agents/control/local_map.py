@@ -205,11 +205,10 @@ class LocalMap:
         """Update the actors: what is seen to move, or has moved within `PAUSE`, and is no leaf."""
         scan = reading.laser[: self._laser.beams]
         tracks = self._tracker.update(scan, self.pose, reading.twist, reading.stamp, self._known)
-        c, s = math.cos(self.pose[2]), math.sin(self.pose[2])
         rows = np.column_stack(
             [
                 to_frame(tracks.place, self.pose),
-                tracks.velocity @ np.array([(c, -s), (s, c)]),
+                to_frame(tracks.velocity, (0.0, 0.0, self.pose[2])),
                 tracks.radius,
                 tracks.covariance.reshape(-1, 4)[:, [0, 1, 3]],
             ]
