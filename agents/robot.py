@@ -14,11 +14,10 @@ import math
 import threading
 import time
 from collections.abc import Callable, Mapping
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from wheelchair_gym.base.settings import setting, settings
 from wheelchair_gym.hardware.ros import make_messages as ros
 from wheelchair_gym.hardware.ros.messages import seconds
 from wheelchair_gym.sensors.odometry import OdometryCovariance
@@ -27,31 +26,29 @@ from wheelchair_gym.types import Belief, Command, Mission, Reading
 COMMAND: Final = "/cmd_vel"
 COMMAND_TYPES: Final = ("geometry_msgs/Twist", "geometry_msgs/TwistStamped")
 SERVICES: Final = ("/next_episode", "/restart_episode")  # of std_srvs/srv/Trigger
+COMMAND_TIMEOUT: Final = 0.5  # s for which the last command is driven: twist_mux (ROS)
 _BATTERY_PERIOD = 1.0  # s
 _LATE = 1.0  # s: later periods are not made up for
 
 
-@settings
-class RobotSettings:
-    """Settings of the robot: topics that it publishes, their rates, and when it stops."""
+class RobotSettings(NamedTuple):
+    """Settings of the robot: topics that it publishes, and their rates.
 
-    scan_rate: float = setting(
-        default=10.0, unit="Hz", low=0.1, high=1000.0, source="nav2_loopback_sim"
-    )
-    """Rate of scans; odometry, transforms and clock come in every control period."""
-    command_timeout: float = setting(
-        default=0.5, unit="s", low=0.0, source="twist_mux (ROS), which uses 0.5 s"
-    )
-    """Duration for which the last command is driven."""
-    speed: float = setting(default=0.0, low=0.0, high=1000.0)
-    """Simulated time, times real time, published on /clock; 0: stamps are of real time, and there
-    is no /clock."""
-    localized: bool = setting(default=True)
-    """Publish /map, /goal_pose and the transform map -> odom; false: amcl or slam_toolbox does."""
-    imu: bool = setting(default=False)
-    """Publish the turn rate on /imu."""
-    namespace: str = setting(default="", source="ROS")
-    """Prefix of topics, services and frames, see `Namespace`; empty: none."""
+    Attributes:
+        scan_rate: of scans [Hz]; odometry, transforms and clock come in every control period.
+        speed: simulated time, times real time, published on /clock; 0: stamps are of real time,
+            and there is no /clock.
+        localized: publish /map, /goal_pose and the transform map -> odom; false: amcl or
+            slam_toolbox does.
+        imu: publish the turn rate on /imu.
+        namespace: prefix of topics, services and frames, see `Namespace`; empty: none.
+    """
+
+    scan_rate: float = 10.0  # as nav2_loopback_sim
+    speed: float = 0.0
+    localized: bool = True
+    imu: bool = False
+    namespace: str = ""
 
 
 class Robot:
@@ -135,9 +132,8 @@ class Robot:
         with self._lock:
             fresh, self._fresh = self._fresh, False
             self._silent = 0.0 if fresh else self._silent + self._mission.period
-            if self._silent > self.config.command_timeout:
-                name, timeout = self.names.of(COMMAND), self.config.command_timeout
-                self._stop(f"{name} is silent for {timeout:g} s")
+            if self._silent > COMMAND_TIMEOUT:
+                self._stop(f"{self.names.of(COMMAND)} is silent for {COMMAND_TIMEOUT:g} s")
             elif any(self._twist):
                 self._stopped = False
             return Command(np.array(self._twist))
@@ -161,11 +157,10 @@ class Robot:
             return self._refuse(
                 f"{topic}: expected a Twist, or a TwistStamped with a header, of finite numbers"
             )
-        limit = self.config.command_timeout
-        if made and abs(self._now() / ros.NANO - made) > limit:
+        if made and abs(self._now() / ros.NANO - made) > COMMAND_TIMEOUT:
             return self._refuse(
-                f"{topic}: is stamped more than {limit:g} s from now; expected fresh commands, "
-                "clocks that agree, or a stamp of 0"
+                f"{topic}: is stamped more than {COMMAND_TIMEOUT:g} s from now; expected fresh "
+                "commands, clocks that agree, or a stamp of 0"
             )
         with self._lock:
             self._twist, self._commander, self._fresh = (float(v), float(w)), sender, True

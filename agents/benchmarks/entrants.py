@@ -16,7 +16,7 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import FrameType
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 
@@ -30,13 +30,6 @@ EXTRA = "wheelchair_gym[peers]"
 UNLIMITED = 10_000_000  # iterations under a deadline, so that time alone ends a run
 
 
-class Peer(NamedTuple):
-    """A planner of another package."""
-
-    package: str
-    settings: Any
-
-
 def _mealpy(algorithm: str) -> SwarmPlanner:
     """A swarm on the way points of a free path: from random starts no swarm finds one in clutter.
 
@@ -46,13 +39,19 @@ def _mealpy(algorithm: str) -> SwarmPlanner:
     return SwarmPlanner(optimizer=optimizer, population=10, way_points=20)
 
 
-PEERS: Final[dict[str, Peer]] = {
-    "ompl_rrt_connect": Peer("ompl", Ompl("RRTConnect")),
-    "ompl_informed_rrt_star": Peer("ompl", Ompl("InformedRRTstar")),
-    "ompl_bit_star": Peer("ompl", Ompl("BITstar")),
-    "mealpy_woa": Peer("mealpy", _mealpy("OriginalWOA")),
-    "mealpy_pso": Peer("mealpy", _mealpy("OriginalPSO")),
+# Settings by name, which begins with the package.
+PEERS: Final[dict[str, Any]] = {
+    "ompl_rrt_connect": Ompl("RRTConnect"),
+    "ompl_informed_rrt_star": Ompl("InformedRRTstar"),
+    "ompl_bit_star": Ompl("BITstar"),
+    "mealpy_woa": _mealpy("OriginalWOA"),
+    "mealpy_pso": _mealpy("OriginalPSO"),
 }
+
+
+def package_of(peer: str) -> str:
+    """The package that a peer is of."""
+    return peer.partition("_")[0]
 
 
 def installed(package: str) -> bool:
@@ -78,12 +77,8 @@ class Entrant:
 
     def prepare(self, case: Case) -> tuple[Any, Any]:
         """Return the planners for a map, without and with a deadline."""
-        if self.package is None:
-            return self.config, self.unlimited
         ready = prepare(self.config, case)
-        if self.unlimited is self.config:
-            return ready, ready
-        return ready, prepare(self.unlimited, case)
+        return ready, ready if self.unlimited is self.config else prepare(self.unlimited, case)
 
     @property
     def description(self) -> dict[str, Any]:
@@ -184,11 +179,10 @@ def make_entrants(specs: Sequence[Any], peers: Sequence[str]) -> list[Entrant]:
         )
     small = Case(small_problem(), None, "unknown")
     for name in peers:
-        peer = PEERS[name]
-        package = f"{peer.package} {importlib.metadata.version(peer.package)}"
-        calls = called_planners(prepare(peer.settings, small))
-        unlimited = with_iterations(peer.settings, UNLIMITED)
-        found.append(Entrant(name, peer.settings, unlimited, package, calls=calls))
+        peer, package = PEERS[name], package_of(name)
+        package += f" {importlib.metadata.version(package)}"
+        calls = called_planners(prepare(peer, small))
+        found.append(Entrant(name, peer, with_iterations(peer, UNLIMITED), package, calls=calls))
     return found
 
 
@@ -201,14 +195,14 @@ def select_peers(wanted: Sequence[str] | None) -> tuple[list[str], list[str]]:
     for name in wanted or ():
         if name not in PEERS:
             raise InputError(f"peer {name!r} is unknown; there are {', '.join(PEERS)}")
-    packages = sorted({peer.package for peer in PEERS.values()})
+    packages = sorted(set(map(package_of, PEERS)))
     missing = {
         package: f"{package} is not installed: pip install '{EXTRA}'"
         for package in packages
         if not installed(package)
     }
     for name in wanted or ():
-        if PEERS[name].package in missing:
-            raise InputError(f"peer {name}: {missing[PEERS[name].package]}")
-    here = [name for name, peer in PEERS.items() if peer.package not in missing]
+        if package_of(name) in missing:
+            raise InputError(f"peer {name}: {missing[package_of(name)]}")
+    here = [name for name in PEERS if package_of(name) not in missing]
     return (here, [*missing.values()]) if wanted is None else (list(wanted), [])

@@ -42,6 +42,7 @@ def scene_statistics(scene: Scene, seeds: Iterable[int]) -> dict[str, list[float
     return {name: values for name, values in table.items() if any(values) or name in _ALWAYS}
 
 
+_HABITS = ("behaviour", BEHAVIOURS, WALKS), ("reaction", REACTIONS, REGULAR)
 _ALWAYS = {"way [m]", "bottleneck margin [m]", "density", "walls", "discs", "start to goal [m]"}
 
 
@@ -88,14 +89,10 @@ def _actor_figures(episode: Episode) -> dict[str, Any]:
         "people in groups": len(np.union1d(led, led - rows["leader"][led])),
         "trolleys": (of["furniture"]["leader"] > 0).sum(),
         **{
-            f"people: {name.replace('_', ' ')}": (people["behaviour"] == k).sum()
-            for k, name in enumerate(BEHAVIOURS)
-            if k != WALKS
-        },
-        **{
-            f"people: {name}": (people["reaction"] == k).sum()
-            for k, name in enumerate(REACTIONS)
-            if k != REGULAR
+            f"people: {name.replace('_', ' ')}": (people[column] == k).sum()
+            for column, names, usual in _HABITS
+            for k, name in enumerate(names)
+            if k != usual
         },
         "walking speed [m/s]": people["speed"],
         "length of their routes [m]": [path_length(route) for route in routes],

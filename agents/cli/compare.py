@@ -185,8 +185,8 @@ def tune(given: argparse.Namespace) -> int:
     from agents.evaluation import tuning
 
     what = spec(given.name)
-    ranges = [tuning.read_range(text) for text in given.vary]
-    if len({vary.key for vary in ranges}) < len(ranges):
+    ranges = dict(map(tuning.read_range, given.vary))
+    if len(ranges) < len(given.vary):
         raise InputError("--vary: a setting is given twice")
     folder = Path(given.out or Path("runs") / "tune" / Path(given.name).name.replace(":", "_"))
     found = tuning.tune(

@@ -78,14 +78,17 @@ def _numbers(prompt: str, example: str) -> list[float]:
 
 
 @contextmanager
-def _chair_errors() -> Iterator[None]:
-    """Turn a ValueError of the chair into a ConnectionError, for which the command exits with 1."""
+def _chair_errors(more: str = "") -> Iterator[None]:
+    """Turn a ValueError of the chair into a ConnectionError, for which the command exits with 1.
+
+    `more` is said after it.
+    """
     try:
         yield
     except ValueError as error:
         if isinstance(error, InputError):
             raise
-        raise ConnectionError(error) from None
+        raise ConnectionError(f"{error}{more}") from None
 
 
 def check(given: argparse.Namespace) -> int:
@@ -189,13 +192,9 @@ def _calibrate_distance(given: argparse.Namespace, settings: Any) -> int:
     if not given.push and given.distance < minimum:
         raise InputError(f"--distance {given.distance:g}: expected at least {minimum:g} m")
     configured = settings.chair.drive.counts_per_metre
-    try:
+    with _chair_errors("; nothing was written"):
         runs = (_pushed_runs if given.push else _driven_runs)(given, settings)
         result = distance_calibration.calibrate_distance(runs, configured)
-    except ValueError as error:
-        if isinstance(error, InputError):
-            raise
-        raise ValueError(f"{error}; nothing was written") from None
     text = (
         f"{result.counts_per_metre:.1f} counts per metre, deviation {result.deviation:.1f} in "
         f"{len(runs)} runs; the config says {configured:g}\n"

@@ -103,7 +103,7 @@ class LocalMap:
         self._tracker = Tracker(laser=self._laser)
         # A map that the chair draws shows actors as well: nothing would stand out against it.
         self._known = None if mission.map is None else grid
-        self.temporary = TemporaryObstacles(grid)
+        self.temporary = TemporaryObstacles(grid, self._laser)
         self._beams = self._laser.directions
         self._more = list(zip(mission.sensors.lasers, mission.sensors.slices, strict=True))[1:]
         self._odometry = np.zeros(3)  # dead reckoning, the frame of the memory
@@ -165,7 +165,7 @@ class LocalMap:
             unmapped = ~self.temporary.explains(seen, ranges[near], self.pose)
             moving &= unmapped
             self.temporary.update(
-                seen[unmapped & ~moving], self._standing, ranges, laser, self.pose, reading.stamp
+                seen[unmapped & ~moving], self._standing, ranges, self.pose, reading.stamp
             )
         static &= ~moving
         seen = seen[static]
@@ -205,11 +205,10 @@ class LocalMap:
         """Update the actors: what is seen to move, or has moved within `PAUSE`, and is no leaf."""
         scan = reading.laser[: self._laser.beams]
         tracks = self._tracker.update(scan, self.pose, reading.twist, reading.stamp, self._known)
-        c, s = math.cos(self.pose[2]), math.sin(self.pose[2])
         rows = np.column_stack(
             [
                 to_frame(tracks.place, self.pose),
-                tracks.velocity @ np.array([(c, -s), (s, c)]),
+                to_frame(tracks.velocity, (0.0, 0.0, self.pose[2])),
                 tracks.radius,
                 tracks.covariance.reshape(-1, 4)[:, [0, 1, 3]],
             ]
@@ -246,11 +245,11 @@ SPREADING = 0.03  # m more per metre of range, for the heading's error: the map 
 class TemporaryObstacles:
     """Static hits that no mapped wall explains, by cells of the map, until they are seen gone."""
 
-    def __init__(self, grid: OccupancyGrid) -> None:
-        self._grid, self._far = grid, grid.distance()
+    def __init__(self, grid: OccupancyGrid, laser: LaserSettings) -> None:
+        self._grid, self._far, self._laser = grid, grid.distance(), laser
         self._cells = np.empty((0, 2), np.int64)  # row, col
-        self._first_seen, self._last_seen = np.empty(0), np.empty(0)  # stamps [s]
-        self._memory = np.empty(0)  # s for which each is remembered
+        # When each was seen first and last [s], and for how long it is remembered [s].
+        self._times = np.empty((0, 3))
 
     def explains(self, hits: Array, ranges: Array, pose: Array) -> Mask:
         """Mask of hits (n, 2) at ranges (n,) [m]: explained by a mapped wall, or off the map."""
@@ -262,13 +261,7 @@ class TemporaryObstacles:
         return explained
 
     def update(
-        self,
-        hits: Array,
-        standing: Array,
-        ranges: Array,
-        laser: LaserSettings,
-        pose: Array,
-        stamp: float,
+        self, hits: Array, standing: Array, ranges: Array, pose: Array, stamp: float
     ) -> None:
         """Update from a scan.
 
@@ -276,47 +269,45 @@ class TemporaryObstacles:
             hits: static hits that are not on the map (n, 2) [m] in the chair's frame.
             standing: who stands and may go on (m, 5 or more), as `LocalMap.actors`.
             ranges: the whole scan (beams,) [m], no echo infinite.
-            laser: its settings.
             pose: of the chair (3,).
             stamp: [s].
         """
-        self._forget(ranges, laser, pose, stamp)
+        self._forget(ranges, pose, stamp)
         near = hits[np.hypot(hits[:, 0], hits[:, 1]) < DRAWN_RANGE]
         cells = self._grid.to_cell(to_world(near, pose))
         cells = cells[((cells >= 0) & (cells < self._grid.shape)).all(axis=1)]
         columns = self._grid.shape[1]
         now = np.unique(cells[:, 0] * columns + cells[:, 1])
         before = self._cells[:, 0] * columns + self._cells[:, 1]
-        self._last_seen[np.isin(before, now)] = stamp
+        self._times[np.isin(before, now), 1] = stamp
         fresh = now[~np.isin(now, before)]
         self._cells = np.concatenate([self._cells, np.stack(np.divmod(fresh, columns), axis=-1)])
-        self._first_seen = np.append(self._first_seen, np.full(len(fresh), stamp))
-        self._last_seen = np.append(self._last_seen, np.full(len(fresh), stamp))
-        self._memory = np.append(self._memory, np.full(len(fresh), TEMPORARY_MEMORY))
+        begun = np.tile((stamp, stamp, TEMPORARY_MEMORY), (len(fresh), 1))
+        self._times = np.concatenate([self._times, begun])
         at = to_frame(self._grid.to_world(self._cells), pose)
         brief = near_discs(at, standing)
-        seen = self._last_seen == stamp
-        self._memory[seen] = np.where(brief[seen], LIVELY, TEMPORARY_MEMORY)
+        seen = self._times[:, 1] == stamp
+        self._times[seen, 2] = np.where(brief[seen], LIVELY, TEMPORARY_MEMORY)
 
-    def _forget(self, ranges: Array, laser: LaserSettings, pose: Array, stamp: float) -> None:
+    def _forget(self, ranges: Array, pose: Array, stamp: float) -> None:
         """Drop what is long out of sight, and what a beam has gone through."""
         if not len(self._cells):
             return
-        at = to_frame(self._grid.to_world(self._cells), pose)
+        at, laser = to_frame(self._grid.to_world(self._cells), pose), self._laser
         bearing = bearings(at, laser)
         beam = np.round((bearing / laser.fov + 0.5) * (len(ranges) - 1)).astype(np.int64)
         inside = (beam >= 0) & (beam < len(ranges))
         reached = np.where(inside, ranges[np.clip(beam, 0, len(ranges) - 1)], 0.0)
         distance = np.hypot(at[:, 0] - laser.x, at[:, 1] - laser.y)
         gone = np.nan_to_num(reached, nan=0.0, posinf=np.inf) > distance + THROUGH
-        kept = ~gone & (stamp - self._last_seen < self._memory)
-        self._cells, self._first_seen = self._cells[kept], self._first_seen[kept]
-        self._last_seen, self._memory = self._last_seen[kept], self._memory[kept]
+        kept = ~gone & (stamp - self._times[:, 1] < self._times[:, 2])
+        self._cells, self._times = self._cells[kept], self._times[kept]
 
     @property
     def points(self) -> Array:
         """Centres (n, 2) [m] of the cells where something has stood for a while."""
-        return self._grid.to_world(self._cells[self._last_seen - self._first_seen > MIN_AGE])
+        age = self._times[:, 1] - self._times[:, 0]
+        return self._grid.to_world(self._cells[age > MIN_AGE])
 
     def painted(self) -> OccupancyGrid:
         """The map with all of this in it."""

@@ -22,6 +22,7 @@ from wheelchair_gym.geometry.outline import (
     rectangle_point_gap,
     required_clearance,
 )
+from wheelchair_gym.geometry.planar import to_frame
 
 TURN_LENGTH = 0.4  # m per rad: about the mean lever of the outline about the drive axle
 # Two steps exist: with the control generator's 0.05 s a fan of twists takes 2.5 times as long. The
@@ -354,7 +355,6 @@ class ReferencePath:
         """The reference poses (m, 4) of the next `distance` metres, in the chair's frame."""
         ends = np.searchsorted(self.rows[:, S], [self.way - 0.1, self.way + distance])
         part = self.rows[min(ends[0], self.at) : ends[1] + 1].copy()
-        c, s = math.cos(pose[2]), math.sin(pose[2])
-        part[:, :2] = (part[:, :2] - pose[:2]) @ np.array([(c, -s), (s, c)])
+        part[:, :2] = to_frame(part[:, :2], pose)
         part[:, YAW] -= pose[2]
         return part

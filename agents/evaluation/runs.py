@@ -182,7 +182,11 @@ def compute(
             with stopped_by_ctrl_c(lambda: f"{len(done)} of {len(jobs)} {unit}s are stored"):
                 if missing and before is not None:
                     before(list(missing.values()))
-                for key, record in _bar(made, len(jobs), len(done), unit, progress):
+                pause = 0.1 if sys.stderr.isatty() else LOG_PAUSE
+                for key, record in tqdm(
+                    made, total=len(jobs), initial=len(done), unit=unit, mininterval=pause,
+                    maxinterval=pause, disable=not progress,
+                ):  # fmt: skip
                     done[key] = record
                     lines.write(stored_line(key, record).encode())
         except LostError as error:
@@ -193,17 +197,6 @@ def compute(
         finally:
             made.close()
     return {key: done[key] for key in jobs}
-
-
-def _bar(made: Iterator[Made], total: int, done: int, unit: str, progress: bool) -> Iterator[Made]:
-    pause = 0.1 if sys.stderr.isatty() else LOG_PAUSE
-    with tqdm(
-        total=total, initial=done, unit=unit, mininterval=pause, maxinterval=pause,
-        disable=not progress,
-    ) as bar:  # fmt: skip
-        for each in made:
-            yield each
-            bar.update()
 
 
 def _by_workers(

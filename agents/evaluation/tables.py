@@ -16,7 +16,6 @@ from agents.evaluation.provenance import write_text
 
 if TYPE_CHECKING:
     import jinja2
-    from markupsafe import Markup
 
 Row = Mapping[str, Any]
 Figures = Mapping[str, tuple[str, bytes]]  # name: caption and SVG
@@ -80,7 +79,9 @@ class Table(NamedTuple):
 
     def html(self) -> str:
         """The table as HTML, sorted by the heading that is clicked; empty without rows."""
-        return macro("table", self) if any(self.groups) else ""
+        page: Any = templates().get_template("macros.html").module
+        text: str = page.table(self) if any(self.groups) else ""
+        return text
 
     def text(self) -> str:
         """The table as aligned columns for a terminal."""
@@ -189,13 +190,6 @@ def templates() -> jinja2.Environment:
     }
     environment.tests |= {"figure": exists}
     return environment
-
-
-def macro(name: str, *arguments: Any) -> Markup:
-    """The HTML of a macro of macros.html."""
-    from markupsafe import Markup
-
-    return Markup(getattr(templates().get_template("macros.html").module, name)(*arguments))
 
 
 def write_page(path: Path, template: str, **context: Any) -> Path:

@@ -35,39 +35,24 @@ from wheelchair_gym.base.settings import InputError, dump, value_of, with_values
 METRICS = ("sct", "spl", "success", "barn", "barn_own")  # of episodes; the higher, the better
 EXECUTION = ("folder", "jobs")  # settings that change no score
 JOURNAL = "trials.log"
+Ranges = Mapping[str, distributions.BaseDistribution]  # by the dotted key of a setting
 Scores = list[float]
 Judge = Callable[[Spec, Sequence[int]], Scores]  # of settings on seeds: one score each
 
 
-@dataclass(frozen=True)
-class Range:
-    """A setting that is searched, and where: from `low` to `high`, or among `choices`."""
-
-    key: str
-    low: float = 0.0
-    high: float = 0.0
-    log: bool = False
-    choices: tuple[Any, ...] = ()
-
-    @property
-    def distribution(self) -> distributions.BaseDistribution:
-        """The distribution of Optuna; bounds that are integers give integers."""
-        if self.choices:
-            return distributions.CategoricalDistribution(self.choices)
-        if isinstance(self.low, int) and isinstance(self.high, int):
-            return distributions.IntDistribution(self.low, self.high, log=self.log)
-        return distributions.FloatDistribution(self.low, self.high, log=self.log)
-
-    def has(self, value: Any) -> bool:
-        """Whether a value is in the range."""
-        if self.choices:
-            return value in self.choices
-        number = isinstance(value, int | float) and not isinstance(value, bool)
-        return number and self.low <= value <= self.high
+def covers(distribution: distributions.BaseDistribution, value: Any) -> bool:
+    """Whether a distribution has a value."""
+    if isinstance(distribution, distributions.CategoricalDistribution):
+        return value in distribution.choices
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    bounds: Any = distribution
+    return number and bounds.low <= value <= bounds.high
 
 
-def read_range(text: str) -> Range:
-    """A range as a person writes it: KEY=LOW:HIGH, KEY=LOW:HIGH:log or KEY=A,B,C.
+def read_range(text: str) -> tuple[str, distributions.BaseDistribution]:
+    """A setting and its range as a person writes it: KEY=LOW:HIGH, KEY=LOW:HIGH:log or KEY=A,B,C.
+
+    Bounds that are integers give integers.
 
     Raises:
         InputError: the text is not a range.
@@ -79,14 +64,16 @@ def read_range(text: str) -> Range:
     if not ends:
         if ":" in what or "," not in what:
             raise InputError(f"--vary {text}: expected LOW:HIGH, LOW:HIGH:log or A,B,C")
-        return Range(key, choices=tuple(value_of(word) for word in what.split(",")))
+        return key, distributions.CategoricalDistribution([*map(value_of, what.split(","))])
     low, high, log = value_of(ends[1]), value_of(ends[2]), ends[3] is not None
     for end in (low, high):
         if isinstance(end, bool) or not isinstance(end, int | float) or not np.isfinite(end):
             raise InputError(f"--vary {text}: {end!r} is not a finite number")
     if low >= high or (log and low <= 0):
         raise InputError(f"--vary {text}: expected LOW < HIGH{', LOW > 0' if log else ''}")
-    return Range(key, low, high, log)
+    whole = isinstance(low, int) and isinstance(high, int)
+    of = distributions.IntDistribution if whole else distributions.FloatDistribution
+    return key, of(low, high, log=log)
 
 
 def value_at(everything: Mapping[str, Any], key: str) -> Any:
@@ -140,7 +127,7 @@ class Drives:
 
 def tune(
     spec: Spec,
-    ranges: Sequence[Range],
+    ranges: Ranges,
     judge: Judge,
     seeds: Sequence[int],
     others: Sequence[int],
@@ -156,7 +143,7 @@ def tune(
 
     Args:
         spec: the policy.
-        ranges: the settings that are searched.
+        ranges: the settings that are searched, and where.
         judge: scores settings.
         seeds: of the episodes that trials are scored on.
         others: of the episodes that the best trial is scored on again.
@@ -173,11 +160,12 @@ def tune(
         StoppedError: Ctrl-C; the same call resumes.
     """
     current = all_settings(spec)
-    before = {vary.key: value_at(current, vary.key) for vary in ranges}
+    before = {key: value_at(current, key) for key in ranges}
     asked = {key: value for key, value in vars(judge).items() if key not in EXECUTION}
-    what = run_key(source_digest(), spec, [vars(v) for v in ranges], list(seeds), seed, asked)
+    where = {key: distributions.distribution_to_json(each) for key, each in ranges.items()}
+    what = run_key(source_digest(), spec, where, list(seeds), seed, asked)
     study = _study(folder, what)
-    if not study.trials and all(vary.has(before[vary.key]) for vary in ranges):
+    if not study.trials and all(covers(each, before[key]) for key, each in ranges.items()):
         study.enqueue_trial(before)
     with stopped_by_ctrl_c(lambda: f"{len(_done(study))} of {trials} trials are done"):
         with tqdm(total=trials, disable=not progress, unit="trial") as bar:
@@ -219,7 +207,7 @@ def _study(folder: Path, what: str) -> optuna.Study:
 
 
 def _drawn(
-    study: optuna.Study, ranges: Sequence[Range], trials: int, seed: int
+    study: optuna.Study, ranges: Ranges, trials: int, seed: int
 ) -> Iterator[tuple[int, dict[str, Any] | None]]:
     """Number and values of every trial to be scored; None for one that was killed while drawn."""
     for frozen in study.get_trials(states=(optuna.trial.TrialState.RUNNING,)):
@@ -235,7 +223,7 @@ def _drawn(
         # Draws depend on the trial and those before it alone, so that a search can be stopped.
         draws = int(np.random.SeedSequence((seed, number)).generate_state(1)[0])
         study.sampler = optuna.samplers.TPESampler(seed=draws)
-        trial = study.ask({vary.key: vary.distribution for vary in ranges})
+        trial = study.ask(dict(ranges))
         yield trial.number, dict(trial.params)
 
 

@@ -42,12 +42,10 @@ from wheelchair_gym.people.drivers.state import tremor_filter
 
 _ON_GRID = 0.03  # mean squared distance to the grid, in steps; at random 1/12
 _ZONES = np.arange(0.0, 0.5, 2e-4)  # dead zones that are tried
-_NAMES = {
-    "delay": "delay", "lag": "hand.lag", "return_lag": "hand.return_lag",
-    "forward": "hand.forward", "backward": "hand.backward", "leftward": "hand.leftward",
-    "rightward": "hand.rightward", "rotation": "hand.rotation",
-    "offset_forward": "hand.offset_forward", "offset_left": "hand.offset_left",
-}  # fmt: skip
+_NAMES = (
+    "delay", "hand.lag", "hand.return_lag", "hand.forward", "hand.backward", "hand.leftward",
+    "hand.rightward", "hand.rotation", "hand.offset_forward", "hand.offset_left",
+)  # fmt: skip
 _LOW = np.array([0.0, 0.005, 0.005, 0.05, 0.05, 0.05, 0.05, -0.8, -0.5, -0.5])
 _HIGH = np.array([2.5, 1.5, 1.5, 1.0, 1.0, 1.0, 1.0, 0.8, 0.5, 0.5])
 _STEADY = np.zeros((0, 2))  # no tremor
@@ -143,11 +141,11 @@ def _fit_stick(
     if prompted:
         fit = _HandFit(prompted, device)
         best = fit.best()
-        values = {name.partition(".")[2]: float(best[k]) for k, name in enumerate(_NAMES.values())}
+        values = {name.partition(".")[2]: float(best[k]) for k, name in enumerate(_NAMES)}
         hand = dataclasses.replace(hand, **{k: v for k, v in values.items() if k})
     else:
         why = "a drive does not show which deflection was meant: record one with --prompts"
-        unidentified |= dict.fromkeys(_NAMES.values(), why)
+        unidentified |= dict.fromkeys(_NAMES, why)
     tremor, why = fit_tremor(sessions, device, hand, repeats, rng)
     if prompted:
         for name, found in tremor.items():
@@ -311,8 +309,7 @@ def _hand_estimates(
         resampled.append(np.clip(one.x - bias, _LOW, _HIGH))
     corrected = np.clip(best - bias, _LOW, _HIGH)
     return {
-        name: estimate(corrected[k], [one[k] for one in resampled])
-        for k, name in enumerate(_NAMES.values())
+        name: estimate(corrected[k], [one[k] for one in resampled]) for k, name in enumerate(_NAMES)
     }
 
 

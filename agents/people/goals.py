@@ -8,7 +8,6 @@ Srinivasa 2013).
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
@@ -50,26 +49,32 @@ def distances(places: Array, others: Array) -> Array:
 
 
 class Goals:
-    """Goals that a person may have, and how far each is believed in: base of assistants' methods.
+    """Goals that a person may have, and how far each is believed in: the method of an assistant.
 
     Attributes:
-        config: settings of the assistant.
+        config: settings of the assistant, which decide.
+        mission: the chair.
         belief: (k,) of each goal; they sum to 1.
     """
 
-    def __init__(self, config: Any) -> None:
+    def __init__(self, config: Believing) -> None:
         self.config = config
 
     def reset(self, mission: AssistMission) -> None:
         """Know no goal."""
-        self._mission = mission
+        self.mission = mission
         self._targets: Array = np.empty((0, 2))
         self.belief: Array = np.empty(0)
         self._pose: Array | None = None
 
+    def twist(self, now: AssistInput) -> Twist:
+        """See `Method.twist`."""
+        twists = fan(self.mission, now)
+        return self.config.choose(self, now, twists, self.update(now, twists))
+
     def update(self, now: AssistInput, twists: Array) -> Array:
         """Update the belief by the stick; the costs (n, k) [s] of twists (n, 2) to each goal."""
-        mission = self._mission
+        mission = self.mission
         self._take_scan(now)
         asked = np.array([now.asked])
         rows = np.vstack([asked, np.zeros((1, 2)), twists[:, :2]])
@@ -85,7 +90,7 @@ class Goals:
 
     def _take_scan(self, now: AssistInput) -> None:
         """Find goals anew; each inherits the belief in the one of before that it is."""
-        found = find_targets(now.points, self._mission.chair.footprint.front)
+        found = find_targets(now.points, self.mission.chair.footprint.front)
         belief = np.full(len(found), 1.0)
         if len(self._targets) and self._pose is not None:
             before = to_frame(to_world(self._targets, self._pose), now.reading.pose)
@@ -98,35 +103,40 @@ class Goals:
 
 
 @settings
-class Blend(Sharing):
-    """Mixes the stick with a safe twist towards the likeliest goal."""
+class Believing(Sharing):
+    """Settings of an assistant that holds a belief over a person's goals."""
+
+    def make(self) -> SharedAssistant:
+        """Make a fresh assistant."""
+        return SharedAssistant(Goals(self), self.freedom)
+
+    def choose(self, goals: Goals, now: AssistInput, twists: Array, costs: Array) -> Twist:
+        """The twist [m/s, rad/s], by the costs (n, k) [s] of safe twists (n, 3) to each goal."""
+        raise NotImplementedError
+
+
+@settings
+class Blend(Believing):
+    """Mixes the stick with a safe twist towards the likeliest goal.
+
+    Policy blending: the stick and the twist towards the likely goal, mixed by confidence.
+    Source: Dragan and Srinivasa 2013: u = (1 - a) u_h + a u_r(g*), where the share a grows with the
+    confidence in the likeliest goal g*. Two safe twists may blend into an unsafe one: the shield
+    filters afterwards.
+    """
 
     max_share: float = setting(
         default=0.6, low=0.0, high=1.0, source="Dragan 2013: timid to aggressive"
     )
     """Largest share of the robot."""
 
-    def make(self) -> SharedAssistant:
-        """Make a fresh assistant."""
-        return SharedAssistant(_Blend(self), self.freedom)
-
-
-class _Blend(Goals):
-    """Policy blending: the stick and the twist towards the likely goal, mixed by confidence.
-
-    Source: Dragan and Srinivasa 2013: u = (1 - a) u_h + a u_r(g*), where the share a grows with the
-    confidence in the likeliest goal g*. Two safe twists may blend into an unsafe one: the shield
-    filters afterwards.
-    """
-
-    def twist(self, now: AssistInput) -> Twist:
-        twists = fan(self._mission, now)
-        costs = self.update(now, twists)
+    def choose(self, goals: Goals, now: AssistInput, twists: Array, costs: Array) -> Twist:
+        """See `Believing.choose`."""
         if now.asked[0] < 0.0:  # a person who backs is manoeuvring, not driving to a goal
-            return nearest(twists, now.asked, self._mission)
-        likely = int(np.argmax(self.belief))
-        ramp = (float(self.belief[likely]) - TIMID) / (SURE - TIMID)
-        share = self.config.max_share * min(1.0, max(0.0, ramp))
+            return nearest(twists, now.asked, goals.mission)
+        likely = int(np.argmax(goals.belief))
+        ramp = (float(goals.belief[likely]) - TIMID) / (SURE - TIMID)
+        share = self.max_share * min(1.0, max(0.0, ramp))
         if share == 0.0 or not len(twists):
             return now.asked
         best = twists[cheapest(costs[:, likely])]
@@ -135,70 +145,52 @@ class _Blend(Goals):
 
 
 @settings
-class Hindsight(Sharing):
-    """Minimises the expected cost to go over the goals, and the distance from the stick."""
+class Hindsight(Believing):
+    """Minimises the expected cost to go over the goals, and the distance from the stick.
 
-    stick: float = setting(default=4.0, unit="s", low=0.0, high=100.0)
-    """Seconds that a twist off the stick's by full speed costs."""
-
-    def make(self) -> SharedAssistant:
-        """Make a fresh assistant."""
-        return SharedAssistant(_Hindsight(self), self.freedom)
-
-
-class _Hindsight(Goals):
-    """Hindsight optimisation: the twist that is best on average over all goals believed in.
-
+    Hindsight optimisation: the twist that is best on average over all goals believed in.
     Source: Javdani et al. 2015, 2018: the action of least expected cost, sum over goals g of
     b(g) Q_g(x, a, u), as if the goal were known from the next step on; Q_g is the cost to go after
     the twist and a price for leaving the stick. So it helps before any goal is certain.
     """
 
-    def twist(self, now: AssistInput) -> Twist:
-        config = self.config
-        twists = fan(self._mission, now)
-        costs = self.update(now, twists)
+    stick: float = setting(default=4.0, unit="s", low=0.0, high=100.0)
+    """Seconds that a twist off the stick's by full speed costs."""
+
+    def choose(self, goals: Goals, now: AssistInput, twists: Array, costs: Array) -> Twist:
+        """See `Believing.choose`."""
         # A person who backs is manoeuvring, not driving to a goal.
         if now.asked[0] < 0.0 or not len(twists):
-            return nearest(twists, now.asked, self._mission)
-        expected = costs @ self.belief
-        expected += config.stick * scaled_distance(twists, now.asked, self._mission)
-        enough = ENOUGH * min(1.0, now.margin / max(config.freedom.margin, 1e-6))
+            return nearest(twists, now.asked, goals.mission)
+        expected = costs @ goals.belief
+        expected += self.stick * scaled_distance(twists, now.asked, goals.mission)
+        enough = ENOUGH * min(1.0, now.margin / max(self.freedom.margin, 1e-6))
         expected += CLEARANCE_COST * np.maximum(0.0, 1.0 - twists[:, 2] / max(enough, 1e-6))
         best = twists[cheapest(expected)]
         return float(best[0]), float(best[1])
 
 
 @settings
-class Hypotheses(Sharing):
-    """Takes over towards the likely target when the stick is predicted to miss it."""
+class Hypotheses(Believing):
+    """Takes over towards the likely target when the stick is predicted to miss it.
 
-    def make(self) -> SharedAssistant:
-        """Make a fresh assistant."""
-        return SharedAssistant(_Hypotheses(self), self.freedom)
-
-
-class _Hypotheses(Goals):
-    """Collaborative control: help only who is about to miss the likely target.
-
+    Collaborative control: help only who is about to miss the likely target.
     Source: Carlson and Demiris 2012. Local targets carry a confidence that each reading updates.
     While the stick leads to the likeliest one, it is the twist. When it is predicted to miss that
     target, or to collide, a safe twist towards the target is taken instead.
     """
 
-    def twist(self, now: AssistInput) -> Twist:
-        mission = self._mission
-        twists = fan(mission, now)
-        costs = self.update(now, twists)
-        hits = free_share(mission, now, now.asked, LOOK_AHEAD) < 1.0
+    def choose(self, goals: Goals, now: AssistInput, twists: Array, costs: Array) -> Twist:
+        """See `Believing.choose`."""
         if not len(twists):
             return 0.0, 0.0
-        likely = int(np.argmax(self.belief))
-        off = scaled_distance(twists, now.asked, mission)
+        hits = free_share(goals.mission, now, now.asked, LOOK_AHEAD) < 1.0
+        likely = int(np.argmax(goals.belief))
+        off = scaled_distance(twists, now.asked, goals.mission)
         best = cheapest(costs[:, likely] + 0.1 * off)
         same = cheapest(off)  # the stick's, or the nearest that is safe
         misses = costs[same, likely] - costs[best, likely] > MISS
-        sure = float(self.belief[likely]) >= CONFIDENCE
+        sure = float(goals.belief[likely]) >= CONFIDENCE
         if not (hits or (misses and sure)):
             return now.asked
         chosen = twists[best if sure else same]

@@ -61,13 +61,7 @@ class Explore:
 
     def planned(self) -> Planned:
         """Return the settings of the policy that drives to each place."""
-        return Planned(
-            planner=self.planner,
-            follower=self.follower,
-            seed=self.seed,
-            deadline=self.deadline,
-            planning_time=self.planning_time,
-        )
+        return Planned(**{key: value for key, value in vars(self).items() if key != "seek"})
 
     def make(self) -> Explorer:
         """A fresh policy."""

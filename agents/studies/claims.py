@@ -67,23 +67,12 @@ def fit_reading(r: Results, reading: str, strata: Sequence[str] = (), without: s
     return fit(*ratios_of(r, reading, strata, without).T)
 
 
-def _bootstrap(columns: Array, figure: Callable[[Fit], float]) -> tuple[float, float]:
-    """The 95 % interval of a figure of the fit, by drawing rows with replacement; one seed."""
-    rng = np.random.default_rng(0)
-    drawn = [
-        figure(fit(*columns[rng.integers(len(columns), size=len(columns))].T))
-        for _ in range(_DRAWS)
-    ]
-    low, high = np.percentile(drawn, [2.5, 97.5])
-    return float(low), float(high)
+def _bootstrap(columns: Array) -> list[Fit]:
+    """Fits of rows that are drawn with replacement; one seed."""
+    rng, n = np.random.default_rng(0), len(columns)
+    return [fit(*columns[rng.integers(n, size=n)].T) for _ in range(_DRAWS)]
 
 
-FIGURES_OF_FIT: Final[Mapping[str, Callable[[Fit], float]]] = {
-    "correlation": lambda found: found.correlation,
-    "r2": lambda found: found.r2,
-    "rms": lambda found: found.rms,
-    "length": lambda found: found.length.value,
-}
 WITHOUT: Final = "t1-3.7"  # the table of mu, after which its exchange was chosen
 
 
@@ -92,31 +81,26 @@ def agreement(r: Results) -> list[dict[str, Any]]:
     readings = list(dict.fromkeys(row.series for row in r.study.rows))
     maps = list(next(iter(r.study.rows)).jobs)
     parts = {"odd": maps[::2], "even": maps[1::2]}
-    found = []
+    rows = []
     for reading in readings:
         columns = ratios_of(r, reading)
-        whole = fit(*columns.T)
+        fits = [fit(*columns.T), *_bootstrap(columns)]
+        figures = np.array([(*one[:3], one.length.value) for one in fits])
         row: dict[str, Any] = {"reading": reading, "rows": len(columns)}
-        for key, figure in FIGURES_OF_FIT.items():
-            row[key] = figure(whole)
-            row[f"{key}_low"], row[f"{key}_high"] = _bootstrap(columns, figure)
+        for key, (found, *drawn) in zip(Fit._fields, figures.T.tolist(), strict=False):
+            row[key] = found
+            row[f"{key}_low"], row[f"{key}_high"] = np.percentile(drawn, [2.5, 97.5]).tolist()
         for part, strata in parts.items():
             row[part] = fit_reading(r, reading, strata).correlation
         row["without"] = fit_reading(r, reading, without=WITHOUT).correlation
-        found.append(row)
-    return found
+        rows.append(row)
+    return rows
 
 
 def residuals(r: Results, reading: str) -> Array:
     """Absolute differences (n,) [m] of the printed lengths from the fit of a reading."""
     found = fit_reading(r, reading)
     return np.abs(found.printed - found.predicted)
-
-
-def p_within(length: Estimate, low: float, high: float) -> tuple[float, float]:
-    """P-values of 'the true length lies between', and of 'outside' [m]."""
-    inside = max(length.p_above(low), length.p_below(high))
-    return inside, min(1.0, 2.0 * min(length.p_below(low), length.p_above(high)))
 
 
 def correlation_p(found: Fit, minimum: float) -> tuple[float, float]:
@@ -301,7 +285,9 @@ def _implied(claim: Claim, r: Results) -> Evidence:
     (reading,) = claim.rows
     printed, length = PRINTED_RRT_STAR, fit_reading(r, reading).length
     margin = claim.high or 0.0
-    p_for, p_against = p_within(length, printed * (1.0 - margin), printed * (1.0 + margin))
+    shortest, longest = printed * (1.0 - margin), printed * (1.0 + margin)  # m
+    p_for = max(length.p_above(shortest), length.p_below(longest))
+    p_against = min(1.0, 2.0 * min(length.p_below(shortest), length.p_above(longest)))
     effect, low, high = (100.0 * (v / printed - 1.0) for v in (length.value, *length.interval))
     test = f"two one-sided t of the fit, within {100 * margin:g} %"
     return Evidence(p_for, p_against, effect, low, high, "%", test, "implied against printed")

@@ -266,7 +266,7 @@ def _kept(r: Results, row: str) -> list[Mapping[str, Any]]:
 
 
 def velocities(line: Array) -> dict[str, Array]:
-    """P2 (6) to (8), corrected: speeds of platform and wheels along a curve (n, 2) [m].
+    """P2 (6) to (8), corrected: speeds of platform and wheels along a curve (n, 2) [m], by label.
 
     Points are `SAMPLING` apart in time.
     """
@@ -276,8 +276,8 @@ def velocities(line: Array) -> dict[str, Array]:
     cross = velocity[:, 0] * second[:, 1] - velocity[:, 1] * second[:, 0]
     w = cross / np.maximum(v**2, 1e-9)
     right, left = v + 0.5 * TRACK * w, v - 0.5 * TRACK * w
-    return {"v": v, "w": w, "right": right, "left": left,
-            "right_w": right / WHEEL, "left_w": left / WHEEL}  # fmt: skip
+    return {"v [m/s]": v, "ω [rad/s]": w, "right [m/s]": right, "left [m/s]": left,
+            "right [rad/s]": right / WHEEL, "left [rad/s]": left / WHEEL}  # fmt: skip
 
 
 def convergence_figures(r: Results) -> Figures:
@@ -303,13 +303,10 @@ def convergence_figures(r: Results) -> Figures:
     speeds, panels = new_panels(9.0, 6)
     for k, (row, label) in enumerate(names.items()):
         found = velocities(np.array(best[row]["line"]))
-        t = SAMPLING * np.arange(len(found["v"]))
-        kinds = (("v", "v [m/s]"), ("w", "ω [rad/s]"), ("right", "right [m/s]"),
-                 ("left", "left [m/s]"), ("right_w", "right [rad/s]"),
-                 ("left_w", "left [rad/s]"))  # fmt: skip
-        for axes_, (key, unit) in zip(panels, kinds, strict=True):
-            axes_.plot(t, found[key], DASHES[k], color=COLOURS[k], linewidth=1.2, label=label)
-            axes_.set_ylabel(unit)
+        for axes_, (name, values) in zip(panels, found.items(), strict=True):
+            t = SAMPLING * np.arange(len(values))
+            axes_.plot(t, values, DASHES[k], color=COLOURS[k], linewidth=1.2, label=label)
+            axes_.set_ylabel(name)
     panels[-1].set_xlabel("time [s]")
     legend_above(speeds, panels[0])
     return {"convergence": figure, "paths": paths, "velocities": speeds}

@@ -148,12 +148,10 @@ def plain(value: Any) -> Any:
     """Return a value as JSON can hold it: arrays as lists, null for what is not finite."""
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray):
+    if isinstance(value, np.ndarray | np.generic):
         return plain(value.tolist())
     if isinstance(value, list | tuple):
         return [plain(item) for item in value]
-    if isinstance(value, np.generic):
-        return plain(value.item())
     if isinstance(value, float):
         return round(value, 5) if math.isfinite(value) else None
     return value

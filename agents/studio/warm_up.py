@@ -48,12 +48,12 @@ def _drive_nowhere() -> None:
 
 def _move_people() -> None:
     from wheelchair_gym.compiled.kernel import compile_part
+    from wheelchair_gym.sensors.settings import SensorSettings
     from wheelchair_gym.sim.chairs import SimulatedChairs
-    from wheelchair_gym.sim.settings import PhysicsSettings
+    from wheelchair_gym.sim.settings import ChairSettings, PhysicsSettings
     from wheelchair_gym.sim.step import decide_actors
 
-    chair, sensors, period = _parts()
-    chairs = SimulatedChairs(chair, sensors, PhysicsSettings(), period)
+    chairs = SimulatedChairs(ChairSettings(), SensorSettings(), PhysicsSettings(), 0.05)
     row = chairs.states[0], chairs.parameters[0], chairs.world_rows[0]
     compile_part(decide_actors, *row, (0.0, 0.0, 0.0, 0.0, 0.0))
 
@@ -84,8 +84,9 @@ def everything() -> None:
     """Load or compile what a person may choose: the shield, assistants, hands, people."""
     import numpy as np
 
-    from agents.people import ASSISTANTS, make_assistant
-    from agents.people.assistant import AssistMission
+    from agents.evaluation.evaluate import drive_on
+    from agents.people import ASSISTANTS
+    from agents.policies import make_policy
     from agents.studio.catalogue import FIRST
     from wheelchair_gym.envs import NavigationEnv
     from wheelchair_gym.people.drivers import make_driver
@@ -93,30 +94,20 @@ def everything() -> None:
     from wheelchair_gym.perception.tracker import Tracker
     from wheelchair_gym.types import Stick
 
-    LiveInput(make_driver("essential_tremor"), *_parts()).step(0.5, 0.0, 0.0)
-    LiveSight(make_driver("hemineglect").perception, 0).unnoticed(0.0)
     stick = Stick(0.5, 0.1, False)
     env = NavigationEnv("crowd", pose_source="modelled", shield=True, person=lambda: stick)
-    env.reset(seed=0)
-    Tracker(laser=env.settings.sensors.laser)
+    observation, _ = env.reset(seed=0)
+    chair, sensors, period = env.settings.chair, env.settings.sensors, env.task.period
+    LiveInput(make_driver("essential_tremor"), chair, sensors, period).step(0.5, 0.0, 0.0)
+    LiveSight(make_driver("hemineglect").perception, 0).unnoticed(0.0)
+    Tracker(laser=sensors.laser)
     for name in ASSISTANTS:
-        assistant = make_assistant(name)
-        assistant.reset(AssistMission(env.settings.chair, env.settings.sensors, env.task.period))
-        for _ in range(2):
-            twist = assistant.assist(stick, env.reading, env.task.map)
-            env.step(np.clip(twist, -1.0, 1.0))
+        drive_on(env, make_policy({"name": "assisted", "assist": name}), observation, 2)
     env.close()
     env = NavigationEnv(FIRST, pose_source="modelled", driver="novice")  # for the page Compare
     env.reset(seed=0)
     env.step(np.zeros(2, np.float32))
     env.close()
-
-
-def _parts() -> Any:
-    from wheelchair_gym.sensors.settings import SensorSettings
-    from wheelchair_gym.sim.settings import ChairSettings
-
-    return ChairSettings(), SensorSettings(), 0.05
 
 
 class WarmUp:

@@ -464,8 +464,7 @@ def test_settings_of_the_robot_have_bounds(capsys):
     for name in ("1robot", "robot 1", "/robot", "robot/", "a__b", "robot-1", "ä"):
         said = refusal(["robot", "--namespace", name], capsys)
         assert f"namespace '{name}': expected a name such as robot1" in said
-    with pytest.raises(InputError):
-        RobotSettings(scan_rate=0.0)
+    assert "--scan-rate: 0: expected 0.1 to 200" in refusal(["robot", "--scan-rate", "0"], capsys)
     assert Robot(RobotSettings(), print).command("/cmd_vel", {"linear": {}}, None)
 
 

@@ -57,11 +57,11 @@ def problems(tmp_path):
 @pytest.fixture
 def ghost(monkeypatch):
     found = Ghost()
-    monkeypatch.setitem(PEERS, "ghost", entrants.Peer("numpy", found))
+    monkeypatch.setitem(PEERS, "numpy_ghost", found)
     return found
 
 
-def bench(*arguments, out, code=0, peers="ghost"):
+def bench(*arguments, out, code=0, peers="numpy_ghost"):
     wanted = f"rrt_connect,visibility,{peers}".rstrip(",")
     given = ["bench", "planners", "--quiet", "--seeds", "1", "--deadlines", "60", "--out", out]
     assert cli.main([str(a) for a in [*given, "--planners", wanted, *arguments]]) == code
@@ -71,7 +71,7 @@ def test_results_say_all_and_resume_computes_nothing_twice(problems, ghost, tmp_
     out, plot = tmp_path / "out", tmp_path / "p.png"
     bench("--problems", problems, "--plot", plot, out=out)
     said = capsys.readouterr().out
-    assert "ghost (INVALID: 3 of 6 paths)" in said
+    assert "numpy_ghost (INVALID: 3 of 6 paths)" in said
     assert "wheelchair: " not in said  # what is not installed is no concern of one who did not ask
     heads = next(line for line in said.splitlines() if line.startswith("planner "))
     assert len(re.split(" {2,}", heads)) <= 8
@@ -88,15 +88,15 @@ def test_results_say_all_and_resume_computes_nothing_twice(problems, ghost, tmp_
     rows = {(row["planner"], row["problem"]): row for row in result["rows"]}
     assert set(rows) == {
         (planner, problem)
-        for planner in ("rrt_connect", "visibility", "ghost")
+        for planner in ("rrt_connect", "visibility", "numpy_ghost")
         for problem in ("all", "hall", "open")
     }
     # Who goes through the wall has no path there, and no place among the others.
-    assert rows["ghost", "hall"]["success"] == 0.0
-    assert rows["ghost", "hall"]["invalid"] == 3
-    assert rows["ghost", "hall"]["ratio"] is None
-    assert rows["ghost", "open"]["success"] == 1.0
-    assert rows["ghost", "open"]["first_path_s"] == 1e-9
+    assert rows["numpy_ghost", "hall"]["success"] == 0.0
+    assert rows["numpy_ghost", "hall"]["invalid"] == 3
+    assert rows["numpy_ghost", "hall"]["ratio"] is None
+    assert rows["numpy_ghost", "open"]["success"] == 1.0
+    assert rows["numpy_ghost", "open"]["first_path_s"] == 1e-9
     assert rows["visibility", "all"]["ratio"] == pytest.approx(1.0, abs=1e-6)
     assert result["anytime"] == {"60s": ["visibility", "rrt_connect"]}
 
@@ -109,7 +109,7 @@ def test_results_say_all_and_resume_computes_nothing_twice(problems, ghost, tmp_
     # What is not asked for this time is kept for the next.
     bench("--problems", problems, "--resume", out / "planners.json", out=tmp_path / "no", peers="")
     less = json.loads((out / "planners.json").read_text())
-    assert '"ghost"' in (out / "planners.jsonl").read_text()
+    assert '"numpy_ghost"' in (out / "planners.jsonl").read_text()
     assert {row["planner"] for row in less["rows"]} == {"rrt_connect", "visibility"}
     bench("--problems", problems, "--resume", out / "planners.json", out=tmp_path / "no")
     assert json.loads((out / "planners.json").read_text())["records"] == result["records"]
@@ -142,10 +142,10 @@ def test_a_first_path_is_that_of_a_run_that_ends_with_it(problems):
 
 
 def test_a_crash_of_one_planner_ends_nothing(problems, tmp_path, monkeypatch):
-    monkeypatch.setitem(PEERS, "clumsy", entrants.Peer("numpy", Clumsy()))
-    bench("--problems", problems, out=tmp_path, peers="clumsy")
+    monkeypatch.setitem(PEERS, "numpy_clumsy", Clumsy())
+    bench("--problems", problems, out=tmp_path, peers="numpy_clumsy")
     result = json.loads((tmp_path / "planners.json").read_text())
-    (row,) = (r for r in result["rows"] if (r["planner"], r["problem"]) == ("clumsy", "hall"))
+    (row,) = (r for r in result["rows"] if (r["planner"], r["problem"]) == ("numpy_clumsy", "hall"))
     assert row["crashed"] == 3
     assert row["why"] == "ZeroDivisionError: no room"
 
@@ -153,10 +153,10 @@ def test_a_crash_of_one_planner_ends_nothing(problems, tmp_path, monkeypatch):
 @pytest.mark.long
 @pytest.mark.parametrize("name", PEERS)
 def test_a_peer_that_is_installed_solves_and_keeps_to_a_deadline(name, problems):
-    if not entrants.installed(PEERS[name].package):
-        pytest.skip(f"{PEERS[name].package} is not installed")
+    if not entrants.installed(entrants.package_of(name)):
+        pytest.skip(f"{entrants.package_of(name)} is not installed")
     (case,) = stored_cases(problems, ["hall"])
-    ready = entrants.prepare(PEERS[name].settings, case)
+    ready = entrants.prepare(PEERS[name], case)
     for deadline in (None, 0.05):
         plan = ready.plan(case.problem, np.random.default_rng(0), deadline)
         assert plan.status == Status.SOLVED
@@ -167,7 +167,7 @@ def test_a_missing_package_is_one_line_that_names_the_extra(monkeypatch):
     monkeypatch.setattr(entrants, "installed", lambda package: package == "mealpy")
     here, lines = entrants.select_peers(None)
     assert here == ["mealpy_woa", "mealpy_pso"]
-    assert len(lines) == len({peer.package for peer in PEERS.values()}) - 1
+    assert len(lines) == len(set(map(entrants.package_of, PEERS))) - 1
     assert all("pip install 'wheelchair_gym[peers]'" in line for line in lines)
     with pytest.raises(entrants.InputError, match="ompl is not installed: pip install"):
         entrants.select_peers(["ompl_bit_star"])
