@@ -637,7 +637,8 @@ READERS: dict[str, Reader] = {
     "protocol": Reader(_protocol, read_protocol, ("people.session.read_protocol",)),
     "training settings": Reader(
         _shipped("ppo_guided.json"),
-        lambda path: read_training(read_json(path), path.name, "ppo"), ("cli.train.run",),
+        lambda path: read_training(read_json(path), path.name, "ppo"),
+        ("cli.train.training_content",),
     ),
     "planner results": Reader(_bench, check_result, ("benchmarks.planner_benchmark.check_result",)),
     "comparison": Reader(

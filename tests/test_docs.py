@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import inspect
 import re
 import shlex
@@ -11,7 +12,7 @@ from typing import NamedTuple
 import pytest
 
 from agents import cli
-from agents.cli import COMMANDS, GROUPS, OneOf, parser
+from agents.cli import COMMANDS, GROUPS, _add_options, parser
 from tests.conftest import ROOT
 from tests.hardware.conftest import build_twin
 from wheelchair_gym.base.registry import imported
@@ -90,9 +91,10 @@ def mentions():
 
 
 def options_of(command):
-    """The names of the options of a row of `COMMANDS`."""
-    for item in command.options:
-        yield from [one.name for one in item.options] if isinstance(item, OneOf) else [item.name]
+    """The names of the options of a row of `COMMANDS`, and `--help`."""
+    of = argparse.ArgumentParser()
+    _add_options(of, command.options)
+    return {name for action in of._actions for name in action.option_strings}
 
 
 @pytest.fixture
@@ -169,7 +171,7 @@ def test_a_command_in_a_sentence_exists_with_its_options(line):
     name = " ".join(words[:2]) if " ".join(words[:2]) in rows else words[0]
     if name in GROUPS or name.startswith("-"):  # `wheelchair hardware`, `wheelchair --help`
         return
-    known = {*options_of(rows[name]), "--help"}
+    known = options_of(rows[name])
     assert {word.partition("=")[0] for word in words if word.startswith("--")} <= known
 
 

@@ -8,8 +8,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-import torch
-
 from agents.evaluation.provenance import provenance
 from agents.learning.run import Run
 from agents.learning.settings import Training
@@ -66,11 +64,10 @@ def measure(config: Training) -> dict[str, Any]:
             run.close()
     seconds["environments"] += seconds["steps"]
     seconds["actor"] -= seconds["steps"]
-    device = run.model.device.type
     return {
         "seconds": {part: round(seconds[part], 2) for part in PARTS}, "frames": run.frames,
-        "frames_per_second": round(run.frames / whole), "device": device,
-        "gpu": torch.cuda.get_device_name() if device == "cuda" else None, **provenance(),
+        "frames_per_second": round(run.frames / whole), "device": run.model.device.type,
+        **provenance(),
     }  # fmt: skip
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from shutil import rmtree
 from typing import Any
 
 import numpy as np
@@ -72,14 +73,15 @@ def write_recorded(
             if first is None:
                 first, about = (file, settings), _about(settings, sources)
             elif differ := [k for k in _SAME if getattr(settings, k) != getattr(first[1], k)]:
+                rmtree(Path(folder) / name)  # which holds a part only
                 raise InputError(
                     f"{file}: episode {number} has another {differ[0]} than {first[0]}; expected "
                     f"recordings of the same {', '.join(_SAME)} in one data set"
                 )
             episode, success = _episode(recorded, settings)
             labels = {key: str(recorded.labels[key]) for key in _LABELS if key in recorded.labels}
-            who = "policy" if not recorded.has_person else "person"
-            who = who if recorded.settings.driver is None else "simulated person"
+            person = "person" if recorded.settings.driver is None else "simulated person"
+            who = person if recorded.has_person else "policy"
             metadata = {"file": str(file), "number": number, "success": success, "driver": who}
             stored = store(stored, name, [(episode, metadata | labels)], about)
             found["episodes"] += 1

@@ -60,6 +60,7 @@ OWN = {
     "evaluation.provenance.machine": "of the kernel",
     "cli.__init__._replace_closed_streams": "standard streams",
     "cli.__init__._drop_output": "standard streams",
+    "hardware.twin.board._library": "of the package",
     "cli.train._last_row": "written by the same command",
     "cli.train._in_processes": "opened to be written",
     "learning.checkpoint.save_checkpoint": "opened to be written",

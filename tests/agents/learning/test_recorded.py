@@ -111,6 +111,7 @@ def test_what_cannot_be_a_data_set_is_said(tmp_path, capsys):
     drive(tmp_path / "b.mcap", episodes=1, task={**TASK, "beams": 8})
     with pytest.raises(InputError, match=r"b\.mcap: episode 0 has another task than .*a\.mcap"):
         write_recorded("ours/d-v0", [tmp_path], {}, tmp_path / "sets")
+    assert not (tmp_path / "sets" / "ours" / "d-v0").exists()
     found = write_recorded("ours/e-v0", [tmp_path], {"task": {"beams": 8}}, tmp_path / "sets")
     assert found["episodes"] == 2
     (tmp_path / "c.json").write_text('{"rate": 5.0}')
