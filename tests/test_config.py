@@ -43,7 +43,7 @@ def test_a_part_keeps_the_defaults_that_it_has_where_it_stands():
     [
         (Limits, {"forward": True}, "chair.json.forward is True; expected float"),
         (SensorSettings, {"laser": 3}, r"chair.json.laser is 3; expected an object"),
-        (SensorSettings, {"ultrasonic": {"mounted": [{}] * 9}}, "mounted has 9 rangers"),
+        (SensorSettings, {"ultrasonic": {"mounted": [{}] * 11}}, "mounted has 11 rangers"),
         (SensorSettings, {"laser": {"beams": 1}}, "expected 2 or more, or 0: no scanner"),
         (SensorSettings, {"more_lasers": [{}] * 4}, "more_lasers has 4 scanners"),
         (SensorSettings, {"laser": {"beams": 0}, "more_lasers": [{}]}, "expected beams of each"),

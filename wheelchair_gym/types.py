@@ -16,7 +16,7 @@ from wheelchair_gym.actors.records import Actors, check_actors, no_actors
 from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.base.settings import FARTHEST, InputError
 from wheelchair_gym.compiled.address import as_array
-from wheelchair_gym.sensors.settings import RANGERS
+from wheelchair_gym.sensors.settings import SensorSettings
 
 if TYPE_CHECKING:
     from wheelchair_gym.geometry.kinematics import Limits
@@ -52,8 +52,8 @@ class Reading(NamedTuple):
         twist: (2,) m/s, rad/s: forward speed and turn rate, counter-clockwise, from the encoders.
         laser: (beams,) m: ranges of each scanner, one after another (`SensorSettings.slices`);
             beams are counter-clockwise.
-        ultrasonic: (8,) m: ranges; NaN where none is mounted.
-        age: (8,) s since each ultrasonic fired; +inf where none is mounted.
+        ultrasonic: (8,) m: ranges; NaN where none is mounted; (10,) for a chair with ten.
+        age: (8,) or (10,) s since each ultrasonic fired; +inf where none is mounted.
         bumped: a bumper strip is pressed.
         battery: its voltage [V].
         stamp: s since reset.
@@ -79,13 +79,14 @@ class Reading(NamedTuple):
     stick: Stick | None = None
 
 
-def check_reading(reading: Reading, beams: int) -> None:
-    """Refuse a reading whose arrays have other shapes than kernels count on.
+def check_reading(reading: Reading, sensors: SensorSettings) -> None:
+    """Refuse a reading whose arrays have other shapes than the sensors give.
 
     Raises:
         ValueError: the first array that has, and its shape.
     """
-    lengths = {"pose": 3, "twist": 2, "laser": beams, "ultrasonic": RANGERS, "age": RANGERS}
+    lengths = {"pose": 3, "twist": 2, "laser": sensors.beams}
+    lengths |= dict.fromkeys(("ultrasonic", "age"), sensors.ultrasonic.columns)
     for name, length in lengths.items():
         found = getattr(reading, name).shape
         if found != (length,):

@@ -148,17 +148,25 @@ def test_a_chair_is_chosen_by_its_name():
     assert made.sensors.looks_back
     assert (made.sensors.pose_source, made.rate) == ("odometry", 20.0)
     assert env_settings(own, model="thesis").sensors.more_lasers == ()
-    assert env_settings(None, model="thesis") == EnvSettings()
+    ten = env_settings(None, model="rear_ultrasonics")
+    assert len(ten.sensors.ultrasonic.mounted) == 10
+    assert ten.sensors.ultrasonic.mounted[:8] == made.sensors.ultrasonic.mounted
+    assert ten.sensors.more_lasers == made.sensors.more_lasers
+    for base in (None, ten):
+        assert env_settings(base, model="thesis") == EnvSettings()
     assert load(EnvSettings, dump(made), "env") == made
     env = gym.make("wheelchair_gym/Navigation-v1", scene="empty", model="rear")
     env.reset(seed=0)
     assert env.unwrapped.reading.laser.shape == (1081 + 541,)
     assert env_settings("configs/hardware.json", model="rear").sensors.looks_back
     for given, why in (
-        ({"model": "front"}, "model is 'front'; expected thesis or rear"),
-        ({"model": 3}, "model is 3; expected thesis or rear"),
+        ({"model": "front"}, "model is 'front'; expected thesis, rear or rear_ultrasonics"),
+        ({"model": 3}, "model is 3; expected thesis, rear or rear_ultrasonics"),
         ({"model": "rear", "sensors": {"more_lasers": []}}, "sensors.more_lasers: expected none"),
         ({"model": "rear", "sensors": EnvSettings().sensors}, "sensors.more_lasers: expected none"),
+        (own | {"sensors": {"ultrasonic": {"mounted": []}}}, "sensors.ultrasonic.mounted: "),
     ):
         with pytest.raises(InputError, match=f"config.{why}"):
             env_settings(given)
+    slower = env_settings(own | {"sensors": {"ultrasonic": {"interval": 0.08}}})
+    assert slower.sensors.ultrasonic.interval == 0.08

@@ -76,7 +76,7 @@ def test_real_chairs_refuse_other_sensors_in_one_line():
     none = SensorSettings(laser=LaserSettings(beams=0))
     for sensors, why in (
         (none, "laser.beams is 0; a real chair has a laser"),
-        (own_sensors, "mounted has 4 rangers; the range board has 8"),
+        (own_sensors, "mounted has 4 rangers; the range board serves 8 or 10"),
     ):
         with pytest.raises(InputError, match=why):
             check_boards(sensors)

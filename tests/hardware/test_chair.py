@@ -18,6 +18,7 @@ from wheelchair_gym.geometry.outline import footprint_clearance
 from wheelchair_gym.hardware.boards.protocol import Mode, Odometry, Switch
 from wheelchair_gym.hardware.boards.senses import WheelOdometry
 from wheelchair_gym.hardware.registry import make_chair
+from wheelchair_gym.hardware.tools.diagnostics import Diagnostics
 from wheelchair_gym.hardware.twin.lockstep import IBUS_BAUD
 from wheelchair_gym.safety import Shield
 from wheelchair_gym.sensors.settings import LaserSettings, SensorSettings
@@ -220,6 +221,36 @@ def test_the_second_laser_of_the_chair_rear_is_read_watched_and_stops_it():
     hosted.twin.lasers[1].silent = True
     said = [chair.drive(AHEAD).halted for _ in range(5)]
     assert said[-1].startswith("the second laser is silent")
+    hosted.close()
+
+
+def test_a_chair_with_ten_ultrasonics_reads_all_and_names_a_silent_one():
+    """The two at the back range as in the simulation, and stop it before what only they hear."""
+    sensors = env_settings(None, model="rear_ultrasonics", noise=False).sensors
+    sensors = dataclasses.replace(sensors, more_lasers=())
+    world = box(3.0, (-2.0, 0.0, 0.0))
+    hosted, simulated = Hosted(world, sensors=sensors), SimulatedChair(sensors=sensors)
+    chair, shield = hosted.chair, Shield(sensors=sensors)
+    reading = chair.reset(None, 0)
+    wanted = simulated.reset(world, 0).ultrasonic
+    assert reading.ultrasonic.shape == reading.age.shape == (10,)
+    assert np.isfinite(wanted[8:]).all()
+    np.testing.assert_allclose(reading.ultrasonic, wanted, atol=3e-3)
+    assert np.isfinite(reading.age).all()
+    for _ in range(100):
+        given = shield.filter(np.array([-0.3, 0.0]), reading)
+        reading = chair.drive(given, shield.decision.protective)
+    assert shield.decision.reason == "obstacle"
+    assert not hosted.twin.bumper_steps
+    assert -3.0 + 0.3 < hosted.twin.plant.pose[0] < -2.3
+    hosted.twin.faults.silent_ultrasonics.add(9)
+    for _ in range(20):
+        reading = chair.drive(shield.filter(np.zeros(2), reading))
+    assert np.isnan(reading.ultrasonic).tolist() == [False] * 9 + [True]
+    assert shield.latched == "ultrasonic silent"
+    hosted.clock.guards.clear()
+    found = Diagnostics(chair.senses, hosted.clock, chair.parameters).run()
+    assert [one.part for one in found if not one.good] == ["ultrasonic 9"]
     hosted.close()
 
 

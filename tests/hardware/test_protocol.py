@@ -32,7 +32,7 @@ from wheelchair_gym.hardware.boards.protocol import (
     message_of,
     payload_of,
 )
-from wheelchair_gym.sensors.settings import UltrasonicSettings
+from wheelchair_gym.sensors.settings import Ultrasonic, UltrasonicSettings
 from wheelchair_gym.sim.settings import ChairSettings
 
 CODES = {
@@ -94,9 +94,9 @@ def test_parameters_are_those_of_the_header_and_of_the_chair(firmware):
             if name in asked[board]:
                 assert asked[board].pop(name) == pytest.approx(initial, rel=1e-6)
         assert not asked[board]
-    order = ctypes.create_string_buffer(protocol.RANGERS)
-    firmware.library.firing_order(order)
-    assert tuple(order.raw) == UltrasonicSettings().firing_order
+    order = (ctypes.c_uint8 * protocol.RANGERS).in_dll(firmware.library, "firing_order")
+    ten = UltrasonicSettings(mounted=(Ultrasonic(),) * protocol.RANGERS)
+    assert tuple(order) == ten.firing_order
 
 
 @pytest.mark.parametrize("layout", LAYOUTS, ids=lambda layout: layout.message.__name__)
@@ -210,7 +210,7 @@ def test_a_frame_of_another_version_is_refused(firmware):
         (Command(math.nan, 0.0), "Command.v is nan; expected a finite number"),
         (Command(0.0, math.inf), "Command.w is inf; expected a finite number"),
         (Command(5.0, 0.0), "Command.v is 5.0; it must be -3.2768 to 3.2767"),
-        (Ranges(0.0, 0, 8 * (Range(-1.0, 0.0, 0),)), r"Ranges.range is -1.0; it must be 0"),
+        (Ranges(0.0, 0, 10 * (Range(-1.0, 0.0, 0),)), r"Ranges.range is -1.0; it must be 0"),
     ],
 )
 def test_values_that_do_not_fit_are_named(message, says):

@@ -7,11 +7,12 @@ import itertools
 
 import pytest
 
-from wheelchair_gym.hardware.boards.protocol import Ranges, RangeStatus, Receiver
-from wheelchair_gym.sensors.settings import UltrasonicSettings
+from wheelchair_gym.hardware.boards.parameters import RANGE_PARAMETERS
+from wheelchair_gym.hardware.boards.protocol import Range, Ranges, RangeStatus, Receiver
+from wheelchair_gym.sensors.settings import Ultrasonic, UltrasonicSettings
 
 SOUND = 343.0  # m/s
-NARROW, WIDE = range(4), range(4, 8)
+NARROW, WIDE = range(4), range(4, 10)
 
 
 class Ranging:
@@ -21,6 +22,11 @@ class Ranging:
         self.library = native.library
         self.pointer = ctypes.c_void_p(self.library.ranging_new())
         self.now, self.fired = 0, []
+
+    def mount(self, rangers):
+        """Set the number of rangers; the parameters come first in its state."""
+        values = ctypes.c_float * len(RANGE_PARAMETERS)
+        values.from_address(self.pointer.value)[RANGE_PARAMETERS.index("n_rangers")] = rangers
 
     def run(self, milliseconds, flight):
         for _ in range(milliseconds):
@@ -57,6 +63,15 @@ def test_one_fires_at_a_time_in_the_order_of_the_simulated_chair(ranging):
     assert all((a in NARROW) != (b in NARROW) for a, b in itertools.pairwise(who))
 
 
+def test_ten_fire_in_the_order_of_the_simulated_chair(ranging):
+    ranging.mount(10)
+    ranging.run(1300, flight(1.0))
+    times, who = zip(*ranging.fired, strict=True)
+    assert who[:10] == who[10:20] == UltrasonicSettings((Ultrasonic(),) * 10).firing_order
+    assert {b - a for a, b in itertools.pairwise(times)} == {60}
+    assert {one.status for one in ranging.tell().ranges} == {RangeStatus.ECHO}
+
+
 @pytest.mark.parametrize(
     ("metres", "narrow", "wide"),
     [
@@ -71,7 +86,8 @@ def test_one_fires_at_a_time_in_the_order_of_the_simulated_chair(ranging):
     ],
 )
 def test_a_flight_becomes_a_range(ranging, metres, narrow, wide):
-    ranging.run(600, flight(metres))
+    ranging.mount(10)
+    ranging.run(700, flight(metres))
     for which, told in enumerate(ranging.tell().ranges):
         expected = narrow if which in NARROW else wide
         if expected is None:
@@ -86,8 +102,10 @@ def test_a_flight_becomes_a_range(ranging, metres, narrow, wide):
 def test_what_never_fired_and_what_is_silent_is_said_so(ranging):
     ranging.run(1, flight(1.0))
     told = ranging.tell().ranges
-    assert [one.status for one in told] == [RangeStatus.ECHO] + 7 * [RangeStatus.UNTRIED]
+    assert [one.status for one in told] == [RangeStatus.ECHO] + 9 * [RangeStatus.UNTRIED]
     assert told[1].age == 65.535
     ranging.run(600, -1)
-    assert {one.status for one in ranging.tell().ranges} == {RangeStatus.SILENT}
-    assert all(one.age <= 0.48 for one in ranging.tell().ranges)
+    told = ranging.tell().ranges
+    assert {one.status for one in told[:8]} == {RangeStatus.SILENT}
+    assert all(one.age <= 0.48 for one in told[:8])
+    assert told[8:] == 2 * (Range(0.0, 65.535, RangeStatus.UNTRIED),)  # the board has eight

@@ -297,14 +297,16 @@ def test_a_null_range_is_no_echo_unless_the_settings_say_otherwise(bridge):
     messages = bridge._messages()
     scan, range_ = messages["/scan"](), messages[RANGERS[0]]()
     scan["ranges"][3:5] = [None, math.nan]
+    topics, ten = (*RANGERS, "/8", "/9"), env_settings(None, model="rear_ultrasonics").sensors
+    sensors = dataclasses.replace(SENSORS, ultrasonic=ten.ultrasonic)
     for null, wanted in (({}, math.inf), ({"null_range": "invalid"}, math.nan)):
-        senses = RosSensors(RosSettings(ultrasonic=RANGERS, **null), SENSORS, False)
+        senses = RosSensors(RosSettings(ultrasonic=topics, **null), sensors, False)
         senses.receive("/scan", scan, 1.0)
-        for topic, value in zip(RANGERS, (None, math.nan, *[1.0] * 6), strict=True):
+        for topic, value in zip(topics, (None, math.nan, *[1.0] * 8), strict=True):
             senses.receive(topic, {**range_, "range": value}, 1.0)
         laser, sonar, _ = senses.ranges(1.0)
         np.testing.assert_equal(laser[3:5], np.array([wanted, math.nan], np.float32))
-        np.testing.assert_equal(sonar[:3], np.array([wanted, math.nan, 1.0], np.float32))
+        np.testing.assert_equal(sonar, np.array([wanted, math.nan, *[1.0] * 8], np.float32))
         senses.receive("/scan", {**scan, "ranges": [None] * 181}, 2.0)
         assert "no range that is a number" in senses.describe_silence("/scan")
 
@@ -562,8 +564,10 @@ def test_what_does_not_answer_is_one_line(tmp_path, capsys):
     plain.close()
     with pytest.raises(InputError, match="beamz"):
         chair_settings({"name": "ros", "beamz": 3})
-    with pytest.raises(InputError, match="expected 8"):
-        chair_settings({"name": "ros", "ultrasonic": ["/a"]})
+    with pytest.raises(InputError, match="ultrasonic has 11 topics; expected at most 10"):
+        chair_settings({"name": "ros", "ultrasonic": ["/a"] * 11})
+    with pytest.raises(InputError, match=r"1 topics of ultrasonics; \S+ has 8"):
+        make_chair({"name": "ros", "ultrasonic": ["/a"]}, EnvSettings())
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,11 @@ import pytest
 from tests.hardware.hosted import Hosted
 from tests.sim.worlds import box
 from wheelchair_gym.envs.settings import env_settings
-from wheelchair_gym.hardware.boards.parameters import save_parameters, set_parameters
+from wheelchair_gym.hardware.boards.parameters import (
+    range_parameters,
+    save_parameters,
+    set_parameters,
+)
 from wheelchair_gym.hardware.boards.protocol import Switch
 from wheelchair_gym.hardware.boards.senses import WheelOdometry
 from wheelchair_gym.hardware.tools.diagnostics import Diagnostics, Orientation, status_rows
@@ -110,7 +114,7 @@ class Helper:
         self.asked.append(what)
         episode, (x, y) = box(3.0), (9.0, 9.0)
         if "ultrasonic" in what:
-            one = SensorSettings().ultrasonic.mounted[int(what.split("ultrasonic ")[1][0])]
+            one = self.senses.sensors.ultrasonic.mounted[int(what.split("ultrasonic ")[1][0])]
             x, y = one.x + 0.3 * math.cos(one.yaw), one.y + 0.3 * math.sin(one.yaw)
         elif what.startswith("hold"):
             x, y = -0.3 if "rear" in what else 0.7, 0.61 if "left of" in what else -0.61
@@ -128,14 +132,17 @@ class Helper:
         )
         found = Orientation(senses, clock, footprint, self.hold, 1.6).run()
         self.hosted.close()
-        assert len(found) == 9 + 2 * len(senses.lasers)
+        rangers = senses.sensors.ultrasonic.mounted
+        assert len(found) == len(rangers) + 2 * len(senses.lasers) + 1
         return {f"{one.part}: {one.what}": one.found for one in found if not one.good}
 
 
 SIDES = {"laser: hand on the left", "laser: hand on the right"}
 
 
-@pytest.mark.parametrize(("model", "hands"), [("thesis", 10), ("rear", 12)])
+@pytest.mark.parametrize(
+    ("model", "hands"), [("thesis", 10), ("rear", 12), ("rear_ultrasonics", 14)]
+)
 def test_hands_before_all_sensors_are_seen_where_they_are(model, hands):
     helper = Helper(model)
     assert helper.found() == {}
@@ -188,10 +195,16 @@ def test_exchanged_and_covered_ultrasonics_are_found():
 def test_another_fan_and_other_parameters_are_found():
     hosted = Hosted(box(3.0), sensors=SensorSettings(laser=LaserSettings(beams=541), noise=False))
     hosted.clock.guards.clear()
-    hosted.chair.senses.sensors = SensorSettings()
+    ten = env_settings(None, model="rear_ultrasonics").sensors.ultrasonic
+    hosted.chair.senses.sensors = SensorSettings(ultrasonic=ten)
     wanted = {**hosted.chair.parameters, "drive": {**hosted.chair.parameters["drive"], "kp": 33.0}}
-    found = bad(Diagnostics(hosted.chair.senses, hosted.clock, wanted).run())
-    assert {"laser: fan", "drive board: parameters"} <= found
+    wanted["range"] = range_parameters(ten)
+    findings = Diagnostics(hosted.chair.senses, hosted.clock, wanted).run()
+    assert bad(findings) == {
+        "laser: fan", "laser: beams with an echo", "drive board: parameters",
+        "range board: parameters", "ultrasonic 8: range", "ultrasonic 9: range",
+    }  # fmt: skip
+    assert "the range board's n_rangers is 8; expected 10" in [one.found for one in findings]
     senses, clock = hosted.chair.senses, hosted.clock
     assert set_parameters(senses, clock, "drive", wanted["drive"]) == {}
     assert save_parameters(senses, clock, "drive")

@@ -148,11 +148,11 @@ def test_ultrasonics_see_the_world(pilot):
     """Both models, to their resolution; ages follow the order of firing."""
     pilot.twin.reset(box(2.0, (0.3, -0.2, 0.4)), 0)
     pilot.run(0.6)
-    for which, told in enumerate(pilot.ranges.ranges):
+    for which, told in enumerate(pilot.ranges.ranges[:8]):
         true = pilot.twin.plant.ping(which)
         if math.isfinite(true):
             assert (told.range, told.status) == (pytest.approx(true, abs=2e-3), RangeStatus.ECHO)
-    ages = [told.age for told in pilot.ranges.ranges]
+    ages = [told.age for told in pilot.ranges.ranges[:8]]
     order = sorted(range(8), key=lambda which: -ages[which])
     start = order.index(0)
     assert tuple(order[start:] + order[:start]) == (0, 4, 1, 5, 2, 6, 3, 7)
@@ -162,8 +162,9 @@ def test_ultrasonics_see_the_world(pilot):
 def test_a_pulse_without_echo_is_none(pilot):
     """38 ms wrap a 16-bit clock of half microseconds: it would read as 0.897 m."""
     pilot.run(0.6)
-    assert {told.status for told in pilot.ranges.ranges} == {RangeStatus.NO_ECHO}
-    assert {told.range for told in pilot.ranges.ranges} == {65.535}
+    assert {(told.status, told.range) for told in pilot.ranges.ranges[:8]} == {
+        (RangeStatus.NO_ECHO, 65.535)
+    }
 
 
 def test_a_sensor_that_does_not_answer_is_said_so(pilot):
@@ -179,8 +180,8 @@ def test_a_sensor_that_does_not_answer_is_said_so(pilot):
     pilot.run(0.6)
     told = pilot.ranges.ranges
     assert (told[0].range, told[5].range) == (
-        pytest.approx(0.5, abs=1e-3),
-        pytest.approx(0.7, abs=1e-3),
+        pytest.approx(0.5, abs=2e-3),  # a count of 4 us is 0.7 mm
+        pytest.approx(0.7, abs=2e-3),
     )
 
 
@@ -200,7 +201,7 @@ def test_a_hung_range_board_is_reset(pilot):
     pilot.twin.range.hang()
     pilot.run(0.4)
     assert pilot.twin.range.resets == 1
-    assert pilot.ask(Identify(), Identity, "range") == Identity(2, 6, WATCHDOG, 1)
+    assert pilot.ask(Identify(), Identity, "range") == Identity(2, 7, WATCHDOG, 1)
 
 
 @pytest.mark.parametrize("angle", [2.0, 8.0])

@@ -10,6 +10,7 @@ import pytest
 
 from tests.safety.test_shield import begin, step
 from tests.sim.worlds import box
+from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.safety import Shield
 from wheelchair_gym.safety.grid import place_of_cell
 from wheelchair_gym.safety.state import CELL
@@ -26,6 +27,7 @@ CAMERA = LaserSettings(x=-0.28, yaw=math.pi, beams=17, fov=math.radians(80.0), r
 FREE = LaserSettings(x=-0.28, yaw=math.pi, beams=271, shows_free=True)
 NONE = UltrasonicSettings(mounted=())
 FRONT_ONLY = SensorSettings(ultrasonic=NONE)
+TEN = env_settings(None, model="rear_ultrasonics").sensors
 BACKWARD = np.array([-0.3, 0.0])
 
 
@@ -59,9 +61,27 @@ def test_a_wall_that_only_the_rear_scanner_sees_stops_it(laser, key):
     assert reasons[-1] == "obstacle"
 
 
-def test_without_the_rear_scanner_it_meets_the_wall():
-    """The law above is about the scanner: unseen space only slows the chair."""
-    chair, _, reasons = reverse(FRONT_ONLY)
+@pytest.mark.parametrize("blind", [False, True])
+@pytest.mark.parametrize("key", [3, 4, 5])
+def test_a_wall_that_only_the_rear_ultrasonics_hear_stops_it(blind, key):
+    """The chair has no rear scanner, or one that sees nothing."""
+
+    def change(k, reading):
+        laser = reading.laser.copy()
+        laser[SensorSettings().laser.beams :] = np.inf
+        return reading._replace(laser=laser)
+
+    sensors = TEN if blind else dataclasses.replace(TEN, more_lasers=())
+    chair, _, reasons = reverse(sensors, key=key, change=change)
+    assert not chair.truth.touched
+    assert chair.truth.clearance < 0.3
+    assert reasons[-1] == "obstacle"
+
+
+@pytest.mark.parametrize("sensors", [FRONT_ONLY, SensorSettings()])
+def test_without_rear_sensors_it_meets_the_wall(sensors):
+    """The laws above are about these: unseen space only slows the chair."""
+    chair, _, reasons = reverse(sensors)
     assert chair.truth.touched
     assert "obstacle" not in reasons
 
@@ -195,9 +215,9 @@ def test_a_scanner_that_sees_nothing_is_no_fault():
     assert set(reasons) <= {"", "unseen", "obstacle"}
 
 
-@pytest.mark.parametrize("mounted", [0, 2])
+@pytest.mark.parametrize("mounted", [0, 2, 10])
 def test_unmounted_ultrasonics_raise_no_fault(mounted):
-    ultrasonic = UltrasonicSettings(mounted=UltrasonicSettings().mounted[:mounted])
+    ultrasonic = UltrasonicSettings(mounted=TEN.ultrasonic.mounted[:mounted])
     chair, shield, _ = reverse(SensorSettings(ultrasonic=ultrasonic), np.array([0.4, 0.1]), 8.0)
     assert shield.latched == ""
     assert chair.truth.distance > 1.0

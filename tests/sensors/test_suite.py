@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from tests.sim.worlds import cluttered
+from wheelchair_gym.envs.settings import env_settings
 from wheelchair_gym.sensors.settings import (
-    RANGERS,
     FaultSettings,
     LaserSettings,
     SensorSettings,
@@ -23,7 +23,7 @@ FRONT = LaserSettings(beams=271)
 BACK = LaserSettings(x=-0.28, yaw=math.pi, beams=181, fov=math.radians(180.0), reach=6.0)
 CAMERA = LaserSettings(x=0.6, beams=9, fov=math.radians(60.0), reach=3.0, range_min=0.2)
 THREE = SensorSettings(laser=FRONT, more_lasers=(BACK, CAMERA))
-ALL = UltrasonicSettings().mounted
+ALL = env_settings(None, model="rear_ultrasonics").sensors.ultrasonic.mounted
 TWISTS = [np.array([0.4, 0.3]), np.array([0.2, -0.5]), np.array([-0.2, 0.1])]
 
 
@@ -35,7 +35,7 @@ def readings(sensors, key=5, seed=2):
 
 
 def some(mounted):
-    """Return sensors with the first n default ultrasonics."""
+    """Return sensors with the first n ultrasonics of the chair with ten."""
     return SensorSettings(ultrasonic=UltrasonicSettings(mounted=ALL[:mounted]))
 
 
@@ -80,17 +80,17 @@ def test_of_several_scanners_one_fails():
     assert failed == {0, 1, 2}
 
 
-@pytest.mark.parametrize("mounted", [0, 1, 3, 8])
+@pytest.mark.parametrize("mounted", [0, 1, 3, 8, 10])
 def test_columns_of_unmounted_ultrasonics_are_invalid(mounted):
     for reading in readings(some(mounted)):
-        assert reading.ultrasonic.shape == reading.age.shape == (RANGERS,)
+        assert reading.ultrasonic.shape == reading.age.shape == (max(8, mounted),)
         assert not np.isnan(reading.ultrasonic[:mounted]).any()
         assert np.isfinite(reading.age[:mounted]).all()
         assert np.isnan(reading.ultrasonic[mounted:]).all()
         assert (reading.age[mounted:] == math.inf).all()
 
 
-@pytest.mark.parametrize("mounted", [1, 3])
+@pytest.mark.parametrize("mounted", [1, 3, 10])
 def test_the_mounted_ones_fire_in_their_turn(mounted):
     chair = SimulatedChair(sensors=some(mounted))
     chair.reset(cluttered(2), 5)

@@ -273,7 +273,7 @@ class LoopInParts:
 
     def _check(self, reading: Reading) -> None:
         if not self._simulated:
-            check_reading(reading, self.parts.task.sensors.beams)
+            check_reading(reading, self.parts.task.sensors)
 
     def _assist(self) -> None:
         """Show an assistant the latest reading, and the stick to which it responds."""

@@ -131,19 +131,27 @@ def read_env_settings(content: Mapping[str, Any], where: str) -> EnvSettings:
     del others["model"]
     chair, base = _chair(name, where), load(EnvSettings, others, where)
     for section, values in chair.items():
-        for key in values.keys() & dump(others.get(section, {})).keys():
-            raise InputError(f"{where}.{section}.{key}: expected none beside the model {name}")
+        _refuse_common(values, dump(others.get(section, {})), f"{where}.{section}", name)
     return load(EnvSettings, chair, where, base)
+
+
+def _refuse_common(chair: dict[str, Any], others: dict[str, Any], where: str, name: str) -> None:
+    """Refuse settings of a file that a chair's own file holds, too."""
+    for key in sorted(chair.keys() & others.keys()):
+        if not isinstance(chair[key], dict):
+            raise InputError(f"{where}.{key}: expected none beside the model {name}")
+        _refuse_common(chair[key], others[key], f"{where}.{key}", name)
 
 
 def _chair(name: Any, where: str) -> dict[str, Any]:
     """Settings of a chair of `configs/chairs`, by section."""
     if name not in MODELS:
-        raise InputError(f"{where}.model is {shorten(name)}; expected {' or '.join(MODELS)}")
+        known = f"{', '.join(MODELS[:-1])} or {MODELS[-1]}"
+        raise InputError(f"{where}.model is {shorten(name)}; expected {known}")
     return dict(read_json(f"configs/chairs/{name}.json"))
 
 
-MODELS = ("thesis", "rear")  # the chairs of `configs/chairs`
+MODELS = ("thesis", "rear", "rear_ultrasonics")  # the chairs of `configs/chairs`
 _ON_EDGE = 1e-3  # m: a sensor so near the outline's edge is on it
 _DEEP = 0.03  # m: an ultrasonic so far inside the outline is probably a forgotten one
 _ARGUMENTS = (
@@ -171,7 +179,8 @@ def env_settings(
 
     Args:
         config: path of a JSON file, its content, ready settings, or None for the defaults.
-        model: a chair of `configs/chairs`, thesis or rear, whose sensors replace those of `config`.
+        model: a chair of `configs/chairs` (thesis, rear or rear_ultrasonics), whose sensors replace
+            those of `config`.
         also: further arguments of the caller, for the message about an unknown one.
         changes: scene, rate, guidance, reward, bank, shield, driver, assistant, render_width,
             render_height, beams, pose_source, noise, randomize, scaled, max_episode_steps.

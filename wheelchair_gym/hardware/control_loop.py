@@ -239,7 +239,7 @@ class RealChair(NotCopyable, Chair):
             odometry: pose (3,).
             pose: estimated pose (3,).
             twist: (2,).
-            ranges: laser (beams,), ultrasonics (8,) [m] and their ages (8,) [s].
+            ranges: laser (beams,), ultrasonics (8,) or more [m] and their ages [s].
             bumped: a bumper strip was pressed.
             battery: [V].
             halted: why the chair stopped, see `Reading`.

@@ -5,8 +5,9 @@ from __future__ import annotations
 from wheelchair_gym.base.settings import InputError, setting, settings
 from wheelchair_gym.hardware.joystick import JoystickSettings
 from wheelchair_gym.safety.settings import StaleSettings
-from wheelchair_gym.sensors.settings import RANGERS, SensorSettings
+from wheelchair_gym.sensors.settings import SensorSettings
 
+BOARD_RANGERS = 8, 10  # ultrasonics that the range board serves: the first eight, or all
 REST_SPEED = 0.05  # m/s, rad/s below which the chair is at rest
 _SHIELD = "the shield's limit"
 _STALE = StaleSettings()  # of the shield: the host's limits are the same by default
@@ -73,12 +74,13 @@ def check_boards(sensors: SensorSettings) -> None:
     """Refuse sensors other than those that the boards serve.
 
     Raises:
-        InputError: there is no laser, or there are not as many ultrasonics as the range board has.
+        InputError: there is no laser, or the range board does not serve this number of
+            ultrasonics.
     """
     if not sensors.lasers:
         raise InputError("sensors.laser.beams is 0; a real chair has a laser")
-    if len(sensors.ultrasonic.mounted) != RANGERS:
+    if (mounted := len(sensors.ultrasonic.mounted)) not in BOARD_RANGERS:
         raise InputError(
-            f"sensors.ultrasonic.mounted has {len(sensors.ultrasonic.mounted)} rangers; "
-            f"the range board has {RANGERS}"
+            f"sensors.ultrasonic.mounted has {mounted} rangers; the range board serves "
+            f"{' or '.join(map(str, BOARD_RANGERS))}"
         )

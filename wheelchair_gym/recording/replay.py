@@ -218,7 +218,7 @@ def _read_episode(content: Content) -> RecordedEpisode:
 
 def _read_state(content: Content, before: Belief | None, sensors: SensorSettings) -> RecordedState:
     """A recorded instant."""
-    fields = topics.reading_fields(sensors.beams)
+    fields = topics.reading_fields(sensors)
     values = topics.read_fields(fields, content, "particles", "map", "stick")
     built_map = before.built_map if before else None
     if "map" in values:

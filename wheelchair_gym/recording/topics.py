@@ -18,6 +18,7 @@ from wheelchair_gym.actors.records import ACTOR
 from wheelchair_gym.base.errors import shorten
 from wheelchair_gym.base.files import LIMITS, check_cells, is_coordinate
 from wheelchair_gym.maps import OccupancyGrid
+from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.types import Stick, Truth
 
 Content = dict[str, Any]
@@ -176,8 +177,7 @@ _SCALARS: Final = {"f8": NUMBER, "b1": FLAG, "i8": INTEGER}
 def _kind(signal: signals.Signal) -> Kind:
     """A signal's record: ranges and the poses of actors are packed."""
     if signal.kind == "f4":
-        (size,) = signal.shape
-        return _packed("<f4", size if isinstance(size, int) else -1)
+        return _packed("<f4")
     if not signal.is_fixed:
         return _poses("<f8")
     sides = [side for side in signal.shape if isinstance(side, int)]
@@ -193,11 +193,13 @@ def _read_terms(value: Any) -> dict[str, float]:
     return {name: _number(term) for name, term in _object(value).items()}
 
 
-def reading_fields(beams: int = -1) -> dict[str, Kind]:
-    """Return the fields of a reading with `beams` beams; -1: any number."""
+def reading_fields(sensors: SensorSettings | None = None) -> dict[str, Kind]:
+    """Return the fields of a reading of sensors; None: of any."""
+    beams, columns = (sensors.beams, sensors.ultrasonic.columns) if sensors else (-1, -1)
     return {
         **{signal.name: _kind(signal) for signal in signals.READING},
         "laser": _packed("<f4", beams),
+        **dict.fromkeys(("ultrasonic", "age"), _packed("<f4", columns)),
         "battery": _nullable(math.nan),
         "halted": TEXT,
         "odometry": numbers(3),

@@ -25,7 +25,7 @@ from wheelchair_gym.safety.decision import decide, limit_for_unseen_space
 from wheelchair_gym.safety.memory import reset, update
 from wheelchair_gym.safety.settings import ShieldSettings
 from wheelchair_gym.safety.state import CONSTANTS, REASONS, SHIELD, ShieldConstants
-from wheelchair_gym.sensors.settings import RANGERS, SensorSettings
+from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.sim.settings import ChairSettings
 from wheelchair_gym.types import Reading, check_reading
 
@@ -130,19 +130,19 @@ class Shield:
         sensors: SensorSettings | None = None,
         period: float = 0.1,
     ) -> None:
-        self.settings = config or ShieldSettings()
+        self.settings, self._sensors = config or ShieldSettings(), sensors or SensorSettings()
         self._constants = ShieldConstants(
-            self.settings, chair or ChairSettings(), sensors or SensorSettings(), period
+            self.settings, chair or ChairSettings(), self._sensors, period
         )
         self.state: NDArray[np.void] = np.zeros(1, SHIELD)
-        self._beams = (sensors or SensorSettings()).beams
         self.pointers = point_to_shields(self._constants, self.state)
         self._asked = False
         self.reset()
 
     def compile(self) -> None:
         """Compile everything that `filter` needs, before a chair drives; it begins anew."""
-        dark, deaf = np.full(self._beams, np.nan, np.float32), np.full(RANGERS, np.nan, np.float32)
+        dark = np.full(self._sensors.beams, np.nan, np.float32)
+        deaf = np.full(self._sensors.ultrasonic.columns, np.nan, np.float32)
         blank = Reading(np.zeros(3), np.zeros(2), dark, deaf, deaf, False, math.nan, 0.0)
         self.filter(np.zeros(2), blank)
         self.reset()
@@ -173,7 +173,7 @@ class Shield:
         Raises:
             ValueError: an array has another shape; its lasers are not those in the settings.
         """
-        check_reading(reading, self._beams)
+        check_reading(reading, self._sensors)
         _read_row(
             self.pointers.record, reading.pose, reading.twist, reading.laser, reading.ultrasonic,
             reading.age, bool(reading.bumped), reading.halted != "", reading.stamp,

@@ -11,7 +11,8 @@ import numpy as np
 from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.base.settings import InputError, Range, setting, settings
 
-RANGERS = 8  # most ultrasonics of a chair, and the width of what readings hold of them
+RANGERS = 10  # most ultrasonics of a chair; records have a column for each
+_COLUMNS = 8  # of readings, at least
 SCANNERS = 4  # most planar scanners of a chair
 PoseSource = Literal["truth", "odometry", "modelled", "mcl", "slam"]
 POSE_SOURCES: Final = get_args(PoseSource)
@@ -116,17 +117,17 @@ def _mounted() -> tuple[Ultrasonic, ...]:
     )
 
 
-_FIRING_ORDER = (0, 4, 1, 5, 2, 6, 3, 7)  # opposite sides in turn, against cross-talk
+_FIRING_ORDER = (0, 4, 1, 5, 9, 2, 6, 3, 7, 8)  # opposite sides in turn, against cross-talk
 
 
 @settings
 class UltrasonicSettings:
-    """Up to eight rangers of two models, fired one after another."""
+    """Up to ten rangers of two models, fired one after another."""
 
     mounted: tuple[Ultrasonic, ...] = setting(
         default=_mounted(), source="narrow ones look ahead, wide ones to corners and sides"
     )
-    """Place and model of each ranger: 0 to 8 of them."""
+    """Place and model of each ranger: 0 to 10 of them."""
     narrow: UltrasonicModel = setting(default=UltrasonicModel(), source="data sheet: HC-SR04")
     """Model of the narrow rangers."""
     wide: UltrasonicModel = setting(
@@ -156,6 +157,11 @@ class UltrasonicSettings:
     def firing_order(self) -> tuple[int, ...]:
         """The order of firing without rangers that are not mounted."""
         return tuple(k for k in _FIRING_ORDER if k < len(self.mounted))
+
+    @property
+    def columns(self) -> int:
+        """Number of columns of a reading: 8, or the number of rangers where that is more."""
+        return max(_COLUMNS, len(self.mounted))
 
     @property
     def models(self) -> tuple[UltrasonicModel, ...]:

@@ -158,7 +158,9 @@ class SimulatedChair(Chair):
 
     def reading(self) -> Reading:
         """The latest reading."""
-        return Reading(**self._values(SENSED_READING), laser=self._ranges)
+        values, columns = self._values(SENSED_READING), self.sensors.ultrasonic.columns
+        values |= {name: values[name][:columns] for name in ("ultrasonic", "age")}
+        return Reading(**values, laser=self._ranges)
 
     def _values(self, signals: Sequence[Signal]) -> dict[str, Any]:
         """Return signals of `sensed` by their names."""

@@ -179,9 +179,14 @@ def sensed_of(reading: Any, truth: Any = None) -> NDArray[np.void]:
     """Return a reading without its scan, and the truth if given, as a record (1,) of SENSED."""
     sensed = np.zeros(1, SENSED)
     row: Any = sensed[0]
+    row["ultrasonic"], row["age"] = np.nan, np.inf  # of columns that a reading does not have
     for source, signals in ((reading, SENSED_READING), (truth, SENSED_TRUTH)):
         for signal in signals if source is not None else ():
-            row[signal.column] = getattr(source, signal.name)
+            value = getattr(source, signal.name)
+            if signal.name in ("ultrasonic", "age"):
+                row[signal.column][: len(value)] = value
+            else:
+                row[signal.column] = value
     return sensed
 
 

@@ -27,7 +27,9 @@ DRIVE_PARAMETERS = (  # in the board's order: chair, limits, control, supervisio
     "timeout", "latch", "missing", "over_speed", "under_voltage", "battery_full",
     "manual", "creep", "half_width", "runaway", "load", "hold", "park", "slip", "duty_limit",
 )  # fmt: skip
-RANGE_PARAMETERS = ("interval", "sound", "narrow_reach", "wide_reach", "narrow_blind", "wide_blind")
+RANGE_PARAMETERS = (
+    "interval", "sound", "narrow_reach", "wide_reach", "narrow_blind", "wide_blind", "n_rangers",
+)  # fmt: skip
 NAMES = {"drive": DRIVE_PARAMETERS, "range": RANGE_PARAMETERS}
 PATIENCE = 3.0  # s for each parameter
 _REPEAT = 0.1  # s between two attempts to set one
@@ -54,7 +56,7 @@ def drive_parameters(chair: ChairSettings) -> dict[str, float]:
 
 def range_parameters(rangers: UltrasonicSettings) -> dict[str, float]:
     """Return the parameters that the range board must hold for a chair's ultrasonics."""
-    values = {"interval": rangers.interval}
+    values = {"interval": rangers.interval, "n_rangers": float(len(rangers.mounted))}
     for name, model in (("narrow", rangers.narrow), ("wide", rangers.wide)):
         values |= {f"{name}_reach": model.reach, f"{name}_blind": model.range_min}
     return values

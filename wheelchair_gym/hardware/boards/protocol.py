@@ -83,7 +83,7 @@ class RangeStatus(enum.IntEnum):
     ECHO = 0
     NO_ECHO = 1
     SILENT = 2  # the sensor does not answer
-    UNTRIED = 3  # it has not fired yet
+    UNTRIED = 3  # it has not fired yet, or the board has no such ranger
 
 
 class Status(enum.IntEnum):
@@ -106,10 +106,10 @@ class Board(enum.IntEnum):
     RANGE_BOARD = 2
 
 
-VERSION = 2
+VERSION = 3
 BAUD = 500_000  # 1/s: exact on a 16 MHz AVR
-RANGERS = 8
-PAYLOAD_MAX = 48
+RANGERS = 10
+PAYLOAD_MAX = 56
 _HEAD, _CRC = 3, 4
 BODY_MAX = _HEAD + PAYLOAD_MAX + _CRC
 ENCODED_MAX = BODY_MAX + 1
@@ -222,7 +222,7 @@ class Ranges(NamedTuple):
 
     stamp: float  # s since the board's reset
     bad: int
-    ranges: tuple[Range, ...]  # eight, in the order of mounting
+    ranges: tuple[Range, ...]  # RANGERS, in the order of mounting
 
 
 @_layout(0x83, "BBfff")

@@ -32,7 +32,7 @@ from wheelchair_gym.hardware.connection import Latest
 from wheelchair_gym.hardware.control_loop import Clock, wait_until
 from wheelchair_gym.hardware.laser.hokuyo import Hokuyo, TimedScan, open_laser
 from wheelchair_gym.hardware.settings import REST_SPEED, HardwareSettings
-from wheelchair_gym.sensors.settings import RANGERS, SensorSettings
+from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.types import Episode
 
 _WRAP = 1 << 32  # counts
@@ -284,7 +284,9 @@ class BoardSensors:
 
     def stale_ultrasonic(self, now: float) -> str:
         """Name of a silent ultrasonic; empty: none."""
-        old = self.ranges(now)[2] if self.range else np.zeros(RANGERS)
+        if not self.range:
+            return ""
+        old = self.ranges(now)[2][: len(self.sensors.ultrasonic.mounted)]
         late = np.flatnonzero(~(old <= self.settings.limits.ultrasonic))
         return f"ultrasonic {late[0]} is silent" if len(late) else ""
 
@@ -328,10 +330,11 @@ class BoardSensors:
             if ages[name] <= limits.scan and len(newest.scan.ranges) == laser.beams:
                 ranges = newest.scan.ranges
                 found[part] = np.where(ranges < laser.range_min, -np.inf, ranges)  # as in REP-117
-        sonar = np.full(RANGERS, np.nan, np.float32)
-        old = np.full(RANGERS, np.inf, np.float32)
+        rangers = self.sensors.ultrasonic
+        sonar = np.full(rangers.columns, np.nan, np.float32)
+        old = np.full(rangers.columns, np.inf, np.float32)
         if self.range and math.isfinite(ages["ultrasonic"]):
-            for k, one in enumerate(self.ranges_message.ranges):
+            for k, one in enumerate(self.ranges_message.ranges[: len(rangers.mounted)]):
                 old[k] = ages["ultrasonic"] + one.age
                 if old[k] <= limits.ultrasonic:
                     sonar[k] = _RANGE_OF.get(one.status, one.range)

@@ -60,7 +60,10 @@ uint8_t cobs_decode(uint8_t *bytes, uint8_t length)
 
 uint8_t frame(uint8_t kind, uint8_t sequence, const void *payload, uint8_t length, uint8_t *out)
 {
-    uint8_t body[BODY_MAX] = {PROTOCOL_VERSION, kind, sequence};
+    uint8_t body[BODY_MAX]; /* not cleared: that time would add to the odometry's age */
+    body[0] = PROTOCOL_VERSION;
+    body[1] = kind;
+    body[2] = sequence;
     uint8_t size = (uint8_t)(HEAD_SIZE + length);
     memcpy(body + HEAD_SIZE, payload, length);
     uint32_t crc = crc32(body, size);

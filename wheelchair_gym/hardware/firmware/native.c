@@ -41,11 +41,7 @@ EXPORT int table_kind(unsigned index) { return tables[index].kind; }
 EXPORT const char *table_text(unsigned index) { return tables[index].text; }
 EXPORT unsigned version(void) { return PROTOCOL_VERSION; }
 EXPORT unsigned baud(void) { return BAUD; }
-EXPORT void firing_order(uint8_t *out)
-{
-    static const uint8_t order[RANGERS] = FIRING_ORDER;
-    memcpy(out, order, RANGERS);
-}
+EXPORT const uint8_t firing_order[RANGERS] = FIRING_ORDER;
 
 EXPORT receiver_t *receiver_new(void) { return calloc(1, sizeof(receiver_t)); }
 EXPORT const uint8_t *receiver_body(const receiver_t *receiver) { return receiver->body; }

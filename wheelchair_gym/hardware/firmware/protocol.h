@@ -14,16 +14,16 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#define PROTOCOL_VERSION 2
+#define PROTOCOL_VERSION 3
 #define BAUD 500000UL /* exact at 16 MHz; 115200 would be 2 % off */
 
 #define HEAD_SIZE 3     /* version, kind, sequence */
 #define CRC_SIZE 4
-#define PAYLOAD_MAX 48
+#define PAYLOAD_MAX 56
 #define BODY_MAX (HEAD_SIZE + PAYLOAD_MAX + CRC_SIZE)
 #define ENCODED_MAX (BODY_MAX + 1) /* COBS adds one byte to fewer than 254 */
 
-#define RANGERS 8
+#define RANGERS 10 /* at most; `n_rangers` says how many the board has */
 
 /* type, field, scale and unit of one step */
 
@@ -71,7 +71,7 @@
     F(uint16_t, bad, "1")              /* frames refused since reset */                 \
     F(uint8_t, lost, "1")              /* bytes and frames dropped for want of room */
 
-/* range board to host, after each firing: eight of each, in the order of mounting */
+/* range board to host, after each firing: all RANGERS, in the order of mounting */
 #define RANGES 0x82
 #define RANGES_LAYOUT(F)                                                   \
     F(uint32_t, stamp, "1e-3 s")                                           \
@@ -252,11 +252,12 @@ enum { BOARDS(NUMBER) };
     P(narrow_reach, 4.0F, 0.1F, 6.0F, "m")                                             \
     P(wide_reach, 6.0F, 0.1F, 6.0F, "m")                                               \
     P(narrow_blind, 0.02F, 0.0F, 0.5F, "m")     /* nearer echoes read as this */       \
-    P(wide_blind, 0.03F, 0.0F, 0.5F, "m")
+    P(wide_blind, 0.03F, 0.0F, 0.5F, "m")                                              \
+    P(n_rangers, 8.0F, 8.0F, 10.0F, "1")        /* later ones never fire: UNTRIED */
 
-/* Rangers 0 to 3 are of the pulse model (narrow), 4 to 7 of the I2C model (wide). The order fires
- * the two models in turn: neighbours never listen while the other's sound is in the air. */
+/* Rangers 0 to 3 are of the pulse model (narrow), 4 to 9 of the I2C model (wide); 8 and 9 look back.
+ * Those that fire one after another look apart: none listens while its neighbour's sound is in the air. */
 #define NARROW_RANGERS 4
-#define FIRING_ORDER {0, 4, 1, 5, 2, 6, 3, 7}
+#define FIRING_ORDER {0, 4, 1, 5, 9, 2, 6, 3, 7, 8}
 
 #endif

@@ -13,7 +13,7 @@
 #define MICROSECONDS 4U /* a count of timer 1: 16 bits last for 262 ms, an echo for 38 */
 #define TRIGGER 10      /* us, at least */
 
-/* SRF08: addresses 0xE0, 0xE2, 0xE4, 0xE6; registers. */
+/* SRF08: addresses 0xE0, 0xE2, 0xE4, ... 0xEA; registers. */
 #define ADDRESS 0xE0
 #define COMMAND_REGISTER 0
 #define GAIN_REGISTER 1

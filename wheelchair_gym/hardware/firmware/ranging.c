@@ -30,8 +30,10 @@ bool ranging_due(ranging_t *ranging, uint32_t now)
         ranging_silent(ranging);
     uint16_t interval = (uint16_t)(ranging->p.interval * 1000.0F + 0.5F);
     ranging->due = now - ranging->due > interval ? now + interval : ranging->due + interval;
-    ranging->firing = order[ranging->turn];
-    ranging->turn = (uint8_t)((ranging->turn + 1) % RANGERS);
+    do {
+        ranging->firing = order[ranging->turn];
+        ranging->turn = (uint8_t)((ranging->turn + 1) % RANGERS);
+    } while (ranging->firing >= ranging->p.n_rangers);
     ranging->fired_at[ranging->firing] = now;
     ranging->waiting = true;
     return true;
@@ -70,12 +72,9 @@ ranges_t ranging_tell(const ranging_t *ranging, uint32_t now, uint16_t bad)
     ranges_t told = {.stamp = now, .bad = bad};
     for (uint8_t i = 0; i < RANGERS; i++) {
         uint32_t age = now - ranging->fired_at[i];
-        bool tried = ranging->status[i] != UNTRIED;
-        told.ranges[i] = (range_t){
-            ranging->range[i],
-            tried && age < UINT16_MAX ? (uint16_t)age : UINT16_MAX,
-            ranging->status[i],
-        };
+        if (age > UINT16_MAX || ranging->status[i] == UNTRIED)
+            age = UINT16_MAX;
+        told.ranges[i] = (range_t){ranging->range[i], (uint16_t)age, ranging->status[i]};
     }
     return told;
 }

@@ -29,7 +29,7 @@ from wheelchair_gym.hardware.ros.rosbridge import Rosbridge
 from wheelchair_gym.hardware.ros.senses import RosSensors, SimulatedClock
 from wheelchair_gym.hardware.ros.settings import RosSettings
 from wheelchair_gym.maps import FREE, OccupancyGrid
-from wheelchair_gym.sensors.settings import RANGERS, SensorSettings
+from wheelchair_gym.sensors.settings import SensorSettings
 from wheelchair_gym.sim.settings import ChairSettings
 from wheelchair_gym.types import Episode, Reading
 
@@ -61,7 +61,7 @@ class RosChair(RealChair):
                 f"chair ros: there are {1 + len(settings.more_scans)} topics of scans; "
                 f"sensors name {len(sensors.lasers)} laser scanners"
             )
-        if settings.ultrasonic and len(sensors.ultrasonic.mounted) != RANGERS:
+        if len(settings.ultrasonic) not in (0, len(sensors.ultrasonic.mounted)):
             raise InputError(
                 f"chair ros: there are {len(settings.ultrasonic)} topics of ultrasonics; "
                 f"sensors.ultrasonic.mounted has {len(sensors.ultrasonic.mounted)}"

@@ -19,7 +19,7 @@ from wheelchair_gym.hardware.control_loop import WallClock
 from wheelchair_gym.hardware.ros import messages as ros
 from wheelchair_gym.hardware.ros.settings import RosSettings
 from wheelchair_gym.hardware.settings import REST_SPEED
-from wheelchair_gym.sensors.settings import RANGERS, SensorSettings
+from wheelchair_gym.sensors.settings import SensorSettings
 
 _POLL = 0.05  # s of wall time between two checks of what else may end a wait
 
@@ -357,7 +357,8 @@ class RosSensors:
             fresh = now - scan.measured_at <= s.limits.scan
             scans.append(scan.value if fresh else np.full_like(scan.value, np.nan))
         laser = np.concatenate(scans)
-        newest = [self._newest.get(topic, NEVER) for topic in s.ultrasonic] or [NEVER] * RANGERS
+        newest = [self._newest.get(topic, NEVER) for topic in s.ultrasonic]
+        newest += [NEVER] * (self.sensors.ultrasonic.columns - len(newest))
         ages = np.array([now - one.measured_at for one in newest], np.float32)
         values = np.array([one.value for one in newest], np.float32)
         return laser, np.where(ages <= s.limits.ultrasonic, values, np.float32(np.nan)), ages

@@ -74,8 +74,8 @@ class RosSettings:
     link: RosbridgeSettings = RosbridgeSettings()
 
     def __post_init__(self) -> None:
-        if self.ultrasonic and len(self.ultrasonic) != RANGERS:
+        if len(self.ultrasonic) > RANGERS:
             raise InputError(
-                f"RosSettings.ultrasonic has {len(self.ultrasonic)} topics; expected {RANGERS}, "
-                "or none"
+                f"RosSettings.ultrasonic has {len(self.ultrasonic)} topics; expected at most "
+                f"{RANGERS}"
             )

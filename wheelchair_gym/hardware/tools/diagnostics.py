@@ -66,7 +66,9 @@ def status_rows(senses: BoardSensors, now: float) -> list[tuple[str, str]]:
         x, y = senses.sensors.directions[nearest]
         bearing = math.degrees(math.atan2(y, x))
         rows.append(("nearest echo", f"{ranges[nearest]:.2f} m at {bearing:.0f} deg"))
-    sonar_texts = (f"{r:.2f} ({a:.1f} s)" for r, a in zip(sonar, old, strict=True))
+    mounted = len(senses.sensors.ultrasonic.mounted)
+    pairs = zip(sonar[:mounted], old, strict=False)
+    sonar_texts = (f"{r:.2f} ({a:.1f} s)" for r, a in pairs)
     rows.append(("ultrasonics", "  ".join(sonar_texts)))
     return rows
 
@@ -236,8 +238,10 @@ class Diagnostics:
 
     def _rangers(self) -> list[Finding]:
         found = []
-        self._wait(lambda: False, 0.6)  # each has fired
-        for k, one in enumerate(self.senses.ranges_message.ranges):
+        rangers = self.senses.sensors.ultrasonic
+        n = len(rangers.mounted)
+        self._wait(lambda: False, (n + 2) * rangers.interval)  # each has fired
+        for k, one in enumerate(self.senses.ranges_message.ranges[:n]):
             status = RangeStatus(one.status)
             text = f"{one.range:.2f} m" if status == RangeStatus.ECHO else status.name.lower()
             good = status in (RangeStatus.ECHO, RangeStatus.NO_ECHO)

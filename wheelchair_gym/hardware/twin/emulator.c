@@ -23,7 +23,7 @@
 
 #define EXPORT __attribute__((visibility("default")))
 #define PORTS 12 /* A to L */
-#define SONARS 8
+#define SONARS 10
 #define VECTORS 64
 #define BEATS 4096
 

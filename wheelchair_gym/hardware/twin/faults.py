@@ -9,10 +9,8 @@ from wheelchair_gym.hardware.twin.cable import LineNoise
 from wheelchair_gym.hardware.twin.lockstep import Faults, JoystickState
 from wheelchair_gym.hardware.twin.plant import Slope
 from wheelchair_gym.hardware.twin.serve import ServedTwin
-from wheelchair_gym.sensors.settings import RANGERS
 
 _SIDES = {"left": 0, "right": 1}
-_ULTRASONICS = {str(k): k for k in range(RANGERS)}
 _SWITCHES = {
     "stop": Switch.STOP_PRESSED,
     "front": Switch.FRONT,
@@ -38,7 +36,7 @@ COMMANDS = {  # name: its arguments
     "push-switch": "held | free",
     "reset-on-open": "drive | range: opening its port resets the board",
     "battery": "VOLTS",
-    "sonar": "0 to 7, silent | METRES",
+    "sonar": "0 to 7 (0 to 9 of ten), silent | METRES",
     "stick": "AHEAD ASIDE (-1 to 1, held) | free | back | silent",
     "assisted": "AHEAD ASIDE (-1 to 1, held): as stick, while the host helps",
     "unplug": "drive | range | laser | laser_1, which is the second one",
@@ -67,6 +65,7 @@ def _inject(served: ServedTwin, words: list[str]) -> None:
     terminals = {"drive": served.drive, "range": served.range}
     boards = {"drive": twin.drive, "range": twin.range}
     lasers = {f"laser_{k}" if k else "laser": laser for k, laser in enumerate(twin.lasers)}
+    rangers = {str(k): k for k in range(len(twin.plant.chair.sensors.ultrasonic.mounted))}
     match words:
         case ["press", switch]:
             faults.switches |= _SWITCHES[switch]
@@ -99,9 +98,9 @@ def _inject(served: ServedTwin, words: list[str]) -> None:
         case ["battery", volts]:
             faults.battery = _number(volts, 0.0, 60.0)
         case ["sonar", which, "silent"]:
-            faults.silent_ultrasonics.add(_ULTRASONICS[which])
+            faults.silent_ultrasonics.add(rangers[which])
         case ["sonar", which, metres]:
-            faults.stuck_ultrasonics[_ULTRASONICS[which]] = _number(metres, 0.0, 6.0)
+            faults.stuck_ultrasonics[rangers[which]] = _number(metres, 0.0, 6.0)
         case ["stick", state]:
             faults.joystick = _STICKS[state]
         case ["stick" | "assisted" as who, ahead, aside]:

@@ -112,7 +112,7 @@ class Twin:
             self.range.set_eeprom(stored_parameters(*ranges, tuple(wanted.items())))
         for i in range(4):
             self.range.add_pulse_sonar(("D", 4 + i), ("B", i))
-        for i in range(4):
+        for i in range(len(self.plant.chair.sensors.ultrasonic.mounted) - 4):
             self.range.add_bus_sonar(_BUS_SONAR + 2 * i)
         self.range.on_ping(self._ping)
         self.lasers = [
