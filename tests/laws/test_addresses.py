@@ -71,7 +71,7 @@ def test_every_record_of_addresses_is_known():
     makers = {
         name
         for name, path in modules()
-        if re.search(r"\bPointers\(\s*\S", path.read_text())
+        if re.search(r"\bPointers\(\s*\S|\(Pointers\):", path.read_text())
         and name != "wheelchair_gym.compiled.address"
     }
     assert makers == set(TABLES)
@@ -81,7 +81,7 @@ def records_of(holder, depth=3):
     """Every `Pointers` that an object holds."""
     if isinstance(holder, Pointers):
         yield holder
-    elif isinstance(holder, list):
+    if isinstance(holder, list):
         for value in holder:
             yield from records_of(value, depth)
     elif depth and hasattr(holder, "__dict__"):
