@@ -1,9 +1,6 @@
-"""Prioritised level replay: 1,024 chairs drive most often in the worlds where a policy fails.
+"""Prioritised level replay: 1,024 chairs drive most often in the worlds where a policy fails."""
 
-python examples/level_replay.py STEPS CHAIRS WORLDS, such as 400 1024 1024.
-"""
-
-import sys
+import argparse
 import time
 
 import numpy as np
@@ -13,7 +10,12 @@ from agents.learning.sb3 import flatten_observations
 from agents.learning.weights import Network, find_weights, load_weights
 from wheelchair_gym.envs import NavigationVectorEnv
 
-STEPS, ROWS, LEVELS = int(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3])
+parser = argparse.ArgumentParser(description=__doc__)
+parser.add_argument("--steps", type=int, default=400, help="of each chair")
+parser.add_argument("--chairs", type=int, default=1024)
+parser.add_argument("--worlds", type=int, default=1024)
+given = parser.parse_args()
+STEPS, ROWS, LEVELS = given.steps, given.chairs, given.worlds
 
 weights = load_weights(find_weights("td3_guided"))  # a policy that you would train meanwhile
 network = Network(weights)

@@ -9,6 +9,7 @@ python examples/train_sb3.py --scene home --frames 200000
 
 import argparse
 
+import torch
 from stable_baselines3 import PPO
 
 from agents.evaluation.evaluate import evaluate
@@ -27,6 +28,7 @@ parser.add_argument("--episodes", type=int, default=20, help="of the evaluation"
 parser.add_argument("--out", default="runs/train_sb3", help="folder of curve, model and results")
 given = parser.parse_args()
 
+torch.set_num_threads(1)  # small networks: more threads would wait for each other
 settings = HOME if given.scene == "home" else {"scene": "empty"}
 envs = NavigationVectorEnv(
     32, beams=32, rate=5.0, scaled=True, bank=64, autoreset_mode="SameStep", **settings

@@ -12,7 +12,7 @@ from tests.conftest import ROOT
 # The arguments of each example, and what it then prints.
 EXAMPLES = {
     "assisted": ([], "assisted:HalfTurns"),
-    "level_replay": (["60", "8", "8"], "hard levels:"),
+    "level_replay": (["--steps", "60", "--chairs", "8", "--worlds", "8"], "hard levels:"),
     "onnx_on_the_chair": (["--out", "{folder}"], "onnx         seed 0: success"),
     "own_map": (["--out", "{folder}"], "lattice+window   success"),
     "own_planner": ([], "own_planner:Detour   solved"),

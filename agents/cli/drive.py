@@ -51,6 +51,8 @@ def simulate(given: argparse.Namespace) -> int:
     labels: dict[str, Any] = {"policy": spec(name)}
     policy = make_policy(spec(name))
     if given.driver is not None:
+        if name not in ("assisted", given.parser.get_default("policy")):
+            raise InputError(f"--policy {name}: the person of --driver drives; expected --assist")
         name = given.assist or "slide"
         policy = make_policy({"name": "assisted", "assist": spec(name)})
         settings |= {"driver": spec(given.driver)}

@@ -202,7 +202,7 @@ def _line(row: dict[str, Any]) -> str:
         share = f"{float(row['success']):.2f} " if row["episodes"] else ""
         parts.append(f"in training {share}({of})")
     elif "success" in row:
-        parts.append(f"success {float(row['success']):.2f}")
+        parts.append(f"success of the {row['driver']} {float(row['success']):.2f}")
     if "frames_per_second_s" in row:
         parts.append(f"{float(row['frames_per_second_s']):,.0f} frames/s")
     return ", ".join(parts)

@@ -92,7 +92,8 @@ def _load_dataset(name: str) -> Any:
         raise InputError("data sets need minari; pip install 'wheelchair_gym[dataset]'") from None
     except Exception as error:  # its reader documents no errors
         folder = os.environ.get("MINARI_DATASETS_PATH", "~/.minari/datasets")
-        raise InputError(f"dataset {name!r}: expected one of wheelchair, in {folder}") from error
+        expected = f"expected one that wheelchair dataset wrote, in {folder}"
+        raise InputError(f"dataset {name!r}: {expected} (MINARI_DATASETS_PATH)") from error
     return data
 
 
@@ -145,8 +146,9 @@ def imitate(config: Imitation, seed: int, folder: Path, progress: bool = True) -
             bar.update()
         inputs, targets = (torch.from_numpy(np.concatenate(of)) for of in (observations, actions))
         loss = _fit(network, inputs, targets, config)
+        who = "data set" if stored else "expert" if student is None else "student"
         rounds.append(
-            {"driver": config.dataset or ("expert" if student is None else "student"), "loss": loss,
+            {"driver": who, "loss": loss,
              "success": success / driven, "steps": sum(map(len, observations))}
         )  # fmt: skip
         card = make_card(

@@ -24,8 +24,6 @@ class LevelReplay:
     """Temperature: a level of rank r is drawn in proportion to (1 / r)^(1 / beta)."""
     rho: float = setting(default=0.3, low=0.0, high=1.0, source="Jiang et al. 2021, for mazes")
     """Share that is drawn by the age of scores instead."""
-    alpha: float = setting(default=1.0, low=0.0, high=1.0, source="Jiang et al. 2021")
-    """How far a new score replaces the earlier one; 1: wholly."""
 
 
 class LevelScores:
@@ -51,9 +49,7 @@ class LevelScores:
         """Take new scores (k,) of levels (k,); of a level that is named twice, their mean."""
         self._updates += 1
         named, inverse = np.unique(levels, return_inverse=True)
-        new = np.bincount(inverse, scores) / np.bincount(inverse)
-        old = np.where(np.isinf(self.scores[named]), new, self.scores[named])
-        self.scores[named] = old + self.replay.alpha * (new - old)
+        self.scores[named] = np.bincount(inverse, scores) / np.bincount(inverse)
         self.drawn[named] = self._updates
 
     def replace(self, levels: NDArray[np.int64]) -> None:

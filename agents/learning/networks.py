@@ -161,9 +161,6 @@ class AsymmetricPolicy(ActorCriticPolicy):
         return self.value_net(critic.float()), distribution.log_prob(actions), bonus
 
 
-ALGORITHMS = {"ppo": FastPPO, "sac": SAC, "td3": TD3}
-
-
 def make_model(
     config: Training, seed: int, env: SB3VecEnv, layout: Layout, teacher: Teacher | None = None
 ) -> Any:
@@ -201,7 +198,7 @@ def make_model(
         progress = made[0].num_timesteps / config.frames if made else 0.0
         return float(initial_rate * max(0.0, 1.0 - progress))
 
-    kind: Any = ALGORITHMS[config.algorithm]
+    kind: Any = {"ppo": FastPPO, "sac": SAC, "td3": TD3}[config.algorithm]
     model = kind(
         AsymmetricPolicy if on_policy else "MlpPolicy", env, learning_rate=learning_rate,
         policy_kwargs=policy_options, seed=seed, device=config.device, verbose=0, **options,

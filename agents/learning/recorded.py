@@ -75,7 +75,7 @@ def write_recorded(
             elif differ := [k for k in _SAME if getattr(settings, k) != getattr(first[1], k)]:
                 rmtree(Path(folder) / name)  # which holds a part only
                 raise InputError(
-                    f"{file}: episode {number} has another {differ[0]} than {first[0]}; expected "
+                    f"{file}: episode {number} differs in {differ[0]} from {first[0]}; expected "
                     f"recordings of the same {', '.join(_SAME)} in one data set"
                 )
             episode, success = _episode(recorded, settings)

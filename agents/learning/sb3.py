@@ -105,6 +105,7 @@ class SB3VecEnv(VecEnv):
                 "terminal_observation": self._row(final["final_obs"], i),
                 "TimeLimit.truncated": bool(truncated[i] and not terminated[i]),
                 "is_success": bool(final["final_info"]["is_success"][i]),
+                "level": int(final["final_info"]["level"][i]),
                 "episode": {
                     "r": float(self._returns[i]),
                     "l": int(self._lengths[i]),

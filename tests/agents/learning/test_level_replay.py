@@ -21,10 +21,6 @@ def test_levels_are_drawn_by_rank_and_by_age():
     assert levels.weights()[1] > levels.weights()[3]
 
 
-def test_scores_may_be_smoothed_and_nothing_is_drawn_without_levels():
-    levels = LevelScores(2, LevelReplay(alpha=0.25))
-    for score in (4.0, 0.0):
-        levels.update(np.array([1]), np.array([score]))
-    assert levels.scores.tolist() == [np.inf, 3.0]
+def test_nothing_is_drawn_without_levels():
     with pytest.raises(InputError, match="expected 1 at least"):
         LevelScores(0)

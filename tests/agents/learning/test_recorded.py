@@ -90,7 +90,7 @@ def test_bc_learns_from_recorded_drives(tmp_path, monkeypatch, capsys):
     assert main([*trained, "--out", str(tmp_path / "bc")]) == 0
     (row,) = json.loads((tmp_path / "bc" / "rounds.json").read_text())
     steps = minari.load_dataset(NAME).total_steps
-    assert (row["driver"], row["steps"], row["success"]) == (NAME, steps, 0.0)
+    assert (row["driver"], row["steps"], row["success"]) == ("data set", steps, 0.0)
     capsys.readouterr()
     assert main(["train", "bc", "--set", "dataset=no/such-v0", "--out", str(tmp_path / "x")]) == 2
     assert "no/such-v0" in capsys.readouterr().err
@@ -109,7 +109,7 @@ def test_what_cannot_be_a_data_set_is_said(tmp_path, capsys):
         write_recorded("ours/c-v0", [tmp_path / "c.mcap"], {}, tmp_path / "sets")
     (tmp_path / "b.mcap").unlink()
     drive(tmp_path / "b.mcap", episodes=1, task={**TASK, "beams": 8})
-    with pytest.raises(InputError, match=r"b\.mcap: episode 0 has another task than .*a\.mcap"):
+    with pytest.raises(InputError, match=r"b\.mcap: episode 0 differs in task from .*a\.mcap"):
         write_recorded("ours/d-v0", [tmp_path], {}, tmp_path / "sets")
     assert not (tmp_path / "sets" / "ours" / "d-v0").exists()
     found = write_recorded("ours/e-v0", [tmp_path], {"task": {"beams": 8}}, tmp_path / "sets")
