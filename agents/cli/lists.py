@@ -22,12 +22,14 @@ from wheelchair_gym.scenes import SCENES, make_scene
 
 # Settings that are in no registry.
 PARTS = {
+    "bank": "wheelchair_gym.envs.settings:BankSettings",
     "footprint": "wheelchair_gym.geometry.outline:Footprint",
     "limits": "wheelchair_gym.geometry.kinematics:Limits",
     "drive": "wheelchair_gym.geometry.kinematics:DriveGeometry",
     "sensors": "wheelchair_gym.sensors.settings:SensorSettings",
     "chair": "wheelchair_gym.sim.settings:ChairSettings",
     "imitation": "agents.learning.settings:Imitation",
+    "level_replay": "agents.learning.level_replay:LevelReplay",
     "recording": "wheelchair_gym.recording.record:RecordingSettings",
     "shield": "wheelchair_gym.safety.settings:ShieldSettings",
     "slam": "wheelchair_gym.perception.slam:SlamSettings",

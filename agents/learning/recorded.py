@@ -22,7 +22,6 @@ from wheelchair_gym.task.task import Task
 
 CHOSEN = ("task", "guidance")  # settings of the observation, which need not be those recorded
 _SAME = ("rate", "chair", "sensors", "task", "guidance", "physics")  # in one data set
-_LABELS = ("assistant", "interface", "hand", "policy")
 
 
 def write_recorded(
@@ -56,8 +55,7 @@ def write_recorded(
     prepare(name, Path(folder))
     found: dict[str, Any] = {"episodes": 0, "steps": 0, "successes": 0, "empty": 0, "unread": []}
     stored: Any = None
-    first: tuple[Path, EnvSettings] | None = None
-    about: dict[str, Any] = {}
+    first: tuple[Path, EnvSettings, dict[str, Any]] | None = None
     for file in recordings_in(sources):
         try:
             chapters = read_recording(file)
@@ -71,7 +69,7 @@ def write_recorded(
                 continue
             settings = settings_of(recorded, chosen)
             if first is None:
-                first, about = (file, settings), _about(settings, sources)
+                first = file, settings, _about(settings, sources)
             elif differ := [k for k in _SAME if getattr(settings, k) != getattr(first[1], k)]:
                 rmtree(Path(folder) / name)  # which holds a part only
                 raise InputError(
@@ -79,11 +77,11 @@ def write_recorded(
                     f"recordings of the same {', '.join(_SAME)} in one data set"
                 )
             episode, success = _episode(recorded, settings)
-            labels = {key: str(recorded.labels[key]) for key in _LABELS if key in recorded.labels}
+            labels = {key: str(told) for key, told in recorded.labels.items()}
             person = "person" if recorded.settings.driver is None else "simulated person"
             who = person if recorded.has_person else "policy"
             metadata = {"file": str(file), "number": number, "success": success, "driver": who}
-            stored = store(stored, name, [(episode, metadata | labels)], about)
+            stored = store(stored, name, [(episode, labels | metadata)], first[2])
             found["episodes"] += 1
             found["steps"] += len(recorded.actions)
             found["successes"] += success

@@ -58,7 +58,7 @@ def test_a_tool_names_the_program_that_has_the_port_and_blames_no_cable(served, 
     owner = threading.Thread(target=drive)
     owner.start()
     try:
-        assert until(lambda: senses.drive.connected)
+        assert until(lambda: senses.drive.connection is not None)
         assert main(["hardware", "check", "--config", str(served.config), "--no-person"]) == 1
         said = capsys.readouterr().out
         assert f"{own.drive_port} is in use by this very program" in said
