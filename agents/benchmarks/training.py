@@ -1,4 +1,4 @@
-"""Where the seconds of a training run go."""
+"""Measures the seconds of each part of a training run."""
 
 from __future__ import annotations
 
@@ -52,10 +52,8 @@ def measure(config: Training) -> dict[str, Any]:
             run.env.step = timed("steps", run.env.step)
             run.model.collect_rollouts = timed("actor", run.model.collect_rollouts)
             run.model.train = timed("learning", run.model.train)
-            run._evaluate, run._save = (
-                timed("evaluation", run._evaluate),
-                timed("saving", run._save),
-            )
+            run._evaluate = timed("evaluation", run._evaluate)
+            run._save = timed("saving", run._save)
             began = time.perf_counter()
             while not run.done:
                 run.learn()

@@ -77,8 +77,8 @@ def _all_episodes(
         yield from part
 
 
-def _load_dataset(name: str) -> Any:
-    """A Minari data set.
+def _load_dataset(name: str) -> tuple[Any, EnvSettings]:
+    """A Minari data set, and the settings of its environment.
 
     Raises:
         InputError: Minari is not installed, or there is no such data set of this environment.
@@ -86,15 +86,15 @@ def _load_dataset(name: str) -> Any:
     try:
         import minari
 
-        data = minari.load_dataset(name)
-        assert isinstance(data.recover_environment().unwrapped, NavigationEnv)
+        data: Any = minari.load_dataset(name)
+        env: Any = data.recover_environment().unwrapped
+        return data, env.settings
     except ImportError:
         raise InputError("data sets need minari; pip install 'wheelchair_gym[dataset]'") from None
     except Exception as error:  # its reader documents no errors
         folder = os.environ.get("MINARI_DATASETS_PATH", "~/.minari/datasets")
         expected = f"expected one that wheelchair dataset wrote, in {folder}"
         raise InputError(f"dataset {name!r}: {expected} (MINARI_DATASETS_PATH)") from error
-    return data
 
 
 def _stored_episodes(data: Any, keys: Sequence[str]) -> Iterator[Demonstration]:
@@ -111,10 +111,8 @@ def imitate(config: Imitation, seed: int, folder: Path, progress: bool = True) -
     Raises:
         InputError: a setting is wrong, or the folder cannot be written.
     """
-    stored = None if config.dataset is None else _load_dataset(config.dataset)
-    env = training_env_settings(
-        config.env if stored is None else stored.recover_environment().unwrapped.settings
-    )
+    stored, spec = (None, config.env) if config.dataset is None else _load_dataset(config.dataset)
+    env = training_env_settings(spec)
     env = dataclasses.replace(
         env, task=dataclasses.replace(env.task, privileged=False), starts_within=0.0
     )

@@ -46,9 +46,15 @@ class LevelScores:
         self._updates = 0
 
     def update(self, levels: NDArray[np.int64], scores: Array) -> None:
-        """Take new scores (k,) of levels (k,); of a level that is named twice, their mean."""
+        """Take new scores (k,) of levels (k,); of a level that is named twice, their mean.
+
+        Raises:
+            InputError: a level is unknown, such as that of a world of no bank.
+        """
         self._updates += 1
         named, inverse = np.unique(levels, return_inverse=True)
+        if len(named) and not 0 <= named[0] <= named[-1] < len(self.scores):
+            raise InputError(f"levels {named}: expected 0 to {len(self.scores) - 1}")
         self.scores[named] = np.bincount(inverse, scores) / np.bincount(inverse)
         self.drawn[named] = self._updates
 

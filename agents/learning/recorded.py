@@ -8,6 +8,7 @@ from pathlib import Path
 from shutil import rmtree
 from typing import Any
 
+import gymnasium
 import numpy as np
 
 from agents.evaluation.evaluate import ENV
@@ -54,8 +55,7 @@ def write_recorded(
     """
     prepare(name, Path(folder))
     found: dict[str, Any] = {"episodes": 0, "steps": 0, "successes": 0, "empty": 0, "unread": []}
-    stored: Any = None
-    first: tuple[Path, EnvSettings, dict[str, Any]] | None = None
+    stored = first = None
     for file in recordings_in(sources):
         try:
             chapters = read_recording(file)
@@ -115,9 +115,7 @@ def settings_of(recorded: RecordedEpisode, chosen: Mapping[str, Any]) -> EnvSett
 
 
 def _about(settings: EnvSettings, sources: Sequence[str | Path]) -> dict[str, Any]:
-    """What a data set says of itself, with an environment of its settings."""
-    import gymnasium
-
+    """Return the description of a data set, with an environment of its settings."""
     return {
         "env": gymnasium.make(ENV, config=dump(settings)),
         "algorithm_name": "recordings",

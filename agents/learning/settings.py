@@ -148,7 +148,7 @@ class Training:
     threads: int = setting(default=2, low=1)
     """Threads of torch and of the environments."""
     device: Literal["auto", "cpu", "cuda"] = setting(default="auto")
-    """Where networks learn; `auto`: on a GPU if torch finds one. Environments stay on the
+    """Device of the networks; `auto`: a GPU if torch finds one. Environments stay on the
     processor."""
     warm_start: str | None = setting(default=None)
     """Initial weights of the actor: a file or a shipped name."""

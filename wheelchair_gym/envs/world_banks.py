@@ -23,14 +23,7 @@ from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.base.errors import shorten
 from wheelchair_gym.base.files import atomic_write
 from wheelchair_gym.base.settings import InputError, dump
-from wheelchair_gym.compiled.random import (
-    WORLDS,
-    Split,
-    bits,
-    episode_key,
-    uniform,
-    world_seed,
-)
+from wheelchair_gym.compiled.random import WORLDS, Split, bits, episode_key, uniform, world_seed
 from wheelchair_gym.envs.settings import EnvSettings
 from wheelchair_gym.scenes import make_scene
 from wheelchair_gym.scenes.poses import check_passable, check_start

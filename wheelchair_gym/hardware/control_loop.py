@@ -132,11 +132,9 @@ class RealChair(NotCopyable, Chair):
 
     Attributes:
         truth: the localizer's pose, the nearest echo, contacts at the bumpers; no energy.
-        late: of each late period but the first, its end [s since its reset] and its delay [s].
     """
 
     truth = _nothing_known(np.zeros(3))
-    late: Sequence[tuple[float, float]] = ()
 
     def __init__(
         self, name: str, clock: Clock, period: float, command_timeout: float, chair: ChairSettings,
@@ -148,6 +146,12 @@ class RealChair(NotCopyable, Chair):
         self._valid_until, self._due, self._begun = -math.inf, 0.0, math.nan
         self._end_guard: Callable[[], None] = lambda: None
         self._started, self._odometry = False, np.zeros(3)
+        self._late: list[tuple[float, float]] = []
+
+    @property
+    def late(self) -> Sequence[tuple[float, float]]:
+        """See `Chair.late`; the first period is never late."""
+        return self._late
 
     @property
     def belief(self) -> Belief:
@@ -161,7 +165,7 @@ class RealChair(NotCopyable, Chair):
     def _begin(self, odometry: Array) -> None:
         """Begin an episode now, at a pose (3,) of the odometry."""
         self._due = self._begun = self.clock.now()
-        self.late, self._started = (), False
+        self._late, self._started = [], False
         self._odometry, self.truth = odometry, _nothing_known(odometry)
 
     def _end(self) -> None:
@@ -206,7 +210,7 @@ class RealChair(NotCopyable, Chair):
         self.clock.wait(self._due, cancelled)
         now = self.clock.now()
         if self._started and now - due > LATE:
-            self.late = *self.late, (now - self._begun, now - due)
+            self._late.append((now - self._begun, now - due))
         self._started = True
 
     @property
