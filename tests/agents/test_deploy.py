@@ -400,7 +400,7 @@ def test_late_periods_are_counted_those_that_were_missed_as_a_whole_too():
     np.testing.assert_allclose(delays, [0.1, 0.3])  # the first may take as long as it likes
     np.testing.assert_allclose(stamps, [0.7, 1.2])
     loop._begin(np.zeros(3))
-    assert loop.late == ()
+    assert len(loop.late) == 0
 
 
 @pytest.mark.long
