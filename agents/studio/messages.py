@@ -102,6 +102,7 @@ def names(known: Iterable[str]) -> Field:
     return found._replace(fits=lambda x: bool(x) and found.fits(x))
 
 
+POINT = Field(lambda x: points(2, 1).fits([x]), "two numbers", lambda x: [float(x[0]), float(x[1])])
 FLAG = Field(lambda x: isinstance(x, bool), "true or false")
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from agents.studio.catalogue import Place
 from agents.studio.drawing import SHAPES, UPLOADS, blank, drawn, loaded, write_problem
 from agents.studio.messages import (
+    POINT,
     Fields,
     Message,
     Outbox,
@@ -31,7 +32,6 @@ from wheelchair_gym.maps import OccupancyGrid, write_map
 
 _MAX_SHAPES: Final = 500
 _NAME: Final = re.compile(r"\w[\w-]{0,59}")
-_PLACE: Final = points(2, 1)
 _CLEARANCE: Final = number(0.0, 2.0)
 _SEED: Final = number(0, 2**31, whole=True)
 FIRST: Final = ("visibility", "a_star", "rrt_star", "rrt_star_woa_global", "swarm", "lattice")
@@ -41,11 +41,11 @@ FIELDS: Final[Fields] = {
     "load": {"name": text(), "resolution": number(0.001, 1.0)},
     "draw": {"shapes": points(5, _MAX_SHAPES)},
     "plan": {
-        "planners": names(PLANNERS.built_in), "start": _PLACE, "goal": _PLACE,
+        "planners": names(PLANNERS.built_in), "start": POINT, "goal": POINT,
         "clearance": _CLEARANCE, "deadline": number(0.01, 10.0), "seed": _SEED,
     },
     "growth": {"planner": one_of(PLANNERS.built_in)},
-    "save": {"what": one_of(("map", "problem")), "name": text(60), "start": _PLACE, "goal": _PLACE},
+    "save": {"what": one_of(("map", "problem")), "name": text(60), "start": POINT, "goal": POINT},
 }  # fmt: skip
 
 
@@ -121,8 +121,8 @@ class PlanSession(PageSession):
 
     def on_plan(self, message: Message) -> None:
         """Run planners, one after another."""
-        start, goal = _point(message, "start"), _point(message, "goal")
-        self._problem = problem_of(self._grid, start, goal, message["clearance"])
+        ends = message["start"], message["goal"]
+        self._problem = problem_of(self._grid, *ends, message["clearance"])
         self._plans, self._seed = {}, message["seed"]
         for name in message["planners"]:
             if self._closing.is_set():
@@ -154,8 +154,7 @@ class PlanSession(PageSession):
         self._folder.mkdir(parents=True, exist_ok=True)
         if message["what"] == "problem":
             path = self._folder / f"{name}.json"
-            start, goal = _point(message, "start"), _point(message, "goal")
-            write_problem(path, self._grid, start, goal)
+            write_problem(path, self._grid, message["start"], message["goal"])
             self._out.send("saved", files=[path.name])
             return
         path = self._folder / f"{name}.yaml"
@@ -163,11 +162,3 @@ class PlanSession(PageSession):
         scene = {"name": "map_file", "path": str(path)}
         self._places[f"map:{name}"] = Place("map", name, scene, {"pose_source": "modelled"})
         self._out.send("saved", files=[path.name, path.with_suffix(".png").name])
-
-
-def _point(message: Message, name: str) -> list[float]:
-    """The only point [m] of a field."""
-    if len(message[name]) != 1:
-        raise InputError(f"{message['type']}.{name}: expected one point")
-    point: list[float] = message[name][0]
-    return point

@@ -19,7 +19,7 @@ from agents.studio.access import MAX_BYTES, Access, Bucket, Guard
 from agents.studio.drawing import UPLOADS
 from agents.studio.messages import Outbox, read_message
 from agents.studio.warm_up import WarmUp
-from wheelchair_gym.base.files import atomic_write
+from wheelchair_gym.base.files import atomic_write, read_json
 from wheelchair_gym.base.settings import InputError
 
 PAGE: Final = Path(__file__).with_name("page")
@@ -69,6 +69,7 @@ class Studio:
 
         routes = [
             Route("/files/{name}", self._file),
+            Route("/texts.json", self._texts),
             Route("/maps/{name}", self._upload, methods=["POST"]),
             WebSocketRoute("/session/{page}", self._socket),
             Mount("/", StaticFiles(directory=PAGE, html=True)),
@@ -93,6 +94,13 @@ class Studio:
         if not _FILE.fullmatch(name) or path.is_symlink() or not path.is_file():
             return PlainTextResponse("there is no such file\n", 404)
         return FileResponse(path, filename=name)
+
+    async def _texts(self, request: Any) -> Any:
+        """All texts of the page by language: each file of the page's folder `texts` is one."""
+        from starlette.responses import JSONResponse
+
+        files = sorted((PAGE / "texts").glob("*.json"))
+        return JSONResponse({file.stem: read_json(file) for file in files})
 
     async def _upload(self, request: Any) -> Any:
         """Keep a map file that a page sends, for the message `load`."""

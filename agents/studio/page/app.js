@@ -10,7 +10,7 @@ const by = id => document.getElementById(id);
 const wants = query => matchMedia(query).matches;
 const kept = () => { try { return JSON.parse(localStorage.getItem("studio") ?? "{}"); } catch { return {}; } };
 const looks = {
-  language: LANGUAGES.find(one => navigator.language.startsWith(one)) ?? "en", size: "100",
+  language: LANGUAGES.find(([name]) => navigator.language.startsWith(name))?.[0] ?? "en", size: "100",
   contrast: wants("(prefers-contrast: more)"), still: wants("(prefers-reduced-motion: reduce)"), ...kept(),
 };
 let page = null;
@@ -49,6 +49,7 @@ for (const name of Object.keys(PAGES)) {
   item.append(tab);
   by("tabs").append(item);
 }
+by("language").append(...LANGUAGES.map(([name, own]) => new Option(own, name)));
 for (const id of ["language", "size"]) by(id).onchange = () => { looks[id] = by(id).value; apply(); };
 for (const id of ["contrast", "still"]) by(id).onchange = () => { looks[id] = by(id).checked; apply(); };
 by("again").onclick = () => open(location.hash.slice(1) in PAGES ? location.hash.slice(1) : "drive");

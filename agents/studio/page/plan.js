@@ -182,7 +182,7 @@ export class PlanPage {
     this.forget();
     this.on.plan.disabled = true;
     this.link.send("plan", {
-      planners, start: [this.start], goal: [this.goal], clearance: this.number(this.on.clearance, 0.36),
+      planners, start: this.start, goal: this.goal, clearance: this.number(this.on.clearance, 0.36),
       deadline: this.number(this.on.deadline, 1), seed: Math.max(0, Math.trunc(this.number(this.on.seed, 0))),
     });
   }
@@ -271,7 +271,7 @@ export class PlanPage {
 
   save(what) {
     showError("");
-    this.link.send("save", { what, name: this.on.name.value, start: [this.start], goal: [this.goal] });
+    this.link.send("save", { what, name: this.on.name.value, start: this.start, goal: this.goal });
   }
 
   saved(files) {

@@ -12,6 +12,7 @@ from agents.studio.catalogue import NO_HAND, NO_SIGHT
 from agents.studio.server import PAGE
 from tests.agents.studio.served import axe, browsing, looked_at, serving, until
 from tests.hardware.conftest import build_twin
+from wheelchair_gym.base.files import read_json
 from wheelchair_gym.people.drivers.live_person import IMPAIRMENTS, SIGHTS
 
 GAMEPAD = "navigator.getGamepads = () => [{ axes: [0, window.pushed ?? 0] }]"
@@ -361,24 +362,19 @@ def test_two_drives_are_compared(opened):
     tab(page, "drive")
 
 
-def texts():
-    """The rows of texts by key."""
-    source = (PAGE / "texts.js").read_text(encoding="utf-8")
-    row = r'^  (\w+): \["((?:[^"\\]|\\.)*)",\s*"((?:[^"\\]|\\.)*)"\]'
-    source = re.sub(r'(\]|"), (\w+: \[)', r"\1,\n  \2", source)
-    return {key: (one, other) for key, one, other in re.findall(row, source, re.MULTILINE)}
-
-
-def test_every_text_is_there_in_both_languages():
-    rows = texts()
-    for key, (one, other) in rows.items():
-        assert one
-        assert other
-        named = set(re.findall(r"\{\w+\}", one)), set(re.findall(r"\{\w+\}", other))
-        assert named[0] == named[1], key
+def test_every_text_is_there_in_every_language():
+    languages = {file.stem: read_json(file) for file in (PAGE / "texts").glob("*.json")}
+    english = languages["en"]
+    assert {"en", "es"} <= set(languages)
+    for texts in languages.values():
+        assert list(texts) == list(english)
+        for key, one in texts.items():
+            assert one
+            named = [set(re.findall(r"\{\w+\}", each)) for each in (one, english[key])]
+            assert named[0] == named[1], key
     used = set()
     for file in PAGE.iterdir():
-        if file.suffix in (".js", ".html") and file.name != "texts.js":
+        if file.suffix in (".js", ".html"):
             source = file.read_text(encoding="utf-8")
             used |= set(re.findall(r'data-(?:t|label)="(\w+)"|\btext\("(\w+)"', source))
     used = {one or other for one, other in used}
@@ -387,4 +383,4 @@ def test_every_text_is_there_in_both_languages():
     used |= {f"o_{name}" for name in outcomes}
     used |= {f"h_{name}" for name in (NO_HAND, *IMPAIRMENTS)}
     used |= {f"s_{name}" for name in (NO_SIGHT, *SIGHTS)} | {f"u_{name}" for name in SIGHTS}
-    assert used <= set(rows)
+    assert used <= set(english)

@@ -160,7 +160,7 @@ def test_a_place_is_planned_on_and_a_saved_map_is_driven_on(served):
         messages(socket, "map")
         send(socket, "place", place="scene:crowd", seed=3)
         shown = messages(socket, "map")
-        asked = {"start": [shown["start"]], "goal": [shown["goal"]]}
+        asked = {key: shown[key] for key in ("start", "goal")}
         send(socket, "plan", planners=["a_star", "rrt_star"], clearance=0.3, deadline=10.0, seed=0,
              **asked)  # fmt: skip
         rows = [messages(socket, "plan") for _ in range(2)]
