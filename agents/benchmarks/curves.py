@@ -121,7 +121,7 @@ def _dress(left: Axes, right: Axes, problem: str, rows: Sequence[Row]) -> None:
     right.set_title(f"{problem}: median, quartiles", fontsize=9, loc="left")
     right.set(xscale="log", yscale="log", xlabel="time [ms]", ylabel="longer than the optimum [%]")
     if right.has_data():
-        right.axhline(FLOOR, color="#c9ced3", linewidth=0.8)
+        right.axhline(FLOOR, color=LOOK["grid.color"], linewidth=0.8)
         right.text(
             0.99, FLOOR * 1.15, f"at most {FLOOR:g} %", fontsize=7, ha="right",
             transform=right.get_yaxis_transform(),

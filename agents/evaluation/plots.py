@@ -25,7 +25,7 @@ WIDTH = 4.4  # inches: on a phone, letters then keep the size of the text around
 _STYLE = Path(__file__).parents[1] / "data" / "report.mplstyle"
 LOOK: Any = {
     **mpl.rc_params_from_file(_STYLE, use_default_template=False),
-    "axes.edgecolor": palette.css(palette.INK),
+    "axes.edgecolor": palette.css(palette.INK), "grid.color": palette.css(palette.RULE),
 }
 
 
@@ -130,7 +130,7 @@ def _success(policies: Sequence[str], scenes: Sequence[str], summary: Sequence[R
     axes.set_yticks(range(len(places)), ["all scenes" if p == "all" else p for p in places])
     axes.set_ylim(len(places) - 0.5, -0.5)
     for edge in range(1, len(places)):
-        axes.axhline(edge - 0.5, color="#c9ced3", linewidth=0.6)
+        axes.axhline(edge - 0.5, color=LOOK["grid.color"], linewidth=0.6)
     axes.grid(axis="y", visible=False)
     axes.set(xlim=(-2, 102), xlabel="success [% of episodes]")
     legend_above(figure, axes)
@@ -159,7 +159,7 @@ def _help(policies: Sequence[str], summary: Sequence[Record]) -> Figure:
     points = [(100.0 * rows[p]["authority"], 100.0 * rows[p]["success"]) for p in named]
     figure, axes = new_axes(3.3)
     front = np.array([points[i] for i in unbeaten(points)])
-    axes.plot(*front.T, color="#8a9299", linewidth=0.8, zorder=0)
+    axes.plot(*front.T, color=palette.css(palette.MAPPED), linewidth=0.8, zorder=0)
     for policy, (x, _) in zip(named, points, strict=True):
         share = with_interval(rows[policy], "success", 100.0)
         error_bars(axes, [x], [share], policies.index(policy), policy)

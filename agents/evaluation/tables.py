@@ -177,11 +177,14 @@ def templates() -> jinja2.Environment:
     """The environment of the templates in agents/templates; values in HTML are escaped."""
     import jinja2  # loaded only for pages
 
+    from wheelchair_gym.rendering.palette import style_sheet
+
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("agents", "templates"),
         autoescape=jinja2.select_autoescape(),
         undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
+    environment.globals["theme"] = style_sheet()
     environment.filters |= {
         "flat": flat,
         "data_uri": data_uri,

@@ -206,7 +206,7 @@ def method_figures(r: Results) -> Figures:
     return {"methods": figure}
 
 
-_GREY = "#8a929a"
+_GREY = palette.css(palette.MAPPED)
 _SOLID = palette.css(palette.SOLID)
 TRACK = 0.36  # m: P2's robot
 WHEEL = 0.075  # m: radius, P2

@@ -26,6 +26,7 @@ from wheelchair_gym.people.drivers.live_person import LiveInput, LiveSight, scan
 from wheelchair_gym.people.drivers.settings import Perception
 from wheelchair_gym.perception.tracker import Tracker
 from wheelchair_gym.recording.record import RecordEpisodes
+from wheelchair_gym.rendering.floor import closed_loops
 from wheelchair_gym.safety.stops import active_stops
 from wheelchair_gym.types import Stick, Truth
 
@@ -322,9 +323,10 @@ def world_of(world: Any) -> dict[str, Any]:
     models = zip(sonar.mounted, sonar.models, strict=True)
     limits = world.task.limits
     return {
-        "walls": episode.walls, "discs": episode.discs, "goal": episode.goal,
-        "start": episode.start, "bounds": episode.map.bounds, "name": episode.name,
-        "tolerance": world.task.tolerance, "outline": settings.chair.footprint.corners,
+        "walls": episode.walls, "solids": closed_loops(episode.walls), "discs": episode.discs,
+        "goal": episode.goal, "start": episode.start, "bounds": episode.map.bounds,
+        "name": episode.name, "tolerance": world.task.tolerance,
+        "outline": settings.chair.footprint.corners,
         "laser": [laser.x, laser.y, laser.yaw, laser.fov, laser.beams, laser.reach],
         "cones": [[m.x, m.y, m.yaw, model.field_of_view] for m, model in models],
         "actors": [

@@ -29,6 +29,7 @@ from planners.registries import PLANNERS
 from wheelchair_gym.base.settings import InputError
 from wheelchair_gym.envs import NavigationEnv
 from wheelchair_gym.maps import OccupancyGrid, write_map
+from wheelchair_gym.rendering.floor import closed_loops
 
 _MAX_SHAPES: Final = 500
 _NAME: Final = re.compile(r"\w[\w-]{0,59}")
@@ -77,9 +78,8 @@ class PlanSession(PageSession):
         """Send the map; with start and goal where another map begins."""
         self._problem, self._plans = None, {}
         grid = self._grid
-        self._out.send(
-            "map", name=name, bounds=grid.bounds, walls=grid.walls(), start=start, goal=goal
-        )
+        solids = closed_loops(grid.walls())
+        self._out.send("map", name=name, bounds=grid.bounds, solids=solids, start=start, goal=goal)
 
     def on_blank(self, message: Message) -> None:
         """Begin with an empty room."""

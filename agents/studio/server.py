@@ -70,6 +70,7 @@ class Studio:
         routes = [
             Route("/files/{name}", self._file),
             Route("/texts.json", self._texts),
+            Route("/theme.css", self._theme),
             Route("/maps/{name}", self._upload, methods=["POST"]),
             WebSocketRoute("/session/{page}", self._socket),
             Mount("/", StaticFiles(directory=PAGE, html=True)),
@@ -101,6 +102,14 @@ class Studio:
 
         files = sorted((PAGE / "texts").glob("*.json"))
         return JSONResponse({file.stem: read_json(file) for file in files})
+
+    async def _theme(self, request: Any) -> Any:
+        """The colours of pictures and reports, as properties of the page."""
+        from starlette.responses import Response
+
+        from wheelchair_gym.rendering.palette import style_sheet
+
+        return Response(style_sheet(), media_type="text/css")
 
     async def _upload(self, request: Any) -> Any:
         """Keep a map file that a page sends, for the message `load`."""

@@ -11,18 +11,18 @@ from wheelchair_gym.actors.records import Actors
 from wheelchair_gym.base.arrays import Array
 from wheelchair_gym.rendering import floor, palette
 from wheelchair_gym.rendering.canvas import Canvas, Frame, Image, text_width, write_text
-from wheelchair_gym.rendering.palette import Colour
+from wheelchair_gym.rendering.palette import WORDS, Colour
 
 # Words, and what draws their mark between two points (2, 2).
 Entry = tuple[str, Callable[[Canvas, Array], None]]
 # Words and colour of each kind of thing that moves, and of the rim that tells whom a person avoids.
 THINGS = {
-    records.DOOR: ("door", palette.LEAF),
-    records.OBSTACLE: ("new obstacle", palette.SUDDEN),
-    records.FURNITURE: ("furniture that moves", palette.LIGHT),
+    records.DOOR: (WORDS["door"], palette.LEAF),
+    records.OBSTACLE: (WORDS["sudden"], palette.SUDDEN),
+    records.FURNITURE: (WORDS["furniture"], palette.LIGHT),
 }
 RIMS = {
-    records.EVERYBODY: ("person", palette.INK),
+    records.EVERYBODY: (WORDS["person"], palette.INK),
     records.PEOPLE: ("inattentive person", palette.BLIND),
     records.NOBODY: ("person who avoids nothing", palette.VERMILION),
 }
@@ -51,12 +51,12 @@ def scene_entries(actors: Actors) -> list[Entry]:
     """Return the legend's entries for what pictures of an episode show."""
     entries = [
         ("start", lambda on, at: floor.draw_start(on, at.mean(axis=0))),
-        disc("goal", palette.GOAL),
-        line("path", palette.PATH),
-        line("trail", palette.TRAIL),
-        line("laser", palette.LASER),
-        line("ultrasonic", palette.WIDE),
-        line("estimated pose", palette.ESTIMATE),
+        disc(WORDS["goal"], palette.GOAL),
+        line(WORDS["path"], palette.PATH),
+        line(WORDS["trail"], palette.TRAIL),
+        line(WORDS["laser"], palette.LASER),
+        line(WORDS["ultrasonic"], palette.WIDE),
+        line(WORDS["estimate"], palette.ESTIMATE),
     ]
     kinds = set(actors.rows["kind"].tolist())
     avoids = set(actors.rows["avoids"][actors.rows["kind"] == records.PERSON].tolist())

@@ -1,47 +1,50 @@
-"""Colours, named by what they show; hues of Okabe and Ito, distinct for colour-blind readers."""
+"""Colours, named by what they show: those of `theme.json`, which studio and reports share.
+
+The hues of light pictures are those of Okabe and Ito, distinct for colour-blind readers.
+"""
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Any
+
+from wheelchair_gym.base.files import read_json
+
 Colour = tuple[int, int, int]  # RGB
+# Colours of light, dark and contrasting pages, and the legend's words.
+_THEME: Any = read_json(Path(__file__).with_name("theme.json"))
+WORDS: dict[str, str] = _THEME["words"]
 
-BLACK: Colour = (0, 0, 0)
-ORANGE: Colour = (230, 159, 0)
-SKY: Colour = (86, 180, 233)
-GREEN: Colour = (0, 158, 115)
-BLUE: Colour = (0, 114, 178)
-VERMILION: Colour = (213, 94, 0)
-PURPLE: Colour = (204, 121, 167)
 
-FREE: Colour = (255, 255, 255)
-UNKNOWN: Colour = (211, 215, 220)
-MAPPED: Colour = (158, 165, 173)  # occupied on the map, whether or not anything stands there
-SOLID: Colour = (58, 64, 72)
-PAPER: Colour = (248, 249, 250)  # of the caption
-INK: Colour = (33, 37, 41)
-RULE: Colour = (190, 196, 202)
+def _of(*names: str) -> list[Colour]:
+    """Light colours of the theme."""
+    red_green_blue = [bytes.fromhex(_THEME["light"][name][1:]) for name in names]
+    return [(red, green, blue) for red, green, blue in red_green_blue]
 
-CHAIR = BLUE
-TRAIL = BLUE
-WHEEL = INK
-ESTIMATE = PURPLE
-GOAL = GREEN
-PATH = GREEN
-START: Colour = (90, 98, 106)
-LASER = VERMILION
-NARROW = ORANGE
-WIDE: Colour = (176, 158, 0)  # yellow, dark enough for a white floor
-PERSON = SKY
-BLIND: Colour = (204, 121, 167)  # rim of who pays no attention to the chair
-LEAF: Colour = (140, 90, 40)  # of a door
-SUDDEN = VERMILION  # what has appeared
-LIGHT: Colour = (196, 164, 120)  # furniture that can be pushed
-TREE = SKY
-OUTLINE = PURPLE  # of what moves along a path
-OPTIMUM = BLACK
 
-SERIES: tuple[Colour, ...] = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, SOLID, WIDE)
+SERIES: tuple[Colour, ...] = tuple(_of(*(f"series-{k}" for k in range(8))))
+BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, *_ = SERIES
+FREE, UNKNOWN, SOLID = _of("floor", "unknown", "wall")
+MAPPED, PAPER, INK, RULE = _of("mapped", "ground", "text", "line")  # paper: of the caption
+CHAIR, TRAIL, ESTIMATE, GOAL, PATH = _of("chair", "trail", "estimate", "goal", "path")
+START, LASER, NARROW, WIDE = _of("start", "laser", "narrow", "ultrasonic")
+# Blind: rim of who pays no attention to the chair; light: furniture that can be pushed.
+PERSON, BLIND, LEAF, SUDDEN, LIGHT = _of("person", "inattentive", "door", "sudden", "furniture")
+WHEEL, TREE, OUTLINE, OPTIMUM = INK, SKY, PURPLE, (0, 0, 0)
 
 
 def css(colour: Colour) -> str:
     """A colour as matplotlib and style sheets write it."""
     return "#{:02x}{:02x}{:02x}".format(*colour)
+
+
+def style_sheet() -> str:
+    """The theme as custom properties of CSS: light, dark where a reader prefers it, contrast."""
+    light, dark, contrast = (
+        " ".join(f"--{name}: {colour};" for name, colour in _THEME[of].items())
+        for of in ("light", "dark", "contrast")
+    )
+    return f""":root {{ color-scheme: light dark; {light} }}
+@media (prefers-color-scheme: dark) {{ :root:not(.contrast) {{ {dark} }} }}
+:root.contrast {{ {contrast} }}
+"""

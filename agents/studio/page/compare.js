@@ -1,7 +1,7 @@
 // The page Compare: two drives of one episode beside each other, with one clock.
 import { build, Link, say, showError } from "./link.js";
 import { text } from "./texts.js";
-import { drawActors, drawChair, drawWorld, View } from "./view.js";
+import { drawActors, drawChair, drawGoal, drawWorld, View } from "./view.js";
 
 const SIDES = ["left", "right"];
 const side = name => `<section class="side" data-label="side_${name}"><h2 id="name-${name}">–</h2>
@@ -42,11 +42,7 @@ export class ComparePage {
     this.looks = looks;
     this.on = build(root, HTML);
     this.tracks = {};
-    this.views = Object.fromEntries(SIDES.map(name => {
-      const view = new View(this.on[`map-${name}`]);
-      view.onresize = () => this.draw(name);
-      return [name, view];
-    }));
+    this.views = Object.fromEntries(SIDES.map(name => [name, new View(this.on[`map-${name}`], () => this.draw(name))]));
     this.listen();
     this.link = new Link("compare", {
       choices: message => { this.on.place.replaceChildren(...message.places.map(([value, , name]) => new Option(name, value))); this.on.place.value = message.first; },
@@ -222,10 +218,12 @@ export class ComparePage {
       contact: track.events.some(([t, kind]) => kind === "contact" && Math.abs(t - state[T]) < 0.3),
     };
     view.begin();
-    view.line(track.states.slice(0, k + 1).map(one => one.slice(POSE, POSE + 2)), view.colour.trail, 3);
     drawWorld(view, world);
+    view.line(track.states.slice(0, k + 1).map(one => one.slice(POSE, POSE + 2)), view.colour.trail, 2);
+    drawGoal(view, world.goal, world.tolerance);
     drawActors(view, world.actors, track.actors[k]);
     drawChair(view, world, now);
+    view.end();
     this.on[`says-${name}`].textContent = text("says", {
       speed: state[TWIST].toFixed(2), clearance: state[CLEARANCE].toFixed(2), end: state[T] + 1e-6 < Number(this.on.time.value) ? text("ended_at", { time: state[T].toFixed(1) }) : "",
     });

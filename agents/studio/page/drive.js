@@ -13,7 +13,7 @@ const HTML = `<div class="page"><div class="stage">
     <div id="stick" class="stick" role="img" data-label="touch_stick"><div class="knob"></div></div>
     <div id="switching" hidden><ul id="scan" class="scan" data-label="scan"></ul><button id="switch" class="switch" data-t="switch"></button></div>
     <div class="grow"><div class="row"><button id="pause" data-t="pause" disabled></button><button id="stop" data-t="stop" disabled></button>
-        <span class="zoom"><button id="in" type="button" data-label="zoom_in">+</button><button id="out" type="button" data-label="zoom_out">−</button><button id="fit" type="button" data-t="fit"></button></span></div>
+        <span class="zoom"><button id="in" type="button" data-label="zoom_in">+</button><button id="out" type="button" data-label="zoom_out">−</button><button id="fit" type="button" data-t="fit"></button><button id="heading" type="button" data-t="heading_up" aria-pressed="false"></button></span></div>
       <p id="hint" class="hint" data-t="keys_hint"></p><ul id="legend" class="legend"></ul></div>
   </div>
   <fieldset><legend data-t="readings"></legend><dl id="readings"></dl></fieldset></div>
@@ -41,7 +41,7 @@ const READINGS = {
   r_to_go: now => (now.to_go === null ? "–" : `${now.to_go.toFixed(1)} m`), r_energy: now => `${now.energy.toFixed(2)} Wh`,
   r_battery: now => `${now.battery.toFixed(1)} V`,
 };
-const LEGEND = ["goal", "scan", "cone", "person", "track", "asked", "given"]; // names of colours and of texts
+const LEGEND = ["goal", "laser", "ultrasonic", "person", "door", "track", "asked", "given"]; // names of colours and of texts
 const COMMANDS = ["forward", "left", "right", "back"];
 const PERIOD = 25; // ms between two messages of a stick that is moved
 const TRAIL = 3000; // points that are drawn
@@ -50,8 +50,7 @@ export class DrivePage {
   constructor(root, looks) {
     this.looks = looks;
     this.on = build(root, HTML);
-    this.view = new View(this.on.map);
-    this.view.onresize = () => this.draw();
+    this.view = new View(this.on.map, () => this.draw());
     this.sent = [0, 0];
     this.trail = [];
     this.running = false;
@@ -99,9 +98,10 @@ export class DrivePage {
     on.stop.onclick = () => link("stop");
     on.film.onclick = () => link("film");
     on.switch.onclick = () => link("press");
-    on.in.onclick = () => this.zoom(this.view.zoom * 1.5);
-    on.out.onclick = () => this.zoom(this.view.zoom / 1.5);
-    on.fit.onclick = () => this.zoom(1);
+    on.in.onclick = () => this.view.zoomTo(this.view.zoom * 1.5);
+    on.out.onclick = () => this.view.zoomTo(this.view.zoom / 1.5);
+    on.fit.onclick = () => this.view.zoomTo(1);
+    on.heading.onclick = () => { this.headingUp = !this.headingUp; on.heading.setAttribute("aria-pressed", this.headingUp); this.draw(); };
     addEventListener("keydown", event => {
       if (event.target.closest?.("select, input") || event.ctrlKey || event.metaKey || event.altKey) return;
       const act = { Escape: on.stop.onclick, "+": on.in.onclick, "-": on.out.onclick, 0: on.fit.onclick }[event.key];
@@ -121,7 +121,8 @@ export class DrivePage {
     }));
     this.on.legend.replaceChildren(...LEGEND.map(name => {
       const item = document.createElement("li"), colour = document.createElement("span"), words = document.createElement("span");
-      colour.className = `key ${name}`;
+      colour.className = "key";
+      colour.style.background = `var(--${name})`;
       words.dataset.t = `k_${name}`;
       item.append(colour, words);
       return item;
@@ -312,25 +313,22 @@ export class DrivePage {
     this.banner(text("film_ready"), "good");
   }
 
-  zoom(to) {
-    this.view.zoom = Math.min(8, Math.max(1, to));
-    this.draw();
-  }
-
   draw() {
     if (!this.world || !this.now) return;
     const view = this.view;
+    view.angle = this.headingUp ? Math.PI / 2 - this.now.pose[2] : 0;
     view.begin();
-    view.line(this.trail, view.colour.trail, 3);
-    drawSenses(view, this.world, this.now, this.ranges);
     drawWorld(view, this.world);
+    view.line(this.trail, view.colour.trail, 2);
+    drawSenses(view, this.world, this.now, this.ranges);
     drawActors(view, this.world.actors, this.now.actors);
     for (const [, x, y, vx, vy, radius] of this.now.tracks) {
-      view.disc(x, y, radius + 0.08, view.colour.track, false, 2);
+      view.disc(x, y, radius + 0.08, null, view.colour.track);
       view.arrow(x, y, vx, vy, view.colour.track, 2);
     }
     drawVeil(view, this.world, this.now);
-    drawGoal(view, this.world);
+    drawGoal(view, this.world.goal, this.world.tolerance);
     drawChair(view, this.world, this.now);
+    view.end();
   }
 }

@@ -1,7 +1,7 @@
 // The page Plan: draw a map, let planners answer on it, and watch how they came to their paths.
 import { build, Link, say, showError } from "./link.js";
 import { text } from "./texts.js";
-import { View } from "./view.js";
+import { drawGoal, drawWorld, View } from "./view.js";
 
 const HTML = `<div class="page"><div class="stage">
   <canvas id="map" tabindex="0" role="img" data-label="plan_map_label"></canvas>
@@ -35,8 +35,8 @@ const HTML = `<div class="page"><div class="stage">
       <div class="row"><button id="save-map" type="button" data-t="save_map"></button><button id="save-problem" type="button" data-t="save_problem"></button></div>
       <p id="saved"></p></fieldset>
   </form></div>`;
-const TOOLS = ["start", "goal", "wall", "door", "furniture", "free"];
-const COLOURS = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#8a6d00", "#5a4fcf", "#b22222", "#4d7c8a"];
+const TOOLS = ["start", "goal", "wall", "door", "furniture", "free", "move"];
+const COLOURS = 8; // of the theme's series
 const STEP = 0.1; // m that a key moves the cursor
 const GRID = 0.05; // m to which points snap
 
@@ -44,8 +44,7 @@ export class PlanPage {
   constructor(root, looks) {
     this.looks = looks;
     this.on = build(root, HTML);
-    this.view = new View(this.on.map);
-    this.view.onresize = () => this.draw();
+    this.view = new View(this.on.map, () => this.draw(), event => this.tool === "move" || event.button === 1);
     this.shapes = [];
     this.answers = [];
     this.tool = "start";
@@ -99,9 +98,11 @@ export class PlanPage {
     on.frame.oninput = () => { clearInterval(this.playing); this.showFrame(); };
     on.play.onclick = () => this.play();
     on.ungrow.onclick = () => { this.frames = null; on.growing.hidden = true; clearInterval(this.playing); this.draw(); };
-    on.map.onpointerdown = event => { on.map.setPointerCapture(event.pointerId); this.press(this.snapped(this.view.place(event))); };
-    on.map.onpointermove = event => { if (this.corner && on.map.hasPointerCapture(event.pointerId)) { this.cursor = this.snapped(this.view.place(event)); this.draw(); } };
-    on.map.onpointerup = event => { if (this.corner) this.press(this.snapped(this.view.place(event)), true); };
+    const at = event => this.snapped(this.view.place(event)), draws = event => this.tool !== "move" && event.pointerType !== "touch";
+    on.map.onpointerdown = event => { if (draws(event) && event.button === 0) { on.map.setPointerCapture(event.pointerId); this.press(at(event)); } };
+    on.map.onpointermove = event => { if (this.corner && draws(event)) { this.cursor = at(event); this.draw(); } };
+    on.map.onpointerup = event => { if (this.corner && draws(event)) this.press(at(event), true); };
+    on.map.onclick = event => { if (event.pointerType === "touch" && this.tool !== "move") this.press(at(event)); }; // a finger that is drawn along scrolls
     on.map.onkeydown = event => this.key(event);
     this.number = number;
   }
@@ -207,7 +208,8 @@ export class PlanPage {
     this.on.rows.replaceChildren(...this.answers.map((one, k) => {
       const row = document.createElement("tr"), head = document.createElement("th"), colour = document.createElement("span");
       head.scope = "row";
-      colour.className = `key colour-${k % COLOURS.length}`;
+      colour.className = "key";
+      colour.style.background = `var(--series-${k % COLOURS})`;
       head.append(colour, one.planner);
       const cells = [one.status, fixed(one.length, 2), fixed(one.clearance_min, 2), fixed(one.clearance_mean, 2), fixed(one.time_ms, 1)].map(words => {
         const cell = document.createElement("td");
@@ -290,26 +292,25 @@ export class PlanPage {
     if (!this.world) return;
     const view = this.view, frame = this.frames?.[Number(this.on.frame.value)];
     view.begin();
+    drawWorld(view, this.world);
     if (frame) {
-      view.segments(frame.tree, view.colour.trail, 1);
-      for (const member of frame.swarm) view.line(member, view.colour.person, 1);
-    }
-    view.segments(this.world.walls, view.colour.wall, 2);
-    if (frame) view.line(frame.path, view.colour.alarm, 4);
-    else this.answers.forEach((one, k) => view.line(one.path, COLOURS[k % COLOURS.length], 3, k < COLOURS.length ? [] : [6, 4]));
-    for (const [name, colour] of [["start", view.colour.accent], ["goal", view.colour.goal]]) {
-      const [x, y] = this[name];
-      view.disc(x, y, Number(this.on.clearance.value) || 0.1, colour, false, 2);
-      view.disc(x, y, 0.1, colour);
-    }
+      view.segments(frame.tree, view.colour["series-5"], 1);
+      for (const member of frame.swarm) view.line(member, view.colour["series-4"], 1);
+      view.line(frame.path, view.colour.alarm, 4);
+    } else this.answers.forEach((one, k) => view.line(one.path, view.colour[`series-${k % COLOURS}`], 3, k < COLOURS ? [] : [6, 4]));
+    const radius = Number(this.on.clearance.value) || 0.1;
+    view.disc(...this.start, radius, null, view.colour.start);
+    view.disc(...this.start, 0.1, view.colour.floor, view.colour.start, 3);
+    drawGoal(view, this.goal, radius);
     if (this.corner) {
       const [x0, y0] = this.corner, [x1, y1] = this.cursor;
       if (this.tool === "wall" || this.tool === "door") view.line([[x0, y0], [x1, y1]], view.colour.track, 4);
-      else view.polygon([[x0, y0], [x1, y0], [x1, y1], [x0, y1]], view.colour.track, false, 3);
+      else view.polygon([[x0, y0], [x1, y0], [x1, y1], [x0, y1]], null, view.colour.track, 3);
     }
     if (this.cursor && document.activeElement === this.on.map) {
       const [x, y] = this.cursor, r = 8 * view.pixel;
       view.segments([[x - r, y, x + r, y], [x, y - r, x, y + r]], view.colour.track, 2);
     }
+    view.end();
   }
 }

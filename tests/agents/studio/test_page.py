@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 from agents.cli import main
@@ -14,8 +16,10 @@ from tests.agents.studio.served import axe, browsing, looked_at, serving, until
 from tests.hardware.conftest import build_twin
 from wheelchair_gym.base.files import read_json
 from wheelchair_gym.people.drivers.live_person import IMPAIRMENTS, SIGHTS
+from wheelchair_gym.rendering import palette
 
 GAMEPAD = "navigator.getGamepads = () => [{ axes: [0, window.pushed ?? 0] }]"
+THEME = read_json(Path(palette.__file__).with_name("theme.json"))
 WAITS = "studio.running && studio.now?.waits"
 
 
@@ -152,26 +156,29 @@ def test_a_single_switch_drives_and_stops(opened):
     page.keyboard.press("Escape")
 
 
-COLOURS = """() => {
-  const view = studio.view, [x, y, yaw] = studio.now.pose, [mx, my] = view.middle();
-  const copy = document.createElement("canvas"), {width, height} = view.canvas;
-  Object.assign(copy, {width, height});
+# The colours of the picture at points [m] of the map.
+AT = """points => {
+  const {view} = studio, [mx, my] = view.middle(), copy = document.createElement("canvas");
+  Object.assign(copy, {width: view.canvas.width, height: view.canvas.height});
   const context = copy.getContext("2d", {willReadFrequently: true});
   context.drawImage(view.canvas, 0, 0);
-  return [-2.6, -1.5, -0.3, 0.3, 1.5, 2.6].map(side => {  // at 0.8 m around the chair
-    const dx = 0.8 * Math.cos(yaw + side), dy = 0.8 * Math.sin(yaw + side);
-    const left = width / 2 + (x + dx - mx) * view.scale;
-    const top = height / 2 - (y + dy - my) * view.scale;
-    const [r, g, b, a] = context.getImageData(left, top, 1, 1).data;
-    return a === 255 && "#" + [r, g, b].map(one => one.toString(16).padStart(2, "0")).join("");
+  return points.map(([x, y]) => {
+    const left = copy.width / 2 + (x - mx) * view.scale;
+    const top = copy.height / 2 - (y - my) * view.scale;
+    const [r, g, b] = context.getImageData(left, top, 1, 1).data;
+    return "#" + [r, g, b].map(one => one.toString(16).padStart(2, "0")).join("");
   });
 }"""
+AROUND = """[-2.6, -1.5, -0.3, 0.3, 1.5, 2.6].map(side => {  // at 0.8 m around the chair
+  const [x, y, yaw] = studio.now.pose;
+  return [x + 0.8 * Math.cos(yaw + side), y + 0.8 * Math.sin(yaw + side)];
+})"""
 
 
 def test_what_a_simulated_person_does_not_see_is_covered(opened):
     _, page = opened
     begin(page)
-    covered = lambda: [one == veil for one in page.evaluate(COLOURS)]  # noqa: E731
+    covered = lambda: [one == veil for one in page.evaluate(f"({AT})({AROUND})")]  # noqa: E731
     veil = page.evaluate("studio.view.colour.veil")
     assert not any(covered())
     page.select_option("#sight", "hemianopia")
@@ -192,6 +199,75 @@ def test_what_a_simulated_person_does_not_see_is_covered(opened):
     until(page, "studio.now.sight === null")
     assert not any(covered())
     page.keyboard.press("Escape")
+
+
+@pytest.mark.parametrize("mode", ["light", "dark", "contrast"])
+def test_walls_are_filled_and_the_floor_is_free_in_the_colours_of_the_theme(opened, mode):
+    _, page = opened
+    page.emulate_media(color_scheme="light" if mode == "light" else "dark")
+    page.evaluate("document.getElementById('looks').open = true")
+    page.set_checked("#contrast", mode == "contrast")
+    begin(page)
+    page.evaluate("studio.restyle(studio.looks)")
+    points = [[0.05, 1.0], [0.4, 2.1], [-0.2, 1.0]]  # in a wall, behind the chair, outside
+    names = ("wall", "floor", "unknown")
+    assert page.evaluate(AT, points) == [THEME[mode][name] for name in names]
+    page.set_checked("#contrast", False)
+    page.emulate_media(color_scheme="light")
+    page.evaluate("studio.restyle(studio.looks)")
+
+
+def test_the_map_is_dragged_zoomed_and_turned_and_one_finger_scrolls(opened):
+    _, page = opened
+    begin(page)
+    view = lambda: page.evaluate("[studio.view.zoom, ...studio.view.shift]")  # noqa: E731
+    place = lambda x, y: page.evaluate(  # noqa: E731
+        f"studio.view.place({{ clientX: {x}, clientY: {y} }})"
+    )
+    box = page.locator("#map").bounding_box()
+    x, y = box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"]
+    page.mouse.move(x, y)
+    under = place(x, y)
+    page.mouse.wheel(0, -400)
+    until(page, "studio.view.zoom > 2")
+    zoomed = place(x, y)
+    assert zoomed == pytest.approx(under, abs=0.02)
+    page.mouse.down()
+    page.mouse.move(x + 60, y - 40, steps=2)
+    page.mouse.up()
+    dragged = place(x + 60, y - 40)
+    assert dragged == pytest.approx(under, abs=0.02)
+    page.click("#heading")
+    assert page.evaluate("studio.view.angle") == pytest.approx(np.pi / 2, abs=0.05)
+    page.click("#heading")
+    page.click("#fit")
+    assert view() == [1, 0, 0]
+    page.mouse.move(x, y)
+    page.mouse.wheel(0, 100)  # all is seen: this means the page
+    page.wait_for_timeout(300)
+    assert view() == [1, 0, 0]
+    page.evaluate("document.getElementById('main').style.minHeight = '200vh'; scrollTo(0, 0)")
+    touch = page.context.new_cdp_session(page)
+    finger = lambda kind, *at: touch.send(  # noqa: E731
+        "Input.dispatchTouchEvent",
+        {"type": kind, "touchPoints": [{"x": a, "y": b, "id": k} for k, (a, b) in enumerate(at)]},
+    )
+    finger("touchStart", (x, y))
+    for k in range(10):
+        finger("touchMove", (x, y - 20 * k))
+    page.wait_for_timeout(300)  # it rests, so that nothing goes on to scroll
+    finger("touchEnd")
+    until(page, "scrollY > 50")
+    assert view() == [1, 0, 0]
+    page.evaluate("scrollTo(0, 0)")
+    finger("touchStart", (x - 30, y), (x + 30, y))
+    for k in range(10):
+        finger("touchMove", (x - 30 - 5 * k, y), (x + 30 + 5 * k, y))
+    finger("touchEnd")
+    assert view()[0] == pytest.approx(2.5, abs=0.1)
+    assert page.evaluate("scrollY") == 0
+    page.evaluate("document.getElementById('main').style.minHeight = ''")
+    page.click("#fit")
 
 
 @pytest.mark.parametrize("name", ["drive", "plan"])
@@ -360,6 +436,23 @@ def test_two_drives_are_compared(opened):
         assert page.evaluate("document.documentElement.scrollWidth") <= width
     axe(page)
     tab(page, "drive")
+
+
+def test_pictures_and_pages_share_one_legend_and_walls_stand_out():
+    english = read_json(PAGE / "texts" / "en.json")
+    legend = {key[2:]: words for key, words in english.items() if key.startswith("k_")}
+    assert legend == {key: THEME["words"][key] for key in legend}
+
+    def luminance(colour):
+        part = np.array([*bytes.fromhex(colour[1:])]) / 255
+        return np.where(part > 0.04045, ((part + 0.055) / 1.055) ** 2.4, part / 12.92) @ [
+            0.2126, 0.7152, 0.0722,
+        ]  # fmt: skip
+
+    for mode in ("light", "dark", "contrast"):
+        assert set(THEME[mode]) == set(THEME["light"])
+        lights = sorted(luminance(THEME[mode][name]) for name in ("floor", "wall"))
+        assert (lights[1] + 0.05) / (lights[0] + 0.05) > 3.0  # WCAG 2.2, 1.4.11
 
 
 def test_every_text_is_there_in_every_language():
