@@ -4,18 +4,18 @@ import { Inputs } from "./inputs.js";
 import { text, translate } from "./texts.js";
 import { drawActors, drawChair, drawGoal, drawSenses, drawVeil, drawWorld, View } from "./view.js";
 
-const HTML = `<div class="page"><div class="stage">
-  <canvas id="map" tabindex="0" role="img" data-label="map_label"></canvas>
-  <p id="banner" class="banner"></p>
-  <div id="results" hidden><h2 id="outcome"></h2><p id="figures"></p><div class="row"><a id="recording" data-t="recording" hidden></a>
-    <button id="film" type="button" data-t="film" hidden></button><a id="filmed" data-t="film_ready" hidden></a></div></div>
-  <div class="controls">
-    <div id="stick" class="stick" role="img" data-label="touch_stick"><div class="knob"></div></div>
-    <div id="switching" hidden><ul id="scan" class="scan" data-label="scan"></ul><button id="switch" class="switch" data-t="switch"></button></div>
-    <div class="grow"><div class="row"><button id="pause" data-t="pause" disabled></button><button id="stop" data-t="stop" disabled></button>
-        <span class="zoom"><button id="in" type="button" data-label="zoom_in">+</button><button id="out" type="button" data-label="zoom_out">−</button><button id="fit" type="button" data-t="fit"></button><button id="heading" type="button" data-t="heading_up" aria-pressed="false"></button></span></div>
-      <p id="hint" class="hint" data-t="keys_hint"></p><ul id="legend" class="legend"></ul></div>
-  </div>
+const HTML = `<div class="page"><div><div id="stage" class="full">
+    <p id="banner" class="banner"></p>
+    <canvas id="map" tabindex="0" role="img" data-label="map_label"></canvas>
+    <div class="zoom"><button id="in" type="button" data-label="zoom_in">+</button><button id="out" type="button" data-label="zoom_out">−</button>
+      <button id="fit" type="button" data-t="fit"></button><button id="heading" type="button" data-t="heading_up" aria-pressed="false"></button></div>
+    <div id="results" hidden><h2 id="outcome"></h2><p id="figures"></p><div class="row"><a id="recording" data-t="recording" hidden></a>
+      <button id="film" type="button" data-t="film" hidden></button><a id="filmed" data-t="film_ready" hidden></a></div></div>
+    <div class="controls">
+      <div id="stick" class="stick" role="img" data-label="touch_stick"><div class="knob"></div></div>
+      <div id="switching" hidden><ul id="scan" class="scan" data-label="scan"></ul><button id="switch" class="switch" data-t="switch"></button></div>
+      <div class="row"><button id="pause" data-t="pause" disabled></button><button id="stop" data-t="stop" disabled></button></div></div></div>
+  <p id="hint" class="hint" data-t="keys_hint"></p><ul id="legend" class="legend"></ul>
   <fieldset><legend data-t="readings"></legend><dl id="readings"></dl></fieldset></div>
   <form id="form">
     <fieldset><legend data-t="place"></legend>
@@ -44,6 +44,7 @@ const READINGS = {
 const LEGEND = ["goal", "laser", "ultrasonic", "person", "door", "track", "asked", "given"]; // names of colours and of texts
 const COMMANDS = ["forward", "left", "right", "back"];
 const PERIOD = 25; // ms between two messages of a stick that is moved
+const ENOUGH = 480; // pixels of height for map, message and stick
 const TRAIL = 3000; // points that are drawn
 
 export class DrivePage {
@@ -58,6 +59,8 @@ export class DrivePage {
     this.timer = setInterval(() => this.steer(), PERIOD);
     this.listen();
     this.fill();
+    this.watch = new ResizeObserver(() => this.size());
+    this.watch.observe(document.body);
     this.link = new Link(this.session, this.answers());
   }
 
@@ -81,6 +84,7 @@ export class DrivePage {
     clearInterval(this.timer);
     this.inputs.close();
     this.view.close();
+    this.watch.disconnect();
     this.ending.abort();
     this.link.close();
   }
@@ -111,6 +115,12 @@ export class DrivePage {
         if (!event.repeat) link("press");
       }
     }, { signal: this.ending.signal });
+  }
+
+  /** Give map, message and stick what is left of the screen, or all of it where that is too little. */
+  size() {
+    const top = this.on.stage.getBoundingClientRect().top + scrollY;
+    this.on.stage.style.setProperty("--top", `${innerHeight - top > ENOUGH ? top : 0}px`);
   }
 
   fill() {
@@ -221,6 +231,8 @@ export class DrivePage {
     this.on.start.disabled = false;
     this.on.results.hidden = true;
     this.on.seed.value = message.order.seed;
+    this.size();
+    this.on.stage.scrollIntoView({ block: "nearest" });
     this.on.map.focus({ preventScroll: true });
     showError(message.note ? text("not_recorded", { text: message.note }) : "");
     this.buttons();

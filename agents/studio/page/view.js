@@ -146,8 +146,8 @@ export class View {
     c.stroke();
     c.fillText(label, left + long + 8 * ratio, y);
     if (!this.angle) return;
-    c.translate(width - 22 * ratio, 26 * ratio);
-    c.rotate(-this.angle);
+    c.translate(22 * ratio, 26 * ratio);
+    c.rotate(-this.angle); // the canvas turns clockwise
     c.beginPath();
     for (const [ax, ay] of [[0, -16], [7, 4], [0, 0], [-7, 4]]) c.lineTo(ax * ratio, ay * ratio);
     c.fill();

@@ -102,6 +102,19 @@ def axe(page):
     assert [(one["id"], one["nodes"][0]["html"]) for one in found] == []
 
 
+SCREENS = [(390, 844), (820, 1180), (1024, 768), (1180, 820), (1280, 800)]
+SCREENS += [(width // 2, height // 2) for width, height in SCREENS]  # at 200 %
+
+
+def cut_off(page):
+    """What of stick, map and message is not whole within the screen."""
+    return page.evaluate("""["stick", "map", "banner"].filter(id => {
+      const box = document.getElementById(id).getBoundingClientRect();
+      return !box.height || Math.min(box.left, box.top, innerWidth - box.right,
+        innerHeight - box.bottom) < 0;
+    })""")
+
+
 def until(page, expression, patience=PATIENCE):
     """Wait until an expression of JavaScript holds on a page, whose policy forbids `eval`."""
     end = time.monotonic() + patience

@@ -12,7 +12,15 @@ from agents.cli import main
 from agents.people import ASSISTANTS
 from agents.studio.catalogue import NO_HAND, NO_SIGHT
 from agents.studio.server import PAGE
-from tests.agents.studio.served import axe, browsing, looked_at, serving, until
+from tests.agents.studio.served import (
+    SCREENS,
+    axe,
+    browsing,
+    cut_off,
+    looked_at,
+    serving,
+    until,
+)
 from tests.hardware.conftest import build_twin
 from wheelchair_gym.base.files import read_json
 from wheelchair_gym.people.drivers.live_person import IMPAIRMENTS, SIGHTS
@@ -318,6 +326,24 @@ def test_no_control_is_covered_too_small_or_cut_off_on_any_screen(opened, width,
     page.select_option("#size", "100")
     page.set_viewport_size({"width": 1280, "height": 900})
     tab(page, "drive")
+
+
+def test_stick_map_and_message_are_on_one_screen_and_errors_wherever_one_has_scrolled(opened):
+    _, page = opened
+    for width, height in SCREENS:
+        page.set_viewport_size({"width": width, "height": height})
+        begin(page)
+        until(page, "studio.now?.waits")
+        assert cut_off(page) == [], (width, height)
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+    page.set_viewport_size({"width": 390, "height": 844})
+    for name in ("error", "lost"):
+        page.evaluate(f"""scrollTo(0, 1e5);
+            Object.assign(document.getElementById({name!r}), {{ hidden: false }})""")
+        box = page.locator(f"#{name}").bounding_box()
+        assert 0 <= box["y"] < 844 - box["height"]
+        page.evaluate(f"document.getElementById({name!r}).hidden = true")
+    page.set_viewport_size({"width": 1280, "height": 900})
 
 
 def test_keys_alone_reach_everything(opened):

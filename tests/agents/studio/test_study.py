@@ -13,8 +13,10 @@ from agents.people.protocol import Condition, Protocol, Questionnaire, Task
 from agents.people.session import read_folder
 from agents.studio.study import PATIENCE, STUDY_FIELDS, StudySession
 from tests.agents.studio.served import (
+    SCREENS,
     axe,
     browsing,
+    cut_off,
     looked_at,
     messages,
     room_map,
@@ -86,6 +88,11 @@ def test_a_participant_goes_from_consent_to_the_data(opened, capsys):
         if condition == 0:  # ended too early, and driven again
             page.click("#go")
             until(page, "studio.running && studio.now?.waits")
+            for width, height in SCREENS:
+                page.set_viewport_size({"width": width, "height": height})
+                page.evaluate("studio.on.stick.hidden = false; studio.begin(studio.world)")
+                assert cut_off(page) == [], (width, height)
+            page.set_viewport_size({"width": 1280, "height": 900})
             page.keyboard.down("ArrowDown")
             until(page, "studio.now.twist[0] < -0.01")
             page.keyboard.up("ArrowDown")
