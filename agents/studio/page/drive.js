@@ -44,6 +44,7 @@ const READINGS = {
 const LEGEND = ["goal", "laser", "ultrasonic", "person", "door", "track", "asked", "given"]; // names of colours and of texts
 const COMMANDS = ["forward", "left", "right", "back"];
 const PERIOD = 25; // ms between two messages of a stick that is moved
+const SLOWER = 0.05; // m/s less than asked
 const ENOUGH = 480; // pixels of height for map, message and stick
 const TRAIL = 3000; // points that are drawn
 
@@ -110,11 +111,17 @@ export class DrivePage {
       if (event.target.closest?.("select, input") || event.ctrlKey || event.metaKey || event.altKey) return;
       const act = { Escape: on.stop.onclick, "+": on.in.onclick, "-": on.out.onclick, 0: on.fit.onclick }[event.key];
       if (act) act();
-      if (event.code === "Space" && on.device.value === "switch" && event.target.tagName !== "BUTTON") {
-        event.preventDefault();
-        if (!event.repeat) link("press");
-      }
+      if (event.key === "p" && on.pause.isConnected && this.running) on.pause.onclick();
     }, { signal: this.ending.signal });
+    // While a single switch drives, its press goes to the chair, whatever has the focus.
+    for (const type of ["keydown", "keyup"]) {
+      addEventListener(type, event => {
+        if (!this.switched || ![" ", "Enter"].includes(event.key)) return;
+        event.preventDefault();
+        event.stopPropagation();
+        if (type === "keydown" && !event.repeat) link("press");
+      }, { signal: this.ending.signal, capture: true });
+    }
   }
 
   /** Give map, message and stick what is left of the screen, or all of it where that is too little. */
@@ -250,7 +257,11 @@ export class DrivePage {
     this.status();
   }
 
+  /** A single switch drives now. */
+  get switched() { return this.running && !this.paused && this.on.device.value === "switch"; }
+
   steer() {
+    if (this.inputs.clicked() && this.switched) this.link.send("press");
     if (!this.running || this.on.device.value === "switch") return;
     const speed = Number(this.on.speed.value), { by, at } = this.inputs.deflection(), [forward, left] = at.map(one => one * speed);
     const moved = forward !== this.sent[0] || left !== this.sent[1];
@@ -284,11 +295,18 @@ export class DrivePage {
     if (!at || !this.looks.still || Math.max(Math.abs(x - at[0]), Math.abs(y - at[1])) > 0.35 * size) this.view.centre = [x, y];
   }
 
+  /** Backward the chair drives slower than it was asked to, or not at all, since it cannot look there. */
+  get backs() {
+    const { given, stick, reason } = this.now, asked = Math.min(0, stick[0]) * this.world.limits[1];
+    return given[0] - asked > SLOWER && (!reason || reason === "unseen");
+  }
+
   status() {
     if (!this.running || !this.now) return;
     const now = this.now;
     if (this.paused) this.banner(text("paused"));
     else if (now.stands.length) this.banner(text("stands", { text: now.stands.join("; ") }), "alarm");
+    else if (this.backs) this.banner(text("reverse", { limit: Math.max(0, -now.given[0]).toFixed(2) }), "alarm");
     else if (now.reason) this.banner(`${text("r_shield")}: ${text(now.reason)}`, "alarm");
     else this.banner(text(now.waits ? "waiting" : "driving"));
   }

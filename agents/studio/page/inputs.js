@@ -64,6 +64,13 @@ export class Inputs {
     return [0, 0];
   }
 
+  /** Whether a button of a gamepad has gone down since the last call. */
+  clicked() {
+    const before = this.down;
+    this.down = [...navigator.getGamepads?.() ?? []].some(pad => pad?.buttons?.some(one => one.pressed));
+    return this.down && !before;
+  }
+
   /** The deflection now, and by what: of the touch stick, else of a gamepad, else of keys; or of `only` one of them. */
   deflection() {
     const may = by => !this.only || this.only === by, pad = this.gamepad();

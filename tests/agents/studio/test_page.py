@@ -26,7 +26,8 @@ from wheelchair_gym.base.files import read_json
 from wheelchair_gym.people.drivers.live_person import IMPAIRMENTS, SIGHTS
 from wheelchair_gym.rendering import palette
 
-GAMEPAD = "navigator.getGamepads = () => [{ axes: [0, window.pushed ?? 0] }]"
+GAMEPAD = """navigator.getGamepads = () => [
+  { axes: [0, window.pushed ?? 0], buttons: [{ pressed: window.clicked ?? false }] }]"""
 THEME = read_json(Path(palette.__file__).with_name("theme.json"))
 WAITS = "studio.running && studio.now?.waits"
 
@@ -156,10 +157,20 @@ def test_a_single_switch_drives_and_stops(opened):
     page.focus("#map")
     until(page, "studio.now.lit === 'back'")
     until(page, "studio.now.lit === 'forward'")
-    page.keyboard.press("Space")
-    until(page, "Math.hypot(...studio.now.twist) > 0.05")  # as it was lit when it was pressed
+    driven = "studio.now.lit === ''"  # as it was lit when it was pressed
+    for focus, key in (("#map", "Space"), ("#stop", "Enter"), ("#place", "Space"), ("#seed", "")):
+        page.focus(focus)
+        for expected in (driven, "studio.now.lit !== ''"):
+            if key:
+                page.keyboard.press(key)
+            else:
+                page.evaluate("window.clicked = true")
+            until(page, expected)
+            page.evaluate("window.clicked = false")
+            page.wait_for_timeout(100)  # the gamepad is looked at meanwhile
     page.click("#switch")
-    until(page, "studio.now.lit !== ''")
+    until(page, driven)
+    assert page.evaluate("studio.running")
     page.select_option("#device", "stick")
     page.keyboard.press("Escape")
 
@@ -344,6 +355,17 @@ def test_stick_map_and_message_are_on_one_screen_and_errors_wherever_one_has_scr
         assert 0 <= box["y"] < 844 - box["height"]
         page.evaluate(f"document.getElementById({name!r}).hidden = true")
     page.set_viewport_size({"width": 1280, "height": 900})
+
+
+def test_a_chair_that_may_not_back_says_so(opened):
+    _, page = opened
+    page.select_option("#assist", "shared_dwa")
+    begin(page)
+    page.keyboard.down("ArrowDown")
+    until(page, "document.getElementById('banner').textContent.startsWith('No sensor looks back')")
+    page.keyboard.up("ArrowDown")
+    page.keyboard.press("Escape")
+    page.select_option("#assist", "direct")
 
 
 def test_keys_alone_reach_everything(opened):
