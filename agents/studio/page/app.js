@@ -2,11 +2,22 @@
 import { LANGUAGES, setLanguage, text, translate } from "./texts.js";
 import { ComparePage } from "./compare.js";
 import { DrivePage } from "./drive.js";
+import { build, make } from "./link.js";
 import { PlanPage } from "./plan.js";
 import { StudyPage } from "./study.js";
 
-const PAGES = { drive: DrivePage, plan: PlanPage, compare: ComparePage, study: StudyPage };
 const by = id => document.getElementById(id);
+
+/** What there is to do, for somebody who is here for the first time. */
+class WelcomePage {
+  constructor(root) { build(root, by("welcome-page").innerHTML); }
+
+  restyle() {}
+
+  close() {}
+}
+
+const PAGES = { welcome: WelcomePage, drive: DrivePage, plan: PlanPage, compare: ComparePage, study: StudyPage };
 const wants = query => matchMedia(query).matches;
 const kept = () => { try { return JSON.parse(localStorage.getItem("studio") ?? "{}"); } catch { return {}; } };
 const looks = {
@@ -14,6 +25,10 @@ const looks = {
   contrast: wants("(prefers-contrast: more)"), still: wants("(prefers-reduced-motion: reduce)"), ...kept(),
 };
 let page = null;
+
+function keep() {
+  try { localStorage.setItem("studio", JSON.stringify(looks)); } catch { /* private windows keep nothing */ }
+}
 
 function apply() {
   setLanguage(looks.language);
@@ -23,7 +38,7 @@ function apply() {
   by("size").value = looks.size;
   by("contrast").checked = looks.contrast;
   by("still").checked = looks.still;
-  try { localStorage.setItem("studio", JSON.stringify(looks)); } catch { /* private windows keep nothing */ }
+  keep();
   translate();
   document.title = text("title");
   page?.restyle(looks);
@@ -38,21 +53,21 @@ function open(name) {
     else tab.removeAttribute("aria-current");
   }
   page = new PAGES[name](by("main"), looks);
+  looks.known ||= name !== "welcome";
+  keep();
   window.studio = page;
   translate();
 }
 
 for (const name of Object.keys(PAGES)) {
-  const item = document.createElement("li"), tab = document.createElement("button");
-  tab.dataset.page = tab.dataset.t = name;
-  tab.onclick = () => { location.hash = name; };
-  item.append(tab);
-  by("tabs").append(item);
+  const tab = make("button", { t: name, onclick: () => { location.hash = name; } });
+  tab.dataset.page = name;
+  by("tabs").append(make("li", {}, tab));
 }
 by("language").append(...LANGUAGES.map(([name, own]) => new Option(own, name)));
 for (const id of ["language", "size"]) by(id).onchange = () => { looks[id] = by(id).value; apply(); };
 for (const id of ["contrast", "still"]) by(id).onchange = () => { looks[id] = by(id).checked; apply(); };
-by("again").onclick = () => open(location.hash.slice(1) in PAGES ? location.hash.slice(1) : "drive");
+by("again").onclick = () => open(location.hash.slice(1) in PAGES ? location.hash.slice(1) : looks.known ? "drive" : "welcome");
 addEventListener("hashchange", () => { if (location.hash.slice(1) in PAGES) by("again").onclick(); });
 apply();
 by("again").onclick();

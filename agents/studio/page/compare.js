@@ -1,36 +1,9 @@
 // The page Compare: two drives of one episode beside each other, with one clock.
-import { build, Link, say, showError } from "./link.js";
+import { build, Link, make, option, places, play, say, showError } from "./link.js";
 import { text } from "./texts.js";
 import { drawActors, drawChair, drawGoal, drawWorld, View } from "./view.js";
 
 const SIDES = ["left", "right"];
-const side = name => `<section class="side" data-label="side_${name}"><h2 id="name-${name}">–</h2>
-  <canvas id="map-${name}" tabindex="0" role="img" data-label="side_${name}"></canvas>
-  <p id="says-${name}" class="hint"></p><div id="events-${name}" class="row"></div></section>`;
-const HTML = `<div class="page"><div class="stage"><div class="pair">${SIDES.map(side).join("")}</div>
-  <p id="banner" class="banner"></p>
-  <label><span id="clock"></span><input id="time" type="range" min="0" max="0" step="0.1" value="0"></label>
-  <div class="row"><button id="play" data-t="play" disabled></button><button id="contact" data-t="next_contact" disabled></button>
-    <button id="event" data-t="next_event" disabled></button></div>
-  <div class="wide"><table><caption class="hidden" data-t="figures_of"></caption><thead><tr><th data-t="figure"></th><th id="head-left">–</th><th id="head-right">–</th></tr></thead>
-    <tbody id="rows"></tbody></table></div></div>
-  <div class="forms"><form id="form"><fieldset><legend data-t="drive_both"></legend>
-    <label><span data-t="where"></span><select id="place"></select></label>
-    <label><span data-t="seed"></span><input id="seed" type="number" min="0" max="2147483647" step="1" value="0"></label>
-    <label><span data-t="person"></span><select id="driver"></select></label>
-    <label><span data-t="side_left"></span><select id="left"></select></label>
-    <label><span data-t="side_right"></span><select id="right"></select></label>
-    <button id="go" class="main" data-t="go_both"></button></fieldset></form>
-  <form id="opening"><fieldset><legend data-t="open_recording"></legend>
-    <label><span data-t="recording"></span><select id="file"></select></label>
-    <label><span data-t="episode"></span><input id="number" type="number" min="0" max="1000000" step="1" value="0"></label>
-    <div class="row"><button id="open-left" type="button" data-t="open_left"></button><button id="open-right" type="button" data-t="open_right"></button></div></fieldset></form>
-  <form id="again"><fieldset><legend data-t="open_run"></legend>
-    <label><span data-t="run_folder"></span><select id="run"></select></label>
-    <label><span data-t="episode"></span><select id="scene"></select></label>
-    <label><span data-t="side_left"></span><select id="run-left"></select></label>
-    <label><span data-t="side_right"></span><select id="run-right"></select></label>
-    <button id="rerun" data-t="go_both"></button></fieldset></form></div></div>`;
 const FIGURES = {
   f_outcome: one => text(`o_${one.outcome}`), r_time: one => `${one.time.toFixed(1)} s`, f_length: one => `${one.length.toFixed(2)} m`,
   r_least: one => `${one.clearance_min.toFixed(3)} m`, r_energy: one => `${one.energy.toFixed(2)} Wh`,
@@ -40,12 +13,12 @@ const T = 0, POSE = 1, TWIST = 4, GIVEN = 6, STICK = 8, CLEARANCE = 10; // colum
 export class ComparePage {
   constructor(root, looks) {
     this.looks = looks;
-    this.on = build(root, HTML);
+    this.on = build(root, document.getElementById("compare-page").innerHTML);
     this.tracks = {};
     this.views = Object.fromEntries(SIDES.map(name => [name, new View(this.on[`map-${name}`], () => this.draw(name))]));
     this.listen();
     this.link = new Link("compare", {
-      choices: message => { this.on.place.replaceChildren(...message.places.map(([value, , name]) => new Option(name, value))); this.on.place.value = message.first; },
+      choices: message => { this.on.place.replaceChildren(...places(message.places)); this.on.place.value = message.first; },
       sources: message => this.choose(message), run: message => this.chosen(message), track: message => this.take(message),
       driving: message => this.banner(text("drives_now", { name: message.name })), error: () => { this.busy(false); this.banner(""); },
       lost: () => this.busy(true),
@@ -102,6 +75,7 @@ export class ComparePage {
     const options = names => names.map(name => new Option(name, name));
     this.on.driver.replaceChildren(...options(message.drivers));
     this.on.driver.options[0].textContent = text("nobody");
+    this.on.driver.value = "novice";
     this.on.file.replaceChildren(...options(message.recordings));
     this.on.run.replaceChildren(...options(message.runs));
     this.on.opening.hidden = !this.on.file.options.length;
@@ -114,8 +88,8 @@ export class ComparePage {
   /** Policies, or the assistants of a person. */
   fill() {
     const { policies, assistants, drivers } = this.sources, nobody = this.on.driver.value === drivers[0];
-    for (const [name, first] of [["left", nobody ? "lattice+window" : "direct"], ["right", nobody ? "ppo_guided" : "slide"]]) {
-      this.on[name].replaceChildren(...(nobody ? policies : assistants).map(one => new Option(one, one)));
+    for (const [name, first] of [["left", nobody ? "lattice+window" : "direct"], ["right", nobody ? "ppo_guided" : "shared_dwa"]]) {
+      this.on[name].replaceChildren(...(nobody ? policies : assistants).map(one => option("n", one)));
       this.on[name].value = first;
     }
   }
@@ -149,34 +123,18 @@ export class ComparePage {
       const track = this.tracks[name];
       if (!track) continue;
       this.on[`name-${name}`].textContent = this.on[`head-${name}`].textContent = track.name;
-      this.on[`events-${name}`].replaceChildren(...track.events.slice(0, 60).map(([t, kind, more]) => {
-        const button = document.createElement("button");
-        button.textContent = `${t.toFixed(1)} s ${text(`e_${kind}`)}${more ? `: ${text(more)}` : ""}`;
-        button.onclick = () => this.go(t);
-        return button;
-      }));
+      this.on[`events-${name}`].replaceChildren(...track.events.slice(0, 60).map(([t, kind, more]) =>
+        make("button", { onclick: () => this.go(t) }, `${t.toFixed(1)} s ${text(`e_${kind}`)}${more ? `: ${text(more)}` : ""}`)));
     }
-    this.on.rows.replaceChildren(...Object.entries(FIGURES).map(([name, shown]) => {
-      const row = document.createElement("tr"), head = document.createElement("th");
-      head.scope = "row";
-      head.textContent = text(name);
-      row.append(head, ...SIDES.map(one => {
-        const cell = document.createElement("td");
-        cell.textContent = this.tracks[one] ? shown(this.tracks[one].figures) : "–";
-        return cell;
-      }));
-      return row;
-    }));
+    this.on.rows.replaceChildren(...Object.entries(FIGURES).map(([name, shown]) => make(
+      "tr", {}, make("th", { scope: "row" }, text(name)),
+      ...SIDES.map(one => make("td", {}, this.tracks[one] ? shown(this.tracks[one].figures) : "–")),
+    )));
   }
 
   play() {
     clearInterval(this.playing);
-    if (Number(this.on.time.value) >= Number(this.on.time.max)) this.on.time.value = 0;
-    this.playing = setInterval(() => {
-      this.on.time.value = Number(this.on.time.value) + 0.1;
-      this.show();
-      if (Number(this.on.time.value) >= Number(this.on.time.max) - 0.05) clearInterval(this.playing);
-    }, this.looks.still ? 1000 : 50);
+    this.playing = play(this.on.time, () => this.show(), 0.1, this.looks.still ? 1000 : 50);
   }
 
   go(time) {

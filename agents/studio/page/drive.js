@@ -1,40 +1,9 @@
 // The page Drive: a form, the picture, the inputs, and the figures of the drive.
-import { build, Link, say, showError } from "./link.js";
+import { build, Link, make, mark, option, places, say, showError } from "./link.js";
 import { Inputs } from "./inputs.js";
 import { text, translate } from "./texts.js";
 import { drawActors, drawChair, drawGoal, drawSenses, drawVeil, drawWorld, View } from "./view.js";
 
-const HTML = `<div class="page"><div><div id="stage" class="full">
-    <p id="banner" class="banner"></p>
-    <canvas id="map" tabindex="0" role="img" data-label="map_label"></canvas>
-    <div class="zoom"><button id="in" type="button" data-label="zoom_in">+</button><button id="out" type="button" data-label="zoom_out">−</button>
-      <button id="fit" type="button" data-t="fit"></button><button id="heading" type="button" data-t="heading_up" aria-pressed="false"></button></div>
-    <div id="results" hidden><h2 id="outcome"></h2><p id="figures"></p><div class="row"><a id="recording" data-t="recording" hidden></a>
-      <button id="film" type="button" data-t="film" hidden></button><a id="filmed" data-t="film_ready" hidden></a></div></div>
-    <div class="controls">
-      <div id="stick" class="stick" role="img" data-label="touch_stick"><div class="knob"></div></div>
-      <div id="switching" hidden><ul id="scan" class="scan" data-label="scan"></ul><button id="switch" class="switch" data-t="switch"></button></div>
-      <div class="row"><button id="pause" data-t="pause" disabled></button><button id="stop" data-t="stop" disabled></button></div></div></div>
-  <p id="hint" class="hint" data-t="keys_hint"></p><ul id="legend" class="legend"></ul>
-  <fieldset><legend data-t="readings"></legend><dl id="readings"></dl></fieldset></div>
-  <form id="form">
-    <fieldset><legend data-t="place"></legend>
-      <label><span data-t="where"></span><select id="place"></select></label>
-      <label><span data-t="seed"></span><input id="seed" type="number" min="0" max="2147483647" step="1" value="0"></label>
-      <div class="row"><button id="start" class="main" data-t="start" disabled></button><button id="next" type="button" data-t="next" disabled></button></div>
-    </fieldset>
-    <fieldset><legend data-t="help"></legend>
-      <label><span data-t="assistant"></span><select id="assist"></select></label><p id="about" class="hint"></p>
-      <label><span data-t="hand"></span><select id="hand"></select></label>
-      <label><span data-t="sight"></span><select id="sight"></select></label><p id="unseen" class="hint"></p>
-    </fieldset>
-    <fieldset><legend data-t="input"></legend>
-      <label><span data-t="device"></span><select id="device"><option value="stick" data-t="device_stick"></option><option value="switch" data-t="device_switch"></option></select></label>
-      <label id="scanning" hidden><span data-t="scan_period"></span><input id="period" type="number" min="0.3" max="10" step="0.05" value="1.25"></label>
-      <label><span data-t="speed"></span><input id="speed" type="range" min="0.2" max="1" step="0.1" value="0.8"></label>
-      <label><span data-t="rate"></span><select id="rate"></select></label>
-    </fieldset>
-  </form></div>`;
 const READINGS = {
   r_time: now => `${now.t.toFixed(1)} s`, r_speed: now => `${now.twist[0].toFixed(2)} m/s`,
   r_clearance: now => `${now.clearance.toFixed(2)} m`, r_least: now => `${now.least.toFixed(2)} m`,
@@ -51,7 +20,7 @@ const TRAIL = 3000; // points that are drawn
 export class DrivePage {
   constructor(root, looks) {
     this.looks = looks;
-    this.on = build(root, HTML);
+    this.on = build(root, document.getElementById("drive-page").innerHTML);
     this.view = new View(this.on.map, () => this.draw());
     this.sent = [0, 0];
     this.trail = [];
@@ -95,6 +64,7 @@ export class DrivePage {
     this.ending = new AbortController();
     on.form.onsubmit = event => { event.preventDefault(); this.start(); };
     on.next.onclick = () => { on.seed.value = Number(on.seed.value) + 1; this.start(); };
+    on.place.onchange = () => this.about();
     on.assist.onchange = () => { this.about(); link("assist", { name: on.assist.value }); };
     on.hand.onchange = () => link("hand", { name: on.hand.value });
     on.sight.onchange = () => { this.about(); link("sight", { name: on.sight.value }); };
@@ -131,25 +101,11 @@ export class DrivePage {
   }
 
   fill() {
-    this.on.scan.replaceChildren(...COMMANDS.map(name => {
-      const item = document.createElement("li");
-      item.dataset.t = name;
-      return item;
-    }));
-    this.on.legend.replaceChildren(...LEGEND.map(name => {
-      const item = document.createElement("li"), colour = document.createElement("span"), words = document.createElement("span");
-      colour.className = "key";
-      colour.style.background = `var(--${name})`;
-      words.dataset.t = `k_${name}`;
-      item.append(colour, words);
-      return item;
-    }));
+    this.on.scan.replaceChildren(...COMMANDS.map(name => make("li", { t: name })));
+    this.on.legend.replaceChildren(...LEGEND.map(name => make("li", {}, mark(name), make("span", { t: `k_${name}` }))));
     this.on.readings.replaceChildren(...[...Object.keys(READINGS), "r_shield"].map(name => {
-      const row = document.createElement("div"), term = document.createElement("dt"), value = document.createElement("dd");
-      term.dataset.t = name; value.id = name; value.textContent = "–";
-      this.on[name] = value;
-      row.append(term, value);
-      return row;
+      this.on[name] = make("dd", { id: name }, "–");
+      return make("div", {}, make("dt", { t: name }), this.on[name]);
     }));
   }
 
@@ -161,26 +117,17 @@ export class DrivePage {
   }
 
   choose(message) {
-    const groups = { map: "maps", scene: "scenes", twin: "twins", suite: "suites" }, option = (value, name, key) => {
-      const one = document.createElement("option");
-      one.value = value;
-      if (key) one.dataset.t = key; else one.textContent = name;
-      return one;
-    };
+    const groups = { map: "maps", scene: "scenes", twin: "twins", suite: "suites" };
     this.on.place.replaceChildren(...Object.entries(groups).flatMap(([group, key]) => {
-      const of = message.places.filter(place => place[1] === group);
-      if (!of.length) return [];
-      const made = document.createElement("optgroup");
-      made.label = text(key);
-      made.append(...of.map(([value, , name]) => option(value, name)));
-      return [made];
+      const of = places(message.places.filter(place => place[1] === group));
+      return of.length ? [make("optgroup", { label: text(key) }, ...of)] : [];
     }));
-    this.on.assist.replaceChildren(...message.assistants.map(name => option(name, name)));
+    this.on.assist.replaceChildren(...message.assistants.map(name => option("n", name)));
     this.on.place.value = message.first;
-    this.on.assist.value = "direct";
-    this.on.hand.replaceChildren(...message.hands.map(name => option(name, name, `h_${name}`)));
-    this.on.sight.replaceChildren(...message.sights.map(name => option(name, name, `s_${name}`)));
-    this.on.rate.replaceChildren(...message.rates.map(rate => option(rate, `${rate} Hz`)));
+    this.on.assist.value = "shared_dwa";
+    this.on.hand.replaceChildren(...message.hands.map(name => option("h", name)));
+    this.on.sight.replaceChildren(...message.sights.map(name => option("s", name)));
+    this.on.rate.replaceChildren(...message.rates.map(rate => new Option(`${rate} Hz`, rate)));
     this.on.rate.value = 20;
     translate(this.on.form);
     this.about();
@@ -203,8 +150,9 @@ export class DrivePage {
   }
 
   about() {
-    const known = key => (text(key) === key ? "" : text(key));
-    this.on.about.textContent = known(`a_${this.on.assist.value}`);
+    const known = key => (text(key) === key ? "" : text(key)), [kind, name] = (this.on.place.value ?? "").split(":").slice(-2);
+    this.on.there.textContent = known(`q_${kind === "suite" ? "" : name ?? kind}`);
+    this.on.about.textContent = `${known(`a_${this.on.assist.value}`)} (${this.on.assist.value})`;
     this.on.unseen.textContent = known(`u_${this.on.sight.value}`);
   }
 
@@ -297,8 +245,8 @@ export class DrivePage {
 
   /** Backward the chair drives slower than it was asked to, or not at all, since it cannot look there. */
   get backs() {
-    const { given, stick, reason } = this.now, asked = Math.min(0, stick[0]) * this.world.limits[1];
-    return given[0] - asked > SLOWER && (!reason || reason === "unseen");
+    const { given, stick, reason } = this.now;
+    return stick[0] < 0 && given[0] - stick[0] * this.world.limits[1] > SLOWER && (!reason || reason === "unseen");
   }
 
   status() {

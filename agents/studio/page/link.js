@@ -50,6 +50,41 @@ export class Link {
   close() { this.closed = true; this.socket.close(); }
 }
 
+/** Make an element with properties, with a key of its text (t), and with what it holds. */
+export function make(tag, { t, ...properties } = {}, ...children) {
+  const one = Object.assign(document.createElement(tag), properties);
+  if (t) one.dataset.t = t;
+  one.append(...children);
+  return one;
+}
+
+/** An option of a value, in words where a text of the kind and the name is known. */
+export function option(kind, name, value = name) {
+  const t = `${kind}_${name}`;
+  return text(t) === t ? new Option(name, value) : make("option", { value, t }, text(t));
+}
+
+/** Options of places, which have names where they are scenes. */
+export const places = rows => rows.map(([value, group, name]) => option(group === "scene" || group === "twin" ? "p" : group, name, value));
+
+/** A mark in a colour of the theme. */
+export function mark(colour) {
+  const one = make("span", { className: "key" });
+  one.style.background = `var(--${colour})`;
+  return one;
+}
+
+/** Move a slider to its end, from its begin if it is there, and show each place; return the timer. */
+export function play(slider, show, step, period) {
+  if (Number(slider.value) >= Number(slider.max)) slider.value = 0;
+  const timer = setInterval(() => {
+    slider.value = Number(slider.value) + step;
+    show();
+    if (Number(slider.value) >= Number(slider.max) - step / 2) clearInterval(timer);
+  }, period);
+  return timer;
+}
+
 /** Make elements from HTML with texts, and find those with an id of theirs. */
 export function build(root, html) {
   root.innerHTML = html;

@@ -1,40 +1,8 @@
 // The page Plan: draw a map, let planners answer on it, and watch how they came to their paths.
-import { build, Link, say, showError } from "./link.js";
+import { build, Link, make, mark, places, play, say, showError } from "./link.js";
 import { text } from "./texts.js";
 import { drawGoal, drawWorld, View } from "./view.js";
 
-const HTML = `<div class="page"><div class="stage">
-  <canvas id="map" tabindex="0" role="img" data-label="plan_map_label"></canvas>
-  <p id="banner" class="banner"></p>
-  <div id="growing" hidden><label><span id="grown"></span><input id="frame" type="range" min="0" max="0" step="1" value="0"></label>
-    <div class="row"><button id="play" type="button" data-t="play"></button><button id="ungrow" type="button" data-t="ungrow"></button></div></div>
-  <fieldset id="tools" class="tools"><legend data-t="tool"></legend></fieldset>
-  <div class="row"><button id="undo" type="button" data-t="undo" disabled></button><button id="clear" type="button" data-t="clear" disabled></button></div>
-  <p class="hint" data-t="plan_hint"></p>
-  <div class="wide"><table><caption class="hidden" data-t="answers"></caption><thead><tr>
-    <th data-t="planner"></th><th data-t="status"></th><th data-t="length"></th><th data-t="clearance"></th><th data-t="mean_clearance"></th>
-    <th data-t="took"></th><th data-t="growth"></th></tr></thead><tbody id="rows"></tbody></table></div>
-  </div>
-  <form id="form">
-    <fieldset><legend data-t="planners"></legend><div id="planners" class="list"></div>
-      <label><span data-t="keep_clear"></span><input id="clearance" type="number" min="0" max="2" step="0.01" value="0.36"></label>
-      <label><span data-t="deadline"></span><input id="deadline" type="number" min="0.01" max="10" step="0.01" value="1"></label>
-      <label><span data-t="plan_seed"></span><input id="seed" type="number" min="0" max="2147483647" step="1" value="0"></label>
-      <button id="plan" class="main" data-t="do_plan"></button></fieldset>
-    <fieldset><legend data-t="the_map"></legend>
-      <label><span data-t="where"></span><select id="place"></select></label>
-      <button id="take" type="button" data-t="take"></button>
-      <div class="row"><label><span data-t="width"></span><input id="width" type="number" min="1" max="50" step="0.5" value="10"></label>
-        <label><span data-t="height"></span><input id="height" type="number" min="1" max="50" step="0.5" value="8"></label></div>
-      <button id="blank" type="button" data-t="blank"></button>
-      <label><span data-t="files"></span><input id="files" type="file" multiple accept=".yaml,.yml,.pgm,.png,.jpg,.jpeg,.bmp,.map,.json"></label>
-      <label><span data-t="resolution"></span><input id="resolution" type="number" min="0.001" max="1" step="0.001" value="0.05"></label>
-    </fieldset>
-    <fieldset><legend data-t="save"></legend>
-      <label><span data-t="name"></span><input id="name" maxlength="60" value="my_map" autocomplete="off" spellcheck="false"></label>
-      <div class="row"><button id="save-map" type="button" data-t="save_map"></button><button id="save-problem" type="button" data-t="save_problem"></button></div>
-      <p id="saved"></p></fieldset>
-  </form></div>`;
 const TOOLS = ["start", "goal", "wall", "door", "furniture", "free", "move"];
 const COLOURS = 8; // of the theme's series
 const STEP = 0.1; // m that a key moves the cursor
@@ -43,7 +11,7 @@ const GRID = 0.05; // m to which points snap
 export class PlanPage {
   constructor(root, looks) {
     this.looks = looks;
-    this.on = build(root, HTML);
+    this.on = build(root, document.getElementById("plan-page").innerHTML);
     this.view = new View(this.on.map, () => this.draw(), event => this.tool === "move" || event.button === 1);
     this.shapes = [];
     this.answers = [];
@@ -74,15 +42,12 @@ export class PlanPage {
   }
 
   fill() {
-    this.on.tools.append(...TOOLS.map(name => {
-      const label = document.createElement("label"), radio = document.createElement("input"), words = document.createElement("span");
-      label.className = "check";
-      radio.type = "radio"; radio.name = "tool"; radio.value = name; radio.checked = name === this.tool; radio.id = `tool-${name}`;
-      radio.onchange = () => { this.tool = name; this.corner = null; this.draw(); };
-      words.dataset.t = `t_${name}`;
-      label.append(radio, " ", words);
-      return label;
-    }));
+    const take = name => () => { this.tool = name; this.corner = null; this.draw(); };
+    this.on.tools.append(...TOOLS.map(name => make(
+      "label", { className: "check" },
+      make("input", { type: "radio", name: "tool", value: name, checked: name === this.tool, id: `tool-${name}`, onchange: take(name) }),
+      " ", make("span", { t: `t_${name}` }),
+    )));
   }
 
   listen() {
@@ -155,17 +120,13 @@ export class PlanPage {
 
   choose(message) {
     this.kinds = message.shapes;
-    this.on.planners.replaceChildren(...message.names.map(name => {
-      const label = document.createElement("label"), box = document.createElement("input");
-      label.className = "check";
-      box.type = "checkbox"; box.value = name; box.checked = message.first.includes(name);
-      label.append(box, ` ${name}`);
-      return label;
-    }));
+    this.on.planners.replaceChildren(...message.names.map(name => make(
+      "label", { className: "check" }, make("input", { type: "checkbox", value: name, checked: message.first.includes(name) }), ` ${name}`,
+    )));
   }
 
   places(message) {
-    this.on.place.replaceChildren(...message.places.map(([value, , name]) => new Option(name, value)));
+    this.on.place.replaceChildren(...places(message.places));
   }
 
   take(message) {
@@ -205,29 +166,17 @@ export class PlanPage {
 
   list() {
     const fixed = (value, digits) => (value === null ? "–" : value.toFixed(digits));
+    const watch = ({ planner }) => {
+      const button = make("button", { type: "button", ariaLabel: `${text("watch")}: ${planner}` }, text("watch"));
+      button.onclick = () => { this.banner(text("growing")); this.link.send("growth", { planner }); };
+      return button;
+    };
     this.on.rows.replaceChildren(...this.answers.map((one, k) => {
-      const row = document.createElement("tr"), head = document.createElement("th"), colour = document.createElement("span");
-      head.scope = "row";
-      colour.className = "key";
-      colour.style.background = `var(--series-${k % COLOURS})`;
-      head.append(colour, one.planner);
-      const cells = [one.status, fixed(one.length, 2), fixed(one.clearance_min, 2), fixed(one.clearance_mean, 2), fixed(one.time_ms, 1)].map(words => {
-        const cell = document.createElement("td");
-        cell.textContent = words;
-        return cell;
-      });
-      if (one.note) cells[0].title = one.note;
-      const last = document.createElement("td");
-      if (one.grows) {
-        const button = document.createElement("button");
-        button.type = "button";
-        button.textContent = text("watch");
-        button.setAttribute("aria-label", `${text("watch")}: ${one.planner}`);
-        button.onclick = () => { this.banner(text("growing")); this.link.send("growth", { planner: one.planner }); };
-        last.append(button);
-      }
-      row.append(head, ...cells, last);
-      return row;
+      const figures = [fixed(one.length, 2), fixed(one.clearance_min, 2), fixed(one.clearance_mean, 2), fixed(one.time_ms, 1)];
+      return make(
+        "tr", {}, make("th", { scope: "row" }, mark(`series-${k % COLOURS}`), one.planner), make("td", { title: one.note }, one.status),
+        ...figures.map(words => make("td", {}, words)), make("td", {}, ...one.grows ? [watch(one)] : []),
+      );
     }));
   }
 
@@ -244,12 +193,7 @@ export class PlanPage {
 
   play() {
     clearInterval(this.playing);
-    if (Number(this.on.frame.value) >= Number(this.on.frame.max)) this.on.frame.value = 0;
-    this.playing = setInterval(() => {
-      this.on.frame.value = Number(this.on.frame.value) + 1;
-      this.showFrame();
-      if (Number(this.on.frame.value) >= Number(this.on.frame.max)) clearInterval(this.playing);
-    }, 120);
+    this.playing = play(this.on.frame, () => this.showFrame(), 1, 120);
   }
 
   showFrame() {
@@ -277,12 +221,7 @@ export class PlanPage {
   }
 
   saved(files) {
-    this.on.saved.replaceChildren(...files.flatMap(name => {
-      const link = document.createElement("a");
-      link.href = `files/${name}`;
-      link.textContent = name;
-      return [link, " "];
-    }));
+    this.on.saved.replaceChildren(...files.flatMap(name => [make("a", { href: `files/${name}` }, name), " "]));
     say(files.join(", "));
   }
 

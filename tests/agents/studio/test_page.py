@@ -10,7 +10,7 @@ import pytest
 
 from agents.cli import main
 from agents.people import ASSISTANTS
-from agents.studio.catalogue import NO_HAND, NO_SIGHT
+from agents.studio.catalogue import NO_HAND, NO_SIGHT, places
 from agents.studio.server import PAGE
 from tests.agents.studio.served import (
     SCREENS,
@@ -40,7 +40,11 @@ def opened(tmp_path_factory):
         browsing() as browser,
         looked_at(browser, served.url, GAMEPAD) as page,
     ):
+        axe(page)  # the first visit
+        page.click("a[href='#drive']")
         until(page, "window.studio?.running")
+        assert page.input_value("#assist") == "shared_dwa"
+        page.select_option("#assist", "direct")
         yield served, page
 
 
@@ -364,6 +368,7 @@ def test_a_chair_that_may_not_back_says_so(opened):
     page.keyboard.down("ArrowDown")
     until(page, "document.getElementById('banner').textContent.startsWith('No sensor looks back')")
     page.keyboard.up("ArrowDown")
+    until(page, "studio.now.stick[0] === 0 && !studio.backs")
     page.keyboard.press("Escape")
     page.select_option("#assist", "direct")
 
@@ -519,7 +524,9 @@ def test_every_text_is_there_in_every_language():
             source = file.read_text(encoding="utf-8")
             used |= set(re.findall(r'data-(?:t|label)="(\w+)"|\btext\("(\w+)"', source))
     used = {one or other for one, other in used}
-    used |= {f"a_{name}" for name in ASSISTANTS.built_in}
+    used |= {f"{kind}_{name}" for name in ASSISTANTS.built_in for kind in "an"}
+    scenes = {key[6:]: one.label for key, one in places().items() if one.group == "scene"}
+    used |= {f"p_{label}" for label in scenes.values()} | {f"q_{name}" for name in scenes}
     outcomes = ("success", "collision", "timeout", "missed", "left_map", "stopped")
     used |= {f"o_{name}" for name in outcomes}
     used |= {f"h_{name}" for name in (NO_HAND, *IMPAIRMENTS)}
