@@ -94,7 +94,7 @@ def test_a_participant_goes_from_consent_to_the_data(opened, capsys):
                 assert cut_off(page) == [], (width, height)
             page.set_viewport_size({"width": 1280, "height": 900})
             page.keyboard.down("ArrowDown")
-            until(page, "studio.now.twist[0] < -0.01")
+            until(page, "studio.now?.twist[0] < -0.01")
             page.keyboard.up("ArrowDown")
             page.keyboard.press("Escape")
             until(page, "document.querySelector('#repeat')")
