@@ -17,7 +17,7 @@ from http.cookies import CookieError, SimpleCookie
 from typing import Any, Final
 from urllib.parse import parse_qs, urlsplit
 
-MAX_BYTES: Final = 8 << 20  # of an upload, such as a map
+MAX_BYTES: Final = 32 << 20  # of an upload, such as a map
 _PER_SECOND, _BURST = 100.0, 400.0  # requests of one client
 _CLIENTS = 256  # whose rates are remembered
 _HEADERS: Final = (

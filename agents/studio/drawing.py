@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+import warnings
+from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 import shapely
+from PIL import Image
 
 from agents.evaluation.provenance import write_text
 from wheelchair_gym.base.arrays import Array
@@ -24,6 +27,7 @@ _WIDTH: Final = 0.10  # m of a wall
 _OPENING: Final = 0.30  # m: how deep a door cuts, so that walls a little thicker are open, too
 _LONGEST_NAME: Final = 255  # bytes of a file's name, as file systems have it
 _MAX_WALLS: Final = 50_000  # segments that a page can draw
+_MAX_CELLS: Final = 25_000_000  # of a map, or pixels of its image: 0.5 GB of memory, some seconds
 
 
 def blank(width: float, height: float) -> OccupancyGrid:
@@ -73,7 +77,7 @@ def loaded(path: Path, resolution: float) -> OccupancyGrid:
     Raises:
         InputError: the file cannot be read, names an image elsewhere, or is too intricate.
     """
-    image = path.suffix.lower() not in (".yaml", ".yml")
+    image, image_file = path.suffix.lower() not in (".yaml", ".yml"), path
     if not image:
         content = parse_yaml(read_text(path, "yaml", errors="replace"), path.name)
         name = content.get("image") if isinstance(content, dict) else None
@@ -87,13 +91,47 @@ def loaded(path: Path, resolution: float) -> OccupancyGrid:
         image_file = path.parent / name
         if image_file.is_symlink() or not image_file.is_file():
             raise InputError(f"{path.name}: load its image, {name}, together with it")
+    with suppress(OSError), warnings.catch_warnings():  # what is no image is refused below
+        warnings.simplefilter("ignore")  # of its own limit
+        with Image.open(image_file) as head:
+            _check_cells(head.width * head.height, path)  # before they are decoded
     try:
         grid = read_grid(path, True, resolution if image else None)
     except InputError as error:
         raise InputError(str(error).replace(f"{path.parent}/", "")) from None
+    _check_cells(grid.cells.size, path)
     if grid.n_walls > _MAX_WALLS:
         raise InputError(f"{path.name}: more than {_MAX_WALLS:,} walls; expected a simpler map")
     return grid
+
+
+def _check_cells(n: int, path: Path) -> None:
+    if n > _MAX_CELLS:
+        raise InputError(
+            f"{path.name}: {n:,} pixels or cells; expected at most {_MAX_CELLS:,}: make the image "
+            "smaller and its pixels larger, both by the same factor"
+        )
+
+
+def scaled(grid: OccupancyGrid, factor: float) -> OccupancyGrid:
+    """The same cells, each larger by a factor."""
+    x, y, yaw = grid.origin
+    return OccupancyGrid(grid.cells, factor * grid.resolution, (factor * x, factor * y, yaw))
+
+
+def far_ends(grid: OccupancyGrid, name: str) -> tuple[list[float], list[float]]:
+    """The first and the last place [m] of a map where there is room for a chair.
+
+    Raises:
+        InputError: there is none; the message begins with the map's name.
+    """
+    free = grid.traversable(0.4)
+    if not free.any():
+        raise InputError(f"{name}: nowhere on it is room for a chair; check the resolution")
+    flat = free.ravel()
+    ends = [int(flat.argmax()), flat.size - 1 - int(flat[::-1].argmax())]
+    first, last = grid.to_world(np.stack(np.unravel_index(ends, free.shape), axis=-1)).tolist()
+    return first, last
 
 
 def rectangles(grid: OccupancyGrid) -> Array:

@@ -30,8 +30,10 @@ _PING, _PATIENCE = 10.0, 30.0  # s: a busy machine may answer late; a silent sti
 _BROKEN = 10  # messages that are no messages, after which a page is cut off
 _MAX_CONNECTIONS, _MAX_WAITING = 64, 16  # open at once; of them, without a whole request yet
 _HEAD_PATIENCE = 5.0  # s for the head of a connection's first request
-_MAP = re.compile(r"[\w][\w.+-]{0,99}\.(yaml|yml|pgm|png|jpg|jpeg|bmp|map|json)")
-_FILE = re.compile(r"[\w][\w.+-]*\.(mcap|mp4|gif|yaml|png|json)")
+_NAME = r'[^\x00-\x20./\\<>:"|?*][^\x00-\x1f/\\<>:"|?*]*'  # of a file, as any system has it
+_MAP = re.compile(rf"{_NAME}\.(yaml|yml|pgm|png|jpg|jpeg|bmp|map|json)", re.IGNORECASE)
+_FILE = re.compile(rf"{_NAME}\.(mcap|mp4|gif|yaml|png|json)")
+_LONGEST = 200  # bytes of a file's name
 
 
 class Studio:
@@ -116,8 +118,10 @@ class Studio:
         from starlette.responses import PlainTextResponse
 
         name = request.path_params["name"]
-        if not _MAP.fullmatch(name):
-            return PlainTextResponse("expected a map: .yaml, .pgm, .png, .map or .json\n", 400)
+        if not _MAP.fullmatch(name) or len(name.encode(errors="replace")) > _LONGEST:
+            expected = f"an ending .yaml, .pgm, .png, .jpg, .bmp, .map or .json, {_LONGEST} bytes "
+            expected += 'at most, no point or space at the begin, and none of / \\ < > : " | ? *'
+            return PlainTextResponse(f"expected a name with {expected}\n", 400)
         content = bytearray()
         async for chunk in request.stream():
             content += chunk

@@ -3,7 +3,7 @@ import { build, Link, make, mark, places, play, say, showError } from "./link.js
 import { text } from "./texts.js";
 import { drawGoal, drawWorld, View } from "./view.js";
 
-const TOOLS = ["start", "goal", "wall", "door", "furniture", "free", "move"];
+const TOOLS = ["start", "goal", "wall", "door", "furniture", "free", "scale", "move"];
 const COLOURS = 8; // of the theme's series
 const STEP = 0.1; // m that a key moves the cursor
 const GRID = 0.05; // m to which points snap
@@ -14,6 +14,7 @@ export class PlanPage {
     this.on = build(root, document.getElementById("plan-page").innerHTML);
     this.view = new View(this.on.map, () => this.draw(), event => this.tool === "move" || event.button === 1);
     this.shapes = [];
+    this.history = []; // shapes, start and goal before each change
     this.answers = [];
     this.tool = "start";
     this.kinds = [];
@@ -24,7 +25,8 @@ export class PlanPage {
       planning: message => { this.planner = message.planner; this.banner(text("planning", message)); },
       progress: state => { if (this.planner && state.kernel) this.banner(`${text("planning", { planner: this.planner })}. ${text("compile_now", state)}`); }, plan: message => this.answer(message),
       planned: () => this.planned(), growth: message => this.grow(message), saved: message => this.saved(message.files),
-      error: () => { this.planner = ""; this.on.plan.disabled = false; }, lost: () => { this.on.plan.disabled = true; },
+      loading: ({ stage }) => this.banner(text(`load_${stage}`)),
+      error: () => { this.planner = ""; this.on.plan.disabled = false; this.on.cancel.hidden = true; this.banner(""); }, lost: () => { this.on.plan.disabled = true; },
     });
   }
 
@@ -56,8 +58,13 @@ export class PlanPage {
     on.take.onclick = () => { showError(""); this.link.send("place", { place: on.place.value, seed: Math.max(0, Math.trunc(number(on.seed, 0))) }); };
     on.blank.onclick = () => { showError(""); this.link.send("blank", { width: number(on.width, 10), height: number(on.height, 8) }); };
     on.files.onchange = () => this.upload([...on.files.files]);
-    on.undo.onclick = () => { this.shapes.pop(); this.redraw(); };
-    on.clear.onclick = () => { this.shapes = []; this.redraw(); };
+    on.undo.onclick = () => { Object.assign(this, this.history.pop()); this.redraw(); };
+    on.clear.onclick = () => { this.remember(); this.shapes = []; this.redraw(); };
+    on.cancel.onclick = () => this.link.send("cancel");
+    on.rescale.onclick = () => {
+      const [x0, y0, x1, y1] = this.ruler, factor = number(on.true, 0) / Math.hypot(x1 - x0, y1 - y0);
+      if (factor > 0) this.link.send("scale", { factor });
+    };
     on["save-map"].onclick = () => this.save("map");
     on["save-problem"].onclick = () => this.save("problem");
     on.frame.oninput = () => { clearInterval(this.playing); this.showFrame(); };
@@ -91,6 +98,7 @@ export class PlanPage {
   /** A point of the tool in hand: a place, or an end of a shape. */
   press(point, released = false) {
     if (this.tool === "start" || this.tool === "goal") {
+      this.remember();
       this[this.tool] = point;
       this.forget();
     } else if (!this.corner) {
@@ -99,14 +107,32 @@ export class PlanPage {
       const kind = this.kinds.indexOf(this.tool), [x, y] = this.corner;
       if (released && Math.hypot(point[0] - x, point[1] - y) < GRID) return; // a click: the other end follows
       this.corner = null;
-      this.shapes.push([kind, x, y, ...point]);
-      this.redraw();
+      if (this.tool === "scale") this.measure([x, y, ...point]);
+      else {
+        this.remember();
+        this.shapes.push([kind, x, y, ...point]);
+        this.redraw();
+      }
     }
     this.draw();
   }
 
+  /** A line whose true length tells how large the map is. */
+  measure(ruler) {
+    this.ruler = ruler;
+    this.on.scaling.hidden = false;
+    this.on.true.value = Math.hypot(ruler[2] - ruler[0], ruler[3] - ruler[1]).toFixed(2);
+    this.on.true.select();
+  }
+
+  remember() {
+    this.history.push({ shapes: [...this.shapes], start: this.start, goal: this.goal });
+    this.on.undo.disabled = false;
+  }
+
   redraw() {
-    this.on.undo.disabled = this.on.clear.disabled = !this.shapes.length;
+    this.on.undo.disabled = !this.history.length;
+    this.on.clear.disabled = !this.shapes.length;
     this.link.send("draw", { shapes: this.shapes });
   }
 
@@ -132,7 +158,11 @@ export class PlanPage {
   take(message) {
     this.world = message;
     this.view.bounds = message.bounds;
-    if (message.start) { this.start = message.start; this.goal = message.goal; this.shapes = []; this.on.undo.disabled = this.on.clear.disabled = true; }
+    if (message.start) {
+      Object.assign(this, { start: message.start, goal: message.goal, shapes: [], history: [], ruler: null });
+      this.on.undo.disabled = this.on.clear.disabled = this.on.scaling.hidden = this.on.cancel.hidden = true;
+      this.view.zoomTo(1);
+    }
     this.forget();
     this.draw();
   }
@@ -143,6 +173,7 @@ export class PlanPage {
     showError("");
     this.forget();
     this.on.plan.disabled = true;
+    this.on.cancel.hidden = false;
     this.link.send("plan", {
       planners, start: this.start, goal: this.goal, clearance: this.number(this.on.clearance, 0.36),
       deadline: this.number(this.on.deadline, 1), seed: Math.max(0, Math.trunc(this.number(this.on.seed, 0))),
@@ -158,6 +189,7 @@ export class PlanPage {
   planned() {
     this.planner = "";
     this.on.plan.disabled = false;
+    this.on.cancel.hidden = true;
     const solved = this.answers.filter(one => one.length !== null).sort((a, b) => a.length - b.length);
     const words = solved.length ? text("best", { planner: solved[0].planner, length: solved[0].length.toFixed(2) }) : text("no_path");
     this.banner(words);
@@ -206,9 +238,11 @@ export class PlanPage {
 
   async upload(files) {
     showError("");
+    this.banner(text("load_read"));
+    this.on.cancel.hidden = !files.length;
     for (const file of files) {
       const answer = await fetch(`maps/${encodeURIComponent(file.name)}`, { method: "POST", body: file });
-      if (!answer.ok) { showError(`${file.name}: ${await answer.text()}`); return; }
+      if (!answer.ok) { showError(`${file.name}: ${await answer.text()}`); this.on.cancel.hidden = true; this.banner(""); return; }
     }
     const main = files.find(file => /\.ya?ml$/i.test(file.name)) ?? files[0];
     if (main) this.link.send("load", { name: main.name, resolution: this.number(this.on.resolution, 0.05) });
@@ -241,9 +275,10 @@ export class PlanPage {
     view.disc(...this.start, radius, null, view.colour.start);
     view.disc(...this.start, 0.1, view.colour.floor, view.colour.start, 3);
     drawGoal(view, this.goal, radius);
+    if (this.ruler) view.segments([this.ruler], view.colour.track, 4);
     if (this.corner) {
       const [x0, y0] = this.corner, [x1, y1] = this.cursor;
-      if (this.tool === "wall" || this.tool === "door") view.line([[x0, y0], [x1, y1]], view.colour.track, 4);
+      if (["wall", "door", "scale"].includes(this.tool)) view.line([[x0, y0], [x1, y1]], view.colour.track, 4);
       else view.polygon([[x0, y0], [x1, y0], [x1, y1], [x0, y1]], null, view.colour.track, 3);
     }
     if (this.cursor && document.activeElement === this.on.map) {

@@ -443,8 +443,10 @@ def test_people_draw_plan_watch_and_save(opened):
     for key in ("Enter", "Shift+ArrowUp", "Shift+ArrowRight", "Enter"):
         page.keyboard.press(key)
     until(page, "studio.shapes.length === 2")
-    page.click("#undo")
-    until(page, "studio.shapes.length === 1")
+    page.click("#clear")
+    for left in (2, 1):  # what was removed comes back
+        page.click("#undo")
+        until(page, f"studio.shapes.length === {left}")
     planned(page)
     for name in ("rrt_star", "swarm"):
         page.click(f"[aria-label='Watch: {name}']")
@@ -466,6 +468,16 @@ def test_people_draw_plan_watch_and_save(opened):
     until(page, "studio.world.name === 'drawn'")
     page.set_input_files("#files", served.studio.folder / "drawn.png")
     until(page, "!studio.shapes.length")
+    page.check("#tool-scale")
+    x0, y0, x1, y1 = page.evaluate("studio.world.bounds")
+    for x, y in ((x0 + 1.0, y0 + 1.0), (x0 + 3.0, y0 + 1.0)):
+        page.mouse.click(*on_map(page, x, y))
+    page.fill("#true", "4")
+    page.click("#rescale")
+    until(page, f"studio.world.bounds[2] > {x1} + 1")
+    bounds = page.evaluate("studio.world.bounds")
+    assert bounds == pytest.approx([2 * one for one in (x0, y0, x1, y1)], rel=0.05)
+    page.check("#tool-start")
     assert page.inner_text("#error") == ""
 
 

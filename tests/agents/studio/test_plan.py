@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import json
+from types import SimpleNamespace
+from urllib.parse import unquote
 
 import numpy as np
 import pytest
 import shapely
+from PIL import Image
 
+from agents.studio import drawing
 from agents.studio.drawing import SHAPES, blank, drawn, loaded, rectangles, write_problem
+from agents.studio.plan_session import PlanSession
 from agents.studio.planning import answer, frames_of, problem_of
 from planners.problem_files import read_problems
 from tests.agents.studio.served import START, messages, send, serving
@@ -137,9 +142,12 @@ def test_uploads_are_maps_of_a_bare_name_and_a_limited_size(served, tmp_path):
     files = {name: (tmp_path / name).read_bytes() for name in ("hall.yaml", "hall.png")}
     for name, content in files.items():
         assert post(served, name, content) == 204
+    for name in ("Grundriss%20K%C3%BCche.PNG", "Plan%20(2).png", "%E8%A8%BA%E7%99%82%E6%89%80.png"):
+        assert post(served, name, files["hall.png"]) == 204
+        (served.studio.folder / "uploads" / unquote(name)).unlink()
     for name in ("..%2fx.yaml", "%2e%2e", "x.py", ".x.yaml", "a%00.png", "x" * 200 + ".png"):
         assert post(served, name, b"x") in (400, 404, 405)
-    assert post(served, "big.png", b"x" * (9 << 20)) == 413
+    assert post(served, "big.png", b"x" * (33 << 20)) == 413
     assert post(served, "hall.png", b"x", Origin="http://evil.example") == 403
     assert sorted(p.name for p in (served.studio.folder / "uploads").iterdir()) == sorted(files)
     with served.socket("plan") as socket:
@@ -153,6 +161,36 @@ def test_uploads_are_maps_of_a_bare_name_and_a_limited_size(served, tmp_path):
         post(served, "broken.png", b"no picture")
         send(socket, "load", name="broken.png", resolution=0.05)
         assert messages(socket, "error")["text"].startswith("broken.png")
+
+
+def test_large_images_are_refused_before_they_are_decoded_and_loading_can_be_cancelled(
+    tmp_path, monkeypatch
+):
+    (tmp_path / "uploads").mkdir()
+    Image.new("L", (10_000, 10_000), 255).save(tmp_path / "uploads" / "large.png")  # 100 kB
+    Image.new("L", (300, 200), 255).save(tmp_path / "uploads" / "Küche 1.png")
+    sent = []
+    session = PlanSession({}, tmp_path, SimpleNamespace(send=lambda *_, **x: sent.append(x)))
+    with pytest.raises(InputError, match=r"^large.png: 100,000,000 .* at most 25,000,000: make"):
+        session.on_load({"name": "large.png", "resolution": 0.01})
+    for act, bounds in (
+        (lambda: session.on_load({"name": "Küche 1.png", "resolution": 0.05}), (0, 0, 15, 10)),
+        (lambda: session.on_scale({"factor": 2.0}), (0, 0, 30, 20)),
+    ):
+        act()
+        assert sent[-1]["bounds"] == pytest.approx(bounds)
+    cancelled = lambda *_: session.receive({"type": "cancel"})  # noqa: E731
+    monkeypatch.setattr(drawing, "loaded", cancelled)
+    with pytest.raises(InputError, match="cancelled; the map is as it was"):
+        session.on_load({"name": "Küche 1.png", "resolution": 0.05})
+    assert session._grid.bounds == pytest.approx(bounds)
+    session.close()
+
+
+def test_far_ends_are_the_first_and_last_place_with_room():
+    grid = drawn(blank(5.0, 4.0), [[FURNITURE, 0.0, 0.0, 2.0, 2.0]])
+    places = grid.to_world(np.argwhere(grid.traversable(0.4)))
+    assert drawing.far_ends(grid, "x") == (places[0].tolist(), places[-1].tolist())
 
 
 def test_a_place_is_planned_on_and_a_saved_map_is_driven_on(served):
