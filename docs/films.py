@@ -7,7 +7,7 @@ import re
 import sys
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT)]
@@ -23,19 +23,19 @@ from agents.studies.figures import gain_figure  # noqa: E402
 from wheelchair_gym.base.settings import read_json  # noqa: E402
 from wheelchair_gym.geometry.planar import to_world  # noqa: E402
 from wheelchair_gym.maps import FREE  # noqa: E402
+from wheelchair_gym.rendering import palette  # noqa: E402
 from wheelchair_gym.rendering.video import write_video  # noqa: E402
 from wheelchair_gym.scenes import make_scene  # noqa: E402
 from wheelchair_gym.scenes.poses import FOOTPRINT  # noqa: E402
 from wheelchair_gym.scenes.skill import COURSES  # noqa: E402
 
 FOLDER = ROOT / "docs" / "images"
-COLUMNS = 7  # of the courses of driving skills
 
 
 class Film(NamedTuple):
     """An episode, and the number of control periods between two pictures."""
 
-    scene: str
+    scene: Any
     policies: tuple[Spec, ...]  # that drive it side by side
     seed: int
     periods: int
@@ -45,10 +45,13 @@ class Film(NamedTuple):
 
 RRT_STAR_WOA = {"name": "rrt_star_woa_global+controls", "label": "RRT*-WOA"}
 LEARNED = {"name": "ppo_guided", "label": "learned: ppo_guided"}
+LEAF = {"name": "map_file", "path": str(FOLDER.parent / "leaf.json"), "start": (1.0, 1.5, 0.0)}
+LEAF |= {"goal": (5.3, 1.5, 0.0)}
 FILMS = {
     "drive": Film("floor_plan", (RRT_STAR_WOA, LEARNED), 1, 4, 2, (400, 400)),
     "crowd": Film("crowd", ("ppo_guided",), 33, 2),
     "people": Film("people", ("lattice+window",), 9, 3),
+    "edge_on_leaf": Film(LEAF, ("lattice+window",), 0, 2, size=(320, 600)),
 }
 
 
@@ -66,37 +69,34 @@ def draw(name: str) -> Path:
 def draw_tutorial() -> Path:
     """Run the code of the tutorial on RRT*-WOA, which draws the page's pictures."""
     page = ROOT / "docs" / "tutorials" / "rrt_star_woa.md"
-    with contextlib.chdir(FOLDER):
+    with contextlib.chdir(FOLDER), mpl.rc_context(LOOK):
         exec("\n".join(re.findall(r"^```python\n(.*?)^```", page.read_text(), re.M | re.S)), {})
     return page
 
 
 def draw_skills() -> Path:
-    """Draw each course as seed 0 draws it: the chair at its start (filled) and its goal."""
-    rows = -(-len(COURSES) // COLUMNS)
+    """Draw each course as seed 0 draws it: the chair at its start (blue) and its goal."""
+    rows, columns = -(-len(COURSES) // 7), 7
+    chair, goal, person = map(palette.css, (palette.CHAIR, palette.GOAL, palette.PERSON))
     with mpl.rc_context(LOOK):
-        figure, places = plt.subplots(rows, COLUMNS, figsize=(14.0, 2.1 * rows))
-        for axes in places.flat:
+        figure, places = plt.subplots(rows, columns, figsize=(14, 2.1 * rows), layout="tight")
+        for axes, course in zip(places.flat, COURSES, strict=True):
             axes.axis("off")
-        for axes, course in zip(places.flat, COURSES, strict=False):
             scene = make_scene({"name": "skill", "course": course})
             episode = scene.sample(np.random.default_rng(0))
-            grid = episode.map
-            x0, y0, x1, y1 = grid.bounds
-            axes.imshow(
-                grid.cells != FREE, cmap="Greys", vmax=1.6, origin="lower", extent=(x0, x1, y0, y1)
-            )
-            for pose, filled in ((episode.start, True), (episode.goal, False)):
+            x0, y0, x1, y1 = episode.map.bounds
+            cells = np.array([palette.FREE, palette.SOLID])[1 * (episode.map.cells != FREE)]
+            axes.imshow(cells, origin="lower", extent=(x0, x1, y0, y1))
+            for pose, colour, alpha in ((episode.start, chair, 0.55), (episode.goal, goal, 0.22)):
                 corners = to_world(FOOTPRINT.corners, pose)
-                axes.fill(*corners.T, fill=filled, edgecolor="C0", facecolor="C0", linewidth=1.2)
+                axes.fill(*corners.T, ec=(colour, 1.0), fc=(colour, alpha), linewidth=1.2)
                 nose = to_world(np.array([(0.4, -0.2), (0.65, 0.0), (0.4, 0.2)]), pose)
-                axes.plot(*nose.T, color="white" if filled else "C0", linewidth=1.2)
+                axes.plot(*nose.T, color=colour, linewidth=1.2)
             for number, row in enumerate(episode.actors.rows):
-                axes.add_patch(plt.Circle(row["pose"][:2], row["size"][0], color="C3"))
+                axes.add_patch(plt.Circle(row["pose"][:2], row["size"][0], color=person))
                 way = episode.actors.route(number)
-                axes.plot(*np.vstack([row["pose"][:2], way]).T, color="C3", linewidth=0.6)
+                axes.plot(*np.vstack([row["pose"][:2], way]).T, color=person, linewidth=0.6)
             axes.set_title(course, fontsize=8)
-        figure.tight_layout(pad=0.4)
         figure.savefig(FOLDER / "skills.png", dpi=110)
     return FOLDER / "skills.png"
 

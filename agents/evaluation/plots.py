@@ -25,7 +25,9 @@ WIDTH = 4.4  # inches: on a phone, letters then keep the size of the text around
 _STYLE = Path(__file__).parents[1] / "data" / "report.mplstyle"
 LOOK: Any = {
     **mpl.rc_params_from_file(_STYLE, use_default_template=False),
-    "axes.edgecolor": palette.css(palette.INK), "grid.color": palette.css(palette.RULE),
+    "axes.edgecolor": palette.css(palette.INK),
+    "grid.color": palette.css(palette.RULE),
+    "axes.prop_cycle": mpl.cycler(color=COLOURS),
 }
 
 

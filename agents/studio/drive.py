@@ -324,14 +324,13 @@ def world_of(world: Any) -> dict[str, Any]:
     limits = world.task.limits
     return {
         "walls": episode.walls, "solids": closed_loops(episode.walls), "discs": episode.discs,
-        "goal": episode.goal, "start": episode.start, "bounds": episode.map.bounds,
-        "name": episode.name, "tolerance": world.task.tolerance,
+        "goal": episode.goal, "bounds": episode.map.bounds, "tolerance": world.task.tolerance,
         "outline": settings.chair.footprint.corners,
         "laser": [laser.x, laser.y, laser.yaw, laser.fov, laser.beams, laser.reach],
         "cones": [[m.x, m.y, m.yaw, model.field_of_view] for m, model in models],
         "actors": [
             [ACTOR_KINDS[row["kind"]], *map(float, row["size"])] for row in episode.actors.rows
         ],
-        "path": world.shown.path, "limits": [limits.forward, limits.backward, limits.turn],
+        "limits": [limits.forward, limits.backward, limits.turn],
         "shielded": bool(world.task.is_shielded),
     }  # fmt: skip

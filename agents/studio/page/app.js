@@ -67,6 +67,7 @@ for (const name of Object.keys(PAGES)) {
 by("language").append(...LANGUAGES.map(([name, own]) => new Option(own, name)));
 for (const id of ["language", "size"]) by(id).onchange = () => { looks[id] = by(id).value; apply(); };
 for (const id of ["contrast", "still"]) by(id).onchange = () => { looks[id] = by(id).checked; apply(); };
+matchMedia("(prefers-color-scheme: dark)").onchange = apply;
 by("again").onclick = () => open(location.hash.slice(1) in PAGES ? location.hash.slice(1) : looks.known ? "drive" : "welcome");
 addEventListener("hashchange", () => { if (location.hash.slice(1) in PAGES) by("again").onclick(); });
 apply();

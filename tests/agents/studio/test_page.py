@@ -12,15 +12,7 @@ from agents.cli import main
 from agents.people import ASSISTANTS
 from agents.studio.catalogue import NO_HAND, NO_SIGHT, places
 from agents.studio.server import PAGE
-from tests.agents.studio.served import (
-    SCREENS,
-    axe,
-    browsing,
-    cut_off,
-    looked_at,
-    serving,
-    until,
-)
+from tests.agents.studio.served import SCREENS, axe, browsing, cut_off, looked_at, serving, until
 from tests.hardware.conftest import build_twin
 from wheelchair_gym.base.files import read_json
 from wheelchair_gym.people.drivers.live_person import IMPAIRMENTS, SIGHTS
@@ -43,6 +35,8 @@ def opened(tmp_path_factory):
         axe(page)  # the first visit
         page.click("a[href='#drive']")
         until(page, "window.studio?.running")
+        assert "token" not in page.url
+        assert page.input_value("#place") == "map"
         assert page.input_value("#assist") == "shared_dwa"
         page.select_option("#assist", "direct")
         yield served, page
@@ -56,37 +50,24 @@ def begin(page):
     until(page, WAITS)
 
 
-def test_the_address_bar_shows_no_token(opened):
-    _, page = opened
-    assert "token" not in page.url
-    assert page.input_value("#place") == "map"
-
-
-def test_keys_drive_to_the_goal_and_the_drive_is_judged_the_same(opened, capsys):
+@pytest.mark.parametrize("place", ["map", "twin:map"])
+def test_keys_drive_to_the_goal_and_the_drive_is_judged_the_same(opened, capsys, place):
     served, page = opened
+    if place.startswith("twin"):
+        pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
+        build_twin()
+    page.select_option("#place", place)
     begin(page)
     page.keyboard.down("ArrowUp")
     until(page, "!studio.running")
     page.keyboard.up("ArrowUp")
     result = page.evaluate("studio.result")
     assert result["outcome"] == "success"
+    assert page.evaluate("studio.world.order.place") == place
     assert page.inner_text("#outcome") == page.inner_text("#banner")
+    page.select_option("#place", "map")
     assert main(["replay", str(served.studio.folder / result["file"])]) == 0
     assert "the same rewards" in capsys.readouterr().out
-
-
-def test_the_twin_drives_to_the_goal(opened):
-    pytest.importorskip("serial", reason="pip install 'wheelchair_gym[hardware]'")
-    build_twin()
-    _, page = opened
-    page.select_option("#place", "twin:map")
-    begin(page)
-    page.keyboard.down("ArrowUp")
-    until(page, "!studio.running")
-    page.keyboard.up("ArrowUp")
-    assert page.evaluate("studio.result.outcome") == "success"
-    assert page.evaluate("studio.world.order.place") == "twin:map"
-    page.select_option("#place", "map")
 
 
 @pytest.mark.long
@@ -231,63 +212,56 @@ def test_walls_are_filled_and_the_floor_is_free_in_the_colours_of_the_theme(open
     page.evaluate("document.getElementById('looks').open = true")
     page.set_checked("#contrast", mode == "contrast")
     begin(page)
-    page.evaluate("studio.restyle(studio.looks)")
     points = [[0.05, 1.0], [0.4, 2.1], [-0.2, 1.0]]  # in a wall, behind the chair, outside
     names = ("wall", "floor", "unknown")
     assert page.evaluate(AT, points) == [THEME[mode][name] for name in names]
     page.set_checked("#contrast", False)
     page.emulate_media(color_scheme="light")
-    page.evaluate("studio.restyle(studio.looks)")
+
+
+def swipe(page, *ways):
+    """Draw fingers along ways from (x, y) by (dx, dy), and let them rest."""
+    touch = page.context.new_cdp_session(page)
+    for k in range(11):
+        points = [{"x": x + k * dx / 10, "y": y + k * dy / 10} for x, y, dx, dy in ways]
+        points = [{**point, "id": number} for number, point in enumerate(points)]
+        kind = "touchMove" if k else "touchStart"
+        touch.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+    page.wait_for_timeout(300)  # so that nothing goes on to scroll
+    touch.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
 
 
 def test_the_map_is_dragged_zoomed_and_turned_and_one_finger_scrolls(opened):
     _, page = opened
     begin(page)
     view = lambda: page.evaluate("[studio.view.zoom, ...studio.view.shift]")  # noqa: E731
-    place = lambda x, y: page.evaluate(  # noqa: E731
-        f"studio.view.place({{ clientX: {x}, clientY: {y} }})"
-    )
+    at = lambda x, y: page.evaluate(f"studio.view.place({{clientX: {x}, clientY: {y}}})")  # noqa: E731
     box = page.locator("#map").bounding_box()
     x, y = box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"]
     page.mouse.move(x, y)
-    under = place(x, y)
+    under = pytest.approx(at(x, y), abs=0.02)
     page.mouse.wheel(0, -400)
     until(page, "studio.view.zoom > 2")
-    zoomed = place(x, y)
-    assert zoomed == pytest.approx(under, abs=0.02)
+    assert at(x, y) == under
     page.mouse.down()
     page.mouse.move(x + 60, y - 40, steps=2)
     page.mouse.up()
-    dragged = place(x + 60, y - 40)
-    assert dragged == pytest.approx(under, abs=0.02)
+    assert at(x + 60, y - 40) == under
     page.click("#heading")
     assert page.evaluate("studio.view.angle") == pytest.approx(np.pi / 2, abs=0.05)
     page.click("#heading")
     page.click("#fit")
-    assert view() == [1, 0, 0]
+    page.evaluate("document.getElementById('main').style.minHeight = '200vh'; scrollTo(0, 0)")
+    swipe(page, (x, y, 0, -200))
+    until(page, "scrollY > 50")
+    page.evaluate("scrollTo(0, 0)")
     page.mouse.move(x, y)
     page.mouse.wheel(0, 100)  # all is seen: this means the page
-    page.wait_for_timeout(300)
-    assert view() == [1, 0, 0]
-    page.evaluate("document.getElementById('main').style.minHeight = '200vh'; scrollTo(0, 0)")
-    touch = page.context.new_cdp_session(page)
-    finger = lambda kind, *at: touch.send(  # noqa: E731
-        "Input.dispatchTouchEvent",
-        {"type": kind, "touchPoints": [{"x": a, "y": b, "id": k} for k, (a, b) in enumerate(at)]},
-    )
-    finger("touchStart", (x, y))
-    for k in range(10):
-        finger("touchMove", (x, y - 20 * k))
-    page.wait_for_timeout(300)  # it rests, so that nothing goes on to scroll
-    finger("touchEnd")
     until(page, "scrollY > 50")
-    assert view() == [1, 0, 0]
     page.evaluate("scrollTo(0, 0)")
-    finger("touchStart", (x - 30, y), (x + 30, y))
-    for k in range(10):
-        finger("touchMove", (x - 30 - 5 * k, y), (x + 30 + 5 * k, y))
-    finger("touchEnd")
-    assert view()[0] == pytest.approx(2.5, abs=0.1)
+    assert view() == [1, 0, 0]
+    swipe(page, (x - 30, y, -50, 0), (x + 30, y, 50, 0))
+    assert view()[0] == pytest.approx(80 / 30, abs=0.1)
     assert page.evaluate("scrollY") == 0
     page.evaluate("document.getElementById('main').style.minHeight = ''")
     page.click("#fit")
@@ -508,16 +482,11 @@ def test_pictures_and_pages_share_one_legend_and_walls_stand_out():
     legend = {key[2:]: words for key, words in english.items() if key.startswith("k_")}
     assert legend == {key: THEME["words"][key] for key in legend}
 
-    def luminance(colour):
-        part = np.array([*bytes.fromhex(colour[1:])]) / 255
-        return np.where(part > 0.04045, ((part + 0.055) / 1.055) ** 2.4, part / 12.92) @ [
-            0.2126, 0.7152, 0.0722,
-        ]  # fmt: skip
-
-    for mode in ("light", "dark", "contrast"):
-        assert set(THEME[mode]) == set(THEME["light"])
-        lights = sorted(luminance(THEME[mode][name]) for name in ("floor", "wall"))
-        assert (lights[1] + 0.05) / (lights[0] + 0.05) > 3.0  # WCAG 2.2, 1.4.11
+    for theme in (THEME[mode] for mode in ("light", "dark", "contrast")):
+        assert set(theme) == set(THEME["light"])
+        rgb = np.array([[*bytes.fromhex(theme[name][1:])] for name in ("floor", "wall")]) / 255
+        dark, light = sorted(rgb**2.2 @ [0.2126, 0.7152, 0.0722])
+        assert (light + 0.05) / (dark + 0.05) > 3.0  # WCAG 2.2, 1.4.11
 
 
 def test_every_text_is_there_in_every_language():
