@@ -6,39 +6,27 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from agents.evaluation.assisted import MEASURES
 from agents.evaluation.metrics import Record
-from agents.evaluation.provenance import provenance, write_text
+from agents.evaluation.provenance import provenance
 from agents.evaluation.report import COLUMN_OF
 from agents.evaluation.statistics import holm, median_interval, wilcoxon_p
-from agents.evaluation.tables import Table, columns_of, csv_table, make_table, write_page
-from agents.people.protocol import NASA_TLX, Protocol
-from agents.people.session import COLUMNS, DATA, read_folder, tidy
+from agents.evaluation.tables import Table, columns_of, make_table, write_page
+from agents.people.export import export
+from agents.people.folder import DATA, PAGE, read_folder
+from agents.people.progress import State
+from agents.people.protocol import Protocol
 from wheelchair_gym.base.settings import InputError
 
+# Keys of the measures of drives in the tables, in order.
 DRIVE_MEASURES = (
     "success", "time", "at_fault", "clearance_min", "length", "jerk_rms", *MEASURES,
 )  # fmt: skip
-ONLY_OF_SUCCESSES = ("time", "length")
-TOTAL = "total"  # of NASA-TLX: the mean of its scales
-PAGE = "report.html"
-
-
-def _with_totals(rows: Sequence[Record]) -> list[Record]:
-    """The rows, and the mean of the scales of each NASA-TLX."""
-    asked: dict[tuple[Any, ...], list[Record]] = {}
-    for row in rows:
-        if row["source"] == NASA_TLX:
-            asked.setdefault((row["participant"], row["condition"]), []).append(row)
-    totals = [
-        scales[0] | {"measure": TOTAL, "value": float(np.mean([row["value"] for row in scales]))}
-        for scales in asked.values()
-    ]
-    return [*rows, *totals]
+_NAME = {key: COLUMN_OF[key].name for key in DRIVE_MEASURES}
+ONLY_OF_SUCCESSES = (_NAME["time"], _NAME["length"])
 
 
 Values = Mapping[str, Mapping[tuple[int, str], float]]  # by condition: by participant and task
@@ -48,7 +36,7 @@ def _values(rows: Sequence[Record], measure: str, conditions: list[str]) -> Valu
     succeeded = {
         (row["participant"], row["condition"], row["task"])
         for row in rows
-        if row["measure"] == "success" and row["value"]
+        if row["measure"] == _NAME["success"] and row["value"]
     }
     found: dict[str, dict[tuple[int, str], float]] = {name: {} for name in conditions}
     for row in rows:
@@ -66,31 +54,16 @@ def _means_of(values: Mapping[tuple[int, str], float]) -> list[float]:
     return [float(np.mean([v for (who, _), v in values.items() if who == p])) for p in people]
 
 
-def _names(protocol: Protocol, source: str) -> dict[str, tuple[str, float]]:
-    """The measures of a source: what each is called, and what its values are multiplied by."""
-    if source == "drive":
-        columns = (COLUMN_OF[measure] for measure in DRIVE_MEASURES)
-        return {column.key: (column.heading, column.factor) for column in columns}
-    items = {item.name: item for item in protocol.items(source)}
-    if source == NASA_TLX:
-        return {name: (name, 1.0) for name in (*items, TOTAL)}
-    return {name: (item.text, 1.0) for name, item in items.items()}
-
-
-def _tables(
-    protocol: Protocol, rows: Sequence[Record], source: str, conditions: list[str]
-) -> list[Table]:
+def _tables(rows: Sequence[Record], source: str, conditions: list[str]) -> list[Table]:
     """Means by condition, and differences of pairs of conditions; the rows are of one source."""
-    known = {row["measure"] for row in rows}
+    units = {row["measure"]: row["unit"] for row in rows}
     means: list[list[Record]] = []
     tests: list[list[Record]] = []
-    for measure, (title, factor) in _names(protocol, source).items():
-        if measure not in known:
+    for measure in _NAME.values() if source == "drive" else units:
+        if measure not in units:
             continue
-        values = {
-            name: {key: factor * value for key, value in found.items()}
-            for name, found in _values(rows, measure, conditions).items()
-        }
+        title = f"{measure} [{units[measure]}]" if units[measure] else measure
+        values = _values(rows, measure, conditions)
         group: list[Record] = []
         for name in conditions:
             each = _means_of(values[name])
@@ -119,26 +92,29 @@ def _tables(
 
 
 def tables(protocol: Protocol, rows: Sequence[Record]) -> list[Table]:
-    """Two tables for the drives and for each questionnaire of the rows of `session.tidy`.
+    """Two tables for the drives and for each questionnaire of the rows of `export.tidy`.
 
     The first has the mean of each condition over participants, the second paired differences with
     Wilcoxon's signed-rank test. Time and length count where the drive succeeded.
     """
-    rows = _with_totals(rows)
     conditions = [condition.name for condition in protocol.conditions]
     made: list[Table] = []
     for source in dict.fromkeys(row["source"] for row in rows):
         found = [row for row in rows if row["source"] == source]
         if found[0]["condition"]:
-            made += _tables(protocol, found, source, conditions)
+            made += _tables(found, source, conditions)
         else:  # asked once, at the end of the experiment
             found = [row | {"condition": "all"} for row in found]
-            made += _tables(protocol, found, source, ["all"])[:1]
+            made += _tables(found, source, ["all"])[:1]
     return made
 
 
-def write_report(folder: str | Path) -> tuple[list[Table], Path]:
-    """Write data.csv and report.html into the folder of an experiment.
+def write_report(folder: str | Path, bom: bool = False) -> tuple[list[Table], Path]:
+    """Write report.html and the tables of `export` into the folder of an experiment.
+
+    Args:
+        folder: of the experiment.
+        bom: as in `export`.
 
     Returns:
         The tables, and the path of the page.
@@ -146,20 +122,13 @@ def write_report(folder: str | Path) -> tuple[list[Table], Path]:
     Raises:
         InputError: it is no such folder, or nobody has done anything yet.
     """
-    protocol, records = read_folder(folder)
-    rows = tidy(records)
-    people = sorted({record["participant"] for record in records})
+    protocol, people = read_folder(folder)
     if not people:
         raise InputError(f"{folder}: has no participants yet")
-    made = tables(protocol, rows)
-    write_text(Path(folder) / DATA, csv_table(rows, COLUMNS))
-    complete = sum(
-        all((p, step.key) in {(r["participant"], r["key"]) for r in records}
-            for step in protocol.steps(p)) for p in people
-    )  # fmt: skip
+    made = tables(protocol, export(Path(folder), protocol, people, bom))
     page = write_page(
         Path(folder) / PAGE, "participants.html", title=protocol.title, tables=made,
-        people=len(people), complete=complete, data=DATA,
+        people=len(people), complete=sum(one.state == State.FINISHED for one in people), data=DATA,
         source={"command": f"wheelchair report {folder}", "provenance": provenance()},
     )  # fmt: skip
     return made, page

@@ -6,6 +6,8 @@ import { PlanPage } from "./plan.js";
 import { StudyPage } from "./study.js";
 
 const PAGES = { drive: DrivePage, plan: PlanPage, compare: ComparePage, study: StudyPage };
+const allowed = await (await fetch("pages")).json(); // of this server
+for (const name of Object.keys(PAGES)) if (!allowed.includes(name)) delete PAGES[name];
 const by = id => document.getElementById(id);
 const wants = query => matchMedia(query).matches;
 const kept = () => { try { return JSON.parse(localStorage.getItem("studio") ?? "{}"); } catch { return {}; } };
@@ -49,9 +51,10 @@ for (const name of Object.keys(PAGES)) {
   item.append(tab);
   by("tabs").append(item);
 }
+by("tabs").parentElement.hidden = allowed.length < 2;
 for (const id of ["language", "size"]) by(id).onchange = () => { looks[id] = by(id).value; apply(); };
 for (const id of ["contrast", "still"]) by(id).onchange = () => { looks[id] = by(id).checked; apply(); };
-by("again").onclick = () => open(location.hash.slice(1) in PAGES ? location.hash.slice(1) : "drive");
+by("again").onclick = () => open(location.hash.slice(1) in PAGES ? location.hash.slice(1) : allowed[0]);
 addEventListener("hashchange", () => { if (location.hash.slice(1) in PAGES) by("again").onclick(); });
 apply();
 by("again").onclick();

@@ -9,8 +9,10 @@ from types import SimpleNamespace
 import pytest
 
 from agents.cli import main
+from agents.people.folder import read_folder
+from agents.people.progress import CUT_OFF, GIVEN_UP
 from agents.people.protocol import Condition, Protocol, Questionnaire, Task
-from agents.people.session import read_folder
+from agents.studio.experimenter import Desk
 from agents.studio.study import PATIENCE, STUDY_FIELDS, StudySession
 from tests.agents.studio.served import (
     axe,
@@ -42,7 +44,7 @@ def opened(tmp_path_factory):
     protocol = Protocol(
         "Rooms", "You may stop at any time.", conditions, (task,), (Task("hall", scene),),
         questionnaires=(Questionnaire("trust", ("I felt safe.", "It obeyed.")),),
-        devices=("keyboard", "touch", "switch"),
+        devices=("keyboard", "touch", "switch"), tries=2, order="listed",
     )  # fmt: skip
     with (
         serving(folder, protocol) as served,
@@ -53,10 +55,10 @@ def opened(tmp_path_factory):
         yield served, page
 
 
-def drive(page, button="#go"):
+def drive(page):
     """Begin a drive and hold a key until it has ended."""
     page.evaluate("studio.now = studio.result = null")
-    page.click(button)
+    page.click("#go")
     until(page, "studio.running && studio.now?.waits")
     page.keyboard.down("ArrowUp")
     until(page, "!studio.running")
@@ -90,9 +92,10 @@ def test_a_participant_goes_from_consent_to_the_data(opened, capsys):
             until(page, "studio.now.twist[0] < -0.01")
             page.keyboard.up("ArrowDown")
             page.keyboard.press("Escape")
-            until(page, "document.querySelector('#repeat')")
+            until(page, "document.querySelector('#go[data-t=begin_drive]')")
+            assert "You ended the drive before its goal." in page.inner_text(".banner.alarm")
             axe(page)
-            drive(page, "#repeat")
+            drive(page)
         else:
             drive(page)
         for items in (6, 2):
@@ -105,16 +108,19 @@ def test_a_participant_goes_from_consent_to_the_data(opened, capsys):
             page.click("#go")
             until(page, f"document.querySelectorAll('.panel fieldset').length != {items}")
     until(page, "document.querySelector('[data-t=study_done]')")
-    records = read_folder(served.studio.folder)[1]
-    assert [record["key"] for record in records] == STEPS
-    drives = {record["key"]: record for record in records if record["kind"] == "drive"}
-    assert all(record["figures"]["success"] for record in drives.values())
+    (one,) = (one for one in read_folder(served.studio.folder)[1] if one.participant == 3)
+    assert list(one.done) == STEPS
+    assert all(one.done[key]["figures"]["success"] for key in STEPS if key.endswith("m"))
+    drives = one.done
     assert drives["help 1/room"]["figures"]["time"] > drives["help 0/room"]["figures"]["time"]
-    assert drives["help 0/room"]["recording"] == "help_0__room_2.mcap"
+    assert drives["help 0/room"]["recording"] == "003_help_0_room_2.mcap"
     assert drives["help 0/room"]["device"] == "keyboard"
     assert drives["help 0/room"]["scan_period"] is None
-    assert list(records[3]["answers"].values()) == [0, 5, 10, 15, 20, 25]
-    assert list(records[4]["answers"].values()) == [1, 2]
+    assert [attempt["outcome"] for attempt in one.attempts] == [
+        "success", GIVEN_UP, "success", "success", "success",
+    ]  # fmt: skip
+    assert list(drives["help 0/nasa_tlx"]["answers"].values()) == [0, 5, 10, 15, 20, 25]
+    assert list(drives["help 0/trust"]["answers"].values()) == [1, 2]
     assert main(["report", str(served.studio.folder)]) == 0
     capsys.readouterr()
     with (served.studio.folder / "data.csv").open() as file:
@@ -127,7 +133,7 @@ def test_a_participant_goes_from_consent_to_the_data(opened, capsys):
     }
     recordings = sorted((served.studio.folder / "participant_0003").glob("*.mcap"))
     assert len(recordings) == 5
-    assert main(["replay", str(recordings[2])]) == 0
+    assert main(["replay", str(recordings[3])]) == 0
     assert "the same rewards" in capsys.readouterr().out
 
 
@@ -168,10 +174,8 @@ def test_the_device_is_chosen_before_a_drive_and_stays(opened):
     page.keyboard.press("Escape")  # before it has begun: another device may be chosen
     until(page, "document.querySelector('#go[data-t=begin_drive]')")
     assert page.is_visible("#device")
-    (record,) = (
-        one for one in read_folder(served.studio.folder)[1]
-        if (one["participant"], one["kind"]) == (5, "drive")
-    )  # fmt: skip
+    (one,) = (one for one in read_folder(served.studio.folder)[1] if one.participant == 5)
+    (record,) = one.attempts
     assert (record["device"], record["scan_period"]) == ("switch", 0.5)
 
 
@@ -188,29 +192,39 @@ def test_questions_are_not_cut_off(opened, width):
     page.set_viewport_size({"width": 1280, "height": 900})
 
 
+def joined(socket, number):
+    """Go on with a session on another socket, once the server has noticed that the last is gone."""
+    while True:
+        send(socket, "participant", number=number, resume=True)
+        found = messages(socket, "step", "done", "error")
+        if found["type"] != "error":
+            return found
+        assert "open in another tab" in found["text"]
+
+
 def test_steps_that_are_not_due_are_refused(opened):
     served, _ = opened
     with served.socket("study") as socket:
         assert messages(socket, "study")["title"] == "Rooms"
         socket_says = lambda: messages(socket, "error", "step", "done")  # noqa: E731
-        send(socket, "consent")
+        send(socket, "consent", step=1)
         assert "expected a number first" in socket_says()["text"]
-        send(socket, "participant", number=8)
+        send(socket, "participant", number=8, resume=False)
         assert socket_says()["kind"] == "consent"
-        for kind, more in (("begin", {}), ("answer", {"values": [1]}), ("give_up", {})):
+        for kind, more in (("begin", {}), ("answer", {"values": [1], "step": 1})):
             send(socket, kind, **more)
             assert socket_says()["type"] == "error"
-        send(socket, "participant", number=0)
+        send(socket, "participant", number=0, resume=False)
         assert "participant.number is 0" in socket_says()["text"]
-    assert set(STUDY_FIELDS) >= {"participant", "consent", "begin", "give_up", "answer"}
+    assert set(STUDY_FIELDS) >= {"participant", "consent", "begin", "answer"}
 
 
 def test_a_page_that_is_closed_in_a_drive_leaves_the_step_open(opened):
     served, _ = opened
     with served.socket("study") as socket:
-        send(socket, "participant", number=9)
+        send(socket, "participant", number=9, resume=False)
         messages(socket, "step")
-        send(socket, "consent")
+        send(socket, "consent", step=1)
         messages(socket, "step")
         send(socket, "begin")
         assert "expected a device first" in messages(socket, "error")["text"]
@@ -230,8 +244,12 @@ def test_a_page_that_is_closed_in_a_drive_leaves_the_step_open(opened):
             picture = messages(socket, "picture")
         assert picture["twist"][0] > 0.1
     with served.socket("study") as socket:
-        send(socket, "participant", number=9)
-        assert messages(socket, "step")["task"] == "hall"
+        assert joined(socket, 9)["task"] == "hall"
+    (one,) = (one for one in read_folder(served.studio.folder)[1] if one.participant == 9)
+    (attempt,) = one.attempts
+    assert (attempt["outcome"], attempt["counts"]) == (CUT_OFF, False)
+    assert attempt["figures"]["length"] > 0.0
+    assert attempt["at"] < attempt["end"]
 
 
 def test_the_environment_of_a_task_is_set_in_its_scene(tmp_path):
@@ -244,9 +262,9 @@ def test_the_environment_of_a_task_is_set_in_its_scene(tmp_path):
             ordered.append(order)
 
     box = SimpleNamespace(send=lambda *_, **__: None)
-    session = Asked(plan, tmp_path, box, threading.Event())
-    session.on_participant({"number": 1})
-    session.on_consent({})
+    session = Asked(Desk(tmp_path, plan), box, threading.Event())
+    session.on_participant({"number": 1, "resume": False})
+    session.on_consent({"step": 1})
     session.on_device({"name": "keyboard", "scan_period": 1.0})
     session.on_begin({})
     session.close()
