@@ -58,7 +58,8 @@ class Progress:
         elif kind in ("consent", "answers"):
             self.done[record["key"]] = record
         elif kind == "started":
-            self.attempts.append(record | self._software | {"outcome": "", "counts": False})
+            begun = {"start": record["at"], "outcome": "", "counts": False}
+            self.attempts.append(record | self._software | begun)
         elif kind == "ended":
             self._end(record)
         elif kind in ("note", "adverse_event"):
