@@ -11,6 +11,7 @@ import pytest
 from scipy import stats
 
 from agents.cli import main
+from agents.evaluation.statistics import effect_size
 from agents.evaluation.tables import csv_table
 from agents.people.chain import read_chain
 from agents.people.export import COLUMNS, tidy
@@ -361,7 +362,9 @@ def test_paired_tests_are_those_of_scipy_and_failed_drives_have_no_time(tmp_path
     assert row[2].key == 9
     assert row[3].key == pytest.approx(np.median(expected))
     assert row[4].key < row[3].key < row[5].key
-    assert row[6].key == pytest.approx(stats.wilcoxon(expected).pvalue)
+    assert row[6].key == pytest.approx(expected.mean() / expected.std(ddof=1))
+    assert row[7].key == pytest.approx(stats.wilcoxon(expected).pvalue)
+    assert tests.note == ""
     (mean, _) = (r for group in means.groups for r in group if r[0].text.startswith("time"))
     assert mean[3].key == pytest.approx(times[:, 0].mean())
 
@@ -376,11 +379,44 @@ def test_three_conditions_are_adjusted_by_holm_and_all_rows_are_in_the_data(tmp_
     made, page = write_report(tmp_path)
     times = [r for group in made[1].groups for r in group if r[0].text.startswith("time")]
     p = stats.wilcoxon(np.full(7, 2.0)).pvalue
-    assert [row[7].key for row in times] == pytest.approx([3 * p] * 3)
+    assert [row[8].key for row in times] == pytest.approx([3 * p] * 3)
     assert "7 participants, 7 did every step" in page.read_text()
     rows = tidy(read_folder(tmp_path)[1])
     assert len(rows) == 7 * 3 * (3 + 7)
     assert (tmp_path / "data.csv").read_text() == csv_table(rows, COLUMNS)
+
+
+def test_an_effect_size_has_the_interval_of_the_noncentral_t():
+    values = np.random.default_rng(1).normal(1.0, 1.0, 12)
+    found = effect_size(values)
+    t = found["d"] * np.sqrt(12)
+    for end, p in (("d_low", 0.975), ("d_high", 0.025)):
+        assert stats.nct.cdf(t, 11, found[end] * np.sqrt(12)) == pytest.approx(p, abs=1e-4)
+    assert all(np.isnan(of) for of in effect_size(np.ones(5)).values())
+
+
+def test_effects_of_periods_and_orders_are_tested_and_too_few_people_are_told(tmp_path, capsys):
+    """Each drive is 5 s quicker than that of the condition before; one order is 9 s slower."""
+    plan = protocol(2, 1, nasa_tlx=False)
+    shift = np.random.default_rng(2).uniform(0.0, 1.0, 8)
+
+    def drive(step):
+        first = plan.conditions_of(person)[0].name == "help 0"
+        return figures(time=30.0 - 5.0 * step.position + 9.0 * first + shift[person - 1])
+
+    for person in range(1, 9):
+        take_part(tmp_path, plan, person, drive)
+        if person == 4:
+            assert main(["report", str(tmp_path)]) == 0
+            assert "n = 4, Wilcoxon's test of 1 pairs cannot give" in capsys.readouterr().out
+    found = tables(plan, tidy(read_folder(tmp_path)[1]))[2]
+    (row,) = (r for group in found.groups for r in group if r[0].text.startswith("time"))
+    people, first, last, period, orders, order = (cell.key for cell in row[1:])
+    assert (people, orders) == (8, 2)
+    assert first - last == pytest.approx(5.0)
+    assert period == pytest.approx(2**-7)
+    assert order == pytest.approx(stats.kruskal([0, 1, 2, 3], [4, 5, 6, 7]).pvalue)
+    assert (tmp_path / "report.html").read_text().count("<figure>") == 3
 
 
 def test_answers_at_the_end_are_in_the_report(tmp_path):
