@@ -25,11 +25,10 @@ def studio(given: argparse.Namespace) -> int:
     env_settings(None, model=given.model)  # refuses what is wrong
     folder, study = Path(given.out), None
     if given.study is not None:
-        from agents.people.folder import claim, read_protocol
+        from agents.people.folder import read_protocol
 
         study = read_protocol(given.study)
         folder /= Path(given.study).stem
-        claim(folder, study)
     elif given.participant:
         raise InputError("--participant needs --study FILE")
     warm_up = WarmUp()

@@ -152,7 +152,6 @@ class Session:
             if value is None or isinstance(value, bool | int | float)
         }
         key = self.progress.attempts[-1]["key"]
-        key = self.progress.attempts[-1]["key"]
         self._unsaved = {"key": key, "end": now(), "outcome": outcome, "figures": numbers}
         self.save()
 

@@ -76,7 +76,7 @@ class Desk:
 
     def routes(self, body: Callable[[Any, int], Any]) -> list[Any]:
         """Return the routes of the page; `body` reads a request of limited length."""
-        from starlette.responses import HTMLResponse, RedirectResponse
+        from starlette.responses import FileResponse, HTMLResponse, RedirectResponse
         from starlette.routing import Route
 
         def shown(request: Any) -> Any:
@@ -91,4 +91,8 @@ class Desk:
                 return HTMLResponse(self.page(str(error)), 400)
             return RedirectResponse(HOME, 303)
 
-        return [Route(HOME, shown), Route(HOME, act, methods=["POST"])]
+        look = Path(__file__).with_name("page") / "style.css"
+        return [
+            Route(HOME, shown), Route(HOME, act, methods=["POST"]),
+            Route(f"{HOME}/style.css", lambda request: FileResponse(look)),
+        ]  # fmt: skip
