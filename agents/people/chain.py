@@ -12,10 +12,10 @@ import json
 import os
 import sys
 from contextlib import suppress
-from datetime import UTC, datetime
 from pathlib import Path
-from typing import IO, Any, NamedTuple
+from typing import IO, Any
 
+from agents.evaluation.provenance import now
 from wheelchair_gym.base.files import parse_json, read_bytes, write_error
 from wheelchair_gym.base.settings import InputError
 
@@ -37,26 +37,13 @@ Record = dict[str, Any]
 _FIRST = 64 * "0"  # checksum before the first line
 
 
-def now() -> str:
-    """Return the time (UTC, ISO 8601) with milliseconds."""
-    return datetime.now(UTC).isoformat("T", "milliseconds")
-
-
-class Stored(NamedTuple):
-    """Content of a chain: its records, the checksum of its last line, and a line cut short."""
-
-    records: list[Record]
-    last: str
-    cut: bytes
-
-
 def _checksum(previous: str, record: Record) -> str:
     text = json.dumps([previous, record], sort_keys=True, allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def read_chain(path: Path) -> Stored:
-    """Read the records of a chain.
+def read_chain(path: Path) -> tuple[list[Record], str, bytes]:
+    """Read the records of a chain, the checksum of its last line, and a line that was cut short.
 
     Raises:
         InputError: the file cannot be read, or a line is damaged or was edited.
@@ -77,52 +64,41 @@ def read_chain(path: Path) -> Stored:
             ) from None
         records.append(stored["record"])
         last = stored["sha256"]
-    return Stored(records, last, cut)
+    return records, last, cut
 
 
-def open_locked(path: Path) -> IO[bytes]:
-    """Open a file to append to it, alone; it and its folder are made where they are absent.
+class Chain:
+    """A chain that is open to append records, locked; it and its folder are made where absent.
 
     Raises:
         InputError: it is open elsewhere, or cannot be written.
     """
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        file = path.open("a+b", buffering=0)
-    except OSError as error:
-        raise write_error(path, error) from None
-    try:
-        _lock(file)
-    except OSError:
-        file.close()
-        where = f"participant {path.parent.name[-4:].lstrip('0')}"
-        raise InputError(f"{where} is open in another tab or program; close it there") from None
-    return file
-
-
-class Chain:
-    """A chain that is open to append records.
-
-    Args:
-        path: of the file; made with its folder where it is absent.
-
-    Attributes:
-        records: all records, in order.
-
-    Raises:
-        InputError: it is open elsewhere, it cannot be written, or a line in it is damaged.
-    """
 
     def __init__(self, path: Path) -> None:
-        self.path, self._file = path, open_locked(path)
+        self.path, self._last = path, _FIRST
         try:
-            self.records, self._last, cut = read_chain(path)
-            if cut:  # the power failed in mid-line: nobody was told that it is stored
-                self._file.truncate(path.stat().st_size - len(cut))
-                self.append("cut_line", text=cut.decode("utf-8", "replace"))
-        except BaseException:
-            self._file.close()
-            raise
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = path.open("a+b", buffering=0)
+        except OSError as error:
+            raise write_error(path, error) from None
+        try:
+            _lock(self._file)
+        except OSError:
+            self.close()
+            where = f"participant {path.parent.name[-4:].lstrip('0')}"
+            raise InputError(f"{where} is open in another tab or program; close it there") from None
+
+    def read(self) -> list[Record]:
+        """Return all records; a line that was cut short becomes a record with its text.
+
+        Raises:
+            InputError: see `read_chain`.
+        """
+        records, self._last, cut = read_chain(self.path)
+        if cut:  # the power failed in mid-line: nobody was told that it is stored
+            self._file.truncate(self.path.stat().st_size - len(cut))
+            records.append(self.append("cut_line", text=cut.decode("utf-8", "replace")))
+        return records
 
     def append(self, kind: str, /, **content: Any) -> Record:
         """Append a record of a kind, with the time (UTC), and return it once it is on the disk.
@@ -142,7 +118,6 @@ class Chain:
             with suppress(OSError):
                 self._file.truncate(size)
             raise write_error(self.path, error) from None
-        self.records.append(record)
         self._last = checksum
         return record
 

@@ -11,7 +11,7 @@ import numpy as np
 from agents import read_data
 from agents.evaluation.provenance import write_text
 from agents.evaluation.report import COLUMN_OF
-from agents.evaluation.tables import csv_table
+from agents.evaluation.tables import Column, csv_table
 from agents.people.chain import Record
 from agents.people.folder import ATTEMPTS, DATA, DICTIONARY, WIDE
 from agents.people.progress import Progress
@@ -22,26 +22,20 @@ _DEFINED = read_data("tables.yaml")["participants"]  # by table: column: unit an
 COLUMNS = tuple(_DEFINED["long"])
 
 
-def measures_of(protocol: Protocol, source: str) -> dict[str, tuple[str, str, float, str]]:
-    """Return name, unit, factor and definition of each measure, by its key in the records.
-
-    Args:
-        protocol: the experiment.
-        source: `drive`, or the name of a questionnaire.
-    """
+def measures_of(protocol: Protocol, source: str) -> dict[str, Column]:
+    """Return the measures of `drive` or of a questionnaire, by their keys in the records."""
     if source == "drive":
-        columns = COLUMN_OF.items()
-        return {key: (one.name, one.unit or "", one.factor, one.meaning) for key, one in columns}
+        return COLUMN_OF
     tlx = source == NASA_TLX
     found = {
-        item.name: (
-            item.name if tlx else item.text, "", 1.0,
-            f"{item.values[0]}: {item.low.removeprefix('tlx_')}, {item.values[-1]}: "
-            f"{item.high.removeprefix('tlx_')}",
+        item.name: Column(
+            item.name, item.name if tlx else item.text,
+            meaning=f"{item.values[0]}: {item.low.removeprefix('tlx_')}, "
+            f"{item.values[-1]}: {item.high.removeprefix('tlx_')}",
         )
         for item in protocol.items(source)
     }  # fmt: skip
-    return found | ({TOTAL: (TOTAL, "", 1.0, "mean of the six scales")} if tlx else {})
+    return found | ({TOTAL: Column(TOTAL, TOTAL, meaning="mean of the six scales")} if tlx else {})
 
 
 def tidy(people: Sequence[Progress]) -> list[Record]:
@@ -59,11 +53,10 @@ def tidy(people: Sequence[Progress]) -> list[Record]:
                 "attempts": len(tried) or None, "source": source,
                 **{key: record.get(key) for key in COLUMNS[2:9]},
             }  # fmt: skip
-            names = measures_of(one.protocol, source)
-            for key, (name, unit, factor, _) in names.items():
+            for key, column in measures_of(one.protocol, source).items():
                 if isinstance(values.get(key), bool | int | float):
-                    figures = {"measure": name, "unit": unit, "value": factor * values[key]}
-                    rows.append(same | figures)
+                    rows.append(same | {"measure": column.name, "unit": column.unit,
+                                        "value": column.factor * values[key]})  # fmt: skip
     return rows
 
 
@@ -115,10 +108,10 @@ def export(folder: Path, protocol: Protocol, people: Sequence[Progress], bom: bo
     ]  # fmt: skip
     for source in dict.fromkeys(row["source"] for row in rows):
         present = {row["measure"] for row in rows if row["source"] == source}
-        for name, unit, _, definition in measures_of(protocol, source).values():
-            if name in present:
-                defined.append({"table": source, "name": name, "unit": unit,
-                                "definition": definition})  # fmt: skip
+        for column in measures_of(protocol, source).values():
+            if column.name in present:
+                defined.append({"table": source, "name": column.name, "unit": column.unit,
+                                "definition": column.meaning})  # fmt: skip
     tables = {
         DATA: (rows, COLUMNS), WIDE: (wide(people, rows), ()),
         ATTEMPTS: (attempts, tuple(_DEFINED["attempts"])), DICTIONARY: (defined, ()),

@@ -14,8 +14,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
-from agents.evaluation.provenance import write_json
-from agents.people.chain import now, open_locked, read_chain
+from agents.evaluation.provenance import now, write_json
+from agents.people.chain import Chain, read_chain
 from agents.people.progress import Progress
 from agents.people.protocol import Protocol
 from wheelchair_gym.base.settings import InputError, dump, load, read_json
@@ -113,7 +113,7 @@ def progress_of(folder: Path, protocol: Protocol, participant: int) -> Progress:
         InputError: the number is none or was deleted, or the records are damaged.
     """
     path = folder_of(folder, participant) / STEPS
-    records = read_chain(path).records if path.exists() else []
+    records = read_chain(path)[0] if path.exists() else []
     return Progress(protocol, participant, records)
 
 
@@ -139,14 +139,12 @@ def delete(folder: Path, participant: int) -> int:
         InputError: there is nothing of the participant, or their session is open.
     """
     current_protocol(folder)
-    tombstone, own = (
-        folder / TOMBSTONE.format(participant),
-        folder / f"participant_{participant:04d}",
-    )
+    tombstone = folder / TOMBSTONE.format(participant)
+    own = folder / f"participant_{participant:04d}"
     files = [path for path in own.rglob("*") if not path.is_dir()]
     if not files:
         raise InputError(f"{folder} holds nothing of participant {participant}")
-    open_locked(own / STEPS).close()  # nobody writes
+    Chain(own / STEPS).close()  # nobody writes
     exports = [folder / name for name in (DATA, WIDE, ATTEMPTS, PAGE)]
     files += [path for path in exports if path.exists()]
     if not tombstone.exists():  # it was interrupted

@@ -15,9 +15,9 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from agents.evaluation.provenance import commit
+from agents.evaluation.provenance import commit, now
 from agents.evaluation.tables import exists
-from agents.people.chain import Chain, Record, now
+from agents.people.chain import Chain
 from agents.people.folder import STEPS, claim, folder_of
 from agents.people.progress import CUT_OFF, Progress
 from agents.people.protocol import Protocol, Step
@@ -42,23 +42,22 @@ class Session:
         digest = claim(Path(folder), protocol)
         self.protocol, self.participant = protocol, participant
         self.folder = folder_of(Path(folder), participant)
-        self._chain = Chain(self.folder / STEPS)
-        group = protocol.group_of(participant)
+        group, self._unsaved = protocol.group_of(participant), dict[str, Any]()
         self._opening = {
             "participant": participant, "group": group.name if group else "", "protocol": digest,
-            "seed": protocol.seed, **_software(),
+            "seed": protocol.seed, "version": version("wheelchair_gym"), "commit": _commit(),
         }  # fmt: skip
-        self._unsaved: Record | None = None
         self._lock = threading.RLock()  # the experimenter's remarks come from another thread
-        self.progress = Progress(protocol, participant, self._chain.records)
-        if self.progress.last:
-            try:
+        self._chain = Chain(self.folder / STEPS)
+        try:
+            self.progress = Progress(protocol, participant, self._chain.read())
+            if self.progress.last:
                 self._append("opened", self._opening)
                 if self.progress.attempts and not self.progress.attempts[-1]["outcome"]:
                     self.end(CUT_OFF, {})  # the program ended in mid-drive
-            except BaseException:
-                self.close()
-                raise
+        except BaseException:
+            self._chain.close()
+            raise
 
     def close(self) -> None:
         """Let others open the session."""
@@ -88,13 +87,13 @@ class Session:
             InputError: it still cannot be written.
         """
         with self._lock:
-            ended, unsaved = self._unsaved, self._unsaved is not None
-            if ended is not None:
-                self.progress.take(self._chain.append("ended", **ended))
-                self._unsaved = None
-                if rule := self.progress.rule():
-                    self._append("stopped", {"rule": rule})
-            return unsaved
+            if not self._unsaved:
+                return False
+            self.progress.take(self._chain.append("ended", **self._unsaved))
+            self._unsaved = {}
+            if rule := self.progress.rule():
+                self._append("stopped", {"rule": rule})
+            return True
 
     def _due(self, kind: str, step: Step | None = None) -> Step:
         due = self.next()
@@ -182,7 +181,4 @@ class Session:
         self.mark("answers", **self._due("answers", step)._asdict() | {"answers": answers})
 
 
-@cache
-def _software() -> Record:
-    """Version and commit of this software."""
-    return {"version": version("wheelchair_gym"), "commit": commit()}
+_commit = cache(commit)

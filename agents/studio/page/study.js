@@ -6,6 +6,7 @@ import { setLanguage, text, translate } from "./texts.js";
 const by = id => document.getElementById(id);
 const escape = what => Object.assign(document.createElement("i"), { textContent: what }).innerHTML;
 const button = (id, key) => `<div class="row"><button id="${id}" class="main" data-t="${key}"></button></div>`;
+const BAR = '<div class="row"><button id="rest" data-t="rest"></button><button id="withdraw" data-t="withdraw"></button></div>';
 const FEW = 11; // marks that stand in one row on any screen
 
 export class StudyPage extends DrivePage {
@@ -13,14 +14,7 @@ export class StudyPage extends DrivePage {
     super(root, looks);
     this.panel = document.createElement("section");
     this.panel.className = "panel";
-    this.bar = document.createElement("div");
-    this.bar.className = "row";
-    this.bar.hidden = true;
     root.prepend(this.panel);
-    root.append(this.bar);
-    const on = build(this.bar, '<button id="rest" data-t="rest"></button><button id="withdraw" data-t="withdraw"></button>');
-    on.rest.onclick = () => this.rest(!this.paused);
-    on.withdraw.onclick = () => this.withdraw();
     // The same speed for everybody, and nothing that names the condition; the device is chosen before a drive.
     this.choice = [this.on.device.closest("label"), this.on.scanning];
     for (const one of [this.on.place, this.on.assist, this.on.speed]) one.closest("fieldset").remove();
@@ -68,9 +62,12 @@ export class StudyPage extends DrivePage {
   /** Show the world and the stick, or not. */
   stage(shown) { this.on.map.closest(".page").hidden = !shown; }
 
-  show(html, then) {
-    const found = build(this.panel, html);
+  /** Show a panel; in a step of the session, it has buttons to pause and to stop taking part. */
+  show(html, then, inStep = false) {
+    const found = build(this.panel, html + (inStep ? BAR : ""));
     translate(this.panel);
+    if (inStep) found.rest.onclick = () => this.rest(!this.paused);
+    if (inStep) found.withdraw.onclick = () => this.withdraw();
     then?.(found);
     this.panel.querySelector("h2")?.focus();
   }
@@ -98,7 +95,6 @@ export class StudyPage extends DrivePage {
   ask() {
     sessionStorage.clear();
     this.stage(false);
-    this.bar.hidden = true;
     this.show(
       `<h2 tabindex="-1">${escape(this.title)}</h2><form id="who"><label><span data-t="participant"></span>
         <input id="number" type="number" min="1" max="9999" step="1" required></label>${button("go", "study_go")}</form>`,
@@ -135,7 +131,7 @@ export class StudyPage extends DrivePage {
 
   pausedNow(on) {
     super.pausedNow(on);
-    this.bar.firstChild.textContent = text(on ? "resume" : "rest");
+    this.panel.querySelector("#rest")?.replaceChildren(text(on ? "resume" : "rest"));
   }
 
   withdraw() {
@@ -145,7 +141,7 @@ export class StudyPage extends DrivePage {
       if (!this.running) { this.step(this.due); return; }
       this.link.send("pause", { on: false });
       this.stage(true);
-      this.show(this.heading(this.due));
+      this.show(this.heading(this.due), null, true);
     });
   }
 
@@ -160,16 +156,14 @@ export class StudyPage extends DrivePage {
     if (!outcome) return;
     say(text(`end_${outcome}`));
     this.sound ??= new AudioContext();
-    const tone = this.sound.createOscillator(), volume = this.sound.createGain(), now = this.sound.currentTime;
-    tone.frequency.value = outcome === "success" ? 880 : 220;
-    volume.gain.value = 0.2;
-    tone.connect(volume).connect(this.sound.destination);
-    tone.start(now);
-    tone.stop(now + 0.3);
+    const tone = new OscillatorNode(this.sound, { frequency: outcome === "success" ? 880 : 220 });
+    tone.connect(new GainNode(this.sound, { gain: 0.2 })).connect(this.sound.destination);
+    tone.start();
+    tone.stop(this.sound.currentTime + 0.3);
   }
 
   step(step) {
-    this.joining = this.running = this.bar.hidden = false;
+    this.joining = this.running = this.paused = false;
     this.due = step;
     sessionStorage.setItem("participant", this.number);
     if (this.kept()?.step !== step.number) sessionStorage.removeItem("answers");
@@ -190,7 +184,7 @@ export class StudyPage extends DrivePage {
         on.go.disabled = true;
         on.agreed.onchange = () => { on.go.disabled = !on.agreed.checked; };
         on.go.onclick = () => this.link.send("consent", { step: step.number });
-      },
+      }, true,
     );
   }
 
@@ -206,7 +200,7 @@ export class StudyPage extends DrivePage {
         this.on.how = on.how;
         this.device();
         on.go.onclick = () => this.drive();
-      },
+      }, true,
     );
   }
 
@@ -224,7 +218,7 @@ export class StudyPage extends DrivePage {
 
   drive() {
     showError("");
-    this.show(`${this.heading(this.due)}<p class="text">${escape(this.due.text[0])}</p>`);
+    this.show(`${this.heading(this.due)}<p class="text">${escape(this.due.text[0])}</p>`, null, true);
     this.stage(true);
     this.device();
     this.link.send("begin");
@@ -269,7 +263,7 @@ export class StudyPage extends DrivePage {
           send();
         };
         if (kept?.sent) send();
-      },
+      }, true,
     );
   }
 
@@ -277,7 +271,6 @@ export class StudyPage extends DrivePage {
     sessionStorage.clear();
     this.joining = this.running = false;
     this.stage(false);
-    this.bar.hidden = true;
     this.tell(message.outcome);
     this.show(`<h2 tabindex="-1" data-t="${message.text}"></h2>${button("go", "next_participant")}`, on => { on.go.onclick = () => this.ask(); });
     say(text(message.text));

@@ -115,7 +115,7 @@ def test_a_session_goes_on_where_it_ended_and_nothing_is_written_twice(tmp_path)
     assert cut.next() == again.next()
     cut.drive(cut.next(), lambda _: figures())
     cut.close()
-    kinds = [record["kind"] for record in read_chain(path).records]
+    kinds = [record["kind"] for record in read_chain(path)[0]]
     drove = ["opened", "started", "ended"]
     assert kinds == ["opened", "consent", "started", "opened", *drove[::-1][:1], *drove[1:],
                      "cut_line", *drove]  # fmt: skip
